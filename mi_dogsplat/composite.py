@@ -1,0 +1,388 @@
+"""Stage 3, *composite*: blend every pixel's primitives front to back, and replay the walk for derivatives.
+
+Notation (Kerbl et al. 2023, Sec. 6; DoG as in the method paper, Sec. 3.3)
+    p      log2 of a kernel's value at a pixel, A dx² + B dx dy + C dy² + lo
+    α      min(.99, 2^p), for a DoG primitive min(.99, 2^p) - min(.99, 2^p'), ignored where |α| < 1/255
+    T      transmittance in front of the primitive; T ← T (1 - α), the walk ends before T would fall below 1e-4
+    C      Σ c α T, for each feature c (the colour channels, and depth if asked for)
+    δx     adjoint of x in backward mode, tangent of x in forward mode
+
+How it runs: a lane owns a block of pixels, unrolled here in Python; the lanes of a packet are one tile and so walk
+the same list of primitives in step (``geometry.py``). Pixels of a row share their exponentials: along a row, 2^p is
+a product of ratios whose own ratio is constant,
+
+    2^p(dx+1) = 2^p(dx) r,   r ← r q,   r = 2^(A (2 dx + 1) + B dy),   q = 2^(2A),
+
+so a run of four pixels costs two exponentials. Thanks to the 0.3 px² low-pass filter a kernel that is visible
+anywhere in a run is above 2^-90 at its first pixel: float32 does not underflow, and four steps lose a few ulp.
+
+Backward mode replays the walk in the same order and needs two numbers per pixel, T and the part of δC·C that is
+still to come; nothing is stored per primitive and pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from .geometry import Cutoffs, Grid
+from .project import NOT_DOG, Kernels, Projection
+from .tiles import Lists
+
+ALPHA_MAX = 0.99
+LN2 = 0.6931471805599453
+RUN = 4  # pixels that share a pair of exponentials
+DEAD_RUN = -120.0  # a run that starts below 2^-120 is dead: flushed to 0, so that no ratio can revive it
+MAX_RATIO = 100.0  # log2; only dead runs exceed it
+ROW = 12  # floats per primitive: x y A B C lo q s, up to 4 features
+PSEUDO_ROW = 8  # floats per pseudo-Gaussian: A B C lo q s, padding
+
+
+@dataclass
+class Tables:
+    """Projected primitives, row-major, one or two cache lines each; what the compositor reads."""
+
+    splats: mi.Float  # [N, ROW]
+    pseudo: mi.Float | None  # [M, PSEUDO_ROW]
+    dog_row: mi.UInt32 | None  # [N]
+
+
+def _pack(columns: list, stride: int) -> mi.Float:
+    n = max(dr.width(c) for c in columns)
+    Float = dr.detached_t(mi.Float)
+    table = dr.empty(Float, n * stride)
+    index = dr.arange(dr.detached_t(mi.UInt32), n)
+    for k, column in enumerate(columns):
+        value = dr.detach(column, preserve_type=False)
+        dr.scatter(table, value, dr.fma(index, stride, k), mode=dr.ReduceMode.Permute)
+    return table
+
+
+def pack(projection: Projection, features: list) -> Tables:
+    """Lay out a projection for the compositor (detached: derivatives are passed by hand, see ``rasterize.py``)."""
+
+    def shape(k: Kernels) -> list:
+        return [k.A, k.B, k.C, k.lo, dr.exp2(2 * k.A), dr.exp2(k.B)]
+
+    splats = _pack([projection.x, projection.y, *shape(projection.kernels), *features], ROW)
+    if projection.pseudo is None:
+        return Tables(splats, None, None)
+    pseudo = _pack(shape(projection.pseudo), PSEUDO_ROW)
+    return Tables(splats, pseudo, dr.detach(projection.dog_row, preserve_type=False))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the kernels are specialised to.
+
+    negative_transmittance: a negative α amplifies what lies behind, T (1 - α) > T; else it leaves T as it is.
+    """
+
+    n_features: int
+    cutoffs: Cutoffs = Cutoffs()
+    negative_transmittance: bool = True
+
+
+class Walk:
+    """Trace-time helper: one lane's block of pixels walking its tile's list. Holds what the three modes share."""
+
+    def __init__(self, grid: Grid, tables: Tables, lists: Lists, settings: Settings):
+        self.Float, self.UInt = dr.detached_t(mi.Float), dr.detached_t(mi.UInt32)
+        self.grid, self.tables, self.lists = grid, tables, lists
+        self.cutoffs = settings.cutoffs
+        self.negative_transmittance = settings.negative_transmittance or tables.pseudo is None
+        self.blocks = grid.blocks
+        self.pixels = self.blocks.width * self.blocks.height
+        tile, x, y = grid.lanes
+        self.begin = dr.gather(self.UInt, lists.begin, tile)
+        self.end = dr.gather(self.UInt, lists.end, tile)
+        self.x0, self.y0 = self.Float(x) + 0.5, self.Float(y) + 0.5
+        columns = [(x + k) < grid.width for k in range(self.blocks.width)]
+        row_ok = [(y + k) < grid.height for k in range(self.blocks.height)]
+        self.inside = [r & c for r in row_ok for c in columns]
+        base = y * grid.width + x
+        self.at = [base + (r * grid.width + c) for r in range(self.blocks.height) for c in range(self.blocks.width)]
+
+    # --- pixels in and out ---
+
+    def start_T(self) -> list:
+        """1 inside the image; pixels beyond its border are born dead (negative), so that they end no walk late."""
+        return [dr.select(ok, self.Float(1), self.Float(-1)) for ok in self.inside]
+
+    def read(self, plane) -> list:
+        return [dr.gather(self.Float, plane, at, ok) for at, ok in zip(self.at, self.inside, strict=True)]
+
+    def write(self, values: list) -> mi.Float:
+        plane = dr.empty(self.Float, self.grid.width * self.grid.height)
+        for value, at, ok in zip(values, self.at, self.inside, strict=True):
+            dr.scatter(plane, value, at, ok)
+        return plane
+
+    # --- one primitive ---
+
+    def alive(self, T: list):
+        """Some pixel still transmits: finished pixels carry -T."""
+        return _largest(T) > 0
+
+    def fetch(self, i, active) -> tuple:
+        """(primitive, its row of the table, dx, dy) for entry ``i`` of the list; inactive lanes get an empty kernel."""
+        splat = dr.gather(self.UInt, self.lists.splat_from_isect, i, active)
+        row = []
+        quad = dr.llvm.Array4f if dr.backend_v(self.Float) == dr.JitBackend.LLVM else dr.cuda.Array4f
+        for k in range(ROW // 4):
+            row += list(dr.gather(quad, self.tables.splats, dr.fma(splat, ROW // 4, k), active))
+        if active is not True:
+            row[5] = dr.select(active, row[5], 2 * DEAD_RUN)
+        return splat, row, self.x0 - row[0], self.y0 - row[1]
+
+    def kernel(self, A, B, C, lo, q, s, dx, dy) -> list:
+        """2^p at the pixels of the block, row by row."""
+        width, height = self.blocks.width, self.blocks.height
+        values = [None] * self.pixels
+        for run in range(0, width, RUN):
+            x = dx + run
+            ratio = dr.exp2(dr.minimum(dr.fma(A, dr.fma(2, x, 1), B * dy), MAX_RATIO))
+            for row in range(height):
+                y = dy + row
+                p = dr.fma(dr.fma(A, x, B * y), x, dr.fma(C * y, y, lo))
+                value = dr.select(p > DEAD_RUN, dr.exp2(p), 0)
+                r = ratio
+                for k in range(min(RUN, width)):
+                    values[row * width + run + k] = value
+                    if k + 1 < RUN:
+                        value = value * r
+                        r = r * q
+                ratio = ratio * s
+        return values
+
+    def pseudo_kernel(self, splat, active, dx, dy) -> list:
+        """2^p' of the pseudo-Gaussian, zeros for a plain primitive. All lanes of a packet take the same branch."""
+        row = dr.gather(self.UInt, self.tables.dog_row, splat, active)
+        is_dog = active & (row != NOT_DOG) if active is not True else row != NOT_DOG
+
+        def evaluate(row, dx, dy):
+            return self.kernel(*self.pseudo_row(row), dx, dy)
+
+        def zeros(row, dx, dy):
+            return [self.Float(0)] * self.pixels
+
+        values = dr.if_stmt((row, dx, dy), is_dog, evaluate, zeros)
+        return list(values), row, is_dog
+
+    def pseudo_row(self, row) -> list:
+        return [dr.gather(self.Float, self.tables.pseudo, dr.fma(row, PSEUDO_ROW, k)) for k in range(6)]
+
+    def alphas(self, splat, row, active, dx, dy) -> tuple:
+        """(α per pixel, primary values, pseudo values or None, its row, is_dog)."""
+        primary = self.kernel(*row[2:8], dx, dy)
+        if self.tables.pseudo is None:
+            return [self._seen(dr.minimum(v, ALPHA_MAX)) for v in primary], primary, None, None, None
+        pseudo, dog_row, is_dog = self.pseudo_kernel(splat, active, dx, dy)
+        alpha = []
+        for v, v_p in zip(primary, pseudo, strict=True):
+            a = dr.minimum(v, ALPHA_MAX) - dr.minimum(v_p, ALPHA_MAX)
+            alpha.append(self._seen(a))
+        return alpha, primary, pseudo, dog_row, is_dog
+
+    def _seen(self, alpha):
+        size = alpha if self.tables.pseudo is None else dr.abs(alpha)
+        return dr.select(size >= self.cutoffs.alpha, alpha, 0)
+
+    def advance(self, alpha, T) -> tuple:
+        """(weight α T of the primitive, T behind it, or -T where the walk has ended, whether it was blended)."""
+        weight = alpha * T
+        behind = T - (weight if self.negative_transmittance else dr.maximum(weight, 0))
+        go = behind >= self.cutoffs.transmittance
+        return dr.select(go, weight, 0), dr.select(go, behind, -dr.abs(T)), go
+
+
+def _largest(values: list):
+    while len(values) > 1:
+        values = [dr.maximum(a, b) for a, b in zip(values[::2], values[1::2], strict=True)]
+    return values[0]
+
+
+def composite(grid: Grid, tables: Tables, lists: Lists, settings: Settings) -> tuple:
+    """Blend. Returns (features: list of [H*W] planes, without background; T: [H*W] plane)."""
+    walk, n_features = Walk(grid, tables, lists, settings), settings.n_features
+
+    def body(i, T, C):
+        T, C = list(T), list(C)
+        for u in range(walk.blocks.unroll):
+            active = (i + u) < walk.end if u else True
+            splat, row, dx, dy = walk.fetch(i + u, active)
+            alpha, *_ = walk.alphas(splat, row, active, dx, dy)
+            for k in range(walk.pixels):
+                weight, T[k], _ = walk.advance(alpha[k], T[k])
+                for f in range(n_features):
+                    C[f * walk.pixels + k] = dr.fma(weight, row[8 + f], C[f * walk.pixels + k])
+        return i + walk.blocks.unroll, T, C
+
+    _, T, C = dr.while_loop(
+        (walk.begin, walk.start_T(), [walk.Float(0)] * (n_features * walk.pixels)),
+        lambda i, T, C: (i < walk.end) & walk.alive(T),
+        body,
+        labels=("i", "T", "C"),
+        label="composite",
+    )
+    planes = [walk.write(C[f * walk.pixels : (f + 1) * walk.pixels]) for f in range(n_features)]
+    return planes, walk.write([dr.abs(t) for t in T])
+
+
+def composite_backward(
+    grid: Grid, tables: Tables, lists: Lists, settings: Settings, features: list, T_final, δfeatures: list, δT
+) -> tuple:
+    """Adjoints of the projected quantities, given those of the planes.
+
+    Args:
+        features, T_final: what ``composite`` returned.
+        δfeatures, δT: their adjoints, [H*W] each.
+
+    Returns:
+        (δ of x, y, A, B, C, lo and each feature: arrays [N]; δ of A, B, C, lo of the pseudo kernels: arrays [M] or None)
+    """
+    walk, n_features = Walk(grid, tables, lists, settings), settings.n_features
+    n = dr.width(tables.splats) // ROW
+    δsplats = [dr.zeros(walk.Float, n) for _ in range(6 + n_features)]
+    δpseudo = None
+    if tables.pseudo is not None:
+        δpseudo = [dr.zeros(walk.Float, dr.width(tables.pseudo) // PSEUDO_ROW) for _ in range(4)]
+
+    δC = [walk.read(plane) for plane in δfeatures]
+    # what is still to come of δC·C + δT T: all of it at the start
+    rest = [δ * t for δ, t in zip(walk.read(δT), walk.read(T_final), strict=True)]
+    for plane, δ in zip(features, δC, strict=True):
+        rest = [dr.fma(c, d, r) for c, d, r in zip(walk.read(plane), δ, rest, strict=True)]
+
+    def add(target, index, value, active):
+        dr.scatter_add(target, value, index, active, mode=dr.ReduceMode.Auto)
+
+    def moments(δp, A, B, C, dx, dy) -> list:
+        """δ of x, y, A, B, C, lo from δp at every pixel of the block."""
+        width = walk.blocks.width
+        xs = [dx + k for k in range(width)]
+        m0 = mx = my = mxx = mxy = myy = walk.Float(0)
+        for row in range(walk.blocks.height):
+            y = dy + row
+            s0 = s1 = s2 = None
+            for k in range(width):
+                δ = δp[row * width + k]
+                δx = δ * xs[k]
+                s0 = δ if s0 is None else s0 + δ
+                s1 = δx if s1 is None else s1 + δx
+                s2 = δx * xs[k] if s2 is None else dr.fma(δx, xs[k], s2)
+            m0, mx, mxx = m0 + s0, mx + s1, mxx + s2
+            s0y = s0 * y
+            my, mxy, myy = my + s0y, dr.fma(s1, y, mxy), dr.fma(s0y, y, myy)
+        return [-dr.fma(2 * A, mx, B * my), -dr.fma(2 * C, my, B * mx), mxx, mxy, myy, m0]
+
+    def body(i, T, rest):
+        T, rest = list(T), list(rest)
+        for u in range(walk.blocks.unroll):
+            active = (i + u) < walk.end if u else walk.Float(0) == 0
+            splat, row, dx, dy = walk.fetch(i + u, active)
+            alpha, primary, pseudo, dog_row, is_dog = walk.alphas(splat, row, active, dx, dy)
+            δp, δp_pseudo = [], []
+            δf = [walk.Float(0)] * n_features
+            for k in range(walk.pixels):
+                a = alpha[k]
+                weight, behind, go = walk.advance(a, T[k])
+                c = row[8] * δC[0][k]
+                for f in range(n_features):
+                    δf[f] = dr.fma(weight, δC[f][k], δf[f])
+                    if f:
+                        c = dr.fma(row[8 + f], δC[f][k], c)
+                rest[k] = dr.fma(-weight, c, rest[k])
+                loss_behind = rest[k] / (1 - a)
+                if not walk.negative_transmittance:
+                    loss_behind = dr.select(a > 0, loss_behind, 0)
+                δα = LN2 * dr.fma(T[k], c, -loss_behind)
+                # zero where the primitive was ignored, or the walk had ended
+                δα = dr.select(go & (a != 0), δα, 0)
+                δp.append(dr.select(primary[k] < ALPHA_MAX, δα * primary[k], 0))
+                if pseudo is not None:
+                    δp_pseudo.append(dr.select(pseudo[k] < ALPHA_MAX, -δα * pseudo[k], 0))
+                T[k] = behind
+            A, B, C = row[2:5]
+            δrow = moments(δp, A, B, C, dx, dy) + δf
+            if pseudo is not None:
+
+                def pseudo_moments(dog_row, dx, dy, δp_pseudo):
+                    A, B, C = walk.pseudo_row(dog_row)[:3]
+                    δ = moments(δp_pseudo, A, B, C, dx, dy)
+                    for target, value in zip(δpseudo, δ[2:], strict=True):
+                        add(target, dog_row, value, True)
+                    return δ[0], δ[1]
+
+                δx, δy = dr.if_stmt(
+                    (dog_row, dx, dy, δp_pseudo),
+                    is_dog,
+                    pseudo_moments,
+                    lambda *_: (walk.Float(0), walk.Float(0)),
+                )
+                δrow[0], δrow[1] = δrow[0] + δx, δrow[1] + δy
+            for target, value in zip(δsplats, δrow, strict=True):
+                add(target, splat, value, active)
+        return i + walk.blocks.unroll, T, rest
+
+    dr.while_loop(
+        (walk.begin, walk.start_T(), rest),
+        lambda i, T, rest: (i < walk.end) & walk.alive(T),
+        body,
+        labels=("i", "T", "rest"),
+        label="composite_backward",
+    )
+    return δsplats, δpseudo
+
+
+def composite_forward(
+    grid: Grid, tables: Tables, lists: Lists, settings: Settings, δsplats: list, δpseudo: list | None
+) -> tuple:
+    """Tangents of the planes, given those of the projected quantities (same order as ``composite_backward`` returns).
+
+    Returns (δfeatures: list of [H*W] planes, δT: [H*W] plane).
+    """
+    walk, n_features = Walk(grid, tables, lists, settings), settings.n_features
+
+    def tangents(values, A, B, C, dx, dy, δ) -> list:
+        """δ of 2^p at the pixels of the block, zero where it is limited to .99."""
+        result = []
+        for k, value in enumerate(values):
+            x, y = dx + k % walk.blocks.width, dy + k // walk.blocks.width
+            δp = δ[2] * x * x + δ[3] * x * y + δ[4] * y * y + δ[5]
+            δp -= dr.fma(2 * A, x, B * y) * δ[0] + dr.fma(2 * C, y, B * x) * δ[1]
+            result.append(dr.select(value < ALPHA_MAX, LN2 * value * δp, 0))
+        return result
+
+    def body(i, T, δT, δC):
+        T, δT, δC = list(T), list(δT), list(δC)
+        splat, row, dx, dy = walk.fetch(i, True)
+        alpha, primary, pseudo, dog_row, is_dog = walk.alphas(splat, row, True, dx, dy)
+        δ = [dr.gather(walk.Float, values, splat) for values in δsplats]
+        δα = tangents(primary, *row[2:5], dx, dy, δ)
+        if pseudo is not None:
+            δ_p = δ[:2] + [dr.gather(walk.Float, values, dog_row, is_dog) for values in δpseudo]
+            kernel = [dr.select(is_dog, value, 0) for value in walk.pseudo_row(dr.select(is_dog, dog_row, 0))[:3]]
+            δα = [a - b for a, b in zip(δα, tangents(pseudo, *kernel, dx, dy, δ_p), strict=True)]
+        for k in range(walk.pixels):
+            weight, behind, go = walk.advance(alpha[k], T[k])
+            δa = dr.select(go & (alpha[k] != 0), δα[k], 0)
+            δweight = dr.select(go, dr.fma(δa, T[k], alpha[k] * δT[k]), 0)
+            for f in range(n_features):
+                at = f * walk.pixels + k
+                δC[at] = dr.fma(δweight, row[8 + f], dr.fma(weight, δ[6 + f], δC[at]))
+            passes = go if walk.negative_transmittance else go & (alpha[k] > 0)
+            δT[k] = dr.select(passes, δT[k] - δweight, δT[k])
+            T[k] = behind
+        return i + 1, T, δT, δC
+
+    _, _, δT, δC = dr.while_loop(
+        (walk.begin, walk.start_T(), [walk.Float(0)] * walk.pixels, [walk.Float(0)] * (n_features * walk.pixels)),
+        lambda i, T, δT, δC: (i < walk.end) & walk.alive(T),
+        body,
+        labels=("i", "T", "δT", "δC"),
+        label="composite_forward",
+    )
+    return [walk.write(δC[f * walk.pixels : (f + 1) * walk.pixels]) for f in range(n_features)], walk.write(δT)

@@ -1,0 +1,45 @@
+"""Data sets: COLMAP folders, ``transforms.json`` folders, Mitsuba scenes; one call reads each of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import DataError
+from .check import CameraCheck, check_cameras
+from .colmap import MODEL_FOLDERS, find_model, load_colmap
+from .dataset import Dataset, Observations, View, camera_extent
+from .mitsuba_scene import load_mitsuba_scene
+from .transforms import find_transforms, load_transforms
+
+__all__ = ["CameraCheck", "Dataset", "Observations", "View", "camera_extent", "check_cameras", "load_dataset"]
+
+
+def load_dataset(path: str | Path, downscale: int = 1, spp: int = 64) -> Dataset:
+    """Read the data set at ``path``, images averaged over ``downscale`` x ``downscale`` pixels.
+
+    ``path`` is a folder with a COLMAP model (preferred where both exist), a folder with ``transforms.json``
+    or ``transforms_train.json``, such a file itself, or a Mitsuba scene XML, whose sensors are rendered at
+    ``spp`` samples. Raises ``DataError`` for anything that cannot be used; see ``check_cameras`` for the last
+    test.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise DataError(path, "no such file or folder", "check the path")
+    if downscale < 1:
+        raise DataError(path, f"downscale is {downscale}", "give a whole number of at least 1")
+    if path.is_file() and path.suffix == ".xml":
+        return load_mitsuba_scene(path, downscale, spp)
+    if path.is_file() and path.suffix == ".json":
+        return load_transforms(path, downscale)
+    if path.is_dir() and find_model(path):
+        return load_colmap(path, downscale)
+    transforms = find_transforms(path) if path.is_dir() else None
+    if transforms is None:
+        folders = ", ".join(MODEL_FOLDERS)
+        raise DataError(
+            path,
+            f"not a known data set: no cameras and images (.bin or .txt) in {folders}, no transforms.json, "
+            "no transforms_train.json",
+            "give a folder with one of these, or a Mitsuba scene as .xml file",
+        )
+    return load_transforms(transforms, downscale)

@@ -1,0 +1,129 @@
+"""COLMAP data sets: a model folder (``sparse/0``, ``sparse`` or the folder itself) and its ``images``.
+
+With ``downscale=K`` a folder ``images_K`` that holds every image is used instead of averaging the full-size
+ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..cameras import Camera
+from ..errors import DataError
+from .check import require_plausible
+from .colmap_files import ColmapImage, ColmapPoints, read_cameras, read_images, read_points
+from .dataset import Dataset, Observations, View, every_eighth, require_unique_names, view_name
+from .images import ViewSource, load_views, require_files
+
+MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
+
+
+def find_model(path: Path) -> Path | None:
+    """The first folder below ``path`` that holds a COLMAP model, or None."""
+    for folder in MODEL_FOLDERS:
+        if _file(path / folder, "cameras") and _file(path / folder, "images"):
+            return (path / folder).resolve()
+    return None
+
+
+def load_colmap(path: Path, downscale: int) -> Dataset:
+    """Read a COLMAP data set. Images sorted by name, every 8th is test; a missing ``points3D`` means no
+    points.
+
+    Raises ``DataError`` for anything missing, corrupt or inconsistent, and for cameras that do not see the
+    points.
+    """
+    model = find_model(path)
+    if model is None:
+        raise DataError(path, "no COLMAP model here", "give the folder that holds sparse/0")
+    sources, images = read_sources(model, _image_folder(path, model))
+    points = read_model_points(model)
+    smaller = _image_folder(path, model).with_name(f"images_{downscale}")
+    relocated = [ViewSource(s.name, smaller / i.name, s.camera) for s, i in zip(sources, images, strict=True)]
+    prescaled = downscale > 1 and all(source.image_path.is_file() for source in relocated)
+    if not prescaled:
+        require_files([source.image_path for source in sources])
+    views, has_alpha = load_views(relocated if prescaled else sources, downscale, prescaled)
+    train, test = every_eighth(views)
+    observations = _observations(model, sources, images, views, points)
+    dataset = Dataset(path, train, test, points.positions, points.colors, has_alpha, observations)
+    require_plausible(
+        dataset, "COLMAP's images file holds world-to-camera poses (quaternion w x y z, then translation)"
+    )
+    return dataset
+
+
+def read_sources(model: Path, image_folder: Path) -> tuple[list[ViewSource], list[ColmapImage]]:
+    """Views of a model in the order of their image names, before images are read. Raises ``DataError``."""
+    camera_file, image_file = _file(model, "cameras"), _file(model, "images")
+    assert camera_file and image_file
+    cameras = read_cameras(camera_file)
+    images = sorted(read_images(image_file), key=lambda image: image.name)
+    if not images:
+        raise DataError(
+            image_file, "the model has no registered image", "run COLMAP's mapper until images register"
+        )
+    sources = []
+    for image in images:
+        if image.camera_id not in cameras:
+            raise DataError(
+                image_file,
+                f'image "{image.name}" uses camera {image.camera_id}',
+                f"add it to {camera_file.name}",
+            )
+        c = cameras[image.camera_id]
+        camera = Camera(image.w2c, c.fx, c.fy, c.cx, c.cy, c.width, c.height)
+        sources.append(ViewSource(view_name(image.name), image_folder / image.name, camera))
+    require_unique_names(image_file, [source.name for source in sources])
+    return sources, images
+
+
+def read_model_points(model: Path) -> ColmapPoints:
+    """Sparse points of a model; none where it has no ``points3D`` file. Raises ``DataError``."""
+    file = _file(model, "points3D")
+    if file is None:
+        return ColmapPoints(np.zeros(0, np.int64), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32))
+    return read_points(file)
+
+
+def _file(model: Path, stem: str) -> Path | None:
+    """``stem.bin`` or else ``stem.txt`` in the model folder."""
+    return next((file for suffix in (".bin", ".txt") if (file := model / (stem + suffix)).is_file()), None)
+
+
+def _image_folder(path: Path, model: Path) -> Path:
+    """``images`` in the given folder, or above it where the model folder itself was given. Raises
+    ``DataError``."""
+    above = (path.resolve(), *path.resolve().parents[:2]) if model == path.resolve() else (path,)
+    folder = next((parent / "images" for parent in above if (parent / "images").is_dir()), None)
+    if folder is None:
+        raise DataError(path / "images", "no such folder", "put the images of the COLMAP model there")
+    return folder
+
+
+def _observations(
+    model: Path,
+    sources: Sequence[ViewSource],
+    images: list[ColmapImage],
+    views: list[View],
+    points: ColmapPoints,
+) -> dict[str, Observations]:
+    """What each view sees, in pixels of the (downscaled) view; images without observations are left out."""
+    observations = {}
+    if len(points.ids) == 0:
+        return observations
+    for source, image, view in zip(sources, images, views, strict=True):
+        seen = image.point_ids >= 0
+        if not seen.any():
+            continue
+        rows = np.minimum(np.searchsorted(points.ids, image.point_ids[seen]), len(points.ids) - 1)  # [M]
+        if (points.ids[rows] != image.point_ids[seen]).any():
+            raise DataError(
+                model, f'image "{image.name}" sees a point that points3D lacks', "export the model again"
+            )
+        scale = (view.camera.fx / source.camera.fx, view.camera.fy / source.camera.fy)
+        observations[source.name] = Observations(image.pixels[seen] * scale, rows)
+    return observations

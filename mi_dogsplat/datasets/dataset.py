@@ -1,0 +1,105 @@
+"""What every reader returns: views with their images, sparse points, and the train/test split."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from ..cameras import Camera
+from ..errors import DataError
+
+TEST_EVERY = 8  # as in LLFF and 3DGS: images 0, 8, 16, ... by sorted name are held out
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One image and its camera.
+
+    ``image`` is float32 [H, W, 3], or [H, W, 4] premultiplied: display-referred sRGB values in 0..1. ``name``
+    is unique within its data set and usable as a file name.
+    """
+
+    name: str
+    camera: Camera
+    image: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Sparse points that one view is known to see: ``pixels`` [M, 2] in that view, ``points`` [M] rows of the
+    set's."""
+
+    pixels: np.ndarray
+    points: np.ndarray
+
+
+@dataclass(eq=False)
+class Dataset:
+    """Views, split, with ``points`` [P, 3] float32 (P may be 0), ``point_colors`` [P, 3] float32 in 0..1.
+
+    ``has_alpha``: every image has a fourth channel (else none has). ``observations`` maps view names to what
+    the view sees; empty where the data do not say.
+    """
+
+    path: Path
+    train: list[View]
+    test: list[View]
+    points: np.ndarray
+    point_colors: np.ndarray
+    has_alpha: bool
+    observations: dict[str, Observations] = field(default_factory=dict)
+
+    @property
+    def views(self) -> list[View]:
+        """All views, train first."""
+        return self.train + self.test
+
+
+def no_points() -> tuple[np.ndarray, np.ndarray]:
+    """Points and colours of a data set that has none: float32 [0, 3] twice."""
+    return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)
+
+
+def every_eighth(items: Sequence[T]) -> tuple[list[T], list[T]]:
+    """Split into (train, test): items 0, 8, 16, ... are test. A single item is train, since training needs
+    one."""
+    if len(items) < 2:
+        return list(items), []
+    train = [item for i, item in enumerate(items) if i % TEST_EVERY]
+    return train, list(items[::TEST_EVERY])
+
+
+def view_name(file: str) -> str:
+    """View name of an image file as the data set spells it: no extension, no ``images`` folder, ``/`` becomes
+    ``_``."""
+    parts = [
+        part for part in Path(file.replace("\\", "/")).with_suffix("").parts if part not in (".", "..", "/")
+    ]
+    if len(parts) > 1 and parts[0].split("_")[0] == "images":
+        parts = parts[1:]
+    return "_".join(parts)
+
+
+def require_unique_names(path: Path, names: Sequence[str]) -> None:
+    """Raise ``DataError`` where two views would share a name, and so their output files."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise DataError(path, f'two views have the name "{name}"', "give each image its own name")
+        seen.add(name)
+
+
+def camera_extent(views: Sequence[View]) -> float:
+    """Scene extent in world units: 1.1 x the largest distance of a camera from the mean camera (3DGS).
+
+    Cameras that all coincide say nothing about the scale; they get 1.
+    """
+    positions = np.array([view.camera.position for view in views])  # [V, 3]
+    extent = 1.1 * float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
+    return extent or 1.0

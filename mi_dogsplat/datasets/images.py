@@ -1,0 +1,153 @@
+"""Reading images once: premultiplied, box-averaged to the working size, checked against their cameras.
+
+- **EXIF orientation is ignored.** Structure from motion calibrates the stored pixel grid, so turning the
+  image would break its camera. A file that was calibrated turned shows as a size mismatch, and the message
+  then names the tag.
+- **Downscaling** by K averages K x K blocks of premultiplied values (exact box filter); a remainder at the
+  right and bottom is cut off, so that intrinsics are divided by exactly K.
+- 16-bit grey PNG keeps its depth; 16-bit colour PNG is read with 8 bits, which is what Pillow offers.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ..cameras import Camera
+from ..errors import DataError
+from .dataset import View
+
+EXIF_ORIENTATION = 274
+UNREADABLE = (
+    OSError,
+    SyntaxError,
+    ValueError,
+    Image.DecompressionBombError,
+)  # what Pillow raises for bad files
+
+
+@dataclass(frozen=True, eq=False)
+class ViewSource:
+    """A view before its image is read; ``camera`` is that of the image at full size."""
+
+    name: str
+    image_path: Path
+    camera: Camera
+
+
+def require_files(paths: Sequence[Path]) -> None:
+    """Raise ``DataError`` that names the first missing image and how many are missing."""
+    missing = [path for path in paths if not path.is_file()]
+    if missing:
+        raise DataError(
+            missing[0],
+            f"image not found ({len(missing)} of {len(paths)} are missing)",
+            "put the images where the data set names them, or remove the entries",
+        )
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """(width, height) of an image from its header alone. Raises ``DataError``."""
+    try:
+        with Image.open(path) as image:
+            return image.size
+    except UNREADABLE as error:
+        raise _corrupt(path, error) from error
+
+
+def load_views(
+    sources: Sequence[ViewSource], downscale: int, prescaled: bool = False
+) -> tuple[list[View], bool]:
+    """Read all images: (views, has_alpha). Order is kept.
+
+    ``prescaled``: the files already are ``downscale`` times smaller than their cameras (an ``images_4``
+    folder); their rounded sizes are accepted and the intrinsics scaled by the exact ratio of each axis. An
+    alpha channel that is 1 everywhere is dropped; where only some images have one, the rest get ones. Raises
+    ``DataError`` for a file that cannot be read or a size that is not the camera's.
+    """
+
+    def load(source: ViewSource) -> View:
+        return _load_view(source, downscale, prescaled)
+
+    with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:  # Pillow decodes without holding the GIL
+        views = list(pool.map(load, sources))
+    has_alpha = any(view.image.shape[2] == 4 and view.image[..., 3].min() < 1 for view in views)
+    return [View(view.name, view.camera, _with_channels(view.image, has_alpha)) for view in views], has_alpha
+
+
+def box_downscale(image: np.ndarray, k: int) -> np.ndarray:
+    """Mean over k x k blocks: [H, W, C] -> float32 [H // k, W // k, C]."""
+    height, width = image.shape[0] // k, image.shape[1] // k
+    blocks = image[: height * k, : width * k].reshape(height, k, width, k, -1)  # [H/k, k, W/k, k, C]
+    return blocks.mean(axis=(1, 3), dtype=np.float32)
+
+
+def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
+    """Linear radiance -> display-referred sRGB values clipped to 0..1 (IEC 61966-2-1)."""
+    clipped = np.clip(linear, 0, 1)
+    return np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1 / 2.4) - 0.055)
+
+
+def read_image(path: Path) -> np.ndarray:
+    """Display values of an image file: float32 [H, W, 3], or [H, W, 4] premultiplied. Raises
+    ``DataError``."""
+    try:
+        with Image.open(path) as image:
+            if image.mode == "F":
+                raise ValueError("floating-point pixels have no display range")
+            if image.mode.startswith("I"):  # 16-bit grey
+                grey = np.asarray(image, dtype=np.float32) / 65535  # [H, W]
+                return np.repeat(grey[..., None], 3, axis=2)
+            alpha = "A" in image.getbands() or "transparency" in image.info
+            pixels = (
+                np.asarray(image.convert("RGBA" if alpha else "RGB"), dtype=np.float32) / 255
+            )  # [H, W, 3 or 4]
+    except UNREADABLE as error:
+        raise _corrupt(path, error) from error
+    if pixels.shape[2] == 4:
+        pixels[..., :3] *= pixels[..., 3:]
+    return pixels
+
+
+def _load_view(source: ViewSource, downscale: int, prescaled: bool) -> View:
+    camera, path = source.camera, source.image_path
+    pixels = read_image(path)  # [H, W, C]
+    height, width = pixels.shape[:2]
+    if prescaled:
+        off = max(abs(width * downscale - camera.width), abs(height * downscale - camera.height))
+        if off >= downscale:
+            raise _wrong_size(path, width, height, f"1/{downscale} of {camera.width}x{camera.height}")
+        return View(source.name, camera.resized(width, height), pixels)
+    if (width, height) != (camera.width, camera.height):
+        raise _wrong_size(path, width, height, f"{camera.width}x{camera.height}")
+    try:
+        camera = camera.downscaled(downscale)
+    except ValueError as error:
+        raise DataError(path, str(error), "choose a smaller downscale factor") from error
+    return View(source.name, camera, box_downscale(pixels, downscale) if downscale > 1 else pixels)
+
+
+def _with_channels(image: np.ndarray, has_alpha: bool) -> np.ndarray:
+    """The image with exactly 4 channels where the data set has alpha, else exactly 3."""
+    if has_alpha and image.shape[2] == 3:
+        return np.concatenate([image, np.ones_like(image[..., :1])], axis=2)
+    return image if has_alpha else np.ascontiguousarray(image[..., :3])
+
+
+def _wrong_size(path: Path, width: int, height: int, expected: str) -> DataError:
+    with Image.open(path) as image:
+        turned = image.getexif().get(EXIF_ORIENTATION, 1) != 1
+    remedy = "use the images the cameras were calibrated with"
+    if turned:
+        remedy += " (its EXIF orientation is ignored: apply it to the pixels if they were calibrated turned)"
+    return DataError(path, f"the image is {width}x{height}, its camera says {expected}", remedy)
+
+
+def _corrupt(path: Path, error: Exception) -> DataError:
+    return DataError(path, f"cannot be read as an image ({error})", "replace the file or remove its entry")

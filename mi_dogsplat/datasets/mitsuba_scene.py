@@ -1,0 +1,84 @@
+"""A Mitsuba scene as a data set: each sensor is rendered with the scene's own integrator and becomes a
+view."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..cameras import camera_from_mitsuba
+from ..errors import DataError
+from .dataset import Dataset, View, every_eighth, no_points, require_unique_names
+from .images import box_downscale, srgb_from_linear
+
+
+def load_mitsuba_scene(file: Path, downscale: int, spp: int) -> Dataset:
+    """Render every sensor of a scene XML at ``spp`` samples; every 8th sensor is test; there are no points.
+
+    Averaging for ``downscale`` happens in linear radiance, as a film of fewer pixels would do it. Alpha is
+    kept where the film has it (``pixel_format`` rgba) and it is not 1 everywhere. A Mitsuba variant must be
+    set. Raises ``DataError``, also for sensors that are no pinhole.
+    """
+    import mitsuba as mi
+
+    if mi.variant() is None:
+        raise DataError(file, "no Mitsuba variant is set", 'call mi.set_variant("llvm_ad_rgb") first')
+    try:
+        scene = mi.load_file(str(file))
+        if not isinstance(scene, mi.Scene):
+            raise RuntimeError("its root is no scene")
+    except (
+        Exception
+    ) as error:  # Mitsuba raises several kinds for bad scenes, all of them with a message to show
+        raise DataError(file, f"Mitsuba cannot load it ({error})", "correct the scene") from error
+    sensors = scene.sensors()
+    if not sensors:
+        raise DataError(file, "the scene has no sensor", "add a perspective sensor per view")
+    cameras, linear_images = [], []
+    for i, sensor in enumerate(sensors):
+        try:
+            cameras.append(camera_from_mitsuba(sensor).downscaled(downscale))
+        except ValueError as error:
+            raise DataError(
+                file, f'sensor "{sensor.id()}": {error}', "correct or remove that sensor"
+            ) from error
+        linear = _render(mi, scene, i, spp)  # [H, W, 3 or 4]
+        if not np.isfinite(linear).all():
+            raise DataError(file, f'the render of sensor "{sensor.id()}" is not finite', "correct the scene")
+        linear_images.append(box_downscale(linear, downscale))
+    names = [_name(sensor.id(), i) for i, sensor in enumerate(sensors)]
+    require_unique_names(file, names)
+    has_alpha = any(image.shape[2] == 4 and image[..., 3].min() < 1 for image in linear_images)
+    images = [_display(image, has_alpha) for image in linear_images]
+    train, test = every_eighth([View(*parts) for parts in zip(names, cameras, images, strict=True)])
+    return Dataset(file, train, test, *no_points(), has_alpha)
+
+
+def _render(mi: Any, scene: Any, sensor_index: int, spp: int) -> np.ndarray:
+    """Linear render of one sensor without its AOVs: float32 [H, W, 3], or [H, W, 4] premultiplied."""
+    mi.render(scene, sensor=sensor_index, spp=spp, seed=sensor_index)
+    bitmap = scene.sensors()[sensor_index].film().bitmap()
+    if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
+        bitmap = dict(bitmap.split())["<root>"]
+    formats = mi.Bitmap.PixelFormat
+    alpha = bitmap.pixel_format() in (formats.RGBA, formats.YA, formats.XYZA)
+    return np.array(bitmap.convert(formats.RGBA if alpha else formats.RGB, mi.Struct.Type.Float32, False))
+
+
+def _display(linear: np.ndarray, has_alpha: bool) -> np.ndarray:
+    """sRGB values of a linear image; the curve is applied to straight colour, which is then premultiplied
+    again."""
+    if not has_alpha:
+        return srgb_from_linear(linear[..., :3]).astype(np.float32)
+    if linear.shape[2] == 3:
+        linear = np.concatenate([linear, np.ones_like(linear[..., :1])], axis=2)
+    alpha = np.clip(linear[..., 3:], 0, 1)  # [H, W, 1]
+    straight = np.divide(linear[..., :3], alpha, out=np.zeros_like(linear[..., :3]), where=alpha > 0)
+    return np.concatenate([srgb_from_linear(straight) * alpha, alpha], axis=2).astype(np.float32)
+
+
+def _name(sensor_id: str, index: int) -> str:
+    """The sensor's id; Mitsuba's own ids of unnamed objects (``_unnamed_3``) give way to the index."""
+    return f"sensor_{index:03d}" if not sensor_id or sensor_id.startswith("_unnamed") else sensor_id

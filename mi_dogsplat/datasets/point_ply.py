@@ -1,0 +1,38 @@
+"""Coloured point clouds from PLY files, as ``ply_file_path`` of a ``transforms.json`` names them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import DataError
+from ..ply_tables import TableReader
+
+REMEDY = "write a PLY with an element vertex that has x y z and, for colours, red green blue"
+
+
+def read_point_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """(points [P, 3] float32, colors [P, 3] float32 in 0..1; mid grey where the file has none).
+
+    Raises ``DataError`` for a file that is no PLY, is damaged, has no vertices or a point that is not finite.
+    """
+    try:
+        with path.open("rb") as file:
+            table = TableReader(path, file, path.stat().st_size).tables({"vertex"}).get("vertex")
+    except OSError as error:
+        raise DataError(
+            path, f"cannot be read ({error.strerror})", "correct ply_file_path or remove it"
+        ) from error
+    names = () if table is None else table.dtype.names or ()
+    if table is None or not {"x", "y", "z"} <= set(names):
+        raise DataError(path, "has no element vertex with x y z", REMEDY)
+    points = np.stack([table[axis] for axis in "xyz"], axis=1).astype(np.float32)  # [P, 3]
+    if not np.isfinite(points).all():
+        raise DataError(path, "a point is not finite", REMEDY)
+    if not {"red", "green", "blue"} <= set(names):
+        return points, np.full_like(points, 0.5)
+    colors = np.stack([table[channel] for channel in ("red", "green", "blue")], axis=1)  # [P, 3]
+    # uchar columns hold 0..255. ASCII tables come as doubles whatever the header says: there the values tell.
+    full = 255 if colors.dtype.kind == "u" or colors.max(initial=0) > 1 else 1
+    return points, (colors / full).astype(np.float32)

@@ -1,0 +1,170 @@
+"""``transforms.json`` (instant-ngp, nerfstudio) and ``transforms_train.json`` + ``_test`` (NeRF synthetic).
+
+Poses are camera-to-world in the OpenGL convention (x right, y up, z backward). Intrinsics may stand at the
+top or in each frame. Points come from ``ply_file_path``, or from a COLMAP model beside the file if its
+cameras stand at the same places (instant-ngp's converter moves and scales the scene, and then they do not);
+else there are none.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..cameras import Camera, opengl_c2w_to_opencv_w2c
+from ..errors import DataError
+from .check import require_plausible
+from .colmap import find_model, read_model_points, read_sources
+from .dataset import Dataset, every_eighth, no_points, require_unique_names, view_name
+from .images import ViewSource, image_size, load_views, require_files
+from .point_ply import read_point_ply
+
+EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp")
+DISTORTIONS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
+UNDISTORT = "undistort the images first (for instance with COLMAP's image_undistorter)"
+CONVENTION = (
+    "transform_matrix is camera-to-world with x right, y up, z backward (OpenGL), "
+    "neither OpenCV's axes nor world-to-camera"
+)
+
+
+def find_transforms(path: Path) -> Path | None:
+    """``transforms.json``, or else ``transforms_train.json``, in the folder ``path``; None if it has
+    neither."""
+    return next(
+        (f for name in ("transforms", "transforms_train") if (f := path / f"{name}.json").is_file()), None
+    )
+
+
+def load_transforms(file: Path, downscale: int) -> Dataset:
+    """Read the data set of a ``transforms*.json``. Raises ``DataError``.
+
+    The split is that of the ``_train`` and ``_test`` files, or of ``test_filenames`` in the file; else every
+    8th image by sorted name is test.
+    """
+    content = _parse(file)
+    sources = _sources(file, content)
+    test_file = file.with_name("transforms_test.json")
+    test_names = {view_name(str(name)) for name in content.get("test_filenames", [])}
+    if file.stem == "transforms_train" and test_file.is_file():
+        test_sources = _sources(test_file, _parse(test_file))
+        test_names = {source.name for source in test_sources}
+        sources += test_sources
+    else:
+        sources.sort(key=lambda source: source.image_path)
+    require_unique_names(file, [source.name for source in sources])
+    views, has_alpha = load_views(sources, downscale)
+    if test_names:
+        train = [view for view in views if view.name not in test_names]
+        test = [view for view in views if view.name in test_names]
+    else:
+        train, test = every_eighth(views)
+    if not train:
+        raise DataError(file, "no view is left for training", "name fewer test images")
+    points, point_colors = _points(file, content, sources)
+    dataset = Dataset(file.parent, train, test, points, point_colors, has_alpha)
+    require_plausible(dataset, CONVENTION)
+    return dataset
+
+
+def _parse(file: Path) -> dict[str, Any]:
+    """The JSON object of a file with at least one frame. Raises ``DataError`` with the line of a syntax
+    error."""
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise DataError(
+            file, f"not valid JSON in line {error.lineno} ({error.msg})", "correct that line"
+        ) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(file, f"cannot be read ({error})", "give a transforms.json in UTF-8") from error
+    if not isinstance(content, dict) or not isinstance(content.get("frames"), list) or not content["frames"]:
+        raise DataError(file, 'has no cameras ("frames" is absent or empty)', "add a frame per image")
+    return content
+
+
+def _sources(file: Path, content: dict[str, Any]) -> list[ViewSource]:
+    shared = {key: value for key, value in content.items() if key != "frames"}
+    frames = content["frames"]
+    for i, frame in enumerate(frames):
+        if not isinstance(frame, dict) or not {"file_path", "transform_matrix"} <= frame.keys():
+            raise DataError(
+                file, f'frame {i} lacks "file_path" or "transform_matrix"', "add both to each frame"
+            )
+    paths = [_image_path(file.parent, str(frame["file_path"])) for frame in frames]
+    require_files(paths)
+    sources = []
+    for frame, image_path in zip(frames, paths, strict=True):
+        name = str(frame["file_path"])
+        try:
+            camera = _camera(file, {**shared, **frame}, image_path)
+        except (ValueError, TypeError, ZeroDivisionError) as error:
+            if isinstance(error, DataError):
+                raise
+            raise DataError(file, f'frame "{name}": {error}', f"correct it ({CONVENTION})") from error
+        sources.append(ViewSource(view_name(name), image_path, camera))
+    return sources
+
+
+def _image_path(folder: Path, name: str) -> Path:
+    """The image that ``file_path`` names, which may omit the extension; the name as given if there is
+    none."""
+    path = folder / name.replace("\\", "/")
+    candidates = (path.with_name(path.name + extension) for extension in EXTENSIONS)
+    return next((candidate for candidate in candidates if candidate.is_file()), path)
+
+
+def _camera(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
+    """Camera of a frame (top-level values already merged in). Raises ``DataError`` or ``ValueError``."""
+    model = frame.get("camera_model", "PINHOLE")
+    if (
+        model not in PINHOLES
+        or frame.get("is_fisheye")
+        or any(float(frame.get(key, 0)) for key in DISTORTIONS)
+    ):
+        raise DataError(file, f'"{frame["file_path"]}" has lens distortion (camera model {model})', UNDISTORT)
+    stated = "w" in frame and "h" in frame
+    width, height = (int(frame["w"]), int(frame["h"])) if stated else image_size(image_path)
+    fx = _focal(frame, "fl_x", "camera_angle_x", width)
+    fy = _focal(frame, "fl_y", "camera_angle_y", height)
+    if fx is None and fy is None:
+        raise DataError(
+            file, "has no focal length", 'add "fl_x" and "fl_y" in pixels, or "camera_angle_x" in radians'
+        )
+    fx, fy = fx or fy, fy or fx  # one focal length means square pixels
+    assert fx is not None and fy is not None
+    cx, cy = float(frame.get("cx", width / 2)), float(frame.get("cy", height / 2))
+    return Camera(opengl_c2w_to_opencv_w2c(frame["transform_matrix"]), fx, fy, cx, cy, width, height)
+
+
+def _focal(frame: dict[str, Any], pixels_key: str, angle_key: str, size: int) -> float | None:
+    if pixels_key in frame:
+        return float(frame[pixels_key])
+    if angle_key in frame:
+        return 0.5 * size / math.tan(0.5 * float(frame[angle_key]))
+    return None
+
+
+def _points(file: Path, content: dict[str, Any], sources: list[ViewSource]) -> tuple[np.ndarray, np.ndarray]:
+    """Points [P, 3] and colours [P, 3] in the frame of the poses; see the module docstring for where from."""
+    if content.get("ply_file_path"):
+        return read_point_ply(file.parent / str(content["ply_file_path"]))
+    model = find_model(file.parent)
+    if model is None:
+        return no_points()
+    colmap_sources, _ = read_sources(model, file.parent / "images")
+    position_of = {source.name: source.camera.position for source in colmap_sources}
+    pairs = [(s.camera.position, position_of[s.name]) for s in sources if s.name in position_of]
+    if not pairs:
+        return no_points()
+    ours, theirs = np.array(pairs).transpose(1, 0, 2)  # [V, 3] each
+    spread = np.linalg.norm(ours - ours.mean(axis=0), axis=1).max()
+    if np.abs(ours - theirs).max() > 1e-3 * spread:
+        return no_points()
+    points = read_model_points(model)
+    return points.positions, points.colors

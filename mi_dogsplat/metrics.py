@@ -1,0 +1,122 @@
+"""How far a render is from the photograph: PSNR, SSIM, FLIP and L1.
+
+Images are [H, W, 3], display-referred sRGB values in 0..1. Values outside 0..1 (signed blending can leave
+the range) are clamped first, as a display would: all four metrics judge what is seen. A value that is not
+finite is an error, because every mean over it would be meaningless.
+"""
+
+from __future__ import annotations
+
+import flip_evaluator
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+# dB. Identical images have infinite PSNR, which JSON cannot hold; 8-bit rounding alone is at 59 dB.
+PSNR_CAP = 100.0
+
+SSIM_RADIUS, SSIM_SIGMA = 5, 1.5  # 11x11 Gaussian window
+SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
+
+
+def evaluate(image: ArrayLike, truth: ArrayLike, name: str = "image") -> dict[str, float]:
+    """All metrics of one view, as plain floats that JSON can hold.
+
+    :param image: render [H, W, 3]
+    :param truth: photograph [H, W, 3]
+    :param name: what an error message calls the render (the name of the view)
+    :return: ``psnr`` in dB, at most ``PSNR_CAP``; ``ssim``, 1 if identical;
+        ``flip`` and ``l1``, 0 if identical
+    :raises ValueError: shapes differ, or a value is NaN or infinite
+    """
+    a, b = _displayed(image, truth, name)
+    return {"psnr": psnr(a, b), "ssim": ssim(a, b), "flip": flip(a, b)[0], "l1": l1(a, b)}
+
+
+def l1(image: ArrayLike, truth: ArrayLike) -> float:
+    """Mean absolute difference."""
+    a, b = _displayed(image, truth)
+    return float(np.mean(np.abs(a - b)))
+
+
+def psnr(image: ArrayLike, truth: ArrayLike) -> float:
+    """Peak signal-to-noise ratio in dB for peak 1, at most ``PSNR_CAP`` (reached by identical images)."""
+    a, b = _displayed(image, truth)
+    mse = float(np.mean((a - b) ** 2))
+    return min(PSNR_CAP, -10 * np.log10(mse)) if mse > 0 else PSNR_CAP
+
+
+def ssim(image: ArrayLike, truth: ArrayLike) -> float:
+    """Mean structural similarity over all pixels and channels, zero outside the image as in the 3DGS papers.
+
+    scikit-image mirrors the border and leaves it out of its mean; everywhere else the maps are the same.
+    """
+    return float(np.mean(ssim_map(image, truth)))
+
+
+def ssim_map(image: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
+    """Structural similarity per pixel and channel, [H, W, 3] (Wang et al. 2004, Gaussian window)."""
+    a, b = _displayed(image, truth)
+    result = np.empty_like(a)  # [H, W, 3]
+    for c in range(3):  # channel by channel: a plane stays in the cache
+        x, y = np.ascontiguousarray(a[..., c]), np.ascontiguousarray(b[..., c])  # [H, W]
+        mean_x, mean_y = _blurred(x), _blurred(y)
+        squares, product = mean_x**2 + mean_y**2, mean_x * mean_y
+        variances = _blurred(x * x + y * y) - squares  # of x plus that of y: they occur only as a sum
+        covariance = _blurred(x * y) - product
+        result[..., c] = ((2 * product + SSIM_C1) * (2 * covariance + SSIM_C2)) / (
+            (squares + SSIM_C1) * (variances + SSIM_C2)
+        )
+    return result
+
+
+def flip(image: ArrayLike, truth: ArrayLike) -> tuple[float, NDArray[np.float32]]:
+    """LDR-FLIP (Andersson et al. 2020), 67 pixels per degree: the mean, and the error map [H, W] in 0..1."""
+    a, b = _displayed(image, truth)
+    error, _, _ = flip_evaluator.evaluate(  # reference first; inputsRGB: values are sRGB encoded, not linear
+        np.ascontiguousarray(b, np.float32),
+        np.ascontiguousarray(a, np.float32),
+        "LDR",
+        inputsRGB=True,
+        applyMagma=False,
+    )
+    error_map = np.asarray(error, np.float32)[..., 0]  # [H, W]
+    return float(np.mean(error_map, dtype=np.float64)), error_map
+
+
+def _blurred(plane: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Convolution of [H, W] with the SSIM window, zero outside; one axis after the other."""
+    offsets = np.arange(SSIM_RADIUS + 1)
+    weights = np.exp(-0.5 * (offsets / SSIM_SIGMA) ** 2)
+    weights /= weights[0] + 2 * weights[1:].sum()
+    for axis in (0, 1):
+        padding = [(0, 0), (0, 0)]
+        padding[axis] = (SSIM_RADIUS, SSIM_RADIUS)
+        padded = np.moveaxis(np.pad(plane, padding), axis, 0)
+        size = plane.shape[axis]
+        total = weights[0] * padded[SSIM_RADIUS : SSIM_RADIUS + size]
+        for k in range(1, SSIM_RADIUS + 1):  # the window is symmetric: two rows share a weight
+            before = padded[SSIM_RADIUS - k : SSIM_RADIUS - k + size]
+            after = padded[SSIM_RADIUS + k : SSIM_RADIUS + k + size]
+            total += weights[k] * (before + after)
+        plane = np.moveaxis(total, 0, axis)
+    return plane
+
+
+def _displayed(
+    image: ArrayLike, truth: ArrayLike, name: str = "image"
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Both images checked, float64 and clamped to 0..1."""
+    a, b = np.asarray(image), np.asarray(truth)
+    if a.shape != b.shape or a.ndim != 3 or a.shape[2] != 3 or a.size == 0:
+        raise ValueError(
+            f"{name} is {list(a.shape)}, its truth {list(b.shape)}; both need the same [H, W, 3]"
+        )
+    for what, values in ((name, a), (f"the truth of {name}", b)):
+        broken = ~np.isfinite(values)
+        if broken.any():
+            row, column, channel = np.argwhere(broken)[0]
+            raise ValueError(
+                f"{what} has {np.count_nonzero(broken)} values of {values.size} that are NaN or infinite, "
+                f"the first at row {row}, column {column}, channel {channel}"
+            )
+    return np.clip(a, 0, 1).astype(np.float64), np.clip(b, 0, 1).astype(np.float64)

@@ -1,0 +1,118 @@
+"""Pictures out: PNG for eyes and browsers, multi-layer OpenEXR for compositing; and the heat map of an error.
+
+Arrays are display-referred sRGB values, as in the whole package. PNG stores them as they are (8 bit).
+OpenEXR holds linear radiance by convention, so its colour layer passes through `srgb_to_linear`. Files appear
+whole or not at all: they are written beside the target and renamed.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
+
+# The magma colour map (van der Walt and Smith, CC0) at 17 points; linear between them is within 2.3/255.
+MAGMA = (
+    "#000004 #0a0822 #1d1147 #36106b #51127c #6a1c81 #832681 #9c2e7f #b73779 "
+    "#d0416f #e75263 #f56b5c #fc8961 #fea772 #fec488 #fde2a3 #fcfdbf"
+).split()
+
+HALF_MAX = 65504.0
+
+
+def srgb_to_linear(values: ArrayLike) -> NDArray[np.float32]:
+    """sRGB encoded values to linear ones (IEC 61966-2-1), not clamped; negative ones stay linear."""
+    v = np.asarray(values, np.float32)
+    curve = ((np.maximum(v, 0) + 0.055) / 1.055) ** 2.4
+    return np.where(v <= 0.04045, v / 12.92, curve).astype(np.float32)
+
+
+def linear_to_srgb(values: ArrayLike) -> NDArray[np.float32]:
+    """The inverse of `srgb_to_linear`."""
+    v = np.asarray(values, np.float32)
+    curve = 1.055 * np.maximum(v, 0) ** (1 / 2.4) - 0.055
+    return np.where(v <= 0.0031308, 12.92 * v, curve).astype(np.float32)
+
+
+def heat_map(error: ArrayLike) -> NDArray[np.float32]:
+    """Magma colours [H, W, 3] of an error map [H, W]: 0 is black, 1 pale yellow, as FLIP shows it."""
+    anchors = np.array([[int(h[i : i + 2], 16) / 255 for i in (1, 3, 5)] for h in MAGMA])  # [17, 3]
+    positions = np.linspace(0, 1, len(MAGMA))
+    e = np.asarray(error)
+    return np.stack([np.interp(e, positions, anchors[:, c]) for c in range(3)], axis=-1).astype(np.float32)
+
+
+def write_png(path: str | Path, image: ArrayLike) -> None:
+    """Writes [H, W, 3], [H, W, 4] or [H, W] as 8-bit sRGB: clamped to 0..1, rounded to nearest.
+
+    :raises ValueError: the shape is another one, or the picture holds NaN (8 bits could only hide it)
+    :raises OSError: the file cannot be written
+    """
+    values = np.asarray(image)
+    if values.ndim not in (2, 3) or (values.ndim == 3 and values.shape[2] not in (3, 4)) or values.size == 0:
+        raise ValueError(f"{path}: a picture is [H, W] or [H, W, 3 or 4], this one is {list(values.shape)}")
+    broken = np.count_nonzero(np.isnan(values))
+    if broken:
+        raise ValueError(f"{path}: {broken} values of {values.size} are NaN; OpenEXR can show where they are")
+    pixels = np.round(np.clip(values, 0, 1) * 255).astype(np.uint8)
+    with replacing(path) as part:
+        Image.fromarray(pixels).save(part, format="PNG")
+
+
+def write_exr(path: str | Path, layers: Mapping[str, ArrayLike]) -> None:
+    """Writes one multi-layer OpenEXR file (scanlines, lossless ZIP).
+
+    :param layers: ``color`` [H, W, 3 or 4] becomes R, G, B and A: display-referred and premultiplied here,
+        linear in the file, alpha as it is (over black the file shows what was trained). Every other layer is
+        stored as it is: [H, W] as ``name.Y`` (``depth`` as ``depth.Z``), [H, W, 3 or 4] as ``name.R``,
+        ``.G``, ``.B``, ``.A``. 16-bit halves, but 32-bit floats for depth and where a half would overflow.
+    :raises ValueError: no layer, or shapes that do not fit together
+    :raises OSError: the file cannot be written
+    """
+    channels: dict[str, Any] = {}
+    size: tuple[int, ...] | None = None
+    for name, layer in layers.items():
+        values = np.asarray(layer, np.float32)
+        size = size or values.shape[:2]
+        planes = {2: 1, 3: values.shape[-1]}.get(values.ndim, 0)
+        fits = planes in (3, 4) or (planes == 1 and name != "color")
+        if values.shape[:2] != size or values.size == 0 or not fits:
+            raise ValueError(f'{path}: layer "{name}" is {list(values.shape)}, the picture is {list(size)}')
+        if name == "color":
+            values = np.concatenate([srgb_to_linear(values[..., :3]), values[..., 3:]], axis=-1)
+        finite = np.abs(values[np.isfinite(values)])
+        half = name != "depth" and finite.max(initial=0) <= HALF_MAX
+        suffixes = "RGBA" if planes > 1 else "Z" if name == "depth" else "Y"
+        values = values.reshape(*size, planes)  # [H, W, planes]
+        for c, suffix in enumerate(suffixes[:planes]):
+            channel = suffix if name == "color" else f"{name}.{suffix}"
+            channels[channel] = np.ascontiguousarray(values[..., c], np.float16 if half else np.float32)
+    if not channels:
+        raise ValueError(f"{path}: no layer to write")
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "software": "mi_dogsplat",
+    }
+    with replacing(path) as part:
+        OpenEXR.File(header, channels).write(str(part))
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """``with replacing(path) as part``: write to ``part``, which becomes ``path`` if nothing is raised."""
+    path = Path(path)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        yield part
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)

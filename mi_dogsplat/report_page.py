@@ -1,0 +1,101 @@
+"""The page around a report: one style sheet (light, dark, phone, print) and the skeleton of the document."""
+
+from __future__ import annotations
+
+from html import escape
+
+from mi_dogsplat.pictures import MAGMA
+
+STYLE = """
+:root { color-scheme: light dark; --page: #fafaf8; --card: #fff; --ink: #1b1d21; --muted: #5d6470;
+  --line: #e3e3de; --c1: #1f66c1; --c2: #c4511d; --mark: #1b1d21; --warn: #fff3d6; --warn-ink: #6b4a00; }
+@media (prefers-color-scheme: dark) { :root { --page: #14161a; --card: #1b1e24; --ink: #e8e9ec;
+  --muted: #9ba3b1; --line: #2e333c; --c1: #6aa8ff; --c2: #ff9a62; --mark: #e8e9ec; --warn: #3a2f14;
+  --warn-ink: #ffdc8f; } }
+* { box-sizing: border-box; }
+body { margin: 0; background: var(--page); color: var(--ink); -webkit-text-size-adjust: 100%;
+  font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", "DejaVu Sans", sans-serif; }
+main { max-width: 1120px; margin: 0 auto; padding: 40px 24px 64px; }
+h1 { font-size: 32px; line-height: 1.2; letter-spacing: -.015em; margin: 0; overflow-wrap: anywhere; }
+h1 small { font-weight: 400; color: var(--muted); font-size: inherit; }
+h2 { font-size: 20px; letter-spacing: -.005em; margin: 48px 0 4px; }
+h3 { font-size: 16px; margin: 0; }
+p { margin: 6px 0; max-width: 72ch; }
+.read, figcaption { color: var(--muted); font-size: 14px; text-wrap: pretty; }
+.read { max-width: 96ch; }
+code { font: .92em ui-monospace, "SF Mono", Menlo, Consolas, "DejaVu Sans Mono", monospace; }
+.notice { background: var(--warn); color: var(--warn-ink); border-radius: 8px; padding: 10px 14px;
+  margin: 16px 0 0; max-width: none; }
+.tiles { display: grid; grid-template-columns: repeat(6, 1fr); gap: 12px; margin: 24px 0 0; }
+.tile { background: var(--card); border: 1px solid var(--line); border-radius: 10px; padding: 12px 14px
+  10px; }
+.tile .name, .tile .more { color: var(--muted); font-size: 13px; line-height: 1.35; }
+.tile .value { font-size: 23px; font-weight: 600; letter-spacing: -.02em; line-height: 1.35;
+  font-variant-numeric: tabular-nums; white-space: nowrap; }
+.tile .value small { font-size: 14px; font-weight: 400; color: var(--muted); letter-spacing: 0; }
+.facts { display: flex; flex-wrap: wrap; gap: 4px 28px; margin: 16px 0 0; font-size: 14px; }
+.facts div { display: flex; gap: 7px; } .facts dt { color: var(--muted); } .facts dd { margin: 0; }
+.plots { display: grid; grid-template-columns: 1fr 1fr; gap: 16px; margin: 22px 0 8px; }
+.plots svg { display: block; width: 100%; height: auto; background: var(--card);
+  border: 1px solid var(--line); border-radius: 10px; padding: 10px 12px 6px; }
+svg text { font-size: 12.5px; fill: var(--muted); font-variant-numeric: tabular-nums; }
+svg .label { fill: var(--ink); }
+svg path { fill: none; stroke-width: 1; } svg .grid { stroke: var(--line); } svg .axis { stroke:
+  var(--muted); }
+svg .event { stroke: var(--mark); stroke-width: 1.4; opacity: .75; }
+svg .key { font-weight: 700; } svg .k1 { fill: var(--c1); } svg .k2 { fill: var(--c2); }
+svg .c1 { stroke: var(--c1); } svg .c2 { stroke: var(--c2); }
+svg .line { stroke-width: 2; stroke-linejoin: round; } svg .faint { opacity: .38; }
+svg .c1.points { fill: var(--c1); stroke: var(--card); } svg .c2.points { fill: var(--c2); stroke:
+  var(--card); }
+.scroll { overflow-x: auto; margin: 14px 0 0; }
+table { border-collapse: collapse; font-size: 14px; font-variant-numeric: tabular-nums; }
+th, td { padding: 5px 22px 5px 0; text-align: left; border-bottom: 1px solid var(--line); vertical-align:
+  top; }
+th { color: var(--muted); font-weight: 500; } .views .n { text-align: right; }
+td.value { overflow-wrap: anywhere; }
+.bar { display: inline-block; width: 110px; height: 8px; border-radius: 4px; background: var(--line); }
+.bar i { display: block; height: 8px; border-radius: 4px; background: var(--c1); }
+.view { margin: 26px 0 0; } .view header { display: flex; flex-wrap: wrap; gap: 2px 18px; align-items:
+  baseline;
+  margin: 0 0 8px; } .view header span { color: var(--muted); font-size: 14px; font-variant-numeric:
+  tabular-nums; }
+.sheet { display: grid; gap: 14px; } .sheet.tall { grid-template-columns: 1fr 1fr; }
+.triple { display: grid; grid-template-columns: repeat(3, 1fr); gap: 6px; }
+.triple figure { margin: 0; min-width: 0; } .triple figcaption { font-size: 13px; margin-top: 3px;
+  line-height: 1.35; }
+.frame { position: relative; display: block; overflow: hidden; border-radius: 4px; background:
+  var(--line); }
+.frame img { display: block; width: 100%; height: 100%; object-fit: cover; }
+.frame b { position: absolute; border: 1.5px solid #fff; outline: 1.5px solid rgba(0, 0, 0, .65); }
+.scale { display: inline-block; vertical-align: -1px; width: 120px; height: 11px; border-radius: 3px;
+  margin: 0 5px;
+  background: linear-gradient(90deg, MAGMA); }
+@media (max-width: 900px) { .tiles { grid-template-columns: repeat(3, 1fr); } .sheet.tall {
+  grid-template-columns: 1fr; } }
+@media (max-width: 640px) { main { padding: 24px 16px 48px; } h1 { font-size: 26px; } .plots {
+  grid-template-columns: 1fr; }
+  .tiles { grid-template-columns: 1fr 1fr; gap: 8px; } .plots svg { padding: 8px 4px 2px; } svg text {
+  font-size: 14px; }
+  .wide .full { grid-template-columns: 1fr; } th, td { padding-right: 14px; } .bar { width: 60px; } }
+@media print { body { background: none; } .view, .plots svg { break-inside: avoid; } }
+""".replace("MAGMA", ", ".join(MAGMA))
+
+
+def page(title: str, body: str) -> str:
+    """A complete HTML document that needs nothing but itself; ``body`` is HTML, ``title`` plain text."""
+    return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{escape(title)}</title>
+<style>{STYLE}</style>
+</head>
+<body>
+<main>
+{body}
+</main>
+</body>
+</html>
+"""

@@ -1,0 +1,87 @@
+"""What a run folder holds, read leniently: an interrupted run can be looked at too."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mi_dogsplat.errors import DataError
+from mi_dogsplat.wording import finite
+
+
+@dataclass
+class Run:
+    """The content of a run folder.
+
+    ``config`` is empty and ``metrics`` None where the file is missing (metrics come when a run is complete);
+    ``broken_rows`` counts the lines of history.jsonl that are not JSON: a killed run leaves half a line.
+    """
+
+    path: Path
+    config: dict[str, Any]
+    history: list[dict[str, Any]]
+    metrics: dict[str, Any] | None
+    broken_rows: int
+
+    @property
+    def data_name(self) -> str:
+        """Name of the data set, or of the run folder where the configuration does not tell."""
+        data = str(self.config.get("data") or "").rstrip("/\\")
+        return re.split(r"[/\\]", data)[-1] or self.path.resolve().name
+
+    @property
+    def preset(self) -> str:
+        """Name of the preset, empty where the configuration does not tell."""
+        return str(self.config.get("preset") or "")
+
+    def column(self, key: str) -> NDArray[np.float64]:
+        """One value of every history row, [rows]; NaN where a row has no finite number."""
+        values = (finite(row.get(key)) for row in self.history)
+        return np.array([np.nan if v is None else v for v in values], np.float64)
+
+
+def read_run(path: str | Path) -> Run:
+    """Reads config.json, history.jsonl and metrics.json of a run folder; each may be missing.
+
+    :raises DataError: the folder does not exist, or config.json or metrics.json is not a JSON object
+    """
+    path = Path(path)
+    if not path.is_dir():
+        raise DataError(path, "no such folder", "give a run folder, as `dogsplat train DATA -o RUN` makes it")
+    history, broken_rows = _read_rows(path / "history.jsonl")
+    config, metrics = _read_object(path / "config.json"), _read_object(path / "metrics.json")
+    return Run(path, config or {}, history, metrics, broken_rows)
+
+
+def _read_object(path: Path) -> dict[str, Any] | None:
+    if not path.is_file():
+        return None
+    remedy = "restore or delete it, then try again"
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:  # not JSON, or not even text
+        raise DataError(path, f"not JSON ({error})", remedy) from error
+    if not isinstance(content, dict):
+        raise DataError(path, "not a JSON object", remedy)
+    return content
+
+
+def _read_rows(path: Path) -> tuple[list[dict[str, Any]], int]:
+    rows: list[dict[str, Any]] = []
+    broken = 0
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []:
+        try:
+            row = json.loads(line)
+        except json.JSONDecodeError:
+            row = None
+        if isinstance(row, dict):
+            rows.append(row)
+        else:
+            broken += 1
+    return rows, broken

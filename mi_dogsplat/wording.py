@@ -1,0 +1,49 @@
+"""Numbers as people read them: with units, thousands separators, and a dash where there is none."""
+
+from __future__ import annotations
+
+import math
+
+MISSING = "\u2013"
+
+
+def finite(value: object) -> float | None:
+    """The value as a float, or None where there is no finite number."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        return None
+    return float(value)
+
+
+def fixed(value: object, digits: int) -> str:
+    """``27.31``, or a dash where there is no finite number."""
+    v = finite(value)
+    return MISSING if v is None else f"{v:.{digits}f}"
+
+
+def count(value: object) -> str:
+    """``312,400``."""
+    v = finite(value)
+    return MISSING if v is None else f"{v:,.0f}"
+
+
+def duration(seconds: object) -> str:
+    """``42.1 s``, ``4 min 12 s``, ``2 h 03 min``."""
+    s = finite(seconds)
+    if s is None:
+        return MISSING
+    if s < 59.95:
+        return f"{s:.1f} s"
+    s = round(s)
+    return f"{s // 60} min {s % 60:02d} s" if s < 3600 else f"{s // 3600} h {s % 3600 // 60:02d} min"
+
+
+def file_size(n_bytes: object) -> str:
+    """``18.4 MB`` (powers of 1000, as file managers and the papers count)."""
+    size = finite(n_bytes)
+    if size is None:
+        return MISSING
+    for unit in ("bytes", "kB", "MB"):
+        if size < 1000:
+            return f"{size:.0f} {unit}" if unit == "bytes" else f"{size:.3g} {unit}"
+        size /= 1000
+    return f"{size:.3g} GB"

@@ -1,0 +1,103 @@
+"""What is in the picture files, and that they appear whole or not at all."""
+
+import flip_evaluator
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+
+from mi_dogsplat import pictures
+
+
+def read_exr(path) -> tuple[dict, dict[str, np.ndarray]]:
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return dict(file.header()), {name: channel.pixels.copy() for name, channel in file.channels().items()}
+
+
+def test_srgb_conversions_are_inverse_and_meet_known_values():
+    values = np.linspace(-0.1, 1.5, 400, dtype=np.float32)
+    np.testing.assert_allclose(pictures.linear_to_srgb(pictures.srgb_to_linear(values)), values, atol=2e-6)
+    np.testing.assert_allclose(pictures.srgb_to_linear([0, 0.5, 1]), [0, 0.21404114, 1], atol=1e-6)
+
+
+def test_heat_map_shows_an_error_as_flip_itself_shows_it():
+    rng = np.random.default_rng(1)
+    truth = np.tile(np.linspace(0, 1, 40, dtype=np.float32)[:, None, None], (1, 50, 3))
+    image = rng.random((40, 50, 3)).astype(np.float32)
+    error, _, _ = flip_evaluator.evaluate(truth, image, "LDR", applyMagma=False)
+    expected, _, _ = flip_evaluator.evaluate(truth, image, "LDR", applyMagma=True)
+    np.testing.assert_allclose(pictures.heat_map(error[..., 0]), expected, atol=4 / 255)
+
+
+def test_heat_map_ends_in_the_outermost_colours():
+    ends = pictures.heat_map(np.array([[-1.0, 0.0, 1.0, 2.0]]))[0]
+    np.testing.assert_allclose(ends[:2], [[0, 0, 4 / 255]] * 2)
+    np.testing.assert_allclose(ends[2:], [[252 / 255, 253 / 255, 191 / 255]] * 2)
+
+
+def test_png_is_clamped_and_rounded_to_nearest(tmp_path):
+    image = np.array([[[-1.0, 0.0, 0.49 / 255], [0.51 / 255, 1.0, 7.0]]])
+    pictures.write_png(tmp_path / "a.png", image)
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), [[[0, 0, 0], [1, 255, 255]]])
+
+
+@pytest.mark.parametrize(("shape", "mode"), [((4, 5), "L"), ((4, 5, 3), "RGB"), ((4, 5, 4), "RGBA")])
+def test_png_takes_grey_colour_and_alpha_and_makes_the_folder(tmp_path, shape, mode):
+    pictures.write_png(tmp_path / "deeper" / "a.png", np.full(shape, 0.5))
+    with Image.open(tmp_path / "deeper" / "a.png") as image:
+        assert (image.mode, image.size) == (mode, (5, 4))
+
+
+def test_png_refuses_nan_and_odd_shapes(tmp_path):
+    image = np.zeros((2, 2, 3))
+    image[0, :, 1] = np.nan
+    with pytest.raises(ValueError, match="2 values of 12 are NaN"):
+        pictures.write_png(tmp_path / "a.png", image)
+    with pytest.raises(ValueError, match=r"\[2, 2, 5\]"):
+        pictures.write_png(tmp_path / "a.png", np.zeros((2, 2, 5)))
+
+
+def test_exr_holds_every_layer_under_its_channel_names(tmp_path):
+    rng = np.random.default_rng(0)
+    color, depth = rng.random((6, 7, 4), np.float32), rng.uniform(1, 1e5, (6, 7)).astype(np.float32)
+    error, normal = rng.random((6, 7), np.float32), rng.normal(size=(6, 7, 3)).astype(np.float32)
+    path = tmp_path / "a.exr"
+    pictures.write_exr(path, {"color": color, "depth": depth, "error": error, "normal": normal})
+    header, channels = read_exr(path)
+    assert set(channels) == {"R", "G", "B", "A", "depth.Z", "error.Y", "normal.R", "normal.G", "normal.B"}
+    assert header["compression"] == OpenEXR.ZIP_COMPRESSION
+    assert header["software"].startswith("mi_dogsplat")
+    rgb = np.stack([channels[c] for c in "RGB"], axis=-1)
+    np.testing.assert_allclose(rgb, pictures.srgb_to_linear(color[..., :3]), rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(channels["A"], color[..., 3], rtol=1e-3, atol=1e-6)
+    np.testing.assert_array_equal(channels["depth.Z"], depth)  # float32 and lossless: exact
+    np.testing.assert_allclose(channels["error.Y"], error, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(channels["normal.B"], normal[..., 2], rtol=1e-3, atol=1e-6)
+    assert channels["error.Y"].dtype == np.float16
+
+
+def test_exr_keeps_values_beyond_the_range_of_a_half_and_infinite_depth(tmp_path):
+    color, depth = np.full((2, 3, 3), 1e3, np.float32), np.full((2, 3), np.inf, np.float32)
+    pictures.write_exr(tmp_path / "a.exr", {"color": color, "depth": depth})
+    _, channels = read_exr(tmp_path / "a.exr")
+    np.testing.assert_allclose(channels["R"], pictures.srgb_to_linear(color)[..., 0], rtol=1e-6)
+    assert np.isinf(channels["depth.Z"]).all()
+
+
+def test_exr_names_the_layer_that_does_not_fit(tmp_path):
+    with pytest.raises(ValueError, match=r'"depth" is \[2, 4\], the picture is \[2, 3\]'):
+        pictures.write_exr(tmp_path / "a.exr", {"color": np.zeros((2, 3, 3)), "depth": np.zeros((2, 4))})
+    with pytest.raises(ValueError, match=r'"color" is \[2, 3\]'):
+        pictures.write_exr(tmp_path / "a.exr", {"color": np.zeros((2, 3))})
+    with pytest.raises(ValueError, match="no layer"):
+        pictures.write_exr(tmp_path / "a.exr", {})
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_no_remains(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(RuntimeError), pictures.replacing(path) as part:
+        part.write_text("half")
+        raise RuntimeError
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+    assert path.read_text() == "old"

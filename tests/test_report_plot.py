@@ -1,0 +1,80 @@
+"""The SVG curves: well-formed, inside their frame, with round ticks and without lost spikes."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+
+from mi_dogsplat.report_plot import (
+    MAX_POINTS,
+    WIDTH,
+    Lane,
+    Series,
+    line_plot,
+    log_ticks,
+    nice_ticks,
+    number,
+    thinned,
+)
+
+
+def test_a_plot_is_well_formed_and_stays_inside_its_view_box():
+    x = np.linspace(0, 7000, 300)
+    y = 0.2 * np.exp(-x / 900) + 0.01
+    svg = line_plot(
+        [Series("a < b", x, y, "faint"), Series("points", x[::50], y[::50], "points", 2)],
+        "step",
+        "L1",
+        log_y=True,
+        lanes=[Lane("densify", x[10:50])],
+    )
+    root = ElementTree.fromstring(svg)
+    height = float(root.attrib["viewBox"].split()[3])
+    points = [tuple(map(float, p)) for p in re.findall(r"[ML](-?[\d.]+) (-?[\d.]+)", svg)]
+    assert len(points) > 300
+    assert all(0 <= px <= WIDTH and 0 <= py <= height for px, py in points)
+
+
+def test_values_that_cannot_be_drawn_are_left_out():
+    x = np.arange(5.0)
+    svg = line_plot([Series("", x, np.array([1.0, np.nan, 0.0, np.inf, 2.0]))], "x", "y", log_y=True)
+    curve = re.search(r'class="c1 line" d="([^"]*)"', svg)
+    assert curve is not None and curve[1].count("L") == 1
+    with pytest.raises(ValueError, match="no finite value"):
+        line_plot([Series("", x, np.full(5, np.nan))], "x", "y")
+
+
+@pytest.mark.parametrize("values", [[3.0], [0.0, 0.0], [5.0, 5.0]])
+def test_a_constant_curve_has_a_plot_too(values):
+    y = np.array(values)
+    ElementTree.fromstring(line_plot([Series("", np.zeros(len(y)), y)], "x", "y"))
+
+
+@pytest.mark.parametrize(("low", "high"), [(0, 7000), (21.3, 27.4), (0, 1e-5), (0.3, 3.1e6), (-4, 5)])
+def test_ticks_are_round_and_neither_few_nor_many(low, high):
+    ticks = nice_ticks(low, high, 5)
+    assert 2 <= len(ticks) <= 6
+    assert min(ticks) >= low - 1e-9 * (high - low) and max(ticks) <= high + 1e-9 * (high - low)
+    mantissa = float(f"{ticks[1] - ticks[0]:e}".split("e")[0])
+    assert round(mantissa, 6) in (1, 2, 5)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.02, 0.25), (1e-6, 10), (0.03, 0.033), (0.9, 1.1)])
+def test_log_ticks_lie_inside_and_neither_few_nor_many(low, high):
+    ticks = log_ticks(low, high)
+    assert 3 <= len(ticks) <= 8
+    assert min(ticks) >= low * (1 - 1e-9) and max(ticks) <= high * (1 + 1e-9)
+
+
+def test_numbers_on_the_axes_are_short():
+    values = (0, 0.02, 1500, 20000, 2.5e6, -3)
+    assert [number(v) for v in values] == ["0", "0.02", "1.5k", "20k", "2.5M", "\u22123"]
+
+
+def test_thinning_keeps_spikes_and_order():
+    x, y = np.arange(30000.0), np.ones(30000)
+    y[12345], y[23456] = 9, -9
+    thin_x, thin_y = thinned(x, y)
+    assert len(thin_x) <= MAX_POINTS and np.all(np.diff(thin_x) > 0)
+    assert thin_y.max() == 9 and thin_y.min() == -9
