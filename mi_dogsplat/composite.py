@@ -117,7 +117,7 @@ class Walk:
     def write(self, values: list) -> mi.Float:
         plane = dr.empty(self.Float, self.grid.width * self.grid.height)
         for value, at, ok in zip(values, self.at, self.inside, strict=True):
-            dr.scatter(plane, value, at, ok)
+            dr.scatter(plane, value, at, ok, mode=dr.ReduceMode.Permute)
         return plane
 
     # --- one primitive ---

@@ -1,10 +1,10 @@
 """Finds an LLVM that Dr.Jit can use, before Dr.Jit loads one that kills the process.
 
-Dr.Jit loads libLLVM with the first LLVM variant (not with ``import mitsuba``): the file named by
-``DRJIT_LIBLLVM_PATH``, else "libLLVM.so", else the last of a glob. Below 17 a kernel with a float min or
-max aborts the whole process ("Cannot select: fminimum"), so an old library is worse than none. Versions are
-taken from file names, because two LLVMs loaded into one process may clash; a file whose name does not tell is
-asked in a subprocess. Users of CUDA need no LLVM: nothing here fails when there is none.
+Dr.Jit 1.5 loads libLLVM with ``import drjit``, hence with ``import mitsuba`` (seen in /proc/self/maps): the file
+named by ``DRJIT_LIBLLVM_PATH``, else "libLLVM.so", else the last of a glob. Below 17 a kernel with a float min or
+max aborts the whole process ("Cannot select: fminimum"), so an old library is worse than none. Versions are taken
+from file names, because two LLVMs loaded into one process may clash; a file whose name does not tell is asked in
+a subprocess. Users of CUDA need no LLVM: nothing here fails when there is none.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def find_llvm() -> LLVM | None:
 
 
 def choose_llvm() -> None:
-    """Point Dr.Jit at the best LLVM there is; call it before the first LLVM variant. Never raises."""
+    """Point Dr.Jit at the best LLVM there is; without effect once drjit is imported. Never raises."""
     best = find_llvm()
     if best:
         os.environ[_ENVIRONMENT] = best.path
@@ -63,14 +63,14 @@ def check_loaded_llvm() -> None:
     import drjit
     import mitsuba
 
-    # Without an active LLVM variant the question itself would make Dr.Jit load an LLVM.
+    # An old LLVM harms nobody who uses CUDA.
     if not (mitsuba.variant() or "").startswith("llvm"):
         return
     version = drjit.detail.llvm_version()
     if version[0] >= MIN_VERSION:
         return
     best = find_llvm()
-    remedy = f"import mi_dogsplat first, or set {_ENVIRONMENT}={best.path}" if best else explain()
+    remedy = f"import mi_dogsplat before mitsuba, or set {_ENVIRONMENT}={best.path}" if best else explain()
     loaded = ".".join(map(str, version))
     raise RuntimeError(f"Dr.Jit has loaded LLVM {loaded}, which aborts on float min and max; {remedy}")
 

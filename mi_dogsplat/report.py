@@ -18,7 +18,7 @@ from mi_dogsplat.report_views import views_section
 from mi_dogsplat.run_folder import Run, read_run
 from mi_dogsplat.wording import count, duration, file_size, finite, fixed
 
-READ_CONFIG = """All that config.json holds; with the same seed, data and versions it repeats the run."""
+READ_CONFIG = "All that config.json holds."
 
 
 def write_report(run_dir: str | Path) -> Path:
@@ -27,7 +27,7 @@ def write_report(run_dir: str | Path) -> Path:
     :raises DataError: the folder does not exist, or config.json or metrics.json is not a JSON object
     """
     run = read_run(run_dir)
-    preset = f" <small>{escape(run.preset)}</small>" if run.preset else ""
+    preset = f" <small>preset {escape(run.preset)}</small>" if run.preset else ""
     sections = [
         f"<h1>{escape(run.data_name)}{preset}</h1>",
         *_notices(run),
@@ -76,9 +76,14 @@ def _summary(run: Run) -> str:
         return "" if finite(train.get(key)) is None else f"training {fixed(train.get(key), digits)}"
 
     tiles = [  # name, value, unit, further words
-        ("PSNR", fixed(test.get("psnr"), 2), "dB", on_training("psnr", 2)),
-        ("SSIM", fixed(test.get("ssim"), 4), "", on_training("ssim", 4)),
-        ("FLIP, lower is better", fixed(test.get("flip"), 4), "", on_training("flip", 4)),
+        (
+            "Test PSNR \u2191",
+            fixed(test.get("psnr"), 2),
+            "dB" if finite(test.get("psnr")) else "",
+            on_training("psnr", 2),
+        ),
+        ("Test SSIM \u2191", fixed(test.get("ssim"), 4), "", on_training("ssim", 4)),
+        ("Test FLIP \u2193", fixed(test.get("flip"), 4), "", on_training("flip", 4)),
         (
             "Primitives",
             count(m.get("n", last.get("n"))),

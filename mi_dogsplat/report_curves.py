@@ -20,8 +20,8 @@ EVENT_LANES = {  # the lane of an event by the words in it; one row may name sev
 }
 
 READ_ERROR = """Error of the training view of each logged step (thin) and its running mean (thick), on a
-logarithmic axis: lower is better; while it still falls at the right end, more steps would help. To compare
-methods, compare the left plot: error against run time."""
+logarithmic axis: lower is better; while it still falls at the right end, more steps would help. Methods are
+compared by error against run time, not against step."""
 READ_PSNR = """Mean PSNR over the test views, higher is better. Where it falls while the training error falls
 too, the model learns the training views by heart."""
 READ_COUNT = """Number of primitives. The marks below the curve show when something happened to them: densify

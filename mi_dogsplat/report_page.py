@@ -52,7 +52,7 @@ svg .c1.points { fill: var(--c1); stroke: var(--card); } svg .c2.points { fill: 
 table { border-collapse: collapse; font-size: 14px; font-variant-numeric: tabular-nums; }
 th, td { padding: 5px 22px 5px 0; text-align: left; border-bottom: 1px solid var(--line); vertical-align:
   top; }
-th { color: var(--muted); font-weight: 500; } .views .n { text-align: right; }
+th { color: var(--muted); font-weight: 500; } .views .n { text-align: right; white-space: nowrap; }
 td.value { overflow-wrap: anywhere; }
 .bar { display: inline-block; width: 110px; height: 8px; border-radius: 4px; background: var(--line); }
 .bar i { display: block; height: 8px; border-radius: 4px; background: var(--c1); }

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 WIDTH, LEFT, RIGHT, TOP = 480, 62, 14, 30  # user units; one is about one CSS pixel in the two-column layout
-PLOT_HEIGHT, LANE_HEIGHT, BOTTOM = 190, 15, 44
+PLOT_HEIGHT, LANE_HEIGHT, BOTTOM = 190, 18, 44
 MAX_POINTS = 2000
 
 
@@ -51,7 +51,9 @@ def line_plot(
     drawn = [s for s in drawn if len(s.x)]
     if not drawn:
         raise ValueError(f'"{y_label}" has no finite value to draw')
-    xs = np.concatenate([s.x for s in drawn] + [lane.x for lane in lanes])
+    xs = np.concatenate(
+        [s.x[np.isfinite(s.x)] for s in series]
+    )  # gaps too: plots of one run share their axis
     ys = np.concatenate([s.y for s in drawn])
     x_low, x_high = min(0.0, float(xs.min())), float(xs.max()) or 1.0
     y_low, y_high = _padded(float(ys.min()), float(ys.max()), log_y, from_zero)
@@ -159,9 +161,9 @@ def _legend(series: Sequence[Series]) -> str:
 
 def _lane(lane: Lane, y: float, px: Callable[[float], float]) -> str:
     places = sorted({round(px(x), 1) for x in lane.x if math.isfinite(x)})
-    ticks = "".join(f"M{p} {y + 3}v{LANE_HEIGHT - 5}" for p in places)
+    ticks = "".join(f"M{p} {y + 4}v{LANE_HEIGHT - 7}" for p in places)
     return (
-        f'<text class="tick" text-anchor="end" x="{LEFT - 7}" y="{y + 11}">{escape(lane.label)}</text>'
+        f'<text class="tick" text-anchor="end" x="{LEFT - 7}" y="{y + 13.5}">{escape(lane.label)}</text>'
         f'<path class="grid" d="M{LEFT} {y}H{WIDTH - RIGHT}"/><path class="event" d="{ticks}"/>'
     )
 

@@ -22,9 +22,9 @@ ZOOM = 4  # the close-up is 1/4 of the picture in both directions
 
 READ_TABLE = """Views that training never saw, best first. PSNR and SSIM: higher is better. FLIP (what the eye
 notices when flipping between the two pictures) and L1: lower is better."""
-READ_PICTURES = """Left to right: render, ground truth, and where they differ to the eye, FLIP 0<span
-class=scale></span>1. The frame marks where the error is largest; the close-ups show it four times larger. The
-files themselves are in <code>test/</code>."""
+READ_PICTURES = """Render, ground truth, and where they differ to the eye: FLIP error from 0<span
+class=scale></span>to 1. The frame marks where the error is largest, the close-ups enlarge it. The files
+themselves are in <code>test/</code>."""
 
 ViewMetrics = Mapping[str, object]
 

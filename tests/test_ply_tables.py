@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from ply_files import DOG, random_splats, to_bytes, vertex_columns, write
+from ply_files import DOG, dog_columns, random_splats, to_bytes, vertex_columns, write
 
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.ply import read_ply
@@ -35,7 +35,8 @@ def with_dog(rows, types=None, **changes) -> bytes:
     return to_bytes(elements, types={"index": "int"} | (types or {}))
 
 
-not_finite = np.array([0, 1, np.nan, 2, -np.inf, 3, 4])
+ALL_DOG = random_splats(dog_index=range(7))
+NOT_FINITE = np.array([0, 1, np.nan, 2, -np.inf, 3, 4])
 BAD_FILES = {
     "empty": (b"", "the file is empty"),
     "text": (b"hello\nworld\n", "not a PLY file"),
@@ -76,7 +77,7 @@ BAD_FILES = {
         to_bytes({"vertex": {"packed_position": np.zeros(2)}}),
         "compressed PLY, export it uncompressed",
     ),
-    "not finite": (plain(scale_1=not_finite), '2 values are not finite, first "scale_1" in row 2'),
+    "not finite": (plain(scale_1=NOT_FINITE), '2 values are not finite, first "scale_1" in row 2'),
     "beyond float32": (
         to_bytes(
             {"vertex": vertex_columns(random_splats()) | {"y": np.full(7, 1e300)}}, types={"y": "double"}
@@ -95,8 +96,8 @@ BAD_FILES = {
     "no dog_scale_2": (with_dog([1], dog_scale_2=None), 'element "dog" has no property "dog_scale_2"'),
     "dog not finite": (with_dog([1], dog_opacity=[np.nan]), 'first "dog_opacity" in row 0'),
     "both layouts": (
-        with_dog([1]).replace(b"float f_dc_0", b"float dog_opacity"),
-        'both in the element "vertex"',
+        to_bytes({"vertex": vertex_columns(ALL_DOG) | dog_columns(ALL_DOG), "dog": dog_columns(ALL_DOG)}),
+        'both in the element "vertex" and in the element "dog"',
     ),
     "ascii short": (
         b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty int y\nend_header\n1222\n",

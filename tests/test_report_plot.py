@@ -78,3 +78,8 @@ def test_thinning_keeps_spikes_and_order():
     thin_x, thin_y = thinned(x, y)
     assert len(thin_x) <= MAX_POINTS and np.all(np.diff(thin_x) > 0)
     assert thin_y.max() == 9 and thin_y.min() == -9
+
+
+def test_a_gap_at_the_end_still_belongs_to_the_axis():
+    x, y = np.array([0.0, 50.0, 100.0]), np.array([1.0, 2.0, np.nan])
+    assert ">100</text>" in line_plot([Series("", x, y)], "step", "PSNR")
