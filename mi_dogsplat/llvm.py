@@ -1,10 +1,10 @@
 """Finds an LLVM that Dr.Jit can use, before Dr.Jit loads one that kills the process.
 
-Dr.Jit 1.5 loads libLLVM with ``import drjit``, hence with ``import mitsuba`` (seen in /proc/self/maps): the file
-named by ``DRJIT_LIBLLVM_PATH``, else "libLLVM.so", else the last of a glob. Below 17 a kernel with a float min or
-max aborts the whole process ("Cannot select: fminimum"), so an old library is worse than none. Versions are taken
-from file names, because two LLVMs loaded into one process may clash; a file whose name does not tell is asked in
-a subprocess. Users of CUDA need no LLVM: nothing here fails when there is none.
+Dr.Jit 1.5 loads libLLVM with ``import drjit``, so with ``import mitsuba`` (see /proc/self/maps): the
+file in ``DRJIT_LIBLLVM_PATH``, else "libLLVM.so", else the last of a glob. Below 17 a kernel with a float
+min or max aborts the whole process ("Cannot select: fminimum"): an old library is worse than none. Versions
+come from file names, because two LLVMs loaded into one process may clash; a file whose name does not tell is
+asked in a subprocess. Users of CUDA need no LLVM: nothing here fails when there is none.
 """
 
 from __future__ import annotations

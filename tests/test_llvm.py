@@ -164,7 +164,7 @@ def stub(folder: Path, name: str, script: str):
 
 
 def run_setup(folder: Path) -> subprocess.CompletedProcess:
-    """scripts/setup_llvm.sh with a stand-in for Python: usable is what the stand-in for apt-get has installed."""
+    """scripts/setup_llvm.sh with a stand-in for Python, which finds what a stand-in for apt-get installed."""
     stub(
         folder,
         "python",
@@ -179,11 +179,8 @@ def run_setup(folder: Path) -> subprocess.CompletedProcess:
 def test_setup_installs_an_llvm_from_apt_once(tmp_path):
     stub(tmp_path, "id", "echo 0")
     stub(tmp_path, "apt-cache", '[ "$2" = libllvm18 ]')  # an older Ubuntu: no other version
-    stub(
-        tmp_path,
-        "apt-get",
-        f'echo "apt-get $1" >> {tmp_path}/log; [ "$1" = update ] || touch {tmp_path}/installed',
-    )
+    log, installed = tmp_path / "log", tmp_path / "installed"
+    stub(tmp_path, "apt-get", f'echo "apt-get $1" >> {log}; [ "$1" = update ] || touch {installed}')
     assert run_setup(tmp_path).returncode == 0
     assert run_setup(tmp_path).returncode == 0
     lines = log.read_text().splitlines()
