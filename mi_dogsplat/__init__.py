@@ -1,0 +1,38 @@
+"""Mitsuba 3 plugins for Gaussian and Difference-of-Gaussians splatting, and the training of compact models.
+
+``import mi_dogsplat`` registers the shape ``dog`` and the integrator ``dogsplat``, before or after
+``mi.set_variant(...)`` and again whenever the variant changes. Imported before ``mitsuba`` it also chooses an LLVM that
+Dr.Jit can use.
+"""
+
+from .llvm import check_loaded_llvm, choose_llvm
+
+choose_llvm()  # Dr.Jit loads LLVM while it is imported: this comes first
+
+import importlib  # noqa: E402
+import sys  # noqa: E402
+
+import mitsuba as mi  # noqa: E402
+
+from .ply import read_ply, write_ply  # noqa: E402
+from .splats import Splats  # noqa: E402
+
+__version__ = "0.1.0"
+__all__ = ["Splats", "read_ply", "write_ply"]
+
+
+def _register(old: str | None, new: str | None) -> None:
+    """(Re)define the plugin classes: they derive from classes of the active variant."""
+    if new is None or new.startswith("scalar") or new == old:
+        return
+    check_loaded_llvm()
+    for name in ("shape_dog", "integrator"):
+        full = f"{__name__}.{name}"
+        if full in sys.modules:
+            importlib.reload(sys.modules[full])
+        else:
+            importlib.import_module(full)
+
+
+mi.detail.add_variant_callback(_register)
+_register(None, mi.variant())

@@ -1,0 +1,175 @@
+"""Integrator plugin ``dogsplat``: renders ``dog`` shapes by splatting."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+from mitsuba.python.ad.integrators.common import ADIntegrator
+
+from .cameras import camera_from_mitsuba
+from .parameters import concatenate
+from .project import DeviceCamera
+from .rasterize import RasterOptions, rasterize
+from .shape_dog import DogShape
+
+AOVS = ("alpha", "depth")
+
+
+class DogSplatIntegrator(ADIntegrator):
+    """.. _integrator-dogsplat:
+
+    Gaussian and DoG splatting (:monosp:`dogsplat`)
+    -----------------------------------------------
+
+    .. pluginparameters::
+
+     * - srgb_primitives
+       - |bool|
+       - The primitives hold display-referred sRGB colours, as models trained from photographs do: the blended image
+         is converted to linear radiance for the film. (Default: true)
+
+     * - antialiased
+       - |bool|
+       - Scale opacities by the area that the screen-space low-pass filter adds. (Default: false)
+
+     * - near_clip
+       - |float|
+       - Primitives whose centre is nearer than this to the camera plane are dropped. (Default: 0.2, as in 3DGS)
+
+     * - negative_transmittance
+       - |bool|
+       - Where a DoG primitive's weight is negative it amplifies what lies behind, T (1 - α) with α < 0; if
+         false it only subtracts its own colour. (Default: true)
+
+     * - aovs
+       - |string|
+       - Comma-separated list of extra channels: ``alpha``, ``depth`` (expected depth along the optical axis,
+         divided by alpha). (Default: none)
+
+    This integrator evaluates every ``dog`` shape of the scene by elliptical weighted averaging (Kerbl et al. 2023):
+    primitives are sorted by the depth of their centres and blended per pixel. The colour of a constant or environment
+    emitter of the scene shows behind them. It renders one sample per pixel at the pixel centres (splats are low-pass
+    filtered already) and ignores the film's reconstruction filter, ``spp`` and the seed.
+
+    All three modes of ``mi.render()`` are supported: primal, forward and backward.
+
+    .. code-block:: python
+
+        'type': 'dogsplat',
+        'srgb_primitives': True
+    """
+
+    def __init__(self, props: mi.Properties):
+        super().__init__(props)
+        self.srgb_primitives = props.get("srgb_primitives", True)
+        self.antialiased = props.get("antialiased", False)
+        self.near_clip = props.get("near_clip", 0.2)
+        self.negative_transmittance = props.get("negative_transmittance", True)
+        self.aovs = [name.strip() for name in props.get("aovs", "").split(",") if name.strip()]
+        unknown = [name for name in self.aovs if name not in AOVS]
+        if unknown:
+            raise RuntimeError(f'dogsplat: unknown AOV "{unknown[0]}"; available are {", ".join(AOVS)}')
+        if self.near_clip < 0:
+            raise RuntimeError(f'dogsplat: "near_clip" is {self.near_clip}, it must not be negative')
+
+    def aov_names(self) -> list[str]:
+        return [name if name == "alpha" else f"{name}.Z" for name in self.aovs]
+
+    def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True) -> mi.TensorXf:
+        with dr.suspend_grad():
+            image = self._image(scene, sensor)
+        if not develop:
+            return None
+        if evaluate:
+            dr.eval(image)
+        return image
+
+    def render_forward(self, scene, params, sensor=0, seed=0, spp=0) -> mi.TensorXf:
+        with dr.resume_grad():
+            image = self._image(scene, sensor)
+            dr.forward_to(image)
+            return dr.grad(image)
+
+    def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0) -> None:
+        with dr.resume_grad():
+            image = self._image(scene, sensor)
+            dr.set_grad(image, grad_in)
+            dr.enqueue(dr.ADMode.Backward, image)
+            dr.traverse(dr.ADMode.Backward)
+        dr.eval()
+
+    def _image(self, scene: mi.Scene, sensor: mi.Sensor | int) -> mi.TensorXf:
+        """The developed film, attached to the AD graph where the parameters are."""
+        if isinstance(sensor, int):
+            sensor = scene.sensors()[sensor]
+        camera = camera_from_mitsuba(sensor)
+        shapes = [shape for shape in scene.shapes() if isinstance(shape, DogShape)]
+        if not shapes:
+            raise RuntimeError('dogsplat: the scene has no shape of type "dog"')
+        params, sh_size = concatenate([s.parameters for s in shapes], [s.sh_size for s in shapes])
+        options = RasterOptions(
+            sh_degree=(1, 4, 9, 16).index(sh_size),
+            antialiased=self.antialiased,
+            depth="depth" in self.aovs,
+            negative_transmittance=self.negative_transmittance,
+        )
+        frame = rasterize(params, DeviceCamera.upload(camera, self.near_clip), options)
+
+        alpha = 1 - frame.T
+        colors = self._over_background(frame, scene, sensor)
+        aovs = {"alpha": alpha}
+        if frame.depth is not None:
+            aovs["depth"] = dr.select(alpha > 0, frame.depth / alpha, 0)
+        film = sensor.film()
+        film.prepare(self.aov_names())
+        has_alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
+        one = mi.Float(1)
+        channels = [*colors, *([alpha] if has_alpha else []), one, *(aovs[name] for name in self.aovs)]
+        film.put_block(mi.ImageBlock(_interleave(channels, camera.height, camera.width), film.crop_offset()))
+        return film.develop()
+
+    def _over_background(self, frame, scene: mi.Scene, sensor: mi.Sensor) -> list[mi.Float]:
+        """Film radiance per channel: splats over the environment emitter, blended in the primitives' colour space."""
+        colors = frame.colors
+        environment = scene.environment()
+        if environment is not None:
+            behind = _environment_radiance(environment, scene, sensor)
+            if self.srgb_primitives:
+                behind = [mi.math.linear_to_srgb(b) for b in behind]
+            colors = [dr.fma(frame.T, b, c) for c, b in zip(colors, behind, strict=True)]
+        return [mi.math.srgb_to_linear(c) for c in colors] if self.srgb_primitives else colors
+
+    def to_string(self) -> str:
+        return (
+            f"DogSplatIntegrator[\n  srgb_primitives = {self.srgb_primitives},\n  antialiased = {self.antialiased},\n"
+            f"  near_clip = {self.near_clip},\n  aovs = {self.aovs}\n]"
+        )
+
+
+def _interleave(channels: list[mi.Float], height: int, width: int) -> mi.TensorXf:
+    """Planes to a [height, width, channels] tensor. Differentiable."""
+    n, k = height * width, len(channels)
+    if n == 0:
+        return dr.zeros(mi.TensorXf, (height, width, k))
+    pixels = dr.empty(mi.Float, n * k)
+    index = dr.arange(mi.UInt32, n)
+    for c, channel in enumerate(channels):
+        dr.scatter(pixels, channel, dr.fma(index, k, c), mode=dr.ReduceMode.Permute)
+    return mi.TensorXf(pixels, shape=(height, width, k))
+
+
+def _environment_radiance(environment: mi.Emitter, scene: mi.Scene, sensor: mi.Sensor) -> list[mi.Float]:
+    """Radiance of the emitter in the direction of each pixel centre."""
+    size = sensor.film().crop_size()
+    index = dr.arange(mi.UInt32, size[0] * size[1])
+    y = index // size[0]
+    position = mi.Point2f(mi.Float(index - y * size[0]) + 0.5, mi.Float(y) + 0.5) / mi.ScalarVector2f(size)
+    ray, _ = sensor.sample_ray(0, 0, position, 0)
+    si = dr.zeros(mi.SurfaceInteraction3f, dr.width(index))
+    si.wi = -ray.d
+    si.wavelengths = ray.wavelengths
+    radiance = environment.eval(si)
+    return list(radiance)
+
+
+mi.register_integrator("dogsplat", lambda props: DogSplatIntegrator(props))

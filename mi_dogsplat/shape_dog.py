@@ -1,0 +1,151 @@
+"""Shape plugin ``dog``: a cloud of Gaussian and Difference-of-Gaussians primitives."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .parameters import RAW, RAW_DOG, dog_rows
+from .ply import read_ply
+from .splats import Splats
+from .transform import transformed
+
+
+class DogShape(mi.Mesh):
+    """.. _shape-dog:
+
+    Gaussian and Difference-of-Gaussians primitives (:monosp:`dog`)
+    ---------------------------------------------------------------
+
+    .. pluginparameters::
+
+     * - filename
+       - |string|
+       - 3DGS model (PLY), optionally with a second element ``dog`` for DoG primitives.
+
+     * - means, log_scales, quats, logit_opacities, sh_coeffs
+       - |tensor|
+       - Raw parameters instead of a file: [N, 3], [N, 3], [N, 4] (x, y, z, w), [N], [N, K, 3] with K = (degree + 1)².
+       - |exposed|, |differentiable|
+
+     * - dog_index, dog_logit_opacities, dog_log_scales
+       - |tensor|
+       - The M primitives that are DoG: their rows [M], logit of the opacity factor f_a [M], log of the scale
+         factors F [M, 3]. Absent for a model of plain Gaussians.
+       - |exposed|, |differentiable| (not the index)
+
+     * - to_world
+       - |transform|
+       - Rotation, uniform scale and translation, applied once at load; turns the spherical harmonics too.
+
+    A DoG primitive is the difference of its Gaussian and a wider or narrower *pseudo-Gaussian* with the same centre,
+    orientation and colour, opacity f_a·a and scales F·s (method paper, Sec. 3.3).
+
+    The shape has no surface: rays do not meet it. Render it with the ``dogsplat`` integrator. The number of primitives
+    may change through ``params.update()``.
+
+    .. code-block:: python
+
+        'splats': {
+            'type': 'dog',
+            'filename': 'model.ply'
+        }
+    """
+
+    def __init__(self, props: mi.Properties):
+        mi.Mesh.__init__(self, "dog", vertex_count=0, face_count=0)
+        self.set_id(props.id())
+        given = [name for name in (*RAW, "dog_index", *RAW_DOG) if name in props]
+        if ("filename" in props) == bool(given):
+            raise RuntimeError(
+                'dog: specify either "filename" or the tensors "means", "log_scales", "quats", "logit_opacities" and '
+                f'"sh_coeffs"; found {"both" if given else "neither"}'
+            )
+        try:
+            if given:
+                splats = Splats(**{name: _to_numpy(props[name]) for name in given})
+                self.source = "tensors"
+            else:
+                resolver = mi.file_resolver()
+                self.source = str(resolver.resolve(props["filename"]))
+                splats = read_ply(self.source)
+            matrix = np.array(props.get("to_world", mi.ScalarTransform4f()).matrix, dtype=np.float64)
+            splats = transformed(splats, matrix)
+        except TypeError:
+            missing = [name for name in RAW if name not in given]
+            raise RuntimeError(f'dog: missing tensors {", ".join(missing)}') from None
+        except (ValueError, OSError) as error:
+            raise RuntimeError(f"dog: {error}") from None
+        self._assign(splats)
+
+    def _assign(self, splats: Splats):
+        for name in RAW:
+            setattr(self, name, mi.TensorXf(getattr(splats, name)))
+        self.has_dog = splats.n_dog > 0
+        if self.has_dog:
+            for name in RAW_DOG:
+                setattr(self, name, mi.TensorXf(getattr(splats, name)))
+            self.dog_index = mi.UInt32(splats.dog_index)
+            self._dog_row = dog_rows(splats.dog_index, splats.n_splats)
+
+    def traverse(self, callback: mi.TraversalCallback):
+        for name in RAW + (RAW_DOG if self.has_dog else ()):
+            callback.put(name, getattr(self, name), mi.ParamFlags.Differentiable)
+        if self.has_dog:
+            callback.put("dog_index", self.dog_index, mi.ParamFlags.NonDifferentiable)
+
+    def parameters_changed(self, keys: list[str] = []):  # noqa: B006 (signature of Mitsuba)
+        n = self.means.shape[0]
+        rows = {"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": (), "sh_coeffs": self.sh_coeffs.shape[1:]}
+        for name, tail in rows.items():
+            shape = tuple(getattr(self, name).shape)
+            if shape != (n, *tail):
+                raise RuntimeError(f'dog: "{name}" has shape {shape}, expected {(n, *tail)} to match "means"')
+        if self.has_dog and (not keys or "dog_index" in keys or "means" in keys):
+            index = self.dog_index.numpy()
+            if index.size and int(index.max()) >= n:
+                raise RuntimeError(f'dog: "dog_index" names primitive {int(index.max())}, "means" has {n} rows')
+            self._dog_row = dog_rows(index, n)
+
+    @property
+    def parameters(self) -> dict:
+        """Flat arrays for ``rasterize``, attached to the AD graph wherever the tensors are."""
+        params = {name: getattr(self, name).array for name in RAW}
+        if self.has_dog:
+            params |= {name: getattr(self, name).array for name in RAW_DOG}
+            params["dog_index"], params["dog_row"] = self.dog_index, self._dog_row
+        return params
+
+    @property
+    def sh_size(self) -> int:
+        """Number of SH coefficients per channel."""
+        return self.sh_coeffs.shape[1]
+
+    def to_splats(self) -> Splats:
+        """The current parameters as a model on the host, e.g. for ``write_ply``."""
+        names = RAW + RAW_DOG if self.has_dog else RAW
+        arrays = {name: _to_numpy(dr.detach(getattr(self, name))) for name in names}
+        if self.has_dog:
+            arrays["dog_index"] = self.dog_index.numpy()
+        return Splats(**arrays)
+
+    def bbox(self) -> mi.ScalarBoundingBox3f:
+        """Box of the centres."""
+        box = mi.ScalarBoundingBox3f()
+        means = _to_numpy(dr.detach(self.means))
+        if len(means):
+            box.expand(mi.ScalarPoint3f(means.min(0)))
+            box.expand(mi.ScalarPoint3f(means.max(0)))
+        return box
+
+    def to_string(self) -> str:
+        m = self.dog_index if self.has_dog else []
+        return f"DogShape[\n  source = {self.source},\n  primitives = {self.means.shape[0]},\n  dog = {len(m)}\n]"
+
+
+def _to_numpy(tensor) -> np.ndarray:
+    return tensor.numpy() if dr.is_array_v(tensor) else np.asarray(tensor)
+
+
+mi.register_shape("dog", lambda props: DogShape(props))
