@@ -38,6 +38,8 @@ DEAD_RUN = -120.0  # a run that starts below 2^-120 is dead: flushed to 0, so th
 MAX_RATIO = 100.0  # log2; only dead runs exceed it
 ROW = 12  # floats per primitive: x y A B C lo q s, up to 4 features
 PSEUDO_ROW = 8  # floats per pseudo-Gaussian: A B C lo q s, padding
+DERIVATIVE_ROW = 16  # derivatives per primitive: x y A B C lo, features, padding (one cache line)
+PSEUDO_DERIVATIVE_ROW = 4  # A B C lo
 
 
 @dataclass
@@ -88,14 +90,16 @@ class Settings:
 class Walk:
     """Trace-time helper: one lane's block of pixels walking its tile's list. Holds what the three modes share."""
 
-    def __init__(self, grid: Grid, tables: Tables, lists: Lists, settings: Settings):
+    def __init__(self, grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings):
         self.Float, self.UInt = dr.detached_t(mi.Float), dr.detached_t(mi.UInt32)
+        backend = dr.llvm if dr.backend_v(mi.Float) == dr.JitBackend.LLVM else dr.cuda
+        self.Quad, self.Packet = backend.Array4f, backend.ArrayXf
         self.grid, self.tables, self.lists = grid, tables, lists
         self.cutoffs = settings.cutoffs
         self.negative_transmittance = settings.negative_transmittance or tables.pseudo is None
         self.blocks = grid.blocks
         self.pixels = self.blocks.width * self.blocks.height
-        tile, x, y = grid.lanes
+        tile, x, y = lanes
         self.begin = dr.gather(self.UInt, lists.begin, tile)
         self.end = dr.gather(self.UInt, lists.end, tile)
         self.x0, self.y0 = self.Float(x) + 0.5, self.Float(y) + 0.5
@@ -130,9 +134,8 @@ class Walk:
         """(primitive, its row of the table, dx, dy) for entry ``i`` of the list; inactive lanes get an empty kernel."""
         splat = dr.gather(self.UInt, self.lists.splat_from_isect, i, active)
         row = []
-        quad = dr.llvm.Array4f if dr.backend_v(self.Float) == dr.JitBackend.LLVM else dr.cuda.Array4f
         for k in range(ROW // 4):
-            row += list(dr.gather(quad, self.tables.splats, dr.fma(splat, ROW // 4, k), active))
+            row += list(dr.gather(self.Quad, self.tables.splats, dr.fma(splat, ROW // 4, k), active))
         if active is not True:
             row[5] = dr.select(active, row[5], 2 * DEAD_RUN)
         return splat, row, self.x0 - row[0], self.y0 - row[1]
@@ -204,9 +207,10 @@ def _largest(values: list):
     return values[0]
 
 
-def composite(grid: Grid, tables: Tables, lists: Lists, settings: Settings) -> tuple:
+@dr.freeze(warn_after=1 << 30)
+def composite(grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings) -> tuple:
     """Blend. Returns (features: list of [H*W] planes, without background; T: [H*W] plane)."""
-    walk, n_features = Walk(grid, tables, lists, settings), settings.n_features
+    walk, n_features = Walk(grid, lanes, tables, lists, settings), settings.n_features
 
     def body(i, T, C):
         T, C = list(T), list(C)
@@ -231,24 +235,22 @@ def composite(grid: Grid, tables: Tables, lists: Lists, settings: Settings) -> t
     return planes, walk.write([dr.abs(t) for t in T])
 
 
+@dr.freeze(warn_after=1 << 30)
 def composite_backward(
-    grid: Grid, tables: Tables, lists: Lists, settings: Settings, features: list, T_final, δfeatures: list, δT
-) -> tuple:
+    grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings,
+    features: list, T_final, δfeatures: list, δT, δsplats, δpseudo,
+) -> tuple:  # fmt: skip
     """Adjoints of the projected quantities, given those of the planes.
 
     Args:
         features, T_final: what ``composite`` returned.
         δfeatures, δT: their adjoints, [H*W] each.
+        δsplats: [N, DERIVATIVE_ROW] zeros, receives δ of x, y, A, B, C, lo and of each feature.
+        δpseudo: [M, PSEUDO_DERIVATIVE_ROW] zeros or None, receives δ of A, B, C, lo of the pseudo-Gaussians.
 
-    Returns:
-        (δ of x, y, A, B, C, lo and each feature: arrays [N]; δ of A, B, C, lo of the pseudo kernels: arrays [M] or None)
+    Returns (δsplats, δpseudo).
     """
-    walk, n_features = Walk(grid, tables, lists, settings), settings.n_features
-    n = dr.width(tables.splats) // ROW
-    δsplats = [dr.zeros(walk.Float, n) for _ in range(6 + n_features)]
-    δpseudo = None
-    if tables.pseudo is not None:
-        δpseudo = [dr.zeros(walk.Float, dr.width(tables.pseudo) // PSEUDO_ROW) for _ in range(4)]
+    walk, n_features = Walk(grid, lanes, tables, lists, settings), settings.n_features
 
     δC = [walk.read(plane) for plane in δfeatures]
     # what is still to come of δC·C + δT T: all of it at the start
@@ -256,8 +258,10 @@ def composite_backward(
     for plane, δ in zip(features, δC, strict=True):
         rest = [dr.fma(c, d, r) for c, d, r in zip(walk.read(plane), δ, rest, strict=True)]
 
-    def add(target, index, value, active):
-        dr.scatter_add(target, value, index, active, mode=dr.ReduceMode.Auto)
+    def add(table, index, values: list, row_size: int, active):
+        """One packet instead of a scatter per value: the lanes of a packet all add to the same row."""
+        padded = values + [walk.Float(0)] * (row_size - len(values))
+        dr.scatter_add(table, walk.Packet(padded), index, active, mode=dr.ReduceMode.Expand)
 
     def moments(δp, A, B, C, dx, dy) -> list:
         """δ of x, y, A, B, C, lo from δp at every pixel of the block."""
@@ -312,8 +316,7 @@ def composite_backward(
                 def pseudo_moments(dog_row, dx, dy, δp_pseudo):
                     A, B, C = walk.pseudo_row(dog_row)[:3]
                     δ = moments(δp_pseudo, A, B, C, dx, dy)
-                    for target, value in zip(δpseudo, δ[2:], strict=True):
-                        add(target, dog_row, value, True)
+                    add(δpseudo, dog_row, δ[2:], PSEUDO_DERIVATIVE_ROW, True)
                     return δ[0], δ[1]
 
                 δx, δy = dr.if_stmt(
@@ -323,8 +326,7 @@ def composite_backward(
                     lambda *_: (walk.Float(0), walk.Float(0)),
                 )
                 δrow[0], δrow[1] = δrow[0] + δx, δrow[1] + δy
-            for target, value in zip(δsplats, δrow, strict=True):
-                add(target, splat, value, active)
+            add(δsplats, splat, δrow, DERIVATIVE_ROW, active)
         return i + walk.blocks.unroll, T, rest
 
     dr.while_loop(
@@ -338,13 +340,13 @@ def composite_backward(
 
 
 def composite_forward(
-    grid: Grid, tables: Tables, lists: Lists, settings: Settings, δsplats: list, δpseudo: list | None
+    grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings, δsplats: list, δpseudo: list | None
 ) -> tuple:
-    """Tangents of the planes, given those of the projected quantities (same order as ``composite_backward`` returns).
+    """Tangents of the planes, given those of x, y, A, B, C, lo and the features [N], and of A, B, C, lo [M].
 
     Returns (δfeatures: list of [H*W] planes, δT: [H*W] plane).
     """
-    walk, n_features = Walk(grid, tables, lists, settings), settings.n_features
+    walk, n_features = Walk(grid, lanes, tables, lists, settings), settings.n_features
 
     def tangents(values, A, B, C, dx, dy, δ) -> list:
         """δ of 2^p at the pixels of the block, zero where it is limited to .99."""

@@ -11,7 +11,15 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from .composite import Settings, Tables, composite, composite_backward, composite_forward, pack
+from .composite import (
+    DERIVATIVE_ROW,
+    PSEUDO_DERIVATIVE_ROW,
+    Settings,
+    composite,
+    composite_backward,
+    composite_forward,
+    pack,
+)
 from .geometry import Blocks, Cutoffs, Grid
 from .project import DeviceCamera, Projection, project
 from .tiles import Lists, tiles
@@ -43,27 +51,39 @@ class _Composite(dr.CustomOp):
     """``composite`` as an operation on AD variables. Inputs and outputs are flat lists."""
 
     def eval(self, grid, tables, lists, settings, splats, pseudo):  # noqa: D102, A003
-        self.fixed = (grid, tables, lists, settings)
+        self.fixed = (grid, grid.lanes, tables, lists, settings)
+        self.has_dog = tables.pseudo is not None
+        self.counts = dr.width(splats[0]), dr.width(pseudo[0]) if pseudo else 0
         self.planes, self.T = composite(*self.fixed)
         return [mi.Float(plane) for plane in self.planes], mi.Float(self.T)
 
     def backward(self):
         δplanes, δT = self.grad_out()
         detached = [dr.detach(δ, preserve_type=False) for δ in δplanes]
+        n, m = self.counts
+        zeros = [dr.zeros(dr.detached_t(mi.Float), n * DERIVATIVE_ROW), None]
+        if self.has_dog:
+            zeros[1] = dr.zeros(dr.detached_t(mi.Float), m * PSEUDO_DERIVATIVE_ROW)
         δsplats, δpseudo = composite_backward(
-            *self.fixed, self.planes, self.T, detached, dr.detach(δT, preserve_type=False)
+            *self.fixed, self.planes, self.T, detached, dr.detach(δT, preserve_type=False), *zeros
         )
-        self.set_grad_in("splats", [mi.Float(δ) for δ in δsplats])
-        if δpseudo is not None:
-            self.set_grad_in("pseudo", [mi.Float(δ) for δ in δpseudo])
+        self.set_grad_in("splats", _columns(δsplats, n, DERIVATIVE_ROW, 6 + len(self.planes)))
+        if self.has_dog:
+            self.set_grad_in("pseudo", _columns(δpseudo, m, PSEUDO_DERIVATIVE_ROW, 4))
 
     def forward(self):
         def tangents(name):
             return [dr.detach(δ, preserve_type=False) for δ in self.grad_in(name)]
 
-        δpseudo = tangents("pseudo") if self.fixed[1].pseudo is not None else None
+        δpseudo = tangents("pseudo") if self.has_dog else None
         δplanes, δT = composite_forward(*self.fixed, tangents("splats"), δpseudo)
         self.set_grad_out(([mi.Float(δ) for δ in δplanes], mi.Float(δT)))
+
+
+def _columns(table, n: int, stride: int, count: int) -> list[mi.Float]:
+    """The first ``count`` columns of a row-major [n, stride] table."""
+    row = dr.arange(dr.detached_t(mi.UInt32), n)
+    return [mi.Float(dr.gather(type(table), table, dr.fma(row, stride, k))) for k in range(count)]
 
 
 def rasterize(params: dict, camera: DeviceCamera, options: RasterOptions, probe: list | None = None) -> Frame:
@@ -86,7 +106,7 @@ def rasterize(params: dict, camera: DeviceCamera, options: RasterOptions, probe:
         projection.x, projection.y = projection.x + probe[0], projection.y + probe[1]
     grid = Grid(camera.width, camera.height, Blocks.of_backend())
     features = projection.colors + ([projection.depth] if options.depth else [])
-    tables: Tables = pack(projection, features)
+    tables = pack(projection, features)
     lists = tiles(projection, grid, options.cutoffs)
     settings = Settings(len(features), options.cutoffs, options.negative_transmittance)
 
