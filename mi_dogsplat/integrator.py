@@ -9,7 +9,7 @@ from mitsuba.python.ad.integrators.common import ADIntegrator
 from .cameras import camera_from_mitsuba
 from .parameters import concatenate
 from .project import DeviceCamera
-from .rasterize import RasterOptions, rasterize
+from .rasterize import LastFrame, RasterOptions, rasterize
 from .shape_dog import DogShape
 
 AOVS = ("alpha", "depth")
@@ -66,6 +66,7 @@ class DogSplatIntegrator(ADIntegrator):
         self.near_clip = props.get("near_clip", 0.2)
         self.negative_transmittance = props.get("negative_transmittance", True)
         self.aovs = [name.strip() for name in props.get("aovs", "").split(",") if name.strip()]
+        self._last = LastFrame()
         unknown = [name for name in self.aovs if name not in AOVS]
         if unknown:
             raise RuntimeError(f'dogsplat: unknown AOV "{unknown[0]}"; available are {", ".join(AOVS)}')
@@ -86,19 +87,19 @@ class DogSplatIntegrator(ADIntegrator):
 
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0) -> mi.TensorXf:
         with dr.resume_grad():
-            image = self._image(scene, sensor)
+            image = self._image(scene, sensor, recall=True)
             dr.forward_to(image)
             return dr.grad(image)
 
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0) -> None:
         with dr.resume_grad():
-            image = self._image(scene, sensor)
+            image = self._image(scene, sensor, recall=True)
             dr.set_grad(image, grad_in)
             dr.enqueue(dr.ADMode.Backward, image)
             dr.traverse(dr.ADMode.Backward)
         dr.eval()
 
-    def _image(self, scene: mi.Scene, sensor: mi.Sensor | int) -> mi.TensorXf:
+    def _image(self, scene: mi.Scene, sensor: mi.Sensor | int, recall: bool = False) -> mi.TensorXf:
         """The developed film, attached to the AD graph where the parameters are."""
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
@@ -113,7 +114,8 @@ class DogSplatIntegrator(ADIntegrator):
             depth="depth" in self.aovs,
             negative_transmittance=self.negative_transmittance,
         )
-        frame = rasterize(params, DeviceCamera.upload(camera, self.near_clip), options)
+        device_camera = DeviceCamera.upload(camera, self.near_clip)
+        frame = rasterize(params, device_camera, options, last=self._last, recall=recall)
 
         alpha = 1 - frame.T
         colors = self._over_background(frame, scene, sensor)

@@ -41,10 +41,11 @@ class DeviceCamera:
     near_clip: mi.Float
     width: int
     height: int
+    numbers: tuple  # all of the above on the host
 
     @staticmethod
     def upload(camera: Camera, near_clip: float = 0.2) -> DeviceCamera:
-        """Host camera to device; one transfer for all its numbers."""
+        """Host camera to device."""
         margin_x, margin_y = 0.15 * camera.width / camera.fx, 0.15 * camera.height / camera.fy
         numbers = [
             *camera.w2c[:3, :3].ravel(), *camera.w2c[:3, 3], *camera.position,
@@ -53,9 +54,11 @@ class DeviceCamera:
             camera.cy / camera.fy + margin_y, (camera.height - camera.cy) / camera.fy + margin_y,
             near_clip,
         ]  # fmt: skip
-        v = [dr.opaque(mi.Float, float(x)) for x in numbers]
+        numbers = tuple(float(x) for x in numbers)
+        v = [dr.opaque(mi.Float, x) for x in numbers]
         rotation = [v[0:3], v[3:6], v[6:9]]
-        return DeviceCamera(rotation, v[9:12], v[12:15], *v[15:19], v[19:23], v[23], camera.width, camera.height)
+        size = camera.width, camera.height
+        return DeviceCamera(rotation, v[9:12], v[12:15], *v[15:19], v[19:23], v[23], *size, (*numbers, *size))
 
 
 @dataclass
@@ -186,5 +189,5 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
         )
 
     direction = [mean[c] - camera.position[c] for c in range(3)]
-    colors = evaluate_sh(params["sh_coeffs"], direction, index, visible, sh_degree, dr.width(params["sh_coeffs"]) // (3 * n))
+    colors = evaluate_sh(params, direction, index, visible, sh_degree)
     return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row)

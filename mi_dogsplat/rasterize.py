@@ -47,25 +47,44 @@ class Frame:
     lists: Lists | None
 
 
+class LastFrame:
+    """The stages of the latest primal pass, for a derivative pass that follows on the very same inputs.
+
+    ``mi.render`` asks for an image and later for its derivatives in separate calls. Inputs are compared by the identity
+    of their JIT variables, which are immutable and kept alive here, so a match is never a coincidence.
+    """
+
+    def __init__(self):
+        self.key: tuple = ()
+        self.stages: tuple | None = None
+        self._inputs: list = []
+
+    def recall(self, key: tuple) -> tuple | None:
+        """(tables, lists, planes, T) if the inputs are those of the latest primal pass."""
+        return self.stages if key == self.key else None
+
+    def keep(self, key: tuple, inputs: list, stages: tuple) -> None:
+        self.key, self._inputs, self.stages = key, inputs, stages
+
+
 class _Composite(dr.CustomOp):
     """``composite`` as an operation on AD variables. Inputs and outputs are flat lists."""
 
-    def eval(self, grid, tables, lists, settings, splats, pseudo):  # noqa: D102, A003
+    def eval(self, grid, tables, lists, settings, splats, pseudo, blended):
         self.fixed = (grid, grid.lanes, tables, lists, settings)
         self.has_dog = tables.pseudo is not None
         self.counts = dr.width(splats[0]), dr.width(pseudo[0]) if pseudo else 0
-        self.planes, self.T = composite(*self.fixed)
+        self.planes, self.T = blended or composite(*self.fixed)
         return [mi.Float(plane) for plane in self.planes], mi.Float(self.T)
 
     def backward(self):
         δplanes, δT = self.grad_out()
-        detached = [dr.detach(δ, preserve_type=False) for δ in δplanes]
         n, m = self.counts
         zeros = [dr.zeros(dr.detached_t(mi.Float), n * DERIVATIVE_ROW), None]
         if self.has_dog:
             zeros[1] = dr.zeros(dr.detached_t(mi.Float), m * PSEUDO_DERIVATIVE_ROW)
         δsplats, δpseudo = composite_backward(
-            *self.fixed, self.planes, self.T, detached, dr.detach(δT, preserve_type=False), *zeros
+            *self.fixed, self.planes, self.T, [_detached(δ) for δ in δplanes], _detached(δT), *zeros
         )
         self.set_grad_in("splats", _columns(δsplats, n, DERIVATIVE_ROW, 6 + len(self.planes)))
         if self.has_dog:
@@ -73,11 +92,15 @@ class _Composite(dr.CustomOp):
 
     def forward(self):
         def tangents(name):
-            return [dr.detach(δ, preserve_type=False) for δ in self.grad_in(name)]
+            return [_detached(δ) for δ in self.grad_in(name)]
 
         δpseudo = tangents("pseudo") if self.has_dog else None
         δplanes, δT = composite_forward(*self.fixed, tangents("splats"), δpseudo)
         self.set_grad_out(([mi.Float(δ) for δ in δplanes], mi.Float(δT)))
+
+
+def _detached(value):
+    return dr.detach(value, preserve_type=False)
 
 
 def _columns(table, n: int, stride: int, count: int) -> list[mi.Float]:
@@ -86,7 +109,14 @@ def _columns(table, n: int, stride: int, count: int) -> list[mi.Float]:
     return [mi.Float(dr.gather(type(table), table, dr.fma(row, stride, k))) for k in range(count)]
 
 
-def rasterize(params: dict, camera: DeviceCamera, options: RasterOptions, probe: list | None = None) -> Frame:
+def rasterize(
+    params: dict,
+    camera: DeviceCamera,
+    options: RasterOptions,
+    probe: list | None = None,
+    last: LastFrame | None = None,
+    recall: bool = False,
+) -> Frame:
     """Splat primitives into the planes of a view.
 
     Args:
@@ -95,6 +125,7 @@ def rasterize(params: dict, camera: DeviceCamera, options: RasterOptions, probe:
         options: specialisation of the kernels.
         probe: two [N] arrays of zeros that are added to the projected centres; their gradient is that of the
             centres in pixels (the densification statistic).
+        last: keeps the stages of this call, or, with ``recall``, may provide those of the call before.
     """
     n_pixels = camera.width * camera.height
     if dr.width(params["logit_opacities"]) == 0 or n_pixels == 0:
@@ -106,13 +137,18 @@ def rasterize(params: dict, camera: DeviceCamera, options: RasterOptions, probe:
         projection.x, projection.y = projection.x + probe[0], projection.y + probe[1]
     grid = Grid(camera.width, camera.height, Blocks.of_backend())
     features = projection.colors + ([projection.depth] if options.depth else [])
-    tables = pack(projection, features)
-    lists = tiles(projection, grid, options.cutoffs)
     settings = Settings(len(features), options.cutoffs, options.negative_transmittance)
+    key = (camera.numbers, options, *((name, value.index) for name, value in params.items()))
+    known = last.recall(key) if last and recall else None
+    if known:
+        tables, lists, *blended = known
+    else:
+        tables, lists, blended = pack(projection, features), tiles(projection, grid, options.cutoffs), None
 
     k, p = projection.kernels, projection.pseudo
     splats = [projection.x, projection.y, k.A, k.B, k.C, k.lo, *features]
-    planes, T = dr.custom(
-        _Composite, grid, tables, lists, settings, splats, [] if p is None else [p.A, p.B, p.C, p.lo]
-    )
+    pseudo = [] if p is None else [p.A, p.B, p.C, p.lo]
+    planes, T = dr.custom(_Composite, grid, tables, lists, settings, splats, pseudo, blended)
+    if last and not recall:
+        last.keep(key, list(params.values()), (tables, lists, [_detached(p) for p in planes], _detached(T)))
     return Frame(planes[:3], T, planes[3] if options.depth else None, projection, lists)

@@ -36,22 +36,31 @@ def sh_basis(x, y, z, degree: int) -> list:
     return basis
 
 
-def evaluate_sh(coeffs: mi.Float, direction: list, index: mi.UInt32, visible: mi.Bool, degree: int, stored: int) -> list:
+def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Bool, degree: int) -> list:
     """Colours max(0, SH(direction) + 0.5) of visible primitives, three channels of [N].
 
     Args:
-        coeffs: row-major [N, stored, 3]; only the first (degree + 1)² are read, and only for visible primitives.
+        params: row-major ``sh_coeffs`` [N, K, 3], or, where the constant part is trained at its own rate, ``sh_dc`` [N, 3]
+            and ``sh_rest`` [N, K - 1, 3]. Only what ``degree`` needs is read, and only for visible primitives.
         direction: from the camera centre to the primitive, not normalised.
     """
     x, y, z = direction
     norm2 = x * x + y * y + z * z
     inv = dr.rsqrt(dr.select(norm2 > 0, norm2, 1))  # a primitive on the camera centre has no direction: any will do
     basis = sh_basis(x * inv, y * inv, z * inv, degree)
+    n = dr.width(index)
+    split = "sh_dc" in params
+
+    def coefficient(k: int, channel: int):
+        name = ("sh_dc" if k == 0 else "sh_rest") if split else "sh_coeffs"
+        column = 3 * (k - (split and k > 0)) + channel
+        at = dr.fma(index, dr.width(params[name]) // n, column)
+        return dr.gather(mi.Float, params[name], at, visible, mode=dr.ReduceMode.NoConflicts)
+
     colors = []
     for channel in range(3):
         color = mi.Float(0.5)
         for k, b in enumerate(basis):
-            at = dr.fma(index, 3 * stored, 3 * k + channel)
-            color = dr.fma(b, dr.gather(mi.Float, coeffs, at, visible, mode=dr.ReduceMode.NoConflicts), color)
+            color = dr.fma(b, coefficient(k, channel), color)
         colors.append(dr.maximum(color, 0))
     return colors

@@ -54,7 +54,9 @@ class DogShape(mi.Mesh):
     """
 
     def __init__(self, props: mi.Properties):
-        mi.Mesh.__init__(self, "dog", vertex_count=0, face_count=0)
+        # A triangle without area: rays never meet it, and Mitsuba's vectorised calls, which also trace the meshes of
+        # other scenes, find no empty buffer.
+        mi.Mesh.__init__(self, "dog", vertex_count=3, face_count=1)
         self.set_id(props.id())
         given = [name for name in (*RAW, "dog_index", *RAW_DOG) if name in props]
         if ("filename" in props) == bool(given):

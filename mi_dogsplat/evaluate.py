@@ -1,0 +1,68 @@
+"""Metrics and pictures of a model on views with ground truth."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .datasets.dataset import View
+from .metrics import evaluate, flip
+from .pictures import heat_map, write_exr, write_png
+from .render import Picture
+from .train import over_background
+
+METRICS = ("psnr", "ssim", "flip", "l1")
+
+
+def evaluate_views(
+    picture: Callable[[View], Picture], views: Sequence[View], background: float, out: Path | None = None
+) -> dict[str, dict[str, float]]:
+    """Metrics per view, by view name.
+
+    Args:
+        picture: renders a view (with depth if it is to be stored).
+        background: grey level behind images with alpha.
+        out: folder for ``<name>.png``, ``<name>_gt.png``, ``<name>_error.png`` (FLIP) and ``<name>.exr``
+            (linear colour and alpha, depth, FLIP error); None writes nothing.
+    """
+    results = {}
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    for view in views:
+        rendered, truth = picture(view), over_background(view.image, background)
+        results[view.name] = evaluate(rendered.color, truth, view.name)
+        if out is not None:
+            _, error = flip(rendered.color, truth)
+            write_png(out / f"{view.name}.png", rendered.color)
+            write_png(out / f"{view.name}_gt.png", truth)
+            write_png(out / f"{view.name}_error.png", heat_map(error))
+            layers = {"color": _with_alpha(rendered), "error": error}
+            if rendered.depth is not None:
+                layers["depth"] = rendered.depth
+            write_exr(out / f"{view.name}.exr", layers)
+    return results
+
+
+def _with_alpha(rendered: Picture) -> np.ndarray:
+    return np.concatenate([rendered.color, rendered.alpha[..., None]], -1)
+
+
+def mean_metrics(results: dict[str, dict[str, float]]) -> dict[str, float]:
+    """Mean of each metric over the views; empty without views."""
+    if not results:
+        return {}
+    return {name: float(np.mean([r[name] for r in results.values()])) for name in METRICS}
+
+
+def render_milliseconds(picture: Callable[[View], Picture], views: Sequence[View], repeats: int = 3) -> float:
+    """Median wall time of a render with its pictures on the host, in ms, after one warm-up render."""
+    times = []
+    picture(views[0])
+    for view in list(views)[:8] * repeats:
+        start = time.perf_counter()
+        picture(view)
+        times.append(time.perf_counter() - start)
+    return float(np.median(times) * 1e3)

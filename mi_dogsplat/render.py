@@ -1,0 +1,38 @@
+"""A view of a model as NumPy pictures, for evaluation and files (no derivatives)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import numpy as np
+
+from .cameras import Camera
+from .project import DeviceCamera
+from .rasterize import RasterOptions, rasterize
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Display-referred colours over the background, coverage, and depth along the optical axis."""
+
+    color: np.ndarray  # [H, W, 3] clamped to 0..1
+    alpha: np.ndarray  # [H, W] 1 - T
+    depth: np.ndarray | None  # [H, W] Σ depth α T / alpha, 0 where nothing was hit
+
+
+def render_picture(
+    params: dict, camera: Camera, options: RasterOptions, background: float = 0.0, near_clip: float = 0.2
+) -> Picture:
+    """Render parameters (as ``upload`` makes them) from a camera. Grey ``background`` in 0..1 shows behind."""
+    frame = rasterize(
+        {name: dr.detach(value) for name, value in params.items()}, DeviceCamera.upload(camera, near_clip), options
+    )
+    shape = (camera.height, camera.width)
+    T = frame.T.numpy().reshape(shape)
+    color = np.stack([plane.numpy().reshape(shape) for plane in frame.colors], -1) + background * T[..., None]
+    alpha = 1 - T
+    depth = None
+    if frame.depth is not None:
+        depth = np.divide(frame.depth.numpy().reshape(shape), alpha, out=np.zeros(shape, np.float32), where=alpha > 0)
+    return Picture(np.clip(color, 0, 1), alpha, depth)

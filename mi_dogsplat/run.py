@@ -1,0 +1,102 @@
+"""A training run as a folder: config.json, history.jsonl, point_cloud.ply, test/, metrics.json, report.html."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import platform
+import resource
+import sys
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from .config import TrainConfig
+from .datasets import Dataset, load_dataset
+from .errors import DataError
+from .evaluate import evaluate_views, mean_metrics, render_milliseconds
+from .pictures import replacing
+from .ply import write_ply
+from .report import write_report
+from .train import Trainer
+
+
+def prepare_folder(out: Path) -> None:
+    """Make the run folder. Raises ``DataError`` if something else is in its place or it cannot be written."""
+    if out.exists() and not out.is_dir():
+        raise DataError(out, "is a file", "name a folder for the run")
+    if out.is_dir() and any(out.iterdir()) and not (out / "config.json").exists():
+        raise DataError(out, "is a folder with other contents", "name an empty or new folder, or an earlier run")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
+
+
+def train(config: TrainConfig, out: Path, progress: Callable[[dict], None] = lambda row: None) -> dict[str, Any]:
+    """Train, evaluate and write the run folder; returns what ``metrics.json`` holds.
+
+    An earlier run in the same folder is replaced file by file, so that nothing of it is left half-written.
+    """
+    out = Path(out)
+    dataset = load_dataset(config.data, config.downscale)
+    prepare_folder(out)
+    write_json(out / "config.json", dataclasses.asdict(config))
+    trainer = Trainer(config, dataset)
+    with open(out / "history.jsonl", "w", encoding="utf-8") as history:
+        row: dict = {"seconds": 0.0}
+        for row in trainer.rows():
+            history.write(json.dumps(row) + "\n")
+            history.flush()
+            progress(row)
+    splats = trainer.optimizer.to_splats()
+    write_ply(out / "point_cloud.ply", splats)
+    metrics = _measure(trainer, dataset, out) | {
+        "n": splats.n_splats,
+        "n_dog": splats.n_dog,
+        "bytes": (out / "point_cloud.ply").stat().st_size,
+        "train_seconds": row["seconds"],
+        "peak_memory_mb": peak_memory_mb(),
+        "steps": config.steps,
+        "seed": config.seed,
+        "variant": mi.variant(),
+        "versions": versions(),
+    }
+    write_json(out / "metrics.json", metrics)
+    write_report(out)
+    return metrics
+
+
+def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
+    views = evaluate_views(trainer.picture, dataset.test, trainer.background, out / "test")
+    return {
+        "test": mean_metrics(views),
+        "train": mean_metrics(evaluate_views(trainer.picture, dataset.train[:: max(1, len(dataset.train) // 8)], trainer.background)),
+        "views": views,
+        "render_ms": render_milliseconds(trainer.picture, dataset.test or dataset.train),
+    }
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a JSON file whole or not at all."""
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(value, indent=2) + "\n", encoding="utf-8")
+
+
+def peak_memory_mb() -> float:
+    """Largest resident size of this process so far."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def versions() -> dict[str, str]:
+    """What the result may depend on."""
+    try:
+        own = version("mi_dogsplat")
+    except PackageNotFoundError:
+        own = "source"
+    return {"mi_dogsplat": own, "mitsuba": mi.__version__, "drjit": dr.__version__, "python": platform.python_version()}
