@@ -1,4 +1,4 @@
-"""How the image is cut: tiles of 16 x 16 pixels, shared by a packet of lanes that own a block of pixels each.
+"""How the image is cut: tiles of pixels, shared by a packet of lanes that own a block of pixels each.
 
 This is all that depends on the backend. A block is unrolled in the compositing kernel, so every parameter that a lane
 loads serves the whole block, and every lane of a packet walks the same list of primitives.
@@ -13,29 +13,33 @@ from functools import cached_property
 import drjit as dr
 import mitsuba as mi
 
-TILE_SIZE = 16
-
 
 @dataclass(frozen=True)
 class Blocks:
-    """Block of pixels per lane; a tile is ``lanes_x * lanes_y`` lanes. ``unroll``: primitives per loop iteration."""
+    """Pixels per lane, lanes per tile, and primitives per iteration of the compositing loop."""
 
-    width: int
+    width: int  # of a lane's block, pixels
     height: int
+    lanes_x: int  # of a tile, lanes
+    lanes_y: int
     unroll: int
 
     @property
-    def lanes_x(self) -> int:
-        return TILE_SIZE // self.width
+    def lanes(self) -> int:
+        return self.lanes_x * self.lanes_y
 
     @property
-    def lanes(self) -> int:
-        return self.lanes_x * (TILE_SIZE // self.height)
+    def tile_width(self) -> int:
+        return self.width * self.lanes_x
+
+    @property
+    def tile_height(self) -> int:
+        return self.height * self.lanes_y
 
     @staticmethod
     def of_backend() -> Blocks:
-        """16 lanes (one AVX-512 packet) of 8 x 2 on the CPU, one warp of 4 x 2 on CUDA."""
-        return Blocks(4, 2, 1) if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else Blocks(8, 2, 4)
+        """One AVX-512 packet of 16 lanes on the CPU, one warp of 32 on CUDA; tiles of 16 x 16 pixels."""
+        return Blocks(4, 2, 4, 8, 1) if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else Blocks(8, 2, 2, 8, 4)
 
 
 @dataclass(frozen=True)
@@ -67,11 +71,11 @@ class Grid:
 
     @property
     def tiles_x(self) -> int:
-        return -(-self.width // TILE_SIZE)
+        return -(-self.width // self.blocks.tile_width)
 
     @property
     def tiles_y(self) -> int:
-        return -(-self.height // TILE_SIZE)
+        return -(-self.height // self.blocks.tile_height)
 
     @property
     def n_tiles(self) -> int:
@@ -85,7 +89,7 @@ class Grid:
         lane = dr.arange(UInt, self.n_tiles * b.lanes)
         tile, lane = lane // b.lanes, lane % b.lanes
         tile_y = tile // self.tiles_x
-        x = (tile - tile_y * self.tiles_x) * TILE_SIZE + (lane % b.lanes_x) * b.width
-        y = tile_y * TILE_SIZE + (lane // b.lanes_x) * b.height
+        x = (tile - tile_y * self.tiles_x) * b.tile_width + (lane % b.lanes_x) * b.width
+        y = tile_y * b.tile_height + (lane // b.lanes_x) * b.height
         dr.make_opaque(tile, x, y)
         return tile, x, y

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from .geometry import TILE_SIZE, Cutoffs, Grid
+from .geometry import Cutoffs, Grid
 from .project import NOT_DOG, Kernels, Projection
 
 @dataclass
@@ -25,6 +25,7 @@ class Lists:
     end: mi.UInt32  # [tiles]
 
 
+MAX_BUCKETS = 1 << 14  # of one counting pass
 SLACK = 1e-3  # px, above the rounding error of the spans
 
 
@@ -79,27 +80,36 @@ class _Footprints:
             extent_y = dr.maximum(extent_y, dr.select(other.seen, other.extent_y, -1))
         self.tiles_x, self.tiles_y = (dr.opaque(self.Int, v) for v in (grid.tiles_x, grid.tiles_y))
         visible = dr.detach(projection.visible, preserve_type=False) & (extent_y >= 0)
-        first, last = self._tile_range(self.y - extent_y, self.y + extent_y, self.tiles_y)
+        self.tile_width, self.tile_height = grid.blocks.tile_width, grid.blocks.tile_height
+        first, last = self._tile_range(self.y - extent_y, self.y + extent_y, self.tile_height, self.tiles_y)
         self.first = dr.select(visible, first, 0)
         self.last = dr.select(visible, last, 0)  # exclusive
 
-    def _tile_range(self, low, high, count) -> tuple:
+    def _tile_range(self, low, high, size: int, count) -> tuple:
         """Tiles whose pixel centres (half a pixel inside their borders) meet [low, high], as [first, last)."""
         limit = dr.detached_t(mi.Float)(count)
-        first = dr.ceil((low - SLACK - (TILE_SIZE - 0.5)) * (1 / TILE_SIZE))
-        last = dr.floor((high + SLACK - 0.5) * (1 / TILE_SIZE)) + 1
+        first = dr.ceil((low - SLACK - (size - 0.5)) * (1 / size))
+        last = dr.floor((high + SLACK - 0.5) * (1 / size)) + 1
         return self.Int(dr.clip(first, 0, limit)), self.Int(dr.clip(last, 0, limit))
 
     def columns(self, row) -> tuple:
         """Tile columns [first, last) that the primitive covers in tile row ``row``."""
-        y0 = dr.fma(type(self.x)(row), TILE_SIZE, 0.5 - SLACK) - self.y
-        y1 = y0 + (TILE_SIZE - 1 + 2 * SLACK)
+        y0 = dr.fma(type(self.x)(row), self.tile_height, 0.5 - SLACK) - self.y
+        y1 = y0 + (self.tile_height - 1 + 2 * SLACK)
         left, right = self.ellipses[0].span(y0, y1)
         for other in self.ellipses[1:]:
             other_left, other_right = other.span(y0, y1)
             left, right = dr.minimum(left, other_left), dr.maximum(right, other_right)
-        first, last = self._tile_range(self.x + left, self.x + right, self.tiles_x)
+        first, last = self._tile_range(self.x + left, self.x + right, self.tile_width, self.tiles_x)
         return first, dr.maximum(first, last)
+
+
+def _argsort_small(key, count: int):
+    """Stable argsort of integers below ``count``: one counting pass where the general radix sort needs three."""
+    if count > MAX_BUCKETS:
+        return dr.argsort(key)
+    dr.eval(key)
+    return dr.detail.block_mkperm(key, dr.width(key), count)
 
 
 def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> Lists:
@@ -146,7 +156,7 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> Lists:
 
     dr.while_loop((footprints.first, rank_begin), lambda row, at: row < footprints.last, emit_row, label="emit rows")
 
-    order = dr.argsort(tile_from_isect)
+    order = _argsort_small(tile_from_isect, grid.n_tiles)
     tile = dr.gather(UInt, tile_from_isect, order)
     i = dr.arange(UInt, n_isects)
     dr.eval(tile)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +52,8 @@ def capture(
     """
     import mitsuba as mi
 
+    if n_views < 1 or n_test < 0:
+        raise ValueError(f"capture: n_views is {n_views} and n_test {n_test}; need at least 1 and 0")
     scene_path, out = Path(scene_path), Path(out)
     scene = _load_scene(mi, scene_path)
     center, radius = _bounding_sphere(scene_path, scene)
@@ -62,7 +63,7 @@ def capture(
     intrinsics = (focal, focal, width / 2, height / 2, width, height)
     positions = center + distance * spiral(n_views + n_test, up, elevations)  # [V, 3]
     cameras = [Camera(look_at(position, center, up), *intrinsics) for position in positions]
-    is_test = [(i + 1) * n_test // len(cameras) > i * n_test // len(cameras) for i in range(len(cameras))]
+    tests = {int((k + 0.5) * len(cameras) / n_test) for k in range(n_test)}  # evenly along the spiral
 
     for name in ("train", "test"):  # of an earlier capture, whose cameras are not these
         (out / f"transforms_{name}.json").unlink(missing_ok=True)
@@ -74,31 +75,31 @@ def capture(
         if not np.isfinite(image).all():
             raise DataError(scene_path, f"view {i} renders to NaN or infinity", "correct the scene")
         write_png(out / names[i], image)
-        if not is_test[i]:
-            hits, pixels = _first_hits(mi, scene, camera, -(-2 * n_points // n_views), rng)
-            points.append(hits)
-            colors.append(image[pixels[:, 1], pixels[:, 0]])
+        if i not in tests:
+            hits, pixels = _first_hits(mi, scene, camera)
+            some = rng.permutation(len(hits))[: math.ceil(n_points / n_views)]
+            points.append(hits[some])
+            colors.append(image[pixels[some, 1], pixels[some, 0]])
     all_points, all_colors = np.concatenate(points), np.concatenate(colors)
     if not len(all_points):
         raise DataError(scene_path, "no camera sees a surface", "give a scene with shapes, and check zoom")
     kept = rng.permutation(len(all_points))[:n_points]
     write_point_ply(out / "points.ply", all_points[kept], all_colors[kept])
     # Train last: with it alone a reader would choose its own test views.
-    for split, wanted in (("test", True), ("train", False)):
-        frames = [(names[i], cameras[i]) for i in range(len(cameras)) if is_test[i] == wanted]
-        if frames:
+    for split, members in (("test", tests), ("train", set(range(len(cameras))) - tests)):
+        if members:
+            content = _transforms([(names[i], cameras[i]) for i in sorted(members)])
             with replacing(out / f"transforms_{split}.json") as part:
-                part.write_text(json.dumps(_transforms(frames), indent=1), encoding="utf-8")
+                part.write_text(json.dumps(content, indent=1), encoding="utf-8")
     return out
 
 
 def spiral(n: int, up: str, elevations: tuple[float, float]) -> np.ndarray:
     """Unit vectors float64 [n, 3] on a Fibonacci spiral, evenly spread over a band of elevations."""
-    if n < 1 or up not in ("x", "y", "z") or not -90 < elevations[0] <= elevations[1] < 90:
-        raise ValueError(
-            f'orbit: n={n}, up="{up}", elevations={elevations}; need a view, up of "x", "y" or "z", '
-            "and two ascending angles between -90 and 90"
-        )
+    if up not in ("x", "y", "z"):
+        raise ValueError(f'orbit: up is "{up}"; need "x", "y" or "z"')
+    if not -90 < elevations[0] <= elevations[1] < 90:
+        raise ValueError(f"orbit: elevations are {elevations}; need two ascending ones within -90 and 90")
     low, high = np.sin(np.radians(elevations))
     rise = low + (high - low) * (np.arange(n) + 0.5) / n  # [n] equal steps are equal areas of the sphere
     flat = np.sqrt(1 - rise**2)
@@ -172,16 +173,14 @@ def _render(mi: Any, scene: Any, camera: Camera, spp: int, seed: int, distance: 
     return linear_to_srgb(linear)
 
 
-def _first_hits(
-    mi: Any, scene: Any, camera: Camera, n: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """First surface points [P, 3] through the centres of ``n`` random pixels, and those pixels [P, 2]; P <= n
-    hit."""
-    pixels = rng.integers((camera.width, camera.height), size=(n, 2))  # [n, 2] column, row
+def _first_hits(mi: Any, scene: Any, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Surface points [P, 3] behind the centres of all pixels that show one, and those pixels [P, 2] (column,
+    row)."""
+    pixels = np.indices((camera.width, camera.height)).reshape(2, -1).T  # [n, 2], n = width x height
     rays = (pixels + 0.5 - (camera.cx, camera.cy)) / (camera.fx, camera.fy)  # [n, 2] at depth 1
-    directions = np.concatenate([rays, np.ones((n, 1))], axis=1) @ camera.w2c[:3, :3]  # [n, 3]
+    directions = np.concatenate([rays, np.ones((len(rays), 1))], axis=1) @ camera.w2c[:3, :3]  # [n, 3]
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    origin = camera.position[:, None].astype(np.float32)  # [3, 1]; as numbers it would be compiled in each time
+    origin = np.float32(camera.position[:, None])  # [3, 1]; an array, as numbers would recompile each time
     ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(directions.T.astype(np.float32)))
     hit = scene.ray_intersect_preliminary(ray)
     found = np.array(hit.is_valid()).astype(bool)  # [n]
@@ -189,10 +188,8 @@ def _first_hits(
     return points, pixels[found]
 
 
-def _transforms(frames: Iterable[tuple[str, Camera]]) -> dict[str, Any]:
-    """The content of a ``transforms_*.json`` whose frames share their intrinsics; poses are OpenGL
-    camera-to-world."""
-    frames = list(frames)
+def _transforms(frames: list[tuple[str, Camera]]) -> dict[str, Any]:
+    """Content of a ``transforms_*.json``: frames share intrinsics, poses are OpenGL camera-to-world."""
     first = frames[0][1]
     poses = [(name, (camera.c2w @ OPENCV_FROM_OPENGL).tolist()) for name, camera in frames]
     return {

@@ -1,0 +1,168 @@
+"""The trained parameters and their Adam moments; the one place where the number of primitives changes.
+
+The update rule is the library's (``mi.ad.Adam``). What is ours: learning rates per parameter and their schedule, and
+moving rows: cloning, splitting and removing primitives must carry both moments along, or training forgets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .parameters import RAW_DOG, dog_rows
+from .splats import Splats
+
+ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}
+
+
+@dataclass(frozen=True)
+class LearningRates:
+    """Adam step sizes of the 3DGS recipe (Kerbl et al. 2023; method notes, Sec. 2)."""
+
+    extent: float  # radius of the camera positions, world units: the unit of position steps
+    total_steps: int
+    means_start: float = 1.6e-4  # times the extent; decays log-linearly to
+    means_end: float = 1.6e-6  # times the extent
+    log_scales: float = 5e-3
+    quats: float = 1e-3
+    logit_opacities: float = 0.025
+    sh_dc: float = 2.5e-3
+    sh_rest: float = 2.5e-3 / 20
+    dog_logit_opacities: float = 0.025
+    dog_log_scales: float = 5e-3
+
+    def at(self, step: int) -> dict[str, float]:
+        """Step size of every parameter."""
+        progress = min(step / max(self.total_steps, 1), 1.0)
+        means = self.extent * np.exp((1 - progress) * np.log(self.means_start) + progress * np.log(self.means_end))
+        names = ("log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest", *RAW_DOG)
+        return {"means": float(means)} | {name: getattr(self, name) for name in names}
+
+
+class SplatOptimizer:
+    """Parameters by name as flat row-major arrays attached to the AD graph, and Adam on them.
+
+    ``sh_coeffs`` is held as ``sh_dc`` and ``sh_rest`` because their step sizes differ; ``sh_rest`` is absent at degree 0.
+    """
+
+    def __init__(self, splats: Splats, learning_rates: LearningRates):
+        if splats.n_splats == 0:
+            raise ValueError("SplatOptimizer: there is no primitive to start from")
+        self.learning_rates = learning_rates
+        self.row_size = dict(ROW_SIZE)
+        values = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities")}
+        values["sh_dc"] = splats.sh_coeffs[:, 0]
+        if splats.sh_degree > 0:
+            values["sh_rest"] = splats.sh_coeffs[:, 1:]
+            self.row_size["sh_rest"] = 3 * (splats.sh_coeffs.shape[1] - 1)
+        self.dog_index = np.array(splats.dog_index)
+        if splats.n_dog:
+            values |= {name: getattr(splats, name) for name in RAW_DOG}
+            self.row_size |= {"dog_logit_opacities": 1, "dog_log_scales": 3}
+        self.adam = mi.ad.Adam(
+            lr=0.0, epsilon=1e-15, params={name: mi.Float(np.ravel(value)) for name, value in values.items()}
+        )
+        self._refresh_dog_index()
+        self._rates: dict[str, float] = {}
+        self.schedule(0)
+
+    @property
+    def n(self) -> int:
+        """Number of primitives."""
+        return dr.width(self.adam["logit_opacities"])
+
+    @property
+    def n_dog(self) -> int:
+        """Number of primitives that are DoG."""
+        return len(self.dog_index)
+
+    @property
+    def params(self) -> dict:
+        """Arrays for ``rasterize``; gradients accumulate on them."""
+        params: dict = dict(self.adam.items())
+        if self.n_dog:
+            params |= {"dog_index": self._dog_index, "dog_row": self._dog_row}
+        return params
+
+    def schedule(self, step: int) -> None:
+        """Set the step sizes for a step; they are opaque, so no kernel depends on their values."""
+        for name, rate in self.learning_rates.at(step).items():
+            if name in self.adam and self._rates.get(name) != rate:
+                self.adam.set_learning_rate({name: dr.opaque(dr.detached_t(mi.Float), rate)})
+                self._rates[name] = rate
+
+    def step(self) -> None:
+        """One Adam step with the gradients on the parameters, which are then cleared."""
+        self.adam.step()
+
+    def numpy(self, name: str) -> np.ndarray:
+        """A parameter on the host, [N] or [N, row size]."""
+        flat = dr.detach(self.adam[name]).numpy()
+        return flat if self.row_size[name] == 1 else flat.reshape(-1, self.row_size[name])
+
+    def set(self, name: str, values: np.ndarray, rows: np.ndarray | None = None) -> None:
+        """Overwrite a parameter, or some rows of it, and keep its moments."""
+        new = self.numpy(name).copy()
+        new[slice(None) if rows is None else rows] = values
+        self.adam[name] = mi.Float(np.ravel(new))
+
+    def reset_moments(self, name: str) -> None:
+        """Forget both moments of a parameter, not its step count."""
+        value, promoted, rate, (t, m, v, v_max) = self.adam.state[name]
+        self.adam.state[name] = value, promoted, rate, (t, dr.zeros(type(m), dr.width(m)), dr.zeros(type(v), dr.width(v)), v_max)
+
+    def rearrange(self, index: np.ndarray, fresh: np.ndarray) -> None:
+        """Make row r a copy of the old row ``index[r]``: the one function that changes the number of primitives.
+
+        Args:
+            index: [N'] old row of each new row. N' must not be 0.
+            fresh: [N'] bool; a fresh row starts with zero moments and as a plain Gaussian.
+        """
+        index, fresh = np.asarray(index), np.asarray(fresh)
+        if len(index) == 0:
+            raise ValueError("SplatOptimizer.rearrange: no primitive would be left")
+        dog_row_of_old = np.full(self.n, -1)
+        dog_row_of_old[self.dog_index] = np.arange(self.n_dog)
+        dog_row_of_new = np.where(fresh, -1, dog_row_of_old[index])
+        for name in list(self.adam.keys()):
+            if name in RAW_DOG:
+                rows = dog_row_of_new[dog_row_of_new >= 0]
+                self._gather(name, rows, np.zeros(len(rows), bool))
+            else:
+                self._gather(name, index, fresh)
+        self.dog_index = np.flatnonzero(dog_row_of_new >= 0).astype(np.uint32)
+        self._refresh_dog_index()
+
+    def _gather(self, name: str, rows: np.ndarray, fresh: np.ndarray) -> None:
+        value, promoted, rate, (t, m, v, v_max) = self.adam.state[name]
+        if len(rows) == 0:
+            del self.adam.state[name]
+            return
+        size = self.row_size[name]
+        i = dr.arange(mi.UInt32, len(rows) * size)
+        row = i // dr.opaque(mi.UInt32, size)
+        at = dr.detach(dr.fma(dr.gather(mi.UInt32, mi.UInt32(rows.astype(np.uint32)), row), size, i - row * size))
+        keep = ~dr.gather(mi.Bool, mi.Bool(fresh), row)
+        new = dr.gather(mi.Float, dr.detach(value), at)
+        new_m, new_v = (dr.gather(type(x), x, at, keep) for x in (m, v))  # zero where fresh
+        dr.eval(new, new_m, new_v)
+        dr.enable_grad(new)
+        self.adam.state[name] = new, promoted, rate, (t, new_m, new_v, v_max)
+
+    def _refresh_dog_index(self) -> None:
+        if self.n_dog:
+            self._dog_index = mi.UInt32(self.dog_index)
+            self._dog_row = dog_rows(self.dog_index, self.n)
+
+    def to_splats(self) -> Splats:
+        """The model on the host."""
+        n = self.n
+        sh = self.numpy("sh_dc").reshape(n, 1, 3)
+        if "sh_rest" in self.adam:
+            sh = np.concatenate([sh, self.numpy("sh_rest").reshape(n, -1, 3)], axis=1)
+        names = ("means", "log_scales", "quats", "logit_opacities", *(RAW_DOG if self.n_dog else ()))
+        dog = {"dog_index": self.dog_index} if self.n_dog else {}
+        return Splats(sh_coeffs=sh, **{name: self.numpy(name) for name in names}, **dog)
