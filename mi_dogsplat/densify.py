@@ -57,6 +57,7 @@ class Densification:
         return 0 < step < self.stop and step % self.reset_every == 0
 
     def removes_large(self, step: int) -> bool:
+        """Whether size is a reason to remove: only once opacities have been reset and the shapes have settled."""
         return step > self.reset_every
 
     def reset_opacity(self, optimizer: SplatOptimizer) -> None:
@@ -84,11 +85,13 @@ class DensifyStats:
 
         Float = dr.detached_t(mi.Float)
         k = projection.kernels
-        # 3 standard deviations along the longer axis
         variance_x, variance_y = detached(k.variance_x), detached(k.variance_y)
+        covariance = -0.5 * detached(k.B) / detached(k.A) * variance_y  # A : B = yy : -2 xy
         x, y = detached(projection.x), detached(projection.y)
         w, h = dr.opaque(Float, width), dr.opaque(Float, height)
-        radius = 3 * dr.sqrt(dr.maximum(variance_x, variance_y))
+        half_difference = 0.5 * (variance_x - variance_y)
+        largest = 0.5 * (variance_x + variance_y) + dr.sqrt(dr.fma(half_difference, half_difference, covariance * covariance))
+        radius = 3 * dr.sqrt(largest)  # 3 standard deviations along the major axis
         seen = detached(projection.visible) & (x > -radius) & (x < w + radius) & (y > -radius) & (y < h + radius)
         gx, gy = detached(gradient_x) * (0.5 * w), detached(gradient_y) * (0.5 * h)
         norm = dr.sqrt(dr.fma(gx, gx, gy * gy))
@@ -112,23 +115,31 @@ def refine(
 ) -> dict[str, int]:
     """Grow where the image pulls at primitives, remove what cannot be seen or is not a number.
 
-    Returns how many were ``cloned``, ``split`` and ``removed``. Neither the result nor anything on the way to it has more
-    than ``rule.max_primitives`` rows; if not all fit, those with the largest gradients come first.
+    Returns how many were ``cloned``, ``split`` and ``removed``, and how many of the removed were ``not_finite``. Neither
+    the result nor anything on the way to it has more than ``rule.max_primitives`` rows; if not all fit, those with the
+    largest gradients come first. Raises ``FloatingPointError`` when no primitive is finite.
     """
     n = optimizer.n
+    if dr.width(stats.views) != n:
+        raise ValueError(f"refine: the statistics have {dr.width(stats.views)} rows, the optimizer has {n}; make new ones")
     log_scales, logits = optimizer.numpy("log_scales"), optimizer.numpy("logit_opacities")
     largest = np.exp(np.clip(log_scales.max(1), -80, 80))  # [N] world units
-    broken = ~np.logical_and.reduce([np.isfinite(optimizer.numpy(name).reshape(n, -1)).all(1) for name in _per_primitive(optimizer)])
+    broken = _not_finite(optimizer)
+    if broken.all():
+        raise FloatingPointError(f"step {step}: no primitive has finite parameters left; the training has diverged")
     with np.errstate(over="ignore"):
         opacity = 1 / (1 + np.exp(-logits))
+    gradient = np.where(np.isfinite(gradient := stats.mean_gradient()), gradient, 0)
+    grow = gradient > rule.gradient_threshold
+    small = largest <= rule.clone_scale * extent  # cloned, not split
     remove = broken | (opacity < rule.min_opacity)
     if rule.removes_large(step):
-        remove |= (stats.max_radius.numpy() > rule.max_screen_radius) | (largest > rule.max_world_scale * extent)
+        halved = np.where(grow & ~small, largest / rule.split_divisor, largest)  # a half may be small enough
+        remove |= (stats.max_radius.numpy() > rule.max_screen_radius) | (halved > rule.max_world_scale * extent)
     if remove.all():
         remove[np.argmax(np.where(broken, -1, opacity))] = False  # an empty model cannot recover
 
-    gradient = np.where(np.isfinite(gradient := stats.mean_gradient()), gradient, 0)
-    grow = (gradient > rule.gradient_threshold) & ~remove
+    grow &= ~remove
     if rule.max_primitives is not None:
         room = max(0, rule.max_primitives - int(np.sum(~remove)))
         candidates = np.flatnonzero(grow)
@@ -138,21 +149,25 @@ def refine(
         if np.sum(~remove) > rule.max_primitives:  # a start above the cap
             alive = np.flatnonzero(~remove)
             remove[alive[np.argsort(-opacity[alive], kind="stable")[rule.max_primitives :]]] = True
-    clone = np.flatnonzero(grow & (largest <= rule.clone_scale * extent))
-    split = np.flatnonzero(grow & (largest > rule.clone_scale * extent))
+    clone, split = np.flatnonzero(grow & small), np.flatnonzero(grow & ~small)
 
-    keep = np.flatnonzero(~remove & ~np.isin(np.arange(n), split))
+    keep = np.flatnonzero(~remove & ~(grow & ~small))
     index = np.concatenate([keep, clone, split, split])
     fresh = np.arange(len(index)) >= len(keep)
     if len(index) != n or len(clone) or len(split):
         optimizer.rearrange(index, fresh)
         if len(split):
             _place_halves(optimizer, len(index) - 2 * len(split), rng, rule.split_divisor)
-    return {"cloned": len(clone), "split": len(split), "removed": int(remove.sum())}
+    return {"cloned": len(clone), "split": len(split), "removed": int(remove.sum()), "not_finite": int(broken.sum())}
 
 
-def _per_primitive(optimizer: SplatOptimizer) -> list[str]:
-    return [name for name in optimizer.row_size if not name.startswith("dog_")]
+def _not_finite(optimizer: SplatOptimizer) -> np.ndarray:
+    """[N] whether any parameter of the primitive, those of its pseudo-Gaussian included, is NaN or infinite."""
+    broken = np.zeros(optimizer.n, bool)
+    for name in optimizer.adam:
+        rows = optimizer.dog_index if name.startswith("dog_") else slice(None)
+        broken[rows] |= ~np.isfinite(optimizer.numpy(name).reshape(len(broken[rows]), -1)).all(1)
+    return broken
 
 
 def _place_halves(optimizer: SplatOptimizer, first: int, rng: np.random.Generator, divisor: float) -> None:

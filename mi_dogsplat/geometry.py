@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import drjit as dr
 import mitsuba as mi
@@ -80,6 +80,12 @@ class Grid:
     @property
     def n_tiles(self) -> int:
         return self.tiles_x * self.tiles_y
+
+    @staticmethod
+    @lru_cache(maxsize=64)
+    def of(width: int, height: int, blocks: Blocks, variant: str) -> Grid:
+        """The grid of an image size, made once per variant (it holds device arrays)."""
+        return Grid(width, height, blocks)
 
     @cached_property
     def lanes(self) -> tuple:

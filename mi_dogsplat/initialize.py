@@ -13,7 +13,8 @@ from .splats import Splats
 
 INITIAL_OPACITY = 0.1
 NEIGHBOURS = 3
-MIN_DISTANCE = 1e-7  # world units, the recipe's floor for coincident points
+MIN_SQUARED_DISTANCE = 1e-7  # world units squared, the recipe's floor for coincident points
+MAX_CAMERAS = 32  # that vote on where random primitives go
 
 
 def splats_from_points(points: np.ndarray, colors: np.ndarray, sh_degree: int) -> Splats:
@@ -24,16 +25,19 @@ def splats_from_points(points: np.ndarray, colors: np.ndarray, sh_degree: int) -
         colors: [P, 3] display-referred, 0..1.
         sh_degree: 0..3; the view-dependent part starts at zero.
 
-    scale = sqrt(mean squared distance to the 3 nearest neighbours), opacity 0.1.
+    scale = sqrt(mean squared distance to the 3 nearest neighbours, or as many as there are), 1 for a lone point; opacity 0.1.
+    Raises ``ValueError`` unless there is one colour per point.
     """
     points, colors = np.asarray(points, np.float64), np.asarray(colors, np.float64)
+    if points.shape != (len(points), 3) or colors.shape != points.shape:
+        raise ValueError(f"splats_from_points: points {points.shape} and colors {colors.shape}; both need shape [P, 3]")
     finite = np.isfinite(points).all(1) & np.isfinite(colors).all(1)
     points, colors = points[finite], colors[finite]
     n = len(points)
     scales = np.full(n, 1.0)
     if n > 1:
         distances = cKDTree(points).query(points, k=min(NEIGHBOURS + 1, n))[0][:, 1:]  # [P, <= 3], itself left out
-        scales = np.maximum(np.sqrt(np.mean(distances**2, axis=1)), MIN_DISTANCE)
+        scales = np.sqrt(np.maximum(np.mean(distances**2, axis=1), MIN_SQUARED_DISTANCE))
     sh_coeffs = np.zeros((n, (sh_degree + 1) ** 2, 3))
     sh_coeffs[:, 0] = (colors - 0.5) / C0
     return Splats(
@@ -45,34 +49,43 @@ def splats_from_points(points: np.ndarray, colors: np.ndarray, sh_degree: int) -
     )
 
 
-def point_of_interest(cameras: Sequence[Camera]) -> np.ndarray:
-    """[3] point nearest to all optical axes in the least-squares sense; well defined for parallel axes too."""
-    directions = np.array([camera.w2c[2, :3] for camera in cameras])  # [V, 3] viewing directions
-    positions = np.array([camera.position for camera in cameras])
-    normal = np.eye(3) - directions[:, :, None] * directions[:, None, :]  # [V, 3, 3] removes the part along the axis
-    A, b = normal.sum(0), np.einsum("vij,vj->i", normal, positions)
-    # a slight pull to the mean camera keeps parallel axes solvable
-    pull = 1e-6 * len(cameras)
-    return np.linalg.solve(A + pull * np.eye(3), b + pull * positions.mean(0))
+def region_of_interest(cameras: Sequence[Camera]) -> tuple[np.ndarray, float]:
+    """(centre [3], half side) of the cube that the cameras look at.
+
+    Where the optical axes meet in front of most cameras (least squares), the cube reaches as far as the median camera sees
+    across at that distance. Where they do not (a forward-facing capture, a look-around, a single camera) nothing tells the
+    depth: the cube spans the cameras and six times their spread along the mean viewing direction.
+    """
+    directions = np.array([camera.w2c[2, :3] for camera in cameras])  # [V, 3]
+    positions = np.array([camera.position for camera in cameras])  # [V, 3]
+    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]  # [V, 3, 3] removes the part along the axis
+    A = across.mean(0)
+    if np.linalg.eigvalsh(A)[0] > 1e-3:  # 0 for parallel axes; about the mean squared sine of their angles
+        centre = np.linalg.solve(A, np.einsum("vij,vj->i", across, positions) / len(cameras))
+        depths = np.einsum("vi,vi->v", centre - positions, directions)
+        if np.mean(depths > 0) > 0.5:
+            tangents = [max(camera.width / camera.fx, camera.height / camera.fy) / 2 for camera in cameras]
+            return centre, float(np.median(depths[depths > 0]) * np.median(tangents))
+    mean = positions.mean(0)
+    spread = float(np.linalg.norm(positions - mean, axis=1).max()) or 1.0
+    return mean + 3 * spread * directions.mean(0), 3 * spread
 
 
 def random_splats(cameras: Sequence[Camera], count: int, rng: np.random.Generator, sh_degree: int) -> Splats:
-    """``count`` primitives where at least half of the cameras look, colours random.
+    """``count`` primitives where cameras look, in colours near grey.
 
-    Candidates fill a cube around the point of interest whose half side is the median distance of the cameras from it, or,
-    where the views have no common region (a forward-facing or outward-looking capture), whatever any camera sees.
+    Of candidates spread evenly over the ``region_of_interest`` those are kept that at least half as many cameras see as see
+    the best candidate; if they are too few, the next best seen ones are taken too.
     """
-    centre = point_of_interest(cameras)
-    radius = float(np.median([np.linalg.norm(camera.position - centre) for camera in cameras])) or 1.0
-    candidates = centre + radius * rng.uniform(-1, 1, (20 * count, 3))
-    seen = np.zeros(len(candidates))
-    for camera in cameras:
+    centre, half = region_of_interest(cameras)
+    candidates = centre + half * rng.uniform(-1, 1, (8 * count, 3))
+    votes = np.zeros(len(candidates), int)
+    for i in np.unique(np.linspace(0, len(cameras) - 1, MAX_CAMERAS).astype(int)):
+        camera = cameras[i]
         pixels, depth = camera.project(candidates)
         with np.errstate(invalid="ignore"):
-            inside = (pixels >= 0).all(1) & (pixels[:, 0] < camera.width) & (pixels[:, 1] < camera.height)
-        seen += inside & (depth > 0.05 * radius)
-    for quorum in (0.5 * len(cameras), 1, 0):
-        chosen = candidates[seen >= quorum][:count]
-        if len(chosen) == count:
-            break
-    return splats_from_points(chosen, rng.uniform(0, 1, (count, 3)), sh_degree)
+            inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(1)
+        votes += inside & (depth > 0.01 * half)
+    capped = np.minimum(votes, (votes.max(initial=0) + 1) // 2)
+    chosen = candidates[np.argsort(-capped, kind="stable")[:count]]  # stable: equal votes stay in random order
+    return splats_from_points(chosen, rng.uniform(0.4, 0.6, (count, 3)), sh_degree)

@@ -2,10 +2,13 @@
 
 The update rule is the library's (``mi.ad.Adam``). What is ours: learning rates per parameter and their schedule, and
 moving rows: cloning, splitting and removing primitives must carry both moments along, or training forgets.
+
+Arrays that cross between host and device are always copied: on the CPU Dr.Jit would otherwise share memory with NumPy.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import drjit as dr
@@ -45,7 +48,8 @@ class LearningRates:
 class SplatOptimizer:
     """Parameters by name as flat row-major arrays attached to the AD graph, and Adam on them.
 
-    ``sh_coeffs`` is held as ``sh_dc`` and ``sh_rest`` because their step sizes differ; ``sh_rest`` is absent at degree 0.
+    ``sh_coeffs`` is held as ``sh_dc`` and ``sh_rest`` because their step sizes differ (see ``evaluate_sh``); ``sh_rest`` is
+    absent at degree 0.
     """
 
     def __init__(self, splats: Splats, learning_rates: LearningRates):
@@ -56,17 +60,14 @@ class SplatOptimizer:
         values = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities")}
         values["sh_dc"] = splats.sh_coeffs[:, 0]
         if splats.sh_degree > 0:
-            values["sh_rest"] = splats.sh_coeffs[:, 1:]
-            self.row_size["sh_rest"] = 3 * (splats.sh_coeffs.shape[1] - 1)
+            values["sh_rest"] = splats.sh_coeffs
+            self.row_size["sh_rest"] = 3 * splats.sh_coeffs.shape[1]
         self.dog_index = np.array(splats.dog_index)
         if splats.n_dog:
             values |= {name: getattr(splats, name) for name in RAW_DOG}
             self.row_size |= {"dog_logit_opacities": 1, "dog_log_scales": 3}
-        self.adam = mi.ad.Adam(
-            lr=0.0, epsilon=1e-15, params={name: mi.Float(np.ravel(value)) for name, value in values.items()}
-        )
+        self.adam = mi.ad.Adam(lr=0.0, epsilon=1e-15, params={name: _device(v) for name, v in values.items()})
         self._refresh_dog_index()
-        self._rates: dict[str, float] = {}
         self.schedule(0)
 
     @property
@@ -88,31 +89,59 @@ class SplatOptimizer:
         return params
 
     def schedule(self, step: int) -> None:
-        """Set the step sizes for a step; they are opaque, so no kernel depends on their values."""
-        for name, rate in self.learning_rates.at(step).items():
-            if name in self.adam and self._rates.get(name) != rate:
-                self.adam.set_learning_rate({name: dr.opaque(dr.detached_t(mi.Float), rate)})
-                self._rates[name] = rate
+        """Set the step sizes for a step.
+
+        They are Python numbers: Adam makes them opaque itself, and shares one among parameters of equal rate. An array
+        here would cost two kernels per parameter and, if differentiable, be multiplied in place (Dr.Jit 1.5).
+        """
+        rates = self.learning_rates.at(step)
+        self.adam.set_learning_rate({name: rates[name] for name in self.adam})
 
     def step(self) -> None:
         """One Adam step with the gradients on the parameters, which are then cleared."""
         self.adam.step()
 
     def numpy(self, name: str) -> np.ndarray:
-        """A parameter on the host, [N] or [N, row size]."""
-        flat = dr.detach(self.adam[name]).numpy()
+        """Copy of a parameter on the host, [N] or [N, row size]."""
+        flat = _host(dr.detach(self.adam[name]))
         return flat if self.row_size[name] == 1 else flat.reshape(-1, self.row_size[name])
 
     def set(self, name: str, values: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Overwrite a parameter, or some rows of it, and keep its moments."""
-        new = self.numpy(name).copy()
+        new = self.numpy(name)
         new[slice(None) if rows is None else rows] = values
-        self.adam[name] = mi.Float(np.ravel(new))
+        self.adam[name] = _device(new)
 
     def reset_moments(self, name: str) -> None:
         """Forget both moments of a parameter, not its step count."""
         value, promoted, rate, (t, m, v, v_max) = self.adam.state[name]
-        self.adam.state[name] = value, promoted, rate, (t, dr.zeros(type(m), dr.width(m)), dr.zeros(type(v), dr.width(v)), v_max)
+        m, v = (dr.opaque(type(x), 0, dr.width(x)) for x in (m, v))  # literal zeros would compile another kernel
+        self.adam.state[name] = value, promoted, rate, (t, m, v, v_max)
+
+    def set_dog(self, dog_index: np.ndarray, logit_opacities: np.ndarray, log_scales: np.ndarray) -> None:
+        """Make exactly the primitives ``dog_index`` DoG; those that already were keep their moments.
+
+        Args:
+            dog_index: [M] strictly increasing; none makes all primitives plain Gaussians.
+            logit_opacities: [M] logit of f_a.
+            log_scales: [M, 3] log of F.
+        """
+        old_row = np.full(self.n, -1)
+        old_row[self.dog_index] = np.arange(self.n_dog)
+        old_row = old_row[dog_index]  # [M] or -1
+        self.row_size |= {"dog_logit_opacities": 1, "dog_log_scales": 3}
+        rates = self.learning_rates.at(0)
+        for name, values in zip(RAW_DOG, (logit_opacities, log_scales), strict=True):
+            if name in self.adam and len(old_row):
+                self._gather(name, np.maximum(old_row, 0), old_row < 0)
+                self.set(name, values)
+            elif name in self.adam:
+                del self.adam[name]
+            elif len(old_row):
+                self.adam[name] = _device(values)
+                self.adam.set_learning_rate({name: rates[name]})
+        self.dog_index = np.array(dog_index, np.uint32)
+        self._refresh_dog_index()
 
     def rearrange(self, index: np.ndarray, fresh: np.ndarray) -> None:
         """Make row r a copy of the old row ``index[r]``: the one function that changes the number of primitives.
@@ -154,7 +183,7 @@ class SplatOptimizer:
 
     def _refresh_dog_index(self) -> None:
         if self.n_dog:
-            self._dog_index = mi.UInt32(self.dog_index)
+            self._dog_index = mi.UInt32(self.dog_index.copy())
             self._dog_row = dog_rows(self.dog_index, self.n)
 
     def to_splats(self) -> Splats:
@@ -162,7 +191,42 @@ class SplatOptimizer:
         n = self.n
         sh = self.numpy("sh_dc").reshape(n, 1, 3)
         if "sh_rest" in self.adam:
-            sh = np.concatenate([sh, self.numpy("sh_rest").reshape(n, -1, 3)], axis=1)
+            sh = np.concatenate([sh, self.numpy("sh_rest").reshape(n, -1, 3)[:, 1:]], axis=1)
         names = ("means", "log_scales", "quats", "logit_opacities", *(RAW_DOG if self.n_dog else ()))
         dog = {"dog_index": self.dog_index} if self.n_dog else {}
         return Splats(sh_coeffs=sh, **{name: self.numpy(name) for name in names}, **dog)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Everything that ``restore`` needs to go on with the same bits: values, both moments, step counts, rates."""
+        saved: dict[str, np.ndarray] = {"dog_index": self.dog_index.copy()}
+        for name, (value, _, rate, (t, m, v, _)) in self.adam.state.items():
+            saved[name], saved[f"{name}.m"], saved[f"{name}.v"] = _host(dr.detach(value)), _host(m), _host(v)
+            saved[f"{name}.t"], saved[f"{name}.rate"] = np.uint32(t[0]), np.float64(rate)
+        return saved
+
+    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
+        """Take over the ``state()`` of an optimizer of the same SH degree, whatever its number of primitives."""
+        expected = {name for name in self.row_size if not name.startswith("dog_")}
+        missing = sorted(expected - set(saved))
+        if missing or ("sh_rest" in saved and saved["sh_rest"].size != saved["means"].size // 3 * self.row_size["sh_rest"]):
+            raise ValueError(f"SplatOptimizer.restore: the state is of another SH degree or incomplete (missing: {missing})")
+        self.dog_index = np.array(saved["dog_index"], np.uint32)
+        self.row_size |= {"dog_logit_opacities": 1, "dog_log_scales": 3}
+        self.adam.state.clear()
+        for name in [name for name in self.row_size if name in saved]:
+            self.adam[name] = _device(saved[name])
+            value, promoted, _, (t, _, _, v_max) = self.adam.state[name]
+            moments = (_device(saved[f"{name}.{moment}"]) for moment in "mv")
+            t, rate = type(t)(int(saved[f"{name}.t"])), float(saved[f"{name}.rate"])
+            self.adam.state[name] = value, promoted, rate, (t, *moments, v_max)
+        self._refresh_dog_index()
+
+
+def _device(values: np.ndarray) -> mi.Float:
+    """A flat device copy."""
+    return mi.Float(np.array(values, np.float32).ravel())
+
+
+def _host(array: mi.Float) -> np.ndarray:
+    """A flat host copy."""
+    return np.array(array.numpy())

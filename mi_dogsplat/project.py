@@ -19,7 +19,7 @@ import drjit as dr
 import mitsuba as mi
 
 from .cameras import Camera
-from .sh import evaluate_sh
+from .sh import evaluate_sh, read_rows
 
 LOW_PASS = 0.3  # px², added to the diagonal of Σ' so that no primitive falls between the pixels
 LOG2_E = 1.4426950408889634
@@ -164,7 +164,7 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
         [jy * (W[1][c] - v * W[2][c]) for c in range(3)],
     ]
 
-    R = rotation_matrix(rows(params["quats"], 4, index))
+    R = rotation_matrix(read_rows(params["quats"], 4, 4, index))
     axes = [[JW[r][0] * R[0][c] + JW[r][1] * R[1][c] + JW[r][2] * R[2][c] for c in range(3)] for r in range(2)]
     scales = [dr.exp(s) for s in rows(params["log_scales"], 3, index)]
     log2_opacity = -LOG2_E * softplus(-params["logit_opacities"])

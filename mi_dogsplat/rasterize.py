@@ -135,7 +135,7 @@ def rasterize(
     projection = project(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)
     if probe is not None:
         projection.x, projection.y = projection.x + probe[0], projection.y + probe[1]
-    grid = Grid(camera.width, camera.height, Blocks.of_backend())
+    grid = Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
     features = projection.colors + ([projection.depth] if options.depth else [])
     settings = Settings(len(features), options.cutoffs, options.negative_transmittance)
     key = (camera.numbers, options, *((name, value.index) for name, value in params.items()))

