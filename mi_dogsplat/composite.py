@@ -8,13 +8,15 @@ Notation (Kerbl et al. 2023, Sec. 6; DoG as in the method paper, Sec. 3.3)
     δx     adjoint of x in backward mode, tangent of x in forward mode
 
 How it runs: a lane owns a block of pixels, unrolled here in Python; the lanes of a packet are one tile and so walk
-the same list of primitives in step (``geometry.py``). Pixels of a row share their exponentials: along a row, 2^p is
-a product of ratios whose own ratio is constant,
+the same list of primitives in step (``geometry.py``). The pixels of a patch of 4 x 4 share three exponentials: from
+pixel to pixel 2^p is multiplied by a ratio, and the ratio by a constant of the primitive,
 
-    2^p(dx+1) = 2^p(dx) r,   r ← r q,   r = 2^(A (2 dx + 1) + B dy),   q = 2^(2A),
+    2^p(dx+1, dy) = 2^p r,   r(dx, dy) = 2^(A (2 dx + 1) + B dy),   r(dx+1, dy) = r q,   r(dx, dy+1) = r s,
+    2^p(dx, dy+1) = 2^p v,   v(dx, dy) = 2^(C (2 dy + 1) + B dx),   v(dx, dy+1) = v t,
+    q = 2^(2A),  s = 2^B,  t = 2^(2C).
 
-so a run of four pixels costs two exponentials. Thanks to the 0.3 px² low-pass filter a kernel that is visible
-anywhere in a run is above 2^-90 at its first pixel: float32 does not underflow, and four steps lose a few ulp.
+Thanks to the 0.3 px² low-pass filter a kernel that is visible anywhere in a patch is above 2^-90 at its first pixel:
+float32 does not underflow, and six steps lose a few ulp.
 
 Backward mode replays the walk in the same order and needs two numbers per pixel, T and the part of δC·C that is
 still to come; nothing is stored per primitive and pixel.
@@ -33,11 +35,11 @@ from .tiles import Lists
 
 ALPHA_MAX = 0.99
 LN2 = 0.6931471805599453
-RUN = 4  # pixels that share a pair of exponentials
-DEAD_RUN = -120.0  # a run that starts below 2^-120 is dead: flushed to 0, so that no ratio can revive it
-MAX_RATIO = 100.0  # log2; only dead runs exceed it
-ROW = 12  # floats per primitive: x y A B C lo q s, up to 4 features
-PSEUDO_ROW = 8  # floats per pseudo-Gaussian: A B C lo q s, padding
+PATCH = 4  # width and height of the pixels that share their exponentials
+DEAD_PATCH = -120.0  # a patch that starts below 2^-120 is dead: flushed to 0, so that no ratio can revive it
+MAX_RATIO = 60.0  # log2; only dead patches exceed it
+FEATURES = 9  # first feature in a primitive's row: x y A B C lo q s t, then the features
+PSEUDO_ROW = 8  # floats per pseudo-Gaussian: A B C lo q s t, padding
 DERIVATIVE_ROW = 16  # derivatives per primitive: x y A B C lo, features, padding (one cache line)
 PSEUDO_DERIVATIVE_ROW = 4  # A B C lo
 
@@ -46,9 +48,14 @@ PSEUDO_DERIVATIVE_ROW = 4  # A B C lo
 class Tables:
     """Projected primitives, row-major, one or two cache lines each; what the compositor reads."""
 
-    splats: mi.Float  # [N, ROW]
+    splats: mi.Float  # [N, row_size]
     pseudo: mi.Float | None  # [M, PSEUDO_ROW]
     dog_row: mi.UInt32 | None  # [N]
+
+
+def row_size(n_features: int) -> int:
+    """Floats per primitive in the table, a multiple of four for packet loads."""
+    return -(-(FEATURES + n_features) // 4) * 4
 
 
 def _pack(columns: list, stride: int) -> mi.Float:
@@ -66,9 +73,10 @@ def pack(projection: Projection, features: list) -> Tables:
     """Lay out a projection for the compositor (detached: derivatives are passed by hand, see ``rasterize.py``)."""
 
     def shape(k: Kernels) -> list:
-        return [k.A, k.B, k.C, k.lo, dr.exp2(2 * k.A), dr.exp2(k.B)]
+        return [k.A, k.B, k.C, k.lo, dr.exp2(2 * k.A), dr.exp2(k.B), dr.exp2(2 * k.C)]
 
-    splats = _pack([projection.x, projection.y, *shape(projection.kernels), *features], ROW)
+    columns = [projection.x, projection.y, *shape(projection.kernels), *features]
+    splats = _pack(columns, row_size(len(features)))
     if projection.pseudo is None:
         return Tables(splats, None, None)
     pseudo = _pack(shape(projection.pseudo), PSEUDO_ROW)
@@ -95,7 +103,7 @@ class Walk:
         backend = dr.llvm if dr.backend_v(mi.Float) == dr.JitBackend.LLVM else dr.cuda
         self.Quad, self.Packet = backend.Array4f, backend.ArrayXf
         self.grid, self.tables, self.lists = grid, tables, lists
-        self.cutoffs = settings.cutoffs
+        self.cutoffs, self.quads = settings.cutoffs, row_size(settings.n_features) // 4
         self.negative_transmittance = settings.negative_transmittance or tables.pseudo is None
         self.blocks = grid.blocks
         self.pixels = self.blocks.width * self.blocks.height
@@ -134,30 +142,29 @@ class Walk:
         """(primitive, its row of the table, dx, dy) for entry ``i`` of the list; inactive lanes get an empty kernel."""
         splat = dr.gather(self.UInt, self.lists.splat_from_isect, i, active)
         row = []
-        for k in range(ROW // 4):
-            row += list(dr.gather(self.Quad, self.tables.splats, dr.fma(splat, ROW // 4, k), active))
+        for k in range(self.quads):
+            row += list(dr.gather(self.Quad, self.tables.splats, dr.fma(splat, self.quads, k), active))
         if active is not True:
-            row[5] = dr.select(active, row[5], 2 * DEAD_RUN)
+            row[5] = dr.select(active, row[5], 2 * DEAD_PATCH)
         return splat, row, self.x0 - row[0], self.y0 - row[1]
 
-    def kernel(self, A, B, C, lo, q, s, dx, dy) -> list:
+    def kernel(self, A, B, C, lo, q, s, t, dx, dy) -> list:
         """2^p at the pixels of the block, row by row."""
         width, height = self.blocks.width, self.blocks.height
         values = [None] * self.pixels
-        for run in range(0, width, RUN):
-            x = dx + run
-            ratio = dr.exp2(dr.minimum(dr.fma(A, dr.fma(2, x, 1), B * dy), MAX_RATIO))
-            for row in range(height):
-                y = dy + row
+        for top in range(0, height, PATCH):
+            for left in range(0, width, PATCH):
+                x, y = dx + left, dy + top
                 p = dr.fma(dr.fma(A, x, B * y), x, dr.fma(C * y, y, lo))
-                value = dr.select(p > DEAD_RUN, dr.exp2(p), 0)
-                r = ratio
-                for k in range(min(RUN, width)):
-                    values[row * width + run + k] = value
-                    if k + 1 < RUN:
-                        value = value * r
-                        r = r * q
-                ratio = ratio * s
+                first = dr.select(p > DEAD_PATCH, dr.exp2(p), 0)
+                right = dr.exp2(dr.minimum(dr.fma(A, dr.fma(2, x, 1), B * y), MAX_RATIO))
+                down = dr.exp2(dr.minimum(dr.fma(C, dr.fma(2, y, 1), B * x), MAX_RATIO))
+                for row in range(top, min(top + PATCH, height)):
+                    value, ratio = first, right
+                    for column in range(left, min(left + PATCH, width)):
+                        values[row * width + column] = value
+                        value, ratio = value * ratio, ratio * q
+                    first, right, down = first * down, right * s, down * t
         return values
 
     def pseudo_kernel(self, splat, active, dx, dy) -> list:
@@ -175,11 +182,11 @@ class Walk:
         return list(values), row, is_dog
 
     def pseudo_row(self, row) -> list:
-        return [dr.gather(self.Float, self.tables.pseudo, dr.fma(row, PSEUDO_ROW, k)) for k in range(6)]
+        return [dr.gather(self.Float, self.tables.pseudo, dr.fma(row, PSEUDO_ROW, k)) for k in range(7)]
 
     def alphas(self, splat, row, active, dx, dy) -> tuple:
         """(α per pixel, primary values, pseudo values or None, its row, is_dog)."""
-        primary = self.kernel(*row[2:8], dx, dy)
+        primary = self.kernel(*row[2:FEATURES], dx, dy)
         if self.tables.pseudo is None:
             return [self._seen(dr.minimum(v, ALPHA_MAX)) for v in primary], primary, None, None, None
         pseudo, dog_row, is_dog = self.pseudo_kernel(splat, active, dx, dy)
@@ -221,7 +228,7 @@ def composite(grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: 
             for k in range(walk.pixels):
                 weight, T[k], _ = walk.advance(alpha[k], T[k])
                 for f in range(n_features):
-                    C[f * walk.pixels + k] = dr.fma(weight, row[8 + f], C[f * walk.pixels + k])
+                    C[f * walk.pixels + k] = dr.fma(weight, row[FEATURES + f], C[f * walk.pixels + k])
         return i + walk.blocks.unroll, T, C
 
     _, T, C = dr.while_loop(
@@ -293,11 +300,11 @@ def composite_backward(
             for k in range(walk.pixels):
                 a = alpha[k]
                 weight, behind, go = walk.advance(a, T[k])
-                c = row[8] * δC[0][k]
+                c = row[FEATURES] * δC[0][k]
                 for f in range(n_features):
                     δf[f] = dr.fma(weight, δC[f][k], δf[f])
                     if f:
-                        c = dr.fma(row[8 + f], δC[f][k], c)
+                        c = dr.fma(row[FEATURES + f], δC[f][k], c)
                 rest[k] = dr.fma(-weight, c, rest[k])
                 loss_behind = rest[k] / (1 - a)
                 if not walk.negative_transmittance:
@@ -374,7 +381,7 @@ def composite_forward(
             δweight = dr.select(go, dr.fma(δa, T[k], alpha[k] * δT[k]), 0)
             for f in range(n_features):
                 at = f * walk.pixels + k
-                δC[at] = dr.fma(δweight, row[8 + f], dr.fma(weight, δ[6 + f], δC[at]))
+                δC[at] = dr.fma(δweight, row[FEATURES + f], dr.fma(weight, δ[6 + f], δC[at]))
             passes = go if walk.negative_transmittance else go & (alpha[k] > 0)
             δT[k] = dr.select(passes, δT[k] - δweight, δT[k])
             T[k] = behind

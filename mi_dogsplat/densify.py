@@ -1,8 +1,16 @@
-"""Adaptive density control (Kerbl et al. 2023, Sec. 5.2): clone, split, remove, reset opacities."""
+"""Adaptive density control (Kerbl et al. 2023, Sec. 5.2): clone, split, remove, reset opacities.
+
+Removal by size on screen is off unless asked for. The paper names 20 px, but the authors' code never does it
+(their issues 123 and 544: the radii are cleared before the test), and it hurts: fox at 225x400, 1,500 steps,
+at most 30,000 primitives gives 24.17 dB with 20 px, 26.83 dB without. Resets need time to heal: 27.69 dB with
+500 steps between them instead of 150.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -12,6 +20,8 @@ from .optimizer import SplatOptimizer
 from .project import Projection
 
 REFERENCE_STEPS = 30_000
+MIN_REFINEMENTS = 30  # per run, however short
+MIN_RESET_EVERY = 500  # steps; opacities need about 200 to come back
 
 
 @dataclass(frozen=True)
@@ -25,24 +35,27 @@ class Densification:
     clone_scale: float = 0.01  # larger primitives are split, smaller ones cloned; times the extent
     split_divisor: float = 1.6  # of the scales of both halves
     min_opacity: float = 0.005  # below: removed
-    max_screen_radius: float = 20.0  # pixels, above: removed (after the first opacity reset)
+    max_screen_radius: float = math.inf  # pixels, above: removed (after the first opacity reset)
     max_world_scale: float = 0.1  # times the extent, above: removed (after the first opacity reset)
     reset_every: int = 3000  # steps between opacity resets
     reset_opacity_to: float = 0.01
     max_primitives: int | None = None  # a cap that is never exceeded
 
     def scaled(self, total_steps: int) -> Densification:
-        """Milestones scale with the run. The interval does not, down to a floor of 30 refinements per run: what a
-        refinement needs is enough views for its statistic, not a share of the run."""
+        """Milestones scale with the run, with two exceptions.
+
+        The interval stays, unless that made fewer than 30 refinements: what a refinement needs is enough
+        views for its statistic, not a share of the run. Opacity resets keep 500 steps apart.
+        """
         factor = total_steps / REFERENCE_STEPS
 
         def step(milestone: int) -> int:
             return max(1, round(milestone * factor))
 
-        every = max(1, min(self.every, (step(self.stop) - step(self.start)) // 30))
-        return replace(
-            self, start=step(self.start), stop=step(self.stop), every=every, reset_every=step(self.reset_every)
-        )
+        every = max(1, min(self.every, (step(self.stop) - step(self.start)) // MIN_REFINEMENTS))
+        reset_every = max(step(self.reset_every), min(self.reset_every, MIN_RESET_EVERY))
+        start, stop = step(self.start), step(self.stop)
+        return replace(self, start=start, stop=stop, every=every, reset_every=reset_every)
 
     def collects(self, step: int) -> bool:
         """Whether the gradients of step ``step`` (0-based) count for a refinement."""
@@ -57,11 +70,11 @@ class Densification:
         return 0 < step < self.stop and step % self.reset_every == 0
 
     def removes_large(self, step: int) -> bool:
-        """Whether size is a reason to remove: only once opacities have been reset and the shapes have settled."""
+        """Whether size is a reason to remove: only after the first opacity reset, with shapes settled."""
         return step > self.reset_every
 
     def reset_opacity(self, optimizer: SplatOptimizer) -> None:
-        """Opacities to at most ``reset_opacity_to``, their moments to zero: floaters must earn theirs again."""
+        """Opacities to at most ``reset_opacity_to``, moments to zero: floaters must earn theirs."""
         limit = float(np.log(self.reset_opacity_to / (1 - self.reset_opacity_to)))
         optimizer.set("logit_opacities", np.minimum(optimizer.numpy("logit_opacities"), limit))
         optimizer.reset_moments("logit_opacities")
@@ -71,7 +84,7 @@ class DensifyStats:
     """Sums over the views since the last refinement, on the device; adding one waits for nothing."""
 
     def __init__(self, n: int):
-        Float = dr.detached_t(mi.Float)
+        Float: Any = dr.detached_t(mi.Float)
         self.gradient_sum = dr.zeros(Float, n)
         self.views = dr.zeros(Float, n)
         self.max_radius = dr.zeros(Float, n)
@@ -83,16 +96,17 @@ class DensifyStats:
         def detached(value):
             return dr.detach(value, preserve_type=False)
 
-        Float = dr.detached_t(mi.Float)
+        Float: Any = dr.detached_t(mi.Float)
         k = projection.kernels
         variance_x, variance_y = detached(k.variance_x), detached(k.variance_y)
         covariance = -0.5 * detached(k.B) / detached(k.A) * variance_y  # A : B = yy : -2 xy
         x, y = detached(projection.x), detached(projection.y)
         w, h = dr.opaque(Float, width), dr.opaque(Float, height)
-        half_difference = 0.5 * (variance_x - variance_y)
-        largest = 0.5 * (variance_x + variance_y) + dr.sqrt(dr.fma(half_difference, half_difference, covariance * covariance))
-        radius = 3 * dr.sqrt(largest)  # 3 standard deviations along the major axis
-        seen = detached(projection.visible) & (x > -radius) & (x < w + radius) & (y > -radius) & (y < h + radius)
+        mean, half_difference = 0.5 * (variance_x + variance_y), 0.5 * (variance_x - variance_y)
+        variance = mean + dr.sqrt(dr.fma(half_difference, half_difference, covariance * covariance))
+        radius = 3 * dr.sqrt(variance)  # 3 standard deviations along the major axis
+        seen = detached(projection.visible) & (x > -radius) & (x < w + radius)
+        seen &= (y > -radius) & (y < h + radius)
         gx, gy = detached(gradient_x) * (0.5 * w), detached(gradient_y) * (0.5 * h)
         norm = dr.sqrt(dr.fma(gx, gx, gy * gy))
         self.gradient_sum += dr.select(seen, norm, 0)
@@ -115,18 +129,18 @@ def refine(
 ) -> dict[str, int]:
     """Grow where the image pulls at primitives, remove what cannot be seen or is not a number.
 
-    Returns how many were ``cloned``, ``split`` and ``removed``, and how many of the removed were ``not_finite``. Neither
-    the result nor anything on the way to it has more than ``rule.max_primitives`` rows; if not all fit, those with the
-    largest gradients come first. Raises ``FloatingPointError`` when no primitive is finite.
+    Returns how many were ``cloned``, ``split`` and ``removed``, and how many of these were ``not_finite``.
+    Neither the result nor anything on the way to it has more than ``rule.max_primitives`` rows; if not
+    all fit, those with the largest gradients come first. Raises ``FloatingPointError`` when none is finite.
     """
     n = optimizer.n
-    if dr.width(stats.views) != n:
-        raise ValueError(f"refine: the statistics have {dr.width(stats.views)} rows, the optimizer has {n}; make new ones")
+    if (rows := dr.width(stats.views)) != n:
+        raise ValueError(f"refine: the statistics have {rows} rows, the optimizer has {n}; make new ones")
     log_scales, logits = optimizer.numpy("log_scales"), optimizer.numpy("logit_opacities")
     largest = np.exp(np.clip(log_scales.max(1), -80, 80))  # [N] world units
     broken = _not_finite(optimizer)
     if broken.all():
-        raise FloatingPointError(f"step {step}: no primitive has finite parameters left; the training has diverged")
+        raise FloatingPointError(f"step {step}: no primitive is finite any more; the training has diverged")
     with np.errstate(over="ignore"):
         opacity = 1 / (1 + np.exp(-logits))
     gradient = np.where(np.isfinite(gradient := stats.mean_gradient()), gradient, 0)
@@ -135,7 +149,8 @@ def refine(
     remove = broken | (opacity < rule.min_opacity)
     if rule.removes_large(step):
         halved = np.where(grow & ~small, largest / rule.split_divisor, largest)  # a half may be small enough
-        remove |= (stats.max_radius.numpy() > rule.max_screen_radius) | (halved > rule.max_world_scale * extent)
+        remove |= stats.max_radius.numpy() > rule.max_screen_radius
+        remove |= halved > rule.max_world_scale * extent
     if remove.all():
         remove[np.argmax(np.where(broken, -1, opacity))] = False  # an empty model cannot recover
 
@@ -158,11 +173,12 @@ def refine(
         optimizer.rearrange(index, fresh)
         if len(split):
             _place_halves(optimizer, len(index) - 2 * len(split), rng, rule.split_divisor)
-    return {"cloned": len(clone), "split": len(split), "removed": int(remove.sum()), "not_finite": int(broken.sum())}
+    removed, not_finite = int(remove.sum()), int(broken.sum())
+    return {"cloned": len(clone), "split": len(split), "removed": removed, "not_finite": not_finite}
 
 
 def _not_finite(optimizer: SplatOptimizer) -> np.ndarray:
-    """[N] whether any parameter of the primitive, those of its pseudo-Gaussian included, is NaN or infinite."""
+    """[N] whether any parameter of the primitive or of its pseudo-Gaussian is NaN or infinite."""
     broken = np.zeros(optimizer.n, bool)
     for name in optimizer.adam:
         rows = optimizer.dog_index if name.startswith("dog_") else slice(None)
@@ -171,7 +187,7 @@ def _not_finite(optimizer: SplatOptimizer) -> np.ndarray:
 
 
 def _place_halves(optimizer: SplatOptimizer, first: int, rng: np.random.Generator, divisor: float) -> None:
-    """Rows from ``first`` on are copies of split primitives: sample their centres from the Gaussian and shrink them."""
+    """Rows from ``first`` on are copies of split primitives: sample their centres from it and shrink them."""
     rows = np.arange(first, optimizer.n)
     log_scales, quats = optimizer.numpy("log_scales")[rows], optimizer.numpy("quats")[rows]
     offset = rng.normal(size=(len(rows), 3)) * np.exp(log_scales)  # [R, 3] in the primitive's frame

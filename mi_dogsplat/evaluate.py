@@ -11,7 +11,7 @@ import numpy as np
 from .datasets.dataset import View
 from .metrics import evaluate, flip
 from .pictures import heat_map, write_exr, write_png
-from .render import Picture
+from .render import Picture, premultiplied
 from .train import over_background
 
 METRICS = ("psnr", "ssim", "flip", "l1")
@@ -39,15 +39,11 @@ def evaluate_views(
             write_png(out / f"{view.name}.png", rendered.color)
             write_png(out / f"{view.name}_gt.png", truth)
             write_png(out / f"{view.name}_error.png", heat_map(error))
-            layers = {"color": _with_alpha(rendered), "error": error}
+            layers = {"color": premultiplied(rendered, background), "error": error}
             if rendered.depth is not None:
                 layers["depth"] = rendered.depth
             write_exr(out / f"{view.name}.exr", layers)
     return results
-
-
-def _with_alpha(rendered: Picture) -> np.ndarray:
-    return np.concatenate([rendered.color, rendered.alpha[..., None]], -1)
 
 
 def mean_metrics(results: dict[str, dict[str, float]]) -> dict[str, float]:

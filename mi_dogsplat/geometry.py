@@ -39,7 +39,7 @@ class Blocks:
     @staticmethod
     def of_backend() -> Blocks:
         """One AVX-512 packet of 16 lanes on the CPU, one warp of 32 on CUDA; tiles of 16 x 16 pixels."""
-        return Blocks(4, 2, 4, 8, 1) if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else Blocks(8, 2, 2, 8, 4)
+        return Blocks(4, 2, 4, 8, 1) if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else Blocks(4, 4, 4, 4, 4)
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,11 @@
-"""Where training starts: primitives at the points of structure from motion, or at random where cameras look."""
+"""Where training starts: primitives at the points of structure from motion, or where cameras look."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from .cameras import Camera
 from .sh import C0
@@ -25,18 +25,20 @@ def splats_from_points(points: np.ndarray, colors: np.ndarray, sh_degree: int) -
         colors: [P, 3] display-referred, 0..1.
         sh_degree: 0..3; the view-dependent part starts at zero.
 
-    scale = sqrt(mean squared distance to the 3 nearest neighbours, or as many as there are), 1 for a lone point; opacity 0.1.
-    Raises ``ValueError`` unless there is one colour per point.
+    scale = sqrt(mean squared distance to the 3 nearest neighbours, or as many as there are), 1 for a lone
+    point; opacity 0.1. Raises ``ValueError`` unless there is one colour per point.
     """
     points, colors = np.asarray(points, np.float64), np.asarray(colors, np.float64)
     if points.shape != (len(points), 3) or colors.shape != points.shape:
-        raise ValueError(f"splats_from_points: points {points.shape} and colors {colors.shape}; both need shape [P, 3]")
+        shapes = f"points {points.shape} and colors {colors.shape}"
+        raise ValueError(f"splats_from_points: {shapes}; both need shape [P, 3]")
     finite = np.isfinite(points).all(1) & np.isfinite(colors).all(1)
     points, colors = points[finite], colors[finite]
     n = len(points)
     scales = np.full(n, 1.0)
     if n > 1:
-        distances = cKDTree(points).query(points, k=min(NEIGHBOURS + 1, n))[0][:, 1:]  # [P, <= 3], itself left out
+        nearest = cKDTree(points).query(points, k=min(NEIGHBOURS + 1, n))[0]  # [P, <= 4] the first is itself
+        distances = nearest[:, 1:]
         scales = np.sqrt(np.maximum(np.mean(distances**2, axis=1), MIN_SQUARED_DISTANCE))
     sh_coeffs = np.zeros((n, (sh_degree + 1) ** 2, 3))
     sh_coeffs[:, 0] = (colors - 0.5) / C0
@@ -52,13 +54,13 @@ def splats_from_points(points: np.ndarray, colors: np.ndarray, sh_degree: int) -
 def region_of_interest(cameras: Sequence[Camera]) -> tuple[np.ndarray, float]:
     """(centre [3], half side) of the cube that the cameras look at.
 
-    Where the optical axes meet in front of most cameras (least squares), the cube reaches as far as the median camera sees
-    across at that distance. Where they do not (a forward-facing capture, a look-around, a single camera) nothing tells the
-    depth: the cube spans the cameras and six times their spread along the mean viewing direction.
+    Where the optical axes meet in front of most cameras (least squares), the cube reaches as far as the
+    median camera sees across at that distance. Where they do not (parallel axes, a look-around, one camera)
+    nothing tells the depth: the cube begins at the cameras and is six times as deep as their spread.
     """
     directions = np.array([camera.w2c[2, :3] for camera in cameras])  # [V, 3]
     positions = np.array([camera.position for camera in cameras])  # [V, 3]
-    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]  # [V, 3, 3] removes the part along the axis
+    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]  # [V, 3, 3]
     A = across.mean(0)
     if np.linalg.eigvalsh(A)[0] > 1e-3:  # 0 for parallel axes; about the mean squared sine of their angles
         centre = np.linalg.solve(A, np.einsum("vij,vj->i", across, positions) / len(cameras))
@@ -74,8 +76,8 @@ def region_of_interest(cameras: Sequence[Camera]) -> tuple[np.ndarray, float]:
 def random_splats(cameras: Sequence[Camera], count: int, rng: np.random.Generator, sh_degree: int) -> Splats:
     """``count`` primitives where cameras look, in colours near grey.
 
-    Of candidates spread evenly over the ``region_of_interest`` those are kept that at least half as many cameras see as see
-    the best candidate; if they are too few, the next best seen ones are taken too.
+    Of candidates spread evenly over the ``region_of_interest`` those are kept that at least half as many
+    cameras see as see the best candidate; if they are too few, the next best seen ones are taken too.
     """
     centre, half = region_of_interest(cameras)
     candidates = centre + half * rng.uniform(-1, 1, (8 * count, 3))
@@ -87,5 +89,5 @@ def random_splats(cameras: Sequence[Camera], count: int, rng: np.random.Generato
             inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(1)
         votes += inside & (depth > 0.01 * half)
     capped = np.minimum(votes, (votes.max(initial=0) + 1) // 2)
-    chosen = candidates[np.argsort(-capped, kind="stable")[:count]]  # stable: equal votes stay in random order
+    chosen = candidates[np.argsort(-capped, kind="stable")[:count]]  # equal votes keep their random order
     return splats_from_points(chosen, rng.uniform(0.4, 0.6, (count, 3)), sh_degree)

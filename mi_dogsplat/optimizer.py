@@ -1,15 +1,18 @@
 """The trained parameters and their Adam moments; the one place where the number of primitives changes.
 
-The update rule is the library's (``mi.ad.Adam``). What is ours: learning rates per parameter and their schedule, and
-moving rows: cloning, splitting and removing primitives must carry both moments along, or training forgets.
+The update rule is the library's (``mi.ad.Adam``). What is ours: learning rates per parameter and their
+schedule, and moving rows: cloning, splitting and removing primitives must carry both moments along, or
+training forgets.
 
-Arrays that cross between host and device are always copied: on the CPU Dr.Jit would otherwise share memory with NumPy.
+Arrays that cross between host and device are always copied, to aligned memory: on the CPU Dr.Jit would
+share memory with NumPy, and whether an array begins at a multiple of 64 bytes decides which kernel is compiled.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -19,6 +22,8 @@ from .parameters import RAW_DOG, dog_rows
 from .splats import Splats
 
 ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}
+ALIGNMENT = 64  # bytes, the widest vector load
+DOG_ROW_SIZE = {"dog_logit_opacities": 1, "dog_log_scales": 3}
 
 
 @dataclass(frozen=True)
@@ -40,16 +45,16 @@ class LearningRates:
     def at(self, step: int) -> dict[str, float]:
         """Step size of every parameter."""
         progress = min(step / max(self.total_steps, 1), 1.0)
-        means = self.extent * np.exp((1 - progress) * np.log(self.means_start) + progress * np.log(self.means_end))
+        means = self.extent * self.means_start * (self.means_end / self.means_start) ** progress
         names = ("log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest", *RAW_DOG)
-        return {"means": float(means)} | {name: getattr(self, name) for name in names}
+        return {"means": means} | {name: getattr(self, name) for name in names}
 
 
 class SplatOptimizer:
     """Parameters by name as flat row-major arrays attached to the AD graph, and Adam on them.
 
-    ``sh_coeffs`` is held as ``sh_dc`` and ``sh_rest`` because their step sizes differ (see ``evaluate_sh``); ``sh_rest`` is
-    absent at degree 0.
+    ``sh_coeffs`` is held as ``sh_dc`` and ``sh_rest`` because their step sizes differ (see ``evaluate_sh``);
+    ``sh_rest`` is absent at degree 0; else its rows hold all K coefficients, the first of them unused.
     """
 
     def __init__(self, splats: Splats, learning_rates: LearningRates):
@@ -65,7 +70,7 @@ class SplatOptimizer:
         self.dog_index = np.array(splats.dog_index)
         if splats.n_dog:
             values |= {name: getattr(splats, name) for name in RAW_DOG}
-            self.row_size |= {"dog_logit_opacities": 1, "dog_log_scales": 3}
+            self.row_size |= DOG_ROW_SIZE
         self.adam = mi.ad.Adam(lr=0.0, epsilon=1e-15, params={name: _device(v) for name, v in values.items()})
         self._refresh_dog_index()
         self.schedule(0)
@@ -91,8 +96,8 @@ class SplatOptimizer:
     def schedule(self, step: int) -> None:
         """Set the step sizes for a step.
 
-        They are Python numbers: Adam makes them opaque itself, and shares one among parameters of equal rate. An array
-        here would cost two kernels per parameter and, if differentiable, be multiplied in place (Dr.Jit 1.5).
+        They are Python numbers, which Adam makes opaque itself. An array here would cost two kernels per
+        parameter and, if differentiable, be multiplied in place (Dr.Jit 1.5).
         """
         rates = self.learning_rates.at(step)
         self.adam.set_learning_rate({name: rates[name] for name in self.adam})
@@ -115,8 +120,9 @@ class SplatOptimizer:
     def reset_moments(self, name: str) -> None:
         """Forget both moments of a parameter, not its step count."""
         value, promoted, rate, (t, m, v, v_max) = self.adam.state[name]
-        m, v = (dr.opaque(type(x), 0, dr.width(x)) for x in (m, v))  # literal zeros would compile another kernel
-        self.adam.state[name] = value, promoted, rate, (t, m, v, v_max)
+        # opaque: literal zeros would compile another kernel
+        zeros_m, zeros_v = dr.opaque(type(m), 0, dr.width(m)), dr.opaque(type(v), 0, dr.width(v))
+        self.adam.state[name] = value, promoted, rate, (t, zeros_m, zeros_v, v_max)
 
     def set_dog(self, dog_index: np.ndarray, logit_opacities: np.ndarray, log_scales: np.ndarray) -> None:
         """Make exactly the primitives ``dog_index`` DoG; those that already were keep their moments.
@@ -128,8 +134,8 @@ class SplatOptimizer:
         """
         old_row = np.full(self.n, -1)
         old_row[self.dog_index] = np.arange(self.n_dog)
-        old_row = old_row[dog_index]  # [M] or -1
-        self.row_size |= {"dog_logit_opacities": 1, "dog_log_scales": 3}
+        old_row = old_row[np.asarray(dog_index, np.int64)]  # [M] or -1
+        self.row_size |= DOG_ROW_SIZE
         rates = self.learning_rates.at(0)
         for name, values in zip(RAW_DOG, (logit_opacities, log_scales), strict=True):
             if name in self.adam and len(old_row):
@@ -144,7 +150,7 @@ class SplatOptimizer:
         self._refresh_dog_index()
 
     def rearrange(self, index: np.ndarray, fresh: np.ndarray) -> None:
-        """Make row r a copy of the old row ``index[r]``: the one function that changes the number of primitives.
+        """Make row r a copy of the old row ``index[r]``: the one place where the number of rows changes.
 
         Args:
             index: [N'] old row of each new row. N' must not be 0.
@@ -173,7 +179,8 @@ class SplatOptimizer:
         size = self.row_size[name]
         i = dr.arange(mi.UInt32, len(rows) * size)
         row = i // dr.opaque(mi.UInt32, size)
-        at = dr.detach(dr.fma(dr.gather(mi.UInt32, mi.UInt32(rows.astype(np.uint32)), row), size, i - row * size))
+        old_row = dr.gather(mi.UInt32, mi.UInt32(rows.astype(np.uint32)), row)
+        at = dr.fma(old_row, size, i - row * size)
         keep = ~dr.gather(mi.Bool, mi.Bool(fresh), row)
         new = dr.gather(mi.Float, dr.detach(value), at)
         new_m, new_v = (dr.gather(type(x), x, at, keep) for x in (m, v))  # zero where fresh
@@ -183,8 +190,8 @@ class SplatOptimizer:
 
     def _refresh_dog_index(self) -> None:
         if self.n_dog:
-            self._dog_index = mi.UInt32(self.dog_index.copy())
-            self._dog_row = dog_rows(self.dog_index, self.n)
+            self._dog_index = _device(self.dog_index, mi.UInt32)
+            self._dog_row = _device(dog_rows(self.dog_index, self.n).numpy(), mi.UInt32)
 
     def to_splats(self) -> Splats:
         """The model on the host."""
@@ -197,36 +204,47 @@ class SplatOptimizer:
         return Splats(sh_coeffs=sh, **{name: self.numpy(name) for name in names}, **dog)
 
     def state(self) -> dict[str, np.ndarray]:
-        """Everything that ``restore`` needs to go on with the same bits: values, both moments, step counts, rates."""
-        saved: dict[str, np.ndarray] = {"dog_index": self.dog_index.copy()}
-        for name, (value, _, rate, (t, m, v, _)) in self.adam.state.items():
+        """What ``restore`` needs to go on with the same bits: values, both moments, step counts, rates."""
+        state: dict[str, Any] = self.adam.state
+        saved: dict[str, Any] = {"dog_index": self.dog_index.copy()}
+        for name, (value, _, rate, (t, m, v, _)) in state.items():
             saved[name], saved[f"{name}.m"], saved[f"{name}.v"] = _host(dr.detach(value)), _host(m), _host(v)
-            saved[f"{name}.t"], saved[f"{name}.rate"] = np.uint32(t[0]), np.float64(rate)
+            saved[f"{name}.t"], saved[f"{name}.rate"] = np.array(t[0], np.uint32), np.array(rate)
         return saved
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Take over the ``state()`` of an optimizer of the same SH degree, whatever its number of primitives."""
-        expected = {name for name in self.row_size if not name.startswith("dog_")}
-        missing = sorted(expected - set(saved))
-        if missing or ("sh_rest" in saved and saved["sh_rest"].size != saved["means"].size // 3 * self.row_size["sh_rest"]):
-            raise ValueError(f"SplatOptimizer.restore: the state is of another SH degree or incomplete (missing: {missing})")
+        """Take over the ``state()`` of an optimizer, whatever its number of primitives.
+
+        Raises ``ValueError`` when it is incomplete or of another SH degree.
+        """
+        names = [name for name in self.row_size if not name.startswith("dog_")]
+        n = np.size(saved.get("logit_opacities", ()))
+        wrong = [name for name in names if np.size(saved.get(name, ())) != n * self.row_size[name]]
+        if n == 0 or wrong or ("sh_rest" in saved) != ("sh_rest" in names):
+            problem = f"{wrong or 'sh_rest'} of the state does not fit this SH degree"
+            raise ValueError(f"SplatOptimizer.restore: {problem}")
         self.dog_index = np.array(saved["dog_index"], np.uint32)
-        self.row_size |= {"dog_logit_opacities": 1, "dog_log_scales": 3}
+        self.row_size |= DOG_ROW_SIZE
         self.adam.state.clear()
         for name in [name for name in self.row_size if name in saved]:
-            self.adam[name] = _device(saved[name])
+            self.adam[name] = _device(saved[name])  # registers the parameter
             value, promoted, _, (t, _, _, v_max) = self.adam.state[name]
-            moments = (_device(saved[f"{name}.{moment}"]) for moment in "mv")
+            m, v = _device(saved[f"{name}.m"]), _device(saved[f"{name}.v"])
             t, rate = type(t)(int(saved[f"{name}.t"])), float(saved[f"{name}.rate"])
-            self.adam.state[name] = value, promoted, rate, (t, *moments, v_max)
+            self.adam.state[name] = value, promoted, rate, (t, m, v, v_max)
         self._refresh_dog_index()
 
 
-def _device(values: np.ndarray) -> mi.Float:
-    """A flat device copy."""
-    return mi.Float(np.array(values, np.float32).ravel())
+def _device(values: np.ndarray, dtype: Any = None) -> Any:
+    """A flat device copy, ``mi.Float`` unless told otherwise."""
+    flat = np.ravel(values).astype(np.uint32 if dtype is mi.UInt32 else np.float32)
+    buffer = np.empty(flat.nbytes + ALIGNMENT, np.uint8)
+    start = -buffer.ctypes.data % ALIGNMENT
+    aligned = buffer[start : start + flat.nbytes].view(flat.dtype)
+    aligned[:] = flat
+    return (dtype or mi.Float)(aligned)
 
 
-def _host(array: mi.Float) -> np.ndarray:
+def _host(array: Any) -> np.ndarray:
     """A flat host copy."""
     return np.array(array.numpy())

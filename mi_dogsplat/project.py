@@ -55,7 +55,9 @@ class DeviceCamera:
             near_clip,
         ]  # fmt: skip
         numbers = tuple(float(x) for x in numbers)
-        v = [dr.opaque(mi.Float, x) for x in numbers]
+        packed = mi.Float(numbers)
+        v = [dr.gather(mi.Float, packed, k) for k in range(len(numbers))]
+        dr.eval(v)  # one launch makes them opaque
         rotation = [v[0:3], v[3:6], v[6:9]]
         size = camera.width, camera.height
         return DeviceCamera(rotation, v[9:12], v[12:15], *v[15:19], v[19:23], v[23], *size, (*numbers, *size))

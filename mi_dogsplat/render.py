@@ -36,3 +36,9 @@ def render_picture(
     if frame.depth is not None:
         depth = np.divide(frame.depth.numpy().reshape(shape), alpha, out=np.zeros(shape, np.float32), where=alpha > 0)
     return Picture(np.clip(color, 0, 1), alpha, depth)
+
+
+def premultiplied(picture: Picture, background: float) -> np.ndarray:
+    """[H, W, 4] of a picture without its grey ``background``: what a compositing program expects of RGBA."""
+    color = picture.color - background * (1 - picture.alpha[..., None])
+    return np.concatenate([color, picture.alpha[..., None]], -1)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
@@ -28,12 +29,9 @@ from .splats import Splats
 SH_EVERY = 1000  # steps of the 30,000-step schedule between raises of the SH degree
 
 
-def background_color(config: TrainConfig, has_alpha: bool) -> float:
-    """Grey level behind the splats, 0 or 1."""
-    named = {"black": 0.0, "white": 1.0, "auto": 1.0 if has_alpha else 0.0}
-    if config.background not in named:
-        raise ValueError(f'background is "{config.background}"; use black, white or auto')
-    return named[config.background]
+def background_color(background: str, has_alpha: bool) -> float:
+    """Grey level behind the splats, 0 or 1, for ``TrainConfig.background``."""
+    return {"black": 0.0, "white": 1.0, "auto": 1.0 if has_alpha else 0.0}[background]
 
 
 def over_background(image: np.ndarray, background: float) -> np.ndarray:
@@ -60,7 +58,7 @@ class Trainer:
 
     def __init__(self, config: TrainConfig, dataset: Dataset):
         self.config, self.dataset = config, dataset
-        self.background = background_color(config, dataset.has_alpha)
+        self.background = background_color(config.background, dataset.has_alpha)
         self.extent = camera_extent(dataset.train)
         self.rng = np.random.default_rng(config.seed)
         self.loss = PhotometricLoss()
@@ -140,13 +138,14 @@ class Trainer:
     def rows(self) -> Iterator[dict]:
         """Run to the end; yields rows of the history. ``seconds`` counts training only, not measurements on test views."""
         config = self.config
-        test_every = config.test_every or max(1, config.steps // 10)
+        test_every = config.test_every or max(1, config.steps // 8)
         seconds, tick = 0.0, time.perf_counter()
         while self.step_count < config.steps:
             event = self.step()
             last = self.step_count == config.steps
             log = self.step_count % config.log_every == 0 or last
-            if not (event or log):
+            test = test_every > 0 and self.step_count % test_every == 0
+            if not (event or log or test):
                 continue
             row: dict = {"step": self.step_count}
             if log:
@@ -159,7 +158,7 @@ class Trainer:
             row |= {"seconds": seconds, "n": self.optimizer.n, "n_dog": self.optimizer.n_dog}
             if event:
                 row["event"] = event
-            if self.step_count % test_every == 0 and self.dataset.test:
+            if test:
                 row["test_psnr"] = float(np.mean([self._psnr(view) for view in self.dataset.test]))
             tick = time.perf_counter()
             yield row
@@ -168,8 +167,9 @@ class Trainer:
         error = self.picture(view).color - over_background(view.image, self.background)
         return float(-10 * np.log10(np.mean(np.square(error)) + 1e-12))
 
-    def picture(self, view: View) -> Picture:
+    def picture(self, view: View, depth: bool = False) -> Picture:
         """The current model seen from a view."""
+        options = replace(self.options, depth=depth)
         return render_picture(
-            self.optimizer.params, view.camera, self.options, self.background, self.config.near_clip
+            self.optimizer.params, view.camera, options, self.background, self.config.near_clip
         )

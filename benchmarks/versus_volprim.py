@@ -1,0 +1,72 @@
+"""``dogsplat`` against Mitsuba's ``volprim_rf_basic`` on the same splats, through ``mi.render``, in one run."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from mi_dogsplat.cameras import camera_to_mitsuba
+
+from .models import fern
+from .timing import medians
+
+
+def _scenes(copies: int):
+    splats, camera = fern(copies)
+    sensor = camera_to_mitsuba(camera) | {"sampler": {"type": "independent", "sample_count": 1}}
+    sensor["film"] |= {"rfilter": {"type": "box"}}
+    tensor = mi.TensorXf
+    ours = {
+        "type": "dog",
+        "means": tensor(splats.means),
+        "log_scales": tensor(splats.log_scales),
+        "quats": tensor(splats.quats),
+        "logit_opacities": tensor(splats.logit_opacities),
+        "sh_coeffs": tensor(splats.sh_coeffs),
+    }
+    theirs = {
+        "type": "ellipsoids",
+        "centers": tensor(splats.means),
+        "scales": tensor(splats.scales),
+        "quaternions": tensor(splats.quats),
+        "opacities": tensor(splats.opacities[:, None]),
+        "sh_coeffs": tensor(splats.sh_coeffs.reshape(splats.n_splats, -1)),
+        "extent": 3.0,
+        "extent_adaptive_clamping": True,
+    }
+    integrators = {"ours": {"type": "dogsplat", "near_clip": 0.01}, "volprim": {"type": "volprim_rf_basic", "srgb_primitives": True}}
+    shapes = {"ours": ours, "volprim": theirs}
+    return {
+        name: mi.load_dict({"type": "scene", "integrator": integrators[name], "sensor": sensor, "splats": shapes[name]})
+        for name in integrators
+    }
+
+
+def _passes(scene: mi.Scene):
+    params = mi.traverse(scene)
+    ours = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
+    keys = [k for k in params.keys() if k.startswith("splats.") and k.split(".")[1] in (*ours, "data", "opacities")]
+
+    def forward():
+        dr.eval(mi.render(scene, spp=1))
+
+    def forward_backward():
+        for key in keys:
+            params[key] = type(params[key])(dr.detach(params[key]))
+            dr.enable_grad(params[key])
+        params.update()
+        dr.backward(dr.mean(mi.render(scene, params, spp=1), axis=None))
+        dr.eval([dr.grad(params[key]) for key in keys])
+
+    return forward, forward_backward
+
+
+def main() -> None:
+    for copies in (1, 10):
+        runs = {}
+        for name, scene in _scenes(copies).items():
+            runs[f"{name} forward"], runs[f"{name} forward+backward"] = _passes(scene)
+        result = medians(runs, 5, {name: 1 for name in runs if name.startswith("volprim")})
+        for kind in ("forward", "forward+backward"):
+            ours, theirs = result[f"ours {kind}"], result[f"volprim {kind}"]
+            print(f"{copies * 10_091:7,d} primitives, 400x300, {kind:16s}: {ours:8.2f} ms, volprim_rf_basic {theirs:8.1f} ms, {theirs / ours:6.1f}x")

@@ -1,0 +1,142 @@
+"""``dogsplat render``: a model or a Mitsuba scene to a picture file."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+from collections.abc import Callable
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+from .camera_file import read_camera
+from .cameras import Camera
+from .datasets import load_dataset
+from .errors import DataError
+from .framing import automatic_camera, robust_sphere
+from .parameters import upload
+from .pictures import linear_to_srgb, replacing, write_exr, write_png
+from .ply import read_ply
+from .rasterize import RasterOptions
+from .render import Picture, premultiplied, render_picture
+from .splats import Splats
+from .train import background_color
+
+SUFFIXES = (".png", ".exr")
+NEAR_SHARE = 0.1  # of the radius of a model framed automatically, which may be far smaller than the near clip
+MAX_NAMES = 5  # views that an error message lists
+
+
+def picture_of(splats: Splats, args: argparse.Namespace, background: float) -> Callable[[Camera], Picture]:
+    """Renderer of a model that is uploaded once; pictures carry depth.
+
+    Args:
+        splats: the model, which may be empty.
+        args: ``antialiased`` and ``near_clip`` (world units).
+        background: grey level behind, 0..1.
+    """
+    params = upload(splats)
+    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=args.antialiased, depth=True)
+    return lambda camera: render_picture(params, camera, options, background, args.near_clip)
+
+
+def render_model(args: argparse.Namespace) -> None:
+    """Render ``args.model`` to ``args.out``.
+
+    The view is ``args.camera``: the name of a view of ``args.data``, or a camera file (``camera_file.py``); the first
+    test view if there is only data; one that frames the model if there is neither. PNG shows the model over the
+    background; OpenEXR holds it alone, premultiplied, with alpha and depth. Raises ``DataError``.
+    """
+    require_suffix(args.out)
+    splats = read_ply(args.model)
+    camera, has_alpha = _camera(args, splats)
+    if not (args.camera or args.data):
+        near_clip = min(args.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
+        args = argparse.Namespace(**{**vars(args), "near_clip": near_clip})
+    exr = args.out.suffix.lower() == ".exr"
+    background = 0.0 if exr else background_color(args.background, has_alpha)
+    picture = picture_of(splats, args, background)(camera)
+    if exr:
+        depth = {} if picture.depth is None else {"depth": picture.depth}
+        _write(args.out, lambda: write_exr(args.out, {"color": premultiplied(picture, 0.0), **depth}))
+    else:
+        _write(args.out, lambda: write_png(args.out, picture.color))
+
+
+def render_scene(path: Path, out: Path) -> None:
+    """Render the first sensor of a Mitsuba scene with the scene's own integrator.
+
+    OpenEXR holds linear radiance and every channel of the film, PNG the colour as sRGB. Raises ``DataError``, also
+    for what Mitsuba has to say about the scene.
+    """
+    require_suffix(out)
+    if not path.is_file():
+        raise DataError(path, "no such file", "give a model .ply or a Mitsuba scene .xml")
+    try:
+        scene = mi.load_file(str(path))
+        if not isinstance(scene, mi.Scene):
+            raise RuntimeError("its root is no scene")
+        if not scene.sensors():
+            raise RuntimeError("it has no sensor")
+        mi.render(scene)
+        bitmap = scene.sensors()[0].film().bitmap()
+    except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
+        raise DataError(path, f"Mitsuba cannot render it ({error})", "correct the scene") from error
+    if out.suffix.lower() == ".exr":
+        _write(out, lambda: _write_bitmap(out, bitmap))
+        return
+    if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:  # AOVs came along
+        bitmap = dict(bitmap.split())["<root>"]
+    linear = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False))  # [H, W, 3]
+    if np.isnan(linear).any():
+        raise DataError(path, "its render holds NaN", "correct the scene, or write .exr to see where they are")
+    _write(out, lambda: write_png(out, linear_to_srgb(linear)))
+
+
+def require_suffix(out: Path) -> None:
+    """Raise ``DataError`` unless the file name tells a picture format that can be written."""
+    if out.suffix.lower() not in SUFFIXES:
+        raise DataError(out, "no known picture format", "name a file that ends in .png or .exr")
+    if out.is_dir():
+        raise DataError(out, "is a folder", "name a file in it")
+
+
+def _camera(args: argparse.Namespace, splats: Splats) -> tuple[Camera, bool]:
+    """The camera to render from, and whether the images of its data set have alpha."""
+    if args.camera and args.camera.lower().endswith(".json"):
+        return _downscaled(args, read_camera(args.camera)), False
+    if not args.data:
+        if args.camera:
+            remedy = "add --data DATA whose view it is, or name a camera file"
+            raise DataError("--camera", f'"{args.camera}" is no .json file', remedy)
+        return _downscaled(args, automatic_camera(splats)), False
+    dataset = load_dataset(args.data, args.downscale)
+    views = {view.name: view for view in dataset.test + dataset.train}
+    name = args.camera or next(iter(views))
+    if name not in views:
+        near = difflib.get_close_matches(name, views, MAX_NAMES, cutoff=0.3) or list(views)[:MAX_NAMES]
+        listed = ", ".join(near)
+        raise DataError("--camera", f'"{name}" is no view of {args.data}', f"it has {len(views)}, such as {listed}")
+    return views[name].camera, dataset.has_alpha
+
+
+def _downscaled(args: argparse.Namespace, camera: Camera) -> Camera:
+    try:
+        return camera.downscaled(args.downscale)
+    except ValueError as error:
+        raise DataError("--downscale", str(error), "use a smaller number") from error
+
+
+def _write_bitmap(out: Path, bitmap: mi.Bitmap) -> None:
+    with replacing(out) as part:
+        bitmap.write(str(part), mi.Bitmap.FileFormat.OpenEXR)
+
+
+def _write(out: Path, write: Callable[[], None]) -> None:
+    """Run ``write``; raises ``DataError`` if the file cannot be written."""
+    try:
+        write()
+    except OSError as error:
+        problem = f"cannot be written ({error.strerror or error})"
+        raise DataError(out, problem, "check that the folder exists and is writable") from error

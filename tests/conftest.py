@@ -1,0 +1,18 @@
+"""One variant for the whole suite. mi_dogsplat comes before mitsuba: it chooses the LLVM that Dr.Jit loads."""
+
+import os
+
+import mi_dogsplat  # noqa: F401
+import mitsuba as mi
+import pytest
+
+VARIANT = os.environ.get("DOGSPLAT_TEST_VARIANT", "llvm_ad_rgb")
+mi.set_variant(VARIANT)
+
+
+@pytest.fixture(autouse=True)
+def _variant():
+    """A test that changes the variant does not disturb the next one."""
+    yield
+    if mi.variant() != VARIANT:
+        mi.set_variant(VARIANT)

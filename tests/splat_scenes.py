@@ -1,0 +1,116 @@
+"""Small scenes that the tests share, and the engine's answers to them as NumPy arrays."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from mi_dogsplat.cameras import Camera
+from mi_dogsplat.geometry import SMOOTH
+from mi_dogsplat.parameters import RAW, RAW_DOG, upload
+from mi_dogsplat.project import DeviceCamera
+from mi_dogsplat.rasterize import Frame, RasterOptions, rasterize
+from mi_dogsplat.splats import Splats
+
+C0 = 0.28209479177387814
+
+
+def logit(p):
+    return np.log(p) - np.log1p(-np.asarray(p, float))
+
+
+def make_camera(width=64, height=48, f=60.0, cx=None, cy=None, w2c=None) -> Camera:
+    """Pixels a little higher than wide, the principal point in the middle unless told otherwise."""
+    return Camera(np.eye(4) if w2c is None else w2c, f, 1.1 * f, width / 2 if cx is None else cx,
+                  height / 2 if cy is None else cy, width, height)
+
+
+def make_splats(means, scales: Any = 0.1, opacities: Any = 0.5, colors: Any = 1.0, quats: Any = (0, 0, 0, 1),
+                dog: Any = (), f_a: Any = 0.5, F: Any = 1.6) -> Any:
+    """Float64 (the closed forms need it), SH degree 0; scalars are spread over the N primitives."""
+    means = np.asarray(means, float).reshape(-1, 3)
+    n, m = len(means), len(dog)
+    return SimpleNamespace(
+        means=means,
+        log_scales=np.log(np.broadcast_to(scales, (n, 3))),
+        quats=np.broadcast_to(np.asarray(quats, float), (n, 4)),
+        logit_opacities=logit(np.broadcast_to(opacities, n)),
+        sh_coeffs=(np.broadcast_to(colors, (n, 3))[:, None, :] - 0.5) / C0,
+        dog_index=np.asarray(dog, np.uint32),
+        dog_logit_opacities=logit(np.broadcast_to(f_a, m)),
+        dog_log_scales=np.log(np.broadcast_to(F, (m, 3))),
+    )
+
+
+def random_splats(n=40, seed=0, degree=3, dog_share=0.5) -> Any:
+    """Of all sizes, opacities and orientations, in front of a camera at the origin; float64."""
+    rng = np.random.default_rng(seed)
+    splats = make_splats(
+        rng.uniform([-1.5, -1.2, 1.5], [1.5, 1.2, 5], (n, 3)), np.exp(rng.uniform(-3.5, -0.8, (n, 3))),
+        rng.uniform(0.02, 0.98, n), rng.uniform(0, 1, (n, 3)), rng.normal(size=(n, 4)),
+        dog=np.flatnonzero(rng.uniform(size=n) < dog_share))
+    m = len(splats.dog_index)
+    splats.dog_logit_opacities, splats.dog_log_scales = rng.normal(size=m), rng.normal(0.2, 0.4, (m, 3))
+    rest = rng.normal(0, 0.2, (n, (degree + 1) ** 2 - 1, 3))
+    splats.sh_coeffs = np.concatenate([splats.sh_coeffs, rest], axis=1)
+    return splats
+
+
+def axis_rotation(axis, angle):
+    """Matrix and quaternion (x, y, z, w) of a rotation."""
+    axis = np.asarray(axis, float) / np.linalg.norm(axis)
+    quat = np.append(np.sin(angle / 2) * axis, np.cos(angle / 2))
+    K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K, quat
+
+
+def tilted_camera(width=64, height=48, f=60.0, cx=None, cy=None) -> Camera:
+    """One that is neither at the origin nor along an axis, so that no rotation can be forgotten."""
+    w2c = np.eye(4)
+    w2c[:3, :3] = axis_rotation([0.3, 1, -0.4], 0.2)[0]
+    w2c[:3, 3] = 0.3, -0.1, 0.2
+    return make_camera(width, height, f, cx, cy, w2c)
+
+
+def rounded(splats: Any) -> Splats:
+    """The same model in float32, which the engine and its float64 twin then both start from."""
+    return Splats(**vars(splats))
+
+
+def select(splats: Any, n: int) -> Splats:
+    """The first n primitives, as float32."""
+    return rounded(splats).select(np.arange(n))
+
+
+def options(splats: Splats, **others) -> RasterOptions:
+    return RasterOptions(sh_degree=splats.sh_degree, **others)
+
+
+SMOOTH_OPTIONS: dict[str, Any] = {"cutoffs": SMOOTH}
+
+
+def attached(splats: Splats) -> dict:
+    """Parameters on the device, every one of them part of the AD graph."""
+    params = upload(splats)
+    for name in RAW + RAW_DOG:
+        if name in params:
+            dr.enable_grad(params[name])
+    return params
+
+
+def rasterized(splats: Splats, camera: Camera, **others) -> Frame:
+    return rasterize(upload(splats), DeviceCamera.upload(camera), options(splats, **others))
+
+
+def image_of(frame: Frame, camera: Camera, background=(0, 0, 0)) -> np.ndarray:
+    """[H, W, 3] over a background."""
+    T = dr.detach(frame.T).numpy()
+    planes = [dr.detach(c).numpy() + T * b for c, b in zip(frame.colors, background, strict=True)]
+    return np.stack(planes, -1).reshape(camera.height, camera.width, 3)
+
+
+def plane_of(plane: mi.Float, camera: Camera) -> np.ndarray:
+    """[H, W]"""
+    return dr.detach(plane).numpy().reshape(camera.height, camera.width)

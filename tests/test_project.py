@@ -1,0 +1,172 @@
+"""Stage 1 against its float64 twin: primitives on the image plane."""
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
+
+from mi_dogsplat import reference
+from mi_dogsplat.cameras import Camera
+from mi_dogsplat.parameters import upload
+from mi_dogsplat.project import LOG2_E, NOT_DOG, DeviceCamera, Kernels, project
+from mi_dogsplat.splats import Splats
+
+
+def engine(splats: Splats, camera: Camera, near_clip=0.2, sh_degree=None, antialiased=False):
+    device_camera = DeviceCamera.upload(camera, near_clip)
+    degree = splats.sh_degree if sh_degree is None else sh_degree
+    return project(upload(splats), device_camera, sh_degree=degree, antialiased=antialiased)
+
+
+def columns(*values: Any) -> np.ndarray:
+    return np.stack([np.asarray(v) for v in values], -1).astype(float)
+
+
+def conics(k: Kernels) -> np.ndarray:
+    """[R, 3] as the twin has them: d^T conic d / 2 in nats."""
+    return columns(-2 * k.A.numpy(), -k.B.numpy(), -2 * k.C.numpy()) / LOG2_E
+
+
+def assert_close(got: np.ndarray, expected: np.ndarray, name: str):
+    """Within 1e-4, relative to the largest entry of the row where that is above 1; conics always relative."""
+    rows = np.abs(expected).reshape(len(expected), -1).max(1)
+    scale = rows if "conic" in name else np.maximum(rows, 1)
+    error = np.abs(got - expected).reshape(len(expected), -1).max(1)
+    assert (error <= 1e-4 * scale).all(), f"{name}: {(error / scale).max():.2g} at row {(error / scale).argmax()}"
+
+
+def assert_same(splats: Splats, camera: Camera, **choices):
+    ours, twin = engine(splats, camera, **choices), reference.project(splats, camera, **choices)
+    seen = twin.visible
+    np.testing.assert_array_equal(ours.visible.numpy(), seen)
+    assert seen.any()
+
+    def check(name, got, expected):
+        assert_close(got[seen], expected[seen], name)
+
+    check("means2d", columns(ours.x, ours.y), twin.means2d)
+    check("depths", columns(ours.depth), twin.depths[:, None])
+    check("conics", conics(ours.kernels), twin.conics)
+    check("opacities", 2 ** columns(ours.kernels.lo), twin.opacities[:, None])
+    check("variances", columns(ours.kernels.variance_x, ours.kernels.variance_y), twin.cov2d[:, [0, 2]])
+    check("colors", columns(*ours.colors), twin.colors)
+    if not splats.n_dog:
+        assert ours.pseudo is None and ours.dog_row is None
+        return
+    expected_rows = np.full(splats.n_splats, NOT_DOG, np.uint32)
+    expected_rows[splats.dog_index] = np.arange(splats.n_dog)
+    np.testing.assert_array_equal(ours.dog_row, expected_rows)
+    at = splats.dog_index[seen[splats.dog_index]]  # visible DoG primitives
+    k, row = ours.pseudo, expected_rows[at]
+    assert k is not None
+    assert_close(conics(k)[row], twin.pseudo_conics[at], "pseudo conics")
+    assert_close(2 ** columns(k.lo)[row], twin.pseudo_opacities[at, None], "pseudo opacities")
+    assert_close(columns(k.variance_x, k.variance_y)[row], twin.pseudo_cov2d[at][:, [0, 2]], "pseudo variances")
+
+
+@pytest.mark.parametrize("dog_share", [0, 0.5])
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_random_primitives_project_as_in_the_twin(dog_share, antialiased):
+    splats = rounded(random_splats(300, dog_share=dog_share))
+    assert_same(splats, tilted_camera(), antialiased=antialiased)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_every_sh_degree_projects_as_in_the_twin_and_may_be_evaluated_lower(degree):
+    splats = rounded(random_splats(80, seed=degree, degree=degree))
+    for sh_degree in range(degree + 1):
+        assert_same(splats, tilted_camera(), sh_degree=sh_degree)
+
+
+@pytest.mark.parametrize("cx, cy", [(5.3, 41.0), (-20.0, 10.0), (90.0, 60.5)])
+def test_the_principal_point_may_lie_anywhere_even_outside_the_image(cx, cy):
+    assert_same(rounded(random_splats(200, seed=2)), tilted_camera(cx=cx, cy=cy))
+
+
+def test_far_outside_the_image_the_linearisation_is_clamped_as_in_the_twin():
+    splats = random_splats(200, seed=4)
+    splats.means = splats.means * [12, 12, 0.5]
+    camera = tilted_camera(cx=20)
+    p = reference.project(rounded(splats), camera)
+    outside = p.visible & (np.abs(p.means2d[:, 0] - 32) > 80)
+    assert outside.sum() > 50
+    assert_same(rounded(splats), camera)
+
+
+def test_needles_and_specks_project_as_in_the_twin():
+    splats = random_splats(200, seed=6)
+    splats.log_scales = np.log(10.0) * np.random.default_rng(1).uniform(-6, 1, (200, 3))
+    for antialiased in (False, True):
+        assert_same(rounded(splats), tilted_camera(f=500.0), antialiased=antialiased)
+
+
+def test_quaternions_of_any_length_are_accepted_and_zero_is_the_identity():
+    splats = random_splats(60)
+    splats.quats = splats.quats * 10.0 ** np.random.default_rng(0).uniform(-9, 9, (60, 1))
+    splats.quats[0] = 0
+    assert_same(rounded(splats), tilted_camera())
+
+
+def test_only_finite_primitives_in_front_of_the_near_plane_are_visible():
+    splats = rounded(make_splats([[0, 0, z] for z in (0.2, 0.21, -1, 0, 1, 1, 1e5)], dog=[0, 1, 4]))
+    for near_clip in (0.0, 0.1, 0.2, 0.5):
+        assert_same(splats, make_camera(), near_clip=near_clip)
+    broken = rounded(make_splats(np.tile([0.1, 0, 2], (8, 1)), dog=[2, 3]))
+    broken.means[0, 1] = np.nan
+    broken.means[1] = np.inf
+    broken.log_scales[2, 0] = np.inf
+    broken.log_scales[3] = np.nan
+    broken.quats[4, 2] = np.nan
+    broken.logit_opacities[5] = np.nan
+    visible = engine(broken, make_camera()).visible.numpy()
+    assert not visible[:4].any() and visible[6:].all()
+
+
+def test_logits_of_any_size_stay_finite_in_value_and_derivative():
+    splats = rounded(make_splats(np.tile([0.1, 0, 2], (6, 1)), dog=range(6)))
+    splats.logit_opacities[:] = splats.dog_logit_opacities[:] = [-1e30, -200, -20, 20, 200, 1e30]
+    params = upload(splats)
+    dr.enable_grad(params["logit_opacities"], params["dog_logit_opacities"])
+    p = project(params, DeviceCamera.upload(make_camera()), sh_degree=0)
+    assert p.pseudo is not None
+    np.testing.assert_allclose(dr.detach(p.kernels.lo).numpy()[1:5],
+                               [-200 * LOG2_E, -20 * LOG2_E, 0, 0], rtol=1e-6, atol=1e-6)
+    dr.backward(dr.sum(p.kernels.lo + p.pseudo.lo))
+    for name in ("logit_opacities", "dog_logit_opacities"):
+        assert np.isfinite(dr.grad(params[name]).numpy()).all(), name
+
+
+def test_a_primitive_on_the_camera_centre_has_a_finite_colour_and_derivative():
+    splats = rounded(make_splats([[0, 0, 0], [0, 0, 1]]))
+    splats.sh_coeffs = np.zeros((2, 16, 3), np.float32)
+    params = upload(splats)
+    dr.enable_grad(params["means"])
+    p = project(params, DeviceCamera.upload(make_camera(), 0.0), sh_degree=3)
+    dr.backward(dr.sum(p.colors[0] + p.x + p.kernels.A))
+    assert np.isfinite(dr.grad(params["means"]).numpy()).all()
+    assert np.isfinite(np.array(p.colors[0])).all()
+
+
+def test_sh_split_into_its_constant_part_and_the_rest_gives_the_same_colours():
+    splats = rounded(random_splats(50))
+    whole = engine(splats, tilted_camera()).colors
+    params = upload(splats)
+    params["sh_dc"] = mi.Float(splats.sh_coeffs[:, 0].ravel())
+    rest = splats.sh_coeffs.copy()
+    rest[:, 0] = np.nan  # not used
+    params["sh_rest"] = mi.Float(rest.ravel())
+    del params["sh_coeffs"]
+    for degree in (0, 3):
+        ours = project(params, DeviceCamera.upload(tilted_camera()), sh_degree=degree).colors
+        theirs = whole if degree else engine(splats, tilted_camera(), sh_degree=0).colors
+        np.testing.assert_array_equal(columns(*ours), columns(*theirs))
+
+
+def test_the_device_camera_has_the_numbers_of_the_host_camera():
+    camera = tilted_camera(cx=20.0, cy=30.0)
+    device = DeviceCamera.upload(camera, 0.3)
+    np.testing.assert_allclose(columns(device.position)[..., 0].ravel(), camera.position, rtol=1e-6)
+    assert (device.width, device.height, device.near_clip[0]) == (64, 48, np.float32(0.3))

@@ -1,0 +1,161 @@
+"""Stage 2 against its float64 twin: nothing is missing, hardly anything is listed in vain."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
+
+from mi_dogsplat import reference
+from mi_dogsplat.cameras import Camera
+from mi_dogsplat.geometry import SMOOTH, Blocks, Cutoffs, Grid
+from mi_dogsplat.parameters import upload
+from mi_dogsplat.project import DeviceCamera, project
+from mi_dogsplat.splats import Splats
+from mi_dogsplat.tiles import tiles
+
+
+def grid_of(camera: Camera) -> Grid:
+    return Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
+
+
+def engine_lists(splats: Splats, camera: Camera, cutoffs=Cutoffs()) -> list[np.ndarray]:
+    projection = project(upload(splats), DeviceCamera.upload(camera), sh_degree=splats.sh_degree)
+    lists = tiles(projection, grid_of(camera), cutoffs)
+    begin, end, splat = (np.array(v) for v in (lists.begin, lists.end, lists.splat_from_isect))
+    return [splat[b:e] for b, e in zip(begin, end, strict=True)]
+
+
+def reference_lists(splats: Splats, camera: Camera) -> list[np.ndarray]:
+    blocks = grid_of(camera).blocks
+    return reference.tiles(reference.project(splats, camera), camera.width, camera.height,
+                           blocks.tile_width, blocks.tile_height)
+
+
+def _smallest_in_box(conic, x0, y0, x1, y1) -> np.ndarray:
+    """Minimum of d^T conic d over boxes that are given relative to the centre: inside, or on one of four sides."""
+    a, b, c = conic
+    q = [np.where((x0 <= 0) & (0 <= x1) & (y0 <= 0) & (0 <= y1), 0.0, np.inf)]
+    for x in (x0, x1):
+        y = np.clip(-b * x / c, y0, y1)
+        q.append(a * x * x + 2 * b * x * y + c * y * y)
+    for y in (y0, y1):
+        x = np.clip(-b * y / a, x0, x1)
+        q.append(a * x * x + 2 * b * x * y + c * y * y)
+    return np.min(q, axis=0)
+
+
+def minimal_lists(splats: Splats, camera: Camera, min_alpha=1 / 255) -> list[set[int]]:
+    """Per tile the primitives whose level set (either one) meets the rectangle spanned by its pixel centres."""
+    grid, p = grid_of(camera), reference.project(splats, camera)
+    tile_y, tile_x = np.divmod(np.arange(grid.n_tiles), grid.tiles_x)
+    w, h = grid.blocks.tile_width, grid.blocks.tile_height
+    lists: list[set[int]] = [set() for _ in range(grid.n_tiles)]
+    for i in np.flatnonzero(p.visible).tolist():
+        x0, y0 = tile_x * w + 0.5 - p.means2d[i, 0], tile_y * h + 0.5 - p.means2d[i, 1]
+        meets = np.zeros(grid.n_tiles, bool)
+        for opacity, conic in ((p.opacities[i], p.conics[i]), (p.pseudo_opacities[i], p.pseudo_conics[i])):
+            if opacity >= min_alpha:
+                q = _smallest_in_box(conic, x0, y0, x0 + w - 1, y0 + h - 1)
+                meets |= q <= 2 * np.log(opacity / min_alpha)
+        for tile in np.flatnonzero(meets):
+            lists[tile].add(i)
+    return lists
+
+
+def assert_complete_and_tight(splats: Splats, camera: Camera):
+    ours, minimal = engine_lists(splats, camera), minimal_lists(splats, camera)
+    for got, least in zip(ours, minimal, strict=True):
+        assert len(set(got.tolist())) == len(got)
+        assert least <= set(got.tolist())
+    total, least = sum(map(len, ours)), sum(map(len, minimal))
+    assert least > 0
+    assert total <= 1.02 * least, f"{total} entries, {least} would do"
+
+
+SIZES = [(64, 48), (1, 1), (1, 40), (37, 23), (130, 70)]
+
+
+@pytest.mark.parametrize("dog_share", [0, 0.5])
+@pytest.mark.parametrize("width, height", SIZES)
+def test_lists_hold_all_that_is_seen_in_depth_order(width, height, dog_share):
+    splats = rounded(random_splats(120, seed=1, dog_share=dog_share))
+    camera = tilted_camera(width, height, cx=0.4 * width, cy=0.7 * height)
+    ours, twin = engine_lists(splats, camera), reference_lists(splats, camera)
+    assert any(len(indices) for indices in twin)
+    for got, expected in zip(ours, twin, strict=True):
+        np.testing.assert_array_equal(got[np.isin(got, expected)], expected)
+
+
+@pytest.mark.parametrize("dog_share", [0, 0.5, 1])
+def test_lists_are_at_most_two_percent_longer_than_the_level_sets_ask_for(dog_share):
+    splats = random_splats(500, seed=8, degree=0, dog_share=dog_share)
+    assert_complete_and_tight(rounded(splats), tilted_camera(400, 300, f=380.0))
+
+
+def test_lists_of_needles_in_any_direction_are_complete_and_tight():
+    splats = random_splats(300, seed=3, degree=0, dog_share=0.3)
+    splats.log_scales = np.log([0.6, 1e-4, 1e-4]) + np.zeros((300, 3))
+    assert_complete_and_tight(rounded(splats), tilted_camera(400, 300, f=380.0))
+
+
+def test_a_speck_is_listed_where_it_reaches_a_pixel_centre_whichever_tile_border_it_lies_on():
+    camera = make_camera(64, 64, f=64.0)
+    px = np.linspace(14, 18, 41)  # around the border at 16
+    x, y = (g.ravel() for g in np.meshgrid(px, px))
+    splats = rounded(make_splats(np.stack([(x - 32) / 32, (y - 32) / 35.2, 0 * x + 2], -1), 1e-4, 0.9))
+    ours, twin = engine_lists(splats, camera), reference_lists(splats, camera)
+    for got, expected in zip(ours, twin, strict=True):
+        assert set(expected.tolist()) <= set(got.tolist())
+    assert_complete_and_tight(splats, camera)
+
+
+def test_equal_depths_keep_the_order_of_their_indices():
+    splats = rounded(make_splats([[0, 0, 2 + i % 2] for i in range(100)], 1.0))
+    expected = np.r_[0:100:2, 1:100:2]
+    for got in engine_lists(splats, make_camera()):
+        np.testing.assert_array_equal(got, expected)
+
+
+def test_nothing_is_listed_where_nothing_is_visible():
+    for splats in (make_splats([[0, 0, -2]] * 3), make_splats([[0, 0, 2]] * 3, opacities=0.9 / 255, dog=[1]),
+                   make_splats([[50, 0, 2]] * 3), make_splats([[0, 0, 2]] * 3, opacities=1e-12)):
+        assert not any(map(len, engine_lists(rounded(splats), make_camera())))
+
+
+def test_a_faint_primary_is_listed_for_nothing_but_a_wide_pseudo_counts():
+    camera = make_camera(160, 120, f=60.0)
+    splats = rounded(make_splats([[0, 0, 2]], 0.1, 0.9, dog=[0], f_a=0.9, F=6.0))
+    plain = rounded(make_splats([[0, 0, 2]], 0.1, 0.9))
+    wide, narrow = (sum(map(len, engine_lists(s, camera))) for s in (splats, plain))
+    assert wide > 2 * narrow
+    assert_complete_and_tight(splats, camera)
+
+
+def test_without_cutoffs_every_tile_lists_what_float32_can_see():
+    splats = rounded(random_splats(40, seed=2, degree=0))
+    camera = tilted_camera(130, 70)
+    least = minimal_lists(splats, camera, min_alpha=2.0**-59)
+    for got, expected in zip(engine_lists(splats, camera, SMOOTH), least, strict=True):
+        assert expected <= set(got.tolist())
+
+
+def test_more_tiles_than_one_counting_pass_has_buckets_are_sorted_too():
+    camera = make_camera(4096, 1100, f=900.0)
+    assert grid_of(camera).n_tiles > 1 << 14
+    splats = random_splats(200, seed=5, degree=0)
+    splats.means[:, 0] *= 3
+    assert_complete_and_tight(rounded(splats), camera)
+    depths = reference.project(rounded(splats), camera).depths
+    for got in engine_lists(rounded(splats), camera):
+        assert (np.diff(depths[got]) >= 0).all()
+
+
+def test_lists_do_not_carry_derivatives():
+    params = upload(rounded(random_splats(20, degree=0)))
+    dr.enable_grad(params["means"])
+    camera = make_camera()
+    projection = project(params, DeviceCamera.upload(camera), sh_degree=0)
+    lists = tiles(projection, grid_of(camera), Cutoffs())
+    assert not dr.is_diff_v(lists.begin)
+    assert dr.grad_enabled(projection.x)
