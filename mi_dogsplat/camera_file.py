@@ -5,9 +5,9 @@
     {"w2c": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]],
      "fx": 500, "fy": 500, "cx": 320, "cy": 240, "width": 640, "height": 480}
 
-``w2c`` is the OpenCV world-to-camera matrix (x right, y down, z forward; rigid); lengths are in pixels, and the
-centre of the top left pixel is (0.5, 0.5). ``fy`` may be left out where pixels are square, ``cx`` and ``cy`` where
-the principal point is in the middle. Other keys are ignored.
+``w2c`` is the OpenCV world-to-camera matrix (x right, y down, z forward; rigid); lengths are in pixels, and
+the centre of the top left pixel is (0.5, 0.5). ``fy`` may be left out where pixels are square, ``cx`` and
+``cy`` where the principal point is in the middle. Other keys are ignored.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FORMAT = 'write {"w2c": 4x4 world to camera (OpenCV axes), "fx", "fy", "cx", "cy
 
 
 def read_camera(path: str | Path) -> Camera:
-    """The camera in a file. Raises ``DataError`` for anything that is missing, not a number, or no rigid pose."""
+    """The camera in a file. Raises ``DataError`` for what is missing, not a number, or no rigid pose."""
     path = Path(path)
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -57,7 +57,7 @@ def _camera(content: dict[str, Any]) -> Camera:
 
 
 def write_camera(path: str | Path, camera: Camera) -> None:
-    """Write a camera; ``read_camera`` gives back the same numbers. Raises ``DataError`` if it cannot be written."""
+    """Write a camera; ``read_camera`` gives back the same numbers. Raises ``DataError``."""
     names = ("fx", "fy", "cx", "cy", "width", "height")
     content = {"w2c": camera.w2c.tolist()} | {name: getattr(camera, name) for name in names}
     try:

@@ -1,4 +1,4 @@
-"""The command ``dogsplat`` (= ``python -m mi_dogsplat``): parses, calls, prints. All messages to the user start here."""
+"""The command ``dogsplat`` (= ``python -m mi_dogsplat``): parses, calls, prints."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ import argparse
 import dataclasses
 import sys
 from pathlib import Path
+from typing import NoReturn
 
+from .cli_help import EPILOG, EVAL_EXAMPLES, INFO_EXAMPLES, RENDER_EXAMPLES, TRAIN_EXAMPLES
 from .config import TrainConfig
 from .errors import DataError
 
-EPILOG = """
-A first run:
-  dogsplat train photos/ -o run --downscale 2 --steps 7000 --max-primitives 60000
-  dogsplat info run/point_cloud.ply
-  dogsplat render run/point_cloud.ply -o view.png --data photos/ --camera 0001
 
-photos/ is a COLMAP folder (images/ and sparse/0), a folder with transforms.json (instant-ngp, nerfstudio) or
-transforms_train.json (NeRF synthetic), or a Mitsuba scene XML. run/report.html tells how it went.
-Exit codes: 0 done, 2 wrong use or bad input (one line says what to do).
-"""
+class Parser(argparse.ArgumentParser):
+    """Wrong use is one line on stderr, as every other error; the help is shown as it is written."""
+
+    def __init__(self, **options):
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"dogsplat: {message}; see {self.prog} --help\n")
 
 
 def _field_help() -> dict[str, str]:
@@ -42,50 +43,70 @@ def _add_config_flags(parser: argparse.ArgumentParser, names: list[str]) -> None
             parser.add_argument(flag, action="store_true", help=texts[field.name])
         else:
             kind = int if field.default is None else type(field.default)
-            parser.add_argument(flag, type=kind, default=field.default, metavar="N" if kind is int else None, help=shown)
+            metavar = {int: "N", float: "X"}.get(kind, "NAME")
+            parser.add_argument(flag, type=kind, default=field.default, metavar=metavar, help=shown)
 
 
 def build_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="dogsplat",
         description="Small, sharp, differentiable radiance fields in Mitsuba 3.",
         epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    p = commands.add_parser("train", help="photographs to a model", description=train.__doc__)
+    p = commands.add_parser(
+        "train", help="photographs to a model", description=train.__doc__, epilog=TRAIN_EXAMPLES
+    )
     p.add_argument("data", metavar="DATA", help=_field_help()["data"])
     p.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     flags = [field.name for field in dataclasses.fields(TrainConfig) if field.name != "data"]
     _add_config_flags(p, flags)
     p.set_defaults(run=train)
 
-    p = commands.add_parser("render", help="a model or Mitsuba scene to a picture", description=render.__doc__)
+    p = commands.add_parser(
+        "render",
+        help="a model or Mitsuba scene to a picture",
+        description=render.__doc__,
+        epilog=RENDER_EXAMPLES,
+    )
     p.add_argument("model", type=Path, metavar="MODEL_or_SCENE", help="model .ply or Mitsuba scene .xml")
-    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".png, or .exr with alpha and depth")
+    p.add_argument(
+        "-o", "--out", type=Path, required=True, metavar="OUT", help=".png, or .exr with alpha and depth"
+    )
     p.add_argument("--data", metavar="DATA", help="data set whose views --camera names")
     p.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA by name, or a camera JSON file")
     _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
     p.set_defaults(run=render)
 
-    p = commands.add_parser("eval", help="metrics of a model on the test split", description=evaluate.__doc__)
+    p = commands.add_parser(
+        "eval",
+        help="metrics of a model on the test split",
+        description=evaluate.__doc__,
+        epilog=EVAL_EXAMPLES,
+    )
     p.add_argument("model", type=Path, metavar="MODEL", help="model .ply")
     p.add_argument("data", metavar="DATA", help=_field_help()["data"])
-    p.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json")
+    p.add_argument(
+        "-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json"
+    )
     _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
     p.set_defaults(run=evaluate)
 
-    p = commands.add_parser("info", help="what a file is and what is wrong with it", description=info.__doc__)
+    p = commands.add_parser(
+        "info",
+        help="what a file is and what is wrong with it",
+        description=info.__doc__,
+        epilog=INFO_EXAMPLES,
+    )
     p.add_argument("file", type=Path, metavar="FILE", help="model .ply, run folder, or data set")
     p.set_defaults(run=info)
     return parser
 
 
 def train(args: argparse.Namespace) -> None:
-    """Train a model on photographs: writes point_cloud.ply, metrics.json, history.jsonl, test renders and report.html."""
-    names = [field.name for field in dataclasses.fields(TrainConfig)]
-    config = TrainConfig(**{name: getattr(args, name) for name in names})
+    """Train a model on photographs and measure it on those held out."""
+    config = _config(args)
     _set_variant(config.variant)
     from tqdm import tqdm
 
@@ -100,12 +121,15 @@ def train(args: argparse.Namespace) -> None:
                 bar.set_postfix(shown | ({"psnr": f"{row['test_psnr']:.2f}"} if "test_psnr" in row else {}))
 
         metrics = run_train(config, args.out, show)
+    print("test views:" if metrics["test"] else "training views (there is no test split):", end=" ")
     _print_metrics(metrics["test"] or metrics["train"])
-    print(f"{metrics['n']:,} primitives, {metrics['bytes'] / 1e6:.1f} MB, {metrics['train_seconds']:.0f} s; {args.out / 'report.html'}")
+    size, seconds = metrics["bytes"] / 1e6, metrics["train_seconds"]
+    print(f"{metrics['n']:,} primitives, {size:.1f} MB, {seconds:.0f} s; {args.out / 'report.html'}")
 
 
 def render(args: argparse.Namespace) -> None:
     """Render a model from a view of a data set or from a camera file, or a Mitsuba scene as it stands."""
+    _config(args)
     _set_variant(args.variant)
     from .render_files import render_model, render_scene
 
@@ -117,7 +141,8 @@ def render(args: argparse.Namespace) -> None:
 
 
 def evaluate(args: argparse.Namespace) -> None:
-    """PSNR, SSIM, FLIP and L1 of a model on the test views of a data set (all views if there is no test split)."""
+    """PSNR, SSIM, FLIP and L1 of a model on the test views of a data set (all views without a split)."""
+    _config(args)
     _set_variant(args.variant)
     from .datasets import load_dataset
     from .evaluate import evaluate_views, mean_metrics
@@ -139,33 +164,50 @@ def evaluate(args: argparse.Namespace) -> None:
     print(f"{'mean':24s}", end="")
     _print_metrics(mean_metrics(views))
     if args.out:
-        write_json(args.out / "metrics.json", {"test": mean_metrics(views), "views": views, "n": splats.n_splats})
+        write_json(
+            args.out / "metrics.json", {"test": mean_metrics(views), "views": views, "n": splats.n_splats}
+        )
 
 
 def info(args: argparse.Namespace) -> None:
     """Say what a file is: counts, ranges, and problems found."""
+    if args.file.suffix == ".xml":
+        _set_variant("auto")  # to render the sensors of a scene
     from .info import describe
 
     print("\n".join(describe(args.file)))
 
 
+def _config(args: argparse.Namespace) -> TrainConfig:
+    """The settings among the arguments, checked; raises ``DataError`` that names the flag."""
+    names = {field.name for field in dataclasses.fields(TrainConfig)}
+    given = {name: value for name, value in vars(args).items() if name in names}
+    return TrainConfig(**{"data": "", **given})
+
+
 def _print_metrics(values: dict[str, float]) -> None:
-    print(f"PSNR {values['psnr']:.2f} dB  SSIM {values['ssim']:.4f}  FLIP {values['flip']:.4f}  L1 {values['l1']:.5f}")
+    likeness = f"PSNR {values['psnr']:.2f} dB  SSIM {values['ssim']:.4f}"
+    print(f"{likeness}  FLIP {values['flip']:.4f}  L1 {values['l1']:.5f}")
 
 
 def _set_variant(name: str) -> None:
     """Choose the Mitsuba variant; raises ``DataError`` if it cannot be had."""
+    import drjit as dr
     import mitsuba as mi
 
     from .llvm import explain, find_llvm
 
     available = mi.variants()
     if name == "auto":
-        import drjit as dr
-
-        name = "cuda_ad_rgb" if "cuda_ad_rgb" in available and dr.has_backend(dr.JitBackend.CUDA) else "llvm_ad_rgb"
+        name = (
+            "cuda_ad_rgb"
+            if "cuda_ad_rgb" in available and dr.has_backend(dr.JitBackend.CUDA)
+            else "llvm_ad_rgb"
+        )
     if name not in available or not name.endswith("ad_rgb"):
-        raise DataError("--variant", f'"{name}" cannot be used', "use llvm_ad_rgb or cuda_ad_rgb")
+        raise DataError("--variant", f'"{name}" cannot be used', "use auto, llvm_ad_rgb or cuda_ad_rgb")
+    if name.startswith("cuda") and not dr.has_backend(dr.JitBackend.CUDA):
+        raise DataError("--variant", "there is no usable CUDA GPU", "use --variant llvm_ad_rgb")
     if name.startswith("llvm") and find_llvm() is None:
         raise DataError("--variant", "no usable LLVM", explain())
     mi.set_variant(name)
@@ -180,8 +222,6 @@ def main(argv: list[str] | None = None) -> int:
         print(f"dogsplat: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("dogsplat: stopped", file=sys.stderr)
+        print("dogsplat: stopped before the end; nothing is half-written", file=sys.stderr)
         return 130
     return 0
-
-

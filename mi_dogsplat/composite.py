@@ -266,9 +266,14 @@ def composite_backward(
         rest = [dr.fma(c, d, r) for c, d, r in zip(walk.read(plane), δ, rest, strict=True)]
 
     def add(table, index, values: list, row_size: int, active):
-        """One packet instead of a scatter per value: the lanes of a packet all add to the same row."""
+        """One packet instead of a scatter per value: the lanes of a packet all add to the same row.
+
+        The mode must be ``Local``: ``Expand``, and ``Auto`` which may choose it, are a fifth faster on the CPU, but give every
+        thread a copy of the table at an offset that a frozen kernel holds as a constant. Replayed with a larger table
+        it writes out of bounds (Dr.Jit 1.5).
+        """
         padded = values + [walk.Float(0)] * (row_size - len(values))
-        dr.scatter_add(table, walk.Packet(padded), index, active, mode=dr.ReduceMode.Expand)
+        dr.scatter_add(table, walk.Packet(padded), index, active, mode=dr.ReduceMode.Local)
 
     def moments(δp, A, B, C, dx, dy) -> list:
         """δ of x, y, A, B, C, lo from δp at every pixel of the block."""

@@ -6,21 +6,21 @@ import math
 
 import numpy as np
 
-from .cameras import Camera
-from .datasets.capture import look_at
+from .cameras import Camera, inverse_rigid
 from .splats import Splats
 
 AUTOMATIC_SIZE = (800, 600)  # pixels
 AUTOMATIC_FOV = 40.0  # degrees, of the shorter side
-AUTOMATIC_DIRECTION = (1.0, -1.5, 0.8)  # from the model to the camera: from the front right, a little above; z is up
+ELEVATION = 25.0  # degrees above the horizon
 CORE = 0.8  # share of the primitives that count as the model
+MIN_SKEW = 0.2  # below, no axis stands out as the vertical
 
 
 def robust_sphere(splats: Splats) -> tuple[np.ndarray, float]:
     """(centre [3], radius) of the core of a model: the median position, and how far the nearest 80 % reach.
 
-    Two standard deviations of a median primitive are added to the radius, so that a model at a single point has
-    an extent too. The unit sphere for a model without primitives.
+    Two standard deviations of a median primitive are added to the radius, so that a model at a single point
+    has an extent too. The unit sphere for a model without primitives.
     """
     if splats.n_splats == 0:
         return np.zeros(3), 1.0
@@ -31,12 +31,36 @@ def robust_sphere(splats: Splats) -> tuple[np.ndarray, float]:
     return centre, reach + 2 * float(np.exp(np.median(largest)))
 
 
+def likely_up(splats: Splats) -> np.ndarray:
+    """A guess at the vertical, one of the six axis directions [3]; z where nothing tells.
+
+    What stands on a ground has most of its primitives low and a few high, so the axis with the most lopsided
+    distribution is the vertical, and its long tail is up. Reconstructions from photographs tend to have y
+    down, modelled scenes z up: no fixed axis would do.
+    """
+    if splats.n_splats == 0:
+        return np.array([0.0, 0.0, 1.0])
+    low, middle, high = np.quantile(splats.means.astype(np.float64), [0.02, 0.5, 0.98], axis=0)  # [3] each
+    skew = (high + low - 2 * middle) / np.maximum(high - low, 1e-30)  # [3] in -1..1
+    axis = int(np.argmax(abs(skew)))
+    if abs(skew[axis]) < MIN_SKEW:
+        return np.array([0.0, 0.0, 1.0])
+    return np.eye(3)[axis] * np.sign(skew[axis])
+
+
 def automatic_camera(splats: Splats) -> Camera:
     """A camera that frames the core of a model, for when nobody says where to look from."""
     centre, radius = robust_sphere(splats)
+    up = likely_up(splats)
+    sideways = np.roll(abs(up), 1) + 1.5 * np.roll(abs(up), 2)  # [3] horizontal, off both axes
+    elevation = math.radians(ELEVATION)
+    offset = math.sin(elevation) * up - math.cos(elevation) * sideways / np.linalg.norm(sideways)
+    forward = -offset
+    right = np.cross(forward, up) / math.cos(elevation)
     width, height = AUTOMATIC_SIZE
     half = math.radians(AUTOMATIC_FOV) / 2
-    direction = np.array(AUTOMATIC_DIRECTION) / np.linalg.norm(AUTOMATIC_DIRECTION)
-    position = centre + direction * radius / math.sin(half)
+    c2w = np.eye(4)
+    position = centre + offset * radius / math.sin(half)
+    c2w[:3] = np.stack([right, np.cross(forward, right), forward, position], axis=1)
     focal = 0.5 * min(width, height) / math.tan(half)
-    return Camera(look_at(position, centre, "z"), focal, focal, width / 2, height / 2, width, height)
+    return Camera(inverse_rigid(c2w), focal, focal, width / 2, height / 2, width, height)

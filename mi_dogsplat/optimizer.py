@@ -4,8 +4,8 @@ The update rule is the library's (``mi.ad.Adam``). What is ours: learning rates 
 schedule, and moving rows: cloning, splitting and removing primitives must carry both moments along, or
 training forgets.
 
-Arrays that cross between host and device are always copied, to aligned memory: on the CPU Dr.Jit would
-share memory with NumPy, and whether an array begins at a multiple of 64 bytes decides which kernel is compiled.
+Arrays that cross between host and device are always copied, to aligned memory. On the CPU Dr.Jit would share
+memory with NumPy, and whether an array begins at a multiple of 64 bytes decides which kernel is compiled.
 """
 
 from __future__ import annotations

@@ -24,17 +24,17 @@ class Picture:
 def render_picture(
     params: dict, camera: Camera, options: RasterOptions, background: float = 0.0, near_clip: float = 0.2
 ) -> Picture:
-    """Render parameters (as ``upload`` makes them) from a camera. Grey ``background`` in 0..1 shows behind."""
-    frame = rasterize(
-        {name: dr.detach(value) for name, value in params.items()}, DeviceCamera.upload(camera, near_clip), options
-    )
+    """Render parameters (as ``upload`` makes them) from a camera over a grey ``background``, 0..1."""
+    detached = {name: dr.detach(value) for name, value in params.items()}
+    frame = rasterize(detached, DeviceCamera.upload(camera, near_clip), options)
     shape = (camera.height, camera.width)
     T = frame.T.numpy().reshape(shape)
     color = np.stack([plane.numpy().reshape(shape) for plane in frame.colors], -1) + background * T[..., None]
     alpha = 1 - T
     depth = None
     if frame.depth is not None:
-        depth = np.divide(frame.depth.numpy().reshape(shape), alpha, out=np.zeros(shape, np.float32), where=alpha > 0)
+        blended = frame.depth.numpy().reshape(shape)
+        depth = np.divide(blended, alpha, out=np.zeros(shape, np.float32), where=alpha > 0)
     return Picture(np.clip(color, 0, 1), alpha, depth)
 
 

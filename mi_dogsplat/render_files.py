@@ -44,9 +44,10 @@ def picture_of(splats: Splats, args: argparse.Namespace, background: float) -> C
 def render_model(args: argparse.Namespace) -> None:
     """Render ``args.model`` to ``args.out``.
 
-    The view is ``args.camera``: the name of a view of ``args.data``, or a camera file (``camera_file.py``); the first
-    test view if there is only data; one that frames the model if there is neither. PNG shows the model over the
-    background; OpenEXR holds it alone, premultiplied, with alpha and depth. Raises ``DataError``.
+    The view is ``args.camera``: the name of a view of ``args.data``, or a camera file (``camera_file.py``);
+    the first test view if there is only data; one that frames the model if there is neither. PNG shows the
+    model over the background; OpenEXR holds it alone, premultiplied, with alpha and depth. Raises
+    ``DataError``.
     """
     require_suffix(args.out)
     splats = read_ply(args.model)
@@ -67,8 +68,8 @@ def render_model(args: argparse.Namespace) -> None:
 def render_scene(path: Path, out: Path) -> None:
     """Render the first sensor of a Mitsuba scene with the scene's own integrator.
 
-    OpenEXR holds linear radiance and every channel of the film, PNG the colour as sRGB. Raises ``DataError``, also
-    for what Mitsuba has to say about the scene.
+    OpenEXR holds linear radiance and every channel of the film, PNG the colour as sRGB. Raises ``DataError``,
+    also for what Mitsuba has to say about the scene.
     """
     require_suffix(out)
     if not path.is_file():
@@ -82,7 +83,7 @@ def render_scene(path: Path, out: Path) -> None:
         mi.render(scene)
         bitmap = scene.sensors()[0].film().bitmap()
     except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
-        raise DataError(path, f"Mitsuba cannot render it ({error})", "correct the scene") from error
+        raise DataError(path, f"Mitsuba cannot render it ({_gist(error)})", "correct the scene") from error
     if out.suffix.lower() == ".exr":
         _write(out, lambda: _write_bitmap(out, bitmap))
         return
@@ -90,7 +91,9 @@ def render_scene(path: Path, out: Path) -> None:
         bitmap = dict(bitmap.split())["<root>"]
     linear = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False))  # [H, W, 3]
     if np.isnan(linear).any():
-        raise DataError(path, "its render holds NaN", "correct the scene, or write .exr to see where they are")
+        raise DataError(
+            path, "its render holds NaN", "correct the scene, or write .exr to see where they are"
+        )
     _write(out, lambda: write_png(out, linear_to_srgb(linear)))
 
 
@@ -100,6 +103,17 @@ def require_suffix(out: Path) -> None:
         raise DataError(out, "no known picture format", "name a file that ends in .png or .exr")
     if out.is_dir():
         raise DataError(out, "is a folder", "name a file in it")
+
+
+def _gist(error: BaseException) -> str:
+    """What went wrong first, in Mitsuba's words but without the Python traceback that it quotes."""
+    while error.__cause__ or error.__context__:  # Dr.Jit wraps errors of a render in "see above"
+        error = error.__cause__ or error.__context__ or error
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    traceback = next((i for i, line in enumerate(lines) if "Traceback (most recent call last)" in line), None)
+    if traceback is None:
+        return " ".join(lines)
+    return " ".join([*lines[:traceback], lines[traceback].split("Traceback")[0], lines[-1]])
 
 
 def _camera(args: argparse.Namespace, splats: Splats) -> tuple[Camera, bool]:
@@ -117,7 +131,9 @@ def _camera(args: argparse.Namespace, splats: Splats) -> tuple[Camera, bool]:
     if name not in views:
         near = difflib.get_close_matches(name, views, MAX_NAMES, cutoff=0.3) or list(views)[:MAX_NAMES]
         listed = ", ".join(near)
-        raise DataError("--camera", f'"{name}" is no view of {args.data}', f"it has {len(views)}, such as {listed}")
+        raise DataError(
+            "--camera", f'"{name}" is no view of {args.data}', f"it has {len(views)}, such as {listed}"
+        )
     return views[name].camera, dataset.has_alpha
 
 
@@ -130,7 +146,10 @@ def _downscaled(args: argparse.Namespace, camera: Camera) -> Camera:
 
 def _write_bitmap(out: Path, bitmap: mi.Bitmap) -> None:
     with replacing(out) as part:
-        bitmap.write(str(part), mi.Bitmap.FileFormat.OpenEXR)
+        try:
+            bitmap.write(str(part), mi.Bitmap.FileFormat.OpenEXR)
+        except RuntimeError as error:  # how Mitsuba says that a file cannot be opened
+            raise OSError(str(error)) from error
 
 
 def _write(out: Path, write: Callable[[], None]) -> None:

@@ -1,4 +1,4 @@
-"""A training run as a folder: config.json, history.jsonl, point_cloud.ply, test/, metrics.json, report.html."""
+"""A training run as a folder: config, history, model, test renders, metrics, report."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 
 from .config import TrainConfig
@@ -30,29 +29,36 @@ def prepare_folder(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise DataError(out, "is a file", "name a folder for the run")
     if out.is_dir() and any(out.iterdir()) and not (out / "config.json").exists():
-        raise DataError(out, "is a folder with other contents", "name an empty or new folder, or an earlier run")
+        raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier run")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
 
 
-def train(config: TrainConfig, out: Path, progress: Callable[[dict], None] = lambda row: None) -> dict[str, Any]:
+def train(
+    config: TrainConfig, out: Path, progress: Callable[[dict], None] = lambda row: None
+) -> dict[str, Any]:
     """Train, evaluate and write the run folder; returns what ``metrics.json`` holds.
 
-    An earlier run in the same folder is replaced file by file, so that nothing of it is left half-written.
+    An earlier run in the same folder is replaced: its measurements go first, as they would be a lie beside
+    the new settings; its model stays until the new one is complete. Raises ``DataError``.
     """
     out = Path(out)
     dataset = load_dataset(config.data, config.downscale)
     prepare_folder(out)
+    _forget_results(out)
     write_json(out / "config.json", dataclasses.asdict(config))
     trainer = Trainer(config, dataset)
     with open(out / "history.jsonl", "w", encoding="utf-8") as history:
         row: dict = {"seconds": 0.0}
-        for row in trainer.rows():
-            history.write(json.dumps(row) + "\n")
-            history.flush()
-            progress(row)
+        try:
+            for row in trainer.rows():
+                history.write(json.dumps(row) + "\n")
+                history.flush()
+                progress(row)
+        except FloatingPointError as error:
+            raise DataError(config.data, str(error), "check its cameras and images for outliers") from error
     splats = trainer.optimizer.to_splats()
     write_ply(out / "point_cloud.ply", splats)
     metrics = _measure(trainer, dataset, out) | {
@@ -71,11 +77,21 @@ def train(config: TrainConfig, out: Path, progress: Callable[[dict], None] = lam
     return metrics
 
 
+def _forget_results(out: Path) -> None:
+    """Remove what an earlier run in this folder measured and drew."""
+    pictures = [path for suffix in (".png", ".exr") for path in (out / "test").glob(f"*{suffix}")]
+    for path in (out / "metrics.json", out / "report.html", *pictures):
+        path.unlink(missing_ok=True)
+
+
 def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
-    views = evaluate_views(trainer.picture, dataset.test, trainer.background, out / "test")
+    views = evaluate_views(
+        lambda view: trainer.picture(view, depth=True), dataset.test, trainer.background, out / "test"
+    )
+    some = dataset.train[:: max(1, len(dataset.train) // 8)]
     return {
         "test": mean_metrics(views),
-        "train": mean_metrics(evaluate_views(trainer.picture, dataset.train[:: max(1, len(dataset.train) // 8)], trainer.background)),
+        "train": mean_metrics(evaluate_views(trainer.picture, some, trainer.background)),
         "views": views,
         "render_ms": render_milliseconds(trainer.picture, dataset.test or dataset.train),
     }
@@ -99,4 +115,5 @@ def versions() -> dict[str, str]:
         own = version("mi_dogsplat")
     except PackageNotFoundError:
         own = "source"
-    return {"mi_dogsplat": own, "mitsuba": mi.__version__, "drjit": dr.__version__, "python": platform.python_version()}
+    others = {"mitsuba": version("mitsuba"), "drjit": version("drjit")}
+    return {"mi_dogsplat": own} | others | {"python": platform.python_version()}

@@ -1,7 +1,8 @@
 """Training: photographs in, primitives out (the 3DGS recipe, Kerbl et al. 2023, Sec. 5).
 
-A ``Trainer`` holds the state; ``step()`` does one and returns nothing that waits for the device; ``rows()`` runs to the
-end and yields the rows of ``history.jsonl``. Who prints, draws or writes files is somebody else (``run.py``).
+A ``Trainer`` holds the state; ``step()`` does one and returns nothing that waits for the device; ``rows()``
+runs to the end and yields the rows of ``history.jsonl``. Who prints, draws or writes files is somebody else
+(``run.py``).
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -74,7 +76,7 @@ class Trainer:
         self._forget_losses()
 
     def _forget_losses(self):
-        Float = dr.detached_t(mi.Float)
+        Float: Any = dr.detached_t(mi.Float)
         self.l1_sum, self.loss_sum, self.summed = dr.opaque(Float, 0), dr.opaque(Float, 0), 0
 
     @property
@@ -87,7 +89,7 @@ class Trainer:
         return RasterOptions(sh_degree=self.active_sh_degree, antialiased=self.config.antialiased)
 
     def step(self) -> str | None:
-        """One training view: render, loss, backward, Adam, density control. Returns an event for the history, or None."""
+        """One training view: render, loss, backward, Adam, density control. Returns an event, or None."""
         if not self.order:
             self.order = self.rng.permutation(len(self.targets)).tolist()
         view = self.order.pop()
@@ -108,8 +110,9 @@ class Trainer:
             dr.set_grad(plane, mi.Float(δ))
         dr.enqueue(dr.ADMode.Backward, planes)
         dr.traverse(dr.ADMode.Backward)
-        if probe:
-            self.stats.add(dr.grad(probe[0]), dr.grad(probe[1]), frame.projection, camera.width, camera.height)
+        if probe and frame.projection:
+            gradients = dr.grad(probe[0]), dr.grad(probe[1])
+            self.stats.add(*gradients, frame.projection, camera.width, camera.height)
         self.optimizer.step()
         self.l1_sum += l1
         self.loss_sum += loss
@@ -136,9 +139,9 @@ class Trainer:
         return "; ".join(events) or None
 
     def rows(self) -> Iterator[dict]:
-        """Run to the end; yields rows of the history. ``seconds`` counts training only, not measurements on test views."""
+        """Run to the end; yields rows of the history. ``seconds`` leaves out measurements on test views."""
         config = self.config
-        test_every = config.test_every or max(1, config.steps // 8)
+        test_every = (config.test_every or max(1, config.steps // 8)) if self.dataset.test else 0
         seconds, tick = 0.0, time.perf_counter()
         while self.step_count < config.steps:
             event = self.step()

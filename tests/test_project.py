@@ -111,8 +111,8 @@ def test_quaternions_of_any_length_are_accepted_and_zero_is_the_identity():
 
 
 def test_only_finite_primitives_in_front_of_the_near_plane_are_visible():
-    splats = rounded(make_splats([[0, 0, z] for z in (0.2, 0.21, -1, 0, 1, 1, 1e5)], dog=[0, 1, 4]))
-    for near_clip in (0.0, 0.1, 0.2, 0.5):
+    splats = rounded(make_splats([[0, 0, z] for z in (0.25, 0.26, -1, 0, 1, 1, 1e5)], dog=[0, 1, 4]))
+    for near_clip in (0.0, 0.125, 0.25, 0.5):
         assert_same(splats, make_camera(), near_clip=near_clip)
     broken = rounded(make_splats(np.tile([0.1, 0, 2], (8, 1)), dog=[2, 3]))
     broken.means[0, 1] = np.nan

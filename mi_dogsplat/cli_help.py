@@ -1,0 +1,49 @@
+"""What ``--help`` says after the list of flags: commands to copy, and what comes of them."""
+
+EPILOG = """
+A first run:
+  dogsplat train photos/ -o run --downscale 2 --steps 7000 --max-primitives 60000
+  dogsplat info run/point_cloud.ply
+  dogsplat render run/point_cloud.ply -o view.png --data photos/ --camera 0001
+
+photos/ is a COLMAP folder (images/ and sparse/0), a folder with transforms.json (instant-ngp, nerfstudio) or
+transforms_train.json (NeRF synthetic), or a Mitsuba scene XML. run/report.html tells how it went.
+Exit codes: 0 done, 2 wrong use or bad input (one line says what to do).
+"""
+
+TRAIN_EXAMPLES = """
+Examples:
+  dogsplat train photos/ -o run                        the full schedule, 30,000 steps
+  dogsplat train photos/ -o run --steps 7000 --downscale 2 --max-primitives 60000
+                                                       minutes instead of hours, and a bounded size
+  dogsplat train lego/ -o run --background white       images with alpha over white (as auto does)
+
+Afterwards RUN holds point_cloud.ply (the model), report.html (open it in a browser), metrics.json,
+history.jsonl, config.json, and test/ with a render, the photograph and an error map per test view. Stopping
+with Ctrl-C leaves config.json and history.jsonl of the steps done.
+"""
+RENDER_EXAMPLES = """
+Examples:
+  dogsplat render run/point_cloud.ply -o view.png                              a view that frames the model
+  dogsplat render run/point_cloud.ply -o view.png --data photos/               the first test view of the data
+  dogsplat render run/point_cloud.ply -o view.exr --data photos/ --camera 0001 a view by its name
+  dogsplat render run/point_cloud.ply -o view.png --camera camera.json
+  dogsplat render scene.xml -o view.exr                                        first sensor of a Mitsuba scene
+
+A camera file holds {"w2c": 4x4 world to camera (x right, y down, z forward), "fx": pixels, "fy", "cx",
+"cy", "width", "height"}; fy, cx and cy may be left out. A .png shows colours over the background; an .exr
+holds linear colour, premultiplied with alpha, and depth.
+"""
+EVAL_EXAMPLES = """
+Examples:
+  dogsplat eval run/point_cloud.ply photos/ --downscale 2
+  dogsplat eval run/point_cloud.ply photos/ --downscale 2 -o measured/   also writes pictures and metrics.json
+
+Use the --downscale that the model was trained with, else the numbers say little about it.
+"""
+INFO_EXAMPLES = """
+Examples:
+  dogsplat info run/point_cloud.ply   counts, ranges, and primitives that are broken or wasted
+  dogsplat info run/                  settings and result of a run
+  dogsplat info photos/               views, split, points, and whether the cameras see the points
+"""

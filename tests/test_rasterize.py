@@ -1,0 +1,173 @@
+"""From raw parameters to planes: images against the float64 twin, constant cost in kernels and memory."""
+
+import gc
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from splat_scenes import (
+    SMOOTH_OPTIONS,
+    attached,
+    image_of,
+    make_camera,
+    make_splats,
+    options,
+    plane_of,
+    random_splats,
+    rasterized,
+    rounded,
+    select,
+    tilted_camera,
+)
+
+from mi_dogsplat import reference
+from mi_dogsplat.project import DeviceCamera
+from mi_dogsplat.rasterize import rasterize
+from mi_dogsplat.splats import Splats
+
+BACKGROUND = (0.1, 0.4, 0.8)
+
+
+def mean_errors(splats: Splats, camera, antialiased=False, negative_transmittance=True) -> dict[str, float]:
+    frame = rasterized(splats, camera, depth=True, antialiased=antialiased,
+                       negative_transmittance=negative_transmittance)
+    assert frame.depth is not None
+    image, T, depth = reference.render(splats, camera, BACKGROUND, antialiased=antialiased,
+                                       negative_transmittance=negative_transmittance)
+    return {"image": float(np.abs(image_of(frame, camera, BACKGROUND) - image).mean()),
+            "T": float(np.abs(plane_of(frame.T, camera) - T).mean()),
+            "depth": float(np.abs(plane_of(frame.depth, camera) - depth).mean())}
+
+
+def assert_same(*args, **others):
+    errors = mean_errors(*args, **others)
+    assert max(errors.values()) < 2e-5, errors
+
+
+@pytest.mark.parametrize("width, height", [(1, 1), (1, 40), (37, 23), (64, 48), (130, 70)])
+@pytest.mark.parametrize("dog_share", [0, 0.5])
+def test_images_of_any_size_equal_the_twin(width, height, dog_share):
+    camera = tilted_camera(width, height, cx=0.4 * width, cy=0.7 * height)
+    for seed in (0, 1):
+        assert_same(rounded(random_splats(60, seed=seed, dog_share=dog_share)), camera)
+
+
+@pytest.mark.parametrize("antialiased", [False, True])
+@pytest.mark.parametrize("negative_transmittance", [False, True])
+def test_both_modes_of_negative_weights_and_of_antialiasing_equal_the_twin(antialiased, negative_transmittance):
+    for seed in (2, 3, 4):
+        splats = rounded(random_splats(60, seed=seed))
+        assert_same(splats, tilted_camera(), antialiased=antialiased,
+                    negative_transmittance=negative_transmittance)
+
+
+@pytest.mark.parametrize("n", [0, 1, 2])
+@pytest.mark.parametrize("dog", [False, True])
+def test_no_one_and_two_primitives_equal_the_twin(n, dog):
+    means = np.array([[0, 0, 2], [0.2, 0.1, 1.5]])[:n]
+    splats = rounded(make_splats(means, 0.2, 0.7, (0.2, 0.5, 0.9), dog=range(n) if dog else ()))
+    for camera in (make_camera(), make_camera(1, 1), tilted_camera(37, 23)):
+        assert_same(splats, camera)
+
+
+def test_one_splat_of_a_model_is_not_seen_as_a_scalar():
+    """The one row of a DoG model's arrays, and of a plain model's, is a row."""
+    splats = rounded(random_splats(20, seed=7)).select([int(random_splats(20, seed=7).dog_index[0])])
+    assert splats.n_splats == splats.n_dog == 1
+    assert_same(splats, tilted_camera())
+
+
+def test_everything_behind_the_camera_gives_the_background():
+    splats = random_splats(30)
+    splats.means = splats.means * [1, 1, -1]
+    frame = rasterized(rounded(splats), make_camera(), depth=True)
+    assert frame.depth is not None
+    np.testing.assert_allclose(image_of(frame, make_camera(), BACKGROUND),
+                               np.broadcast_to(BACKGROUND, (48, 64, 3)), rtol=1e-6)
+    assert (plane_of(frame.T, make_camera()) == 1).all() and not plane_of(frame.depth, make_camera()).any()
+
+
+@pytest.mark.parametrize("name", ["means", "log_scales", "quats", "logit_opacities", "sh_coeffs",
+                                  "dog_logit_opacities", "dog_log_scales"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_one_broken_value_spoils_no_pixel(name, value):
+    splats = rounded(random_splats(30, seed=9))
+    clean = image_of(rasterized(splats, tilted_camera()), tilted_camera())
+    row = 0 if name.startswith("dog_") else int(splats.dog_index[0])
+    getattr(splats, name)[row] = value
+    image = image_of(rasterized(splats, tilted_camera()), tilted_camera())
+    assert np.isfinite(image).all()
+    assert (np.abs(image - clean).max(-1) == 0).any() or name in ("logit_opacities", "dog_log_scales")
+
+
+def test_a_lower_sh_degree_than_stored_equals_the_twin():
+    splats, camera = rounded(random_splats(60, seed=5)), tilted_camera()
+    for degree in (0, 1, 2):
+        frame = rasterize(attached(splats), DeviceCamera.upload(camera), options(splats.select(slice(None))))
+        assert frame.projection is not None
+        shown = Splats(**{**vars(splats), "sh_coeffs": splats.sh_coeffs[:, :(degree + 1) ** 2]})
+        expected, _, _ = reference.render(splats, camera, sh_degree=degree)
+        assert np.abs(image_of(rasterized(shown, camera), camera) - expected).mean() < 2e-5
+
+
+def compiled(run) -> list[str]:
+    """Names of kernels that were compiled, or fetched from disk, while ``run`` ran."""
+    dr.sync_thread()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        dr.kernel_history_clear()
+        run()
+        dr.sync_thread()
+        history = dr.kernel_history([dr.KernelType.JIT])
+    return [f"{k['hash']} size {k['size']}" for k in history if not k["cache_hit"]]
+
+
+def step(splats: Splats, camera, **others) -> dict:
+    """Forward and backward pass; returns the gradients, evaluated."""
+    params = attached(splats)
+    frame = rasterize(params, DeviceCamera.upload(camera), options(splats, **others))
+    dr.backward(dr.sum(frame.colors[0] + 2 * frame.colors[1] - frame.colors[2] + 0.1 * frame.T))
+    gradients = {name: dr.grad(value) for name, value in params.items() if dr.grad_enabled(value)}
+    dr.eval(gradients)
+    return gradients
+
+
+@pytest.mark.parametrize("cutoffs", [{}, SMOOTH_OPTIONS], ids=["hard", "smooth"])
+@pytest.mark.parametrize("dog_share", [0, 0.5])
+def test_no_kernel_is_compiled_after_the_first_steps_whatever_the_number_of_primitives(cutoffs, dog_share):
+    model = random_splats(1000, seed=1, dog_share=dog_share)
+    for n in (100, 101):
+        step(select(model, n), tilted_camera(), **cutoffs)
+    for n in (100, 137, 500, 3, 1000):
+        new = compiled(lambda n=n: step(select(model, n), tilted_camera(), **cutoffs))
+        assert not new, f"N = {n}: {new}"
+
+
+def test_another_camera_needs_no_new_kernel():
+    splats = rounded(random_splats(50, seed=1))
+    step(splats, tilted_camera())
+    step(splats, tilted_camera(cx=30))
+    new = compiled(lambda: [step(splats, tilted_camera(f=f, cx=cx)) for f, cx in ((40, 3), (80, 70), (300, 32))])
+    assert not new
+
+
+def resident_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs /proc to see the resident size")
+def test_memory_does_not_grow_over_300_steps():
+    """Neither the JIT's variables nor the process; N changes, as in training."""
+    model = random_splats(400, seed=1)
+    sizes, variables = [], []
+    for i in range(320):
+        step(select(model, (200, 300, 400, 250)[i % 4]), tilted_camera())
+        if i % 20 == 19:
+            gc.collect()
+            dr.flush_malloc_cache()
+            sizes.append(resident_bytes())
+            variables.append(len(dr.whos_str().splitlines()) if hasattr(dr, "whos_str") else 0)
+    assert variables[-1] == variables[0], variables
+    growth = (min(sizes[-4:]) - max(sizes[:4])) / 2**20
+    assert growth < 3, f"grew by {growth:.1f} MiB in 240 steps: {[s >> 20 for s in sizes]}"
