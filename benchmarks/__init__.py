@@ -1,1 +1,1 @@
-"""Timings, outside the test-suite: ``python -m benchmarks [NAME ...]``. Machines are noisy: medians and ratios of one run count."""
+"""Timings, outside the test-suite: ``python -m benchmarks [NAME ...]``. Only medians and ratios of one run count."""

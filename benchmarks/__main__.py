@@ -3,8 +3,9 @@
 import argparse
 import importlib
 
-import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
 import mitsuba as mi
+
+import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
 
 NAMES = ("versus_volprim", "training_step")
 

@@ -9,7 +9,9 @@ import drjit as dr
 import numpy as np
 
 
-def medians(contestants: dict[str, Callable[[], None]], rounds: int = 7, repeats: dict[str, int] | None = None) -> dict[str, float]:
+def medians(
+    contestants: dict[str, Callable[[], None]], rounds: int = 7, repeats: dict[str, int] | None = None
+) -> dict[str, float]:
     """Median wall time of each in ms, kernels compiled and caches warm. ``repeats``: calls per round (default 5)."""
     for run in contestants.values():
         for _ in range(2):

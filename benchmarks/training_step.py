@@ -17,37 +17,41 @@ from .timing import medians
 
 def main() -> None:
     for copies in (1, 4):
-        splats, camera = fern(copies)
-        optimizer = SplatOptimizer(splats, LearningRates(extent=1e-6, total_steps=1000))
-        device_camera, options, loss = DeviceCamera.upload(camera), RasterOptions(), PhotometricLoss()
-        rng = np.random.default_rng(0)
-        target = loss.target(rng.uniform(0, 1, (camera.height, camera.width, 3)).astype(np.float32))
-        adjoint = [mi.Float(rng.normal(size=camera.width * camera.height).astype(np.float32)) for _ in range(3)]
+        measure(copies)
 
-        def forward():
-            dr.eval(rasterize({k: dr.detach(v) for k, v in optimizer.params.items()}, device_camera, options).colors)
 
-        def backward(planes, gradient):
-            for plane, δ in zip(planes, gradient, strict=True):
-                dr.set_grad(plane, mi.Float(δ))
-            dr.enqueue(dr.ADMode.Backward, planes)
-            dr.traverse(dr.ADMode.Backward)
+def measure(copies: int) -> None:
+    splats, camera = fern(copies)
+    optimizer = SplatOptimizer(splats, LearningRates(extent=1e-6, total_steps=1000))
+    device_camera, options, loss = DeviceCamera.upload(camera), RasterOptions(), PhotometricLoss()
+    rng = np.random.default_rng(0)
+    target = loss.target(rng.uniform(0, 1, (camera.height, camera.width, 3)).astype(np.float32))
+    adjoint = [mi.Float(rng.normal(size=camera.width * camera.height).astype(np.float32)) for _ in range(3)]
 
-        def rasterisation():
-            params = optimizer.params
-            backward(rasterize(params, device_camera, options).colors, adjoint)
-            dr.eval([dr.grad(value) for value in params.values()])
-            for value in params.values():
-                dr.clear_grad(value)
+    def forward():
+        dr.eval(rasterize({k: dr.detach(v) for k, v in optimizer.params.items()}, device_camera, options).colors)
 
-        def step():
-            planes = rasterize(optimizer.params, device_camera, options).colors
-            backward(planes, loss.value_and_gradient(planes, target)[3])
-            optimizer.step()
+    def backward(planes, gradient):
+        for plane, δ in zip(planes, gradient, strict=True):
+            dr.set_grad(plane, mi.Float(δ))
+        dr.enqueue(dr.ADMode.Backward, planes)
+        dr.traverse(dr.ADMode.Backward)
 
-        result = medians({"forward": forward, "rasterisation": rasterisation, "step": step}, 10)
-        ratio = result["step"] / result["rasterisation"]
-        print(
-            f"{splats.n_splats:7,d} primitives, 400x300: forward {result['forward']:.2f} ms, "
-            f"forward+backward {result['rasterisation']:.2f} ms, whole step {result['step']:.2f} ms = {ratio:.2f}x"
-        )
+    def rasterisation():
+        params = optimizer.params
+        backward(rasterize(params, device_camera, options).colors, adjoint)
+        dr.eval([dr.grad(value) for value in params.values()])
+        for value in params.values():
+            dr.clear_grad(value)
+
+    def step():
+        planes = rasterize(optimizer.params, device_camera, options).colors
+        backward(planes, loss.value_and_gradient(planes, target)[3])
+        optimizer.step()
+
+    result = medians({"forward": forward, "rasterisation": rasterisation, "step": step}, 10)
+    ratio = result["step"] / result["rasterisation"]
+    print(
+        f"{splats.n_splats:7,d} primitives, 400x300: forward {result['forward']:.2f} ms, "
+        f"forward+backward {result['rasterisation']:.2f} ms, whole step {result['step']:.2f} ms = {ratio:.2f}x"
+    )

@@ -34,7 +34,10 @@ def _scenes(copies: int):
         "extent": 3.0,
         "extent_adaptive_clamping": True,
     }
-    integrators = {"ours": {"type": "dogsplat", "near_clip": 0.01}, "volprim": {"type": "volprim_rf_basic", "srgb_primitives": True}}
+    integrators = {
+        "ours": {"type": "dogsplat", "near_clip": 0.01},
+        "volprim": {"type": "volprim_rf_basic", "srgb_primitives": True},
+    }
     shapes = {"ours": ours, "volprim": theirs}
     return {
         name: mi.load_dict({"type": "scene", "integrator": integrators[name], "sensor": sensor, "splats": shapes[name]})
@@ -69,4 +72,7 @@ def main() -> None:
         result = medians(runs, 5, {name: 1 for name in runs if name.startswith("volprim")})
         for kind in ("forward", "forward+backward"):
             ours, theirs = result[f"ours {kind}"], result[f"volprim {kind}"]
-            print(f"{copies * 10_091:7,d} primitives, 400x300, {kind:16s}: {ours:8.2f} ms, volprim_rf_basic {theirs:8.1f} ms, {theirs / ours:6.1f}x")
+            print(
+                f"{copies * 10_091:7,d} primitives, 400x300, {kind:16s}: {ours:8.2f} ms, "
+                f"volprim_rf_basic {theirs:8.1f} ms, {theirs / ours:6.1f}x"
+            )

@@ -122,7 +122,7 @@ def train(args: argparse.Namespace) -> None:
 
         metrics = run_train(config, args.out, show)
     print("test views:" if metrics["test"] else "training views (there is no test split):", end=" ")
-    _print_metrics(metrics["test"] or metrics["train"])
+    print_metrics(metrics["test"] or metrics["train"])
     size, seconds = metrics["bytes"] / 1e6, metrics["train_seconds"]
     print(f"{metrics['n']:,} primitives, {size:.1f} MB, {seconds:.0f} s; {args.out / 'report.html'}")
 
@@ -160,9 +160,9 @@ def evaluate(args: argparse.Namespace) -> None:
     views = evaluate_views(lambda v: picture(v.camera), dataset.test or dataset.train, background, args.out)
     for name, values in views.items():
         print(f"{name:24s}", end="")
-        _print_metrics(values)
+        print_metrics(values)
     print(f"{'mean':24s}", end="")
-    _print_metrics(mean_metrics(views))
+    print_metrics(mean_metrics(views))
     if args.out:
         write_json(
             args.out / "metrics.json", {"test": mean_metrics(views), "views": views, "n": splats.n_splats}
@@ -185,7 +185,7 @@ def _config(args: argparse.Namespace) -> TrainConfig:
     return TrainConfig(**{"data": "", **given})
 
 
-def _print_metrics(values: dict[str, float]) -> None:
+def print_metrics(values: dict[str, float]) -> None:
     likeness = f"PSNR {values['psnr']:.2f} dB  SSIM {values['ssim']:.4f}"
     print(f"{likeness}  FLIP {values['flip']:.4f}  L1 {values['l1']:.5f}")
 

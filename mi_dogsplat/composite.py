@@ -22,6 +22,8 @@ Backward mode replays the walk in the same order and needs two numbers per pixel
 still to come; nothing is stored per primitive and pixel.
 """
 
+# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -167,7 +169,7 @@ class Walk:
                     first, right, down = first * down, right * s, down * t
         return values
 
-    def pseudo_kernel(self, splat, active, dx, dy) -> list:
+    def pseudo_kernel(self, splat, active, dx, dy) -> tuple:
         """2^p' of the pseudo-Gaussian, zeros for a plain primitive. All lanes of a packet take the same branch."""
         row = dr.gather(self.UInt, self.tables.dog_row, splat, active)
         is_dog = active & (row != NOT_DOG) if active is not True else row != NOT_DOG
@@ -268,9 +270,9 @@ def composite_backward(
     def add(table, index, values: list, row_size: int, active):
         """One packet instead of a scatter per value: the lanes of a packet all add to the same row.
 
-        The mode must be ``Local``: ``Expand``, and ``Auto`` which may choose it, are a fifth faster on the CPU, but give every
-        thread a copy of the table at an offset that a frozen kernel holds as a constant. Replayed with a larger table
-        it writes out of bounds (Dr.Jit 1.5).
+        The mode must be ``Local``: ``Expand``, and ``Auto`` which may choose it, are a fifth faster on the CPU, but
+        give every thread a copy of the table at an offset that a frozen kernel holds as a constant. Replayed with
+        a larger table it writes out of bounds (Dr.Jit 1.5).
         """
         padded = values + [walk.Float(0)] * (row_size - len(values))
         dr.scatter_add(table, walk.Packet(padded), index, active, mode=dr.ReduceMode.Local)
@@ -354,7 +356,8 @@ def composite_backward(
 def composite_forward(
     grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings, δsplats: list, δpseudo: list | None
 ) -> tuple:
-    """Tangents of the planes, given those of x, y, A, B, C, lo and the features [N], and of A, B, C, lo [M].
+    """Tangents of the planes, given those of x, y, A, B, C, lo and the features [N],
+    and of A, B, C, lo [M].
 
     Returns (δfeatures: list of [H*W] planes, δT: [H*W] plane).
     """
@@ -377,7 +380,7 @@ def composite_forward(
         δ = [dr.gather(walk.Float, values, splat) for values in δsplats]
         δα = tangents(primary, *row[2:5], dx, dy, δ)
         if pseudo is not None:
-            δ_p = δ[:2] + [dr.gather(walk.Float, values, dog_row, is_dog) for values in δpseudo]
+            δ_p = δ[:2] + [dr.gather(walk.Float, values, dog_row, is_dog) for values in δpseudo or []]
             kernel = [dr.select(is_dog, value, 0) for value in walk.pseudo_row(dr.select(is_dog, dog_row, 0))[:3]]
             δα = [a - b for a, b in zip(δα, tangents(pseudo, *kernel, dx, dy, δ_p), strict=True)]
         for k in range(walk.pixels):

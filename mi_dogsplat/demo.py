@@ -1,5 +1,5 @@
-"""``make demo``: the main job on a scene that ships. Renders a small training set with Mitsuba's path tracer, trains a model
-on it, and writes pictures and a report.
+"""``make demo``: the main job on a scene that ships. Renders a small training set with Mitsuba's path tracer, trains
+a model on it, and writes pictures and a report.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from pathlib import Path
 import mitsuba as mi
 from tqdm import tqdm
 
-from .cli import _print_metrics
+from .cli import print_metrics
 from .config import TrainConfig
 from .datasets.capture import capture
 from .run import train
@@ -30,7 +30,9 @@ def main() -> None:
     data = args.out / "data"
     if not (data / "transforms_train.json").exists():
         print(f"1/2  {SCENE.name}: path tracing {args.views} training and {args.views // 6} test views")
-        capture(SCENE, data, n_views=args.views, n_test=args.views // 6, width=args.size, height=args.size, zoom=1.35)
+        n_test = args.views // 6
+        size = {"width": args.size, "height": args.size}
+        capture(SCENE, data, n_views=args.views, n_test=n_test, **size, zoom=1.35, alpha=True)
     print(f"2/2  training {args.steps} steps")
     config = TrainConfig(str(data), steps=args.steps, max_primitives=40_000)
     with tqdm(total=args.steps, unit="step") as bar:
@@ -40,7 +42,7 @@ def main() -> None:
             bar.set_postfix(n=row["n"])
 
         metrics = train(config, args.out / "run", show)
-    _print_metrics(metrics["test"])
+    print_metrics(metrics["test"])
     print(f"open {args.out / 'run' / 'report.html'}")
 
 

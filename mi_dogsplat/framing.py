@@ -12,12 +12,12 @@ from .splats import Splats
 AUTOMATIC_SIZE = (800, 600)  # pixels
 AUTOMATIC_FOV = 40.0  # degrees, of the shorter side
 ELEVATION = 25.0  # degrees above the horizon
-CORE = 0.8  # share of the primitives that count as the model
+CORE = 0.9  # share of the primitives that count as the model
 MIN_SKEW = 0.2  # below, no axis stands out as the vertical
 
 
 def robust_sphere(splats: Splats) -> tuple[np.ndarray, float]:
-    """(centre [3], radius) of the core of a model: the median position, and how far the nearest 80 % reach.
+    """(centre [3], radius) of the core of a model: the median position, and how far the nearest 90 % reach.
 
     Two standard deviations of a median primitive are added to the radius, so that a model at a single point
     has an extent too. The unit sphere for a model without primitives.

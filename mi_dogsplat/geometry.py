@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -90,7 +91,7 @@ class Grid:
     @cached_property
     def lanes(self) -> tuple:
         """(tile of the lane, x and y of its block's first pixel), evaluated once per image size."""
-        UInt = dr.detached_t(mi.UInt32)
+        UInt: Any = dr.detached_t(mi.UInt32)
         b = self.blocks
         lane = dr.arange(UInt, self.n_tiles * b.lanes)
         tile, lane = lane // b.lanes, lane % b.lanes

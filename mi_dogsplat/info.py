@@ -11,7 +11,7 @@ from .datasets import Dataset, check_cameras, load_dataset
 from .datasets.colmap import find_model
 from .datasets.transforms import find_transforms
 from .errors import DataError
-from .framing import robust_sphere
+from .framing import CORE, robust_sphere
 from .ply import read_ply
 from .run_folder import read_run
 from .splats import Splats
@@ -64,7 +64,7 @@ def describe_model(path: Path) -> list[str]:
     if n:
         centre, radius = robust_sphere(splats)
         lines.append(
-            _line("centre, radius", f"({_numbers(centre)}), {radius:.4g}: the median, 80 % of all lie within")
+            _line("centre, radius", f"({_numbers(centre)}), {radius:.4g}: the median; {CORE:.0%} lie within")
         )
         lines += [_line(f"position {axis}", _range(splats.means[:, i])) for i, axis in enumerate("xyz")]
         lines += [_line("scale", _range(splats.scales)), _line("opacity", _range(splats.opacities))]

@@ -1,5 +1,8 @@
 """Integrator plugin ``dogsplat``: renders ``dog`` shapes by splatting."""
 
+# The stubs of Mitsuba give properties as "object": argument checks are off here.
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false
+# pyright: reportOperatorIssue=false, reportReturnType=false
 from __future__ import annotations
 
 import drjit as dr
@@ -76,7 +79,7 @@ class DogSplatIntegrator(ADIntegrator):
     def aov_names(self) -> list[str]:
         return [name if name == "alpha" else f"{name}.Z" for name in self.aovs]
 
-    def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True) -> mi.TensorXf:
+    def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True) -> mi.TensorXf | None:
         with dr.suspend_grad():
             image = self._image(scene, sensor)
         if not develop:

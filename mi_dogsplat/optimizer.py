@@ -18,11 +18,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .parameters import RAW_DOG, dog_rows
+from .parameters import RAW_DOG, device_array, dog_rows
 from .splats import Splats
 
 ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}
-ALIGNMENT = 64  # bytes, the widest vector load
 DOG_ROW_SIZE = {"dog_logit_opacities": 1, "dog_log_scales": 3}
 
 
@@ -71,7 +70,7 @@ class SplatOptimizer:
         if splats.n_dog:
             values |= {name: getattr(splats, name) for name in RAW_DOG}
             self.row_size |= DOG_ROW_SIZE
-        self.adam = mi.ad.Adam(lr=0.0, epsilon=1e-15, params={name: _device(v) for name, v in values.items()})
+        self.adam = mi.ad.Adam(lr=0.0, epsilon=1e-15, params={name: device_array(v) for name, v in values.items()})
         self._refresh_dog_index()
         self.schedule(0)
 
@@ -115,7 +114,7 @@ class SplatOptimizer:
         """Overwrite a parameter, or some rows of it, and keep its moments."""
         new = self.numpy(name)
         new[slice(None) if rows is None else rows] = values
-        self.adam[name] = _device(new)
+        self.adam[name] = device_array(new)
 
     def reset_moments(self, name: str) -> None:
         """Forget both moments of a parameter, not its step count."""
@@ -144,7 +143,7 @@ class SplatOptimizer:
             elif name in self.adam:
                 del self.adam[name]
             elif len(old_row):
-                self.adam[name] = _device(values)
+                self.adam[name] = device_array(values)
                 self.adam.set_learning_rate({name: rates[name]})
         self.dog_index = np.array(dog_index, np.uint32)
         self._refresh_dog_index()
@@ -190,8 +189,8 @@ class SplatOptimizer:
 
     def _refresh_dog_index(self) -> None:
         if self.n_dog:
-            self._dog_index = _device(self.dog_index, mi.UInt32)
-            self._dog_row = _device(dog_rows(self.dog_index, self.n).numpy(), mi.UInt32)
+            self._dog_index = device_array(self.dog_index, mi.UInt32)
+            self._dog_row = dog_rows(self.dog_index, self.n)
 
     def to_splats(self) -> Splats:
         """The model on the host."""
@@ -227,22 +226,12 @@ class SplatOptimizer:
         self.row_size |= DOG_ROW_SIZE
         self.adam.state.clear()
         for name in [name for name in self.row_size if name in saved]:
-            self.adam[name] = _device(saved[name])  # registers the parameter
+            self.adam[name] = device_array(saved[name])  # registers the parameter
             value, promoted, _, (t, _, _, v_max) = self.adam.state[name]
-            m, v = _device(saved[f"{name}.m"]), _device(saved[f"{name}.v"])
+            m, v = device_array(saved[f"{name}.m"]), device_array(saved[f"{name}.v"])
             t, rate = type(t)(int(saved[f"{name}.t"])), float(saved[f"{name}.rate"])
             self.adam.state[name] = value, promoted, rate, (t, m, v, v_max)
         self._refresh_dog_index()
-
-
-def _device(values: np.ndarray, dtype: Any = None) -> Any:
-    """A flat device copy, ``mi.Float`` unless told otherwise."""
-    flat = np.ravel(values).astype(np.uint32 if dtype is mi.UInt32 else np.float32)
-    buffer = np.empty(flat.nbytes + ALIGNMENT, np.uint8)
-    start = -buffer.ctypes.data % ALIGNMENT
-    aligned = buffer[start : start + flat.nbytes].view(flat.dtype)
-    aligned[:] = flat
-    return (dtype or mi.Float)(aligned)
 
 
 def _host(array: Any) -> np.ndarray:

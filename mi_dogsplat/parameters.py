@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -13,12 +15,25 @@ RAW = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
 RAW_DOG = ("dog_logit_opacities", "dog_log_scales")
 
 
+ALIGNMENT = 64  # bytes; Dr.Jit compiles another kernel for memory that is less aligned
+
+
+def device_array(values: np.ndarray, dtype: Any = None) -> Any:
+    """A flat array on the device, ``mi.Float`` unless told otherwise, that shares no memory with ``values``."""
+    flat = np.ravel(values).astype(np.uint32 if dtype is mi.UInt32 else np.float32)
+    buffer = np.empty(flat.nbytes + ALIGNMENT, np.uint8)
+    start = -buffer.ctypes.data % ALIGNMENT
+    aligned = buffer[start : start + flat.nbytes].view(flat.dtype)
+    aligned[:] = flat
+    return (dtype or mi.Float)(aligned)
+
+
 def upload(splats: Splats) -> dict:
     """Arrays of the current variant; the DoG entries only when there is a DoG primitive."""
     names = RAW + RAW_DOG if splats.n_dog else RAW
-    params: dict = {name: mi.Float(getattr(splats, name).ravel()) for name in names}
+    params: dict = {name: device_array(getattr(splats, name)) for name in names}
     if splats.n_dog:
-        params["dog_index"] = mi.UInt32(splats.dog_index)
+        params["dog_index"] = device_array(splats.dog_index, mi.UInt32)
         params["dog_row"] = dog_rows(splats.dog_index, splats.n_splats)
     return params
 
@@ -27,7 +42,7 @@ def dog_rows(dog_index: np.ndarray, n_splats: int) -> mi.UInt32:
     """[N] row of each primitive among the DoG ones, or NOT_DOG: the inverse of ``dog_index`` [M]."""
     rows = np.full(n_splats, NOT_DOG, np.uint32)
     rows[dog_index] = np.arange(len(dog_index), dtype=np.uint32)
-    return mi.UInt32(rows)
+    return device_array(rows, mi.UInt32)
 
 
 def concatenate(parts: list[dict], sh_sizes: list[int]) -> tuple[dict, int]:
@@ -52,7 +67,7 @@ def concatenate(parts: list[dict], sh_sizes: list[int]) -> tuple[dict, int]:
         for name in RAW_DOG:
             joined[name] = dr.concat([p[name] for p, _ in with_dog])
         index = np.concatenate([p["dog_index"].numpy() + int(first) for p, first in with_dog])
-        joined["dog_index"] = mi.UInt32(index.astype(np.uint32))
+        joined["dog_index"] = device_array(index, mi.UInt32)
         joined["dog_row"] = dog_rows(index, sum(counts))
     return joined, size
 

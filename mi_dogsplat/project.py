@@ -11,6 +11,8 @@ The quadratic form is kept in units of log2 with the opacity folded in as ``lo``
 multiplication by the opacity nor a change of base, and logit opacities of any magnitude stay finite.
 """
 
+# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -113,7 +115,8 @@ def rotation_matrix(q: list[mi.Float]) -> list[list[mi.Float]]:
 
 def softplus(x: mi.Float) -> mi.Float:
     """log(1 + e^x) without overflow; -softplus(-x) is the log of the sigmoid, finite for every finite logit."""
-    return dr.maximum(x, 0) + dr.log(1 + dr.exp(-dr.abs(x)))
+    positive = x > 0  # not max(x, 0) and |x|: their derivatives would add up to 0 instead of 1/2 at x = 0
+    return dr.select(positive, x, 0) + dr.log(1 + dr.exp(dr.select(positive, -x, x)))
 
 
 def _screen_kernels(axes, scales, log2_opacity, antialiased: bool) -> Kernels:
@@ -192,4 +195,5 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
 
     direction = [mean[c] - camera.position[c] for c in range(3)]
     colors = evaluate_sh(params, direction, index, visible, sh_degree)
+    visible &= dr.isfinite(colors[0] + colors[1] + colors[2])
     return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row)

@@ -1,9 +1,11 @@
 """The whole path from raw parameters to planes, differentiable in both modes: project -> tiles -> composite.
 
-The projection is differentiated by Dr.Jit; the compositor brings its own derivatives (replay of the walk) and enters the
-AD graph as one custom operation.
+The projection is differentiated by Dr.Jit; the compositor brings its own derivatives (replay of the walk) and enters
+the AD graph as one custom operation.
 """
 
+# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -130,7 +132,8 @@ def rasterize(
     n_pixels = camera.width * camera.height
     if dr.width(params["logit_opacities"]) == 0 or n_pixels == 0:
         nothing = [dr.zeros(mi.Float, n_pixels) for _ in range(3)]
-        return Frame(nothing, dr.full(mi.Float, 1, n_pixels), dr.zeros(mi.Float, n_pixels) if options.depth else None, None, None)
+        depth = dr.zeros(mi.Float, n_pixels) if options.depth else None
+        return Frame(nothing, dr.full(mi.Float, 1, n_pixels), depth, None, None)
 
     projection = project(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)
     if probe is not None:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
 C0 = 0.28209479177387814  # 1 / (2 sqrt(pi)); colour = 0.5 + C0 * DC
 
 
-def sh_basis(x, y, z, degree: int) -> list:
+def sh_basis(x: Any, y: Any, z: Any, degree: int) -> list:
     """Basis functions at unit directions, (degree + 1)² of them, ordered l² + l + m."""
     basis: list = [C0]
     if degree >= 1:
         c1 = 0.4886025119029199
         basis += [-c1 * y, c1 * z, -c1 * x]
+    xx, yy, zz = x * x, y * y, z * z
     if degree >= 2:
-        xx, yy, zz = x * x, y * y, z * z
         basis += [
             1.0925484305920792 * (x * y),
             -1.0925484305920792 * (y * z),
@@ -40,9 +42,9 @@ def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Boo
     """Colours max(0, SH(direction) + 0.5) of visible primitives, three channels of [N].
 
     Args:
-        params: row-major ``sh_coeffs`` [N, K, 3], or, where the constant part is trained at its own rate, ``sh_dc`` [N, 3]
-            and ``sh_rest`` [N, K, 3] (whose constant part is not used: rows stay aligned for packet loads). Only what
-            ``degree`` needs is read, and only for visible primitives.
+        params: row-major ``sh_coeffs`` [N, K, 3], or, where the constant part is trained at its own rate, ``sh_dc``
+            [N, 3] and ``sh_rest`` [N, K, 3] (whose constant part is not used: rows stay aligned for packet loads).
+            Only what ``degree`` needs is read, and only for visible primitives.
         direction: from the camera centre to the primitive, not normalised.
     """
     x, y, z = direction
@@ -65,7 +67,7 @@ def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Boo
     return colors
 
 
-def read_rows(array: mi.Float, stride: int, count: int, index: mi.UInt32, active=True) -> list:
+def read_rows(array: mi.Float, stride: int, count: int, index: mi.UInt32, active: Any = True) -> list:
     """The first ``count`` columns of row ``index`` of a row-major [*, stride] array; a row is read by one lane only.
 
     Rows of a multiple of four floats are read, and in reverse mode written, as packets of four: 3.5 times faster.

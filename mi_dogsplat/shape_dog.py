@@ -1,5 +1,7 @@
 """Shape plugin ``dog``: a cloud of Gaussian and Difference-of-Gaussians primitives."""
 
+# The stubs of Mitsuba give properties as "object": argument checks are off here.
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
 from __future__ import annotations
 
 import drjit as dr
@@ -99,7 +101,8 @@ class DogShape(mi.Mesh):
 
     def parameters_changed(self, keys: list[str] = []):  # noqa: B006 (signature of Mitsuba)
         n = self.means.shape[0]
-        rows = {"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": (), "sh_coeffs": self.sh_coeffs.shape[1:]}
+        rows = {"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": ()}
+        rows["sh_coeffs"] = self.sh_coeffs.shape[1:]
         for name, tail in rows.items():
             shape = tuple(getattr(self, name).shape)
             if shape != (n, *tail):

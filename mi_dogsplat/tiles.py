@@ -6,6 +6,8 @@ known in closed form, so no tile is listed that the ellipse does not enter ("Acc
 Entries are emitted in depth order and sorted by tile with a stable sort, which keeps that order inside each tile.
 """
 
+# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -15,6 +17,7 @@ import mitsuba as mi
 
 from .geometry import Cutoffs, Grid
 from .project import NOT_DOG, Kernels, Projection
+
 
 @dataclass
 class Lists:
@@ -47,7 +50,7 @@ class _Ellipses:
         self.y_right = -0.5 * self.B / self.C * self.extent_x
 
     def span(self, y0, y1) -> tuple:
-        """Leftmost and rightmost dx of the ellipse within dy in [y0, y1]; empty (inf, -inf) where it misses the band."""
+        """Leftmost and rightmost dx of the ellipse within dy in [y0, y1]; (inf, -inf) where it misses the band."""
         y0, y1 = dr.maximum(y0, -self.extent_y), dr.minimum(y1, self.extent_y)
         meets = self.seen & (y0 <= y1)
 
@@ -159,9 +162,10 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> Lists:
     order = _argsort_small(tile_from_isect, grid.n_tiles)
     tile = dr.gather(UInt, tile_from_isect, order)
     i = dr.arange(UInt, n_isects)
+    count = dr.opaque(UInt, n_isects)  # a literal would compile a kernel per frame
     dr.eval(tile)
     before = dr.gather(UInt, tile, i - 1, i > 0)
-    after = dr.gather(UInt, tile, i + 1, i + 1 < n_isects)
+    after = dr.gather(UInt, tile, i + 1, i + 1 < count)
     dr.scatter(begin, i, tile, (i == 0) | (before != tile))
-    dr.scatter(end, i + 1, tile, (i + 1 == n_isects) | (after != tile))
+    dr.scatter(end, i + 1, tile, (i + 1 == count) | (after != tile))
     return Lists(dr.gather(UInt, splat_from_isect, order), begin, end)

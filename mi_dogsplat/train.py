@@ -129,7 +129,8 @@ class Trainer:
                 self.densification, self.optimizer, self.stats, self.step_count, self.rng, self.extent
             )
             self.stats = DensifyStats(self.optimizer.n)
-            events.append("densify " + " ".join(f"{verb}={count}" for verb, count in counts.items()))
+            if any(counts.values()):
+                events.append("densify " + " ".join(f"{verb}={count}" for verb, count in counts.items()))
         if self.densification.resets_opacity(self.step_count):
             self.densification.reset_opacity(self.optimizer)
             events.append("reset opacity")

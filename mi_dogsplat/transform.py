@@ -17,8 +17,11 @@ def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndar
     linear, translation = matrix[:3, :3], matrix[:3, 3]
     det = np.linalg.det(linear)
     scale = float(np.cbrt(det))
-    if not np.isfinite(matrix).all() or det <= 0 or not np.allclose(linear @ linear.T, scale**2 * np.eye(3), atol=1e-4 * scale**2):
-        raise ValueError("a model can be rotated, scaled uniformly and translated; this matrix shears, mirrors or collapses it")
+    similar = np.allclose(linear @ linear.T, scale**2 * np.eye(3), atol=1e-4 * scale**2)
+    if not np.isfinite(matrix).all() or det <= 0 or not similar:
+        raise ValueError(
+            "a model can be rotated, scaled uniformly and translated; this matrix shears, mirrors or collapses it"
+        )
     return linear / scale, scale, translation
 
 

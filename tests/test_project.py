@@ -11,7 +11,7 @@ from splat_scenes import make_camera, make_splats, random_splats, rounded, tilte
 from mi_dogsplat import reference
 from mi_dogsplat.cameras import Camera
 from mi_dogsplat.parameters import upload
-from mi_dogsplat.project import LOG2_E, NOT_DOG, DeviceCamera, Kernels, project
+from mi_dogsplat.project import LOG2_E, NOT_DOG, DeviceCamera, Kernels, project, softplus
 from mi_dogsplat.splats import Splats
 
 
@@ -137,6 +137,13 @@ def test_logits_of_any_size_stay_finite_in_value_and_derivative():
     dr.backward(dr.sum(p.kernels.lo + p.pseudo.lo))
     for name in ("logit_opacities", "dog_logit_opacities"):
         assert np.isfinite(dr.grad(params[name]).numpy()).all(), name
+
+
+def test_the_derivative_of_softplus_is_the_sigmoid_at_zero_too():
+    x = mi.Float([-30, -1, 0, -0.0, 1e-30, 1, 30])
+    dr.enable_grad(x)
+    dr.backward(dr.sum(softplus(x)))
+    np.testing.assert_allclose(dr.grad(x).numpy(), 1 / (1 + np.exp(-dr.detach(x).numpy())), rtol=1e-6)
 
 
 def test_a_primitive_on_the_camera_centre_has_a_finite_colour_and_derivative():

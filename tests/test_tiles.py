@@ -14,12 +14,14 @@ from mi_dogsplat.project import DeviceCamera, project
 from mi_dogsplat.splats import Splats
 from mi_dogsplat.tiles import tiles
 
+HARD = Cutoffs()
+
 
 def grid_of(camera: Camera) -> Grid:
     return Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
 
 
-def engine_lists(splats: Splats, camera: Camera, cutoffs=Cutoffs()) -> list[np.ndarray]:
+def engine_lists(splats: Splats, camera: Camera, cutoffs=HARD) -> list[np.ndarray]:
     projection = project(upload(splats), DeviceCamera.upload(camera), sh_degree=splats.sh_degree)
     lists = tiles(projection, grid_of(camera), cutoffs)
     begin, end, splat = (np.array(v) for v in (lists.begin, lists.end, lists.splat_from_isect))
@@ -156,6 +158,6 @@ def test_lists_do_not_carry_derivatives():
     dr.enable_grad(params["means"])
     camera = make_camera()
     projection = project(params, DeviceCamera.upload(camera), sh_degree=0)
-    lists = tiles(projection, grid_of(camera), Cutoffs())
+    lists = tiles(projection, grid_of(camera), HARD)
     assert not dr.is_diff_v(lists.begin)
     assert dr.grad_enabled(projection.x)

@@ -36,6 +36,7 @@ def capture(
     elevations: tuple[float, float] = (12.0, 65.0),
     zoom: float = 1.0,
     n_points: int = 8000,
+    alpha: bool = False,
 ) -> Path:
     """Render ``n_views`` training and ``n_test`` test views of a scene into the folder ``out``, and return
     it.
@@ -44,8 +45,9 @@ def capture(
     stand on a sphere around the middle of everything that does not shine, between two ``elevations`` in
     degrees above the plane across ``up`` (an axis, "x", "y" or "z"). ``fov`` is that of the longer side in
     degrees; at ``zoom`` 1 the bounding sphere just fits, at 2 it is twice as large. ``n_points`` first hits
-    become ``points.ply``. A Mitsuba variant must be set. The JSON files come last: an interrupted capture is
-    no data set.
+    become ``points.ply``. With ``alpha`` the images keep the film's coverage (straight alpha), which is meant
+    for an integrator with ``hide_emitters``. A Mitsuba variant must be set. The JSON files come last: an
+    interrupted capture is no data set.
 
     Raises ``DataError`` for a scene that cannot be loaded, shows nothing or renders to NaN, and
     ``ValueError`` for numbers that make no orbit.
@@ -71,7 +73,7 @@ def capture(
     rng = np.random.default_rng(seed)
     points, colors = [], []
     for i, camera in enumerate(tqdm(cameras, desc=f"capture {scene_path.name}", unit="view", disable=None)):
-        image = _render(mi, scene, camera, spp, seed * len(cameras) + i, distance)  # [H, W, 3]
+        image = _render(mi, scene, camera, spp, seed * len(cameras) + i, distance, alpha)  # [H, W, 3 or 4]
         if not np.isfinite(image).all():
             raise DataError(scene_path, f"view {i} renders to NaN or infinity", "correct the scene")
         write_png(out / names[i], image)
@@ -79,7 +81,7 @@ def capture(
             hits, pixels = _first_hits(mi, scene, camera)
             some = rng.permutation(len(hits))[: math.ceil(n_points / n_views)]
             points.append(hits[some])
-            colors.append(image[pixels[some, 1], pixels[some, 0]])
+            colors.append(image[pixels[some, 1], pixels[some, 0], :3])
     all_points, all_colors = np.concatenate(points), np.concatenate(colors)
     if not len(all_points):
         raise DataError(scene_path, "no camera sees a surface", "give a scene with shapes, and check zoom")
@@ -159,18 +161,25 @@ def _bounding_sphere(path: Path, scene: Any) -> tuple[np.ndarray, float]:
     return (low + high) / 2, radius
 
 
-def _render(mi: Any, scene: Any, camera: Camera, spp: int, seed: int, distance: float) -> np.ndarray:
-    """sRGB values float32 [H, W, 3] of what the scene's own integrator shows to the camera."""
+def _render(mi: Any, scene: Any, camera: Camera, spp: int, seed: int, distance: float, alpha: bool) -> np.ndarray:
+    """sRGB values float32 [H, W, 3] of what the scene's own integrator shows to the camera, or with straight
+    alpha [H, W, 4]."""
     side = math.ceil(math.sqrt(spp))
     sensor = camera_to_mitsuba(camera, near_clip=1e-3 * distance, far_clip=1e3 * distance)
     sensor["sampler"] = {"type": "multijitter", "sample_count": side**2}
+    sensor["film"]["pixel_format"] = "rgba" if alpha else "rgb"
     loaded = mi.load_dict(sensor)
     mi.render(scene, sensor=loaded, spp=side**2, seed=seed)
     bitmap = loaded.film().bitmap()
     if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:  # AOVs come along
         bitmap = dict(bitmap.split())["<root>"]
-    linear = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False))
-    return linear_to_srgb(linear)
+    pixel_format = mi.Bitmap.PixelFormat.RGBA if alpha else mi.Bitmap.PixelFormat.RGB
+    linear = np.array(bitmap.convert(pixel_format, mi.Struct.Type.Float32, False))
+    if not alpha:
+        return linear_to_srgb(linear)
+    color, coverage = linear[..., :3], linear[..., 3:]
+    straight = np.divide(color, coverage, out=np.zeros_like(color), where=coverage > 0)
+    return np.concatenate([linear_to_srgb(straight), np.clip(coverage, 0, 1)], axis=-1)
 
 
 def _first_hits(mi: Any, scene: Any, camera: Camera) -> tuple[np.ndarray, np.ndarray]:

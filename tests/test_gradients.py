@@ -1,0 +1,289 @@
+"""Derivatives of the whole path in both modes, against finite differences of the float64 twin, lane by lane.
+
+The twin is differentiated without cutoffs: with them an image jumps wherever a primitive crosses 1/255.
+"""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, cast
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from splat_scenes import (
+    SMOOTH_OPTIONS,
+    attached,
+    make_splats,
+    options,
+    plane_of,
+    random_splats,
+    rounded,
+    tilted_camera,
+)
+
+from mi_dogsplat import reference
+from mi_dogsplat.cameras import Camera
+from mi_dogsplat.parameters import upload
+from mi_dogsplat.project import DeviceCamera
+from mi_dogsplat.rasterize import Frame, RasterOptions, rasterize
+from mi_dogsplat.reference import RAW_PARAMETERS
+from mi_dogsplat.splats import Splats
+
+BACKGROUND = (0.2, -0.3, 0.6)
+CAMERA = tilted_camera(16, 12, f=14.0, cx=7.0, cy=6.5)
+ADJOINT = np.random.default_rng(0).normal(size=(12, 16, 3))
+
+
+def small_model(degree=1, n=10, seed=3, dog_share=0.5) -> Splats:
+    return rounded(random_splats(n, seed=seed, degree=degree, dog_share=dog_share))
+
+
+def gradients_of(splats: Splats, loss: Callable[[Frame], mi.Float], choices: RasterOptions,
+                 probe=None) -> dict[str, np.ndarray]:
+    """Reverse mode, in the shapes of the parameters."""
+    params = attached(splats)
+    dr.backward(loss(rasterize(params, DeviceCamera.upload(CAMERA), choices, probe)))
+    return {name: dr.grad(params[name]).numpy().reshape(getattr(splats, name).shape)
+            for name in RAW_PARAMETERS if name in params}
+
+
+def image_loss(frame: Frame) -> mi.Float:
+    """sum(adjoint * (image over the background))"""
+    loss = mi.Float(0)
+    for c in range(3):
+        adjoint = mi.Float(ADJOINT[..., c].ravel().astype(np.float32))
+        loss += dr.sum(adjoint * (frame.colors[c] + frame.T * BACKGROUND[c]))
+    return loss
+
+
+def mismatches(got: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> str:
+    """Every entry off by more than 1 % (and by more than rounding: 1e-4 of the largest of its kind), as a table."""
+    lines = []
+    for name, values in got.items():
+        assert np.isfinite(values).all(), f"{name} is not finite"
+        tolerance = 1e-2 * np.abs(expected[name]) + 1e-4 * np.abs(expected[name]).max(initial=0)
+        for index in zip(*np.nonzero(np.abs(values - expected[name]) > tolerance), strict=True):
+            place = f"{name}[{', '.join(map(str, index))}]"
+            lines.append(f"{place:<32}{values[index]:>14.6g}{expected[name][index]:>14.6g}")
+    return "\n".join([f"{'':<32}{'engine':>14}{'differences':>14}", *lines]) if lines else ""
+
+
+def assert_same(got: dict[str, np.ndarray], expected: dict[str, np.ndarray]):
+    assert set(got) == {name for name in expected if expected[name].size}
+    assert all(np.abs(expected[name]).max() > 1e-4 for name in got)
+    table = mismatches(got, expected)
+    assert not table, "\n" + table
+
+
+def differences(splats: Splats, loss: Callable[[Splats], float], eps=1e-5) -> dict[str, np.ndarray]:
+    """Central differences of a loss of float64 parameters by every one of their entries."""
+    raw = {name: np.array(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
+    perturbed = cast("Splats", SimpleNamespace(**raw, dog_index=splats.dog_index))
+    result = {name: np.zeros_like(values) for name, values in raw.items()}
+    for name, values in raw.items():
+        for index in np.ndindex(values.shape):
+            value, sides = values[index], []
+            for side in (eps, -eps):
+                values[index] = value + side
+                sides.append(loss(perturbed))
+            values[index] = value
+            result[name][index] = (sides[0] - sides[1]) / (2 * eps)
+    return result
+
+
+# Reverse mode
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_gradients_of_every_parameter_equal_differences(degree):
+    splats = small_model(degree)
+    expected = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND)
+    assert_same(gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS)), expected)
+
+
+@pytest.mark.parametrize("antialiased, negative_transmittance", [(True, True), (False, False), (True, False)])
+@pytest.mark.parametrize("seed", [5, 6])
+def test_gradients_of_the_other_modes_equal_differences(antialiased, negative_transmittance, seed):
+    splats = small_model(seed=seed)
+    choices = {"antialiased": antialiased, "negative_transmittance": negative_transmittance}
+    expected = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND, **choices)
+    got = gradients_of(splats, image_loss, options(splats, **choices, **SMOOTH_OPTIONS))
+    assert_same(got, expected)
+
+
+@pytest.mark.parametrize("n", [1, 2, 10])
+def test_gradients_of_plain_gaussians_equal_differences(n):
+    splats = small_model(n=n, seed=8, dog_share=0)
+    expected = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND)
+    assert_same(gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS)), expected)
+
+
+def test_gradients_of_a_single_dog_primitive_equal_differences():
+    splats = rounded(make_splats([0.1, 0, 2], [0.3, 0.5, 0.2], 0.7, (0.3, 0.6, 0.9), dog=[0],
+                                 quats=(0.2, 0.4, 0.1, 0.8)))
+    expected = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND)
+    assert_same(gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS)), expected)
+
+
+def test_gradients_are_zero_where_kernels_are_saturated_and_colours_clamped():
+    splats = rounded(make_splats([[0, 0, 2], [0.3, 0.2, 3]], 1e4, [0.9999, 0.6], [[0.2, 0.3, 0.4], [-2, 0.5, -1]],
+                                 dog=[0, 1]))
+    got = gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS))
+    assert not got["sh_coeffs"][1, 0, [0, 2]].any() and got["sh_coeffs"][1, 0, 1]
+    expected = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND)
+    for name in ("logit_opacities", "dog_logit_opacities", "sh_coeffs"):
+        np.testing.assert_allclose(got[name], expected[name], rtol=1e-2, atol=1e-4 * np.abs(expected[name]).max())
+
+
+def test_gradients_beyond_the_clamp_of_the_linearisation_equal_differences():
+    splats = small_model(0, seed=2)
+    splats.means[:, 0] *= 3
+    splats.log_scales += 1
+    expected = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND)
+    assert_same(gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS)), expected)
+
+
+@pytest.mark.parametrize("what", ["T", "depth", "everything"])
+def test_gradients_of_transmittance_and_depth_equal_differences(what):
+    splats, weight = small_model(), {"T": (0, 1, 0), "depth": (0, 0, 1), "everything": (1, 0.7, -0.4)}[what]
+    adjoint = ADJOINT[..., 0]
+
+    def loss(frame: Frame) -> mi.Float:
+        assert frame.depth is not None
+        δ = mi.Float(adjoint.ravel().astype(np.float32))
+        return dr.sum(δ * (weight[0] * frame.colors[1] + weight[1] * frame.T + weight[2] * frame.depth))
+
+    def expected_loss(splats: Splats) -> float:
+        image, T, depth = reference.render(splats, CAMERA, smooth=True)
+        return float(np.sum(adjoint * (weight[0] * image[..., 1] + weight[1] * T + weight[2] * depth)))
+
+    got = gradients_of(splats, loss, options(splats, depth=True, **SMOOTH_OPTIONS))
+    expected = differences(splats, expected_loss)
+    if what != "everything":
+        assert not expected["sh_coeffs"].any() and not got.pop("sh_coeffs").any()
+        del expected["sh_coeffs"]
+    assert_same(got, expected)
+
+
+def test_the_gradient_of_the_probe_is_that_of_the_projected_centres():
+    splats = small_model()
+    p = reference.project(splats, CAMERA)
+    everything, eps = [reference.depth_order(p)], 1e-5
+    expected = np.zeros((10, 2))
+    for index in np.ndindex(10, 2):
+        sides = []
+        for side in (eps, -eps):
+            p.means2d[index] += side
+            image, _, _ = reference.composite(p, everything, 16, 12, BACKGROUND, smooth=True, tile_height=12)
+            p.means2d[index] -= side
+            sides.append(np.sum(ADJOINT * image))
+        expected[index] = (sides[0] - sides[1]) / (2 * eps)
+    probe = [dr.zeros(mi.Float, 10) for _ in range(2)]
+    dr.enable_grad(probe)
+    gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS), probe)
+    got = np.stack([dr.grad(p).numpy() for p in probe], -1)
+    assert_same({"means2d": got}, {"means2d": expected})
+
+
+# Forward mode
+
+def pushed(splats: Splats, directions: dict[str, np.ndarray], choices: RasterOptions) -> dict[str, np.ndarray]:
+    """Derivative of the planes along a direction in parameter space."""
+    params = upload(splats)
+    for name, direction in directions.items():
+        dr.enable_grad(params[name])
+        dr.set_grad(params[name], mi.Float(direction.ravel().astype(np.float32)))
+    frame = rasterize(params, DeviceCamera.upload(CAMERA), choices)
+    planes = [*frame.colors, frame.T, *([] if frame.depth is None else [frame.depth])]
+    dr.forward_to(planes)
+    tangents = [plane_of(dr.grad(plane), CAMERA) for plane in planes]
+    return {"image": np.stack(tangents[:3], -1), "T": tangents[3]} | (
+        {} if frame.depth is None else {"depth": tangents[4]})
+
+
+def pushed_differences(splats: Splats, directions: dict[str, np.ndarray], camera: Camera = CAMERA, eps=1e-5,
+                       **choices) -> dict[str, np.ndarray]:
+    sides = []
+    for side in (eps, -eps):
+        raw: Any = {name: np.array(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
+        for name, direction in directions.items():
+            raw[name] += side * direction
+        sides.append(reference.render(cast("Splats", SimpleNamespace(**raw, dog_index=splats.dog_index)), camera,
+                                      smooth=True, **choices))
+    return {name: (a - b) / (2 * eps) for name, a, b in zip(("image", "T", "depth"), *sides, strict=True)}
+
+
+def random_directions(splats: Splats, seed: int) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return {name: rng.normal(size=getattr(splats, name).shape).astype(np.float32) for name in RAW_PARAMETERS}
+
+
+@pytest.mark.parametrize("negative_transmittance", [True, False])
+def test_forward_mode_along_random_directions_equals_differences(negative_transmittance):
+    splats = small_model(3)
+    choices = options(splats, depth=True, negative_transmittance=negative_transmittance, **SMOOTH_OPTIONS)
+    for seed in range(3):
+        directions = random_directions(splats, seed)
+        assert_same(pushed(splats, directions, choices),
+                    pushed_differences(splats, directions, negative_transmittance=negative_transmittance))
+
+
+@pytest.mark.parametrize("name", RAW_PARAMETERS)
+def test_forward_mode_along_single_entries_of_a_parameter_equals_differences(name):
+    splats = small_model(3)
+    shape, choices = getattr(splats, name).shape, options(splats, depth=True, **SMOOTH_OPTIONS)
+    for row in (0, shape[0] // 2, shape[0] - 1):
+        direction = np.zeros(shape, np.float32)
+        direction[(row, *np.random.default_rng(row).integers(shape[1:]))] = 1
+        expected = pushed_differences(splats, {name: direction})
+        got = pushed(splats, {name: direction}, choices)
+        table = mismatches(got, expected)
+        assert not table, f"row {row}\n{table}"
+
+
+# With cutoffs
+
+def test_with_cutoffs_gradients_equal_differences_where_nothing_crosses_one():
+    """Steps are so small that no pixel of this scene crosses a cutoff; those beyond a cutoff contribute nothing."""
+    splats = small_model(seed=4)
+    hard = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND, smooth=False, eps=1e-7)
+    assert_same(gradients_of(splats, image_loss, options(splats)), hard)
+
+
+@pytest.mark.parametrize("cutoffs", [{}, SMOOTH_OPTIONS], ids=["hard", "smooth"])
+@pytest.mark.parametrize("n, dog_share", [(60, 0), (60, 0.5), (400, 0.5)])
+@pytest.mark.parametrize("negative_transmittance", [True, False])
+def test_forward_and_reverse_mode_are_adjoint(cutoffs, n, dog_share, negative_transmittance):
+    """<δimage, J v> = <Jᵀ δimage, v>, for one parameter at a time; opaque enough that walks end early."""
+    splats = small_model(n=n, seed=1, dog_share=dog_share)
+    splats.logit_opacities += 2
+    choices = options(splats, negative_transmittance=negative_transmittance, **cutoffs)
+    gradients = gradients_of(splats, image_loss, choices)
+    for name in gradients:
+        direction = random_directions(splats, 7)[name]
+        tangent = pushed(splats, {name: direction}, choices)
+        forward = ADJOINT * (tangent["image"] + tangent["T"][..., None] * BACKGROUND)
+        reverse = gradients[name] * direction
+        scale = np.abs(forward).sum() + np.abs(reverse).sum()
+        assert abs(forward.sum() - reverse.sum()) < 1e-3 * scale, name
+
+
+def test_gradients_stay_right_when_the_number_of_primitives_grows_and_shrinks():
+    """Derivative kernels are recorded once and replayed for every N."""
+    models = {n: small_model(n=n, seed=n) for n in (40, 300, 2000)}
+    choices = options(models[40])
+    first = {n: gradients_of(models[n], image_loss, choices) for n in (40, 300, 2000)}
+    for n in (2000, 40, 300, 40, 2000):
+        again = gradients_of(models[n], image_loss, choices)
+        for name, expected in first[n].items():
+            np.testing.assert_allclose(again[name], expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
+
+
+def test_primitives_that_are_not_seen_have_zero_gradients():
+    splats = small_model(n=12)
+    splats.means[::2, 2] *= -1  # behind
+    splats.logit_opacities[1] = -20  # too faint
+    got = gradients_of(splats, image_loss, options(splats))
+    for name in ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs"):
+        assert not got[name][::2].any() and not got[name][1].any(), name
+        assert got[name][3:].any()
