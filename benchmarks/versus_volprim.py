@@ -55,7 +55,7 @@ def _passes(scene: mi.Scene):
 
     def forward_backward():
         for key in keys:
-            params[key] = type(params[key])(dr.detach(params[key]))
+            params[key] = mi.TensorXf(dr.detach(params[key]))
             dr.enable_grad(params[key])
         params.update()
         dr.backward(dr.mean(mi.render(scene, params, spp=1), axis=None))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import NoReturn
 
@@ -55,9 +56,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    p = commands.add_parser(
-        "train", help="photographs to a model", description=train.__doc__, epilog=TRAIN_EXAMPLES
-    )
+    p = commands.add_parser("train", help="photographs to a model", description=train.__doc__, epilog=TRAIN_EXAMPLES)
     p.add_argument("data", metavar="DATA", help=_field_help()["data"])
     p.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     flags = [field.name for field in dataclasses.fields(TrainConfig) if field.name != "data"]
@@ -71,9 +70,7 @@ def build_parser() -> argparse.ArgumentParser:
         epilog=RENDER_EXAMPLES,
     )
     p.add_argument("model", type=Path, metavar="MODEL_or_SCENE", help="model .ply or Mitsuba scene .xml")
-    p.add_argument(
-        "-o", "--out", type=Path, required=True, metavar="OUT", help=".png, or .exr with alpha and depth"
-    )
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".png, or .exr with alpha and depth")
     p.add_argument("--data", metavar="DATA", help="data set whose views --camera names")
     p.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA by name, or a camera JSON file")
     _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
@@ -87,9 +84,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     p.add_argument("model", type=Path, metavar="MODEL", help="model .ply")
     p.add_argument("data", metavar="DATA", help=_field_help()["data"])
-    p.add_argument(
-        "-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json"
-    )
+    p.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json")
     _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
     p.set_defaults(run=evaluate)
 
@@ -112,13 +107,18 @@ def train(args: argparse.Namespace) -> None:
 
     from .run import train as run_train
 
-    with tqdm(total=config.steps, unit="step", dynamic_ncols=True, smoothing=0.05) as bar:
+    with ExitStack() as stack:
+        bars: list[tqdm] = []  # none until training starts: an error before that is a single line
 
         def show(row: dict) -> None:
-            bar.update(row["step"] - bar.n)
+            if not bars:
+                options = {"unit": "step", "dynamic_ncols": True, "smoothing": 0.05}
+                bars.append(stack.enter_context(tqdm(total=config.steps, **options)))
+            bars[0].update(row["step"] - bars[0].n)
             if "l1" in row:
                 shown = {"l1": f"{row['l1']:.4f}", "n": row["n"]}
-                bar.set_postfix(shown | ({"psnr": f"{row['test_psnr']:.2f}"} if "test_psnr" in row else {}))
+                psnr = {"psnr": f"{row['test_psnr']:.2f}"} if "test_psnr" in row else {}
+                bars[0].set_postfix(shown | psnr)
 
         metrics = run_train(config, args.out, show)
     print("test views:" if metrics["test"] else "training views (there is no test split):", end=" ")
@@ -155,6 +155,8 @@ def evaluate(args: argparse.Namespace) -> None:
     dataset = load_dataset(args.data, args.downscale)
     background = background_color(args.background, dataset.has_alpha)
     if args.out:
+        if (args.out / "config.json").exists():
+            raise DataError(args.out, "is a training run with metrics of its own", "name another folder")
         prepare_folder(args.out)
     picture = picture_of(splats, args, background)
     views = evaluate_views(lambda v: picture(v.camera), dataset.test or dataset.train, background, args.out)
@@ -164,9 +166,7 @@ def evaluate(args: argparse.Namespace) -> None:
     print(f"{'mean':24s}", end="")
     print_metrics(mean_metrics(views))
     if args.out:
-        write_json(
-            args.out / "metrics.json", {"test": mean_metrics(views), "views": views, "n": splats.n_splats}
-        )
+        write_json(args.out / "metrics.json", {"test": mean_metrics(views), "views": views, "n": splats.n_splats})
 
 
 def info(args: argparse.Namespace) -> None:
@@ -199,11 +199,7 @@ def _set_variant(name: str) -> None:
 
     available = mi.variants()
     if name == "auto":
-        name = (
-            "cuda_ad_rgb"
-            if "cuda_ad_rgb" in available and dr.has_backend(dr.JitBackend.CUDA)
-            else "llvm_ad_rgb"
-        )
+        name = "cuda_ad_rgb" if "cuda_ad_rgb" in available and dr.has_backend(dr.JitBackend.CUDA) else "llvm_ad_rgb"
     if name not in available or not name.endswith("ad_rgb"):
         raise DataError("--variant", f'"{name}" cannot be used', "use auto, llvm_ad_rgb or cuda_ad_rgb")
     if name.startswith("cuda") and not dr.has_backend(dr.JitBackend.CUDA):

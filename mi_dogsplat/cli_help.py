@@ -24,11 +24,12 @@ with Ctrl-C leaves config.json and history.jsonl of the steps done.
 """
 RENDER_EXAMPLES = """
 Examples:
-  dogsplat render run/point_cloud.ply -o view.png                              a view that frames the model
-  dogsplat render run/point_cloud.ply -o view.png --data photos/               the first test view of the data
-  dogsplat render run/point_cloud.ply -o view.exr --data photos/ --camera 0001 a view by its name
+  dogsplat render run/point_cloud.ply -o view.png                     a view that frames the model
+  dogsplat render run/point_cloud.ply -o view.png --data photos/      the first test view of the data
+  dogsplat render run/point_cloud.ply -o view.exr --data photos/ --camera 0001
+                                                                      a view by its name
   dogsplat render run/point_cloud.ply -o view.png --camera camera.json
-  dogsplat render scene.xml -o view.exr                                        first sensor of a Mitsuba scene
+  dogsplat render scene.xml -o view.exr                               first sensor of a Mitsuba scene
 
 A camera file holds {"w2c": 4x4 world to camera (x right, y down, z forward), "fx": pixels, "fy", "cx",
 "cy", "width", "height"}; fy, cx and cy may be left out. A .png shows colours over the background; an .exr

@@ -42,9 +42,7 @@ def describe(path: str | Path) -> list[str]:
         return describe_model(path)
     if path.is_dir() and any((path / name).is_file() for name in RUN_FILES):
         return describe_run(path)
-    is_data = (
-        (find_model(path) or find_transforms(path)) if path.is_dir() else path.suffix in (".xml", ".json")
-    )
+    is_data = (find_model(path) or find_transforms(path)) if path.is_dir() else path.suffix in (".xml", ".json")
     if not is_data:
         raise DataError(path, "not something dogsplat knows", ACCEPTED)
     return describe_dataset(path)
@@ -63,9 +61,7 @@ def describe_model(path: Path) -> list[str]:
     ]
     if n:
         centre, radius = robust_sphere(splats)
-        lines.append(
-            _line("centre, radius", f"({_numbers(centre)}), {radius:.4g}: the median; {CORE:.0%} lie within")
-        )
+        lines.append(_line("centre, radius", f"({_numbers(centre)}), {radius:.4g}: the median; {CORE:.0%} lie within"))
         lines += [_line(f"position {axis}", _range(splats.means[:, i])) for i, axis in enumerate("xyz")]
         lines += [_line("scale", _range(splats.scales)), _line("opacity", _range(splats.opacities))]
     if m:
@@ -118,15 +114,11 @@ def describe_run(path: Path) -> list[str]:
         lines.append(_line("render time", f"{fixed(metrics.get('render_ms'), 1)} ms"))
         lines += [_line(split, _quality(metrics[split])) for split in ("test", "train") if metrics.get(split)]
     changed = [
-        f"{key} {run.config[key]}"
-        for key in ("preset", "downscale", "max_primitives", "seed")
-        if key in run.config
+        f"{key} {run.config[key]}" for key in ("preset", "downscale", "max_primitives", "seed") if key in run.config
     ]
     if changed:
         lines.append(_line("settings", ", ".join(changed)))
-    problems = [
-        f"{name} is missing" for name in (*RUN_FILES, "point_cloud.ply") if not (path / name).is_file()
-    ]
+    problems = [f"{name} is missing" for name in (*RUN_FILES, "point_cloud.ply") if not (path / name).is_file()]
     if run.metrics is None:
         problems.append("the run is not complete: it was interrupted, or is still running")
     if run.broken_rows:
@@ -151,9 +143,7 @@ def describe_dataset(path: Path) -> list[str]:
     if check.seen is not None:
         lines.append(_line("cameras", f"{check.seen:.0%} of the points are inside at least two images"))
     if check.color_difference is not None:
-        lines.append(
-            _line("colours", f"points and their pixels differ by {check.color_difference:.3f} (median)")
-        )
+        lines.append(_line("colours", f"points and their pixels differ by {check.color_difference:.3f} (median)"))
     if check.reprojection_px is not None:
         lines.append(_line("reprojection", f"{check.reprojection_px:.2f} px (median) at full size"))
     return lines

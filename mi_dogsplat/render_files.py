@@ -91,9 +91,7 @@ def render_scene(path: Path, out: Path) -> None:
         bitmap = dict(bitmap.split())["<root>"]
     linear = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False))  # [H, W, 3]
     if np.isnan(linear).any():
-        raise DataError(
-            path, "its render holds NaN", "correct the scene, or write .exr to see where they are"
-        )
+        raise DataError(path, "its render holds NaN", "correct the scene, or write .exr to see where they are")
     _write(out, lambda: write_png(out, linear_to_srgb(linear)))
 
 
@@ -131,9 +129,7 @@ def _camera(args: argparse.Namespace, splats: Splats) -> tuple[Camera, bool]:
     if name not in views:
         near = difflib.get_close_matches(name, views, MAX_NAMES, cutoff=0.3) or list(views)[:MAX_NAMES]
         listed = ", ".join(near)
-        raise DataError(
-            "--camera", f'"{name}" is no view of {args.data}', f"it has {len(views)}, such as {listed}"
-        )
+        raise DataError("--camera", f'"{name}" is no view of {args.data}', f"it has {len(views)}, such as {listed}")
     return views[name].camera, dataset.has_alpha
 
 

@@ -19,7 +19,7 @@ EVENT_LANES = {  # the lane of an event by the words in it; one row may name sev
     "DoG": r"\bdog\b|dog_",
 }
 
-READ_ERROR = """Error of the training view of each logged step (thin) and its running mean (thick), on a
+READ_ERROR = """Mean error of the training views since the row before (thin) and its running mean (thick), on a
 logarithmic axis: lower is better; while it still falls at the right end, more steps would help. Methods are
 compared by error against run time, not against step."""
 READ_PSNR = """Mean PSNR over the test views, higher is better. Where it falls while the training error falls
@@ -45,9 +45,9 @@ def curves_section(run: Run) -> str:
     error_plots, psnr_plots, count_plots = [], [], []
     for label, x in abscissas:
         if rows > 1:
-            errors = [Series("one view", x, l1, "faint"), Series(f"mean of {rows} rows", x, smooth)]
+            errors = [Series("per row", x, l1, "faint"), Series(f"mean of {rows} rows", x, smooth)]
         else:
-            errors = [Series("one view", x, l1)]
+            errors = [Series("per row", x, l1)]
         error_plots.append(line_plot(errors, label, "training L1", log_y=True))
         if np.count_nonzero(np.isfinite(test_psnr)) > 1:
             psnr_plots.append(line_plot([Series("test", x, test_psnr, "points")], label, "test PSNR, dB"))

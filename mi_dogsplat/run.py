@@ -28,7 +28,8 @@ def prepare_folder(out: Path) -> None:
     """Make the run folder. Raises ``DataError`` if something else is in its place or it cannot be written."""
     if out.exists() and not out.is_dir():
         raise DataError(out, "is a file", "name a folder for the run")
-    if out.is_dir() and any(out.iterdir()) and not (out / "config.json").exists():
+    ours = any((out / name).exists() for name in ("config.json", "metrics.json"))
+    if out.is_dir() and any(out.iterdir()) and not ours:
         raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier run")
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -41,6 +42,7 @@ def train(
 ) -> dict[str, Any]:
     """Train, evaluate and write the run folder; returns what ``metrics.json`` holds.
 
+    ``progress`` is called as training starts and with every row of the history.
     An earlier run in the same folder is replaced: its measurements go first, as they would be a lie beside
     the new settings; its model stays until the new one is complete. Raises ``DataError``.
     """
@@ -50,6 +52,7 @@ def train(
     _forget_results(out)
     write_json(out / "config.json", dataclasses.asdict(config))
     trainer = Trainer(config, dataset)
+    progress({"step": 0, "n": trainer.optimizer.n})
     with open(out / "history.jsonl", "w", encoding="utf-8") as history:
         row: dict = {"seconds": 0.0}
         try:

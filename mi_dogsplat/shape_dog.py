@@ -101,17 +101,27 @@ class DogShape(mi.Mesh):
 
     def parameters_changed(self, keys: list[str] = []):  # noqa: B006 (signature of Mitsuba)
         n = self.means.shape[0]
-        rows = {"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": ()}
-        rows["sh_coeffs"] = self.sh_coeffs.shape[1:]
-        for name, tail in rows.items():
-            shape = tuple(getattr(self, name).shape)
-            if shape != (n, *tail):
-                raise RuntimeError(f'dog: "{name}" has shape {shape}, expected {(n, *tail)} to match "means"')
-        if self.has_dog and (not keys or "dog_index" in keys or "means" in keys):
+        k = self.sh_coeffs.shape[1] if len(self.sh_coeffs.shape) == 3 else 0
+        if k not in (1, 4, 9, 16):
+            raise RuntimeError(f'dog: "sh_coeffs" has shape {tuple(self.sh_coeffs.shape)}, expected (N, 1/4/9/16, 3)')
+        self._check_rows({"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": (), "sh_coeffs": (k, 3)}, n, "means")
+        if not self.has_dog:
+            return
+        self._check_rows({"dog_logit_opacities": (), "dog_log_scales": (3,)}, dr.width(self.dog_index), "dog_index")
+        if not keys or "dog_index" in keys or "means" in keys:
             index = self.dog_index.numpy()
             if index.size and int(index.max()) >= n:
                 raise RuntimeError(f'dog: "dog_index" names primitive {int(index.max())}, "means" has {n} rows')
+            if np.any(index[1:] <= index[:-1]):
+                raise RuntimeError('dog: "dog_index" is not strictly increasing; sort it, each primitive once')
             self._dog_row = dog_rows(index, n)
+
+    def _check_rows(self, rows: dict, n: int, like: str):
+        """Raise unless every tensor in ``rows`` (name to the shape of a row) has ``n`` rows, as ``like`` has."""
+        for name, tail in rows.items():
+            shape = tuple(getattr(self, name).shape)
+            if shape != (n, *tail):
+                raise RuntimeError(f'dog: "{name}" has shape {shape}, expected {(n, *tail)} to match "{like}"')
 
     @property
     def parameters(self) -> dict:

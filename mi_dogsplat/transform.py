@@ -15,10 +15,9 @@ def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndar
     """
     matrix = np.asarray(matrix, dtype=np.float64)
     linear, translation = matrix[:3, :3], matrix[:3, 3]
-    det = np.linalg.det(linear)
+    det = np.linalg.det(linear) if np.isfinite(matrix).all() else 0.0
     scale = float(np.cbrt(det))
-    similar = np.allclose(linear @ linear.T, scale**2 * np.eye(3), atol=1e-4 * scale**2)
-    if not np.isfinite(matrix).all() or det <= 0 or not similar:
+    if det <= 0 or not np.allclose(linear @ linear.T, scale**2 * np.eye(3), atol=1e-4 * scale**2):
         raise ValueError(
             "a model can be rotated, scaled uniformly and translated; this matrix shears, mirrors or collapses it"
         )

@@ -7,7 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from mi_dogsplat.cameras import Camera
+from mi_dogsplat.cameras import Camera, camera_to_mitsuba
 from mi_dogsplat.geometry import SMOOTH
 from mi_dogsplat.parameters import RAW, RAW_DOG, upload
 from mi_dogsplat.project import DeviceCamera
@@ -114,3 +114,31 @@ def image_of(frame: Frame, camera: Camera, background=(0, 0, 0)) -> np.ndarray:
 def plane_of(plane: mi.Float, camera: Camera) -> np.ndarray:
     """[H, W]"""
     return dr.detach(plane).numpy().reshape(camera.height, camera.width)
+
+
+def square_camera(width=40, height=30, f=36.0, cx=None, cy=None) -> Camera:
+    """A tilted camera that Mitsuba can have too: its pixels are square."""
+    camera = tilted_camera(width, height, f, cx, cy)
+    return Camera(camera.w2c, f, f, camera.cx, camera.cy, width, height)
+
+
+def dog_dict(splats: Splats, **others) -> dict[str, Any]:
+    """The shape as a dict for ``mi.load_dict``, its parameters given as tensors."""
+    names = RAW + (RAW_DOG if splats.n_dog else ())
+    index = {"dog_index": mi.TensorXu(splats.dog_index)} if splats.n_dog else {}
+    return {"type": "dog", **{name: mi.TensorXf(getattr(splats, name)) for name in names}, **index, **others}
+
+
+def sensor_dict(camera: Camera, **film) -> dict[str, Any]:
+    sensor = camera_to_mitsuba(camera)
+    sensor["film"].update({"pixel_format": "rgb", **film})
+    return sensor
+
+
+def scene_of(splats: Splats, camera: Camera, shape: dict | None = None, film: dict | None = None,
+             extra: dict | None = None, **integrator) -> mi.Scene:
+    scene = mi.load_dict({"type": "scene", "integrator": {"type": "dogsplat", **integrator},
+                          "sensor": sensor_dict(camera, **(film or {})),
+                          "splats": dog_dict(splats, **(shape or {})), **(extra or {})})
+    assert isinstance(scene, mi.Scene)
+    return scene

@@ -218,7 +218,7 @@ def test_a_scene_with_a_dog_shape_shows_the_model(model, tmp_path):
     [
         (SPHERE, "has no sensor"),
         ('<integrator type="dogsplat"/>' + SENSOR, 'no shape of type "dog"'),
-        ('<integrator type="walk"/>', 'plugin "walk"'),
+        ('<integrator type="walk"/>', 'Plugin "walk" not found'),
         ('<shape type="dog"><string name="filename" value="/no.ply"/></shape>', "/no.ply: cannot be read"),
         ("<sensor", "[Pp]arsing"),
     ],
@@ -239,7 +239,7 @@ def test_a_scene_that_is_not_there_is_named(tmp_path):
 # --- camera files ---
 
 
-def test_a_camera_file_keeps_every_bit(tmp_path):
+def test_a_camera_comes_back_from_its_file(tmp_path):
     for camera in tiny_data.cameras(3):
         write_camera(tmp_path / "c.json", camera)
         back = read_camera(tmp_path / "c.json")

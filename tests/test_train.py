@@ -104,7 +104,7 @@ def test_history_tells_the_sh_ramp_and_where_the_count_changed(trained):
     events = {row["step"]: row["event"] for row in rows if "event" in row}
     assert events[5].endswith("sh degree 1")  # 1000 of 30,000 steps
     assert sum("sh degree" in event for event in events.values()) == 1
-    for before, row in zip(rows, rows[1:], strict=False):
+    for before, row in zip([{"n": tiny_data.N_TRUTH}, *rows], rows, strict=False):
         assert before["n"] == row["n"] or "densify" in row["event"]
     assert all(step < STEPS / 2 for step, event in events.items() if "densify" in event)
 
@@ -115,7 +115,8 @@ def test_the_cap_is_exact_in_every_row(data, trained, cap):
         counts = [row["n"] for row in rows_of(trained[0])]
     else:
         config = config_of(data, max_primitives=cap, steps=20, log_every=1)
-        counts = [row["n"] for row in Trainer(config, load_dataset(data)).rows()]
+        trainer = Trainer(config, load_dataset(data))
+        counts = [trainer.optimizer.n, *(row["n"] for row in trainer.rows())]
     assert max(counts) == cap
 
 

@@ -38,10 +38,7 @@ def cameras(n: int = 8, width: int = WIDTH, height: int = HEIGHT) -> list[Camera
     angles = np.linspace(0, 2 * np.pi, n, endpoint=False)
     positions = [3 * np.array([np.cos(a), np.sin(a), 0.3 * (-1) ** i]) for i, a in enumerate(angles)]
     focal = 1.1 * width
-    return [
-        Camera(look_at(p, np.zeros(3), "z"), focal, focal, width / 2, height / 2, width, height)
-        for p in positions
-    ]
+    return [Camera(look_at(p, np.zeros(3), "z"), focal, focal, width / 2, height / 2, width, height) for p in positions]
 
 
 def picture(splats: Splats, camera: Camera, background: float = 0.0) -> Picture:
