@@ -117,7 +117,9 @@ class DogSplatIntegrator(ADIntegrator):
             depth="depth" in self.aovs,
             negative_transmittance=self.negative_transmittance,
         )
-        device_camera = DeviceCamera.upload(camera, self.near_clip)
+        size, offset = sensor.film().size(), sensor.film().crop_offset()
+        whole = -offset[0], -offset[1], size[0] - offset[0], size[1] - offset[1]
+        device_camera = DeviceCamera.upload(camera, self.near_clip, whole)
         frame = rasterize(params, device_camera, options, last=self._last, recall=recall)
 
         alpha = 1 - frame.T

@@ -54,6 +54,8 @@ def concatenate(parts: list[dict], sh_sizes: list[int]) -> tuple[dict, int]:
 
     Returns: (parameters, number of SH coefficients).
     """
+    filled = [k for k, p in enumerate(parts) if dr.width(p["logit_opacities"])] or [0]
+    parts, sh_sizes = [parts[k] for k in filled], [sh_sizes[k] for k in filled]
     if len(parts) == 1:
         return parts[0], sh_sizes[0]
     counts = [dr.width(p["logit_opacities"]) for p in parts]

@@ -46,14 +46,21 @@ class DeviceCamera:
     numbers: tuple  # all of the above on the host
 
     @staticmethod
-    def upload(camera: Camera, near_clip: float = 0.2) -> DeviceCamera:
-        """Host camera to device."""
-        margin_x, margin_y = 0.15 * camera.width / camera.fx, 0.15 * camera.height / camera.fy
+    def upload(
+        camera: Camera, near_clip: float = 0.2, film: tuple[float, float, float, float] | None = None
+    ) -> DeviceCamera:
+        """Host camera to device.
+
+        ``film`` is the rectangle (left, top, right, bottom), in pixels of the camera, outside of which J is clamped:
+        the whole image, of which the camera may see a crop window only. None: the camera's image.
+        """
+        x0, y0, x1, y1 = film or (0, 0, camera.width, camera.height)
+        margin_x, margin_y = 0.15 * (x1 - x0) / camera.fx, 0.15 * (y1 - y0) / camera.fy
         numbers = [
             *camera.w2c[:3, :3].ravel(), *camera.w2c[:3, 3], *camera.position,
             camera.fx, camera.fy, camera.cx, camera.cy,
-            camera.cx / camera.fx + margin_x, (camera.width - camera.cx) / camera.fx + margin_x,
-            camera.cy / camera.fy + margin_y, (camera.height - camera.cy) / camera.fy + margin_y,
+            (camera.cx - x0) / camera.fx + margin_x, (x1 - camera.cx) / camera.fx + margin_x,
+            (camera.cy - y0) / camera.fy + margin_y, (y1 - camera.cy) / camera.fy + margin_y,
             near_clip,
         ]  # fmt: skip
         numbers = tuple(float(x) for x in numbers)

@@ -104,7 +104,8 @@ class DogShape(mi.Mesh):
         k = self.sh_coeffs.shape[1] if len(self.sh_coeffs.shape) == 3 else 0
         if k not in (1, 4, 9, 16):
             raise RuntimeError(f'dog: "sh_coeffs" has shape {tuple(self.sh_coeffs.shape)}, expected (N, 1/4/9/16, 3)')
-        self._check_rows({"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": (), "sh_coeffs": (k, 3)}, n, "means")
+        rows = {"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": (), "sh_coeffs": (k, 3)}
+        self._check_rows(rows, n, "means")
         if not self.has_dog:
             return
         self._check_rows({"dog_logit_opacities": (), "dog_log_scales": (3,)}, dr.width(self.dog_index), "dog_index")
@@ -127,7 +128,7 @@ class DogShape(mi.Mesh):
     def parameters(self) -> dict:
         """Flat arrays for ``rasterize``, attached to the AD graph wherever the tensors are."""
         params = {name: getattr(self, name).array for name in RAW}
-        if self.has_dog:
+        if self.has_dog and dr.width(self.dog_index):
             params |= {name: getattr(self, name).array for name in RAW_DOG}
             params["dog_index"], params["dog_row"] = self.dog_index, self._dog_row
         return params

@@ -1,7 +1,8 @@
 """Small scenes that the tests share, and the engine's answers to them as NumPy arrays."""
 
+from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import drjit as dr
 import mitsuba as mi
@@ -12,6 +13,7 @@ from mi_dogsplat.geometry import SMOOTH
 from mi_dogsplat.parameters import RAW, RAW_DOG, upload
 from mi_dogsplat.project import DeviceCamera
 from mi_dogsplat.rasterize import Frame, RasterOptions, rasterize
+from mi_dogsplat.reference import RAW_PARAMETERS
 from mi_dogsplat.splats import Splats
 
 C0 = 0.28209479177387814
@@ -142,3 +144,38 @@ def scene_of(splats: Splats, camera: Camera, shape: dict | None = None, film: di
                           "splats": dog_dict(splats, **(shape or {})), **(extra or {})})
     assert isinstance(scene, mi.Scene)
     return scene
+
+
+def mismatches(got: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> str:
+    """Every entry off by more than 1 % (and by more than rounding: 1e-4 of the largest of its kind), as a table."""
+    lines = []
+    for name, values in got.items():
+        assert np.isfinite(values).all(), f"{name} is not finite"
+        tolerance = 1e-2 * np.abs(expected[name]) + 1e-4 * np.abs(expected[name]).max(initial=0)
+        for index in zip(*np.nonzero(np.abs(values - expected[name]) > tolerance), strict=True):
+            place = f"{name}[{', '.join(map(str, index))}]"
+            lines.append(f"{place:<32}{values[index]:>14.6g}{expected[name][index]:>14.6g}")
+    return "\n".join([f"{'':<32}{'engine':>14}{'differences':>14}", *lines]) if lines else ""
+
+
+def assert_gradients_equal(got: dict[str, np.ndarray], expected: dict[str, np.ndarray]):
+    assert set(got) == {name for name in expected if expected[name].size}
+    assert all(np.abs(expected[name]).max() > 1e-4 for name in got)
+    table = mismatches(got, expected)
+    assert not table, "\n" + table
+
+
+def differences(splats: Splats, loss: Callable[[Splats], float], eps=1e-5) -> dict[str, np.ndarray]:
+    """Central differences of a loss of float64 parameters by every one of their entries."""
+    raw = {name: np.array(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
+    perturbed = cast("Splats", SimpleNamespace(**raw, dog_index=splats.dog_index))
+    result = {name: np.zeros_like(values) for name, values in raw.items()}
+    for name, values in raw.items():
+        for index in np.ndindex(values.shape):
+            value, sides = values[index], []
+            for side in (eps, -eps):
+                values[index] = value + side
+                sides.append(loss(perturbed))
+            values[index] = value
+            result[name][index] = (sides[0] - sides[1]) / (2 * eps)
+    return result

@@ -13,8 +13,11 @@ import numpy as np
 import pytest
 from splat_scenes import (
     SMOOTH_OPTIONS,
+    assert_gradients_equal,
     attached,
+    differences,
     make_splats,
+    mismatches,
     options,
     plane_of,
     random_splats,
@@ -57,48 +60,13 @@ def image_loss(frame: Frame) -> mi.Float:
     return loss
 
 
-def mismatches(got: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> str:
-    """Every entry off by more than 1 % (and by more than rounding: 1e-4 of the largest of its kind), as a table."""
-    lines = []
-    for name, values in got.items():
-        assert np.isfinite(values).all(), f"{name} is not finite"
-        tolerance = 1e-2 * np.abs(expected[name]) + 1e-4 * np.abs(expected[name]).max(initial=0)
-        for index in zip(*np.nonzero(np.abs(values - expected[name]) > tolerance), strict=True):
-            place = f"{name}[{', '.join(map(str, index))}]"
-            lines.append(f"{place:<32}{values[index]:>14.6g}{expected[name][index]:>14.6g}")
-    return "\n".join([f"{'':<32}{'engine':>14}{'differences':>14}", *lines]) if lines else ""
-
-
-def assert_same(got: dict[str, np.ndarray], expected: dict[str, np.ndarray]):
-    assert set(got) == {name for name in expected if expected[name].size}
-    assert all(np.abs(expected[name]).max() > 1e-4 for name in got)
-    table = mismatches(got, expected)
-    assert not table, "\n" + table
-
-
-def differences(splats: Splats, loss: Callable[[Splats], float], eps=1e-5) -> dict[str, np.ndarray]:
-    """Central differences of a loss of float64 parameters by every one of their entries."""
-    raw = {name: np.array(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
-    perturbed = cast("Splats", SimpleNamespace(**raw, dog_index=splats.dog_index))
-    result = {name: np.zeros_like(values) for name, values in raw.items()}
-    for name, values in raw.items():
-        for index in np.ndindex(values.shape):
-            value, sides = values[index], []
-            for side in (eps, -eps):
-                values[index] = value + side
-                sides.append(loss(perturbed))
-            values[index] = value
-            result[name][index] = (sides[0] - sides[1]) / (2 * eps)
-    return result
-
-
 # Reverse mode
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_gradients_of_every_parameter_equal_differences(degree):
     splats = small_model(degree)
     expected = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND)
-    assert_same(gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS)), expected)
+    assert_gradients_equal(gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS)), expected)
 
 
 @pytest.mark.parametrize("antialiased, negative_transmittance", [(True, True), (False, False), (True, False)])
@@ -108,21 +76,21 @@ def test_gradients_of_the_other_modes_equal_differences(antialiased, negative_tr
     choices = {"antialiased": antialiased, "negative_transmittance": negative_transmittance}
     expected = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND, **choices)
     got = gradients_of(splats, image_loss, options(splats, **choices, **SMOOTH_OPTIONS))
-    assert_same(got, expected)
+    assert_gradients_equal(got, expected)
 
 
 @pytest.mark.parametrize("n", [1, 2, 10])
 def test_gradients_of_plain_gaussians_equal_differences(n):
     splats = small_model(n=n, seed=8, dog_share=0)
     expected = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND)
-    assert_same(gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS)), expected)
+    assert_gradients_equal(gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS)), expected)
 
 
 def test_gradients_of_a_single_dog_primitive_equal_differences():
     splats = rounded(make_splats([0.1, 0, 2], [0.3, 0.5, 0.2], 0.7, (0.3, 0.6, 0.9), dog=[0],
                                  quats=(0.2, 0.4, 0.1, 0.8)))
     expected = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND)
-    assert_same(gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS)), expected)
+    assert_gradients_equal(gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS)), expected)
 
 
 def test_gradients_are_zero_where_kernels_are_saturated_and_colours_clamped():
@@ -140,7 +108,7 @@ def test_gradients_beyond_the_clamp_of_the_linearisation_equal_differences():
     splats.means[:, 0] *= 3
     splats.log_scales += 1
     expected = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND)
-    assert_same(gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS)), expected)
+    assert_gradients_equal(gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS)), expected)
 
 
 @pytest.mark.parametrize("what", ["T", "depth", "everything"])
@@ -162,7 +130,7 @@ def test_gradients_of_transmittance_and_depth_equal_differences(what):
     if what != "everything":
         assert not expected["sh_coeffs"].any() and not got.pop("sh_coeffs").any()
         del expected["sh_coeffs"]
-    assert_same(got, expected)
+    assert_gradients_equal(got, expected)
 
 
 def test_the_gradient_of_the_probe_is_that_of_the_projected_centres():
@@ -182,7 +150,7 @@ def test_the_gradient_of_the_probe_is_that_of_the_projected_centres():
     dr.enable_grad(probe)
     gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS), probe)
     got = np.stack([dr.grad(p).numpy() for p in probe], -1)
-    assert_same({"means2d": got}, {"means2d": expected})
+    assert_gradients_equal({"means2d": got}, {"means2d": expected})
 
 
 # Forward mode
@@ -224,7 +192,7 @@ def test_forward_mode_along_random_directions_equals_differences(negative_transm
     choices = options(splats, depth=True, negative_transmittance=negative_transmittance, **SMOOTH_OPTIONS)
     for seed in range(3):
         directions = random_directions(splats, seed)
-        assert_same(pushed(splats, directions, choices),
+        assert_gradients_equal(pushed(splats, directions, choices),
                     pushed_differences(splats, directions, negative_transmittance=negative_transmittance))
 
 
@@ -247,7 +215,7 @@ def test_with_cutoffs_gradients_equal_differences_where_nothing_crosses_one():
     """Steps are so small that no pixel of this scene crosses a cutoff; those beyond a cutoff contribute nothing."""
     splats = small_model(seed=4)
     hard = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND, smooth=False, eps=1e-7)
-    assert_same(gradients_of(splats, image_loss, options(splats)), hard)
+    assert_gradients_equal(gradients_of(splats, image_loss, options(splats)), hard)
 
 
 @pytest.mark.parametrize("cutoffs", [{}, SMOOTH_OPTIONS], ids=["hard", "smooth"])

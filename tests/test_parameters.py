@@ -62,6 +62,13 @@ def test_joined_models_are_their_rows_in_turn_with_lower_sh_degrees_padded():
     np.testing.assert_array_equal(joined["dog_row"].numpy(), dog_rows(index, 12).numpy())
 
 
+def test_models_without_primitives_are_left_out_of_a_joined_one():
+    empty, params = upload(Splats.empty(3)), upload(rounded(random_splats(4, degree=1)))
+    joined, size = concatenate([empty, params, empty], [16, 4, 16])
+    assert joined is params and size == 4
+    assert dr.width(concatenate([empty, empty], [16, 16])[0]["means"]) == 0
+
+
 def test_joining_passes_gradients_to_every_part():
     parts = [upload(rounded(random_splats(n, seed=n, degree=degree))) for n, degree in ((3, 0), (4, 2))]
     for p in parts:
