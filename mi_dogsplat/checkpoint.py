@@ -20,7 +20,7 @@ def save_checkpoint(path: Path, state: dict[str, np.ndarray]) -> None:
 def load_checkpoint(path: Path) -> dict[str, np.ndarray]:
     """Read what ``save_checkpoint`` wrote. Raises ``DataError`` if the file is missing or damaged."""
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise DataError(path, "there is no checkpoint", "train without --resume") from None

@@ -61,6 +61,7 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     flags = [field.name for field in dataclasses.fields(TrainConfig) if field.name != "data"]
     _add_config_flags(p, flags)
+    p.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
     p.set_defaults(run=train)
 
     p = commands.add_parser(
@@ -120,7 +121,7 @@ def train(args: argparse.Namespace) -> None:
                 psnr = {"psnr": f"{row['test_psnr']:.2f}"} if "test_psnr" in row else {}
                 bars[0].set_postfix(shown | psnr)
 
-        metrics = run_train(config, args.out, show)
+        metrics = run_train(config, args.out, show, args.resume)
     print("test views:" if metrics["test"] else "training views (there is no test split):", end=" ")
     print_metrics(metrics["test"] or metrics["train"])
     size, seconds = metrics["bytes"] / 1e6, metrics["train_seconds"]

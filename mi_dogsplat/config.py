@@ -13,6 +13,7 @@ RANGES = {
     "steps": (1, math.inf),
     "downscale": (1, math.inf),
     "max_primitives": (1, math.inf),
+    "max_world_scale": (1e-9, math.inf),
     "sh_degree": (0, 3),
     "near_clip": (0, 1e30),
     "initial_primitives": (1, math.inf),
@@ -34,6 +35,7 @@ class TrainConfig:
     steps: int = REFERENCE_STEPS  # training steps; every milestone of the 30,000-step schedule scales along
     downscale: int = 1  # shrink the images by this whole factor, once, at load
     max_primitives: int | None = None  # never hold more primitives than this
+    max_world_scale: float = 0.1  # remove larger primitives, times the camera extent; inf helps forward-facing captures
     sh_degree: int = 3  # highest degree of view-dependent colour, 0 to 3
     background: str = "auto"  # black, white, or auto: white for images with alpha, else black
     antialiased: bool = False  # compensate opacities for the screen-space low-pass filter

@@ -17,6 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 from .optimizer import SplatOptimizer
+from .parameters import device_array
 from .project import Projection
 
 REFERENCE_STEPS = 30_000
@@ -113,6 +114,15 @@ class DensifyStats:
         self.views += dr.select(seen, 1, 0)
         self.max_radius = dr.maximum(self.max_radius, dr.select(seen, radius, 0))
         dr.schedule(self.gradient_sum, self.views, self.max_radius)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """The sums on the host, for a checkpoint."""
+        return {name: getattr(self, name).numpy().copy() for name in ("gradient_sum", "views", "max_radius")}
+
+    def restore(self, state: dict[str, np.ndarray]) -> None:
+        """Take over the ``state()`` of statistics with as many rows."""
+        for name in ("gradient_sum", "views", "max_radius"):
+            setattr(self, name, dr.detach(device_array(state[name]), preserve_type=False))
 
     def mean_gradient(self) -> np.ndarray:
         """[N] mean over the views that saw the primitive; 0 if none did."""

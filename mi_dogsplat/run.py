@@ -7,6 +7,7 @@ import json
 import platform
 import resource
 import sys
+import time
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -14,10 +15,12 @@ from typing import Any
 
 import mitsuba as mi
 
+from .checkpoint import load_checkpoint, save_checkpoint
 from .config import TrainConfig
 from .datasets import Dataset, load_dataset
 from .errors import DataError
 from .evaluate import evaluate_views, mean_metrics, render_milliseconds
+from .geometry import Cutoffs
 from .pictures import replacing
 from .ply import write_ply
 from .report import write_report
@@ -37,38 +40,55 @@ def prepare_folder(out: Path) -> None:
         raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
 
 
+CHECKPOINT = Path("checkpoint") / "state.npz"
+CHECKPOINT_SECONDS = 60.0
+ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
+
+
 def train(
-    config: TrainConfig, out: Path, progress: Callable[[dict], None] = lambda row: None
+    config: TrainConfig, out: Path, progress: Callable[[dict], None] = lambda row: None, resume: bool = False
 ) -> dict[str, Any]:
     """Train, evaluate and write the run folder; returns what ``metrics.json`` holds.
 
-    ``progress`` is called as training starts and with every row of the history.
+    ``progress`` is called as training starts and with every row of the history. With ``resume`` the run goes on
+    from its last checkpoint (one a minute), with the same settings. The model leaves out primitives that can
+    never be seen.
     An earlier run in the same folder is replaced: its measurements go first, as they would be a lie beside
     the new settings; its model stays until the new one is complete. Raises ``DataError``.
     """
     out = Path(out)
     dataset = load_dataset(config.data, config.downscale)
     prepare_folder(out)
+    trainer = Trainer(config, dataset)
+    if resume:
+        _resume(trainer, out)
+    else:
+        (out / CHECKPOINT).unlink(missing_ok=True)
+        (out / "history.jsonl").unlink(missing_ok=True)
     _forget_results(out)
     write_json(out / "config.json", dataclasses.asdict(config))
-    trainer = Trainer(config, dataset)
-    progress({"step": 0, "n": trainer.optimizer.n})
-    with open(out / "history.jsonl", "w", encoding="utf-8") as history:
-        row: dict = {"seconds": 0.0}
+    progress({"step": trainer.step_count, "n": trainer.optimizer.n})
+    saved = time.monotonic()
+    with open(out / "history.jsonl", "a", encoding="utf-8") as history:
         try:
             for row in trainer.rows():
                 history.write(json.dumps(row) + "\n")
                 history.flush()
                 progress(row)
+                due = time.monotonic() - saved > CHECKPOINT_SECONDS or row["step"] == config.steps
+                if due and "l1" in row:
+                    save_checkpoint(out / CHECKPOINT, trainer.state())
+                    saved = time.monotonic()
         except FloatingPointError as error:
             raise DataError(config.data, str(error), "check its cameras and images for outliers") from error
     splats = trainer.optimizer.to_splats()
+    splats = splats.select(splats.opacities >= ALPHA_MIN)
     write_ply(out / "point_cloud.ply", splats)
     metrics = _measure(trainer, dataset, out) | {
         "n": splats.n_splats,
         "n_dog": splats.n_dog,
         "bytes": (out / "point_cloud.ply").stat().st_size,
-        "train_seconds": row["seconds"],
+        "train_seconds": trainer.seconds,
         "peak_memory_mb": peak_memory_mb(),
         "steps": config.steps,
         "seed": config.seed,
@@ -78,6 +98,28 @@ def train(
     write_json(out / "metrics.json", metrics)
     write_report(out)
     return metrics
+
+
+def _resume(trainer: Trainer, out: Path) -> None:
+    """Put the trainer where the checkpoint of ``out`` is, and cut the history there."""
+    before = json.loads((out / "config.json").read_text(encoding="utf-8")) if (out / "config.json").exists() else {}
+    now = dataclasses.asdict(trainer.config)
+    changed = [name for name in now if name in before and before[name] != now[name]]
+    if changed:
+        name = changed[0]
+        problem = f"{name} was {before[name]} and is {now[name]} now"
+        raise DataError(out, problem, "resume with the settings of the run, or train without --resume")
+    path = out / CHECKPOINT
+    try:
+        trainer.restore(load_checkpoint(path))
+    except (ValueError, KeyError) as error:
+        if isinstance(error, DataError):
+            raise
+        raise DataError(path, f"does not fit this run ({error})", "train without --resume") from None
+    rows = (out / "history.jsonl").read_text(encoding="utf-8").splitlines() if (out / "history.jsonl").exists() else []
+    kept = [line for line in rows if line.endswith("}") and json.loads(line)["step"] <= trainer.step_count]
+    with replacing(out / "history.jsonl") as part:
+        part.write_text("".join(line + "\n" for line in kept), encoding="utf-8")
 
 
 def _forget_results(out: Path) -> None:

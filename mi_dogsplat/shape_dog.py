@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .parameters import RAW, RAW_DOG, dog_rows
+from .parameters import RAW, RAW_DOG, device_array, dog_rows
 from .ply import read_ply
 from .splats import Splats
 from .transform import transformed
@@ -85,12 +85,12 @@ class DogShape(mi.Mesh):
 
     def _assign(self, splats: Splats):
         for name in RAW:
-            setattr(self, name, mi.TensorXf(getattr(splats, name)))
+            setattr(self, name, _tensor(getattr(splats, name)))
         self.has_dog = splats.n_dog > 0
         if self.has_dog:
             for name in RAW_DOG:
-                setattr(self, name, mi.TensorXf(getattr(splats, name)))
-            self.dog_index = mi.UInt32(splats.dog_index)
+                setattr(self, name, _tensor(getattr(splats, name)))
+            self.dog_index = device_array(splats.dog_index, mi.UInt32)
             self._dog_row = dog_rows(splats.dog_index, splats.n_splats)
 
     def traverse(self, callback: mi.TraversalCallback):
@@ -158,6 +158,10 @@ class DogShape(mi.Mesh):
     def to_string(self) -> str:
         m = self.dog_index if self.has_dog else []
         return f"DogShape[\n  source = {self.source},\n  primitives = {self.means.shape[0]},\n  dog = {len(m)}\n]"
+
+
+def _tensor(values: np.ndarray) -> mi.TensorXf:
+    return mi.TensorXf(device_array(values), values.shape)
 
 
 def _to_numpy(tensor) -> np.ndarray:

@@ -7,6 +7,7 @@ runs to the end and yields the rows of ``history.jsonl``. Who prints, draws or w
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -69,9 +70,12 @@ class Trainer:
         self.optimizer = SplatOptimizer(
             initial_splats(config, dataset), LearningRates(extent=self.extent, total_steps=config.steps)
         )
-        self.densification = Densification(max_primitives=config.max_primitives).scaled(config.steps)
+        self.densification = Densification(
+            max_primitives=config.max_primitives, max_world_scale=config.max_world_scale
+        ).scaled(config.steps)
         self.stats = DensifyStats(self.optimizer.n)
         self.step_count = 0
+        self.seconds = 0.0
         self.order: list[int] = []
         self._forget_losses()
 
@@ -143,7 +147,7 @@ class Trainer:
         """Run to the end; yields rows of the history. ``seconds`` leaves out measurements on test views."""
         config = self.config
         test_every = (config.test_every or max(1, config.steps // 8)) if self.dataset.test else 0
-        seconds, tick = 0.0, time.perf_counter()
+        tick = time.perf_counter()
         while self.step_count < config.steps:
             event = self.step()
             last = self.step_count == config.steps
@@ -158,14 +162,36 @@ class Trainer:
                 row |= {"l1": l1, "loss": loss}
             dr.sync_thread()
             now = time.perf_counter()
-            seconds += now - tick
-            row |= {"seconds": seconds, "n": self.optimizer.n, "n_dog": self.optimizer.n_dog}
+            self.seconds += now - tick
+            row |= {"seconds": self.seconds, "n": self.optimizer.n, "n_dog": self.optimizer.n_dog}
             if event:
                 row["event"] = event
             if test:
                 row["test_psnr"] = float(np.mean([self._psnr(view) for view in self.dataset.test]))
             tick = time.perf_counter()
             yield row
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Everything that ``restore`` needs to go on as if nothing had happened; take it after a row with ``l1``."""
+        state = {f"optimizer.{name}": value for name, value in self.optimizer.state().items()}
+        state |= {f"stats.{name}": value for name, value in self.stats.state().items()}
+        rng = np.array(json.dumps(self.rng.bit_generator.state))
+        progress = {"step": np.array(self.step_count), "seconds": np.array(self.seconds)}
+        return state | progress | {"order": np.array(self.order, np.int64), "rng": rng}
+
+    def restore(self, state: dict[str, np.ndarray]) -> None:
+        """Take over a ``state()``. Raises ``ValueError`` or ``KeyError`` if it is of another kind of run."""
+
+        def part(prefix: str) -> dict[str, np.ndarray]:
+            return {name[len(prefix) :]: value for name, value in state.items() if name.startswith(prefix)}
+
+        self.optimizer.restore(part("optimizer."))
+        self.stats = DensifyStats(self.optimizer.n)
+        self.stats.restore(part("stats."))
+        self.step_count, self.seconds = int(state["step"]), float(state["seconds"])
+        self.order = state["order"].tolist()
+        self.rng.bit_generator.state = json.loads(str(state["rng"]))
+        self._forget_losses()
 
     def _psnr(self, view: View) -> float:
         error = self.picture(view).color - over_background(view.image, self.background)

@@ -124,10 +124,15 @@ def square_camera(width=40, height=30, f=36.0, cx=None, cy=None) -> Camera:
     return Camera(camera.w2c, f, f, camera.cx, camera.cy, width, height)
 
 
+def scalar_transform(matrix: Any) -> mi.ScalarTransform4f:
+    return mi.ScalarTransform4f(matrix)
+
+
 def dog_dict(splats: Splats, **others) -> dict[str, Any]:
     """The shape as a dict for ``mi.load_dict``, its parameters given as tensors."""
     names = RAW + (RAW_DOG if splats.n_dog else ())
-    index = {"dog_index": mi.TensorXu(splats.dog_index)} if splats.n_dog else {}
+    tensor_of_integers: Any = mi.TensorXu
+    index = {"dog_index": tensor_of_integers(splats.dog_index)} if splats.n_dog else {}
     return {"type": "dog", **{name: mi.TensorXf(getattr(splats, name)) for name in names}, **index, **others}
 
 
@@ -179,3 +184,13 @@ def differences(splats: Splats, loss: Callable[[Splats], float], eps=1e-5) -> di
             values[index] = value
             result[name][index] = (sides[0] - sides[1]) / (2 * eps)
     return result
+
+
+def kernels(run: Callable[[], Any]) -> set[str]:
+    """Hashes of the kernels launched while ``run`` ran. One that is new may have to be compiled (or is on disk)."""
+    dr.sync_thread()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        dr.kernel_history_clear()
+        run()
+        dr.sync_thread()
+        return {k["hash"] for k in dr.kernel_history([dr.KernelType.JIT])}

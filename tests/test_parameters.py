@@ -75,7 +75,8 @@ def test_joining_passes_gradients_to_every_part():
         dr.enable_grad(p["sh_coeffs"], p["means"])
     joined, _ = concatenate(parts, [1, 9])
     weights = {name: np.arange(dr.width(joined[name]), dtype=np.float32) for name in ("sh_coeffs", "means")}
-    dr.backward(sum(dr.sum(joined[name] * mi.Float(w)) for name, w in weights.items()))
+    sums = [dr.sum(joined[name] * mi.Float(w)) for name, w in weights.items()]
+    dr.backward(sums[0] + sums[1])
     np.testing.assert_array_equal(dr.grad(parts[1]["means"]).numpy(), weights["means"][9:])
     rows = weights["sh_coeffs"].reshape(7, 9, 3)
     np.testing.assert_array_equal(dr.grad(parts[0]["sh_coeffs"]).numpy(), rows[:3, :1].ravel())

@@ -11,6 +11,7 @@ from splat_scenes import (
     SMOOTH_OPTIONS,
     attached,
     image_of,
+    kernels,
     make_camera,
     make_splats,
     options,
@@ -114,17 +115,6 @@ def test_a_lower_sh_degree_than_stored_equals_the_twin():
         assert np.abs(image_of(frame, camera) - expected).mean() < 2e-5
 
 
-def compiled(run) -> list[str]:
-    """Names of kernels that were compiled, or fetched from disk, while ``run`` ran."""
-    dr.sync_thread()
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-        dr.kernel_history_clear()
-        run()
-        dr.sync_thread()
-        history = dr.kernel_history([dr.KernelType.JIT])
-    return [f"{k['hash']} size {k['size']}" for k in history if not k["cache_hit"]]
-
-
 def step(splats: Splats, camera, **others) -> dict:
     """Forward and backward pass; returns the gradients, evaluated."""
     params = attached(splats)
@@ -138,20 +128,20 @@ def step(splats: Splats, camera, **others) -> dict:
 @pytest.mark.parametrize("cutoffs", [{}, SMOOTH_OPTIONS], ids=["hard", "smooth"])
 @pytest.mark.parametrize("dog_share", [0, 0.5])
 def test_no_kernel_is_compiled_after_the_first_steps_whatever_the_number_of_primitives(cutoffs, dog_share):
+    """But for N = 1 and M = 1, left out here: Dr.Jit turns the one row into a scalar, which is another kernel."""
     model = random_splats(1000, seed=1, dog_share=dog_share)
-    for n in (100, 101):
-        step(select(model, n), tilted_camera(), **cutoffs)
+    known = kernels(lambda: [step(select(model, n), tilted_camera(), **cutoffs) for n in (100, 101)])
+    assert known
     for n in (100, 137, 500, 3, 1000):
-        new = compiled(lambda n=n: step(select(model, n), tilted_camera(), **cutoffs))
-        assert not new, f"N = {n}: {new}"
+        new = kernels(lambda n=n: step(select(model, n), tilted_camera(), **cutoffs)) - known
+        assert not new, f"N = {n}: {len(new)} new kernels"
 
 
 def test_another_camera_needs_no_new_kernel():
     splats = rounded(random_splats(50, seed=1))
-    step(splats, tilted_camera())
-    step(splats, tilted_camera(cx=30))
-    new = compiled(lambda: [step(splats, tilted_camera(f=f, cx=cx)) for f, cx in ((40, 3), (80, 70), (300, 32))])
-    assert not new
+    known = kernels(lambda: [step(splats, tilted_camera(cx=cx)) for cx in (32, 30)])
+    new = kernels(lambda: [step(splats, tilted_camera(f=f, cx=cx)) for f, cx in ((40, 3), (80, 70), (300, 32))])
+    assert new <= known
 
 
 def resident_bytes() -> int:
