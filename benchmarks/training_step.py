@@ -11,7 +11,7 @@ from mi_dogsplat.optimizer import LearningRates, SplatOptimizer
 from mi_dogsplat.project import DeviceCamera
 from mi_dogsplat.rasterize import RasterOptions, rasterize
 
-from .models import fern
+from .models import fern_points
 from .timing import medians
 
 
@@ -21,7 +21,7 @@ def main() -> None:
 
 
 def measure(copies: int) -> None:
-    splats, camera = fern(copies)
+    splats, camera = fern_points(copies)
     optimizer = SplatOptimizer(splats, LearningRates(extent=1e-6, total_steps=1000))
     device_camera, options, loss = DeviceCamera.upload(camera), RasterOptions(), PhotometricLoss()
     rng = np.random.default_rng(0)

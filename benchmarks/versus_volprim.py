@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
-from mi_dogsplat.cameras import camera_to_mitsuba
+from mi_dogsplat.cameras import Camera, camera_to_mitsuba
+from mi_dogsplat.splats import Splats
 
-from .models import fern
+from .models import CASES
 from .timing import medians
 
 
-def _scenes(copies: int):
-    splats, camera = fern(copies)
+def _scenes(splats: Splats, camera: Camera):
     sensor = camera_to_mitsuba(camera) | {"sampler": {"type": "independent", "sample_count": 1}}
     sensor["film"] |= {"rfilter": {"type": "box"}}
     tensor = mi.TensorXf
@@ -46,7 +48,7 @@ def _scenes(copies: int):
 
 
 def _passes(scene: mi.Scene):
-    params = mi.traverse(scene)
+    params: Any = mi.traverse(scene)
     ours = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
     keys = [k for k in params.keys() if k.startswith("splats.") and k.split(".")[1] in (*ours, "data", "opacities")]
 
@@ -65,14 +67,16 @@ def _passes(scene: mi.Scene):
 
 
 def main() -> None:
-    for copies in (1, 10):
+    for case, make in CASES.items():
         runs = {}
-        for name, scene in _scenes(copies).items():
+        splats, camera = make()
+        for name, scene in _scenes(splats, camera).items():
             runs[f"{name} forward"], runs[f"{name} forward+backward"] = _passes(scene)
         result = medians(runs, 5, {name: 1 for name in runs if name.startswith("volprim")})
         for kind in ("forward", "forward+backward"):
             ours, theirs = result[f"ours {kind}"], result[f"volprim {kind}"]
             print(
-                f"{copies * 10_091:7,d} primitives, 400x300, {kind:16s}: {ours:8.2f} ms, "
-                f"volprim_rf_basic {theirs:8.1f} ms, {theirs / ours:6.1f}x"
+                f"{case:26s} {splats.n_splats:7,d} primitives, {kind:16s}: {ours:6.1f} ms, "
+                f"volprim_rf_basic {theirs:7.1f} ms, {theirs / ours:6.1f}x",
+                flush=True,
             )

@@ -218,6 +218,11 @@ def main(argv: list[str] | None = None) -> int:
     except DataError as error:
         print(f"dogsplat: {error}", file=sys.stderr)
         return 2
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.startswith("mi_dogsplat"):
+            raise
+        print(f"dogsplat: this needs the package {error.name}: pip install 'mi_dogsplat[train]'", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("dogsplat: stopped before the end; nothing is half-written", file=sys.stderr)
         return 130

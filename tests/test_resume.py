@@ -22,7 +22,8 @@ def data(tmp_path_factory) -> Path:
 
 
 def config_of(data: Path, **changes) -> TrainConfig:
-    return TrainConfig(**({"data": str(data), "steps": STEPS, "sh_degree": 1, "log_every": 10, "max_primitives": 100} | changes))
+    base = {"steps": STEPS, "sh_degree": 1, "log_every": 10, "max_primitives": 100}
+    return TrainConfig(str(data), **(base | changes))
 
 
 def stop_after(step: int):
