@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ def data(tmp_path_factory) -> Path:
 
 
 def config_of(data: Path, **changes) -> TrainConfig:
-    base = {"steps": STEPS, "sh_degree": 1, "log_every": 10, "max_primitives": 100}
+    base: dict[str, Any] = {"steps": STEPS, "sh_degree": 1, "log_every": 10, "max_primitives": 100}
     return TrainConfig(str(data), **(base | changes))
 
 
