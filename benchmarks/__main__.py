@@ -3,9 +3,8 @@
 import argparse
 import importlib
 
-import mitsuba as mi
-
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
+import mitsuba as mi
 
 NAMES = ("versus_volprim", "training_step")
 

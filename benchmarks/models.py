@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-
 from mi_dogsplat.cameras import Camera
 from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset

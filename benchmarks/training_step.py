@@ -5,7 +5,6 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-
 from mi_dogsplat.loss import PhotometricLoss
 from mi_dogsplat.optimizer import LearningRates, SplatOptimizer
 from mi_dogsplat.project import DeviceCamera

@@ -6,7 +6,6 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-
 from mi_dogsplat.cameras import Camera, camera_to_mitsuba
 from mi_dogsplat.splats import Splats
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from numpy.typing import NDArray
-
 from mi_dogsplat.report_plot import Lane, Series, line_plot
 from mi_dogsplat.run_folder import Run
 from mi_dogsplat.wording import finite
+from numpy.typing import NDArray
 
 EVENT_LANES = {  # the lane of an event by the words in it; one row may name several
     "densify": r"densif|clone|split",

@@ -10,11 +10,10 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
-
 from mi_dogsplat.run_folder import Run
 from mi_dogsplat.wording import finite, fixed
+from numpy.typing import NDArray
+from PIL import Image
 
 MAX_SHOWN = 6
 MAX_SIDE = 900  # pixels; larger pictures are scaled down in the page, the files keep their size

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.wording import finite
+from numpy.typing import NDArray
 
 
 @dataclass

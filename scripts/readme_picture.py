@@ -6,7 +6,6 @@ from pathlib import Path
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
 import mitsuba as mi
 import numpy as np
-
 from mi_dogsplat.pictures import linear_to_srgb, write_png
 
 ROOT = Path(__file__).parents[1]

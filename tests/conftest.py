@@ -2,10 +2,9 @@
 
 import os
 
+import mi_dogsplat  # noqa: F401
 import mitsuba as mi
 import pytest
-
-import mi_dogsplat  # noqa: F401
 
 VARIANT = os.environ.get("DOGSPLAT_TEST_VARIANT", "llvm_ad_rgb")
 mi.set_variant(VARIANT)

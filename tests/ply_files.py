@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-
 from mi_dogsplat.splats import Splats
 
 DOG = ["dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2"]

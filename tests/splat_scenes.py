@@ -7,7 +7,6 @@ from typing import Any, cast
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-
 from mi_dogsplat.cameras import Camera, camera_to_mitsuba
 from mi_dogsplat.geometry import SMOOTH
 from mi_dogsplat.parameters import RAW, RAW_DOG, upload

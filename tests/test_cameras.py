@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from mi_dogsplat.cameras import (
     Camera,
     camera_from_mitsuba,

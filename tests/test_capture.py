@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from mi_dogsplat.datasets import check_cameras, load_dataset
 from mi_dogsplat.datasets.capture import capture, look_at, spiral
 from mi_dogsplat.errors import DataError

@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tiny_data
-from PIL import Image
-
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.camera_file import write_camera
 from mi_dogsplat.cli import build_parser, main
+from PIL import Image
 
 COMMANDS = ("train", "render", "eval", "info")
 SMALL = ["--steps", "12", "--sh-degree", "1", "--max-primitives", "80", "--variant", "llvm_ad_rgb"]

@@ -6,13 +6,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike
-
 from mi_dogsplat.cameras import Camera
 from mi_dogsplat.densify import Densification, DensifyStats, refine
 from mi_dogsplat.optimizer import LearningRates, SplatOptimizer
 from mi_dogsplat.project import DeviceCamera, project
 from mi_dogsplat.splats import Splats
+from numpy.typing import ArrayLike
 
 EXTENT = 2.0
 RULE = Densification()

@@ -11,6 +11,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from mi_dogsplat import reference
+from mi_dogsplat.cameras import Camera
+from mi_dogsplat.parameters import upload
+from mi_dogsplat.project import DeviceCamera
+from mi_dogsplat.rasterize import Frame, RasterOptions, rasterize
+from mi_dogsplat.reference import RAW_PARAMETERS
+from mi_dogsplat.splats import Splats
 from splat_scenes import (
     SMOOTH_OPTIONS,
     assert_gradients_equal,
@@ -24,14 +31,6 @@ from splat_scenes import (
     rounded,
     tilted_camera,
 )
-
-from mi_dogsplat import reference
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.parameters import upload
-from mi_dogsplat.project import DeviceCamera
-from mi_dogsplat.rasterize import Frame, RasterOptions, rasterize
-from mi_dogsplat.reference import RAW_PARAMETERS
-from mi_dogsplat.splats import Splats
 
 BACKGROUND = (0.2, -0.3, 0.6)
 CAMERA = tilted_camera(16, 12, f=14.0, cx=7.0, cy=6.5)

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tiny_data
-
 from mi_dogsplat import write_ply
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.info import describe, model_problems

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from mi_dogsplat.cameras import Camera
 from mi_dogsplat.initialize import MIN_SQUARED_DISTANCE, random_splats, region_of_interest, splats_from_points
 from mi_dogsplat.sh import C0

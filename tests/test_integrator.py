@@ -7,6 +7,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from mi_dogsplat import reference
+from mi_dogsplat.cameras import Camera
+from mi_dogsplat.parameters import RAW, RAW_DOG, device_array
+from mi_dogsplat.reference import RAW_PARAMETERS
+from mi_dogsplat.splats import Splats
 from splat_scenes import (
     assert_gradients_equal,
     axis_rotation,
@@ -22,12 +27,6 @@ from splat_scenes import (
     sensor_dict,
     square_camera,
 )
-
-from mi_dogsplat import reference
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.parameters import RAW, RAW_DOG, device_array
-from mi_dogsplat.reference import RAW_PARAMETERS
-from mi_dogsplat.splats import Splats
 
 MODEL = rounded(random_splats(60, seed=1))
 CAMERA = square_camera()

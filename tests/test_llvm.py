@@ -8,7 +8,6 @@ import unicodedata
 from pathlib import Path
 
 import pytest
-
 from mi_dogsplat import llvm
 
 ROOT = Path(__file__).parents[1]

@@ -5,7 +5,6 @@ import json
 import flip_evaluator
 import numpy as np
 import pytest
-
 from mi_dogsplat import metrics
 
 SHAPE = (48, 61, 3)

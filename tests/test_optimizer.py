@@ -4,7 +4,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-
 from mi_dogsplat.optimizer import LearningRates, SplatOptimizer
 from mi_dogsplat.project import NOT_DOG
 from mi_dogsplat.splats import Splats

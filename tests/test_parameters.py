@@ -3,11 +3,10 @@
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from splat_scenes import random_splats, rounded
-
 from mi_dogsplat.parameters import RAW, RAW_DOG, concatenate, dog_rows, upload
 from mi_dogsplat.project import NOT_DOG
 from mi_dogsplat.splats import Splats
+from splat_scenes import random_splats, rounded
 
 
 def test_uploaded_arrays_are_the_model_row_by_row():

@@ -4,9 +4,8 @@ import flip_evaluator
 import numpy as np
 import OpenEXR
 import pytest
-from PIL import Image
-
 from mi_dogsplat import pictures
+from PIL import Image
 
 
 def read_exr(path) -> tuple[dict, dict[str, np.ndarray]]:

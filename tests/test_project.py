@@ -6,13 +6,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
-
 from mi_dogsplat import reference
 from mi_dogsplat.cameras import Camera
 from mi_dogsplat.parameters import upload
 from mi_dogsplat.project import LOG2_E, NOT_DOG, DeviceCamera, Kernels, project, softplus
 from mi_dogsplat.splats import Splats
+from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
 
 
 def engine(splats: Splats, camera: Camera, near_clip=0.2, sh_degree=None, antialiased=False):

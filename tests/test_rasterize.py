@@ -7,6 +7,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from mi_dogsplat import reference
+from mi_dogsplat.parameters import RAW, RAW_DOG, upload
+from mi_dogsplat.project import DeviceCamera
+from mi_dogsplat.rasterize import RasterOptions, rasterize
+from mi_dogsplat.splats import Splats
 from splat_scenes import (
     SMOOTH_OPTIONS,
     attached,
@@ -22,12 +27,6 @@ from splat_scenes import (
     select,
     tilted_camera,
 )
-
-from mi_dogsplat import reference
-from mi_dogsplat.parameters import RAW, RAW_DOG, upload
-from mi_dogsplat.project import DeviceCamera
-from mi_dogsplat.rasterize import RasterOptions, rasterize
-from mi_dogsplat.splats import Splats
 
 BACKGROUND = (0.1, 0.4, 0.8)
 

@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from splat_scenes import C0, axis_rotation, logit, make_camera, make_splats, random_splats
-
 from mi_dogsplat import reference
 from mi_dogsplat.splats import Splats
+from splat_scenes import C0, axis_rotation, logit, make_camera, make_splats, random_splats
 
 # Spherical harmonics and rotations
 

@@ -9,8 +9,6 @@ import numpy as np
 import OpenEXR
 import pytest
 import tiny_data
-from PIL import Image
-
 from mi_dogsplat import write_ply
 from mi_dogsplat.camera_file import read_camera, write_camera
 from mi_dogsplat.errors import DataError
@@ -18,6 +16,7 @@ from mi_dogsplat.framing import automatic_camera, likely_up, robust_sphere
 from mi_dogsplat.pictures import srgb_to_linear
 from mi_dogsplat.render_files import picture_of, render_model, render_scene
 from mi_dogsplat.splats import Splats
+from PIL import Image
 
 SENSOR = """<sensor type="perspective"><float name="fov" value="40"/>
 <transform name="to_world"><lookat origin="0, -4, 0" target="0, 0, 0" up="0, 0, 1"/></transform>

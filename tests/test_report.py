@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-
 from mi_dogsplat import pictures
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.report import write_report

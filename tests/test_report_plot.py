@@ -5,7 +5,6 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
-
 from mi_dogsplat.report_plot import (
     MAX_POINTS,
     WIDTH,

@@ -4,8 +4,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
-
 from mi_dogsplat import reference
 from mi_dogsplat.cameras import Camera
 from mi_dogsplat.geometry import SMOOTH, Blocks, Cutoffs, Grid
@@ -13,6 +11,7 @@ from mi_dogsplat.parameters import upload
 from mi_dogsplat.project import DeviceCamera, project
 from mi_dogsplat.splats import Splats
 from mi_dogsplat.tiles import tiles
+from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
 
 HARD = Cutoffs()
 

@@ -5,17 +5,16 @@ import json
 from pathlib import Path
 
 import drjit as dr
+import mi_dogsplat.run
 import numpy as np
 import pytest
 import tiny_data
-from PIL import Image
-
-import mi_dogsplat.run
 from mi_dogsplat import metrics, read_ply
 from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.train import Trainer, over_background
+from PIL import Image
 
 STEPS, CAP = 150, 100
 METRICS = {

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from splat_scenes import axis_rotation, image_of, random_splats, rasterized, rounded, tilted_camera
-
 from mi_dogsplat import reference
 from mi_dogsplat.cameras import Camera
 from mi_dogsplat.splats import Splats
@@ -14,6 +12,7 @@ from mi_dogsplat.transform import (
     sh_rotation,
     transformed,
 )
+from splat_scenes import axis_rotation, image_of, random_splats, rasterized, rounded, tilted_camera
 
 ROTATION = axis_rotation([1, -2, 0.7], 2.1)[0]
 

@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-
 from mi_dogsplat.cameras import OPENCV_FROM_OPENGL, Camera
 from mi_dogsplat.datasets.capture import look_at, write_point_ply
 from mi_dogsplat.parameters import upload
