@@ -18,6 +18,8 @@ import OpenEXR
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
+from .srgb import srgb_to_linear
+
 # The magma colour map (van der Walt and Smith, CC0) at 17 points; linear between them is within 2.3/255.
 MAGMA = (
     "#000004 #0a0822 #1d1147 #36106b #51127c #6a1c81 #832681 #9c2e7f #b73779 "
@@ -25,20 +27,6 @@ MAGMA = (
 ).split()
 
 HALF_MAX = 65504.0
-
-
-def srgb_to_linear(values: ArrayLike) -> NDArray[np.float32]:
-    """sRGB encoded values to linear ones (IEC 61966-2-1), not clamped; negative ones stay linear."""
-    v = np.asarray(values, np.float32)
-    curve = ((np.maximum(v, 0) + 0.055) / 1.055) ** 2.4
-    return np.where(v <= 0.04045, v / 12.92, curve).astype(np.float32)
-
-
-def linear_to_srgb(values: ArrayLike) -> NDArray[np.float32]:
-    """The inverse of `srgb_to_linear`."""
-    v = np.asarray(values, np.float32)
-    curve = 1.055 * np.maximum(v, 0) ** (1 / 2.4) - 0.055
-    return np.where(v <= 0.0031308, 12.92 * v, curve).astype(np.float32)
 
 
 def heat_map(error: ArrayLike) -> NDArray[np.float32]:

@@ -16,11 +16,12 @@ from .datasets import load_dataset
 from .errors import DataError
 from .framing import automatic_camera, robust_sphere
 from .parameters import upload
-from .pictures import linear_to_srgb, replacing, write_exr, write_png
+from .pictures import replacing, write_exr, write_png
 from .ply import read_ply
 from .rasterize import RasterOptions
 from .render import Picture, premultiplied, render_picture
 from .splats import Splats
+from .srgb import linear_to_srgb
 from .train import background_color
 
 SUFFIXES = (".png", ".exr")

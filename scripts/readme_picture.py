@@ -6,7 +6,8 @@ from pathlib import Path
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.pictures import linear_to_srgb, write_png
+from mi_dogsplat.pictures import write_png
+from mi_dogsplat.srgb import linear_to_srgb
 
 ROOT = Path(__file__).parents[1]
 model = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "demo" / "run" / "point_cloud.ply"

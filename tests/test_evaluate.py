@@ -6,8 +6,8 @@ import pytest
 import tiny_data
 from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.evaluate import evaluate_views, mean_metrics, render_milliseconds
-from mi_dogsplat.pictures import srgb_to_linear
 from mi_dogsplat.render import Picture
+from mi_dogsplat.srgb import srgb_to_linear
 from PIL import Image
 
 PERFECT = {"psnr": 100.0, "ssim": 1.0, "flip": 0.0, "l1": 0.0}

@@ -5,6 +5,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from mi_dogsplat import pictures
+from mi_dogsplat.srgb import linear_to_srgb, srgb_to_linear
 from PIL import Image
 
 
@@ -15,8 +16,8 @@ def read_exr(path) -> tuple[dict, dict[str, np.ndarray]]:
 
 def test_srgb_conversions_are_inverse_and_meet_known_values():
     values = np.linspace(-0.1, 1.5, 400, dtype=np.float32)
-    np.testing.assert_allclose(pictures.linear_to_srgb(pictures.srgb_to_linear(values)), values, atol=2e-6)
-    np.testing.assert_allclose(pictures.srgb_to_linear([0, 0.5, 1]), [0, 0.21404114, 1], atol=1e-6)
+    np.testing.assert_allclose(linear_to_srgb(srgb_to_linear(values)), values, atol=2e-6)
+    np.testing.assert_allclose(srgb_to_linear([0, 0.5, 1]), [0, 0.21404114, 1], atol=1e-6)
 
 
 def test_heat_map_shows_an_error_as_flip_itself_shows_it():
@@ -67,7 +68,7 @@ def test_exr_holds_every_layer_under_its_channel_names(tmp_path):
     assert header["compression"] == OpenEXR.ZIP_COMPRESSION
     assert header["software"].startswith("mi_dogsplat")
     rgb = np.stack([channels[c] for c in "RGB"], axis=-1)
-    np.testing.assert_allclose(rgb, pictures.srgb_to_linear(color[..., :3]), rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(rgb, srgb_to_linear(color[..., :3]), rtol=1e-3, atol=1e-6)
     np.testing.assert_allclose(channels["A"], color[..., 3], rtol=1e-3, atol=1e-6)
     np.testing.assert_array_equal(channels["depth.Z"], depth)  # float32 and lossless: exact
     np.testing.assert_allclose(channels["error.Y"], error, rtol=1e-3, atol=1e-6)
@@ -79,7 +80,7 @@ def test_exr_keeps_values_beyond_the_range_of_a_half_and_infinite_depth(tmp_path
     color, depth = np.full((2, 3, 3), 1e3, np.float32), np.full((2, 3), np.inf, np.float32)
     pictures.write_exr(tmp_path / "a.exr", {"color": color, "depth": depth})
     _, channels = read_exr(tmp_path / "a.exr")
-    np.testing.assert_allclose(channels["R"], pictures.srgb_to_linear(color)[..., 0], rtol=1e-6)
+    np.testing.assert_allclose(channels["R"], srgb_to_linear(color)[..., 0], rtol=1e-6)
     assert np.isinf(channels["depth.Z"]).all()
 
 

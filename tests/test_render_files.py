@@ -13,9 +13,9 @@ from mi_dogsplat import write_ply
 from mi_dogsplat.camera_file import read_camera, write_camera
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.framing import automatic_camera, likely_up, robust_sphere
-from mi_dogsplat.pictures import srgb_to_linear
 from mi_dogsplat.render_files import picture_of, render_model, render_scene
 from mi_dogsplat.splats import Splats
+from mi_dogsplat.srgb import srgb_to_linear
 from PIL import Image
 
 SENSOR = """<sensor type="perspective"><float name="fov" value="40"/>

@@ -9,7 +9,7 @@ PACKAGE = Path(__file__).parents[1] / "mi_dogsplat"
 
 # From low to high; modules of one row may import each other. A module may import its own row and those above it here.
 STATIONS = [
-    {"errors", "llvm", "wording"},
+    {"errors", "llvm", "wording", "srgb"},
     {"splats", "cameras"},
     {"ply_tables", "ply", "camera_file", "pictures", "datasets"},
     {"reference", "geometry", "sh", "project", "tiles", "composite", "rasterize", "parameters", "transform"},

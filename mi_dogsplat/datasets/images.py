@@ -88,12 +88,6 @@ def box_downscale(image: np.ndarray, k: int) -> np.ndarray:
     return blocks.mean(axis=(1, 3), dtype=np.float32)
 
 
-def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
-    """Linear radiance -> display-referred sRGB values clipped to 0..1 (IEC 61966-2-1)."""
-    clipped = np.clip(linear, 0, 1)
-    return np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1 / 2.4) - 0.055)
-
-
 def read_image(path: Path) -> np.ndarray:
     """Display values of an image file: float32 [H, W, 3], or [H, W, 4] premultiplied. Raises
     ``DataError``."""

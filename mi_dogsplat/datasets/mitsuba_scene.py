@@ -10,8 +10,9 @@ import numpy as np
 
 from ..cameras import camera_from_mitsuba
 from ..errors import DataError
+from ..srgb import linear_to_srgb
 from .dataset import Dataset, View, every_eighth, no_points, require_unique_names
-from .images import box_downscale, srgb_from_linear
+from .images import box_downscale
 
 
 def load_mitsuba_scene(file: Path, downscale: int, spp: int) -> Dataset:
@@ -71,12 +72,12 @@ def _display(linear: np.ndarray, has_alpha: bool) -> np.ndarray:
     """sRGB values of a linear image; the curve is applied to straight colour, which is then premultiplied
     again."""
     if not has_alpha:
-        return srgb_from_linear(linear[..., :3]).astype(np.float32)
+        return linear_to_srgb(np.clip(linear[..., :3], 0, 1))
     if linear.shape[2] == 3:
         linear = np.concatenate([linear, np.ones_like(linear[..., :1])], axis=2)
     alpha = np.clip(linear[..., 3:], 0, 1)  # [H, W, 1]
     straight = np.divide(linear[..., :3], alpha, out=np.zeros_like(linear[..., :3]), where=alpha > 0)
-    return np.concatenate([srgb_from_linear(straight) * alpha, alpha], axis=2).astype(np.float32)
+    return np.concatenate([linear_to_srgb(np.clip(straight, 0, 1)) * alpha, alpha], axis=2).astype(np.float32)
 
 
 def _name(sensor_id: str, index: int) -> str:
