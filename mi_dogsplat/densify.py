@@ -16,11 +16,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .config import REFERENCE_STEPS
 from .optimizer import SplatOptimizer
 from .parameters import device_array
 from .project import Projection
 
-REFERENCE_STEPS = 30_000
 MIN_REFINEMENTS = 30  # per run, however short
 MIN_RESET_EVERY = 500  # steps; opacities need about 200 to come back
 
