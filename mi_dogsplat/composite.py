@@ -1,11 +1,10 @@
-"""Stage 3, *composite*: blend every pixel's primitives front to back, and replay the walk for derivatives.
+"""Stage 3, *composite*: blend every pixel's primitives front to back.
 
 Notation (Kerbl et al. 2023, Sec. 6; DoG as in the method paper, Sec. 3.3)
     p      log2 of a kernel's value at a pixel, A dx² + B dx dy + C dy² + lo
     α      min(.99, 2^p), for a DoG primitive min(.99, 2^p) - min(.99, 2^p'), ignored where |α| < 1/255
     T      transmittance in front of the primitive; T ← T (1 - α), the walk ends before T would fall below 1e-4
     C      Σ c α T, for each feature c (the colour channels, and depth if asked for)
-    δx     adjoint of x in backward mode, tangent of x in forward mode
 
 How it runs: a lane owns a block of pixels, unrolled here in Python; the lanes of a packet are one tile and so walk
 the same list of primitives in step (``geometry.py``). The pixels of a patch of 4 x 4 share three exponentials: from
@@ -17,9 +16,6 @@ pixel to pixel 2^p is multiplied by a ratio, and the ratio by a constant of the 
 
 Thanks to the 0.3 px² low-pass filter a kernel that is visible anywhere in a patch is above 2^-90 at its first pixel:
 float32 does not underflow, and six steps lose a few ulp.
-
-Backward mode replays the walk in the same order and needs two numbers per pixel, T and the part of δC·C that is
-still to come; nothing is stored per primitive and pixel.
 """
 
 # Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
@@ -36,14 +32,11 @@ from .project import NOT_DOG, Kernels, Projection
 from .tiles import Lists
 
 ALPHA_MAX = 0.99
-LN2 = 0.6931471805599453
 PATCH = 4  # width and height of the pixels that share their exponentials
 DEAD_PATCH = -120.0  # a patch that starts below 2^-120 is dead: flushed to 0, so that no ratio can revive it
 MAX_RATIO = 60.0  # log2; only dead patches exceed it
 FEATURES = 9  # first feature in a primitive's row: x y A B C lo q s t, then the features
 PSEUDO_ROW = 8  # floats per pseudo-Gaussian: A B C lo q s t, padding
-DERIVATIVE_ROW = 16  # derivatives per primitive: x y A B C lo, features, padding (one cache line)
-PSEUDO_DERIVATIVE_ROW = 4  # A B C lo
 
 
 @dataclass
@@ -53,6 +46,7 @@ class Tables:
     splats: mi.Float  # [N, row_size]
     pseudo: mi.Float | None  # [M, PSEUDO_ROW]
     dog_row: mi.UInt32 | None  # [N]
+    dog_index: mi.UInt32 | None  # [M]
 
 
 def row_size(n_features: int) -> int:
@@ -80,9 +74,10 @@ def pack(projection: Projection, features: list) -> Tables:
     columns = [projection.x, projection.y, *shape(projection.kernels), *features]
     splats = _pack(columns, row_size(len(features)))
     if projection.pseudo is None:
-        return Tables(splats, None, None)
+        return Tables(splats, None, None, None)
     pseudo = _pack(shape(projection.pseudo), PSEUDO_ROW)
-    return Tables(splats, pseudo, dr.detach(projection.dog_row, preserve_type=False))
+    dog_row, dog_index = (dr.detach(v, preserve_type=False) for v in (projection.dog_row, projection.dog_index))
+    return Tables(splats, pseudo, dog_row, dog_index)
 
 
 @dataclass(frozen=True)
@@ -242,164 +237,3 @@ def composite(grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: 
     )
     planes = [walk.write(C[f * walk.pixels : (f + 1) * walk.pixels]) for f in range(n_features)]
     return planes, walk.write([dr.abs(t) for t in T])
-
-
-@dr.freeze(warn_after=1 << 30)
-def composite_backward(
-    grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings,
-    features: list, T_final, δfeatures: list, δT, δsplats, δpseudo,
-) -> tuple:  # fmt: skip
-    """Adjoints of the projected quantities, given those of the planes.
-
-    Args:
-        features, T_final: what ``composite`` returned.
-        δfeatures, δT: their adjoints, [H*W] each.
-        δsplats: [N, DERIVATIVE_ROW] zeros, receives δ of x, y, A, B, C, lo and of each feature.
-        δpseudo: [M, PSEUDO_DERIVATIVE_ROW] zeros or None, receives δ of A, B, C, lo of the pseudo-Gaussians.
-
-    Returns (δsplats, δpseudo).
-    """
-    walk, n_features = Walk(grid, lanes, tables, lists, settings), settings.n_features
-
-    δC = [walk.read(plane) for plane in δfeatures]
-    # what is still to come of δC·C + δT T: all of it at the start
-    rest = [δ * t for δ, t in zip(walk.read(δT), walk.read(T_final), strict=True)]
-    for plane, δ in zip(features, δC, strict=True):
-        rest = [dr.fma(c, d, r) for c, d, r in zip(walk.read(plane), δ, rest, strict=True)]
-
-    def add(table, index, values: list, row_size: int, active):
-        """One packet instead of a scatter per value: the lanes of a packet all add to the same row.
-
-        The mode must be ``Local``: ``Expand``, and ``Auto`` which may choose it, are a fifth faster on the CPU, but
-        give every thread a copy of the table at an offset that a frozen kernel holds as a constant. Replayed with
-        a larger table it writes out of bounds (Dr.Jit 1.5).
-        """
-        padded = values + [walk.Float(0)] * (row_size - len(values))
-        dr.scatter_add(table, walk.Packet(padded), index, active, mode=dr.ReduceMode.Local)
-
-    def moments(δp, A, B, C, dx, dy) -> list:
-        """δ of x, y, A, B, C, lo from δp at every pixel of the block."""
-        width = walk.blocks.width
-        xs = [dx + k for k in range(width)]
-        m0 = mx = my = mxx = mxy = myy = walk.Float(0)
-        for row in range(walk.blocks.height):
-            y = dy + row
-            s0 = s1 = s2 = None
-            for k in range(width):
-                δ = δp[row * width + k]
-                δx = δ * xs[k]
-                s0 = δ if s0 is None else s0 + δ
-                s1 = δx if s1 is None else s1 + δx
-                s2 = δx * xs[k] if s2 is None else dr.fma(δx, xs[k], s2)
-            m0, mx, mxx = m0 + s0, mx + s1, mxx + s2
-            s0y = s0 * y
-            my, mxy, myy = my + s0y, dr.fma(s1, y, mxy), dr.fma(s0y, y, myy)
-        return [-dr.fma(2 * A, mx, B * my), -dr.fma(2 * C, my, B * mx), mxx, mxy, myy, m0]
-
-    def body(i, T, rest):
-        T, rest = list(T), list(rest)
-        for u in range(walk.blocks.unroll):
-            active = (i + u) < walk.end if u else walk.Float(0) == 0
-            splat, row, dx, dy = walk.fetch(i + u, active)
-            alpha, primary, pseudo, dog_row, is_dog = walk.alphas(splat, row, active, dx, dy)
-            δp, δp_pseudo = [], []
-            δf = [walk.Float(0)] * n_features
-            for k in range(walk.pixels):
-                a = alpha[k]
-                weight, behind, go = walk.advance(a, T[k])
-                c = row[FEATURES] * δC[0][k]
-                for f in range(n_features):
-                    δf[f] = dr.fma(weight, δC[f][k], δf[f])
-                    if f:
-                        c = dr.fma(row[FEATURES + f], δC[f][k], c)
-                rest[k] = dr.fma(-weight, c, rest[k])
-                loss_behind = rest[k] / (1 - a)
-                if not walk.negative_transmittance:
-                    loss_behind = dr.select(a > 0, loss_behind, 0)
-                δα = LN2 * dr.fma(T[k], c, -loss_behind)
-                # zero where the primitive was ignored, or the walk had ended
-                δα = dr.select(go & (a != 0), δα, 0)
-                δp.append(dr.select(primary[k] < ALPHA_MAX, δα * primary[k], 0))
-                if pseudo is not None:
-                    δp_pseudo.append(dr.select(pseudo[k] < ALPHA_MAX, -δα * pseudo[k], 0))
-                T[k] = behind
-            A, B, C = row[2:5]
-            δrow = moments(δp, A, B, C, dx, dy) + δf
-            if pseudo is not None:
-
-                def pseudo_moments(dog_row, dx, dy, δp_pseudo):
-                    A, B, C = walk.pseudo_row(dog_row)[:3]
-                    δ = moments(δp_pseudo, A, B, C, dx, dy)
-                    add(δpseudo, dog_row, δ[2:], PSEUDO_DERIVATIVE_ROW, True)
-                    return δ[0], δ[1]
-
-                δx, δy = dr.if_stmt(
-                    (dog_row, dx, dy, δp_pseudo),
-                    is_dog,
-                    pseudo_moments,
-                    lambda *_: (walk.Float(0), walk.Float(0)),
-                )
-                δrow[0], δrow[1] = δrow[0] + δx, δrow[1] + δy
-            add(δsplats, splat, δrow, DERIVATIVE_ROW, active)
-        return i + walk.blocks.unroll, T, rest
-
-    dr.while_loop(
-        (walk.begin, walk.start_T(), rest),
-        lambda i, T, rest: (i < walk.end) & walk.alive(T),
-        body,
-        labels=("i", "T", "rest"),
-        label="composite_backward",
-    )
-    return δsplats, δpseudo
-
-
-def composite_forward(
-    grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings, δsplats: list, δpseudo: list | None
-) -> tuple:
-    """Tangents of the planes, given those of x, y, A, B, C, lo and the features [N],
-    and of A, B, C, lo [M].
-
-    Returns (δfeatures: list of [H*W] planes, δT: [H*W] plane).
-    """
-    walk, n_features = Walk(grid, lanes, tables, lists, settings), settings.n_features
-
-    def tangents(values, A, B, C, dx, dy, δ) -> list:
-        """δ of 2^p at the pixels of the block, zero where it is limited to .99."""
-        result = []
-        for k, value in enumerate(values):
-            x, y = dx + k % walk.blocks.width, dy + k // walk.blocks.width
-            δp = δ[2] * x * x + δ[3] * x * y + δ[4] * y * y + δ[5]
-            δp -= dr.fma(2 * A, x, B * y) * δ[0] + dr.fma(2 * C, y, B * x) * δ[1]
-            result.append(dr.select(value < ALPHA_MAX, LN2 * value * δp, 0))
-        return result
-
-    def body(i, T, δT, δC):
-        T, δT, δC = list(T), list(δT), list(δC)
-        splat, row, dx, dy = walk.fetch(i, True)
-        alpha, primary, pseudo, dog_row, is_dog = walk.alphas(splat, row, True, dx, dy)
-        δ = [dr.gather(walk.Float, values, splat) for values in δsplats]
-        δα = tangents(primary, *row[2:5], dx, dy, δ)
-        if pseudo is not None:
-            δ_p = δ[:2] + [dr.gather(walk.Float, values, dog_row, is_dog) for values in δpseudo or []]
-            kernel = [dr.select(is_dog, value, 0) for value in walk.pseudo_row(dr.select(is_dog, dog_row, 0))[:3]]
-            δα = [a - b for a, b in zip(δα, tangents(pseudo, *kernel, dx, dy, δ_p), strict=True)]
-        for k in range(walk.pixels):
-            weight, behind, go = walk.advance(alpha[k], T[k])
-            δa = dr.select(go & (alpha[k] != 0), δα[k], 0)
-            δweight = dr.select(go, dr.fma(δa, T[k], alpha[k] * δT[k]), 0)
-            for f in range(n_features):
-                at = f * walk.pixels + k
-                δC[at] = dr.fma(δweight, row[FEATURES + f], dr.fma(weight, δ[6 + f], δC[at]))
-            passes = go if walk.negative_transmittance else go & (alpha[k] > 0)
-            δT[k] = dr.select(passes, δT[k] - δweight, δT[k])
-            T[k] = behind
-        return i + 1, T, δT, δC
-
-    _, _, δT, δC = dr.while_loop(
-        (walk.begin, walk.start_T(), [walk.Float(0)] * walk.pixels, [walk.Float(0)] * (n_features * walk.pixels)),
-        lambda i, T, δT, δC: (i < walk.end) & walk.alive(T),
-        body,
-        labels=("i", "T", "δT", "δC"),
-        label="composite_forward",
-    )
-    return [walk.write(δC[f * walk.pixels : (f + 1) * walk.pixels]) for f in range(n_features)], walk.write(δT)

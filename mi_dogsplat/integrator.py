@@ -9,10 +9,9 @@ import drjit as dr
 import mitsuba as mi
 from mitsuba.python.ad.integrators.common import ADIntegrator
 
-from .cameras import camera_from_mitsuba
 from .parameters import concatenate
-from .project import DeviceCamera
 from .rasterize import LastFrame, RasterOptions, rasterize
+from .sensor import SensorReader
 from .shape_dog import DogShape
 
 AOVS = ("alpha", "depth")
@@ -69,7 +68,7 @@ class DogSplatIntegrator(ADIntegrator):
         self.near_clip = props.get("near_clip", 0.2)
         self.negative_transmittance = props.get("negative_transmittance", True)
         self.aovs = [name.strip() for name in props.get("aovs", "").split(",") if name.strip()]
-        self._last = LastFrame()
+        self._sensors, self._last = SensorReader(), LastFrame()
         unknown = [name for name in self.aovs if name not in AOVS]
         if unknown:
             raise RuntimeError(f'dogsplat: unknown AOV "{unknown[0]}"; available are {", ".join(AOVS)}')
@@ -90,23 +89,26 @@ class DogSplatIntegrator(ADIntegrator):
 
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0) -> mi.TensorXf:
         with dr.resume_grad():
-            image = self._image(scene, sensor, recall=True)
+            image = self._image(scene, sensor, derivative=True)
             dr.forward_to(image)
             return dr.grad(image)
 
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0) -> None:
         with dr.resume_grad():
-            image = self._image(scene, sensor, recall=True)
+            image = self._image(scene, sensor, derivative=True)
             dr.set_grad(image, grad_in)
             dr.enqueue(dr.ADMode.Backward, image)
             dr.traverse(dr.ADMode.Backward)
         dr.eval()
 
-    def _image(self, scene: mi.Scene, sensor: mi.Sensor | int, recall: bool = False) -> mi.TensorXf:
-        """The developed film, attached to the AD graph where the parameters are."""
+    def _image(self, scene: mi.Scene, sensor: mi.Sensor | int, derivative: bool = False) -> mi.TensorXf:
+        """The developed film, attached to the AD graph where the parameters are.
+
+        ``derivative``: wanted for its graph only, after a primal pass; the film is left as it is where possible.
+        """
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
-        camera = camera_from_mitsuba(sensor)
+        camera = self._sensors.read(sensor, self.near_clip)
         shapes = [shape for shape in scene.shapes() if isinstance(shape, DogShape)]
         if not shapes:
             raise RuntimeError('dogsplat: the scene has no shape of type "dog"')
@@ -117,10 +119,7 @@ class DogSplatIntegrator(ADIntegrator):
             depth="depth" in self.aovs,
             negative_transmittance=self.negative_transmittance,
         )
-        size, offset = sensor.film().size(), sensor.film().crop_offset()
-        whole = -offset[0], -offset[1], size[0] - offset[0], size[1] - offset[1]
-        device_camera = DeviceCamera.upload(camera, self.near_clip, whole)
-        frame = rasterize(params, device_camera, options, last=self._last, recall=recall)
+        frame = rasterize(params, camera, options, last=self._last, recall=derivative)
 
         alpha = 1 - frame.T
         colors = self._over_background(frame, scene, sensor)
@@ -128,10 +127,12 @@ class DogSplatIntegrator(ADIntegrator):
         if frame.depth is not None:
             aovs["depth"] = dr.select(alpha > 0, frame.depth / alpha, 0)
         film = sensor.film()
-        film.prepare(self.aov_names())
         has_alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
-        one = mi.Float(1)
-        channels = [*colors, *([alpha] if has_alpha else []), one, *(aovs[name] for name in self.aovs)]
+        colors, extra = [*colors, *([alpha] if has_alpha else [])], [aovs[name] for name in self.aovs]
+        if derivative and _develops_unchanged(film):
+            return _interleave(colors + extra, camera.height, camera.width)
+        film.prepare(self.aov_names())
+        channels = [*colors, mi.Float(1), *extra]
         film.put_block(mi.ImageBlock(_interleave(channels, camera.height, camera.width), film.crop_offset()))
         return film.develop()
 
@@ -151,6 +152,12 @@ class DogSplatIntegrator(ADIntegrator):
             f"DogSplatIntegrator[\n  srgb_primitives = {self.srgb_primitives},\n  antialiased = {self.antialiased},\n"
             f"  near_clip = {self.near_clip},\n  aovs = {self.aovs}\n]"
         )
+
+
+def _develops_unchanged(film: mi.Film) -> bool:
+    """Whether the developed image of samples of weight 1 is these samples: no conversion to differentiate."""
+    description = str(film)
+    return description.startswith("HDRFilm[") and any(f"pixel_format = {f}," in description for f in ("rgb", "rgba"))
 
 
 def _interleave(channels: list[mi.Float], height: int, width: int) -> mi.TensorXf:

@@ -96,6 +96,7 @@ class Projection:
     visible: mi.Bool
     pseudo: Kernels | None
     dog_row: mi.UInt32 | None  # [N] row in ``pseudo`` or NOT_DOG
+    dog_index: mi.UInt32 | None  # [M] its inverse
 
 
 def rows(array: mi.Float, count: int, index: mi.UInt32, active=True) -> list[mi.Float]:
@@ -183,15 +184,14 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     kernels = _screen_kernels(axes, scales, log2_opacity, antialiased)
     visible &= dr.isfinite(x) & dr.isfinite(y) & dr.isfinite(kernels.A + kernels.B + kernels.C)
 
-    pseudo, dog_row = None, None
+    pseudo, dog_row, dog_index = None, None, None
     if "dog_index" in params:
-        dog_row = params["dog_row"]
-        at = params["dog_index"]
+        dog_row, dog_index = params["dog_row"], params["dog_index"]
 
         def of(value):
-            return dr.gather(mi.Float, value, at, mode=dr.ReduceMode.NoConflicts)
+            return dr.gather(mi.Float, value, dog_index, mode=dr.ReduceMode.NoConflicts)
 
-        m = dr.arange(mi.UInt32, dr.width(at))
+        m = dr.arange(mi.UInt32, dr.width(dog_index))
         factors = [dr.exp(f) for f in rows(params["dog_log_scales"], 3, m)]
         pseudo = _screen_kernels(
             [[of(a) for a in row] for row in axes],
@@ -203,4 +203,4 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     direction = [mean[c] - camera.position[c] for c in range(3)]
     colors = evaluate_sh(params, direction, index, visible, sh_degree)
     visible &= dr.isfinite(colors[0] + colors[1] + colors[2])
-    return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row)
+    return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index)

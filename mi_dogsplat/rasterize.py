@@ -13,14 +13,13 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from .composite import (
-    DERIVATIVE_ROW,
-    PSEUDO_DERIVATIVE_ROW,
-    Settings,
-    composite,
+from .composite import Settings, composite, pack
+from .composite_derivatives import (
+    ENTRY_ROW,
+    PSEUDO_ENTRY_ROW,
     composite_backward,
     composite_forward,
-    pack,
+    lanes_add_in_turn,
 )
 from .geometry import Blocks, Cutoffs, Grid
 from .project import DeviceCamera, Projection, project
@@ -73,24 +72,24 @@ class _Composite(dr.CustomOp):
     """``composite`` as an operation on AD variables. Inputs and outputs are flat lists."""
 
     def eval(self, grid, tables, lists, settings, splats, pseudo, blended):
-        self.fixed = (grid, grid.lanes, tables, lists, settings)
+        self.fixed, self.lists = (grid, grid.lanes, tables, lists, settings), lists
         self.has_dog = tables.pseudo is not None
-        self.counts = dr.width(splats[0]), dr.width(pseudo[0]) if pseudo else 0
         self.planes, self.T = blended or composite(*self.fixed)
         return [mi.Float(plane) for plane in self.planes], mi.Float(self.T)
 
     def backward(self):
         δplanes, δT = self.grad_out()
-        n, m = self.counts
-        zeros = [dr.zeros(dr.detached_t(mi.Float), n * DERIVATIVE_ROW), None]
-        if self.has_dog:
-            zeros[1] = dr.zeros(dr.detached_t(mi.Float), m * PSEUDO_DERIVATIVE_ROW)
+        Float, n_entries = dr.detached_t(mi.Float), dr.width(self.lists.entry_from_isect)
+        entries = dr.zeros(Float, n_entries * ENTRY_ROW)
+        pseudo_entries = dr.zeros(Float, n_entries * PSEUDO_ENTRY_ROW) if self.has_dog else None
+        δplanes, δT = [_detached(δ) for δ in δplanes], _detached(δT)
+        in_turn = lanes_add_in_turn(mi.variant())
         δsplats, δpseudo = composite_backward(
-            *self.fixed, self.planes, self.T, [_detached(δ) for δ in δplanes], _detached(δT), *zeros
+            *self.fixed, self.planes, self.T, δplanes, δT, entries, pseudo_entries, in_turn
         )
-        self.set_grad_in("splats", _columns(δsplats, n, DERIVATIVE_ROW, 6 + len(self.planes)))
+        self.set_grad_in("splats", [mi.Float(δ) for δ in δsplats])
         if self.has_dog:
-            self.set_grad_in("pseudo", _columns(δpseudo, m, PSEUDO_DERIVATIVE_ROW, 4))
+            self.set_grad_in("pseudo", [mi.Float(δ) for δ in δpseudo])
 
     def forward(self):
         def tangents(name):
@@ -103,12 +102,6 @@ class _Composite(dr.CustomOp):
 
 def _detached(value):
     return dr.detach(value, preserve_type=False)
-
-
-def _columns(table, n: int, stride: int, count: int) -> list[mi.Float]:
-    """The first ``count`` columns of a row-major [n, stride] table."""
-    row = dr.arange(dr.detached_t(mi.UInt32), n)
-    return [mi.Float(dr.gather(type(table), table, dr.fma(row, stride, k))) for k in range(count)]
 
 
 def rasterize(

@@ -21,11 +21,17 @@ from .project import NOT_DOG, Kernels, Projection
 
 @dataclass
 class Lists:
-    """The primitives of each tile in depth order: ``splat_from_isect[begin[tile]:end[tile]]``."""
+    """The primitives of each tile in depth order: ``splat_from_isect[begin[tile]:end[tile]]``.
+
+    Entries are also numbered primitive by primitive, ``entry_begin[splat]`` to ``entry_end[splat]``.
+    """
 
     splat_from_isect: mi.UInt32
     begin: mi.UInt32  # [tiles]
     end: mi.UInt32  # [tiles]
+    entry_from_isect: mi.UInt32
+    entry_begin: mi.UInt32  # [N]
+    entry_end: mi.UInt32  # [N]
 
 
 MAX_BUCKETS = 1 << 14  # of one counting pass
@@ -84,6 +90,7 @@ class _Footprints:
         self.tiles_x, self.tiles_y = (dr.opaque(self.Int, v) for v in (grid.tiles_x, grid.tiles_y))
         visible = dr.detach(projection.visible, preserve_type=False) & (extent_y >= 0)
         self.tile_width, self.tile_height = grid.blocks.tile_width, grid.blocks.tile_height
+        self.overlap = grid.blocks.overlap
         first, last = self._tile_range(self.y - extent_y, self.y + extent_y, self.tile_height, self.tiles_y)
         self.first = dr.select(visible, first, 0)
         self.last = dr.select(visible, last, 0)  # exclusive
@@ -91,14 +98,14 @@ class _Footprints:
     def _tile_range(self, low, high, size: int, count) -> tuple:
         """Tiles whose pixel centres (half a pixel inside their borders) meet [low, high], as [first, last)."""
         limit = dr.detached_t(mi.Float)(count)
-        first = dr.ceil((low - SLACK - (size - 0.5)) * (1 / size))
+        first = dr.ceil((low - SLACK - (size + self.overlap - 0.5)) * (1 / size))
         last = dr.floor((high + SLACK - 0.5) * (1 / size)) + 1
         return self.Int(dr.clip(first, 0, limit)), self.Int(dr.clip(last, 0, limit))
 
     def columns(self, row) -> tuple:
         """Tile columns [first, last) that the primitive covers in tile row ``row``."""
         y0 = dr.fma(type(self.x)(row), self.tile_height, 0.5 - SLACK) - self.y
-        y1 = y0 + (self.tile_height - 1 + 2 * SLACK)
+        y1 = y0 + (self.tile_height + self.overlap - 1 + 2 * SLACK)
         left, right = self.ellipses[0].span(y0, y1)
         for other in self.ellipses[1:]:
             other_left, other_right = other.span(y0, y1)
@@ -137,7 +144,8 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> Lists:
     n_isects = int(ends[dr.width(ends) - 1]) if dr.width(ends) else 0
     begin, end = dr.zeros(UInt, grid.n_tiles), dr.zeros(UInt, grid.n_tiles)
     if n_isects == 0:
-        return Lists(dr.zeros(UInt, 1), begin, end)
+        nowhere = dr.zeros(UInt, dr.width(key))
+        return Lists(dr.zeros(UInt, 1), begin, end, dr.zeros(UInt, 1), nowhere, nowhere)
 
     tile_from_isect, splat_from_isect = dr.empty(UInt, n_isects), dr.empty(UInt, n_isects)
     begin_from_rank = ends - dr.gather(UInt, counts, splat_from_rank)
@@ -168,4 +176,5 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> Lists:
     after = dr.gather(UInt, tile, i + 1, i + 1 < count)
     dr.scatter(begin, i, tile, (i == 0) | (before != tile))
     dr.scatter(end, i + 1, tile, (i + 1 == count) | (after != tile))
-    return Lists(dr.gather(UInt, splat_from_isect, order), begin, end)
+    splats = dr.gather(UInt, splat_from_isect, order)
+    return Lists(splats, begin, end, order, rank_begin, rank_begin + counts)

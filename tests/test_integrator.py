@@ -143,7 +143,11 @@ def test_another_number_of_primitives_renders_right_after_update():
 
 
 def test_rendering_and_deriving_another_number_of_primitives_needs_no_new_kernel():
-    """As long as memory that comes from NumPy is aligned: Dr.Jit compiles another kernel where it is not."""
+    """As long as memory that comes from NumPy is aligned: Dr.Jit compiles another kernel where it is not.
+
+    Dr.Jit orders the adjoints of the leaves by the indices of its variables, which it reuses: the same step comes in two
+    orders, which are two kernels, whatever N is. The warm-up meets both.
+    """
     model = random_splats(600, seed=1)
     scene = scene_of(select(model, 100), CAMERA)
     params: Any = mi.traverse(scene)
@@ -158,7 +162,7 @@ def test_rendering_and_deriving_another_number_of_primitives_needs_no_new_kernel
         params.update()
         dr.backward(dr.sum(dr.square(mi.render(scene, params)), axis=None))
 
-    known = kernels(lambda: [step(n) for n in (100, 101, 100)])
+    known = kernels(lambda: [step(n) for n in (100, 101, 100, 200, 200, 4, 100, 300, 300, 100)])
     for n in (137, 500, 3, 600, 100):
         new = kernels(lambda n=n: step(n)) - known
         assert not new, f"N = {n}: {len(new)} new kernels"

@@ -1,0 +1,232 @@
+"""Derivatives of *composite*: both modes replay the walk; nothing is stored per primitive and pixel.
+
+Notation as in ``composite.py``, and
+    δx     adjoint of x in backward mode, tangent of x in forward mode
+
+Backward mode replays the walk in the same order and needs two numbers per pixel, T and the part of δC·C that is
+still to come. Each entry of the tile lists gets a row of its own for its adjoints, which only the lanes of its tile add
+to; afterwards every primitive sums the rows of its entries. There is no atomic addition, and so the result has the same
+bits in every run.
+"""
+
+# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
+from __future__ import annotations
+
+from functools import lru_cache
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .composite import ALPHA_MAX, FEATURES, Settings, Tables, Walk
+from .geometry import Grid
+from .tiles import Lists
+
+LN2 = 0.6931471805599453
+ENTRY_ROW = 16  # adjoints per entry of the lists: x y A B C lo, features, padding (one cache line)
+PSEUDO_ENTRY_ROW = 4  # A B C lo
+
+
+@lru_cache
+def lanes_add_in_turn(variant: str) -> bool:
+    """Whether a packet ``scatter_add`` without atomics may meet the same row in all lanes of a packet.
+
+    Dr.Jit does not promise it, but its LLVM backend adds the lanes one after the other (1.5), which is a fifth faster
+    than atomics here. So it is tried, once per variant.
+    """
+    Float, UInt = dr.detached_t(mi.Float), dr.detached_t(mi.UInt32)
+    if dr.backend_v(mi.Float) != dr.JitBackend.LLVM:
+        return False
+    rows, lanes = 64, 1024
+    lane = dr.arange(UInt, lanes)
+    table = dr.zeros(Float, rows * ENTRY_ROW)
+    values = [Float(lane % 7) + k for k in range(ENTRY_ROW)]
+    dr.scatter_add(table, dr.llvm.ArrayXf(values), lane // (lanes // rows), mode=dr.ReduceMode.NoConflicts)
+    added = table.numpy().reshape(rows, ENTRY_ROW)
+    value = np.arange(lanes).reshape(rows, -1) % 7
+    return np.array_equal(added, value.sum(1)[:, None] + value.shape[1] * np.arange(ENTRY_ROW))
+
+
+@dr.freeze(warn_after=1 << 30)
+def composite_backward(
+    grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings,
+    features: list, T_final, δfeatures: list, δT, entries, pseudo_entries, in_turn: bool,
+) -> tuple:  # fmt: skip
+    """Adjoints of the projected quantities, given those of the planes.
+
+    Args:
+        features, T_final: what ``composite`` returned.
+        δfeatures, δT: their adjoints, [H*W] each.
+        entries: [entries, ENTRY_ROW] zeros, as many as ``lists`` has entries.
+        pseudo_entries: [entries, PSEUDO_ENTRY_ROW] zeros, or None without DoG primitives.
+        in_turn: ``lanes_add_in_turn``.
+
+    Returns (δ of x, y, A, B, C, lo and of each feature, [N] each; δ of A, B, C, lo of the pseudo-Gaussians, [M] each).
+    """
+    walk, n_features = Walk(grid, lanes, tables, lists, settings), settings.n_features
+
+    δC = [walk.read(plane) for plane in δfeatures]
+    # what is still to come of δC·C + δT T: all of it at the start
+    rest = [δ * t for δ, t in zip(walk.read(δT), walk.read(T_final), strict=True)]
+    for plane, δ in zip(features, δC, strict=True):
+        rest = [dr.fma(c, d, r) for c, d, r in zip(walk.read(plane), δ, rest, strict=True)]
+
+    def add(table, index, values: list, row_size: int, active):
+        """One packet instead of a scatter per value: the lanes of a packet all add to the same row.
+
+        Never in mode ``Expand``, nor ``Auto`` which may choose it: they give every thread a copy of the table at an
+        offset that a frozen kernel holds as a constant. Replayed with a larger table it writes out of bounds
+        (Dr.Jit 1.5).
+        """
+        padded = values + [walk.Float(0)] * (row_size - len(values))
+        mode = dr.ReduceMode.NoConflicts if in_turn else dr.ReduceMode.Local
+        dr.scatter_add(table, walk.Packet(padded), index, active, mode=mode)
+
+    def moments(δp, A, B, C, dx, dy) -> list:
+        """δ of x, y, A, B, C, lo from δp at every pixel of the block."""
+        width = walk.blocks.width
+        xs = [dx + k for k in range(width)]
+        m0 = mx = my = mxx = mxy = myy = walk.Float(0)
+        for row in range(walk.blocks.height):
+            y = dy + row
+            s0 = s1 = s2 = None
+            for k in range(width):
+                δ = δp[row * width + k]
+                δx = δ * xs[k]
+                s0 = δ if s0 is None else s0 + δ
+                s1 = δx if s1 is None else s1 + δx
+                s2 = δx * xs[k] if s2 is None else dr.fma(δx, xs[k], s2)
+            m0, mx, mxx = m0 + s0, mx + s1, mxx + s2
+            s0y = s0 * y
+            my, mxy, myy = my + s0y, dr.fma(s1, y, mxy), dr.fma(s0y, y, myy)
+        return [-dr.fma(2 * A, mx, B * my), -dr.fma(2 * C, my, B * mx), mxx, mxy, myy, m0]
+
+    def body(i, T, rest):
+        T, rest = list(T), list(rest)
+        for u in range(walk.blocks.unroll):
+            active = (i + u) < walk.end if u else walk.Float(0) == 0
+            splat, row, dx, dy = walk.fetch(i + u, active)
+            entry = dr.gather(walk.UInt, lists.entry_from_isect, i + u, active)
+            alpha, primary, pseudo, dog_row, is_dog = walk.alphas(splat, row, active, dx, dy)
+            δp, δp_pseudo = [], []
+            δf = [walk.Float(0)] * n_features
+            for k in range(walk.pixels):
+                a = alpha[k]
+                weight, behind, go = walk.advance(a, T[k])
+                c = row[FEATURES] * δC[0][k]
+                for f in range(n_features):
+                    δf[f] = dr.fma(weight, δC[f][k], δf[f])
+                    if f:
+                        c = dr.fma(row[FEATURES + f], δC[f][k], c)
+                rest[k] = dr.fma(-weight, c, rest[k])
+                loss_behind = rest[k] / (1 - a)
+                if not walk.negative_transmittance:
+                    loss_behind = dr.select(a > 0, loss_behind, 0)
+                δα = LN2 * dr.fma(T[k], c, -loss_behind)
+                # zero where the primitive was ignored, or the walk had ended
+                δα = dr.select(go & (a != 0), δα, 0)
+                δp.append(dr.select(primary[k] < ALPHA_MAX, δα * primary[k], 0))
+                if pseudo is not None:
+                    δp_pseudo.append(dr.select(pseudo[k] < ALPHA_MAX, -δα * pseudo[k], 0))
+                T[k] = behind
+            A, B, C = row[2:5]
+            δrow = moments(δp, A, B, C, dx, dy) + δf
+            if pseudo is not None:
+
+                def pseudo_moments(entry, dog_row, dx, dy, δp_pseudo):
+                    A, B, C = walk.pseudo_row(dog_row)[:3]
+                    δ = moments(δp_pseudo, A, B, C, dx, dy)
+                    add(pseudo_entries, entry, δ[2:], PSEUDO_ENTRY_ROW, True)
+                    return δ[0], δ[1]
+
+                δx, δy = dr.if_stmt(
+                    (entry, dog_row, dx, dy, δp_pseudo),
+                    is_dog,
+                    pseudo_moments,
+                    lambda *_: (walk.Float(0), walk.Float(0)),
+                )
+                δrow[0], δrow[1] = δrow[0] + δx, δrow[1] + δy
+            add(entries, entry, δrow, ENTRY_ROW, active)
+        return i + walk.blocks.unroll, T, rest
+
+    dr.while_loop(
+        (walk.begin, walk.start_T(), rest),
+        lambda i, T, rest: (i < walk.end) & walk.alive(T),
+        body,
+        labels=("i", "T", "rest"),
+        label="composite_backward",
+    )
+    n = dr.arange(walk.UInt, dr.width(lists.entry_begin))
+    begin, end = (dr.gather(walk.UInt, ends, n) for ends in (lists.entry_begin, lists.entry_end))
+    δsplats = _sum_rows(walk, entries, ENTRY_ROW, 6 + n_features, begin, end)
+    if tables.pseudo is None:
+        return δsplats, []
+    m = tables.dog_index
+    begin, end = (dr.gather(walk.UInt, ends, m) for ends in (lists.entry_begin, lists.entry_end))
+    return δsplats, _sum_rows(walk, pseudo_entries, PSEUDO_ENTRY_ROW, 4, begin, end)
+
+
+def _sum_rows(walk: Walk, table, row_size: int, count: int, begin, end) -> list:
+    """Sums of the first ``count`` columns over the rows [begin, end) of a table."""
+
+    def body(row, sums):
+        values = []
+        for k in range(-(-count // 4)):
+            values += list(dr.gather(walk.Quad, table, dr.fma(row, row_size // 4, k)))
+        return row + 1, [s + v for s, v in zip(sums, values, strict=False)]
+
+    start = begin, [walk.Float(0)] * count
+    return list(dr.while_loop(start, lambda row, sums: row < end, body, labels=("row", "sums"), label="sum rows")[1])
+
+
+def composite_forward(
+    grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings, δsplats: list, δpseudo: list | None
+) -> tuple:
+    """Tangents of the planes, given those of x, y, A, B, C, lo and the features [N],
+    and of A, B, C, lo [M].
+
+    Returns (δfeatures: list of [H*W] planes, δT: [H*W] plane).
+    """
+    walk, n_features = Walk(grid, lanes, tables, lists, settings), settings.n_features
+
+    def tangents(values, A, B, C, dx, dy, δ) -> list:
+        """δ of 2^p at the pixels of the block, zero where it is limited to .99."""
+        result = []
+        for k, value in enumerate(values):
+            x, y = dx + k % walk.blocks.width, dy + k // walk.blocks.width
+            δp = δ[2] * x * x + δ[3] * x * y + δ[4] * y * y + δ[5]
+            δp -= dr.fma(2 * A, x, B * y) * δ[0] + dr.fma(2 * C, y, B * x) * δ[1]
+            result.append(dr.select(value < ALPHA_MAX, LN2 * value * δp, 0))
+        return result
+
+    def body(i, T, δT, δC):
+        T, δT, δC = list(T), list(δT), list(δC)
+        splat, row, dx, dy = walk.fetch(i, True)
+        alpha, primary, pseudo, dog_row, is_dog = walk.alphas(splat, row, True, dx, dy)
+        δ = [dr.gather(walk.Float, values, splat) for values in δsplats]
+        δα = tangents(primary, *row[2:5], dx, dy, δ)
+        if pseudo is not None:
+            δ_p = δ[:2] + [dr.gather(walk.Float, values, dog_row, is_dog) for values in δpseudo or []]
+            kernel = [dr.select(is_dog, value, 0) for value in walk.pseudo_row(dr.select(is_dog, dog_row, 0))[:3]]
+            δα = [a - b for a, b in zip(δα, tangents(pseudo, *kernel, dx, dy, δ_p), strict=True)]
+        for k in range(walk.pixels):
+            weight, behind, go = walk.advance(alpha[k], T[k])
+            δa = dr.select(go & (alpha[k] != 0), δα[k], 0)
+            δweight = dr.select(go, dr.fma(δa, T[k], alpha[k] * δT[k]), 0)
+            for f in range(n_features):
+                at = f * walk.pixels + k
+                δC[at] = dr.fma(δweight, row[FEATURES + f], dr.fma(weight, δ[6 + f], δC[at]))
+            passes = go if walk.negative_transmittance else go & (alpha[k] > 0)
+            δT[k] = dr.select(passes, δT[k] - δweight, δT[k])
+            T[k] = behind
+        return i + 1, T, δT, δC
+
+    _, _, δT, δC = dr.while_loop(
+        (walk.begin, walk.start_T(), [walk.Float(0)] * walk.pixels, [walk.Float(0)] * (n_features * walk.pixels)),
+        lambda i, T, δT, δC: (i < walk.end) & walk.alive(T),
+        body,
+        labels=("i", "T", "δT", "δC"),
+        label="composite_forward",
+    )
+    return [walk.write(δC[f * walk.pixels : (f + 1) * walk.pixels]) for f in range(n_features)], walk.write(δT)

@@ -1,0 +1,81 @@
+"""What derivative passes take over from elsewhere: the camera of a sensor, and the film's development."""
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from mi_dogsplat.composite_derivatives import lanes_add_in_turn
+from mi_dogsplat.sensor import SensorReader
+from splat_scenes import random_splats, rounded, scalar_transform, scene_of, sensor_dict, square_camera
+
+CAMERA = square_camera()
+MODEL = rounded(random_splats(40, seed=3, degree=1, dog_share=0.4))
+
+
+def test_a_sensor_is_read_again_when_it_moves_zooms_or_another_one_is_given():
+    sensor: Any = mi.load_dict(sensor_dict(CAMERA))
+    reader = SensorReader()
+    first = reader.read(sensor, 0.2)
+    assert reader.read(sensor, 0.2) is first
+
+    params: Any = mi.traverse(sensor)
+    params["x_fov"] = params["x_fov"] * 1.25
+    params.update()
+    zoomed = reader.read(sensor, 0.2)
+    assert zoomed.numbers != first.numbers
+
+    params["to_world"] = mi.Transform4f(scalar_transform(np.eye(4) + np.eye(4, k=3)).matrix)
+    params.update()
+    moved = reader.read(sensor, 0.2)
+    assert moved.numbers != zoomed.numbers
+    assert reader.read(sensor, 0.3).numbers != moved.numbers
+    other: Any = mi.load_dict(sensor_dict(CAMERA))
+    assert reader.read(other, 0.2).numbers == first.numbers
+
+
+@pytest.mark.parametrize("pixel_format", ["rgb", "rgba", "luminance", "luminance_alpha", "xyz", "xyza"])
+def test_the_image_that_is_derived_is_the_image_that_is_rendered(pixel_format):
+    """Formats that the film hands on as they are skip it in derivative passes; the others are converted."""
+    film = {"pixel_format": pixel_format, "crop_offset_x": 7, "crop_offset_y": 5, "crop_width": 20, "crop_height": 11}
+    scene = scene_of(MODEL, CAMERA, film=film, aovs="alpha,depth")
+    integrator: Any = scene.integrator()
+    rendered = mi.render(scene).numpy()
+    derived = integrator._image(scene, 0, derivative=True).numpy()
+    assert derived.shape == rendered.shape
+    np.testing.assert_array_equal(derived, rendered)
+
+
+def test_a_derivative_pass_leaves_the_film_as_it_was():
+    scene = scene_of(MODEL, CAMERA)
+    params: Any = mi.traverse(scene)
+    dr.enable_grad(params["splats.means"])
+    params.update()
+    image = mi.render(scene, params)
+    before = np.array(scene.sensors()[0].film().bitmap())
+    assert before.max() > 0
+    dr.backward(dr.sum(image, axis=None))
+    np.testing.assert_array_equal(np.array(scene.sensors()[0].film().bitmap()), before)
+
+
+def test_adjoints_have_the_same_bits_in_every_run():
+    if not lanes_add_in_turn(mi.variant()):
+        pytest.skip("this backend adds the lanes of a tile with atomics, in any order")
+    model = rounded(random_splats(3000, seed=5))
+
+    def gradients() -> list[np.ndarray]:
+        scene = scene_of(model, square_camera(160, 120))
+        params: Any = mi.traverse(scene)
+        names = [name for name in params.keys() if name.startswith("splats.") and not name.endswith("index")]
+        for name in names:
+            dr.enable_grad(params[name])
+        params.update()
+        dr.backward(dr.sum(dr.square(mi.render(scene, params)), axis=None))
+        return [dr.grad(params[name]).numpy() for name in names]
+
+    first = gradients()
+    assert all(np.abs(values).max() > 0 for values in first)
+    for _ in range(3):
+        for once, again in zip(first, gradients(), strict=True):
+            np.testing.assert_array_equal(once, again)
