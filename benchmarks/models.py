@@ -43,7 +43,7 @@ def fern_opaque() -> tuple[Splats, Camera]:
 def fern_trained(steps: int = 1500) -> tuple[Splats, Camera]:
     """A model of at most 10,000 primitives trained on fern, in half a minute."""
     config = TrainConfig(
-        str(DATA / "fern"), steps=steps, downscale=2, max_primitives=10_000, max_world_scale=float("inf")
+        str(DATA / "fern"), "3dgs", steps, downscale=2, max_primitives=10_000, max_world_scale=float("inf")
     )
     dataset = load_dataset(config.data, config.downscale)
     trainer = Trainer(config, dataset)

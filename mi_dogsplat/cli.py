@@ -1,4 +1,4 @@
-"""The command ``dogsplat`` (= ``python -m mi_dogsplat``): parses, calls, prints."""
+"""The command ``dogsplat`` (= ``python -m mi_dogsplat``): what each subcommand calls and prints."""
 
 from __future__ import annotations
 
@@ -6,103 +6,24 @@ import argparse
 import dataclasses
 import sys
 from contextlib import ExitStack
-from pathlib import Path
-from typing import NoReturn
 
-from .cli_help import EPILOG, EVAL_EXAMPLES, INFO_EXAMPLES, RENDER_EXAMPLES, TRAIN_EXAMPLES
+from .cli_arguments import ABLATION, build_parser
 from .config import TrainConfig
 from .errors import DataError
 
 
-class Parser(argparse.ArgumentParser):
-    """Wrong use is one line on stderr, as every other error; the help is shown as it is written."""
-
-    def __init__(self, **options):
-        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"dogsplat: {message}; see {self.prog} --help\n")
-
-
-def _field_help() -> dict[str, str]:
-    """Comments of the fields of ``TrainConfig``: config lives, and is explained, in one place."""
-    source = Path(sys.modules[TrainConfig.__module__].__file__ or "").read_text(encoding="utf-8")
-    names = {field.name for field in dataclasses.fields(TrainConfig)}
-    lines = (line.strip() for line in source.splitlines() if "#" in line and ":" in line)
-    pairs = ((line.split(":", 1)[0], line.split("#", 1)[1].strip()) for line in lines)
-    return {name: text for name, text in pairs if name in names}
-
-
-def _add_config_flags(parser: argparse.ArgumentParser, names: list[str]) -> None:
-    texts = _field_help()
-    for field in dataclasses.fields(TrainConfig):
-        if field.name not in names:
-            continue
-        flag = "--" + field.name.replace("_", "-")
-        shown = texts[field.name] + ("" if field.default is None else f" (default: {field.default})")
-        if isinstance(field.default, bool):
-            parser.add_argument(flag, action="store_true", help=texts[field.name])
-        else:
-            kind = int if field.default is None else type(field.default)
-            metavar = {int: "N", float: "X"}.get(kind, "NAME")
-            parser.add_argument(flag, type=kind, default=field.default, metavar=metavar, help=shown)
-
-
-def build_parser() -> argparse.ArgumentParser:
-    parser = Parser(
-        prog="dogsplat",
-        description="Small, sharp, differentiable radiance fields in Mitsuba 3.",
-        epilog=EPILOG,
-    )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-
-    p = commands.add_parser("train", help="photographs to a model", description=train.__doc__, epilog=TRAIN_EXAMPLES)
-    p.add_argument("data", metavar="DATA", help=_field_help()["data"])
-    p.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
-    flags = [field.name for field in dataclasses.fields(TrainConfig) if field.name != "data"]
-    _add_config_flags(p, flags)
-    p.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
-    p.set_defaults(run=train)
-
-    p = commands.add_parser(
-        "render",
-        help="a model or Mitsuba scene to a picture",
-        description=render.__doc__,
-        epilog=RENDER_EXAMPLES,
-    )
-    p.add_argument("model", type=Path, metavar="MODEL_or_SCENE", help="model .ply or Mitsuba scene .xml")
-    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".png, or .exr with alpha and depth")
-    p.add_argument("--data", metavar="DATA", help="data set whose views --camera names")
-    p.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA by name, or a camera JSON file")
-    _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
-    p.set_defaults(run=render)
-
-    p = commands.add_parser(
-        "eval",
-        help="metrics of a model on the test split",
-        description=evaluate.__doc__,
-        epilog=EVAL_EXAMPLES,
-    )
-    p.add_argument("model", type=Path, metavar="MODEL", help="model .ply")
-    p.add_argument("data", metavar="DATA", help=_field_help()["data"])
-    p.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json")
-    _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
-    p.set_defaults(run=evaluate)
-
-    p = commands.add_parser(
-        "info",
-        help="what a file is and what is wrong with it",
-        description=info.__doc__,
-        epilog=INFO_EXAMPLES,
-    )
-    p.add_argument("file", type=Path, metavar="FILE", help="model .ply, run folder, or data set")
-    p.set_defaults(run=info)
-    return parser
-
-
 def train(args: argparse.Namespace) -> None:
     """Train a model on photographs and measure it on those held out."""
-    config = _config(args)
+    _run(_config(args), args)
+
+
+def prune(args: argparse.Namespace) -> None:
+    """Prune a model to a target while refining it on its photographs, then add Differences of Gaussians."""
+    _run(_config(args, model=args.model), args)
+
+
+def _run(config: TrainConfig, args: argparse.Namespace) -> None:
+    """Fill a run folder while a bar shows how far it is."""
     _set_variant(config.variant)
     from tqdm import tqdm
 
@@ -126,6 +47,18 @@ def train(args: argparse.Namespace) -> None:
     print_metrics(metrics["test"] or metrics["train"])
     size, seconds = metrics["bytes"] / 1e6, metrics["train_seconds"]
     print(f"{metrics['n']:,} primitives, {size:.1f} MB, {seconds:.0f} s; {args.out / 'report.html'}")
+
+
+def ablate(args: argparse.Namespace) -> None:
+    """Train the variants of the method from one densified start per seed, and tabulate what each part contributes."""
+    if unknown := [name for name in args.only if name not in ABLATION]:
+        raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(ABLATION)}")
+    config = _config(args, preset="3dgs")
+    _set_variant(config.variant)
+    from .ablate import ablate as run_ablation
+
+    run_ablation(config, args.out, args.seeds, args.only, lambda line: print(line, flush=True))
+    print((args.out / "ablation.md").read_text(encoding="utf-8"), end="")
 
 
 def render(args: argparse.Namespace) -> None:
@@ -179,11 +112,14 @@ def info(args: argparse.Namespace) -> None:
     print("\n".join(describe(args.file)))
 
 
-def _config(args: argparse.Namespace) -> TrainConfig:
-    """The settings among the arguments, checked; raises ``DataError`` that names the flag."""
-    names = {field.name for field in dataclasses.fields(TrainConfig)}
+def _config(args: argparse.Namespace, **others) -> TrainConfig:
+    """The settings among the arguments, checked; raises ``DataError`` that names the flag.
+
+    ``model`` is the model of ``prune`` only: other commands have arguments of that name.
+    """
+    names = {field.name for field in dataclasses.fields(TrainConfig)} - {"model"}
     given = {name: value for name, value in vars(args).items() if name in names}
-    return TrainConfig(**{"data": "", **given})
+    return TrainConfig(**{"data": "", **given, **others})
 
 
 def print_metrics(values: dict[str, float]) -> None:
@@ -210,11 +146,16 @@ def _set_variant(name: str) -> None:
     mi.set_variant(name)
 
 
+COMMANDS = {
+    "train": train, "prune": prune, "ablate": ablate, "render": render, "eval": evaluate, "info": info
+}  # fmt: skip
+
+
 def main(argv: list[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    args = build_parser().parse_args(argv)
+    args = build_parser({name: run.__doc__ or "" for name, run in COMMANDS.items()}).parse_args(argv)
     try:
-        args.run(args)
+        COMMANDS[args.command](args)
     except DataError as error:
         print(f"dogsplat: {error}", file=sys.stderr)
         return 2

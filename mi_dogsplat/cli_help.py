@@ -13,14 +13,36 @@ Exit codes: 0 done, 2 wrong use or bad input (one line says what to do).
 
 TRAIN_EXAMPLES = """
 Examples:
-  dogsplat train photos/ -o run                        the full schedule, 30,000 steps
+  dogsplat train photos/ -o run                        the full schedule, a tenth of the primitives
   dogsplat train photos/ -o run --steps 7000 --downscale 2 --max-primitives 60000
                                                        minutes instead of hours, and a bounded size
+  dogsplat train photos/ -o run --target 20000         a model of exactly so many primitives
+  dogsplat train photos/ -o run --preset 3dgs          without pruning and DoG: the published baseline
   dogsplat train lego/ -o run --background white       images with alpha over white (as auto does)
 
 Afterwards RUN holds point_cloud.ply (the model), report.html (open it in a browser), metrics.json,
 history.jsonl, config.json, and test/ with a render, the photograph and an error map per test view. Stopping
 with Ctrl-C leaves config.json and history.jsonl of the steps done.
+"""
+PRUNE_EXAMPLES = """
+Examples:
+  dogsplat prune model.ply photos/ -o run                      a tenth of its primitives
+  dogsplat prune model.ply photos/ -o run --target 20000 --steps 3500 --downscale 2
+  dogsplat prune model.ply photos/ -o run --preset released    as the authors' code does it
+
+The model may come from any trainer of 3D Gaussians. The schedule begins with its first prune, without
+densification; --steps counts from there (default: what the preset's schedule has left). RUN is filled as by
+dogsplat train; its history names every decision to prune or to refine, with the reason.
+"""
+ABLATE_EXAMPLES = """
+Examples:
+  dogsplat ablate photos/ -o ablation --steps 7000 --downscale 2 --max-primitives 40000
+  dogsplat ablate photos/ -o ablation --steps 7000 --downscale 2 --max-primitives 40000 --seeds 3
+                                                       one more seed in the same table
+3dgs is the baseline at 100 %; v1, v2, v3, full add a part of the paper's method each; released is the authors' code;
+ours is the preset ours. All of a seed go on from one start, at the end of densification, and end with the same
+number of steps. DIR/ablation.md is the table; each variant is a run folder under DIR/seed_N/. What is complete is
+not repeated.
 """
 RENDER_EXAMPLES = """
 Examples:

@@ -159,15 +159,15 @@ def composite_backward(
     )
     n = dr.arange(walk.UInt, dr.width(lists.entry_begin))
     begin, end = (dr.gather(walk.UInt, ends, n) for ends in (lists.entry_begin, lists.entry_end))
-    δsplats = _sum_rows(walk, entries, ENTRY_ROW, 6 + n_features, begin, end)
+    δsplats = sum_rows(walk, entries, ENTRY_ROW, 6 + n_features, begin, end)
     if tables.pseudo is None:
         return δsplats, []
     m = tables.dog_index
     begin, end = (dr.gather(walk.UInt, ends, m) for ends in (lists.entry_begin, lists.entry_end))
-    return δsplats, _sum_rows(walk, pseudo_entries, PSEUDO_ENTRY_ROW, 4, begin, end)
+    return δsplats, sum_rows(walk, pseudo_entries, PSEUDO_ENTRY_ROW, 4, begin, end)
 
 
-def _sum_rows(walk: Walk, table, row_size: int, count: int, begin, end) -> list:
+def sum_rows(walk: Walk, table, row_size: int, count: int, begin, end) -> list:
     """Sums of the first ``count`` columns over the rows [begin, end) of a table."""
 
     def body(row, sums):

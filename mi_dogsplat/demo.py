@@ -34,7 +34,7 @@ def main() -> None:
         size = {"width": args.size, "height": args.size}
         capture(SCENE, data, n_views=args.views, n_test=n_test, **size, zoom=1.35, alpha=True)
     print(f"2/2  training {args.steps} steps")
-    config = TrainConfig(str(data), steps=args.steps, max_primitives=40_000)
+    config = TrainConfig(str(data), "3dgs", steps=args.steps, max_primitives=40_000)
     with tqdm(total=args.steps, unit="step") as bar:
 
         def show(row: dict) -> None:

@@ -16,10 +16,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .config import REFERENCE_STEPS
 from .optimizer import SplatOptimizer
 from .parameters import device_array
 from .project import Projection
+from .scheduler import scaled_milestone
 
 MIN_REFINEMENTS = 30  # per run, however short
 MIN_RESET_EVERY = 500  # steps; opacities need about 200 to come back
@@ -42,20 +42,15 @@ class Densification:
     reset_opacity_to: float = 0.01
     max_primitives: int | None = None  # a cap that is never exceeded
 
-    def scaled(self, total_steps: int) -> Densification:
-        """Milestones scale with the run, with two exceptions.
+    def scaled(self, factor: float) -> Densification:
+        """The numbers for a run ``factor`` times as long. Milestones scale with it, with two exceptions.
 
         The interval stays, unless that made fewer than 30 refinements: what a refinement needs is enough
         views for its statistic, not a share of the run. Opacity resets keep 500 steps apart.
         """
-        factor = total_steps / REFERENCE_STEPS
-
-        def step(milestone: int) -> int:
-            return max(1, round(milestone * factor))
-
-        every = max(1, min(self.every, (step(self.stop) - step(self.start)) // MIN_REFINEMENTS))
-        reset_every = max(step(self.reset_every), min(self.reset_every, MIN_RESET_EVERY))
-        start, stop = step(self.start), step(self.stop)
+        start, stop = scaled_milestone(self.start, factor), scaled_milestone(self.stop, factor)
+        every = max(1, min(self.every, (stop - start) // MIN_REFINEMENTS))
+        reset_every = max(scaled_milestone(self.reset_every, factor), min(self.reset_every, MIN_RESET_EVERY))
         return replace(self, start=start, stop=stop, every=every, reset_every=reset_every)
 
     def collects(self, step: int) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -55,10 +55,19 @@ def mean_metrics(results: dict[str, dict[str, float]]) -> dict[str, float]:
 
 def render_milliseconds(picture: Callable[[View], Picture], views: Sequence[View], repeats: int = 3) -> float:
     """Median wall time of a render with its pictures on the host, in ms, after one warm-up render."""
-    times = []
-    picture(views[0])
+    return render_milliseconds_in_turn({"": picture}, views, repeats)[""]
+
+
+def render_milliseconds_in_turn(
+    pictures: Mapping[str, Callable[[View], Picture]], views: Sequence[View], repeats: int = 3
+) -> dict[str, float]:
+    """``render_milliseconds`` of several models that take turns: what else the machine does slows all alike."""
+    times: dict[str, list[float]] = {name: [] for name in pictures}
+    for picture in pictures.values():
+        picture(views[0])
     for view in list(views)[:8] * repeats:
-        start = time.perf_counter()
-        picture(view)
-        times.append(time.perf_counter() - start)
-    return float(np.median(times) * 1e3)
+        for name, picture in pictures.items():
+            start = time.perf_counter()
+            picture(view)
+            times[name].append(time.perf_counter() - start)
+    return {name: float(np.median(values) * 1e3) for name, values in times.items()}

@@ -24,18 +24,29 @@ class Blocks:
     lanes_x: int  # of a tile, lanes
     lanes_y: int
     unroll: int
+    overlap: int = 0  # columns and rows, at the right and at the bottom, that the next block and tile have as well
 
     @property
     def lanes(self) -> int:
         return self.lanes_x * self.lanes_y
 
     @property
+    def stride_x(self) -> int:
+        """Pixels from block to block."""
+        return self.width - self.overlap
+
+    @property
+    def stride_y(self) -> int:
+        return self.height - self.overlap
+
+    @property
     def tile_width(self) -> int:
-        return self.width * self.lanes_x
+        """Pixels from tile to tile."""
+        return self.stride_x * self.lanes_x
 
     @property
     def tile_height(self) -> int:
-        return self.height * self.lanes_y
+        return self.stride_y * self.lanes_y
 
     @staticmethod
     def of_backend() -> Blocks:
@@ -96,7 +107,7 @@ class Grid:
         lane = dr.arange(UInt, self.n_tiles * b.lanes)
         tile, lane = lane // b.lanes, lane % b.lanes
         tile_y = tile // self.tiles_x
-        x = (tile - tile_y * self.tiles_x) * b.tile_width + (lane % b.lanes_x) * b.width
-        y = tile_y * b.tile_height + (lane // b.lanes_x) * b.height
+        x = (tile - tile_y * self.tiles_x) * b.tile_width + (lane % b.lanes_x) * b.stride_x
+        y = tile_y * b.tile_height + (lane // b.lanes_x) * b.stride_y
         dr.make_opaque(tile, x, y)
         return tile, x, y

@@ -1,4 +1,4 @@
-"""Where training starts: primitives at the points of structure from motion, or where cameras look."""
+"""Where training starts: at a model, at the points of structure from motion, or where cameras look."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import numpy as np
 from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from .cameras import Camera
+from .config import TrainConfig
+from .datasets import Dataset
+from .pruning import model_to_prune
 from .sh import C0
 from .splats import Splats
 
@@ -91,3 +94,19 @@ def random_splats(cameras: Sequence[Camera], count: int, rng: np.random.Generato
     capped = np.minimum(votes, (votes.max(initial=0) + 1) // 2)
     chosen = candidates[np.argsort(-capped, kind="stable")[:count]]  # equal votes keep their random order
     return splats_from_points(chosen, rng.uniform(0.4, 0.6, (count, 3)), sh_degree)
+
+
+def initial_splats(config: TrainConfig, dataset: Dataset) -> Splats:
+    """The model to prune, else the points of the data set, else random in the region that the cameras see."""
+    if config.model is not None:
+        return model_to_prune(config.model, config.target)
+    if len(dataset.points):
+        splats = splats_from_points(dataset.points, dataset.point_colors, config.sh_degree)
+        limit = config.max_primitives
+        if limit is not None and splats.n_splats > limit:
+            keep = np.random.default_rng(config.seed).permutation(splats.n_splats)[:limit]
+            splats = splats.select(np.sort(keep))
+        return splats
+    count = min(config.initial_primitives, config.max_primitives or config.initial_primitives)
+    rng = np.random.default_rng(config.seed)
+    return random_splats([view.camera for view in dataset.train], count, rng, config.sh_degree)

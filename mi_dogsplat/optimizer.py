@@ -19,10 +19,12 @@ import mitsuba as mi
 import numpy as np
 
 from .parameters import RAW_DOG, device_array, dog_rows
+from .project import NOT_DOG
+from .ring import RING, log_scales_from_ring, log_scales_on_device, ring_from_log_scales
 from .splats import Splats
 
 ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}
-DOG_ROW_SIZE = {"dog_logit_opacities": 1, "dog_log_scales": 3}
+DOG_ROW_SIZE = {"dog_logit_opacities": 1, "dog_log_scales": 3, RING: 3}
 
 
 @dataclass(frozen=True)
@@ -40,12 +42,13 @@ class LearningRates:
     sh_rest: float = 2.5e-3 / 20
     dog_logit_opacities: float = 0.025
     dog_log_scales: float = 5e-3
+    dog_ring_scales: float = 5e-3
 
     def at(self, step: int) -> dict[str, float]:
         """Step size of every parameter."""
         progress = min(step / max(self.total_steps, 1), 1.0)
         means = self.extent * self.means_start * (self.means_end / self.means_start) ** progress
-        names = ("log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest", *RAW_DOG)
+        names = ("log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest", *DOG_ROW_SIZE)
         return {"means": means} | {name: getattr(self, name) for name in names}
 
 
@@ -54,6 +57,7 @@ class SplatOptimizer:
 
     ``sh_coeffs`` is held as ``sh_dc`` and ``sh_rest`` because their step sizes differ (see ``evaluate_sh``);
     ``sh_rest`` is absent at degree 0; else its rows hold all K coefficients, the first of them unused.
+    ``dog_log_scales`` may be held as ``RING`` (see ``set_dog``); the outside always sees log F.
     """
 
     def __init__(self, splats: Splats, learning_rates: LearningRates):
@@ -81,14 +85,17 @@ class SplatOptimizer:
 
     @property
     def n_dog(self) -> int:
-        """Number of primitives that are DoG."""
+        """Number of primitives that are DoG. Waits for the device if some have been dropped."""
+        self._sweep()
         return len(self.dog_index)
 
     @property
     def params(self) -> dict:
         """Arrays for ``rasterize``; gradients accumulate on them."""
         params: dict = dict(self.adam.items())
-        if self.n_dog:
+        if RING in params:
+            params["dog_log_scales"] = log_scales_on_device(params.pop(RING))
+        if len(self.dog_index):
             params |= {"dog_index": self._dog_index, "dog_row": self._dog_row}
         return params
 
@@ -123,30 +130,54 @@ class SplatOptimizer:
         zeros_m, zeros_v = dr.opaque(type(m), 0, dr.width(m)), dr.opaque(type(v), 0, dr.width(v))
         self.adam.state[name] = value, promoted, rate, (t, zeros_m, zeros_v, v_max)
 
-    def set_dog(self, dog_index: np.ndarray, logit_opacities: np.ndarray, log_scales: np.ndarray) -> None:
+    def set_dog(
+        self, dog_index: np.ndarray, logit_opacities: np.ndarray, log_scales: np.ndarray, ring: bool = False
+    ) -> None:
         """Make exactly the primitives ``dog_index`` DoG; those that already were keep their moments.
 
         Args:
             dog_index: [M] strictly increasing; none makes all primitives plain Gaussians.
             logit_opacities: [M] logit of f_a.
             log_scales: [M, 3] log of F.
+            ring: train θ of F = 1 + softplus(θ) instead of log F (``ring.py``).
+
+        Raises ``ValueError`` when ``ring`` is asked for and an F is not above 1.
         """
-        old_row = np.full(self.n, -1)
-        old_row[self.dog_index] = np.arange(self.n_dog)
-        old_row = old_row[np.asarray(dog_index, np.int64)]  # [M] or -1
+        scales = {RING: ring_from_log_scales(log_scales)} if ring else {"dog_log_scales": log_scales}
+        new = {"dog_logit_opacities": logit_opacities, **scales} if len(dog_index) else {}
+        for name in [name for name in self.adam if name in DOG_ROW_SIZE and name not in new]:
+            del self.adam[name]
+        old_row = self._dog_row_of_splat()[np.asarray(dog_index, np.int64)]  # [M] or -1
         self.row_size |= DOG_ROW_SIZE
         rates = self.learning_rates.at(0)
-        for name, values in zip(RAW_DOG, (logit_opacities, log_scales), strict=True):
-            if name in self.adam and len(old_row):
+        for name, values in new.items():
+            if name in self.adam:
                 self._gather(name, np.maximum(old_row, 0), old_row < 0)
                 self.set(name, values)
-            elif name in self.adam:
-                del self.adam[name]
-            elif len(old_row):
+            else:
                 self.adam[name] = device_array(values)
                 self.adam.set_learning_rate({name: rates[name]})
         self.dog_index = np.array(dog_index, np.uint32)
         self._refresh_dog_index()
+
+    def drop_dog(self, drop: mi.Bool) -> None:
+        """Make plain Gaussians of the primitives ``drop`` [N] for all renders to come; waits for nothing.
+
+        Their rows in the DoG arrays are given back by a sweep, as soon as somebody asks for ``n_dog`` or the model.
+        """
+        self._dog_row = dr.select(drop, NOT_DOG, self._dog_row)
+        dr.eval(self._dog_row)
+        self._dropped = True
+
+    def _sweep(self) -> None:
+        if not self._dropped:
+            return
+        self._dropped = False
+        keep = np.flatnonzero(_host(self._dog_row)[self.dog_index] != NOT_DOG)
+        if len(keep) < len(self.dog_index):
+            self._gather_dog(keep)
+            self.dog_index = self.dog_index[keep]
+            self._refresh_dog_index()
 
     def rearrange(self, index: np.ndarray, fresh: np.ndarray) -> None:
         """Make row r a copy of the old row ``index[r]``: the one place where the number of rows changes.
@@ -158,17 +189,22 @@ class SplatOptimizer:
         index, fresh = np.asarray(index), np.asarray(fresh)
         if len(index) == 0:
             raise ValueError("SplatOptimizer.rearrange: no primitive would be left")
-        dog_row_of_old = np.full(self.n, -1)
-        dog_row_of_old[self.dog_index] = np.arange(self.n_dog)
-        dog_row_of_new = np.where(fresh, -1, dog_row_of_old[index])
-        for name in list(self.adam.keys()):
-            if name in RAW_DOG:
-                rows = dog_row_of_new[dog_row_of_new >= 0]
-                self._gather(name, rows, np.zeros(len(rows), bool))
-            else:
-                self._gather(name, index, fresh)
+        dog_row_of_new = np.where(fresh, -1, self._dog_row_of_splat()[index])
+        for name in [name for name in self.adam if name not in DOG_ROW_SIZE]:
+            self._gather(name, index, fresh)
+        self._gather_dog(dog_row_of_new[dog_row_of_new >= 0])
         self.dog_index = np.flatnonzero(dog_row_of_new >= 0).astype(np.uint32)
         self._refresh_dog_index()
+
+    def _dog_row_of_splat(self) -> np.ndarray:
+        row = np.full(self.n, -1)
+        n_dog = self.n_dog
+        row[self.dog_index] = np.arange(n_dog)
+        return row
+
+    def _gather_dog(self, rows: np.ndarray) -> None:
+        for name in [name for name in self.adam if name in DOG_ROW_SIZE]:
+            self._gather(name, rows, np.zeros(len(rows), bool))
 
     def _gather(self, name: str, rows: np.ndarray, fresh: np.ndarray) -> None:
         value, promoted, rate, (t, m, v, v_max) = self.adam.state[name]
@@ -188,7 +224,8 @@ class SplatOptimizer:
         self.adam.state[name] = new, promoted, rate, (t, new_m, new_v, v_max)
 
     def _refresh_dog_index(self) -> None:
-        if self.n_dog:
+        self._dropped = False
+        if len(self.dog_index):
             self._dog_index = device_array(self.dog_index, mi.UInt32)
             self._dog_row = dog_rows(self.dog_index, self.n)
 
@@ -198,12 +235,17 @@ class SplatOptimizer:
         sh = self.numpy("sh_dc").reshape(n, 1, 3)
         if "sh_rest" in self.adam:
             sh = np.concatenate([sh, self.numpy("sh_rest").reshape(n, -1, 3)[:, 1:]], axis=1)
-        names = ("means", "log_scales", "quats", "logit_opacities", *(RAW_DOG if self.n_dog else ()))
-        dog = {"dog_index": self.dog_index} if self.n_dog else {}
-        return Splats(sh_coeffs=sh, **{name: self.numpy(name) for name in names}, **dog)
+        arrays = {name: self.numpy(name) for name in ("means", "log_scales", "quats", "logit_opacities")}
+        if self.n_dog:
+            ring = RING in self.adam
+            log_scales = log_scales_from_ring(self.numpy(RING)) if ring else self.numpy("dog_log_scales")
+            arrays |= {"dog_index": self.dog_index, "dog_log_scales": log_scales}
+            arrays["dog_logit_opacities"] = self.numpy("dog_logit_opacities")
+        return Splats(sh_coeffs=sh, **arrays)
 
     def state(self) -> dict[str, np.ndarray]:
         """What ``restore`` needs to go on with the same bits: values, both moments, step counts, rates."""
+        self._sweep()
         state: dict[str, Any] = self.adam.state
         saved: dict[str, Any] = {"dog_index": self.dog_index.copy()}
         for name, (value, _, rate, (t, m, v, _)) in state.items():

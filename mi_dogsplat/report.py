@@ -13,6 +13,7 @@ from typing import Any
 
 from mi_dogsplat.pictures import replacing
 from mi_dogsplat.report_curves import curves_section
+from mi_dogsplat.report_mixture import mixture_section
 from mi_dogsplat.report_page import page
 from mi_dogsplat.report_views import views_section
 from mi_dogsplat.run_folder import Run, read_run
@@ -24,7 +25,7 @@ READ_CONFIG = "All that config.json holds."
 def write_report(run_dir: str | Path) -> Path:
     """Writes ``report.html`` into a run folder and returns its path.
 
-    :raises DataError: the folder does not exist, or config.json or metrics.json is not a JSON object
+    :raises DataError: the folder does not exist, or one of its .json files is not a JSON object
     """
     run = read_run(run_dir)
     preset = f" <small>preset {escape(run.preset)}</small>" if run.preset else ""
@@ -33,6 +34,7 @@ def write_report(run_dir: str | Path) -> Path:
         *_notices(run),
         _summary(run),
         curves_section(run),
+        mixture_section(run),
         views_section(run),
         _settings(run),
     ]
@@ -47,9 +49,7 @@ def _notices(run: Run) -> list[str]:
     """What is missing, in words; nothing for a complete run."""
     notices = []
     if run.metrics is None:
-        words = (
-            "This run is not complete: there is no metrics.json, so it was interrupted or is still running."
-        )
+        words = "This run is not complete: there is no metrics.json, so it was interrupted or is still running."
         if run.history:
             last, planned = run.history[-1], finite(run.config.get("steps"))
             of = f" of {count(planned)}" if planned else ""
@@ -103,9 +103,7 @@ def _summary(run: Run) -> str:
         f"<div class=more>{more}</div></div>"
         for name, value, unit, more in tiles
     )
-    render_ms, memory, test_l1 = (
-        finite(v) for v in (m.get("render_ms"), m.get("peak_memory_mb"), test.get("l1"))
-    )
+    render_ms, memory, test_l1 = (finite(v) for v in (m.get("render_ms"), m.get("peak_memory_mb"), test.get("l1")))
     facts = {
         "seed": m.get("seed", run.config.get("seed")),
         "variant": m.get("variant", run.config.get("variant")),

@@ -6,26 +6,29 @@ import re
 
 import numpy as np
 from mi_dogsplat.report_plot import Lane, Series, line_plot
+from mi_dogsplat.report_prunes import marks, prune_table, with_drops
 from mi_dogsplat.run_folder import Run
 from mi_dogsplat.wording import finite
 from numpy.typing import NDArray
 
 EVENT_LANES = {  # the lane of an event by the words in it; one row may name several
     "densify": r"densif|clone|split",
-    "prune": r"prun",
+    "prune": r"\bprune",
+    "refine": r"\brefine",
     "reset": r"reset",
     "SH up": r"\bsh\b|sh_",
     "DoG": r"\bdog\b|dog_",
 }
 
 READ_ERROR = """Mean error of the training views since the row before (thin) and its running mean (thick), on a
-logarithmic axis: lower is better; while it still falls at the right end, more steps would help. Methods are
-compared by error against run time, not against step."""
+logarithmic axis: lower is better; while it still falls at the right end, more steps would help. Dots, where there
+are any: mean over the whole training set, measured to decide on pruning. Methods are compared by error against run
+time, not against step."""
 READ_PSNR = """Mean PSNR over the test views, higher is better. Where it falls while the training error falls
 too, the model learns the training views by heart."""
 READ_COUNT = """Number of primitives. The marks below the curve show when something happened to them: densify
-adds, prune removes, reset lowers all opacities (the error jumps and recovers), SH up adds a degree of
-view-dependent colour, DoG changes the Difference-of-Gaussians primitives."""
+adds, prune removes, refine is a check that did not prune, reset lowers all opacities (the error jumps and
+recovers), SH up adds a degree of view-dependent colour, DoG changes the Difference-of-Gaussians primitives."""
 
 SMOOTHED_FROM = 40  # rows; below, every row is visible by itself
 
@@ -33,7 +36,7 @@ SMOOTHED_FROM = 40  # rows; below, every row is visible by itself
 def curves_section(run: Run) -> str:
     """Three pairs of plots, as HTML; what the history does not hold is left out, an empty one named."""
     head = "<h2>How training went</h2>"
-    l1, n, n_dog, test_psnr = (run.column(key) for key in ("l1", "n", "n_dog", "test_psnr"))
+    l1, n, n_dog, test_psnr, train_l1 = (run.column(k) for k in ("l1", "n", "n_dog", "test_psnr", "train_l1"))
     abscissas = [(label, x) for label, x in _abscissas(run) if np.isfinite(x).any()]
     if not abscissas or not (np.nan_to_num(l1) > 0).any():
         return f"{head}<p>There are no curves: history.jsonl is missing or holds no logged step.</p>"
@@ -47,20 +50,23 @@ def curves_section(run: Run) -> str:
             errors = [Series("per row", x, l1, "faint"), Series(f"mean of {rows} rows", x, smooth)]
         else:
             errors = [Series("per row", x, l1)]
-        error_plots.append(line_plot(errors, label, "training L1", log_y=True))
+        if (np.nan_to_num(train_l1) > 0).any():
+            errors.append(Series("at a check", x, train_l1, "points", color=2))
+        lines = marks(run, x)
+        error_plots.append(line_plot(errors, label, "training L1", log_y=True, marks=lines))
         if np.count_nonzero(np.isfinite(test_psnr)) > 1:
-            psnr_plots.append(line_plot([Series("test", x, test_psnr, "points")], label, "test PSNR, dB"))
+            psnr_plots.append(line_plot([Series("test", x, test_psnr, "points")], label, "test PSNR, dB", marks=lines))
         if np.isfinite(n).any():
             dog = [Series("DoG", x, n_dog, color=2)] if np.nansum(n_dog) > 0 else []
-            counts = [Series("all", x, n), *dog]
-            lanes = event_lanes(run, x)
-            count_plots.append(line_plot(counts, label, "primitives", from_zero=True, lanes=lanes))
+            counts = [Series("all", *with_drops(run, x, n)), *dog]
+            count_plots.append(
+                line_plot(counts, label, "primitives", from_zero=True, lanes=event_lanes(run, x), marks=lines)
+            )
     blocks = [(error_plots, READ_ERROR), (psnr_plots, READ_PSNR), (count_plots, READ_COUNT)]
-    return head + "".join(
-        f"<div class=plots>{''.join(plots)}</div><p class=read>{words}</p>"
-        for plots, words in blocks
-        if plots
+    figures = "".join(
+        f"<div class=plots>{''.join(plots)}</div><p class=read>{words}</p>" for plots, words in blocks if plots
     )
+    return head + figures + prune_table(run)
 
 
 def _abscissas(run: Run) -> list[tuple[str, NDArray[np.float64]]]:

@@ -43,6 +43,7 @@ svg .label { fill: var(--ink); }
 svg path { fill: none; stroke-width: 1; } svg .grid { stroke: var(--line); } svg .axis { stroke:
   var(--muted); }
 svg .event { stroke: var(--mark); stroke-width: 1.4; opacity: .75; }
+svg .mark { stroke: var(--mark); stroke-dasharray: 3 3; opacity: .6; }
 svg .key { font-weight: 700; } svg .k1 { fill: var(--c1); } svg .k2 { fill: var(--c2); }
 svg .c1 { stroke: var(--c1); } svg .c2 { stroke: var(--c2); }
 svg .line { stroke-width: 2; stroke-linejoin: round; } svg .faint { opacity: .38; }
@@ -52,7 +53,8 @@ svg .c1.points { fill: var(--c1); stroke: var(--card); } svg .c2.points { fill: 
 table { border-collapse: collapse; font-size: 14px; font-variant-numeric: tabular-nums; }
 th, td { padding: 5px 22px 5px 0; text-align: left; border-bottom: 1px solid var(--line); vertical-align:
   top; }
-th { color: var(--muted); font-weight: 500; } .views .n { text-align: right; white-space: nowrap; }
+th { color: var(--muted); font-weight: 500; } .n { text-align: right; white-space: nowrap; }
+.plots + .read + h3 { margin-top: 28px; }
 td.value { overflow-wrap: anywhere; }
 .bar { display: inline-block; width: 110px; height: 8px; border-radius: 4px; background: var(--line); }
 .bar i { display: block; height: 8px; border-radius: 4px; background: var(--c1); }
@@ -68,6 +70,8 @@ td.value { overflow-wrap: anywhere; }
   var(--line); }
 .frame img { display: block; width: 100%; height: 100%; object-fit: cover; }
 .frame b { position: absolute; border: 1.5px solid #fff; outline: 1.5px solid rgba(0, 0, 0, .65); }
+.frame i { position: absolute; border-top: 1px solid #fff; outline: .5px solid rgba(0, 0, 0, .5); }
+.range { white-space: nowrap; }
 .scale { display: inline-block; vertical-align: -1px; width: 120px; height: 11px; border-radius: 3px;
   margin: 0 5px;
   background: linear-gradient(90deg, MAGMA); }
@@ -77,7 +81,8 @@ td.value { overflow-wrap: anywhere; }
   grid-template-columns: 1fr; }
   .tiles { grid-template-columns: 1fr 1fr; gap: 8px; } .plots svg { padding: 8px 4px 2px; } svg text {
   font-size: 14px; }
-  .wide .full { grid-template-columns: 1fr; } th, td { padding-right: 14px; } .bar { width: 60px; } }
+  .wide .full { grid-template-columns: 1fr; } th, td { padding-right: 14px; } .bar { width: 60px; }
+  .prunes .share { display: none; } }
 @media print { body { background: none; } .view, .plots svg { break-inside: avoid; } }
 """.replace("MAGMA", ", ".join(MAGMA))
 

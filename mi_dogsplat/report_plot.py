@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 WIDTH, LEFT, RIGHT, TOP = 480, 62, 14, 30  # user units; one is about one CSS pixel in the two-column layout
-PLOT_HEIGHT, LANE_HEIGHT, BOTTOM = 190, 18, 44
+PLOT_HEIGHT, LANE_HEIGHT, MARK_HEIGHT, BOTTOM = 190, 18, 14, 44
+DIGIT, GAP, MAX_SHIFT = 9, 5, 24  # of the labels of marks: width of a character, space between, way off the line
 MAX_POINTS = 2000
 
 
@@ -34,6 +35,14 @@ class Lane:
     x: NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class Mark:
+    """A dashed line through the curves at ``x``, its label above it or a little to the right if there is room."""
+
+    label: str
+    x: float
+
+
 def line_plot(
     series: Sequence[Series],
     x_label: str,
@@ -42,8 +51,12 @@ def line_plot(
     log_y: bool = False,
     from_zero: bool = False,
     lanes: Sequence[Lane] = (),
+    marks: Sequence[Mark] = (),
+    x_start: float = 0.0,
 ) -> str:
     """One figure as an ``<svg>`` element; values no scale can show (NaN; 0 with ``log_y``) are left out.
+
+    The horizontal axis begins at ``x_start``, or at the first value if that is less.
 
     :raises ValueError: nothing is left to draw
     """
@@ -51,13 +64,14 @@ def line_plot(
     drawn = [s for s in drawn if len(s.x)]
     if not drawn:
         raise ValueError(f'"{y_label}" has no finite value to draw')
-    xs = np.concatenate(
-        [s.x[np.isfinite(s.x)] for s in series]
-    )  # gaps too: plots of one run share their axis
+    xs = np.concatenate([s.x[np.isfinite(s.x)] for s in series])  # gaps too: plots of one run share their axis
     ys = np.concatenate([s.y for s in drawn])
-    x_low, x_high = min(0.0, float(xs.min())), float(xs.max()) or 1.0
+    x_low, x_high = min(x_start, float(xs.min())), float(xs.max())
+    x_high = x_high if x_high > x_low else x_low + 1
     y_low, y_high = _padded(float(ys.min()), float(ys.max()), log_y, from_zero)
-    bottom = TOP + PLOT_HEIGHT
+    marks = sorted((m for m in marks if math.isfinite(m.x)), key=lambda m: m.x)
+    top = TOP + (MARK_HEIGHT if marks else 0)
+    bottom = top + PLOT_HEIGHT
     lanes_top = bottom + (10 if lanes else 0)
     base = lanes_top + len(lanes) * LANE_HEIGHT
 
@@ -71,21 +85,16 @@ def line_plot(
     parts = [f'<text class="label" x="4" y="16">{escape(y_label)}</text>', _legend(drawn)]
     for y in log_ticks(y_low, y_high) if log_y else nice_ticks(y_low, y_high, 5):
         parts.append(f'<path class="grid" d="M{LEFT} {py(y):.1f}H{WIDTH - RIGHT}"/>')
-        parts.append(
-            f'<text class="tick" text-anchor="end" x="{LEFT - 7}" y="{py(y) + 4:.1f}">{number(y)}</text>'
-        )
+        parts.append(f'<text class="tick" text-anchor="end" x="{LEFT - 7}" y="{py(y) + 4:.1f}">{number(y)}</text>')
     for x in nice_ticks(x_low, x_high, 6):
         parts.append(f'<path class="axis" d="M{px(x):.1f} {base}v4"/>')
-        parts.append(
-            f'<text class="tick" text-anchor="middle" x="{px(x):.1f}" y="{base + 18}">{number(x)}</text>'
-        )
+        parts.append(f'<text class="tick" text-anchor="middle" x="{px(x):.1f}" y="{base + 18}">{number(x)}</text>')
     middle = (LEFT + WIDTH - RIGHT) / 2
-    parts.append(
-        f'<text class="label" text-anchor="middle" x="{middle}" y="{base + 38}">{escape(x_label)}</text>'
-    )
+    parts.append(f'<text class="label" text-anchor="middle" x="{middle}" y="{base + 38}">{escape(x_label)}</text>')
     parts.append(f'<path class="axis" d="M{LEFT} {base}H{WIDTH - RIGHT}"/>')
     for row, lane in enumerate(lanes):
         parts.append(_lane(lane, lanes_top + row * LANE_HEIGHT, px))
+    parts.append(_marks(marks, top, base, px))
     parts += [_curve(s, px, py) for s in drawn]
     name = escape(f"{y_label} against {x_label}", quote=True)
     size = f'viewBox="0 0 {WIDTH} {base + BOTTOM}"'
@@ -119,9 +128,7 @@ def number(value: float) -> str:
     return f"{value:.4g}".replace("-", "\u2212") if abs(value) > 1e-12 else "0"
 
 
-def thinned(
-    x: NDArray[np.float64], y: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def thinned(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """At most `MAX_POINTS` points: the lowest and highest of every run of neighbours, so no spike is lost."""
     if len(x) <= MAX_POINTS:
         return x, y
@@ -168,14 +175,26 @@ def _lane(lane: Lane, y: float, px: Callable[[float], float]) -> str:
     )
 
 
+def _marks(marks: Sequence[Mark], top: float, base: float, px: Callable[[float], float]) -> str:
+    """Lines from ``top`` to ``base`` for all; a label gives way to the one before, or is left out."""
+    lines, labels, free_from = "", "", 0.0
+    for place, label in ((round(px(mark.x), 1), mark.label) for mark in marks):
+        lines += f"M{place} {top}V{base}"
+        half = len(label) * DIGIT / 2
+        middle = max(place, free_from + half)
+        if middle - place <= MAX_SHIFT and middle + half <= WIDTH:
+            labels += f'<text class="tick" text-anchor="middle" x="{middle}" y="{top - 3}">{escape(label)}</text>'
+            free_from = middle + half + GAP
+    return f'<path class="mark" d="{lines}"/>{labels}' if marks else ""
+
+
 def _curve(series: Series, px: Callable[[float], float], py: Callable[[float], float]) -> str:
     points = [(px(x), py(y)) for x, y in zip(series.x.tolist(), series.y.tolist(), strict=True)]
     line = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
     if series.kind != "points":
         return f'<path class="c{series.color} {series.kind}" d="{line}"/>'
     dots = "".join(
-        f'<circle class="c{series.color} points" cx="{x:.1f}" cy="{y:.1f}" r="3.5">'
-        f"<title>{value:.4g}</title></circle>"
+        f'<circle class="c{series.color} points" cx="{x:.1f}" cy="{y:.1f}" r="3.5"><title>{value:.4g}</title></circle>'
         for (x, y), value in zip(points, series.y.tolist(), strict=True)
     )
     return f'<path class="c{series.color} faint" d="{line}"/>{dots}'

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
 import numpy as np
+from mi_dogsplat.report_pictures import embedded_jpeg, embedded_png, figure, placed, read_pictures, worst_box
 from mi_dogsplat.run_folder import Run
 from mi_dogsplat.wording import finite, fixed
-from numpy.typing import NDArray
-from PIL import Image
 
 MAX_SHOWN = 6
-MAX_SIDE = 900  # pixels; larger pictures are scaled down in the page, the files keep their size
-ZOOM = 4  # the close-up is 1/4 of the picture in both directions
 
 READ_TABLE = """Views that training never saw, best first. PSNR and SSIM: higher is better. FLIP (what the eye
 notices when flipping between the two pictures) and L1: lower is better."""
-READ_PICTURES = """Render, ground truth, and where they differ to the eye: FLIP error from 0<span
-class=scale></span>to 1. The frame marks where the error is largest, the close-ups enlarge it. The files
-themselves are in <code>test/</code>."""
+READ_PICTURES = """Render, ground truth, and where they differ to the eye: FLIP error from
+<span class=range>0<span class=scale></span>to 1.</span> The frame marks where the error is largest, the close-ups
+enlarge it. The files themselves are in <code>test/</code>."""
 
 ViewMetrics = Mapping[str, object]
 
@@ -35,6 +30,11 @@ class RankedView:
     name: str
     place: str
     metrics: ViewMetrics
+
+    @property
+    def title(self) -> str:
+        """Name and place, as HTML."""
+        return escape(self.name) + (f", {self.place} view" if self.place else "")
 
 
 def views_section(run: Run) -> str:
@@ -90,23 +90,14 @@ def views_table(views: list[RankedView]) -> str:
 def view_pictures(view: RankedView, folder: Path) -> str:
     """Render, ground truth and FLIP map of one view, in full and enlarged where the error is largest."""
     m = view.metrics
-    title = f"{escape(view.name)}{f', {view.place} view' if view.place else ''}"
-    head = f"<header><h3>{title}</h3>"
+    head = f"<header><h3>{view.title}</h3>"
     if finite(m.get("psnr")) is not None:
         head += (
             f"<span>PSNR {fixed(m.get('psnr'), 2)} dB</span><span>SSIM {fixed(m.get('ssim'), 4)}</span>"
             f"<span>FLIP {fixed(m.get('flip'), 4)}</span>"
         )
-    pictures: dict[str, Image.Image] = {}
-    missing = []
-    for what, suffix in (("Render", ""), ("Ground truth", "_gt"), ("FLIP error", "_error")):
-        path = folder / f"{view.name}{suffix}.png"
-        try:
-            with Image.open(path) as image:
-                pictures[what] = image.convert("RGB")
-        except OSError:
-            missing.append(f"<code>{escape(path.name)}</code>")
-    words = f"<p class=read>Missing or not readable: {', '.join(missing)}.</p>" if missing else ""
+    suffixes = {"Render": "", "Ground truth": "_gt", "FLIP error": "_error"}
+    pictures, words = read_pictures({what: folder / f"{view.name}{end}.png" for what, end in suffixes.items()})
     if not pictures:
         return f"<article class=view>{head}</header>{words}</article>"
     full, close_ups = [], []
@@ -114,50 +105,15 @@ def view_pictures(view: RankedView, folder: Path) -> str:
     box = None
     if "FLIP error" in pictures and all(p.size == size for p in pictures.values()):
         box = worst_box(np.asarray(pictures["FLIP error"].convert("L"), np.float64))
+    mark = "" if box is None else placed("b", box, size)
     for what, picture in pictures.items():
-        full.append(_figure(what, _embedded_jpeg(picture), size, box))
+        full.append(figure(what, embedded_jpeg(picture), size, mark))
         if box is not None:
             left, top, w, h = box
             crop = picture.crop((left, top, left + w, top + h))
-            close_ups.append(_figure(f"{what}, close up", _embedded_png(crop), size, None))
+            close_ups.append(figure(f"{what}, close up", embedded_png(crop), size))
     shape = "tall" if size[1] > size[0] else "wide"
     triples = f"<div class='triple full'>{''.join(full)}</div>"
     if close_ups:
         triples += f"<div class=triple>{''.join(close_ups)}</div>"
     return f"<article class=view>{head}</header><div class='sheet {shape}'>{triples}</div>{words}</article>"
-
-
-def worst_box(error: NDArray[np.float64]) -> tuple[int, int, int, int]:
-    """Left, top, width, height of the window of 1/`ZOOM` of the picture [H, W] that holds the most error."""
-    height, width = error.shape
-    h, w = max(1, height // ZOOM), max(1, width // ZOOM)
-    sums = np.pad(error, ((1, 0), (1, 0))).cumsum(0).cumsum(1)  # [H + 1, W + 1]
-    totals = sums[h:, w:] - sums[:-h, w:] - sums[h:, :-w] + sums[:-h, :-w]  # [H - h + 1, W - w + 1]
-    top, left = np.unravel_index(int(np.argmax(totals)), totals.shape)
-    return int(left), int(top), w, h
-
-
-def _figure(what: str, source: str, size: tuple[int, int], box: tuple[int, int, int, int] | None) -> str:
-    """``size`` gives the aspect ratio: a close-up, cut at whole pixels, takes its picture's to align."""
-    width, height = size
-    mark = ""
-    if box is not None:
-        left, top, w, h = (100 * v / s for v, s in zip(box, (width, height, width, height), strict=True))
-        mark = f"<b style='left:{left:.2f}%;top:{top:.2f}%;width:{w:.2f}%;height:{h:.2f}%'></b>"
-    ratio = f"aspect-ratio:{width}/{height}"
-    frame = f"<span class=frame style='{ratio}'><img src='{source}' alt='{what}'>{mark}</span>"
-    return f"<figure>{frame}<figcaption>{what}</figcaption></figure>"
-
-
-def _embedded_jpeg(picture: Image.Image) -> str:
-    small = picture.copy()
-    small.thumbnail((MAX_SIDE, MAX_SIDE), Image.Resampling.LANCZOS)
-    data = io.BytesIO()
-    small.save(data, "JPEG", quality=90, subsampling=0, optimize=True)
-    return "data:image/jpeg;base64," + base64.b64encode(data.getvalue()).decode()
-
-
-def _embedded_png(picture: Image.Image) -> str:
-    data = io.BytesIO()
-    picture.save(data, "PNG", optimize=True)
-    return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
+import numpy as np
 
 from .checkpoint import load_checkpoint, save_checkpoint
 from .config import TrainConfig
@@ -21,8 +22,10 @@ from .datasets import Dataset, load_dataset
 from .errors import DataError
 from .evaluate import evaluate_views, mean_metrics, render_milliseconds
 from .geometry import Cutoffs
+from .mixture import write_mixture
 from .pictures import replacing
 from .ply import write_ply
+from .presets import Recipe
 from .report import write_report
 from .train import Trainer
 
@@ -46,20 +49,27 @@ ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never dra
 
 
 def train(
-    config: TrainConfig, out: Path, progress: Callable[[dict], None] = lambda row: None, resume: bool = False
+    config: TrainConfig,
+    out: Path,
+    progress: Callable[[dict], None] = lambda row: None,
+    resume: bool = False,
+    recipe: Recipe | None = None,
+    start: dict[str, np.ndarray] | None = None,
 ) -> dict[str, Any]:
-    """Train, evaluate and write the run folder; returns what ``metrics.json`` holds.
+    """Train, or prune a model (``config.model``), evaluate and write the run folder; returns ``metrics.json``.
 
     ``progress`` is called as training starts and with every row of the history. With ``resume`` the run goes on
     from its last checkpoint (one a minute), with the same settings. The model leaves out primitives that can
-    never be seen.
+    never be seen. A ``recipe`` takes the place of the preset's; ``start`` is a ``Trainer.state()`` to go on from.
     An earlier run in the same folder is replaced: its measurements go first, as they would be a lie beside
     the new settings; its model stays until the new one is complete. Raises ``DataError``.
     """
     out = Path(out)
     dataset = load_dataset(config.data, config.downscale)
+    trainer = Trainer(config, dataset, recipe)
+    if start:
+        trainer.restore(start)
     prepare_folder(out)
-    trainer = Trainer(config, dataset)
     if resume:
         _resume(trainer, out)
     else:
@@ -124,7 +134,7 @@ def _resume(trainer: Trainer, out: Path) -> None:
 
 def _forget_results(out: Path) -> None:
     """Remove what an earlier run in this folder measured and drew."""
-    pictures = [path for suffix in (".png", ".exr") for path in (out / "test").glob(f"*{suffix}")]
+    pictures = [path for suffix in (".png", ".exr", ".json") for path in (out / "test").glob(f"*{suffix}")]
     for path in (out / "metrics.json", out / "report.html", *pictures):
         path.unlink(missing_ok=True)
 
@@ -133,6 +143,9 @@ def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     views = evaluate_views(
         lambda view: trainer.picture(view, depth=True), dataset.test, trainer.background, out / "test"
     )
+    if trainer.optimizer.n_dog and views:
+        how = trainer.options, trainer.background, trainer.config.near_clip
+        write_mixture(trainer.optimizer.to_splats(), dataset.test, views, out / "test", *how)
     some = dataset.train[:: max(1, len(dataset.train) // 8)]
     return {
         "test": mean_metrics(views),

@@ -13,19 +13,23 @@ from mi_dogsplat.errors import DataError
 from mi_dogsplat.wording import finite
 from numpy.typing import NDArray
 
+DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without DoG (mixture.py)
+
 
 @dataclass
 class Run:
     """The content of a run folder.
 
     ``config`` is empty and ``metrics`` None where the file is missing (metrics come when a run is complete);
-    ``broken_rows`` counts the lines of history.jsonl that are not JSON: a killed run leaves half a line.
+    ``dog_profile`` is None unless the run compared pictures with and without DoG; ``broken_rows`` counts the
+    lines of history.jsonl that are not JSON: a killed run leaves half a line.
     """
 
     path: Path
     config: dict[str, Any]
     history: list[dict[str, Any]]
     metrics: dict[str, Any] | None
+    dog_profile: dict[str, Any] | None
     broken_rows: int
 
     @property
@@ -46,16 +50,16 @@ class Run:
 
 
 def read_run(path: str | Path) -> Run:
-    """Reads config.json, history.jsonl and metrics.json of a run folder; each may be missing.
+    """Reads config.json, history.jsonl, metrics.json and test/dog_profile.json of a run folder; each may be missing.
 
-    :raises DataError: the folder does not exist, or config.json or metrics.json is not a JSON object
+    :raises DataError: the folder does not exist, or one of the three .json files is not a JSON object
     """
     path = Path(path)
     if not path.is_dir():
         raise DataError(path, "no such folder", "give a run folder, as `dogsplat train DATA -o RUN` makes it")
     history, broken_rows = _read_rows(path / "history.jsonl")
     config, metrics = _read_object(path / "config.json"), _read_object(path / "metrics.json")
-    return Run(path, config or {}, history, metrics, broken_rows)
+    return Run(path, config or {}, history, metrics, _read_object(path / "test" / DOG_PROFILE), broken_rows)
 
 
 def _read_object(path: Path) -> dict[str, Any] | None:

@@ -144,6 +144,21 @@ class Splats:
             dog_log_scales=self.dog_log_scales[dog_rows],
         )
 
+    def plain(self) -> Splats:
+        """All N primitives as plain Gaussians: the primaries, without what their pseudo-Gaussians subtract."""
+        names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
+        return Splats(**{name: getattr(self, name).copy() for name in names})
+
+    def only_dog(self) -> Splats:
+        """The M primitives that are DoG, alone."""
+        return self.select(self.dog_index)
+
+    def only_gaussians(self) -> Splats:
+        """The N - M primitives that are plain Gaussians, alone."""
+        is_gaussian = np.ones(self.n_splats, bool)
+        is_gaussian[self.dog_index] = False
+        return self.select(is_gaussian)
+
 
 def _as_dog_index(index: ArrayLike, n_splats: int) -> Array:
     """``index`` as uint32 [M]; raises ``ValueError`` unless it increases strictly within 0..n_splats-1."""

@@ -1,4 +1,4 @@
-"""Training: photographs in, primitives out (the 3DGS recipe, Kerbl et al. 2023, Sec. 5).
+"""Training: photographs in, primitives out. Densify (Kerbl et al. 2023, Sec. 5), prune, make the rest DoG.
 
 A ``Trainer`` holds the state; ``step()`` does one and returns nothing that waits for the device; ``rows()``
 runs to the end and yields the rows of ``history.jsonl``. Who prints, draws or writes files is somebody else
@@ -20,16 +20,17 @@ import numpy as np
 from .config import TrainConfig
 from .datasets import Dataset
 from .datasets.dataset import View, camera_extent
-from .densify import Densification, DensifyStats, refine
-from .initialize import random_splats, splats_from_points
+from .densify import DensifyStats, refine
+from .dog_control import activate, degenerate
+from .initialize import initial_splats
 from .loss import PhotometricLoss
 from .optimizer import LearningRates, SplatOptimizer
+from .presets import RECIPES, Recipe
 from .project import DeviceCamera
-from .rasterize import RasterOptions, rasterize
+from .pruning import Pruning
+from .rasterize import Frame, RasterOptions, rasterize
 from .render import Picture, render_picture
-from .splats import Splats
-
-SH_EVERY = 1000  # steps of the 30,000-step schedule between raises of the SH degree
+from .score import scores
 
 
 def background_color(background: str, has_alpha: bool) -> float:
@@ -42,38 +43,32 @@ def over_background(image: np.ndarray, background: float) -> np.ndarray:
     return image if image.shape[-1] == 3 else image[..., :3] + (1 - image[..., 3:]) * background
 
 
-def initial_splats(config: TrainConfig, dataset: Dataset) -> Splats:
-    """From the points of the data set, else random in the region that the cameras see."""
-    if len(dataset.points):
-        splats = splats_from_points(dataset.points, dataset.point_colors, config.sh_degree)
-        limit = config.max_primitives
-        if limit is not None and splats.n_splats > limit:
-            keep = np.random.default_rng(config.seed).permutation(splats.n_splats)[:limit]
-            splats = splats.select(np.sort(keep))
-        return splats
-    count = min(config.initial_primitives, config.max_primitives or config.initial_primitives)
-    rng = np.random.default_rng(config.seed)
-    return random_splats([view.camera for view in dataset.train], count, rng, config.sh_degree)
-
-
 class Trainer:
-    """State of a run: parameters, optimizer moments, densification statistics, the order of views."""
+    """State of a run: parameters, optimizer moments, statistics, schedules, the order of views.
 
-    def __init__(self, config: TrainConfig, dataset: Dataset):
+    ``recipe`` takes the place of that of ``config.preset``; it is scaled to ``config.steps``. Raises ``DataError``
+    for a model that cannot be pruned.
+    """
+
+    def __init__(self, config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None):
         self.config, self.dataset = config, dataset
+        recipe = recipe or RECIPES[config.preset]
+        self.recipe = (recipe if config.model is None else recipe.from_pruning()).scaled(config.steps)
         self.background = background_color(config.background, dataset.has_alpha)
         self.extent = camera_extent(dataset.train)
         self.rng = np.random.default_rng(config.seed)
         self.loss = PhotometricLoss()
         self.cameras = [DeviceCamera.upload(v.camera, config.near_clip) for v in dataset.train]
         self.targets = [self.loss.target(over_background(v.image, self.background)) for v in dataset.train]
-        self.optimizer = SplatOptimizer(
-            initial_splats(config, dataset), LearningRates(extent=self.extent, total_steps=config.steps)
+        splats = initial_splats(config, dataset)
+        self.sh_degree = splats.sh_degree
+        self.optimizer = SplatOptimizer(splats, LearningRates(self.extent, self.recipe.position_steps))
+        self.densification = replace(
+            self.recipe.densification, max_primitives=config.max_primitives, max_world_scale=config.max_world_scale
         )
-        self.densification = Densification(
-            max_primitives=config.max_primitives, max_world_scale=config.max_world_scale
-        ).scaled(config.steps)
         self.stats = DensifyStats(self.optimizer.n)
+        self.pruning = Pruning(self.recipe.pruning, config.target) if self.recipe.pruning else None
+        self.dog_activated = False
         self.step_count = 0
         self.seconds = 0.0
         self.order: list[int] = []
@@ -85,30 +80,42 @@ class Trainer:
 
     @property
     def active_sh_degree(self) -> int:
-        """0 at the start, one more every 1000 steps of the full schedule."""
-        return min(self.config.sh_degree, self.step_count // self.config.milestone(SH_EVERY))
+        """0 at the start, one more every 1000 steps of the full schedule; a model that exists has all of its own."""
+        every = self.recipe.sh_every
+        return min(self.sh_degree, self.step_count // every) if every else self.sh_degree
 
     @property
     def options(self) -> RasterOptions:
-        return RasterOptions(sh_degree=self.active_sh_degree, antialiased=self.config.antialiased)
+        dog = self.recipe.dog
+        return RasterOptions(
+            sh_degree=self.active_sh_degree,
+            antialiased=self.config.antialiased,
+            negative_transmittance=dog is None or dog.negative_transmittance,
+        )
 
-    def step(self) -> str | None:
-        """One training view: render, loss, backward, Adam, density control. Returns an event, or None."""
+    def _render(self, params: dict, view: int, probe: list | None = None) -> tuple[list, Frame]:
+        """Planes of a training view over the background, and the frame they come from."""
+        frame = rasterize(params, self.cameras[view], self.options, probe)
+        planes = [dr.fma(frame.T, self.background, c) for c in frame.colors] if self.background else frame.colors
+        return planes, frame
+
+    def step(self) -> dict[str, Any]:
+        """One training view: render, loss, backward, Adam, density control.
+
+        Returns fields of a row of the history: none, or ``event`` and what belongs to it.
+        """
         if not self.order:
             self.order = self.rng.permutation(len(self.targets)).tolist()
         view = self.order.pop()
         camera = self.cameras[view]
-        self.optimizer.schedule(self.step_count)
+        self.optimizer.schedule(self.step_count + self.recipe.first_step)
 
         n = self.optimizer.n
         densifying = self.densification.collects(self.step_count)
         probe = [dr.zeros(mi.Float, n) for _ in range(2)] if densifying else None
         if probe:
             dr.enable_grad(probe)
-        frame = rasterize(self.optimizer.params, camera, self.options, probe)
-        planes = frame.colors
-        if self.background:
-            planes = [dr.fma(frame.T, self.background, c) for c in planes]
+        planes, frame = self._render(self.optimizer.params, view, probe)
         l1, _, loss, gradient = self.loss.value_and_gradient(planes, self.targets[view])
         for plane, δ in zip(planes, gradient, strict=True):
             dr.set_grad(plane, mi.Float(δ))
@@ -118,20 +125,21 @@ class Trainer:
             gradients = dr.grad(probe[0]), dr.grad(probe[1])
             self.stats.add(*gradients, frame.projection, camera.width, camera.height)
         self.optimizer.step()
+        if self.recipe.dog:
+            degenerate(self.recipe.dog, self.optimizer)
         self.l1_sum += l1
         self.loss_sum += loss
         self.summed += 1
         dr.schedule(self.l1_sum, self.loss_sum)
 
         self.step_count += 1
-        return self._control_density()
+        return self._compact(self._control_density())
 
-    def _control_density(self) -> str | None:
+    def _control_density(self) -> list[str]:
+        """Densify where that is due; returns what happened."""
         events = []
         if self.densification.refines(self.step_count):
-            counts = refine(
-                self.densification, self.optimizer, self.stats, self.step_count, self.rng, self.extent
-            )
+            counts = refine(self.densification, self.optimizer, self.stats, self.step_count, self.rng, self.extent)
             self.stats = DensifyStats(self.optimizer.n)
             if any(counts.values()):
                 events.append("densify " + " ".join(f"{verb}={count}" for verb, count in counts.items()))
@@ -139,21 +147,60 @@ class Trainer:
             self.densification.reset_opacity(self.optimizer)
             events.append("reset opacity")
         degree = self.active_sh_degree
-        if degree and self.step_count == degree * self.config.milestone(SH_EVERY):
+        if degree and self.step_count == degree * self.recipe.sh_every:
             events.append(f"sh degree {degree}")
-        return "; ".join(events) or None
+        return events
+
+    def _compact(self, events: list[str]) -> dict[str, Any]:
+        """Prune and make DoG where that is due; returns the fields of ``step``, with ``events`` from before."""
+        fields, dog = {}, self.recipe.dog
+        if self.pruning and self.pruning.due(self.step_count):
+            fields = self.pruning.check(self.step_count, self.optimizer, self.training_l1, self._scores)
+            self.stats = DensifyStats(self.optimizer.n)
+            events = [*events, fields["event"]]
+        if dog and not self.dog_activated and self.step_count >= dog.start:
+            self.dog_activated = True
+            if self.dataset.test:
+                start = time.perf_counter()
+                fields |= {"psnr_before": self._test_psnr()}
+                self.seconds -= time.perf_counter() - start
+            events = [*events, f"dog activated {activate(dog, self.optimizer)} primitives"]
+        return fields | {"event": "; ".join(events)} if events else {}
+
+    def training_l1(self) -> float:
+        """Mean L1 over all training views, images clamped to [0, 1]."""
+        params = {name: dr.detach(value) for name, value in self.optimizer.params.items()}
+        Float: Any = dr.detached_t(mi.Float)
+        total = dr.opaque(Float, 0)
+        for view, target in enumerate(self.targets):
+            total += self.loss.l1(self._render(params, view)[0], target)
+            dr.eval(total)
+        return float(total[0]) / len(self.targets)
+
+    def _scores(self) -> np.ndarray:
+        """[N] importance of each primitive by the rule of the recipe."""
+        assert self.recipe.score is not None  # a recipe that prunes has one
+        seed = self.config.seed + self.step_count
+        return scores(self.recipe.score, self.optimizer.params, self.cameras, self.options, self.background, seed)
+
+    def _happenings(self) -> Iterator[dict[str, Any]]:
+        """What is due before the first step, as for a model that exists; then every step."""
+        if due := self._compact([]):
+            yield due
+        while self.step_count < self.config.steps:
+            yield self.step()
 
     def rows(self) -> Iterator[dict]:
         """Run to the end; yields rows of the history. ``seconds`` leaves out measurements on test views."""
         config = self.config
         test_every = (config.test_every or max(1, config.steps // 8)) if self.dataset.test else 0
         tick = time.perf_counter()
-        while self.step_count < config.steps:
-            event = self.step()
+        for happened in self._happenings():
             last = self.step_count == config.steps
-            log = self.step_count % config.log_every == 0 or last
-            test = test_every > 0 and self.step_count % test_every == 0
-            if not (event or log or test):
+            log = self.summed > 0 and (self.step_count % config.log_every == 0 or last)
+            compacted = "pruned_to" in happened or "psnr_before" in happened
+            test = test_every > 0 and (self.step_count % test_every == 0 or compacted)
+            if not (happened or log or test):
                 continue
             row: dict = {"step": self.step_count}
             if log:
@@ -163,11 +210,9 @@ class Trainer:
             dr.sync_thread()
             now = time.perf_counter()
             self.seconds += now - tick
-            row |= {"seconds": self.seconds, "n": self.optimizer.n, "n_dog": self.optimizer.n_dog}
-            if event:
-                row["event"] = event
+            row |= {"seconds": self.seconds, "n": self.optimizer.n, "n_dog": self.optimizer.n_dog} | happened
             if test:
-                row["test_psnr"] = float(np.mean([self._psnr(view) for view in self.dataset.test]))
+                row["test_psnr"] = self._test_psnr()
             tick = time.perf_counter()
             yield row
 
@@ -175,12 +220,19 @@ class Trainer:
         """Everything that ``restore`` needs to go on as if nothing had happened; take it after a row with ``l1``."""
         state = {f"optimizer.{name}": value for name, value in self.optimizer.state().items()}
         state |= {f"stats.{name}": value for name, value in self.stats.state().items()}
+        if self.pruning:
+            state |= {f"pruning.{name}": value for name, value in self.pruning.state().items()}
         rng = np.array(json.dumps(self.rng.bit_generator.state))
         progress = {"step": np.array(self.step_count), "seconds": np.array(self.seconds)}
-        return state | progress | {"order": np.array(self.order, np.int64), "rng": rng}
+        progress |= {"order": np.array(self.order, np.int64), "dog_activated": np.array(self.dog_activated)}
+        return state | progress | {"rng": rng}
 
     def restore(self, state: dict[str, np.ndarray]) -> None:
-        """Take over a ``state()``. Raises ``ValueError`` or ``KeyError`` if it is of another kind of run."""
+        """Take over a ``state()``. Raises ``ValueError`` or ``KeyError`` if it is of another kind of run.
+
+        It may be that of another recipe at the end of its densification: what the state does not tell about
+        pruning and DoG is still to come.
+        """
 
         def part(prefix: str) -> dict[str, np.ndarray]:
             return {name[len(prefix) :]: value for name, value in state.items() if name.startswith(prefix)}
@@ -190,16 +242,22 @@ class Trainer:
         self.stats.restore(part("stats."))
         self.step_count, self.seconds = int(state["step"]), float(state["seconds"])
         self.order = state["order"].tolist()
+        self.dog_activated = bool(state.get("dog_activated", False))
+        if self.pruning:
+            self.pruning.restore(part("pruning."))
         self.rng.bit_generator.state = json.loads(str(state["rng"]))
         self._forget_losses()
 
-    def _psnr(self, view: View) -> float:
-        error = self.picture(view).color - over_background(view.image, self.background)
-        return float(-10 * np.log10(np.mean(np.square(error)) + 1e-12))
+    def _test_psnr(self) -> float:
+        """Mean PSNR over the test views."""
+
+        def psnr(view: View) -> float:
+            error = self.picture(view).color - over_background(view.image, self.background)
+            return float(-10 * np.log10(np.mean(np.square(error)) + 1e-12))
+
+        return float(np.mean([psnr(view) for view in self.dataset.test]))
 
     def picture(self, view: View, depth: bool = False) -> Picture:
         """The current model seen from a view."""
         options = replace(self.options, depth=depth)
-        return render_picture(
-            self.optimizer.params, view.camera, options, self.background, self.config.near_clip
-        )
+        return render_picture(self.optimizer.params, view.camera, options, self.background, self.config.near_clip)

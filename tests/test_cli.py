@@ -11,11 +11,12 @@ import pytest
 import tiny_data
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.camera_file import write_camera
-from mi_dogsplat.cli import build_parser, main
+from mi_dogsplat.cli import main
+from mi_dogsplat.cli_arguments import build_parser
 from PIL import Image
 
-COMMANDS = ("train", "render", "eval", "info")
-SMALL = ["--steps", "12", "--sh-degree", "1", "--max-primitives", "80", "--variant", "llvm_ad_rgb"]
+COMMANDS = ("train", "prune", "ablate", "render", "eval", "info")
+SMALL = ["--preset", "3dgs", "--steps", "12", "--sh-degree", "1", "--max-primitives", "80", "--variant", "llvm_ad_rgb"]
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +74,27 @@ def test_train_then_info_render_and_eval_on_what_it_made(capsys, data, tmp_path)
     measured = json.loads((tmp_path / "measured" / "metrics.json").read_text())["test"]
     assert measured == pytest.approx(json.loads((out / "metrics.json").read_text())["test"], rel=1e-4)
     assert (tmp_path / "measured" / "0_error.png").is_file()
+
+
+def test_prune_makes_a_smaller_model_and_a_whole_run_folder(capsys, model, data, tmp_path):
+    out = tmp_path / "run"
+    status, printed, bar = run(
+        capsys, "prune", model, data, "-o", out, "--target", "15", "--steps", "12", "--variant", "llvm_ad_rgb"
+    )
+    assert status == 0 and "PSNR" in printed and "report.html" in printed and "12/12" in bar
+    splats = read_ply(out / "point_cloud.ply")
+    assert splats.n_splats <= 15 and splats.n_dog > 0 and splats.sh_degree == 1
+    history = [json.loads(line) for line in (out / "history.jsonl").read_text().splitlines()]
+    assert history[0]["event"].startswith("prune 60 -> ") and history[-1]["n"] == 15
+    assert (out / "report.html").is_file() and (out / "test" / "0.png").is_file()
+
+
+@pytest.mark.parametrize("preset", ["ours", "paper", "released"])
+def test_train_with_a_preset_of_the_method_gives_a_model_with_dog(capsys, data, tmp_path, preset):
+    flags = ["--preset", preset, "--target", "0.5", *SMALL[2:]]
+    assert run(capsys, "train", data, "-o", tmp_path / "run", *flags)[0] == 0
+    assert read_ply(tmp_path / "run" / "point_cloud.ply").n_dog > 0
+    assert json.loads((tmp_path / "run" / "config.json").read_text())["preset"] == preset
 
 
 def test_eval_of_the_true_model_is_near_perfect_and_without_o_writes_nothing(capsys, model, data):
@@ -158,7 +180,7 @@ def test_the_help_of_a_command_shows_examples_that_parse(capsys, command, monkey
     assert len(lines) >= 2
     for line in lines:
         example = line.split("  ")[0].split()  # what follows two spaces is a remark
-        assert build_parser().parse_args(example[1:]).command == command
+        assert build_parser(dict.fromkeys(COMMANDS, "")).parse_args(example[1:]).command == command
     for line in text.splitlines():
         assert len(line) <= 110
 
@@ -190,7 +212,10 @@ def test_the_help_of_the_program_names_every_command_a_first_run_and_exit_codes(
         (["--log-every", "0"], ["--log-every", "at least 1"]),
         (["--test-every", "-1"], ["--test-every", "at least 0"]),
         (["--initial-primitives", "0"], ["--initial-primitives", "at least 1"]),
-        (["--preset", "best"], ["--preset", "best", "3dgs"]),
+        (["--preset", "best"], ["--preset", "best", "ours or paper or released or 3dgs"]),
+        (["--target", "0"], ["--target", "ratio", "whole number"]),
+        (["--target", "2.5"], ["--target", "2.5"]),
+        (["--target", "300", "--max-primitives", "300"], ["--target", "300", "--max-primitives"]),
         (["--background", "green"], ["--background", "green", "black or white or auto"]),
         (["--variant", "scalar_rgb"], ["--variant", "scalar_rgb", "llvm_ad_rgb"]),
         (["--variant", "vulkan"], ["--variant", "vulkan"]),
@@ -212,7 +237,17 @@ def test_a_wrong_value_of_render_and_eval_is_one_line(capsys, model, data, tmp_p
 
 @pytest.mark.parametrize(
     "argv",
-    [[], ["paint"], ["train"], ["train", "x"], ["render", "m.ply"], ["eval", "m.ply"], ["info"], ["info", "a", "b"]],
+    [
+        [],
+        ["paint"],
+        ["train"],
+        ["train", "x"],
+        ["prune", "m.ply", "x"],
+        ["render", "m.ply"],
+        ["eval", "m.ply"],
+        ["info"],
+        ["info", "a", "b"],
+    ],
 )
 def test_an_incomplete_or_unknown_command_is_one_line_that_points_to_the_help(capsys, argv):
     assert_one_line(run(capsys, *argv), "--help")
@@ -240,6 +275,12 @@ def test_bad_files_are_one_line_that_names_them(capsys, model, data, tmp_path):
         (["render", model, "-o", out, "--camera", tmp_path / "bad.json"], "bad.json"),
         (["render", model, "-o", out, "--camera", "0"], "--data"),
         (["render", model, "-o", out, "--data", data, "--camera", "zebra"], "zebra"),
+        (["prune", tmp_path / "missing.ply", data, "-o", tmp_path / "run"], "missing.ply"),
+        (["prune", tmp_path / "bad.ply", data, "-o", tmp_path / "run"], "bad.ply"),
+        (["prune", model, tmp_path / "empty", "-o", tmp_path / "run"], "empty"),
+        (["prune", model, data, "-o", tmp_path / "run", "--target", "60"], "60"),
+        (["prune", model, data, "-o", tmp_path / "run", "--preset", "3dgs"], "does not prune"),
+        (["prune", model, data, "-o", data], "other contents"),
         (["eval", tmp_path / "bad.ply", data], "bad.ply"),
         (["eval", model, tmp_path / "empty"], "empty"),
         (["eval", model, data, "-o", data], "other contents"),

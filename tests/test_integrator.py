@@ -145,8 +145,8 @@ def test_another_number_of_primitives_renders_right_after_update():
 def test_rendering_and_deriving_another_number_of_primitives_needs_no_new_kernel():
     """As long as memory that comes from NumPy is aligned: Dr.Jit compiles another kernel where it is not.
 
-    Dr.Jit orders the adjoints of the leaves by the indices of its variables, which it reuses: the same step comes in two
-    orders, which are two kernels, whatever N is. The warm-up meets both.
+    Dr.Jit orders the adjoints of the leaves by the indices of its variables, which it reuses: the same step comes in
+    two orders, which are two kernels, whatever N is. The warm-up meets both.
     """
     model = random_splats(600, seed=1)
     scene = scene_of(select(model, 100), CAMERA)

@@ -114,6 +114,15 @@ def test_joined_planes_give_what_three_planes_give():
     np.testing.assert_array_equal(np.concatenate([p.numpy() for p in planes]), joined.numpy())
 
 
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_l1_alone_is_that_of_the_whole_loss(width, height):
+    x, y = pictures(width, height, -0.3, 1.3)
+    loss, Float = PhotometricLoss(), dr.detached_t(mi.Float)
+    target = loss.target(y.transpose(1, 2, 0))
+    for image in ([Float(p.ravel().astype(np.float32)) for p in x], Float(x.ravel().astype(np.float32))):
+        assert loss.l1(image, target)[0] == pytest.approx(twin(x, y)[0], abs=2e-6)
+
+
 def test_planes_may_be_unevaluated_and_attached_to_a_graph():
     x, y = pictures(13, 9)
     loss = PhotometricLoss()

@@ -22,7 +22,7 @@ def data(tmp_path_factory) -> Path:
 
 
 def config_of(data: Path, **changes) -> TrainConfig:
-    base: dict[str, Any] = {"steps": STEPS, "sh_degree": 1, "log_every": 10, "max_primitives": 100}
+    base: dict[str, Any] = {"preset": "3dgs", "steps": STEPS, "sh_degree": 1, "log_every": 10, "max_primitives": 100}
     return TrainConfig(str(data), **(base | changes))
 
 

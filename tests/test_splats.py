@@ -113,11 +113,29 @@ def test_selected_primitives_keep_their_own_dog_rows(which, rows, dog_index):
     assert chosen.dog_log_scales[:, 1].tolist() == chosen.logit_opacities[dog_index].tolist()
 
 
+def test_plain_drops_the_pseudo_gaussians_and_keeps_every_primary():
+    splats = make()
+    plain = splats.plain()
+    assert (plain.n_splats, plain.n_dog, splats.n_dog) == (6, 0, 3)
+    for name in ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs"):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(splats, name))
+
+
+@pytest.mark.parametrize("dog_index", [(1, 2, 5), (), range(6)])
+def test_a_mixture_falls_into_its_dog_and_its_gaussian_primitives(dog_index):
+    dog, gaussians = make(dog_index=dog_index).only_dog(), make(dog_index=dog_index).only_gaussians()
+    assert dog.means[:, 0].tolist() == list(dog_index)
+    assert dog.dog_index.tolist() == list(range(len(dog_index)))
+    assert dog.dog_logit_opacities.tolist() == dog.dog_log_scales[:, 0].tolist() == list(dog_index)
+    assert gaussians.means[:, 0].tolist() == [i for i in range(6) if i not in dog_index]
+    assert gaussians.n_dog == 0
+
+
 def test_a_selection_shares_no_memory_with_the_model():
     splats = make()
-    chosen = splats.select(np.ones(6, dtype=bool))
-    chosen.means[:] = -1
-    assert splats.means.min() == 0
+    for chosen in (splats.select(np.ones(6, dtype=bool)), splats.plain()):
+        chosen.means[:] = -1
+        assert splats.means.min() == 0
 
 
 def test_a_wrong_selection_is_refused():

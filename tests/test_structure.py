@@ -12,13 +12,17 @@ STATIONS = [
     {"errors", "llvm", "wording", "srgb"},
     {"splats", "cameras"},
     {"ply_tables", "ply", "camera_file", "pictures", "datasets"},
-    {"reference", "geometry", "sh", "project", "tiles", "composite", "rasterize", "parameters", "transform"},
-    {"shape_dog", "integrator"},
-    {"config", "loss", "optimizer", "initialize", "densify", "render", "checkpoint", "train"},
+    {"reference", "geometry", "sh", "project", "tiles", "composite", "composite_derivatives", "rasterize",
+     "parameters", "transform",
+     "composite_score", "reference_score"},
+    {"shape_dog", "sensor", "integrator"},
+    {"config", "loss", "optimizer", "initialize", "densify", "render", "checkpoint", "train", "score",
+     "dog_control", "ring", "scheduler", "presets", "pruning"},
     {"metrics", "evaluate", "run_folder"},
-    {"report_plot", "report_curves", "report_page", "report_views", "report"},
-    {"framing", "render_files", "info", "run"},
-    {"cli_help", "cli", "demo"},
+    {"report_plot", "report_prunes", "report_curves", "report_page", "report_pictures", "report_views"},
+    {"report_mixture", "report", "mixture"},
+    {"framing", "render_files", "info", "run", "ablation_table", "ablate"},
+    {"cli_help", "cli_arguments", "cli", "demo"},
 ]
 LEVEL = {name: level for level, names in enumerate(STATIONS) for name in names}
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p.stem not in ("__init__", "__main__") or p.parent != PACKAGE)

@@ -1,8 +1,9 @@
-"""Training on pictures of a known model: it learns, keeps its promises about size and files, and repeats itself."""
+"""The baseline on pictures of a known model: it learns, keeps its promises about size and files, and repeats itself."""
 
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import drjit as dr
 import mi_dogsplat.run
@@ -24,7 +25,14 @@ METRICS = {
 
 
 def config_of(data, **changes) -> TrainConfig:
-    base = {"steps": STEPS, "sh_degree": 1, "max_primitives": CAP, "log_every": 10, "test_every": 50}
+    base: dict[str, Any] = {
+        "preset": "3dgs",
+        "steps": STEPS,
+        "sh_degree": 1,
+        "max_primitives": CAP,
+        "log_every": 10,
+        "test_every": 50,
+    }
     return TrainConfig(str(data), **{**base, **changes})
 
 

@@ -1,0 +1,141 @@
+"""Arguments of the command ``dogsplat``: flags, their help, and how wrong use is reported."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+from .cli_help import (
+    ABLATE_EXAMPLES,
+    EPILOG,
+    EVAL_EXAMPLES,
+    INFO_EXAMPLES,
+    PRUNE_EXAMPLES,
+    RENDER_EXAMPLES,
+    TRAIN_EXAMPLES,
+)
+from .config import TrainConfig
+
+ABLATION = ("3dgs", "v1", "v2", "v3", "full", "released", "ours")
+ABLATE_FLAGS = [
+    *("steps", "target", "downscale", "max_primitives", "max_world_scale", "sh_degree", "background", "antialiased"),
+    *("near_clip", "initial_primitives", "variant", "log_every", "test_every"),
+]
+PRUNE_FLAGS = [
+    *("preset", "steps", "target", "downscale", "background", "antialiased", "near_clip"),
+    *("seed", "variant", "log_every", "test_every"),
+]
+
+
+class Parser(argparse.ArgumentParser):
+    """Wrong use is one line on stderr, as every other error; the help is shown as it is written."""
+
+    def __init__(self, **options):
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"dogsplat: {message}; see {self.prog} --help\n")
+
+
+def _field_help() -> dict[str, str]:
+    """Comments of the fields of ``TrainConfig``: config lives, and is explained, in one place."""
+    source = Path(sys.modules[TrainConfig.__module__].__file__ or "").read_text(encoding="utf-8")
+    names = {field.name for field in dataclasses.fields(TrainConfig)}
+    lines = (line.strip() for line in source.splitlines() if "#" in line and ":" in line)
+    pairs = ((line.split(":", 1)[0], line.split("#", 1)[1].strip()) for line in lines)
+    return {name: text for name, text in pairs if name in names}
+
+
+def _add_config_flags(parser: argparse.ArgumentParser, names: list[str]) -> None:
+    texts = _field_help()
+    for field in dataclasses.fields(TrainConfig):
+        if field.name not in names:
+            continue
+        flag = "--" + field.name.replace("_", "-")
+        shown = texts[field.name] + ("" if field.default is None else f" (default: {field.default})")
+        if isinstance(field.default, bool):
+            parser.add_argument(flag, action="store_true", help=texts[field.name])
+        else:
+            kind, metavar = {"int": (int, "N"), "float": (float, "X"), "str": (str, "NAME")}[str(field.type).split()[0]]
+            parser.add_argument(flag, type=kind, default=field.default, metavar=metavar, help=shown)
+
+
+def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
+    """Subcommands, each with its description."""
+    parser = Parser(
+        prog="dogsplat",
+        description="Small, sharp, differentiable radiance fields in Mitsuba 3.",
+        epilog=EPILOG,
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    p = commands.add_parser(
+        "train",
+        help="photographs to a model",
+        description=descriptions["train"],
+        epilog=TRAIN_EXAMPLES,
+    )
+    p.add_argument("data", metavar="DATA", help=_field_help()["data"])
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
+    flags = [field.name for field in dataclasses.fields(TrainConfig) if field.name not in ("data", "model")]
+    _add_config_flags(p, flags)
+    p.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
+
+    p = commands.add_parser(
+        "prune",
+        help="a smaller model of one that exists",
+        description=descriptions["prune"],
+        epilog=PRUNE_EXAMPLES,
+    )
+    p.add_argument("model", metavar="MODEL", help="model .ply")
+    p.add_argument("data", metavar="DATA", help=_field_help()["data"])
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
+    _add_config_flags(p, PRUNE_FLAGS)
+    p.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
+
+    p = commands.add_parser(
+        "ablate",
+        help="what each part of the method contributes",
+        description=descriptions["ablate"],
+        epilog=ABLATE_EXAMPLES,
+    )
+    p.add_argument("data", metavar="DATA", help=_field_help()["data"])
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to add to")
+    p.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], metavar="N", help="random seeds (default: 0 1 2)")
+    p.add_argument("--only", nargs="+", default=list(ABLATION), metavar="NAME", help=f"of {' '.join(ABLATION)}")
+    _add_config_flags(p, ABLATE_FLAGS)
+
+    p = commands.add_parser(
+        "render",
+        help="a model or Mitsuba scene to a picture",
+        description=descriptions["render"],
+        epilog=RENDER_EXAMPLES,
+    )
+    p.add_argument("model", type=Path, metavar="MODEL_or_SCENE", help="model .ply or Mitsuba scene .xml")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".png, or .exr with alpha and depth")
+    p.add_argument("--data", metavar="DATA", help="data set whose views --camera names")
+    p.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA by name, or a camera JSON file")
+    _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
+
+    p = commands.add_parser(
+        "eval",
+        help="metrics of a model on the test split",
+        description=descriptions["eval"],
+        epilog=EVAL_EXAMPLES,
+    )
+    p.add_argument("model", type=Path, metavar="MODEL", help="model .ply")
+    p.add_argument("data", metavar="DATA", help=_field_help()["data"])
+    p.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json")
+    _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
+
+    p = commands.add_parser(
+        "info",
+        help="what a file is and what is wrong with it",
+        description=descriptions["info"],
+        epilog=INFO_EXAMPLES,
+    )
+    p.add_argument("file", type=Path, metavar="FILE", help="model .ply, run folder, or data set")
+    return parser

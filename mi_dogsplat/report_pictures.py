@@ -1,0 +1,73 @@
+"""Pictures inside a report: read from files, embedded, captioned, with a close-up of where it matters."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Mapping
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+MAX_SIDE = 900  # pixels; larger pictures are scaled down in the page, the files keep their size
+ZOOM = 4  # a close-up is 1/4 of the picture in every direction
+
+
+def read_pictures(files: Mapping[str, Path]) -> tuple[dict[str, Image.Image], str]:
+    """The pictures that could be read, by what they show, and a paragraph that names the others (HTML)."""
+    pictures: dict[str, Image.Image] = {}
+    missing = []
+    for what, path in files.items():
+        try:
+            with Image.open(path) as image:
+                pictures[what] = image.convert("RGB")
+        except OSError:
+            missing.append(f"<code>{escape(path.name)}</code>")
+    words = f"<p class=read>Missing or not readable: {', '.join(missing)}.</p>" if missing else ""
+    return pictures, words
+
+
+def worst_box(error: NDArray[np.float64]) -> tuple[int, int, int, int]:
+    """Left, top, width, height of the window of 1/`ZOOM` of the picture [H, W] that holds the most error."""
+    height, width = error.shape
+    h, w = max(1, height // ZOOM), max(1, width // ZOOM)
+    sums = np.pad(error, ((1, 0), (1, 0))).cumsum(0).cumsum(1)  # [H + 1, W + 1]
+    totals = sums[h:, w:] - sums[:-h, w:] - sums[h:, :-w] + sums[:-h, :-w]  # [H - h + 1, W - w + 1]
+    top, left = np.unravel_index(int(np.argmax(totals)), totals.shape)
+    return int(left), int(top), w, h
+
+
+def figure(what: str, source: str, size: tuple[int, int], mark: str = "") -> str:
+    """A captioned picture.
+
+    ``size`` gives the aspect ratio: a close-up, cut at whole pixels, takes its picture's to align. ``mark`` is
+    what is drawn over it, HTML that `placed` made.
+    """
+    width, height = size
+    frame = f"<span class=frame style='aspect-ratio:{width}/{height}'><img src='{source}' alt='{what}'>{mark}</span>"
+    return f"<figure>{frame}<figcaption>{what}</figcaption></figure>"
+
+
+def placed(tag: str, box: tuple[float, float, float, float], size: tuple[int, int]) -> str:
+    """An element over a picture of ``size``: left, top, width and height of ``box`` in its pixels."""
+    left, top, w, h = (100 * v / s for v, s in zip(box, (*size, *size), strict=True))
+    return f"<{tag} style='left:{left:.2f}%;top:{top:.2f}%;width:{w:.2f}%;height:{h:.2f}%'></{tag}>"
+
+
+def embedded_jpeg(picture: Image.Image) -> str:
+    """The source of an image element; at most `MAX_SIDE` pixels high and wide."""
+    small = picture.copy()
+    small.thumbnail((MAX_SIDE, MAX_SIDE), Image.Resampling.LANCZOS)
+    data = io.BytesIO()
+    small.save(data, "JPEG", quality=90, subsampling=0, optimize=True)
+    return "data:image/jpeg;base64," + base64.b64encode(data.getvalue()).decode()
+
+
+def embedded_png(picture: Image.Image) -> str:
+    """The source of an image element, without loss."""
+    data = io.BytesIO()
+    picture.save(data, "PNG", optimize=True)
+    return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()
