@@ -4,10 +4,11 @@ Notation as in ``composite.py``; for primitive i, at a pixel,
     T, α, c    transmittance in front of it, its α, its colour
     B          colour of the image that lies behind it, background included
     d = T c - B / (1 - α)
-               derivative of the image by α, per channel. The image is affine in α: d is exact for changes of any size
+               derivative of the image by α, per channel. The image is affine in α: d is exact for changes of any size.
+               Without the second term where α < 0 and transmittance ignores negative α
     J = o Σ d  Σ over the channels, o the opacity: the derivative of the summed image by the kernel's value. As Speedy-
                Splat defines it: not limited where o times that value exceeds .99, 0 where |α| < 1/255 or the walk
-               had ended before
+               had ended before. Of a DoG primitive: by the value of the primary kernel
     D = α d    the image minus the image without the primitive, per channel
 
 J and D are footprint images, one or three channels F each, and a pass adds up sums over their pixels.

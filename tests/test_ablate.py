@@ -1,0 +1,107 @@
+"""The ablation: one start for all variants, nothing done twice, and a table that is the mean of its runs."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mi_dogsplat.ablate import VARIANTS, ablate
+from mi_dogsplat.ablation_table import COLUMNS, collect, markdown, summary
+from mi_dogsplat.checkpoint import load_checkpoint
+from mi_dogsplat.config import TrainConfig
+from mi_dogsplat.errors import DataError
+from mi_dogsplat.ply import read_ply
+from tiny_data import write_tiny_data
+
+NAMES = ("3dgs", "v1", "full")
+
+
+@pytest.fixture(scope="module")
+def ablation(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ablation")
+    write_tiny_data(folder / "data")
+    config = TrainConfig(
+        str(folder / "data"), preset="3dgs", steps=60, sh_degree=1, max_primitives=120, target=0.25, log_every=10
+    )
+    lines: list[str] = []
+    table = ablate(config, folder / "out", [0, 1], NAMES, lines.append)
+    return config, folder / "out", table, lines
+
+
+def history(folder: Path) -> list[dict]:
+    return [json.loads(line) for line in (folder / "history.jsonl").read_text(encoding="utf-8").splitlines()]
+
+
+def test_all_variants_of_a_seed_go_on_from_one_start(ablation):
+    config, out, _, _ = ablation
+    for seed in (0, 1):
+        start = load_checkpoint(out / f"seed_{seed}" / "start.npz")
+        assert int(start["step"]) == 30  # the end of densification, half of the run
+        n = np.size(start["optimizer.logit_opacities"])
+        for name in NAMES:
+            rows = history(out / f"seed_{seed}" / name)
+            assert rows[0]["step"] >= 30 and rows[-1]["step"] == config.steps
+            first_prune = next((row for row in rows if "pruned_from" in row), None)
+            assert (first_prune is None) == (name == "3dgs")
+            if first_prune:
+                assert first_prune["pruned_from"] == n
+                assert rows[-1]["n"] == round(0.25 * n)
+
+
+def test_each_variant_is_what_its_recipe_says(ablation):
+    _, out, table, _ = ablation
+    assert list(table["variants"]) == list(NAMES)  # in the order of VARIANTS, without those not asked for
+    folder = out / "seed_0"
+    assert json.loads((folder / "v1" / "recipe.json").read_text())["score"]["kind"] == "opacity"
+    assert read_ply(folder / "v1" / "point_cloud.ply").n_dog == 0
+    activated = [row for row in history(folder / "full") if "psnr_before" in row]
+    assert len(activated) == 1 and np.isfinite(activated[0]["test_psnr"])
+    assert set(VARIANTS) == {"3dgs", "v1", "v2", "v3", "full", "released", "ours"}
+
+
+def test_the_table_is_the_mean_of_the_runs_and_is_on_disk(ablation):
+    _, out, table, _ = ablation
+    assert json.loads((out / "ablation.json").read_text()) == table
+    row = table["variants"]["full"]
+    values = [json.loads((out / f"seed_{k}/full/metrics.json").read_text())["test"]["psnr"] for k in (0, 1)]
+    assert row["summary"]["psnr"]["mean"] == pytest.approx(np.mean(values))
+    assert row["summary"]["psnr"]["spread"] == pytest.approx(abs(values[0] - values[1]) / 2)
+    assert "activation_db" in row["summary"] and "activation_db" not in table["variants"]["v1"]["summary"]
+    text = (out / "ablation.md").read_text()
+    assert text == markdown(table)
+    assert len(text.splitlines()) == 2 + len(NAMES)
+    assert f"{np.mean(values):.2f} ± " in text
+
+
+def test_what_is_complete_is_not_repeated_and_a_seed_can_be_added(ablation):
+    config, out, before, first_lines = ablation
+    assert sum("densifying" in line for line in first_lines) == 2
+    lines: list[str] = []
+    table = ablate(config, out, [0, 1, 2], ["v1"], lines.append)
+    assert [line.split(":")[0] for line in lines if ":" in line] == ["seed 2", "seed 2"]
+    assert set(table["variants"]["v1"]["runs"]) == {"0", "1", "2"}
+    assert table["variants"]["full"]["runs"].keys() == before["variants"]["full"]["runs"].keys()
+
+
+def test_a_folder_with_other_settings_or_other_contents_is_refused(ablation, tmp_path):
+    config, out, _, _ = ablation
+    other = TrainConfig(**{**vars(config), "steps": 61})
+    with pytest.raises(DataError, match="other settings"):
+        ablate(other, out, [0], ["v1"])
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(DataError, match="other contents"):
+        ablate(config, tmp_path, [0], ["v1"])
+    assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_numbers_that_a_run_does_not_have_leave_their_cells_empty():
+    runs = {"0": {"psnr": 30.0, "n": 1234.0}}
+    assert summary(runs) == {"psnr": {"mean": 30.0, "spread": 0.0}, "n": {"mean": 1234.0, "spread": 0.0}}
+    table = {"variants": {"v1": {"label": "V1", "runs": runs, "summary": summary(runs)}}}
+    cells = [cell.strip() for cell in markdown(table).splitlines()[-1].strip("|").split("|")]
+    assert cells[:3] == ["V1", "1", "30.00"] and len(cells) == 2 + len(COLUMNS)
+    assert cells.count("") == len(COLUMNS) - 2 and "1,234" in cells
+
+
+def test_an_empty_folder_has_no_rows(tmp_path):
+    assert collect(tmp_path, list(VARIANTS)) == {}
