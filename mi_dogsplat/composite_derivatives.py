@@ -20,7 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from .composite import ALPHA_MAX, FEATURES, Settings, Tables, Walk
-from .geometry import Grid
+from .geometry import Blocks, Grid
 from .tiles import Lists
 
 LN2 = 0.6931471805599453
@@ -30,22 +30,26 @@ PSEUDO_ENTRY_ROW = 4  # A B C lo
 
 @lru_cache
 def lanes_add_in_turn(variant: str) -> bool:
-    """Whether a packet ``scatter_add`` without atomics may meet the same row in all lanes of a packet.
+    """Whether a packet ``scatter_add`` without atomics may meet the same row in all lanes of a tile.
 
-    Dr.Jit does not promise it, but its LLVM backend adds the lanes one after the other (1.5), which is a fifth faster
-    than atomics here. So it is tried, once per variant.
+    Dr.Jit does not promise it, but its LLVM backend (1.5) adds the lanes of a packet one after the other, which is a
+    fifth faster than atomics here. So it is tried, once per variant. Where packets are narrower than a tile (CPUs
+    without AVX-512), two threads may share a tile's rows: no.
     """
     Float, UInt = dr.detached_t(mi.Float), dr.detached_t(mi.UInt32)
     if dr.backend_v(mi.Float) != dr.JitBackend.LLVM:
         return False
-    rows, lanes = 64, 1024
-    lane = dr.arange(UInt, lanes)
+    lanes, rows = Blocks.of_backend().lanes, 64
+    lane = dr.arange(UInt, rows * lanes)
     table = dr.zeros(Float, rows * ENTRY_ROW)
     values = [Float(lane % 7) + k for k in range(ENTRY_ROW)]
-    dr.scatter_add(table, dr.llvm.ArrayXf(values), lane // (lanes // rows), mode=dr.ReduceMode.NoConflicts)
-    added = table.numpy().reshape(rows, ENTRY_ROW)
-    value = np.arange(lanes).reshape(rows, -1) % 7
-    return np.array_equal(added, value.sum(1)[:, None] + value.shape[1] * np.arange(ENTRY_ROW))
+    dr.scatter_add(table, dr.llvm.ArrayXf(values), lane // lanes, mode=dr.ReduceMode.NoConflicts)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        dr.eval(table)
+        wide = any(f"<{lanes} x float>" in kernel["ir"].getvalue() for kernel in dr.kernel_history([dr.KernelType.JIT]))
+    value = np.arange(rows * lanes).reshape(rows, lanes) % 7
+    expected = value.sum(1)[:, None] + lanes * np.arange(ENTRY_ROW)
+    return wide and np.array_equal(table.numpy().reshape(rows, ENTRY_ROW), expected)
 
 
 @dr.freeze(warn_after=1 << 30)
