@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from .densify import Densification
 from .dog_control import DogRule
+from .optimizer import Refinement
 from .scheduler import PruningRule, scaled_milestone
 from .score import ScoreRule
 
@@ -29,6 +30,7 @@ class Recipe:
     reference_steps: int = 30_000  # length of the schedule that all milestones are written for
     position_steps: int = 30_000  # over which the step size of positions falls
     sh_every: int = 1000  # steps between raises of the SH degree; 0: all degrees from the start
+    refinement: Refinement | None = None  # larger step sizes from some step on
     first_step: int = 0  # of the schedule, where training starts: later for a model that exists
 
     def __post_init__(self) -> None:
@@ -46,6 +48,7 @@ class Recipe:
             densification=self.densification.scaled(factor),
             pruning=self.pruning and self.pruning.scaled(factor),
             dog=self.dog and self.dog.scaled(factor),
+            refinement=self.refinement and self.refinement.scaled(factor),
             reference_steps=steps,
             **milestones,
         )

@@ -62,7 +62,8 @@ class Trainer:
         self.targets = [self.loss.target(over_background(v.image, self.background)) for v in dataset.train]
         splats = initial_splats(config, dataset)
         self.sh_degree = splats.sh_degree
-        self.optimizer = SplatOptimizer(splats, LearningRates(self.extent, self.recipe.position_steps))
+        rates = LearningRates(self.extent, self.recipe.position_steps, refinement=self.recipe.refinement)
+        self.optimizer = SplatOptimizer(splats, rates)
         self.densification = replace(
             self.recipe.densification, max_primitives=config.max_primitives, max_world_scale=config.max_world_scale
         )

@@ -1,12 +1,13 @@
 """Adam on splats: against a NumPy twin, as rows come and go, across checkpoints, without new kernels."""
 
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.optimizer import LearningRates, SplatOptimizer
+from mi_dogsplat.optimizer import LearningRates, Refinement, SplatOptimizer
 from mi_dogsplat.project import NOT_DOG
 from mi_dogsplat.ring import RING
 from mi_dogsplat.splats import Splats
@@ -74,6 +75,17 @@ def test_position_steps_decay_log_linearly_and_scale_with_the_extent():
     assert RATES.at(500)["means"] == pytest.approx(2 * 1.6e-5)
     assert RATES.at(1000)["means"] == RATES.at(5000)["means"] == pytest.approx(2 * 1.6e-6)
     assert RATES.at(0)["sh_rest"] == RATES.at(1000)["sh_rest"] == pytest.approx(2.5e-3 / 20)
+
+
+def test_refinement_raises_the_rates_from_its_start_and_lowers_all_but_those_of_positions_to_its_end():
+    refined = replace(RATES, refinement=Refinement(start=600, gain=4.0, end_gain=0.25, means_gain=10.0))
+    assert refined.at(599) == RATES.at(599)
+    for step, factor in ((600, 4.0), (800, 1.0), (1000, 0.25), (5000, 0.25)):
+        plain, got = RATES.at(step), refined.at(step)
+        assert got["means"] == pytest.approx(10 * plain["means"])
+        others = [name for name in plain if name != "means"]
+        assert [got[name] for name in others] == pytest.approx([factor * plain[name] for name in others])
+    assert refined.refinement and refined.refinement.scaled(0.5) == Refinement(300, 4.0, 0.25, 10.0)
 
 
 def test_steps_agree_with_adam_in_float64():
