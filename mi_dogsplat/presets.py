@@ -73,11 +73,13 @@ class Recipe:
 
 
 RECIPES = {
+    # why these numbers: docs/experiments.md
     "ours": Recipe(
         densification=Densification(max_world_scale=math.inf),
-        pruning=PruningRule(rounds=5),
+        pruning=PruningRule(stop=17_500, max_interval=500, rounds=5),
         score=ScoreRule("leave-one-out", spectral_weight=0.0),
-        dog=DogRule(opacity=0.05, scale=0.6),
+        dog=DogRule(start=18_000, opacity=0.05, scale=0.6),
+        refinement=Refinement(start=15_000, gain=8.0, end_gain=0.1, means_gain=16.0),
     ),
     "paper": Recipe(
         pruning=PruningRule(),
