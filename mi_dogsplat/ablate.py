@@ -3,6 +3,7 @@
     DIR/seed_K/start.npz        the shared start: the 3DGS recipe up to the end of its densification
     DIR/seed_K/VARIANT/         a run folder like any other, and the numbers of its recipe
     DIR/ablation.json, .md      the table: mean and spread over the seeds
+    DIR/ablation.html           the same, and error against run time
 
 A variant that is complete is not repeated, so an ablation that was cut off goes on where it was, and another seed or
 variant can be added.
@@ -17,6 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from .ablation_page import ablation_page
 from .ablation_table import write_table
 from .checkpoint import load_checkpoint, save_checkpoint
 from .config import TrainConfig
@@ -24,15 +26,19 @@ from .datasets import Dataset, load_dataset
 from .datasets.dataset import View
 from .errors import DataError
 from .evaluate import render_milliseconds_in_turn
+from .mixture import write_comparison
 from .parameters import upload
+from .pictures import replacing
 from .ply import read_ply
 from .presets import RECIPES, Recipe
 from .rasterize import RasterOptions
 from .render import Picture, render_picture
+from .report import write_report
 from .run import train, write_json
+from .run_folder import DOG_PROFILE
 from .scheduler import PruningRule
 from .score import ScoreRule
-from .train import Trainer
+from .train import Trainer, background_color
 
 OPACITY = ScoreRule("opacity")
 EQUAL = PruningRule(division="equal", rounds=5)
@@ -55,8 +61,10 @@ VARIANTS = {
     "full": Variant("full: + 3D-DoG (paper)", RECIPES["paper"]),
     # its own schedule is longer; here everybody has the same number of steps
     "released": Variant("released code", replace(RECIPES["released"], reference_steps=30_000)),
+    "ours_gaussian": Variant("ours, without DoG", replace(RECIPES["ours"], dog=None)),
     "ours": Variant("ours", RECIPES["ours"]),
 }
+WITHOUT_DOG = {"full": "v3", "ours": "ours_gaussian"}
 
 
 def ablate(
@@ -88,8 +96,11 @@ def ablate(
         start = _densified_start(baseline, dataset, folder / "start.npz", progress)
         for name in variants:
             _train_variant(baseline, VARIANTS[name], folder / name, start, progress)
-        _time_renders(dataset, config, {name: folder / name for name in variants})
-    return write_table(out, {name: VARIANTS[name].label for name in VARIANTS})
+        _look(dataset, config, {name: folder / name for name in variants})
+    table = write_table(out, {name: VARIANTS[name].label for name in VARIANTS})
+    with replacing(out / "ablation.html") as part:
+        part.write_text(ablation_page(out, table), encoding="utf-8")
+    return table
 
 
 def _claim(out: Path, config: TrainConfig) -> None:
@@ -131,14 +142,24 @@ def _train_variant(
     progress(f"    {test['psnr']:.2f} dB, {metrics['n']:,} primitives, {metrics['train_seconds']:.0f} s")
 
 
-def _time_renders(dataset: Dataset, config: TrainConfig, folders: dict[str, Path]) -> None:
-    """Write the render times of all models of a seed, measured in turns, into their folders."""
+def _look(dataset: Dataset, config: TrainConfig, folders: dict[str, Path]) -> None:
+    """Time the renders of all models of a seed in turns, and compare pictures with and without DoG."""
+    background = background_color(config.background, dataset.has_alpha)
 
-    def picture(folder: Path) -> Callable[[View], Picture]:
+    def drawing(folder: Path) -> Callable[[View], Picture]:
         splats = read_ply(folder / "point_cloud.ply")
         options, params = RasterOptions(splats.sh_degree, config.antialiased), upload(splats)
-        return lambda view: render_picture(params, view.camera, options, near_clip=config.near_clip)
+        return lambda view: render_picture(params, view.camera, options, background, config.near_clip)
 
-    times = render_milliseconds_in_turn({name: picture(folder) for name, folder in folders.items()}, dataset.test)
+    drawings = {name: drawing(folder) for name, folder in folders.items()}
+    times = render_milliseconds_in_turn(drawings, dataset.test)
     for name, folder in folders.items():
         write_json(folder / "render_ms.json", {"render_ms": times[name], "in_turn_with": sorted(folders)})
+    for name, without in WITHOUT_DOG.items():
+        profile = folders[name] / "test" / DOG_PROFILE if {name, without} <= folders.keys() else None
+        if profile and profile.exists():  # else no primitive is DoG any more
+            shown = json.loads(profile.read_text(encoding="utf-8"))["view"]
+            view = next(view for view in dataset.test if view.name == shown)
+            words = f'the model trained without it, "{VARIANTS[without].label}"'
+            write_comparison(drawings[name], drawings[without], view, background, profile.parent, words)
+            write_report(folders[name])

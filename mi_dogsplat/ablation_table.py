@@ -59,22 +59,26 @@ def summary(runs: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
     return result
 
 
+def cell(row: dict[str, Any], name: str) -> str:
+    """Text of a column of a row: mean ± spread, without the spread for a single seed, empty without a number."""
+    value, digits = row["summary"].get(name), COLUMNS[name][1]
+    if not value:
+        return ""
+    return f"{value['mean']:,.{digits}f}" + (f" ± {value['spread']:.{digits}f}" if len(row["runs"]) > 1 else "")
+
+
 def markdown(table: dict[str, Any]) -> str:
     """The table as Markdown; ± is half the distance between the best and the worst seed."""
     lines = ["| variant | seeds | " + " | ".join(heading for heading, _ in COLUMNS.values()) + " |"]
     lines.append("|---" * (len(COLUMNS) + 2) + "|")
     for row in table["variants"].values():
-        cells = []
-        for name, (_, digits) in COLUMNS.items():
-            value = row["summary"].get(name)
-            spread = f" ± {value['spread']:.{digits}f}" if value and len(row["runs"]) > 1 else ""
-            cells.append(f"{value['mean']:,.{digits}f}{spread}" if value else "")
-        lines.append(f"| {row['label']} | {len(row['runs'])} | " + " | ".join(cells) + " |")
+        cells = (row["label"], str(len(row["runs"])), *(cell(row, name) for name in COLUMNS))
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
 def write_table(out: Path, labels: dict[str, str]) -> dict[str, Any]:
-    """Write ``ablation.json`` and ``ablation.md`` of the runs in a folder; returns what the former holds.
+    """Make ``ablation.json`` and ``ablation.md`` of the runs in a folder; returns what the former holds.
 
     Args:
         labels: text of each variant's row, by the name of its run folders, in order.

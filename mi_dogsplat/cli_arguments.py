@@ -19,7 +19,7 @@ from .cli_help import (
 )
 from .config import TrainConfig
 
-ABLATION = ("3dgs", "v1", "v2", "v3", "full", "released", "ours")
+ABLATION = ("3dgs", "v1", "v2", "v3", "full", "released", "ours_gaussian", "ours")
 ABLATE_FLAGS = [
     *("steps", "target", "downscale", "max_primitives", "max_world_scale", "sh_degree", "background", "antialiased"),
     *("near_clip", "initial_primitives", "variant", "log_every", "test_every"),

@@ -6,14 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mi_dogsplat.ablate import VARIANTS, ablate
-from mi_dogsplat.ablation_table import COLUMNS, collect, markdown, summary
+from mi_dogsplat.ablation_page import ablation_page
+from mi_dogsplat.ablation_table import COLUMNS, cell, collect, markdown, summary
 from mi_dogsplat.checkpoint import load_checkpoint
+from mi_dogsplat.cli_arguments import ABLATION
 from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.ply import read_ply
 from tiny_data import write_tiny_data
 
-NAMES = ("3dgs", "v1", "full")
+NAMES = ("3dgs", "v1", "v3", "full")
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +58,15 @@ def test_each_variant_is_what_its_recipe_says(ablation):
     assert read_ply(folder / "v1" / "point_cloud.ply").n_dog == 0
     activated = [row for row in history(folder / "full") if "psnr_before" in row]
     assert len(activated) == 1 and np.isfinite(activated[0]["test_psnr"])
-    assert set(VARIANTS) == {"3dgs", "v1", "v2", "v3", "full", "released", "ours"}
+    assert tuple(VARIANTS) == ABLATION  # what the command line offers without importing Mitsuba
+
+
+def test_the_report_of_the_full_method_compares_it_with_the_variant_without_dog(ablation):
+    _, out, _, _ = ablation
+    for seed in (0, 1):
+        profile = json.loads((out / f"seed_{seed}" / "full" / "test" / "dog_profile.json").read_text())
+        assert "V3" in profile["without"] and profile["with_dog"]["error"] != profile["without_dog"]["error"]
+        assert "V3" in (out / f"seed_{seed}" / "full" / "report.html").read_text(encoding="utf-8")
 
 
 def test_the_table_is_the_mean_of_the_runs_and_is_on_disk(ablation):
@@ -71,6 +81,23 @@ def test_the_table_is_the_mean_of_the_runs_and_is_on_disk(ablation):
     assert text == markdown(table)
     assert len(text.splitlines()) == 2 + len(NAMES)
     assert f"{np.mean(values):.2f} ± " in text
+
+
+def test_the_page_shows_the_table_and_a_plot_for_each_variant_but_the_baseline(ablation):
+    _, out, table, _ = ablation
+    html = (out / "ablation.html").read_text(encoding="utf-8")
+    assert html.count("<svg") == len(NAMES) - 1 and "http" not in html.replace("http://www.w3.org", "")
+    for row in table["variants"].values():
+        assert row["label"] in html
+        for name in row["summary"]:
+            assert cell(row, name) in html
+
+
+def test_a_page_without_the_baseline_has_the_table_alone(ablation):
+    _, out, table, _ = ablation
+    only = {"config": table["config"], "variants": {"v1": table["variants"]["v1"]}}
+    html = ablation_page(out, only)
+    assert "<svg" not in html and table["variants"]["v1"]["label"] in html
 
 
 def test_what_is_complete_is_not_repeated_and_a_seed_can_be_added(ablation):

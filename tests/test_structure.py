@@ -21,7 +21,7 @@ STATIONS = [
     {"metrics", "evaluate", "run_folder"},
     {"report_plot", "report_prunes", "report_curves", "report_page", "report_pictures", "report_views"},
     {"report_mixture", "report", "mixture"},
-    {"framing", "render_files", "info", "run", "ablation_table", "ablate"},
+    {"framing", "render_files", "info", "run", "ablation_table", "ablation_page", "ablate"},
     {"cli_help", "cli_arguments", "cli", "demo"},
 ]
 LEVEL = {name: level for level, names in enumerate(STATIONS) for name in names}
