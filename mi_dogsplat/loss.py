@@ -35,6 +35,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .parameters import device_array
+
 RADIUS = 5
 BLOCK = 8  # a power of two (packet stores), at least RADIUS (a window reaches no further than the next block)
 C1, C2 = 0.01**2, 0.03**2
@@ -139,7 +141,7 @@ class Target:
         self.height, self.width = image.shape[:2]
         self.grid = grid
         Float: Any = dr.detached_t(mi.Float)
-        y = Float(np.ascontiguousarray(image.transpose(2, 0, 1), np.float32).ravel())  # [3 H W]
+        y = dr.detach(device_array(image.transpose(2, 0, 1)), preserve_type=False)  # [3 H W]
         at = grid.along_y.indices(grid.along_y.columns, range(BLOCK))
         self.rows = [dr.gather(Float, y, index, inside) for index, inside in at]
         dr.eval(self.rows)

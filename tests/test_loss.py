@@ -9,6 +9,7 @@ mi = pytest.importorskip("mitsuba", reason="needs pip install mitsuba")
 dr = pytest.importorskip("drjit")
 
 from mi_dogsplat.loss import PhotometricLoss, gaussian_window  # noqa: E402
+from mi_dogsplat.parameters import device_array  # noqa: E402
 
 C1, C2 = 0.01**2, 0.03**2
 SIZES = [(13, 9), (33, 17), (64, 40), (5, 3), (1, 1), (1, 40), (40, 1), (8, 8), (9, 16), (101, 75)]  # W, H
@@ -68,8 +69,7 @@ def pictures(width: int, height: int, low: float = 0.0, high: float = 1.0) -> tu
 def run(x: np.ndarray, y: np.ndarray, loss: PhotometricLoss | None = None):
     """Numbers (l1, dssim, loss) and the gradient [3, H, W]; x goes in as three planes."""
     loss = loss or PhotometricLoss()
-    Float = dr.detached_t(mi.Float)
-    planes = [Float(plane.astype(np.float32).ravel()) for plane in x]
+    planes = [dr.detach(device_array(plane), preserve_type=False) for plane in x]
     target = loss.target(y.transpose(1, 2, 0).astype(np.float32))
     *values, gradient = loss.value_and_gradient(planes, target)
     return [v[0] for v in values], np.stack([g.numpy() for g in gradient]).reshape(x.shape)
