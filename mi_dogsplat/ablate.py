@@ -35,7 +35,7 @@ from .rasterize import RasterOptions
 from .render import Picture, render_picture
 from .report import write_report
 from .run import train, write_json
-from .run_folder import DOG_PROFILE
+from .run_folder import DOG_PROFILE, RECIPE
 from .scheduler import PruningRule
 from .score import ScoreRule
 from .train import Trainer, background_color
@@ -130,14 +130,15 @@ def _densified_start(config: TrainConfig, dataset: Dataset, path: Path, progress
 def _train_variant(
     config: TrainConfig, variant: Variant, folder: Path, start: dict, progress: Callable[[str], None]
 ) -> None:
-    recipe = json.loads(json.dumps(dataclasses.asdict(variant.recipe)))
-    known = folder / "recipe.json"
+    recipe = {"label": variant.label, "recipe": json.loads(json.dumps(dataclasses.asdict(variant.recipe)))}
+    known = folder / RECIPE
     complete = (folder / "metrics.json").exists() and known.exists()
     if complete and json.loads(known.read_text(encoding="utf-8")) == recipe:
         return
     progress(f"seed {config.seed}: {variant.label}")
     metrics = train(config, folder, recipe=variant.recipe, start=start)
     write_json(known, recipe)
+    write_report(folder)  # again, under the variant's name
     test = metrics["test"]
     progress(f"    {test['psnr']:.2f} dB, {metrics['n']:,} primitives, {metrics['train_seconds']:.0f} s")
 

@@ -28,9 +28,9 @@ def write_report(run_dir: str | Path) -> Path:
     :raises DataError: the folder does not exist, or one of its .json files is not a JSON object
     """
     run = read_run(run_dir)
-    preset = f" <small>preset {escape(run.preset)}</small>" if run.preset else ""
+    method = f" <small>{escape(run.method)}</small>" if run.method else ""
     sections = [
-        f"<h1>{escape(run.data_name)}{preset}</h1>",
+        f"<h1>{escape(run.data_name)}{method}</h1>",
         *_notices(run),
         _summary(run),
         curves_section(run),
@@ -38,7 +38,7 @@ def write_report(run_dir: str | Path) -> Path:
         views_section(run),
         _settings(run),
     ]
-    title = " \u00b7 ".join(filter(None, (run.data_name, run.preset)))
+    title = " \u00b7 ".join(filter(None, (run.data_name, run.method)))
     path = run.path / "report.html"
     with replacing(path) as part:
         part.write_text(page(title, "\n".join(sections)), encoding="utf-8")

@@ -13,6 +13,7 @@ from mi_dogsplat.errors import DataError
 from mi_dogsplat.wording import finite
 from numpy.typing import NDArray
 
+RECIPE = "recipe.json"  # of a variant in an ablation: its label and the numbers of its recipe
 DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without DoG (mixture.py)
 
 
@@ -31,6 +32,7 @@ class Run:
     metrics: dict[str, Any] | None
     dog_profile: dict[str, Any] | None
     broken_rows: int
+    recipe: dict[str, Any] | None = None  # of a variant in an ablation
 
     @property
     def data_name(self) -> str:
@@ -39,9 +41,10 @@ class Run:
         return re.split(r"[/\\]", data)[-1] or self.path.resolve().name
 
     @property
-    def preset(self) -> str:
-        """Name of the preset, empty where the configuration does not tell."""
-        return str(self.config.get("preset") or "")
+    def method(self) -> str:
+        """The preset, or the variant of an ablation, in words; empty where nothing tells."""
+        preset = self.config.get("preset")
+        return str((self.recipe or {}).get("label") or (f"preset {preset}" if preset else ""))
 
     def column(self, key: str) -> NDArray[np.float64]:
         """One value of every history row, [rows]; NaN where a row has no finite number."""
@@ -52,14 +55,15 @@ class Run:
 def read_run(path: str | Path) -> Run:
     """Reads config.json, history.jsonl, metrics.json and test/dog_profile.json of a run folder; each may be missing.
 
-    :raises DataError: the folder does not exist, or one of the three .json files is not a JSON object
+    :raises DataError: the folder does not exist, or one of the .json files is not a JSON object
     """
     path = Path(path)
     if not path.is_dir():
         raise DataError(path, "no such folder", "give a run folder, as `dogsplat train DATA -o RUN` makes it")
     history, broken_rows = _read_rows(path / "history.jsonl")
     config, metrics = _read_object(path / "config.json"), _read_object(path / "metrics.json")
-    return Run(path, config or {}, history, metrics, _read_object(path / "test" / DOG_PROFILE), broken_rows)
+    profile, recipe = _read_object(path / "test" / DOG_PROFILE), _read_object(path / RECIPE)
+    return Run(path, config or {}, history, metrics, profile, broken_rows, recipe)
 
 
 def _read_object(path: Path) -> dict[str, Any] | None:

@@ -54,7 +54,8 @@ def test_each_variant_is_what_its_recipe_says(ablation):
     _, out, table, _ = ablation
     assert list(table["variants"]) == list(NAMES)  # in the order of VARIANTS, without those not asked for
     folder = out / "seed_0"
-    assert json.loads((folder / "v1" / "recipe.json").read_text())["score"]["kind"] == "opacity"
+    assert json.loads((folder / "v1" / "recipe.json").read_text())["recipe"]["score"]["kind"] == "opacity"
+    assert VARIANTS["v1"].label in (folder / "v1" / "report.html").read_text(encoding="utf-8")
     assert read_ply(folder / "v1" / "point_cloud.ply").n_dog == 0
     activated = [row for row in history(folder / "full") if "psnr_before" in row]
     assert len(activated) == 1 and np.isfinite(activated[0]["test_psnr"])
