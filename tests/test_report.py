@@ -67,7 +67,7 @@ def text_of(path) -> str:
 
 def test_a_complete_run_shows_its_numbers_curves_and_pictures(run):
     html = text_of(write_report(run))
-    assert "<title>fox &amp; friends \u00b7 ours</title>" in html
+    assert "<title>fox &amp; friends \u00b7 preset ours</title>" in html
     for expected in (
         "24.00",
         "0.7005",
