@@ -35,7 +35,7 @@ from .rasterize import RasterOptions
 from .render import Picture, render_picture
 from .report import write_report
 from .run import train, write_json
-from .run_folder import DOG_PROFILE, RECIPE
+from .run_folder import DOG_PROFILE, RECIPE, RENDER_MS
 from .scheduler import PruningRule
 from .score import ScoreRule
 from .train import Trainer, background_color
@@ -54,7 +54,7 @@ class Variant:
 
 # Paper, Table 3: each adds one part to the variant before it.
 VARIANTS = {
-    "3dgs": Variant("3DGS, 100 %", Recipe()),
+    "3dgs": Variant("3DGS, 100 %", RECIPES["3dgs"]),
     "v1": Variant("V1: RIR, equal steps, opacity", Recipe(pruning=EQUAL, score=OPACITY)),
     "v2": Variant("V2: + DPRA", Recipe(pruning=PruningRule(), score=OPACITY)),
     "v3": Variant("V3: + SPS", replace(RECIPES["paper"], dog=None)),
@@ -95,7 +95,8 @@ def ablate(
         baseline = replace(config, preset="3dgs", seed=seed)
         start = _densified_start(baseline, dataset, folder / "start.npz", progress)
         for name in variants:
-            _train_variant(baseline, VARIANTS[name], folder / name, start, progress)
+            nearest = replace(baseline, preset=name if name in RECIPES else "paper")  # recipe.json has the numbers
+            _train_variant(nearest, VARIANTS[name], folder / name, start, progress)
         _look(dataset, config, {name: folder / name for name in variants})
     table = write_table(out, {name: VARIANTS[name].label for name in VARIANTS})
     with replacing(out / "ablation.html") as part:
@@ -155,7 +156,7 @@ def _look(dataset: Dataset, config: TrainConfig, folders: dict[str, Path]) -> No
     drawings = {name: drawing(folder) for name, folder in folders.items()}
     times = render_milliseconds_in_turn(drawings, dataset.test)
     for name, folder in folders.items():
-        write_json(folder / "render_ms.json", {"render_ms": times[name], "in_turn_with": sorted(folders)})
+        write_json(folder / RENDER_MS, {"render_ms": times[name], "in_turn_with": sorted(folders)})
     for name, without in WITHOUT_DOG.items():
         profile = folders[name] / "test" / DOG_PROFILE if {name, without} <= folders.keys() else None
         if profile and profile.exists():  # else no primitive is DoG any more

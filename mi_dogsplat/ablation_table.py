@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .pictures import replacing
+from .run_folder import RENDER_MS
 
 COLUMNS = {  # name: (heading, digits)
     "psnr": ("PSNR (dB)", 2),
@@ -39,7 +40,7 @@ def _numbers(folder: Path) -> dict[str, float]:
     numbers = {name: metrics["test"][name] for name in ("psnr", "ssim", "flip")}
     numbers |= {name: metrics[name] for name in ("n", "n_dog", "train_seconds", "render_ms")}
     numbers |= {"train_l1": metrics["train"]["l1"], "megabytes": metrics["bytes"] / 1e6}
-    in_turn = folder / "render_ms.json"
+    in_turn = folder / RENDER_MS
     if in_turn.exists():
         numbers["render_ms"] = json.loads(in_turn.read_text(encoding="utf-8"))["render_ms"]
     for line in (folder / "history.jsonl").read_text(encoding="utf-8").splitlines():

@@ -72,70 +72,43 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    p = commands.add_parser(
-        "train",
-        help="photographs to a model",
-        description=descriptions["train"],
-        epilog=TRAIN_EXAMPLES,
-    )
+    def command(name: str, summary: str, examples: str) -> argparse.ArgumentParser:
+        return commands.add_parser(name, help=summary, description=descriptions[name], epilog=examples)
+
+    p = command("train", "photographs to a model", TRAIN_EXAMPLES)
     p.add_argument("data", metavar="DATA", help=_field_help()["data"])
     p.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     flags = [field.name for field in dataclasses.fields(TrainConfig) if field.name not in ("data", "model")]
     _add_config_flags(p, flags)
     p.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
 
-    p = commands.add_parser(
-        "prune",
-        help="a smaller model of one that exists",
-        description=descriptions["prune"],
-        epilog=PRUNE_EXAMPLES,
-    )
+    p = command("prune", "a smaller model of one that exists", PRUNE_EXAMPLES)
     p.add_argument("model", metavar="MODEL", help="model .ply")
     p.add_argument("data", metavar="DATA", help=_field_help()["data"])
     p.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     _add_config_flags(p, PRUNE_FLAGS)
     p.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
 
-    p = commands.add_parser(
-        "ablate",
-        help="what each part of the method contributes",
-        description=descriptions["ablate"],
-        epilog=ABLATE_EXAMPLES,
-    )
+    p = command("ablate", "what each part of the method contributes", ABLATE_EXAMPLES)
     p.add_argument("data", metavar="DATA", help=_field_help()["data"])
     p.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to add to")
     p.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], metavar="N", help="random seeds (default: 0 1 2)")
     p.add_argument("--only", nargs="+", default=list(ABLATION), metavar="NAME", help=f"of {' '.join(ABLATION)}")
     _add_config_flags(p, ABLATE_FLAGS)
 
-    p = commands.add_parser(
-        "render",
-        help="a model or Mitsuba scene to a picture",
-        description=descriptions["render"],
-        epilog=RENDER_EXAMPLES,
-    )
+    p = command("render", "a model or Mitsuba scene to a picture", RENDER_EXAMPLES)
     p.add_argument("model", type=Path, metavar="MODEL_or_SCENE", help="model .ply or Mitsuba scene .xml")
     p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".png, or .exr with alpha and depth")
     p.add_argument("--data", metavar="DATA", help="data set whose views --camera names")
     p.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA by name, or a camera JSON file")
     _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
 
-    p = commands.add_parser(
-        "eval",
-        help="metrics of a model on the test split",
-        description=descriptions["eval"],
-        epilog=EVAL_EXAMPLES,
-    )
+    p = command("eval", "metrics of a model on the test split", EVAL_EXAMPLES)
     p.add_argument("model", type=Path, metavar="MODEL", help="model .ply")
     p.add_argument("data", metavar="DATA", help=_field_help()["data"])
     p.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json")
     _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
 
-    p = commands.add_parser(
-        "info",
-        help="what a file is and what is wrong with it",
-        description=descriptions["info"],
-        epilog=INFO_EXAMPLES,
-    )
+    p = command("info", "what a file is and what is wrong with it", INFO_EXAMPLES)
     p.add_argument("file", type=Path, metavar="FILE", help="model .ply, run folder, or data set")
     return parser

@@ -207,7 +207,8 @@ class Walk:
 
 def _largest(values: list):
     while len(values) > 1:
-        values = [dr.maximum(a, b) for a, b in zip(values[::2], values[1::2], strict=True)]
+        odd = values[len(values) // 2 * 2 :]
+        values = [dr.maximum(a, b) for a, b in zip(values[::2], values[1::2], strict=False)] + odd
     return values[0]
 
 

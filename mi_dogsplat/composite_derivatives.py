@@ -76,17 +76,6 @@ def composite_backward(
     for plane, δ in zip(features, δC, strict=True):
         rest = [dr.fma(c, d, r) for c, d, r in zip(walk.read(plane), δ, rest, strict=True)]
 
-    def add(table, index, values: list, row_size: int, active):
-        """One packet instead of a scatter per value: the lanes of a packet all add to the same row.
-
-        Never in mode ``Expand``, nor ``Auto`` which may choose it: they give every thread a copy of the table at an
-        offset that a frozen kernel holds as a constant. Replayed with a larger table it writes out of bounds
-        (Dr.Jit 1.5).
-        """
-        padded = values + [walk.Float(0)] * (row_size - len(values))
-        mode = dr.ReduceMode.NoConflicts if in_turn else dr.ReduceMode.Local
-        dr.scatter_add(table, walk.Packet(padded), index, active, mode=mode)
-
     def moments(δp, A, B, C, dx, dy) -> list:
         """δ of x, y, A, B, C, lo from δp at every pixel of the block."""
         width = walk.blocks.width
@@ -141,7 +130,7 @@ def composite_backward(
                 def pseudo_moments(entry, dog_row, dx, dy, δp_pseudo):
                     A, B, C = walk.pseudo_row(dog_row)[:3]
                     δ = moments(δp_pseudo, A, B, C, dx, dy)
-                    add(pseudo_entries, entry, δ[2:], PSEUDO_ENTRY_ROW, True)
+                    add_row(walk, pseudo_entries, entry, δ[2:], PSEUDO_ENTRY_ROW, True, in_turn)
                     return δ[0], δ[1]
 
                 δx, δy = dr.if_stmt(
@@ -151,7 +140,7 @@ def composite_backward(
                     lambda *_: (walk.Float(0), walk.Float(0)),
                 )
                 δrow[0], δrow[1] = δrow[0] + δx, δrow[1] + δy
-            add(entries, entry, δrow, ENTRY_ROW, active)
+            add_row(walk, entries, entry, δrow, ENTRY_ROW, active, in_turn)
         return i + walk.blocks.unroll, T, rest
 
     dr.while_loop(
@@ -169,6 +158,20 @@ def composite_backward(
     m = tables.dog_index
     begin, end = (dr.gather(walk.UInt, ends, m) for ends in (lists.entry_begin, lists.entry_end))
     return δsplats, sum_rows(walk, pseudo_entries, PSEUDO_ENTRY_ROW, 4, begin, end)
+
+
+def add_row(walk: Walk, table, index, values: list, row_size: int, active, in_turn: bool) -> None:
+    """Add to the first columns of row ``index`` of a table, the same row in all lanes of a tile.
+
+    in_turn: ``lanes_add_in_turn``.
+
+    One packet instead of a scatter per value. Never in mode ``Expand``, nor ``Auto`` which may choose it: they give
+    every thread a copy of the table at an offset that a frozen kernel holds as a constant. Replayed with a larger table
+    it writes out of bounds (Dr.Jit 1.5).
+    """
+    padded = values + [walk.Float(0)] * (row_size - len(values))
+    mode = dr.ReduceMode.NoConflicts if in_turn else dr.ReduceMode.Local
+    dr.scatter_add(table, walk.Packet(padded), index, active, mode=mode)
 
 
 def sum_rows(walk: Walk, table, row_size: int, count: int, begin, end) -> list:

@@ -30,12 +30,11 @@ Differences of neighbouring pixels need both in one lane: blocks and tiles then 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import reduce
 
 import drjit as dr
 
 from .composite import FEATURES, Settings, Tables, Walk
-from .composite_derivatives import sum_rows
+from .composite_derivatives import add_row, sum_rows
 from .geometry import Blocks, Grid
 from .tiles import Lists
 
@@ -131,11 +130,6 @@ def composite_score(
             total = dr.fma(ξ, value, total)
         return total
 
-    def add(entry, row: list, active):
-        padded = row + [walk.Float(0)] * (sums.row_size - len(row))
-        mode = dr.ReduceMode.NoConflicts if in_turn else dr.ReduceMode.Local  # see ``composite_backward``
-        dr.scatter_add(entries, walk.Packet(padded), entry, active, mode=mode)
-
     def body(i, T, behind):
         T, behind = list(T), [list(plane) for plane in behind]
         for u in range(walk.blocks.unroll):
@@ -159,13 +153,13 @@ def composite_score(
                     F[f].append((a if sums.removal else opacity) * d)
                 T[k] = T_behind
             result = ([energy(F)] if sums.energy else []) + ([gradient_energy(F)] if sums.gradient else [])
-            add(entry, result + [correlation(probe, F) for probe in probes], active)
+            result += [correlation(probe, F) for probe in probes]
+            add_row(walk, entries, entry, result, sums.row_size, active, in_turn)
         return i + walk.blocks.unroll, T, behind
 
     dr.while_loop(
         (walk.begin, walk.start_T(), behind),
-        # not walk.alive(T), which wants a power of two
-        lambda i, T, behind: (i < walk.end) & (reduce(dr.maximum, T) > 0),
+        lambda i, T, behind: (i < walk.end) & walk.alive(T),
         body,
         labels=("i", "T", "behind"),
         label="composite_score",

@@ -69,8 +69,10 @@ def degenerate(rule: DogRule, optimizer: SplatOptimizer) -> None:
 
     Meant for every step: one small kernel, and nothing waits for it. ``optimizer.n_dog`` tells how many are left.
     """
+    if not rule.control:
+        return
     params = {name: dr.detach(value) for name, value in optimizer.params.items()}
-    if "dog_row" not in params or not rule.control:
+    if "dog_row" not in params:
         return
     splat, row = dr.arange(mi.UInt32, optimizer.n), params["dog_row"]  # one lane per primitive
     is_dog = row != NOT_DOG

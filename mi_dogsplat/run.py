@@ -27,6 +27,7 @@ from .pictures import replacing
 from .ply import write_ply
 from .presets import Recipe
 from .report import write_report
+from .run_folder import RECIPE, RENDER_MS
 from .train import Trainer
 
 
@@ -133,9 +134,9 @@ def _resume(trainer: Trainer, out: Path) -> None:
 
 
 def _forget_results(out: Path) -> None:
-    """Remove what an earlier run in this folder measured and drew."""
+    """Remove what an earlier run in this folder measured and drew, and the name that it had in an ablation."""
     pictures = [path for suffix in (".png", ".exr", ".json") for path in (out / "test").glob(f"*{suffix}")]
-    for path in (out / "metrics.json", out / "report.html", *pictures):
+    for path in (*(out / name for name in ("metrics.json", "report.html", RECIPE, RENDER_MS)), *pictures):
         path.unlink(missing_ok=True)
 
 

@@ -14,6 +14,7 @@ from mi_dogsplat.wording import finite
 from numpy.typing import NDArray
 
 RECIPE = "recipe.json"  # of a variant in an ablation: its label and the numbers of its recipe
+RENDER_MS = "render_ms.json"  # of the same: its render time, measured in turns with the others'
 DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without DoG (mixture.py)
 
 

@@ -1,6 +1,7 @@
 """The ablation: one start for all variants, nothing done twice, and a table that is the mean of its runs."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from mi_dogsplat.cli_arguments import ABLATION
 from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.ply import read_ply
+from mi_dogsplat.run import train
 from tiny_data import write_tiny_data
 
 NAMES = ("3dgs", "v1", "v3", "full")
@@ -109,6 +111,16 @@ def test_what_is_complete_is_not_repeated_and_a_seed_can_be_added(ablation):
     assert [line.split(":")[0] for line in lines if ":" in line] == ["seed 2", "seed 2"]
     assert set(table["variants"]["v1"]["runs"]) == {"0", "1", "2"}
     assert table["variants"]["full"]["runs"].keys() == before["variants"]["full"]["runs"].keys()
+
+
+def test_a_variant_trained_again_by_hand_loses_the_name_it_had_in_the_ablation(ablation):
+    config, out, _, _ = ablation
+    folder = out / "seed_1" / "v1"
+    label = VARIANTS["v1"].label
+    assert label in (folder / "report.html").read_text(encoding="utf-8")
+    train(replace(config, steps=20), folder)
+    assert label not in (folder / "report.html").read_text(encoding="utf-8")
+    assert not (folder / "recipe.json").exists() and not (folder / "render_ms.json").exists()
 
 
 def test_a_folder_with_other_settings_or_other_contents_is_refused(ablation, tmp_path):
