@@ -32,7 +32,6 @@ from .project import NOT_DOG, Kernels, Projection
 from .tiles import Lists
 
 ALPHA_MAX = 0.99
-PATCH = 4  # width and height of the pixels that share their exponentials
 DEAD_PATCH = -120.0  # a patch that starts below 2^-120 is dead: flushed to 0, so that no ratio can revive it
 MAX_RATIO = 60.0  # log2; only dead patches exceed it
 FEATURES = 9  # first feature in a primitive's row: x y A B C lo q s t, then the features
@@ -85,11 +84,13 @@ class Settings:
     """What the kernels are specialised to.
 
     negative_transmittance: a negative α amplifies what lies behind, T (1 - α) > T; else it leaves T as it is.
+    patch: width and height of the pixels that share their exponentials, 1 to 4; 1 gives each pixel its own.
     """
 
     n_features: int
     cutoffs: Cutoffs = Cutoffs()
     negative_transmittance: bool = True
+    patch: int = 4
 
 
 class Walk:
@@ -101,6 +102,7 @@ class Walk:
         self.Quad, self.Packet = backend.Array4f, backend.ArrayXf
         self.grid, self.tables, self.lists = grid, tables, lists
         self.cutoffs, self.quads = settings.cutoffs, row_size(settings.n_features) // 4
+        self.patch = settings.patch
         self.negative_transmittance = settings.negative_transmittance or tables.pseudo is None
         self.blocks = grid.blocks
         self.pixels = self.blocks.width * self.blocks.height
@@ -147,18 +149,18 @@ class Walk:
 
     def kernel(self, A, B, C, lo, q, s, t, dx, dy) -> list:
         """2^p at the pixels of the block, row by row."""
-        width, height = self.blocks.width, self.blocks.height
+        width, height, patch = self.blocks.width, self.blocks.height, self.patch
         values = [None] * self.pixels
-        for top in range(0, height, PATCH):
-            for left in range(0, width, PATCH):
+        for top in range(0, height, patch):
+            for left in range(0, width, patch):
                 x, y = dx + left, dy + top
                 p = dr.fma(dr.fma(A, x, B * y), x, dr.fma(C * y, y, lo))
                 first = dr.select(p > DEAD_PATCH, dr.exp2(p), 0)
                 right = dr.exp2(dr.minimum(dr.fma(A, dr.fma(2, x, 1), B * y), MAX_RATIO))
                 down = dr.exp2(dr.minimum(dr.fma(C, dr.fma(2, y, 1), B * x), MAX_RATIO))
-                for row in range(top, min(top + PATCH, height)):
+                for row in range(top, min(top + patch, height)):
                     value, ratio = first, right
-                    for column in range(left, min(left + PATCH, width)):
+                    for column in range(left, min(left + patch, width)):
                         values[row * width + column] = value
                         value, ratio = value * ratio, ratio * q
                     first, right, down = first * down, right * s, down * t

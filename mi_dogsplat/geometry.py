@@ -63,11 +63,12 @@ class Cutoffs:
 
     alpha: float = 1 / 255
     transmittance: float = 1e-4
+    bound: float = 1.0  # tile lists leave out kernels below ``bound`` times ``alpha``; 1 is exact, more is an error
 
     @property
     def log2_range(self) -> float:
         """-log2 of the smallest kernel value that is ever looked at."""
-        return -math.log2(self.alpha) if self.alpha > 0 else 60.0
+        return -math.log2(self.alpha * self.bound) if self.alpha > 0 else 60.0
 
 
 SMOOTH = Cutoffs(0.0, 0.0)

@@ -35,6 +35,7 @@ class RasterOptions:
     depth: bool = False  # also blend Σ depth α T
     negative_transmittance: bool = True
     cutoffs: Cutoffs = Cutoffs()
+    patch: int = 4  # pixels per side that share their exponentials; 1 costs time and gains some 1e-7 (docs/numerics.md)
 
 
 @dataclass
@@ -133,7 +134,7 @@ def rasterize(
         projection.x, projection.y = projection.x + probe[0], projection.y + probe[1]
     grid = Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
     features = projection.colors + ([projection.depth] if options.depth else [])
-    settings = Settings(len(features), options.cutoffs, options.negative_transmittance)
+    settings = Settings(len(features), options.cutoffs, options.negative_transmittance, options.patch)
     key = (camera.numbers, options, *((name, value.index) for name, value in params.items()))
     known = last.recall(key) if last and recall else None
     if known:

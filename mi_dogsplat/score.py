@@ -147,7 +147,7 @@ def _view_sums(
     projection = project(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)
     size = camera.width, camera.height
     grid, score_grid = (Grid.of(*size, blocks, mi.variant()) for blocks in (Blocks.of_backend(), sums.blocks))
-    settings = Settings(3, options.cutoffs, options.negative_transmittance)
+    settings = Settings(3, options.cutoffs, options.negative_transmittance, options.patch)
     # tiles that overlap list more than blending needs, and are in the same places
     tables, lists = pack(projection, projection.colors), tiles(projection, score_grid, options.cutoffs)
     image, T = composite(grid, grid.lanes, tables, lists, settings)
