@@ -1,18 +1,19 @@
 """Stage 3, *composite*: blend every pixel's primitives front to back.
 
 Notation (Kerbl et al. 2023, Sec. 6; DoG as in the method paper, Sec. 3.3)
-    p      log2 of a kernel's value at a pixel, A dx² + B dx dy + C dy² + lo
+    p      log2 of a kernel's value at a pixel, lo - u² - v²,  u = ux dx + uy dy,  v = vy dy
     α      min(.99, 2^p), for a DoG primitive min(.99, 2^p) - min(.99, 2^p'), ignored where |α| < 1/255
-    T      transmittance in front of the primitive; T ← T (1 - α), the walk ends before T would fall below 1e-4
+    T      transmittance in front of the primitive; T ← T (1 - α), the walk ends before T would fall below 1e-4, or,
+           behind very many negative α, exceed 2^30
     C      Σ c α T, for each feature c (the colour channels, and depth if asked for)
 
 How it runs: a lane owns a block of pixels, unrolled here in Python; the lanes of a packet are one tile and so walk
 the same list of primitives in step (``geometry.py``). The pixels of a patch of 4 x 4 share three exponentials: from
 pixel to pixel 2^p is multiplied by a ratio, and the ratio by a constant of the primitive,
 
-    2^p(dx+1, dy) = 2^p r,   r(dx, dy) = 2^(A (2 dx + 1) + B dy),   r(dx+1, dy) = r q,   r(dx, dy+1) = r s,
-    2^p(dx, dy+1) = 2^p v,   v(dx, dy) = 2^(C (2 dy + 1) + B dx),   v(dx, dy+1) = v t,
-    q = 2^(2A),  s = 2^B,  t = 2^(2C).
+    2^p(dx+1, dy) = 2^p r,   r = 2^(-ux (2u + ux)),                     r(dx+1, dy) = r q,   r(dx, dy+1) = r s,
+    2^p(dx, dy+1) = 2^p d,   d = 2^(-uy (2u + uy) - vy (2v + vy)),      d(dx, dy+1) = d t,
+    q = 2^(-2 ux²),  s = 2^(-2 ux uy),  t = 2^(-2 (uy² + vy²)).
 
 Thanks to the 0.3 px² low-pass filter a kernel that is visible anywhere in a patch is above 2^-90 at its first pixel:
 float32 does not underflow, and six steps lose a few ulp.
@@ -34,8 +35,9 @@ from .tiles import Lists
 ALPHA_MAX = 0.99
 DEAD_PATCH = -120.0  # a patch that starts below 2^-120 is dead: flushed to 0, so that no ratio can revive it
 MAX_RATIO = 60.0  # log2; only dead patches exceed it
-FEATURES = 9  # first feature in a primitive's row: x y A B C lo q s t, then the features
-PSEUDO_ROW = 8  # floats per pseudo-Gaussian: A B C lo q s t, padding
+MAX_T = 2.0**30  # only a stack of negative lobes gets there; float32 would end in ∞ and NaN
+FEATURES = 9  # first feature in a primitive's row: x y ux uy vy lo q s t, then the features
+PSEUDO_ROW = 8  # floats per pseudo-Gaussian: ux uy vy lo q s t, padding
 
 
 @dataclass
@@ -68,7 +70,8 @@ def pack(projection: Projection, features: list) -> Tables:
     """Lay out a projection for the compositor (detached: derivatives are passed by hand, see ``rasterize.py``)."""
 
     def shape(k: Kernels) -> list:
-        return [k.A, k.B, k.C, k.lo, dr.exp2(2 * k.A), dr.exp2(k.B), dr.exp2(2 * k.C)]
+        ratios = k.ux * k.ux, k.ux * k.uy, dr.fma(k.uy, k.uy, k.vy * k.vy)
+        return [k.ux, k.uy, k.vy, k.lo, *(dr.exp2(-2 * r) for r in ratios)]
 
     columns = [projection.x, projection.y, *shape(projection.kernels), *features]
     splats = _pack(columns, row_size(len(features)))
@@ -104,6 +107,7 @@ class Walk:
         self.cutoffs, self.quads = settings.cutoffs, row_size(settings.n_features) // 4
         self.patch = settings.patch
         self.negative_transmittance = settings.negative_transmittance or tables.pseudo is None
+        self.rises = tables.pseudo is not None and settings.negative_transmittance  # T may
         self.blocks = grid.blocks
         self.pixels = self.blocks.width * self.blocks.height
         tile, x, y = lanes
@@ -147,17 +151,18 @@ class Walk:
             row[5] = dr.select(active, row[5], 2 * DEAD_PATCH)
         return splat, row, self.x0 - row[0], self.y0 - row[1]
 
-    def kernel(self, A, B, C, lo, q, s, t, dx, dy) -> list:
+    def kernel(self, ux, uy, vy, lo, q, s, t, dx, dy) -> list:
         """2^p at the pixels of the block, row by row."""
         width, height, patch = self.blocks.width, self.blocks.height, self.patch
         values = [None] * self.pixels
         for top in range(0, height, patch):
             for left in range(0, width, patch):
-                x, y = dx + left, dy + top
-                p = dr.fma(dr.fma(A, x, B * y), x, dr.fma(C * y, y, lo))
+                y = dy + top
+                u, v = dr.fma(ux, dx + left, uy * y), vy * y
+                p = dr.fma(-u, u, dr.fma(-v, v, lo))
                 first = dr.select(p > DEAD_PATCH, dr.exp2(p), 0)
-                right = dr.exp2(dr.minimum(dr.fma(A, dr.fma(2, x, 1), B * y), MAX_RATIO))
-                down = dr.exp2(dr.minimum(dr.fma(C, dr.fma(2, y, 1), B * x), MAX_RATIO))
+                right = dr.exp2(dr.minimum(-ux * dr.fma(2, u, ux), MAX_RATIO))
+                down = dr.exp2(dr.minimum(dr.fma(-uy, dr.fma(2, u, uy), -vy * dr.fma(2, v, vy)), MAX_RATIO))
                 for row in range(top, min(top + patch, height)):
                     value, ratio = first, right
                     for column in range(left, min(left + patch, width)):
@@ -204,6 +209,8 @@ class Walk:
         weight = alpha * T
         behind = T - (weight if self.negative_transmittance else dr.maximum(weight, 0))
         go = behind >= self.cutoffs.transmittance
+        if self.rises:
+            go &= behind <= MAX_T
         return dr.select(go, weight, 0), dr.select(go, behind, -dr.abs(T)), go
 
 

@@ -24,8 +24,8 @@ from .geometry import Blocks, Grid
 from .tiles import Lists
 
 LN2 = 0.6931471805599453
-ENTRY_ROW = 16  # adjoints per entry of the lists: x y A B C lo, features, padding (one cache line)
-PSEUDO_ENTRY_ROW = 4  # A B C lo
+ENTRY_ROW = 16  # adjoints per entry of the lists: x y ux uy vy lo, features, padding (one cache line)
+PSEUDO_ENTRY_ROW = 4  # ux uy vy lo
 
 
 @lru_cache
@@ -66,7 +66,8 @@ def composite_backward(
         pseudo_entries: [entries, PSEUDO_ENTRY_ROW] zeros, or None without DoG primitives.
         in_turn: ``lanes_add_in_turn``.
 
-    Returns (δ of x, y, A, B, C, lo and of each feature, [N] each; δ of A, B, C, lo of the pseudo-Gaussians, [M] each).
+    Returns (δ of x, y, ux, uy, vy, lo and of each feature, [N] each; δ of ux, uy, vy, lo of the pseudo-Gaussians,
+    [M] each).
     """
     walk, n_features = Walk(grid, lanes, tables, lists, settings), settings.n_features
 
@@ -76,24 +77,25 @@ def composite_backward(
     for plane, δ in zip(features, δC, strict=True):
         rest = [dr.fma(c, d, r) for c, d, r in zip(walk.read(plane), δ, rest, strict=True)]
 
-    def moments(δp, A, B, C, dx, dy) -> list:
-        """δ of x, y, A, B, C, lo from δp at every pixel of the block."""
-        width = walk.blocks.width
-        xs = [dx + k for k in range(width)]
-        m0 = mx = my = mxx = mxy = myy = walk.Float(0)
-        for row in range(walk.blocks.height):
-            y = dy + row
-            s0 = s1 = s2 = None
-            for k in range(width):
-                δ = δp[row * width + k]
-                δx = δ * xs[k]
-                s0 = δ if s0 is None else s0 + δ
-                s1 = δx if s1 is None else s1 + δx
-                s2 = δx * xs[k] if s2 is None else dr.fma(δx, xs[k], s2)
-            m0, mx, mxx = m0 + s0, mx + s1, mxx + s2
-            s0y = s0 * y
-            my, mxy, myy = my + s0y, dr.fma(s1, y, mxy), dr.fma(s0y, y, myy)
-        return [-dr.fma(2 * A, mx, B * my), -dr.fma(2 * C, my, B * mx), mxx, mxy, myy, m0]
+    def moments(δp, ux, uy, vy, dx, dy) -> list:
+        """δ of x, y, ux, uy, vy, lo from δp at every pixel of the block."""
+        # sums over the block of δp k^a r^b, with column k and row r counted from its corner
+        m0 = mk = mr = mkk = mkr = mrr = walk.Float(0)
+        for r in range(walk.blocks.height):
+            row = δp[r * walk.blocks.width : (r + 1) * walk.blocks.width]
+            s0, sk, skk = row[0], walk.Float(0), walk.Float(0)
+            for k, δ in enumerate(row[1:], 1):
+                s0, sk, skk = s0 + δ, dr.fma(k, δ, sk), dr.fma(k * k, δ, skk)
+            m0, mk, mkk = m0 + s0, mk + sk, mkk + skk
+            if r:
+                mr, mkr, mrr = dr.fma(r, s0, mr), dr.fma(r, sk, mkr), dr.fma(r * r, s0, mrr)
+        # u and v at the corner, where they are small numbers next to a needle; then sums of δp u, δp v, δp u dx, ...
+        u, v = dr.fma(ux, dx, uy * dy), vy * dy
+        mu, mv = dr.fma(u, m0, dr.fma(ux, mk, uy * mr)), dr.fma(v, m0, vy * mr)
+        mux = dr.fma(dx, mu, dr.fma(u, mk, dr.fma(ux, mkk, uy * mkr)))
+        muy = dr.fma(dy, mu, dr.fma(u, mr, dr.fma(ux, mkr, uy * mrr)))
+        mvy = dr.fma(dy, mv, dr.fma(v, mr, vy * mrr))
+        return [2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0]
 
     def body(i, T, rest):
         T, rest = list(T), list(rest)
@@ -123,13 +125,11 @@ def composite_backward(
                 if pseudo is not None:
                     δp_pseudo.append(dr.select(pseudo[k] < ALPHA_MAX, -δα * pseudo[k], 0))
                 T[k] = behind
-            A, B, C = row[2:5]
-            δrow = moments(δp, A, B, C, dx, dy) + δf
+            δrow = moments(δp, *row[2:5], dx, dy) + δf
             if pseudo is not None:
 
                 def pseudo_moments(entry, dog_row, dx, dy, δp_pseudo):
-                    A, B, C = walk.pseudo_row(dog_row)[:3]
-                    δ = moments(δp_pseudo, A, B, C, dx, dy)
+                    δ = moments(δp_pseudo, *walk.pseudo_row(dog_row)[:3], dx, dy)
                     add_row(walk, pseudo_entries, entry, δ[2:], PSEUDO_ENTRY_ROW, True, in_turn)
                     return δ[0], δ[1]
 
@@ -190,20 +190,22 @@ def sum_rows(walk: Walk, table, row_size: int, count: int, begin, end) -> list:
 def composite_forward(
     grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings, δsplats: list, δpseudo: list | None
 ) -> tuple:
-    """Tangents of the planes, given those of x, y, A, B, C, lo and the features [N],
-    and of A, B, C, lo [M].
+    """Tangents of the planes, given those of x, y, ux, uy, vy, lo and the features [N],
+    and of ux, uy, vy, lo [M].
 
     Returns (δfeatures: list of [H*W] planes, δT: [H*W] plane).
     """
     walk, n_features = Walk(grid, lanes, tables, lists, settings), settings.n_features
 
-    def tangents(values, A, B, C, dx, dy, δ) -> list:
+    def tangents(values, ux, uy, vy, dx, dy, δ) -> list:
         """δ of 2^p at the pixels of the block, zero where it is limited to .99."""
         result = []
         for k, value in enumerate(values):
             x, y = dx + k % walk.blocks.width, dy + k // walk.blocks.width
-            δp = δ[2] * x * x + δ[3] * x * y + δ[4] * y * y + δ[5]
-            δp -= dr.fma(2 * A, x, B * y) * δ[0] + dr.fma(2 * C, y, B * x) * δ[1]
+            u, v = dr.fma(ux, x, uy * y), vy * y
+            δu = δ[2] * x + δ[3] * y - ux * δ[0] - uy * δ[1]
+            δv = δ[4] * y - vy * δ[1]
+            δp = δ[5] - 2 * (u * δu + v * δv)
             result.append(dr.select(value < ALPHA_MAX, LN2 * value * δp, 0))
         return result
 

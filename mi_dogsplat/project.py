@@ -5,10 +5,12 @@ Notation (Kerbl et al. 2023; method paper, Sec. 3)
     W, t        rotation and translation of the camera (OpenCV: x right, y down, z forward)
     J           Jacobian of the pinhole projection at the centre, evaluated inside 1.3 x the field of view
     Σ'          screen covariance J W Σ Wᵀ Jᵀ + 0.3 I, in px²
-    p(d)        log2 of a kernel's value at offset d = pixel - μ' :  A dx² + B dx dy + C dy² + lo
+    p(d)        log2 of a kernel's value at offset d = pixel - μ' :  lo - u² - v²,  u = ux dx + uy dy,  v = vy dy
 
 The quadratic form is kept in units of log2 with the opacity folded in as ``lo``: the compositor then needs neither a
-multiplication by the opacity nor a change of base, and logit opacities of any magnitude stay finite.
+multiplication by the opacity nor a change of base, and logit opacities of any magnitude stay finite. It is kept as a
+sum of squares because its expanded form A dx² + B dx dy + C dy² cancels on needles, whose rounding errors then grow with
+the square of their length in pixels instead of the length.
 """
 
 # Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
@@ -19,12 +21,14 @@ from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from .cameras import Camera
 from .sh import evaluate_sh, read_rows
 
 LOW_PASS = 0.3  # px², added to the diagonal of Σ' so that no primitive falls between the pixels
 LOG2_E = 1.4426950408889634
+MAX_AXIS = 1e8  # px; a longer axis of a kernel is cut to this, which changes no pixel and keeps squares in range
 NOT_DOG = 0xFFFFFFFF  # row of a primitive without a pseudo-Gaussian
 
 
@@ -33,8 +37,8 @@ class DeviceCamera:
     """A pinhole camera as opaque JIT scalars: one compiled kernel serves every camera and every image size."""
 
     rotation: list  # W, 3 x 3
-    translation: list  # t, 3
     position: list  # camera centre in world space, 3
+    position_rest: list  # what float32 rounded off it
     fx: mi.Float
     fy: mi.Float
     cx: mi.Float
@@ -55,9 +59,10 @@ class DeviceCamera:
         the whole image, of which the camera may see a crop window only. None: the camera's image.
         """
         x0, y0, x1, y1 = film or (0, 0, camera.width, camera.height)
+        position = camera.position.astype(np.float32).astype(np.float64)
         margin_x, margin_y = 0.15 * (x1 - x0) / camera.fx, 0.15 * (y1 - y0) / camera.fy
         numbers = [
-            *camera.w2c[:3, :3].ravel(), *camera.w2c[:3, 3], *camera.position,
+            *camera.w2c[:3, :3].ravel(), *position, *(camera.position - position),
             camera.fx, camera.fy, camera.cx, camera.cy,
             (camera.cx - x0) / camera.fx + margin_x, (x1 - camera.cx) / camera.fx + margin_x,
             (camera.cy - y0) / camera.fy + margin_y, (y1 - camera.cy) / camera.fy + margin_y,
@@ -74,11 +79,11 @@ class DeviceCamera:
 
 @dataclass
 class Kernels:
-    """2D kernels on the image plane, R rows: p(d) = A dx² + B dx dy + C dy² + lo (log2 of the value)."""
+    """2D kernels on the image plane, R rows: p(d) = lo - (ux dx + uy dy)² - (vy dy)² (log2 of the value)."""
 
-    A: mi.Float
-    B: mi.Float
-    C: mi.Float
+    ux: mi.Float
+    uy: mi.Float
+    vy: mi.Float
     lo: mi.Float
     variance_x: mi.Float  # Σ'_xx
     variance_y: mi.Float  # Σ'_yy
@@ -108,12 +113,13 @@ def rows(array: mi.Float, count: int, index: mi.UInt32, active=True) -> list[mi.
 
 
 def rotation_matrix(q: list[mi.Float]) -> list[list[mi.Float]]:
-    """Rotation of a quaternion (x, y, z, w) of any length; the zero quaternion is the identity."""
-    norm2 = dr.fma(q[0], q[0], dr.fma(q[1], q[1], dr.fma(q[2], q[2], q[3] * q[3])))
-    usable = (norm2 > 0) & dr.isfinite(norm2)
-    inv = dr.select(usable, dr.rsqrt(dr.select(usable, norm2, 1)), 0)
-    x, y, z = q[0] * inv, q[1] * inv, q[2] * inv
-    w = dr.select(usable, q[3] * inv, 1)
+    """Rotation of a finite quaternion (x, y, z, w) of any length; the zero quaternion is the identity."""
+    largest = dr.maximum(dr.maximum(abs(q[0]), abs(q[1])), dr.maximum(abs(q[2]), abs(q[3])))
+    usable = largest > 0
+    scale = dr.rcp(dr.select(usable, dr.detach(largest), 1))  # the square of a length need not be a float
+    q = [dr.select(usable, k * scale, default) for k, default in zip(q, (0, 0, 0, 1), strict=True)]
+    inv = dr.rsqrt(dr.fma(q[0], q[0], dr.fma(q[1], q[1], dr.fma(q[2], q[2], q[3] * q[3]))))
+    x, y, z, w = (k * inv for k in q)
     return [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
@@ -127,8 +133,20 @@ def softplus(x: mi.Float) -> mi.Float:
     return dr.select(positive, x, 0) + dr.log(1 + dr.exp(dr.select(positive, -x, x)))
 
 
+def _all_finite(values: list[mi.Float]) -> mi.Bool:
+    finite = dr.isfinite(values[0])
+    for value in values[1:]:
+        finite &= dr.isfinite(value)
+    return finite
+
+
 def _screen_kernels(axes, scales, log2_opacity, antialiased: bool) -> Kernels:
-    """2D kernel of the 3D Gaussian whose scaled axes project to the columns of ``axes`` x ``scales``."""
+    """2D kernel of the 3D Gaussian whose scaled axes project to the columns of ``axes`` x ``scales``.
+
+    vy² is the inverse of the variance of y, ux² that of the variance of x given y, both times log2(e) / 2.
+    """
+    lengths = [dr.maximum(abs(dr.detach(x)), abs(dr.detach(y))) for x, y in zip(*axes, strict=True)]
+    scales = [dr.minimum(s, MAX_AXIS / length) for s, length in zip(scales, lengths, strict=True)]
     v0 = [a * s for a, s in zip(axes[0], scales, strict=True)]  # J W R S, first row
     v1 = [a * s for a, s in zip(axes[1], scales, strict=True)]
     raw_xx = v0[0] * v0[0] + v0[1] * v0[1] + v0[2] * v0[2]
@@ -141,12 +159,15 @@ def _screen_kernels(axes, scales, log2_opacity, antialiased: bool) -> Kernels:
     if antialiased:
         log2_opacity = log2_opacity + 0.5 * dr.log2(dr.maximum(2.5e-5, raw_det / det))
     xx, yy = raw_xx + LOW_PASS, raw_yy + LOW_PASS
-    k = -0.5 * LOG2_E / det
-    return Kernels(k * yy, -2 * k * xy, k * xx, log2_opacity, xx, yy)
+    ux = dr.sqrt(0.5 * LOG2_E * yy / det)
+    return Kernels(ux, -ux * xy / yy, dr.sqrt(0.5 * LOG2_E / yy), log2_opacity, xx, yy)
 
 
 def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: bool = False) -> Projection:
     """Project N primitives; differentiable with respect to every parameter.
+
+    A primitive is not ``visible`` where its centre is not beyond the near plane, or a parameter is not finite (logit
+    opacities of ±∞ are opacities of 0 and 1).
 
     Args:
         params: raw parameters as flat row-major ``mi.Float`` arrays, keys as in ``mi.traverse`` of the ``dog`` shape;
@@ -157,11 +178,13 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     """
     n = dr.width(params["logit_opacities"])
     index = dr.arange(mi.UInt32, n)
-    W, t = camera.rotation, camera.translation
+    W = camera.rotation
 
-    mean = rows(params["means"], 3, index)
+    # from the camera centre, before anything is multiplied: far from the origin W μ + t would cancel
+    offset = zip(rows(params["means"], 3, index), camera.position, camera.position_rest, strict=True)
+    direction = [(mean - position) - rest for mean, position, rest in offset]
     px, py, depth = (
-        dr.fma(W[r][0], mean[0], dr.fma(W[r][1], mean[1], dr.fma(W[r][2], mean[2], t[r]))) for r in range(3)
+        dr.fma(W[r][0], direction[0], dr.fma(W[r][1], direction[1], W[r][2] * direction[2])) for r in range(3)
     )
     visible = (depth > camera.near_clip) & dr.isfinite(depth)
     inv_z = dr.rcp(dr.select(visible, depth, 1))
@@ -177,12 +200,14 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
         [jy * (W[1][c] - v * W[2][c]) for c in range(3)],
     ]
 
-    R = rotation_matrix(read_rows(params["quats"], 4, 4, index))
+    quats = read_rows(params["quats"], 4, 4, index)
+    R = rotation_matrix(quats)
     axes = [[JW[r][0] * R[0][c] + JW[r][1] * R[1][c] + JW[r][2] * R[2][c] for c in range(3)] for r in range(2)]
-    scales = [dr.exp(s) for s in rows(params["log_scales"], 3, index)]
+    log_scales = rows(params["log_scales"], 3, index)
+    scales = [dr.exp(s) for s in log_scales]
     log2_opacity = -LOG2_E * softplus(-params["logit_opacities"])
     kernels = _screen_kernels(axes, scales, log2_opacity, antialiased)
-    visible &= dr.isfinite(x) & dr.isfinite(y) & dr.isfinite(kernels.A + kernels.B + kernels.C)
+    visible &= _all_finite([x, y, kernels.ux, kernels.uy, *log_scales, *quats]) & ~dr.isnan(log2_opacity)
 
     pseudo, dog_row, dog_index = None, None, None
     if "dog_index" in params:
@@ -192,15 +217,18 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
             return dr.gather(mi.Float, value, dog_index, mode=dr.ReduceMode.NoConflicts)
 
         m = dr.arange(mi.UInt32, dr.width(dog_index))
-        factors = [dr.exp(f) for f in rows(params["dog_log_scales"], 3, m)]
+        log_factors = rows(params["dog_log_scales"], 3, m)
+        factors = [dr.exp(f) for f in log_factors]
         pseudo = _screen_kernels(
             [[of(a) for a in row] for row in axes],
             [of(s) * f for s, f in zip(scales, factors, strict=True)],
             of(log2_opacity) - LOG2_E * softplus(-params["dog_logit_opacities"]),
             antialiased,
         )
+        usable = _all_finite(log_factors) & ~dr.isnan(pseudo.lo)
+        visible &= (dog_row == NOT_DOG) | dr.gather(mi.Bool, usable, dog_row, dog_row != NOT_DOG)
 
-    direction = [mean[c] - camera.position[c] for c in range(3)]
-    colors = evaluate_sh(params, direction, index, visible, sh_degree)
-    visible &= dr.isfinite(colors[0] + colors[1] + colors[2])
+    radiance = evaluate_sh(params, direction, index, visible, sh_degree)
+    visible &= _all_finite(radiance)
+    colors = [dr.maximum(value, 0) for value in radiance]
     return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index)

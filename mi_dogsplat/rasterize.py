@@ -143,8 +143,8 @@ def rasterize(
         tables, lists, blended = pack(projection, features), tiles(projection, grid, options.cutoffs), None
 
     k, p = projection.kernels, projection.pseudo
-    splats = [projection.x, projection.y, k.A, k.B, k.C, k.lo, *features]
-    pseudo = [] if p is None else [p.A, p.B, p.C, p.lo]
+    splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *features]
+    pseudo = [] if p is None else [p.ux, p.uy, p.vy, p.lo]
     planes, T = dr.custom(_Composite, grid, tables, lists, settings, splats, pseudo, blended)
     if last and not recall:
         last.keep(key, list(params.values()), (tables, lists, [_detached(p) for p in planes], _detached(T)))

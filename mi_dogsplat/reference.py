@@ -31,6 +31,7 @@ MIN_ALPHA = 1 / 255  # weaker contributions are skipped
 # threshold, and the rounding of this constant alone decides between stopping and blending one more.
 MAX_ALPHA = float(np.float32(0.99))
 MIN_T = 1e-4  # the walk stops before the transmittance falls below this
+MAX_T = 2.0**30  # and before negative alphas take it above this
 MIN_ANTIALIAS_RATIO = 2.5e-5
 
 RAW_PARAMETERS = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs",
@@ -41,7 +42,7 @@ RAW_PARAMETERS = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs"
 class Projection:
     """All primitives as one camera sees them, float64; rows are zero where `visible` is false."""
 
-    visible: np.ndarray  # [N] bool, in front of the near plane and everything finite
+    visible: np.ndarray  # [N] bool, in front of the near plane and everything finite (but for logit opacities)
     means2d: np.ndarray  # [N, 2] px
     depths: np.ndarray  # [N] camera z of the centre
     cov2d: np.ndarray  # [N, 3] px^2, with the low-pass
@@ -113,6 +114,15 @@ def _extents(cov2d: np.ndarray, opacities: np.ndarray) -> np.ndarray:
     return np.sqrt(t[:, None] * cov2d[:, [0, 2]])
 
 
+def _finite_parameters(splats: Splats, basis: np.ndarray) -> np.ndarray:
+    """[N] no parameter in use is NaN or infinite; logit opacities may be infinite."""
+    raw = [splats.means, splats.log_scales, splats.quats, splats.sh_coeffs[:, : basis.shape[1]]]
+    finite = np.logical_and.reduce([np.isfinite(r).all(axis=tuple(range(1, r.ndim))) for r in raw])
+    finite &= ~np.isnan(splats.logit_opacities)
+    finite[splats.dog_index] &= np.isfinite(splats.dog_log_scales).all(1) & ~np.isnan(splats.dog_logit_opacities)
+    return finite
+
+
 @np.errstate(all="ignore")  # what is not finite or not in front of the camera is computed, then discarded
 def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialiased: bool = False,
             sh_degree: int | None = None) -> Projection:
@@ -161,7 +171,7 @@ def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialias
     extents = np.maximum(_extents(cov2d, opacities), _extents(pseudo_cov2d, pseudo_opacities))
     rows = [means2d, z, cov2d, conics, opacities, colors, pseudo_cov2d, pseudo_conics,
             pseudo_opacities, extents]
-    visible = (z > near_clip) & np.isfinite(np.column_stack(rows)).all(axis=1)
+    visible = (z > near_clip) & np.isfinite(np.column_stack(rows)).all(axis=1) & _finite_parameters(splats, basis)
     for row in rows:
         row[~visible] = 0
     return Projection(visible, means2d, z, cov2d, conics, opacities, colors, dog & visible, pseudo_cov2d,
@@ -224,6 +234,7 @@ def _blend(projection: Projection, order: np.ndarray, x: np.ndarray, y: np.ndarr
         if not smooth:
             alpha[np.abs(alpha) < MIN_ALPHA] = 0
         T_next = T * (1 - (alpha if negative_transmittance else np.maximum(alpha, 0)))
+        walking &= T_next <= MAX_T
         if not smooth:
             walking &= T_next >= MIN_T
         weight = np.where(walking, alpha * T, 0)

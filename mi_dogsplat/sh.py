@@ -39,7 +39,7 @@ def sh_basis(x: Any, y: Any, z: Any, degree: int) -> list:
 
 
 def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Bool, degree: int) -> list:
-    """Colours max(0, SH(direction) + 0.5) of visible primitives, three channels of [N].
+    """SH(direction) + 0.5 of visible primitives, three channels of [N]; where negative it is shown as 0.
 
     Args:
         params: row-major ``sh_coeffs`` [N, K, 3], or, where the constant part is trained at its own rate, ``sh_dc``
@@ -63,7 +63,7 @@ def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Boo
         color = mi.Float(0.5)
         for k, b in enumerate(basis):
             color = dr.fma(b, coefficients[3 * k + channel], color)
-        colors.append(dr.maximum(color, 0))
+        colors.append(color)
     return colors
 
 

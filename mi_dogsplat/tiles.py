@@ -39,21 +39,23 @@ SLACK = 1e-3  # px, above the rounding error of the spans
 
 
 class _Ellipses:
-    """Level sets {p >= -log2_range} of kernels, one per lane: A dx² + B dx dy + C dy² >= -t."""
+    """Level sets {p >= -log2_range} of kernels, one per lane: (ux dx + uy dy)² + (vy dy)² <= t."""
 
     def __init__(self, kernels: Kernels, log2_range: float, lookup=lambda v: v):
         def column(v):
             return lookup(dr.detach(v, preserve_type=False))
 
-        self.A, self.B, self.C = column(kernels.A), column(kernels.B), column(kernels.C)
+        self.width, self.vy = dr.rcp(column(kernels.ux)), column(kernels.vy)
+        self.slope = -column(kernels.uy) * self.width  # dx of the ellipse's middle per dy
         self.t = column(kernels.lo) + log2_range
         self.seen = self.t > 0
         t = dr.maximum(self.t, 0)
         # half extents: sqrt(2 ln2 t Σ'_xx)
         self.extent_x = dr.sqrt(1.3862943611198906 * t * column(kernels.variance_x))
         self.extent_y = dr.sqrt(1.3862943611198906 * t * column(kernels.variance_y))
-        # y of the rightmost point; the leftmost is its mirror image
-        self.y_right = -0.5 * self.B / self.C * self.extent_x
+        # y of the rightmost point, Σ'_xy / Σ'_xx of its x; the leftmost is its mirror image
+        covariance = self.slope * column(kernels.variance_y)
+        self.y_right = covariance / column(kernels.variance_x) * self.extent_x
 
     def span(self, y0, y1) -> tuple:
         """Leftmost and rightmost dx of the ellipse within dy in [y0, y1]; (inf, -inf) where it misses the band."""
@@ -61,10 +63,8 @@ class _Ellipses:
         meets = self.seen & (y0 <= y1)
 
         def side(y, sign):
-            # A x² + B y x + (C y² + t) = 0 with A < 0
-            b = self.B * y
-            root = dr.sqrt(dr.maximum(dr.fma(b, b, -4 * self.A * dr.fma(self.C * y, y, self.t)), 0))
-            return (sign * root + b) / (-2 * self.A)
+            v = self.vy * y
+            return dr.fma(self.slope, y, sign * self.width * dr.sqrt(dr.maximum(dr.fma(-v, v, self.t), 0)))
 
         right = side(dr.clip(self.y_right, y0, y1), 1)
         left = side(dr.clip(-self.y_right, y0, y1), -1)

@@ -257,8 +257,8 @@ def test_statistics_average_over_the_views_that_saw_a_primitive():
         gx, gy = rng.normal(size=(2, n))
         stats.add(mi.Float(gx), mi.Float(gy), projection, width, height)
 
-        A, B, C = (np.float64(getattr(projection.kernels, k).numpy()) for k in "ABC")
-        conic = -2 * np.log(2) * np.array([[A, B / 2], [B / 2, C]]).transpose(2, 0, 1)  # [N, 2, 2]
+        ux, uy, vy = (np.float64(getattr(projection.kernels, k).numpy()) for k in ("ux", "uy", "vy"))
+        conic = 2 * np.log(2) * np.array([[ux * ux, ux * uy], [ux * uy, uy * uy + vy * vy]]).transpose(2, 0, 1)  # [N, 2, 2]
         r = 3 / np.sqrt(np.linalg.eigvalsh(conic)[:, 0])
         x, y = projection.x.numpy(), projection.y.numpy()
         seen = projection.visible.numpy() & (abs(x - width / 2) < width / 2 + r)

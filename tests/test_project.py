@@ -26,7 +26,8 @@ def columns(*values: Any) -> np.ndarray:
 
 def conics(k: Kernels) -> np.ndarray:
     """[R, 3] as the twin has them: d^T conic d / 2 in nats."""
-    return columns(-2 * k.A.numpy(), -k.B.numpy(), -2 * k.C.numpy()) / LOG2_E
+    ux, uy, vy = (v.numpy().astype(float) for v in (k.ux, k.uy, k.vy))
+    return 2 * columns(ux * ux, ux * uy, uy * uy + vy * vy) / LOG2_E
 
 
 def assert_close(got: np.ndarray, expected: np.ndarray, name: str):
@@ -151,7 +152,7 @@ def test_a_primitive_on_the_camera_centre_has_a_finite_colour_and_derivative():
     params = upload(splats)
     dr.enable_grad(params["means"])
     p = project(params, DeviceCamera.upload(make_camera(), 0.0), sh_degree=3)
-    dr.backward(dr.sum(p.colors[0] + p.x + p.kernels.A))
+    dr.backward(dr.sum(p.colors[0] + p.x + p.kernels.ux))
     assert np.isfinite(dr.grad(params["means"]).numpy()).all()
     assert np.isfinite(np.array(p.colors[0])).all()
 

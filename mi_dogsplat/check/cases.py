@@ -1,0 +1,220 @@
+"""Stiff and extreme inputs: small scenes, each with one thing in it that breaks naive splatting code.
+
+Every case stands among a dozen ordinary primitives, so that harm done to neighbours shows as well. What the right
+answer is says the float64 twin (``reference.py``): it drops what is not in front of the near plane or not finite, and
+evaluates the formula for all the rest. Where float32 cannot, or nobody could say what is right, ``defined`` says in
+words what happens instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..cameras import Camera
+from ..reference import RAW_PARAMETERS
+from ..splats import Splats
+
+WIDTH, HEIGHT, FOCAL = 48, 40, 45.0
+C0 = 0.28209479177387814  # colour = 0.5 + C0 * (constant SH coefficient)
+SCALES = (0.2, 0.3, 0.45)
+BELOW = "below 1/255 everywhere: not drawn, gradient zero"
+_K = np.array([[0, -0.1, -0.2], [0.1, 0, -0.3], [0.2, 0.3, 0]])
+TURN = np.linalg.solve(np.eye(3) - _K, np.eye(3) + _K)  # world to camera, a rotation (Cayley)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, and what to expect of it."""
+
+    group: str
+    name: str
+    splats: Splats
+    camera: Camera
+    extreme: np.ndarray  # rows of the primitives that make the case
+    defined: str = ""  # what happens where the formula has no answer; empty: the float64 twin is right
+    hidden: bool = False  # below 1/255: compare gradients with the cutoffs, which make them zero
+    near_clip: float = 0.2
+    background: tuple[float, float, float] = (0.1, 0.2, 0.3)
+
+
+def camera(width: int = WIDTH, height: int = HEIGHT, focal: float = FOCAL, centre: Any = (0, 0, 0)) -> Camera:
+    """Looks along +z from ``centre``, a little turned, so that no number is zero by chance."""
+    w2c = np.eye(4)
+    w2c[:3, :3], w2c[:3, 3] = TURN, -TURN @ np.asarray(centre, float)
+    return Camera(w2c, focal, 1.05 * focal, 0.48 * width, 0.53 * height, width, height)
+
+
+def primitives(
+    means: Any, scales: Any = SCALES, opacity: Any = 0.6, quats: Any = (0.3, -0.2, 0.5, 0.8), color: Any = (0.9, 0.5, 0.2),
+    logits: Any = None, dog: bool = False, f_a: Any = 0.5, F: Any = 1.6, log_scales: Any = None,
+) -> Splats:  # fmt: skip
+    """One primitive per row of ``means`` (camera space of ``camera()``), SH degree 1; scalars are spread."""
+    means = np.asarray(means, float).reshape(-1, 3) @ TURN
+    n = len(means)
+    sh = np.zeros((n, 4, 3))
+    sh[:, 0] = (np.broadcast_to(np.asarray(color, float), (n, 3)) - 0.5) / C0
+    sh[:, 1:] = 0.1 * np.cos(np.arange(9)).reshape(3, 3)
+    opacity, f_a = np.broadcast_to(opacity, n), np.broadcast_to(f_a, n)
+    with np.errstate(divide="ignore"):
+        logits = np.log(opacity) - np.log1p(-opacity) if logits is None else np.broadcast_to(logits, n)
+        log_scales = np.log(np.broadcast_to(scales, (n, 3))) if log_scales is None else log_scales
+        dog_part = {
+            "dog_index": np.arange(n),
+            "dog_logit_opacities": np.log(f_a) - np.log1p(-f_a),
+            "dog_log_scales": np.log(np.broadcast_to(F, (n, 3))),
+        }
+    return Splats(
+        means=means, log_scales=np.broadcast_to(log_scales, (n, 3)), quats=np.broadcast_to(quats, (n, 4)),
+        logit_opacities=logits, sh_coeffs=sh, **(dog_part if dog else {}),
+    )  # fmt: skip
+
+
+def bystanders(distance: float = 4.0, size: float = 0.25) -> Splats:
+    """Twelve ordinary primitives around ``distance``, three of them DoG."""
+    rng = np.random.default_rng(7)
+    means = rng.uniform([-1.6, -1.3, 0.7], [1.6, 1.3, 1.6], (12, 3)) * distance / 4 * (1, 1, 4)
+    scales = size * distance / 4 * np.exp(rng.normal(0, 0.4, (12, 3)))
+    color, quats = rng.uniform(0.1, 1, (12, 3)), rng.normal(size=(12, 4))
+    plain = primitives(means[:9], scales[:9], rng.uniform(0.2, 0.9, 9), quats[:9], color[:9])
+    return together(plain, primitives(means[9:], scales[9:], 0.7, quats[9:], color[9:], dog=True))
+
+
+def together(*parts: Splats) -> Splats:
+    """Several models as one."""
+    first = np.cumsum([0, *(p.n_splats for p in parts[:-1])])
+    joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in RAW_PARAMETERS}
+    index = np.concatenate([p.dog_index.astype(np.int64) + k for p, k in zip(parts, first, strict=True)])
+    return Splats(dog_index=index, **joined)
+
+
+def cases() -> Iterator[Case]:
+    """All cases, group by group."""
+    yield from _shapes()
+    yield from _opacities_and_colors()
+    yield from _depths()
+    yield from _quaternions()
+    yield from _dog()
+    yield from _not_finite()
+    yield from _cameras()
+
+
+def _case(group: str, name: str, extreme: Splats, defined: str = "", view: Camera | None = None, **settings) -> Case:
+    """``extreme`` among the bystanders, its rows last."""
+    neighbours = bystanders()
+    splats = together(neighbours, extreme)
+    rows = np.arange(neighbours.n_splats, splats.n_splats)
+    return Case(group, name, splats, view or camera(), rows, defined, **settings)
+
+
+def _shapes() -> Iterator[Case]:
+    for exponent in range(1, 7):
+        ratio = 10.0**exponent
+        for name, scales in {"needle": (1 / ratio, 1 / ratio, 1), "disc": (1 / ratio, 1, 1)}.items():
+            yield _case("shape", f"{name}, axis ratio 1e{exponent}", primitives((0.1, 0.2, 4), scales))
+    yield _case("shape", "needle, 40,000 px long", primitives((0.1, 0.2, 4), (1e-3, 1e-3, 1e3)))
+    yield _case("shape", "needle along the optical axis", primitives((0.02, 0.01, 4), (0.05, 0.05, 50)))
+    for exponent in (-12, -6, -3, 3, 6, 12):
+        yield _case("size", f"scale 1e{exponent}", primitives((0.1, 0.2, 4), 10.0**exponent))
+    yield _case("size", "scales 1e-12, 1 and 1e6 in one", primitives((0.1, 0.2, 4), (1e-12, 1, 1e6)))
+    for exponent in (80, 300, -300):
+        yield _case("size", f"scale e^{exponent}", primitives((0.1, 0.2, 4), log_scales=exponent))
+    rng = np.random.default_rng(3)
+    many = rng.uniform([-1.2, -1, 3], [1.2, 1, 5], (300, 3))
+    yield _case("size", "300 of a thousandth of a pixel", primitives(many, (1e-4, 2e-4, 3e-4), color=rng.uniform(0, 1, (300, 3))))
+    yield _case("size", "20 that fill the screen", primitives(many[:20], (20, 30, 40), 0.3))
+
+
+def _opacities_and_colors() -> Iterator[Case]:
+    for logit in (-np.inf, -1e4, -88, -17, 17, 88, 1e4, np.inf):
+        yield _case("opacity", f"logit {logit:g}", primitives((0.1, 0.2, 3), logits=logit))
+    for value in (1e4, 1e8, -1e8, 1e30):
+        yield _case("colour", f"constant SH coefficient {value:g}", primitives((0.1, 0.2, 3), color=0.5 + C0 * value))
+
+
+def _depths() -> Iterator[Case]:
+    yield _case("depth", "five coincident", primitives([(0.1, 0.2, 3)] * 5))
+    plane = np.column_stack([*np.random.default_rng(5).uniform(-0.8, 0.8, (2, 40)), np.full(40, 3.0)])
+    forty = replace(primitives(plane, (0.1, 0.2, 0.3), color=np.linspace(0, 1, 120).reshape(40, 3)), means=plane)
+    ahead = replace(camera(), w2c=np.eye(4))  # or rounding would set their depths apart
+    yield _case("depth", "forty of equal depth", forty, "drawn in the order of their rows", ahead)
+    for name, z in {"on the camera": 0.0, "behind the camera": -2.0, "a bit nearer than the near plane": 0.1999,
+                    "a bit farther": 0.2001}.items():  # fmt: skip
+        yield _case("depth", name, primitives((0.0 if z == 0 else 0.02, 0.0, z)))
+    yield _case("depth", "wide, its centre behind the camera", primitives((0.1, 0, -0.5), (2, 3, 4)))
+    yield _case("depth", "wide, its centre just before the near plane", primitives((0.1, 0, 0.21), (2, 3, 4)))
+    yield _case("depth", "no near plane, 1e-6 before the camera", primitives((1e-7, 0, 1e-6), (1e-7, 2e-7, 3e-7)), near_clip=0.0)
+    off_axis = primitives((2.0, 0, 1e-4))
+    yield _case("depth", "no near plane, far off the axis", off_axis, BELOW, near_clip=0.0, hidden=True)
+    yield _case("depth", "1e8 away", primitives((1e7, 0, 1e8), (1e7, 2e7, 3e7)))
+    rng = np.random.default_rng(1)
+    layers = np.column_stack([*rng.uniform(-0.3, 0.3, (2, 10_000)), np.linspace(2, 6, 10_000)])
+    for opacity in (0.003, 0.0045, 0.05, 0.999):
+        colors = rng.uniform(0, 1, (10_000, 3))
+        yield _case("depth", f"10,000 layers of opacity {opacity}", primitives(layers, opacity=opacity, color=colors))
+
+
+def _quaternions() -> Iterator[Case]:
+    direction = np.array([0.3, -0.2, 0.5, 0.8])
+    for length in (0, 1e-30, 1e-12, 1e-3, 1e3, 1e12, 1e30):
+        name = f"length {length:g}" + (": no rotation" if length == 0 else "")
+        yield _case("quaternion", name, primitives((0.1, 0.2, 3), (0.1, 0.3, 0.6), quats=direction * length))
+
+
+def _dog() -> Iterator[Case]:
+    def dog(name: str, f_a: float, F: float, count: int = 1, opacity: float = 0.7, defined: str = "", **more) -> Case:
+        means = np.column_stack([np.full((count, 2), 0.1), np.linspace(2.5, 3.5, count)])
+        return _case("DoG", name, primitives(means, SCALES, opacity, dog=True, f_a=f_a, F=F), defined, **more)
+
+    # the subtraction G - G_p is exact, and its operands' rounding of 6e-8 is little beside 1/255
+    yield dog("f_a and F at 1 - 0.01", 0.99, 0.99)
+    for gap in (1e-4, 1e-6):
+        yield dog(f"f_a and F at 1 - {gap:g}", 1 - gap, 1 - gap, defined=BELOW, hidden=True)
+    for gap in (1e-2, 1e-4, 1e-6):
+        yield dog(f"f_a at 1 - {gap:g}, F .5: a hollow centre", 1 - gap, 0.5)
+    yield dog("f_a .5, F 1e-6: a prick", 0.5, 1e-6)
+    yield dog("f_a .5, F 1e4: a veil", 0.5, 1e4)
+    yield dog("f_a .5, F 1e8", 0.5, 1e8)
+    yield dog("f_a 1e-30: no pseudo-Gaussian", 1e-30, 1.6)
+    yield dog("f_a 0", 0, 1.6)
+    yield dog("f_a 1", 1, 1.6)
+    yield dog("20 negative lobes on each other", 0.9, 1.6, 20)
+    yield dog("200 negative lobes on each other", 0.5, 1.3, 200)
+    ends = "the walk ends before T would exceed 2^30"
+    yield dog("10,000 negative lobes on each other", 0.9, 2.0, 10_000, 0.9, ends)
+
+
+def _not_finite() -> Iterator[Case]:
+    names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs", "dog_logit_opacities", "dog_log_scales")
+    for name in names:
+        for value in (np.nan, np.inf, -np.inf):
+            if "logit" in name and not np.isnan(value):
+                continue  # an opacity of 0 or 1, see there
+            extreme = primitives([(0.1, 0.2, 3), (0.3, 0.2, 3.2)], dog=name.startswith("dog"))
+            broken = getattr(extreme, name).copy()
+            broken.reshape(2, -1)[0, -1] = value
+            broken_splats = replace(extreme, **{name: broken})
+            yield _case("not finite", f"{name} {value:g}", broken_splats, "not drawn, gradient zero")
+
+
+def _cameras() -> Iterator[Case]:
+    ordinary = primitives((0.1, 0.2, 3))
+    for width, height in ((1, 1), (1, 97), (97, 1), (17, 33)):
+        yield _case("camera", f"image of {width}x{height}", ordinary, view=camera(width, height, 0.9 * max(width, height)))
+    for degrees in (1, 175, 179.9):
+        focal = WIDTH / 2 / np.tan(np.radians(degrees) / 2)
+        yield _case("camera", f"field of view {degrees} degrees", ordinary, view=camera(focal=focal))
+    for distance in (1e3, 1e6):
+        centre = distance * np.array([0.6, -0.64, 0.48])
+        moved = together(bystanders(), ordinary)
+        moved = replace(moved, means=moved.means.astype(float) + centre)
+        rows = np.array([moved.n_splats - 1])
+        yield Case("camera", f"scene {distance:g} from the origin", moved, camera(centre=centre), rows)
+    for unit in (1e-9, 1e-6, 1e6, 1e9):
+        scaled = together(bystanders(), ordinary)
+        means, log_scales = scaled.means.astype(float) * unit, scaled.log_scales + np.log(unit)
+        scaled, rows = replace(scaled, means=means, log_scales=log_scales), np.array([scaled.n_splats - 1])
+        yield Case("camera", f"scene units of {unit:g}", scaled, camera(), rows, near_clip=0.2 * unit)

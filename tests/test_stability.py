@@ -1,0 +1,47 @@
+"""Stiff and extreme inputs: each gives the right number or a documented one, and never a NaN."""
+
+import numpy as np
+import pytest
+from mi_dogsplat.check.cases import Case, camera, cases, primitives
+from mi_dogsplat.check.stability import GRADIENT_TOLERANCE, IMAGE_TOLERANCE, answer, measure
+from mi_dogsplat.geometry import SMOOTH, Cutoffs
+
+CASES = {f"{case.group}: {case.name}": case for case in cases()}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_answer_is_right_or_documented(name):
+    row = measure(CASES[name])
+    assert row["finite"]
+    assert row["verdict"] != "wrong", row
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if name.startswith("not finite")])
+def test_the_primitive_that_is_not_finite_has_no_gradient_and_leaves_its_neighbours_alone(name):
+    case = CASES[name]
+    broken, whole = case.extreme[0], np.setdiff1d(np.arange(case.splats.n_splats), case.extreme[:1])
+    without = Case(case.group, name, case.splats.select(whole), case.camera, case.extreme[:0])
+    for cutoffs in (Cutoffs(), SMOOTH):
+        got, expected = answer(case, cutoffs), answer(without, cutoffs)
+        np.testing.assert_array_equal(got.image, expected.image)
+        for parameter, gradient in got.gradients.items():
+            if not parameter.startswith("dog"):
+                assert not gradient[broken].any()
+                np.testing.assert_allclose(gradient[whole], expected.gradients[parameter], rtol=1e-5, atol=1e-6)
+
+
+def test_all_that_must_be_covered_is():
+    groups = {case.group for case in CASES.values()}
+    assert groups == {"shape", "size", "opacity", "colour", "depth", "quaternion", "DoG", "not finite", "camera"}
+    assert len(CASES) == len(list(cases()))  # no two of one name
+    assert max(len(case.extreme) for case in CASES.values()) == 10_000
+
+
+def test_a_wrong_answer_is_called_wrong(monkeypatch):
+    case = Case("shape", "x", primitives([(0.1, 0.2, 3), (0.3, 0.1, 4)]), camera(), np.arange(2))
+    assert measure(case)["verdict"] == "right"
+    for name in ("IMAGE_TOLERANCE", "GRADIENT_TOLERANCE"):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"mi_dogsplat.check.stability.{name}", 1e-12)
+            assert measure(case)["verdict"] == "wrong"
+    assert 0 < IMAGE_TOLERANCE < 1 / 255 and 0 < GRADIENT_TOLERANCE < 0.1
