@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 
+from .check import PARTS
 from .cli_arguments import ABLATION, build_parser
 from .config import TrainConfig
 from .errors import DataError
@@ -103,11 +105,45 @@ def evaluate(args: argparse.Namespace) -> None:
         write_json(args.out / "metrics.json", {"test": mean_metrics(views), "views": views, "n": splats.n_splats})
 
 
+def check(args: argparse.Namespace) -> int:
+    """How far the numbers can be trusted, and what each digit costs: numerics as one report."""
+    _config(args)
+    parts = args.only or [part for part in PARTS if part != "training" or args.runs]
+    _check_parts(args, parts)
+    _set_variant(args.variant)
+    from .check.run import check as run_check
+    from .check.run import model_to_check
+
+    model = model_to_check(args) if args.model else None
+    report = run_check(model, args.out, args.runs, parts, args.width, args.rounds, lambda line: print(line, flush=True))
+    print(args.out / "check.html")
+    if wrong := [row["name"] for row in report.get("stability", []) if row["verdict"] == "wrong"]:
+        print(f"dogsplat: stability: {len(wrong)} wrong: {', '.join(wrong)}", file=sys.stderr)
+    return 1 if wrong else 0
+
+
+def _check_parts(args: argparse.Namespace, parts: Sequence[str]) -> None:
+    """Raise ``DataError`` for parts that are unknown or lack what they need, and for what no part would use."""
+    if unknown := [part for part in parts if part not in PARTS]:
+        raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(PARTS)}")
+    if "training" in parts and not args.runs:
+        raise DataError("--only", "training has no run to read", "add --runs RUN")
+    for part, flag, given in (("training", "--runs", args.runs), ("work-precision", args.model, args.model)):
+        if given and part not in parts:
+            raise DataError(flag, f"is for {part} alone", f"add {part} to --only, or leave it out")
+    for flag, value, least in (("--width", args.width, 16), ("--rounds", args.rounds, 1)):
+        if value < least:
+            raise DataError(flag, f"{value} is too small", f"use at least {least}")
+
+
 def info(args: argparse.Namespace) -> None:
-    """Say what a file is: counts, ranges, and problems found."""
-    if args.file.suffix == ".xml":
-        _set_variant("auto")  # to render the sensors of a scene
-    from .info import describe
+    """Say what a file is: counts, ranges, and problems found; or what its kernels need and what they leave out."""
+    if args.features or args.file.suffix == ".xml":
+        _set_variant("auto")  # to count operations, to render the sensors of a scene
+    if args.features:
+        from .features import describe_features as describe
+    else:
+        from .info import describe
 
     print("\n".join(describe(args.file)))
 
@@ -146,8 +182,8 @@ def _set_variant(name: str) -> None:
     mi.set_variant(name)
 
 
-COMMANDS = {
-    "train": train, "prune": prune, "ablate": ablate, "render": render, "eval": evaluate, "info": info
+COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
+    "train": train, "prune": prune, "ablate": ablate, "render": render, "eval": evaluate, "check": check, "info": info
 }  # fmt: skip
 
 
@@ -155,7 +191,7 @@ def main(argv: list[str] | None = None) -> int:
     """Entry point; returns the exit status."""
     args = build_parser({name: run.__doc__ or "" for name, run in COMMANDS.items()}).parse_args(argv)
     try:
-        COMMANDS[args.command](args)
+        return COMMANDS[args.command](args) or 0
     except DataError as error:
         print(f"dogsplat: {error}", file=sys.stderr)
         return 2
@@ -167,4 +203,3 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("dogsplat: stopped before the end; nothing is half-written", file=sys.stderr)
         return 130
-    return 0

@@ -8,8 +8,10 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
+from .check import PARTS
 from .cli_help import (
     ABLATE_EXAMPLES,
+    CHECK_EXAMPLES,
     EPILOG,
     EVAL_EXAMPLES,
     INFO_EXAMPLES,
@@ -109,6 +111,18 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     p.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json")
     _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
 
+    p = command("check", "numerics: error against float64 and run time, extreme inputs", CHECK_EXAMPLES)
+    p.add_argument("model", type=Path, nargs="?", metavar="MODEL", help="model .ply to measure as well")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder for check.html and check.json")
+    p.add_argument("--only", nargs="+", metavar="PART", help=f"of {' '.join(PARTS)} (default: all that can be run)")
+    p.add_argument("--runs", type=Path, nargs="+", default=[], metavar="RUN", help="run folders, for training")
+    p.add_argument("--data", metavar="DATA", help="data set whose views --camera names")
+    p.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA by name, or a camera JSON file")
+    p.add_argument("--width", type=int, default=256, metavar="N", help="of the pictures, in pixels (default: 256)")
+    p.add_argument("--rounds", type=int, default=9, metavar="N", help="timings of each setting (default: 9)")
+    _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
+
     p = command("info", "what a file is and what is wrong with it", INFO_EXAMPLES)
     p.add_argument("file", type=Path, metavar="FILE", help="model .ply, run folder, or data set")
+    p.add_argument("--features", action="store_true", help="what the kernels need for it, at what cost, and leave out")
     return parser

@@ -8,7 +8,7 @@ A first run:
 
 photos/ is a COLMAP folder (images/ and sparse/0), a folder with transforms.json (instant-ngp, nerfstudio) or
 transforms_train.json (NeRF synthetic), or a Mitsuba scene XML. run/report.html tells how it went.
-Exit codes: 0 done, 2 wrong use or bad input (one line says what to do).
+Exit codes: 0 done, 2 wrong use or bad input (one line says what to do); 1 where dogsplat check found a defect.
 """
 
 TRAIN_EXAMPLES = """
@@ -64,9 +64,24 @@ Examples:
 
 Use the --downscale that the model was trained with, else the numbers say little about it.
 """
+CHECK_EXAMPLES = """
+Examples:
+  dogsplat check -o checked                              scenes made here, stability cases, stiffness
+  dogsplat check run/point_cloud.ply -o checked --data photos/ --camera 0001
+                                                         and a model, from a view of its data
+  dogsplat check -o checked --only stability             a part alone: in a minute
+  dogsplat check -o checked --only training --runs run_a run_b
+                                                         training error against run time of two runs
+
+work-precision: error of image and gradients against float64, and run time, over cutoffs, tile bounds, shared
+exponentials, primitives kept, SH degree, DoG; leave the machine alone meanwhile. stability: inputs that break
+naive splatting code. stiffness: step-size limits, and a training run that is poisoned. training: of --runs.
+DIR/check.html shows it all, DIR/check.json holds it. A stability case that is wrong is printed; exit code 1.
+"""
 INFO_EXAMPLES = """
 Examples:
   dogsplat info run/point_cloud.ply   counts, ranges, and primitives that are broken or wasted
   dogsplat info run/                  settings and result of a run
   dogsplat info photos/               views, split, points, and whether the cameras see the points
+  dogsplat info --features scene.xml  what its kernels need, at what cost, and what is left out of them
 """

@@ -95,7 +95,7 @@ class DensifyStats:
         Float: Any = dr.detached_t(mi.Float)
         k = projection.kernels
         variance_x, variance_y = detached(k.variance_x), detached(k.variance_y)
-        covariance = -0.5 * detached(k.B) / detached(k.A) * variance_y  # A : B = yy : -2 xy
+        covariance = -detached(k.uy) / detached(k.ux) * variance_y  # ux : uy = yy : -xy
         x, y = detached(projection.x), detached(projection.y)
         w, h = dr.opaque(Float, width), dr.opaque(Float, height)
         mean, half_difference = 0.5 * (variance_x + variance_y), 0.5 * (variance_x - variance_y)
@@ -105,7 +105,7 @@ class DensifyStats:
         seen &= (y > -radius) & (y < h + radius)
         gx, gy = detached(gradient_x) * (0.5 * w), detached(gradient_y) * (0.5 * h)
         norm = dr.sqrt(dr.fma(gx, gx, gy * gy))
-        self.gradient_sum += dr.select(seen, norm, 0)
+        self.gradient_sum += dr.select(seen & dr.isfinite(norm), norm, 0)
         self.views += dr.select(seen, 1, 0)
         self.max_radius = dr.maximum(self.max_radius, dr.select(seen, radius, 0))
         dr.schedule(self.gradient_sum, self.views, self.max_radius)
@@ -118,6 +118,10 @@ class DensifyStats:
         """Take over the ``state()`` of statistics with as many rows."""
         for name in ("gradient_sum", "views", "max_radius"):
             setattr(self, name, dr.detach(device_array(state[name]), preserve_type=False))
+
+    def keep(self, rows: np.ndarray) -> None:
+        """Forget all rows but these, as the optimizer did."""
+        self.restore({name: values[rows] for name, values in self.state().items()})
 
     def mean_gradient(self) -> np.ndarray:
         """[N] mean over the views that saw the primitive; 0 if none did."""
@@ -132,32 +136,29 @@ def refine(
     rng: np.random.Generator,
     extent: float,
 ) -> dict[str, int]:
-    """Grow where the image pulls at primitives, remove what cannot be seen or is not a number.
+    """Grow where the image pulls at primitives, remove what cannot be seen.
 
-    Returns how many were ``cloned``, ``split`` and ``removed``, and how many of these were ``not_finite``.
-    Neither the result nor anything on the way to it has more than ``rule.max_primitives`` rows; if not
-    all fit, those with the largest gradients come first. Raises ``FloatingPointError`` when none is finite.
+    Returns how many were ``cloned``, ``split`` and ``removed``. Neither the result nor anything on the way to it has
+    more than ``rule.max_primitives`` rows; if not all fit, those with the largest gradients come first. Values have to
+    be finite (``broken.py``).
     """
     n = optimizer.n
     if (rows := dr.width(stats.views)) != n:
         raise ValueError(f"refine: the statistics have {rows} rows, the optimizer has {n}; make new ones")
     log_scales, logits = optimizer.numpy("log_scales"), optimizer.numpy("logit_opacities")
     largest = np.exp(np.clip(log_scales.max(1), -80, 80))  # [N] world units
-    broken = _not_finite(optimizer)
-    if broken.all():
-        raise FloatingPointError(f"step {step}: no primitive is finite any more; the training has diverged")
     with np.errstate(over="ignore"):
         opacity = 1 / (1 + np.exp(-logits))
-    gradient = np.where(np.isfinite(gradient := stats.mean_gradient()), gradient, 0)
+    gradient = stats.mean_gradient()
     grow = gradient > rule.gradient_threshold
     small = largest <= rule.clone_scale * extent  # cloned, not split
-    remove = broken | (opacity < rule.min_opacity)
+    remove = opacity < rule.min_opacity
     if rule.removes_large(step):
         halved = np.where(grow & ~small, largest / rule.split_divisor, largest)  # a half may be small enough
         remove |= stats.max_radius.numpy() > rule.max_screen_radius
         remove |= halved > rule.max_world_scale * extent
     if remove.all():
-        remove[np.argmax(np.where(broken, -1, opacity))] = False  # an empty model cannot recover
+        remove[np.argmax(opacity)] = False  # an empty model cannot recover
 
     grow &= ~remove
     if rule.max_primitives is not None:
@@ -178,17 +179,7 @@ def refine(
         optimizer.rearrange(index, fresh)
         if len(split):
             _place_halves(optimizer, len(index) - 2 * len(split), rng, rule.split_divisor)
-    removed, not_finite = int(remove.sum()), int(broken.sum())
-    return {"cloned": len(clone), "split": len(split), "removed": removed, "not_finite": not_finite}
-
-
-def _not_finite(optimizer: SplatOptimizer) -> np.ndarray:
-    """[N] whether any parameter of the primitive or of its pseudo-Gaussian is NaN or infinite."""
-    broken = np.zeros(optimizer.n, bool)
-    for name in optimizer.adam:
-        rows = optimizer.dog_index if name.startswith("dog_") else slice(None)
-        broken[rows] |= ~np.isfinite(optimizer.numpy(name).reshape(len(broken[rows]), -1)).all(1)
-    return broken
+    return {"cloned": len(clone), "split": len(split), "removed": int(remove.sum())}
 
 
 def _place_halves(optimizer: SplatOptimizer, first: int, rng: np.random.Generator, divisor: float) -> None:

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .datasets import Dataset, check_cameras, load_dataset
-from .datasets.colmap import find_model
-from .datasets.transforms import find_transforms
 from .errors import DataError
 from .framing import CORE, robust_sphere
 from .ply import read_ply
 from .run_folder import read_run
 from .splats import Splats
 from .wording import count, duration, file_size, finite, fixed
+
+if TYPE_CHECKING:
+    from .datasets import Dataset
 
 ACCEPTED = (
     "give a model .ply, a run folder, or a data set: a COLMAP folder, a folder with transforms.json or "
@@ -36,16 +36,28 @@ def describe(path: str | Path) -> list[str]:
     A Mitsuba scene as data set is rendered, which needs a variant to be set.
     """
     path = Path(path)
+    describer = {"model": describe_model, "run": describe_run, "data": describe_dataset}[kind_of(path)]
+    return describer(path)
+
+
+def kind_of(path: Path) -> str:
+    """``model``, ``run`` or ``data``, by names alone. Raises ``DataError`` for all else."""
     if not path.exists():
         raise DataError(path, "no such file or folder", ACCEPTED)
     if path.is_file() and path.suffix.lower() == ".ply":
-        return describe_model(path)
+        return "model"
     if path.is_dir() and any((path / name).is_file() for name in RUN_FILES):
-        return describe_run(path)
-    is_data = (find_model(path) or find_transforms(path)) if path.is_dir() else path.suffix in (".xml", ".json")
-    if not is_data:
-        raise DataError(path, "not something dogsplat knows", ACCEPTED)
-    return describe_dataset(path)
+        return "run"
+    if path.suffix in (".xml", ".json") if path.is_file() else _is_dataset(path):
+        return "data"
+    raise DataError(path, "not something dogsplat knows", ACCEPTED)
+
+
+def _is_dataset(folder: Path) -> bool:
+    from .datasets.colmap import find_model  # here: data sets need the extra "train", models and runs do not
+    from .datasets.transforms import find_transforms
+
+    return bool(find_model(folder) or find_transforms(folder))
 
 
 def describe_model(path: Path) -> list[str]:
@@ -128,6 +140,8 @@ def describe_run(path: Path) -> list[str]:
 
 def describe_dataset(path: Path) -> list[str]:
     """Views, split, points, and whether cameras and points agree."""
+    from .datasets import check_cameras, load_dataset  # here: see ``_is_dataset``
+
     dataset = load_dataset(path, spp=SCENE_SPP)
     check = check_cameras(dataset)
     lines = [

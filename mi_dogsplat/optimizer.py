@@ -2,7 +2,8 @@
 
 The update rule is the library's (``mi.ad.Adam``). What is ours: learning rates per parameter and their
 schedule, and moving rows: cloning, splitting and removing primitives must carry both moments along, or
-training forgets.
+training forgets. And a gradient that is not finite, or whose square is not, counts as zero: Adam would keep it in the
+second moment for ever, as a NaN in the parameter or an infinity that freezes it.
 
 Arrays that cross between host and device are always copied, to aligned memory. On the CPU Dr.Jit would share
 memory with NumPy, and whether an array begins at a multiple of 64 bytes decides which kernel is compiled.
@@ -26,6 +27,8 @@ from .splats import Splats
 
 ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}
 DOG_ROW_SIZE = {"dog_logit_opacities": 1, "dog_log_scales": 3, RING: 3}
+MAX_GRADIENT = 1e18  # its square is a float32
+EPSILON = 1e-15  # of Adam, as in 3DGS: gradients far below move nothing
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,7 @@ class SplatOptimizer:
         if splats.n_dog:
             values |= {name: getattr(splats, name) for name in RAW_DOG}
             self.row_size |= DOG_ROW_SIZE
-        self.adam = mi.ad.Adam(lr=0.0, epsilon=1e-15, params={name: device_array(v) for name, v in values.items()})
+        self.adam = mi.ad.Adam(lr=0.0, epsilon=EPSILON, params={name: device_array(v) for name, v in values.items()})
         self._refresh_dog_index()
         self.schedule(0)
 
@@ -141,6 +144,9 @@ class SplatOptimizer:
 
     def step(self) -> None:
         """One Adam step with the gradients on the parameters, which are then cleared."""
+        for value in self.adam.values():
+            gradient = dr.grad(value)
+            dr.set_grad(value, dr.select(dr.abs(gradient) < MAX_GRADIENT, gradient, 0))  # false for NaN
         self.adam.step()
 
     def numpy(self, name: str) -> np.ndarray:
@@ -287,8 +293,11 @@ class SplatOptimizer:
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
         """Take over the ``state()`` of an optimizer, whatever its number of primitives.
 
-        Raises ``ValueError`` when it is incomplete or of another SH degree.
+        Raises ``ValueError`` when it is incomplete, of another SH degree, or has a value that is not finite.
         """
+        not_finite = [name for name, values in saved.items() if not np.isfinite(values).all()]
+        if not_finite:
+            raise ValueError(f"SplatOptimizer.restore: {not_finite[0]} of the state is not finite")
         names = [name for name in self.row_size if not name.startswith("dog_")]
         n = np.size(saved.get("logit_opacities", ()))
         wrong = [name for name in names if np.size(saved.get(name, ())) != n * self.row_size[name]]

@@ -9,8 +9,8 @@ Notation (Kerbl et al. 2023; method paper, Sec. 3)
 
 The quadratic form is kept in units of log2 with the opacity folded in as ``lo``: the compositor then needs neither a
 multiplication by the opacity nor a change of base, and logit opacities of any magnitude stay finite. It is kept as a
-sum of squares because its expanded form A dx² + B dx dy + C dy² cancels on needles, whose rounding errors then grow with
-the square of their length in pixels instead of the length.
+sum of squares because its expanded form A dx² + B dx dy + C dy² cancels on needles: their rounding errors would grow
+with the square of their length in pixels, not with the length.
 """
 
 # Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
@@ -212,6 +212,7 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     pseudo, dog_row, dog_index = None, None, None
     if "dog_index" in params:
         dog_row, dog_index = params["dog_row"], params["dog_index"]
+        dr.eval(axes, scales, log2_opacity)  # in one kernel: a gather launches one for what is not evaluated yet
 
         def of(value):
             return dr.gather(mi.Float, value, dog_index, mode=dr.ReduceMode.NoConflicts)
@@ -226,6 +227,7 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
             antialiased,
         )
         usable = _all_finite(log_factors) & ~dr.isnan(pseudo.lo)
+        dr.eval(pseudo, usable)  # for the same reason
         visible &= (dog_row == NOT_DOG) | dr.gather(mi.Bool, usable, dog_row, dog_row != NOT_DOG)
 
     radiance = evaluate_sh(params, direction, index, visible, sh_degree)

@@ -72,8 +72,8 @@ class LastFrame:
 class _Composite(dr.CustomOp):
     """``composite`` as an operation on AD variables. Inputs and outputs are flat lists."""
 
-    def eval(self, grid, tables, lists, settings, splats, pseudo, blended):
-        self.fixed, self.lists = (grid, grid.lanes, tables, lists, settings), lists
+    def eval(self, grid, lanes, tables, lists, settings, splats, pseudo, blended):
+        self.fixed, self.lists = (grid, lanes, tables, lists, settings), lists
         self.has_dog = tables.pseudo is not None
         self.planes, self.T = blended or composite(*self.fixed)
         return [mi.Float(plane) for plane in self.planes], mi.Float(self.T)
@@ -145,7 +145,7 @@ def rasterize(
     k, p = projection.kernels, projection.pseudo
     splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *features]
     pseudo = [] if p is None else [p.ux, p.uy, p.vy, p.lo]
-    planes, T = dr.custom(_Composite, grid, tables, lists, settings, splats, pseudo, blended)
+    planes, T = dr.custom(_Composite, grid, grid.lanes, tables, lists, settings, splats, pseudo, blended)
     if last and not recall:
         last.keep(key, list(params.values()), (tables, lists, [_detached(p) for p in planes], _detached(T)))
     return Frame(planes[:3], T, planes[3] if options.depth else None, projection, lists)

@@ -119,7 +119,8 @@ def _finite_parameters(splats: Splats, basis: np.ndarray) -> np.ndarray:
     raw = [splats.means, splats.log_scales, splats.quats, splats.sh_coeffs[:, : basis.shape[1]]]
     finite = np.logical_and.reduce([np.isfinite(r).all(axis=tuple(range(1, r.ndim))) for r in raw])
     finite &= ~np.isnan(splats.logit_opacities)
-    finite[splats.dog_index] &= np.isfinite(splats.dog_log_scales).all(1) & ~np.isnan(splats.dog_logit_opacities)
+    dog = np.asarray(splats.dog_index, np.int64)
+    finite[dog] &= np.isfinite(splats.dog_log_scales).all(1) & ~np.isnan(splats.dog_logit_opacities)
     return finite
 
 

@@ -8,10 +8,12 @@ from mi_dogsplat.pictures import MAGMA
 
 STYLE = """
 :root { color-scheme: light dark; --page: #fafaf8; --card: #fff; --ink: #1b1d21; --muted: #5d6470;
-  --line: #e3e3de; --c1: #1f66c1; --c2: #c4511d; --mark: #1b1d21; --warn: #fff3d6; --warn-ink: #6b4a00; }
+  --line: #e3e3de; --mark: #1b1d21; --warn: #fff3d6; --warn-ink: #6b4a00; --bad: #fbdcd8; --bad-ink: #8a1208;
+  --c1: #1f66c1; --c2: #c4511d; --c3: #00a886; --c4: #7200ff; --c5: #ed005b; --c6: #494474; --c7: #6a2a0f; }
 @media (prefers-color-scheme: dark) { :root { --page: #14161a; --card: #1b1e24; --ink: #e8e9ec;
-  --muted: #9ba3b1; --line: #2e333c; --c1: #6aa8ff; --c2: #ff9a62; --mark: #e8e9ec; --warn: #3a2f14;
-  --warn-ink: #ffdc8f; } }
+  --muted: #9ba3b1; --line: #2e333c; --mark: #e8e9ec; --warn: #3a2f14; --warn-ink: #ffdc8f; --bad: #4a1b17;
+  --bad-ink: #ffb4a9; --c1: #6aa8ff; --c2: #ff9a62; --c3: #0bf3ac; --c4: #ff00c5; --c5: #ffd748; --c6: #a9ddf7;
+  --c7: #4a9722; } }
 * { box-sizing: border-box; }
 body { margin: 0; background: var(--page); color: var(--ink); -webkit-text-size-adjust: 100%;
   font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", "DejaVu Sans", sans-serif; }
@@ -44,17 +46,25 @@ svg path { fill: none; stroke-width: 1; } svg .grid { stroke: var(--line); } svg
   var(--muted); }
 svg .event { stroke: var(--mark); stroke-width: 1.4; opacity: .75; }
 svg .mark { stroke: var(--mark); stroke-dasharray: 3 3; opacity: .6; }
-svg .key { font-weight: 700; } svg .k1 { fill: var(--c1); } svg .k2 { fill: var(--c2); }
-svg .c1 { stroke: var(--c1); } svg .c2 { stroke: var(--c2); }
+.c0, .k0 { --of: var(--ink); } .c1, .k1 { --of: var(--c1); } .c2, .k2 { --of: var(--c2); }
+.c3, .k3 { --of: var(--c3); } .c4, .k4 { --of: var(--c4); } .c5, .k5 { --of: var(--c5); }
+.c6, .k6 { --of: var(--c6); } .c7, .k7 { --of: var(--c7); }
+svg .key { font-weight: 700; fill: var(--of); } svg .line, svg .faint, svg .dashed { stroke: var(--of); }
 svg .line { stroke-width: 2; stroke-linejoin: round; } svg .faint { opacity: .38; }
-svg .c1.points { fill: var(--c1); stroke: var(--card); } svg .c2.points { fill: var(--c2); stroke:
-  var(--card); }
+svg .dashed { stroke-dasharray: 5 4; opacity: .6; } svg .points { fill: var(--of); stroke: var(--card); }
+svg .ring { fill: none; stroke: var(--ink); stroke-width: 1.3; } svg .note { fill: var(--ink); font-size: 12px; }
+.legend { display: flex; flex-wrap: wrap; gap: 4px 18px; list-style: none; margin: 14px 0 0; padding: 0;
+  font-size: 14px; }
+.legend li { display: flex; align-items: center; gap: 6px; } .swatch { width: 16px; height: 16px; }
 .scroll { overflow-x: auto; margin: 14px 0 0; }
 table { border-collapse: collapse; font-size: 14px; font-variant-numeric: tabular-nums; }
 th, td { padding: 5px 22px 5px 0; text-align: left; border-bottom: 1px solid var(--line); vertical-align:
   top; }
 th { color: var(--muted); font-weight: 500; } .n { text-align: right; white-space: nowrap; }
-.plots + .read + h3 { margin-top: 28px; }
+.plots + .read + h3, h3.scene { margin-top: 28px; }
+tr.group th { color: var(--ink); font-weight: 600; padding-top: 14px; }
+td.bad { background: var(--bad); color: var(--bad-ink); } td small { color: var(--muted); }
+summary { cursor: pointer; font-size: 14px; color: var(--muted); }
 td.value { overflow-wrap: anywhere; }
 .bar { display: inline-block; width: 110px; height: 8px; border-radius: 4px; background: var(--line); }
 .bar i { display: block; height: 8px; border-radius: 4px; background: var(--c1); }

@@ -17,6 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .broken import drop_broken
 from .config import TrainConfig
 from .datasets import Dataset
 from .datasets.dataset import View, camera_extent
@@ -24,6 +25,7 @@ from .densify import DensifyStats, refine
 from .dog_control import activate, degenerate
 from .initialize import initial_splats
 from .loss import PhotometricLoss
+from .metrics import flip
 from .optimizer import LearningRates, SplatOptimizer
 from .presets import RECIPES, Recipe
 from .project import DeviceCamera
@@ -103,7 +105,8 @@ class Trainer:
     def step(self) -> dict[str, Any]:
         """One training view: render, loss, backward, Adam, density control.
 
-        Returns fields of a row of the history: none, or ``event`` and what belongs to it.
+        Returns fields of a row of the history: none, or ``event`` and what belongs to it (``Pruning.check``, and
+        ``psnr_before`` an activation of the DoG).
         """
         if not self.order:
             self.order = self.rng.permutation(len(self.targets)).tolist()
@@ -137,9 +140,11 @@ class Trainer:
         return self._compact(self._control_density())
 
     def _control_density(self) -> list[str]:
-        """Densify where that is due; returns what happened."""
-        events = []
-        if self.densification.refines(self.step_count):
+        """Drop what is broken and densify where that is due; returns what happened."""
+        refines = self.densification.refines(self.step_count)
+        prunes = self.pruning is not None and self.pruning.due(self.step_count)
+        events = self._drop_broken() if refines or prunes or self._logs() else []
+        if refines:
             counts = refine(self.densification, self.optimizer, self.stats, self.step_count, self.rng, self.extent)
             self.stats = DensifyStats(self.optimizer.n)
             if any(counts.values()):
@@ -152,6 +157,21 @@ class Trainer:
             events.append(f"sh degree {degree}")
         return events
 
+    def _logs(self) -> bool:
+        """Whether there is a row with ``l1`` after this step, as before files are written."""
+        return self.step_count % self.config.log_every == 0 or self.step_count == self.config.steps
+
+    def _drop_broken(self) -> list[str]:
+        n = self.optimizer.n
+        try:
+            kept = drop_broken(self.optimizer, self.extent)
+        except FloatingPointError as error:
+            raise FloatingPointError(f"step {self.step_count}: {error}") from None
+        if len(kept) == n:
+            return []
+        self.stats.keep(kept)
+        return [f"dropped {n - len(kept)} broken primitives"]
+
     def _compact(self, events: list[str]) -> dict[str, Any]:
         """Prune and make DoG where that is due; returns the fields of ``step``, with ``events`` from before."""
         fields, dog = {}, self.recipe.dog
@@ -163,7 +183,7 @@ class Trainer:
             self.dog_activated = True
             if self.dataset.test:
                 start = time.perf_counter()
-                fields |= {"psnr_before": self._test_psnr()}
+                fields |= {"psnr_before": self._test_errors()["test_psnr"]}
                 self.seconds -= time.perf_counter() - start
             events = [*events, f"dog activated {activate(dog, self.optimizer)} primitives"]
         return fields | {"event": "; ".join(events)} if events else {}
@@ -186,22 +206,26 @@ class Trainer:
 
     def _happenings(self) -> Iterator[dict[str, Any]]:
         """What is due before the first step, as for a model that exists; then every step."""
-        if due := self._compact([]):
+        if due := self._compact(self._drop_broken()):
             yield due
         while self.step_count < self.config.steps:
             yield self.step()
 
     def rows(self) -> Iterator[dict]:
-        """Run to the end; yields rows of the history. ``seconds`` leaves out measurements on test views."""
+        """Run to the end; yields rows of the history.
+
+        Every row has ``step``, ``seconds`` (without measurements on test views), ``n`` and ``n_dog``. Some have means
+        since the row before (``l1``, ``loss``), means over the test views (``test_psnr``; ``test_flip`` where it is not
+        a prune or an activation that asks), and what happened: ``event`` and the fields of ``step``.
+        """
         config = self.config
         test_every = (config.test_every or max(1, config.steps // 8)) if self.dataset.test else 0
         tick = time.perf_counter()
         for happened in self._happenings():
-            last = self.step_count == config.steps
-            log = self.summed > 0 and (self.step_count % config.log_every == 0 or last)
-            compacted = "pruned_to" in happened or "psnr_before" in happened
-            test = test_every > 0 and (self.step_count % test_every == 0 or compacted)
-            if not (happened or log or test):
+            log = self.summed > 0 and self._logs()
+            scheduled = test_every > 0 and self.step_count % test_every == 0
+            compacted = test_every > 0 and ("pruned_to" in happened or "psnr_before" in happened)
+            if not (happened or log or scheduled):
                 continue
             row: dict = {"step": self.step_count}
             if log:
@@ -212,13 +236,17 @@ class Trainer:
             now = time.perf_counter()
             self.seconds += now - tick
             row |= {"seconds": self.seconds, "n": self.optimizer.n, "n_dog": self.optimizer.n_dog} | happened
-            if test:
-                row["test_psnr"] = self._test_psnr()
+            if scheduled or compacted:
+                row |= self._test_errors(with_flip=scheduled)
             tick = time.perf_counter()
             yield row
 
     def state(self) -> dict[str, np.ndarray]:
-        """Everything that ``restore`` needs to go on as if nothing had happened; take it after a row with ``l1``."""
+        """Everything that ``restore`` needs to go on as if nothing had happened; take it after a row with ``l1``.
+
+        Every value is finite: what is broken is dropped first, which after such a row is nothing.
+        """
+        self._drop_broken()
         state = {f"optimizer.{name}": value for name, value in self.optimizer.state().items()}
         state |= {f"stats.{name}": value for name, value in self.stats.state().items()}
         if self.pruning:
@@ -249,14 +277,15 @@ class Trainer:
         self.rng.bit_generator.state = json.loads(str(state["rng"]))
         self._forget_losses()
 
-    def _test_psnr(self) -> float:
-        """Mean PSNR over the test views."""
-
-        def psnr(view: View) -> float:
-            error = self.picture(view).color - over_background(view.image, self.background)
-            return float(-10 * np.log10(np.mean(np.square(error)) + 1e-12))
-
-        return float(np.mean([psnr(view) for view in self.dataset.test]))
+    def _test_errors(self, with_flip: bool = False) -> dict[str, float]:
+        """Means over the test views: ``test_psnr``, and ``test_flip``, which takes longer."""
+        errors: dict[str, list[float]] = {"test_psnr": []}
+        for view in self.dataset.test:
+            image, truth = self.picture(view).color, over_background(view.image, self.background)
+            errors["test_psnr"].append(float(-10 * np.log10(np.mean(np.square(image - truth)) + 1e-12)))
+            if with_flip:
+                errors.setdefault("test_flip", []).append(flip(image, truth)[0])
+        return {name: float(np.mean(values)) for name, values in errors.items()}
 
     def picture(self, view: View, depth: bool = False) -> Picture:
         """The current model seen from a view."""

@@ -106,6 +106,48 @@ def test_steps_agree_with_adam_in_float64():
         np.testing.assert_allclose(trained, value[name], rtol=1e-5, atol=1e-6, err_msg=name)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e30])
+def test_a_gradient_that_has_no_finite_square_counts_as_zero_and_the_parameter_goes_on(value):
+    gradients = np.sin(np.arange(15)).astype(np.float32)
+    broken, zeroed = (SplatOptimizer(random_model(5, 0), RATES) for _ in range(2))
+    for optimizer, replacement in ((broken, value), (zeroed, 0.0)):
+        for step in range(4):
+            gradient = gradients.copy()
+            if step == 1:
+                gradient[4] = replacement
+            dr.set_grad(optimizer.adam["means"], mi.Float(gradient))
+            optimizer.step()
+    assert_same(broken.to_splats(), zeroed.to_splats())
+    for name, values in broken.state().items():
+        np.testing.assert_array_equal(values, zeroed.state()[name], err_msg=name)
+    started = random_model(5, 0).means
+    assert np.all(np.abs(broken.to_splats().means - started)[gradients.reshape(5, 3) != 0] > 1e-4)
+
+
+def test_large_gradients_whose_square_is_finite_are_as_good_as_others():
+    tiny, large = (SplatOptimizer(random_model(5, 0), RATES) for _ in range(2))
+    for optimizer, size in ((tiny, 1e-3), (large, 1e17)):
+        for _ in range(3):
+            dr.set_grad(optimizer.adam["means"], mi.Float(size * np.cos(np.arange(15))))
+            optimizer.step()
+    np.testing.assert_allclose(large.numpy("means"), tiny.numpy("means"), rtol=1e-5)
+
+
+def test_a_step_launches_no_more_kernels_than_that_of_the_library():
+    optimizer = SplatOptimizer(random_model(50, 1, (1, 7)), RATES)
+
+    def kernels_of(step) -> int:
+        for value in optimizer.adam.values():
+            dr.set_grad(value, dr.opaque(mi.Float, 0.1, dr.width(value)))
+        dr.sync_thread()
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+            dr.kernel_history_clear()
+            step()
+            return len(dr.kernel_history([dr.KernelType.JIT]))
+
+    assert kernels_of(optimizer.step) == kernels_of(optimizer.adam.step)
+
+
 def test_rearranged_rows_carry_values_and_moments_and_fresh_ones_start_at_zero():
     optimizer = SplatOptimizer(random_model(9, 1), RATES)
     run(optimizer, 3)
@@ -319,6 +361,14 @@ def test_training_goes_on_from_a_checkpoint_with_the_same_bits(kind, tmp_path):
 def test_a_checkpoint_of_another_sh_degree_is_refused(degree):
     state = SplatOptimizer(random_model(4, degree), RATES).state()
     with pytest.raises(ValueError, match="sh_rest"):
+        SplatOptimizer(random_model(4, 1), RATES).restore(state)
+
+
+@pytest.mark.parametrize("name", ["means", "quats.m", "sh_rest.v"])
+def test_a_checkpoint_that_is_not_finite_is_refused_by_name(name):
+    state = SplatOptimizer(random_model(4, 1), RATES).state()
+    state[name][3] = np.nan
+    with pytest.raises(ValueError, match=rf"{name} of the state is not finite"):
         SplatOptimizer(random_model(4, 1), RATES).restore(state)
 
 

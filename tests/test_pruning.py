@@ -173,6 +173,8 @@ def test_a_run_densifies_prunes_to_the_exact_target_and_then_makes_the_rest_dog(
     assert len(prunes) >= 4 and "first check" in prunes[0]["event"]
     scaled = RECIPES[preset].scaled(STEPS)
     assert scaled.pruning and scaled.dog and prunes[0]["step"] == scaled.pruning.start
+    assert all("test_psnr" in row for row in prunes + activations)
+    assert [row["step"] for row in rows if "test_flip" in row] == list(range(15, STEPS + 1, 15))  # as scheduled
     for row in prunes:
         assert f"prune {row['pruned_from']} -> {row['pruned_to']}: " in row["event"] and 0 < row["train_l1"] < 1
         assert row["n"] == row["pruned_to"] < row["pruned_from"]

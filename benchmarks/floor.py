@@ -1,0 +1,198 @@
+"""How near the forward compositor is to what its arithmetic needs, on AVX-512: instructions and cycles per entry.
+
+An entry is one primitive in one tile of 256 pixels, 16 vectors of 16 lanes. ``needed`` counts the least that the
+formulation of ``composite.py`` has to do for it, as a table. Against it stands the machine code: Dr.Jit hands out its
+LLVM IR, and ``opt`` and ``llc`` (packages llvm-19, of Dr.Jit's own version) compile it as Dr.Jit does; the result is
+the code that Dr.Jit logs at level Trace, instruction by instruction. ``llvm-mca`` estimates its cycles, and the clock
+its real ones, on a model so faint that no walk ends early. ``machine_code.py`` explains the bounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import mmap
+import re
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from mi_dogsplat.composite import FEATURES, Settings, composite, pack
+from mi_dogsplat.geometry import Blocks, Cutoffs, Grid
+from mi_dogsplat.parameters import upload
+from mi_dogsplat.project import DeviceCamera, project
+from mi_dogsplat.tiles import tiles
+
+from .machine_code import bound, compiled, kind_of, loop_of, mca_cycles, pipe_counts, processor
+from .scaling import even_splats, front_camera
+
+COLORS = 3
+DEC_JNZ_RET = bytes.fromhex("48ffcf75fbc3")  # dec rdi; jnz back; ret: one iteration per cycle
+
+
+@dataclass(frozen=True)
+class Need:
+    """``count`` vector instructions per entry that one kind of pipe can run."""
+
+    what: str
+    pipe: str
+    count: float
+    folded: bool = False  # a load that is an operand of another instruction
+
+
+def needed(blocks: Blocks) -> list[Need]:
+    """The least per entry. State lives in memory: it is four times the registers; each load serves ``unroll`` entries.
+
+    The stop at T < 1e-4 costs its comparison and a masked move: the colours' multiplications are masked for nothing.
+    """
+    w, h, pixels = blocks.width, blocks.height, blocks.width * blocks.height
+    state = pixels * (1 + COLORS) / blocks.unroll
+    return [
+        Need("2^p of the next pixel of a row", "multiply", h * (w - 1)),
+        Need("ratio of the next pixel", "multiply", h * (w - 2)),
+        Need("first 2^p, its ratio and the ratio down, of the next row", "multiply", 3 * (h - 1) - 1),
+        Need("alpha = min(.99, 2^p), masked", "add", pixels),
+        Need("2^p >= 1/255", "compare", pixels),
+        Need("weight = alpha T", "multiply", pixels),
+        Need("T - weight", "add", pixels),
+        Need("T >= 1e-4", "compare", pixels),
+        Need("T where the walk goes on", "any", pixels),
+        Need("colours, masked", "multiply", pixels * COLORS),
+        Need("dx, dy", "add", 2),
+        Need("u, v, p, and the exponents of two ratios", "multiply", 11),
+        Need("3 exponentials: whole part, rest, shift", "add", 3 * 4),
+        Need("3 exponentials: polynomial of degree 5", "multiply", 3 * 5),
+        Need("3 exponentials: sum of exponents", "any", 3),
+        Need("patches below 2^-120 are zero", "compare", 1),
+        Need("patches below 2^-120 are zero, masks", "any", 3),
+        Need("some pixel still transmits", "add", pixels / blocks.unroll),
+        Need("state from memory", "load", state),
+        Need("state to memory", "store", state),
+        Need("index and row of the primitive, broadcast", "load", 1 + FEATURES + COLORS, folded=True),
+    ]
+
+
+def pipes_of(needs: Sequence[Need]) -> dict[str, float]:
+    """Instructions by pipe, and all that have to be decoded."""
+    counts: dict[str, float] = {"decode": sum(need.count for need in needs if not need.folded)}
+    for need in needs:
+        counts[need.pipe] = counts.get(need.pipe, 0) + need.count
+    return counts
+
+
+def main(flags: Sequence[str]) -> None:
+    args = _arguments(flags)
+    mi.set_variant(args.variant)
+    dr.set_thread_count(args.threads or dr.thread_count())
+    blocks = Blocks.of_backend()
+    if dr.backend_v(mi.Float) != dr.JitBackend.LLVM or blocks.lanes != 16:
+        raise SystemExit("floor: counts AVX-512 code; the variant must be one of llvm_*")
+    run, entries = compositor(args.primitives, args.sigma, blocks)
+    kernel = history(run, 1)[0]
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = args.keep or Path(temporary)
+        code = compiled(kernel["ir"].getvalue(), folder)
+        loop = loop_of(code)
+        mca = mca_cycles(loop, processor(kernel["ir"].getvalue()), folder)
+
+    needs, machine = needed(blocks), pipe_counts(loop)
+    least = bound(pipes_of(needs))
+    each = 1 / blocks.unroll
+    clock, ms = clock_ghz(), float(np.median([k["execution_time"] for k in history(run, args.rounds)]))
+    cycles = ms * 1e6 * clock * dr.thread_count() / entries
+    stack = sum(bool(re.search(r"\[r[sb]p", line)) for line in loop)
+    aligned = "yes" if re.search(r"and\trsp, -64", code) else "no"
+
+    print("\n## Needed\n")
+    print(table("for", ((f"{n.what} ({n.pipe}{', folded' * n.folded})", n.count) for n in needs)))
+    print("\n## Machine code\n")
+    print(table("kind", ((kind, n * each) for kind, n in Counter(kind_of(line)[0] for line in loop).most_common())))
+    print("\n## Together\n")
+    rows = {
+        "instructions needed": pipes_of(needs)["decode"],
+        "instructions of the machine code": machine["decode"] * each,
+        "of which touch the stack": stack * each,
+        "cycles, bound by the pipes for the needed ones": least,
+        "cycles, bound by the pipes for the machine code": bound(machine) * each,
+        "cycles, llvm-mca": mca * each,
+        "cycles, measured": cycles,
+        "measured / needed": cycles / least,
+    }
+    print(table("", rows.items()))
+    print(
+        f"\n{entries:,} entries, {ms:.2f} ms on {dr.thread_count()} threads at {clock:.2f} GHz; "
+        f"the stack is aligned to cache lines: {aligned}; denormals are {denormals(blocks)}"
+    )
+
+
+def _arguments(flags: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks floor", description=__doc__)
+    parser.add_argument("--primitives", type=int, default=20_000)
+    parser.add_argument("--sigma", type=float, default=6.0, help="median standard deviation in pixels")
+    parser.add_argument("--rounds", type=int, default=31)
+    parser.add_argument("--threads", type=int, default=0, help="0: all")
+    parser.add_argument("--keep", type=Path, help="leave IR and assembly in this folder, which must exist")
+    parser.add_argument("--variant", default="llvm_ad_rgb")
+    return parser.parse_args(flags)
+
+
+def compositor(n: int, sigma: float, blocks: Blocks) -> tuple[Callable[[], None], int]:
+    """The forward compositor on its own, at 400x300, and the number of entries that it walks."""
+    camera = front_camera(400)
+    grid = Grid(camera.width, camera.height, blocks)
+    params = upload(even_splats(n, sigma, camera, opacity=0.01))
+    projection = project(params, DeviceCamera.upload(camera), sh_degree=0)
+    stages = grid, grid.lanes, pack(projection, projection.colors), tiles(projection, grid, Cutoffs())
+    dr.eval(stages)
+
+    def run() -> None:
+        dr.eval(composite(*stages, Settings(COLORS)))
+
+    return run, dr.width(stages[3].splat_from_isect)
+
+
+def history(run: Callable[[], None], times: int) -> list[dict[str, Any]]:
+    """What Dr.Jit tells of the largest kernel of each of several runs."""
+    found = []
+    # a frozen function hides its kernels while it is recorded
+    with dr.scoped_set_flag(dr.JitFlag.KernelFreezing, False), dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        for _ in range(times + 1):
+            dr.kernel_history_clear()
+            run()
+            dr.sync_thread()
+            kernels = dr.kernel_history([dr.KernelType.JIT])
+            found.append(max(kernels, key=lambda kernel: kernel["operation_count"]))
+    return found[1:]  # the first one compiled
+
+
+def clock_ghz(count: int = 400_000, rounds: int = 500) -> float:
+    """Clock of a core, from a loop of one cycle per iteration."""
+    memory = mmap.mmap(-1, mmap.PAGESIZE, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC)
+    memory.write(DEC_JNZ_RET)
+    loop = ctypes.CFUNCTYPE(None, ctypes.c_uint64)(ctypes.addressof(ctypes.c_char.from_buffer(memory)))
+    best = float("inf")
+    for _ in range(rounds):
+        start = time.perf_counter()
+        loop(count)
+        best = min(best, time.perf_counter() - start)
+    return count / best * 1e-9
+
+
+def denormals(blocks: Blocks) -> str:
+    """Whether kernels of this number of threads flush them: Dr.Jit does in its pool, not in the calling thread."""
+    Float: Any = dr.detached_t(mi.Float)
+    lanes = len(dr.arange(Float, Grid(400, 300, blocks).n_tiles * blocks.lanes))
+    values = dr.full(Float, 1e-38, lanes) * dr.opaque(Float, 0.1)
+    return "kept (slow)" if np.any(values.numpy()) else "flushed"
+
+
+def table(title: str, rows: Iterable[tuple[str, float]]) -> str:
+    lines = [f"| {name} | {value:.1f} |" for name, value in rows]
+    return "\n".join([f"| {title} | per entry |", "|---|---|", *lines])

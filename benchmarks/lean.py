@@ -1,0 +1,148 @@
+"""The engine against a hand-stripped renderer of plain Gaussians, and what a share of DoG primitives costs.
+
+Both tables are timed in turns. In the second, DoG primitives are chosen at random, or as the leftmost of the model, so
+that whole tiles meet none; ``met`` is the share of the tile entries that are DoG. The plain model has no DoG arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from mi_dogsplat.cameras import Camera
+from mi_dogsplat.parameters import RAW, RAW_DOG, upload
+from mi_dogsplat.project import DeviceCamera
+from mi_dogsplat.rasterize import RasterOptions, rasterize
+from mi_dogsplat.splats import Splats
+
+from . import plain_renderer
+from .models import fern_points
+from .timing import medians
+
+SHARES = (0.0, 0.01, 0.1, 0.5, 1.0)
+DOG_OPACITY, DOG_SCALE = 0.05, 0.6  # f_a and F with which the preset "ours" starts
+ROUNDS = 15
+
+
+def main() -> None:
+    splats, camera = fern_points()
+    splats.sh_coeffs = np.ascontiguousarray(splats.sh_coeffs[:, :1])
+    against_the_stripped_renderer(splats, camera)
+    shares_of_dog(splats, camera)
+
+
+def against_the_stripped_renderer(splats: Splats, camera: Camera) -> None:
+    passes = {
+        "forward": (engine_forward(splats, camera), stripped_forward(splats, camera)),
+        "forward+backward": (engine_backward(splats, camera), stripped_backward(splats, camera)),
+    }
+    contestants = {f"{name}, {who}": run for name, pair in passes.items() for who, run in zip("ab", pair, strict=True)}
+    ms = medians(contestants, ROUNDS)
+    print(f"{splats.n_splats:,} plain Gaussians of SH degree 0, {camera.width}x{camera.height}")
+    for name in passes:
+        engine, stripped = ms[f"{name}, a"], ms[f"{name}, b"]
+        ratio = engine / stripped
+        print(f"{name:18s} engine {engine:6.2f} ms, hand-stripped {stripped:6.2f} ms = {ratio:.3f}x (target 1.02x)")
+
+
+def shares_of_dog(splats: Splats, camera: Camera) -> None:
+    left = np.argsort(camera.project(splats.means)[0][:, 0])  # from the left border of the image
+    orders = {"random": np.random.default_rng(0).permutation(splats.n_splats), "leftmost": left}
+    models = {
+        (where, share): with_dog(splats, order[: round(share * splats.n_splats)])
+        for where, order in orders.items()
+        for share in SHARES
+        if where == "random" or 0 < share < 1
+    }
+    contestants: dict[str, Callable[[], None]] = {}
+    for (where, share), model in models.items():
+        contestants[f"{where} {share} forward"] = engine_forward(model, camera)
+        contestants[f"{where} {share} both"] = engine_backward(model, camera)
+    ms = medians(contestants, ROUNDS)
+    print("DoG share            met    forward           forward+backward")
+    for (where, share), model in models.items():
+        cells = [
+            f"{ms[f'{where} {share} {p}']:6.2f} ms {ms[f'{where} {share} {p}'] / ms[f'random 0.0 {p}']:5.2f}x"
+            for p in ("forward", "both")
+        ]
+        print(f"{share:5.0%} {where:12s} {share_met(model, camera):5.0%}    {cells[0]}   {cells[1]}")
+
+
+def with_dog(splats: Splats, index: np.ndarray) -> Splats:
+    """The model with the primitives ``index`` made DoG."""
+    m = len(index)
+    arrays = {name: getattr(splats, name) for name in RAW}
+    return Splats(
+        **arrays,
+        dog_index=np.sort(index).astype(np.uint32),
+        dog_logit_opacities=np.full(m, np.log(DOG_OPACITY / (1 - DOG_OPACITY))),
+        dog_log_scales=np.full((m, 3), np.log(DOG_SCALE)),
+    )
+
+
+def share_met(splats: Splats, camera: Camera) -> float:
+    """Part of the entries of the tile lists that are DoG primitives."""
+    lists = rasterize(upload(splats), DeviceCamera.upload(camera), RasterOptions(0)).lists
+    assert lists is not None
+    return float(np.isin(lists.splat_from_isect.numpy(), splats.dog_index).mean())
+
+
+def engine_forward(splats: Splats, camera: Camera) -> Callable[[], None]:
+    params, view, options = upload(splats), DeviceCamera.upload(camera), RasterOptions(0)
+
+    def run() -> None:
+        frame = rasterize(params, view, options)
+        dr.eval(frame.colors, frame.T)
+
+    return run
+
+
+def stripped_forward(splats: Splats, camera: Camera) -> Callable[[], None]:
+    params, view = upload(splats), DeviceCamera.upload(camera)
+
+    def run() -> None:
+        dr.eval(plain_renderer.render(params, view))
+
+    return run
+
+
+def engine_backward(splats: Splats, camera: Camera) -> Callable[[], None]:
+    view, options, δcolors = DeviceCamera.upload(camera), RasterOptions(0), adjoints(camera)
+
+    def backward(params: dict) -> None:
+        colors = rasterize(params, view, options).colors
+        for plane, δ in zip(colors, δcolors, strict=True):
+            dr.set_grad(plane, δ)
+        dr.enqueue(dr.ADMode.Backward, colors)
+        dr.traverse(dr.ADMode.Backward)
+
+    return gradients(splats, backward)
+
+
+def stripped_backward(splats: Splats, camera: Camera) -> Callable[[], None]:
+    view = DeviceCamera.upload(camera)
+    δcolors = [dr.detach(δ, preserve_type=False) for δ in adjoints(camera)]
+    return gradients(splats, lambda params: plain_renderer.backward(params, view, δcolors))
+
+
+def gradients(splats: Splats, backward: Callable[[dict], None]) -> Callable[[], None]:
+    """A pass that accumulates gradients on the parameters, evaluates and forgets them."""
+    params = upload(splats)
+    values = [params[name] for name in RAW + RAW_DOG if name in params]
+    dr.enable_grad(values)
+
+    def run() -> None:
+        backward(params)
+        dr.eval([dr.grad(value) for value in values])
+        dr.clear_grad(values)
+
+    return run
+
+
+def adjoints(camera: Camera) -> list:
+    rng = np.random.default_rng(0)
+    δcolors = [mi.Float(rng.normal(size=camera.width * camera.height).astype(np.float32)) for _ in range(3)]
+    dr.make_opaque(δcolors)
+    return δcolors

@@ -1,0 +1,276 @@
+"""A renderer from which everything optional was taken out by hand: what the engine is measured against.
+
+It knows plain Gaussians of constant colour. There is no DoG, no view-dependent colour, no background, depth or
+antialiasing, no mode and no cutoff to choose: nothing to leave out, because it was never there. With the engine it
+shares what has no options (camera, rotation, tile lists, sums over entries). The formulas are those of ``project.py``,
+``composite.py`` and ``composite_derivatives.py``, and explained there; ``tests/test_lean.py`` shows that the kernels of
+both consist of the same instructions.
+"""
+
+# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+from mi_dogsplat.composite import ALPHA_MAX, DEAD_PATCH, MAX_RATIO
+from mi_dogsplat.composite_derivatives import ENTRY_ROW, LN2, lanes_add_in_turn
+from mi_dogsplat.geometry import Blocks, Cutoffs, Grid
+from mi_dogsplat.project import (
+    LOG2_E,
+    LOW_PASS,
+    MAX_AXIS,
+    DeviceCamera,
+    Kernels,
+    Projection,
+    rotation_matrix,
+    rows,
+    softplus,
+)
+from mi_dogsplat.sh import C0, read_rows
+from mi_dogsplat.tiles import Lists, tiles
+
+ALPHA_MIN, T_MIN = 1 / 255, 1e-4
+ROW = 12  # x y A B C lo q s t, colour
+
+
+def render(params: dict, camera: DeviceCamera) -> tuple[list, mi.Float]:
+    """Planes of the three channels and of T, of parameters as ``upload`` makes them from a model of SH degree 0."""
+    grid = Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
+    projection = project(params, camera)
+    table, lists = pack(projection), tiles(projection, grid, Cutoffs())
+    return composite(grid, grid.lanes, table, lists)
+
+
+def backward(params: dict, camera: DeviceCamera, δcolors: list) -> None:
+    """Render, and accumulate the gradients of the parameters given those of the three planes."""
+    grid = Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
+    projection = project(params, camera)
+    table, lists = pack(projection), tiles(projection, grid, Cutoffs())
+    colors, T = composite(grid, grid.lanes, table, lists)
+    entries = dr.zeros(dr.detached_t(mi.Float), dr.width(lists.entry_from_isect) * ENTRY_ROW)
+    in_turn = lanes_add_in_turn(mi.variant())
+    δsplats = composite_backward(grid, grid.lanes, table, lists, colors, T, δcolors, entries, in_turn)
+    k = projection.kernels
+    splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *projection.colors]
+    for value, δ in zip(splats, δsplats, strict=True):
+        dr.set_grad(value, mi.Float(δ))
+    dr.enqueue(dr.ADMode.Backward, splats)
+    dr.traverse(dr.ADMode.Backward)
+
+
+def project(params: dict, camera: DeviceCamera) -> Projection:
+    index = dr.arange(mi.UInt32, dr.width(params["logit_opacities"]))
+    W = camera.rotation
+    offset = zip(rows(params["means"], 3, index), camera.position, camera.position_rest, strict=True)
+    to_mean = [(mean - position) - rest for mean, position, rest in offset]
+    px, py, depth = (dr.fma(W[r][0], to_mean[0], dr.fma(W[r][1], to_mean[1], W[r][2] * to_mean[2])) for r in range(3))
+    visible = (depth > camera.near_clip) & dr.isfinite(depth)
+    inv_z = dr.rcp(dr.select(visible, depth, 1))
+    u, v = px * inv_z, py * inv_z
+    x, y = dr.fma(camera.fx, u, camera.cx), dr.fma(camera.fy, v, camera.cy)
+    left, right, top, bottom = camera.limits
+    u, v = dr.clip(u, -left, right), dr.clip(v, -top, bottom)
+    jx, jy = camera.fx * inv_z, camera.fy * inv_z
+    JW = [
+        [jx * (W[0][c] - u * W[2][c]) for c in range(3)],
+        [jy * (W[1][c] - v * W[2][c]) for c in range(3)],
+    ]
+    quats, log_scales = read_rows(params["quats"], 4, 4, index), rows(params["log_scales"], 3, index)
+    R = rotation_matrix(quats)
+    axes = [[JW[r][0] * R[0][c] + JW[r][1] * R[1][c] + JW[r][2] * R[2][c] for c in range(3)] for r in range(2)]
+    kernels = screen_kernels(axes, [dr.exp(s) for s in log_scales], -LOG2_E * softplus(-params["logit_opacities"]))
+    finite = [x, y, kernels.ux, kernels.uy, *log_scales, *quats]
+    visible &= all_finite(finite) & ~dr.isnan(kernels.lo)
+    dc = read_rows(params["sh_coeffs"], 3, 3, index, visible)
+    radiance = [dr.fma(C0, c, mi.Float(0.5)) for c in dc]
+    visible &= all_finite(radiance)
+    return Projection(x, y, depth, kernels, [dr.maximum(c, 0) for c in radiance], visible, None, None, None)
+
+
+def all_finite(values: list) -> mi.Bool:
+    finite = dr.isfinite(values[0])
+    for value in values[1:]:
+        finite &= dr.isfinite(value)
+    return finite
+
+
+def screen_kernels(axes: list, scales: list, log2_opacity) -> Kernels:
+    lengths = [dr.maximum(abs(dr.detach(x)), abs(dr.detach(y))) for x, y in zip(*axes, strict=True)]
+    scales = [dr.minimum(s, MAX_AXIS / length) for s, length in zip(scales, lengths, strict=True)]
+    v0 = [a * s for a, s in zip(axes[0], scales, strict=True)]
+    v1 = [a * s for a, s in zip(axes[1], scales, strict=True)]
+    xx = v0[0] * v0[0] + v0[1] * v0[1] + v0[2] * v0[2]
+    yy = v1[0] * v1[0] + v1[1] * v1[1] + v1[2] * v1[2]
+    xy = v0[0] * v1[0] + v0[1] * v1[1] + v0[2] * v1[2]
+    m0, m1, m2 = v0[1] * v1[2] - v0[2] * v1[1], v0[2] * v1[0] - v0[0] * v1[2], v0[0] * v1[1] - v0[1] * v1[0]
+    det = m0 * m0 + m1 * m1 + m2 * m2 + LOW_PASS * (xx + yy) + LOW_PASS * LOW_PASS
+    xx, yy = xx + LOW_PASS, yy + LOW_PASS
+    ux = dr.sqrt(0.5 * LOG2_E * yy / det)
+    return Kernels(ux, -ux * xy / yy, dr.sqrt(0.5 * LOG2_E / yy), log2_opacity, xx, yy)
+
+
+def pack(projection: Projection) -> mi.Float:
+    k = projection.kernels
+    ratios = [dr.exp2(-2 * r) for r in (k.ux * k.ux, k.ux * k.uy, dr.fma(k.uy, k.uy, k.vy * k.vy))]
+    columns = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *ratios, *projection.colors]
+    columns = [dr.detach(c, preserve_type=False) for c in columns]
+    n = dr.width(columns[0])
+    table, index = dr.empty(dr.detached_t(mi.Float), n * ROW), dr.arange(dr.detached_t(mi.UInt32), n)
+    for c, column in enumerate(columns):
+        dr.scatter(table, column, dr.fma(index, ROW, c), mode=dr.ReduceMode.Permute)
+    return table
+
+
+class Lane:
+    """A lane's block of pixels (one patch), and the primitives that it meets."""
+
+    def __init__(self, grid: Grid, lanes: tuple, table, lists: Lists):
+        self.Float, self.UInt = dr.detached_t(mi.Float), dr.detached_t(mi.UInt32)
+        on_llvm = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
+        self.Quad, self.Packet = (dr.llvm.Array4f, dr.llvm.ArrayXf) if on_llvm else (dr.cuda.Array4f, dr.cuda.ArrayXf)
+        self.grid, self.table, self.lists = grid, table, lists
+        self.width, self.height, self.unroll = grid.blocks.width, grid.blocks.height, grid.blocks.unroll
+        self.pixels = self.width * self.height
+        tile, x, y = lanes
+        self.begin, self.end = dr.gather(self.UInt, lists.begin, tile), dr.gather(self.UInt, lists.end, tile)
+        self.x0, self.y0 = self.Float(x) + 0.5, self.Float(y) + 0.5
+        in_column = [(x + k) < grid.width for k in range(self.width)]
+        in_row = [(y + k) < grid.height for k in range(self.height)]
+        self.inside = [r & c for r in in_row for c in in_column]
+        self.at = [y * grid.width + x + (r * grid.width + c) for r in range(self.height) for c in range(self.width)]
+        self.start_T = [dr.select(ok, self.Float(1), self.Float(-1)) for ok in self.inside]
+
+    def read(self, plane) -> list:
+        return [dr.gather(self.Float, plane, at, ok) for at, ok in zip(self.at, self.inside, strict=True)]
+
+    def write(self, values: list) -> mi.Float:
+        plane = dr.empty(self.Float, self.grid.width * self.grid.height)
+        for value, at, ok in zip(values, self.at, self.inside, strict=True):
+            dr.scatter(plane, value, at, ok, mode=dr.ReduceMode.Permute)
+        return plane
+
+    def goes_on(self, i, T: list):
+        while len(T) > 1:
+            T = [dr.maximum(a, b) for a, b in zip(T[::2], T[1::2], strict=True)]
+        return (i < self.end) & (T[0] > 0)
+
+    def fetch(self, i, active) -> tuple:
+        splat = dr.gather(self.UInt, self.lists.splat_from_isect, i, active)
+        row = []
+        for k in range(ROW // 4):
+            row += list(dr.gather(self.Quad, self.table, dr.fma(splat, ROW // 4, k), active))
+        if active is not True:
+            row[5] = dr.select(active, row[5], 2 * DEAD_PATCH)
+        return row, self.x0 - row[0], self.y0 - row[1]
+
+    def gaussian(self, row: list, dx, dy) -> list:
+        ux, uy, vy, lo, q, s, t = row[2:9]
+        u, v = dr.fma(ux, dx, uy * dy), vy * dy
+        p = dr.fma(-u, u, dr.fma(-v, v, lo))
+        first = dr.select(p > DEAD_PATCH, dr.exp2(p), 0)
+        right = dr.exp2(dr.minimum(-ux * dr.fma(2, u, ux), MAX_RATIO))
+        down = dr.exp2(dr.minimum(dr.fma(-uy, dr.fma(2, u, uy), -vy * dr.fma(2, v, vy)), MAX_RATIO))
+        values = []
+        for _ in range(self.height):
+            value, ratio = first, right
+            for _ in range(self.width):
+                values.append(value)
+                value, ratio = value * ratio, ratio * q
+            first, right, down = first * down, right * s, down * t
+        return values
+
+    def blend(self, value, T) -> tuple:
+        """(α, weight, T behind, whether it was blended)."""
+        alpha = dr.minimum(value, ALPHA_MAX)
+        alpha = dr.select(alpha >= ALPHA_MIN, alpha, 0)
+        weight = alpha * T
+        behind = T - weight
+        go = behind >= T_MIN
+        return alpha, dr.select(go, weight, 0), dr.select(go, behind, -dr.abs(T)), go
+
+
+@dr.freeze(warn_after=1 << 30)
+def composite(grid: Grid, lanes: tuple, table, lists: Lists) -> tuple:
+    lane = Lane(grid, lanes, table, lists)
+
+    def body(i, T, C):
+        T, C = list(T), list(C)
+        for u in range(lane.unroll):
+            row, dx, dy = lane.fetch(i + u, (i + u) < lane.end if u else True)
+            for k, value in enumerate(lane.gaussian(row, dx, dy)):
+                _, weight, T[k], _ = lane.blend(value, T[k])
+                for c in range(3):
+                    C[c * lane.pixels + k] = dr.fma(weight, row[9 + c], C[c * lane.pixels + k])
+        return i + lane.unroll, T, C
+
+    start = lane.begin, lane.start_T, [lane.Float(0)] * (3 * lane.pixels)
+    _, T, C = dr.while_loop(start, lambda i, T, C: lane.goes_on(i, T), body, labels=("i", "T", "C"), label="plain")
+    planes = [lane.write(C[c * lane.pixels : (c + 1) * lane.pixels]) for c in range(3)]
+    return planes, lane.write([dr.abs(t) for t in T])
+
+
+@dr.freeze(warn_after=1 << 30)
+def composite_backward(
+    grid: Grid, lanes: tuple, table, lists: Lists, colors: list, T_final, δcolors: list, entries, in_turn: bool
+) -> list:
+    lane = Lane(grid, lanes, table, lists)
+    δC = [lane.read(plane) for plane in δcolors]
+    rest = [lane.Float(0)] * lane.pixels
+    for plane, δ in zip(colors, δC, strict=True):
+        rest = [dr.fma(c, d, r) for c, d, r in zip(lane.read(plane), δ, rest, strict=True)]
+    mode = dr.ReduceMode.NoConflicts if in_turn else dr.ReduceMode.Local
+
+    def moments(δp: list, ux, uy, vy, dx, dy) -> list:
+        m0 = mk = mr = mkk = mkr = mrr = lane.Float(0)
+        for r in range(lane.height):
+            row = δp[r * lane.width : (r + 1) * lane.width]
+            s0, sk, skk = row[0], lane.Float(0), lane.Float(0)
+            for k, δ in enumerate(row[1:], 1):
+                s0, sk, skk = s0 + δ, dr.fma(k, δ, sk), dr.fma(k * k, δ, skk)
+            m0, mk, mkk = m0 + s0, mk + sk, mkk + skk
+            if r:
+                mr, mkr, mrr = dr.fma(r, s0, mr), dr.fma(r, sk, mkr), dr.fma(r * r, s0, mrr)
+        u, v = dr.fma(ux, dx, uy * dy), vy * dy
+        mu, mv = dr.fma(u, m0, dr.fma(ux, mk, uy * mr)), dr.fma(v, m0, vy * mr)
+        mux = dr.fma(dx, mu, dr.fma(u, mk, dr.fma(ux, mkk, uy * mkr)))
+        muy = dr.fma(dy, mu, dr.fma(u, mr, dr.fma(ux, mkr, uy * mrr)))
+        mvy = dr.fma(dy, mv, dr.fma(v, mr, vy * mrr))
+        return [2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0]
+
+    def body(i, T, rest):
+        T, rest = list(T), list(rest)
+        for u in range(lane.unroll):
+            active = (i + u) < lane.end if u else lane.Float(0) == 0
+            row, dx, dy = lane.fetch(i + u, active)
+            entry = dr.gather(lane.UInt, lists.entry_from_isect, i + u, active)
+            δp, δf = [], [lane.Float(0)] * 3
+            for k, value in enumerate(lane.gaussian(row, dx, dy)):
+                alpha, weight, behind, go = lane.blend(value, T[k])
+                c = row[9] * δC[0][k]
+                for f in range(3):
+                    δf[f] = dr.fma(weight, δC[f][k], δf[f])
+                    if f:
+                        c = dr.fma(row[9 + f], δC[f][k], c)
+                rest[k] = dr.fma(-weight, c, rest[k])
+                δα = LN2 * dr.fma(T[k], c, -(rest[k] / (1 - alpha)))
+                δα = dr.select(go & (alpha != 0), δα, 0)
+                δp.append(dr.select(value < ALPHA_MAX, δα * value, 0))
+                T[k] = behind
+            δrow = moments(δp, *row[2:5], dx, dy) + δf
+            dr.scatter_add(entries, lane.Packet(δrow + [lane.Float(0)] * (ENTRY_ROW - 9)), entry, active, mode=mode)
+        return i + lane.unroll, T, rest
+
+    start = lane.begin, lane.start_T, rest
+    dr.while_loop(start, lambda i, T, rest: lane.goes_on(i, T), body, labels=("i", "T", "rest"), label="plain backward")
+
+    def add(row, sums):
+        values = []
+        for k in range(3):
+            values += list(dr.gather(lane.Quad, entries, dr.fma(row, ENTRY_ROW // 4, k)))
+        return row + 1, [s + v for s, v in zip(sums, values, strict=False)]
+
+    n = dr.arange(lane.UInt, dr.width(lists.entry_begin))
+    begin, end = dr.gather(lane.UInt, lists.entry_begin, n), dr.gather(lane.UInt, lists.entry_end, n)
+    start = begin, [lane.Float(0)] * 9
+    return list(dr.while_loop(start, lambda row, sums: row < end, add, labels=("row", "sums"), label="sum")[1])

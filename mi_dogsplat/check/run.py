@@ -1,0 +1,109 @@
+"""``dogsplat check``: the parts that are asked for, one after the other, into ``check.json`` and ``check.html``."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..errors import DataError
+from ..framing import robust_sphere
+from ..pictures import replacing
+from ..ply import read_ply
+from ..render_files import NEAR_SHARE, _camera
+from ..run import versions, write_json
+from ..train import background_color
+from ..wording import finite
+from . import PARTS
+from .page import check_page
+from .scenes import Scene, model_scene, synthetic_scenes
+from .training import read_training
+
+
+def model_to_check(args: argparse.Namespace) -> Scene:
+    """The model ``args.model``, seen as ``dogsplat render`` would see it, ``args.width`` pixels wide or high at most.
+
+    Raises ``DataError``.
+    """
+    splats = read_ply(args.model)
+    if splats.n_splats == 0:
+        raise DataError(args.model, "holds no primitives", "check a model that has some")
+    camera, has_alpha = _camera(args, splats)
+    near_clip = args.near_clip
+    if not (args.camera or args.data):
+        near_clip = min(near_clip, NEAR_SHARE * robust_sphere(splats)[1])
+    background = background_color(args.background, has_alpha)
+    others = {"background": background, "near_clip": near_clip, "antialiased": args.antialiased}
+    return model_scene(args.model.name, splats, camera, args.width, **others)
+
+
+def check(
+    model: Scene | None,
+    out: Path,
+    runs: Sequence[Path] = (),
+    parts: Sequence[str] = PARTS,
+    width: int = 256,
+    rounds: int = 9,
+    progress: Callable[[str], None] = lambda line: None,
+) -> dict[str, Any]:
+    """Run ``parts`` of ``PARTS``, write ``check.json`` and ``check.html`` to ``out``; returns what the former holds.
+
+    Args:
+        model: measured after the scenes that are made here; None: those alone.
+        runs: run folders to compare by training error; without one that part is left out.
+        width: of the pictures of the scenes made here, in pixels.
+        rounds: how often each setting is timed.
+        progress: told in one line what is being done.
+
+    The keys are ``model_name`` (None without one), ``machine`` and, of the parts that were run, ``work_precision``
+    (``work_precision.measure`` per scene), ``stability``, ``stiffness`` and ``training``. What is not a finite number
+    is null. Raises ``DataError`` before anything is written.
+    """
+    training = read_training(runs) if "training" in parts else []
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
+    report: dict[str, Any] = {"model_name": model.name if model else None, "machine": _machine(rounds)}
+    if "work-precision" in parts:
+        from .work_precision import measure
+
+        scenes = synthetic_scenes(width) + ([model] if model else [])
+        report["work_precision"] = [measure(scene, rounds, progress) for scene in scenes]
+    if training:
+        report["training"] = training
+    if "stability" in parts:
+        from .stability import run as stability
+
+        report["stability"] = stability(progress)
+    if "stiffness" in parts:
+        from .stiffness import run as stiffness
+
+        report["stiffness"] = stiffness(progress)
+    report = _plain(report)
+    write_json(out / "check.json", report)
+    with replacing(out / "check.html") as part:
+        part.write_text(check_page(report), encoding="utf-8")
+    return report
+
+
+def _machine(rounds: int) -> dict[str, Any]:
+    """What the times depend on; the load is that of the minute before."""
+    load = round(os.getloadavg()[0], 1)
+    return {"variant": mi.variant(), "cores": os.cpu_count(), "load": load, "rounds": rounds} | versions()
+
+
+def _plain(value: Any) -> Any:
+    """The same in types that JSON knows; numbers that are not finite become None."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(v) for key, v in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return finite(value) if isinstance(value, float) else value

@@ -1,0 +1,90 @@
+"""The settings that trade error for run time, knob by knob: the points of the work-precision curves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..geometry import SMOOTH, Cutoffs
+from ..parameters import upload
+from ..project import DeviceCamera
+from ..rasterize import RasterOptions
+from ..score import ScoreRule, scores
+from ..splats import Splats
+from .scenes import Scene
+
+ALPHA = {"1/64": 1 / 64, "1/128": 1 / 128, "1/255": 1 / 255, "1/512": 1 / 512, "1/1024": 2**-10, "1/4096": 2**-12,
+         "2^-20": 2**-20}  # fmt: skip
+TRANSMITTANCE = {"1e-1": 1e-1, "1e-2": 1e-2, "1e-3": 1e-3, "1e-4": 1e-4, "1e-5": 1e-5, "1e-6": 1e-6, "0": 0.0}
+BOUND = {"16": 16.0, "4": 4.0, "2": 2.0, "1": 1.0, "1/4": 1 / 4, "1/16": 1 / 16}
+PATCH = {"1 x 1": 1, "2 x 2": 2, "4 x 4": 4}
+KEPT = {"100 %": 1.0, "75 %": 0.75, "50 %": 0.5, "25 %": 0.25, "10 %": 0.1, "5 %": 0.05}
+GROUPS = ("alpha cutoff", "transmittance cutoff", "bound", "exponentials", "primitives kept", "SH degree", "DoG")
+
+LEAVE_ONE_OUT = ScoreRule("leave-one-out", spectral_weight=0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Primitives of a scene, on the host and on the device."""
+
+    splats: Splats
+    kept: np.ndarray  # [N'] their rows in the model of the scene
+    params: dict
+
+    @staticmethod
+    def of(splats: Splats, kept: np.ndarray) -> Model:
+        return Model(splats, kept, upload(splats))
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A point of a curve: the knob, where it stands, and what the engine is given."""
+
+    group: str
+    label: str
+    options: RasterOptions
+    model: Model
+
+    @property
+    def key(self) -> tuple[RasterOptions, int]:
+        """Equal for settings that are the same: the default is on every curve."""
+        return self.options, id(self.model)
+
+
+def settings(scene: Scene) -> list[Setting]:
+    """All points of all curves, curve by curve, from coarse to fine; first, in no group, the default and no cutoffs.
+
+    The primitives kept are those with the largest leave-one-out score in this very view (``score.py``).
+    """
+    splats, cutoffs = scene.splats, Cutoffs()
+    default = RasterOptions(sh_degree=splats.sh_degree, antialiased=scene.antialiased)
+    whole = Model.of(splats, np.arange(splats.n_splats))
+    camera = DeviceCamera.upload(scene.camera, scene.near_clip)
+    order = np.argsort(-scores(LEAVE_ONE_OUT, whole.params, [camera], default, scene.background, 0), kind="stable")
+
+    def best(share: float) -> Model:
+        rows = np.sort(order[: max(1, round(share * splats.n_splats))])
+        return whole if share == 1 else Model.of(splats.select(rows), rows)
+
+    def points() -> Iterator[tuple[str, str, RasterOptions, Model]]:
+        for label, value in ALPHA.items():
+            yield "alpha cutoff", label, replace(default, cutoffs=replace(cutoffs, alpha=value)), whole
+        for label, value in TRANSMITTANCE.items():
+            yield "transmittance cutoff", label, replace(default, cutoffs=replace(cutoffs, transmittance=value)), whole
+        for label, value in BOUND.items():
+            yield "bound", label, replace(default, cutoffs=replace(cutoffs, bound=value)), whole
+        for label, value in PATCH.items():
+            yield "exponentials", label, replace(default, patch=value), whole
+        for label, value in reversed(KEPT.items()):
+            yield "primitives kept", label, default, best(value)
+        for degree in range(splats.sh_degree + 1) if splats.sh_degree else ():
+            yield "SH degree", f"degree {degree}", replace(default, sh_degree=degree), whole
+        if splats.n_dog:
+            yield "DoG", "without DoG", default, Model.of(splats.plain(), whole.kept)
+            yield "DoG", "with DoG", default, whole
+
+    alone = {"default": default, "no cutoffs": replace(default, cutoffs=SMOOTH)}
+    return [*(Setting("", *point, whole) for point in alone.items()), *(Setting(*point) for point in points())]

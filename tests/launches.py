@@ -1,0 +1,63 @@
+"""What the device is given to do, read from Dr.Jit's kernel history."""
+
+import re
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+WARM_UP = 4  # calls; a frozen function records its kernels in the first ones
+
+
+@dataclass(frozen=True)
+class Launch:
+    kind: str
+    size: int
+    operations: int  # of Dr.Jit's representation; 0 unless it is a kernel of ours
+    code: str
+
+    @property
+    def instructions(self) -> Counter:
+        """LLVM instructions by name."""
+        return instructions(self.code)
+
+
+def instructions(code: str) -> Counter:
+    found = re.finditer(r"^ +(?:%\S+ = )?(?:tail )?(\w+)(?:.*?@([\w.]+)\()?", code, re.MULTILINE)
+    return Counter(f"call {match[2]}" if match[2] else match[1] for match in found)
+
+
+def launches(run: Callable[[], Any]) -> list[Launch]:
+    """All that the device is given to do by a call, once everything is compiled; not what frees memory afterwards."""
+    for _ in range(WARM_UP):
+        run()
+    dr.sync_thread()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        dr.kernel_history_clear()
+        run()
+        dr.sync_thread()
+        history = [k for k in dr.kernel_history() if k["type"] != dr.KernelType.LLVMHostFunc]
+    codes = [k["ir"].getvalue() if "ir" in k else "" for k in history]
+    kinds = [str(k["type"]).split(".")[-1] for k in history]
+    return [
+        Launch(kind, k["size"], k.get("operation_count", 0), code)
+        for k, kind, code in zip(history, kinds, codes, strict=True)
+    ]
+
+
+def kernels(run: Callable[[], Any]) -> list[tuple[int, int]]:
+    """(size, operations) of the kernels of a call."""
+    return [(k.size, k.operations) for k in launches(run) if k.kind == "JIT"]
+
+
+def loop(launched: list[Launch]) -> Launch:
+    """The largest kernel with a loop: the compositor, forward or backward."""
+    return max((k for k in launched if "_cond:" in k.code), key=lambda k: k.operations)
+
+
+def branches(code: str) -> list[str]:
+    """The LLVM code of each branch that a packet takes where a condition holds in some lane, and else jumps over."""
+    guards = re.findall(r"br i1 %\S+, label %(l_\d+_t), label %(l_\d+_next)", code)
+    return [code[code.index(f"\n{start}:") : code.index(f"\n{end}:")] for start, end in guards]

@@ -1,0 +1,100 @@
+"""``pip install mi_dogsplat`` alone: what works without the packages of the extras, and what is said where it fails."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import tiny_data
+from mi_dogsplat import write_ply
+
+ROOT = Path(__file__).parents[1]
+MODULES = {"pillow": "PIL", "scipy": "scipy", "tqdm": "tqdm", "flip-evaluator": "flip_evaluator", "OpenEXR": "OpenEXR"}
+
+WITHOUT_EXTRAS = f"""
+import sys
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {sorted(MODULES.values())}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, Missing())
+"""
+COMMAND = "from mi_dogsplat.cli import main; sys.exit(main(sys.argv[1:]))"
+RENDER = """
+import mi_dogsplat, mitsuba as mi
+mi.set_variant("llvm_ad_rgb")
+image = mi.render(mi.load_file(sys.argv[1])).numpy()
+assert image.shape == (12, 16, 3) and image.max() > 0.1
+"""
+
+
+def core(code: str, *argv) -> subprocess.CompletedProcess:
+    """Run Python as if only the core was installed."""
+    command = [sys.executable, "-W", "error", "-c", WITHOUT_EXTRAS + code, *map(str, argv)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "model.ply"
+    write_ply(path, tiny_data.truth())
+    return path
+
+
+@pytest.fixture(scope="module")
+def scene(model) -> Path:
+    path = model.with_name("scene.xml")
+    path.write_text(
+        '<scene version="3.0.0"><integrator type="dogsplat"/><shape type="dog"><string name="filename" '
+        'value="model.ply"/></shape><sensor type="perspective"><transform name="to_world"><lookat origin="3, 0, 1" '
+        'target="0, 0, 0" up="0, 0, 1"/></transform><film type="hdrfilm"><integer name="width" value="16"/>'
+        '<integer name="height" value="12"/><string name="pixel_format" value="rgb"/></film></sensor></scene>'
+    )
+    return path
+
+
+def requirements(name: str) -> set[str]:
+    """Packages of a list in pyproject.toml, without their versions."""
+    listed = re.search(rf"^{name} = \[(.*)\]$", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert listed, name
+    return {re.split(r"[<>=\[]", item.strip(' "'))[0] for item in listed[1].split(",")}
+
+
+def test_the_core_needs_mitsuba_and_numpy_only():
+    assert requirements("dependencies") == {"mitsuba", "numpy"}
+    assert requirements("train") <= set(MODULES)  # else they are not hidden here
+
+
+def test_the_plugins_render_a_scene_without_extras(scene):
+    done = core(RENDER, scene)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("flags", [[], ["--features"]])
+def test_a_model_and_a_run_are_described_without_extras(model, tmp_path, flags):
+    (tmp_path / "config.json").write_text('{"data": "photos", "steps": 7}')
+    for path, word in ((model, "SH degree"), (tmp_path, "training")):
+        done = core(COMMAND, "info", path, *flags)
+        assert done.returncode == 0 and word in done.stdout and done.stderr == "", done.stderr
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["train", "{data}", "-o", "{out}"],
+        ["eval", "{model}", "{data}"],
+        ["render", "{model}", "-o", "{out}.png"],
+        ["info", "{data}"],
+    ],
+    ids=lambda argv: argv[0],
+)
+def test_a_missing_extra_is_one_line_that_says_what_to_install(model, tmp_path, argv):
+    data = tiny_data.write_tiny_data(tmp_path / "data", n=2)
+    names = {"data": data, "model": model, "out": tmp_path / "out"}
+    done = core(COMMAND, *(word.format(**names) for word in argv))
+    assert done.returncode == 2 and done.stdout == "", done
+    assert re.fullmatch(r"dogsplat: this needs the package \w+: pip install 'mi_dogsplat\[train\]'\n", done.stderr)
+    assert not list(tmp_path.glob("out*"))

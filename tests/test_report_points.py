@@ -1,0 +1,76 @@
+"""Named points in a plot: on logarithmic axes, with tooltips, rings and words that cover nothing."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+from mi_dogsplat.report_plot import LEFT, RIGHT, WIDTH, Series, legend_list, line_plot, number
+from mi_dogsplat.report_points import CHARACTER, CLEAR, RING, SHAPES, Note, labels, swatch
+
+X, Y = np.array([1.0, 10.0, 100.0]), np.array([1e-2, 1e-4, 1e-6])
+NOTES = [Note("a: 0.01", "a"), Note("b < c"), Note("d", "<d>")]
+
+
+def places(svg: str) -> list[tuple[float, float]]:
+    found = re.findall(r'class="c1 points" transform="translate\(([\d.]+) ([\d.]+)', svg)
+    return [(float(x), float(y)) for x, y in found]
+
+
+def test_equal_ratios_are_equal_distances_on_two_logarithmic_axes():
+    svg = line_plot([Series("", X, Y, "points", notes=NOTES)], "ms", "error", log_x=True, log_y=True)
+    ElementTree.fromstring(svg)
+    (x0, y0), (x1, y1), (x2, y2) = places(svg)
+    assert x1 - x0 == pytest.approx(x2 - x1, abs=0.2) and y1 - y0 == pytest.approx(y2 - y1, abs=0.2)
+    assert LEFT < x0 < x1 < x2 < WIDTH - RIGHT and y0 < y1 < y2
+    for tick in ("1", "10", "100", "0.01", "1e\u22125"):
+        assert f">{tick}</text>" in svg
+
+
+def test_what_a_logarithmic_axis_cannot_show_takes_its_note_along():
+    x = np.array([0.0, 1.0, 10.0])
+    svg = line_plot([Series("", x, Y, "points", notes=NOTES)], "ms", "error", log_x=True)
+    assert "<title>a: 0.01</title>" not in svg and "<title>b &lt; c</title>" in svg
+    assert len(places(svg)) == 2 and svg.count('class="ring"') == 1
+
+
+def test_notes_with_a_label_have_a_ring_and_the_words_beside_it():
+    svg = line_plot([Series("", X, Y, "points", notes=NOTES)], "ms", "error", log_x=True, log_y=True)
+    assert svg.count('class="ring"') == 2 and re.findall(r'class="note"[^>]*>([^<]*)<', svg) == ["a", "&lt;d&gt;"]
+
+
+def test_words_stay_inside_and_cover_neither_points_nor_each_other():
+    rng = np.random.default_rng(0)
+    points = [(float(x), float(y)) for x, y in rng.uniform(20, 280, (40, 2))]
+    notes = [Note("", f"label {i}") for i in range(40)]
+    boxes = []
+    svg = labels(points, notes, (0, 0, 300, 300))
+    for anchor, x, y, words in re.findall(r'anchor="(\w+)" x="([\d.-]+)" y="([\d.-]+)">([^<]*)<', svg):
+        width = len(words) * CHARACTER
+        left = float(x) - width * {"start": 0, "middle": 0.5, "end": 1}[anchor]
+        boxes.append((left, float(y) - 10, left + width, float(y) + 3))
+    assert 5 < len(boxes) < 40  # some fit, some do not
+    for i, (left, top, right, bottom) in enumerate(boxes):
+        assert left >= 0 and top >= 0 and right <= 300.1 and bottom <= 300.1
+        for x, y in points:  # all have a ring
+            assert left > x + RING - 0.1 or x - RING > right - 0.1 or top > y + RING - 0.1 or y - RING > bottom - 0.1
+        for box in boxes[:i]:  # coordinates are rounded to a tenth
+            apart = left > box[2] - 0.1 or box[0] > right - 0.1 or top > box[3] - 0.1 or box[1] > bottom - 0.1
+            assert apart, (boxes[i], box)
+
+
+def test_a_label_without_room_on_the_right_goes_to_the_left():
+    found = labels([(95.0, 50.0)], [Note("", "words")], (0, 0, 100, 100))
+    assert 'text-anchor="end"' in found and f'x="{95 - CLEAR:.1f}"' in found
+
+
+def test_every_colour_has_a_shape_of_its_own_and_a_swatch():
+    assert len(set(SHAPES)) == len(SHAPES) == 8
+    for color in range(8):
+        ElementTree.fromstring(swatch(color))
+    listed = legend_list([("a < b", 1), ("c", 7)])
+    assert listed.count("<li>") == 2 and "a &lt; b" in listed and SHAPES[7] in listed
+
+
+def test_numbers_far_from_one_are_short_too():
+    assert [number(v) for v in (1e-7, 2.5e-5, 4.74e18, -2e9)] == ["1e\u22127", "2.5e\u22125", "4.74e18", "\u22122e9"]
