@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
-from mi_dogsplat.composite import ALPHA_MAX, DEAD_PATCH, MAX_RATIO
+from mi_dogsplat.composite import ALPHA_MAX, DEAD_PATCH
 from mi_dogsplat.composite_derivatives import ENTRY_ROW, LN2, lanes_add_in_turn
 from mi_dogsplat.geometry import Blocks, Cutoffs, Grid
 from mi_dogsplat.project import (
@@ -30,8 +30,9 @@ from mi_dogsplat.project import (
 from mi_dogsplat.sh import C0, read_rows
 from mi_dogsplat.tiles import Lists, tiles
 
+MAX_RATIO = 60.0
 ALPHA_MIN, T_MIN = 1 / 255, 1e-4
-ROW = 12  # x y A B C lo q s t, colour
+ROW = 16  # x y A B C lo q s t, colour
 
 
 def render(params: dict, camera: DeviceCamera) -> tuple[list, mi.Float]:

@@ -24,17 +24,19 @@ float32 does not underflow, and six steps lose a few ulp.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
+from operator import and_
 
 import drjit as dr
 import mitsuba as mi
 
 from .geometry import Cutoffs, Grid
 from .project import NOT_DOG, Kernels, Projection
-from .tiles import Lists
+from .tiles import WORD, Lists
 
 ALPHA_MAX = 0.99
 DEAD_PATCH = -120.0  # a patch that starts below 2^-120 is dead: flushed to 0, so that no ratio can revive it
-MAX_RATIO = 60.0  # log2; only dead patches exceed it
+EXP2 = (1.00000007, 0.693146967, 0.240221197, 0.0555071327, 0.00967554, 0.00132765)  # 2^x, |x| <= 1/2, to 8e-8
 MAX_T = 2.0**30  # only a stack of negative lobes gets there; float32 would end in ∞ and NaN
 FEATURES = 9  # first feature in a primitive's row: x y ux uy vy lo q s t, then the features
 PSEUDO_ROW = 8  # floats per pseudo-Gaussian: ux uy vy lo q s t, padding
@@ -51,8 +53,22 @@ class Tables:
 
 
 def row_size(n_features: int) -> int:
-    """Floats per primitive in the table, a multiple of four for packet loads."""
-    return -(-(FEATURES + n_features) // 4) * 4
+    """Floats per primitive in the table: whole cache lines, in which packets of eight are aligned."""
+    return -(-(FEATURES + n_features) // 16) * 16
+
+
+def exp2(x):
+    """2^x to 2e-7 for -126 < x < 127; anything elsewhere. Half the instructions of ``dr.exp2``, which also saturates.
+
+    Adding 1.5 2^23 rounds x to an integer, whose low bits are then those of the sum: shifted, they are the exponent.
+    """
+    Int = dr.int32_array_t(type(x))
+    whole = x + 12582912.0
+    rest = x - (whole - 12582912.0)
+    value = type(x)(EXP2[-1])
+    for c in EXP2[-2::-1]:
+        value = dr.fma(value, rest, c)
+    return dr.reinterpret_array(type(x), dr.reinterpret_array(Int, value) + (dr.reinterpret_array(Int, whole) << 23))
 
 
 def _pack(columns: list, stride: int) -> mi.Float:
@@ -103,22 +119,38 @@ class Walk:
         self.Float, self.UInt = dr.detached_t(mi.Float), dr.detached_t(mi.UInt32)
         backend = dr.llvm if dr.backend_v(mi.Float) == dr.JitBackend.LLVM else dr.cuda
         self.Quad, self.Packet = backend.Array4f, backend.ArrayXf
+        self.is_llvm = backend is dr.llvm
+        self.exp2 = exp2 if self.is_llvm else dr.exp2
         self.grid, self.tables, self.lists = grid, tables, lists
-        self.cutoffs, self.quads = settings.cutoffs, row_size(settings.n_features) // 4
+        self.cutoffs, self.columns = settings.cutoffs, FEATURES + settings.n_features
+        self.row_size = row_size(settings.n_features)
         self.patch = settings.patch
         self.negative_transmittance = settings.negative_transmittance or tables.pseudo is None
         self.rises = tables.pseudo is not None and settings.negative_transmittance  # T may
         self.blocks = grid.blocks
         self.pixels = self.blocks.width * self.blocks.height
         tile, x, y = lanes
-        self.begin = dr.gather(self.UInt, lists.begin, tile)
-        self.end = dr.gather(self.UInt, lists.end, tile)
+        begin, end = (dr.gather(self.UInt, ends, tile) for ends in (lists.begin, lists.end))
+        self.begin, self.tile = begin, tile
+        self.last = dr.select(begin < end, (end - 1) // WORD + 1, 0)
+        self.lane = dr.arange(self.UInt, dr.width(tile)) % grid.blocks.lanes
         self.x0, self.y0 = self.Float(x) + 0.5, self.Float(y) + 0.5
+        if self.is_llvm:
+            self._align_stack()
         columns = [(x + k) < grid.width for k in range(self.blocks.width)]
         row_ok = [(y + k) < grid.height for k in range(self.blocks.height)]
         self.inside = [r & c for r in row_ok for c in columns]
         base = y * grid.width + x
         self.at = [base + (r * grid.width + c) for r in range(self.blocks.height) for c in range(self.blocks.width)]
+
+    def _align_stack(self) -> None:
+        """Local memory that LLVM cannot optimise away, always 0, makes it align the stack to cache lines.
+
+        Otherwise (LLVM 19) each of the vectors that do not fit the registers lies across two of them.
+        """
+        scratch = dr.alloc_local(self.Float, 2, value=self.Float(0))
+        scratch[self.begin & 1] = self.Float(self.begin >> 31)
+        self.x0 = self.x0 + scratch[self.last & 1]
 
     # --- pixels in and out ---
 
@@ -130,25 +162,57 @@ class Walk:
         return [dr.gather(self.Float, plane, at, ok) for at, ok in zip(self.at, self.inside, strict=True)]
 
     def write(self, values: list) -> mi.Float:
-        plane = dr.empty(self.Float, self.grid.width * self.grid.height)
-        for value, at, ok in zip(values, self.at, self.inside, strict=True):
-            dr.scatter(plane, value, at, ok, mode=dr.ReduceMode.Permute)
-        return plane
+        return self.write_all([values])[0]
+
+    def write_all(self, planes: list[list]) -> list[mi.Float]:
+        """Pixel by pixel: Dr.Jit computes values in the order in which they are written, and so needs fewer at once."""
+        targets = [dr.empty(self.Float, self.grid.width * self.grid.height) for _ in planes]
+        for k, (at, ok) in enumerate(zip(self.at, self.inside, strict=True)):
+            for target, values in zip(targets, planes, strict=True):
+                dr.scatter(target, values[k], at, ok, mode=dr.ReduceMode.Permute)
+        return targets
 
     # --- one primitive ---
 
     def alive(self, T: list):
-        """Some pixel still transmits: finished pixels carry -T."""
-        return _largest(T) > 0
+        """Some pixel still transmits: finished pixels carry -T, and so the sign is set in the bits that all share."""
+        Int = dr.int32_array_t(self.Float)
+        return reduce(and_, (dr.reinterpret_array(Int, t) for t in T)) >= 0
 
-    def fetch(self, i, active) -> tuple:
-        """(primitive, its row of the table, dx, dy) for entry ``i`` of the list; inactive lanes get an empty kernel."""
-        splat = dr.gather(self.UInt, self.lists.splat_from_isect, i, active)
-        row = []
-        for k in range(self.quads):
-            row += list(dr.gather(self.Quad, self.tables.splats, dr.fma(splat, self.quads, k), active))
-        if active is not True:
-            row[5] = dr.select(active, row[5], 2 * DEAD_PATCH)
+    def packets(self, table, row, row_size: int, columns: int, active=True) -> list:
+        """The first ``columns`` floats of a row, in packets of eight and four."""
+        values = []
+        while len(values) < columns:
+            size = 8 if columns - len(values) > 4 else 4
+            index = dr.fma(row, row_size // size, len(values) // size)
+            if size == 8:
+                values += list(dr.gather(self.Packet, table, index, active, shape=(8, dr.width(index))))
+            else:
+                values += list(dr.gather(self.Quad, table, index, active))
+        return values
+
+    def start(self) -> tuple:
+        """Where a lane is in its list: (entries of the present word that are still to come, the next word's number)."""
+        return self.UInt(0), self.begin // WORD
+
+    def more(self, at):
+        """Whether the list goes on."""
+        bits, group = at
+        return (bits != 0) | (group < self.last)
+
+    def next(self, at) -> tuple:
+        """(next entry, whether there is one, where the lane then is). An empty word costs a step without an entry."""
+        bits, group = at
+        refill = (bits == 0) & (group < self.last)
+        word = dr.gather(self.UInt, self.lists.words, (self.tile + group) * self.blocks.lanes + self.lane, refill)
+        bits, group = dr.select(refill, word, bits), dr.select(refill, group + 1, group)
+        return dr.fma(group - 1, WORD, dr.tzcnt(bits)), bits != 0, (bits & (bits - 1), group)
+
+    def fetch(self, entry, active) -> tuple:
+        """(primitive, its row of the table, dx, dy) of an entry; inactive lanes get an empty kernel."""
+        splat = dr.gather(self.UInt, self.lists.splat_from_isect, entry, active)
+        row = self.packets(self.tables.splats, splat, self.row_size, self.columns, active)
+        row[5] = dr.select(active, row[5], 2 * DEAD_PATCH)
         return splat, row, self.x0 - row[0], self.y0 - row[1]
 
     def kernel(self, ux, uy, vy, lo, q, s, t, dx, dy) -> list:
@@ -160,9 +224,10 @@ class Walk:
                 y = dy + top
                 u, v = dr.fma(ux, dx + left, uy * y), vy * y
                 p = dr.fma(-u, u, dr.fma(-v, v, lo))
-                first = dr.select(p > DEAD_PATCH, dr.exp2(p), 0)
-                right = dr.exp2(dr.minimum(-ux * dr.fma(2, u, ux), MAX_RATIO))
-                down = dr.exp2(dr.minimum(dr.fma(-uy, dr.fma(2, u, uy), -vy * dr.fma(2, v, vy)), MAX_RATIO))
+                live = p > DEAD_PATCH  # then the ratios are between 2^-37 and 2^37
+                first = dr.select(live, self.exp2(p), 0)
+                right = self.exp2(dr.select(live, -ux * dr.fma(2, u, ux), 0))
+                down = self.exp2(dr.select(live, dr.fma(-uy, dr.fma(2, u, uy), -vy * dr.fma(2, v, vy)), 0))
                 for row in range(top, min(top + patch, height)):
                     value, ratio = first, right
                     for column in range(left, min(left + patch, width)):
@@ -174,7 +239,7 @@ class Walk:
     def pseudo_kernel(self, splat, active, dx, dy) -> tuple:
         """2^p' of the pseudo-Gaussian, zeros for a plain primitive. All lanes of a packet take the same branch."""
         row = dr.gather(self.UInt, self.tables.dog_row, splat, active)
-        is_dog = active & (row != NOT_DOG) if active is not True else row != NOT_DOG
+        is_dog = active & (row != NOT_DOG)
 
         def evaluate(row, dx, dy):
             return self.kernel(*self.pseudo_row(row), dx, dy)
@@ -186,39 +251,29 @@ class Walk:
         return list(values), row, is_dog
 
     def pseudo_row(self, row) -> list:
-        return [dr.gather(self.Float, self.tables.pseudo, dr.fma(row, PSEUDO_ROW, k)) for k in range(7)]
+        return self.packets(self.tables.pseudo, row, PSEUDO_ROW, PSEUDO_ROW)[:7]
 
     def alphas(self, splat, row, active, dx, dy) -> tuple:
         """(α per pixel, primary values, pseudo values or None, its row, is_dog)."""
         primary = self.kernel(*row[2:FEATURES], dx, dy)
         if self.tables.pseudo is None:
-            return [self._seen(dr.minimum(v, ALPHA_MAX)) for v in primary], primary, None, None, None
+            alpha = [dr.select(v >= self.cutoffs.alpha, dr.minimum(v, ALPHA_MAX), 0) for v in primary]
+            return alpha, primary, None, None, None
         pseudo, dog_row, is_dog = self.pseudo_kernel(splat, active, dx, dy)
         alpha = []
         for v, v_p in zip(primary, pseudo, strict=True):
             a = dr.minimum(v, ALPHA_MAX) - dr.minimum(v_p, ALPHA_MAX)
-            alpha.append(self._seen(a))
+            alpha.append(dr.select(dr.abs(a) >= self.cutoffs.alpha, a, 0))
         return alpha, primary, pseudo, dog_row, is_dog
 
-    def _seen(self, alpha):
-        size = alpha if self.tables.pseudo is None else dr.abs(alpha)
-        return dr.select(size >= self.cutoffs.alpha, alpha, 0)
-
     def advance(self, alpha, T) -> tuple:
-        """(weight α T of the primitive, T behind it, or -T where the walk has ended, whether it was blended)."""
+        """(weight α T of the primitive, T behind it, or -T where the walk has ended, whether it is blended)."""
         weight = alpha * T
         behind = T - (weight if self.negative_transmittance else dr.maximum(weight, 0))
         go = behind >= self.cutoffs.transmittance
         if self.rises:
             go &= behind <= MAX_T
-        return dr.select(go, weight, 0), dr.select(go, behind, -dr.abs(T)), go
-
-
-def _largest(values: list):
-    while len(values) > 1:
-        odd = values[len(values) // 2 * 2 :]
-        values = [dr.maximum(a, b) for a, b in zip(values[::2], values[1::2], strict=False)] + odd
-    return values[0]
+        return weight, dr.select(go, behind, -dr.abs(T)), go
 
 
 @dr.freeze(warn_after=1 << 30)
@@ -226,24 +281,26 @@ def composite(grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: 
     """Blend. Returns (features: list of [H*W] planes, without background; T: [H*W] plane)."""
     walk, n_features = Walk(grid, lanes, tables, lists, settings), settings.n_features
 
-    def body(i, T, C):
+    def body(at, T, C):
         T, C = list(T), list(C)
-        for u in range(walk.blocks.unroll):
-            active = (i + u) < walk.end if u else True
-            splat, row, dx, dy = walk.fetch(i + u, active)
+        for _ in range(walk.blocks.unroll):
+            entry, active, at = walk.next(at)
+            splat, row, dx, dy = walk.fetch(entry, active)
             alpha, *_ = walk.alphas(splat, row, active, dx, dy)
             for k in range(walk.pixels):
-                weight, T[k], _ = walk.advance(alpha[k], T[k])
+                weight, T[k], go = walk.advance(alpha[k], T[k])
                 for f in range(n_features):
-                    C[f * walk.pixels + k] = dr.fma(weight, row[FEATURES + f], C[f * walk.pixels + k])
-        return i + walk.blocks.unroll, T, C
+                    c = C[f * walk.pixels + k]
+                    C[f * walk.pixels + k] = dr.select(go, dr.fma(weight, row[FEATURES + f], c), c)
+        return at, T, C
 
     _, T, C = dr.while_loop(
-        (walk.begin, walk.start_T(), [walk.Float(0)] * (n_features * walk.pixels)),
-        lambda i, T, C: (i < walk.end) & walk.alive(T),
+        (walk.start(), walk.start_T(), [walk.Float(0)] * (n_features * walk.pixels)),
+        lambda at, T, C: walk.more(at) & walk.alive(T),
         body,
-        labels=("i", "T", "C"),
+        labels=("at", "T", "C"),
         label="composite",
     )
-    planes = [walk.write(C[f * walk.pixels : (f + 1) * walk.pixels]) for f in range(n_features)]
-    return planes, walk.write([dr.abs(t) for t in T])
+    features = [C[f * walk.pixels : (f + 1) * walk.pixels] for f in range(n_features)]
+    *planes, T = walk.write_all([*features, [dr.abs(t) for t in T]])
+    return planes, T

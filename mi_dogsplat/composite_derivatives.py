@@ -97,18 +97,19 @@ def composite_backward(
         mvy = dr.fma(dy, mv, dr.fma(v, mr, vy * mrr))
         return [2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0]
 
-    def body(i, T, rest):
+    def body(at, T, rest):
         T, rest = list(T), list(rest)
-        for u in range(walk.blocks.unroll):
-            active = (i + u) < walk.end if u else walk.Float(0) == 0
-            splat, row, dx, dy = walk.fetch(i + u, active)
-            entry = dr.gather(walk.UInt, lists.entry_from_isect, i + u, active)
+        for _ in range(walk.blocks.unroll):
+            isect, active, at = walk.next(at)
+            splat, row, dx, dy = walk.fetch(isect, active)
+            entry = dr.gather(walk.UInt, lists.entry_from_isect, isect, active)
             alpha, primary, pseudo, dog_row, is_dog = walk.alphas(splat, row, active, dx, dy)
             δp, δp_pseudo = [], []
             δf = [walk.Float(0)] * n_features
             for k in range(walk.pixels):
                 a = alpha[k]
                 weight, behind, go = walk.advance(a, T[k])
+                weight = dr.select(go, weight, 0)
                 c = row[FEATURES] * δC[0][k]
                 for f in range(n_features):
                     δf[f] = dr.fma(weight, δC[f][k], δf[f])
@@ -141,13 +142,13 @@ def composite_backward(
                 )
                 δrow[0], δrow[1] = δrow[0] + δx, δrow[1] + δy
             add_row(walk, entries, entry, δrow, ENTRY_ROW, active, in_turn)
-        return i + walk.blocks.unroll, T, rest
+        return at, T, rest
 
     dr.while_loop(
-        (walk.begin, walk.start_T(), rest),
-        lambda i, T, rest: (i < walk.end) & walk.alive(T),
+        (walk.start(), walk.start_T(), rest),
+        lambda at, T, rest: walk.more(at) & walk.alive(T),
         body,
-        labels=("i", "T", "rest"),
+        labels=("at", "T", "rest"),
         label="composite_backward",
     )
     n = dr.arange(walk.UInt, dr.width(lists.entry_begin))
@@ -209,11 +210,12 @@ def composite_forward(
             result.append(dr.select(value < ALPHA_MAX, LN2 * value * δp, 0))
         return result
 
-    def body(i, T, δT, δC):
+    def body(at, T, δT, δC):
         T, δT, δC = list(T), list(δT), list(δC)
-        splat, row, dx, dy = walk.fetch(i, True)
-        alpha, primary, pseudo, dog_row, is_dog = walk.alphas(splat, row, True, dx, dy)
-        δ = [dr.gather(walk.Float, values, splat) for values in δsplats]
+        isect, active, at = walk.next(at)
+        splat, row, dx, dy = walk.fetch(isect, active)
+        alpha, primary, pseudo, dog_row, is_dog = walk.alphas(splat, row, active, dx, dy)
+        δ = [dr.gather(walk.Float, values, splat, active) for values in δsplats]
         δα = tangents(primary, *row[2:5], dx, dy, δ)
         if pseudo is not None:
             δ_p = δ[:2] + [dr.gather(walk.Float, values, dog_row, is_dog) for values in δpseudo or []]
@@ -221,21 +223,22 @@ def composite_forward(
             δα = [a - b for a, b in zip(δα, tangents(pseudo, *kernel, dx, dy, δ_p), strict=True)]
         for k in range(walk.pixels):
             weight, behind, go = walk.advance(alpha[k], T[k])
+            weight = dr.select(go, weight, 0)
             δa = dr.select(go & (alpha[k] != 0), δα[k], 0)
             δweight = dr.select(go, dr.fma(δa, T[k], alpha[k] * δT[k]), 0)
             for f in range(n_features):
-                at = f * walk.pixels + k
-                δC[at] = dr.fma(δweight, row[FEATURES + f], dr.fma(weight, δ[6 + f], δC[at]))
+                p = f * walk.pixels + k
+                δC[p] = dr.fma(δweight, row[FEATURES + f], dr.fma(weight, δ[6 + f], δC[p]))
             passes = go if walk.negative_transmittance else go & (alpha[k] > 0)
             δT[k] = dr.select(passes, δT[k] - δweight, δT[k])
             T[k] = behind
-        return i + 1, T, δT, δC
+        return at, T, δT, δC
 
     _, _, δT, δC = dr.while_loop(
-        (walk.begin, walk.start_T(), [walk.Float(0)] * walk.pixels, [walk.Float(0)] * (n_features * walk.pixels)),
-        lambda i, T, δT, δC: (i < walk.end) & walk.alive(T),
+        (walk.start(), walk.start_T(), [walk.Float(0)] * walk.pixels, [walk.Float(0)] * (n_features * walk.pixels)),
+        lambda at, T, δT, δC: walk.more(at) & walk.alive(T),
         body,
-        labels=("i", "T", "δT", "δC"),
+        labels=("at", "T", "δT", "δC"),
         label="composite_forward",
     )
     return [walk.write(δC[f * walk.pixels : (f + 1) * walk.pixels]) for f in range(n_features)], walk.write(δT)

@@ -130,12 +130,12 @@ def composite_score(
             total = dr.fma(ξ, value, total)
         return total
 
-    def body(i, T, behind):
+    def body(at, T, behind):
         T, behind = list(T), [list(plane) for plane in behind]
-        for u in range(walk.blocks.unroll):
-            active = (i + u) < walk.end if u else True
-            splat, row, dx, dy = walk.fetch(i + u, active)
-            entry = dr.gather(walk.UInt, lists.entry_from_isect, i + u, active)
+        for _ in range(walk.blocks.unroll):
+            isect, active, at = walk.next(at)
+            splat, row, dx, dy = walk.fetch(isect, active)
+            entry = dr.gather(walk.UInt, lists.entry_from_isect, isect, active)
             alpha, *_ = walk.alphas(splat, row, active, dx, dy)
             color, opacity = row[FEATURES : FEATURES + 3], dr.exp2(row[5])
             color = color if sums.removal else [sum(color)]
@@ -143,6 +143,7 @@ def composite_score(
             for k in range(walk.pixels):
                 a = alpha[k]
                 weight, T_behind, go = walk.advance(a, T[k])
+                weight = dr.select(go, weight, 0)
                 blended = go & (a != 0)
                 for f in channels:
                     behind[f][k] = dr.fma(-weight, color[f], behind[f][k])
@@ -155,13 +156,13 @@ def composite_score(
             result = ([energy(F)] if sums.energy else []) + ([gradient_energy(F)] if sums.gradient else [])
             result += [correlation(probe, F) for probe in probes]
             add_row(walk, entries, entry, result, sums.row_size, active, in_turn)
-        return i + walk.blocks.unroll, T, behind
+        return at, T, behind
 
     dr.while_loop(
-        (walk.begin, walk.start_T(), behind),
-        lambda i, T, behind: (i < walk.end) & walk.alive(T),
+        (walk.start(), walk.start_T(), behind),
+        lambda at, T, behind: walk.more(at) & walk.alive(T),
         body,
-        labels=("i", "T", "behind"),
+        labels=("at", "T", "behind"),
         label="composite_score",
     )
     n = dr.arange(walk.UInt, dr.width(lists.entry_begin))

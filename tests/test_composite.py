@@ -132,7 +132,7 @@ def test_empty_lists_leave_the_image_black_and_transparent():
     grid = Grid.of(37, 23, Blocks.of_backend(), mi.variant())
     UInt: Any = dr.detached_t(mi.UInt32)
     nothing = dr.zeros(UInt, grid.n_tiles)
-    lists = Lists(dr.zeros(UInt, 1), nothing, nothing, dr.zeros(UInt, 1), dr.zeros(UInt, 1), dr.zeros(UInt, 1))
+    lists = Lists(dr.zeros(UInt, 1), nothing, nothing, *(dr.zeros(UInt, 1) for _ in range(4)))
     image, T = engine(rounded(make_splats([0, 0, 2])), camera, lists=lists)
     assert not image.any() and (T == 1).all()
 
