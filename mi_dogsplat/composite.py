@@ -161,15 +161,19 @@ class Walk:
     def read(self, plane) -> list:
         return [dr.gather(self.Float, plane, at, ok) for at, ok in zip(self.at, self.inside, strict=True)]
 
-    def write(self, values: list) -> mi.Float:
-        return self.write_all([values])[0]
+    def write(self, planes: list[list]) -> list[mi.Float]:
+        """Planes, interleaved in fours: [H*W, 4] arrays, which ``planes_of`` takes apart.
 
-    def write_all(self, planes: list[list]) -> list[mi.Float]:
-        """Pixel by pixel: Dr.Jit computes values in the order in which they are written, and so needs fewer at once."""
-        targets = [dr.empty(self.Float, self.grid.width * self.grid.height) for _ in planes]
+        Packets of four cost a fourth of what single values do. Written pixel by pixel: Dr.Jit computes values in the order
+        in which they are written, and so needs fewer at once.
+        """
+        n_pixels, zero = self.grid.width * self.grid.height, [self.Float(0)] * self.pixels
+        quads = [planes[k : k + 4] for k in range(0, len(planes), 4)]
+        quads[-1] += [zero] * (4 - len(quads[-1]))
+        targets = [dr.empty(self.Float, 4 * n_pixels) for _ in quads]
         for k, (at, ok) in enumerate(zip(self.at, self.inside, strict=True)):
-            for target, values in zip(targets, planes, strict=True):
-                dr.scatter(target, values[k], at, ok, mode=dr.ReduceMode.Permute)
+            for target, quad in zip(targets, quads, strict=True):
+                dr.scatter(target, self.Quad([values[k] for values in quad]), at, ok, mode=dr.ReduceMode.Permute)
         return targets
 
     # --- one primitive ---
@@ -276,9 +280,21 @@ class Walk:
         return weight, dr.select(go, behind, -dr.abs(T)), go
 
 
-@dr.freeze(warn_after=1 << 30)
+def planes_of(interleaved: list, count: int) -> list:
+    """The first ``count`` planes, [H*W] each, of what ``Walk.write`` wrote; gathered by the kernels that use them."""
+    Quad = dr.llvm.Array4f if dr.backend_v(interleaved[0]) == dr.JitBackend.LLVM else dr.cuda.Array4f
+    index = dr.arange(dr.uint32_array_t(type(interleaved[0])), dr.width(interleaved[0]) // 4)
+    return [plane for quads in interleaved for plane in dr.gather(Quad, quads, index)][:count]
+
+
 def composite(grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings) -> tuple:
     """Blend. Returns (features: list of [H*W] planes, without background; T: [H*W] plane)."""
+    *features, T = planes_of(_composite(grid, lanes, tables, lists, settings), settings.n_features + 1)
+    return features, T
+
+
+@dr.freeze(warn_after=1 << 30)
+def _composite(grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings) -> list:
     walk, n_features = Walk(grid, lanes, tables, lists, settings), settings.n_features
 
     def body(at, T, C):
@@ -302,5 +318,4 @@ def composite(grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: 
         label="composite",
     )
     features = [C[f * walk.pixels : (f + 1) * walk.pixels] for f in range(n_features)]
-    *planes, T = walk.write_all([*features, [dr.abs(t) for t in T]])
-    return planes, T
+    return walk.write([*features, [dr.abs(t) for t in T]])

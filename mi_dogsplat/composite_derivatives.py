@@ -19,7 +19,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .composite import ALPHA_MAX, FEATURES, Settings, Tables, Walk
+from .composite import ALPHA_MAX, FEATURES, Settings, Tables, Walk, planes_of
 from .geometry import Blocks, Grid
 from .tiles import Lists
 
@@ -196,6 +196,14 @@ def composite_forward(
 
     Returns (δfeatures: list of [H*W] planes, δT: [H*W] plane).
     """
+    interleaved = _composite_forward(grid, lanes, tables, lists, settings, δsplats, δpseudo)
+    *δfeatures, δT = planes_of(interleaved, settings.n_features + 1)
+    return δfeatures, δT
+
+
+def _composite_forward(
+    grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings, δsplats: list, δpseudo: list | None
+) -> list:
     walk, n_features = Walk(grid, lanes, tables, lists, settings), settings.n_features
 
     def tangents(values, ux, uy, vy, dx, dy, δ) -> list:
@@ -241,4 +249,4 @@ def composite_forward(
         labels=("at", "T", "δT", "δC"),
         label="composite_forward",
     )
-    return [walk.write(δC[f * walk.pixels : (f + 1) * walk.pixels]) for f in range(n_features)], walk.write(δT)
+    return walk.write([*(δC[f * walk.pixels : (f + 1) * walk.pixels] for f in range(n_features)), δT])

@@ -75,6 +75,10 @@ class Footprints:
         self.first = dr.select(visible, first, 0)
         self.last = dr.select(visible, last, 0)  # exclusive
 
+    def kept(self) -> list:
+        """What the spans are made of."""
+        return [self.x, self.y, self.first, self.last, *(vars(ellipse) for ellipse in self.ellipses)]
+
     def _range(self, low, high, size: int, stride: int, count) -> tuple:
         """Runs of ``size`` pixels, ``stride`` apart, whose pixel centres meet [low, high], as [first, last)."""
         limit = dr.detached_t(mi.Float)(count)

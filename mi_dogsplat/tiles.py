@@ -65,7 +65,7 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> Lists:
     # positive floats sort like their bits
     depth_bits = dr.reinterpret_array(UInt, dr.detach(projection.depth, preserve_type=False))
     key = dr.select(counts > 0, depth_bits, 0xFFFFFFFF)
-    dr.eval(key, counts)
+    dr.eval(key, counts, footprints.kept())  # or the projection would be computed again where entries are emitted
 
     splat_from_rank = dr.argsort(key)  # [N] nearest first
     ends = dr.cumsum(dr.gather(UInt, counts, splat_from_rank))
@@ -75,7 +75,8 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> Lists:
         nowhere = dr.zeros(UInt, dr.width(key))
         return Lists(dr.zeros(UInt, 1), begin, end, dr.zeros(UInt, 1), nowhere, nowhere, dr.zeros(UInt, 1))
 
-    tile_from_isect, splat_from_isect, lanes_from_isect = (dr.empty(UInt, n_isects) for _ in range(3))
+    Pair = dr.llvm.Array2u if dr.backend_v(UInt) == dr.JitBackend.LLVM else dr.cuda.Array2u
+    tile_from_isect, splat_and_lanes = dr.empty(UInt, n_isects), dr.empty(UInt, 2 * n_isects)
     begin_from_rank = ends - dr.gather(UInt, counts, splat_from_rank)
     splat = dr.arange(UInt, dr.width(key))
     rank_begin = dr.empty(UInt, dr.width(key))
@@ -88,8 +89,7 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> Lists:
 
         def emit(column, tile, at):
             dr.scatter(tile_from_isect, tile, at)
-            dr.scatter(splat_from_isect, splat, at)
-            dr.scatter(lanes_from_isect, footprints.lanes(block_columns, column), at)
+            dr.scatter(splat_and_lanes, Pair(splat, footprints.lanes(block_columns, column)), at)
             return column + 1, tile + 1, at + 1
 
         _, _, at = dr.while_loop((first, tile, at), lambda column, tile, at: column < last, emit, label="emit")
@@ -106,10 +106,10 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> Lists:
     after = dr.gather(UInt, tile, i + 1, i + 1 < count)
     dr.scatter(begin, i, tile, (i == 0) | (before != tile))
     dr.scatter(end, i + 1, tile, (i + 1 == count) | (after != tile))
-    splats = dr.gather(UInt, splat_from_isect, order)
+    splats, its_lanes = dr.gather(Pair, splat_and_lanes, order)
     n_words = -(-n_isects // WORD)
     lanes = dr.empty(UInt, n_words * WORD)  # read in packets; what is behind the last entry is nobody's
-    dr.scatter(lanes, dr.gather(UInt, lanes_from_isect, order), i, mode=dr.ReduceMode.Permute)
+    dr.scatter(lanes, its_lanes, i, mode=dr.ReduceMode.Permute)
     dr.eval(begin, end, splats, lanes)
     words = dr.empty(UInt, (grid.n_tiles + n_words) * grid.blocks.lanes)
     transpose_lanes(grid.lanes[0], grid.blocks, lanes, begin, end, words)
