@@ -11,9 +11,14 @@ both consist of the same instructions.
 # pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import reduce
+from operator import and_
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
-from mi_dogsplat.composite import ALPHA_MAX, DEAD_PATCH
+from mi_dogsplat.composite import ALPHA_MAX, DEAD_PATCH, exp2, planes_of
 from mi_dogsplat.composite_derivatives import ENTRY_ROW, LN2, lanes_add_in_turn
 from mi_dogsplat.geometry import Blocks, Cutoffs, Grid
 from mi_dogsplat.project import (
@@ -28,11 +33,10 @@ from mi_dogsplat.project import (
     softplus,
 )
 from mi_dogsplat.sh import C0, read_rows
-from mi_dogsplat.tiles import Lists, tiles
+from mi_dogsplat.tiles import WORD, Lists, tiles
 
-MAX_RATIO = 60.0
 ALPHA_MIN, T_MIN = 1 / 255, 1e-4
-ROW = 16  # x y A B C lo q s t, colour
+ROW = 16  # x y ux uy vy lo q s t, colour, padding
 
 
 def render(params: dict, camera: DeviceCamera) -> tuple[list, mi.Float]:
@@ -40,7 +44,8 @@ def render(params: dict, camera: DeviceCamera) -> tuple[list, mi.Float]:
     grid = Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
     projection = project(params, camera)
     table, lists = pack(projection), tiles(projection, grid, Cutoffs())
-    return composite(grid, grid.lanes, table, lists)
+    *colors, T = planes_of(composite(grid, grid.lanes, table, lists), 4)
+    return colors, T
 
 
 def backward(params: dict, camera: DeviceCamera, δcolors: list) -> None:
@@ -48,7 +53,7 @@ def backward(params: dict, camera: DeviceCamera, δcolors: list) -> None:
     grid = Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
     projection = project(params, camera)
     table, lists = pack(projection), tiles(projection, grid, Cutoffs())
-    colors, T = composite(grid, grid.lanes, table, lists)
+    *colors, T = planes_of(composite(grid, grid.lanes, table, lists), 4)
     entries = dr.zeros(dr.detached_t(mi.Float), dr.width(lists.entry_from_isect) * ENTRY_ROW)
     in_turn = lanes_add_in_turn(mi.variant())
     δsplats = composite_backward(grid, grid.lanes, table, lists, colors, T, δcolors, entries, in_turn)
@@ -133,9 +138,16 @@ class Lane:
         self.grid, self.table, self.lists = grid, table, lists
         self.width, self.height, self.unroll = grid.blocks.width, grid.blocks.height, grid.blocks.unroll
         self.pixels = self.width * self.height
+        self.exp2: Callable[[Any], Any] = exp2 if on_llvm else dr.exp2
         tile, x, y = lanes
-        self.begin, self.end = dr.gather(self.UInt, lists.begin, tile), dr.gather(self.UInt, lists.end, tile)
+        self.tile, self.lane = tile, dr.arange(self.UInt, dr.width(tile)) % grid.blocks.lanes
+        self.begin, end = dr.gather(self.UInt, lists.begin, tile), dr.gather(self.UInt, lists.end, tile)
+        self.last = dr.select(self.begin < end, (end - 1) // WORD + 1, 0)
         self.x0, self.y0 = self.Float(x) + 0.5, self.Float(y) + 0.5
+        if on_llvm:
+            scratch = dr.alloc_local(self.Float, 2, value=self.Float(0))
+            scratch[self.begin & 1] = self.Float(self.begin >> 31)
+            self.x0 = self.x0 + scratch[self.last & 1]
         in_column = [(x + k) < grid.width for k in range(self.width)]
         in_row = [(y + k) < grid.height for k in range(self.height)]
         self.inside = [r & c for r in in_row for c in in_column]
@@ -145,33 +157,43 @@ class Lane:
     def read(self, plane) -> list:
         return [dr.gather(self.Float, plane, at, ok) for at, ok in zip(self.at, self.inside, strict=True)]
 
-    def write(self, values: list) -> mi.Float:
-        plane = dr.empty(self.Float, self.grid.width * self.grid.height)
-        for value, at, ok in zip(values, self.at, self.inside, strict=True):
-            dr.scatter(plane, value, at, ok, mode=dr.ReduceMode.Permute)
-        return plane
+    def write(self, planes: list[list]) -> list[mi.Float]:
+        target = dr.empty(self.Float, 4 * self.grid.width * self.grid.height)
+        for k, (at, ok) in enumerate(zip(self.at, self.inside, strict=True)):
+            dr.scatter(target, self.Quad([values[k] for values in planes]), at, ok, mode=dr.ReduceMode.Permute)
+        return [target]
 
-    def goes_on(self, i, T: list):
-        while len(T) > 1:
-            T = [dr.maximum(a, b) for a, b in zip(T[::2], T[1::2], strict=True)]
-        return (i < self.end) & (T[0] > 0)
+    def start(self) -> tuple:
+        return self.UInt(0), self.begin // WORD
 
-    def fetch(self, i, active) -> tuple:
-        splat = dr.gather(self.UInt, self.lists.splat_from_isect, i, active)
-        row = []
-        for k in range(ROW // 4):
-            row += list(dr.gather(self.Quad, self.table, dr.fma(splat, ROW // 4, k), active))
-        if active is not True:
-            row[5] = dr.select(active, row[5], 2 * DEAD_PATCH)
+    def goes_on(self, at, T: list):
+        Int: Any = dr.int32_array_t(self.Float)
+        bits, group = at
+        signs: Any = reduce(and_, (dr.reinterpret_array(Int, t) for t in T))
+        return ((bits != 0) | (group < self.last)) & (signs >= 0)
+
+    def next(self, at) -> tuple:
+        bits, group = at
+        refill = (bits == 0) & (group < self.last)
+        word = dr.gather(self.UInt, self.lists.words, (self.tile + group) * self.grid.blocks.lanes + self.lane, refill)
+        bits, group = dr.select(refill, word, bits), dr.select(refill, group + 1, group)
+        return dr.fma(group - 1, WORD, dr.tzcnt(bits)), bits != 0, (bits & (bits - 1), group)
+
+    def fetch(self, isect, active) -> tuple:
+        splat = dr.gather(self.UInt, self.lists.splat_from_isect, isect, active)
+        eight = dr.gather(self.Packet, self.table, splat * (ROW // 8), active, shape=(8, dr.width(splat)))
+        row = [*eight, *dr.gather(self.Quad, self.table, dr.fma(splat, ROW // 4, 2), active)]
+        row[5] = dr.select(active, row[5], 2 * DEAD_PATCH)
         return row, self.x0 - row[0], self.y0 - row[1]
 
     def gaussian(self, row: list, dx, dy) -> list:
         ux, uy, vy, lo, q, s, t = row[2:9]
         u, v = dr.fma(ux, dx, uy * dy), vy * dy
         p = dr.fma(-u, u, dr.fma(-v, v, lo))
-        first = dr.select(p > DEAD_PATCH, dr.exp2(p), 0)
-        right = dr.exp2(dr.minimum(-ux * dr.fma(2, u, ux), MAX_RATIO))
-        down = dr.exp2(dr.minimum(dr.fma(-uy, dr.fma(2, u, uy), -vy * dr.fma(2, v, vy)), MAX_RATIO))
+        live = p > DEAD_PATCH
+        first = dr.select(live, self.exp2(p), 0)
+        right = self.exp2(dr.select(live, -ux * dr.fma(2, u, ux), 0))
+        down = self.exp2(dr.select(live, dr.fma(-uy, dr.fma(2, u, uy), -vy * dr.fma(2, v, vy)), 0))
         values = []
         for _ in range(self.height):
             value, ratio = first, right
@@ -182,33 +204,34 @@ class Lane:
         return values
 
     def blend(self, value, T) -> tuple:
-        """(α, weight, T behind, whether it was blended)."""
-        alpha = dr.minimum(value, ALPHA_MAX)
-        alpha = dr.select(alpha >= ALPHA_MIN, alpha, 0)
+        """(α, weight, T behind, whether it is blended)."""
+        alpha = dr.select(value >= ALPHA_MIN, dr.minimum(value, ALPHA_MAX), 0)
         weight = alpha * T
         behind = T - weight
         go = behind >= T_MIN
-        return alpha, dr.select(go, weight, 0), dr.select(go, behind, -dr.abs(T)), go
+        return alpha, weight, dr.select(go, behind, -dr.abs(T)), go
 
 
 @dr.freeze(warn_after=1 << 30)
-def composite(grid: Grid, lanes: tuple, table, lists: Lists) -> tuple:
+def composite(grid: Grid, lanes: tuple, table, lists: Lists) -> list:
     lane = Lane(grid, lanes, table, lists)
 
-    def body(i, T, C):
+    def body(at, T, C):
         T, C = list(T), list(C)
-        for u in range(lane.unroll):
-            row, dx, dy = lane.fetch(i + u, (i + u) < lane.end if u else True)
+        for _ in range(lane.unroll):
+            isect, active, at = lane.next(at)
+            row, dx, dy = lane.fetch(isect, active)
             for k, value in enumerate(lane.gaussian(row, dx, dy)):
-                _, weight, T[k], _ = lane.blend(value, T[k])
+                _, weight, T[k], go = lane.blend(value, T[k])
                 for c in range(3):
-                    C[c * lane.pixels + k] = dr.fma(weight, row[9 + c], C[c * lane.pixels + k])
-        return i + lane.unroll, T, C
+                    color = C[c * lane.pixels + k]
+                    C[c * lane.pixels + k] = dr.select(go, dr.fma(weight, row[9 + c], color), color)
+        return at, T, C
 
-    start = lane.begin, lane.start_T, [lane.Float(0)] * (3 * lane.pixels)
-    _, T, C = dr.while_loop(start, lambda i, T, C: lane.goes_on(i, T), body, labels=("i", "T", "C"), label="plain")
-    planes = [lane.write(C[c * lane.pixels : (c + 1) * lane.pixels]) for c in range(3)]
-    return planes, lane.write([dr.abs(t) for t in T])
+    start = lane.start(), lane.start_T, [lane.Float(0)] * (3 * lane.pixels)
+    _, T, C = dr.while_loop(start, lambda at, T, C: lane.goes_on(at, T), body, labels=("at", "T", "C"), label="plain")
+    planes = [C[c * lane.pixels : (c + 1) * lane.pixels] for c in range(3)]
+    return lane.write([*planes, [dr.abs(t) for t in T]])
 
 
 @dr.freeze(warn_after=1 << 30)
@@ -239,15 +262,16 @@ def composite_backward(
         mvy = dr.fma(dy, mv, dr.fma(v, mr, vy * mrr))
         return [2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0]
 
-    def body(i, T, rest):
+    def body(at, T, rest):
         T, rest = list(T), list(rest)
-        for u in range(lane.unroll):
-            active = (i + u) < lane.end if u else lane.Float(0) == 0
-            row, dx, dy = lane.fetch(i + u, active)
-            entry = dr.gather(lane.UInt, lists.entry_from_isect, i + u, active)
+        for _ in range(lane.unroll):
+            isect, active, at = lane.next(at)
+            row, dx, dy = lane.fetch(isect, active)
+            entry = dr.gather(lane.UInt, lists.entry_from_isect, isect, active)
             δp, δf = [], [lane.Float(0)] * 3
             for k, value in enumerate(lane.gaussian(row, dx, dy)):
                 alpha, weight, behind, go = lane.blend(value, T[k])
+                weight = dr.select(go, weight, 0)
                 c = row[9] * δC[0][k]
                 for f in range(3):
                     δf[f] = dr.fma(weight, δC[f][k], δf[f])
@@ -260,10 +284,11 @@ def composite_backward(
                 T[k] = behind
             δrow = moments(δp, *row[2:5], dx, dy) + δf
             dr.scatter_add(entries, lane.Packet(δrow + [lane.Float(0)] * (ENTRY_ROW - 9)), entry, active, mode=mode)
-        return i + lane.unroll, T, rest
+        return at, T, rest
 
-    start = lane.begin, lane.start_T, rest
-    dr.while_loop(start, lambda i, T, rest: lane.goes_on(i, T), body, labels=("i", "T", "rest"), label="plain backward")
+    start = lane.start(), lane.start_T, rest
+    labels = "at", "T", "rest"
+    dr.while_loop(start, lambda at, T, rest: lane.goes_on(at, T), body, labels=labels, label="plain backward")
 
     def add(row, sums):
         values = []

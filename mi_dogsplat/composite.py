@@ -7,9 +7,9 @@ Notation (Kerbl et al. 2023, Sec. 6; DoG as in the method paper, Sec. 3.3)
            behind very many negative α, exceed 2^30
     C      Σ c α T, for each feature c (the colour channels, and depth if asked for)
 
-How it runs: a lane owns a block of pixels, unrolled here in Python; the lanes of a packet are one tile and so walk
-the same list of primitives in step (``geometry.py``). The pixels of a patch of 4 x 4 share three exponentials: from
-pixel to pixel 2^p is multiplied by a ratio, and the ratio by a constant of the primitive,
+How it runs: a lane owns a block of pixels, unrolled here in Python; the lanes of a packet are one tile, each with
+the entries of the tile's list that touch its block (``tiles.py``). The pixels of a patch of 4 x 4 share three
+exponentials: from pixel to pixel 2^p is multiplied by a ratio, and the ratio by a constant of the primitive,
 
     2^p(dx+1, dy) = 2^p r,   r = 2^(-ux (2u + ux)),                     r(dx+1, dy) = r q,   r(dx, dy+1) = r s,
     2^p(dx, dy+1) = 2^p d,   d = 2^(-uy (2u + uy) - vy (2v + vy)),      d(dx, dy+1) = d t,
@@ -23,9 +23,11 @@ float32 does not underflow, and six steps lose a few ulp.
 # pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
 from operator import and_
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -62,13 +64,14 @@ def exp2(x):
 
     Adding 1.5 2^23 rounds x to an integer, whose low bits are then those of the sum: shifted, they are the exponent.
     """
-    Int = dr.int32_array_t(type(x))
+    Int: Any = dr.int32_array_t(type(x))
     whole = x + 12582912.0
     rest = x - (whole - 12582912.0)
     value = type(x)(EXP2[-1])
     for c in EXP2[-2::-1]:
         value = dr.fma(value, rest, c)
-    return dr.reinterpret_array(type(x), dr.reinterpret_array(Int, value) + (dr.reinterpret_array(Int, whole) << 23))
+    bits, exponent = Int(dr.reinterpret_array(Int, value)), Int(dr.reinterpret_array(Int, whole)) << 23
+    return dr.reinterpret_array(type(x), bits + exponent)
 
 
 def _pack(columns: list, stride: int) -> mi.Float:
@@ -120,7 +123,7 @@ class Walk:
         backend = dr.llvm if dr.backend_v(mi.Float) == dr.JitBackend.LLVM else dr.cuda
         self.Quad, self.Packet = backend.Array4f, backend.ArrayXf
         self.is_llvm = backend is dr.llvm
-        self.exp2 = exp2 if self.is_llvm else dr.exp2
+        self.exp2: Callable[[Any], Any] = exp2 if self.is_llvm else dr.exp2
         self.grid, self.tables, self.lists = grid, tables, lists
         self.cutoffs, self.columns = settings.cutoffs, FEATURES + settings.n_features
         self.row_size = row_size(settings.n_features)
@@ -164,8 +167,8 @@ class Walk:
     def write(self, planes: list[list]) -> list[mi.Float]:
         """Planes, interleaved in fours: [H*W, 4] arrays, which ``planes_of`` takes apart.
 
-        Packets of four cost a fourth of what single values do. Written pixel by pixel: Dr.Jit computes values in the order
-        in which they are written, and so needs fewer at once.
+        Packets of four cost a fourth of what single values do. Written pixel by pixel: Dr.Jit computes values in the
+        order in which they are written, and so needs fewer at once.
         """
         n_pixels, zero = self.grid.width * self.grid.height, [self.Float(0)] * self.pixels
         quads = [planes[k : k + 4] for k in range(0, len(planes), 4)]
@@ -180,8 +183,9 @@ class Walk:
 
     def alive(self, T: list):
         """Some pixel still transmits: finished pixels carry -T, and so the sign is set in the bits that all share."""
-        Int = dr.int32_array_t(self.Float)
-        return reduce(and_, (dr.reinterpret_array(Int, t) for t in T)) >= 0
+        Int: Any = dr.int32_array_t(self.Float)
+        bits: Any = reduce(and_, (dr.reinterpret_array(Int, t) for t in T))
+        return bits >= 0
 
     def packets(self, table, row, row_size: int, columns: int, active=True) -> list:
         """The first ``columns`` floats of a row, in packets of eight and four."""
@@ -241,7 +245,7 @@ class Walk:
         return values
 
     def pseudo_kernel(self, splat, active, dx, dy) -> tuple:
-        """2^p' of the pseudo-Gaussian, zeros for a plain primitive. All lanes of a packet take the same branch."""
+        """2^p' of the pseudo-Gaussian, zeros for a plain primitive: packets without a DoG primitive jump over it."""
         row = dr.gather(self.UInt, self.tables.dog_row, splat, active)
         is_dog = active & (row != NOT_DOG)
 

@@ -1,7 +1,7 @@
 """Which tiles, and which blocks of pixels inside them, a projected primitive covers.
 
-It covers what its level set {2^p >= cutoff} meets (for a DoG primitive: that of either kernel), with pixels taken at their
-centres. The set is an ellipse; within a band of pixel rows its leftmost and rightmost points are known in closed
+It covers what its level set {2^p >= cutoff} meets (for a DoG primitive: that of either kernel), with pixels taken at
+their centres. The set is an ellipse; within a band of pixel rows its leftmost and rightmost points are known in closed
 form, so nothing is listed that the ellipse does not enter ("AccuTile", Speedy-Splat 2024).
 """
 
@@ -70,8 +70,8 @@ class Footprints:
             extent_y = dr.maximum(extent_y, dr.select(other.seen, other.extent_y, -1))
         self.tiles_x, self.tiles_y = (dr.opaque(self.Int, v) for v in (grid.tiles_x, grid.tiles_y))
         visible = dr.detach(projection.visible, preserve_type=False) & (extent_y >= 0)
-        b = self.blocks
-        first, last = self._range(self.y - extent_y, self.y + extent_y, b.tile_height + b.overlap, b.tile_height, self.tiles_y)
+        top, bottom, b = self.y - extent_y, self.y + extent_y, self.blocks
+        first, last = self._range(top, bottom, b.tile_height + b.overlap, b.tile_height, self.tiles_y)
         self.first = dr.select(visible, first, 0)
         self.last = dr.select(visible, last, 0)  # exclusive
 

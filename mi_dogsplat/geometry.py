@@ -1,7 +1,7 @@
 """How the image is cut: tiles of pixels, shared by a packet of lanes that own a block of pixels each.
 
 This is all that depends on the backend. A block is unrolled in the compositing kernel, so every parameter that a lane
-loads serves the whole block, and every lane of a packet walks the same list of primitives.
+loads serves the whole block; the lanes of a packet walk down the list of one tile, each past what misses its block.
 """
 
 from __future__ import annotations

@@ -25,8 +25,8 @@ class Lists:
 
     Entries are also numbered primitive by primitive, ``entry_begin[splat]`` to ``entry_end[splat]``.
 
-    ``words``: bit b of ``words[tile + g, lane]`` says whether entry 32 g + b is one of the lane's. Every 32 entries have a
-    word per lane, and one more where a tile begins between two multiples of 32: tile and g fix where it is.
+    ``words``: bit b of ``words[tile + g, lane]`` says whether entry 32 g + b is one of the lane's. A tile that begins
+    between two multiples of 32 has a word of its own for what follows: so tile and g together tell where a word is.
     """
 
     splat_from_isect: mi.UInt32

@@ -10,8 +10,9 @@ from mi_dogsplat.geometry import SMOOTH, Blocks, Cutoffs, Grid
 from mi_dogsplat.parameters import upload
 from mi_dogsplat.project import DeviceCamera, project
 from mi_dogsplat.splats import Splats
-from mi_dogsplat.tiles import tiles
+from mi_dogsplat.tiles import Lists, tiles
 from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
+from tile_lists import lanes_of_entries
 
 HARD = Cutoffs()
 
@@ -20,9 +21,13 @@ def grid_of(camera: Camera) -> Grid:
     return Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
 
 
+def engine_tiles(splats: Splats, camera: Camera, cutoffs=HARD) -> Lists:
+    return tiles(project(upload(splats), DeviceCamera.upload(camera), sh_degree=splats.sh_degree),
+                 grid_of(camera), cutoffs)
+
+
 def engine_lists(splats: Splats, camera: Camera, cutoffs=HARD) -> list[np.ndarray]:
-    projection = project(upload(splats), DeviceCamera.upload(camera), sh_degree=splats.sh_degree)
-    lists = tiles(projection, grid_of(camera), cutoffs)
+    lists = engine_tiles(splats, camera, cutoffs)
     begin, end, splat = (np.array(v) for v in (lists.begin, lists.end, lists.splat_from_isect))
     return [splat[b:e] for b, e in zip(begin, end, strict=True)]
 
@@ -46,22 +51,41 @@ def _smallest_in_box(conic, x0, y0, x1, y1) -> np.ndarray:
     return np.min(q, axis=0)
 
 
-def minimal_lists(splats: Splats, camera: Camera, min_alpha=1 / 255) -> list[set[int]]:
-    """Per tile the primitives whose level set (either one) meets the rectangle spanned by its pixel centres."""
-    grid, p = grid_of(camera), reference.project(splats, camera)
-    tile_y, tile_x = np.divmod(np.arange(grid.n_tiles), grid.tiles_x)
-    w, h = grid.blocks.tile_width, grid.blocks.tile_height
-    lists: list[set[int]] = [set() for _ in range(grid.n_tiles)]
+def met_boxes(splats: Splats, camera: Camera, left, top, width: int, height: int, min_alpha=1 / 255) -> np.ndarray:
+    """[N, boxes] whether a primitive's level set (either one) meets the rectangle spanned by a box's pixel centres."""
+    p = reference.project(splats, camera)
+    met = np.zeros((splats.n_splats, len(left)), bool)
     for i in np.flatnonzero(p.visible).tolist():
-        x0, y0 = tile_x * w + 0.5 - p.means2d[i, 0], tile_y * h + 0.5 - p.means2d[i, 1]
-        meets = np.zeros(grid.n_tiles, bool)
+        x0, y0 = left + 0.5 - p.means2d[i, 0], top + 0.5 - p.means2d[i, 1]
         for opacity, conic in ((p.opacities[i], p.conics[i]), (p.pseudo_opacities[i], p.pseudo_conics[i])):
             if opacity >= min_alpha:
-                q = _smallest_in_box(conic, x0, y0, x0 + w - 1, y0 + h - 1)
-                meets |= q <= 2 * np.log(opacity / min_alpha)
-        for tile in np.flatnonzero(meets):
-            lists[tile].add(i)
-    return lists
+                q = _smallest_in_box(conic, x0, y0, x0 + width - 1, y0 + height - 1)
+                met[i] |= q <= 2 * np.log(opacity / min_alpha)
+    return met
+
+
+def minimal_lists(splats: Splats, camera: Camera, min_alpha=1 / 255) -> list[set[int]]:
+    """Per tile the primitives that meet it."""
+    grid, b = grid_of(camera), grid_of(camera).blocks
+    tile_y, tile_x = np.divmod(np.arange(grid.n_tiles), grid.tiles_x)
+    met = met_boxes(splats, camera, tile_x * b.tile_width, tile_y * b.tile_height, b.tile_width, b.tile_height,
+                    min_alpha)
+    return [set(np.flatnonzero(column).tolist()) for column in met.T]
+
+
+def assert_lanes_complete_and_tight(splats: Splats, camera: Camera):
+    """Each lane is told of the primitives that meet its block of pixels, and of few others."""
+    lists, grid, b = engine_tiles(splats, camera), grid_of(camera), grid_of(camera).blocks
+    found = lanes_of_entries(lists, grid)
+    tile = np.repeat(np.arange(grid.n_tiles), lists.end.numpy() - lists.begin.numpy())
+    tile_y, tile_x = np.divmod(np.arange(grid.n_tiles), grid.tiles_x)
+    lane_y, lane_x = np.divmod(np.arange(b.lanes), b.lanes_x)
+    left = tile_x[:, None] * b.tile_width + lane_x * b.stride_x
+    top = tile_y[:, None] * b.tile_height + lane_y * b.stride_y
+    met = met_boxes(splats, camera, left.ravel(), top.ravel(), b.width, b.height)
+    met = met.reshape(-1, grid.n_tiles, b.lanes)[lists.splat_from_isect.numpy(), tile]
+    assert not (met & ~found).any()
+    assert 0 < found.sum() <= 1.03 * met.sum(), f"{found.sum()} of lanes, {met.sum()} would do"
 
 
 def assert_complete_and_tight(splats: Splats, camera: Camera):
@@ -72,6 +96,7 @@ def assert_complete_and_tight(splats: Splats, camera: Camera):
     total, least = sum(map(len, ours)), sum(map(len, minimal))
     assert least > 0
     assert total <= 1.02 * least, f"{total} entries, {least} would do"
+    assert_lanes_complete_and_tight(splats, camera)
 
 
 SIZES = [(64, 48), (1, 1), (1, 40), (37, 23), (130, 70)]

@@ -1,0 +1,20 @@
+"""The lists of ``tiles`` as NumPy arrays."""
+
+import numpy as np
+from mi_dogsplat.geometry import Grid
+from mi_dogsplat.tiles import WORD, Lists
+
+
+def lanes_of_entries(lists: Lists, grid: Grid) -> np.ndarray:
+    """[entries, lanes] which lanes look at which entry, read from the words as a lane does."""
+    words = lists.words.numpy().reshape(-1, grid.blocks.lanes)
+    found = np.zeros((len(lists.splat_from_isect), grid.blocks.lanes), bool)
+    for tile, (begin, end) in enumerate(zip(lists.begin.numpy(), lists.end.numpy(), strict=True)):
+        groups = range(int(begin) // WORD, (int(end) - 1) // WORD + 1) if begin < end else ()
+        for group in groups:
+            bits = words[tile + group] >> np.arange(WORD, dtype=np.uint32)[:, None] & 1
+            inside = np.arange(group * WORD, (group + 1) * WORD)
+            own = (inside >= begin) & (inside < end)
+            assert not bits[~own].any(), "a lane would walk into the list of another tile"
+            found[inside[own]] = bits[own]
+    return found
