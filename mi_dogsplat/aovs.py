@@ -1,0 +1,91 @@
+"""Arbitrary output variables (AOVs): what a pixel knows besides its colour, as channels of the film or of an OpenEXR.
+
+    alpha          1 - T, what the background is hidden by
+    depth          expected depth Σ z α T / alpha, z along the optical axis to the centre of a primitive
+    median_depth   z of the first primitive behind which T ≤ 1/2
+    normal         Σ n α T, normalised; n as in ``normals.py``, in world space
+    index          primitive of the largest α T; counted through all ``dog`` shapes, in the order of the scene
+    count          number of primitives that are blended
+    dog_share      share of the DoG primitives in Σ |α T|
+
+Where nothing is seen, index is -1 and all else 0; depth and normal are 0 wherever alpha is not positive, which negative
+α can bring about. What depth and normal need is blended as features of the ordinary walk, with its derivatives. The last
+four but normal are found by a walk of their own (``composite_aovs.py``) and have none: their derivative is 0.
+
+Channels are named as Mitsuba's ``aov`` integrator names its own, ``name.X``; its ``depth.T`` is a distance along a ray,
+so ours is ``depth.Z``.
+"""
+
+# Dr.Jit's stubs give detached types as "object": argument checks are off here.
+# pyright: reportArgumentType=false, reportCallIssue=false
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import drjit as dr
+import mitsuba as mi
+
+from .composite_aovs import NOTHING, WALKED, composite_aovs
+from .rasterize import Frame
+
+# Last parts of the names of the channels; I is an integer, Z along the optical axis, Y a plain number
+CHANNELS = {
+    "alpha": ("",),
+    "depth": (".Z",),
+    "median_depth": (".Z",),
+    "normal": (".X", ".Y", ".Z"),
+    "index": (".I",),
+    "count": (".I",),
+    "dog_share": (".Y",),
+}
+AOVS = tuple(CHANNELS)
+BLENDED = ("depth", "normal")  # fields of RasterOptions
+
+
+def read_names(text: str) -> list[str]:
+    """Names from a comma-separated list. Raises ``ValueError`` for one that is unknown, or is there twice."""
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    for k, name in enumerate(names):
+        if name not in AOVS:
+            raise ValueError(f'unknown AOV "{name}"; available are {", ".join(AOVS)}')
+        if name in names[:k]:
+            raise ValueError(f'the AOV "{name}" is there twice; name it once')
+    return names
+
+
+def channel_names(names: Sequence[str]) -> list[str]:
+    """Names of all channels, in order."""
+    return [name + part for name in names for part in CHANNELS[name]]
+
+
+def blended(names: Sequence[str]) -> dict[str, bool]:
+    """Fields of ``RasterOptions`` that the AOVs need."""
+    return {name: name in names for name in BLENDED}
+
+
+def channels(names: Sequence[str], frame: Frame, derivative: bool = False) -> list[mi.Float]:
+    """Planes [H*W] as ``channel_names`` lists them; alpha, depth and normal are attached to the AD graph as the frame is.
+
+    Args:
+        names: AOVs.
+        frame: rasterized with the options that ``blended`` gives.
+        derivative: only the derivatives matter: what has none is 0, and no walk is made for it.
+    """
+    alpha = 1 - frame.T
+    planes = {"alpha": [alpha]}
+    if "depth" in names:
+        planes["depth"] = [dr.select(alpha > 0, frame.depth / alpha, 0)]
+    if "normal" in names:
+        x, y, z = frame.normal
+        length2 = dr.fma(x, x, dr.fma(y, y, z * z))
+        seen = (alpha > 0) & (length2 > 0)
+        inv = dr.rsqrt(dr.select(seen, length2, 1))
+        planes["normal"] = [dr.select(seen, n * inv, 0) for n in (x, y, z)]
+    walked = tuple(name for name in WALKED if name in names)
+    if walked and frame.walk and not derivative:
+        depths = dr.detach(frame.projection.depth, preserve_type=False)
+        found = composite_aovs(*frame.walk, depths, walked)
+        planes |= {name: [mi.Float(plane)] for name, plane in zip(walked, found, strict=True)}
+    else:
+        planes |= {name: [dr.full(mi.Float, NOTHING[name], dr.width(alpha))] for name in walked}
+    return [plane for name in names for plane in planes[name]]
