@@ -9,8 +9,10 @@
     dog_share      share of the DoG primitives in Σ |α T|
 
 Where nothing is seen, index is -1 and all else 0; depth and normal are 0 wherever alpha is not positive, which negative
-α can bring about. What depth and normal need is blended as features of the ordinary walk, with its derivatives. The last
-four but normal are found by a walk of their own (``composite_aovs.py``) and have none: their derivative is 0.
+α can bring about.
+
+What depth and normal need is blended as features of the ordinary walk, and so they are differentiable, as alpha is. The
+other four take a walk of their own (``composite_aovs.py``) and have no derivative: it is 0.
 
 Channels are named as Mitsuba's ``aov`` integrator names its own, ``name.X``; its ``depth.T`` is a distance along a ray,
 so ours is ``depth.Z``.
@@ -64,7 +66,7 @@ def blended(names: Sequence[str]) -> dict[str, bool]:
 
 
 def channels(names: Sequence[str], frame: Frame, derivative: bool = False) -> list[mi.Float]:
-    """Planes [H*W] as ``channel_names`` lists them; alpha, depth and normal are attached to the AD graph as the frame is.
+    """Planes [H*W] as ``channel_names`` lists them; alpha, depth and normal are attached to the AD graph.
 
     Args:
         names: AOVs.
@@ -73,16 +75,16 @@ def channels(names: Sequence[str], frame: Frame, derivative: bool = False) -> li
     """
     alpha = 1 - frame.T
     planes = {"alpha": [alpha]}
-    if "depth" in names:
+    if "depth" in names and frame.depth is not None:
         planes["depth"] = [dr.select(alpha > 0, frame.depth / alpha, 0)]
-    if "normal" in names:
+    if "normal" in names and frame.normal is not None:
         x, y, z = frame.normal
         length2 = dr.fma(x, x, dr.fma(y, y, z * z))
         seen = (alpha > 0) & (length2 > 0)
         inv = dr.rsqrt(dr.select(seen, length2, 1))
         planes["normal"] = [dr.select(seen, n * inv, 0) for n in (x, y, z)]
     walked = tuple(name for name in WALKED if name in names)
-    if walked and frame.walk and not derivative:
+    if walked and frame.walk and frame.projection and not derivative:
         depths = dr.detach(frame.projection.depth, preserve_type=False)
         found = composite_aovs(*frame.walk, depths, walked)
         planes |= {name: [mi.Float(plane)] for name, plane in zip(walked, found, strict=True)}

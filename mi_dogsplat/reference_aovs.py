@@ -1,4 +1,4 @@
-"""The AOVs once more, by brute force in float64 NumPy: all weights at all pixels as one table, then whole columns of it.
+"""The AOVs once more, by brute force in float64 NumPy: all weights at all pixels as one table, then columns of it.
 
 Arrays are [V, P]: the V visible primitives in depth order, P = H W pixels.
 """
@@ -56,7 +56,7 @@ def aovs(
     table = np.vstack([blended & (behind <= 0.5), np.ones(len(x), bool)])  # the last row: never
     median = np.append(z, 0)[table.argmax(0)]
     index = np.where(largest > 0, order[weights.argmax(0)] if len(order) else -1, -1)
-    solid = T < 1
+    solid = 1 - T > 0
     normal = weights.T @ normals(splats, camera)[order]  # [P, 3]
     length = np.linalg.norm(normal, axis=1)
     planes = {
@@ -66,7 +66,7 @@ def aovs(
         "normal": np.stack([_ratio(n, length, solid & (length > 0)) for n in normal.T], -1),
         "index": index,
         "count": blended.sum(0),
-        "dog_share": _ratio(size[projection.dog[order]].sum(0), size.sum(0), blended.any(0)),
+        "dog_share": _ratio(size[projection.dog[order]].sum(0), size.sum(0), blended.sum(0) > 0),
     }
     shape = camera.height, camera.width
     return {name: plane.reshape(*shape, *plane.shape[1:]) for name, plane in planes.items()}, clear.reshape(shape)
