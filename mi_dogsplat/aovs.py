@@ -23,12 +23,13 @@ so ours is ``depth.Z``.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
 
-from .composite_aovs import NOTHING, WALKED, composite_aovs
-from .rasterize import Frame
+from .composite_aovs import NOTHING, composite_aovs, walked
+from .rasterize import Frame, RasterOptions
 
 # Last parts of the names of the channels; I is an integer, Z along the optical axis, Y a plain number
 CHANNELS = {
@@ -41,7 +42,6 @@ CHANNELS = {
     "dog_share": (".Y",),
 }
 AOVS = tuple(CHANNELS)
-BLENDED = ("depth", "normal")  # fields of RasterOptions
 
 
 def read_names(text: str) -> list[str]:
@@ -60,9 +60,9 @@ def channel_names(names: Sequence[str]) -> list[str]:
     return [name + part for name in names for part in CHANNELS[name]]
 
 
-def blended(names: Sequence[str]) -> dict[str, bool]:
-    """Fields of ``RasterOptions`` that the AOVs need."""
-    return {name: name in names for name in BLENDED}
+def options_for(names: Sequence[str], options: RasterOptions) -> RasterOptions:
+    """The options, with what the AOVs need to be blended and without what they do not."""
+    return replace(options, depth="depth" in names, normal="normal" in names)
 
 
 def channels(names: Sequence[str], frame: Frame, derivative: bool = False) -> list[mi.Float]:
@@ -70,7 +70,7 @@ def channels(names: Sequence[str], frame: Frame, derivative: bool = False) -> li
 
     Args:
         names: AOVs.
-        frame: rasterized with the options that ``blended`` gives.
+        frame: rasterized with the options that ``options_for`` gives.
         derivative: only the derivatives matter: what has none is 0, and no walk is made for it.
     """
     alpha = 1 - frame.T
@@ -83,11 +83,18 @@ def channels(names: Sequence[str], frame: Frame, derivative: bool = False) -> li
         seen = (alpha > 0) & (length2 > 0)
         inv = dr.rsqrt(dr.select(seen, length2, 1))
         planes["normal"] = [dr.select(seen, n * inv, 0) for n in (x, y, z)]
-    walked = tuple(name for name in WALKED if name in names)
-    if walked and frame.walk and frame.projection and not derivative:
-        depths = dr.detach(frame.projection.depth, preserve_type=False)
-        found = composite_aovs(*frame.walk, depths, walked)
-        planes |= {name: [mi.Float(plane)] for name, plane in zip(walked, found, strict=True)}
-    else:
-        planes |= {name: [dr.full(mi.Float, NOTHING[name], dr.width(alpha))] for name in walked}
+    planes |= {name: [dr.full(mi.Float, NOTHING[name], dr.width(alpha))] for name in names if name in NOTHING}
+    if not derivative:
+        planes |= _found_by_a_walk(names, frame)
     return [plane for name in names for plane in planes[name]]
+
+
+def _found_by_a_walk(names: Sequence[str], frame: Frame) -> dict[str, list[mi.Float]]:
+    if frame.projection is None or frame.walk is None:  # nothing to walk through
+        return {}
+    wanted = walked(names, has_dog=frame.projection.pseudo is not None)
+    if not wanted:
+        return {}
+    depths = dr.detach(frame.projection.depth, preserve_type=False) if "median_depth" in wanted else None
+    found = composite_aovs(*frame.walk, depths, wanted)
+    return {name: [mi.Float(plane)] for name, plane in zip(wanted, found, strict=True)}

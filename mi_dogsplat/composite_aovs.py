@@ -16,6 +16,8 @@ ratios that nothing is trained by: they have no derivative here.
 # pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import drjit as dr
 
 from .composite import Settings, Tables, Walk
@@ -33,21 +35,25 @@ STATE = {
 NOTHING = {"median_depth": 0.0, "index": -1.0, "count": 0.0, "dog_share": 0.0}  # of a pixel that nothing reaches
 
 
+def walked(names: Sequence[str], has_dog: bool) -> tuple[str, ...]:
+    """Those AOVs that take a walk; without a DoG primitive none is needed to know its share."""
+    return tuple(name for name in WALKED if name in names and (has_dog or name != "dog_share"))
+
+
 @dr.freeze(warn_after=1 << 30)
 def composite_aovs(
     grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings, depths, names: tuple
 ) -> list:
-    """Planes [H*W] of the ``names``, each one of ``WALKED``, in their order.
+    """Planes [H*W] of the ``names``, in their order.
 
     Args:
-        depths: [N], depth of each primitive.
-        names: what to compute; the kernel holds nothing of the others.
+        depths: [N], depth of each primitive; for ``median_depth`` alone, else None.
+        names: as ``walked`` gives them; the kernel holds nothing of the others.
 
     An index is a float, as channels of a film are: exact up to 2^24.
     """
     walk = Walk(grid, lanes, tables, lists, settings)
     start = {key: value for name in names for key, value in STATE[name].items()}
-    has_dog = tables.pseudo is not None
 
     def body(i, T, state):
         T, state = list(T), {key: list(values) for key, values in state.items()}
@@ -56,7 +62,7 @@ def composite_aovs(
             splat, row, dx, dy = walk.fetch(i + u, active)
             alpha, _, _, _, is_dog = walk.alphas(splat, row, active, dx, dy)
             index = walk.Float(splat)
-            depth = dr.gather(walk.Float, depths, splat, active) if "median_depth" in start else None
+            depth = None if depths is None else dr.gather(walk.Float, depths, splat, active)
             for k in range(walk.pixels):
                 weight, behind, go = walk.advance(alpha[k], T[k])
                 blended = go & (alpha[k] != 0)
@@ -76,8 +82,7 @@ def composite_aovs(
                 if "all" in start:
                     size = dr.abs(weight)
                     state["all"][k] = state["all"][k] + size  # not +=: pixels share their first value
-                    if has_dog:
-                        update("dog", state["dog"][k] + size, is_dog)
+                    update("dog", state["dog"][k] + size, is_dog)
         return i + walk.blocks.unroll, T, state
 
     _, _, state = dr.while_loop(

@@ -125,8 +125,8 @@ class DogSplatIntegrator(ADIntegrator):
             sh_degree=(1, 4, 9, 16).index(sh_size),
             antialiased=self.antialiased,
             negative_transmittance=self.negative_transmittance,
-            **aovs.blended(self.aovs),
         )
+        options = aovs.options_for(self.aovs, options)
         frame = rasterize(params, camera, options, last=self._last, recall=derivative)
 
         colors = self._over_background(frame, scene, sensor)
