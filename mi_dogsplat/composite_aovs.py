@@ -3,7 +3,8 @@
 Notation as in ``composite.py``; w = α T is the weight of a primitive at a pixel, negative where its pseudo-Gaussian
 exceeds its primary. Of the primitives that are blended there, in depth order:
 
-    median_depth   depth of the first behind which T ≤ 1/2; 0 where T stays above. T may rise again behind it
+    median_depth   depth of the first behind which T ≤ 1/2 (as in 2DGS, Huang et al. 2024); 0 where T stays above. It
+                   may rise again further behind
     index          primitive of the largest w, the nearest of equals; -1 where no w is positive
     count          number of primitives
     dog_share      Σ |w| over the DoG primitives / Σ |w| over all; 0 where there is none

@@ -1,7 +1,7 @@
 """The normal of a primitive: its shortest axis, turned to the camera.
 
-A primitive that has been fitted to a surface is a flat disc in it (Guédon and Lepetit 2024, SuGaR, Sec. 3). One that is
-not flat has no normal: of equal axes the first is taken.
+A primitive that has been fitted to a surface is a flat disc in it (Guédon and Lepetit 2024, SuGaR, Sec. 4.1). One that
+is not flat has no normal: of equal axes the first is taken.
 """
 
 from __future__ import annotations

@@ -224,24 +224,27 @@ def test_derivatives_of_alpha_depth_and_normal_equal_differences(name):
     assert_gradients_equal(got, expected)
 
 
-def test_what_has_no_derivative_has_a_derivative_of_zero_and_keeps_its_value():
-    scene = scene_of(SMALL, SMALL_CAMERA, aovs="median_depth,index,count,dog_share")
+@pytest.mark.parametrize(("pixel_format", "colors"), [("rgb", 3), ("luminance", 1)])
+def test_what_has_no_derivative_has_a_derivative_of_zero_and_keeps_its_value(pixel_format, colors):
+    """Also where the derivative passes through a film that converts colours, and so is developed again."""
+    film = {"pixel_format": pixel_format}
+    scene = scene_of(SMALL, SMALL_CAMERA, aovs="median_depth,index,count,dog_share", film=film)
     params: Any = mi.traverse(scene)
     for key in RAW_PARAMETERS:
         dr.enable_grad(params[f"splats.{key}"])
     params.update()
     image = mi.render(scene, params)
     values = image.numpy().copy()
-    dr.backward(dr.sum(image[..., 3:], axis=None))
+    assert values.shape == (12, 16, colors + 4)
+    dr.backward(dr.sum(image[..., colors:], axis=None))
     assert not any(dr.grad(params[f"splats.{key}"]).numpy().any() for key in RAW_PARAMETERS)
-    film = np.array(scene.sensors()[0].film().bitmap())
-    assert values[..., 3:].any((0, 1)).all()
-    np.testing.assert_array_equal(film, values)
+    assert values[..., colors:].any((0, 1)).all()
+    np.testing.assert_array_equal(np.array(scene.sensors()[0].film().bitmap()), values)
 
     dr.set_grad(params["splats.means"], dr.ones(mi.TensorXf, (10, 3)))
     params.update()
     tangents = dr.forward_to(mi.render(scene, params)).numpy()
-    assert tangents[..., :3].any() and not tangents[..., 3:].any()
+    assert tangents[..., :colors].any() and not tangents[..., colors:].any()
 
 
 # --- wrong use ---
