@@ -70,6 +70,8 @@ def render(args: argparse.Namespace) -> None:
     from .render_files import render_model, render_scene
 
     if args.model.suffix.lower() == ".xml":
+        if args.aovs is not None:
+            raise DataError("--aovs", "a scene names its own", 'set the property "aovs" of its integrator')
         render_scene(args.model, args.out)
     else:
         render_model(args)

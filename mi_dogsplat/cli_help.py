@@ -51,11 +51,15 @@ Examples:
   dogsplat render run/point_cloud.ply -o view.exr --data photos/ --camera 0001
                                                                       a view by its name
   dogsplat render run/point_cloud.ply -o view.png --camera camera.json
+  dogsplat render run/point_cloud.ply -o view.exr --aovs depth,normal,index
+                                                                      channels depth.Z, normal.X, ... index.I
   dogsplat render scene.xml -o view.exr                               first sensor of a Mitsuba scene
 
 A camera file holds {"w2c": 4x4 world to camera (x right, y down, z forward), "fx": pixels, "fy", "cx",
 "cy", "width", "height"}; fy, cx and cy may be left out. A .png shows colours over the background; an .exr
-holds linear colour, premultiplied with alpha, and depth.
+holds linear colour, premultiplied with alpha, and depth, or what --aovs lists: depth, median_depth, normal
+(in world space), index (of the primitive that contributes most, or -1), count (of contributions), and
+dog_share (of the contributions).
 """
 EVAL_EXAMPLES = """
 Examples:

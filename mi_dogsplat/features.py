@@ -15,10 +15,11 @@ import mitsuba as mi
 import numpy as np
 
 from .composite import Settings
+from .composite_aovs import WALKED, walked
 from .errors import DataError
 from .geometry import Cutoffs
 from .info import kind_of
-from .kernel_costs import operations, pair_operations, primitive_operations
+from .kernel_costs import aov_operations, operations, pair_operations, primitive_operations
 from .ply import read_ply
 from .rasterize import RasterOptions
 from .splats import MAX_SH_DEGREE, Splats
@@ -117,6 +118,7 @@ def choices_of_a_render() -> list[Feature]:
         Feature("background", LEFT_OUT, "black, unless --background or an emitter of the scene asks for another"),
         Feature("antialiasing", LEFT_OUT, "unless --antialiased asks for it"),
         Feature("depth", LEFT_OUT, "unless an .exr or the aovs of a scene ask for it"),
+        Feature("other AOVs", LEFT_OUT, "unless --aovs or the aovs of a scene ask for them"),
         DERIVATIVES,
     ]
 
@@ -147,9 +149,15 @@ def scene_features(scene: mi.Scene) -> list[Feature]:
     filtering = f"antialiased; each {each[0] - each[1]:.0f} operations"
     features.append(feature("antialiasing", integrator.antialiased, filtering, "antialiased is false"))
 
-    more = _difference(*(pair_operations(Settings(planes), False, variant) for planes in (4, 3)))
-    depth = f"among the aovs; per pixel {_sum(more, 1)}"
-    features.append(feature("depth", "depth" in integrator.aovs, depth, "not among the aovs"))
+    for name, planes in (("depth", 1), ("normal", 3)):
+        more = _difference(*(pair_operations(Settings(n), False, variant) for n in (3 + planes, 3)))
+        blended = f"among the aovs; per pixel {_sum(more, 1)}"
+        features.append(feature(name, name in integrator.aovs, blended, "not among the aovs"))
+    has_dog = any(s.n_dog for s in parts)
+    names = walked(integrator.aovs, has_dog)
+    each = aov_operations(names, has_dog, variant) if names else 0
+    walk = f"for {', '.join(names)}; per pixel {each:.0f}, no derivative"
+    features.append(feature("second walk", bool(names), walk, f"for {', '.join(WALKED)}: not among the aovs"))
     in_film = bool(scene.sensors()) and mi.has_flag(scene.sensors()[0].film().flags(), mi.FilmFlags.Alpha)
     asked = "the aovs" if "alpha" in integrator.aovs else "the film"
     alpha = f"{asked} ask for it; one operation per pixel of the image"

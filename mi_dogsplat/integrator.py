@@ -9,12 +9,11 @@ import drjit as dr
 import mitsuba as mi
 from mitsuba.python.ad.integrators.common import ADIntegrator
 
+from . import aovs
 from .parameters import concatenate
 from .rasterize import LastFrame, RasterOptions, rasterize
 from .sensor import SensorReader
 from .shape_dog import DogShape
-
-AOVS = ("alpha", "depth")
 
 
 class DogSplatIntegrator(ADIntegrator):
@@ -45,15 +44,17 @@ class DogSplatIntegrator(ADIntegrator):
 
      * - aovs
        - |string|
-       - Comma-separated list of extra channels: ``alpha``, ``depth`` (expected depth along the optical axis,
-         divided by alpha). (Default: none)
+       - Comma-separated list of extra channels, defined in ``aovs.py``: ``alpha``, ``depth`` (expected depth along
+         the optical axis, divided by alpha) and ``normal`` (world space), which are differentiable; ``median_depth``,
+         ``index``, ``count`` and ``dog_share``, which are not. (Default: none)
 
     This integrator evaluates every ``dog`` shape of the scene by elliptical weighted averaging (Kerbl et al. 2023):
     primitives are sorted by the depth of their centres and blended per pixel. The colour of a constant or environment
     emitter of the scene shows behind them. It renders one sample per pixel at the pixel centres (splats are low-pass
     filtered already) and ignores the film's reconstruction filter, ``spp`` and the seed.
 
-    All three modes of ``mi.render()`` are supported: primal, forward and backward.
+    All three modes of ``mi.render()`` are supported: primal, forward and backward. It draws whole images, not rays,
+    and so cannot be nested in another integrator such as ``aov`` or ``moment``.
 
     .. code-block:: python
 
@@ -67,16 +68,23 @@ class DogSplatIntegrator(ADIntegrator):
         self.antialiased = props.get("antialiased", False)
         self.near_clip = props.get("near_clip", 0.2)
         self.negative_transmittance = props.get("negative_transmittance", True)
-        self.aovs = [name.strip() for name in props.get("aovs", "").split(",") if name.strip()]
         self._sensors, self._last = SensorReader(), LastFrame()
-        unknown = [name for name in self.aovs if name not in AOVS]
-        if unknown:
-            raise RuntimeError(f'dogsplat: unknown AOV "{unknown[0]}"; available are {", ".join(AOVS)}')
+        try:
+            self.aovs = aovs.read_names(props.get("aovs", ""))
+        except ValueError as error:
+            raise RuntimeError(f"dogsplat: {error}") from None
         if self.near_clip < 0:
             raise RuntimeError(f'dogsplat: "near_clip" is {self.near_clip}, it must not be negative')
 
     def aov_names(self) -> list[str]:
-        return [name if name == "alpha" else f"{name}.Z" for name in self.aovs]
+        return aovs.channel_names(self.aovs)
+
+    def sample(self, *args, **kwargs):
+        """What an integrator that this one is nested in calls, for rays that are no longer those of an image."""
+        raise RuntimeError(
+            "dogsplat: cannot be nested in another integrator, it draws whole images and not single rays; "
+            'make it the integrator of the scene and name extra channels in its own "aovs"'
+        )
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True) -> mi.TensorXf | None:
         with dr.suspend_grad():
@@ -116,20 +124,18 @@ class DogSplatIntegrator(ADIntegrator):
         options = RasterOptions(
             sh_degree=(1, 4, 9, 16).index(sh_size),
             antialiased=self.antialiased,
-            depth="depth" in self.aovs,
             negative_transmittance=self.negative_transmittance,
         )
+        options = aovs.options_for(self.aovs, options)
         frame = rasterize(params, camera, options, last=self._last, recall=derivative)
 
-        alpha = 1 - frame.T
         colors = self._over_background(frame, scene, sensor)
-        aovs = {"alpha": alpha}
-        if frame.depth is not None:
-            aovs["depth"] = dr.select(alpha > 0, frame.depth / alpha, 0)
         film = sensor.film()
         has_alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
-        colors, extra = [*colors, *([alpha] if has_alpha else [])], [aovs[name] for name in self.aovs]
-        if derivative and _develops_unchanged(film):
+        colors = [*colors, *([1 - frame.T] if has_alpha else [])]
+        graph_only = derivative and _develops_unchanged(film)
+        extra = aovs.channels(self.aovs, frame, graph_only)
+        if graph_only:
             return _interleave(colors + extra, camera.height, camera.width)
         film.prepare(self.aov_names())
         channels = [*colors, mi.Float(1), *extra]

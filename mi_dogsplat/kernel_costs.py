@@ -19,6 +19,7 @@ import numpy as np
 
 from .cameras import Camera
 from .composite import Settings, composite, pack
+from .composite_aovs import composite_aovs
 from .composite_derivatives import ENTRY_ROW, PSEUDO_ENTRY_ROW, composite_backward, lanes_add_in_turn
 from .geometry import Blocks, Grid
 from .parameters import upload
@@ -41,6 +42,18 @@ def pair_operations(settings: Settings, dog: bool, variant: str) -> tuple[float,
     one, two = (_compositor_operations(settings, dog, unroll) for unroll in (1, 2))
     pixels = SIZE * SIZE
     return (two[0] - one[0]) / pixels, (two[1] - one[1]) / pixels
+
+
+@lru_cache
+def aov_operations(names: tuple[str, ...], dog: bool, variant: str) -> float:
+    """Operations of the walk that ``names``, AOVs of ``composite_aovs.WALKED``, take; per primitive and pixel."""
+
+    def walk(unroll: int) -> int:
+        stages = _stages(Settings(3), dog, unroll)
+        depths = dr.opaque(dr.detached_t(mi.Float), 1, N) if "median_depth" in names else None
+        return operations(lambda: dr.eval(composite_aovs(*stages, depths, names)))
+
+    return (walk(2) - walk(1)) / (SIZE * SIZE)
 
 
 @lru_cache
@@ -69,12 +82,7 @@ def operations(run: Callable[[], Any]) -> int:
 
 def _compositor_operations(settings: Settings, dog: bool, unroll: int) -> tuple[int, int]:
     """(forward, derivative), of all lanes of an image."""
-    splats, camera = _model(0, dog)
-    grid = Grid(SIZE, SIZE, replace(Blocks.of_backend(), unroll=unroll))
-    projection = project(upload(splats), camera, sh_degree=0)
-    features = [*projection.colors, projection.depth][: settings.n_features]
-    stages = grid, grid.lanes, pack(projection, features), tiles(projection, grid, settings.cutoffs), settings
-    dr.eval(stages)
+    stages = _stages(settings, dog, unroll)
     result: list = []
     forward = operations(lambda: dr.eval(result.append(composite(*stages)), result))
     planes, T = result[0]
@@ -87,6 +95,17 @@ def _compositor_operations(settings: Settings, dog: bool, unroll: int) -> tuple[
     tables = entries, pseudo_entries, lanes_add_in_turn(mi.variant())
     backward = operations(lambda: dr.eval(composite_backward(*stages, planes, T, δplanes, δT, *tables)))
     return forward, backward
+
+
+def _stages(settings: Settings, dog: bool, unroll: int) -> tuple:
+    """What the compositor takes; which planes it blends matters to no kernel."""
+    splats, camera = _model(0, dog)
+    grid = Grid(SIZE, SIZE, replace(Blocks.of_backend(), unroll=unroll))
+    projection = project(upload(splats), camera, sh_degree=0)
+    features = (2 * projection.colors)[: settings.n_features]
+    stages = grid, grid.lanes, pack(projection, features), tiles(projection, grid, settings.cutoffs), settings
+    dr.eval(stages)
+    return stages
 
 
 def _model(sh_degree: int, dog: bool) -> tuple[Splats, DeviceCamera]:

@@ -60,7 +60,8 @@ def write_exr(path: str | Path, layers: Mapping[str, ArrayLike]) -> None:
     :param layers: ``color`` [H, W, 3 or 4] becomes R, G, B and A: display-referred and premultiplied here,
         linear in the file, alpha as it is (over black the file shows what was trained). Every other layer is
         stored as it is: [H, W] as ``name.Y`` (``depth`` as ``depth.Z``), [H, W, 3 or 4] as ``name.R``,
-        ``.G``, ``.B``, ``.A``. 16-bit halves, but 32-bit floats for depth and where a half would overflow.
+        ``.G``, ``.B``, ``.A``; a channel ``name.X`` of [H, W] under that name. 16-bit halves, but 32-bit floats
+        for depth, channels that are named, and where a half would overflow.
     :raises ValueError: no layer, or shapes that do not fit together
     :raises OSError: the file cannot be written
     """
@@ -70,17 +71,17 @@ def write_exr(path: str | Path, layers: Mapping[str, ArrayLike]) -> None:
         values = np.asarray(layer, np.float32)
         size = size or values.shape[:2]
         planes = {2: 1, 3: values.shape[-1]}.get(values.ndim, 0)
-        fits = planes in (3, 4) or (planes == 1 and name != "color")
+        fits = (planes in (3, 4) and "." not in name) or (planes == 1 and name != "color")
         if values.shape[:2] != size or values.size == 0 or not fits:
             raise ValueError(f'{path}: layer "{name}" is {list(values.shape)}, the picture is {list(size)}')
         if name == "color":
             values = np.concatenate([srgb_to_linear(values[..., :3]), values[..., 3:]], axis=-1)
         finite = np.abs(values[np.isfinite(values)])
-        half = name != "depth" and finite.max(initial=0) <= HALF_MAX
+        half = name != "depth" and "." not in name and finite.max(initial=0) <= HALF_MAX
         suffixes = "RGBA" if planes > 1 else "Z" if name == "depth" else "Y"
         values = values.reshape(*size, planes)  # [H, W, planes]
         for c, suffix in enumerate(suffixes[:planes]):
-            channel = suffix if name == "color" else f"{name}.{suffix}"
+            channel = suffix if name == "color" else name if "." in name else f"{name}.{suffix}"
             channels[channel] = np.ascontiguousarray(values[..., c], np.float16 if half else np.float32)
     if not channels:
         raise ValueError(f"{path}: no layer to write")

@@ -22,6 +22,7 @@ from .composite_derivatives import (
     lanes_add_in_turn,
 )
 from .geometry import Blocks, Cutoffs, Grid
+from .normals import normals
 from .project import DeviceCamera, Projection, project
 from .tiles import Lists, tiles
 
@@ -33,6 +34,7 @@ class RasterOptions:
     sh_degree: int = 3  # highest degree evaluated
     antialiased: bool = False
     depth: bool = False  # also blend Σ depth α T
+    normal: bool = False  # and Σ normal α T
     negative_transmittance: bool = True
     cutoffs: Cutoffs = Cutoffs()
     patch: int = 4  # pixels per side that share their exponentials; 1 costs time and gains some 1e-7 (docs/numerics.md)
@@ -47,6 +49,8 @@ class Frame:
     depth: mi.Float | None  # Σ depth α T
     projection: Projection | None  # None when there was nothing to project
     lists: Lists | None
+    normal: list | None = None  # Σ normal α T, 3 planes, world space
+    walk: tuple | None = None  # what was walked, for other walks: first arguments of ``composite``
 
 
 class LastFrame:
@@ -126,14 +130,15 @@ def rasterize(
     n_pixels = camera.width * camera.height
     if dr.width(params["logit_opacities"]) == 0 or n_pixels == 0:
         nothing = [dr.zeros(mi.Float, n_pixels) for _ in range(3)]
-        depth = dr.zeros(mi.Float, n_pixels) if options.depth else None
-        return Frame(nothing, dr.full(mi.Float, 1, n_pixels), depth, None, None)
+        depth, normal = nothing[0] if options.depth else None, nothing if options.normal else None
+        return Frame(nothing, dr.full(mi.Float, 1, n_pixels), depth, None, None, normal)
 
     projection = project(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)
     if probe is not None:
         projection.x, projection.y = projection.x + probe[0], projection.y + probe[1]
     grid = Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
     features = projection.colors + ([projection.depth] if options.depth else [])
+    features += normals(params, camera) if options.normal else []
     settings = Settings(len(features), options.cutoffs, options.negative_transmittance, options.patch)
     key = (camera.numbers, options, *((name, value.index) for name, value in params.items()))
     known = last.recall(key) if last and recall else None
@@ -145,7 +150,9 @@ def rasterize(
     k, p = projection.kernels, projection.pseudo
     splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *features]
     pseudo = [] if p is None else [p.ux, p.uy, p.vy, p.lo]
-    planes, T = dr.custom(_Composite, grid, grid.lanes, tables, lists, settings, splats, pseudo, blended)
+    walk = grid, grid.lanes, tables, lists, settings
+    planes, T = dr.custom(_Composite, *walk, splats, pseudo, blended)
     if last and not recall:
         last.keep(key, list(params.values()), (tables, lists, [_detached(p) for p in planes], _detached(T)))
-    return Frame(planes[:3], T, planes[3] if options.depth else None, projection, lists)
+    depth, normal = planes[3] if options.depth else None, planes[-3:] if options.normal else None
+    return Frame(planes[:3], T, depth, projection, lists, normal, walk)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import drjit as dr
 import numpy as np
 
+from .aovs import channel_names, channels
 from .cameras import Camera
 from .project import DeviceCamera
 from .rasterize import RasterOptions, rasterize
@@ -19,12 +21,21 @@ class Picture:
     color: np.ndarray  # [H, W, 3] clamped to 0..1
     alpha: np.ndarray  # [H, W] 1 - T
     depth: np.ndarray | None  # [H, W] Σ depth α T / alpha, 0 where nothing was hit
+    aovs: dict[str, np.ndarray] = field(default_factory=dict)  # [H, W] by the name of the channel
 
 
 def render_picture(
-    params: dict, camera: Camera, options: RasterOptions, background: float = 0.0, near_clip: float = 0.2
+    params: dict,
+    camera: Camera,
+    options: RasterOptions,
+    background: float = 0.0,
+    near_clip: float = 0.2,
+    aovs: Sequence[str] = (),
 ) -> Picture:
-    """Render parameters (as ``upload`` makes them) from a camera over a grey ``background``, 0..1."""
+    """Render parameters (as ``upload`` makes them) from a camera over a grey ``background``, 0..1.
+
+    ``aovs`` are names as in ``aovs.py``, whose needs are among the ``options``.
+    """
     detached = {name: dr.detach(value) for name, value in params.items()}
     frame = rasterize(detached, DeviceCamera.upload(camera, near_clip), options)
     shape = (camera.height, camera.width)
@@ -35,7 +46,8 @@ def render_picture(
     if frame.depth is not None:
         blended = frame.depth.numpy().reshape(shape)
         depth = np.divide(blended, alpha, out=np.zeros(shape, np.float32), where=alpha > 0)
-    return Picture(np.clip(color, 0, 1), alpha, depth)
+    extra = [plane.numpy().reshape(shape) for plane in channels(aovs, frame)]
+    return Picture(np.clip(color, 0, 1), alpha, depth, dict(zip(channel_names(aovs), extra, strict=True)))
 
 
 def premultiplied(picture: Picture, background: float) -> np.ndarray:

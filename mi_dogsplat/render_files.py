@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
 
+from .aovs import options_for, read_names
 from .camera_file import read_camera
 from .cameras import Camera
 from .datasets import load_dataset
@@ -29,17 +30,20 @@ NEAR_SHARE = 0.1  # of the radius of a model framed automatically, which may be 
 MAX_NAMES = 5  # views that an error message lists
 
 
-def picture_of(splats: Splats, args: argparse.Namespace, background: float) -> Callable[[Camera], Picture]:
-    """Renderer of a model that is uploaded once; pictures carry depth.
+def picture_of(
+    splats: Splats, args: argparse.Namespace, background: float, aovs: Sequence[str] = ("depth",)
+) -> Callable[[Camera], Picture]:
+    """Renderer of a model that is uploaded once.
 
     Args:
         splats: the model, which may be empty.
         args: ``antialiased`` and ``near_clip`` (world units).
         background: grey level behind, 0..1.
+        aovs: names as in ``aovs.py``, which the pictures carry.
     """
     params = upload(splats)
-    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=args.antialiased, depth=True)
-    return lambda camera: render_picture(params, camera, options, background, args.near_clip)
+    options = options_for(aovs, RasterOptions(sh_degree=splats.sh_degree, antialiased=args.antialiased))
+    return lambda camera: render_picture(params, camera, options, background, args.near_clip, aovs)
 
 
 def render_model(args: argparse.Namespace) -> None:
@@ -47,10 +51,11 @@ def render_model(args: argparse.Namespace) -> None:
 
     The view is ``args.camera``: the name of a view of ``args.data``, or a camera file (``camera_file.py``);
     the first test view if there is only data; one that frames the model if there is neither. PNG shows the
-    model over the background; OpenEXR holds it alone, premultiplied, with alpha and depth. Raises
-    ``DataError``.
+    model over the background; OpenEXR holds it alone, premultiplied, with alpha and the AOVs that
+    ``args.aovs`` lists (depth, if it is None). Raises ``DataError``.
     """
     require_suffix(args.out)
+    aovs = _aovs(args)
     splats = read_ply(args.model)
     camera, has_alpha = _camera(args, splats)
     if not (args.camera or args.data):
@@ -58,10 +63,9 @@ def render_model(args: argparse.Namespace) -> None:
         args = argparse.Namespace(**{**vars(args), "near_clip": near_clip})
     exr = args.out.suffix.lower() == ".exr"
     background = 0.0 if exr else background_color(args.background, has_alpha)
-    picture = picture_of(splats, args, background)(camera)
+    picture = picture_of(splats, args, background, aovs)(camera)
     if exr:
-        depth = {} if picture.depth is None else {"depth": picture.depth}
-        _write(args.out, lambda: write_exr(args.out, {"color": premultiplied(picture, 0.0), **depth}))
+        _write(args.out, lambda: write_exr(args.out, {"color": premultiplied(picture, 0.0), **picture.aovs}))
     else:
         _write(args.out, lambda: write_png(args.out, picture.color))
 
@@ -113,6 +117,19 @@ def _gist(error: BaseException) -> str:
     if traceback is None:
         return " ".join(lines)
     return " ".join([*lines[:traceback], lines[traceback].split("Traceback")[0], lines[-1]])
+
+
+def _aovs(args: argparse.Namespace) -> list[str]:
+    """AOVs to write beside colour and alpha."""
+    if args.out.suffix.lower() != ".exr":
+        if args.aovs is not None:
+            raise DataError("--aovs", f"{args.out} has room for colour only", "name a file that ends in .exr")
+        return []
+    try:
+        names = read_names("depth" if args.aovs is None else args.aovs)
+    except ValueError as error:
+        raise DataError("--aovs", *str(error).split("; ")) from error
+    return [name for name in names if name != "alpha"]  # the channel A, which every such file has
 
 
 def _camera(args: argparse.Namespace, splats: Splats) -> tuple[Camera, bool]:

@@ -273,6 +273,8 @@ def test_bad_files_are_one_line_that_names_them(capsys, model, data, tmp_path):
         (["render", tmp_path / "empty", "-o", out], "folder"),
         (["render", model, "-o", tmp_path / "v.gif"], ".png or .exr"),
         (["render", model, "-o", out, "--camera", tmp_path / "bad.json"], "bad.json"),
+        (["render", model, "-o", tmp_path / "v.exr", "--aovs", "albedo"], "albedo"),
+        (["render", tmp_path / "bad.xml", "-o", tmp_path / "v.exr", "--aovs", "depth"], 'the property "aovs"'),
         (["render", model, "-o", out, "--camera", "0"], "--data"),
         (["render", model, "-o", out, "--data", data, "--camera", "zebra"], "zebra"),
         (["prune", tmp_path / "missing.ply", data, "-o", tmp_path / "run"], "missing.ply"),

@@ -15,7 +15,7 @@ from mi_dogsplat.composite import Settings
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.features import describe_features, model_features, scene_features
 from mi_dogsplat.geometry import Blocks
-from mi_dogsplat.kernel_costs import pair_operations, primitive_operations
+from mi_dogsplat.kernel_costs import aov_operations, pair_operations, primitive_operations
 from mi_dogsplat.parameters import upload
 from mi_dogsplat.project import DeviceCamera
 from mi_dogsplat.rasterize import RasterOptions, rasterize
@@ -23,7 +23,7 @@ from mi_dogsplat.splats import Splats
 from splat_scenes import dog_dict, make_camera, random_splats, rounded, scene_of, square_camera
 
 MODEL = {"Gaussians", "DoG", "negative T", "SH degree 1", "SH degree 2", "SH degree 3"}
-RENDER = {"background", "antialiasing", "depth", "derivatives"}
+RENDER = {"background", "antialiasing", "depth", "other AOVs", "derivatives"}
 
 
 def model(degree=1, dog_share=0.0) -> Splats:
@@ -116,6 +116,8 @@ def test_each_choice_adds_operations():
     dog = np.array(pair_operations(Settings(3), True, variant))
     depth = np.array(pair_operations(Settings(4), False, variant))
     assert (plain < depth).all() and (depth < dog).all()
+    index, two = (aov_operations(names, False, variant) for names in (("index",), ("index", "count")))
+    assert 0 < index < two < aov_operations(("index", "count"), True, variant)
     costs = [primitive_operations(RasterOptions(degree), False, variant) for degree in range(4)]
     assert costs == sorted(set(costs))
     assert primitive_operations(RasterOptions(0, antialiased=True), False, variant) > costs[0]
@@ -133,6 +135,9 @@ BARE: dict[str, Any] = {"srgb_primitives": False}
         ({"srgb_primitives": True}, "sRGB conversion"),
         ({"antialiased": True}, "antialiasing"),
         ({"aovs": "depth"}, "depth"),
+        ({"aovs": "normal"}, "normal"),
+        ({"aovs": "index"}, "second walk"),
+        ({"aovs": "median_depth,count,dog_share"}, "second walk"),
         ({"aovs": "alpha"}, "alpha"),
         ({"film": {"pixel_format": "rgba"}}, "alpha"),
         ({"extra": {"sky": {"type": "constant"}}}, "background"),

@@ -76,6 +76,16 @@ def test_exr_holds_every_layer_under_its_channel_names(tmp_path):
     assert channels["error.Y"].dtype == np.float16
 
 
+def test_exr_takes_channels_by_their_full_names(tmp_path):
+    index = np.array([[-1, 2049, 70001]], np.float32)  # no half holds 2049
+    pictures.write_exr(tmp_path / "a.exr", {"index.I": index, "normal.X": index / 7})
+    _, channels = read_exr(tmp_path / "a.exr")
+    assert set(channels) == {"index.I", "normal.X"}
+    np.testing.assert_array_equal(channels["index.I"], index)
+    with pytest.raises(ValueError, match=r'"normal.X" is \[1, 3, 3\]'):
+        pictures.write_exr(tmp_path / "a.exr", {"index.I": index, "normal.X": np.zeros((1, 3, 3))})
+
+
 def test_exr_keeps_values_beyond_the_range_of_a_half_and_infinite_depth(tmp_path):
     color, depth = np.full((2, 3, 3), 1e3, np.float32), np.full((2, 3), np.inf, np.float32)
     pictures.write_exr(tmp_path / "a.exr", {"color": color, "depth": depth})

@@ -9,7 +9,7 @@ import numpy as np
 import OpenEXR
 import pytest
 import tiny_data
-from mi_dogsplat import write_ply
+from mi_dogsplat import reference_aovs, write_ply
 from mi_dogsplat.camera_file import read_camera, write_camera
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.framing import automatic_camera, likely_up, robust_sphere
@@ -38,7 +38,7 @@ def data(tmp_path_factory) -> Path:
 
 
 def arguments(model, out, **changes) -> argparse.Namespace:
-    base = {"data": None, "camera": None, "downscale": 1, "background": "auto", "antialiased": False}
+    base = {"aovs": None, "data": None, "camera": None, "downscale": 1, "background": "auto", "antialiased": False}
     return argparse.Namespace(model=model, out=out, **{**base, "near_clip": 0.2, **changes})
 
 
@@ -92,6 +92,38 @@ def test_an_exr_holds_premultiplied_linear_colour_with_alpha_and_depth(model, da
     np.testing.assert_allclose(channels["depth.Z"], expected.depth, atol=1e-4)
     centre = channels["depth.Z"][18, 24]
     assert 2 < centre < 4  # the camera is 3 away from the middle
+
+
+def test_an_exr_holds_the_aovs_that_are_asked_for(model, data, tmp_path):
+    names = "alpha, depth,median_depth,normal,index,count,dog_share"
+    render_model(arguments(model, tmp_path / "3.exr", data=data, camera="3", aovs=names))
+    channels = read_exr(tmp_path / "3.exr")
+    planes, clearness = reference_aovs.aovs(tiny_data.truth(), tiny_data.cameras()[3])
+    expected = {"depth.Z": planes["depth"], "median_depth.Z": planes["median_depth"], "index.I": planes["index"],
+                "count.I": planes["count"], "dog_share.Y": planes["dog_share"],
+                **{f"normal.{axis}": planes["normal"][..., k] for k, axis in enumerate("XYZ")}}  # fmt: skip
+    assert set(channels) == {"RGBA", *expected}
+    clear = (clearness > 1e-3) & ((planes["alpha"] == 0) | (planes["alpha"] > 0.02))
+    assert clear.mean() > 0.8
+    for name, plane in expected.items():
+        assert channels[name].dtype == np.float32
+        np.testing.assert_allclose(channels[name][clear], plane[clear], atol=5e-3, err_msg=name)
+    render_model(arguments(model, tmp_path / "bare.exr", data=data, camera="3", aovs=""))
+    assert set(read_exr(tmp_path / "bare.exr")) == {"RGBA"}
+
+
+@pytest.mark.parametrize(
+    ("name", "aovs", "message"),
+    [
+        ("v.exr", "depth,albedo", '--aovs: unknown AOV "albedo"; available are alpha, depth'),
+        ("v.exr", "depth,depth", '--aovs: the AOV "depth" is there twice; name it once'),
+        ("v.png", "depth", "--aovs: .*v.png has room for colour only; name a file that ends in .exr"),
+    ],
+)
+def test_aovs_that_cannot_be_written_are_refused(model, tmp_path, name, aovs, message):
+    with pytest.raises(DataError, match=message):
+        render_model(arguments(model, tmp_path / name, aovs=aovs))
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_background_of_a_png_is_chosen_and_white_for_data_with_alpha(model, tmp_path):
@@ -207,7 +239,7 @@ def test_a_scene_with_a_dog_shape_shows_the_model(model, tmp_path):
     path = scene_file(tmp_path, integrator + shape + SENSOR)
     render_scene(path, tmp_path / "s.exr")
     channels = read_exr(tmp_path / "s.exr")
-    assert any("depth" in name for name in channels)
+    assert set(channels) == {"RGBA", "depth.Z"}
     render_scene(path, tmp_path / "s.png")  # the AOV stays out of it
     assert read_png(tmp_path / "s.png")[8, 10].max() > 20
 
@@ -217,6 +249,10 @@ def test_a_scene_with_a_dog_shape_shows_the_model(model, tmp_path):
     [
         (SPHERE, "has no sensor"),
         ('<integrator type="dogsplat"/>' + SENSOR, 'no shape of type "dog"'),
+        (
+            '<integrator type="moment"><integrator type="dogsplat"/></integrator>' + SENSOR,
+            "cannot be nested in another integrator",
+        ),
         ('<integrator type="walk"/>', 'Plugin "walk" not found'),
         ('<shape type="dog"><string name="filename" value="/no.ply"/></shape>', "/no.ply: cannot be read"),
         ("<sensor", "[Pp]arsing"),
