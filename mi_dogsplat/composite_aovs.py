@@ -21,7 +21,7 @@ from collections.abc import Sequence
 
 import drjit as dr
 
-from .composite import Settings, Tables, Walk
+from .composite import Settings, Tables, Walk, planes_of
 from .geometry import Grid
 from .tiles import Lists
 
@@ -41,7 +41,6 @@ def walked(names: Sequence[str], has_dog: bool) -> tuple[str, ...]:
     return tuple(name for name in WALKED if name in names and (has_dog or name != "dog_share"))
 
 
-@dr.freeze(warn_after=1 << 30)
 def composite_aovs(
     grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings, depths, names: tuple
 ) -> list:
@@ -53,19 +52,27 @@ def composite_aovs(
 
     An index is a float, as channels of a film are: exact up to 2^24.
     """
+    return planes_of(_composite_aovs(grid, lanes, tables, lists, settings, depths, names), len(names))
+
+
+@dr.freeze(warn_after=1 << 30)
+def _composite_aovs(
+    grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings, depths, names: tuple
+) -> list:
     walk = Walk(grid, lanes, tables, lists, settings)
     start = {key: value for name in names for key, value in STATE[name].items()}
 
-    def body(i, T, state):
+    def body(at, T, state):
         T, state = list(T), {key: list(values) for key, values in state.items()}
-        for u in range(walk.blocks.unroll):
-            active = (i + u) < walk.end if u else True
-            splat, row, dx, dy = walk.fetch(i + u, active)
+        for _ in range(walk.blocks.unroll):
+            isect, active, at = walk.next(at)
+            splat, row, dx, dy = walk.fetch(isect, active)
             alpha, _, _, _, is_dog = walk.alphas(splat, row, active, dx, dy)
             index = walk.Float(splat)
             depth = None if depths is None else dr.gather(walk.Float, depths, splat, active)
             for k in range(walk.pixels):
                 weight, behind, go = walk.advance(alpha[k], T[k])
+                weight = dr.select(go, weight, 0)
                 blended = go & (alpha[k] != 0)
                 T[k] = behind
 
@@ -84,16 +91,16 @@ def composite_aovs(
                     size = dr.abs(weight)
                     state["all"][k] = state["all"][k] + size  # not +=: pixels share their first value
                     update("dog", state["dog"][k] + size, is_dog)
-        return i + walk.blocks.unroll, T, state
+        return at, T, state
 
     _, _, state = dr.while_loop(
-        (walk.begin, walk.start_T(), {key: [walk.Float(value)] * walk.pixels for key, value in start.items()}),
-        lambda i, T, state: (i < walk.end) & walk.alive(T),
+        (walk.start(), walk.start_T(), {key: [walk.Float(value)] * walk.pixels for key, value in start.items()}),
+        lambda at, T, state: walk.more(at) & walk.alive(T),
         body,
-        labels=("i", "T", "state"),
+        labels=("at", "T", "state"),
         label="composite_aovs",
     )
     if "all" in start:
         pairs = zip(state["dog"], state["all"], strict=True)
         state["dog_share"] = [dr.select(whole > 0, part / whole, 0) for part, whole in pairs]
-    return [walk.write(state[name]) for name in names]
+    return walk.write([state[name] for name in names])
