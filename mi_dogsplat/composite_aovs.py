@@ -21,9 +21,10 @@ from collections.abc import Sequence
 
 import drjit as dr
 
-from .composite import Settings, Tables, Walk, planes_of
 from .geometry import Grid
+from .tables import Tables
 from .tiles import Lists
+from .walk import Settings, Walk, planes_of
 
 WALKED = ("median_depth", "index", "count", "dog_share")
 # What a pixel carries along for each, and what it starts with

@@ -19,9 +19,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .composite import ALPHA_MAX, FEATURES, Settings, Tables, Walk, planes_of
 from .geometry import Blocks, Grid
+from .tables import FEATURES, Tables
 from .tiles import Lists
+from .walk import ALPHA_MAX, Settings, Walk, planes_of
 
 LN2 = 0.6931471805599453
 ENTRY_ROW = 16  # adjoints per entry of the lists: x y ux uy vy lo, features, padding (one cache line)

@@ -33,10 +33,11 @@ from dataclasses import dataclass, replace
 
 import drjit as dr
 
-from .composite import FEATURES, Settings, Tables, Walk
 from .composite_derivatives import add_row, sum_rows
 from .geometry import Blocks, Grid
+from .tables import FEATURES, Tables
 from .tiles import Lists
+from .walk import Settings, Walk
 
 
 @dataclass(frozen=True)

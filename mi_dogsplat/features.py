@@ -14,7 +14,6 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from .composite import Settings
 from .composite_aovs import WALKED, walked
 from .errors import DataError
 from .geometry import Cutoffs
@@ -23,6 +22,7 @@ from .kernel_costs import aov_operations, operations, pair_operations, primitive
 from .ply import read_ply
 from .rasterize import RasterOptions
 from .splats import MAX_SH_DEGREE, Splats
+from .walk import Settings
 from .wording import count
 
 NEEDED, LEFT_OUT, UNUSED = "needed", "left out", "paid, not needed"

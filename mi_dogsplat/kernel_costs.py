@@ -18,7 +18,7 @@ import mitsuba as mi
 import numpy as np
 
 from .cameras import Camera
-from .composite import Settings, composite, pack
+from .composite import composite
 from .composite_aovs import composite_aovs
 from .composite_derivatives import ENTRY_ROW, PSEUDO_ENTRY_ROW, composite_backward, lanes_add_in_turn
 from .geometry import Blocks, Grid
@@ -26,7 +26,9 @@ from .parameters import upload
 from .project import DeviceCamera, project
 from .rasterize import RasterOptions
 from .splats import Splats
+from .tables import pack
 from .tiles import tiles
+from .walk import Settings
 
 N = 32  # primitives of the model that is traced; any number gives the same kernels
 SIZE = 16  # pixels per side of its image

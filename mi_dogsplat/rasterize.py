@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from .composite import Settings, composite, pack
+from .composite import composite
 from .composite_derivatives import (
     ENTRY_ROW,
     PSEUDO_ENTRY_ROW,
@@ -24,7 +24,9 @@ from .composite_derivatives import (
 from .geometry import Blocks, Cutoffs, Grid
 from .normals import normals
 from .project import DeviceCamera, Projection, project
+from .tables import pack
 from .tiles import Lists, tiles
+from .walk import Settings
 
 
 @dataclass(frozen=True)

@@ -25,14 +25,16 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .composite import Settings, composite, pack
+from .composite import composite
 from .composite_derivatives import lanes_add_in_turn
 from .composite_score import Sums, composite_score
 from .geometry import Blocks, Grid
 from .parameters import device_array
 from .project import DeviceCamera, project
 from .rasterize import RasterOptions
+from .tables import pack
 from .tiles import tiles
+from .walk import Settings
 
 KINDS = ("opacity", "spatio-spectral", "released", "leave-one-out")
 CORNER = float(np.sqrt(0.5))  # cycles per pixel, the highest frequency of an image

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import tiny_data
 from launches import branches, instructions, kernels, launches, loop
-from mi_dogsplat.composite import Settings, Walk, composite, pack
+from mi_dogsplat.composite import composite
 from mi_dogsplat.composite_aovs import WALKED
 from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
@@ -24,8 +24,10 @@ from mi_dogsplat.parameters import upload
 from mi_dogsplat.project import DeviceCamera, project
 from mi_dogsplat.rasterize import RasterOptions, rasterize
 from mi_dogsplat.splats import Splats
+from mi_dogsplat.tables import pack
 from mi_dogsplat.tiles import tiles
 from mi_dogsplat.train import Trainer
+from mi_dogsplat.walk import Settings, Walk
 from splat_scenes import (
     attached,
     dog_dict,
