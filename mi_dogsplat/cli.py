@@ -80,12 +80,13 @@ def evaluate(args: argparse.Namespace) -> None:
     """PSNR, SSIM, FLIP and L1 of a model on the test views of a data set (all views without a split)."""
     _config(args)
     _set_variant(args.variant)
+    from .config import background_color
     from .datasets import load_dataset
     from .evaluate import evaluate_views, mean_metrics
+    from .files import write_json
     from .ply import read_ply
     from .render_files import picture_of
-    from .run import prepare_folder, write_json
-    from .train import background_color
+    from .run import prepare_folder
 
     splats = read_ply(args.model)
     dataset = load_dataset(args.data, args.downscale)
@@ -94,7 +95,8 @@ def evaluate(args: argparse.Namespace) -> None:
         if (args.out / "config.json").exists():
             raise DataError(args.out, "is a training run with metrics of its own", "name another folder")
         prepare_folder(args.out)
-    picture = picture_of(splats, args, background)
+    how = {"antialiased": args.antialiased, "depth": args.out is not None}
+    picture = picture_of(splats, background, args.near_clip, **how)
     views = evaluate_views(lambda v: picture(v.camera), dataset.test or dataset.train, background, args.out)
     for name, values in views.items():
         print(f"{name:24s}", end="")

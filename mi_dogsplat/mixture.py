@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .datasets.dataset import View
+from .files import replacing
 from .metrics import evaluate, flip
 from .parameters import upload
-from .pictures import heat_map, replacing, write_png
+from .pictures import heat_map, write_png
 from .rasterize import RasterOptions
 from .render import Picture, render_picture
 from .report_views import ranked

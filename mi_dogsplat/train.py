@@ -18,7 +18,7 @@ import mitsuba as mi
 import numpy as np
 
 from .broken import drop_broken
-from .config import TrainConfig
+from .config import TrainConfig, background_color
 from .datasets import Dataset
 from .datasets.dataset import View, camera_extent
 from .densify import DensifyStats, refine
@@ -33,11 +33,6 @@ from .pruning import Pruning
 from .rasterize import Frame, RasterOptions, rasterize
 from .render import Picture, render_picture
 from .score import scores
-
-
-def background_color(background: str, has_alpha: bool) -> float:
-    """Grey level behind the splats, 0 or 1, for ``TrainConfig.background``."""
-    return {"black": 0.0, "white": 1.0, "auto": 1.0 if has_alpha else 0.0}[background]
 
 
 def over_background(image: np.ndarray, background: float) -> np.ndarray:
