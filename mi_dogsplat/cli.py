@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -191,6 +193,18 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
 
 def main(argv: list[str] | None = None) -> int:
     """Entry point; returns the exit status."""
+    try:
+        try:
+            return _run_command(argv)
+        finally:
+            sys.stdout.flush()  # here, where it can be caught that nobody reads any more
+    except BrokenPipeError:  # as in ``dogsplat info FILE | head -1``
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # takes what is flushed at the very end
+        return 128 + signal.SIGPIPE
+
+
+def _run_command(argv: list[str] | None) -> int:
+    """Run the command that is asked for; returns the exit status."""
     args = build_parser({name: run.__doc__ or "" for name, run in COMMANDS.items()}).parse_args(argv)
     try:
         return COMMANDS[args.command](args) or 0

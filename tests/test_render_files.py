@@ -13,6 +13,7 @@ from mi_dogsplat import write_ply
 from mi_dogsplat.camera_file import read_camera, write_camera
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.framing import automatic_camera, likely_up, robust_sphere
+from mi_dogsplat.render import render_picture
 from mi_dogsplat.render_files import picture_of, render_model, render_scene
 from mi_dogsplat.splats import Splats
 from mi_dogsplat.srgb import srgb_to_linear
@@ -87,11 +88,24 @@ def test_an_exr_holds_premultiplied_linear_colour_with_alpha_and_depth(model, da
     assert set(channels) == {"RGBA", "depth.Z"}
     expected = tiny_data.picture(tiny_data.truth(), tiny_data.cameras()[3])  # over black, whatever was asked
     assert expected.depth is not None
-    np.testing.assert_allclose(channels["RGBA"][..., :3], srgb_to_linear(expected.color), atol=1e-3)
-    np.testing.assert_allclose(channels["RGBA"][..., 3], expected.alpha, atol=1e-3)
+    np.testing.assert_allclose(channels["RGBA"][..., :3], srgb_to_linear(expected.color), atol=1e-6)
+    np.testing.assert_allclose(channels["RGBA"][..., 3], expected.alpha, atol=1e-6)
     np.testing.assert_allclose(channels["depth.Z"], expected.depth, atol=1e-4)
     centre = channels["depth.Z"][18, 24]
     assert 2 < centre < 4  # the camera is 3 away from the middle
+
+
+@pytest.mark.parametrize(("name", "depth"), [("v.exr", True), ("v.png", False)])
+def test_depth_is_blended_for_files_that_hold_it_only(model, tmp_path, monkeypatch, name, depth):
+    asked = []
+
+    def recorded(params, camera, options, *others):
+        asked.append(options.depth)
+        return render_picture(params, camera, options, *others)
+
+    monkeypatch.setattr("mi_dogsplat.render_files.render_picture", recorded)
+    render_model(arguments(model, tmp_path / name))
+    assert asked == [depth]
 
 
 def test_the_background_of_a_png_is_chosen_and_white_for_data_with_alpha(model, tmp_path):
