@@ -32,17 +32,16 @@ tolerance of the tests, “defined” follows a documented rule where the formul
 READ_CURVATURE = """How sharply the loss bends along each parameter: plain gradient descent diverges with steps above
 its limit, 2 over the largest curvature; where these limits lie far apart the problem is stiff."""
 READ_POISONED = """The same training twice. To the second one primitives are added on purpose, at the marked steps, that
-are stiff, extreme, or NaN or infinite themselves. It recovers when its curve returns to the first. Nothing may spread:
-the counts of NaN or infinity below are of the rest of the model, of images, of losses and of the optimizer, over all
-steps, and each of them must be 0."""
+are stiff, extreme or not finite (infinite, or not a number). It recovers when its curve returns to the first. Nothing
+may spread: below is counted, over all steps, what else became not finite, and each of these four counts must be 0."""
 
 POISONED_FACTS = {
     "injected": "primitives added",
     "dropped": "primitives dropped",
-    "spread": "other primitives that became NaN or infinite",
-    "bad_images": "images with NaN or infinity",
-    "bad_losses": "losses of NaN or infinity",
-    "bad_moments": "moments of Adam that are NaN or infinite",
+    "spread": "other primitives not finite",
+    "bad_images": "images not finite",
+    "bad_losses": "losses not finite",
+    "bad_moments": "moments of Adam not finite",
     "psnr_clean": "final PSNR without them, dB",
     "psnr_poisoned": "final PSNR with them, dB",
 }
