@@ -14,7 +14,7 @@ STATIONS = [
     {"ply_tables", "ply", "camera_file", "pictures", "datasets"},
     {"reference", "geometry", "sh", "project", "tiles", "composite", "composite_derivatives", "rasterize",
      "parameters", "transform", "kernel_costs",
-     "composite_score", "reference_score", "reference_gradients"},
+     "composite_score", "reference_score", "reference_gradients", "reference_project_gradients"},
     {"shape_dog", "sensor", "integrator"},
     {"config", "loss", "optimizer", "initialize", "densify", "render", "checkpoint", "train", "score",
      "dog_control", "ring", "scheduler", "presets", "pruning", "broken", "metrics"},
