@@ -90,7 +90,8 @@ def rotations(quats: np.ndarray) -> np.ndarray:
 
 
 def sigmoid(x: np.ndarray) -> np.ndarray:
-    return np.exp(-np.logaddexp(0, -x))  # small values keep their relative precision
+    """The logistic function; small values keep their relative precision."""
+    return np.exp(-np.logaddexp(0, -x))
 
 
 def _covariance(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ it, nothing is shared with the engine.
 Notation of `reference.py`, and
     d            pixel centre minus means2d, q = d^T conic d, so that G = o exp(-q / 2)
     δx           d loss / d x, loss = sum(adjoint * image)
-    moments      δlog G summed over the pixels with 1, d and d d^T: all that `reference_project_gradients.py` needs of it
+    moments      δlog G summed over the pixels with 1, d and d d^T: all that the projection needs of it
 
 image = sum_i alpha_i T_i c_i + T_final background gives
     dC/dalpha_i = T_i c_i - (sum_{j > i} alpha_j T_j c_j + T_final background) / (1 - alpha_i)
