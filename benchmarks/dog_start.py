@@ -37,8 +37,6 @@ STARTS: dict[str, DogRule | None] = {
     "f_a .05, F 1.6 and .6 in turn": replace(SMALL, scale=(1.6, 0.6)),
     "f_a .02, F .6": DogRule(opacity=0.02, scale=0.6),
     "f_a .05, F .6, no control": replace(SMALL, scale=0.6, control=False),
-    "ring: f_a .05, F 1.6": replace(SMALL, parametrisation="ring"),
-    "T ignores negatives: f_a .05, F 1.6": replace(SMALL, negative_transmittance=False),
 }
 COLUMNS = (
     "scene", "seed", "start", "N", "before", "just after", "steps", "dB", "train L1", "DoG left", "median F", "ms/step",

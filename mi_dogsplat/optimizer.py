@@ -21,12 +21,11 @@ import numpy as np
 
 from .parameters import RAW_DOG, device_array, dog_rows
 from .project import NOT_DOG
-from .ring import RING, log_scales_from_ring, log_scales_on_device, ring_from_log_scales
 from .scheduler import scaled_milestone
 from .splats import Splats
 
 ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}
-DOG_ROW_SIZE = {"dog_logit_opacities": 1, "dog_log_scales": 3, RING: 3}
+DOG_ROW_SIZE = {"dog_logit_opacities": 1, "dog_log_scales": 3}
 MAX_GRADIENT = 1e18  # its square is a float32
 EPSILON = 1e-15  # of Adam, as in 3DGS: gradients far below move nothing
 
@@ -72,7 +71,6 @@ class LearningRates:
     sh_rest: float = 2.5e-3 / 20
     dog_logit_opacities: float = 0.025
     dog_log_scales: float = 5e-3
-    dog_ring_scales: float = 5e-3
     refinement: Refinement | None = None
 
     def at(self, step: int) -> dict[str, float]:
@@ -91,7 +89,6 @@ class SplatOptimizer:
 
     ``sh_coeffs`` is held as ``sh_dc`` and ``sh_rest`` because their step sizes differ (see ``evaluate_sh``);
     ``sh_rest`` is absent at degree 0; else its rows hold all K coefficients, the first of them unused.
-    ``dog_log_scales`` may be held as ``RING`` (see ``set_dog``); the outside always sees log F.
     """
 
     def __init__(self, splats: Splats, learning_rates: LearningRates):
@@ -127,8 +124,6 @@ class SplatOptimizer:
     def params(self) -> dict:
         """Arrays for ``rasterize``; gradients accumulate on them."""
         params: dict = dict(self.adam.items())
-        if RING in params:
-            params["dog_log_scales"] = log_scales_on_device(params.pop(RING))
         if len(self.dog_index):
             params |= {"dog_index": self._dog_index, "dog_row": self._dog_row}
         return params
@@ -167,23 +162,17 @@ class SplatOptimizer:
         zeros_m, zeros_v = dr.opaque(type(m), 0, dr.width(m)), dr.opaque(type(v), 0, dr.width(v))
         self.adam.state[name] = value, promoted, rate, (t, zeros_m, zeros_v, v_max)
 
-    def set_dog(
-        self, dog_index: np.ndarray, logit_opacities: np.ndarray, log_scales: np.ndarray, ring: bool = False
-    ) -> None:
+    def set_dog(self, dog_index: np.ndarray, logit_opacities: np.ndarray, log_scales: np.ndarray) -> None:
         """Make exactly the primitives ``dog_index`` DoG; those that already were keep their moments.
 
         Args:
             dog_index: [M] strictly increasing; none makes all primitives plain Gaussians.
             logit_opacities: [M] logit of f_a.
             log_scales: [M, 3] log of F.
-            ring: train θ of F = 1 + softplus(θ) instead of log F (``ring.py``).
-
-        Raises ``ValueError`` when ``ring`` is asked for and an F is not above 1.
         """
-        scales = {RING: ring_from_log_scales(log_scales)} if ring else {"dog_log_scales": log_scales}
-        new = {"dog_logit_opacities": logit_opacities, **scales} if len(dog_index) else {}
-        for name in [name for name in self.adam if name in DOG_ROW_SIZE and name not in new]:
-            del self.adam[name]
+        new = {"dog_logit_opacities": logit_opacities, "dog_log_scales": log_scales} if len(dog_index) else {}
+        if not new:
+            self._gather_dog(np.zeros(0, int))
         old_row = self._dog_row_of_splat()[np.asarray(dog_index, np.int64)]  # [M] or -1
         self.row_size |= DOG_ROW_SIZE
         rates = self.learning_rates.at(0)
@@ -274,10 +263,7 @@ class SplatOptimizer:
             sh = np.concatenate([sh, self.numpy("sh_rest").reshape(n, -1, 3)[:, 1:]], axis=1)
         arrays = {name: self.numpy(name) for name in ("means", "log_scales", "quats", "logit_opacities")}
         if self.n_dog:
-            ring = RING in self.adam
-            log_scales = log_scales_from_ring(self.numpy(RING)) if ring else self.numpy("dog_log_scales")
-            arrays |= {"dog_index": self.dog_index, "dog_log_scales": log_scales}
-            arrays["dog_logit_opacities"] = self.numpy("dog_logit_opacities")
+            arrays |= {"dog_index": self.dog_index} | {name: self.numpy(name) for name in RAW_DOG}
         return Splats(sh_coeffs=sh, **arrays)
 
     def state(self) -> dict[str, np.ndarray]:

@@ -84,12 +84,7 @@ class Trainer:
 
     @property
     def options(self) -> RasterOptions:
-        dog = self.recipe.dog
-        return RasterOptions(
-            sh_degree=self.active_sh_degree,
-            antialiased=self.config.antialiased,
-            negative_transmittance=dog is None or dog.negative_transmittance,
-        )
+        return RasterOptions(sh_degree=self.active_sh_degree, antialiased=self.config.antialiased)
 
     def _render(self, params: dict, view: int, probe: list | None = None) -> tuple[list, Frame]:
         """Planes of a training view over the background, and the frame they come from."""

@@ -222,15 +222,6 @@ def test_a_recipe_can_take_the_place_of_the_preset(data):
     assert shares[:4] == [round((n - round(0.3 * n)) / 5)] * 4 and trainer.optimizer.n_dog == 0
 
 
-def test_transmittance_follows_the_rule_of_the_dog(data):
-    dog = RECIPES["ours"].dog
-    assert dog
-    for negative in (True, False):
-        rule = dataclasses.replace(dog, negative_transmittance=negative)
-        trainer = Trainer(config_of(data), load_dataset(data), dataclasses.replace(RECIPES["ours"], dog=rule))
-        assert trainer.options.negative_transmittance == negative
-
-
 def test_prunes_compile_nothing_once_there_were_two(data):
     trainer = Trainer(config_of(data, preset="paper", steps=300, max_primitives=None), load_dataset(data))
     while trainer.step_count < 175:
