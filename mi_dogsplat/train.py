@@ -24,9 +24,10 @@ from .datasets.dataset import View, camera_extent
 from .densify import DensifyStats, refine
 from .dog_control import activate, degenerate
 from .initialize import initial_splats
+from .learning_rates import LearningRates
 from .loss import PhotometricLoss
 from .metrics import flip
-from .optimizer import LearningRates, SplatOptimizer
+from .optimizer import SplatOptimizer
 from .presets import RECIPES, Recipe
 from .project import DeviceCamera
 from .pruning import Pruning

@@ -14,8 +14,8 @@ from mi_dogsplat.checkpoint import load_checkpoint
 from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.optimizer import LearningRates, SplatOptimizer
-from mi_dogsplat.ring import RING
+from mi_dogsplat.learning_rates import LearningRates
+from mi_dogsplat.optimizer import SplatOptimizer
 from mi_dogsplat.splats import Splats
 from mi_dogsplat.train import Trainer
 
@@ -46,13 +46,6 @@ def test_a_primitive_with_a_value_that_is_not_finite_is_broken_and_no_other(name
     assert not broken(optimizer, EXTENT).any()
     put(optimizer, name, 2, column, value)  # row 2 of the DoG arrays is primitive 5
     assert np.flatnonzero(broken(optimizer, EXTENT)).tolist() == [5 if name.startswith("dog") else 2]
-
-
-def test_a_ring_that_is_not_finite_breaks_its_primitive():
-    optimizer = optimizer_of(())
-    optimizer.set_dog(np.array([1, 4]), np.zeros(2), np.full((2, 3), 0.3), ring=True)
-    put(optimizer, RING, 1, 2, np.nan)
-    assert np.flatnonzero(broken(optimizer, EXTENT)).tolist() == [4]
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from mi_dogsplat import write_ply
 from mi_dogsplat.dog_control import DogRule, activate, degenerate
-from mi_dogsplat.optimizer import LearningRates, SplatOptimizer
+from mi_dogsplat.learning_rates import LearningRates
+from mi_dogsplat.optimizer import SplatOptimizer
 from mi_dogsplat.parameters import RAW_DOG
 from mi_dogsplat.project import DeviceCamera
 from mi_dogsplat.rasterize import rasterize

@@ -6,7 +6,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.optimizer import LearningRates, Refinement, SplatOptimizer
+from mi_dogsplat.learning_rates import LearningRates, Refinement
+from mi_dogsplat.optimizer import SplatOptimizer
 from mi_dogsplat.parameters import RAW_DOG
 from mi_dogsplat.project import NOT_DOG
 from mi_dogsplat.splats import Splats

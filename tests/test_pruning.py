@@ -15,7 +15,8 @@ from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.optimizer import LearningRates, SplatOptimizer
+from mi_dogsplat.learning_rates import LearningRates
+from mi_dogsplat.optimizer import SplatOptimizer
 from mi_dogsplat.presets import RECIPES
 from mi_dogsplat.pruning import Pruning, keep_best
 from mi_dogsplat.scheduler import PruningRule

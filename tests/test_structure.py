@@ -16,7 +16,7 @@ STATIONS = [
      "parameters", "transform", "kernel_costs",
      "composite_score", "reference_score", "reference_gradients", "reference_project_gradients"},
     {"shape_dog", "sensor", "integrator"},
-    {"config", "loss", "optimizer", "initialize", "densify", "render", "checkpoint", "train", "score",
+    {"config", "loss", "learning_rates", "optimizer", "initialize", "densify", "render", "checkpoint", "train", "score",
      "dog_control", "scheduler", "presets", "pruning", "broken", "metrics"},
     {"evaluate", "run_folder"},
     {"report_points", "report_plot", "report_prunes", "report_curves", "report_page", "report_pictures",
