@@ -11,7 +11,7 @@ memory with NumPy, and whether an array begins at a multiple of 64 bytes decides
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import drjit as dr
@@ -82,12 +82,25 @@ class SplatOptimizer:
         rates = self.learning_rates.at(step)
         self.adam.set_learning_rate({name: rates[name] for name in self.adam})
 
-    def step(self) -> None:
-        """One Adam step with the gradients on the parameters, which are then cleared."""
+    def step(self, unused: Collection[str] = ()) -> None:
+        """One Adam step with the gradients on the parameters, which are then cleared.
+
+        Args:
+            unused: parameters that no render has read so far. Their gradients and moments are 0, so that Adam would
+                write back what it read: that is left out. The step counts all the same, for the bias correction.
+        """
+        before: dict[str, Any] = self.adam.state
+        self.adam.state = {name: entry for name, entry in before.items() if name not in unused}
         for value in self.adam.values():
             gradient = dr.grad(value)
             dr.set_grad(value, dr.select(dr.abs(gradient) < MAX_GRADIENT, gradient, 0))  # false for NaN
         self.adam.step()
+        counted = {
+            name: (value, promoted, rate, (t + 1, *moments))
+            for name, (value, promoted, rate, (t, *moments)) in before.items()
+            if name in unused
+        }
+        self.adam.state = before | counted | self.adam.state  # in the order from before: else kernels would change
 
     def numpy(self, name: str) -> np.ndarray:
         """Copy of a parameter on the host, [N] or [N, row size]."""

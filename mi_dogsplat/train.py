@@ -119,7 +119,7 @@ class Trainer:
         if probe and frame.projection:
             gradients = dr.grad(probe[0]), dr.grad(probe[1])
             self.stats.add(*gradients, frame.projection, camera.width, camera.height)
-        self.optimizer.step()
+        self.optimizer.step(unused=() if self.active_sh_degree else ("sh_rest",))
         if self.recipe.dog:
             degenerate(self.recipe.dog, self.optimizer)
         self.l1_sum += l1

@@ -88,6 +88,24 @@ def test_refinement_raises_the_rates_from_its_start_and_lowers_all_but_those_of_
     assert refined.refinement and refined.refinement.scaled(0.5) == Refinement(300, 4.0, 0.25, 10.0)
 
 
+def test_what_no_render_has_read_yet_is_left_out_of_a_step_and_loses_no_bit_by_it():
+    always, later = (SplatOptimizer(random_model(7, 1, (0, 3)), RATES) for _ in range(2))
+    for optimizer, unused in ((always, ()), (later, ("sh_rest",))):
+        rng, m = np.random.default_rng(2), optimizer.adam.state["sh_rest"][3][1]
+        for step in range(6):
+            optimizer.schedule(step)
+            set_gradients(optimizer, rng)
+            if step < 3:
+                dr.clear_grad(optimizer.adam["sh_rest"])
+            optimizer.step(unused if step < 3 else ())
+            if step < 3:
+                assert (optimizer.adam.state["sh_rest"][3][1].index == m.index) == bool(unused)  # nothing was written
+    expected, got = always.state(), later.state()
+    assert list(got) == list(expected) and got["sh_rest.t"] == 6 and np.ptp(got["sh_rest.m"]) > 0
+    for name, values in expected.items():
+        np.testing.assert_array_equal(got[name], values, err_msg=name)
+
+
 def test_steps_agree_with_adam_in_float64():
     optimizer, rng = SplatOptimizer(random_model(7, 1, (0, 3)), RATES), np.random.default_rng(5)
     value = {name: optimizer.numpy(name).ravel().astype(np.float64) for name in optimizer.adam}
