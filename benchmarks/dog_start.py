@@ -22,7 +22,8 @@ from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.dog_control import DogRule, activate
 from mi_dogsplat.metrics import psnr
 from mi_dogsplat.presets import RECIPES
-from mi_dogsplat.train import Trainer, over_background
+from mi_dogsplat.render import over_background
+from mi_dogsplat.train import Trainer
 
 from .models import DATA
 

@@ -27,6 +27,7 @@ from .datasets.dataset import View
 from .errors import DataError
 from .evaluate import render_milliseconds_in_turn
 from .files import replacing, write_json
+from .history import run_to_end
 from .mixture import write_comparison
 from .parameters import upload
 from .ply import read_ply
@@ -121,7 +122,7 @@ def _densified_start(config: TrainConfig, dataset: Dataset, path: Path, progress
     if not path.exists():
         progress(f"seed {config.seed}: densifying")
         trainer = Trainer(config, dataset)
-        for row in trainer.rows():
+        for row in run_to_end(trainer):
             if row["step"] >= trainer.densification.stop:
                 break
         save_checkpoint(path, trainer.state())

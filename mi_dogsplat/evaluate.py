@@ -11,9 +11,8 @@ import numpy as np
 from .datasets.dataset import View
 from .metrics import evaluate, flip
 from .pictures import heat_map, write_exr, write_png
-from .render import Picture, premultiplied
+from .render import Picture, over_background, premultiplied
 from .timing import milliseconds_in_turn
-from .train import over_background
 
 METRICS = ("psnr", "ssim", "flip", "l1")
 TIMED_VIEWS = 8  # at most

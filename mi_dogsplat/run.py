@@ -21,6 +21,7 @@ from .errors import DataError
 from .evaluate import evaluate_views, mean_metrics, render_milliseconds
 from .files import replacing, write_json
 from .geometry import Cutoffs
+from .history import run_to_end
 from .mixture import write_mixture
 from .ply import write_ply
 from .presets import Recipe
@@ -81,7 +82,7 @@ def train(
     saved = time.monotonic()
     with open(out / "history.jsonl", "a", encoding="utf-8") as history:
         try:
-            for row in trainer.rows():
+            for row in run_to_end(trainer):
                 history.write(json.dumps(row) + "\n")
                 history.flush()
                 progress(row)

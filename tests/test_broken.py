@@ -14,6 +14,7 @@ from mi_dogsplat.checkpoint import load_checkpoint
 from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.errors import DataError
+from mi_dogsplat.history import run_to_end
 from mi_dogsplat.learning_rates import LearningRates
 from mi_dogsplat.optimizer import SplatOptimizer
 from mi_dogsplat.splats import Splats
@@ -163,7 +164,7 @@ def test_a_model_to_prune_loses_its_broken_primitives_before_it_is_measured(data
     write_ply(tmp_path / "model.ply", splats)
     config = config_of(data, preset="ours", model=str(tmp_path / "model.ply"), target=20, max_primitives=None)
     trainer = Trainer(config, load_dataset(data))
-    rows = list(trainer.rows())
+    rows = list(run_to_end(trainer))
     assert rows[0]["step"] == 0 and rows[0]["event"].startswith("dropped 3 broken primitives; prune 57 -> ")
     assert rows[0]["train_l1"] < 0.03 and rows[-1]["n"] == 20
-    assert trainer._test_errors()["test_psnr"] > 20
+    assert trainer.test_errors()["test_psnr"] > 20

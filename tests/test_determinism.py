@@ -7,6 +7,7 @@ import tiny_data
 from mi_dogsplat.composite_derivatives import lanes_add_in_turn
 from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.history import run_to_end
 from mi_dogsplat.optimizer import SplatOptimizer
 from mi_dogsplat.train import Trainer
 
@@ -31,7 +32,7 @@ def test_the_same_seed_gives_the_same_bits(preset, tmp_path):
     runs = []
     for _ in range(2):
         trainer = Trainer(config, load_dataset(data, 1))
-        rows = [{k: v for k, v in row.items() if k != "seconds"} for row in trainer.rows()]
+        rows = [{k: v for k, v in row.items() if k != "seconds"} for row in run_to_end(trainer)]
         runs.append((rows, trainer.state()))
     (rows, state), (other_rows, other_state) = runs
     assert any("densify" in row.get("event", "") for row in rows) and any("pruned_to" in row for row in rows)
