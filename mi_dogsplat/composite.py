@@ -28,6 +28,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from .frozen import frozen
 from .geometry import Cutoffs, Grid
 from .project import NOT_DOG, Kernels, Projection
 from .tiles import Lists
@@ -221,7 +222,7 @@ def _largest(values: list):
     return values[0]
 
 
-@dr.freeze(warn_after=1 << 30)
+@frozen
 def composite(grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings) -> tuple:
     """Blend. Returns (features: list of [H*W] planes, without background; T: [H*W] plane)."""
     walk, n_features = Walk(grid, lanes, tables, lists, settings), settings.n_features

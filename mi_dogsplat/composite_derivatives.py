@@ -20,6 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from .composite import ALPHA_MAX, FEATURES, Settings, Tables, Walk
+from .frozen import frozen
 from .geometry import Blocks, Grid
 from .tiles import Lists
 
@@ -52,7 +53,7 @@ def lanes_add_in_turn(variant: str) -> bool:
     return wide and np.array_equal(table.numpy().reshape(rows, ENTRY_ROW), expected)
 
 
-@dr.freeze(warn_after=1 << 30)
+@frozen
 def composite_backward(
     grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings,
     features: list, T_final, δfeatures: list, δT, entries, pseudo_entries, in_turn: bool,

@@ -12,7 +12,7 @@ STATIONS = [
     {"errors", "llvm", "wording", "srgb", "files", "timing", "versions"},
     {"splats", "cameras"},
     {"ply_tables", "ply", "camera_file", "pictures", "datasets"},
-    {"reference", "geometry", "sh", "project", "tiles", "composite", "composite_derivatives", "rasterize",
+    {"reference", "geometry", "sh", "project", "tiles", "frozen", "composite", "composite_derivatives", "rasterize",
      "parameters", "transform", "kernel_costs",
      "composite_score", "reference_score", "reference_gradients", "reference_project_gradients"},
     {"shape_dog", "sensor", "integrator"},
