@@ -31,6 +31,11 @@ from .train import Trainer
 from .versions import versions
 
 
+CHECKPOINT = Path("checkpoint") / "state.npz"
+CHECKPOINT_SECONDS = 60.0
+ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
+
+
 def prepare_folder(out: Path) -> None:
     """Make the run folder. Raises ``DataError`` if something else is in its place or it cannot be written."""
     if out.exists() and not out.is_dir():
@@ -42,11 +47,6 @@ def prepare_folder(out: Path) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
-
-
-CHECKPOINT = Path("checkpoint") / "state.npz"
-CHECKPOINT_SECONDS = 60.0
-ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
 
 
 def train(
