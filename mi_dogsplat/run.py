@@ -30,7 +30,6 @@ from .run_folder import RECIPE, RENDER_MS
 from .train import Trainer
 from .versions import versions
 
-
 CHECKPOINT = Path("checkpoint") / "state.npz"
 CHECKPOINT_SECONDS = 60.0
 ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
