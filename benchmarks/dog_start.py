@@ -22,7 +22,8 @@ from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.dog_control import DogRule, activate
 from mi_dogsplat.metrics import psnr
 from mi_dogsplat.presets import RECIPES
-from mi_dogsplat.train import Trainer, over_background
+from mi_dogsplat.render import over_background
+from mi_dogsplat.train import Trainer
 
 from .models import DATA
 
@@ -37,8 +38,6 @@ STARTS: dict[str, DogRule | None] = {
     "f_a .05, F 1.6 and .6 in turn": replace(SMALL, scale=(1.6, 0.6)),
     "f_a .02, F .6": DogRule(opacity=0.02, scale=0.6),
     "f_a .05, F .6, no control": replace(SMALL, scale=0.6, control=False),
-    "ring: f_a .05, F 1.6": replace(SMALL, parametrisation="ring"),
-    "T ignores negatives: f_a .05, F 1.6": replace(SMALL, negative_transmittance=False),
 }
 COLUMNS = (
     "scene", "seed", "start", "N", "before", "just after", "steps", "dB", "train L1", "DoG left", "median F", "ms/step",

@@ -9,6 +9,7 @@ from mi_dogsplat.cameras import Camera
 from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.framing import automatic_camera
+from mi_dogsplat.history import run_to_end
 from mi_dogsplat.initialize import splats_from_points
 from mi_dogsplat.ply import read_ply
 from mi_dogsplat.splats import Splats
@@ -47,7 +48,7 @@ def fern_trained(steps: int = 1500) -> tuple[Splats, Camera]:
     )
     dataset = load_dataset(config.data, config.downscale)
     trainer = Trainer(config, dataset)
-    for _ in trainer.rows():
+    for _ in run_to_end(trainer):
         pass
     return trainer.optimizer.to_splats(), dataset.test[0].camera
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from mi_dogsplat.learning_rates import LearningRates
 from mi_dogsplat.loss import PhotometricLoss
-from mi_dogsplat.optimizer import LearningRates, SplatOptimizer
+from mi_dogsplat.optimizer import SplatOptimizer
 from mi_dogsplat.project import DeviceCamera
 from mi_dogsplat.rasterize import RasterOptions, rasterize
 

@@ -21,24 +21,25 @@ from typing import Any
 from .ablation_page import ablation_page
 from .ablation_table import write_table
 from .checkpoint import load_checkpoint, save_checkpoint
-from .config import TrainConfig
+from .config import TrainConfig, background_color
 from .datasets import Dataset, load_dataset
 from .datasets.dataset import View
 from .errors import DataError
 from .evaluate import render_milliseconds_in_turn
+from .files import replacing, write_json
+from .history import run_to_end
 from .mixture import write_comparison
 from .parameters import upload
-from .pictures import replacing
 from .ply import read_ply
 from .presets import RECIPES, Recipe
 from .rasterize import RasterOptions
 from .render import Picture, render_picture
 from .report import write_report
-from .run import train, write_json
+from .run import train
 from .run_folder import DOG_PROFILE, RECIPE, RENDER_MS
 from .scheduler import PruningRule
 from .score import ScoreRule
-from .train import Trainer, background_color
+from .train import Trainer
 
 OPACITY = ScoreRule("opacity")
 EQUAL = PruningRule(division="equal", rounds=5)
@@ -121,7 +122,7 @@ def _densified_start(config: TrainConfig, dataset: Dataset, path: Path, progress
     if not path.exists():
         progress(f"seed {config.seed}: densifying")
         trainer = Trainer(config, dataset)
-        for row in trainer.rows():
+        for row in run_to_end(trainer):
             if row["step"] >= trainer.densification.stop:
                 break
         save_checkpoint(path, trainer.state())

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .pictures import replacing
+from .files import replacing, write_json
 from .run_folder import RENDER_MS
 
 COLUMNS = {  # name: (heading, digits)
@@ -88,7 +88,7 @@ def write_table(out: Path, labels: dict[str, str]) -> dict[str, Any]:
     found = collect(out, list(labels))
     rows = {name: {"label": labels[name], "summary": summary(runs), "runs": runs} for name, runs in found.items()}
     table = {"config": config, "variants": rows}
-    for name, text in (("ablation.json", json.dumps(table, indent=2) + "\n"), ("ablation.md", markdown(table))):
-        with replacing(out / name) as part:
-            part.write_text(text, encoding="utf-8")
+    write_json(out / "ablation.json", table)
+    with replacing(out / "ablation.md") as part:
+        part.write_text(markdown(table), encoding="utf-8")
     return table

@@ -18,7 +18,7 @@ from typing import Any
 
 from .cameras import Camera, nearest_rigid
 from .errors import DataError
-from .pictures import replacing
+from .files import replacing
 
 FORMAT = 'write {"w2c": 4x4 world to camera (OpenCV axes), "fx", "fy", "cx", "cy", "width", "height"}'
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import DataError
-from .pictures import replacing
+from .files import replacing
 
 
 def save_checkpoint(path: Path, state: dict[str, np.ndarray]) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -82,12 +84,13 @@ def evaluate(args: argparse.Namespace) -> None:
     """PSNR, SSIM, FLIP and L1 of a model on the test views of a data set (all views without a split)."""
     _config(args)
     _set_variant(args.variant)
+    from .config import background_color
     from .datasets import load_dataset
     from .evaluate import evaluate_views, mean_metrics
+    from .files import write_json
     from .ply import read_ply
     from .render_files import picture_of
-    from .run import prepare_folder, write_json
-    from .train import background_color
+    from .run import prepare_folder
 
     splats = read_ply(args.model)
     dataset = load_dataset(args.data, args.downscale)
@@ -96,7 +99,8 @@ def evaluate(args: argparse.Namespace) -> None:
         if (args.out / "config.json").exists():
             raise DataError(args.out, "is a training run with metrics of its own", "name another folder")
         prepare_folder(args.out)
-    picture = picture_of(splats, args, background)
+    aovs = ("depth",) if args.out else ()
+    picture = picture_of(splats, background, args.near_clip, antialiased=args.antialiased, aovs=aovs)
     views = evaluate_views(lambda v: picture(v.camera), dataset.test or dataset.train, background, args.out)
     for name, values in views.items():
         print(f"{name:24s}", end="")
@@ -191,6 +195,18 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
 
 def main(argv: list[str] | None = None) -> int:
     """Entry point; returns the exit status."""
+    try:
+        try:
+            return _run_command(argv)
+        finally:
+            sys.stdout.flush()  # here, where it can be caught that nobody reads any more
+    except BrokenPipeError:  # as in ``dogsplat info FILE | head -1``
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # takes what is flushed at the very end
+        return 128 + signal.SIGPIPE
+
+
+def _run_command(argv: list[str] | None) -> int:
+    """Run the command that is asked for; returns the exit status."""
     args = build_parser({name: run.__doc__ or "" for name, run in COMMANDS.items()}).parse_args(argv)
     try:
         return COMMANDS[args.command](args) or 0

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import drjit as dr
 
+from .frozen import frozen
 from .geometry import Grid
 from .tables import FEATURES, Tables
 from .tiles import Lists
@@ -28,7 +29,7 @@ def composite(grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: 
     return features, T
 
 
-@dr.freeze(warn_after=1 << 30)
+@frozen
 def _composite(grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings) -> list:
     walk, n_features = Walk(grid, lanes, tables, lists, settings), settings.n_features
 

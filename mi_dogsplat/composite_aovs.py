@@ -21,6 +21,7 @@ from collections.abc import Sequence
 
 import drjit as dr
 
+from .frozen import frozen
 from .geometry import Grid
 from .tables import Tables
 from .tiles import Lists
@@ -56,7 +57,7 @@ def composite_aovs(
     return planes_of(_composite_aovs(grid, lanes, tables, lists, settings, depths, names), len(names))
 
 
-@dr.freeze(warn_after=1 << 30)
+@frozen
 def _composite_aovs(
     grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings, depths, names: tuple
 ) -> list:

@@ -19,6 +19,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .frozen import frozen
 from .geometry import Blocks, Grid
 from .tables import FEATURES, Tables
 from .tiles import Lists
@@ -53,7 +54,7 @@ def lanes_add_in_turn(variant: str) -> bool:
     return wide and np.array_equal(table.numpy().reshape(rows, ENTRY_ROW), expected)
 
 
-@dr.freeze(warn_after=1 << 30)
+@frozen
 def composite_backward(
     grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings,
     features: list, T_final, δfeatures: list, δT, entries, pseudo_entries, in_turn: bool,

@@ -34,6 +34,7 @@ from dataclasses import dataclass, replace
 import drjit as dr
 
 from .composite_derivatives import add_row, sum_rows
+from .frozen import frozen
 from .geometry import Blocks, Grid
 from .tables import FEATURES, Tables
 from .tiles import Lists
@@ -81,7 +82,7 @@ class Sums:
         return replace(blocks, width=blocks.width + 1, height=blocks.height + 1, overlap=1)
 
 
-@dr.freeze(warn_after=1 << 30)
+@frozen
 def composite_score(
     grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings, sums: Sums,
     image: list, planes: list, entries, in_turn: bool,

@@ -25,6 +25,11 @@ RANGES = {
 }
 
 
+def background_color(background: str, has_alpha: bool) -> float:
+    """Grey level behind the splats, 0 or 1, for ``TrainConfig.background``."""
+    return {"black": 0.0, "white": 1.0, "auto": 1.0 if has_alpha else 0.0}[background]
+
+
 @dataclass(frozen=True)
 class TrainConfig:
     """A run is reproducible from this, the data and the versions in ``metrics.json``.
@@ -47,7 +52,7 @@ class TrainConfig:
     seed: int = 0  # seed of every random choice
     variant: str = "auto"  # Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb
     log_every: int = 50  # steps between rows of history.jsonl
-    test_every: int = 0  # steps between quick PSNR measurements on the test views; 0: eight times a run
+    test_every: int = 0  # steps between measurements of PSNR and FLIP on the test views; 0: eight times a run
     model: str | None = None  # start from this model .ply, of whatever SH degree, at the pruning of the recipe
 
     def __post_init__(self) -> None:

@@ -31,10 +31,8 @@ class DogRule:
     start: int = 25_000  # step at which all primitives become DoG
     opacity: float = 0.5  # initial f_a; a small one leaves the image as it is
     scale: float | tuple[float, ...] = 1.6  # initial F, above 1: a ring; of several, primitives take turns
-    parametrisation: str = "free"  # of F: free (exp) or ring (1 + softplus: never below 1)
     control: bool = True  # whether faded pseudo-Gaussians are dropped
     min_opacity: float = 1 / 255  # of a pseudo-Gaussian, f_a a; below, no pixel shows it
-    negative_transmittance: bool = True  # a negative alpha amplifies what lies behind it
 
     def __post_init__(self) -> None:
         if not 0 < self.opacity < 1:
@@ -43,11 +41,8 @@ class DogRule:
             raise ValueError(f"DogRule: min_opacity is {self.min_opacity}, expected a number between 0 and 1")
         if self.start < 0:
             raise ValueError(f"DogRule: start is {self.start}, expected a step")
-        lowest = {"free": 0, "ring": 1}.get(self.parametrisation)
-        if lowest is None:
-            raise ValueError(f'DogRule: parametrisation is "{self.parametrisation}", expected "free" or "ring"')
-        if not np.all((np.asarray(self.scale) > lowest) & np.isfinite(self.scale)):
-            raise ValueError(f'DogRule: scale (F) is {self.scale}, "{self.parametrisation}" needs F > {lowest}')
+        if not np.all((np.asarray(self.scale) > 0) & np.isfinite(self.scale)):
+            raise ValueError(f"DogRule: scale (F) is {self.scale}, expected F > 0")
 
     def scaled(self, factor: float) -> DogRule:
         """The rule of a run ``factor`` times as long."""
@@ -60,7 +55,7 @@ def activate(rule: DogRule, optimizer: SplatOptimizer) -> int:
     logits = np.full(n, math.log(rule.opacity / (1 - rule.opacity)))
     log_scales = np.log(np.resize(rule.scale, n))[:, None] * np.ones(3)  # [N, 3]
     logits[before.dog_index], log_scales[before.dog_index] = before.dog_logit_opacities, before.dog_log_scales
-    optimizer.set_dog(np.arange(n), logits, log_scales, ring=rule.parametrisation == "ring")
+    optimizer.set_dog(np.arange(n), logits, log_scales)
     return n
 
 

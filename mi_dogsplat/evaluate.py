@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -11,10 +11,11 @@ import numpy as np
 from .datasets.dataset import View
 from .metrics import evaluate, flip
 from .pictures import heat_map, write_exr, write_png
-from .render import Picture, premultiplied
-from .train import over_background
+from .render import Picture, over_background, premultiplied
+from .timing import milliseconds_in_turn
 
 METRICS = ("psnr", "ssim", "flip", "l1")
+TIMED_VIEWS = 8  # at most
 
 
 def evaluate_views(
@@ -54,7 +55,7 @@ def mean_metrics(results: dict[str, dict[str, float]]) -> dict[str, float]:
 
 
 def render_milliseconds(picture: Callable[[View], Picture], views: Sequence[View], repeats: int = 3) -> float:
-    """Median wall time of a render with its pictures on the host, in ms, after one warm-up render."""
+    """Median wall time of ``repeats`` renders of each of a few views, with their pictures on the host, in ms."""
     return render_milliseconds_in_turn({"": picture}, views, repeats)[""]
 
 
@@ -62,12 +63,10 @@ def render_milliseconds_in_turn(
     pictures: Mapping[str, Callable[[View], Picture]], views: Sequence[View], repeats: int = 3
 ) -> dict[str, float]:
     """``render_milliseconds`` of several models that take turns: what else the machine does slows all alike."""
-    times: dict[str, list[float]] = {name: [] for name in pictures}
-    for picture in pictures.values():
-        picture(views[0])
-    for view in list(views)[:8] * repeats:
-        for name, picture in pictures.items():
-            start = time.perf_counter()
-            picture(view)
-            times[name].append(time.perf_counter() - start)
-    return {name: float(np.median(values) * 1e3) for name, values in times.items()}
+    some = views[:TIMED_VIEWS]
+
+    def job(picture: Callable[[View], Picture]) -> Callable[[], Picture]:
+        order = itertools.cycle(some)
+        return lambda: picture(next(order))
+
+    return milliseconds_in_turn({name: job(picture) for name, picture in pictures.items()}, repeats * len(some))

@@ -1,7 +1,7 @@
 """The trained parameters and their Adam moments; the one place where the number of primitives changes.
 
-The update rule is the library's (``mi.ad.Adam``). What is ours: learning rates per parameter and their
-schedule, and moving rows: cloning, splitting and removing primitives must carry both moments along, or
+The update rule is the library's (``mi.ad.Adam``). What is ours: a learning rate per parameter
+(``learning_rates.py``), and moving rows: cloning, splitting and removing primitives must carry both moments along, or
 training forgets. And a gradient that is not finite, or whose square is not, counts as zero: Adam would keep it in the
 second moment for ever, as a NaN in the parameter or an infinity that freezes it.
 
@@ -11,79 +11,22 @@ memory with NumPy, and whether an array begins at a multiple of 64 bytes decides
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .learning_rates import LearningRates
 from .parameters import RAW_DOG, device_array, dog_rows
 from .project import NOT_DOG
-from .ring import RING, log_scales_from_ring, log_scales_on_device, ring_from_log_scales
-from .scheduler import scaled_milestone
 from .splats import Splats
 
 ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}
-DOG_ROW_SIZE = {"dog_logit_opacities": 1, "dog_log_scales": 3, RING: 3}
+DOG_ROW_SIZE = {"dog_logit_opacities": 1, "dog_log_scales": 3}
 MAX_GRADIENT = 1e18  # its square is a float32
 EPSILON = 1e-15  # of Adam, as in 3DGS: gradients far below move nothing
-
-
-@dataclass(frozen=True)
-class Refinement:
-    """Larger step sizes from pruning on, ours: few primitives have far to go, to where many were (docs/experiments.md).
-
-    Factors on the step sizes of the 3DGS recipe; the first falls log-linearly to its end.
-    """
-
-    start: int  # step
-    gain: float  # of all but the positions, at the start
-    end_gain: float  # and at the end
-    means_gain: float  # of the positions, all along
-
-    def scaled(self, factor: float) -> Refinement:
-        """The rule of a run ``factor`` times as long."""
-        return replace(self, start=scaled_milestone(self.start, factor))
-
-    def factor(self, name: str, step: int, total_steps: int) -> float:
-        """On the step size of a parameter."""
-        if step < self.start:
-            return 1.0
-        if name == "means":
-            return self.means_gain
-        progress = min((step - self.start) / max(total_steps - self.start, 1), 1.0)
-        return self.gain * (self.end_gain / self.gain) ** progress
-
-
-@dataclass(frozen=True)
-class LearningRates:
-    """Adam step sizes of the 3DGS recipe (Kerbl et al. 2023; method notes, Sec. 2)."""
-
-    extent: float  # radius of the camera positions, world units: the unit of position steps
-    total_steps: int
-    means_start: float = 1.6e-4  # times the extent; decays log-linearly to
-    means_end: float = 1.6e-6  # times the extent
-    log_scales: float = 5e-3
-    quats: float = 1e-3
-    logit_opacities: float = 0.025
-    sh_dc: float = 2.5e-3
-    sh_rest: float = 2.5e-3 / 20
-    dog_logit_opacities: float = 0.025
-    dog_log_scales: float = 5e-3
-    dog_ring_scales: float = 5e-3
-    refinement: Refinement | None = None
-
-    def at(self, step: int) -> dict[str, float]:
-        """Step size of every parameter."""
-        progress = min(step / max(self.total_steps, 1), 1.0)
-        means = self.extent * self.means_start * (self.means_end / self.means_start) ** progress
-        names = ("log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest", *DOG_ROW_SIZE)
-        rates = {"means": means} | {name: getattr(self, name) for name in names}
-        if self.refinement:
-            rates = {name: r * self.refinement.factor(name, step, self.total_steps) for name, r in rates.items()}
-        return rates
 
 
 class SplatOptimizer:
@@ -91,7 +34,6 @@ class SplatOptimizer:
 
     ``sh_coeffs`` is held as ``sh_dc`` and ``sh_rest`` because their step sizes differ (see ``evaluate_sh``);
     ``sh_rest`` is absent at degree 0; else its rows hold all K coefficients, the first of them unused.
-    ``dog_log_scales`` may be held as ``RING`` (see ``set_dog``); the outside always sees log F.
     """
 
     def __init__(self, splats: Splats, learning_rates: LearningRates):
@@ -127,8 +69,6 @@ class SplatOptimizer:
     def params(self) -> dict:
         """Arrays for ``rasterize``; gradients accumulate on them."""
         params: dict = dict(self.adam.items())
-        if RING in params:
-            params["dog_log_scales"] = log_scales_on_device(params.pop(RING))
         if len(self.dog_index):
             params |= {"dog_index": self._dog_index, "dog_row": self._dog_row}
         return params
@@ -142,12 +82,25 @@ class SplatOptimizer:
         rates = self.learning_rates.at(step)
         self.adam.set_learning_rate({name: rates[name] for name in self.adam})
 
-    def step(self) -> None:
-        """One Adam step with the gradients on the parameters, which are then cleared."""
+    def step(self, unused: Collection[str] = ()) -> None:
+        """One Adam step with the gradients on the parameters, which are then cleared.
+
+        Args:
+            unused: parameters that no render has read so far. Their gradients and moments are 0, so that Adam would
+                write back what it read: that is left out. The step counts all the same, for the bias correction.
+        """
+        before: dict[str, Any] = self.adam.state
+        self.adam.state = {name: entry for name, entry in before.items() if name not in unused}
         for value in self.adam.values():
             gradient = dr.grad(value)
             dr.set_grad(value, dr.select(dr.abs(gradient) < MAX_GRADIENT, gradient, 0))  # false for NaN
         self.adam.step()
+        counted = {
+            name: (value, promoted, rate, (t + 1, *moments))
+            for name, (value, promoted, rate, (t, *moments)) in before.items()
+            if name in unused
+        }
+        self.adam.state = before | counted | self.adam.state  # in the order from before: else kernels would change
 
     def numpy(self, name: str) -> np.ndarray:
         """Copy of a parameter on the host, [N] or [N, row size]."""
@@ -167,23 +120,17 @@ class SplatOptimizer:
         zeros_m, zeros_v = dr.opaque(type(m), 0, dr.width(m)), dr.opaque(type(v), 0, dr.width(v))
         self.adam.state[name] = value, promoted, rate, (t, zeros_m, zeros_v, v_max)
 
-    def set_dog(
-        self, dog_index: np.ndarray, logit_opacities: np.ndarray, log_scales: np.ndarray, ring: bool = False
-    ) -> None:
+    def set_dog(self, dog_index: np.ndarray, logit_opacities: np.ndarray, log_scales: np.ndarray) -> None:
         """Make exactly the primitives ``dog_index`` DoG; those that already were keep their moments.
 
         Args:
             dog_index: [M] strictly increasing; none makes all primitives plain Gaussians.
             logit_opacities: [M] logit of f_a.
             log_scales: [M, 3] log of F.
-            ring: train θ of F = 1 + softplus(θ) instead of log F (``ring.py``).
-
-        Raises ``ValueError`` when ``ring`` is asked for and an F is not above 1.
         """
-        scales = {RING: ring_from_log_scales(log_scales)} if ring else {"dog_log_scales": log_scales}
-        new = {"dog_logit_opacities": logit_opacities, **scales} if len(dog_index) else {}
-        for name in [name for name in self.adam if name in DOG_ROW_SIZE and name not in new]:
-            del self.adam[name]
+        new = {"dog_logit_opacities": logit_opacities, "dog_log_scales": log_scales} if len(dog_index) else {}
+        if not new:
+            self._gather_dog(np.zeros(0, int))
         old_row = self._dog_row_of_splat()[np.asarray(dog_index, np.int64)]  # [M] or -1
         self.row_size |= DOG_ROW_SIZE
         rates = self.learning_rates.at(0)
@@ -274,10 +221,7 @@ class SplatOptimizer:
             sh = np.concatenate([sh, self.numpy("sh_rest").reshape(n, -1, 3)[:, 1:]], axis=1)
         arrays = {name: self.numpy(name) for name in ("means", "log_scales", "quats", "logit_opacities")}
         if self.n_dog:
-            ring = RING in self.adam
-            log_scales = log_scales_from_ring(self.numpy(RING)) if ring else self.numpy("dog_log_scales")
-            arrays |= {"dog_index": self.dog_index, "dog_log_scales": log_scales}
-            arrays["dog_logit_opacities"] = self.numpy("dog_logit_opacities")
+            arrays |= {"dog_index": self.dog_index} | {name: self.numpy(name) for name in RAW_DOG}
         return Splats(sh_coeffs=sh, **arrays)
 
     def state(self) -> dict[str, np.ndarray]:

@@ -1,32 +1,30 @@
 """Pictures out: PNG for eyes and browsers, multi-layer OpenEXR for compositing; and the heat map of an error.
 
 Arrays are display-referred sRGB values, as in the whole package. PNG stores them as they are (8 bit).
-OpenEXR holds linear radiance by convention, so its colour layer passes through `srgb_to_linear`. Files appear
-whole or not at all: they are written beside the target and renamed.
+OpenEXR holds linear radiance by convention, so its colour layer passes through `srgb_to_linear`. Both are written by
+Mitsuba's bitmaps, so that they need no other package.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import OpenEXR
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
 
+from .files import replacing
 from .srgb import srgb_to_linear
+
+if TYPE_CHECKING:
+    import mitsuba as mi
 
 # The magma colour map (van der Walt and Smith, CC0) at 17 points; linear between them is within 2.3/255.
 MAGMA = (
     "#000004 #0a0822 #1d1147 #36106b #51127c #6a1c81 #832681 #9c2e7f #b73779 "
     "#d0416f #e75263 #f56b5c #fc8961 #fea772 #fec488 #fde2a3 #fcfdbf"
 ).split()
-
-HALF_MAX = 65504.0
 
 
 def heat_map(error: ArrayLike) -> NDArray[np.float32]:
@@ -50,58 +48,54 @@ def write_png(path: str | Path, image: ArrayLike) -> None:
     if broken:
         raise ValueError(f"{path}: {broken} values of {values.size} are NaN; OpenEXR can show where they are")
     pixels = np.round(np.clip(values, 0, 1) * 255).astype(np.uint8)
-    with replacing(path) as part:
-        Image.fromarray(pixels).save(part, format="PNG")
+    bitmap = _bitmap(pixels)
+    write_bitmap(path, bitmap, bitmap.FileFormat.PNG)
 
 
 def write_exr(path: str | Path, layers: Mapping[str, ArrayLike]) -> None:
-    """Writes one multi-layer OpenEXR file (scanlines, lossless ZIP).
+    """Writes one multi-layer OpenEXR file (scanlines, 32-bit floats, lossless).
 
     :param layers: ``color`` [H, W, 3 or 4] becomes R, G, B and A: display-referred and premultiplied here,
         linear in the file, alpha as it is (over black the file shows what was trained). Every other layer is
         stored as it is: [H, W] as ``name.Y`` (``depth`` as ``depth.Z``), [H, W, 3 or 4] as ``name.R``,
-        ``.G``, ``.B``, ``.A``; a channel ``name.X`` of [H, W] under that name. 16-bit halves, but 32-bit floats
-        for depth, channels that are named, and where a half would overflow.
+        ``.G``, ``.B``, ``.A``; a channel ``name.X`` of [H, W] under that name.
     :raises ValueError: no layer, or shapes that do not fit together
     :raises OSError: the file cannot be written
     """
-    channels: dict[str, Any] = {}
+    planes: dict[str, NDArray[np.float32]] = {}
     size: tuple[int, ...] | None = None
     for name, layer in layers.items():
         values = np.asarray(layer, np.float32)
         size = size or values.shape[:2]
-        planes = {2: 1, 3: values.shape[-1]}.get(values.ndim, 0)
-        fits = (planes in (3, 4) and "." not in name) or (planes == 1 and name != "color")
+        count = {2: 1, 3: values.shape[-1]}.get(values.ndim, 0)
+        fits = (count in (3, 4) and "." not in name) or (count == 1 and name != "color")
         if values.shape[:2] != size or values.size == 0 or not fits:
             raise ValueError(f'{path}: layer "{name}" is {list(values.shape)}, the picture is {list(size)}')
         if name == "color":
             values = np.concatenate([srgb_to_linear(values[..., :3]), values[..., 3:]], axis=-1)
-        finite = np.abs(values[np.isfinite(values)])
-        half = name != "depth" and "." not in name and finite.max(initial=0) <= HALF_MAX
-        suffixes = "RGBA" if planes > 1 else "Z" if name == "depth" else "Y"
-        values = values.reshape(*size, planes)  # [H, W, planes]
-        for c, suffix in enumerate(suffixes[:planes]):
+        suffixes = "RGBA" if count > 1 else "Z" if name == "depth" else "Y"
+        values = values.reshape(*size, count)  # [H, W, count]
+        for c, suffix in enumerate(suffixes[:count]):
             channel = suffix if name == "color" else name if "." in name else f"{name}.{suffix}"
-            channels[channel] = np.ascontiguousarray(values[..., c], np.float16 if half else np.float32)
-    if not channels:
+            planes[channel] = values[..., c]
+    if not planes:
         raise ValueError(f"{path}: no layer to write")
-    header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        "software": "mi_dogsplat",
-    }
+    stacked = np.stack(list(planes.values()), axis=-1, dtype=np.float32)  # [H, W, channels]
+    bitmap = _bitmap(stacked, list(planes))
+    write_bitmap(path, bitmap, bitmap.FileFormat.OpenEXR)
+
+
+def write_bitmap(path: str | Path, bitmap: mi.Bitmap, file_format: mi.Bitmap.FileFormat) -> None:
+    """Write the values of a bitmap as they are. Raises ``OSError``."""
     with replacing(path) as part:
-        OpenEXR.File(header, channels).write(str(part))
+        try:
+            bitmap.write(str(part), file_format)
+        except RuntimeError as error:  # how Mitsuba says that a file cannot be opened
+            raise OSError(str(error)) from error
 
 
-@contextmanager
-def replacing(path: str | Path) -> Iterator[Path]:
-    """``with replacing(path) as part``: write to ``part``, which becomes ``path`` if nothing is raised."""
-    path = Path(path)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        yield part
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+def _bitmap(values: NDArray, channels: Sequence[str] = ()) -> mi.Bitmap:
+    """Of [H, W] or [H, W, C]; channels with names are no colours to Mitsuba, without they are grey, RGB or RGBA."""
+    import mitsuba as mi  # here: models and data sets can be read without it
+
+    return mi.Bitmap(values, mi.Bitmap.PixelFormat.MultiChannel if channels else None, channels)

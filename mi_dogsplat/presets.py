@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from .densify import Densification
 from .dog_control import DogRule
-from .optimizer import Refinement
+from .learning_rates import Refinement
 from .scheduler import PruningRule, scaled_milestone
 from .score import ScoreRule
 

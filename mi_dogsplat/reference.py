@@ -89,8 +89,9 @@ def rotations(quats: np.ndarray) -> np.ndarray:
     return np.eye(3) + 2 * w * cross + 2 * cross @ cross
 
 
-def _sigmoid(x: np.ndarray) -> np.ndarray:
-    return np.exp(-np.logaddexp(0, -x))  # small values keep their relative precision
+def sigmoid(x: np.ndarray) -> np.ndarray:
+    """The logistic function; small values keep their relative precision."""
+    return np.exp(-np.logaddexp(0, -x))
 
 
 def _covariance(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -152,13 +153,13 @@ def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialias
     JWR = J @ W @ rotations(np.asarray(splats.quats, np.float64))  # [N, 2, 3]
 
     cov2d, conics, factor = _covariance(JWR * scales[:, None, :])
-    raw_opacities = _sigmoid(np.asarray(splats.logit_opacities, np.float64))
+    raw_opacities = sigmoid(np.asarray(splats.logit_opacities, np.float64))
     opacities = raw_opacities * factor if antialiased else raw_opacities
 
     dog, pseudo_opacities = np.zeros(n, bool), np.zeros(n)
     pseudo_cov2d, pseudo_conics = np.zeros((n, 3)), np.zeros((n, 3))
     i = np.asarray(splats.dog_index, np.int64)  # [M]
-    f_a = _sigmoid(np.asarray(splats.dog_logit_opacities, np.float64))  # [M]
+    f_a = sigmoid(np.asarray(splats.dog_logit_opacities, np.float64))  # [M]
     F = np.exp(np.asarray(splats.dog_log_scales, np.float64))  # [M, 3]
     pseudo_cov2d[i], pseudo_conics[i], pseudo_factor = _covariance(JWR[i] * (F * scales[i])[:, None, :])
     pseudo_opacities[i] = f_a * raw_opacities[i] * (pseudo_factor if antialiased else 1)

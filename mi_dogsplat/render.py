@@ -50,6 +50,11 @@ def render_picture(
     return Picture(np.clip(color, 0, 1), alpha, depth, dict(zip(channel_names(aovs), extra, strict=True)))
 
 
+def over_background(image: np.ndarray, background: float) -> np.ndarray:
+    """[H, W, 3] of an image with or without premultiplied alpha."""
+    return image if image.shape[-1] == 3 else image[..., :3] + (1 - image[..., 3:]) * background
+
+
 def premultiplied(picture: Picture, background: float) -> np.ndarray:
     """[H, W, 4] of a picture without its grey ``background``: what a compositing program expects of RGBA."""
     color = picture.color - background * (1 - picture.alpha[..., None])

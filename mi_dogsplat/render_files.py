@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import mitsuba as mi
@@ -13,57 +14,79 @@ import numpy as np
 from .aovs import options_for, read_names
 from .camera_file import read_camera
 from .cameras import Camera
-from .datasets import load_dataset
+from .config import background_color
 from .errors import DataError
 from .framing import automatic_camera, robust_sphere
 from .parameters import upload
-from .pictures import replacing, write_exr, write_png
+from .pictures import write_bitmap, write_exr, write_png
 from .ply import read_ply
 from .rasterize import RasterOptions
 from .render import Picture, premultiplied, render_picture
 from .splats import Splats
 from .srgb import linear_to_srgb
-from .train import background_color
 
 SUFFIXES = (".png", ".exr")
 NEAR_SHARE = 0.1  # of the radius of a model framed automatically, which may be far smaller than the near clip
 MAX_NAMES = 5  # views that an error message lists
 
 
-def picture_of(
-    splats: Splats, args: argparse.Namespace, background: float, aovs: Sequence[str] = ("depth",)
-) -> Callable[[Camera], Picture]:
-    """Renderer of a model that is uploaded once.
+@dataclass(frozen=True)
+class Viewpoint:
+    """From where a model is looked at, and over what."""
+
+    camera: Camera
+    near_clip: float  # world units
+    background: float  # grey level, 0..1
+
+
+def viewpoint(args: argparse.Namespace, splats: Splats) -> Viewpoint:
+    """The view of a model that the command line asks for.
 
     Args:
-        splats: the model, which may be empty.
-        args: ``antialiased`` and ``near_clip`` (world units).
+        args: ``camera``, the name of a view of ``data`` or a camera file (``camera_file.py``): the first test view if
+            there is only data, a camera that frames the model if there is neither. ``downscale`` shrinks the picture.
+            ``background`` as in ``TrainConfig``. ``near_clip`` (world units), which is smaller where the model is
+            framed and small itself.
+        splats: the model.
+
+    Raises ``DataError``.
+    """
+    camera, has_alpha = _camera(args, splats)
+    near_clip = args.near_clip
+    if not (args.camera or args.data):
+        near_clip = min(near_clip, NEAR_SHARE * robust_sphere(splats)[1])
+    return Viewpoint(camera, near_clip, background_color(args.background, has_alpha))
+
+
+def picture_of(
+    splats: Splats, background: float, near_clip: float, *, antialiased: bool = False, aovs: Sequence[str] = ()
+) -> Callable[[Camera], Picture]:
+    """Renderer of a model, which may be empty and is uploaded once.
+
+    Args:
         background: grey level behind, 0..1.
+        near_clip: world units.
+        antialiased: as in ``RasterOptions``.
         aovs: names as in ``aovs.py``, which the pictures carry.
     """
     params = upload(splats)
-    options = options_for(aovs, RasterOptions(sh_degree=splats.sh_degree, antialiased=args.antialiased))
-    return lambda camera: render_picture(params, camera, options, background, args.near_clip, aovs)
+    options = options_for(aovs, RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased))
+    return lambda camera: render_picture(params, camera, options, background, near_clip, aovs)
 
 
 def render_model(args: argparse.Namespace) -> None:
-    """Render ``args.model`` to ``args.out``.
+    """Render ``args.model`` to ``args.out``, seen as ``viewpoint`` says.
 
-    The view is ``args.camera``: the name of a view of ``args.data``, or a camera file (``camera_file.py``);
-    the first test view if there is only data; one that frames the model if there is neither. PNG shows the
-    model over the background; OpenEXR holds it alone, premultiplied, with alpha and the AOVs that
+    PNG shows the model over the background; OpenEXR holds it alone, premultiplied, with alpha and the AOVs that
     ``args.aovs`` lists (depth, if it is None). Raises ``DataError``.
     """
     require_suffix(args.out)
     aovs = _aovs(args)
     splats = read_ply(args.model)
-    camera, has_alpha = _camera(args, splats)
-    if not (args.camera or args.data):
-        near_clip = min(args.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
-        args = argparse.Namespace(**{**vars(args), "near_clip": near_clip})
+    view = viewpoint(args, splats)
     exr = args.out.suffix.lower() == ".exr"
-    background = 0.0 if exr else background_color(args.background, has_alpha)
-    picture = picture_of(splats, args, background, aovs)(camera)
+    background = 0.0 if exr else view.background
+    picture = picture_of(splats, background, view.near_clip, antialiased=args.antialiased, aovs=aovs)(view.camera)
     if exr:
         _write(args.out, lambda: write_exr(args.out, {"color": premultiplied(picture, 0.0), **picture.aovs}))
     else:
@@ -90,7 +113,7 @@ def render_scene(path: Path, out: Path) -> None:
     except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
         raise DataError(path, f"Mitsuba cannot render it ({_gist(error)})", "correct the scene") from error
     if out.suffix.lower() == ".exr":
-        _write(out, lambda: _write_bitmap(out, bitmap))
+        _write(out, lambda: write_bitmap(out, bitmap, mi.Bitmap.FileFormat.OpenEXR))
         return
     if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:  # AOVs came along
         bitmap = dict(bitmap.split())["<root>"]
@@ -141,6 +164,8 @@ def _camera(args: argparse.Namespace, splats: Splats) -> tuple[Camera, bool]:
             remedy = "add --data DATA whose view it is, or name a camera file"
             raise DataError("--camera", f'"{args.camera}" is no .json file', remedy)
         return _downscaled(args, automatic_camera(splats)), False
+    from .datasets import load_dataset  # here: it needs the extra "train", a model alone does not
+
     dataset = load_dataset(args.data, args.downscale)
     views = {view.name: view for view in dataset.test + dataset.train}
     name = args.camera or next(iter(views))
@@ -156,14 +181,6 @@ def _downscaled(args: argparse.Namespace, camera: Camera) -> Camera:
         return camera.downscaled(args.downscale)
     except ValueError as error:
         raise DataError("--downscale", str(error), "use a smaller number") from error
-
-
-def _write_bitmap(out: Path, bitmap: mi.Bitmap) -> None:
-    with replacing(out) as part:
-        try:
-            bitmap.write(str(part), mi.Bitmap.FileFormat.OpenEXR)
-        except RuntimeError as error:  # how Mitsuba says that a file cannot be opened
-            raise OSError(str(error)) from error
 
 
 def _write(out: Path, write: Callable[[], None]) -> None:

@@ -11,7 +11,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from mi_dogsplat.pictures import replacing
+from mi_dogsplat.files import replacing
 from mi_dogsplat.report_curves import curves_section
 from mi_dogsplat.report_mixture import mixture_section
 from mi_dogsplat.report_page import page

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import platform
 import resource
 import sys
 import time
 from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +19,20 @@ from .config import TrainConfig
 from .datasets import Dataset, load_dataset
 from .errors import DataError
 from .evaluate import evaluate_views, mean_metrics, render_milliseconds
+from .files import replacing, write_json
 from .geometry import Cutoffs
+from .history import run_to_end
 from .mixture import write_mixture
-from .pictures import replacing
 from .ply import write_ply
 from .presets import Recipe
 from .report import write_report
 from .run_folder import RECIPE, RENDER_MS
 from .train import Trainer
+from .versions import versions
+
+CHECKPOINT = Path("checkpoint") / "state.npz"
+CHECKPOINT_SECONDS = 60.0
+ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
 
 
 def prepare_folder(out: Path) -> None:
@@ -42,11 +46,6 @@ def prepare_folder(out: Path) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
-
-
-CHECKPOINT = Path("checkpoint") / "state.npz"
-CHECKPOINT_SECONDS = 60.0
-ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
 
 
 def train(
@@ -82,7 +81,7 @@ def train(
     saved = time.monotonic()
     with open(out / "history.jsonl", "a", encoding="utf-8") as history:
         try:
-            for row in trainer.rows():
+            for row in run_to_end(trainer):
                 history.write(json.dumps(row) + "\n")
                 history.flush()
                 progress(row)
@@ -156,23 +155,7 @@ def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     }
 
 
-def write_json(path: Path, value: Any) -> None:
-    """Write a JSON file whole or not at all."""
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(value, indent=2) + "\n", encoding="utf-8")
-
-
 def peak_memory_mb() -> float:
     """Largest resident size of this process so far."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (2**20 if sys.platform == "darwin" else 2**10)
-
-
-def versions() -> dict[str, str]:
-    """What the result may depend on."""
-    try:
-        own = version("mi_dogsplat")
-    except PackageNotFoundError:
-        own = "source"
-    others = {"mitsuba": version("mitsuba"), "drjit": version("drjit")}
-    return {"mi_dogsplat": own} | others | {"python": platform.python_version()}

@@ -1,15 +1,13 @@
 """Training: photographs in, primitives out. Densify (Kerbl et al. 2023, Sec. 5), prune, make the rest DoG.
 
-A ``Trainer`` holds the state; ``step()`` does one and returns nothing that waits for the device; ``rows()``
-runs to the end and yields the rows of ``history.jsonl``. Who prints, draws or writes files is somebody else
-(``run.py``).
+A ``Trainer`` holds the state; ``step()`` does one and returns nothing that waits for the device. Who runs to the end is
+``history.py``; who prints, draws or writes files is ``run.py``.
 """
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -18,31 +16,22 @@ import mitsuba as mi
 import numpy as np
 
 from .broken import drop_broken
-from .config import TrainConfig
+from .config import TrainConfig, background_color
 from .datasets import Dataset
 from .datasets.dataset import View, camera_extent
 from .densify import DensifyStats, refine
 from .dog_control import activate, degenerate
 from .initialize import initial_splats
+from .learning_rates import LearningRates
 from .loss import PhotometricLoss
 from .metrics import flip
-from .optimizer import LearningRates, SplatOptimizer
+from .optimizer import SplatOptimizer
 from .presets import RECIPES, Recipe
 from .project import DeviceCamera
 from .pruning import Pruning
 from .rasterize import Frame, RasterOptions, rasterize
-from .render import Picture, render_picture
+from .render import Picture, over_background, render_picture
 from .score import scores
-
-
-def background_color(background: str, has_alpha: bool) -> float:
-    """Grey level behind the splats, 0 or 1, for ``TrainConfig.background``."""
-    return {"black": 0.0, "white": 1.0, "auto": 1.0 if has_alpha else 0.0}[background]
-
-
-def over_background(image: np.ndarray, background: float) -> np.ndarray:
-    """[H, W, 3] of an image with or without premultiplied alpha."""
-    return image if image.shape[-1] == 3 else image[..., :3] + (1 - image[..., 3:]) * background
 
 
 class Trainer:
@@ -89,12 +78,7 @@ class Trainer:
 
     @property
     def options(self) -> RasterOptions:
-        dog = self.recipe.dog
-        return RasterOptions(
-            sh_degree=self.active_sh_degree,
-            antialiased=self.config.antialiased,
-            negative_transmittance=dog is None or dog.negative_transmittance,
-        )
+        return RasterOptions(sh_degree=self.active_sh_degree, antialiased=self.config.antialiased)
 
     def _render(self, params: dict, view: int, probe: list | None = None) -> tuple[list, Frame]:
         """Planes of a training view over the background, and the frame they come from."""
@@ -128,7 +112,7 @@ class Trainer:
         if probe and frame.projection:
             gradients = dr.grad(probe[0]), dr.grad(probe[1])
             self.stats.add(*gradients, frame.projection, camera.width, camera.height)
-        self.optimizer.step()
+        self.optimizer.step(unused=() if self.active_sh_degree else ("sh_rest",))
         if self.recipe.dog:
             degenerate(self.recipe.dog, self.optimizer)
         self.l1_sum += l1
@@ -143,7 +127,7 @@ class Trainer:
         """Drop what is broken and densify where that is due; returns what happened."""
         refines = self.densification.refines(self.step_count)
         prunes = self.pruning is not None and self.pruning.due(self.step_count)
-        events = self._drop_broken() if refines or prunes or self._logs() else []
+        events = self._drop_broken() if refines or prunes or self.logs() else []
         if refines:
             counts = refine(self.densification, self.optimizer, self.stats, self.step_count, self.rng, self.extent)
             self.stats = DensifyStats(self.optimizer.n)
@@ -157,7 +141,7 @@ class Trainer:
             events.append(f"sh degree {degree}")
         return events
 
-    def _logs(self) -> bool:
+    def logs(self) -> bool:
         """Whether there is a row with ``l1`` after this step, as before files are written."""
         return self.step_count % self.config.log_every == 0 or self.step_count == self.config.steps
 
@@ -183,7 +167,7 @@ class Trainer:
             self.dog_activated = True
             if self.dataset.test:
                 start = time.perf_counter()
-                fields |= {"psnr_before": self._test_errors()["test_psnr"]}
+                fields |= {"psnr_before": self.test_errors()["test_psnr"]}
                 self.seconds -= time.perf_counter() - start
             events = [*events, f"dog activated {activate(dog, self.optimizer)} primitives"]
         return fields | {"event": "; ".join(events)} if events else {}
@@ -204,42 +188,15 @@ class Trainer:
         seed = self.config.seed + self.step_count
         return scores(self.recipe.score, self.optimizer.params, self.cameras, self.options, self.background, seed)
 
-    def _happenings(self) -> Iterator[dict[str, Any]]:
-        """What is due before the first step, as for a model that exists; then every step."""
-        if due := self._compact(self._drop_broken()):
-            yield due
-        while self.step_count < self.config.steps:
-            yield self.step()
+    def begin(self) -> dict[str, Any]:
+        """What is due before the first step, as for a model that exists; returns fields of a row, as ``step`` does."""
+        return self._compact(self._drop_broken())
 
-    def rows(self) -> Iterator[dict]:
-        """Run to the end; yields rows of the history.
-
-        Every row has ``step``, ``seconds`` (without measurements on test views), ``n`` and ``n_dog``. Some have means
-        since the row before (``l1``, ``loss``), means over the test views (``test_psnr``; ``test_flip`` where it is not
-        a prune or an activation that asks), and what happened: ``event`` and the fields of ``step``.
-        """
-        config = self.config
-        test_every = (config.test_every or max(1, config.steps // 8)) if self.dataset.test else 0
-        tick = time.perf_counter()
-        for happened in self._happenings():
-            log = self.summed > 0 and self._logs()
-            scheduled = test_every > 0 and self.step_count % test_every == 0
-            compacted = test_every > 0 and ("pruned_to" in happened or "psnr_before" in happened)
-            if not (happened or log or scheduled):
-                continue
-            row: dict = {"step": self.step_count}
-            if log:
-                l1, loss = float(self.l1_sum[0]) / self.summed, float(self.loss_sum[0]) / self.summed
-                self._forget_losses()
-                row |= {"l1": l1, "loss": loss}
-            dr.sync_thread()
-            now = time.perf_counter()
-            self.seconds += now - tick
-            row |= {"seconds": self.seconds, "n": self.optimizer.n, "n_dog": self.optimizer.n_dog} | happened
-            if scheduled or compacted:
-                row |= self._test_errors(with_flip=scheduled)
-            tick = time.perf_counter()
-            yield row
+    def take_losses(self) -> dict[str, float]:
+        """``l1`` and ``loss``, means over the steps since they were taken before."""
+        l1, loss = float(self.l1_sum[0]) / self.summed, float(self.loss_sum[0]) / self.summed
+        self._forget_losses()
+        return {"l1": l1, "loss": loss}
 
     def state(self) -> dict[str, np.ndarray]:
         """Everything that ``restore`` needs to go on as if nothing had happened; take it after a row with ``l1``.
@@ -277,7 +234,7 @@ class Trainer:
         self.rng.bit_generator.state = json.loads(str(state["rng"]))
         self._forget_losses()
 
-    def _test_errors(self, with_flip: bool = False) -> dict[str, float]:
+    def test_errors(self, with_flip: bool = False) -> dict[str, float]:
         """Means over the test views: ``test_psnr``, and ``test_flip``, which takes longer."""
         errors: dict[str, list[float]] = {"test_psnr": []}
         for view in self.dataset.test:

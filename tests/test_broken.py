@@ -14,8 +14,9 @@ from mi_dogsplat.checkpoint import load_checkpoint
 from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.optimizer import LearningRates, SplatOptimizer
-from mi_dogsplat.ring import RING
+from mi_dogsplat.history import run_to_end
+from mi_dogsplat.learning_rates import LearningRates
+from mi_dogsplat.optimizer import SplatOptimizer
 from mi_dogsplat.splats import Splats
 from mi_dogsplat.train import Trainer
 
@@ -46,13 +47,6 @@ def test_a_primitive_with_a_value_that_is_not_finite_is_broken_and_no_other(name
     assert not broken(optimizer, EXTENT).any()
     put(optimizer, name, 2, column, value)  # row 2 of the DoG arrays is primitive 5
     assert np.flatnonzero(broken(optimizer, EXTENT)).tolist() == [5 if name.startswith("dog") else 2]
-
-
-def test_a_ring_that_is_not_finite_breaks_its_primitive():
-    optimizer = optimizer_of(())
-    optimizer.set_dog(np.array([1, 4]), np.zeros(2), np.full((2, 3), 0.3), ring=True)
-    put(optimizer, RING, 1, 2, np.nan)
-    assert np.flatnonzero(broken(optimizer, EXTENT)).tolist() == [4]
 
 
 @pytest.mark.parametrize(
@@ -170,7 +164,7 @@ def test_a_model_to_prune_loses_its_broken_primitives_before_it_is_measured(data
     write_ply(tmp_path / "model.ply", splats)
     config = config_of(data, preset="ours", model=str(tmp_path / "model.ply"), target=20, max_primitives=None)
     trainer = Trainer(config, load_dataset(data))
-    rows = list(trainer.rows())
+    rows = list(run_to_end(trainer))
     assert rows[0]["step"] == 0 and rows[0]["event"].startswith("dropped 3 broken primitives; prune 57 -> ")
     assert rows[0]["train_l1"] < 0.03 and rows[-1]["n"] == 20
-    assert trainer._test_errors()["test_psnr"] > 20
+    assert trainer.test_errors()["test_psnr"] > 20

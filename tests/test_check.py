@@ -221,7 +221,7 @@ def test_a_busy_machine_is_said_to_be_one():
 def test_a_poisoned_run_is_drawn_beside_the_clean_one_with_its_phases():
     plot = figures(check_page(REPORT))[-1]
     assert plot.count('line" d="M') == 2 and ">pruning</text>" in plot
-    assert "<dt>spread</dt><dd>0</dd>" in check_page(REPORT)
+    assert "<dt>other primitives not finite</dt><dd>0</dd>" in check_page(REPORT)
 
 
 # --- tables ---

@@ -168,6 +168,15 @@ def test_the_module_is_the_command_in_a_process_of_its_own(model, tmp_path):
     assert failed.returncode == 2 and failed.stdout == "" and failed.stderr.count("\n") == 1
 
 
+def test_output_that_nobody_reads_ends_the_command_quietly(model):
+    reader, writer = os.pipe()
+    os.close(reader)  # as `head -1` does when it has its line
+    command = [sys.executable, "-m", "mi_dogsplat", "info", model]
+    done = subprocess.run(command, cwd=Path(__file__).parents[1], stdout=writer, stderr=subprocess.PIPE, text=True)
+    os.close(writer)
+    assert done.returncode == 141 and done.stderr == "", done  # 128 + SIGPIPE, as a shell reports of `yes | head`
+
+
 # --- help ---
 
 

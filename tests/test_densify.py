@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from mi_dogsplat.cameras import Camera
 from mi_dogsplat.densify import Densification, DensifyStats, refine
-from mi_dogsplat.optimizer import LearningRates, SplatOptimizer
+from mi_dogsplat.learning_rates import LearningRates
+from mi_dogsplat.optimizer import SplatOptimizer
 from mi_dogsplat.project import DeviceCamera, project
 from mi_dogsplat.splats import Splats
 from numpy.typing import ArrayLike

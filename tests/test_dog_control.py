@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from mi_dogsplat import write_ply
 from mi_dogsplat.dog_control import DogRule, activate, degenerate
-from mi_dogsplat.optimizer import LearningRates, SplatOptimizer
+from mi_dogsplat.learning_rates import LearningRates
+from mi_dogsplat.optimizer import SplatOptimizer
 from mi_dogsplat.parameters import RAW_DOG
 from mi_dogsplat.project import DeviceCamera
 from mi_dogsplat.rasterize import rasterize
-from mi_dogsplat.ring import RING
 from mi_dogsplat.splats import Splats
 from splat_scenes import image_of, kernels, logit, options, random_splats, rasterized, rounded, tilted_camera
 
@@ -51,8 +51,6 @@ def train(optimizer: SplatOptimizer, steps: int = 1) -> None:
         ({"opacity": 1.0}, "opacity"),
         ({"scale": 0.0}, "F > 0"),
         ({"scale": (1.6, float("nan"))}, "F > 0"),
-        ({"scale": 1.0, "parametrisation": "ring"}, "F > 1"),
-        ({"parametrisation": "log"}, "parametrisation"),
         ({"min_opacity": 0.0}, "min_opacity"),
         ({"start": -1}, "start"),
     ],
@@ -67,18 +65,16 @@ def test_the_start_scales_with_the_run():
     assert RULE.scaled(1e-6).start == 1
 
 
-@pytest.mark.parametrize("parametrisation", ["free", "ring"])
-def test_activation_makes_every_primitive_dog(parametrisation):
+def test_activation_makes_every_primitive_dog():
     optimizer = optimizer_of(mixture(dog_share=0))
     train(optimizer)
     before = optimizer.to_splats()
-    rule = DogRule(opacity=0.05, scale=1.3, parametrisation=parametrisation)
+    rule = DogRule(opacity=0.05, scale=1.3)
     assert activate(rule, optimizer) == optimizer.n_dog == 40
     after = optimizer.to_splats()
     np.testing.assert_allclose(after.dog_opacities, 0.05, rtol=1e-6)
     np.testing.assert_allclose(after.dog_scales, 1.3, rtol=1e-6)
     np.testing.assert_array_equal(after.means, before.means)
-    assert (RING in optimizer.adam) == (parametrisation == "ring")
     train(optimizer)
     trained = optimizer.to_splats()
     assert np.mean(trained.dog_scales != after.dog_scales) > 0.5
@@ -102,15 +98,14 @@ def test_activation_leaves_alone_what_is_dog_already():
     np.testing.assert_allclose(after.dog_scales[~was_dog], 0.6, rtol=1e-6)
 
 
-@pytest.mark.parametrize("ring", [False, True])
 @pytest.mark.parametrize("min_opacity", [1 / 255, 0.1])
-def test_pseudo_gaussians_below_the_threshold_degenerate_and_no_others(min_opacity, ring):
+def test_pseudo_gaussians_below_the_threshold_degenerate_and_no_others(min_opacity):
     rng, n = np.random.default_rng(0), 500
     splats = rounded(random_splats(n, degree=0, dog_share=0.7))
     splats.logit_opacities[:], m = rng.normal(-2, 3, n), splats.n_dog
     optimizer = optimizer_of(splats)
     logits = rng.normal(-2, 3, m).astype(np.float32)
-    optimizer.set_dog(splats.dog_index, logits, rng.uniform(0.1, 1, (m, 3)), ring)
+    optimizer.set_dog(splats.dog_index, logits, rng.uniform(0.1, 1, (m, 3)))
 
     a, f_a = (1 / (1 + np.exp(-np.float64(x))) for x in (splats.logit_opacities[splats.dog_index], logits))
     shown = a * f_a >= min_opacity
@@ -241,10 +236,9 @@ def test_a_call_launches_one_kernel():
     assert [kernel["size"] for kernel in history] == [40]
 
 
-@pytest.mark.parametrize("parametrisation", ["free", "ring"])
-def test_no_kernel_is_compiled_while_primitives_degenerate(parametrisation):
+def test_no_kernel_is_compiled_while_primitives_degenerate():
     optimizer = optimizer_of(mixture(200, dog_share=0))
-    activate(DogRule(parametrisation=parametrisation), optimizer)
+    activate(DogRule(), optimizer)
     left = iter((190, 150, 120, 77, 64, 31, 8, 3))
 
     def step():

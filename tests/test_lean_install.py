@@ -1,26 +1,34 @@
 """``pip install mi_dogsplat`` alone: what works without the packages of the extras, and what is said where it fails."""
 
+import json
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import mitsuba as mi
+import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat import write_ply
 
 ROOT = Path(__file__).parents[1]
-MODULES = {"pillow": "PIL", "scipy": "scipy", "tqdm": "tqdm", "flip-evaluator": "flip_evaluator", "OpenEXR": "OpenEXR"}
+MODULES = {"pillow": "PIL", "scipy": "scipy", "tqdm": "tqdm", "flip-evaluator": "flip_evaluator"}
+HIDDEN = sorted([*MODULES.values(), "OpenEXR"])  # the last is for the tests alone
 
 WITHOUT_EXTRAS = f"""
 import sys
 
 class Missing:
     def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in {sorted(MODULES.values())}:
+        if name.split(".")[0] in {HIDDEN}:
             raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 
 sys.meta_path.insert(0, Missing())
+"""
+FIRST_CASE = """
+from mi_dogsplat.check import stability
+stability.cases = lambda cases=stability.cases: [next(iter(cases()))]
 """
 COMMAND = "from mi_dogsplat.cli import main; sys.exit(main(sys.argv[1:]))"
 RENDER = """
@@ -73,6 +81,22 @@ def test_the_plugins_render_a_scene_without_extras(scene):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.parametrize("suffix", [".png", ".exr"])
+def test_a_model_and_a_scene_are_rendered_to_a_file_without_extras(model, scene, tmp_path, suffix):
+    for source in (model, scene):
+        out = tmp_path / (source.stem + suffix)
+        done = core(COMMAND, "render", source, "-o", out)
+        assert done.returncode == 0 and done.stdout == f"{out}\n" and done.stderr == "", done.stderr
+        assert np.array(mi.Bitmap(str(out))).shape[2] >= 3
+
+
+def test_stability_is_checked_without_extras(tmp_path):
+    out = tmp_path / "out"
+    done = core(FIRST_CASE + COMMAND, "check", "-o", out, "--only", "stability")
+    assert done.returncode == 0 and done.stderr == "", done.stderr
+    assert [row["verdict"] for row in json.loads((out / "check.json").read_text())["stability"]] == ["right"]
+
+
 @pytest.mark.parametrize("flags", [[], ["--features"]])
 def test_a_model_and_a_run_are_described_without_extras(model, tmp_path, flags):
     (tmp_path / "config.json").write_text('{"data": "photos", "steps": 7}')
@@ -86,7 +110,8 @@ def test_a_model_and_a_run_are_described_without_extras(model, tmp_path, flags):
     [
         ["train", "{data}", "-o", "{out}"],
         ["eval", "{model}", "{data}"],
-        ["render", "{model}", "-o", "{out}.png"],
+        ["render", "{model}", "-o", "{out}.png", "--data", "{data}"],
+        ["check", "-o", "{out}"],
         ["info", "{data}"],
     ],
     ids=lambda argv: argv[0],

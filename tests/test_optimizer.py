@@ -1,15 +1,15 @@
 """Adam on splats: against a NumPy twin, as rows come and go, across checkpoints, without new kernels."""
 
 from dataclasses import replace
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.optimizer import LearningRates, Refinement, SplatOptimizer
+from mi_dogsplat.learning_rates import LearningRates, Refinement
+from mi_dogsplat.optimizer import SplatOptimizer
+from mi_dogsplat.parameters import RAW_DOG
 from mi_dogsplat.project import NOT_DOG
-from mi_dogsplat.ring import RING
 from mi_dogsplat.splats import Splats
 
 RATES = LearningRates(extent=2.0, total_steps=1000)
@@ -86,6 +86,24 @@ def test_refinement_raises_the_rates_from_its_start_and_lowers_all_but_those_of_
         others = [name for name in plain if name != "means"]
         assert [got[name] for name in others] == pytest.approx([factor * plain[name] for name in others])
     assert refined.refinement and refined.refinement.scaled(0.5) == Refinement(300, 4.0, 0.25, 10.0)
+
+
+def test_what_no_render_has_read_yet_is_left_out_of_a_step_and_loses_no_bit_by_it():
+    always, later = (SplatOptimizer(random_model(7, 1, (0, 3)), RATES) for _ in range(2))
+    for optimizer, unused in ((always, ()), (later, ("sh_rest",))):
+        rng, m = np.random.default_rng(2), optimizer.adam.state["sh_rest"][3][1]
+        for step in range(6):
+            optimizer.schedule(step)
+            set_gradients(optimizer, rng)
+            if step < 3:
+                dr.clear_grad(optimizer.adam["sh_rest"])
+            optimizer.step(unused if step < 3 else ())
+            if step < 3:
+                assert (optimizer.adam.state["sh_rest"][3][1].index == m.index) == bool(unused)  # nothing was written
+    expected, got = always.state(), later.state()
+    assert list(got) == list(expected) and got["sh_rest.t"] == 6 and np.ptp(got["sh_rest.m"]) > 0
+    for name, values in expected.items():
+        np.testing.assert_array_equal(got[name], values, err_msg=name)
 
 
 def test_steps_agree_with_adam_in_float64():
@@ -217,74 +235,11 @@ def test_choosing_dog_primitives_keeps_the_moments_of_those_that_stay():
     assert optimizer.to_splats().n_dog == 0 and "dog_row" not in optimizer.params
 
 
-def make_ring(optimizer: SplatOptimizer, dog_index, F: Any = 1.6) -> None:
-    m = len(dog_index)
-    optimizer.set_dog(np.array(dog_index), np.zeros(m), np.log(np.broadcast_to(F, (m, 3))), ring=True)
-
-
-def test_a_ring_is_given_and_read_as_log_F():
-    F = np.array([[1 + 1e-5, 1.01, 1.6], [2.0, 7.0, 1e4]])
-    optimizer = SplatOptimizer(random_model(4, 0), RATES)
-    make_ring(optimizer, [1, 3], F)
-    assert RING in optimizer.adam and "dog_log_scales" not in optimizer.adam
-    np.testing.assert_allclose(optimizer.to_splats().dog_log_scales, np.log(F), rtol=1e-5)
-    log_scales = dr.detach(optimizer.params["dog_log_scales"]).numpy()
-    np.testing.assert_allclose(log_scales, np.log(F).ravel(), rtol=1e-5, atol=1e-7)
-    assert RING not in optimizer.params
-
-
-def test_gradients_by_log_F_arrive_at_the_ring_as_the_chain_rule_says():
-    optimizer = SplatOptimizer(random_model(3, 0), RATES)
-    make_ring(optimizer, [0, 1, 2], np.random.default_rng(3).uniform(1.001, 6, (3, 3)))
-    theta, weight = np.float64(optimizer.numpy(RING)).ravel(), np.arange(1.0, 10)
-
-    def loss(theta):
-        return np.sum(weight * np.log(1 + np.log1p(np.exp(theta))) ** 2)
-
-    eps = 1e-6 * np.eye(9)
-    expected = [(loss(theta + e) - loss(theta - e)) / 2e-6 for e in eps]
-    log_F = optimizer.params["dog_log_scales"]
-    dr.backward(mi.Float(weight) * log_F * log_F)
-    np.testing.assert_allclose(dr.grad(optimizer.adam[RING]).numpy(), expected, rtol=1e-4)
-
-
-@pytest.mark.parametrize("ring", [True, False])
-def test_no_gradient_takes_the_ring_away_unless_F_is_free(ring):
-    optimizer = SplatOptimizer(random_model(3, 0), RATES)
-    optimizer.set_dog(np.arange(3), np.zeros(3), np.full((3, 3), np.log(1.05)), ring=ring)
-    for _ in range(200):
-        dr.backward(dr.sum(optimizer.params["dog_log_scales"]))
-        optimizer.step()
-    F = optimizer.to_splats().dog_scales
-    assert np.all(F >= 1) if ring else np.all(F < 0.5)
-
-
-@pytest.mark.parametrize("F", [1.0, 0.6, np.nan])
-def test_a_ring_without_F_above_1_is_refused(F):
-    with pytest.raises(ValueError, match="F > 1"):
-        make_ring(SplatOptimizer(random_model(3), RATES), [0, 2], F)
-
-
-def test_the_parametrisation_can_change_and_the_opacities_keep_their_moments():
-    optimizer = SplatOptimizer(random_model(4, 0, (1, 3)), RATES)
-    run(optimizer, 2)
-    m, F = moments(optimizer, "dog_logit_opacities")[0], np.full((2, 3), 1.3)
-    make_ring(optimizer, [1, 3], F)
-    assert "dog_log_scales" not in optimizer.adam
-    np.testing.assert_array_equal(moments(optimizer, "dog_logit_opacities")[0], m)
-    run(optimizer, 1)
-    optimizer.set_dog(np.array([1]), np.zeros(1), np.log(F[:1]))
-    assert RING not in optimizer.adam
-    np.testing.assert_allclose(optimizer.to_splats().dog_scales, F[:1], rtol=1e-6)
-
-
-@pytest.mark.parametrize("ring", [True, False])
-def test_dropped_dog_rows_go_and_the_others_lose_no_bit(ring):
+def test_dropped_dog_rows_go_and_the_others_lose_no_bit():
     optimizer = SplatOptimizer(random_model(7, 0), RATES)
-    optimizer.set_dog(np.array([0, 2, 3, 6]), np.arange(4), np.linspace(0.1, 1, 12).reshape(4, 3), ring=ring)
+    optimizer.set_dog(np.array([0, 2, 3, 6]), np.arange(4), np.linspace(0.1, 1, 12).reshape(4, 3))
     run(optimizer, 2)
-    names = ["dog_logit_opacities", RING if ring else "dog_log_scales"]
-    before = {name: (optimizer.numpy(name), *moments(optimizer, name)) for name in names}
+    before = {name: (optimizer.numpy(name), *moments(optimizer, name)) for name in RAW_DOG}
     optimizer.drop_dog(mi.Bool([True, True, True, False, True, True, False]))
     row = optimizer.params["dog_row"].numpy()
     np.testing.assert_array_equal(row == NOT_DOG, [1, 1, 1, 0, 1, 1, 0])  # at once
@@ -336,11 +291,9 @@ def test_setting_rows_keeps_the_others_and_the_moments():
     assert optimizer.state()["log_scales.t"] == 2
 
 
-@pytest.mark.parametrize("kind", ["plain", "dog", "ring"])
+@pytest.mark.parametrize("kind", ["plain", "dog"])
 def test_training_goes_on_from_a_checkpoint_with_the_same_bits(kind, tmp_path):
-    straight = SplatOptimizer(random_model(6, 1, (0, 3) if kind == "dog" else ()), RATES)
-    if kind == "ring":
-        make_ring(straight, [0, 1, 3])
+    straight = SplatOptimizer(random_model(6, 1, (0, 1, 3) if kind == "dog" else ()), RATES)
     run(straight, 3)
     if kind != "plain":
         straight.drop_dog(mi.Bool([False, True, False, False, False, False]))

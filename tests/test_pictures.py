@@ -1,4 +1,4 @@
-"""What is in the picture files, and that they appear whole or not at all."""
+"""What is in the picture files."""
 
 import flip_evaluator
 import numpy as np
@@ -9,9 +9,9 @@ from mi_dogsplat.srgb import linear_to_srgb, srgb_to_linear
 from PIL import Image
 
 
-def read_exr(path) -> tuple[dict, dict[str, np.ndarray]]:
+def read_exr(path) -> dict[str, np.ndarray]:
     with OpenEXR.File(str(path), separate_channels=True) as file:
-        return dict(file.header()), {name: channel.pixels.copy() for name, channel in file.channels().items()}
+        return {name: channel.pixels.copy() for name, channel in file.channels().items()}
 
 
 def test_srgb_conversions_are_inverse_and_meet_known_values():
@@ -63,35 +63,32 @@ def test_exr_holds_every_layer_under_its_channel_names(tmp_path):
     error, normal = rng.random((6, 7), np.float32), rng.normal(size=(6, 7, 3)).astype(np.float32)
     path = tmp_path / "a.exr"
     pictures.write_exr(path, {"color": color, "depth": depth, "error": error, "normal": normal})
-    header, channels = read_exr(path)
+    channels = read_exr(path)
     assert set(channels) == {"R", "G", "B", "A", "depth.Z", "error.Y", "normal.R", "normal.G", "normal.B"}
-    assert header["compression"] == OpenEXR.ZIP_COMPRESSION
-    assert header["software"].startswith("mi_dogsplat")
     rgb = np.stack([channels[c] for c in "RGB"], axis=-1)
-    np.testing.assert_allclose(rgb, srgb_to_linear(color[..., :3]), rtol=1e-3, atol=1e-6)
-    np.testing.assert_allclose(channels["A"], color[..., 3], rtol=1e-3, atol=1e-6)
-    np.testing.assert_array_equal(channels["depth.Z"], depth)  # float32 and lossless: exact
-    np.testing.assert_allclose(channels["error.Y"], error, rtol=1e-3, atol=1e-6)
-    np.testing.assert_allclose(channels["normal.B"], normal[..., 2], rtol=1e-3, atol=1e-6)
-    assert channels["error.Y"].dtype == np.float16
+    np.testing.assert_array_equal(rgb, srgb_to_linear(color[..., :3]))  # float32 and lossless: exact
+    np.testing.assert_array_equal(channels["A"], color[..., 3])
+    np.testing.assert_array_equal(channels["depth.Z"], depth)
+    np.testing.assert_array_equal(channels["error.Y"], error)
+    np.testing.assert_array_equal(channels["normal.B"], normal[..., 2])
 
 
 def test_exr_takes_channels_by_their_full_names(tmp_path):
     index = np.array([[-1, 2049, 70001]], np.float32)  # no half holds 2049
     pictures.write_exr(tmp_path / "a.exr", {"index.I": index, "normal.X": index / 7})
-    _, channels = read_exr(tmp_path / "a.exr")
+    channels = read_exr(tmp_path / "a.exr")
     assert set(channels) == {"index.I", "normal.X"}
     np.testing.assert_array_equal(channels["index.I"], index)
     with pytest.raises(ValueError, match=r'"normal.X" is \[1, 3, 3\]'):
         pictures.write_exr(tmp_path / "a.exr", {"index.I": index, "normal.X": np.zeros((1, 3, 3))})
 
 
-def test_exr_keeps_values_beyond_the_range_of_a_half_and_infinite_depth(tmp_path):
+def test_exr_keeps_large_values_infinite_depth_and_nan(tmp_path):
     color, depth = np.full((2, 3, 3), 1e3, np.float32), np.full((2, 3), np.inf, np.float32)
-    pictures.write_exr(tmp_path / "a.exr", {"color": color, "depth": depth})
-    _, channels = read_exr(tmp_path / "a.exr")
-    np.testing.assert_allclose(channels["R"], srgb_to_linear(color)[..., 0], rtol=1e-6)
-    assert np.isinf(channels["depth.Z"]).all()
+    pictures.write_exr(tmp_path / "a.exr", {"color": color, "depth": depth, "error": np.full((2, 3), np.nan)})
+    channels = read_exr(tmp_path / "a.exr")
+    np.testing.assert_array_equal(channels["R"], srgb_to_linear(color)[..., 0])
+    assert np.isinf(channels["depth.Z"]).all() and np.isnan(channels["error.Y"]).all()
 
 
 def test_exr_names_the_layer_that_does_not_fit(tmp_path):
@@ -101,13 +98,3 @@ def test_exr_names_the_layer_that_does_not_fit(tmp_path):
         pictures.write_exr(tmp_path / "a.exr", {"color": np.zeros((2, 3))})
     with pytest.raises(ValueError, match="no layer"):
         pictures.write_exr(tmp_path / "a.exr", {})
-
-
-def test_a_write_that_fails_leaves_the_old_file_and_no_remains(tmp_path):
-    path = tmp_path / "a.txt"
-    path.write_text("old")
-    with pytest.raises(RuntimeError), pictures.replacing(path) as part:
-        part.write_text("half")
-        raise RuntimeError
-    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
-    assert path.read_text() == "old"

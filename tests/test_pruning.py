@@ -15,7 +15,9 @@ from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.optimizer import LearningRates, SplatOptimizer
+from mi_dogsplat.history import run_to_end
+from mi_dogsplat.learning_rates import LearningRates
+from mi_dogsplat.optimizer import SplatOptimizer
 from mi_dogsplat.presets import RECIPES
 from mi_dogsplat.pruning import Pruning, keep_best
 from mi_dogsplat.scheduler import PruningRule
@@ -193,20 +195,20 @@ def test_a_run_densifies_prunes_to_the_exact_target_and_then_makes_the_rest_dog(
 @pytest.mark.parametrize("steps", [1, 2, 3, 12])
 def test_the_shortest_runs_complete_every_phase(data, preset, steps):
     trainer = Trainer(config_of(data, preset=preset, steps=steps, target=20), load_dataset(data))
-    rows = list(trainer.rows())
+    rows = list(run_to_end(trainer))
     assert trainer.optimizer.n == 20 and trainer.dog_activated and rows[-1]["step"] == steps
     assert len(events_of(rows, "dog activated 20 primitives")) == 1
 
 
 def test_the_baseline_keeps_all_its_primitives_plain(data):
     trainer = Trainer(config_of(data, preset="3dgs", steps=30), load_dataset(data))
-    rows = list(trainer.rows())
+    rows = list(run_to_end(trainer))
     assert trainer.optimizer.n_dog == 0 and not events_of(rows, "prun|refine:|dog") and trainer.pruning is None
 
 
 def test_a_count_that_densification_does_not_reach_is_an_event_and_no_prune(data):
     trainer = Trainer(config_of(data, steps=12, target=10**6, max_primitives=None), load_dataset(data))
-    rows = list(trainer.rows())
+    rows = list(run_to_end(trainer))
     n = trainer.optimizer.n
     assert len(events_of(rows, f"no pruning: .* 1000000 primitives is not below the {n} ")) == 1
     assert events_of(rows, f"dog activated {n} primitives")
@@ -216,19 +218,10 @@ def test_a_recipe_can_take_the_place_of_the_preset(data):
     pruning = PruningRule(division="equal", rounds=5)
     recipe = dataclasses.replace(RECIPES["ours"], pruning=pruning, dog=None)
     trainer = Trainer(config_of(data, max_primitives=60, steps=300), load_dataset(data), recipe)
-    prunes = events_of(list(trainer.rows()), "prune")
+    prunes = events_of(list(run_to_end(trainer)), "prune")
     n = prunes[0]["pruned_from"]
     shares = [row["pruned_from"] - row["pruned_to"] for row in prunes]
     assert shares[:4] == [round((n - round(0.3 * n)) / 5)] * 4 and trainer.optimizer.n_dog == 0
-
-
-def test_transmittance_follows_the_rule_of_the_dog(data):
-    dog = RECIPES["ours"].dog
-    assert dog
-    for negative in (True, False):
-        rule = dataclasses.replace(dog, negative_transmittance=negative)
-        trainer = Trainer(config_of(data), load_dataset(data), dataclasses.replace(RECIPES["ours"], dog=rule))
-        assert trainer.options.negative_transmittance == negative
 
 
 def test_prunes_compile_nothing_once_there_were_two(data):
@@ -251,14 +244,14 @@ def test_prunes_compile_nothing_once_there_were_two(data):
 def test_a_state_from_the_middle_of_the_window_goes_on_with_the_same_decisions(data, cut):
     dataset = load_dataset(data)
     first = Trainer(config_of(data, preset="paper"), dataset)
-    rows = first.rows()
+    rows = run_to_end(first)
     while first.step_count < cut:
         next(rows)
     again = Trainer(config_of(data, preset="paper"), dataset)
     again.restore(first.state())
     assert first.pruning and first.pruning.state() and again.pruning
     assert again.pruning.state() == first.pruning.state() and again.dog_activated == first.dog_activated
-    went_on, resumed = events_of(list(rows), "prun|refine:|dog"), events_of(list(again.rows()), "prun|refine:|dog")
+    went_on, resumed = events_of(list(rows), "prun|refine:|dog"), events_of(list(run_to_end(again)), "prun|refine:|dog")
     assert [(row["step"], row["n"]) for row in resumed] == [(row["step"], row["n"]) for row in went_on]
     assert bool(resumed) == (cut < 100)  # when the window closes and all become DoG
 
@@ -273,7 +266,7 @@ def test_a_densified_start_of_another_recipe_is_pruned_at_once_and_to_the_target
     for _ in range(2):  # a state can be restored again and again
         trainer = Trainer(config_of(data, preset=preset), dataset)
         trainer.restore(state)
-        rows = list(trainer.rows())
+        rows = list(run_to_end(trainer))
         assert rows[0]["step"] == STEPS // 2 and rows[0]["event"].startswith(f"prune {n} -> ")
         assert trainer.optimizer.n == round(0.3 * n) and trainer.optimizer.n_dog > 0
 
@@ -327,7 +320,7 @@ def test_a_model_with_dog_keeps_it_until_all_become_dog(data, tmp_path):
     config = config_of(data, model=str(tmp_path / "m.ply"), target=59, max_primitives=None)
     trainer = Trainer(config, load_dataset(data))
     assert trainer.optimizer.n_dog == 2
-    rows = list(trainer.rows())
+    rows = list(run_to_end(trainer))
     assert 0 < rows[0]["n_dog"] <= 2 and events_of(rows, "dog activated 59 primitives")
 
 

@@ -13,6 +13,7 @@ from mi_dogsplat import reference_aovs, write_ply
 from mi_dogsplat.camera_file import read_camera, write_camera
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.framing import automatic_camera, likely_up, robust_sphere
+from mi_dogsplat.render import render_picture
 from mi_dogsplat.render_files import picture_of, render_model, render_scene
 from mi_dogsplat.splats import Splats
 from mi_dogsplat.srgb import srgb_to_linear
@@ -87,8 +88,8 @@ def test_an_exr_holds_premultiplied_linear_colour_with_alpha_and_depth(model, da
     assert set(channels) == {"RGBA", "depth.Z"}
     expected = tiny_data.picture(tiny_data.truth(), tiny_data.cameras()[3])  # over black, whatever was asked
     assert expected.depth is not None
-    np.testing.assert_allclose(channels["RGBA"][..., :3], srgb_to_linear(expected.color), atol=1e-3)
-    np.testing.assert_allclose(channels["RGBA"][..., 3], expected.alpha, atol=1e-3)
+    np.testing.assert_allclose(channels["RGBA"][..., :3], srgb_to_linear(expected.color), atol=1e-6)
+    np.testing.assert_allclose(channels["RGBA"][..., 3], expected.alpha, atol=1e-6)
     np.testing.assert_allclose(channels["depth.Z"], expected.depth, atol=1e-4)
     centre = channels["depth.Z"][18, 24]
     assert 2 < centre < 4  # the camera is 3 away from the middle
@@ -124,6 +125,19 @@ def test_aovs_that_cannot_be_written_are_refused(model, tmp_path, name, aovs, me
     with pytest.raises(DataError, match=message):
         render_model(arguments(model, tmp_path / name, aovs=aovs))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("name", "depth"), [("v.exr", True), ("v.png", False)])
+def test_depth_is_blended_for_files_that_hold_it_only(model, tmp_path, monkeypatch, name, depth):
+    asked = []
+
+    def recorded(params, camera, options, *others):
+        asked.append(options.depth)
+        return render_picture(params, camera, options, *others)
+
+    monkeypatch.setattr("mi_dogsplat.render_files.render_picture", recorded)
+    render_model(arguments(model, tmp_path / name))
+    assert asked == [depth]
 
 
 def test_the_background_of_a_png_is_chosen_and_white_for_data_with_alpha(model, tmp_path):
@@ -164,7 +178,7 @@ def test_a_place_that_cannot_be_written_is_named(model, tmp_path):
 
 
 def test_a_model_without_primitives_is_background_without_depth(tmp_path):
-    picture = picture_of(Splats.empty(1), arguments(None, None), 1.0)(tiny_data.cameras()[0])
+    picture = picture_of(Splats.empty(1), 1.0, 0.2, aovs=("depth",))(tiny_data.cameras()[0])
     assert picture.depth is not None
     assert picture.color.min() == 1 and picture.alpha.max() == 0 and picture.depth.max() == 0
     write_ply(tmp_path / "empty.ply", Splats.empty(1))

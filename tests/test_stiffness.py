@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.check import poison, stiffness
+from mi_dogsplat.check.page import POISONED_FACTS
 from mi_dogsplat.geometry import SMOOTH
 from mi_dogsplat.parameters import device_array, upload
 from mi_dogsplat.project import DeviceCamera
@@ -154,6 +155,7 @@ def assert_recovered(result: dict, within: float) -> None:
     # of the values that are not finite, those of a pseudo-Gaussian may go alone
     assert result["dropped"] >= 3 * sum(not p.finite and not p.name.startswith("dog") for p in poison.POISONS)
     assert result["psnr_poisoned"] > result["psnr_clean"] - within
+    assert POISONED_FACTS.keys() == {key for key, value in result.items() if not isinstance(value, list | dict)}
     before = [psnr for step, psnr in result["poisoned"] if step <= result["phases"]["densification"]]
     assert before == [psnr for _, psnr in result["clean"][: len(before)]]  # the same run but for the poison
     assert json.loads(json.dumps(result)) == result

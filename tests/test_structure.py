@@ -9,15 +9,16 @@ PACKAGE = Path(__file__).parents[1] / "mi_dogsplat"
 
 # From low to high; modules of one row may import each other. A module may import its own row and those above it here.
 STATIONS = [
-    {"errors", "llvm", "wording", "srgb"},
+    {"errors", "llvm", "wording", "srgb", "files", "timing", "versions"},
     {"splats", "cameras"},
     {"ply_tables", "ply", "camera_file", "pictures", "datasets"},
-    {"reference", "geometry", "sh", "project", "footprints", "tiles", "tables", "walk", "composite",
+    {"reference", "geometry", "sh", "project", "footprints", "tiles", "frozen", "tables", "walk", "composite",
      "composite_derivatives", "composite_aovs", "composite_score", "rasterize", "aovs", "normals",
-     "parameters", "transform", "kernel_costs", "reference_score", "reference_gradients", "reference_aovs"},
+     "parameters", "transform", "kernel_costs", "reference_score", "reference_gradients", "reference_aovs",
+     "reference_project_gradients"},
     {"shape_dog", "sensor", "integrator"},
-    {"config", "loss", "optimizer", "initialize", "densify", "render", "checkpoint", "train", "score",
-     "dog_control", "ring", "scheduler", "presets", "pruning", "broken", "metrics"},
+    {"config", "loss", "learning_rates", "optimizer", "initialize", "densify", "render", "checkpoint", "train",
+     "history", "score", "dog_control", "scheduler", "presets", "pruning", "broken", "metrics"},
     {"evaluate", "run_folder"},
     {"report_points", "report_plot", "report_prunes", "report_curves", "report_page", "report_pictures",
      "report_views"},

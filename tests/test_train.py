@@ -14,7 +14,9 @@ from mi_dogsplat import metrics, read_ply
 from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.train import Trainer, over_background
+from mi_dogsplat.history import run_to_end
+from mi_dogsplat.render import over_background
+from mi_dogsplat.train import Trainer
 from PIL import Image
 
 STEPS, CAP = 150, 100
@@ -127,7 +129,7 @@ def test_the_cap_is_exact_in_every_row(data, trained, cap):
     else:
         config = config_of(data, max_primitives=cap, steps=20, log_every=1)
         trainer = Trainer(config, load_dataset(data))
-        counts = [trainer.optimizer.n, *(row["n"] for row in trainer.rows())]
+        counts = [trainer.optimizer.n, *(row["n"] for row in run_to_end(trainer))]
     assert max(counts) == cap
 
 
@@ -144,7 +146,7 @@ def test_the_same_seed_gives_the_same_run_up_to_the_order_of_atomics(data, train
 
 def test_another_seed_shows_views_in_another_order(data):
     dataset = load_dataset(data)
-    first_rows = [next(Trainer(config_of(data, seed=s, log_every=1), dataset).rows()) for s in (0, 0, 1)]
+    first_rows = [next(run_to_end(Trainer(config_of(data, seed=s, log_every=1), dataset))) for s in (0, 0, 1)]
     a, b, c = (row["l1"] for row in first_rows)
     assert a == pytest.approx(b, rel=1e-5) and a != pytest.approx(c, rel=1e-3)
 
@@ -163,7 +165,7 @@ def test_opacities_are_reset_and_the_history_tells(data):
     trainer = Trainer(config_of(data, steps=90), load_dataset(data))
     trainer.densification = dataclasses.replace(trainer.densification, reset_every=20, every=1000)
     rows = []
-    for row in trainer.rows():
+    for row in run_to_end(trainer):
         rows.append(row)
         if row["step"] == 20:
             assert trainer.optimizer.to_splats().opacities.max() <= 0.0101
@@ -200,7 +202,7 @@ def test_data_without_points_are_learned_from_random_primitives(tmp_path):
     trainer = Trainer(config, dataset)
     assert trainer.optimizer.n == 200
     train, test = psnr(trainer)
-    *_, last = trainer.rows()
+    *_, last = run_to_end(trainer)
     assert psnr(trainer)[0] > train + 8 and last["test_psnr"] > test + 8
 
 

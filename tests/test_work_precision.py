@@ -5,7 +5,7 @@ import pytest
 from mi_dogsplat.check import settings as settings_module
 from mi_dogsplat.check.scenes import Scene, model_scene, synthetic_scenes
 from mi_dogsplat.check.settings import GROUPS, Model, Setting, settings
-from mi_dogsplat.check.work_precision import Job, adjoint, measure, milliseconds_in_turn, on_all_rows, pareto_front
+from mi_dogsplat.check.work_precision import Job, adjoint, measure, on_all_rows, pareto_front
 from mi_dogsplat.geometry import SMOOTH, Cutoffs
 from mi_dogsplat.rasterize import RasterOptions
 from mi_dogsplat.reference import RAW_PARAMETERS
@@ -62,12 +62,6 @@ def test_what_is_unknown_is_not_on_the_front_and_beats_nothing():
 
 def test_equal_points_share_the_front():
     assert pareto_front([1, 1, 2], [1, 1, 2]).tolist() == [True, True, False]
-
-
-def test_jobs_take_turns_after_one_warm_up_each():
-    calls: list[str] = []
-    times = milliseconds_in_turn({name: lambda name=name: calls.append(name) for name in "ab"}, 3)
-    assert "".join(calls) == "ab" + "ab" * 3 and set(times) == {"a", "b"}
 
 
 def test_the_adjoint_is_smooth_and_always_the_same():

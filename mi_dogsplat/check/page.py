@@ -31,8 +31,20 @@ tolerance of the tests, “defined” follows a documented rule where the formul
 “wrong” is a defect. Errors are relative."""
 READ_CURVATURE = """How sharply the loss bends along each parameter: plain gradient descent diverges with steps above
 its limit, 2 over the largest curvature; where these limits lie far apart the problem is stiff."""
-READ_POISONED = """The same training twice, once with primitives added on purpose that are stiff, extreme or not
-finite: it recovers when the second curve returns to the first, and nothing spreads when every count below is 0."""
+READ_POISONED = """The same training twice. To the second one primitives are added on purpose, at the marked steps, that
+are stiff, extreme or not finite (infinite, or not a number). It recovers when its curve returns to the first. Nothing
+may spread: below is counted, over all steps, what else became not finite, and each of these four counts must be 0."""
+
+POISONED_FACTS = {
+    "injected": "primitives added",
+    "dropped": "primitives dropped",
+    "spread": "other primitives not finite",
+    "bad_images": "images not finite",
+    "bad_losses": "losses not finite",
+    "bad_moments": "moments of Adam not finite",
+    "psnr_clean": "final PSNR without them, dB",
+    "psnr_poisoned": "final PSNR with them, dB",
+}
 
 NOISY = """The machine was busy when this began (see load), so that the run times are noise in part: errors are not, but
 which settings are on the front is. Repeat it on a quiet machine."""
@@ -193,7 +205,9 @@ def _poisoned(values: Mapping[str, Any]) -> str:
         for color, (name, curve) in zip(colors, curves.items(), strict=True)
     ]
     plot = line_plot(series, "step", "test PSNR, dB", marks=marks) if series else ""
-    single = {key: value for key, value in values.items() if not isinstance(value, list | Mapping)}
+    single = {
+        POISONED_FACTS.get(key, key): value for key, value in values.items() if not isinstance(value, list | Mapping)
+    }
     return f"<div class=plots>{plot}</div>{facts(single)}"
 
 

@@ -20,6 +20,7 @@ from ..cameras import Camera
 from ..config import TrainConfig
 from ..datasets import Dataset, View
 from ..datasets.capture import look_at
+from ..history import run_to_end
 from ..parameters import upload
 from ..presets import RECIPES
 from ..rasterize import RasterOptions
@@ -185,7 +186,7 @@ def run(
     trainer = PoisonedTrainer(config, dataset, list(phases.values()))
     for name, run_of in {"clean": clean, "poisoned": trainer}.items():
         progress(f"stiffness: training, {name}")
-        rows = list(run_of.rows())
+        rows = list(run_to_end(run_of))
         result[name] = [[row["step"], row["test_psnr"]] for row in rows if "test_psnr" in row]
         result["events"] = [[row["step"], row["event"]] for row in rows if "dropped" in row.get("event", "")]
     dropped = [int(re.findall(r"dropped (\d+)", event)[0]) for _, event in result["events"]]

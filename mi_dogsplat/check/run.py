@@ -12,14 +12,12 @@ import mitsuba as mi
 import numpy as np
 
 from ..errors import DataError
-from ..framing import robust_sphere
-from ..pictures import replacing
+from ..files import replacing, write_json
 from ..ply import read_ply
-from ..render_files import NEAR_SHARE, _camera
-from ..run import versions, write_json
-from ..train import background_color
+from ..render_files import viewpoint
+from ..versions import versions
 from ..wording import finite
-from . import PARTS
+from . import PARTS, stability, work_precision
 from .page import check_page
 from .scenes import Scene, model_scene, synthetic_scenes
 from .training import read_training
@@ -33,13 +31,9 @@ def model_to_check(args: argparse.Namespace) -> Scene:
     splats = read_ply(args.model)
     if splats.n_splats == 0:
         raise DataError(args.model, "holds no primitives", "check a model that has some")
-    camera, has_alpha = _camera(args, splats)
-    near_clip = args.near_clip
-    if not (args.camera or args.data):
-        near_clip = min(near_clip, NEAR_SHARE * robust_sphere(splats)[1])
-    background = background_color(args.background, has_alpha)
-    others = {"background": background, "near_clip": near_clip, "antialiased": args.antialiased}
-    return model_scene(args.model.name, splats, camera, args.width, **others)
+    view = viewpoint(args, splats)
+    others = {"background": view.background, "near_clip": view.near_clip, "antialiased": args.antialiased}
+    return model_scene(args.model.name, splats, view.camera, args.width, **others)
 
 
 def check(
@@ -65,27 +59,24 @@ def check(
     is null. Raises ``DataError`` before anything is written.
     """
     training = read_training(runs) if "training" in parts else []
+    jobs: dict[str, Callable[[], Any]] = {}
+    if "work-precision" in parts:
+        scenes = synthetic_scenes(width) + ([model] if model else [])
+        jobs["work_precision"] = lambda: [work_precision.measure(scene, rounds, progress) for scene in scenes]
+    if training:
+        jobs["training"] = lambda: training
+    if "stability" in parts:
+        jobs["stability"] = lambda: stability.run(progress)
+    if "stiffness" in parts:
+        from . import stiffness  # here: it trains, which needs the extra "train"; and before an hour of other parts
+
+        jobs["stiffness"] = lambda: stiffness.run(progress)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
     report: dict[str, Any] = {"model_name": model.name if model else None, "machine": _machine(rounds)}
-    if "work-precision" in parts:
-        from .work_precision import measure
-
-        scenes = synthetic_scenes(width) + ([model] if model else [])
-        report["work_precision"] = [measure(scene, rounds, progress) for scene in scenes]
-    if training:
-        report["training"] = training
-    if "stability" in parts:
-        from .stability import run as stability
-
-        report["stability"] = stability(progress)
-    if "stiffness" in parts:
-        from .stiffness import run as stiffness
-
-        report["stiffness"] = stiffness(progress)
-    report = _plain(report)
+    report = _plain(report | {name: job() for name, job in jobs.items()})
     write_json(out / "check.json", report)
     with replacing(out / "check.html") as part:
         part.write_text(check_page(report), encoding="utf-8")

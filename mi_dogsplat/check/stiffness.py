@@ -26,7 +26,8 @@ from typing import Any, cast
 import numpy as np
 
 from ..cameras import Camera
-from ..optimizer import EPSILON, LearningRates
+from ..learning_rates import LearningRates
+from ..optimizer import EPSILON
 from ..presets import RECIPES
 from ..reference import RAW_PARAMETERS, render
 from ..splats import Splats

@@ -10,7 +10,6 @@ Gradients are those of Σ a · image with one smooth noise a for all settings (`
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -23,6 +22,7 @@ from ..project import DeviceCamera
 from ..rasterize import Frame, rasterize
 from ..reference_gradients import gradients_tiled, render_tiled
 from ..splats import Splats
+from ..timing import milliseconds_in_turn
 from .scenes import Scene
 from .settings import Model, Setting, settings
 
@@ -75,19 +75,6 @@ def pareto_front(cost: Sequence[float | None], error: Sequence[float | None]) ->
     no_worse = (c[:, None] <= c) & (e[:, None] <= e)  # [i, j]: i is no worse than j
     better = no_worse & ((c[:, None] < c) | (e[:, None] < e))
     return known & ~(better & known[:, None]).any(0)
-
-
-def milliseconds_in_turn(jobs: Mapping[Any, Callable[[], object]], rounds: int) -> dict[Any, float]:
-    """Median wall time of each job in ms; they take turns, so that what else the machine does slows all alike."""
-    times: dict[Any, list[float]] = {key: [] for key in jobs}
-    for job in jobs.values():  # compiles its kernels
-        job()
-    for _ in range(rounds):
-        for key, job in jobs.items():
-            start = time.perf_counter()
-            job()
-            times[key].append(time.perf_counter() - start)
-    return {key: float(np.median(values) * 1e3) for key, values in times.items()}
 
 
 def adjoint(height: int, width: int) -> np.ndarray:

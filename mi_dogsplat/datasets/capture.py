@@ -16,7 +16,8 @@ from tqdm import tqdm
 
 from ..cameras import OPENCV_FROM_OPENGL, Camera, camera_to_mitsuba, inverse_rigid
 from ..errors import DataError
-from ..pictures import replacing, write_png
+from ..files import replacing
+from ..pictures import write_png
 from ..srgb import linear_to_srgb
 
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
