@@ -1,10 +1,11 @@
-"""How near the forward compositor is to what its arithmetic needs, on AVX-512: instructions and cycles per entry.
+"""How near the forward compositor is to what its arithmetic needs, on AVX-512: instructions and cycles per step.
 
-An entry is one primitive in one tile of 256 pixels, 16 vectors of 16 lanes. ``needed`` counts the least that the
-formulation of ``composite.py`` has to do for it, as a table. Against it stands the machine code: Dr.Jit hands out its
-LLVM IR, and ``opt`` and ``llc`` (packages llvm-19, of Dr.Jit's own version) compile it as Dr.Jit does; the result is
-the code that Dr.Jit logs at level Trace, instruction by instruction. ``llvm-mca`` estimates its cycles, and the clock
-its real ones, on a model so faint that no walk ends early. ``machine_code.py`` explains the bounds.
+In a step each of the 16 lanes of a tile blends its next primitive into its 16 pixels: 16 vectors of 16 lanes. A packet
+takes as many steps as the longest list of its lanes. ``needed`` counts the least that the formulation of ``walk.py``
+has to do in a step, as a table. Against it stands the machine code: Dr.Jit hands out its LLVM IR, and ``opt`` and
+``llc`` (packages llvm-19, of Dr.Jit's own version) compile it as Dr.Jit does; the result is the code that Dr.Jit logs
+at level Trace, instruction by instruction. ``llvm-mca`` estimates its cycles, and the clock its real ones, on a model
+so faint that no walk ends early. ``machine_code.py`` explains the bounds.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from mi_dogsplat.geometry import Blocks, Cutoffs, Grid
 from mi_dogsplat.parameters import upload
 from mi_dogsplat.project import DeviceCamera, project
 from mi_dogsplat.tables import FEATURES, pack
-from mi_dogsplat.tiles import tiles
+from mi_dogsplat.tiles import WORD, Lists, tiles
 from mi_dogsplat.walk import Settings
 
 from .machine_code import bound, compiled, kind_of, loop_of, mca_cycles, pipe_counts, processor
@@ -41,7 +42,7 @@ DEC_JNZ_RET = bytes.fromhex("48ffcf75fbc3")  # dec rdi; jnz back; ret: one itera
 
 @dataclass(frozen=True)
 class Need:
-    """``count`` vector instructions per entry that one kind of pipe can run."""
+    """``count`` vector instructions per step that one kind of pipe can run."""
 
     what: str
     pipe: str
@@ -50,10 +51,13 @@ class Need:
 
 
 def needed(blocks: Blocks) -> list[Need]:
-    """The least per entry. State lives in memory: it is four times the registers; each load serves ``unroll`` entries.
+    """The least per step. State lives in memory: it is four times the registers; each load serves ``unroll`` steps.
 
     The stop at T < 1e-4 costs its comparison and a masked move: the colours' multiplications are masked for nothing.
+    Each lane has an entry of its own: rows are loaded lane by lane, in quarters that an insertion joins, and
+    transposed.
     """
+    columns = FEATURES + COLORS
     w, h, pixels = blocks.width, blocks.height, blocks.width * blocks.height
     state = pixels * (1 + COLORS) / blocks.unroll
     return [
@@ -77,7 +81,12 @@ def needed(blocks: Blocks) -> list[Need]:
         Need("some pixel still transmits", "add", pixels / blocks.unroll),
         Need("state from memory", "load", state),
         Need("state to memory", "store", state),
-        Need("index and row of the primitive, broadcast", "load", 1 + FEATURES + COLORS, folded=True),
+        Need("bits of the lane: lowest, rest, is there one", "any", 6),
+        Need("its word where there is none, index of the primitive", "load", 2 * blocks.lanes, folded=True),
+        Need("address of the row, to scalar registers", "to scalar", blocks.lanes),
+        Need("row of the primitive", "load", columns / 4 * blocks.lanes, folded=True),
+        Need("row of the primitive, insertions", "compare", columns / 4 * (blocks.lanes - 4)),
+        Need("row of the primitive, transposed", "any", columns * 2),
     ]
 
 
@@ -96,7 +105,7 @@ def main(flags: Sequence[str]) -> None:
     blocks = Blocks.of_backend()
     if dr.backend_v(mi.Float) != dr.JitBackend.LLVM or blocks.lanes != 16:
         raise SystemExit("floor: counts AVX-512 code; the variant must be one of llvm_*")
-    run, entries = compositor(args.primitives, args.sigma, blocks)
+    run, steps = compositor(args.primitives, args.sigma, blocks)
     kernel = history(run, 1)[0]
     with tempfile.TemporaryDirectory() as temporary:
         folder = args.keep or Path(temporary)
@@ -108,7 +117,7 @@ def main(flags: Sequence[str]) -> None:
     least = bound(pipes_of(needs))
     each = 1 / blocks.unroll
     clock, ms = clock_ghz(), float(np.median([k["execution_time"] for k in history(run, args.rounds)]))
-    cycles = ms * 1e6 * clock * dr.thread_count() / entries
+    cycles = ms * 1e6 * clock * dr.thread_count() / steps
     stack = sum(bool(re.search(r"\[r[sb]p", line)) for line in loop)
     aligned = "yes" if re.search(r"and\trsp, -64", code) else "no"
 
@@ -129,7 +138,7 @@ def main(flags: Sequence[str]) -> None:
     }
     print(table("", rows.items()))
     print(
-        f"\n{entries:,} entries, {ms:.2f} ms on {dr.thread_count()} threads at {clock:.2f} GHz; "
+        f"\n{steps:,} steps, {ms:.2f} ms on {dr.thread_count()} threads at {clock:.2f} GHz; "
         f"the stack is aligned to cache lines: {aligned}; denormals are {denormals(blocks)}"
     )
 
@@ -146,7 +155,7 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
 
 
 def compositor(n: int, sigma: float, blocks: Blocks) -> tuple[Callable[[], None], int]:
-    """The forward compositor on its own, at 400x300, and the number of entries that it walks."""
+    """The forward compositor on its own, at 400x300, and the number of steps that its packets take."""
     camera = front_camera(400)
     grid = Grid(camera.width, camera.height, blocks)
     params = upload(even_splats(n, sigma, camera, opacity=0.01))
@@ -157,7 +166,19 @@ def compositor(n: int, sigma: float, blocks: Blocks) -> tuple[Callable[[], None]
     def run() -> None:
         dr.eval(composite(*stages, Settings(COLORS)))
 
-    return run, dr.width(stages[3].splat_from_isect)
+    return run, steps_of(stages[3], grid)
+
+
+def steps_of(lists: Lists, grid: Grid) -> int:
+    """Steps of all packets: in an empty word of its list a lane takes one for nothing."""
+    words = lists.words.numpy().reshape(-1, grid.blocks.lanes)
+    steps = 0
+    for tile, (begin, end) in enumerate(zip(lists.begin.numpy(), lists.end.numpy(), strict=True)):
+        if begin < end:
+            own = words[tile + begin // WORD : tile + (end - 1) // WORD + 1]
+            bits = np.unpackbits(np.ascontiguousarray(own).view(np.uint8), axis=1)
+            steps += np.maximum(bits.reshape(*own.shape, WORD).sum(2), 1).sum(0).max()
+    return int(steps)
 
 
 def history(run: Callable[[], None], times: int) -> list[dict[str, Any]]:
@@ -197,4 +218,4 @@ def denormals(blocks: Blocks) -> str:
 
 def table(title: str, rows: Iterable[tuple[str, float]]) -> str:
     lines = [f"| {name} | {value:.1f} |" for name, value in rows]
-    return "\n".join([f"| {title} | per entry |", "|---|---|", *lines])
+    return "\n".join([f"| {title} | per step |", "|---|---|", *lines])
