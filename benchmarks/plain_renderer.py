@@ -19,6 +19,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 from mi_dogsplat.composite_derivatives import ENTRY_ROW, LN2, lanes_add_in_turn
+from mi_dogsplat.frozen import frozen
 from mi_dogsplat.geometry import Blocks, Cutoffs, Grid
 from mi_dogsplat.project import (
     LOG2_E,
@@ -212,7 +213,7 @@ class Lane:
         return alpha, weight, dr.select(go, behind, -dr.abs(T)), go
 
 
-@dr.freeze(warn_after=1 << 30)
+@frozen
 def composite(grid: Grid, lanes: tuple, table, lists: Lists) -> list:
     lane = Lane(grid, lanes, table, lists)
 
@@ -234,7 +235,7 @@ def composite(grid: Grid, lanes: tuple, table, lists: Lists) -> list:
     return lane.write([*planes, [dr.abs(t) for t in T]])
 
 
-@dr.freeze(warn_after=1 << 30)
+@frozen
 def composite_backward(
     grid: Grid, lanes: tuple, table, lists: Lists, colors: list, T_final, δcolors: list, entries, in_turn: bool
 ) -> list:
