@@ -25,7 +25,7 @@ STATIONS = [
     {"framing", "render_files", "info", "features", "training_features", "run",
      "ablation_table", "ablation_page", "ablate"},
     {"check"},
-    {"cli_help", "cli_arguments", "cli", "demo"},
+    {"cli_help", "field_help", "cli_capture", "cli_arguments", "cli", "demo"},
 ]
 LEVEL = {name: level for level, names in enumerate(STATIONS) for name in names}
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p.stem not in ("__init__", "__main__") or p.parent != PACKAGE)
