@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from .datasets.capture_config import CaptureConfig
+from .capture_config import CaptureConfig
 from .field_help import field_help
 
 FORMS: dict[str, dict[str, Any]] = {  # how argparse takes each flag
@@ -47,9 +47,11 @@ def run_capture(args: argparse.Namespace) -> Path:
 
     from .datasets.capture import capture
 
-    names = [field.name for field in dataclasses.fields(CaptureConfig)]
-    given = {name: getattr(args, name) for name in names}
-    config = CaptureConfig(**{n: tuple(value) if isinstance(value, list) else value for n, value in given.items()})
+    given: dict[str, Any] = {}
+    for field in dataclasses.fields(CaptureConfig):
+        value = getattr(args, field.name)
+        given[field.name] = tuple(value) if isinstance(value, list) else value
+    config = CaptureConfig(**given)
     with ExitStack() as stack:
         bars: list[tqdm] = []  # none until the scene is loaded: an error before that is a single line
 

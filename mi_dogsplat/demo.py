@@ -7,15 +7,16 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
 from tqdm import tqdm
 
+from .capture_config import CaptureConfig
 from .cli import print_metrics
 from .config import TrainConfig
 from .datasets.capture import capture
-from .datasets.capture_config import CaptureConfig
 from .errors import DataError
 from .pictures import write_png
 from .run import train
@@ -80,10 +81,10 @@ def write_truth_and_model(scene_file: Path, model: Path, out: Path) -> None:
     Neither was a training view, and both are larger.
     """
     truth = mi.load_file(str(scene_file))
-    seen = mi.traverse(truth.sensors()[0])
+    seen: Any = mi.traverse(truth.sensors()[0])
     width, height = PICTURE_SIZE
     film = {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgba", "rfilter": {"type": "box"}}
-    pose = np.array(seen["to_world"].matrix, dtype=np.float64).reshape(4, 4)
+    pose: Any = np.array(seen["to_world"].matrix, dtype=np.float64).reshape(4, 4)
     sensor = {"type": "perspective", "fov": float(np.array(seen["x_fov"]).item()), "fov_axis": "x", "film": film}
     view = mi.load_dict({**sensor, "to_world": mi.ScalarTransform4f(pose)})
     splats = mi.load_dict(

@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).parents[1] / "mi_dogsplat"
 STATIONS = [
     {"errors", "llvm", "wording", "srgb"},
     {"splats", "cameras"},
-    {"ply_tables", "ply", "camera_file", "pictures", "datasets"},
+    {"ply_tables", "ply", "camera_file", "pictures", "capture_config", "datasets"},
     {"reference", "geometry", "sh", "project", "tiles", "composite", "composite_derivatives", "rasterize",
      "parameters", "transform", "kernel_costs",
      "composite_score", "reference_score", "reference_gradients"},

@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 
 from ..cameras import OPENCV_FROM_OPENGL, Camera
+from ..capture_config import CaptureConfig
 from ..errors import DataError
 from ..pictures import replacing, write_exr, write_png
 from .camera_paths import Shot, circling_shots
-from .capture_config import CaptureConfig
 from .dataset import TEST_EVERY
 from .given_cameras import auto_up, listed_shots, sensor_shots
-from .images import image_size, read_image
+from .images import read_image
 from .point_ply import write_point_ply
 from .scene_file import framing_sphere, load_scene
 from .traced_view import depth_of, first_surfaces, render_shot
@@ -67,7 +67,7 @@ def capture(
     n = len(plan.shots)
     progress(0, n, plan.framing)
     for i, shot in enumerate(plan.shots):
-        if not _is_done(out, shot):
+        if not _is_done(out, shot, config):
             _capture_view(mi, plan, i, scene_path, out, config)
         progress(i + 1, n, plan.framing)
     _write_points(mi, plan, scene_path, out, config)
@@ -153,18 +153,24 @@ def _image_path(out: Path, shot: Shot) -> Path:
     return out / "images" / f"{shot.name}.png"
 
 
-def _is_done(out: Path, shot: Shot) -> bool:
-    """Whether a view is complete: its picture is written last."""
-    path = _image_path(out, shot)
-    return path.is_file() and path.stat().st_size > 0 and image_size(path) == (shot.camera.width, shot.camera.height)
+def _is_done(out: Path, shot: Shot, config: CaptureConfig) -> bool:
+    """Whether the picture of a view is there, whole and of its size, and so is its depth."""
+    if config.depth != "none" and not (out / _depth_name(shot, config)).is_file():
+        return False
+    try:
+        return read_image(_image_path(out, shot)).shape[:2] == (shot.camera.height, shot.camera.width)
+    except DataError:
+        return False
 
 
 def _capture_view(mi: Any, plan: Plan, i: int, scene_path: Path, out: Path, config: CaptureConfig) -> None:
     """Write depth and picture of view ``i``."""
     shot = plan.shots[i]
-    image = render_shot(mi, plan.scene, shot, config.spp, config.seed * len(plan.shots) + i, config.alpha)
-    if not np.isfinite(image).all():
-        raise DataError(scene_path, f"view {shot.name} renders to NaN or infinity", "correct the scene")
+    try:
+        image = render_shot(mi, plan.scene, shot, config.spp, config.seed * len(plan.shots) + i, config.alpha)
+    except ValueError as error:
+        problem, remedy = str(error).split("; ")
+        raise DataError(scene_path, f"view {shot.name} {problem}", remedy) from error
     if config.depth != "none":
         depth = depth_of(shot, *first_surfaces(mi, plan.scene, shot, plan.hidden_emitters))  # [H, W]
         path = out / _depth_name(shot, config)
@@ -212,7 +218,8 @@ def _transforms(plan: Plan, config: CaptureConfig) -> dict[str, Any]:
     for shot, own in zip(plan.shots, intrinsics, strict=True):
         pose = (shot.camera.c2w @ OPENCV_FROM_OPENGL).tolist()
         depth = {} if config.depth == "none" else {"depth_file_path": _depth_name(shot, config)}
-        frames.append({"file_path": f"images/{shot.name}.png", **depth, **({} if shared else own), "transform_matrix": pose})
+        files = {"file_path": f"images/{shot.name}.png", **depth}
+        frames.append({**files, **({} if shared else own), "transform_matrix": pose})
     train = [frame["file_path"] for i, frame in enumerate(frames) if i not in plan.tests]
     test = [frame["file_path"] for i, frame in enumerate(frames) if i in plan.tests]
     points = {"ply_file_path": "points.ply"} if config.points else {}

@@ -21,15 +21,19 @@ def sensor_shots(path: Path, scene: Any, downscale: int) -> list[Shot]:
 
     A mirrored sensor gives the picture that it shows mirrored: data sets have no mirrored cameras.
     """
+    import mitsuba as mi
+
     sensors = scene.sensors()
     if not sensors:
         raise DataError(path, "the scene has no sensor", "add perspective sensors, or use another --path")
     shots = []
     for i, sensor in enumerate(sensors):
         try:
+            if any(name.startswith("medium.") for name, _ in mi.traverse(sensor)):
+                raise ValueError("it stands in a medium, which a capture would leave out")
             camera = _unmirrored(camera_from_mitsuba(sensor)).downscaled(downscale)
         except ValueError as error:
-            remedy = "only perspective sensors can be captured: change or remove it, or use another --path"
+            remedy = "only perspective sensors outside of media can be captured: change or remove it"
             raise DataError(path, f'sensor "{sensor.id()}": {error}', remedy) from error
         shots.append(Shot(sensor_name(sensor.id(), i), camera, float(sensor.near_clip()), float(sensor.far_clip())))
     require_unique_names(path, [shot.name for shot in shots])

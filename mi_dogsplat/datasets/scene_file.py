@@ -21,13 +21,14 @@ def load_scene(path: Path, hide_emitters: bool = False) -> tuple[Any, bool]:
     """
     import mitsuba as mi
 
-    if mi.variant() is None:
+    variant = mi.variant()
+    if variant is None:
         raise DataError(path, "no Mitsuba variant is set", 'call mi.set_variant("llvm_ad_rgb") first')
     if not path.is_file():
         raise DataError(path, "no such file", "give a Mitsuba scene as .xml file")
-    config = mi.parser.ParserConfig(mi.variant())
+    config = mi.parser.ParserConfig(variant)
     config.merge_meshes = False
-    folders = mi.file_resolver()
+    folders = mi.file_resolver()  # pyright: ignore[reportCallIssue]
     folders.prepend(str(path.parent.resolve()))
     try:
         state = mi.parser.parse_file(config, str(path))

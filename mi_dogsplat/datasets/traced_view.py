@@ -11,6 +11,7 @@ from ..cameras import camera_to_mitsuba
 from ..srgb import linear_to_srgb
 from .camera_paths import Shot
 
+MAX_ALPHA = 1.001  # 1 up to rounding
 MAX_LAYERS = 32  # surfaces that a ray may pass before it counts as lost
 PASS_SAMPLES = 2**25  # samples of one launch: bounds the memory, and how long Ctrl-C waits
 
@@ -26,6 +27,7 @@ def render_shot(mi: Any, scene: Any, shot: Shot, spp: int, seed: int, alpha: boo
     """sRGB values float32 [H, W, 3] of what the scene's own integrator shows, or with straight alpha [H, W, 4].
 
     ``spp`` is rounded up to a square number, as the stratified sampler needs; many samples are split into passes.
+    Raises ``ValueError`` for values that are not finite, and for an integrator whose alpha is no coverage.
     """
     n_pixels = shot.camera.width * shot.camera.height
     n_passes = math.ceil(n_pixels * spp / PASS_SAMPLES)
@@ -41,8 +43,12 @@ def render_shot(mi: Any, scene: Any, shot: Shot, spp: int, seed: int, alpha: boo
         if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:  # AOVs come along
             bitmap = dict(bitmap.split())["<root>"]
         linear += np.array(bitmap.convert(pixel_format, mi.Struct.Type.Float32, False)) / n_passes
+    if not np.isfinite(linear).all():
+        raise ValueError("renders to NaN or infinity; correct the scene")
     if not alpha:
         return linear_to_srgb(linear)
+    if linear[..., 3].max() > MAX_ALPHA:  # particle tracers count particles there
+        raise ValueError("has no coverage as alpha; use an integrator that traces from the camera, or not --alpha")
     color, coverage = linear[..., :3], linear[..., 3:]
     straight = np.divide(color, coverage, out=np.zeros_like(color), where=coverage > 0)
     return np.concatenate([linear_to_srgb(straight), np.clip(coverage, 0, 1)], axis=-1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-from ..errors import DataError
+from .errors import DataError
 
 UPS = ("auto", "x", "y", "z", "-x", "-y", "-z")
 PATHS = ("orbit", "hemisphere", "sensors")
