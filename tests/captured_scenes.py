@@ -13,7 +13,8 @@ BALL = """
 PATH = '<integrator type="path"/>'
 SENSOR = """<sensor type="{kind}" id="{id}">{extra}
 <transform name="to_world"><lookat origin="{origin}" target="0.1, 0.2, 0" up="0.1, 0.2, 1"/>{last}</transform>
-<film type="hdrfilm"><integer name="width" value="40"/><integer name="height" value="30"/>{film}<rfilter type="box"/>
+<film type="hdrfilm"><integer name="width" value="40"/><integer name="height" value="30"/>
+<string name="pixel_format" value="rgba"/>{film}<rfilter type="box"/>
 </film></sensor>"""
 
 

@@ -11,8 +11,8 @@ from captured_scenes import BALLS, RADIUS, write_scene
 from mi_dogsplat.capture_config import CaptureConfig
 from mi_dogsplat.cli import main
 from mi_dogsplat.config import TrainConfig
-from mi_dogsplat.datasets import check_cameras, load_dataset
 from mi_dogsplat.datasets import capture as module
+from mi_dogsplat.datasets import check_cameras, load_dataset
 from mi_dogsplat.datasets.capture import capture
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.train import Trainer
@@ -316,8 +316,9 @@ def test_a_scene_that_cannot_be_captured_is_named_and_leaves_nothing(tmp_path, c
 
 
 def test_a_render_that_is_not_finite_names_its_view(tmp_path):
-    bad = '<emitter type="point"><point name="position" x="0" y="0" z="9"/><rgb name="intensity" value="1e39"/></emitter>'
-    assert "view 000 renders to NaN or infinity" in error_of(write_scene(tmp_path, bad), tmp_path / "out", tiny())
+    light = '<emitter type="point"><point name="position" x="0" y="0" z="9"/>{}</emitter>'
+    scene = write_scene(tmp_path, light.format('<rgb name="intensity" value="1e39"/>'))
+    assert "view 000 renders to NaN or infinity" in error_of(scene, tmp_path / "out", tiny())
 
 
 def test_the_command_shows_where_it_looks_and_how_far_it_is(tmp_path, capsys):
@@ -337,5 +338,3 @@ def test_ctrl_c_in_the_command_says_how_to_go_on(balls, tmp_path, capsys, monkey
     monkeypatch.setattr(module, "render_shot", lambda *a: (_ for _ in ()).throw(KeyboardInterrupt))
     assert main(["capture", str(balls), "-o", str(tmp_path / "out")]) == 130
     assert "the same command again goes on" in capsys.readouterr().err
-
-

@@ -16,8 +16,8 @@ FLAT = 0.02  # thickness of a floor, times its diagonal
 def load_scene(path: Path, hide_emitters: bool = False) -> tuple[Any, bool]:
     """(scene, whether cameras see no lamps). A Mitsuba variant must be set. Raises ``DataError``.
 
-    ``hide_emitters`` sets that parameter of the scene's integrators, whatever the file says. Meshes are not merged,
-    so that each shape of the file still has its own bounding box.
+    ``hide_emitters`` sets that parameter of the scene's integrators, whatever the file says. Nothing is merged,
+    so that each shape of the file still has its own bounding box, and each sensor its name.
     """
     import mitsuba as mi
 
@@ -27,7 +27,7 @@ def load_scene(path: Path, hide_emitters: bool = False) -> tuple[Any, bool]:
     if not path.is_file():
         raise DataError(path, "no such file", "give a Mitsuba scene as .xml file")
     config = mi.parser.ParserConfig(variant)
-    config.merge_meshes = False
+    config.merge_meshes = config.merge_equivalent = False
     folders = mi.file_resolver()  # pyright: ignore[reportCallIssue]
     folders.prepend(str(path.parent.resolve()))
     try:
