@@ -16,6 +16,7 @@ from mi_dogsplat.datasets import check_cameras, load_dataset
 from mi_dogsplat.datasets.capture import capture
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.train import Trainer
+from PIL import Image
 
 DEMO = Path(__file__).parents[1] / "scenes" / "demo_truth.xml"
 BAND = (12.0, 65.0)
@@ -87,6 +88,31 @@ def test_points_lie_on_the_surfaces_whose_colour_they_have(captured):
     signs = np.sign(np.array(BALLS))[distances.argmin(axis=1)]  # [P, 3]
     bright = np.where(dataset.point_colors > 0.7, 1, -1)
     assert (bright == signs).mean() > 0.9  # not all: pixels at an outline mix two colours
+
+
+def test_points_at_outlines_have_the_colour_of_what_is_there_not_of_its_coverage(balls, tmp_path):
+    out = capture(balls, tmp_path / "out", tiny(alpha=True, points=1000, spp=16))
+    dataset = load_dataset(out)
+    best, covered = np.full(len(dataset.points), np.inf), np.zeros(len(dataset.points))
+    for view in dataset.train:
+        column, line = np.floor(view.camera.project(dataset.points)[0]).astype(int).T
+        pixels = np.asarray(Image.open(out / "images" / f"{view.name}.png"))[line, column] / 255  # straight
+        difference = np.abs(pixels[:, :3] - dataset.point_colors).max(axis=1)
+        covered = np.where(difference < best, pixels[:, 3], covered)
+        best = np.minimum(best, difference)
+    assert best.max() < 1.5 / 255 and (covered < 0.9).sum() > 10
+
+
+def test_each_view_and_each_seed_has_noise_of_its_own(tmp_path):
+    w2c = module.circling_shots(tiny(), 1, np.zeros(3), 2.0, "z")[0].camera.w2c.tolist()
+    (tmp_path / "cameras.json").write_text(json.dumps(2 * [{"w2c": w2c, "fx": 30, "width": 32, "height": 24}]))
+    scene = write_scene(tmp_path)
+    images = []
+    for seed in (0, 1):
+        config = CaptureConfig(path=str(tmp_path / "cameras.json"), seed=seed, spp=4, points=0)
+        data = capture(scene, tmp_path / f"out{seed}", config)
+        images += [(data / "images" / f"00{i}.png").read_bytes() for i in range(2)]
+    assert len(set(images)) == 4
 
 
 def test_rays_pass_masks_borders_of_media_and_hidden_lamps_to_the_surface(tmp_path):

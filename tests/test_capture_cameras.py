@@ -81,7 +81,7 @@ def test_cameras_read_back_see_along_the_rays_of_the_scenes_sensors(sensors, nam
     np.testing.assert_allclose(np.cross(away, directions), 0, atol=1e-6 * np.abs(camera.position).max())
 
 
-@pytest.mark.parametrize("name", [*SENSORS, "mirrored"])
+@pytest.mark.parametrize("name", [*sorted(SENSORS.keys() - {"far"}), "mirrored"])  # far away there are too few pixels
 def test_pictures_are_those_of_the_sensors_and_that_of_a_mirrored_one_is_turned_back(sensors, name):
     scene, data = sensors
     loaded, _ = load_scene(scene, hide_emitters=True)
@@ -226,6 +226,7 @@ def test_an_orbit_is_a_path_on_which_neighbours_are_near_and_turns_are_as_far_ap
     far_along = np.abs(np.subtract.outer(np.arange(n), np.arange(n))) > 4
     to_other_turns = np.where(far_along, angles, np.inf).min(axis=1)
     assert np.median(to_other_turns) == pytest.approx(gaps.mean(), rel=0.25)
+    assert (np.cross(directions[:-1], directions[1:]) @ up_vector(up) > 0).all()  # counter-clockwise from above
     hops = hemisphere(n, up, (0, 70))
     assert np.degrees(np.arccos(np.sum(hops[1:] * hops[:-1], axis=1))).min() > 3 * gaps.max()
 
