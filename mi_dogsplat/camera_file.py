@@ -27,7 +27,17 @@ def read_camera(path: str | Path) -> Camera:
     """The camera in a file. Raises ``DataError`` for what is missing, not a number, or no rigid pose."""
     path = Path(path)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        return camera_from_json(read_json(path))
+    except (ValueError, TypeError, OverflowError) as error:
+        if isinstance(error, DataError):
+            raise
+        raise DataError(path, str(error), FORMAT) from error
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file holds. Raises ``DataError``."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
     except json.JSONDecodeError as error:
         problem = f"not valid JSON in line {error.lineno} ({error.msg})"
         raise DataError(path, problem, "correct that line") from error
@@ -35,18 +45,15 @@ def read_camera(path: str | Path) -> Camera:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path") from error
     except UnicodeDecodeError as error:
         raise DataError(path, "is not a text file", FORMAT) from error
+
+
+def camera_from_json(content: Any) -> Camera:
+    """The camera that a JSON object describes. Raises ``ValueError`` or ``TypeError`` where it does not."""
     if not isinstance(content, dict):
-        raise DataError(path, "is not a JSON object", FORMAT)
+        raise ValueError("is not a JSON object")
     missing = [name for name in ("w2c", "fx", "width", "height") if name not in content]
     if missing:
-        raise DataError(path, f'lacks "{missing[0]}"', FORMAT)
-    try:
-        return _camera(content)
-    except (ValueError, TypeError, OverflowError) as error:
-        raise DataError(path, str(error), FORMAT) from error
-
-
-def _camera(content: dict[str, Any]) -> Camera:
+        raise ValueError(f'lacks "{missing[0]}"')
     width, height = (float(content[name]) for name in ("width", "height"))
     if not (width.is_integer() and height.is_integer()):
         raise ValueError(f"width {width:g} and height {height:g} must be whole numbers of pixels")

@@ -111,6 +111,20 @@ def evaluate(args: argparse.Namespace) -> None:
         write_json(args.out / "metrics.json", {"test": mean_metrics(views), "views": views, "n": splats.n_splats})
 
 
+def capture(args: argparse.Namespace) -> int | None:
+    """Render a Mitsuba scene from all around into photographs with exact cameras, and points to start from."""
+    _set_variant(args.variant)
+    from .cli_capture import run_capture
+
+    try:
+        run_capture(args)
+    except KeyboardInterrupt:
+        print("dogsplat: stopped; the same command again goes on from here", file=sys.stderr)
+        return 130
+    print(args.out)
+    return None
+
+
 def check(args: argparse.Namespace) -> int:
     """How far the numbers can be trusted, and what each digit costs: numerics as one report."""
     _config(args)
@@ -189,7 +203,8 @@ def _set_variant(name: str) -> None:
 
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
-    "train": train, "prune": prune, "ablate": ablate, "render": render, "eval": evaluate, "check": check, "info": info
+    "train": train, "prune": prune, "ablate": ablate, "render": render, "eval": evaluate, "capture": capture,
+    "check": check, "info": info
 }  # fmt: skip
 
 

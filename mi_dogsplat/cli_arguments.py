@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import sys
 from pathlib import Path
 from typing import NoReturn
 
 from .check import PARTS
+from .cli_capture import add_capture_flags
 from .cli_help import (
     ABLATE_EXAMPLES,
+    CAPTURE_EXAMPLES,
     CHECK_EXAMPLES,
     EPILOG,
     EVAL_EXAMPLES,
@@ -20,7 +21,9 @@ from .cli_help import (
     TRAIN_EXAMPLES,
 )
 from .config import TrainConfig
+from .field_help import field_help
 
+DATA_HELP = field_help(TrainConfig)["data"]
 ABLATION = ("3dgs", "v1", "v2", "v3", "full", "released", "ours_gaussian", "ours")
 ABLATE_FLAGS = [
     *("steps", "target", "downscale", "max_primitives", "max_world_scale", "sh_degree", "background", "antialiased"),
@@ -42,17 +45,8 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"dogsplat: {message}; see {self.prog} --help\n")
 
 
-def _field_help() -> dict[str, str]:
-    """Comments of the fields of ``TrainConfig``: config lives, and is explained, in one place."""
-    source = Path(sys.modules[TrainConfig.__module__].__file__ or "").read_text(encoding="utf-8")
-    names = {field.name for field in dataclasses.fields(TrainConfig)}
-    lines = (line.strip() for line in source.splitlines() if "#" in line and ":" in line)
-    pairs = ((line.split(":", 1)[0], line.split("#", 1)[1].strip()) for line in lines)
-    return {name: text for name, text in pairs if name in names}
-
-
 def _add_config_flags(parser: argparse.ArgumentParser, names: list[str]) -> None:
-    texts = _field_help()
+    texts = field_help(TrainConfig)
     for field in dataclasses.fields(TrainConfig):
         if field.name not in names:
             continue
@@ -78,7 +72,7 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
         return commands.add_parser(name, help=summary, description=descriptions[name], epilog=examples)
 
     p = command("train", "photographs to a model", TRAIN_EXAMPLES)
-    p.add_argument("data", metavar="DATA", help=_field_help()["data"])
+    p.add_argument("data", metavar="DATA", help=DATA_HELP)
     p.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     flags = [field.name for field in dataclasses.fields(TrainConfig) if field.name not in ("data", "model")]
     _add_config_flags(p, flags)
@@ -86,13 +80,13 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
 
     p = command("prune", "a smaller model of one that exists", PRUNE_EXAMPLES)
     p.add_argument("model", metavar="MODEL", help="model .ply")
-    p.add_argument("data", metavar="DATA", help=_field_help()["data"])
+    p.add_argument("data", metavar="DATA", help=DATA_HELP)
     p.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     _add_config_flags(p, PRUNE_FLAGS)
     p.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
 
     p = command("ablate", "what each part of the method contributes", ABLATE_EXAMPLES)
-    p.add_argument("data", metavar="DATA", help=_field_help()["data"])
+    p.add_argument("data", metavar="DATA", help=DATA_HELP)
     p.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to add to")
     p.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], metavar="N", help="random seeds (default: 0 1 2)")
     p.add_argument("--only", nargs="+", default=list(ABLATION), metavar="NAME", help=f"of {' '.join(ABLATION)}")
@@ -108,9 +102,15 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
 
     p = command("eval", "metrics of a model on the test split", EVAL_EXAMPLES)
     p.add_argument("model", type=Path, metavar="MODEL", help="model .ply")
-    p.add_argument("data", metavar="DATA", help=_field_help()["data"])
+    p.add_argument("data", metavar="DATA", help=DATA_HELP)
     p.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json")
     _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
+
+    p = command("capture", "any Mitsuba scene into a training set", CAPTURE_EXAMPLES)
+    p.add_argument("scene", type=Path, metavar="SCENE.xml", help="Mitsuba scene")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="DATA", help="folder to write, or to go on with")
+    add_capture_flags(p)
+    _add_config_flags(p, ["variant"])
 
     p = command("check", "numerics: error against float64 and run time, extreme inputs", CHECK_EXAMPLES)
     p.add_argument("model", type=Path, nargs="?", metavar="MODEL", help="model .ply to measure as well")

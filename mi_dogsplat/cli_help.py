@@ -68,6 +68,21 @@ Examples:
 
 Use the --downscale that the model was trained with, else the numbers say little about it.
 """
+CAPTURE_EXAMPLES = """
+Examples:
+  dogsplat capture scene.xml -o data                     48 views from a hemisphere, 8 more for testing
+  dogsplat capture scene.xml -o data --alpha --spp 256   only what stands there, with little noise
+  dogsplat capture scene.xml -o data --path orbit --elevations 20 20 --views 60
+                                                         one turn at a height
+  dogsplat capture scene.xml -o data --path sensors      each perspective sensor of the scene
+  dogsplat capture scene.xml -o data --path cameras.json --depth exr
+Then: dogsplat train data/ -o run
+
+The scene's own integrator renders. DATA holds images/, points.ply and transforms.json (nerfstudio's layout, OpenGL
+poses). cameras.json is a list of camera files (see dogsplat render --help), each with a "name" if you like. Depth is
+along the view axis in world units, 0 where nothing is; with npy give nerfstudio --depth-unit-scale-factor 1.
+A capture that was stopped goes on where it was with the same command; --points alone may differ then.
+"""
 CHECK_EXAMPLES = """
 Examples:
   dogsplat check -o checked                              scenes made here, stability cases, stiffness

@@ -15,7 +15,7 @@ from mi_dogsplat.cli import main
 from mi_dogsplat.cli_arguments import build_parser
 from PIL import Image
 
-COMMANDS = ("train", "prune", "ablate", "render", "eval", "info", "check")
+COMMANDS = ("train", "prune", "ablate", "render", "eval", "capture", "info", "check")
 SMALL = ["--preset", "3dgs", "--steps", "12", "--sh-degree", "1", "--max-primitives", "80", "--variant", "llvm_ad_rgb"]
 
 

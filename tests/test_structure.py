@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).parents[1] / "mi_dogsplat"
 STATIONS = [
     {"errors", "llvm", "wording", "srgb", "files", "timing", "versions"},
     {"splats", "cameras"},
-    {"ply_tables", "ply", "camera_file", "pictures", "datasets"},
+    {"ply_tables", "ply", "camera_file", "pictures", "capture_config", "datasets"},
     {"reference", "geometry", "sh", "project", "footprints", "tiles", "frozen", "tables", "walk", "composite",
      "composite_derivatives", "composite_aovs", "composite_score", "rasterize", "aovs", "normals",
      "parameters", "transform", "kernel_costs", "reference_score", "reference_gradients", "reference_aovs",
@@ -26,7 +26,7 @@ STATIONS = [
     {"framing", "render_files", "info", "features", "training_features", "run",
      "ablation_table", "ablation_page", "ablate"},
     {"check"},
-    {"cli_help", "cli_arguments", "cli", "demo"},
+    {"cli_help", "field_help", "cli_capture", "cli_arguments", "cli", "demo"},
 ]
 LEVEL = {name: level for level, names in enumerate(STATIONS) for name in names}
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p.stem not in ("__init__", "__main__") or p.parent != PACKAGE)

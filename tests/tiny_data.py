@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 from mi_dogsplat.cameras import OPENCV_FROM_OPENGL, Camera
-from mi_dogsplat.datasets.capture import look_at, write_point_ply
+from mi_dogsplat.datasets.camera_paths import look_at
+from mi_dogsplat.datasets.point_ply import write_point_ply
 from mi_dogsplat.parameters import upload
 from mi_dogsplat.pictures import write_png
 from mi_dogsplat.rasterize import RasterOptions

@@ -19,7 +19,7 @@ import numpy as np
 from ..cameras import Camera
 from ..config import TrainConfig
 from ..datasets import Dataset, View
-from ..datasets.capture import look_at
+from ..datasets.camera_paths import look_at
 from ..history import run_to_end
 from ..parameters import upload
 from ..presets import RECIPES

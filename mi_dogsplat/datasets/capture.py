@@ -1,211 +1,233 @@
-"""Makes a data set out of a Mitsuba scene: orbit cameras, their renders, and first hits as initial points.
+"""Makes a data set out of a Mitsuba scene: exact cameras, their renders, and surface points to start from.
 
-The result is a folder that ``load_dataset`` reads: ``transforms_train.json``, ``transforms_test.json``,
-``images/*.png`` and ``points.ply``. Cameras and points are exact, so only the splats limit what is learned.
+The folder holds ``capture.json`` (the settings, written first), ``images/*.png``, ``depth/`` if asked for,
+``points.ply``, and last ``transforms.json``, which nerfstudio reads too. An interrupted capture is no data set yet;
+the same command again goes on where it stopped, and gives the same files.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 import json
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
-from ..cameras import OPENCV_FROM_OPENGL, Camera, camera_to_mitsuba, inverse_rigid
+from ..cameras import OPENCV_FROM_OPENGL, Camera
+from ..capture_config import CaptureConfig
 from ..errors import DataError
 from ..files import replacing
-from ..pictures import write_png
-from ..srgb import linear_to_srgb
+from ..pictures import write_exr, write_png
+from .camera_paths import Shot, circling_shots
+from .dataset import TEST_EVERY
+from .given_cameras import auto_up, listed_shots, sensor_shots
+from .images import read_image
+from .point_ply import write_point_ply
+from .scene_file import framing_sphere, load_scene
+from .traced_view import depth_of, first_surfaces, render_shot
 
-GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
+SETTINGS = "capture.json"
+FREE = ("scene", "points")  # settings that may change from one start to the next, as no picture depends on them
+POINTS_FACTOR = 4  # points kept of each view, times its share: views that see little are made up for
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A capture before anything is rendered: its shots, those for testing, and a line on how the scene is framed."""
+
+    scene: Any
+    shots: list[Shot]
+    tests: set[int]
+    hidden_emitters: bool
+    framing: str
 
 
 def capture(
     scene_path: str | Path,
     out: str | Path,
-    *,
-    n_views: int = 48,
-    n_test: int = 8,
-    width: int = 256,
-    height: int = 256,
-    spp: int = 121,
-    seed: int = 0,
-    fov: float = 40.0,
-    up: str = "z",
-    elevations: tuple[float, float] = (12.0, 65.0),
-    zoom: float = 1.0,
-    n_points: int = 8000,
-    alpha: bool = False,
+    config: CaptureConfig,
+    progress: Callable[[int, int, str], None] = lambda done, n, framing: None,
 ) -> Path:
-    """Render ``n_views`` training and ``n_test`` test views of a scene into the folder ``out``, and return
-    it.
+    """Render a scene into the data set ``out``, or what is missing there, and return the folder.
 
-    The scene's own integrator renders ``spp`` samples per pixel (rounded up to a square number). Cameras
-    stand on a sphere around the middle of everything that does not shine, between two ``elevations`` in
-    degrees above the plane across ``up`` (an axis, "x", "y" or "z"). ``fov`` is that of the longer side in
-    degrees; at ``zoom`` 1 the bounding sphere just fits, at 2 it is twice as large. ``n_points`` first hits
-    become ``points.ply``. With ``alpha`` the images keep the film's coverage (straight alpha), which is meant
-    for an integrator with ``hide_emitters``. A Mitsuba variant must be set. The JSON files come last: an
-    interrupted capture is no data set.
-
-    Raises ``DataError`` for a scene that cannot be loaded, shows nothing or renders to NaN, and
-    ``ValueError`` for numbers that make no orbit.
+    The scene's own integrator renders all pictures. ``progress`` gets the number of finished views, that of all, and
+    how the scene is framed; it is called before the first one too. A Mitsuba variant with a JIT compiler must be set.
+    Raises ``DataError`` for a scene that cannot be loaded, shows nothing or renders to NaN, for cameras that are no
+    pinholes, and for a folder with another capture or other contents.
     """
     import mitsuba as mi
 
-    if n_views < 1 or n_test < 0:
-        raise ValueError(f"capture: n_views is {n_views} and n_test {n_test}; need at least 1 and 0")
     scene_path, out = Path(scene_path), Path(out)
-    scene = _load_scene(mi, scene_path)
-    center, radius = _bounding_sphere(scene_path, scene)
-    focal = 0.5 * max(width, height) / math.tan(math.radians(fov) / 2)
-    narrow = math.atan(0.5 * min(width, height) / focal)  # half the angle of the shorter side
-    distance = radius / math.sin(narrow) / zoom
-    intrinsics = (focal, focal, width / 2, height / 2, width, height)
-    positions = center + distance * spiral(n_views + n_test, up, elevations)  # [V, 3]
-    cameras = [Camera(look_at(position, center, up), *intrinsics) for position in positions]
-    tests = {int((k + 0.5) * len(cameras) / n_test) for k in range(n_test)}  # evenly along the spiral
-
-    for name in ("train", "test"):  # of an earlier capture, whose cameras are not these
-        (out / f"transforms_{name}.json").unlink(missing_ok=True)
-    names = [f"images/{i:03d}.png" for i in range(len(cameras))]
-    rng = np.random.default_rng(seed)
-    points, colors = [], []
-    for i, camera in enumerate(tqdm(cameras, desc=f"capture {scene_path.name}", unit="view", disable=None)):
-        image = _render(mi, scene, camera, spp, seed * len(cameras) + i, distance, alpha)  # [H, W, 3 or 4]
-        if not np.isfinite(image).all():
-            raise DataError(scene_path, f"view {i} renders to NaN or infinity", "correct the scene")
-        write_png(out / names[i], image)
-        if i not in tests:
-            hits, pixels = _first_hits(mi, scene, camera)
-            some = rng.permutation(len(hits))[: math.ceil(n_points / n_views)]
-            points.append(hits[some])
-            colors.append(image[pixels[some, 1], pixels[some, 0], :3])
-    all_points, all_colors = np.concatenate(points), np.concatenate(colors)
-    if not len(all_points):
-        raise DataError(scene_path, "no camera sees a surface", "give a scene with shapes, and check zoom")
-    kept = rng.permutation(len(all_points))[:n_points]
-    write_point_ply(out / "points.ply", all_points[kept], all_colors[kept])
-    # Train last: with it alone a reader would choose its own test views.
-    for split, members in (("test", tests), ("train", set(range(len(cameras))) - tests)):
-        if members:
-            content = _transforms([(names[i], cameras[i]) for i in sorted(members)])
-            with replacing(out / f"transforms_{split}.json") as part:
-                part.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    plan = _plan(scene_path, config)
+    _prepare_folder(out, _settings(scene_path, config))
+    n = len(plan.shots)
+    progress(0, n, plan.framing)
+    for i, shot in enumerate(plan.shots):
+        if not _is_done(out, shot, config):
+            _capture_view(mi, plan, i, scene_path, out, config)
+        progress(i + 1, n, plan.framing)
+    _write_points(mi, plan, scene_path, out, config)
+    with replacing(out / "transforms.json") as part:
+        part.write_text(json.dumps(_transforms(plan, config), indent=1) + "\n", encoding="utf-8")
     return out
 
 
-def spiral(n: int, up: str, elevations: tuple[float, float]) -> np.ndarray:
-    """Unit vectors float64 [n, 3] on a Fibonacci spiral, evenly spread over a band of elevations."""
-    if up not in ("x", "y", "z"):
-        raise ValueError(f'orbit: up is "{up}"; need "x", "y" or "z"')
-    if not -90 < elevations[0] <= elevations[1] < 90:
-        raise ValueError(f"orbit: elevations are {elevations}; need two ascending ones within -90 and 90")
-    low, high = np.sin(np.radians(elevations))
-    rise = low + (high - low) * (np.arange(n) + 0.5) / n  # [n] equal steps are equal areas of the sphere
-    flat = np.sqrt(1 - rise**2)
-    angle = GOLDEN_ANGLE * np.arange(n)
-    directions = np.stack([flat * np.cos(angle), flat * np.sin(angle), rise], axis=1)  # [n, 3], up is z
-    return np.roll(directions, {"x": 1, "y": 2, "z": 0}[up], axis=1)
+def _plan(scene_path: Path, config: CaptureConfig) -> Plan:
+    scene, hidden = load_scene(scene_path, config.alpha)
+    framing = f"{len(scene.sensors())} sensors"
+    if config.path == "sensors":
+        shots = sensor_shots(scene_path, scene, config.downscale)
+    elif not config.circling:
+        box = scene.bbox()
+        extent = float(np.linalg.norm(np.array(box.max, np.float64) - np.array(box.min, np.float64)))
+        shots = listed_shots(Path(config.path), extent if 0 < extent < math.inf else 1.0, config.downscale)
+        framing = f"cameras of {config.path}"
+    else:
+        up = auto_up(scene) if config.up == "auto" else config.up
+        if config.center and config.radius:
+            center, radius, n_left_out = np.array(config.center), config.radius, 0
+        else:
+            center, radius, n_left_out = framing_sphere(scene_path, scene)
+        center = np.array(config.center or center, dtype=np.float64)  # [3]
+        radius = config.radius or radius
+        n_test = config.views // 6 if config.test is None else config.test
+        shots = circling_shots(config, config.views + n_test, center, radius, up)
+        framing = f"centre {' '.join(f'{x:.3g}' for x in center)}, radius {radius:.3g}, up {up}"
+        framing += f", without {n_left_out} much larger shapes around it" if n_left_out else ""
+    return Plan(scene, shots, _tests(config, len(shots)), hidden, framing)
 
 
-def look_at(position: np.ndarray, target: np.ndarray, up: str) -> np.ndarray:
-    """OpenCV world-to-camera [4, 4] of a camera that looks at ``target``, with the axis ``up`` upright."""
-    forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, np.eye(3)["xyz".index(up)])
-    right /= np.linalg.norm(right)
-    down = np.cross(forward, right)
-    c2w = np.eye(4)
-    c2w[:3] = np.stack([right, down, forward, position], axis=1)
-    return inverse_rigid(c2w)
+def _tests(config: CaptureConfig, n: int) -> set[int]:
+    """Which of ``n`` views are for testing. Raises ``DataError`` where none would be left for training."""
+    if config.test is None and not config.circling:
+        return set(range(0, n, TEST_EVERY)) if n > 1 else set()
+    n_test = n - config.views if config.circling else config.test or 0
+    if n_test >= n:
+        raise DataError("--test", f"{n_test} of {n} views leave none for training", "use a smaller number")
+    return {int((k + 0.5) * n / n_test) for k in range(n_test)}
 
 
-def write_point_ply(path: Path, points: np.ndarray, colors: np.ndarray) -> None:
-    """Write points [P, 3] and sRGB colours [P, 3] in 0..1 as a binary PLY with 8-bit colours."""
-    rows = np.empty(len(points), [("xyz", "<f4", 3), ("rgb", "u1", 3)])  # [P]
-    rows["xyz"] = points
-    rows["rgb"] = np.round(np.clip(colors, 0, 1) * 255)
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
-    header += [f"property float {name}" for name in "xyz"]
-    header += [f"property uchar {name}" for name in ("red", "green", "blue")]
-    with replacing(path) as part:
-        part.write_bytes("\n".join([*header, "end_header\n"]).encode() + rows.tobytes())
+def _settings(scene_path: Path, config: CaptureConfig) -> dict[str, Any]:
+    """What decides on the pictures: the flags, and the contents of the scene's file and of the list of cameras."""
+    files = {"scene": scene_path} | ({"cameras": Path(config.path)} if config.path.endswith(".json") else {})
+    digests = {f"{name}_sha256": hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}
+    return json.loads(json.dumps({"scene": str(scene_path), **digests, **dataclasses.asdict(config)}))
 
 
-def _load_scene(mi: Any, path: Path) -> Any:
-    if mi.variant() is None:
-        raise DataError(path, "no Mitsuba variant is set", 'call mi.set_variant("llvm_ad_rgb") first')
-    if not path.is_file():
-        raise DataError(path, "no such file", "give a Mitsuba scene as .xml file")
+def _prepare_folder(out: Path, settings: dict[str, Any]) -> None:
+    """Make the folder with its settings, or find the same ones there. Raises ``DataError``."""
+    file = out / SETTINGS
+    if out.exists() and not out.is_dir():
+        raise DataError(out, "is a file", "name a folder for the data set")
+    if file.exists():
+        _require_same(out, settings)
+    elif out.is_dir() and any(out.iterdir()):
+        raise DataError(out, "is a folder with other contents", "name a new folder, or that of an earlier capture")
     try:
-        scene = mi.load_file(str(path))
-    except Exception as error:  # Mitsuba raises several kinds, all of them with a message to show
-        raise DataError(path, f"Mitsuba cannot load it ({error})", "correct the scene") from error
-    if not isinstance(scene, mi.Scene):
-        raise DataError(path, "its root is no scene", "give a file with a <scene> element")
-    return scene
+        with replacing(file) as part:
+            part.write_text(json.dumps(settings, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
 
 
-def _bounding_sphere(path: Path, scene: Any) -> tuple[np.ndarray, float]:
-    """(centre [3], radius) of a sphere around the bounding box of all shapes but the lamps, which stand far
-    off."""
-    boxes = [shape.bbox() for shape in scene.shapes() if not shape.is_emitter()]
-    if not boxes:
-        raise DataError(path, "the scene has no shape besides its lamps", "add something to look at")
-    low = np.min([np.array(box.min, dtype=np.float64).reshape(3) for box in boxes], axis=0)
-    high = np.max([np.array(box.max, dtype=np.float64).reshape(3) for box in boxes], axis=0)
-    radius = float(np.linalg.norm(high - low)) / 2
-    if not 0 < radius < math.inf:
-        raise DataError(path, f"its bounding box is {low} to {high}", "remove what is infinite or empty")
-    return (low + high) / 2, radius
+def _require_same(out: Path, settings: dict[str, Any]) -> None:
+    """Raise ``DataError`` unless the pictures in the folder were made with these settings."""
+    try:
+        before = dict(json.loads((out / SETTINGS).read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError) as error:
+        raise DataError(out / SETTINGS, f"cannot be read ({error})", "remove the folder, or name another") from None
+    changed = [name for name in settings if name not in FREE and before.get(name) != settings[name]]
+    if changed:
+        name = changed[0]
+        what = f"{name} was {before.get(name)} and is {settings[name]} now"
+        if name.endswith("_sha256"):
+            what = f"the file of the {name.removesuffix('_sha256')} has changed since it was begun"
+        raise DataError(out, what, "go on with the same settings, name another folder, or remove this one")
 
 
-def _render(mi: Any, scene: Any, camera: Camera, spp: int, seed: int, distance: float, alpha: bool) -> np.ndarray:
-    """sRGB values float32 [H, W, 3] of what the scene's own integrator shows to the camera, or with straight
-    alpha [H, W, 4]."""
-    side = math.ceil(math.sqrt(spp))
-    sensor = camera_to_mitsuba(camera, near_clip=1e-3 * distance, far_clip=1e3 * distance)
-    sensor["sampler"] = {"type": "multijitter", "sample_count": side**2}
-    sensor["film"]["pixel_format"] = "rgba" if alpha else "rgb"
-    loaded = mi.load_dict(sensor)
-    mi.render(scene, sensor=loaded, spp=side**2, seed=seed)
-    bitmap = loaded.film().bitmap()
-    if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:  # AOVs come along
-        bitmap = dict(bitmap.split())["<root>"]
-    pixel_format = mi.Bitmap.PixelFormat.RGBA if alpha else mi.Bitmap.PixelFormat.RGB
-    linear = np.array(bitmap.convert(pixel_format, mi.Struct.Type.Float32, False))
-    if not alpha:
-        return linear_to_srgb(linear)
-    color, coverage = linear[..., :3], linear[..., 3:]
-    straight = np.divide(color, coverage, out=np.zeros_like(color), where=coverage > 0)
-    return np.concatenate([linear_to_srgb(straight), np.clip(coverage, 0, 1)], axis=-1)
+def _image_path(out: Path, shot: Shot) -> Path:
+    return out / "images" / f"{shot.name}.png"
 
 
-def _first_hits(mi: Any, scene: Any, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Surface points [P, 3] behind the centres of all pixels that show one, and those pixels [P, 2] (column,
-    row)."""
-    pixels = np.indices((camera.width, camera.height)).reshape(2, -1).T  # [n, 2], n = width x height
-    rays = (pixels + 0.5 - (camera.cx, camera.cy)) / (camera.fx, camera.fy)  # [n, 2] at depth 1
-    directions = np.concatenate([rays, np.ones((len(rays), 1))], axis=1) @ camera.w2c[:3, :3]  # [n, 3]
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    origin = np.float32(camera.position[:, None])  # [3, 1]; an array, as numbers would recompile each time
-    ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(directions.T.astype(np.float32)))
-    hit = scene.ray_intersect_preliminary(ray)
-    found = np.array(hit.is_valid()).astype(bool)  # [n]
-    points = camera.position + np.array(hit.t, dtype=np.float64)[found, None] * directions[found]  # [P, 3]
-    return points, pixels[found]
+def _is_done(out: Path, shot: Shot, config: CaptureConfig) -> bool:
+    """Whether the picture of a view is there, whole and of its size, and so is its depth."""
+    if config.depth != "none" and not (out / _depth_name(shot, config)).is_file():
+        return False
+    try:
+        return read_image(_image_path(out, shot)).shape[:2] == (shot.camera.height, shot.camera.width)
+    except DataError:
+        return False
 
 
-def _transforms(frames: list[tuple[str, Camera]]) -> dict[str, Any]:
-    """Content of a ``transforms_*.json``: frames share intrinsics, poses are OpenGL camera-to-world."""
-    first = frames[0][1]
-    poses = [(name, (camera.c2w @ OPENCV_FROM_OPENGL).tolist()) for name, camera in frames]
-    return {
-        "w": first.width, "h": first.height,
-        "fl_x": first.fx, "fl_y": first.fy, "cx": first.cx, "cy": first.cy,
-        "ply_file_path": "points.ply",
-        "frames": [{"file_path": name, "transform_matrix": pose} for name, pose in poses],
-    }  # fmt: skip
+def _capture_view(mi: Any, plan: Plan, i: int, scene_path: Path, out: Path, config: CaptureConfig) -> None:
+    """Write depth and picture of view ``i``."""
+    shot = plan.shots[i]
+    try:
+        image = render_shot(mi, plan.scene, shot, config.spp, config.seed * len(plan.shots) + i, config.alpha)
+    except ValueError as error:
+        problem, remedy = str(error).split("; ")
+        raise DataError(scene_path, f"view {shot.name} {problem}", remedy) from error
+    if config.depth != "none":
+        depth = depth_of(shot, *first_surfaces(mi, plan.scene, shot, plan.hidden_emitters))  # [H, W]
+        path = out / _depth_name(shot, config)
+        if config.depth == "exr":
+            write_exr(path, {"depth": depth})
+        else:
+            with replacing(path) as part, part.open("wb") as file:
+                np.save(file, depth)
+    write_png(_image_path(out, shot), image)
+
+
+def _depth_name(shot: Shot, config: CaptureConfig) -> str:
+    return f"depth/{shot.name}.{config.depth}"
+
+
+def _write_points(mi: Any, plan: Plan, scene_path: Path, out: Path, config: CaptureConfig) -> None:
+    """Write ``points.ply``: what random pixels of the training views see, in the colours of their pictures."""
+    if not config.points:
+        (out / "points.ply").unlink(missing_ok=True)
+        return
+    train = [i for i in range(len(plan.shots)) if i not in plan.tests]
+    most = POINTS_FACTOR * math.ceil(config.points / len(train))
+    points, colors = [], []
+    for i in train:
+        shot = plan.shots[i]
+        positions, found = first_surfaces(mi, plan.scene, shot, plan.hidden_emitters)  # [H, W, 3], [H, W]
+        pixels = np.argwhere(found)  # [P, 2] row, column
+        pixels = np.random.default_rng([config.seed, i]).permutation(pixels)[:most]
+        image = read_image(_image_path(out, shot))  # [H, W, 3 or 4] premultiplied
+        shown = image[pixels[:, 0], pixels[:, 1]]  # [P, 3 or 4]
+        points.append(positions[pixels[:, 0], pixels[:, 1]])
+        colors.append(shown[:, :3] / np.maximum(shown[:, 3:], 1e-3) if config.alpha else shown)
+    all_points, all_colors = np.concatenate(points), np.concatenate(colors)
+    if not len(all_points):
+        raise DataError(scene_path, "no camera sees a surface", "check where the cameras stand, or use --points 0")
+    kept = np.random.default_rng(config.seed).permutation(len(all_points))[: config.points]
+    write_point_ply(out / "points.ply", all_points[kept], all_colors[kept])
+
+
+def _transforms(plan: Plan, config: CaptureConfig) -> dict[str, Any]:
+    """Content of ``transforms.json``: OpenGL camera-to-world poses, the split by file names as nerfstudio has it."""
+    intrinsics = [_intrinsics(shot.camera) for shot in plan.shots]
+    shared = intrinsics[0] if all(entry == intrinsics[0] for entry in intrinsics) else {}
+    frames = []
+    for shot, own in zip(plan.shots, intrinsics, strict=True):
+        pose = (shot.camera.c2w @ OPENCV_FROM_OPENGL).tolist()
+        depth = {} if config.depth == "none" else {"depth_file_path": _depth_name(shot, config)}
+        files = {"file_path": f"images/{shot.name}.png", **depth}
+        frames.append({**files, **({} if shared else own), "transform_matrix": pose})
+    train = [frame["file_path"] for i, frame in enumerate(frames) if i not in plan.tests]
+    test = [frame["file_path"] for i, frame in enumerate(frames) if i in plan.tests]
+    points = {"ply_file_path": "points.ply"} if config.points else {}
+    split = {"train_filenames": train, "val_filenames": test, "test_filenames": test} if test else {}
+    return {"camera_model": "PINHOLE", **shared, **points, **split, "frames": frames}
+
+
+def _intrinsics(camera: Camera) -> dict[str, float]:
+    names = {"w": "width", "h": "height", "fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy"}
+    return {key: getattr(camera, name) for key, name in names.items()}

@@ -12,7 +12,9 @@ from ..cameras import camera_from_mitsuba
 from ..errors import DataError
 from ..srgb import linear_to_srgb
 from .dataset import Dataset, View, every_eighth, no_points, require_unique_names
+from .given_cameras import sensor_name
 from .images import box_downscale
+from .scene_file import load_scene
 
 
 def load_mitsuba_scene(file: Path, downscale: int, spp: int) -> Dataset:
@@ -24,16 +26,7 @@ def load_mitsuba_scene(file: Path, downscale: int, spp: int) -> Dataset:
     """
     import mitsuba as mi
 
-    if mi.variant() is None:
-        raise DataError(file, "no Mitsuba variant is set", 'call mi.set_variant("llvm_ad_rgb") first')
-    try:
-        scene = mi.load_file(str(file))
-        if not isinstance(scene, mi.Scene):
-            raise RuntimeError("its root is no scene")
-    except (
-        Exception
-    ) as error:  # Mitsuba raises several kinds for bad scenes, all of them with a message to show
-        raise DataError(file, f"Mitsuba cannot load it ({error})", "correct the scene") from error
+    scene, _ = load_scene(file)
     sensors = scene.sensors()
     if not sensors:
         raise DataError(file, "the scene has no sensor", "add a perspective sensor per view")
@@ -49,7 +42,7 @@ def load_mitsuba_scene(file: Path, downscale: int, spp: int) -> Dataset:
         if not np.isfinite(linear).all():
             raise DataError(file, f'the render of sensor "{sensor.id()}" is not finite', "correct the scene")
         linear_images.append(box_downscale(linear, downscale))
-    names = [_name(sensor.id(), i) for i, sensor in enumerate(sensors)]
+    names = [sensor_name(sensor.id(), i) for i, sensor in enumerate(sensors)]
     require_unique_names(file, names)
     has_alpha = any(image.shape[2] == 4 and image[..., 3].min() < 1 for image in linear_images)
     images = [_display(image, has_alpha) for image in linear_images]
@@ -78,8 +71,3 @@ def _display(linear: np.ndarray, has_alpha: bool) -> np.ndarray:
     alpha = np.clip(linear[..., 3:], 0, 1)  # [H, W, 1]
     straight = np.divide(linear[..., :3], alpha, out=np.zeros_like(linear[..., :3]), where=alpha > 0)
     return np.concatenate([linear_to_srgb(np.clip(straight, 0, 1)) * alpha, alpha], axis=2).astype(np.float32)
-
-
-def _name(sensor_id: str, index: int) -> str:
-    """The sensor's id; Mitsuba's own ids of unnamed objects (``_unnamed_3``) give way to the index."""
-    return f"sensor_{index:03d}" if not sensor_id or sensor_id.startswith("_unnamed") else sensor_id

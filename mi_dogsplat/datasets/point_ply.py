@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DataError
+from ..files import replacing
 from ..ply_tables import TableReader
 
 REMEDY = "write a PLY with an element vertex that has x y z and, for colours, red green blue"
@@ -36,3 +37,15 @@ def read_point_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     # uchar columns hold 0..255. ASCII tables come as doubles whatever the header says: there the values tell.
     full = 255 if colors.dtype.kind == "u" or colors.max(initial=0) > 1 else 1
     return points, (colors / full).astype(np.float32)
+
+
+def write_point_ply(path: Path, points: np.ndarray, colors: np.ndarray) -> None:
+    """Write points [P, 3] and sRGB colours [P, 3] in 0..1 as a binary PLY with 8-bit colours."""
+    rows = np.empty(len(points), [("xyz", "<f4", 3), ("rgb", "u1", 3)])  # [P]
+    rows["xyz"] = points
+    rows["rgb"] = np.round(np.clip(colors, 0, 1) * 255)
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+    header += [f"property float {name}" for name in "xyz"]
+    header += [f"property uchar {name}" for name in ("red", "green", "blue")]
+    with replacing(path) as part:
+        part.write_bytes("\n".join([*header, "end_header\n"]).encode() + rows.tobytes())

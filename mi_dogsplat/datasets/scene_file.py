@@ -1,0 +1,86 @@
+"""A Mitsuba scene from its XML, with what is wrong with it on one line; and where its shapes are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import DataError
+
+SURROUNDING = 4.0  # a floor or dome is so many times larger than all that is smaller
+FLAT = 0.02  # thickness of a floor, times its diagonal
+
+
+def load_scene(path: Path, hide_emitters: bool = False) -> tuple[Any, bool]:
+    """(scene, whether cameras see no lamps). A Mitsuba variant must be set. Raises ``DataError``.
+
+    ``hide_emitters`` sets that parameter of the scene's integrators, whatever the file says. Nothing is merged,
+    so that each shape of the file still has its own bounding box, and each sensor its name.
+    """
+    import mitsuba as mi
+
+    variant = mi.variant()
+    if variant is None:
+        raise DataError(path, "no Mitsuba variant is set", 'call mi.set_variant("llvm_ad_rgb") first')
+    if not path.is_file():
+        raise DataError(path, "no such file", "give a Mitsuba scene as .xml file")
+    config = mi.parser.ParserConfig(variant)
+    config.merge_meshes = config.merge_equivalent = False
+    folders = mi.file_resolver()  # pyright: ignore[reportCallIssue]
+    folders.prepend(str(path.parent.resolve()))
+    try:
+        state = mi.parser.parse_file(config, str(path))
+        mi.parser.transform_all(config, state)
+        integrators = [node.props for node in state.nodes if node.type == mi.ObjectType.Integrator]
+        for properties in integrators if hide_emitters else ():
+            properties["hide_emitters"] = True
+        hidden = any("hide_emitters" in properties and properties["hide_emitters"] for properties in integrators)
+        scene = mi.parser.instantiate(config, state)
+    except Exception as error:  # Mitsuba raises several kinds, all of them with a message to show
+        raise DataError(path, f"Mitsuba cannot load it ({error})", "correct the scene") from error
+    finally:
+        del folders[0]
+    if not isinstance(scene, mi.Scene):
+        raise DataError(path, "its root is no scene", "give a file with a <scene> element")
+    return scene, hidden
+
+
+def framing_sphere(path: Path, scene: Any) -> tuple[np.ndarray, float, int]:
+    """(centre [3], radius, shapes left out) of a sphere around what there is to look at.
+
+    Lamps stand far off and count only where there is nothing else. Left out are floors and domes: shapes that are
+    ``SURROUNDING`` times larger than all smaller ones together, and flat or around the scene's first sensor. Raises
+    ``DataError``.
+    """
+    shapes = [shape for shape in scene.shapes() if not shape.is_emitter()] or scene.shapes()
+    if not shapes:
+        raise DataError(path, "the scene has no shape", "add something to look at, or use --path sensors")
+    low, high = (np.array([_corner(shape, end) for shape in shapes]) for end in ("min", "max"))  # [S, 3]
+    if not np.isfinite([low, high]).all():
+        raise DataError(path, "the bounding box of a shape is not finite", "remove what is infinite or empty")
+    sizes = np.linalg.norm(high - low, axis=1)  # [S]
+    order = np.argsort(sizes, kind="stable")  # from small to large
+    sizes, low, high = sizes[order], low[order], high[order]
+    lows, highs = np.minimum.accumulate(low), np.maximum.accumulate(high)  # [S, 3] around all up to this one
+    unions = np.linalg.norm(highs - lows, axis=1)  # [S]
+    surrounds = (high - low).min(axis=1) < FLAT * sizes  # [S]
+    if scene.sensors():
+        eye = np.array(scene.sensors()[0].world_transform().translation(), dtype=np.float64).reshape(3)
+        surrounds |= ((low < eye) & (eye < high)).all(axis=1)
+    kept = len(shapes)
+    for k in range(len(shapes) - 1, 0, -1):
+        if not surrounds[k]:
+            break
+        if sizes[k] > SURROUNDING * unions[k - 1]:
+            kept = k
+    center, radius = (lows[kept - 1] + highs[kept - 1]) / 2, unions[kept - 1] / 2
+    if not radius > 0:
+        raise DataError(path, "its shapes have no extent", "say --center and --radius, or correct the scene")
+    return center, float(radius), len(shapes) - kept
+
+
+def _corner(shape: Any, end: str) -> np.ndarray:
+    """The corner ``min`` or ``max`` of a shape's bounding box, float64 [3]."""
+    return np.array(getattr(shape.bbox(), end), dtype=np.float64).reshape(3)
