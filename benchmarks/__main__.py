@@ -7,7 +7,7 @@ import sys
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
 import mitsuba as mi
 
-NAMES = ("versus_volprim", "training_step", "lean")
+NAMES = ("versus_volprim", "training_step", "lean", "ellipsoids")
 EXPERIMENTS = ("dog_start", "scaling", "dog_share", "floor")
 
 if sys.argv[1:] and sys.argv[1] in EXPERIMENTS:

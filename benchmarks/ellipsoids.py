@@ -1,0 +1,168 @@
+"""``dogsplat`` and ``volprim_rf_basic`` on the same Gaussians: the tables and the picture of docs/ellipsoids.md.
+
+One Gaussian alone at several distances and sizes; how exactly Mitsuba meets it; then two models, at pixel centres and
+averaged over pixels, with the difference taken apart rule by rule (``ray_model.py``). All over black and in sRGB, as the
+primitives are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from mi_dogsplat.cameras import Camera, camera_from_mitsuba, camera_to_mitsuba
+from mi_dogsplat.ellipsoids import to_ellipsoids
+from mi_dogsplat.framing import automatic_camera
+from mi_dogsplat.metrics import psnr
+from mi_dogsplat.parameters import RAW
+from mi_dogsplat.pictures import heat_map, write_png
+from mi_dogsplat.ply import read_ply
+from mi_dogsplat.splats import Splats
+
+from .ray_model import DOGSPLAT, SENSOR_NEAR, VOLPRIM, Rules, render_points
+
+ROOT = Path(__file__).parents[1]
+PICTURE = ROOT / "docs" / "pictures" / "ellipsoids.png"
+POINTS = 500  # pixels at which rules are told apart
+HEAT = 0.25  # error that the picture shows as white
+
+
+def at_centres(integrator: mi.Integrator, scene: mi.Scene, camera: Camera) -> np.ndarray:
+    """[H, W, 3] what ``volprim_rf_basic`` finds on the rays through the pixel centres."""
+    index = dr.arange(mi.UInt32, camera.width * camera.height)
+    y = index // camera.width
+    centre = mi.Point2f(mi.Float(index - y * camera.width) + 0.5, mi.Float(y) + 0.5)
+    sensor = scene.sensors()[0]
+    ray, _ = sensor.sample_ray(0, 0, centre / mi.ScalarVector2f(camera.width, camera.height), 0)
+    sampler = sensor.sampler()
+    sampler.seed(0, dr.width(index))
+    colors = integrator.sample(dr.ADMode.Primal, scene, sampler, ray, None, None, True)[0]  # type: ignore
+    return np.stack([channel.numpy() for channel in colors], -1).reshape(camera.height, camera.width, 3)
+
+
+def scenes(splats: Splats, camera: Camera, unit: float = 1.0) -> tuple[mi.Scene, mi.Scene]:
+    """(dogsplat, volprim_rf_basic); the film of both receives blended sRGB values. ``unit``: of the near planes."""
+    sensor = camera_to_mitsuba(camera, SENSOR_NEAR * unit, 1e4 * unit)
+    kinds: list[tuple[dict[str, Any], dict[str, Any]]] = [
+        ({"type": "dogsplat", "near_clip": 0.2 * unit},
+         {"type": "dog", **{name: mi.TensorXf(getattr(splats, name)) for name in RAW}}),
+        ({"type": "volprim_rf_basic"}, to_ellipsoids(splats)),
+    ]
+    ours, theirs = (mi.load_dict({"type": "scene", "shape": shape, "sensor": sensor,
+                                  "integrator": {**integrator, "srgb_primitives": False}})
+                    for integrator, shape in kinds)
+    return ours, theirs
+
+
+def pictures(splats: Splats, camera: Camera, spp: int = 1, unit: float = 1.0) -> tuple[np.ndarray, ...]:
+    """dogsplat, volprim_rf_basic at pixel centres, and the same averaged over pixels; [H, W, 3] each."""
+    ours, theirs = scenes(splats, camera, unit)
+    traced = at_centres(theirs.integrator(), theirs, camera)
+    return tuple(np.clip(image, 0, 1) for image in (mi.render(ours).numpy(), traced, mi.render(theirs, spp=spp).numpy()))
+
+
+def alone(distance: float, sigma: float, pixels: float) -> tuple[Splats, Camera]:
+    """One Gaussian of opacity .88 on the optical axis; its σ covers ``pixels``, the picture four of them each way."""
+    width = int(min(8 * pixels + 8, 256)) | 1  # odd: one pixel centre is the middle
+    focal = pixels * distance / sigma
+    splats = Splats(np.float32([[0, 0, distance]]), np.full((1, 3), np.log(sigma)), np.float32([[0, 0, 0, 1]]),
+                    np.float32([2.0]), np.float32([[[1.6, 0.8, 0.2]]]))
+    return splats, Camera(np.eye(4), focal, focal, width / 2, width / 2, width, width)
+
+
+def one_gaussian() -> None:
+    print("| distance / σ | σ on screen, px | largest difference | PSNR | exact arithmetic | and no low-pass |")
+    print("|---|---|---|---|---|---|")
+    for ratio in (4, 16, 64, 256, 1024):
+        for size in (0.5, 2, 8, 32):
+            splats, camera = alone(4.0, 4.0 / ratio, size)
+            ours, traced, _ = pictures(splats, camera)
+            y, x = np.mgrid[: camera.height, : camera.width] + 0.5
+            points = np.stack([x.ravel(), y.ravel()], 1)
+            exact, unfiltered = (render_points(splats, camera, points, rules).reshape(ours.shape)
+                                 for rules in (VOLPRIM, Rules(no_low_pass=True)))
+            print(f"| {ratio} | {size} | {np.abs(ours - traced).max():.4f} | {psnr(ours, traced):.1f} | "
+                  f"{psnr(ours, exact):.1f} | {psnr(unfiltered, exact):.1f} |", flush=True)
+
+
+def entry_errors() -> None:
+    """How far from its shell Mitsuba finds a sphere at distance 4; the rays pass it at up to 2.9 σ."""
+    print("\n| distance / σ | largest error of the entry, σ | rays that miss |\n|---|---|---|")
+    passing = np.linspace(0, 2.9, 201)  # σ
+    for ratio in (4, 16, 32, 64, 128, 256, 512, 1024):
+        sigma = 4 / ratio
+        scene: Any = mi.load_dict({"type": "scene", "shape": to_ellipsoids(alone(4.0, sigma, 1)[0])})
+        origin = mi.Point3f(mi.Float((passing * sigma).astype(np.float32)), 0, 0)
+        found = scene.ray_intersect_preliminary(mi.Ray3f(origin, mi.Vector3f(0, 0, 1))).t.numpy()
+        error = np.abs(found - (4 - sigma * np.sqrt(9 - passing**2))) / sigma
+        missed = ~np.isfinite(found)
+        print(f"| {ratio} | {error[~missed].max(initial=0):.4f} | {missed.mean():.0%} |", flush=True)
+
+
+def scene_units() -> None:
+    print("\n| size of the scene | dogsplat, largest difference from size 1 | volprim_rf_basic |\n|---|---|---|")
+    reference = pictures(*alone(4.0, 0.25, 8))
+    for unit in (1e-4, 1e-3, 1e-2, 1e-1, 1, 10, 100, 1000):
+        images = pictures(*alone(4.0 * unit, 0.25 * unit, 8), unit=unit)
+        ours, traced = (np.abs(image - same).max() for image, same in zip(images[:2], reference[:2], strict=True))
+        print(f"| {unit:g} | {ours:.1e} | {traced:.1e} |", flush=True)
+
+
+def models() -> dict[str, tuple[Splats, Camera]]:
+    still_life: Any = mi.load_file(str(ROOT / "scenes" / "still_life.xml"))
+    found = {"the still life": (read_ply(ROOT / "scenes" / "still_life.ply"),
+                                camera_from_mitsuba(still_life.sensors()[0]).resized(400, 300))}
+    published = ROOT.parent / "shared" / "data" / "models" / "playbot_lod2_sh2.ply"
+    if published.exists():
+        splats = read_ply(published)
+        found["playbot"] = splats, automatic_camera(splats).resized(400, 300)
+    return found
+
+
+def thickened(splats: Splats, camera: Camera) -> Splats:
+    """The model without axes thinner than 1/50 of their distance, on which Mitsuba's intersections are exact."""
+    distance = np.linalg.norm(splats.means - camera.position, axis=1)
+    thick = splats.select(np.arange(splats.n_splats))
+    thick.log_scales = np.maximum(splats.log_scales, np.log(distance / 50)[:, None]).astype(np.float32)
+    return thick
+
+
+def ladder(splats: Splats, camera: Camera) -> None:
+    """What each rule does alone, and together with those before it; and how exact the model of the rules is."""
+    pixels = np.random.default_rng(0).permutation(camera.width * camera.height)[:POINTS]
+    x, y = pixels % camera.width, pixels // camera.width
+    points = np.stack([x, y], 1) + 0.5
+
+    def model(rules: Rules, of: Splats = splats) -> np.ndarray:
+        return np.clip(render_points(of, camera, points, rules), 0, 1)[None]  # [1, P, 3]
+
+    for name, shown in ("as it is", splats), ("no axis below 1/50 of the distance", thickened(splats, camera)):
+        ours, traced, _ = pictures(shown, camera)
+        errors = [psnr(model(rules, shown), image[None, y, x]) for rules, image in ((DOGSPLAT, ours), (VOLPRIM, traced))]
+        print(f"{name}: PSNR of the float64 model to dogsplat {errors[0]:.1f}, to volprim_rf_basic {errors[1]:.1f}")
+    print("| rule of volprim_rf_basic | alone | all so far |\n|---|---|---|")
+    start, so_far = model(DOGSPLAT), DOGSPLAT
+    for field in fields(Rules):
+        so_far = replace(so_far, **{field.name: True})
+        by_itself = replace(DOGSPLAT, **{field.name: True})
+        print(f"| {field.name} | {psnr(start, model(by_itself)):.1f} | {psnr(start, model(so_far)):.1f} |", flush=True)
+
+
+def main() -> None:
+    one_gaussian()
+    entry_errors()
+    scene_units()
+    panels = []
+    for name, (splats, camera) in models().items():
+        ours, traced, averaged = pictures(splats, camera, 64)
+        print(f"\n{name}, {splats.n_splats:,} primitives: PSNR {psnr(ours, traced):.2f} at pixel centres, "
+              f"{psnr(ours, averaged):.2f} averaged over pixels")
+        error = heat_map(np.clip(np.abs(ours - averaged).mean(2) / HEAT, 0, 1))
+        panels.append(np.concatenate([ours, averaged, error], axis=1))
+        write_png(PICTURE, np.concatenate(panels))
+        ladder(splats, camera)
+    print(f"\n{PICTURE}")
