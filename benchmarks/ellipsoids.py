@@ -1,8 +1,8 @@
 """``dogsplat`` and ``volprim_rf_basic`` on the same Gaussians: the tables and the picture of docs/ellipsoids.md.
 
 One Gaussian alone at several distances and sizes; how exactly Mitsuba meets it; then two models, at pixel centres and
-averaged over pixels, with the difference taken apart rule by rule (``ray_model.py``). All over black and in sRGB, as the
-primitives are.
+averaged over pixels, with the difference taken apart rule by rule (``ray_model.py``). All over black and in sRGB, as
+the primitives are.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ def pictures(splats: Splats, camera: Camera, spp: int = 1, unit: float = 1.0) ->
     """dogsplat, volprim_rf_basic at pixel centres, and the same averaged over pixels; [H, W, 3] each."""
     ours, theirs = scenes(splats, camera, unit)
     traced = at_centres(theirs.integrator(), theirs, camera)
-    return tuple(np.clip(image, 0, 1) for image in (mi.render(ours).numpy(), traced, mi.render(theirs, spp=spp).numpy()))
+    splatted, averaged = mi.render(ours).numpy(), mi.render(theirs, spp=spp).numpy()
+    return tuple(np.clip(image, 0, 1) for image in (splatted, traced, averaged))
 
 
 def alone(distance: float, sigma: float, pixels: float) -> tuple[Splats, Camera]:
@@ -90,17 +91,21 @@ def one_gaussian() -> None:
 
 
 def entry_errors() -> None:
-    """How far from its shell Mitsuba finds a sphere at distance 4; the rays pass it at up to 2.9 σ."""
-    print("\n| distance / σ | largest error of the entry, σ | rays that miss |\n|---|---|---|")
+    """How far from its shell Mitsuba finds a sphere, in σ; the rays pass the centre at up to 2.9 σ."""
+    sigmas = [2.0**-k for k in (2, 4, 5, 6, 7, 8)]
+    print("\n| distance | " + " | ".join(f"σ = 1/{round(1 / sigma)}" for sigma in sigmas) + " |")
+    print("|---" * (1 + len(sigmas)) + "|")
     passing = np.linspace(0, 2.9, 201)  # σ
-    for ratio in (4, 16, 32, 64, 128, 256, 512, 1024):
-        sigma = 4 / ratio
-        scene: Any = mi.load_dict({"type": "scene", "shape": to_ellipsoids(alone(4.0, sigma, 1)[0])})
-        origin = mi.Point3f(mi.Float((passing * sigma).astype(np.float32)), 0, 0)
-        found = scene.ray_intersect_preliminary(mi.Ray3f(origin, mi.Vector3f(0, 0, 1))).t.numpy()
-        error = np.abs(found - (4 - sigma * np.sqrt(9 - passing**2))) / sigma
-        missed = ~np.isfinite(found)
-        print(f"| {ratio} | {error[~missed].max(initial=0):.4f} | {missed.mean():.0%} |", flush=True)
+    for distance in (1.0, 4.0, 16.0, 64.0):
+        cells = []
+        for sigma in sigmas:
+            scene: Any = mi.load_dict({"type": "scene", "shape": to_ellipsoids(alone(distance, sigma, 1)[0])})
+            origin = mi.Point3f(mi.Float((passing * sigma).astype(np.float32)), 0, 0)
+            found = scene.ray_intersect_preliminary(mi.Ray3f(origin, mi.Vector3f(0, 0, 1))).t.numpy()
+            met = np.isfinite(found)
+            error = np.abs(found - (distance - sigma * np.sqrt(9 - passing**2)))[met] / sigma
+            cells.append(f"{error.max(initial=0):.5f}" + ("" if met.all() else f", {1 - met.mean():.0%} missed"))
+        print(f"| {distance:g} | " + " | ".join(cells) + " |", flush=True)
 
 
 def scene_units() -> None:
@@ -142,8 +147,9 @@ def ladder(splats: Splats, camera: Camera) -> None:
 
     for name, shown in ("as it is", splats), ("no axis below 1/50 of the distance", thickened(splats, camera)):
         ours, traced, _ = pictures(shown, camera)
-        errors = [psnr(model(rules, shown), image[None, y, x]) for rules, image in ((DOGSPLAT, ours), (VOLPRIM, traced))]
-        print(f"{name}: PSNR of the float64 model to dogsplat {errors[0]:.1f}, to volprim_rf_basic {errors[1]:.1f}")
+        to_ours, to_traced = (psnr(model(rules, shown), image[None, y, x])
+                              for rules, image in ((DOGSPLAT, ours), (VOLPRIM, traced)))
+        print(f"{name}: PSNR of the float64 model to dogsplat {to_ours:.1f}, to volprim_rf_basic {to_traced:.1f}")
     print("| rule of volprim_rf_basic | alone | all so far |\n|---|---|---|")
     start, so_far = model(DOGSPLAT), DOGSPLAT
     for field in fields(Rules):

@@ -77,7 +77,7 @@ def _drawn(splats: Splats) -> np.ndarray:
     """[N] whether a primitive shows at all; a positive part may, though its pseudo-Gaussian is broken."""
     finite = np.isfinite(splats.opacities) & (splats.opacities >= MIN_OPACITY)
     for values in (splats.means, splats.scales, splats.quats, splats.sh_coeffs):
-        finite &= np.isfinite(values).reshape(splats.n_splats, -1).all(1)
+        finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     return finite
 
 
