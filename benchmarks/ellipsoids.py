@@ -129,10 +129,11 @@ def models() -> dict[str, tuple[Splats, Camera]]:
 
 
 def thickened(splats: Splats, camera: Camera) -> Splats:
-    """The model without axes thinner than 1/50 of their distance, on which Mitsuba's intersections are exact."""
-    distance = np.linalg.norm(splats.means - camera.position, axis=1)
-    thick = splats.select(np.arange(splats.n_splats))
-    thick.log_scales = np.maximum(splats.log_scales, np.log(distance / 50)[:, None]).astype(np.float32)
+    """At most 2,000 of the primitives, and no axis below 1/50 of the distance: Mitsuba meets these exactly."""
+    some = np.random.default_rng(0).permutation(splats.n_splats)[:2000]
+    thick = splats.select(np.sort(some))
+    distance = np.linalg.norm(thick.means - camera.position, axis=1)
+    thick.log_scales = np.maximum(thick.log_scales, np.log(distance / 50)[:, None]).astype(np.float32)
     return thick
 
 
@@ -145,7 +146,7 @@ def ladder(splats: Splats, camera: Camera) -> None:
     def model(rules: Rules, of: Splats = splats) -> np.ndarray:
         return np.clip(render_points(of, camera, points, rules), 0, 1)[None]  # [1, P, 3]
 
-    for name, shown in ("as it is", splats), ("no axis below 1/50 of the distance", thickened(splats, camera)):
+    for name, shown in ("as it is", splats), ("2,000 thickened primitives", thickened(splats, camera)):
         ours, traced, _ = pictures(shown, camera)
         to_ours, to_traced = (psnr(model(rules, shown), image[None, y, x])
                               for rules, image in ((DOGSPLAT, ours), (VOLPRIM, traced)))

@@ -8,9 +8,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat import Splats, read_ply, reference, to_ellipsoids, write_ply
+from mi_dogsplat import Splats, reference, to_ellipsoids, write_ply
 from mi_dogsplat.cameras import Camera, camera_to_mitsuba
-from mi_dogsplat.parameters import RAW
 from mi_dogsplat.transform import transformed
 from splat_scenes import axis_rotation, dog_dict, make_splats, random_splats, rounded, scalar_transform, select
 
