@@ -36,8 +36,9 @@ def at_centres(integrator: mi.Integrator, scene: mi.Scene, camera: Camera) -> np
     index = dr.arange(mi.UInt32, camera.width * camera.height)
     y = index // camera.width
     centre = mi.Point2f(mi.Float(index - y * camera.width) + 0.5, mi.Float(y) + 0.5)
+    size: Any = mi.ScalarVector2f(camera.width, camera.height)
     sensor = scene.sensors()[0]
-    ray, _ = sensor.sample_ray(0, 0, centre / mi.ScalarVector2f(camera.width, camera.height), 0)
+    ray, _ = sensor.sample_ray(0, 0, centre / size, 0)
     sampler = sensor.sampler()
     sampler.seed(0, dr.width(index))
     colors = integrator.sample(dr.ADMode.Primal, scene, sampler, ray, None, None, True)[0]  # type: ignore
@@ -70,8 +71,8 @@ def alone(distance: float, sigma: float, pixels: float) -> tuple[Splats, Camera]
     """One Gaussian of opacity .88 on the optical axis; its σ covers ``pixels``, the picture four of them each way."""
     width = int(min(8 * pixels + 8, 256)) | 1  # odd: one pixel centre is the middle
     focal = pixels * distance / sigma
-    splats = Splats(np.float32([[0, 0, distance]]), np.full((1, 3), np.log(sigma)), np.float32([[0, 0, 0, 1]]),
-                    np.float32([2.0]), np.float32([[[1.6, 0.8, 0.2]]]))
+    splats = Splats(np.array([[0, 0, distance]]), np.full((1, 3), np.log(sigma)), np.array([[0, 0, 0, 1]]),
+                    np.array([2.0]), np.array([[[1.6, 0.8, 0.2]]]))
     return splats, Camera(np.eye(4), focal, focal, width / 2, width / 2, width, width)
 
 

@@ -84,7 +84,7 @@ def _drawn(splats: Splats) -> np.ndarray:
 def _unit(quats: np.ndarray) -> np.ndarray:
     """[N, 4] of length 1, which Mitsuba takes for granted; the zero quaternion is the identity, as in ``project``."""
     largest = np.abs(quats).max(axis=1, keepdims=True)  # the square of a length need not be a float
-    q = np.where(largest > 0, quats / np.where(largest > 0, largest, 1), np.float32([0, 0, 0, 1]))
+    q = np.where(largest > 0, quats / np.where(largest > 0, largest, 1), np.array([0, 0, 0, 1], np.float32))
     return q / np.linalg.norm(q, axis=1, keepdims=True)
 
 
@@ -95,4 +95,5 @@ def _report(n_dog: int, n_hidden: int, n_splats: int) -> None:
     if n_hidden:
         left_out.append(f"{n_hidden} of {n_splats} primitives that are fainter than 1/255 or not finite")
     if left_out:
-        mi.Log(mi.LogLevel.Warn, f"to_ellipsoids: left out {' and '.join(left_out)}")
+        log: Any = mi.Log
+        log(mi.LogLevel.Warn, f"to_ellipsoids: left out {' and '.join(left_out)}")

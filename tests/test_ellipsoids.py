@@ -62,8 +62,9 @@ class Listener(mi.Appender):
 @contextmanager
 def warnings() -> Iterator[list[str]]:
     """What Mitsuba's logger warns of inside; it reaches no other appender."""
-    logger: Any = mi.logger()
-    others = [logger.appender(k) for k in range(logger.appender_count())]
+    of_thread: Any = mi.logger
+    logger = of_thread()
+    others: list[Any] = [logger.appender(k) for k in range(logger.appender_count())]
     listener = Listener()
     logger.clear_appenders()
     logger.add_appender(listener)
@@ -85,7 +86,7 @@ def quiet() -> Iterator[None]:
 
 def test_the_shape_has_the_activated_parameters_in_the_conventions_of_mitsuba():
     splats = thick(degree=2)
-    splats.quats[:] *= np.float32([[1e-25], [1e12]]).repeat(6, 0)
+    splats.quats[:] *= np.repeat([[1e-25], [1e12]], 6, 0)
     splats.quats[3] = 0
     made = to_ellipsoids(splats)
     assert made["type"] == "ellipsoids" and made["extent"] == 3.0
