@@ -6,6 +6,7 @@ samples change nothing; and a dict cannot be written as XML, because Mitsuba kno
 """
 
 import gc
+from types import SimpleNamespace
 from typing import Any
 
 import drjit as dr
@@ -14,7 +15,6 @@ import numpy as np
 import pytest
 from mi_dogsplat import reference, write_ply
 from mi_dogsplat.parameters import RAW, RAW_DOG
-from mi_dogsplat.reference import RAW_PARAMETERS
 from splat_scenes import dog_dict, random_splats, rounded, scene_of, sensor_dict, square_camera
 
 CAMERA = square_camera(24, 16, f=20.0)
@@ -33,8 +33,8 @@ def image() -> np.ndarray:
 
 
 def expected(camera=CAMERA, splats=MODEL) -> np.ndarray:
-    blended = np.maximum(reference.render(splats, camera)[0], 0)
-    return np.where(blended <= 0.04045, blended / 12.92, ((blended + 0.055) / 1.055) ** 2.4)
+    blended = reference.render(splats, camera)[0]
+    return np.where(blended <= 0.04045, blended / 12.92, ((np.maximum(blended, 0.04) + 0.055) / 1.055) ** 2.4)
 
 
 # Arguments of mi.render and Integrator.render
@@ -124,9 +124,10 @@ def test_the_component_format_concerns_the_files_of_the_film_only(component_form
     np.testing.assert_array_equal(mi.render(scene).numpy(), image)
     path = str(tmp_path / "film.exr")
     scene.sensors()[0].film().write(path)
-    written = np.array(mi.Bitmap(path).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32))
-    atol = {"float16": 1e-3, "float32": 0, "uint32": 0.51}[component_format]
-    np.testing.assert_allclose(written, image, atol=atol)
+    written = np.array(mi.Bitmap(path))
+    if component_format == "uint32":  # which Mitsuba spreads over 0..1
+        written, image = written / 2.0**32, np.clip(image, 0, 1)
+    np.testing.assert_allclose(written, image, atol=0 if component_format == "float32" else 1e-3)
 
 
 def test_an_image_becomes_a_bitmap_of_eight_bits(image, tmp_path):
@@ -259,20 +260,22 @@ def test_nothing_is_differentiated_where_gradients_are_suspended(image):
     assert dr.grad_enabled(mi.render(scene, params))
 
 
-def test_reverse_mode_needs_no_params_as_long_as_the_scene_is_attached():
-    def gradient(given: bool) -> np.ndarray:
-        scene: Any = scene_of(MODEL, CAMERA)
-        params: Any = mi.traverse(scene)
-        means = mi.TensorXf(MODEL.means)
-        dr.enable_grad(means)
-        params["splats.means"] = means
-        params.update()
-        dr.backward(dr.mean(mi.render(scene, params if given else None), axis=None))
-        return dr.grad(means).numpy()
-
-    if np.abs(gradient(True)).max() == 0:
-        pytest.fail("no gradient at all")
-    np.testing.assert_array_equal(gradient(False) * 0 + gradient(True), gradient(True))
+def test_gradients_reach_what_params_holds_and_its_parents_but_nothing_without_params():
+    """The latter is so with every integrator of Mitsuba, ``prb`` for one."""
+    scene: Any = scene_of(MODEL, CAMERA)
+    params: Any = mi.traverse(scene)
+    shift = mi.Float(0)
+    dr.enable_grad(shift)
+    params["splats.log_scales"] = mi.TensorXf(MODEL.log_scales) + shift
+    params.update()
+    with pytest.raises(RuntimeError, match="does not depend on the input"):
+        dr.backward(dr.mean(mi.render(scene), axis=None))
+    dr.backward(dr.mean(mi.render(scene, params), axis=None))
+    raw = {name: getattr(MODEL, name).astype(float) for name in RAW + RAW_DOG}
+    sides = [SimpleNamespace(**{**raw, "log_scales": raw["log_scales"] + eps}, dog_index=MODEL.dog_index)
+             for eps in (1e-7, -1e-7)]  # so small that no pixel crosses a cutoff
+    means = [expected(splats=side).mean() for side in sides]
+    np.testing.assert_allclose(dr.grad(shift).numpy(), (means[0] - means[1]) / 2e-7, rtol=1e-3)
 
 
 def test_gradients_add_up_over_renders_until_they_are_cleared():
@@ -280,11 +283,12 @@ def test_gradients_add_up_over_renders_until_they_are_cleared():
     params: Any = mi.traverse(scene)
     dr.enable_grad(params["splats.sh_coeffs"])
     params.update()
-    for times in (1, 2):
+    gradients = []
+    for _ in range(2):
         dr.backward(dr.mean(mi.render(scene, params), axis=None))
-        gradient = dr.grad(params["splats.sh_coeffs"]).numpy()
-        once = gradient if times == 1 else once
-        np.testing.assert_allclose(gradient, times * once, rtol=1e-5, atol=1e-9)
+        gradients.append(dr.grad(params["splats.sh_coeffs"]).numpy().copy())
+    assert gradients[0].any()
+    np.testing.assert_allclose(gradients[1], 2 * gradients[0], rtol=1e-5, atol=1e-9)
     dr.clear_grad(params["splats.sh_coeffs"])
     assert not dr.grad(params["splats.sh_coeffs"]).numpy().any()
 
@@ -306,4 +310,3 @@ def test_the_optimizers_of_mitsuba_take_steps_through_a_loss(optimizer, image):
         params.update(steps)
         losses.append(float(loss.numpy().ravel()[0]))
     assert losses[-1] < 0.6 * losses[0], losses
-    assert set(RAW_PARAMETERS) > {"sh_coeffs"}
