@@ -6,7 +6,6 @@ samples change nothing; and a dict cannot be written as XML, because Mitsuba kno
 """
 
 import gc
-from types import SimpleNamespace
 from typing import Any
 
 import drjit as dr
@@ -243,70 +242,3 @@ def test_plugins_describe_themselves_in_a_scene():
     text = str(scene_of(MODEL, CAMERA, near_clip=0.25, aovs="alpha"))
     for part in ("DogSplatIntegrator[", "near_clip = 0.25", "aovs = ['alpha']", "DogShape[", "primitives = 15"):
         assert part in text
-
-
-# Gradients through mi.render
-
-def test_nothing_is_differentiated_where_gradients_are_suspended(image):
-    scene: Any = scene_of(MODEL, CAMERA)
-    params: Any = mi.traverse(scene)
-    dr.enable_grad(params["splats.means"])
-    params.update()
-    with dr.suspend_grad():
-        suspended = mi.render(scene, params)
-    assert not dr.grad_enabled(suspended)
-    np.testing.assert_array_equal(suspended.numpy(), image)
-    assert not dr.grad_enabled(scene.integrator().render(scene))  # only mi.render attaches
-    assert dr.grad_enabled(mi.render(scene, params))
-
-
-def test_gradients_reach_what_params_holds_and_its_parents_but_nothing_without_params():
-    """The latter is so with every integrator of Mitsuba, ``prb`` for one."""
-    scene: Any = scene_of(MODEL, CAMERA)
-    params: Any = mi.traverse(scene)
-    shift = mi.Float(0)
-    dr.enable_grad(shift)
-    params["splats.log_scales"] = mi.TensorXf(MODEL.log_scales) + shift
-    params.update()
-    with pytest.raises(RuntimeError, match="does not depend on the input"):
-        dr.backward(dr.mean(mi.render(scene), axis=None))
-    dr.backward(dr.mean(mi.render(scene, params), axis=None))
-    raw = {name: getattr(MODEL, name).astype(float) for name in RAW + RAW_DOG}
-    sides = [SimpleNamespace(**{**raw, "log_scales": raw["log_scales"] + eps}, dog_index=MODEL.dog_index)
-             for eps in (1e-7, -1e-7)]  # so small that no pixel crosses a cutoff
-    means = [expected(splats=side).mean() for side in sides]
-    np.testing.assert_allclose(dr.grad(shift).numpy(), (means[0] - means[1]) / 2e-7, rtol=1e-3)
-
-
-def test_gradients_add_up_over_renders_until_they_are_cleared():
-    scene: Any = scene_of(MODEL, CAMERA)
-    params: Any = mi.traverse(scene)
-    dr.enable_grad(params["splats.sh_coeffs"])
-    params.update()
-    gradients = []
-    for _ in range(2):
-        dr.backward(dr.mean(mi.render(scene, params), axis=None))
-        gradients.append(dr.grad(params["splats.sh_coeffs"]).numpy().copy())
-    assert gradients[0].any()
-    np.testing.assert_allclose(gradients[1], 2 * gradients[0], rtol=1e-5, atol=1e-9)
-    dr.clear_grad(params["splats.sh_coeffs"])
-    assert not dr.grad(params["splats.sh_coeffs"]).numpy().any()
-
-
-@pytest.mark.parametrize("optimizer", [lambda: mi.ad.Adam(lr=0.02), lambda: mi.ad.SGD(lr=20.0, momentum=0.5)],
-                         ids=["Adam", "SGD"])
-def test_the_optimizers_of_mitsuba_take_steps_through_a_loss(optimizer, image):
-    scene: Any = scene_of(MODEL, CAMERA)
-    params: Any = mi.traverse(scene)
-    params.keep(r"splats\.sh_coeffs")
-    steps: Any = optimizer()
-    steps["splats.sh_coeffs"] = mi.TensorXf(MODEL.sh_coeffs + np.float32(0.3))
-    params.update(steps)
-    target, losses = mi.TensorXf(image), []
-    for seed in range(8):
-        loss = dr.mean(dr.square(mi.render(scene, params, seed=seed) - target), axis=None)
-        dr.backward(loss)
-        steps.step()
-        params.update(steps)
-        losses.append(float(loss.numpy().ravel()[0]))
-    assert losses[-1] < 0.6 * losses[0], losses
