@@ -130,11 +130,11 @@ def models() -> dict[str, tuple[Splats, Camera]]:
 
 
 def thickened(splats: Splats, camera: Camera) -> Splats:
-    """At most 2,000 of the primitives, and no axis below 1/50 of the distance: Mitsuba meets these exactly."""
+    """At most 2,000 of the primitives, and no axis below 1/20 of the distance: Mitsuba meets these exactly."""
     some = np.random.default_rng(0).permutation(splats.n_splats)[:2000]
     thick = splats.select(np.sort(some))
     distance = np.linalg.norm(thick.means - camera.position, axis=1)
-    thick.log_scales = np.maximum(thick.log_scales, np.log(distance / 50)[:, None]).astype(np.float32)
+    thick.log_scales = np.maximum(thick.log_scales, np.log(distance / 20)[:, None]).astype(np.float32)
     return thick
 
 

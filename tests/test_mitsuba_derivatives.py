@@ -44,15 +44,15 @@ MOTIONS: dict[str, dict[str, np.ndarray]] = {  # derivative of the parameters by
     "recoloured": constant("sh_coeffs", [0.6, -0.4, 0.2]),
     "less of the negative part": {**constant("dog_logit_opacities", -1), **constant("dog_log_scales", [1, -0.5, 0.2])},
 }
-MOTIONS["all at once"] = {key: sum(0.7 * m.get(key, 0) for m in MOTIONS.values()) for m in MOTIONS.values()
-                          for key in m}  # type: ignore
+MOTIONS["all at once"] = {name: np.sum([0.7 * motion[name] for motion in MOTIONS.values() if name in motion], axis=0)
+                          for name in RAW + RAW_DOG}
 
 
 def linear(blended: np.ndarray) -> np.ndarray:
     return np.where(blended <= 0.04045, blended / 12.92, ((np.maximum(blended, 0.04) + 0.055) / 1.055) ** 2.4)
 
 
-def expected(splats=MODEL) -> np.ndarray:
+def expected(splats: Any = MODEL) -> np.ndarray:
     return linear(reference.render(splats, CAMERA)[0])
 
 
@@ -75,16 +75,16 @@ def at(theta: float, motion: str) -> Any:
     return SimpleNamespace(**raw, dog_index=MODEL.dog_index)
 
 
-def moving(motion: str, film: str) -> tuple[Any, Any, mi.Float]:
+def moving(motion: str, film: str) -> tuple[Any, Any, Any]:
     """(scene, its parameters, θ = 0 that they depend on)."""
     of_film, of_integrator, _ = FILMS[film]
     scene: Any = scene_of(MODEL, CAMERA, film=of_film, **of_integrator)
     params: Any = mi.traverse(scene)
-    theta = mi.Float(0)
+    theta: Any = mi.Float(0)
     dr.enable_grad(theta)
     for name, tangent in MOTIONS[motion].items():
-        start = mi.TensorXf(getattr(MODEL, name))
-        params[f"splats.{name}"] = start + theta * mi.TensorXf(np.ascontiguousarray(tangent, np.float32))
+        start: Any = mi.TensorXf(getattr(MODEL, name))
+        params[f"splats.{name}"] = start + mi.TensorXf(np.ascontiguousarray(tangent, np.float32)) * theta
     params.update()
     return scene, params, theta
 
@@ -156,7 +156,8 @@ def test_gradients_reach_what_params_holds_and_its_parents_but_nothing_without_p
     params: Any = mi.traverse(scene)
     shift = mi.Float(0)
     dr.enable_grad(shift)
-    params["splats.log_scales"] = mi.TensorXf(MODEL.log_scales) + shift
+    log_scales: Any = mi.TensorXf(MODEL.log_scales)
+    params["splats.log_scales"] = log_scales + shift
     params.update()
     with pytest.raises(RuntimeError, match="does not depend on the input"):
         dr.backward(dr.mean(mi.render(scene), axis=None))
@@ -193,8 +194,8 @@ def test_the_optimizers_of_mitsuba_take_steps_through_a_loss(optimizer, image):
     steps["splats.sh_coeffs"] = mi.TensorXf(MODEL.sh_coeffs + np.float32(0.3))
     params.update(steps)
     target, losses = mi.TensorXf(image), []
-    for seed in range(8):
-        loss = dr.mean(dr.square(mi.render(scene, params, seed=seed) - target), axis=None)
+    for step in range(8):
+        loss = dr.mean(dr.square(mi.render(scene, params, seed=mi.UInt32(step)) - target), axis=None)
         dr.backward(loss)
         steps.step()
         params.update(steps)
