@@ -23,7 +23,16 @@ from mi_dogsplat.pictures import heat_map, write_png
 from mi_dogsplat.ply import read_ply
 from mi_dogsplat.splats import Splats
 
-from .ray_model import DOGSPLAT, SENSOR_NEAR, VOLPRIM, Rules, render_points
+from .ray_model import (
+    DOGSPLAT,
+    RESTART,
+    SENSOR_NEAR,
+    VOLPRIM,
+    Rules,
+    entries,
+    ray_directions,
+    render_points,
+)
 
 ROOT = Path(__file__).parents[1]
 PICTURE = ROOT / "docs" / "pictures" / "ellipsoids.png"
@@ -129,6 +138,28 @@ def models() -> dict[str, tuple[Splats, Camera]]:
     return found
 
 
+def hits(splats: Splats, camera: Camera, n_rays: int = 30, depth: int = 30) -> None:
+    """Which shells Mitsuba's rays meet, going on behind each as ``volprim_rf_basic`` does, and which they should."""
+    points = np.random.default_rng(1).uniform(0.3, 0.7, (n_rays, 2)) * (camera.width, camera.height)
+    entry = entries(splats, camera, points)  # [rays, N]
+    scene = scenes(splats, camera)[1]
+    start = np.repeat(camera.position[:, None], n_rays, 1).astype(np.float32)
+    ray: Any = mi.Ray3f(mi.Point3f(start), mi.Vector3f(ray_directions(camera, points).T.astype(np.float32)))
+    met: list[list[int]] = [[] for _ in range(n_rays)]
+    for _ in range(2 * depth):
+        si: Any = scene.ray_intersect(ray)
+        for k in np.flatnonzero(si.is_valid().numpy()):
+            met[k].append(int(si.prim_index.numpy()[k]))
+        ray.o = si.p + ray.d * RESTART
+    expected = [set(np.argsort(row)[:depth]) & set(np.flatnonzero(np.isfinite(row))) for row in entry]
+    n_expected = sum(len(those) for those in expected)
+    found = sum(len(those & set(these)) for those, these in zip(expected, met, strict=True))
+    twice = sum(len(these) - len(set(these)) for these in met)
+    wrong = sum(len(set(these) - set(np.flatnonzero(np.isfinite(row)))) for these, row in zip(met, entry, strict=True))
+    print(f"the first {depth} shells of {n_rays} rays: {n_expected}, {found} of them found; "
+          f"{twice} hits of one hit before, {wrong} of one that the ray misses")
+
+
 def thickened(splats: Splats, camera: Camera) -> Splats:
     """At most 2,000 of the primitives, and no axis below 1/20 of the distance: Mitsuba meets these exactly."""
     some = np.random.default_rng(0).permutation(splats.n_splats)[:2000]
@@ -172,5 +203,6 @@ def main() -> None:
         error = heat_map(np.clip(np.abs(ours - averaged).mean(2) / HEAT, 0, 1))
         panels.append(np.concatenate([ours, averaged, error], axis=1))
         write_png(PICTURE, np.concatenate(panels))
+        hits(splats, camera)
         ladder(splats, camera)
     print(f"\n{PICTURE}")

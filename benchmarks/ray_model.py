@@ -63,7 +63,7 @@ def render_points(splats: Splats, camera: Camera, pixels: np.ndarray, rules: Rul
 def _batch(splats: Splats, camera: Camera, pixels: np.ndarray, rules: Rules, near_clip: float,
            extent: float) -> np.ndarray:
     projection = project(splats, camera, near_clip=0 if rules.inside_is_lost else near_clip)
-    directions = _directions(camera, pixels)  # [P, 3]
+    directions = ray_directions(camera, pixels)  # [P, 3]
     peak, miss, stretch = _closest(splats, camera.position, directions)  # [P, N] each
     met = miss < extent**2
     entry = peak - np.sqrt(np.maximum(extent**2 - miss, 0)) / stretch
@@ -115,7 +115,7 @@ def _blend(alpha: np.ndarray, entry: np.ndarray, colors: np.ndarray, rules: Rule
     return out
 
 
-def _directions(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+def ray_directions(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     """[P, 3] unit directions in the world through points of the image."""
     tangents = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
     local = np.concatenate([tangents, np.ones((len(pixels), 1))], axis=1)
@@ -131,6 +131,13 @@ def _closest(splats: Splats, origin: np.ndarray, directions: np.ndarray) -> tupl
     squared = (d * d).sum(2)
     t = -(o[None] * d).sum(2) / squared
     return t, ((o[None] + t[..., None] * d) ** 2).sum(2), np.sqrt(squared)
+
+
+def entries(splats: Splats, camera: Camera, pixels: np.ndarray, extent: float = EXTENT) -> np.ndarray:
+    """[P, N] how far along the rays through ``pixels`` [P, 2] the shells are entered; inf where they are not."""
+    peak, miss, stretch = _closest(splats, camera.position, ray_directions(camera, pixels))
+    entry = peak - np.sqrt(np.maximum(extent**2 - miss, 0)) / stretch
+    return np.where((miss < extent**2) & (entry > 0), entry, np.inf)
 
 
 def _screen(projection: Projection, pixels: np.ndarray, taken_off: float) -> np.ndarray:
