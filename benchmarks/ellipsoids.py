@@ -7,6 +7,8 @@ the primitives are.
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -191,7 +193,10 @@ def ladder(splats: Splats, camera: Camera) -> None:
         print(f"| {field.name} | {psnr(start, model(by_itself)):.1f} | {psnr(start, model(so_far)):.1f} |", flush=True)
 
 
-def main() -> None:
+def main(argv: Sequence[str]) -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks ellipsoids", description=__doc__)
+    parser.add_argument("--variant", default="llvm_ad_rgb")
+    mi.set_variant(parser.parse_args(argv).variant)
     one_gaussian()
     entry_errors()
     scene_units()
