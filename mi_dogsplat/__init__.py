@@ -14,11 +14,12 @@ import sys  # noqa: E402
 
 import mitsuba as mi  # noqa: E402
 
+from .ellipsoids import to_ellipsoids  # noqa: E402
 from .ply import read_ply, write_ply  # noqa: E402
 from .splats import Splats  # noqa: E402
 
 __version__ = "0.1.0"
-__all__ = ["Splats", "read_ply", "write_ply"]
+__all__ = ["Splats", "read_ply", "to_ellipsoids", "write_ply"]
 
 
 def _register(old: str | None, new: str | None) -> None:
