@@ -24,6 +24,7 @@ float32 does not underflow, and six steps lose a few ulp.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -48,6 +49,7 @@ class Tables:
     pseudo: mi.Float | None  # [M, PSEUDO_ROW]
     dog_row: mi.UInt32 | None  # [N]
     dog_index: mi.UInt32 | None  # [M]
+    stop_depth: mi.Float | None = None  # [H*W], deeper primitives (by the feature after the colours) are not blended
 
 
 def row_size(n_features: int) -> int:
@@ -119,6 +121,7 @@ class Walk:
         self.inside = [r & c for r in row_ok for c in columns]
         base = y * grid.width + x
         self.at = [base + (r * grid.width + c) for r in range(self.blocks.height) for c in range(self.blocks.width)]
+        self.stop_depth = None if tables.stop_depth is None else self.read(tables.stop_depth)
 
     # --- pixels in and out ---
 
@@ -204,13 +207,15 @@ class Walk:
         size = alpha if self.tables.pseudo is None else dr.abs(alpha)
         return dr.select(size >= self.cutoffs.alpha, alpha, 0)
 
-    def advance(self, alpha, T) -> tuple:
+    def advance(self, alpha, T, row: Any = (), k: int = 0) -> tuple:
         """(weight α T of the primitive, T behind it, or -T where the walk has ended, whether it was blended)."""
         weight = alpha * T
         behind = T - (weight if self.negative_transmittance else dr.maximum(weight, 0))
         go = behind >= self.cutoffs.transmittance
         if self.rises:
             go &= behind <= MAX_T
+        if self.stop_depth is not None:
+            go &= row[FEATURES + 3] <= self.stop_depth[k]
         return dr.select(go, weight, 0), dr.select(go, behind, -dr.abs(T)), go
 
 
@@ -233,7 +238,7 @@ def composite(grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: 
             splat, row, dx, dy = walk.fetch(i + u, active)
             alpha, *_ = walk.alphas(splat, row, active, dx, dy)
             for k in range(walk.pixels):
-                weight, T[k], _ = walk.advance(alpha[k], T[k])
+                weight, T[k], _ = walk.advance(alpha[k], T[k], row, k)
                 for f in range(n_features):
                     C[f * walk.pixels + k] = dr.fma(weight, row[FEATURES + f], C[f * walk.pixels + k])
         return i + walk.blocks.unroll, T, C
