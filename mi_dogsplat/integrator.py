@@ -163,7 +163,7 @@ class DogSplatIntegrator(ADIntegrator):
         if spp == 0:
             averages = self.nested is not None or sensor.needs_aperture_sample()
             spp = sensor.sampler().sample_count() if averages else 1
-        return samples(spp, seed)
+        return samples(spp, int(seed[0]) if dr.is_array_v(seed) else seed)
 
     def _pass(self, scene: mi.Scene, sensor: mi.Sensor, sample: Sample, border: int = 0, recall: bool = False) -> list:
         """Planes of the film's channels at the samples of one pass."""

@@ -2,7 +2,7 @@
 
 A pass is a whole image by one pinhole. All its pixels are sampled at the same place inside of them, and through the
 same point of the lens, so that it is as cheap as a render of one sample. Over the passes these places cover the pixel,
-and the lens, evenly.
+and the lens, evenly. They come in pairs that are mirror images of each other, which moves no edge to either side.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ def samples(count: int, seed: int = 0) -> list[Sample]:
 
     ``seed`` moves the places of several samples; renders of different seeds are independent.
     """
-    if count == 1:
-        return [Sample(seed=seed)]
     start = np.random.default_rng(seed).random(4)
-    places = (start + np.arange(count)[:, None] * STEPS) % 1  # [count, 4]
-    return [Sample(*map(float, place), seed=seed * count + k) for k, place in enumerate(places)]
+    half = (start + np.arange(count // 2)[:, None] * STEPS) % 1  # [count // 2, 4]
+    mirrored = np.minimum(1 - half, np.nextafter(1, 0))
+    places = np.concatenate([np.full((count % 2, 4), 0.5), half, mirrored])
+    return [Sample(*map(float, place), seed=(seed * count + k) % 2**32) for k, place in enumerate(places)]
