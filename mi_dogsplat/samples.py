@@ -14,7 +14,7 @@ import numpy as np
 # Multiples of such numbers cover the unit interval evenly, and pairs of them the unit square: the first two are best
 # for a square (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences"), the other two nearly so.
 CENTERINGS = 8  # moving all to the middle pushes some against the border, and the mean off again, a little less
-STEPS = (0.7548776662466927, 0.5698402909980532, 5 ** (1 / 3) % 1, 5 ** (2 / 3) % 1)
+STEPS = (0.7548776662466927, 0.5698402909980532, 3 ** (1 / 3) % 1, 9 ** (1 / 3) % 1)
 
 
 @dataclass(frozen=True)
