@@ -91,7 +91,7 @@ class DogSplatIntegrator(ADIntegrator):
         if len(nested) > 1:
             raise RuntimeError(f"dogsplat: {len(nested)} nested integrators; one renders all surfaces")
         self.nested = nested[0] if nested else None
-        self._sensors, self._last = SensorReader(), LastFrame()
+        self._sensors, self._last, self._warned = SensorReader(), LastFrame(), False
         unknown = [name for name in self.aovs if name not in AOVS]
         if unknown:
             raise RuntimeError(f'dogsplat: unknown AOV "{unknown[0]}"; available are {", ".join(AOVS)}')
@@ -185,7 +185,11 @@ class DogSplatIntegrator(ADIntegrator):
             depth="depth" in self.aovs,
             negative_transmittance=self.negative_transmittance,
         )
-        if self.nested is None or len(shapes) == len(scene.shapes()):
+        others = len(scene.shapes()) - len(shapes)
+        if others and self.nested is None and not self._warned:
+            mi.Log(mi.LogLevel.Warn, f"dogsplat: {others} other shapes are not seen; nest an integrator, such as path")
+            self._warned = True
+        if self.nested is None or not others:
             frame = rasterize(params, look.camera, options, last=self._last, recall=recall)
         else:
             seen = surfaces.trace(self.nested, scene, look)
