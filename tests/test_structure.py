@@ -13,7 +13,7 @@ STATIONS = [
     {"splats", "cameras"},
     {"ply_tables", "ply", "camera_file", "pictures", "datasets"},
     {"reference", "geometry", "sh", "project", "tiles", "composite", "composite_derivatives", "rasterize",
-     "parameters", "transform", "kernel_costs",
+     "parameters", "transform", "motion", "kernel_costs",
      "composite_score", "reference_score", "reference_gradients"},
     {"shape_dog", "samples", "sensor", "transfer", "background", "surfaces", "film", "integrator"},
     {"config", "loss", "optimizer", "initialize", "densify", "render", "checkpoint", "train", "score",
