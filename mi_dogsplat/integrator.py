@@ -159,7 +159,7 @@ class DogSplatIntegrator(ADIntegrator):
             planes = normalized(sums)
         return develop(film, self.aov_names(), planes, derivative)
 
-    def _passes(self, sensor: mi.Sensor, seed: int, spp: int) -> list[Sample]:
+    def _passes(self, sensor: mi.Sensor, seed, spp: int) -> list[Sample]:
         if spp == 0:
             averages = self.nested is not None or sensor.needs_aperture_sample()
             spp = sensor.sampler().sample_count() if averages else 1

@@ -1,7 +1,7 @@
 """Moving a model on the device: differentiable with respect to the transform. ``transform.py`` is its twin on the host.
 
-The colours turn with the model: its spherical harmonics are rotated band by band. The matrix that does so is solved from
-samples: each band is a space of functions that is closed under rotation, so matching as many directions is exact.
+The colours turn with the model: its spherical harmonics are rotated band by band. The matrix that does so is solved
+from samples: each band is a space of functions that is closed under rotation, so matching as many directions is exact.
 """
 
 # Dr.Jit's stubs give the type of an expression as "object".
@@ -25,13 +25,16 @@ def moved(params: dict, to_world: mi.Transform4f) -> dict:
     scale = dr.cbrt(dr.det(mi.Matrix3f([row[:3] for row in matrix])))
     rotation = [[value / scale for value in row[:3]] for row in matrix]
     n = dr.width(params["logit_opacities"])
+    if n == 0:
+        return params
     index = dr.arange(mi.UInt32, n)
     x, y, z = read_rows(params["means"], 3, 3, index)
     means = [row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix]
     turn = dr.matrix_to_quat(mi.Matrix3f(rotation))
     quats = turn * mi.Quaternion4f(*read_rows(params["quats"], 4, 4, index))
-    result = {**params, "means": _table(means), "quats": _table(quats), "log_scales": params["log_scales"] + dr.log(scale)}
-    size = dr.width(params["sh_coeffs"]) // (3 * n) if n else 1
+    log_scales = params["log_scales"] + dr.log(scale)
+    result = {**params, "means": _table(means), "quats": _table(quats), "log_scales": log_scales}
+    size = dr.width(params["sh_coeffs"]) // (3 * n)
     if size > 1:
         result["sh_coeffs"] = _table(_turned(read_rows(params["sh_coeffs"], 3 * size, 3 * size, index), rotation))
     return result

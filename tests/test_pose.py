@@ -1,6 +1,9 @@
 """Derivatives with respect to where things are: the sensor, its lens and angle, and the shape."""
 
+import runpy
 from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import drjit as dr
@@ -151,7 +154,7 @@ def test_a_background_moves_with_the_pose(spp):
 
     def loss(p: np.ndarray) -> float:
         scene, _ = scene_at([mi.Float(float(v)) for v in p])
-        seed = mi.sample_tea_32(0, 1)[0]  # which mi.render takes for derivatives
+        seed: Any = mi.sample_tea_32(0, 1)[0]  # which mi.render takes for derivatives
         return float(np.sum(ADJOINT.astype(float) * np.array(mi.render(scene, spp=spp, seed=seed))))
 
     values = variables(6)
@@ -285,3 +288,12 @@ def test_derivatives_of_pose_and_primitives_come_in_one_pass():
     together = gradient(scene, params, values)
     np.testing.assert_allclose(together, alone, rtol=1e-4, atol=1e-4 * np.abs(alone).max())
     assert np.abs(dr.grad(params["splats.means"]).numpy()).max() > 0
+
+
+def test_the_example_recovers_a_perturbed_camera():
+    path = Path(__file__).parents[1] / "scenes" / "refine_pose.py"
+    example: Any = SimpleNamespace(**runpy.run_path(str(path)))
+    scene: Any = mi.load_file(str(example.SCENE))
+    history = example.refine(scene, widths=(20, 40), steps=50)
+    assert history[0][0] > 0.5 and history[0][1] > 5
+    assert history[-1][0] < 0.01 and history[-1][1] < 0.15, history

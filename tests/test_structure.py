@@ -15,7 +15,7 @@ STATIONS = [
     {"reference", "geometry", "sh", "project", "tiles", "composite", "composite_derivatives", "rasterize",
      "parameters", "transform", "motion", "kernel_costs",
      "composite_score", "reference_score", "reference_gradients"},
-    {"shape_dog", "samples", "sensor", "transfer", "background", "surfaces", "film", "integrator"},
+    {"variants", "shape_dog", "samples", "sensor", "transfer", "background", "surfaces", "film", "integrator"},
     {"config", "loss", "optimizer", "initialize", "densify", "render", "checkpoint", "train", "score",
      "dog_control", "ring", "scheduler", "presets", "pruning", "broken", "metrics"},
     {"evaluate", "run_folder"},

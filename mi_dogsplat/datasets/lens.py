@@ -108,7 +108,8 @@ class Undistortion:
 
     def image(self, pixels: np.ndarray) -> np.ndarray:
         """A photograph [H, W, C] resampled by cubic splines: float32 [H', W', C], between the limits of the input."""
-        splines = [spline_filter(p, output=np.float32, mode="mirror") for p in np.moveaxis(pixels, -1, 0)]
+        planes = np.moveaxis(pixels, -1, 0)
+        splines = [spline_filter(plane, mode="mirror").astype(np.float32) for plane in planes]
         result = np.empty((self.camera.height, self.camera.width, len(splines)), np.float32)
         for top in range(0, self.camera.height, BAND):
             x, y = np.moveaxis(self.source_pixels(slice(top, top + BAND)), -1, 0) - 0.5
