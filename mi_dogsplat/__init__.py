@@ -17,6 +17,7 @@ import mitsuba as mi  # noqa: E402
 from .ellipsoids import to_ellipsoids  # noqa: E402
 from .ply import read_ply, write_ply  # noqa: E402
 from .splats import Splats  # noqa: E402
+from .variants import refuse, supported  # noqa: E402
 
 __version__ = "0.1.0"
 __all__ = ["Splats", "read_ply", "to_ellipsoids", "write_ply"]
@@ -24,7 +25,10 @@ __all__ = ["Splats", "read_ply", "to_ellipsoids", "write_ply"]
 
 def _register(old: str | None, new: str | None) -> None:
     """(Re)define the plugin classes: they derive from classes of the active variant."""
-    if new is None or new.startswith("scalar") or new == old:
+    if new is None or new == old:
+        return
+    if not supported(new):
+        refuse(new)
         return
     check_loaded_llvm()
     for name in ("shape_dog", "integrator"):

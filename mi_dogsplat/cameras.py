@@ -171,19 +171,46 @@ def camera_from_mitsuba(sensor: Any) -> Camera:
     """
     import mitsuba as mi
 
-    parameters: Any = mi.traverse(sensor)
-    if "principal_point_offset_x" not in parameters:
+    if "principal_point_offset_x" not in mi.traverse(sensor):
         kind = str(sensor).split("[", 1)[0].strip() or type(sensor).__name__
         raise ValueError(f"{kind} is not a pinhole camera; use a sensor of type perspective")
+    return central_camera_from_mitsuba(sensor)
+
+
+def central_camera_from_mitsuba(sensor: Any) -> Camera:
+    """``camera_from_mitsuba``, also for a ``thinlens`` sensor: the pinhole in the middle of its lens."""
+    import mitsuba as mi
+
+    parameters: Any = mi.traverse(sensor)
     film_width, film_height = (int(n) for n in sensor.film().size())
     width, height = (int(n) for n in sensor.film().crop_size())
     left, top = (int(n) for n in sensor.film().crop_offset())
     focal = 0.5 * film_width / math.tan(math.radians(_scalar(parameters["x_fov"])) / 2)
     # The offset is a fraction of the whole film, and moves the picture against its sign.
-    cx = film_width * (0.5 - _scalar(parameters["principal_point_offset_x"])) - left
-    cy = film_height * (0.5 - _scalar(parameters["principal_point_offset_y"])) - top
+    offsets = [f"principal_point_offset_{axis}" for axis in "xy"]  # a lens has none
+    offset_x, offset_y = (_scalar(parameters[name]) if name in parameters else 0.0 for name in offsets)
+    cx, cy = film_width * (0.5 - offset_x) - left, film_height * (0.5 - offset_y) - top
     to_world = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)
     return Camera(mitsuba_c2w_to_opencv_w2c(to_world), focal, focal, cx, cy, width, height)
+
+
+def orthographic_camera_from_mitsuba(sensor: Any) -> Camera:
+    """A Mitsuba ``orthographic`` sensor as a ``Camera`` whose fx and fy are in pixels per world unit.
+
+    The film is 2 units wide in the sensor's own space, which ``to_world`` scales. Raises ``ValueError`` where it
+    shears.
+    """
+    import mitsuba as mi
+
+    parameters: Any = mi.traverse(sensor)
+    to_world = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)
+    scales = np.linalg.norm(to_world[:3, :3], axis=0)  # [3]
+    to_world[:3, :3] /= scales
+    film_width, film_height = (int(n) for n in sensor.film().size())
+    left, top = (int(n) for n in sensor.film().crop_offset())
+    fx, fy = 0.5 * film_width / scales[:2]
+    center = 0.5 * film_width - left, 0.5 * film_height - top
+    return Camera(mitsuba_c2w_to_opencv_w2c(to_world), fx, fy, *center, *(int(n) for n in sensor.film().crop_size()))
 
 
 def near_clip_from_mitsuba(sensor: Any) -> float:

@@ -40,7 +40,7 @@ def _composite(grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings:
             splat, row, dx, dy = walk.fetch(entry, active)
             alpha, *_ = walk.alphas(splat, row, active, dx, dy)
             for k in range(walk.pixels):
-                weight, T[k], go = walk.advance(alpha[k], T[k])
+                weight, T[k], go = walk.advance(alpha[k], T[k], row, k)
                 for f in range(n_features):
                     c = C[f * walk.pixels + k]
                     C[f * walk.pixels + k] = dr.select(go, dr.fma(weight, row[FEATURES + f], c), c)

@@ -73,7 +73,7 @@ def _composite_aovs(
             index = walk.Float(splat)
             depth = None if depths is None else dr.gather(walk.Float, depths, splat, active)
             for k in range(walk.pixels):
-                weight, behind, go = walk.advance(alpha[k], T[k])
+                weight, behind, go = walk.advance(alpha[k], T[k], row, k)
                 weight = dr.select(go, weight, 0)
                 blended = go & (alpha[k] != 0)
                 T[k] = behind

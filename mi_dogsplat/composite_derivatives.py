@@ -110,7 +110,7 @@ def composite_backward(
             δf = [walk.Float(0)] * n_features
             for k in range(walk.pixels):
                 a = alpha[k]
-                weight, behind, go = walk.advance(a, T[k])
+                weight, behind, go = walk.advance(a, T[k], row, k)
                 weight = dr.select(go, weight, 0)
                 c = row[FEATURES] * δC[0][k]
                 for f in range(n_features):
@@ -232,7 +232,7 @@ def _composite_forward(
             kernel = [dr.select(is_dog, value, 0) for value in walk.pseudo_row(dr.select(is_dog, dog_row, 0))[:3]]
             δα = [a - b for a, b in zip(δα, tangents(pseudo, *kernel, dx, dy, δ_p), strict=True)]
         for k in range(walk.pixels):
-            weight, behind, go = walk.advance(alpha[k], T[k])
+            weight, behind, go = walk.advance(alpha[k], T[k], row, k)
             weight = dr.select(go, weight, 0)
             δa = dr.select(go & (alpha[k] != 0), δα[k], 0)
             δweight = dr.select(go, dr.fma(δa, T[k], alpha[k] * δT[k]), 0)

@@ -9,11 +9,14 @@ import drjit as dr
 import mitsuba as mi
 from mitsuba.python.ad.integrators.common import ADIntegrator
 
-from . import aovs
+from . import aovs, background, surfaces
+from .film import Filter, develop, has_alpha, normalized, side_by_side
 from .parameters import concatenate
-from .rasterize import LastFrame, RasterOptions, rasterize
-from .sensor import SensorReader
+from .rasterize import Frame, LastFrame, RasterOptions, rasterize
+from .samples import Sample, samples
+from .sensor import Look, SensorReader
 from .shape_dog import DogShape
+from .transfer import linear_to_srgb, srgb_to_linear
 
 
 class DogSplatIntegrator(ADIntegrator):
@@ -42,6 +45,11 @@ class DogSplatIntegrator(ADIntegrator):
        - Where a DoG primitive's weight is negative it amplifies what lies behind, T (1 - α) with α < 0; if
          false it only subtracts its own colour. (Default: true)
 
+     * - (Nested plugin)
+       - :paramtype:`integrator`
+       - Renders the other shapes of the scene, e.g. ``path``. Splats are blended in front of them, pixel by pixel.
+         (Default: none, other shapes are not seen)
+
      * - aovs
        - |string|
        - Comma-separated list of extra channels, defined in ``aovs.py``: ``alpha``, ``depth`` (expected depth along
@@ -50,8 +58,17 @@ class DogSplatIntegrator(ADIntegrator):
 
     This integrator evaluates every ``dog`` shape of the scene by elliptical weighted averaging (Kerbl et al. 2023):
     primitives are sorted by the depth of their centres and blended per pixel. The colour of a constant or environment
-    emitter of the scene shows behind them. It renders one sample per pixel at the pixel centres (splats are low-pass
-    filtered already) and ignores the film's reconstruction filter, ``spp`` and the seed.
+    emitter of the scene shows behind them. Sensors: ``perspective``, ``thinlens``, ``orthographic``, ``batch``.
+
+    **Samples per pixel.** A sample is one pass of splatting. ``spp=1`` evaluates the pixel centres and uses no
+    reconstruction filter: splats are low-pass filtered already. ``spp=n`` renders n passes, moved inside the pixels,
+    and over the lens of a ``thinlens``, so that they cover both evenly; the film's filter weighs them, and the
+    seed moves them. ``spp=0``, the default, is 1, but the sample count of the sensor's sampler where there is
+    something to average: a lens, or surfaces.
+
+    **Surfaces.** A primitive is seen if its centre is nearer than the surface at that pixel. Splats neither cast
+    shadows on surfaces nor show in their reflections, what is seen through a transparent surface has no splats, and
+    derivatives take surfaces as constant.
 
     All three modes of ``mi.render()`` are supported: primal, forward and backward. It draws whole images, not rays,
     and so cannot be nested in another integrator such as ``aov`` or ``moment``.
@@ -59,7 +76,7 @@ class DogSplatIntegrator(ADIntegrator):
     .. code-block:: python
 
         'type': 'dogsplat',
-        'srgb_primitives': True
+        'surfaces': {'type': 'path'}
     """
 
     def __init__(self, props: mi.Properties):
@@ -68,7 +85,12 @@ class DogSplatIntegrator(ADIntegrator):
         self.antialiased = props.get("antialiased", False)
         self.near_clip = props.get("near_clip", 0.2)
         self.negative_transmittance = props.get("negative_transmittance", True)
-        self._sensors, self._last = SensorReader(), LastFrame()
+        objects = [props[name] for name in props.keys() if props.type(name) == mi.Properties.Type.Object]
+        nested = [value for value in objects if isinstance(value, mi.Integrator)]
+        if len(nested) > 1:
+            raise RuntimeError(f"dogsplat: {len(nested)} nested integrators; one renders all surfaces")
+        self.nested = nested[0] if nested else None
+        self._sensors, self._last, self._warned = SensorReader(), LastFrame(), False
         try:
             self.aovs = aovs.read_names(props.get("aovs", ""))
         except ValueError as error:
@@ -88,7 +110,7 @@ class DogSplatIntegrator(ADIntegrator):
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True) -> mi.TensorXf | None:
         with dr.suspend_grad():
-            image = self._image(scene, sensor)
+            image = self._image(scene, _sensor(scene, sensor), seed, spp)
         if not develop:
             return None
         if evaluate:
@@ -97,61 +119,109 @@ class DogSplatIntegrator(ADIntegrator):
 
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0) -> mi.TensorXf:
         with dr.resume_grad():
-            image = self._image(scene, sensor, derivative=True)
+            image = self._image(scene, _sensor(scene, sensor), seed, spp, derivative=True)
             dr.forward_to(image)
             return dr.grad(image)
 
     def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0) -> None:
+        sensor = _sensor(scene, sensor)
+        passes, film = self._passes(sensor, seed, spp), sensor.film()
         with dr.resume_grad():
-            image = self._image(scene, sensor, derivative=True)
-            dr.set_grad(image, grad_in)
-            dr.enqueue(dr.ADMode.Backward, image)
-            dr.traverse(dr.ADMode.Backward)
+            if len(passes) == 1:
+                image = self._image(scene, sensor, seed, spp, derivative=True)
+                _backward([image], [grad_in])
+            else:
+                self._backward_by_passes(scene, sensor, passes, film, grad_in)
         dr.eval()
 
-    def _image(self, scene: mi.Scene, sensor: mi.Sensor | int, derivative: bool = False) -> mi.TensorXf:
+    def _backward_by_passes(self, scene, sensor, passes: list[Sample], film: mi.Film, grad_in) -> None:
+        """One pass after the other, so that memory does not grow with their number: their mean is linear in them."""
+        spreader, pixels = Filter(film), dr.prod(film.crop_size())
+        n_planes = 3 + has_alpha(film) + len(self.aov_names())
+        planes = [dr.zeros(mi.Float, pixels) for _ in range(n_planes)]
+        dr.enable_grad(planes)
+        _backward([develop(film, self.aov_names(), planes, derivative=True)], [grad_in])
+        weights = sum(spreader.spread([], sample)[0] for sample in passes)
+        adjoints = [dr.select(weights != 0, dr.grad(plane) / weights, 0) for plane in planes]
+        dr.eval(adjoints)
+        for sample in passes:
+            with dr.isolate_grad():  # what all passes share is derived once, at the end
+                sums = spreader.spread(self._pass(scene, sensor, sample, spreader.border, derivative=True), sample)
+                _backward(sums[:-1], adjoints)
+
+    def _image(self, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int, derivative=False) -> mi.TensorXf:
         """The developed film, attached to the AD graph where the parameters are.
 
-        ``derivative``: wanted for its graph only, after a primal pass; the film is left as it is where possible.
+        ``derivative``: wanted for its graph only, after a primal pass; the film is left as it is.
         """
-        if isinstance(sensor, int):
-            sensor = scene.sensors()[sensor]
-        camera = self._sensors.read(sensor, self.near_clip)
+        passes, film = self._passes(sensor, seed, spp), sensor.film()
+        if len(passes) == 1:
+            planes = self._pass(scene, sensor, passes[0], derivative=derivative)
+        else:
+            spreader, sums = Filter(film), None
+            for sample in passes:
+                new = spreader.spread(self._pass(scene, sensor, sample, spreader.border, derivative), sample)
+                sums = [a + b for a, b in zip(sums, new, strict=True)] if sums else new
+                dr.eval(sums)
+            planes = normalized(sums)
+        return develop(film, self.aov_names(), planes, derivative)
+
+    def _passes(self, sensor: mi.Sensor, seed, spp: int) -> list[Sample]:
+        if spp == 0:
+            averages = self.nested is not None or sensor.needs_aperture_sample()
+            spp = sensor.sampler().sample_count() if averages else 1
+        return samples(spp, int(seed[0]) if dr.is_array_v(seed) else seed)
+
+    def _pass(self, scene: mi.Scene, sensor: mi.Sensor, sample: Sample, border: int = 0, derivative=False) -> list:
+        """Planes of the film's channels at the samples of one pass; ``derivative`` as in ``_image``."""
+        views = self._sensors.views(sensor, self.near_clip)
+        looks = [view.through(sample, border) for view in views]
+        images = [self._planes(scene, sensor.film(), look, derivative, len(views) == 1) for look in looks]
+        return side_by_side(images, looks[0].camera.width, looks[0].camera.height)
+
+    def _planes(self, scene: mi.Scene, film: mi.Film, look: Look, derivative: bool, alone: bool) -> list[mi.Float]:
         shapes = [shape for shape in scene.shapes() if isinstance(shape, DogShape)]
         if not shapes:
             raise RuntimeError('dogsplat: the scene has no shape of type "dog"')
         params, sh_size = concatenate([s.parameters for s in shapes], [s.sh_size for s in shapes])
+        # the adjoint of reading a parameter overwrites its gradient: each pass needs variables of its own
+        params = {name: value * 1 if dr.grad_enabled(value) else value for name, value in params.items()}
         options = RasterOptions(
             sh_degree=(1, 4, 9, 16).index(sh_size),
             antialiased=self.antialiased,
             negative_transmittance=self.negative_transmittance,
         )
         options = aovs.options_for(self.aovs, options)
-        frame = rasterize(params, camera, options, last=self._last, recall=derivative)
+        others = len(scene.shapes()) - len(shapes)
+        if others and self.nested is None and not self._warned:
+            mi.Log(mi.LogLevel.Warn, f"dogsplat: {others} other shapes are not seen; nest an integrator, such as path")
+            self._warned = True
+        if self.nested is None or not others:
+            frame = rasterize(params, look.camera, options, last=self._last, recall=derivative and alone)
+        else:
+            seen = surfaces.trace(self.nested, scene, look)
+            frame = rasterize(params, look.camera, options, stop_depth=seen.depth)
+            frame = seen.behind(frame, self._encoded(seen.colors))
 
-        colors = self._over_background(frame, scene, sensor)
-        film = sensor.film()
-        has_alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
-        colors = [*colors, *([1 - frame.T] if has_alpha else [])]
-        graph_only = derivative and _develops_unchanged(film)
-        extra = aovs.channels(self.aovs, frame, graph_only)
-        if graph_only:
-            return _interleave(colors + extra, camera.height, camera.width)
-        film.prepare(self.aov_names())
-        channels = [*colors, mi.Float(1), *extra]
-        film.put_block(mi.ImageBlock(_interleave(channels, camera.height, camera.width), film.crop_offset()))
-        return film.develop()
+        colors = self._over_background(frame, scene, look)
+        alpha = [1 - frame.T] if has_alpha(film) else []
+        return [*colors, *alpha, *aovs.channels(self.aovs, frame, derivative)]
 
-    def _over_background(self, frame, scene: mi.Scene, sensor: mi.Sensor) -> list[mi.Float]:
+
+    def _over_background(self, frame: Frame, scene: mi.Scene, look: Look) -> list[mi.Float]:
         """Film radiance per channel: splats over the environment emitter, blended in the primitives' colour space."""
         colors = frame.colors
         environment = scene.environment()
         if environment is not None:
-            behind = _environment_radiance(environment, scene, sensor)
-            if self.srgb_primitives:
-                behind = [mi.math.linear_to_srgb(b) for b in behind]
+            behind = self._encoded(background.radiance(environment, look.rays()))
             colors = [dr.fma(frame.T, b, c) for c, b in zip(colors, behind, strict=True)]
-        return [mi.math.srgb_to_linear(c) for c in colors] if self.srgb_primitives else colors
+        if self.srgb_primitives:
+            colors = [srgb_to_linear(c) for c in colors]
+        return [mi.luminance(mi.Color3f(colors))] * 3 if mi.is_monochromatic else colors
+
+    def _encoded(self, radiance: list[mi.Float]) -> list[mi.Float]:
+        """Radiance in the primitives' colour space."""
+        return [linear_to_srgb(c) for c in radiance] if self.srgb_primitives else radiance
 
     def to_string(self) -> str:
         return (
@@ -160,36 +230,16 @@ class DogSplatIntegrator(ADIntegrator):
         )
 
 
-def _develops_unchanged(film: mi.Film) -> bool:
-    """Whether the developed image of samples of weight 1 is these samples: no conversion to differentiate."""
-    description = str(film)
-    return description.startswith("HDRFilm[") and any(f"pixel_format = {f}," in description for f in ("rgb", "rgba"))
+def _sensor(scene: mi.Scene, sensor: mi.Sensor | int) -> mi.Sensor:
+    return scene.sensors()[sensor] if isinstance(sensor, int) else sensor
 
 
-def _interleave(channels: list[mi.Float], height: int, width: int) -> mi.TensorXf:
-    """Planes to a [height, width, channels] tensor. Differentiable."""
-    n, k = height * width, len(channels)
-    if n == 0:
-        return dr.zeros(mi.TensorXf, (height, width, k))
-    pixels = dr.empty(mi.Float, n * k)
-    index = dr.arange(mi.UInt32, n)
-    for c, channel in enumerate(channels):
-        dr.scatter(pixels, channel, dr.fma(index, k, c), mode=dr.ReduceMode.Permute)
-    return mi.TensorXf(pixels, shape=(height, width, k))
-
-
-def _environment_radiance(environment: mi.Emitter, scene: mi.Scene, sensor: mi.Sensor) -> list[mi.Float]:
-    """Radiance of the emitter in the direction of each pixel centre."""
-    size = sensor.film().crop_size()
-    index = dr.arange(mi.UInt32, size[0] * size[1])
-    y = index // size[0]
-    position = mi.Point2f(mi.Float(index - y * size[0]) + 0.5, mi.Float(y) + 0.5) / mi.ScalarVector2f(size)
-    ray, _ = sensor.sample_ray(0, 0, position, 0)
-    si = dr.zeros(mi.SurfaceInteraction3f, dr.width(index))
-    si.wi = -ray.d
-    si.wavelengths = ray.wavelengths
-    radiance = environment.eval(si)
-    return list(radiance)
+def _backward(values: list, adjoints: list) -> None:
+    """Accumulate the gradients of all that ``values`` depend on."""
+    for value, adjoint in zip(values, adjoints, strict=True):
+        dr.set_grad(value, adjoint)
+    dr.enqueue(dr.ADMode.Backward, values)
+    dr.traverse(dr.ADMode.Backward)
 
 
 mi.register_integrator("dogsplat", lambda props: DogSplatIntegrator(props))

@@ -20,7 +20,7 @@ def normals(params: dict, camera: DeviceCamera) -> list:
 
     Args:
         params: raw parameters as flat arrays, see ``project``.
-        camera: the view, whose centre every normal faces (a right angle counts as facing).
+        camera: the view, whose centre, or plane, every normal faces (a right angle counts as facing).
     """
     index = dr.arange(mi.UInt32, dr.width(params["logit_opacities"]))
     R = rotation_matrix(read_rows(params["quats"], 4, 4, index))
@@ -28,8 +28,11 @@ def normals(params: dict, camera: DeviceCamera) -> list:
     first, second = (a <= b) & (a <= c), b <= c
     axis = [dr.select(first, row[0], dr.select(second, row[1], row[2])) for row in R]
 
-    offset = zip(rows(dr.detach(params["means"]), 3, index), camera.position, camera.position_rest, strict=True)
-    direction = [(mean - position) - rest for mean, position, rest in offset]
+    if camera.perspective:
+        offset = zip(rows(dr.detach(params["means"]), 3, index), camera.position, camera.position_rest, strict=True)
+        direction = [(mean - position) - rest for mean, position, rest in offset]
+    else:
+        direction = camera.rotation[2]
     x, y, z = (d * dr.detach(n) for d, n in zip(direction, axis, strict=True))
     away = x + y + z > 0
     return [dr.select(away, -n, n) for n in axis]

@@ -3,7 +3,8 @@
 Notation (Kerbl et al. 2023; method paper, Sec. 3)
     μ, R, s     centre, rotation, scales of a primitive; Σ = R S Sᵀ Rᵀ
     W, t        rotation and translation of the camera (OpenCV: x right, y down, z forward)
-    J           Jacobian of the pinhole projection at the centre, evaluated inside 1.3 x the field of view
+    J           Jacobian of the projection at the centre; of a pinhole evaluated inside 1.3 x the field of view,
+                of parallel rays the same everywhere
     Σ'          screen covariance J W Σ Wᵀ Jᵀ + 0.3 I, in px²
     p(d)        log2 of a kernel's value at offset d = pixel - μ' :  lo - u² - v²,  u = ux dx + uy dy,  v = vy dy
 
@@ -34,7 +35,11 @@ NOT_DOG = 0xFFFFFFFF  # row of a primitive without a pseudo-Gaussian
 
 @dataclass
 class DeviceCamera:
-    """A pinhole camera as opaque JIT scalars: one compiled kernel serves every camera and every image size."""
+    """A camera as opaque JIT scalars: one compiled kernel serves every camera and every image size.
+
+    It is a pinhole, or, if not ``perspective``, sees along parallel rays; ``fx`` and ``fy`` are then in pixels per
+    world unit and the limits mean nothing.
+    """
 
     rotation: list  # W, 3 x 3
     position: list  # camera centre in world space, 3
@@ -48,10 +53,14 @@ class DeviceCamera:
     width: int
     height: int
     numbers: tuple  # all of the above on the host
+    perspective: bool = True
 
     @staticmethod
     def upload(
-        camera: Camera, near_clip: float = 0.2, film: tuple[float, float, float, float] | None = None
+        camera: Camera,
+        near_clip: float = 0.2,
+        film: tuple[float, float, float, float] | None = None,
+        perspective: bool = True,
     ) -> DeviceCamera:
         """Host camera to device.
 
@@ -74,7 +83,8 @@ class DeviceCamera:
         dr.eval(v)  # one launch makes them opaque
         rotation = [v[0:3], v[3:6], v[6:9]]
         size = camera.width, camera.height
-        return DeviceCamera(rotation, v[9:12], v[12:15], *v[15:19], v[19:23], v[23], *size, (*numbers, *size))
+        numbers = *numbers, *size, perspective
+        return DeviceCamera(rotation, v[9:12], v[12:15], *v[15:19], v[19:23], v[23], *size, numbers, perspective)
 
 
 @dataclass
@@ -187,18 +197,23 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
         dr.fma(W[r][0], direction[0], dr.fma(W[r][1], direction[1], W[r][2] * direction[2])) for r in range(3)
     )
     visible = (depth > camera.near_clip) & dr.isfinite(depth)
-    inv_z = dr.rcp(dr.select(visible, depth, 1))
-    u, v = px * inv_z, py * inv_z  # tangents of the viewing angles
-    x, y = dr.fma(camera.fx, u, camera.cx), dr.fma(camera.fy, v, camera.cy)
+    if camera.perspective:
+        inv_z = dr.rcp(dr.select(visible, depth, 1))
+        u, v = px * inv_z, py * inv_z  # tangents of the viewing angles
+        x, y = dr.fma(camera.fx, u, camera.cx), dr.fma(camera.fy, v, camera.cy)
 
-    left, right, top, bottom = camera.limits
-    u = dr.clip(u, -left, right)
-    v = dr.clip(v, -top, bottom)
-    jx, jy = camera.fx * inv_z, camera.fy * inv_z
-    JW = [
-        [jx * (W[0][c] - u * W[2][c]) for c in range(3)],
-        [jy * (W[1][c] - v * W[2][c]) for c in range(3)],
-    ]
+        left, right, top, bottom = camera.limits
+        u = dr.clip(u, -left, right)
+        v = dr.clip(v, -top, bottom)
+        jx, jy = camera.fx * inv_z, camera.fy * inv_z
+        JW = [
+            [jx * (W[0][c] - u * W[2][c]) for c in range(3)],
+            [jy * (W[1][c] - v * W[2][c]) for c in range(3)],
+        ]
+    else:
+        x, y = dr.fma(camera.fx, px, camera.cx), dr.fma(camera.fy, py, camera.cy)
+        JW = [[camera.fx * W[0][c] for c in range(3)], [camera.fy * W[1][c] for c in range(3)]]
+        direction = W[2]  # all primitives are seen along the axis
 
     quats = read_rows(params["quats"], 4, 4, index)
     R = rotation_matrix(quats)

@@ -118,6 +118,7 @@ def rasterize(
     probe: list | None = None,
     last: LastFrame | None = None,
     recall: bool = False,
+    stop_depth: mi.Float | None = None,
 ) -> Frame:
     """Splat primitives into the planes of a view.
 
@@ -127,6 +128,7 @@ def rasterize(
         options: specialisation of the kernels.
         probe: two [N] arrays of zeros that are added to the projected centres; their gradient is that of the
             centres in pixels (the densification statistic).
+        stop_depth: [H*W], a primitive whose centre is deeper than this is not blended into a pixel (no derivative).
         last: keeps the stages of this call, or, with ``recall``, may provide those of the call before.
     """
     n_pixels = camera.width * camera.height
@@ -139,7 +141,8 @@ def rasterize(
     if probe is not None:
         projection.x, projection.y = projection.x + probe[0], projection.y + probe[1]
     grid = Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
-    features = projection.colors + ([projection.depth] if options.depth else [])
+    stops = stop_depth is not None
+    features = projection.colors + ([projection.depth] if options.depth or stops else [])
     features += normals(params, camera) if options.normal else []
     settings = Settings(len(features), options.cutoffs, options.negative_transmittance, options.patch)
     key = (camera.numbers, options, *((name, value.index) for name, value in params.items()))
@@ -148,6 +151,7 @@ def rasterize(
         tables, lists, *blended = known
     else:
         tables, lists, blended = pack(projection, features), tiles(projection, grid, options.cutoffs), None
+        tables.stop_depth = _detached(stop_depth) if stops else None
 
     k, p = projection.kernels, projection.pseudo
     splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *features]

@@ -8,10 +8,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .motion import moved
 from .parameters import RAW, RAW_DOG, device_array, dog_rows
 from .ply import read_ply
 from .splats import Splats
-from .transform import transformed
+from .transform import decompose_similarity, transformed
 
 
 class DogShape(mi.Mesh):
@@ -39,7 +40,9 @@ class DogShape(mi.Mesh):
 
      * - to_world
        - |transform|
-       - Rotation, uniform scale and translation, applied once at load; turns the spherical harmonics too.
+       - Rotation, uniform scale and translation; turns the spherical harmonics too. What is given is applied once at
+         load. The exposed parameter starts as the identity and moves the loaded primitives further. (Default: identity)
+       - |exposed|, |differentiable|
 
     A DoG primitive is the difference of its Gaussian and a wider or narrower *pseudo-Gaussian* with the same centre,
     orientation and colour, opacity f_a·a and scales F·s (method paper, Sec. 3.3).
@@ -82,6 +85,7 @@ class DogShape(mi.Mesh):
         except (ValueError, OSError) as error:
             raise RuntimeError(f"dog: {error}") from None
         self._assign(splats)
+        self.to_world, self._moves = mi.Transform4f(), False
 
     def _assign(self, splats: Splats):
         for name in RAW:
@@ -98,12 +102,19 @@ class DogShape(mi.Mesh):
             callback.put(name, getattr(self, name), mi.ParamFlags.Differentiable)
         if self.has_dog:
             callback.put("dog_index", self.dog_index, mi.ParamFlags.NonDifferentiable)
+        callback.put("to_world", self.to_world, mi.ParamFlags.Differentiable)
 
     def parameters_changed(self, keys: list[str] = []):  # noqa: B006 (signature of Mitsuba)
         n = self.means.shape[0]
         k = self.sh_coeffs.shape[1] if len(self.sh_coeffs.shape) == 3 else 0
         if k not in (1, 4, 9, 16):
             raise RuntimeError(f'dog: "sh_coeffs" has shape {tuple(self.sh_coeffs.shape)}, expected (N, 1/4/9/16, 3)')
+        if "to_world" in keys:
+            try:
+                decompose_similarity(self._matrix())
+            except ValueError as error:
+                raise RuntimeError(f'dog: "to_world": {error}') from None
+            self._moves = True
         rows = {"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": (), "sh_coeffs": (k, 3)}
         self._check_rows(rows, n, "means")
         if not self.has_dog:
@@ -131,7 +142,11 @@ class DogShape(mi.Mesh):
         if self.has_dog and dr.width(self.dog_index):
             params |= {name: getattr(self, name).array for name in RAW_DOG}
             params["dog_index"], params["dog_row"] = self.dog_index, self._dog_row
-        return params
+        return moved(params, self.to_world) if self._moves else params
+
+    def _matrix(self) -> np.ndarray:
+        """The parameter ``to_world`` on the host."""
+        return np.array(dr.detach(self.to_world.matrix), dtype=np.float64).reshape(4, 4)
 
     @property
     def sh_size(self) -> int:
@@ -144,12 +159,14 @@ class DogShape(mi.Mesh):
         arrays = {name: _to_numpy(dr.detach(getattr(self, name))) for name in names}
         if self.has_dog:
             arrays["dog_index"] = self.dog_index.numpy()
-        return Splats(**arrays)
+        splats = Splats(**arrays)
+        return transformed(splats, self._matrix()) if self._moves else splats
 
     def bbox(self) -> mi.ScalarBoundingBox3f:
         """Box of the centres."""
         box = mi.ScalarBoundingBox3f()
-        means = _to_numpy(dr.detach(self.means))
+        matrix = self._matrix()
+        means = _to_numpy(dr.detach(self.means)) @ matrix[:3, :3].T + matrix[:3, 3]
         if len(means):
             box.expand(mi.ScalarPoint3f(means.min(0)))
             box.expand(mi.ScalarPoint3f(means.max(0)))

@@ -23,6 +23,7 @@ class Tables:
     pseudo: mi.Float | None  # [M, PSEUDO_ROW]
     dog_row: mi.UInt32 | None  # [N]
     dog_index: mi.UInt32 | None  # [M]
+    stop_depth: mi.Float | None = None  # [H*W], deeper primitives (by the feature after the colours) are not blended
 
 
 def row_size(n_features: int) -> int:

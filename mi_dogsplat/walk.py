@@ -95,6 +95,7 @@ class Walk:
         self.inside = [r & c for r in row_ok for c in columns]
         base = y * grid.width + x
         self.at = [base + (r * grid.width + c) for r in range(self.blocks.height) for c in range(self.blocks.width)]
+        self.stop_depth = None if tables.stop_depth is None else self.read(tables.stop_depth)
 
     def _align_stack(self) -> None:
         """Local memory that LLVM cannot optimise away, always 0, makes it align the stack to cache lines.
@@ -224,13 +225,15 @@ class Walk:
             alpha.append(dr.select(dr.abs(a) >= self.cutoffs.alpha, a, 0))
         return alpha, primary, pseudo, dog_row, is_dog
 
-    def advance(self, alpha, T) -> tuple:
+    def advance(self, alpha, T, row: Any = (), k: int = 0) -> tuple:
         """(weight α T of the primitive, T behind it, or -T where the walk has ended, whether it is blended)."""
         weight = alpha * T
         behind = T - (weight if self.negative_transmittance else dr.maximum(weight, 0))
         go = behind >= self.cutoffs.transmittance
         if self.rises:
             go &= behind <= MAX_T
+        if self.stop_depth is not None:
+            go &= row[FEATURES + 3] <= self.stop_depth[k]
         return weight, dr.select(go, behind, -dr.abs(T)), go
 
 

@@ -224,13 +224,14 @@ def test_a_folder_of_smaller_images_is_used_with_the_exact_ratio_and_refused_at_
     assert "img_03.png: the image is 7x4, its camera says 1/4 of 21x15" in error_of(tmp_path, downscale=4)
 
 
-def test_distortion_of_zero_is_a_pinhole_and_any_other_asks_for_the_undistorter(tmp_path):
+def test_distortion_of_zero_is_a_pinhole_and_a_lens_that_is_not_known_asks_for_the_undistorter(tmp_path):
     colmap_folder(tmp_path, camera="OPENCV", params=(20, 20, 10.5, 7.5, 0, 0, 0, 0))
-    assert load_dataset(tmp_path).train[0].camera.fx == 20
-    colmap_folder(tmp_path, camera="SIMPLE_RADIAL", params=(20, 10.5, 7.5, 0.01))
-    assert "image_undistorter" in error_of(tmp_path)
-    colmap_folder(tmp_path, camera="OPENCV_FISHEYE", params=(20, 20, 10.5, 7.5, 0, 0, 0, 0))
-    assert "OPENCV_FISHEYE" in error_of(tmp_path)
+    view = load_dataset(tmp_path).train[0]
+    assert (view.camera.fx, view.camera.width, view.camera.height) == (20, WIDTH, HEIGHT)
+    colmap_folder(tmp_path, camera="THIN_PRISM_FISHEYE", params=(20, 20, 10.5, 7.5, *[0.0] * 8))
+    assert "THIN_PRISM_FISHEYE, which is none of SIMPLE_PINHOLE" in error_of(tmp_path)
+    colmap_folder(tmp_path, camera="FULL_OPENCV", params=(20, 20, 10.5, 7.5, *[0.01] * 8))
+    assert "FULL_OPENCV with" in error_of(tmp_path) and "image_undistorter" in error_of(tmp_path)
 
 
 @pytest.mark.parametrize("file", ["cameras.bin", "images.bin", "points3D.bin"])
@@ -336,8 +337,10 @@ def test_points_come_from_the_named_ply_and_wrong_poses_are_caught_by_them(tmp_p
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"k1": 0.1}, "distortion"),
-        ({"camera_model": "OPENCV_FISHEYE"}, "distortion"),
+        ({"k5": 0.1}, "k1 to k6"),
+        ({"camera_model": "FULL_OPENCV", "k1": 0.1}, "FULL_OPENCV"),
+        ({"camera_model": "EQUIRECTANGULAR"}, "EQUIRECTANGULAR"),
+        ({"k1": -20.0, "cx": 40.0}, "leaves no pinhole image"),
         ({"frames": []}, "no cameras"),
         ({"frames": [{"file_path": "images/r_0.png"}]}, "lacks"),
         ({"camera_angle_x": 0}, "division"),

@@ -83,8 +83,8 @@ def test_the_bounding_box_holds_the_centres_and_the_text_the_counts():
 
 def test_traverse_shows_the_raw_parameters_under_their_fixed_names():
     params: Any = mi.traverse(load())
-    assert set(params.keys()) == {*RAW, *RAW_DOG, "dog_index"}
-    assert set(mi.traverse(load(PLAIN)).keys()) == set(RAW)
+    assert set(params.keys()) == {*RAW, *RAW_DOG, "dog_index", "to_world"}
+    assert set(mi.traverse(load(PLAIN)).keys()) == {*RAW, "to_world"}
     for name in (*RAW, *RAW_DOG):
         assert isinstance(params[name], mi.TensorXf)
         assert tuple(params[name].shape) == getattr(MODEL, name).shape

@@ -7,6 +7,7 @@ ones.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from .check import require_plausible
 from .colmap_files import ColmapImage, ColmapPoints, read_cameras, read_images, read_points
 from .dataset import Dataset, Observations, View, every_eighth, require_unique_names, view_name
 from .images import ViewSource, load_views, require_files
+from .lens import undistortion
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
 
@@ -42,7 +44,7 @@ def load_colmap(path: Path, downscale: int) -> Dataset:
     sources, images = read_sources(model, _image_folder(path, model))
     points = read_model_points(model)
     smaller = _image_folder(path, model).with_name(f"images_{downscale}")
-    relocated = [ViewSource(s.name, smaller / i.name, s.camera) for s, i in zip(sources, images, strict=True)]
+    relocated = [replace(s, image_path=smaller / i.name) for s, i in zip(sources, images, strict=True)]
     prescaled = downscale > 1 and all(source.image_path.is_file() for source in relocated)
     if not prescaled:
         require_files([source.image_path for source in sources])
@@ -76,7 +78,7 @@ def read_sources(model: Path, image_folder: Path) -> tuple[list[ViewSource], lis
             )
         c = cameras[image.camera_id]
         camera = Camera(image.w2c, c.fx, c.fy, c.cx, c.cy, c.width, c.height)
-        sources.append(ViewSource(view_name(image.name), image_folder / image.name, camera))
+        sources.append(ViewSource(view_name(image.name), image_folder / image.name, camera, c.lens))
     require_unique_names(image_file, [source.name for source in sources])
     return sources, images
 
@@ -116,7 +118,10 @@ def _observations(
     if len(points.ids) == 0:
         return observations
     for source, image, view in zip(sources, images, views, strict=True):
-        seen = image.point_ids >= 0
+        pixels, lens = image.pixels, source.lens
+        if not lens.straight:
+            pixels = undistortion(source.camera, lens).points(pixels)
+        seen = (image.point_ids >= 0) & np.isfinite(pixels).all(axis=1)
         if not seen.any():
             continue
         rows = np.minimum(np.searchsorted(points.ids, image.point_ids[seen]), len(points.ids) - 1)  # [M]
@@ -125,5 +130,5 @@ def _observations(
                 model, f'image "{image.name}" sees a point that points3D lacks', "export the model again"
             )
         scale = (view.camera.fx / source.camera.fx, view.camera.fy / source.camera.fy)
-        observations[source.name] = Observations(image.pixels[seen] * scale, rows)
+        observations[source.name] = Observations(pixels[seen] * scale, rows)
     return observations

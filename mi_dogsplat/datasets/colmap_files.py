@@ -21,15 +21,19 @@ import numpy as np
 
 from ..cameras import RIGID_TOLERANCE
 from ..errors import DataError
+from .lens import Lens
 
-# id: (name, number of parameters, fx and fy apart). The other models bend rays even with zero coefficients.
-PINHOLE_MODELS = {
+# id: (name, number of parameters, fx and fy apart)
+MODELS = {
     0: ("SIMPLE_PINHOLE", 3, False),
     1: ("PINHOLE", 4, True),
     2: ("SIMPLE_RADIAL", 4, False),
     3: ("RADIAL", 5, False),
     4: ("OPENCV", 8, True),
-    6: ("FULL_OPENCV", 12, True),
+    5: ("OPENCV_FISHEYE", 8, True),
+    6: ("FULL_OPENCV", 12, True),  # with coefficients of zero only
+    8: ("SIMPLE_RADIAL_FISHEYE", 4, False),
+    9: ("RADIAL_FISHEYE", 5, False),
 }
 REMEDY = "copy the file again or export the model again"
 UNDISTORT = "run COLMAP's image_undistorter and use the folder that it writes"
@@ -45,6 +49,7 @@ class ColmapCamera:
     cy: float
     width: int
     height: int
+    lens: Lens
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,27 +111,25 @@ OBSERVATION = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 
 
 def read_cameras(path: Path) -> dict[int, ColmapCamera]:
-    """Cameras by id from ``cameras.bin`` or ``cameras.txt``. Raises ``DataError``, also for a distorted
-    camera."""
+    """Cameras by id from ``cameras.bin`` or ``cameras.txt``. Raises ``DataError``, also for a lens that is
+    not known here."""
     cameras = {}
     if path.suffix == ".bin":
         file = Bytes(path)
         for _ in range(file.take("<Q")[0]):
             camera_id, model, width, height = file.take("<iiQQ")
-            if model not in PINHOLE_MODELS:
-                raise DataError(
-                    path, f"camera {camera_id} has the model number {model}, no pinhole", UNDISTORT
-                )
-            values = file.take(f"<{PINHOLE_MODELS[model][1]}d")
+            if model not in MODELS:
+                raise _unknown_model(path, camera_id, f"number {model}")
+            values = file.take(f"<{MODELS[model][1]}d")
             cameras[camera_id] = _camera(path, camera_id, model, width, height, values)
         file.finish()
         return cameras
-    numbers = {name: number for number, (name, _, _) in PINHOLE_MODELS.items()}
+    numbers = {name: number for number, (name, _, _) in MODELS.items()}
     for number, line in _lines(path):
         try:
             camera_id, name, width, height, *values = line.split()
             if name not in numbers:
-                raise DataError(path, f"camera {camera_id} has the model {name}, no pinhole", UNDISTORT)
+                raise _unknown_model(path, int(camera_id), name)
             parsed = int(camera_id), numbers[name], int(width), int(height), tuple(float(v) for v in values)
         except ValueError as error:
             raise _bad_line(path, number, error) from error
@@ -196,7 +199,7 @@ def read_points(path: Path) -> ColmapPoints:
 def _camera(
     path: Path, camera_id: int, model: int, width: int, height: int, values: tuple[float, ...]
 ) -> ColmapCamera:
-    name, n_values, separate = PINHOLE_MODELS[model]
+    name, n_values, separate = MODELS[model]
     if len(values) != n_values:
         raise DataError(
             path, f"camera {camera_id} has {len(values)} parameters, {name} has {n_values}", REMEDY
@@ -208,9 +211,19 @@ def _camera(
     ):
         raise DataError(path, f"camera {camera_id} is {width}x{height} with parameters {values}", REMEDY)
     focal, (cx, cy, *distortion) = values[: 1 + separate], values[1 + separate :]
-    if any(distortion):
-        raise DataError(path, f"camera {camera_id} has lens distortion ({name} {distortion})", UNDISTORT)
-    return ColmapCamera(focal[0], focal[-1], cx, cy, width, height)
+    if name == "FULL_OPENCV":
+        if any(distortion):
+            raise _unknown_model(path, camera_id, f"{name} with {distortion}")
+        distortion = []
+    lens = Lens(tuple(distortion[:2]), (distortion[2], distortion[3])) if name == "OPENCV" else Lens(tuple(distortion))
+    if name.endswith("FISHEYE"):
+        lens = Lens(tuple(distortion), fisheye=True)
+    return ColmapCamera(focal[0], focal[-1], cx, cy, width, height, lens)
+
+
+def _unknown_model(path: Path, camera_id: int, model: str) -> DataError:
+    known = ", ".join(name for name, _, _ in MODELS.values() if name != "FULL_OPENCV")
+    return DataError(path, f"camera {camera_id} has the model {model}, which is none of {known}", UNDISTORT)
 
 
 def _pose(path: Path, name: str, pose: list[float]) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Reading images once: premultiplied, box-averaged to the working size, checked against their cameras.
 
+- **Lens distortion** is removed at full size, before downscaling (``lens.py``).
 - **EXIF orientation is ignored.** Structure from motion calibrates the stored pixel grid, so turning the
   image would break its camera. A file that was calibrated turned shows as a size mismatch, and the message
   then names the tag.
@@ -22,6 +23,7 @@ from PIL import Image
 from ..cameras import Camera
 from ..errors import DataError
 from .dataset import View
+from .lens import Lens, undistortion
 
 EXIF_ORIENTATION = 274
 UNREADABLE = (
@@ -34,11 +36,12 @@ UNREADABLE = (
 
 @dataclass(frozen=True, eq=False)
 class ViewSource:
-    """A view before its image is read; ``camera`` is that of the image at full size."""
+    """A view before its image is read; ``camera`` and ``lens`` are those of the image at full size."""
 
     name: str
     image_path: Path
     camera: Camera
+    lens: Lens = Lens()
 
 
 def require_files(paths: Sequence[Path]) -> None:
@@ -117,14 +120,27 @@ def _load_view(source: ViewSource, downscale: int, prescaled: bool) -> View:
         off = max(abs(width * downscale - camera.width), abs(height * downscale - camera.height))
         if off >= downscale:
             raise _wrong_size(path, width, height, f"1/{downscale} of {camera.width}x{camera.height}")
-        return View(source.name, camera.resized(width, height), pixels)
+        camera, pixels = _straightened(path, camera.resized(width, height), source.lens, pixels)
+        return View(source.name, camera, pixels)
     if (width, height) != (camera.width, camera.height):
         raise _wrong_size(path, width, height, f"{camera.width}x{camera.height}")
+    camera, pixels = _straightened(path, camera, source.lens, pixels)
     try:
         camera = camera.downscaled(downscale)
     except ValueError as error:
         raise DataError(path, str(error), "choose a smaller downscale factor") from error
     return View(source.name, camera, box_downscale(pixels, downscale) if downscale > 1 else pixels)
+
+
+def _straightened(path: Path, camera: Camera, lens: Lens, pixels: np.ndarray) -> tuple[Camera, np.ndarray]:
+    """Camera and image of a pinhole."""
+    if lens.straight:
+        return camera, pixels
+    try:
+        straight = undistortion(camera, lens)
+    except ValueError as error:
+        raise DataError(path, str(error), "correct the distortion coefficients") from error
+    return straight.camera, straight.image(pixels)
 
 
 def _with_channels(image: np.ndarray, has_alpha: bool) -> np.ndarray:

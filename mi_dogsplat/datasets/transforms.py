@@ -21,11 +21,12 @@ from .check import require_plausible
 from .colmap import find_model, read_model_points, read_sources
 from .dataset import Dataset, every_eighth, no_points, require_unique_names, view_name
 from .images import ViewSource, image_size, load_views, require_files
+from .lens import Lens
 from .point_ply import read_point_ply
 
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp")
-DISTORTIONS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
-PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
+LENSES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 UNDISTORT = "undistort the images first (for instance with COLMAP's image_undistorter)"
 CONVENTION = (
     "transform_matrix is camera-to-world with x right, y up, z backward (OpenGL), "
@@ -102,12 +103,13 @@ def _sources(file: Path, content: dict[str, Any]) -> list[ViewSource]:
     for frame, image_path in zip(frames, paths, strict=True):
         name = str(frame["file_path"])
         try:
-            camera = _camera(file, {**shared, **frame}, image_path)
+            merged = {**shared, **frame}
+            camera, lens = _camera(file, merged, image_path), _lens(file, merged)
         except (ValueError, TypeError, ZeroDivisionError) as error:
             if isinstance(error, DataError):
                 raise
             raise DataError(file, f'frame "{name}": {error}', f"correct it ({CONVENTION})") from error
-        sources.append(ViewSource(view_name(name), image_path, camera))
+        sources.append(ViewSource(view_name(name), image_path, camera, lens))
     return sources
 
 
@@ -121,13 +123,6 @@ def _image_path(folder: Path, name: str) -> Path:
 
 def _camera(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
     """Camera of a frame (top-level values already merged in). Raises ``DataError`` or ``ValueError``."""
-    model = frame.get("camera_model", "PINHOLE")
-    if (
-        model not in PINHOLES
-        or frame.get("is_fisheye")
-        or any(float(frame.get(key, 0)) for key in DISTORTIONS)
-    ):
-        raise DataError(file, f'"{frame["file_path"]}" has lens distortion (camera model {model})', UNDISTORT)
     stated = "w" in frame and "h" in frame
     width, height = (int(frame["w"]), int(frame["h"])) if stated else image_size(image_path)
     fx = _focal(frame, "fl_x", "camera_angle_x", width)
@@ -140,6 +135,20 @@ def _camera(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:
     assert fx is not None and fy is not None
     cx, cy = float(frame.get("cx", width / 2)), float(frame.get("cy", height / 2))
     return Camera(opengl_c2w_to_opencv_w2c(frame["transform_matrix"]), fx, fy, cx, cy, width, height)
+
+
+def _lens(file: Path, frame: dict[str, Any]) -> Lens:
+    """Distortion of a frame: polynomials with k1 to k4, as instant-ngp and nerfstudio have them."""
+    model = frame.get("camera_model", "PINHOLE")
+    fisheye = bool(frame.get("is_fisheye")) or model in FISHEYES
+    k, p = ([float(frame.get(f"{letter}{i}", 0)) for i in range(1, n)] for letter, n in (("k", 7), ("p", 3)))
+    known = model in LENSES + FISHEYES or (model == "FULL_OPENCV" and not any(k + p))
+    if not known or any(k[4:]) or (fisheye and any(p)):
+        named = ", ".join(LENSES + FISHEYES)
+        problem = f'"{frame["file_path"]}" has a lens {model} with k1 to k6 {k} and p1, p2 {p}'
+        known_ones = f"known are {named} with k1 to k4, and p1, p2 where it is no fisheye"
+        raise DataError(file, f"{problem} ({known_ones})", UNDISTORT)
+    return Lens(tuple(k[:4]), (p[0], p[1]), fisheye)
 
 
 def _focal(frame: dict[str, Any], pixels_key: str, angle_key: str, size: int) -> float | None:

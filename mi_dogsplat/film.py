@@ -1,0 +1,110 @@
+"""From planes of samples to the developed image: the film's reconstruction filter, channels and colour conversion.
+
+Planes are row-major: 3 colours as linear radiance, alpha where the film has it, then the AOVs.
+"""
+
+# The stubs of Mitsuba and Dr.Jit give many types as "object".
+# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false, reportReturnType=false
+# pyright: reportAssignmentType=false
+from __future__ import annotations
+
+import re
+
+import drjit as dr
+import mitsuba as mi
+
+from .samples import Sample
+
+
+def has_alpha(film: mi.Film) -> bool:
+    return mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
+
+
+def develop(film: mi.Film, aov_names: list[str], planes: list[mi.Float], derivative: bool = False) -> mi.TensorXf:
+    """The image of planes that have one value per pixel, kept in the film too. Differentiable.
+
+    ``derivative``: wanted for its graph only, the film is left as it is.
+    """
+    width, height = film.crop_size()
+    if derivative:
+        pixel_format = _pixel_format(film)
+        if pixel_format in ("rgb", "rgba"):
+            return interleave(planes, height, width)
+        film = mi.load_dict({"type": "hdrfilm", "width": width, "height": height, "pixel_format": pixel_format})
+    film.prepare(aov_names)
+    n_colors = 4 if has_alpha(film) else 3
+    channels = [*planes[:n_colors], mi.Float(1), *planes[n_colors:]]  # samples of weight 1
+    film.put_block(mi.ImageBlock(interleave(channels, height, width), film.crop_offset()))
+    return film.develop()
+
+
+def _pixel_format(film: mi.Film) -> str:
+    """As the plugin's parameter has it; a film shows it in its description only."""
+    found = re.search(r"pixel_format = (\w+)", str(film))
+    shown = found[1] if found else "rgb"
+    return {"y": "luminance", "ya": "luminance_alpha"}.get(shown, shown)
+
+
+class Filter:
+    """Spreads the samples of passes over the pixels as the film's reconstruction filter says."""
+
+    def __init__(self, film: mi.Film):
+        self.film, self.filter = film, film.rfilter()
+        self.border = self.filter.border_size() if film.sample_border() else 0  # pixels to sample around the window
+
+    def spread(self, planes: list[mi.Float], sample: Sample) -> list[mi.Float]:
+        """Sums over samples, per pixel, of each plane times the filter; last the sum of the filter itself."""
+        width, height = self.film.crop_size()
+        left, top = self.film.crop_offset()
+        planes = [*planes, mi.Float(1)]
+        if self.filter.is_box_filter() and not self.border:
+            return [*planes[:-1], dr.full(mi.Float, 1, width * height)]
+        size = width + 2 * self.border, height + 2 * self.border
+        index = dr.arange(mi.UInt32, size[0] * size[1])
+        y = index // dr.opaque(mi.UInt32, size[0])
+        column, row = mi.Float(index - y * size[0]), mi.Float(y)
+        # a sample beside the border of a pixel could be rounded into the next one; a box needs its pixel only
+        inside = (0.5, 0.5) if self.filter.is_box_filter() else (sample.x, sample.y)
+        x, y = (
+            dr.opaque(mi.Float, first - self.border + within) for first, within in zip((left, top), inside, strict=True)
+        )
+        block = mi.ImageBlock((width, height), (left, top), len(planes), self.filter, border=False)
+        block.set_coalesce(False)  # neighbouring lanes are neighbouring pixels, not samples of one
+        block.put(mi.Point2f(column + x, row + y), planes)
+        pixel = dr.arange(mi.UInt32, width * height)
+        values = block.tensor().array
+        return [dr.gather(mi.Float, values, dr.fma(pixel, len(planes), c)) for c in range(len(planes))]
+
+
+def normalized(sums: list[mi.Float]) -> list[mi.Float]:
+    """Weighted means from what ``Filter.spread`` returns, added up over the passes; 0 where there is no sample."""
+    inverse = dr.select(sums[-1] != 0, dr.rcp(sums[-1]), 0)
+    return [plane * inverse for plane in sums[:-1]]
+
+
+def interleave(channels: list[mi.Float], height: int, width: int) -> mi.TensorXf:
+    """Planes to a [height, width, channels] tensor. Differentiable."""
+    n, k = height * width, len(channels)
+    if n == 0:
+        return dr.zeros(mi.TensorXf, (height, width, k))
+    pixels = dr.empty(mi.Float, n * k)
+    index = dr.arange(mi.UInt32, n)
+    for c, channel in enumerate(channels):
+        dr.scatter(pixels, channel, dr.fma(index, k, c), mode=dr.ReduceMode.Permute)
+    return mi.TensorXf(pixels, shape=(height, width, k))
+
+
+def side_by_side(images: list[list[mi.Float]], width: int, height: int) -> list[mi.Float]:
+    """Planes of images of one size, joined from left to right. Differentiable."""
+    if len(images) == 1:
+        return images[0]
+    index = dr.arange(mi.UInt32, width * height)
+    row = index // width
+    joined = []
+    for planes in zip(*images, strict=True):
+        plane = dr.empty(mi.Float, len(images) * width * height)
+        for k, part in enumerate(planes):
+            at = row * (len(images) * width) + k * width + (index - row * width)
+            dr.scatter(plane, part, at, mode=dr.ReduceMode.Permute)
+        joined.append(plane)
+    return joined

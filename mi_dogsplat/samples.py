@@ -1,0 +1,40 @@
+"""Where the passes of a render with several samples per pixel look: inside of the pixels, and through the lens.
+
+A pass is a whole image by one pinhole. All its pixels are sampled at the same place inside of them, and through the
+same point of the lens, so that it is as cheap as a render of one sample. Over the passes these places cover the pixel,
+and the lens, evenly, and their mean is the middle, so that no edge moves to either side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# Multiples of such numbers cover the unit interval evenly, and pairs of them the unit square: the first two are best
+# for a square (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences"), the other two nearly so.
+CENTERINGS = 8  # moving all to the middle pushes some against the border, and the mean off again, a little less
+STEPS = (0.7548776662466927, 0.5698402909980532, 3 ** (1 / 3) % 1, 9 ** (1 / 3) % 1)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One pass. All but the seed are in [0, 1)."""
+
+    x: float = 0.5  # inside of every pixel, from its left
+    y: float = 0.5  # from its top
+    lens_x: float = 0.5  # of the square that Mitsuba maps to the lens
+    lens_y: float = 0.5
+    seed: int = 0  # of random numbers that the pass needs
+
+
+def samples(count: int, seed: int = 0) -> list[Sample]:
+    """The passes of a render: one through the centres of pixels and lens, or several that cover both evenly.
+
+    ``seed`` moves the places of several samples; renders of different seeds are independent.
+    """
+    start = np.random.default_rng(seed).random(4)
+    places = (start + np.arange(count)[:, None] * STEPS) % 1  # [count, 4]
+    for _ in range(CENTERINGS):
+        places = np.clip(places + 0.5 - places.mean(0), 0, np.nextafter(np.float32(1), np.float32(0)))
+    return [Sample(*map(float, place), seed=(seed * count + k) % 2**32) for k, place in enumerate(places)]

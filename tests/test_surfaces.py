@@ -1,0 +1,280 @@
+"""Other shapes in the scene: rendered by a nested integrator, splats in front of them and hidden behind them."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from mi_dogsplat import reference
+from mi_dogsplat.cameras import Camera
+from mi_dogsplat.geometry import SMOOTH
+from mi_dogsplat.parameters import upload
+from mi_dogsplat.project import DeviceCamera
+from mi_dogsplat.rasterize import Frame, rasterize
+from mi_dogsplat.reference import RAW_PARAMETERS
+from mi_dogsplat.splats import Splats
+from splat_scenes import (
+    assert_gradients_equal,
+    attached,
+    differences,
+    dog_dict,
+    image_of,
+    options,
+    plane_of,
+    random_splats,
+    rounded,
+    scene_of,
+    sensor_dict,
+    square_camera,
+)
+
+CAMERA = square_camera(20, 16, f=18.0)
+LEVELS = np.array([0.5, 2.2, 3.0, 4.1, np.inf], np.float32)
+WHERE = np.random.default_rng(3).integers(0, len(LEVELS), (16, 20))
+
+
+def model(n=40, seed=2, **choices) -> Splats:
+    return rounded(random_splats(n, seed=seed, degree=1, **choices))
+
+
+def stopped(splats: Splats, **choices) -> list[np.ndarray]:
+    """Image, T and depth of the twin where each pixel sees only what is nearer than its level."""
+    depth = CAMERA.project(splats.means)[1]
+    result = [np.zeros((16, 20, 3)), np.zeros((16, 20)), np.zeros((16, 20))]
+    for k, level in enumerate(LEVELS):
+        near = Camera(CAMERA.w2c, CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 20, 16)
+        kept = _opaque_only(splats, depth <= level)
+        for whole, part in zip(result, reference.render(kept, near, **choices), strict=True):
+            whole[WHERE == k] = part[WHERE == k]
+    return result
+
+
+def _opaque_only(splats: Any, kept: np.ndarray) -> Any:
+    """The others become invisible, so that rows stay where they are."""
+    rows = {name: np.array(getattr(splats, name), float) for name in RAW_PARAMETERS}
+    copy = SimpleNamespace(**rows, dog_index=splats.dog_index)
+    copy.logit_opacities[~kept] = -np.inf
+    return copy
+
+
+def rasterized(params: dict, splats: Splats, **choices) -> Frame:
+    stop = mi.Float(LEVELS[WHERE].ravel())
+    return rasterize(params, DeviceCamera.upload(CAMERA), options(splats, **choices), stop_depth=stop)
+
+
+@pytest.mark.parametrize("dog_share", [0.0, 0.5])
+@pytest.mark.parametrize("negative_transmittance", [True, False])
+def test_each_pixel_blends_what_is_nearer_than_its_surface(dog_share, negative_transmittance):
+    splats = model(dog_share=dog_share)
+    choices = {"negative_transmittance": negative_transmittance}
+    frame: Any = rasterized(upload(splats), splats, depth=True, **choices)
+    image, T, depth = stopped(splats, **choices)
+    for got, expected in ((image_of(frame, CAMERA), image), (plane_of(frame.T, CAMERA), T),
+                          (plane_of(frame.depth, CAMERA), depth)):
+        assert np.abs(got - expected).mean() < 2e-5
+    everything = reference.render(splats, CAMERA, **choices)[0]
+    assert np.abs(image - everything).max() > 0.2
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[Splats, np.ndarray, dict[str, np.ndarray]]:
+    splats = model(10, seed=4)
+    adjoint = np.random.default_rng(0).normal(size=(16, 20, 4))
+
+    def loss(s: Splats) -> float:
+        image, T, _ = stopped(s)
+        return float(np.sum(adjoint * np.dstack([image, T])))
+
+    return splats, adjoint, differences(splats, loss, eps=1e-7)
+
+
+def test_backward_mode_stops_at_the_surface(small):
+    splats, adjoint, expected = small
+    params = attached(splats)
+    frame = rasterized(params, splats)
+    planes = [*frame.colors, frame.T]
+    loss: Any = sum(dr.sum(p * mi.Float(adjoint[..., c].ravel())) for c, p in enumerate(planes))
+    dr.backward(loss)
+    assert_gradients_equal({name: dr.grad(params[name]).numpy().reshape(expected[name].shape)
+                            for name in RAW_PARAMETERS}, expected)
+
+
+@pytest.mark.parametrize("name", RAW_PARAMETERS)
+def test_forward_mode_stops_at_the_surface(small, name):
+    splats, adjoint, expected = small
+    params = upload(splats)
+    direction = np.random.default_rng(1).normal(size=expected[name].shape)
+    dr.enable_grad(params[name])
+    dr.set_grad(params[name], mi.Float(direction.ravel()))
+    frame = rasterized(params, splats)
+    planes = [*frame.colors, frame.T]
+    dr.forward_to(planes)
+    got = sum(np.sum(adjoint[..., c].ravel() * dr.grad(p).numpy()) for c, p in enumerate(planes))
+    terms = expected[name] * direction
+    assert abs(got - terms.sum()) < 1e-2 * np.abs(terms).sum()
+
+
+# Scenes
+
+def wall(z: float, radiance=(0.2, 0.5, 0.9), size=10.0, turn=0.0) -> dict[str, Any]:
+    """A square that shines by itself, so that nothing is random; it faces a camera at the origin that looks along z."""
+    to_world = mi.ScalarTransform4f().translate([0, 0, z]).rotate([0, 1, 0], 180 + turn).scale(size)
+    return {"type": "rectangle", "to_world": to_world,
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": list(radiance)}}}
+
+
+FRONT = Camera(np.eye(4), 18.0, 18.0, 10.0, 8.0, 20, 16)
+
+
+def render(splats: Splats, surfaces: dict, spp=1, film: dict | None = None, sensor: dict | None = None,
+           **integrator) -> np.ndarray:
+    nested = {"nested": {"type": "path"}, "srgb_primitives": False, **integrator}
+    scene = scene_of(splats, FRONT, film=film, extra={**surfaces, **({"other": sensor} if sensor else {})}, **nested)
+    return np.array(mi.render(scene, sensor=len(scene.sensors()) - 1, spp=spp))
+
+
+def test_a_wall_hides_what_is_behind_it_and_shows_behind_what_is_in_front():
+    splats = model(dog_share=0.5)
+    radiance = np.array([0.2, 0.5, 0.9])
+    near = splats.select(np.flatnonzero(splats.means[:, 2] <= 2.5))
+    assert 0 < near.n_splats < splats.n_splats
+    expected = reference.render(near, FRONT, radiance)[0]
+    assert np.abs(render(splats, {"wall": wall(2.5)}) - expected).mean() < 2e-5
+    display = reference.render(near, FRONT, np.array(mi.math.linear_to_srgb(mi.Float(radiance))))[0]
+    expected = np.where(display <= 0.04045, display / 12.92, ((np.maximum(display, 0.04045) + 0.055) / 1.055) ** 2.4)
+    assert np.abs(render(splats, {"wall": wall(2.5)}, srgb_primitives=True) - expected).mean() < 2e-5
+
+
+def test_a_slanted_wall_cuts_each_pixel_at_its_own_depth():
+    """The oracle asks, pixel by pixel, where its ray meets the plane x sin + (z - 3) cos = 0."""
+    splats, turn = model(60, dog_share=0.3), np.radians(50)
+    y, x = np.mgrid[0:16, 0:20] + 0.5
+    u = (x - FRONT.cx) / FRONT.fx
+    z = 3 * np.cos(turn) / (np.cos(turn) + u * np.sin(turn))
+    got = render(splats, {"wall": wall(3, turn=float(np.degrees(turn)))}, aovs="alpha,depth")
+    got_turned = render(splats, {"wall": wall(3, turn=float(-np.degrees(turn)))}, aovs="alpha,depth")
+    empty = render(Splats.empty(1), {"wall": wall(3, turn=float(np.degrees(turn)))}, aovs="alpha,depth")
+    if np.abs(empty[8, :, 4] - z[8]).max() > 1e-3:  # the other way round
+        got, z = got_turned, z
+    for row in range(0, 16, 5):
+        for column in range(20):
+            near = splats.select(np.flatnonzero(splats.means[:, 2] <= z[row, column]))
+            image, T, depth = (v[row, column] for v in reference.render(near, FRONT, (0.2, 0.5, 0.9)))
+            np.testing.assert_allclose(got[row, column, :3], image, atol=2e-4)
+            np.testing.assert_allclose(got[row, column, 3:], (1, depth + T * z[row, column]), rtol=1e-3)
+
+
+def test_alpha_is_that_of_splats_and_surfaces_together():
+    splats = model(dog_share=0)
+    film = {"pixel_format": "rgba"}
+    part = render(splats, {"wall": wall(2.5, size=0.5)}, film=film)
+    whole = render(splats, {"wall": wall(2.5)}, film=film)
+    none = np.array(mi.render(scene_of(splats, FRONT, film=film)))
+    assert (whole[..., 3] == 1).all()
+    covered = part[..., 3] == 1
+    assert 0.05 < covered.mean() < 0.6
+    np.testing.assert_allclose(part[~covered, 3], none[~covered, 3], atol=1e-6)
+
+
+def test_the_edge_of_a_surface_is_antialiased_over_the_samples():
+    """Coverage of a half-plane whose edge runs through pixels, known in closed form for a box filter."""
+    edge = 0.137  # at depth 2, in world units
+    plate = {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([edge - 5, 0, 2]).rotate(
+        [0, 1, 0], 180).scale(5), "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [1, 1, 1]}}}
+    got = render(Splats.empty(0), {"plate": plate}, spp=64, film={"pixel_format": "rgba"})
+    position = FRONT.cx + FRONT.fx * edge / 2
+    expected = np.clip(position - np.arange(20), 0, 1)
+    assert 0.1 < expected[int(position)] < 0.9
+    np.testing.assert_allclose(got[..., 0], np.broadcast_to(expected, (16, 20)), atol=0.03)
+    np.testing.assert_allclose(got[..., 3], got[..., 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["orthographic", "thinlens"])
+def test_depths_of_surfaces_and_splats_agree_for_every_sensor(kind):
+    """A wall just behind the only splat shows it, one just in front hides it."""
+    splats: Any = model(1, dog_share=0)
+    splats.means[:], splats.log_scales[:], splats.logit_opacities[:] = (0.3, 0.2, 3), np.log(0.2), 4
+    own = sensor_dict(FRONT)
+    scale = [0.6, 0.6, 0.7] if kind == "orthographic" else 1
+    sensor = {"type": kind, "film": own["film"], "to_world": mi.ScalarTransform4f().rotate([0, 1, 0], 0).scale(scale)}
+    if kind == "thinlens":
+        sensor |= {"fov": 50.0, "aperture_radius": 0.2, "focus_distance": 2.0}
+    images = [render(splats, {"wall": wall(z)}, spp=4, sensor=sensor) for z in (2.999, 3.001)]
+    blank = render(Splats.empty(1), {"wall": wall(3)}, spp=4, sensor=sensor)
+    np.testing.assert_allclose(images[0], blank, atol=1e-5)
+    assert np.abs(images[1] - blank).max() > 0.2
+
+
+def test_rays_do_not_meet_a_dog_shape_and_its_surroundings_are_lit_as_if_it_were_not_there():
+    floor = {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0, 0, 3]).rotate([0, 1, 0], 180)}
+    lit = {"floor": floor, "sky": {"type": "constant"}}
+    splats = model(50)
+    scene = scene_of(splats, FRONT, extra=lit)
+    without: Any = mi.load_dict({"type": "scene", "sensor": sensor_dict(FRONT), **lit})
+    path: Any = mi.load_dict({"type": "path"})
+    a, b = (np.array(mi.render(s, integrator=path, spp=16)) for s in (scene, without))
+    np.testing.assert_allclose(a, b, atol=1e-6)
+    y, x = np.mgrid[-1:1:40j, -1:1:40j]
+    origin = mi.Point3f(0, 0, -1)
+    direction = dr.normalize(mi.Vector3f(mi.Float(x.ravel()), mi.Float(y.ravel()), mi.Float(1)))
+    alone: Any = mi.load_dict({"type": "scene", "splats": dog_dict(splats)})
+    assert not dr.any(alone.ray_intersect(mi.Ray3f(origin, direction)).is_valid())
+
+
+def test_a_lit_mesh_converges_to_what_the_path_tracer_makes_of_it():
+    ball = {"type": "sphere", "center": [0.2, 0, 3], "radius": 0.7, "bsdf": {"type": "diffuse"}}
+    lit = {"ball": ball, "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.5, 0.7, 1.0]}}}
+    got = render(Splats.empty(0), lit, spp=256)
+    scene: Any = mi.load_dict({"type": "scene", "sensor": sensor_dict(FRONT), **lit})
+    expected = np.array(mi.render(scene, integrator=mi.load_dict({"type": "path"}), spp=1024))  # type: ignore[arg-type]
+    assert np.abs(got - expected).mean() < 0.01 and np.abs(got - expected).max() < 0.08
+
+
+@pytest.mark.parametrize("nested", ["path", "prb", "direct"])
+def test_integrators_in_c_and_in_python_may_be_nested(nested):
+    image = render(Splats.empty(0), {"wall": wall(2.5)}, nested={"type": nested})
+    np.testing.assert_allclose(image, np.broadcast_to([0.2, 0.5, 0.9], image.shape), atol=1e-5)
+
+
+def test_the_sampler_says_how_many_samples_surfaces_get():
+    lit = {"ball": {"type": "sphere", "center": [0, 0, 3]}, "sky": {"type": "constant"}}
+    scene = scene_of(model(5), FRONT, extra=lit, nested={"type": "path"})
+    default, four, one = (np.array(mi.render(scene, spp=spp)) for spp in (0, 4, 1))
+    np.testing.assert_array_equal(default, four)  # of an independent sampler
+    assert np.abs(four - one).max() > 1e-3
+
+
+def test_derivatives_of_splats_take_surfaces_as_constant():
+    splats = model(10, seed=4)
+    adjoint = np.random.default_rng(0).normal(size=(16, 20, 3)).astype(np.float32)
+    front = splats.select(np.flatnonzero(splats.means[:, 2] <= 2.5))
+    assert 2 <= front.n_splats <= 8
+
+    def gradient(s: Splats, extra: dict, **integrator) -> np.ndarray:
+        scene = scene_of(s, FRONT, extra=extra, **integrator)
+        params: Any = mi.traverse(scene)
+        dr.enable_grad(params["splats.means"])
+        params.update()
+        dr.backward(dr.sum(mi.render(scene, params, spp=1) * mi.TensorXf(adjoint), axis=None))
+        return dr.grad(params["splats.means"]).numpy()
+
+    got = gradient(splats, {"wall": wall(2.5)}, nested={"type": "path"})
+    sky = {"type": "constant", "radiance": {"type": "rgb", "value": [0.2, 0.5, 0.9]}}
+    expected = gradient(front, {"sky": sky})
+    np.testing.assert_allclose(got[splats.means[:, 2] <= 2.5], expected, atol=1e-4 * np.abs(expected).max())
+    assert not got[splats.means[:, 2] > 2.5].any()
+
+
+def test_two_nested_integrators_are_refused():
+    with pytest.raises(RuntimeError, match="2 nested integrators"):
+        mi.load_dict({"type": "dogsplat", "a": {"type": "path"}, "b": {"type": "direct"}})
+
+
+def test_smooth_cutoffs_stop_at_surfaces_too():
+    """Lists that no cutoff shortens: the last pixel of a tile decides when a walk ends."""
+    splats = model(dog_share=0.3)
+    frame = rasterized(upload(splats), splats, cutoffs=SMOOTH)
+    hidden = WHERE == 0
+    assert (plane_of(frame.T, CAMERA)[hidden] == 1).all() and (plane_of(frame.T, CAMERA)[~hidden] < 1).any()
