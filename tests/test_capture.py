@@ -67,6 +67,14 @@ def test_the_reader_takes_a_capture_and_keeps_its_split(captured):
     assert len(dataset.points) == 200
 
 
+def test_the_split_and_the_lens_are_where_nerfstudio_looks_for_them(captured):
+    content = json.loads((captured / "transforms.json").read_text())
+    assert content["train_filenames"] == ["images/000.png", "images/002.png"]
+    assert content["val_filenames"] == content["test_filenames"] == ["images/001.png"]
+    assert content["camera_model"] == "PINHOLE" and (content["w"], content["h"], content["cx"]) == (32, 24, 16)
+    assert content["ply_file_path"] == "points.ply" and content["fl_x"] == content["fl_y"]
+
+
 @pytest.mark.parametrize("up", ["x", "y", "z", "-y"])
 def test_points_project_onto_their_own_colour(balls, tmp_path, up):
     dataset = load_dataset(capture(balls, tmp_path / "out", tiny(size=(64, 48), up=up)))
