@@ -78,10 +78,11 @@ Examples:
   dogsplat capture scene.xml -o data --path cameras.json --depth exr
 Then: dogsplat train data/ -o run
 
-The scene's own integrator renders. DATA holds images/, points.ply and transforms.json (nerfstudio's layout, OpenGL
-poses). cameras.json is a list of camera files (see dogsplat render --help), each with a "name" if you like. Depth is
-along the view axis in world units, 0 where nothing is; with npy give nerfstudio --depth-unit-scale-factor 1.
-A capture that was stopped goes on where it was with the same command; --points alone may differ then.
+The scene's own integrator renders. DATA holds images/, points.ply and transforms.json (nerfstudio's layout,
+OpenGL poses). cameras.json is a list of camera files (see dogsplat render --help), each with a "name" if you
+like. Depth is along the view axis in world units, 0 where nothing is; with npy give nerfstudio
+--depth-unit-scale-factor 1. A capture that was stopped goes on where it was with the same command; --points
+alone may differ then.
 """
 CHECK_EXAMPLES = """
 Examples:

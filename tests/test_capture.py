@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import captured_scenes
+import mitsuba as mi
 import numpy as np
 import OpenEXR
 import pytest
@@ -65,6 +66,14 @@ def test_the_reader_takes_a_capture_and_keeps_its_split(captured):
     assert [view.name for view in dataset.train] == ["000", "002"]
     assert dataset.train[0].image.shape == (24, 32, 3) and not dataset.has_alpha
     assert len(dataset.points) == 200
+
+
+def test_the_split_and_the_lens_are_where_nerfstudio_looks_for_them(captured):
+    content = json.loads((captured / "transforms.json").read_text())
+    assert content["train_filenames"] == ["images/000.png", "images/002.png"]
+    assert content["val_filenames"] == content["test_filenames"] == ["images/001.png"]
+    assert content["camera_model"] == "PINHOLE" and (content["w"], content["h"], content["cx"]) == (32, 24, 16)
+    assert content["ply_file_path"] == "points.ply" and content["fl_x"] == content["fl_y"]
 
 
 @pytest.mark.parametrize("up", ["x", "y", "z", "-y"])
@@ -293,6 +302,7 @@ def test_only_the_points_may_change_in_a_folder(balls, tmp_path, rendered):
     assert "size was [32, 24] and is [24, 32] now" in error_of(balls, out, tiny(size=(24, 32)))
     rendered.clear()
     assert len(load_dataset(capture(balls, out, tiny(points=150))).points) == 150
+    assert len(load_dataset(capture(balls, out, tiny(points=0))).points) == 0 and not (out / "points.ply").exists()
     assert rendered == [] and (out / "images" / "000.png").read_bytes() == before
 
 
@@ -328,7 +338,8 @@ def test_a_folder_with_other_contents_is_left_alone(balls, tmp_path):
     [
         (None, "no such file"),
         ("<scene", "Mitsuba cannot load it"),
-        ('<scene version="3.0.0"><emitter type="constant"/></scene>', "has no shape"),
+        ('<scene version="3.0.0"><integrator type="path"/><emitter type="constant"/></scene>', "has no shape"),
+        ('<scene version="3.0.0"><shape type="sphere"/></scene>', "has no integrator"),
         ('<bsdf version="3.0.0" type="diffuse"/>', "its root is no scene"),
     ],
 )
@@ -339,6 +350,11 @@ def test_a_scene_that_cannot_be_captured_is_named_and_leaves_nothing(tmp_path, c
     message = error_of(file, tmp_path / "out", tiny())
     assert message.startswith(str(file)) and problem in message
     assert not (tmp_path / "out").exists()
+
+
+def test_a_variant_without_a_compiler_is_refused_in_words(balls, tmp_path):
+    mi.set_variant("scalar_rgb")
+    assert "scalar_rgb renders no arrays" in error_of(balls, tmp_path / "out", tiny())
 
 
 def test_a_render_that_is_not_finite_names_its_view(tmp_path):

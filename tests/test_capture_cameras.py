@@ -297,7 +297,7 @@ def test_what_is_large_but_part_of_the_scene_is_framed_too(tmp_path, other):
 
 def test_what_shines_is_framed_where_there_is_nothing_else(tmp_path):
     ball = '<shape type="sphere"><point name="center" x="1" y="2" z="3"/><emitter type="area"/></shape>'
-    (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{ball}</scene>')
+    (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0"><integrator type="path"/>{ball}</scene>')
     center, radius, _ = framing_sphere(tmp_path, load_scene(tmp_path / "scene.xml")[0])
     np.testing.assert_allclose(center, (1, 2, 3))
     assert radius == pytest.approx(3**0.5)

@@ -63,6 +63,8 @@ def capture(
     import mitsuba as mi
 
     scene_path, out = Path(scene_path), Path(out)
+    if "scalar" in (mi.variant() or ""):
+        raise DataError(scene_path, f"{mi.variant()} renders no arrays", 'call mi.set_variant("llvm_ad_rgb") first')
     plan = _plan(scene_path, config)
     _prepare_folder(out, _settings(scene_path, config))
     n = len(plan.shots)
@@ -71,9 +73,12 @@ def capture(
         if not _is_done(out, shot, config):
             _capture_view(mi, plan, i, scene_path, out, config)
         progress(i + 1, n, plan.framing)
-    _write_points(mi, plan, scene_path, out, config)
+    if config.points:
+        _write_points(mi, plan, scene_path, out, config)
     with replacing(out / "transforms.json") as part:
         part.write_text(json.dumps(_transforms(plan, config), indent=1) + "\n", encoding="utf-8")
+    if not config.points:
+        (out / "points.ply").unlink(missing_ok=True)
     return out
 
 
@@ -189,9 +194,6 @@ def _depth_name(shot: Shot, config: CaptureConfig) -> str:
 
 def _write_points(mi: Any, plan: Plan, scene_path: Path, out: Path, config: CaptureConfig) -> None:
     """Write ``points.ply``: what random pixels of the training views see, in the colours of their pictures."""
-    if not config.points:
-        (out / "points.ply").unlink(missing_ok=True)
-        return
     train = [i for i in range(len(plan.shots)) if i not in plan.tests]
     most = POINTS_FACTOR * math.ceil(config.points / len(train))
     points, colors = [], []

@@ -44,6 +44,8 @@ def load_scene(path: Path, hide_emitters: bool = False) -> tuple[Any, bool]:
         del folders[0]
     if not isinstance(scene, mi.Scene):
         raise DataError(path, "its root is no scene", "give a file with a <scene> element")
+    if scene.integrator() is None:
+        raise DataError(path, "the scene has no integrator", 'add <integrator type="path"/>')
     return scene, hidden
 
 
