@@ -215,7 +215,11 @@ def orthographic_camera_from_mitsuba(sensor: Any) -> Camera:
 
 def near_clip_from_mitsuba(sensor: Any) -> float:
     """Near clipping distance of a Mitsuba projective sensor, in world units."""
-    return float(sensor.near_clip())
+    import mitsuba as mi
+
+    parameters: Any = mi.traverse(sensor)
+    axis = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)[:3, 2]
+    return float(sensor.near_clip() * np.linalg.norm(axis))  # to_world may scale that of an orthographic sensor
 
 
 def camera_to_mitsuba(camera: Camera, near_clip: float = 0.01, far_clip: float = 1e4) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from .kernel_costs import aov_operations, operations, pair_operations, primitive
 from .ply import read_ply
 from .rasterize import RasterOptions
 from .splats import MAX_SH_DEGREE, Splats
+from .transfer import srgb_to_linear
 from .walk import Settings
 from .wording import count
 
@@ -138,10 +139,17 @@ def scene_features(scene: mi.Scene) -> list[Feature]:
     environment = scene.environment()
     name = environment.class_name() if environment is not None else ""
     behind = f"the emitter {name}, evaluated at every pixel in every render"
-    features.append(feature("background", bool(name), behind, "the scene has no constant or environment emitter"))
+    shown, absent = bool(name) and not integrator.hide_emitters, "the scene has no constant or environment emitter"
+    features.append(feature("background", shown, behind, "hide_emitters is true" if name else absent))
+
+    others = len(scene.shapes()) - len(parts)
+    nested = integrator.nested is not None
+    traced = f"{count(others)} other shapes; traced in every pass, and primitives are compared with their depth"
+    alone = "there is no other shape" if nested or not others else "no nested integrator renders the other shapes"
+    features.append(feature("surfaces", nested and others > 0, traced, alone))
 
     pixel = mi.Float([0.2, 0.4])
-    per_value = operations(lambda: mi.math.srgb_to_linear(pixel).numpy()) / 2
+    per_value = operations(lambda: srgb_to_linear(pixel).numpy()) / 2
     conversion = f"srgb_primitives; {3 * per_value:.0f} operations per pixel of the image"
     features.append(feature("sRGB conversion", integrator.srgb_primitives, conversion, "srgb_primitives is false"))
 

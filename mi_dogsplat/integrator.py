@@ -40,6 +40,10 @@ class DogSplatIntegrator(ADIntegrator):
        - |float|
        - Primitives whose centre is nearer than this to the camera plane are dropped. (Default: 0.2, as in 3DGS)
 
+     * - hide_emitters
+       - |bool|
+       - Do not show the environment behind the splats; surfaces are lit by it all the same. (Default: false)
+
      * - negative_transmittance
        - |bool|
        - Where a DoG primitive's weight is negative it amplifies what lies behind, T (1 - α) with α < 0; if
@@ -84,6 +88,7 @@ class DogSplatIntegrator(ADIntegrator):
         self.srgb_primitives = props.get("srgb_primitives", True)
         self.antialiased = props.get("antialiased", False)
         self.near_clip = props.get("near_clip", 0.2)
+        self.hide_emitters = props.get("hide_emitters", False)
         self.negative_transmittance = props.get("negative_transmittance", True)
         objects = [props[name] for name in props.keys() if props.type(name) == mi.Properties.Type.Object]
         nested = [value for value in objects if isinstance(value, mi.Integrator)]
@@ -212,7 +217,7 @@ class DogSplatIntegrator(ADIntegrator):
         """Film radiance per channel: splats over the environment emitter, blended in the primitives' colour space."""
         colors = frame.colors
         environment = scene.environment()
-        if environment is not None:
+        if environment is not None and not self.hide_emitters:
             behind = self._encoded(background.radiance(environment, look.rays()))
             colors = [dr.fma(frame.T, b, c) for c, b in zip(colors, behind, strict=True)]
         if self.srgb_primitives:

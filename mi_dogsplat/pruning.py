@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,10 @@ from .splats import Splats
 
 
 def model_to_prune(path: str, target: float) -> Splats:
-    """Read a model. Raises ``DataError`` if it cannot be read, or cannot be pruned to ``target``."""
+    """Read a model. Raises ``DataError`` if it cannot be read, or cannot be pruned to ``target``.
+
+    Quaternions are brought to length 1, which changes no picture: a training step of one turns by step / length.
+    """
     splats = read_ply(path)
     if splats.n_splats < 2:
         raise DataError(path, f"holds {splats.n_splats} primitives", "pruning needs at least 2")
@@ -23,7 +27,9 @@ def model_to_prune(path: str, target: float) -> Splats:
         target_count(target, splats.n_splats)
     except ValueError as error:
         raise DataError("--target", str(error), f"choose another one for {path}") from None
-    return splats
+    length = np.linalg.norm(splats.quats.astype(np.float64), axis=1, keepdims=True)
+    usable = np.isfinite(length) & (length > 0)
+    return replace(splats, quats=np.where(usable, splats.quats / np.where(usable, length, 1), splats.quats))
 
 
 def keep_best(optimizer: SplatOptimizer, scores: np.ndarray, count: int) -> None:

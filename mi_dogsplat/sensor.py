@@ -15,7 +15,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .cameras import central_camera_from_mitsuba, orthographic_camera_from_mitsuba
+from .cameras import central_camera_from_mitsuba, near_clip_from_mitsuba, orthographic_camera_from_mitsuba
 from .project import DeviceCamera
 from .samples import Sample
 
@@ -86,7 +86,7 @@ class SensorReader:
 
         Raises ``ValueError`` for a kind of sensor that cannot be splatted.
         """
-        sensors = _children(sensor) if sensor.class_name() == "BatchSensor" else [sensor]
+        sensors = _Sensors(sensor).found if sensor.class_name() == "BatchSensor" else [sensor]
         return [self._view(slot, each, near_clip) for slot, each in enumerate(sensors)]
 
     def _view(self, slot: int, sensor: mi.Sensor, near_clip: float) -> View:
@@ -99,8 +99,8 @@ class SensorReader:
         values: list[Any] = [value for _, value in traversed]
         film = sensor.film()
         size, crop, offset = film.size(), film.crop_size(), film.crop_offset()
-        near_clip = max(near_clip, sensor.near_clip())
-        key = (*dr.detail.collect_indices(values), *size, *crop, *offset, near_clip, sensor.class_name())
+        clips = near_clip, sensor.near_clip()
+        key = (*dr.detail.collect_indices(values), *size, *crop, *offset, *clips, sensor.class_name())
         known, _, camera = self._known.get(slot, (None, None, None))
         if camera is None or key != known:
             camera = _read(sensor, near_clip)
@@ -111,21 +111,22 @@ class SensorReader:
         return View(sensor, _attached(camera, traversed, size[0]), lens)
 
 
-def _children(batch: mi.Sensor) -> list[mi.Sensor]:
-    """The sensors of a batch, in its order."""
-    found = []
+class _Sensors(mi.TraversalCallback):
+    """Collects the sensors that another one holds, in its order."""
 
-    class Collect(mi.TraversalCallback):
-        def put(self, name, value, *flags):
-            if isinstance(value, mi.Sensor):
-                found.append(value)
+    def __init__(self, holder: mi.Sensor):
+        super().__init__()
+        self.found = []
+        holder.traverse(self)
 
-    batch.traverse(Collect())
-    return found
+    def put(self, name, value, *flags):
+        if isinstance(value, mi.Sensor):
+            self.found.append(value)
 
 
 def _read(sensor: mi.Sensor, near_clip: float) -> DeviceCamera:
     """The camera of a sensor's crop window; its Jacobians are clamped around the whole film."""
+    near_clip = max(near_clip, near_clip_from_mitsuba(sensor))
     size, offset = sensor.film().size(), sensor.film().crop_offset()
     whole = -offset[0], -offset[1], size[0] - offset[0], size[1] - offset[1]
     if sensor.class_name() == "OrthographicCamera":

@@ -99,6 +99,11 @@ def test_the_curve_on_the_device_is_that_of_the_standard_and_its_inverse():
     assert np.isfinite(dr.grad(x).numpy()).all()
 
 
+def test_hidden_emitters_do_not_show():
+    scene = scene_of(MODEL, CAMERA, extra={"sky": envmap()}, hide_emitters=True)
+    np.testing.assert_array_equal(np.array(mi.render(scene)), np.array(mi.render(scene_of(MODEL, CAMERA))))
+
+
 # Derivatives
 
 SMALL_CAMERA = square_camera(16, 12, f=6.0)

@@ -45,7 +45,8 @@ def test_seeds_change_no_bit_of_a_single_sample(choices, image):
 
 
 def test_several_samples_have_a_seed():
-    once, again, other = (mi.render(scene_of(MODEL, CAMERA), spp=4, seed=seed).numpy() for seed in (1, 1, 2))
+    seeds: Any = 1, 1, 2
+    once, again, other = (mi.render(scene_of(MODEL, CAMERA), spp=4, seed=seed).numpy() for seed in seeds)
     np.testing.assert_array_equal(once, again)
     assert (once != other).any()
 

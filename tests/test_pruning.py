@@ -11,7 +11,7 @@ import mi_dogsplat.run
 import numpy as np
 import pytest
 import tiny_data
-from mi_dogsplat import read_ply, write_ply
+from mi_dogsplat import read_ply, reference, write_ply
 from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.errors import DataError
@@ -19,10 +19,11 @@ from mi_dogsplat.history import run_to_end
 from mi_dogsplat.learning_rates import LearningRates
 from mi_dogsplat.optimizer import SplatOptimizer
 from mi_dogsplat.presets import RECIPES
-from mi_dogsplat.pruning import Pruning, keep_best
+from mi_dogsplat.pruning import Pruning, keep_best, model_to_prune
 from mi_dogsplat.scheduler import PruningRule
 from mi_dogsplat.splats import Splats
 from mi_dogsplat.train import Trainer
+from splat_scenes import random_splats
 
 STEPS = 120
 RULE = PruningRule(start=10, stop=50, check_every=10, max_interval=20, rounds=3)
@@ -340,3 +341,15 @@ def test_a_model_that_cannot_be_pruned_says_so_and_leaves_no_folder(data, tmp_pa
     with pytest.raises(DataError, match=words):
         mi_dogsplat.run.train(config, tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+def test_quaternions_of_a_model_to_prune_get_length_1_and_turn_as_before(tmp_path):
+    splats = random_splats(6, seed=3, degree=0)
+    splats.quats = splats.quats * np.array([1e-3, 1, 1e3, 2, 1e18, 0])[:, None]
+    splats.quats[3] = np.nan
+    write_ply(tmp_path / "m.ply", splats)
+    quats = model_to_prune(str(tmp_path / "m.ply"), 0.5).quats
+    np.testing.assert_allclose(np.linalg.norm(quats[[0, 1, 2, 4]], axis=1), 1, rtol=1e-6)
+    np.testing.assert_allclose(reference.rotations(quats[[0, 1, 2, 4]]),
+                               reference.rotations(splats.quats[[0, 1, 2, 4]]), atol=1e-6)
+    assert np.isnan(quats[3]).all() and not quats[5].any()

@@ -163,6 +163,15 @@ def test_the_near_clip_of_sensor_and_integrator_both_hold():
     assert np.abs(near(0.01, 2.5) - near(0.01, 0.2)).max() > 0.1
 
 
+def test_the_near_clip_of_an_orthographic_sensor_is_scaled_as_mitsuba_scales_it():
+    def near(scale: float, clip: float):
+        return picture({"type": "orthographic", "near_clip": clip, "film": film(),
+                        "to_world": mi.ScalarTransform4f().scale([1, 1, scale])})
+
+    np.testing.assert_array_equal(near(2.0, 1.25), near(1.0, 2.5))
+    assert np.abs(near(2.0, 1.25) - near(1.0, 1.25)).max() > 0.1
+
+
 # Batches
 
 CAMERAS = [square_camera(), square_camera(f=50.0), square_camera(cx=10, cy=22)]
