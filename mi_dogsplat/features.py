@@ -149,8 +149,8 @@ def scene_features(scene: mi.Scene) -> list[Feature]:
     features.append(feature("surfaces", nested and others > 0, traced, alone))
 
     pixel = mi.Float([0.2, 0.4])
-    per_value = operations(lambda: srgb_to_linear(pixel).numpy()) / 2
-    conversion = f"srgb_primitives; {3 * per_value:.0f} operations per pixel of the image"
+    per_pixel = operations(lambda: np.array(srgb_to_linear([pixel] * 3))) / 2
+    conversion = f"srgb_primitives; {per_pixel:.0f} operations per pixel of the image"
     features.append(feature("sRGB conversion", integrator.srgb_primitives, conversion, "srgb_primitives is false"))
 
     each = [primitive_operations(RasterOptions(0, antialiased=on), False, variant) for on in (True, False)]

@@ -221,12 +221,12 @@ class DogSplatIntegrator(ADIntegrator):
             behind = self._encoded(background.radiance(environment, look.rays()))
             colors = [dr.fma(frame.T, b, c) for c, b in zip(colors, behind, strict=True)]
         if self.srgb_primitives:
-            colors = [srgb_to_linear(c) for c in colors]
+            colors = srgb_to_linear(colors)
         return [mi.luminance(mi.Color3f(colors))] * 3 if mi.is_monochromatic else colors
 
     def _encoded(self, radiance: list[mi.Float]) -> list[mi.Float]:
         """Radiance in the primitives' colour space."""
-        return [linear_to_srgb(c) for c in radiance] if self.srgb_primitives else radiance
+        return linear_to_srgb(radiance) if self.srgb_primitives else radiance
 
     def to_string(self) -> str:
         return (

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
-from mitsuba.python.ad.integrators.common import ADIntegrator
 
 from .rasterize import Frame
 from .sensor import Look
@@ -46,7 +45,7 @@ def trace(nested: mi.Integrator, scene: mi.Scene, look: Look) -> Surfaces:
         z = [a * ((p - c) - rest) for a, (p, c, rest) in zip(axis, offset, strict=True)]
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(look.sample.seed, dr.width(ray))
-        if isinstance(nested, ADIntegrator):  # those in Python have another signature
+        if isinstance(nested, mi.ad.integrators.common.ADIntegrator):  # those in Python have another signature
             state = {"depth": mi.UInt32(0), "δL": None, "δaovs": None, "state_in": None, "active": mi.Bool(True)}
             spectrum = nested.sample(mode=dr.ADMode.Primal, scene=scene, sampler=sampler, ray=ray, **state)[0]
         else:
