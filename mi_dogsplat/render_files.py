@@ -24,7 +24,7 @@ from .splats import Splats
 from .srgb import linear_to_srgb
 from .train import background_color
 
-SUFFIXES = (".png", ".exr")
+SUFFIXES = (".png", ".exr", ".npz")
 NEAR_SHARE = 0.1  # of the radius of a model framed automatically, which may be far smaller than the near clip
 MAX_NAMES = 5  # views that an error message lists
 
@@ -47,8 +47,8 @@ def render_model(args: argparse.Namespace) -> None:
 
     The view is ``args.camera``: the name of a view of ``args.data``, or a camera file (``camera_file.py``);
     the first test view if there is only data; one that frames the model if there is neither. PNG shows the
-    model over the background; OpenEXR holds it alone, premultiplied, with alpha and depth. Raises
-    ``DataError``.
+    model over the background; OpenEXR holds it alone, premultiplied, with alpha and depth; NPZ the same as arrays
+    ``color`` [H, W, 3], ``alpha`` and ``depth`` [H, W], for other programs. Raises ``DataError``.
     """
     require_suffix(args.out)
     splats = read_ply(args.model)
@@ -56,10 +56,12 @@ def render_model(args: argparse.Namespace) -> None:
     if not (args.camera or args.data):
         near_clip = min(args.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
         args = argparse.Namespace(**{**vars(args), "near_clip": near_clip})
-    exr = args.out.suffix.lower() == ".exr"
-    background = 0.0 if exr else background_color(args.background, has_alpha)
+    suffix = args.out.suffix.lower()
+    background = background_color(args.background, has_alpha) if suffix == ".png" else 0.0
     picture = picture_of(splats, args, background)(camera)
-    if exr:
+    if suffix == ".npz":
+        _write(args.out, lambda: _write_arrays(args.out, picture))
+    elif suffix == ".exr":
         depth = {} if picture.depth is None else {"depth": picture.depth}
         _write(args.out, lambda: write_exr(args.out, {"color": premultiplied(picture, 0.0), **depth}))
     else:
@@ -85,6 +87,8 @@ def render_scene(path: Path, out: Path) -> None:
         bitmap = scene.sensors()[0].film().bitmap()
     except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
         raise DataError(path, f"Mitsuba cannot render it ({_gist(error)})", "correct the scene") from error
+    if out.suffix.lower() == ".npz":
+        raise DataError(out, "arrays hold pictures of models only", "name a file that ends in .png or .exr")
     if out.suffix.lower() == ".exr":
         _write(out, lambda: _write_bitmap(out, bitmap))
         return
@@ -99,7 +103,7 @@ def render_scene(path: Path, out: Path) -> None:
 def require_suffix(out: Path) -> None:
     """Raise ``DataError`` unless the file name tells a picture format that can be written."""
     if out.suffix.lower() not in SUFFIXES:
-        raise DataError(out, "no known picture format", "name a file that ends in .png or .exr")
+        raise DataError(out, "no known picture format", f"name a file that ends in {', '.join(SUFFIXES)}")
     if out.is_dir():
         raise DataError(out, "is a folder", "name a file in it")
 
@@ -139,6 +143,11 @@ def _downscaled(args: argparse.Namespace, camera: Camera) -> Camera:
         return camera.downscaled(args.downscale)
     except ValueError as error:
         raise DataError("--downscale", str(error), "use a smaller number") from error
+
+
+def _write_arrays(out: Path, picture: Picture) -> None:
+    with replacing(out) as part, part.open("wb") as file:
+        np.savez(file, color=picture.color, alpha=picture.alpha, depth=np.asarray(picture.depth))
 
 
 def _write_bitmap(out: Path, bitmap: mi.Bitmap) -> None:
