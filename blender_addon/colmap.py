@@ -97,6 +97,8 @@ def _binary_images(path: Path) -> list[tuple[str, int, list[float]]]:
         end = data.index(b"\0", at + 64)
         images.append((data[at + 64 : end].decode(errors="replace"), camera_id, pose))
         at = end + 9 + 24 * struct.unpack_from("<Q", data, end + 1)[0]  # the observed points are not needed
+    if at != len(data):
+        raise ValueError(f"{len(data)} bytes instead of {at}")
     return images
 
 

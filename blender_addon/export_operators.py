@@ -28,8 +28,6 @@ def model_of(obj: bpy.types.Object, to_target: np.ndarray) -> Model:
 
     Raises ``ValueError`` for an object without the attributes or with a transform that splats cannot follow.
     """
-    if obj.mode == "EDIT":
-        obj.update_from_editmode()
     matrix = to_target @ np.array(obj.matrix_world, np.float64)
     try:
         return transformed(read_attributes(obj.data), matrix)
@@ -58,6 +56,12 @@ class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Several objects become one model, in the coordinates of the first one's file."""
+        if context.mode == "EDIT_MESH":  # attributes cannot be read there
+            bpy.ops.object.mode_set(mode="OBJECT")
+            try:
+                return self.execute(context)
+            finally:
+                bpy.ops.object.mode_set(mode="EDIT")
         objects = selected_splats(context)
         first = context.object if context.object in objects else objects[0]
         target = np.linalg.inv(import_matrix(first)) if self.space == "FILE" else np.eye(4)
