@@ -93,8 +93,7 @@ class DogSplatEngine(bpy.types.RenderEngine):
         for name, values in passes.items():
             target = result.layers[0].passes.get(name)
             if target is not None:
-                flipped = np.ascontiguousarray(values[::-1], np.float32)
-                target.rect.foreach_set(flipped.reshape(-1, values.shape[2]))
+                target.rect.foreach_set(np.ascontiguousarray(values[::-1], np.float32).ravel())
         self.end_result(result)
 
 

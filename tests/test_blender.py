@@ -22,7 +22,7 @@ from mi_dogsplat.parameters import upload
 from mi_dogsplat.ply import read_ply, write_ply
 from mi_dogsplat.rasterize import RasterOptions
 from mi_dogsplat.render import render_picture
-from splat_scenes import random_splats, rounded, tilted_camera
+from splat_scenes import random_splats, rounded, square_camera, tilted_camera
 
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / "shared" / "data"
@@ -56,6 +56,7 @@ def references(tmp_path_factory) -> Path:
     dog = rounded(random_splats(150, seed=3))
     reference(folder, "dog", dog, camera)
     reference(folder, "plain", dog.plain(), camera)
+    reference(folder, "square", dog, square_camera(96, 64, 90.0))
     if SHARED.is_dir():
         playbot = read_ply(SHARED / "models" / "playbot_lod2_sh2.ply")
         reference(folder, "playbot", playbot, automatic_camera(playbot).downscaled(DOWNSCALE))
