@@ -1,4 +1,4 @@
-"""DoG Splat: Gaussian and Difference-of-Gaussians splats in Blender. This file registers; each other file does one thing."""
+"""DoG Splat: Gaussian and Difference-of-Gaussians splats in Blender. This file only registers."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Models as attributes of a mesh of loose vertices, and back.
 
-Names and types are those of Blender 5.3's own splats (``scale``, ``rotation``, ``radiance:*``) plus ``dog:*``. Activated
-values are what nodes and people use; the raw values beside them let an export give back the very bits of the file.
+Names and types are those of Blender 5.3's own splats (``scale``, ``rotation``, ``radiance:*``) plus ``dog:*``.
+Activated values are what nodes and people use; the raw values beside them let an export give back the very bits of the
+file.
 """
 
 from __future__ import annotations

@@ -23,13 +23,29 @@ class DOGSPLAT_OT_import_cameras(bpy.types.Operator, ImportHelper):
     bl_label = "Import DoG Splat Cameras"
     bl_options = {"REGISTER", "UNDO", "PRESET"}
 
-    filter_glob: StringProperty(default="*.json;*.bin;*.txt", options={"HIDDEN"})  # type: ignore[valid-type]
-    follow_model: BoolProperty(name="Follow the Model", default=True, description="Place the cameras as the active model of splats is placed, whatever the up axis and scale below")  # type: ignore[valid-type]
-    up_axis: EnumProperty(name="Up Axis", items=UP_AXES, default="Z", description="Which axis of the file is up")  # type: ignore[valid-type]
-    scale: FloatProperty(name="Scale", default=1.0, min=1e-6, soft_max=100.0)  # type: ignore[valid-type]
-    downscale: IntProperty(name="Downscale", default=0, min=0, max=64, description="Size of the pictures as a fraction of the photographs; 0: as the run was trained, else 1")  # type: ignore[valid-type]
-    background_images: BoolProperty(name="Background Images", default=True, description="Show each photograph behind its camera")  # type: ignore[valid-type]
-    use_first: BoolProperty(name="Look Through the First", default=True, description="Make the first camera active and set the resolution of the render to its")  # type: ignore[valid-type]
+    filter_glob: StringProperty(default="*.json;*.bin;*.txt", options={"HIDDEN"})
+    follow_model: BoolProperty(
+        name="Follow the Model",
+        default=True,
+        description="Place the cameras as the active model of splats is placed, whatever the up axis and scale below",
+    )
+    up_axis: EnumProperty(name="Up Axis", items=UP_AXES, default="Z", description="Which axis of the file is up")
+    scale: FloatProperty(name="Scale", default=1.0, min=1e-6, soft_max=100.0)
+    downscale: IntProperty(
+        name="Downscale",
+        default=0,
+        min=0,
+        max=64,
+        description="Size of the pictures as a fraction of the photographs; 0: as the run was trained, else 1",
+    )
+    background_images: BoolProperty(
+        name="Background Images", default=True, description="Show each photograph behind its camera"
+    )
+    use_first: BoolProperty(
+        name="Look Through the First",
+        default=True,
+        description="Make the first camera active and set the resolution of the render to its",
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """All cameras in a collection of their own; after an error, none."""
@@ -93,7 +109,7 @@ def _image_size(path: Path) -> tuple[int, int]:
     try:
         image = bpy.data.images.load(str(path), check_existing=True)
     except RuntimeError as error:
-        raise FileError(path, "cannot be read as an image", "add \"w\" and \"h\" to the frames") from error
+        raise FileError(path, "cannot be read as an image", 'add "w" and "h" to the frames') from error
     width, height = image.size
     if image.filepath not in known:
         bpy.data.images.remove(image)

@@ -1,4 +1,4 @@
-"""Render engine "DoG Splat (Mitsuba)": the final frame as the ``dogsplat`` integrator makes it, with depth and alpha."""
+"""Render engine "DoG Splat (Mitsuba)": the final frame as the ``dogsplat`` integrator makes it."""
 
 from __future__ import annotations
 

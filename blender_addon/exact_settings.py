@@ -17,7 +17,13 @@ class DOGSPLAT_OT_exact_settings(bpy.types.Operator):
     bl_label = "Set Up Exact Picture"
     bl_options = {"REGISTER", "UNDO"}
 
-    samples: IntProperty(name="Samples", default=1, min=1, max=64, description="1 looks at pixel centres, as splatting does; more smooths the edges of other objects")  # type: ignore[valid-type]
+    samples: IntProperty(
+        name="Samples",
+        default=1,
+        min=1,
+        max=64,
+        description="1 looks at pixel centres, as splatting does; more smooths the edges of other objects",
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """EEVEE and Cycles at once; what else the scene has stays as it is."""

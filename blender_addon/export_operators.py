@@ -43,11 +43,11 @@ class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
     bl_options = {"PRESET"}
 
     filename_ext = ".ply"
-    filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})  # type: ignore[valid-type]
+    filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})
     space: EnumProperty(name="Coordinates", default="FILE", items=(
         ("FILE", "Of the File", "Undo the up axis and scale of the import, keep what was moved since then"),
         ("WORLD", "Of the Scene", "As the splats stand in Blender, z up"),
-    ))  # type: ignore[valid-type]  # fmt: skip
+    ))  # fmt: skip
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

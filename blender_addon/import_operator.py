@@ -28,27 +28,42 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
     bl_options = {"REGISTER", "UNDO", "PRESET"}
 
     filename_ext = ".ply"
-    filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})  # type: ignore[valid-type]
-    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})  # type: ignore[valid-type]
-    directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})  # type: ignore[valid-type]
+    filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
+    directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
 
-    up_axis: EnumProperty(name="Up Axis", items=UP_AXES, default="Z", description="Which axis of the file is up")  # type: ignore[valid-type]
-    scale: FloatProperty(name="Scale", default=1.0, min=1e-6, soft_max=100.0)  # type: ignore[valid-type]
-    sh_degree: IntProperty(name="SH Degree", default=3, min=0, max=3, description="View-dependent colour up to this band; higher ones are not loaded")  # type: ignore[valid-type]
-    min_opacity: FloatProperty(name="Minimum Opacity", default=0.0, min=0.0, max=1.0, description="Splats of a lower opacity are not loaded")  # type: ignore[valid-type]
-    max_count: IntProperty(name="Maximum Count", default=0, min=0, description="Load only the most important splats, by opacity and size; 0 loads all")  # type: ignore[valid-type]
-    use_dog: BoolProperty(name="DoG", default=True, description="Subtract the pseudo-Gaussians of DoG models")  # type: ignore[valid-type]
+    up_axis: EnumProperty(name="Up Axis", items=UP_AXES, default="Z", description="Which axis of the file is up")
+    scale: FloatProperty(name="Scale", default=1.0, min=1e-6, soft_max=100.0)
+    sh_degree: IntProperty(
+        name="SH Degree",
+        default=3,
+        min=0,
+        max=3,
+        description="View-dependent colour up to this band; higher ones are not loaded",
+    )
+    min_opacity: FloatProperty(
+        name="Minimum Opacity", default=0.0, min=0.0, max=1.0, description="Splats of a lower opacity are not loaded"
+    )
+    max_count: IntProperty(
+        name="Maximum Count",
+        default=0,
+        min=0,
+        description="Load only the most important splats, by opacity and size; 0 loads all",
+    )
+    use_dog: BoolProperty(name="DoG", default=True, description="Subtract the pseudo-Gaussians of DoG models")
     color_mode: EnumProperty(name="Colors", default="LINEAR", items=(
         ("LINEAR", "Scene", "Linear light: right under Standard, Filmic and AgX, together with other objects"),
         ("DISPLAY", "Exact", "sRGB values blended as trained: the exact picture, for the view transform Raw"),
-    ))  # type: ignore[valid-type]  # fmt: skip
+    ))  # fmt: skip
     show_as: EnumProperty(name="Show As", default=SHOW[0].upper(), items=(
         ("AUTOMATIC", "Automatic", "Quads in renders, ellipsoids in the viewport"),
         ("QUADS", "Quads", "Exact for the active camera, meaningless from elsewhere"),
         ("ELLIPSOIDS", "Ellipsoids", "Instances that are right from everywhere"),
         ("POINTS", "Points", "A point cloud: opaque and fast"),
-    ))  # type: ignore[valid-type]  # fmt: skip
-    antialiased: BoolProperty(name="Antialiased", default=False, description="For models that were trained with antialiasing")  # type: ignore[valid-type]
+    ))  # fmt: skip
+    antialiased: BoolProperty(
+        name="Antialiased", default=False, description="For models that were trained with antialiasing"
+    )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """A file dialog, or a dialog of the options alone for files that were dropped."""
@@ -95,7 +110,7 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
 
 
 def build_object(context: bpy.types.Context, path: Path, model: Model, matrix) -> bpy.types.Object:
-    """An object of a model in the active collection, with modifier and materials; all of it or, after an error, none."""
+    """An object of a model in the active collection, with modifier and materials; after an error, nothing."""
     name = path.stem if path.stem != "point_cloud" else path.resolve().parent.name  # of a run folder
     mesh = bpy.data.meshes.new(name)
     obj = bpy.data.objects.new(name, mesh)

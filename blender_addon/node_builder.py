@@ -102,7 +102,7 @@ class Tree:
         if isinstance(value, bpy.types.NodeSocket):
             self.tree.links.new(value, socket)
         elif value is not None:
-            socket.default_value = value  # type: ignore[attr-defined]
+            socket.default_value = value
 
     def math(self, operation: str, *operands: Any) -> Value:
         """A Math node."""

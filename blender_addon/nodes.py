@@ -4,8 +4,8 @@ Three ways to show a model, and "Automatic", which is quads in renders and ellip
 
 - Quads: one rectangle per splat, at its depth and parallel to the image plane of the active camera, carrying the EWA
   kernel of 3DGS (low-pass filter included). In a render they are drawn in the order of the depth of their centres.
-  This is the image formation of the ``dogsplat`` integrator, exact for the active camera and meaningless from elsewhere.
-- Ellipsoids: instanced spheres whose material evaluates the kernel along the ray; right from everywhere, also in mirrors.
+  This is the image formation of the ``dogsplat`` integrator: exact for the active camera, meaningless from elsewhere.
+- Ellipsoids: instanced spheres whose material evaluates the kernel along the ray; right from everywhere.
 - Points: opaque, fast.
 """
 
@@ -15,7 +15,6 @@ from typing import Any
 
 import bpy
 
-from .attributes import BASE, OPACITY_FACTOR, ROTATION, SCALE, SCALE_FACTOR
 from .material import (
     COLOR,
     EXTENT,
@@ -27,61 +26,29 @@ from .material import (
     point_material,
     quad_material,
 )
-from .node_builder import Tree, Value, Vector, new_group, wrap
-from .splat_groups import GEOMETRY, LOW_PASS, cached_group, color_group, cutoff, finish_group, kernel_group, named_attribute
+from .node_builder import Tree, Value, Vector, new_group
+from .splat_fields import Frame, Splat
+from .splat_groups import (
+    GEOMETRY,
+    LOW_PASS,
+    cached_group,
+    color_group,
+    cutoff,
+    finish_group,
+    kernel_group,
+    named_attribute,
+)
 
 NAME = "DoG Splat"
 SHOW = ("Automatic", "Quads", "Ellipsoids", "Points")
 CAMERA_INPUTS = ("Focal X", "Focal Y", "Center X", "Center Y", "Width", "Height")  # driven, pixels
 SPHERE_RADIUS = 1 / 0.9339  # of an icosphere with 80 faces that holds the unit sphere
-JACOBIAN_MARGIN = 0.15  # of the image on every side: J is evaluated at most there (the 1.3 tan(fov / 2) of 3DGS)
 CORNER = "splat:corner"
 INPUTS = {
     "Geometry": "NodeSocketGeometry", "Show As": "NodeSocketMenu", "SH Degree": "NodeSocketInt",
     "DoG": "NodeSocketBool", "Linear Colors": "NodeSocketBool", "Antialiased": "NodeSocketBool",
     "Near Clip": "NodeSocketFloat", **dict.fromkeys(CAMERA_INPUTS, "NodeSocketFloat"),
 }  # fmt: skip
-
-
-class Frame:
-    """The active camera as the object sees it, in fields of the splats."""
-
-    def __init__(self, tree: Tree, focal: tuple[Value, Value], center: tuple[Value, Value], size: tuple[Value, Value]):
-        info = tree.node("GeometryNodeObjectInfo", transform_space="RELATIVE")
-        tree.plug(info.inputs["Object"], tree.node("GeometryNodeInputActiveCamera").outputs[0])
-        self.rotation = info.outputs["Rotation"]
-        self.right, self.down, self.forward = (
-            self._rotated(tree, axis) for axis in ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
-        )
-        position = Vector(tree, tree.node("GeometryNodeInputPosition").outputs[0])
-        self.direction = position - Vector(tree, info.outputs["Location"])
-        self.depth = self.direction.dot(self.forward)
-        self.focal = focal
-        self.tangents = []  # of the viewing angles, held inside of the image and its margin
-        for axis, f, c, n in zip((self.right, self.down), focal, center, size, strict=True):
-            margin = n / f * JACOBIAN_MARGIN
-            low, high = (c / f + margin) * -1.0, (n - c) / f + margin
-            tangent = tree.math("MAXIMUM", self.direction.dot(axis) / self.depth, low)
-            self.tangents.append(tree.math("MINIMUM", tangent, high))
-
-    def _rotated(self, tree: Tree, axis: tuple[float, float, float]) -> Vector:
-        node = tree.node("FunctionNodeRotateVector")
-        tree.plug(node.inputs["Vector"], axis)
-        tree.plug(node.inputs["Rotation"], self.rotation)
-        return Vector(tree, node.outputs[0])
-
-
-class Splat:
-    """The attributes of a splat as fields."""
-
-    def __init__(self, tree: Tree, dog: Value):
-        channels = tree.node("FunctionNodeSeparateColor")
-        tree.plug(channels.inputs[0], named_attribute(tree, BASE, "FLOAT_COLOR"))
-        self.opacity = Value(tree, channels.outputs["Alpha"])
-        self.pseudo_opacity = self.opacity * named_attribute(tree, OPACITY_FACTOR, "FLOAT") * dog
-        self.scale = named_attribute(tree, SCALE)
-        self.pseudo_scale = self.scale * named_attribute(tree, SCALE_FACTOR)
-        self.rotation = named_attribute(tree, ROTATION, "QUATERNION")
 
 
 def splat_tree() -> bpy.types.NodeTree:

@@ -11,7 +11,11 @@ class DogSplatPreferences(bpy.types.AddonPreferences):
 
     bl_idname = __package__ or ""
 
-    command: StringProperty(name="Command dogsplat", subtype="FILE_PATH", description="The command of the package mi_dogsplat, or words such as: python -m mi_dogsplat. Empty: this Python, else the PATH")  # type: ignore[valid-type]
+    command: StringProperty(
+        name="Command dogsplat",
+        subtype="FILE_PATH",
+        description="Of the package mi_dogsplat, or words: python -m mi_dogsplat. Empty: this Python, else the PATH",
+    )
 
     def draw(self, context: bpy.types.Context) -> None:
         """One field."""

@@ -24,8 +24,10 @@ from .ply import write_ply
 
 BAND_ROWS = 128  # between two looks at whether the user has cancelled
 POLL_SECONDS = 0.1
-MISSING = ("Mitsuba is not there: install the package with \"pip install 'mi_dogsplat[train]'\" in any Python and name its "
-           "command dogsplat in the preferences of this add-on")  # fmt: skip
+MISSING = (
+    "Mitsuba is not there: install the package with \"pip install 'mi_dogsplat[train]'\" in any Python "
+    "and name its command dogsplat in the preferences of this add-on"
+)
 Picture = dict[str, np.ndarray]  # color [H, W, 3] sRGB values over black, alpha [H, W], depth [H, W]; from the top
 
 
@@ -115,7 +117,8 @@ class Command:
              progress: Callable[[float], None]) -> None:  # fmt: skip
         with log.open("w") as output:
             try:
-                process = subprocess.Popen([*self.words, *arguments], stdin=subprocess.DEVNULL, stdout=output, stderr=output)
+                files = {"stdin": subprocess.DEVNULL, "stdout": output, "stderr": output}
+                process = subprocess.Popen([*self.words, *arguments], **files)
             except OSError as error:
                 raise RendererError(f"{self.name} cannot be started ({error.strerror})") from error
             share = 0.0
@@ -144,7 +147,9 @@ def choose_renderer(command: str = "") -> InProcess | Command:
         whole = Path(command).expanduser()  # may hold spaces
         words = (str(whole),) if whole.is_file() else tuple(shlex.split(command, posix=sys.platform != "win32"))
         if not shutil.which(words[0]):
-            raise RendererError(f'"{command}", the command in the preferences of DoG Splat, is not there; correct or clear it')
+            raise RendererError(
+                f'"{command}", the command in the preferences of DoG Splat, is not there; correct or clear it'
+            )
         return Command(words)
     if importlib.util.find_spec("mitsuba") and importlib.util.find_spec("mi_dogsplat"):
         return InProcess()

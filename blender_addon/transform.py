@@ -76,7 +76,13 @@ def sh_basis(directions: np.ndarray, degree: int) -> np.ndarray:
 
 # Each basis function as a polynomial: a sum of (coefficient, power of x, of y, of z). The node tree is built of it too.
 _C1, _C2, _C3, _C4 = 0.4886025119029199, 1.0925484305920792, 0.31539156525252005, 0.5462742152960396
-_D0, _D1, _D2, _D3, _D4 = 0.5900435899266435, 2.890611442640554, 0.4570457994644658, 0.3731763325901154, 1.445305721320277
+_D0, _D1, _D2, _D3, _D4 = (
+    0.5900435899266435,
+    2.890611442640554,
+    0.4570457994644658,
+    0.3731763325901154,
+    1.445305721320277,
+)
 SH_TERMS: tuple[tuple[tuple[float, int, int, int], ...], ...] = (
     ((C0, 0, 0, 0),),
     ((-_C1, 0, 1, 0),),

@@ -100,7 +100,7 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
 
     p = command("render", "a model or Mitsuba scene to a picture", RENDER_EXAMPLES)
     p.add_argument("model", type=Path, metavar="MODEL_or_SCENE", help="model .ply or Mitsuba scene .xml")
-    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".png, or .exr or .npz with alpha and depth")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".png; .exr or .npz with alpha, depth")
     p.add_argument("--data", metavar="DATA", help="data set whose views --camera names")
     p.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA by name, or a camera JSON file")
     _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])

@@ -1,6 +1,7 @@
 """Imported cameras: Blender sees a point at the pixel where the data set has it."""
 
 import json
+import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -8,11 +9,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from blender_addon.camera_objects import camera_numbers, look_through
-from blender_addon.cameras import read_cameras
 from bpy_extras.object_utils import world_to_camera_view
 from conftest import REFERENCES, datablocks, load
 from mathutils import Matrix, Vector
+
+from blender_addon.camera_objects import camera_numbers, look_through
+from blender_addon.cameras import read_cameras
 
 HALF_A_PIXEL = 0.5
 
@@ -109,10 +111,9 @@ def test_real_data_sets_agree_with_the_package(shared, scene, source, tmp_path):
     script = (
         "import sys, numpy as np; from mi_dogsplat.datasets import load_dataset\n"
         "d = load_dataset(sys.argv[1], 4); v = {x.name: x.camera for x in d.views}\n"
-        "np.savez(sys.argv[2], names=list(v), w2c=[c.w2c for c in v.values()], k=[(c.fx, c.fy, c.cx, c.cy) for c in v.values()])"
+        "k = [(c.fx, c.fy, c.cx, c.cy) for c in v.values()]\n"
+        "np.savez(sys.argv[2], names=list(v), w2c=[c.w2c for c in v.values()], k=k)"
     )
-    import os
-
     python = json.loads(os.environ["DOGSPLAT_COMMAND"])[0]
     subprocess.run([python, "-c", script, str(shared / source), str(tmp_path / "k.npz")], check=True)
     expected = np.load(tmp_path / "k.npz")
@@ -139,8 +140,9 @@ def test_text_and_binary_models_of_colmap_are_the_same(shared, tmp_path):
     folder = tmp_path / "sparse" / "0"
     folder.mkdir(parents=True)
     first = next(iter(binary.values()))
-    (folder / "cameras.txt").write_text(f"# c\n1 PINHOLE {first.width} {first.height} {first.fx} {first.fy} "
-                                        f"{first.cx} {first.cy}\n")
+    (folder / "cameras.txt").write_text(
+        f"# c\n1 PINHOLE {first.width} {first.height} {first.fx} {first.fy} {first.cx} {first.cy}\n"
+    )
     lines = []
     for i, camera in enumerate(binary.values()):
         quat = Matrix(camera.w2c[:3, :3]).to_quaternion()
@@ -152,13 +154,20 @@ def test_text_and_binary_models_of_colmap_are_the_same(shared, tmp_path):
         assert np.allclose(camera.w2c, binary[camera.name].w2c, atol=1e-5) and camera.fx == first.fx
 
 
-@pytest.mark.parametrize("name, content, message", [
-    ("transforms.json", "{", "line 1"),
-    ("transforms.json", '{"frames": []}', "no cameras"),
-    ("transforms.json", '{"frames": [{"file_path": "a"}]}', "transform_matrix"),
-    ("transforms.json", '{"frames": [{"file_path": "a", "transform_matrix": [[1]], "w": 1, "h": 1, "fl_x": 1}]}', "pose"),
-    ("config.json", '{"data": "/nowhere"}', "/nowhere"),
-])
+@pytest.mark.parametrize(
+    "name, content, message",
+    [
+        ("transforms.json", "{", "line 1"),
+        ("transforms.json", '{"frames": []}', "no cameras"),
+        ("transforms.json", '{"frames": [{"file_path": "a"}]}', "transform_matrix"),
+        (
+            "transforms.json",
+            '{"frames": [{"file_path": "a", "transform_matrix": [[1]], "w": 1, "h": 1, "fl_x": 1}]}',
+            "pose",
+        ),
+        ("config.json", '{"data": "/nowhere"}', "/nowhere"),
+    ],
+)
 def test_bad_cameras_are_one_line_and_leave_nothing(tmp_path, name, content, message):
     (tmp_path / name).write_text(content)
     before = datablocks()
@@ -177,5 +186,3 @@ def test_a_truncated_colmap_model_is_one_line(shared, tmp_path):
     (folder / "images.bin").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(RuntimeError, match="images.bin.*export the model again"):
         bpy.ops.import_scene.dogsplat_cameras(filepath=str(tmp_path))
-
-

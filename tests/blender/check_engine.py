@@ -8,13 +8,13 @@ import sys
 import bpy
 import numpy as np
 import pytest
+from check_render import place_camera, psnr, rendered
+from conftest import REFERENCES, load
+
 from blender_addon import engine, renderers
 from blender_addon.camera_objects import camera_numbers
 from blender_addon.ply import read_ply
 from blender_addon.renderers import Cancelled, Command, InProcess, RendererError, Settings, choose_renderer
-from conftest import REFERENCES, load
-
-from check_render import place_camera, psnr, rendered
 
 COMMAND = tuple(json.loads(os.environ["DOGSPLAT_COMMAND"]))
 SETTINGS = Settings(0.2, False)
@@ -147,10 +147,13 @@ def test_without_mitsuba_the_message_says_what_to_install(monkeypatch):
         choose_renderer("/no/such")
 
 
-@pytest.mark.parametrize("prepare, message", [
-    (lambda scene: load(REFERENCES / "dog.ply"), "no camera"),
-    (lambda scene: place_camera(scene, "dog"), "no splats"),
-])
+@pytest.mark.parametrize(
+    "prepare, message",
+    [
+        (lambda scene: load(REFERENCES / "dog.ply"), "no camera"),
+        (lambda scene: place_camera(scene, "dog"), "no splats"),
+    ],
+)
 def test_what_is_missing_in_the_scene_is_said(scene, by_command, prepare, message):
     prepare(scene)
     scene.render.engine = engine.ENGINE

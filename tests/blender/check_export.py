@@ -3,11 +3,12 @@
 import bpy
 import numpy as np
 import pytest
+from conftest import load
+from mathutils import Matrix
+
 from blender_addon.model import normalized, sigmoid
 from blender_addon.ply import read_ply
 from blender_addon.transform import C0, sh_basis
-from conftest import load
-from mathutils import Matrix
 
 
 def export(path, **options):

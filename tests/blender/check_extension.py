@@ -56,12 +56,16 @@ def test_only_the_engine_needs_other_packages():
 
 def test_everything_that_is_registered_is_unregistered():
     import addon_utils
+
     import blender_addon
 
     classes = blender_addon.CLASSES
     assert all(cls.is_registered for cls in classes)
     addon_utils.disable("blender_addon")
     assert not any(cls.is_registered for cls in classes)
-    assert not any("DOGSPLAT" in panel.COMPAT_ENGINES for panel in bpy.types.Panel.__subclasses__()
-                   if hasattr(panel, "COMPAT_ENGINES"))
+    assert not any(
+        "DOGSPLAT" in panel.COMPAT_ENGINES
+        for panel in bpy.types.Panel.__subclasses__()
+        if hasattr(panel, "COMPAT_ENGINES")
+    )
     addon_utils.enable("blender_addon")

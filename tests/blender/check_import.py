@@ -6,11 +6,12 @@ import time
 import bpy
 import numpy as np
 import pytest
+from conftest import datablocks, load
+
 from blender_addon.attributes import read_attributes
 from blender_addon.model import sigmoid
 from blender_addon.modifier import get_input, splat_modifier
 from blender_addon.ply import read_ply
-from conftest import datablocks, load
 
 
 def values(obj, name, field, width):
@@ -68,8 +69,9 @@ def test_options_of_the_redo_panel_do_what_they_say(model):
     assert [get_input(modifier, n) for n in ("DoG", "Linear Colors", "Antialiased")] == [False, False, True]
     assert obj.matrix_world == load(model).matrix_world
     turned = load(model, up_axis="-Y", scale=2.0)
-    assert np.allclose(turned.matrix_world @ turned.data.vertices[0].co,
-                       2 * raw.means[0][[0, 2, 1]] * (1, 1, -1), rtol=1e-5)
+    assert np.allclose(
+        turned.matrix_world @ turned.data.vertices[0].co, 2 * raw.means[0][[0, 2, 1]] * (1, 1, -1), rtol=1e-5
+    )
 
 
 def test_several_files_become_several_objects_that_share_trees_and_materials(model, tmp_path):
@@ -83,20 +85,26 @@ def test_several_files_become_several_objects_that_share_trees_and_materials(mod
     assert len(trees) == 1 and len(bpy.data.materials) == 3
 
 
-@pytest.mark.parametrize("content, message", [
-    (b"", "not a PLY file"),
-    (b"ply\nformat binary_little_endian 1.0\nelement vertex 5\nproperty float x\nend_header\n", "ends inside"),
-    (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n", 'no property "y"'),
-    (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\none\n", "not a number"),
-    (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty floot x\nend_header\n1\n", "floot"),
-])
+@pytest.mark.parametrize(
+    "content, message",
+    [
+        (b"", "not a PLY file"),
+        (b"ply\nformat binary_little_endian 1.0\nelement vertex 5\nproperty float x\nend_header\n", "ends inside"),
+        (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n", 'no property "y"'),
+        (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\none\n", "not a number"),
+        (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty floot x\nend_header\n1\n", "floot"),
+    ],
+)
 def test_a_bad_file_is_one_line_and_leaves_nothing(model, tmp_path, content, message):
     (tmp_path / "bad.ply").write_bytes(content)
     shutil.copy(model, tmp_path / "good.ply")
     before = datablocks()
     with pytest.raises(RuntimeError) as caught:  # how operators report errors to Python
-        bpy.ops.import_scene.dogsplat(filepath=str(tmp_path / "good.ply"), directory=str(tmp_path),
-                                      files=[{"name": "good.ply"}, {"name": "bad.ply"}])
+        bpy.ops.import_scene.dogsplat(
+            filepath=str(tmp_path / "good.ply"),
+            directory=str(tmp_path),
+            files=[{"name": "good.ply"}, {"name": "bad.ply"}],
+        )
     line = str(caught.value).strip()
     assert "\n" not in line and "bad.ply" in line and message in line and "Traceback" not in line
     assert datablocks() == before

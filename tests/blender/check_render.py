@@ -5,10 +5,11 @@ import json
 import bpy
 import numpy as np
 import pytest
-from blender_addon.camera_objects import build_camera, look_through
-from blender_addon.cameras import Camera
 from conftest import REFERENCES, load
 from mathutils import Matrix
+
+from blender_addon.camera_objects import build_camera, look_through
+from blender_addon.cameras import Camera
 
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0) else "BLENDER_EEVEE_NEXT"
 
@@ -76,7 +77,9 @@ def test_switching_dog_off_shows_the_plain_gaussians(scene, tmp_path):
     assert psnr(picture, np.load(REFERENCES / "dog.npz")["color"]) < 40
 
 
-@pytest.mark.parametrize("move", [Matrix.Rotation(1.1, 4, (1, 2, 3)), Matrix.Scale(0.3, 4), Matrix.Translation((5, 6, 7))])
+@pytest.mark.parametrize(
+    "move", [Matrix.Rotation(1.1, 4, (1, 2, 3)), Matrix.Scale(0.3, 4), Matrix.Translation((5, 6, 7))]
+)
 def test_the_picture_stays_when_model_and_camera_move_together(scene, tmp_path, move):
     place_camera(scene, "dog")
     obj = load(REFERENCES / "dog.ply")
@@ -103,7 +106,7 @@ def test_points_are_rendered(scene, tmp_path):
 
 
 def test_linear_colors_look_as_trained_under_the_view_transform_standard(scene, tmp_path):
-    """A single layer has nothing to blend, so there both colour modes agree but for the blending with the background."""
+    """The colours are the same, only the blending is another, so the pictures are near each other."""
     place_camera(scene, "plain")
     load(REFERENCES / "plain.ply", color_mode="LINEAR")
     scene.cycles.samples, scene.cycles.use_denoising = 1, False
