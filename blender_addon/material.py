@@ -2,7 +2,8 @@
 
 With g the primary and g_p the pseudo-Gaussian, alpha = min(.99, a g) - min(.99, a_p g_p), ignored below 1/255; the
 splat lets 1 - alpha of what is behind through and adds alpha times its colour. Cycles takes negative values of both
-(checked by a test), so there DoG is exact. EEVEE clamps emission at zero, so there negative lobes are left out: max(0, alpha).
+(checked by a test), so there DoG is exact. EEVEE clamps emission at zero, so there negative lobes are left out:
+max(0, alpha).
 """
 
 from __future__ import annotations

@@ -100,6 +100,7 @@ def outcomes(references, tmp_path_factory) -> dict[tuple[str, str], ET.Element]:
             "-q",
             "-p",
             "no:cacheprovider",
+            f"--confcutdir={ROOT / 'tests' / 'blender'}",
             "-o",
             "python_files=check_*.py",
             "-o",
