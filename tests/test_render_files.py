@@ -94,6 +94,17 @@ def test_an_exr_holds_premultiplied_linear_colour_with_alpha_and_depth(model, da
     assert 2 < centre < 4  # the camera is 3 away from the middle
 
 
+def test_an_npz_holds_the_picture_over_black_as_arrays(model, data, tmp_path):
+    render_model(arguments(model, tmp_path / "3.npz", data=data, camera="3", background="white"))
+    expected = tiny_data.picture(tiny_data.truth(), tiny_data.cameras()[3])
+    with np.load(tmp_path / "3.npz") as arrays:
+        assert set(arrays) == {"color", "alpha", "depth"}
+        for name, values in arrays.items():
+            np.testing.assert_array_equal(values, getattr(expected, name))
+    with pytest.raises(DataError, match="models only"):
+        render_scene(scene_file(tmp_path, SPHERE + SENSOR), tmp_path / "s.npz")
+
+
 def test_the_background_of_a_png_is_chosen_and_white_for_data_with_alpha(model, tmp_path):
     data = tiny_data.write_tiny_data(tmp_path / "data", n=2, alpha=True)
     for background, corner in (("auto", 255), ("white", 255), ("black", 0)):
@@ -114,7 +125,7 @@ def test_an_unknown_view_is_answered_with_close_names(model, data, tmp_path):
 
 @pytest.mark.parametrize("name", ["v.jpg", "v", "v.ply"])
 def test_an_unknown_picture_format_is_refused_before_anything_else(tmp_path, name):
-    with pytest.raises(DataError, match=r"ends in .png or .exr"):
+    with pytest.raises(DataError, match=r"ends in .png, .exr, .npz"):
         render_model(arguments(tmp_path / "missing.ply", tmp_path / name))
 
 
