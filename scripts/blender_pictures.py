@@ -1,8 +1,9 @@
 """Pictures of docs/blender.md: the same model and camera by our integrator and by Blender's engines.
 
-    .venv/bin/python scripts/blender_pictures.py .venv-blender/bin/python MODEL.ply DATA docs/pictures [--downscale 2]
+    .venv/bin/python scripts/blender_pictures.py .venv-blender/bin/python MODEL.ply DATA 2 WORK docs/pictures
 
-Started with one more word, ``inside``, by the Python that has bpy: renders one engine.
+2 is the downscaling of the photographs; renders that the folder WORK has already are not made again. Started with the
+word ``inside`` by the Python that has bpy, it renders with one engine.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +18,7 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 ENGINES = (
     ("CYCLES", "QUADS", "Cycles"),
-    ("EEVEE", "QUADS", "EEVEE, no negative lobes"),
-    ("EEVEE", "ELLIPSOIDS", "viewport: ellipsoids, EEVEE"),
+    ("EEVEE", "QUADS", "EEVEE: no negative lobes"),
 )
 GAIN = 5  # of the differences
 
@@ -33,9 +32,10 @@ def inside(job: dict) -> None:
     import addon_utils
 
     addon_utils.enable("blender_addon")
+    from mathutils import Matrix
+
     from blender_addon.camera_objects import build_camera, look_through
     from blender_addon.cameras import Camera
-    from mathutils import Matrix
 
     scene = bpy.context.scene
     values = json.loads(Path(job["camera"]).read_text())
@@ -49,28 +49,26 @@ def inside(job: dict) -> None:
     bpy.ops.render.render(write_still=True)
 
 
-def outside(python: str, model: str, data: str, out: Path, downscale: int) -> None:
-    """Render everything, write ``blender_dog.png``, print the figures."""
-    from PIL import Image
-
+def outside(python: str, model: str, data: str, downscale: int, work: Path, out: Path) -> None:
+    """Render what is missing, write ``blender_dog.png``, print the figures."""
     sys.path.insert(0, str(ROOT))
     from mi_dogsplat.camera_file import write_camera
     from mi_dogsplat.datasets import load_dataset
+    from PIL import Image
 
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        view = load_dataset(data, downscale).test[0]
-        write_camera(folder / "camera.json", view.camera)
-        command = [sys.executable, "-m", "mi_dogsplat", "render", model, "--camera", str(folder / "camera.json")]
-        subprocess.run([*command, "-o", str(folder / "ours.png")], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
-        pictures = [("dogsplat", _read(folder / "ours.png"))]
-        for engine, show_as, label in ENGINES:
-            target = folder / f"{engine}_{show_as}.png"
-            job = {"model": model, "camera": str(folder / "camera.json"), "engine": engine, "show_as": show_as,
-                   "out": str(target)}  # fmt: skip
-            subprocess.run([python, __file__, "inside", json.dumps(job)], check=True, stdin=subprocess.DEVNULL,
-                           stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
-            pictures.append((label, _read(target)))
+    work.mkdir(parents=True, exist_ok=True)
+    camera, ours = work / "camera.json", work / "ours.png"
+    if not ours.exists():
+        write_camera(camera, load_dataset(data, downscale).test[0].camera)
+        command = [sys.executable, "-m", "mi_dogsplat", "render", model, "--camera", str(camera), "-o", str(ours)]
+        subprocess.run(command, check=True, cwd=ROOT)
+    pictures = [("dogsplat", _read(ours))]
+    for engine, show_as, label in ENGINES:
+        target = work / f"{engine}_{show_as}.png"
+        job = {"model": model, "camera": str(camera), "engine": engine, "show_as": show_as, "out": str(target)}
+        if not target.exists():
+            subprocess.run([python, __file__, "inside", json.dumps(job)], check=True, stdin=subprocess.DEVNULL)
+        pictures.append((label, _read(target)))
     columns = []
     for label, picture in pictures:
         error = picture - pictures[0][1]
@@ -99,4 +97,4 @@ if __name__ == "__main__":
     if sys.argv[1] == "inside":
         inside(json.loads(sys.argv[2]))
     else:
-        outside(*sys.argv[1:4], Path(sys.argv[4]), int(sys.argv[6]) if len(sys.argv) > 6 else 1)
+        outside(*sys.argv[1:4], int(sys.argv[4]), Path(sys.argv[5]), Path(sys.argv[6]))

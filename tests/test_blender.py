@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
@@ -77,9 +78,9 @@ def references(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def outcomes(references, tmp_path_factory) -> dict[tuple[str, str], ET.Element]:
-    """The JUnit record of every check, by Python and by name."""
-    found = {}
+def outcomes(references, tmp_path_factory) -> dict[tuple[str, str], list[ET.Element]]:
+    """The JUnit records of every check, one per set of its parameters, by Python and by name."""
+    found = defaultdict(list)
     for python in PYTHONS:
         if not python.exists():
             continue
@@ -114,7 +115,8 @@ def outcomes(references, tmp_path_factory) -> dict[tuple[str, str], ET.Element]:
         if not report.exists():
             raise RuntimeError(f"{python} stopped:\n{run.stdout[-4000:]}\n{run.stderr[-2000:]}")
         for case in ET.parse(report).iter("testcase"):
-            found[str(python), f"{Path(case.get('file', '')).stem}::{case.get('name')}"] = case
+            name = case.get("name", "").split("[")[0]
+            found[str(python), f"{Path(case.get('file', '')).stem}::{name}"].append(case)
     return found
 
 
@@ -124,8 +126,11 @@ def outcomes(references, tmp_path_factory) -> dict[tuple[str, str], ET.Element]:
 def test_in_blender(python, check, request):
     if not python.exists():
         pytest.skip(f'there is no Python with bpy at {python}: run "make blender" (Python 3.11, 400 MB)')
-    case = request.getfixturevalue("outcomes")[str(python), check]
-    if (skipped := case.find("skipped")) is not None:
-        pytest.skip(skipped.get("message"))
-    for trouble in [*case.findall("failure"), *case.findall("error")]:
-        pytest.fail(f"{trouble.get('message')}\n{trouble.text}", pytrace=False)
+    cases = request.getfixturevalue("outcomes")[str(python), check]
+    assert cases, f"{check} did not run"
+    troubles = [(case, t) for case in cases for t in [*case.findall("failure"), *case.findall("error")]]
+    for case, trouble in troubles:
+        pytest.fail(f"{case.get('name')}: {trouble.get('message')}\n{trouble.text}", pytrace=False)
+    skipped = [s for case in cases if (s := case.find("skipped")) is not None]
+    if len(skipped) == len(cases):
+        pytest.skip(skipped[0].get("message"))
