@@ -3,8 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 PY := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
+BLENDER := .venv-blender
 
-.PHONY: demo test lint bench setup clean
+.PHONY: demo test lint bench setup blender addon clean
 .DEFAULT_GOAL := demo
 
 # The main job on generated data: training, compact model, report, pictures.
@@ -13,6 +14,7 @@ demo: setup
 
 # pytest comes last, so that its closing line is the last one.
 test: lint
+	-@$(MAKE) --no-print-directory blender
 	$(PY) -m pytest -q
 
 lint: setup
@@ -21,6 +23,17 @@ lint: setup
 
 bench: setup
 	$(PY) -m benchmarks
+
+# Blender as a Python module (Python 3.11, 400 MB), for the add-on and its tests; they are skipped where it cannot be had.
+blender: $(BLENDER)/.installed
+
+$(BLENDER)/.installed: pyproject.toml scripts/setup_blender.sh
+	@scripts/setup_blender.sh $(PYTHON) $(BLENDER)
+	@touch $@
+
+# The Blender extension, in dist/.
+addon: blender
+	scripts/build_addon.sh $(BLENDER)/bin/python dist
 
 # LLVM is looked for every time: it can disappear without the package being touched.
 setup: $(INSTALLED)
@@ -31,5 +44,5 @@ $(INSTALLED): pyproject.toml scripts/setup_venv.sh
 	@touch $@
 
 clean:
-	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis build dist demo
+	rm -rf $(VENV) $(BLENDER) .pytest_cache .ruff_cache .hypothesis build dist demo
 	find . -name __pycache__ -prune -exec rm -rf {} +

@@ -94,7 +94,7 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
 
     p = command("render", "a model or Mitsuba scene to a picture", RENDER_EXAMPLES)
     p.add_argument("model", type=Path, metavar="MODEL_or_SCENE", help="model .ply or Mitsuba scene .xml")
-    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".png, or .exr with alpha and depth")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".png; .exr or .npz with alpha, depth")
     p.add_argument("--data", metavar="DATA", help="data set whose views --camera names")
     p.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA by name, or a camera JSON file")
     p.add_argument("--aovs", metavar="NAMES", help="channels of an .exr beside colour and alpha (default: depth)")

@@ -31,13 +31,15 @@ def render_picture(
     background: float = 0.0,
     near_clip: float = 0.2,
     aovs: Sequence[str] = (),
+    film: tuple[float, float, float, float] | None = None,
 ) -> Picture:
     """Render parameters (as ``upload`` makes them) from a camera over a grey ``background``, 0..1.
 
-    ``aovs`` are names as in ``aovs.py``, whose needs are among the ``options``.
+    ``aovs`` are names as in ``aovs.py``, whose needs are among the ``options``. ``film``: the whole image where the
+    camera sees a part of it (``DeviceCamera.upload``).
     """
     detached = {name: dr.detach(value) for name, value in params.items()}
-    frame = rasterize(detached, DeviceCamera.upload(camera, near_clip), options)
+    frame = rasterize(detached, DeviceCamera.upload(camera, near_clip, film), options)
     shape = (camera.height, camera.width)
     T = frame.T.numpy().reshape(shape)
     color = np.stack([plane.numpy().reshape(shape) for plane in frame.colors], -1) + background * T[..., None]

@@ -16,6 +16,7 @@ from .camera_file import read_camera
 from .cameras import Camera
 from .config import background_color
 from .errors import DataError
+from .files import replacing
 from .framing import automatic_camera, robust_sphere
 from .parameters import upload
 from .pictures import write_bitmap, write_exr, write_png
@@ -25,7 +26,7 @@ from .render import Picture, premultiplied, render_picture
 from .splats import Splats
 from .srgb import linear_to_srgb
 
-SUFFIXES = (".png", ".exr")
+SUFFIXES = (".png", ".exr", ".npz")
 NEAR_SHARE = 0.1  # of the radius of a model framed automatically, which may be far smaller than the near clip
 MAX_NAMES = 5  # views that an error message lists
 
@@ -78,16 +79,18 @@ def render_model(args: argparse.Namespace) -> None:
     """Render ``args.model`` to ``args.out``, seen as ``viewpoint`` says.
 
     PNG shows the model over the background; OpenEXR holds it alone, premultiplied, with alpha and the AOVs that
-    ``args.aovs`` lists (depth, if it is None). Raises ``DataError``.
+    ``args.aovs`` lists (depth, if it is None); NPZ the same as arrays ``color`` [H, W, 3], ``alpha`` and ``depth``
+    [H, W], for other programs. Raises ``DataError``.
     """
     require_suffix(args.out)
     aovs = _aovs(args)
     splats = read_ply(args.model)
-    view = viewpoint(args, splats)
-    exr = args.out.suffix.lower() == ".exr"
-    background = 0.0 if exr else view.background
+    view, suffix = viewpoint(args, splats), args.out.suffix.lower()
+    background = view.background if suffix == ".png" else 0.0
     picture = picture_of(splats, background, view.near_clip, antialiased=args.antialiased, aovs=aovs)(view.camera)
-    if exr:
+    if suffix == ".npz":
+        _write(args.out, lambda: _write_arrays(args.out, picture))
+    elif suffix == ".exr":
         _write(args.out, lambda: write_exr(args.out, {"color": premultiplied(picture, 0.0), **picture.aovs}))
     else:
         _write(args.out, lambda: write_png(args.out, picture.color))
@@ -112,6 +115,8 @@ def render_scene(path: Path, out: Path) -> None:
         bitmap = scene.sensors()[0].film().bitmap()
     except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
         raise DataError(path, f"Mitsuba cannot render it ({_gist(error)})", "correct the scene") from error
+    if out.suffix.lower() == ".npz":
+        raise DataError(out, "arrays hold pictures of models only", "name a file that ends in .png or .exr")
     if out.suffix.lower() == ".exr":
         _write(out, lambda: write_bitmap(out, bitmap, mi.Bitmap.FileFormat.OpenEXR))
         return
@@ -126,7 +131,7 @@ def render_scene(path: Path, out: Path) -> None:
 def require_suffix(out: Path) -> None:
     """Raise ``DataError`` unless the file name tells a picture format that can be written."""
     if out.suffix.lower() not in SUFFIXES:
-        raise DataError(out, "no known picture format", "name a file that ends in .png or .exr")
+        raise DataError(out, "no known picture format", f"name a file that ends in {', '.join(SUFFIXES)}")
     if out.is_dir():
         raise DataError(out, "is a folder", "name a file in it")
 
@@ -144,10 +149,11 @@ def _gist(error: BaseException) -> str:
 
 def _aovs(args: argparse.Namespace) -> list[str]:
     """AOVs to write beside colour and alpha."""
-    if args.out.suffix.lower() != ".exr":
+    suffix = args.out.suffix.lower()
+    if suffix != ".exr":
         if args.aovs is not None:
-            raise DataError("--aovs", f"{args.out} has room for colour only", "name a file that ends in .exr")
-        return []
+            raise DataError("--aovs", f"{args.out} has no room for them", "name a file that ends in .exr")
+        return ["depth"] if suffix == ".npz" else []
     try:
         names = read_names("depth" if args.aovs is None else args.aovs)
     except ValueError as error:
@@ -181,6 +187,11 @@ def _downscaled(args: argparse.Namespace, camera: Camera) -> Camera:
         return camera.downscaled(args.downscale)
     except ValueError as error:
         raise DataError("--downscale", str(error), "use a smaller number") from error
+
+
+def _write_arrays(out: Path, picture: Picture) -> None:
+    with replacing(out) as part, part.open("wb") as file:
+        np.savez(file, color=picture.color, alpha=picture.alpha, depth=np.asarray(picture.depth))
 
 
 def _write(out: Path, write: Callable[[], None]) -> None:

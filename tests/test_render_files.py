@@ -118,7 +118,7 @@ def test_an_exr_holds_the_aovs_that_are_asked_for(model, data, tmp_path):
     [
         ("v.exr", "depth,albedo", '--aovs: unknown AOV "albedo"; available are alpha, depth'),
         ("v.exr", "depth,depth", '--aovs: the AOV "depth" is there twice; name it once'),
-        ("v.png", "depth", "--aovs: .*v.png has room for colour only; name a file that ends in .exr"),
+        ("v.png", "depth", "--aovs: .*v.png has no room for them; name a file that ends in .exr"),
     ],
 )
 def test_aovs_that_cannot_be_written_are_refused(model, tmp_path, name, aovs, message):
@@ -138,6 +138,17 @@ def test_depth_is_blended_for_files_that_hold_it_only(model, tmp_path, monkeypat
     monkeypatch.setattr("mi_dogsplat.render_files.render_picture", recorded)
     render_model(arguments(model, tmp_path / name))
     assert asked == [depth]
+
+
+def test_an_npz_holds_the_picture_over_black_as_arrays(model, data, tmp_path):
+    render_model(arguments(model, tmp_path / "3.npz", data=data, camera="3", background="white"))
+    expected = tiny_data.picture(tiny_data.truth(), tiny_data.cameras()[3])
+    with np.load(tmp_path / "3.npz") as arrays:
+        assert set(arrays) == {"color", "alpha", "depth"}
+        for name, values in arrays.items():
+            np.testing.assert_array_equal(values, getattr(expected, name))
+    with pytest.raises(DataError, match="models only"):
+        render_scene(scene_file(tmp_path, SPHERE + SENSOR), tmp_path / "s.npz")
 
 
 def test_the_background_of_a_png_is_chosen_and_white_for_data_with_alpha(model, tmp_path):
@@ -160,7 +171,7 @@ def test_an_unknown_view_is_answered_with_close_names(model, data, tmp_path):
 
 @pytest.mark.parametrize("name", ["v.jpg", "v", "v.ply"])
 def test_an_unknown_picture_format_is_refused_before_anything_else(tmp_path, name):
-    with pytest.raises(DataError, match=r"ends in .png or .exr"):
+    with pytest.raises(DataError, match=r"ends in .png, .exr, .npz"):
         render_model(arguments(tmp_path / "missing.ply", tmp_path / name))
 
 

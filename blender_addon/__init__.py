@@ -1,0 +1,42 @@
+"""DoG Splat: Gaussian and Difference-of-Gaussians splats in Blender. This file only registers."""
+
+from __future__ import annotations
+
+import bpy
+
+from . import camera_operators, engine, exact_settings, export_operators, import_operator, panel, preferences
+
+CLASSES = (
+    preferences.DogSplatPreferences,
+    import_operator.DOGSPLAT_OT_import,
+    import_operator.DOGSPLAT_FH_model,
+    camera_operators.DOGSPLAT_OT_import_cameras,
+    camera_operators.DOGSPLAT_OT_look_through,
+    export_operators.DOGSPLAT_OT_export,
+    export_operators.DOGSPLAT_OT_apply_transform,
+    exact_settings.DOGSPLAT_OT_exact_settings,
+    engine.DogSplatEngine,
+    panel.DOGSPLAT_PT_panel,
+)
+
+
+def register() -> None:
+    """Called by Blender when the extension is enabled."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.dogsplat_colors = engine.COLORS
+    for blender_panel in engine.panels_for_all_engines():
+        blender_panel.COMPAT_ENGINES.add(engine.ENGINE)
+    bpy.types.TOPBAR_MT_file_import.append(panel.import_menu)
+    bpy.types.TOPBAR_MT_file_export.append(panel.export_menu)
+
+
+def unregister() -> None:
+    """The same backwards."""
+    bpy.types.TOPBAR_MT_file_export.remove(panel.export_menu)
+    bpy.types.TOPBAR_MT_file_import.remove(panel.import_menu)
+    for blender_panel in engine.panels_for_all_engines():
+        blender_panel.COMPAT_ENGINES.discard(engine.ENGINE)
+    del bpy.types.Scene.dogsplat_colors
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,36 @@
+"""Which way is up in a file, and how objects remember where they came from."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+SOURCE, CONVENTION, IMPORT_MATRIX = "dogsplat_source", "dogsplat_convention", "dogsplat_import_matrix"
+UP_AXES = (
+    ("Z", "Z", "As in the file: for Blender, Mitsuba and instant-ngp scenes"),
+    ("-Z", "-Z", "Turned upside down"),
+    ("Y", "Y", "For models with y up, as many viewers use"),
+    ("-Y", "-Y", "For models with y down, as COLMAP without orientation makes them"),
+)
+_TO_Z_UP = {
+    "Z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)), "-Z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
+    "Y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)), "-Y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+}  # fmt: skip
+
+
+def conversion(up_axis: str, scale: float) -> Matrix:
+    """The matrix from coordinates of a file to Blender's."""
+    return Matrix.Scale(scale, 4) @ Matrix(_TO_Z_UP[up_axis]).to_4x4()
+
+
+def remember(obj: bpy.types.Object, source: str, convention: str, matrix: Matrix) -> None:
+    """Write down the file, its convention and the matrix from its coordinates to Blender's."""
+    obj[SOURCE], obj[CONVENTION] = source, convention
+    obj[IMPORT_MATRIX] = [value for row in matrix for value in row]
+
+
+def import_matrix(obj: bpy.types.Object) -> np.ndarray:
+    """[4, 4] from coordinates of the file to Blender's; the identity for objects from elsewhere."""
+    values = obj.get(IMPORT_MATRIX)
+    return np.array(list(values), np.float64).reshape(4, 4) if values is not None else np.eye(4)

@@ -1,0 +1,86 @@
+"""A model as NumPy arrays: the raw values of a 3DGS file, and what Blender shows of them.
+
+Nothing here knows Blender, so it can be tested with any Python. Raw values (``log_``, ``logit_``) are what files hold;
+every other name is activated. DoG values have a row for every primitive; those of a plain Gaussian mean nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float32]
+
+
+@dataclass(eq=False)
+class Model:
+    """N primitives, float32."""
+
+    means: Array  # [N, 3]
+    log_scales: Array  # [N, 3]
+    quats: Array  # [N, 4] w, x, y, z; any non-zero length
+    logit_opacities: Array  # [N]
+    sh_coeffs: Array  # [N, K, 3] with K = (degree + 1)²
+    is_dog: NDArray[np.bool_]  # [N]
+    dog_logit_opacities: Array  # [N] logit of f_a: the pseudo-Gaussian has opacity f_a a
+    dog_log_scales: Array  # [N, 3] log of F: the pseudo-Gaussian has scales F s
+
+    @property
+    def n_splats(self) -> int:
+        """N."""
+        return len(self.means)
+
+    @property
+    def sh_degree(self) -> int:
+        """0..3."""
+        return (1, 4, 9, 16).index(self.sh_coeffs.shape[1])
+
+    def select(self, which: NDArray) -> Model:
+        """The primitives of a mask [N] or of indices, in their order."""
+        return Model(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    def with_degree(self, degree: int) -> Model:
+        """The same model without the bands of spherical harmonics above ``degree``."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Model(**{**values, "sh_coeffs": self.sh_coeffs[:, : (degree + 1) ** 2]})
+
+
+def concatenate(models: list[Model]) -> Model:
+    """One model of several; lower degrees of spherical harmonics are filled up with zeros."""
+    k = max(model.sh_coeffs.shape[1] for model in models)
+    columns = {field.name: [getattr(model, field.name) for model in models] for field in fields(Model)}
+    columns["sh_coeffs"] = [np.pad(sh, ((0, 0), (0, k - sh.shape[1]), (0, 0))) for sh in columns["sh_coeffs"]]
+    return Model(**{name: np.concatenate(parts) for name, parts in columns.items()})
+
+
+def sigmoid(x: Array) -> Array:
+    """Never overflows."""
+    e = np.exp(-np.abs(x))
+    return np.where(x >= 0, 1, e) / (1 + e)
+
+
+def logit(p: Array) -> Array:
+    """Inverse of the sigmoid; 0 and 1 become the nearest numbers that a file can hold."""
+    p = np.clip(p.astype(np.float64), 1e-12, 1 - 1e-7)
+    return (np.log(p) - np.log1p(-p)).astype(np.float32)
+
+
+def positive_log(x: Array) -> Array:
+    """Logarithm of lengths; what is not positive becomes the smallest length that is shown."""
+    return np.log(np.maximum(x, np.float32(1e-12)))
+
+
+def normalized(quats: Array) -> Array:
+    """Quaternions [N, 4] of unit length; zero becomes the identity."""
+    norm = np.linalg.norm(quats, axis=1, keepdims=True)
+    unit = np.divide(quats, norm, out=np.zeros_like(quats), where=norm > 0)
+    unit[norm[:, 0] == 0, 0] = 1
+    return unit
+
+
+def importance(model: Model) -> NDArray[np.float64]:
+    """How much a primitive is likely to be seen, [N]: opacity times the area of its largest cross-section."""
+    scales = np.sort(np.exp(model.log_scales.astype(np.float64)), axis=1)
+    return sigmoid(model.logit_opacities).astype(np.float64) * scales[:, 1] * scales[:, 2]

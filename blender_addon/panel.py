@@ -1,0 +1,68 @@
+"""The panel "DoG Splat" in the sidebar of the viewport, and entries of the menus File > Import and Export."""
+
+from __future__ import annotations
+
+import bpy
+
+from .attributes import OPACITY_FACTOR, is_splats
+from .conventions import SOURCE
+from .engine import ENGINE
+from .modifier import identifier, splat_modifier
+
+SHOWN = ("Show As", "SH Degree", "DoG", "Linear Colors", "Antialiased", "Near Clip")
+
+
+class DOGSPLAT_PT_panel(bpy.types.Panel):
+    """Settings of the active model, and what can be done with models and cameras."""
+
+    bl_label = "DoG Splat"
+    bl_idname = "DOGSPLAT_PT_panel"
+    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "DoG Splat"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """The model first, then the scene."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        obj = context.object
+        if is_splats(obj):
+            self._model(context, obj)
+        row = layout.row(align=True)
+        row.operator("import_scene.dogsplat", text="Import", icon="IMPORT")
+        row.operator("export_scene.dogsplat", text="Export", icon="EXPORT")
+        layout.operator("import_scene.dogsplat_cameras", text="Import Cameras", icon="OUTLINER_DATA_CAMERA")
+        layout.operator("dogsplat.look_through", icon="VIEW_CAMERA")
+        layout.separator()
+        layout.operator("dogsplat.exact_settings", icon="SCENE")
+        layout.prop(context.scene.render, "engine")
+        if context.scene.render.engine == ENGINE:
+            layout.prop(context.scene, "dogsplat_colors")
+
+    def _model(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
+        layout = self.layout
+        column = layout.column(align=True)
+        column.label(text=f"{obj.name}: {len(obj.data.vertices):,} splats", icon="POINTCLOUD_DATA")
+        if SOURCE in obj:
+            column.label(text=str(obj[SOURCE]), icon="FILE")
+        modifier = splat_modifier(obj)
+        if modifier is None:
+            column.label(text="No splat modifier: import the model again", icon="ERROR")
+            return
+        column = layout.column()
+        for name in SHOWN:
+            column.prop(modifier, f'["{identifier(modifier, name)}"]', text=name)
+        if context.scene.camera is None:
+            layout.label(text="Colours follow the active camera: add one", icon="INFO")
+        elif OPACITY_FACTOR in obj.data.attributes and "EEVEE" in context.scene.render.engine:
+            layout.label(text="EEVEE leaves negative lobes out; Cycles shows them", icon="INFO")
+        layout.operator("dogsplat.apply_transform", icon="OBJECT_ORIGIN")
+
+
+def import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Entries of File > Import."""
+    self.layout.operator("import_scene.dogsplat", text="DoG Splat (.ply)")
+    self.layout.operator("import_scene.dogsplat_cameras", text="DoG Splat Cameras (COLMAP, transforms.json, run)")
+
+
+def export_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Entry of File > Export."""
+    self.layout.operator("export_scene.dogsplat", text="DoG Splat (.ply)")

@@ -1,0 +1,196 @@
+"""Models as PLY files: 3DGS columns in the element ``vertex``, DoG data in a second element ``dog``.
+
+The same format as ``mi_dogsplat.ply``, which documents it; this copy keeps the add-on free of other packages.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from .errors import FileError
+from .model import Model
+
+_POSITION = ("x", "y", "z")
+_NORMAL = ("nx", "ny", "nz")
+_DC = ("f_dc_0", "f_dc_1", "f_dc_2")
+_SCALE = ("scale_0", "scale_1", "scale_2")
+_ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")  # w, x, y, z
+_DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
+_N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
+_TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
+    "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "float": "f4", "double": "f8", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+_BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
+_NOT_3DGS = "give a 3D Gaussian splatting PLY with the columns x y z f_dc_* opacity scale_* rot_*"
+_DAMAGED = "copy or export the file again"
+
+
+def read_ply(path: str | Path) -> Model:
+    """Read a model. Raises ``FileError`` for whatever is not one."""
+    path = Path(path)
+    if path.is_dir():
+        raise FileError(path, "this is a folder", "give the path of a PLY file")
+    try:
+        with path.open("rb") as file:
+            tables = _tables(path, file)
+    except OSError as error:
+        raise FileError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
+    if "vertex" not in tables:
+        raise FileError(path, 'there is no element "vertex"', _NOT_3DGS)
+    vertex = tables["vertex"]
+    names = vertex.dtype.names or ()
+    n_rest = sum(name.startswith("f_rest_") for name in names)
+    if n_rest not in _N_REST:
+        raise FileError(path, f"{n_rest} properties f_rest_*, but SH degree 0, 1, 2, 3 has 0, 9, 24, 45", _NOT_3DGS)
+
+    means = _columns(path, vertex, _POSITION)
+    rest = _columns(path, vertex, _rest_names(n_rest)).reshape(-1, 3, n_rest // 3)  # channel-major
+    is_dog, dog = _dog_columns(path, tables, len(means))
+    return Model(
+        means=means,
+        log_scales=_columns(path, vertex, _SCALE),
+        quats=_columns(path, vertex, _ROTATION),
+        logit_opacities=_columns(path, vertex, ("opacity",))[:, 0],
+        sh_coeffs=np.concatenate([_columns(path, vertex, _DC)[:, None], rest.transpose(0, 2, 1)], axis=1),
+        is_dog=is_dog,
+        dog_logit_opacities=dog[:, 0],
+        dog_log_scales=dog[:, 1:],
+    )
+
+
+def write_ply(path: str | Path, model: Model) -> None:
+    """Write a model; ``read_ply`` gives back the same bits. The old file stays until the new one is complete.
+
+    Raises ``FileError`` when the place cannot be written or a value is not finite.
+    """
+    path = Path(path)
+    n, n_rest = model.n_splats, _N_REST[model.sh_degree]
+    names = (*_POSITION, *_NORMAL, *_DC, *_rest_names(n_rest), "opacity", *_SCALE, *_ROTATION)
+    rest = model.sh_coeffs[:, 1:].transpose(0, 2, 1).reshape(n, n_rest)
+    columns = [model.means, np.zeros((n, 3)), model.sh_coeffs[:, 0], rest, model.logit_opacities[:, None]]
+    vertex = np.concatenate([*columns, model.log_scales, model.quats], axis=1, dtype="<f4")  # [N, len(names)]
+    dog = np.empty(np.count_nonzero(model.is_dog), [("index", "<u4"), ("values", "<f4", 4)])
+    dog["index"] = np.flatnonzero(model.is_dog)
+    dog["values"] = np.concatenate([model.dog_logit_opacities[:, None], model.dog_log_scales], axis=1)[model.is_dog]
+    if not (np.isfinite(vertex).all() and np.isfinite(dog["values"]).all()):
+        raise FileError(path, "the model holds values that are not finite", "delete those splats; nothing was written")
+
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {n}"]
+    header += [f"property float {name}" for name in names]
+    if len(dog):
+        header += [f"element dog {len(dog)}", "property uint index", *(f"property float {name}" for name in _DOG)]
+    _replace(path, ["\n".join([*header, "end_header\n"]).encode(), vertex.tobytes(), dog.tobytes()])
+
+
+def _replace(path: Path, parts: list[bytes]) -> None:
+    """Make ``parts`` the content of ``path``, or leave everything as it was."""
+    try:
+        handle, temporary = tempfile.mkstemp(".part", f".{path.name}.", path.parent)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.writelines(parts)
+            os.replace(temporary, path)
+        finally:
+            Path(temporary).unlink(missing_ok=True)
+    except OSError as error:
+        problem = f"cannot be written ({error.strerror})"
+        raise FileError(path, problem, "check that the folder exists, is writable and has space") from error
+
+
+def _rest_names(n_rest: int) -> tuple[str, ...]:
+    return tuple(f"f_rest_{i}" for i in range(n_rest))
+
+
+def _columns(path: Path, table: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    """Columns by name as float32 [rows, len(names)], all of them there and finite."""
+    out = np.empty((len(table), len(names)), np.float32)
+    for i, name in enumerate(names):
+        if name not in (table.dtype.names or ()):
+            packed = "packed_position" in (table.dtype.names or ())
+            remedy = "this is a compressed PLY, export it uncompressed" if packed else _NOT_3DGS
+            raise FileError(path, f'there is no property "{name}"', remedy)
+        out[:, i] = table[name]
+    if not np.isfinite(out).all():
+        row, column = np.argwhere(~np.isfinite(out))[0]
+        raise FileError(path, f'"{names[column]}" in row {row} is not finite', _DAMAGED)
+    return out
+
+
+def _dog_columns(path: Path, tables: dict[str, np.ndarray], n: int) -> tuple[np.ndarray, np.ndarray]:
+    """(is_dog [N], the columns of ``_DOG`` [N, 4]) from the element ``dog``, or from the authors' layout."""
+    if "dog" not in tables:
+        if _DOG[0] in (tables["vertex"].dtype.names or ()):
+            return np.ones(n, bool), _columns(path, tables["vertex"], _DOG)
+        return np.zeros(n, bool), np.zeros((n, 4), np.float32)
+    table = tables["dog"]
+    _columns(path, table, ("index",))
+    index = table["index"].astype(np.int64)  # [M] float32 would round it
+    if len(index) and not (index.min() >= 0 and index.max() < n and len(np.unique(index)) == len(index)):
+        raise FileError(path, f'the element "dog" does not name different primitives of 0 to {n - 1}', _DAMAGED)
+    is_dog, dog = np.zeros(n, bool), np.zeros((n, 4), np.float32)
+    is_dog[index] = True
+    dog[index] = _columns(path, table, _DOG)
+    return is_dog, dog
+
+
+def _tables(path: Path, file: BinaryIO) -> dict[str, np.ndarray]:
+    """The elements ``vertex`` and ``dog`` as structured arrays; elements after the last of them are not read."""
+    byte_order, elements = _header(path, file)
+    last = max((i for i, (name, _, _) in enumerate(elements) if name in ("vertex", "dog")), default=-1)
+    words = file.read().split() if byte_order == "=" else []
+    tables, at = {}, 0
+    for name, count, properties in elements[: last + 1]:
+        if "list" in properties.values():
+            raise FileError(path, f'element "{name}" has a list property', _NOT_3DGS)
+        if byte_order == "=":
+            dtype = np.dtype([(key, "f8") for key in properties])
+            n_values = count * len(properties)
+            try:
+                data = np.array(words[at : at + n_values], np.float64).tobytes()
+            except ValueError:
+                raise FileError(path, f'element "{name}" holds something that is not a number', _DAMAGED) from None
+            at += n_values
+        else:
+            dtype = np.dtype([(key, byte_order + code) for key, code in properties.items()])
+            data = file.read(count * dtype.itemsize)
+        if len(data) != count * dtype.itemsize:
+            raise FileError(path, f'the file ends inside of element "{name}"', _DAMAGED)
+        tables[name] = np.frombuffer(data, dtype) if data else np.zeros(0, dtype)
+    return {name: table for name, table in tables.items() if name in ("vertex", "dog")}
+
+
+def _header(path: Path, file: BinaryIO) -> tuple[str, list[tuple[str, int, dict[str, str]]]]:
+    """(byte order, elements as (name, count, properties)); leaves the file at the first byte of data."""
+    if file.readline(8).rstrip() != b"ply":
+        raise FileError(path, 'not a PLY file (its first line is not "ply")', _NOT_3DGS)
+    byte_order, elements = "", []
+    while True:
+        line = file.readline(1 << 16)
+        words = line.decode("ascii", "replace").split()
+        if not line.endswith(b"\n"):
+            raise FileError(path, 'the header has no "end_header" line', _DAMAGED)
+        match words:
+            case [] | ["comment" | "obj_info", *_]:
+                continue
+            case ["end_header"]:
+                break
+            case ["format", name, "1.0"] if name in _BYTE_ORDERS:
+                byte_order = _BYTE_ORDERS[name]
+            case ["element", name, count] if count.isdecimal():
+                elements.append((name, int(count), {}))
+            case ["property", "list", _, _, name] if elements:
+                elements[-1][2][name] = "list"
+            case ["property", code, name] if elements and code in _TYPES:
+                elements[-1][2][name] = _TYPES[code]
+            case _:
+                raise FileError(path, f'header line "{" ".join(words)[:60]}" makes no sense', _DAMAGED)
+    if not byte_order:
+        raise FileError(path, 'the header has no "format" line', _DAMAGED)
+    return byte_order, elements

@@ -1,0 +1,22 @@
+"""Preferences of the add-on."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import StringProperty
+
+
+class DogSplatPreferences(bpy.types.AddonPreferences):
+    """Where the exact renderer is."""
+
+    bl_idname = __package__ or ""
+
+    command: StringProperty(
+        name="Command dogsplat",
+        subtype="FILE_PATH",
+        description="Of the package mi_dogsplat, or words: python -m mi_dogsplat. Empty: this Python, else the PATH",
+    )
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """One field."""
+        self.layout.prop(self, "command")

@@ -1,0 +1,188 @@
+"""Imported cameras: Blender sees a point at the pixel where the data set has it."""
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from bpy_extras.object_utils import world_to_camera_view
+from conftest import REFERENCES, datablocks, load
+from mathutils import Matrix, Vector
+
+from blender_addon.camera_objects import camera_numbers, look_through
+from blender_addon.cameras import read_cameras
+
+HALF_A_PIXEL = 0.5
+
+
+def blender_pixels(scene, camera, points):
+    """Pixels [P, 2] from the top left, by Blender's own function (which knows the shift, not the size)."""
+    look_through(scene, camera)
+    bpy.context.view_layer.update()
+    width, height = scene.render.resolution_x, scene.render.resolution_y
+    seen = [world_to_camera_view(scene, camera, Vector(p)) for p in points]
+    return np.array([(s.x * width, (1 - s.y) * height) for s in seen])
+
+
+def projected(w2c, fx, fy, cx, cy, points):
+    local = points @ w2c[:3, :3].T + w2c[:3, 3]
+    return local[:, :2] / local[:, 2:] * (fx, fy) + (cx, cy)
+
+
+def points_before(w2c, n=20):
+    """In front of a camera, inside of its picture or nearly so."""
+    rng = np.random.default_rng(0)
+    local = rng.uniform((-0.5, -0.5, 1), (0.5, 0.5, 1), (n, 3)) * rng.uniform(1, 5, (n, 1))
+    return (local - w2c[:3, 3]) @ w2c[:3, :3]
+
+
+@pytest.fixture
+def odd(tmp_path):
+    """A data set with a principal point off the middle and pixels that are not square."""
+    camera = json.loads((REFERENCES / "dog.json").read_text())
+    c2w = np.linalg.inv(camera["w2c"]) @ np.diag([1, -1, -1, 1])
+    frame = {"file_path": "images/7.png", "transform_matrix": c2w.tolist()}
+    names = {"fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy", "w": "width", "h": "height"}
+    content = {key: camera[name] for key, name in names.items()} | {"frames": [frame]}
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    return tmp_path, camera
+
+
+def test_principal_point_and_pixel_aspect(odd, scene):
+    folder, camera = odd
+    bpy.ops.import_scene.dogsplat_cameras(filepath=str(folder))
+    w2c = np.array(camera["w2c"])
+    points = points_before(w2c)
+    expected = projected(w2c, *(camera[k] for k in ("fx", "fy", "cx", "cy")), points)
+    assert np.abs(blender_pixels(scene, scene.camera, points) - expected).max() < 1e-2
+    numbers = camera_numbers(scene, scene.camera)
+    assert np.allclose(numbers.w2c, w2c, atol=1e-5)
+    for name in ("fx", "fy", "cx", "cy", "width", "height"):
+        assert getattr(numbers, name) == pytest.approx(camera[name], rel=1e-5)
+
+
+@pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
+@pytest.mark.parametrize("size", [(300, 200), (200, 300)])
+def test_any_camera_of_blender_has_the_intrinsics_that_the_nodes_are_told(scene, model, fit, size):
+    obj = load(model)
+    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    data, render = camera.data, scene.render
+    data.sensor_fit, data.sensor_width, data.sensor_height = fit, 30.0, 22.0
+    data.lens, data.shift_x, data.shift_y = 40.0, 0.1, -0.07
+    render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 50
+    render.pixel_aspect_x, render.pixel_aspect_y = 1.0, 1.25
+    camera.matrix_world = Matrix.Translation((0.3, 0.2, 9)) @ Matrix.Rotation(0.1, 4, "X")
+    bpy.context.view_layer.update()
+    numbers = camera_numbers(scene, camera)
+    points = points_before(numbers.w2c)
+    seen = np.array([tuple(world_to_camera_view(scene, camera, Vector(p)))[:2] for p in points])
+    expected = seen * (1, -1) * (numbers.width, numbers.height) + (0, numbers.height)
+    found = projected(numbers.w2c, numbers.fx, numbers.fy, numbers.cx, numbers.cy, points)
+    assert np.abs(found - expected).max() < 1e-2
+    from blender_addon.modifier import get_input, splat_modifier
+
+    modifier = splat_modifier(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+    names = {"Focal X": "fx", "Focal Y": "fy", "Center X": "cx", "Center Y": "cy", "Width": "width", "Height": "height"}
+    for name, key in names.items():
+        assert get_input(modifier, name) == pytest.approx(getattr(numbers, key), rel=1e-5)
+
+
+@pytest.mark.parametrize("up_axis", ["Z", "-Z", "Y", "-Y"])
+def test_cameras_follow_the_model(odd, scene, model, up_axis):
+    folder, camera = odd
+    obj = load(model, up_axis=up_axis, scale=3.0)
+    bpy.ops.import_scene.dogsplat_cameras(filepath=str(folder))
+    w2c = np.array(camera["w2c"])
+    points = points_before(w2c)
+    moved = [obj.matrix_world @ Vector(p) for p in points]
+    expected = projected(w2c, *(camera[k] for k in ("fx", "fy", "cx", "cy")), points)
+    assert np.abs(blender_pixels(scene, scene.camera, moved) - expected).max() < 2e-2
+
+
+@pytest.mark.parametrize("source", ["fox", "fox/transforms.json", "fern", "lego"])
+def test_real_data_sets_agree_with_the_package(shared, scene, source, tmp_path):
+    """The package reads the data in a process of its own; every camera is compared."""
+    script = (
+        "import sys, numpy as np; from mi_dogsplat.datasets import load_dataset\n"
+        "d = load_dataset(sys.argv[1], 4); v = {x.name: x.camera for x in d.views}\n"
+        "k = [(c.fx, c.fy, c.cx, c.cy) for c in v.values()]\n"
+        "np.savez(sys.argv[2], names=list(v), w2c=[c.w2c for c in v.values()], k=k)"
+    )
+    python = json.loads(os.environ["DOGSPLAT_COMMAND"])[0]
+    subprocess.run([python, "-c", script, str(shared / source), str(tmp_path / "k.npz")], check=True)
+    expected = np.load(tmp_path / "k.npz")
+    bpy.ops.import_scene.dogsplat_cameras(filepath=str(shared / source), downscale=4)
+    (collection,) = (c for c in bpy.data.collections if c.name.startswith("Cameras"))
+    cameras = {obj.name: obj for obj in collection.objects}
+    assert set(cameras) == set(expected["names"]) and scene.camera in cameras.values()
+    for name, w2c, k in zip(expected["names"], expected["w2c"], expected["k"], strict=True):
+        points = points_before(w2c, 4)
+        pixels = blender_pixels(scene, cameras[name], points)
+        assert np.abs(pixels - projected(w2c, *k, points)).max() < 0.02 < HALF_A_PIXEL
+    background = scene.camera.data.background_images[0]
+    assert scene.camera.data.show_background_images and Path(bpy.path.abspath(background.image.filepath)).is_file()
+
+
+def test_a_run_folder_has_the_cameras_of_its_data_at_its_size(shared, scene, tmp_path):
+    (tmp_path / "config.json").write_text(json.dumps({"data": str(shared / "fox"), "downscale": 2}))
+    bpy.ops.import_scene.dogsplat_cameras(filepath=str(tmp_path / "config.json"))
+    assert (scene.render.resolution_x, scene.render.resolution_y) == (225, 400)
+
+
+def test_text_and_binary_models_of_colmap_are_the_same(shared, tmp_path):
+    binary = {c.name: c for c in read_cameras(shared / "fox", lambda path: (0, 0))[0]}
+    folder = tmp_path / "sparse" / "0"
+    folder.mkdir(parents=True)
+    first = next(iter(binary.values()))
+    (folder / "cameras.txt").write_text(
+        f"# c\n1 PINHOLE {first.width} {first.height} {first.fx} {first.fy} {first.cx} {first.cy}\n"
+    )
+    lines = []
+    for i, camera in enumerate(binary.values()):
+        quat = Matrix(camera.w2c[:3, :3]).to_quaternion()
+        lines += [f"{i} {' '.join(map(repr, quat))} {' '.join(map(repr, camera.w2c[:3, 3]))} 1 {camera.name}.jpg", ""]
+    (folder / "images.txt").write_text("\n".join(["# images", *lines]))
+    text = read_cameras(tmp_path, lambda path: (0, 0))[0]
+    assert [c.name for c in text] == sorted(binary)
+    for camera in text:
+        assert np.allclose(camera.w2c, binary[camera.name].w2c, atol=1e-5) and camera.fx == first.fx
+
+
+@pytest.mark.parametrize(
+    "name, content, message",
+    [
+        ("transforms.json", "{", "line 1"),
+        ("transforms.json", '{"frames": []}', "no cameras"),
+        ("transforms.json", '{"frames": [{"file_path": "a"}]}', "transform_matrix"),
+        (
+            "transforms.json",
+            '{"frames": [{"file_path": "a", "transform_matrix": [[1]], "w": 1, "h": 1, "fl_x": 1}]}',
+            "pose",
+        ),
+        ("config.json", '{"data": "/nowhere"}', "/nowhere"),
+    ],
+)
+def test_bad_cameras_are_one_line_and_leave_nothing(tmp_path, name, content, message):
+    (tmp_path / name).write_text(content)
+    before = datablocks()
+    with pytest.raises(RuntimeError) as caught:
+        bpy.ops.import_scene.dogsplat_cameras(filepath=str(tmp_path))
+    line = str(caught.value).strip()
+    assert "\n" not in line and name in line and message in line
+    assert datablocks() == before
+
+
+def test_a_truncated_colmap_model_is_one_line(shared, tmp_path):
+    folder = tmp_path / "sparse" / "0"
+    shutil.copytree(shared / "fox" / "sparse" / "0", folder)
+    (folder / "images.bin").chmod(0o644)
+    whole = (folder / "images.bin").read_bytes()
+    (folder / "images.bin").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(RuntimeError, match="images.bin.*export the model again"):
+        bpy.ops.import_scene.dogsplat_cameras(filepath=str(tmp_path))

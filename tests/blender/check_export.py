@@ -1,0 +1,140 @@
+"""Export: the very bits of what nobody touched, and edits that arrive."""
+
+import bpy
+import numpy as np
+import pytest
+from conftest import load
+from mathutils import Matrix
+
+from blender_addon.model import normalized, sigmoid
+from blender_addon.ply import read_ply
+from blender_addon.transform import C0, sh_basis
+
+
+def export(path, **options):
+    assert bpy.ops.export_scene.dogsplat(filepath=str(path), **options) == {"FINISHED"}
+    return read_ply(path)
+
+
+def test_an_untouched_model_comes_back_byte_for_byte(model, tmp_path):
+    load(model, up_axis="-Y", scale=2.5)
+    export(tmp_path / "out.ply")
+    assert (tmp_path / "out.ply").read_bytes() == model.read_bytes()
+
+
+def test_a_real_model_comes_back_byte_for_byte(shared, tmp_path):
+    """Quaternions that are not of unit length, and opacities that saturate."""
+    source = shared / "models" / "kacytran_try_iter7000_9k_sh3.ply"
+    load(source)
+    found, expected = export(tmp_path / "out.ply"), read_ply(source)
+    for name in vars(expected):
+        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+
+
+def test_deleted_splats_are_gone_and_the_rest_keeps_its_bits(model, tmp_path):
+    obj, raw = load(model), read_ply(model)
+    gone = np.zeros(raw.n_splats, bool)
+    gone[::3] = True
+    obj.data.vertices.foreach_set("select", gone)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.delete(type="VERT")
+    found, expected = export(tmp_path / "out.ply"), raw.select(~gone)  # still in edit mode
+    for name in vars(expected):
+        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+
+
+def test_an_edited_attribute_arrives_and_its_neighbours_keep_their_bits(model, tmp_path):
+    obj, raw = load(model), read_ply(model)
+    opacity, scale = obj.data.attributes["radiance:base"].data, obj.data.attributes["scale"].data
+    opacity[4].color = (*opacity[4].color[:3], 0.25)
+    scale[7].vector = (0.1, 0.2, 0.3)
+    found = export(tmp_path / "out.ply")
+    assert sigmoid(found.logit_opacities)[4] == pytest.approx(0.25, rel=1e-5)
+    assert np.exp(found.log_scales[7]) == pytest.approx((0.1, 0.2, 0.3), rel=1e-5)
+    others = np.arange(raw.n_splats)
+    assert np.array_equal(found.logit_opacities[others != 4], raw.logit_opacities[others != 4])
+    assert np.array_equal(found.log_scales[others != 7], raw.log_scales[others != 7])
+
+
+def colors(model, directions):
+    basis = sh_basis(directions, model.sh_degree)
+    return np.einsum("nk,nkc->nc", basis, model.sh_coeffs.astype(float))
+
+
+def covariances(model):
+    w, x, y, z = normalized(model.quats).astype(float).T
+    axes = np.stack([
+        np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
+        np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
+        np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1)], 1)  # fmt: skip
+    scaled = axes * np.exp(model.log_scales.astype(float))[:, None, :]
+    return scaled @ scaled.transpose(0, 2, 1)
+
+
+@pytest.mark.parametrize("applied", [False, True])
+def test_a_moved_model_is_moved_with_its_covariances_and_colors(model, tmp_path, applied):
+    """Oracle: covariance R Σ Rᵀ s², and a colour that is the same from the direction that turned along."""
+    obj, raw = load(model, up_axis="Y", scale=1.5), read_ply(model)
+    move = Matrix.Translation((1, -2, 0.5)) @ Matrix.Rotation(0.8, 4, (1, 2, -1)) @ Matrix.Scale(1.7, 4)
+    imported = np.array(obj.matrix_world)
+    obj.matrix_world = move @ obj.matrix_world
+    bpy.context.view_layer.update()
+    if applied:
+        assert bpy.ops.dogsplat.apply_transform() == {"FINISHED"}
+        bpy.context.view_layer.update()
+        assert obj.matrix_world == Matrix.Identity(4)
+    found = export(tmp_path / "out.ply")
+    matrix = np.linalg.inv(imported) @ np.array(move) @ imported  # in coordinates of the file
+    rotation = matrix[:3, :3] / 1.7
+    assert np.allclose(found.means, raw.means @ matrix[:3, :3].T + matrix[:3, 3], atol=1e-4)
+    assert np.allclose(covariances(found), matrix[:3, :3] @ covariances(raw) @ matrix[:3, :3].T, rtol=1e-3, atol=1e-5)
+    directions = np.random.default_rng(1).normal(size=raw.means.shape)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    assert np.allclose(colors(found, directions @ rotation.T), colors(raw, directions), atol=1e-4)
+    assert np.abs(raw.sh_coeffs[:, 1:] - found.sh_coeffs[:, 1:]).max() > 0.1
+    assert np.array_equal(found.is_dog, raw.is_dog)
+    assert np.allclose(found.dog_log_scales[raw.is_dog], raw.dog_log_scales[raw.is_dog], atol=1e-5)
+
+
+def test_the_basis_is_that_of_the_package():
+    """Values of the field's own constants at one direction, worked out by hand."""
+    x, y, z = np.array([1.0, 2.0, -2.0]) / 3
+    basis = sh_basis(np.array([[x, y, z]]), 3)[0]
+    assert basis[0] == C0
+    assert np.allclose(basis[1:4], np.sqrt(3 / (4 * np.pi)) * np.array([-y, z, -x]))
+    assert basis[6] == pytest.approx(np.sqrt(5 / (16 * np.pi)) * (3 * z * z - 1))
+    assert basis[12] == pytest.approx(np.sqrt(7 / (16 * np.pi)) * (5 * z**3 - 3 * z))
+
+
+def test_coordinates_of_the_scene(model, tmp_path):
+    obj, raw = load(model, up_axis="-Y"), read_ply(model)
+    found = export(tmp_path / "out.ply", space="WORLD")
+    assert np.allclose(found.means, raw.means[:, [0, 2, 1]] * (1, 1, -1), atol=1e-5)
+    assert obj.matrix_world != Matrix.Identity(4)
+
+
+def test_two_models_become_one(model, tmp_path):
+    raw = read_ply(model)
+    first, second = load(model), load(model, sh_degree=1)
+    first.select_set(True)
+    second.select_set(True)
+    found = export(tmp_path / "out.ply")
+    assert found.n_splats == 2 * raw.n_splats and found.sh_degree == 3
+    assert np.array_equal(found.sh_coeffs[: raw.n_splats], raw.sh_coeffs)
+    assert not found.sh_coeffs[raw.n_splats :, 4:].any()
+
+
+@pytest.mark.parametrize("scale", [(1, 2, 1), (-1, 1, 1)])
+def test_what_splats_cannot_follow_is_said(model, tmp_path, scale):
+    obj = load(model)
+    obj.scale = scale
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match='"dog".*sheared, mirrored'):
+        export(tmp_path / "out.ply")
+    assert not (tmp_path / "out.ply").exists()
+
+
+def test_a_place_that_cannot_be_written_is_said(model, tmp_path):
+    load(model)
+    with pytest.raises(RuntimeError, match="nowhere.*cannot be written"):
+        export(tmp_path / "nowhere" / "out.ply")

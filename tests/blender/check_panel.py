@@ -1,0 +1,79 @@
+"""The panel and the menus draw: every property and operator that they name exists."""
+
+from types import SimpleNamespace
+
+import bpy
+import pytest
+from check_render import place_camera
+from conftest import load
+
+from blender_addon.engine import ENGINE
+from blender_addon.modifier import identifier, splat_modifier
+from blender_addon.panel import SHOWN, DOGSPLAT_PT_panel, export_menu, import_menu
+
+
+class Layout:
+    """Stands in for Blender's layout, which needs a window; it checks what it is asked to draw."""
+
+    def __init__(self):
+        self.drawn = []
+
+    def operator(self, name, **options):
+        category, _, function = name.partition(".")
+        getattr(getattr(bpy.ops, category), function).get_rna_type()  # raises where there is none
+        self.drawn.append(name)
+
+    def prop(self, data, name, **options):
+        data.path_resolve(name)
+        self.drawn.append(name)
+
+    def label(self, **options):
+        self.drawn.append(options["text"])
+
+    def row(self, **options):
+        return self
+
+    column = row
+
+    def separator(self):
+        pass
+
+
+def drawn(context):
+    layout = Layout()
+    DOGSPLAT_PT_panel.draw(SimpleNamespace(layout=layout, _model=lambda *a: DOGSPLAT_PT_panel._model(
+        SimpleNamespace(layout=layout), *a)), context)  # fmt: skip
+    return layout.drawn
+
+
+def test_the_panel_shows_the_settings_of_a_model(scene, model):
+    assert drawn(bpy.context) == [
+        "import_scene.dogsplat", "export_scene.dogsplat", "import_scene.dogsplat_cameras", "dogsplat.look_through",
+        "dogsplat.exact_settings", "engine",
+    ]  # fmt: skip
+    modifier = splat_modifier(load(model))
+    names = drawn(bpy.context)
+    assert all(f'["{identifier(modifier, name)}"]' in names for name in SHOWN)
+    assert "dog: 150 splats" in names and any("add one" in str(name) for name in names)
+    place_camera(scene, "dog")
+    assert not any("add one" in str(name) for name in drawn(bpy.context))
+    scene.render.engine = ENGINE
+    assert "dogsplat_colors" in drawn(bpy.context)
+
+
+def test_the_menu_of_the_modifier_names_the_ways_to_show(model):
+    modifier = splat_modifier(load(model))
+    settings = modifier.id_properties_ui(identifier(modifier, "Show As")).as_dict()
+    assert [item[1] for item in settings["items"]] == ["Automatic", "Quads", "Ellipsoids", "Points"]
+    assert [item[4] for item in settings["items"]] == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("menu, count", [(import_menu, 2), (export_menu, 1)])
+def test_menus(menu, count):
+    layout = Layout()
+    menu(SimpleNamespace(layout=layout), bpy.context)
+    assert len(layout.drawn) == count
+
+
+def test_presets_and_undo_are_offered():
+    assert {"REGISTER", "UNDO", "PRESET"} <= bpy.types.IMPORT_SCENE_OT_dogsplat.bl_options

@@ -1,0 +1,117 @@
+"""Pictures of Blender's engines against those of the ``dogsplat`` integrator for the same camera."""
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+from conftest import REFERENCES, load
+from mathutils import Matrix
+
+from blender_addon.camera_objects import build_camera, look_through
+from blender_addon.cameras import Camera
+
+EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0) else "BLENDER_EEVEE_NEXT"
+
+
+def place_camera(scene, name):
+    """The camera of a reference."""
+    values = json.loads((REFERENCES / f"{name}.json").read_text())
+    camera = Camera(name, np.array(values.pop("w2c")), **values)
+    look_through(scene, build_camera(scene.collection, camera, Matrix.Identity(4), "", False))
+
+
+def rendered(scene, engine, folder):
+    """[H, W, 3] in 0..1, rows from the top."""
+    scene.render.engine = engine
+    scene.render.image_settings.file_format, scene.render.filepath = "OPEN_EXR", str(folder / "out.exr")
+    scene.render.image_settings.color_depth = "32"
+    bpy.ops.render.render(write_still=True)
+    image = bpy.data.images.load(str(folder / "out.exr"))
+    pixels = np.empty(image.size[0] * image.size[1] * 4, np.float32)
+    image.pixels.foreach_get(pixels)
+    return pixels.reshape(image.size[1], image.size[0], 4)[::-1, :, :3].clip(0, 1)
+
+
+def psnr(a, b):
+    return -10 * np.log10(np.mean((a - b) ** 2))
+
+
+def compare(scene, name, engine, folder, **options):
+    """PSNR of a model under the settings that the add-on offers; both pictures stay in ``folder``."""
+    if not (REFERENCES / f"{name}.npz").exists():
+        pytest.skip(f"no reference {name}: set DOGSPLAT_{name.upper()} to a trained model (see tests/test_blender.py)")
+    place_camera(scene, name)
+    load(REFERENCES / f"{name}.ply", **options)
+    bpy.ops.dogsplat.exact_settings()
+    expected = np.load(REFERENCES / f"{name}.npz")["color"]
+    assert expected.std() > 0.05  # there is something to see
+    value = psnr(rendered(scene, engine, folder), expected)
+    print(f"{bpy.app.version_string} {engine} {name} {options or ''}: {value:.2f} dB")
+    return value
+
+
+@pytest.mark.parametrize("name", ["plain", "dog", "playbot", "fox", "fox_dog"])
+def test_cycles_is_the_splatting_picture_negative_lobes_included(scene, name, tmp_path):
+    """Emission and transparency may be negative in Cycles, so DoG is no exception."""
+    assert compare(scene, name, "CYCLES", tmp_path) > 50
+
+
+@pytest.mark.parametrize("name", ["plain", "playbot", "fox"])
+def test_eevee_is_the_splatting_picture_without_negative_lobes(scene, name, tmp_path):
+    assert compare(scene, name, EEVEE, tmp_path) > 40
+
+
+def test_eevee_leaves_negative_lobes_out(scene, tmp_path):
+    """What EEVEE shows of a DoG model is brighter where lobes subtract, and nowhere far off."""
+    value = compare(scene, "dog", EEVEE, tmp_path)
+    assert 15 < value < 45
+
+
+def test_switching_dog_off_shows_the_plain_gaussians(scene, tmp_path):
+    place_camera(scene, "dog")
+    load(REFERENCES / "dog.ply", use_dog=False)
+    bpy.ops.dogsplat.exact_settings()
+    picture = rendered(scene, "CYCLES", tmp_path)
+    assert psnr(picture, np.load(REFERENCES / "plain.npz")["color"]) > 50
+    assert psnr(picture, np.load(REFERENCES / "dog.npz")["color"]) < 40
+
+
+@pytest.mark.parametrize(
+    "move", [Matrix.Rotation(1.1, 4, (1, 2, 3)), Matrix.Scale(0.3, 4), Matrix.Translation((5, 6, 7))]
+)
+def test_the_picture_stays_when_model_and_camera_move_together(scene, tmp_path, move):
+    place_camera(scene, "dog")
+    obj = load(REFERENCES / "dog.ply")
+    bpy.ops.dogsplat.exact_settings()
+    obj.matrix_world = move
+    from blender_addon.modifier import get_input, set_input, splat_modifier
+
+    scene.camera.matrix_world = (move @ scene.camera.matrix_world).normalized()
+    modifier = splat_modifier(obj)
+    set_input(modifier, "Near Clip", get_input(modifier, "Near Clip") * move.to_scale()[0])
+    picture = rendered(scene, "CYCLES", tmp_path)
+    assert psnr(picture, np.load(REFERENCES / "dog.npz")["color"]) > 50
+
+
+def test_ellipsoids_are_near_the_splatting_picture_of_few_overlaps(scene, tmp_path):
+    """They are sorted where rays enter them, not by centre, and seen in perspective: near, not equal."""
+    assert compare(scene, "plain", "CYCLES", tmp_path, show_as="ELLIPSOIDS") > 20
+
+
+def test_points_are_rendered(scene, tmp_path):
+    place_camera(scene, "plain")
+    load(REFERENCES / "plain.ply", show_as="POINTS")
+    assert rendered(scene, "CYCLES", tmp_path).std() > 0.05
+
+
+def test_linear_colors_look_as_trained_under_the_view_transform_standard(scene, tmp_path):
+    """The colours are the same, only the blending is another, so the pictures are near each other."""
+    place_camera(scene, "plain")
+    load(REFERENCES / "plain.ply", color_mode="LINEAR")
+    scene.cycles.samples, scene.cycles.use_denoising = 1, False
+    scene.cycles.transparent_max_bounces = scene.cycles.min_transparent_bounces = 1024
+    scene.view_settings.view_transform = "Standard"
+    linear = rendered(scene, "CYCLES", tmp_path)
+    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    assert psnr(srgb, np.load(REFERENCES / "plain.npz")["color"]) > 15
