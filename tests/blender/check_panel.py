@@ -4,11 +4,12 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
+from check_render import place_camera
+from conftest import load
+
 from blender_addon.engine import ENGINE
 from blender_addon.modifier import identifier, splat_modifier
 from blender_addon.panel import SHOWN, DOGSPLAT_PT_panel, export_menu, import_menu
-from check_render import place_camera
-from conftest import load
 
 
 class Layout:
