@@ -146,7 +146,10 @@ def test_text_and_binary_models_of_colmap_are_the_same(shared, tmp_path):
     lines = []
     for i, camera in enumerate(binary.values()):
         quat = Matrix(camera.w2c[:3, :3]).to_quaternion()
-        lines += [f"{i} {' '.join(map(repr, quat))} {' '.join(map(repr, camera.w2c[:3, 3]))} 1 {camera.name}.jpg", ""]
+        lines += [
+            f"{i} {' '.join(map(repr, quat))} {' '.join(map(repr, camera.w2c[:3, 3].tolist()))} 1 {camera.name}.jpg",
+            "",
+        ]
     (folder / "images.txt").write_text("\n".join(["# images", *lines]))
     text = read_cameras(tmp_path, lambda path: (0, 0))[0]
     assert [c.name for c in text] == sorted(binary)
