@@ -5,7 +5,7 @@ PY := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
 BLENDER := .venv-blender
 
-.PHONY: demo test lint bench setup blender addon clean
+.PHONY: demo test lint bench gallery setup blender addon clean
 .DEFAULT_GOAL := demo
 
 # The main job on generated data: training, compact model, report, pictures.
@@ -23,6 +23,13 @@ lint: setup
 
 bench: setup
 	$(PY) -m benchmarks
+
+# The pictures of docs/gallery.md but for Blender's; needs ../shared/data.
+gallery: setup
+	$(PY) -m mi_dogsplat render scenes/still_life_on_table.xml -o docs/pictures/still_life_on_table.png
+	$(PY) -m scripts.aov_picture
+	$(PY) -m benchmarks ellipsoids
+	$(PY) -m mi_dogsplat.demo -o demo/gallery --picture docs/pictures/demo.png
 
 # Blender as a Python module (Python 3.11, 400 MB), for the add-on and its tests; they are skipped where it cannot be had.
 blender: $(BLENDER)/.installed
