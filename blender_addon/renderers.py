@@ -81,7 +81,7 @@ class InProcess:
             rows = min(BAND_ROWS, camera.height - top)
             band = PackageCamera(camera.w2c, camera.fx, camera.fy, camera.cx, camera.cy - top, camera.width, rows)
             film = (0.0, -float(top), float(camera.width), float(camera.height - top))
-            picture = render_picture(params, band, options, 0.0, settings.near_clip, film)
+            picture = render_picture(params, band, options, 0.0, settings.near_clip, film=film)
             bands.append((picture.color, picture.alpha, picture.depth))
             progress((top + rows) / camera.height)
         return dict(zip(("color", "alpha", "depth"), map(np.concatenate, zip(*bands, strict=True)), strict=True))

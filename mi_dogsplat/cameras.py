@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 RIGID_TOLERANCE = 1e-3  # largest |R R^T - I| that is still rounding, not a scale or a shear
+SCALE_TOLERANCE = 1e-6  # of a to_world, which is rounded to float32
 SQUARE_TOLERANCE = 1e-3  # largest relative difference of fx and fy that a Mitsuba sensor may swallow
 
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -219,7 +220,8 @@ def near_clip_from_mitsuba(sensor: Any) -> float:
 
     parameters: Any = mi.traverse(sensor)
     axis = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)[:3, 2]
-    return float(sensor.near_clip() * np.linalg.norm(axis))  # to_world may scale that of an orthographic sensor
+    scale = np.linalg.norm(axis)  # to_world may scale that of an orthographic sensor
+    return float(sensor.near_clip() * (1 if abs(scale - 1) < SCALE_TOLERANCE else scale))
 
 
 def camera_to_mitsuba(camera: Camera, near_clip: float = 0.01, far_clip: float = 1e4) -> dict[str, Any]:

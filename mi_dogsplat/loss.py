@@ -63,8 +63,10 @@ class _Sweep:
         self.UInt: Any = dr.uint32_array_t(dr.detached_t(mi.Float))
         n_blocks = -(-rows // BLOCK)
         channel, block, column = np.indices((3, n_blocks, columns), np.uint32).reshape(3, -1)
-        self.channel, self.column = self.UInt(channel), self.UInt(column)
-        self.first = self.UInt(block * BLOCK)  # first row of the lane's block
+        # arrays that share memory with NumPy are aligned by chance, and each chance is another kernel
+        self.channel, self.column, self.first = (  # first: row, of the lane's block
+            dr.detach(device_array(v, mi.UInt32), preserve_type=False) for v in (channel, column, block * BLOCK)
+        )
         self.rows, self.columns = dr.opaque(self.UInt, rows), dr.opaque(self.UInt, columns)
         self.n_blocks = dr.opaque(self.UInt, n_blocks)
         self.transposed_stride = dr.opaque(self.UInt, n_blocks * BLOCK)

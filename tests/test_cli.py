@@ -280,7 +280,7 @@ def test_bad_files_are_one_line_that_names_them(capsys, model, data, tmp_path):
         (["render", tmp_path / "bad.ply", "-o", out], "bad.ply"),
         (["render", tmp_path / "bad.xml", "-o", out], "bad.xml"),
         (["render", tmp_path / "empty", "-o", out], "folder"),
-        (["render", model, "-o", tmp_path / "v.gif"], ".png or .exr"),
+        (["render", model, "-o", tmp_path / "v.gif"], ".png, .exr, .npz"),
         (["render", model, "-o", out, "--camera", tmp_path / "bad.json"], "bad.json"),
         (["render", model, "-o", tmp_path / "v.exr", "--aovs", "albedo"], "albedo"),
         (["render", tmp_path / "bad.xml", "-o", tmp_path / "v.exr", "--aovs", "depth"], 'the property "aovs"'),

@@ -236,15 +236,6 @@ def test_a_scene_file_survives_being_written_by_mitsuba(tmp_path):
     np.testing.assert_array_equal(second, first)
 
 
-@pytest.mark.parametrize("plugin", ["dogsplat", "prb"])
-def test_a_dict_cannot_be_written_by_mitsuba_with_any_plugin_in_python(plugin):
-    """Neither with ours nor with its own: should it learn to, the round trip belongs here."""
-    config = mi.parser.ParserConfig(str(mi.variant()))
-    state = mi.parser.parse_dict(config, {"type": "scene", "integrator": {"type": plugin}})
-    with pytest.raises(RuntimeError, match="Cannot determine XML tag name"):
-        mi.parser.write_string(state)
-
-
 def test_plugins_describe_themselves_in_a_scene():
     text = str(scene_of(MODEL, CAMERA, near_clip=0.25, aovs="alpha"))
     for part in ("DogSplatIntegrator[", "near_clip = 0.25", "aovs = ['alpha']", "DogShape[", "primitives = 15"):
