@@ -175,6 +175,8 @@ class DogSplatIntegrator(ADIntegrator):
         if spp == 0:
             averages = self.nested is not None or sensor.needs_aperture_sample()
             spp = sensor.sampler().sample_count() if averages else 1
+        if spp > 1 and "index" in self.aovs:
+            raise RuntimeError(f'dogsplat: the AOV "index" has no mean over {spp} samples per pixel; use spp=1')
         return samples(spp, int(seed[0]) if dr.is_array_v(seed) else seed)
 
     def _pass(self, scene: mi.Scene, sensor: mi.Sensor, sample: Sample, border: int = 0, derivative=False) -> list:

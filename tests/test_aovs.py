@@ -268,3 +268,10 @@ def test_nested_in_another_integrator_it_says_so_and_makes_no_image(outer, aovs)
     with pytest.raises(RuntimeError) as failed:
         mi.render(scene)
     assert "dogsplat: cannot be nested in another integrator" in str(failed.value.__cause__)
+
+
+def test_indices_have_no_mean_over_samples():
+    scene: Any = scene_of(SMALL, SMALL_CAMERA, aovs="index")
+    with pytest.raises(RuntimeError, match='"index" has no mean over 4 samples per pixel'):
+        scene.integrator().render(scene, spp=4)
+    mi.render(scene_of(SMALL, SMALL_CAMERA, aovs="depth"), spp=4)
