@@ -21,14 +21,14 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.cameras import Camera, camera_to_mitsuba
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.geometry import Blocks, Cutoffs, Grid
-from mi_dogsplat.parameters import RAW, RAW_DOG, upload
-from mi_dogsplat.ply import read_ply
-from mi_dogsplat.project import DeviceCamera, project
-from mi_dogsplat.splats import Array, Splats
-from mi_dogsplat.tiles import tiles
+from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
+from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.tiles import tiles
+from mi_dogsplat.scene.cameras import Camera, camera_to_mitsuba
+from mi_dogsplat.scene.ply import read_ply
+from mi_dogsplat.scene.splats import Array, Splats
 
 from .lean import engine_backward, engine_forward
 from .models import DATA, fern_points

@@ -25,13 +25,13 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.composite import composite
-from mi_dogsplat.geometry import Blocks, Cutoffs, Grid
-from mi_dogsplat.parameters import upload
-from mi_dogsplat.project import DeviceCamera, project
-from mi_dogsplat.tables import FEATURES, pack
-from mi_dogsplat.tiles import WORD, Lists, tiles
-from mi_dogsplat.walk import Settings
+from mi_dogsplat.engine.composite import composite
+from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.tables import FEATURES, pack
+from mi_dogsplat.engine.tiles import WORD, Lists, tiles
+from mi_dogsplat.engine.walk import Settings
 
 from .machine_code import bound, compiled, kind_of, loop_of, mca_cycles, pipe_counts, processor
 from .scaling import even_splats, front_camera

@@ -11,11 +11,11 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.parameters import RAW, RAW_DOG, upload
-from mi_dogsplat.project import DeviceCamera
-from mi_dogsplat.rasterize import RasterOptions, rasterize
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.splats import Splats
 
 from . import plain_renderer
 from .models import fern_points

@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.framing import automatic_camera
-from mi_dogsplat.history import run_to_end
-from mi_dogsplat.initialize import splats_from_points
-from mi_dogsplat.ply import read_ply
-from mi_dogsplat.splats import Splats
-from mi_dogsplat.train import Trainer
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.ply import read_ply
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.history import run_to_end
+from mi_dogsplat.training.initialize import splats_from_points
+from mi_dogsplat.training.train import Trainer
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
 

@@ -18,10 +18,10 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-from mi_dogsplat.composite_derivatives import ENTRY_ROW, LN2, lanes_add_in_turn
-from mi_dogsplat.frozen import frozen
-from mi_dogsplat.geometry import Blocks, Cutoffs, Grid
-from mi_dogsplat.project import (
+from mi_dogsplat.engine.composite_derivatives import ENTRY_ROW, LN2, lanes_add_in_turn
+from mi_dogsplat.engine.frozen import frozen
+from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
+from mi_dogsplat.engine.project import (
     LOG2_E,
     LOW_PASS,
     MAX_AXIS,
@@ -32,9 +32,9 @@ from mi_dogsplat.project import (
     rows,
     softplus,
 )
-from mi_dogsplat.sh import C0, read_rows
-from mi_dogsplat.tiles import WORD, Lists, tiles
-from mi_dogsplat.walk import ALPHA_MAX, DEAD_PATCH, exp2, planes_of
+from mi_dogsplat.engine.sh import C0, read_rows
+from mi_dogsplat.engine.tiles import WORD, Lists, tiles
+from mi_dogsplat.engine.walk import ALPHA_MAX, DEAD_PATCH, exp2, planes_of
 
 ALPHA_MIN, T_MIN = 1 / 255, 1e-4
 ROW = 16  # x y ux uy vy lo q s t, colour, padding

@@ -13,9 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.ellipsoids import EXTENT
-from mi_dogsplat.reference import (
+from mi_dogsplat.plugin.ellipsoids import EXTENT
+from mi_dogsplat.reference.forward import (
     LOW_PASS,
     MAX_ALPHA,
     MIN_ALPHA,
@@ -25,7 +24,8 @@ from mi_dogsplat.reference import (
     rotations,
     sh_basis,
 )
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.splats import Splats
 
 RESTART = 1e-4  # how far behind an intersection ``volprim_rf_basic`` goes on
 MAX_DEPTH = 64  # hits of a ray, unless ``volprim_rf_basic`` is told otherwise

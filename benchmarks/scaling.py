@@ -21,17 +21,17 @@ from pathlib import Path
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.composite import composite
-from mi_dogsplat.geometry import Blocks, Cutoffs, Grid
-from mi_dogsplat.parameters import upload
-from mi_dogsplat.project import DeviceCamera, project
-from mi_dogsplat.report_page import page
-from mi_dogsplat.report_plot import Series, legend_list, line_plot
-from mi_dogsplat.splats import Splats
-from mi_dogsplat.tables import pack
-from mi_dogsplat.tiles import tiles
-from mi_dogsplat.walk import Settings
+from mi_dogsplat.engine.composite import composite
+from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.tables import pack
+from mi_dogsplat.engine.tiles import tiles
+from mi_dogsplat.engine.walk import Settings
+from mi_dogsplat.report.page import page
+from mi_dogsplat.report.plot import Series, legend_list, line_plot
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.splats import Splats
 
 from .lean import engine_backward, engine_forward
 from .timing import medians

@@ -5,11 +5,11 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.learning_rates import LearningRates
-from mi_dogsplat.loss import PhotometricLoss
-from mi_dogsplat.optimizer import SplatOptimizer
-from mi_dogsplat.project import DeviceCamera
-from mi_dogsplat.rasterize import RasterOptions, rasterize
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
+from mi_dogsplat.training.learning_rates import LearningRates
+from mi_dogsplat.training.loss import PhotometricLoss
+from mi_dogsplat.training.optimizer import SplatOptimizer
 
 from .models import fern_points
 from .timing import medians

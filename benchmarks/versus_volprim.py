@@ -6,8 +6,8 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-from mi_dogsplat.cameras import Camera, camera_to_mitsuba
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.scene.cameras import Camera, camera_to_mitsuba
+from mi_dogsplat.scene.splats import Splats
 
 from .models import CASES
 from .timing import medians

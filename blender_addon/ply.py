@@ -1,6 +1,6 @@
 """Models as PLY files: 3DGS columns in the element ``vertex``, DoG data in a second element ``dog``.
 
-The same format as ``mi_dogsplat.ply``, which documents it; this copy keeps the add-on free of other packages.
+The same format as ``mi_dogsplat.scene.ply``, which documents it; this copy keeps the add-on free of other packages.
 """
 
 from __future__ import annotations

@@ -58,11 +58,11 @@ class InProcess:
         try:
             import mi_dogsplat  # noqa: F401  (before mitsuba: it chooses the LLVM)
             import mitsuba as mi
-            from mi_dogsplat.cameras import Camera as PackageCamera
-            from mi_dogsplat.parameters import upload
-            from mi_dogsplat.rasterize import RasterOptions
+            from mi_dogsplat.engine.parameters import upload
+            from mi_dogsplat.engine.rasterize import RasterOptions
             from mi_dogsplat.render import render_picture
-            from mi_dogsplat.splats import Splats
+            from mi_dogsplat.scene.cameras import Camera as PackageCamera
+            from mi_dogsplat.scene.splats import Splats
 
             if not (mi.variant() or "").endswith("ad_rgb"):
                 mi.set_variant("cuda_ad_rgb", "llvm_ad_rgb")

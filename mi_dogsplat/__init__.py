@@ -14,9 +14,9 @@ import sys  # noqa: E402
 
 import mitsuba as mi  # noqa: E402
 
-from .ellipsoids import to_ellipsoids  # noqa: E402
-from .ply import read_ply, write_ply  # noqa: E402
-from .splats import Splats  # noqa: E402
+from .plugin.ellipsoids import to_ellipsoids  # noqa: E402
+from .scene.ply import read_ply, write_ply  # noqa: E402
+from .scene.splats import Splats  # noqa: E402
 from .variants import refuse, supported  # noqa: E402
 
 __version__ = "0.1.0"

@@ -14,13 +14,13 @@ import numpy as np
 from tqdm import tqdm
 
 from .capture_config import CaptureConfig
-from .cli import print_metrics
-from .config import TrainConfig
+from .cli.commands import print_metrics
 from .datasets.capture import capture
 from .errors import DataError
 from .pictures import write_png
 from .run import train
 from .srgb import linear_to_srgb
+from .training.config import TrainConfig
 
 SCENE = Path(__file__).parents[1] / "scenes" / "demo_truth.xml"
 PICTURE_SIZE = (640, 480)  # of each half, in pixels

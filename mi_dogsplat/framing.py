@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from .cameras import Camera, inverse_rigid
-from .splats import Splats
+from .scene.cameras import Camera, inverse_rigid
+from .scene.splats import Splats
 
 AUTOMATIC_SIZE = (800, 600)  # pixels
 AUTOMATIC_FOV = 40.0  # degrees, of the shorter side

@@ -9,14 +9,15 @@ import drjit as dr
 import mitsuba as mi
 from mitsuba.python.ad.integrators.common import ADIntegrator
 
-from . import aovs, background, surfaces
-from .film import Filter, develop, has_alpha, normalized, side_by_side
-from .parameters import concatenate
-from .rasterize import Frame, LastFrame, RasterOptions, rasterize
-from .samples import Sample, samples
-from .sensor import Look, SensorReader
+from .engine import aovs
+from .engine.parameters import concatenate
+from .engine.rasterize import Frame, LastFrame, RasterOptions, rasterize
+from .plugin import background, surfaces
+from .plugin.film import Filter, develop, has_alpha, normalized, side_by_side
+from .plugin.samples import Sample, samples
+from .plugin.sensor import Look, SensorReader
+from .plugin.transfer import linear_to_srgb, srgb_to_linear
 from .shape_dog import DogShape
-from .transfer import linear_to_srgb, srgb_to_linear
 
 
 class DogSplatIntegrator(ADIntegrator):

@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .datasets.dataset import View
+from .engine.parameters import upload
+from .engine.rasterize import RasterOptions
 from .files import replacing
 from .metrics import evaluate, flip
-from .parameters import upload
 from .pictures import heat_map, write_png
-from .rasterize import RasterOptions
 from .render import Picture, over_background, render_picture
-from .report_views import ranked
+from .report.views import ranked
 from .run_folder import DOG_PROFILE
-from .splats import Splats
+from .scene.splats import Splats
 
 SWITCHED_OFF = "the same model, its pseudo-Gaussians switched off"
 DIGITS = 5  # of an error in the profile; a step of 8 bits is 0.004

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import drjit as dr
 import numpy as np
 
-from .aovs import channel_names, channels
-from .cameras import Camera
-from .project import DeviceCamera
-from .rasterize import RasterOptions, rasterize
+from .engine.aovs import channel_names, channels
+from .engine.project import DeviceCamera
+from .engine.rasterize import RasterOptions, rasterize
+from .scene.cameras import Camera
 
 
 @dataclass(frozen=True)

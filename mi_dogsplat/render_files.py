@@ -11,20 +11,20 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from .aovs import options_for, read_names
-from .camera_file import read_camera
-from .cameras import Camera
-from .config import background_color
+from .engine.aovs import options_for, read_names
+from .engine.parameters import upload
+from .engine.rasterize import RasterOptions
 from .errors import DataError
 from .files import replacing
 from .framing import automatic_camera, robust_sphere
-from .parameters import upload
 from .pictures import write_bitmap, write_exr, write_png
-from .ply import read_ply
-from .rasterize import RasterOptions
 from .render import Picture, premultiplied, render_picture
-from .splats import Splats
+from .scene.camera_file import read_camera
+from .scene.cameras import Camera
+from .scene.ply import read_ply
+from .scene.splats import Splats
 from .srgb import linear_to_srgb
+from .training.config import background_color
 
 SUFFIXES = (".png", ".exr", ".npz")
 NEAR_SHARE = 0.1  # of the radius of a model framed automatically, which may be far smaller than the near clip

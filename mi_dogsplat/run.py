@@ -14,20 +14,20 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from .checkpoint import load_checkpoint, save_checkpoint
-from .config import TrainConfig
 from .datasets import Dataset, load_dataset
+from .engine.geometry import Cutoffs
 from .errors import DataError
 from .evaluate import evaluate_views, mean_metrics, render_milliseconds
 from .files import replacing, write_json
-from .geometry import Cutoffs
-from .history import run_to_end
 from .mixture import write_mixture
-from .ply import write_ply
-from .presets import Recipe
-from .report import write_report
+from .report.write import write_report
 from .run_folder import RECIPE, RENDER_MS
-from .train import Trainer
+from .scene.ply import write_ply
+from .training.checkpoint import load_checkpoint, save_checkpoint
+from .training.config import TrainConfig
+from .training.history import run_to_end
+from .training.presets import Recipe
+from .training.train import Trainer
 from .versions import versions
 
 CHECKPOINT = Path("checkpoint") / "state.npz"

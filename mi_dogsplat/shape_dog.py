@@ -8,11 +8,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .motion import moved
-from .parameters import RAW, RAW_DOG, device_array, dog_rows
-from .ply import read_ply
-from .splats import Splats
-from .transform import decompose_similarity, transformed
+from .engine.motion import moved
+from .engine.parameters import RAW, RAW_DOG, device_array, dog_rows
+from .engine.transform import decompose_similarity, transformed
+from .scene.ply import read_ply
+from .scene.splats import Splats
 
 
 class DogShape(mi.Mesh):

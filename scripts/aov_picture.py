@@ -10,15 +10,15 @@ from pathlib import Path
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.aovs import AOVS, options_for
-from mi_dogsplat.cameras import Camera
+from mi_dogsplat.engine.aovs import AOVS, options_for
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.framing import automatic_camera
-from mi_dogsplat.parameters import upload
 from mi_dogsplat.pictures import heat_map, write_png
-from mi_dogsplat.ply import read_ply
-from mi_dogsplat.rasterize import RasterOptions
 from mi_dogsplat.render import Picture, render_picture
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.ply import read_ply
+from mi_dogsplat.scene.splats import Splats
 from PIL import Image, ImageDraw, ImageFont
 
 ROOT = Path(__file__).parents[1]

@@ -52,8 +52,8 @@ def inside(job: dict) -> None:
 def outside(python: str, model: str, data: str, downscale: int, work: Path, out: Path) -> None:
     """Render what is missing, write ``blender_dog.png``, print the figures."""
     sys.path.insert(0, str(ROOT))
-    from mi_dogsplat.camera_file import write_camera
     from mi_dogsplat.datasets import load_dataset
+    from mi_dogsplat.scene.camera_file import write_camera
     from PIL import Image
 
     work.mkdir(parents=True, exist_ok=True)

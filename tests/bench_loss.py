@@ -18,7 +18,7 @@ choose_llvm()
 import drjit as dr  # noqa: E402
 import mitsuba as mi  # noqa: E402
 import numpy as np  # noqa: E402
-from mi_dogsplat.loss import C1, C2, PhotometricLoss, gaussian_window  # noqa: E402
+from mi_dogsplat.training.loss import C1, C2, PhotometricLoss, gaussian_window  # noqa: E402
 
 REPEATS = 40
 

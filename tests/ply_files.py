@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.scene.splats import Splats
 
 DOG = ["dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2"]
 CODES = {"float": "f4", "float32": "f4", "double": "f8", "uint": "u4", "int": "i4", "uchar": "u1"}

@@ -7,13 +7,13 @@ from typing import Any, cast
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.cameras import Camera, camera_to_mitsuba
-from mi_dogsplat.geometry import SMOOTH
-from mi_dogsplat.parameters import RAW, RAW_DOG, upload
-from mi_dogsplat.project import DeviceCamera
-from mi_dogsplat.rasterize import Frame, RasterOptions, rasterize
-from mi_dogsplat.reference import RAW_PARAMETERS
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.engine.geometry import SMOOTH
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.rasterize import Frame, RasterOptions, rasterize
+from mi_dogsplat.reference.forward import RAW_PARAMETERS
+from mi_dogsplat.scene.cameras import Camera, camera_to_mitsuba
+from mi_dogsplat.scene.splats import Splats
 
 C0 = 0.28209479177387814
 

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mi_dogsplat.ablate import VARIANTS, ablate
-from mi_dogsplat.ablation_page import ablation_page
-from mi_dogsplat.ablation_table import COLUMNS, cell, collect, markdown, summary
-from mi_dogsplat.checkpoint import load_checkpoint
-from mi_dogsplat.cli_arguments import ABLATION
-from mi_dogsplat.config import TrainConfig
+from mi_dogsplat.ablation.ablate import VARIANTS, ablate
+from mi_dogsplat.ablation.page import ablation_page
+from mi_dogsplat.ablation.table import COLUMNS, cell, collect, markdown, summary
+from mi_dogsplat.cli.arguments import ABLATION
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.ply import read_ply
 from mi_dogsplat.run import train
+from mi_dogsplat.scene.ply import read_ply
+from mi_dogsplat.training.checkpoint import load_checkpoint
+from mi_dogsplat.training.config import TrainConfig
 from tiny_data import write_tiny_data
 
 NAMES = ("3dgs", "v1", "v3", "full")

@@ -6,11 +6,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat import reference_aovs
-from mi_dogsplat.aovs import AOVS, channel_names
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.reference import RAW_PARAMETERS
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.engine.aovs import AOVS, channel_names
+from mi_dogsplat.reference import aovs as reference_aovs
+from mi_dogsplat.reference.forward import RAW_PARAMETERS
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.splats import Splats
 from splat_scenes import (
     assert_gradients_equal,
     axis_rotation,

@@ -7,8 +7,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.splats import Splats
-from mi_dogsplat.transfer import linear_to_srgb, srgb_to_linear
+from mi_dogsplat.plugin.transfer import linear_to_srgb, srgb_to_linear
+from mi_dogsplat.scene.splats import Splats
 from splat_scenes import random_splats, rounded, scene_of, sensor_dict, square_camera
 
 MODEL = rounded(random_splats(40, seed=1))

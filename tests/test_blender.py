@@ -15,14 +15,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mi_dogsplat.camera_file import write_camera
-from mi_dogsplat.cameras import Camera
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.framing import automatic_camera
-from mi_dogsplat.parameters import upload
-from mi_dogsplat.ply import read_ply, write_ply
-from mi_dogsplat.rasterize import RasterOptions
 from mi_dogsplat.render import render_picture
+from mi_dogsplat.scene.camera_file import write_camera
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.ply import read_ply, write_ply
 from splat_scenes import random_splats, rounded, square_camera, tilted_camera
 
 ROOT = Path(__file__).parents[1]

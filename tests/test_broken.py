@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat import read_ply, write_ply
-from mi_dogsplat.broken import MAX_SCALE, MAX_SH, broken, drop_broken
-from mi_dogsplat.checkpoint import load_checkpoint
-from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.history import run_to_end
-from mi_dogsplat.learning_rates import LearningRates
-from mi_dogsplat.optimizer import SplatOptimizer
-from mi_dogsplat.splats import Splats
-from mi_dogsplat.train import Trainer
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.broken import MAX_SCALE, MAX_SH, broken, drop_broken
+from mi_dogsplat.training.checkpoint import load_checkpoint
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.history import run_to_end
+from mi_dogsplat.training.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.train import Trainer
 
 EXTENT, N = 2.0, 7
 NAMES = ("means", "log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest", "dog_logit_opacities", "dog_log_scales")

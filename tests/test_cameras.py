@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mi_dogsplat.cameras import (
+from mi_dogsplat.scene.cameras import (
     Camera,
     camera_from_mitsuba,
     camera_to_mitsuba,

@@ -11,12 +11,12 @@ import pytest
 from captured_scenes import BALLS, RADIUS, write_scene
 from mi_dogsplat.capture_config import CaptureConfig
 from mi_dogsplat.cli import main
-from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import capture as module
 from mi_dogsplat.datasets import check_cameras, load_dataset
 from mi_dogsplat.datasets.capture import capture
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.train import Trainer
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.train import Trainer
 from PIL import Image
 
 DEMO = Path(__file__).parents[1] / "scenes" / "demo_truth.xml"

@@ -8,8 +8,6 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from captured_scenes import sensor, write_scene
-from mi_dogsplat.camera_file import write_camera
-from mi_dogsplat.cameras import Camera
 from mi_dogsplat.capture_config import CaptureConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.camera_paths import circling_shots, hemisphere, look_at, orbit, up_vector
@@ -17,6 +15,8 @@ from mi_dogsplat.datasets.capture import capture
 from mi_dogsplat.datasets.given_cameras import auto_up
 from mi_dogsplat.datasets.scene_file import framing_sphere, load_scene
 from mi_dogsplat.errors import DataError
+from mi_dogsplat.scene.camera_file import write_camera
+from mi_dogsplat.scene.cameras import Camera
 
 OFFSETS = '<float name="principal_point_offset_x" value="0.1"/><float name="principal_point_offset_y" value="-0.2"/>'
 CROP = "".join(

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat import write_ply
-from mi_dogsplat.camera_file import write_camera
 from mi_dogsplat.check import PARTS, scenes, stability, stiffness
 from mi_dogsplat.check import settings as settings_module
 from mi_dogsplat.check.page import check_page
@@ -19,7 +18,8 @@ from mi_dogsplat.check.tables import cell, table
 from mi_dogsplat.check.training import read_training
 from mi_dogsplat.cli import main
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.scene.camera_file import write_camera
+from mi_dogsplat.scene.splats import Splats
 
 VOID = {"meta", "br", "img"}
 OPEN = {"th", "td", "li", "tr"}  # need no closing tag

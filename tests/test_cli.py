@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat import read_ply, write_ply
-from mi_dogsplat.camera_file import write_camera
 from mi_dogsplat.cli import main
-from mi_dogsplat.cli_arguments import build_parser
+from mi_dogsplat.cli.arguments import build_parser
+from mi_dogsplat.scene.camera_file import write_camera
 from PIL import Image
 
 COMMANDS = ("train", "prune", "ablate", "render", "eval", "capture", "info", "check")
@@ -140,7 +140,7 @@ def test_ctrl_c_stops_with_one_line_and_status_130(capsys, data, tmp_path, monke
     def stopped(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("mi_dogsplat.train.Trainer._control_density", stopped)
+    monkeypatch.setattr("mi_dogsplat.training.train.Trainer._control_density", stopped)
     status, _, err = run(capsys, "train", data, "-o", tmp_path / "run", *SMALL)
     assert status == 130 and err.splitlines()[-1].startswith("dogsplat: stopped") and "Traceback" not in err
     assert (tmp_path / "run" / "history.jsonl").read_text() == ""
@@ -151,7 +151,7 @@ def test_a_bug_is_not_dressed_up_as_bad_input(data, tmp_path, monkeypatch):
     def bug(*_):
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr("mi_dogsplat.train.Trainer._control_density", bug)
+    monkeypatch.setattr("mi_dogsplat.training.train.Trainer._control_density", bug)
     with pytest.raises(RuntimeError, match="a bug"):
         main(["train", str(data), "-o", str(tmp_path / "run"), *SMALL])
 

@@ -7,15 +7,15 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.composite import composite
-from mi_dogsplat.geometry import SMOOTH, Blocks, Cutoffs, Grid
-from mi_dogsplat.parameters import upload
-from mi_dogsplat.project import DeviceCamera, project
-from mi_dogsplat.splats import Splats
-from mi_dogsplat.tables import pack
-from mi_dogsplat.tiles import Lists, tiles
-from mi_dogsplat.walk import Settings
+from mi_dogsplat.engine.composite import composite
+from mi_dogsplat.engine.geometry import SMOOTH, Blocks, Cutoffs, Grid
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.tables import pack
+from mi_dogsplat.engine.tiles import Lists, tiles
+from mi_dogsplat.engine.walk import Settings
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.splats import Splats
 from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
 
 HARD = Cutoffs()

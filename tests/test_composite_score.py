@@ -6,18 +6,19 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat import reference, reference_score
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.composite import composite
-from mi_dogsplat.composite_derivatives import lanes_add_in_turn
-from mi_dogsplat.composite_score import Sums, composite_score
-from mi_dogsplat.geometry import SMOOTH, Blocks, Cutoffs, Grid
-from mi_dogsplat.parameters import device_array, upload
-from mi_dogsplat.project import DeviceCamera, project
-from mi_dogsplat.splats import Splats
-from mi_dogsplat.tables import pack
-from mi_dogsplat.tiles import tiles
-from mi_dogsplat.walk import Settings
+from mi_dogsplat import reference
+from mi_dogsplat.engine.composite import composite
+from mi_dogsplat.engine.composite_derivatives import lanes_add_in_turn
+from mi_dogsplat.engine.composite_score import Sums, composite_score
+from mi_dogsplat.engine.geometry import SMOOTH, Blocks, Cutoffs, Grid
+from mi_dogsplat.engine.parameters import device_array, upload
+from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.tables import pack
+from mi_dogsplat.engine.tiles import tiles
+from mi_dogsplat.engine.walk import Settings
+from mi_dogsplat.reference import score as reference_score
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.splats import Splats
 from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
 
 WHITE, BLACK, COLORED = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.2, 0.7, 0.4)

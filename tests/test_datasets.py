@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mi_dogsplat.cameras import Camera, opengl_c2w_to_opencv_w2c
 from mi_dogsplat.datasets import View, camera_extent, check_cameras, load_dataset
 from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.errors import DataError
+from mi_dogsplat.scene.cameras import Camera, opengl_c2w_to_opencv_w2c
 from PIL import Image
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"

@@ -6,12 +6,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.densify import Densification, DensifyStats, refine
-from mi_dogsplat.learning_rates import LearningRates
-from mi_dogsplat.optimizer import SplatOptimizer
-from mi_dogsplat.project import DeviceCamera, project
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.densify import Densification, DensifyStats, refine
+from mi_dogsplat.training.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer import SplatOptimizer
 from numpy.typing import ArrayLike
 
 EXTENT = 2.0

@@ -4,12 +4,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
-from mi_dogsplat.composite_derivatives import lanes_add_in_turn
-from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.history import run_to_end
-from mi_dogsplat.optimizer import SplatOptimizer
-from mi_dogsplat.train import Trainer
+from mi_dogsplat.engine.composite_derivatives import lanes_add_in_turn
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.history import run_to_end
+from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.train import Trainer
 
 
 @pytest.fixture

@@ -7,13 +7,13 @@ import drjit as dr
 import numpy as np
 import pytest
 from mi_dogsplat import write_ply
-from mi_dogsplat.dog_control import DogRule, activate, degenerate
-from mi_dogsplat.learning_rates import LearningRates
-from mi_dogsplat.optimizer import SplatOptimizer
-from mi_dogsplat.parameters import RAW_DOG
-from mi_dogsplat.project import DeviceCamera
-from mi_dogsplat.rasterize import rasterize
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.engine.parameters import RAW_DOG
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.rasterize import rasterize
+from mi_dogsplat.pruning.dog_control import DogRule, activate, degenerate
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer import SplatOptimizer
 from splat_scenes import image_of, kernels, logit, options, random_splats, rasterized, rounded, tilted_camera
 
 RULE = DogRule()

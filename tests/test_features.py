@@ -11,15 +11,15 @@ import tiny_data
 from launches import launches, loop
 from mi_dogsplat import write_ply
 from mi_dogsplat.cli import main
+from mi_dogsplat.engine.geometry import Blocks
+from mi_dogsplat.engine.kernel_costs import aov_operations, pair_operations, primitive_operations
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
+from mi_dogsplat.engine.walk import Settings
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.features import describe_features, model_features, scene_features
-from mi_dogsplat.geometry import Blocks
-from mi_dogsplat.kernel_costs import aov_operations, pair_operations, primitive_operations
-from mi_dogsplat.parameters import upload
-from mi_dogsplat.project import DeviceCamera
-from mi_dogsplat.rasterize import RasterOptions, rasterize
-from mi_dogsplat.splats import Splats
-from mi_dogsplat.walk import Settings
+from mi_dogsplat.inspection.features import describe_features, model_features, scene_features
+from mi_dogsplat.scene.splats import Splats
 from splat_scenes import dog_dict, make_camera, random_splats, rounded, scene_of, square_camera
 
 MODEL = {"Gaussians", "DoG", "negative T", "SH degree 1", "SH degree 2", "SH degree 3"}

@@ -10,13 +10,13 @@ from pathlib import Path
 import drjit as dr
 import mitsuba as mi
 import pytest
-from mi_dogsplat.frozen import frozen
+from mi_dogsplat.engine.frozen import frozen
 
 # A function that allocates enough to collect garbage, which is there: cycles of what must not be freed meanwhile.
 WITH_GARBAGE = """
 import gc, itertools, sys
 import mi_dogsplat, drjit as dr, mitsuba as mi, numpy as np
-from mi_dogsplat.frozen import frozen
+from mi_dogsplat.engine.frozen import frozen
 
 mi.set_variant("llvm_ad_rgb")
 traced = itertools.count()

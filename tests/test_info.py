@@ -9,8 +9,8 @@ import pytest
 import tiny_data
 from mi_dogsplat import write_ply
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.info import describe, model_problems
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.inspection.info import describe, model_problems
+from mi_dogsplat.scene.splats import Splats
 
 
 def healthy(n: int = 200) -> Splats:

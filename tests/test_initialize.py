@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.initialize import MIN_SQUARED_DISTANCE, random_splats, region_of_interest, splats_from_points
-from mi_dogsplat.sh import C0
+from mi_dogsplat.engine.sh import C0
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.training.initialize import MIN_SQUARED_DISTANCE, random_splats, region_of_interest, splats_from_points
 
 
 def look_at(position, target, width=64, height=48, focal=50.0) -> Camera:

@@ -8,10 +8,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.parameters import RAW, RAW_DOG, device_array
-from mi_dogsplat.reference import RAW_PARAMETERS
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, device_array
+from mi_dogsplat.reference.forward import RAW_PARAMETERS
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.splats import Splats
 from splat_scenes import (
     assert_gradients_equal,
     axis_rotation,

@@ -15,19 +15,19 @@ import numpy as np
 import pytest
 import tiny_data
 from launches import branches, instructions, kernels, launches, loop
-from mi_dogsplat.composite import composite
-from mi_dogsplat.composite_aovs import WALKED
-from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.geometry import Blocks, Cutoffs, Grid
-from mi_dogsplat.parameters import upload
-from mi_dogsplat.project import DeviceCamera, project
-from mi_dogsplat.rasterize import RasterOptions, rasterize
-from mi_dogsplat.splats import Splats
-from mi_dogsplat.tables import pack
-from mi_dogsplat.tiles import tiles
-from mi_dogsplat.train import Trainer
-from mi_dogsplat.walk import Settings, Walk
+from mi_dogsplat.engine.composite import composite
+from mi_dogsplat.engine.composite_aovs import WALKED
+from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
+from mi_dogsplat.engine.tables import pack
+from mi_dogsplat.engine.tiles import tiles
+from mi_dogsplat.engine.walk import Settings, Walk
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.train import Trainer
 from splat_scenes import (
     attached,
     dog_dict,
@@ -289,7 +289,7 @@ def test_an_image_without_aovs_runs_no_code_of_theirs(monkeypatch):
     splats = model(dog_share=0.5)
     scene = scene_of(splats, CAMERA)
     bare = kernels(lambda: mi.render(scene))
-    monkeypatch.setattr("mi_dogsplat.aovs.channels", lambda *_: [])
+    monkeypatch.setattr("mi_dogsplat.engine.aovs.channels", lambda *_: [])
     assert kernels(lambda: mi.render(scene)) == bare
 
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
-from mi_dogsplat.cameras import Camera
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.colmap_files import read_cameras
 from mi_dogsplat.datasets.lens import Lens, undistortion
+from mi_dogsplat.scene.cameras import Camera
 from PIL import Image
 from scipy.spatial.transform import Rotation
 from test_datasets import transforms_folder

@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference, write_ply
-from mi_dogsplat.parameters import RAW, RAW_DOG
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG
 from splat_scenes import dog_dict, random_splats, rounded, scene_of, sensor_dict, square_camera
 
 CAMERA = square_camera(24, 16, f=20.0)

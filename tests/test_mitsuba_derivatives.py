@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.parameters import RAW, RAW_DOG
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG
 from splat_scenes import random_splats, rounded, scene_of, square_camera
 
 CAMERA = square_camera(24, 16, f=20.0)

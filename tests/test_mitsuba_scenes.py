@@ -10,9 +10,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.cameras import camera_from_mitsuba
 from mi_dogsplat.metrics import psnr
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.scene.cameras import camera_from_mitsuba
+from mi_dogsplat.scene.splats import Splats
 from splat_scenes import dog_dict, logit
 
 from benchmarks.ellipsoids import at_centres, scenes

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat import run
-from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.evaluate import evaluate_views
@@ -19,11 +18,12 @@ from mi_dogsplat.mixture import (
     write_comparison,
     write_mixture,
 )
-from mi_dogsplat.optimizer import SplatOptimizer
 from mi_dogsplat.pictures import heat_map
 from mi_dogsplat.render import Picture
 from mi_dogsplat.run_folder import DOG_PROFILE
-from mi_dogsplat.train import Trainer
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.train import Trainer
 from PIL import Image
 from splat_scenes import make_camera, make_splats, options, random_splats, rounded
 

@@ -6,11 +6,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.learning_rates import LearningRates, Refinement
-from mi_dogsplat.optimizer import SplatOptimizer
-from mi_dogsplat.parameters import RAW_DOG
-from mi_dogsplat.project import NOT_DOG
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.engine.parameters import RAW_DOG
+from mi_dogsplat.engine.project import NOT_DOG
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.learning_rates import LearningRates, Refinement
+from mi_dogsplat.training.optimizer import SplatOptimizer
 
 RATES = LearningRates(extent=2.0, total_steps=1000)
 

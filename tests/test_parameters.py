@@ -3,9 +3,9 @@
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.parameters import RAW, RAW_DOG, concatenate, dog_rows, upload
-from mi_dogsplat.project import NOT_DOG
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, concatenate, dog_rows, upload
+from mi_dogsplat.engine.project import NOT_DOG
+from mi_dogsplat.scene.splats import Splats
 from splat_scenes import random_splats, rounded
 
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mi_dogsplat import ply
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.llvm import choose_llvm
-from mi_dogsplat.ply import read_ply, write_ply
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.scene import ply
+from mi_dogsplat.scene.ply import read_ply, write_ply
+from mi_dogsplat.scene.splats import Splats
 from ply_files import dog_columns, random_splats, to_bytes, vertex_columns, write
 
 MODELS = Path(__file__).parents[1].parent / "shared" / "data" / "models"

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.ply import read_ply
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.scene.ply import read_ply
+from mi_dogsplat.scene.splats import Splats
 from ply_files import DOG, dog_columns, random_splats, to_bytes, vertex_columns, write
 
 

@@ -11,12 +11,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.cameras import OPENCV_FROM_MITSUBA, Camera, opencv_w2c_to_mitsuba_c2w
-from mi_dogsplat.motion import moved
-from mi_dogsplat.parameters import RAW, upload
-from mi_dogsplat.samples import samples
-from mi_dogsplat.splats import Splats
-from mi_dogsplat.transform import transformed
+from mi_dogsplat.engine.motion import moved
+from mi_dogsplat.engine.parameters import RAW, upload
+from mi_dogsplat.engine.transform import transformed
+from mi_dogsplat.plugin.samples import samples
+from mi_dogsplat.scene.cameras import OPENCV_FROM_MITSUBA, Camera, opencv_w2c_to_mitsuba_c2w
+from mi_dogsplat.scene.splats import Splats
 from scipy.spatial.transform import Rotation
 from splat_scenes import dog_dict, random_splats, rounded, scene_of, sensor_dict, square_camera
 

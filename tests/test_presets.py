@@ -4,12 +4,12 @@ import dataclasses
 import math
 
 import pytest
-from mi_dogsplat.config import TrainConfig
-from mi_dogsplat.densify import Densification
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.presets import RECIPES, Recipe
-from mi_dogsplat.scheduler import PruningRule
-from mi_dogsplat.score import ScoreRule
+from mi_dogsplat.pruning.scheduler import PruningRule
+from mi_dogsplat.pruning.score import ScoreRule
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.densify import Densification
+from mi_dogsplat.training.presets import RECIPES, Recipe
 
 PRUNING = [name for name, recipe in RECIPES.items() if recipe.pruning]
 

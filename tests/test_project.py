@@ -7,10 +7,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.parameters import upload
-from mi_dogsplat.project import LOG2_E, NOT_DOG, DeviceCamera, Kernels, project, softplus
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.project import LOG2_E, NOT_DOG, DeviceCamera, Kernels, project, softplus
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.splats import Splats
 from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
 
 

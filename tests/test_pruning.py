@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat import read_ply, reference, write_ply
-from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.history import run_to_end
-from mi_dogsplat.learning_rates import LearningRates
-from mi_dogsplat.optimizer import SplatOptimizer
-from mi_dogsplat.presets import RECIPES
-from mi_dogsplat.pruning import Pruning, keep_best, model_to_prune
-from mi_dogsplat.scheduler import PruningRule
-from mi_dogsplat.splats import Splats
-from mi_dogsplat.train import Trainer
+from mi_dogsplat.pruning.prune import Pruning, keep_best, model_to_prune
+from mi_dogsplat.pruning.scheduler import PruningRule
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.history import run_to_end
+from mi_dogsplat.training.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.train import Trainer
 from splat_scenes import random_splats, rounded
 
 STEPS = 120

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.scene.splats import Splats
 from splat_scenes import C0, axis_rotation, logit, make_camera, make_splats, random_splats
 
 # Spherical harmonics and rotations

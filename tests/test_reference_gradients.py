@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mi_dogsplat import reference, reference_gradients
-from mi_dogsplat.reference import RAW_PARAMETERS
-from mi_dogsplat.reference_gradients import gradients_tiled, render_tiled
+from mi_dogsplat import reference
+from mi_dogsplat.reference import gradients as reference_gradients
+from mi_dogsplat.reference.forward import RAW_PARAMETERS
+from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled
 from splat_scenes import axis_rotation, make_camera, make_splats, random_splats, tilted_camera
 
 BACKGROUND = (0.2, -0.3, 0.6)

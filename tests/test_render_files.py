@@ -9,13 +9,14 @@ import numpy as np
 import OpenEXR
 import pytest
 import tiny_data
-from mi_dogsplat import reference_aovs, write_ply
-from mi_dogsplat.camera_file import read_camera, write_camera
+from mi_dogsplat import write_ply
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.framing import automatic_camera, likely_up, robust_sphere
+from mi_dogsplat.reference import aovs as reference_aovs
 from mi_dogsplat.render import render_picture
 from mi_dogsplat.render_files import picture_of, render_model, render_scene
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.scene.camera_file import read_camera, write_camera
+from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.srgb import srgb_to_linear
 from PIL import Image
 

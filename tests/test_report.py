@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from mi_dogsplat import pictures
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.report import write_report
-from mi_dogsplat.report_pictures import worst_box
-from mi_dogsplat.report_views import ranked, shown
+from mi_dogsplat.report.pictures import worst_box
+from mi_dogsplat.report.views import ranked, shown
+from mi_dogsplat.report.write import write_report
 
 VIEWS = {f"view{i}": {"psnr": 20.0 + i, "ssim": 0.5 + i / 20, "flip": 0.1, "l1": 0.02} for i in range(9)}
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from mi_dogsplat import pictures
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.report import write_report
-from mi_dogsplat.report_mixture import mixture_section
+from mi_dogsplat.report.mixture import mixture_section
+from mi_dogsplat.report.write import write_report
 from mi_dogsplat.run_folder import DOG_PROFILE, read_run
 
 HEIGHT, WIDTH = 40, 64

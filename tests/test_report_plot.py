@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
-from mi_dogsplat.report_plot import (
+from mi_dogsplat.report.plot import (
     MAX_POINTS,
     WIDTH,
     Lane,

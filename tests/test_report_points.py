@@ -5,8 +5,8 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
-from mi_dogsplat.report_plot import LEFT, RIGHT, WIDTH, Series, legend_list, line_plot, number
-from mi_dogsplat.report_points import CHARACTER, CLEAR, RING, SHAPES, Note, labels, swatch
+from mi_dogsplat.report.plot import LEFT, RIGHT, WIDTH, Series, legend_list, line_plot, number
+from mi_dogsplat.report.points import CHARACTER, CLEAR, RING, SHAPES, Note, labels, swatch
 
 X, Y = np.array([1.0, 10.0, 100.0]), np.array([1e-2, 1e-4, 1e-6])
 NOTES = [Note("a: 0.01", "a"), Note("b < c"), Note("d", "<d>")]

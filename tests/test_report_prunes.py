@@ -5,9 +5,9 @@ import re
 
 import numpy as np
 import pytest
-from mi_dogsplat.report import write_report
-from mi_dogsplat.report_plot import WIDTH, Mark, Series, line_plot
-from mi_dogsplat.report_prunes import marks, prune_table, prunes, with_drops
+from mi_dogsplat.report.plot import WIDTH, Mark, Series, line_plot
+from mi_dogsplat.report.prunes import marks, prune_table, prunes, with_drops
+from mi_dogsplat.report.write import write_report
 from mi_dogsplat.run_folder import read_run
 
 PRUNES = {  # step: from, to, why

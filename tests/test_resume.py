@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from mi_dogsplat import run
-from mi_dogsplat.checkpoint import load_checkpoint, save_checkpoint
-from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.optimizer import SplatOptimizer
+from mi_dogsplat.training.checkpoint import load_checkpoint, save_checkpoint
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.optimizer import SplatOptimizer
 from tiny_data import write_tiny_data
 
 STEPS = 60

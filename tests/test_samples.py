@@ -9,10 +9,10 @@ import numpy as np
 import OpenEXR
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.reference import RAW_PARAMETERS
-from mi_dogsplat.samples import samples
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.plugin.samples import samples
+from mi_dogsplat.reference.forward import RAW_PARAMETERS
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.splats import Splats
 from splat_scenes import assert_gradients_equal, differences, random_splats, rounded, scene_of, square_camera
 
 MODEL = rounded(random_splats(60, seed=1))

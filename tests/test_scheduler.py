@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mi_dogsplat.scheduler import Decision, PruningRule, PruningScheduler, target_count
+from mi_dogsplat.pruning.scheduler import Decision, PruningRule, PruningScheduler, target_count
 
 PAPER = PruningRule()
 RELEASED = PruningRule(start=15_200, stop=25_200, beta=0.99, rounds=5)

@@ -5,12 +5,13 @@ import dataclasses
 import drjit as dr
 import numpy as np
 import pytest
-from mi_dogsplat import reference, reference_score
-from mi_dogsplat.parameters import upload
-from mi_dogsplat.project import DeviceCamera
-from mi_dogsplat.rasterize import RasterOptions
-from mi_dogsplat.score import ScoreRule, band_pass_weight, energies, filtered_noise, scores
-from mi_dogsplat.splats import Splats
+from mi_dogsplat import reference
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.rasterize import RasterOptions
+from mi_dogsplat.pruning.score import ScoreRule, band_pass_weight, energies, filtered_noise, scores
+from mi_dogsplat.reference import score as reference_score
+from mi_dogsplat.scene.splats import Splats
 from splat_scenes import (
     attached,
     kernels,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.scene.splats import Splats
 
 
 def make(n=6, k=4, dog_index=(1, 2, 5), **changes):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mi_dogsplat.check.cases import Case, camera, cases, primitives
 from mi_dogsplat.check.stability import GRADIENT_TOLERANCE, IMAGE_TOLERANCE, answer, measure
-from mi_dogsplat.geometry import SMOOTH, Cutoffs
+from mi_dogsplat.engine.geometry import SMOOTH, Cutoffs
 
 CASES = {f"{case.group}: {case.name}": case for case in cases()}
 

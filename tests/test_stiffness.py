@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from mi_dogsplat.check import poison, stiffness
 from mi_dogsplat.check.page import POISONED_FACTS
-from mi_dogsplat.geometry import SMOOTH
-from mi_dogsplat.parameters import device_array, upload
-from mi_dogsplat.project import DeviceCamera
-from mi_dogsplat.rasterize import RasterOptions, rasterize
-from mi_dogsplat.reference import render
-from mi_dogsplat.sh import C0
+from mi_dogsplat.engine.geometry import SMOOTH
+from mi_dogsplat.engine.parameters import device_array, upload
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
+from mi_dogsplat.engine.sh import C0
+from mi_dogsplat.reference.forward import render
 
 SITUATIONS = {situation.case: situation for situation in stiffness.situations()}
 PLAIN, NEEDLE = SITUATIONS["opacity logit 0"], SITUATIONS["needle 1:1000"]

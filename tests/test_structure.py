@@ -10,23 +10,16 @@ PACKAGE = Path(__file__).parents[1] / "mi_dogsplat"
 # From low to high; modules of one row may import each other. A module may import its own row and those above it here.
 STATIONS = [
     {"errors", "llvm", "wording", "srgb", "files", "timing", "versions"},
-    {"splats", "cameras"},
-    {"ply_tables", "ply", "camera_file", "pictures", "capture_config", "datasets"},
-    {"reference", "geometry", "sh", "project", "footprints", "tiles", "frozen", "tables", "walk", "composite",
-     "composite_derivatives", "composite_aovs", "composite_score", "rasterize", "aovs", "normals",
-     "parameters", "transform", "motion", "ellipsoids", "kernel_costs", "reference_score", "reference_gradients",
-     "reference_aovs", "reference_project_gradients"},
-    {"variants", "shape_dog", "samples", "sensor", "transfer", "background", "surfaces", "film", "integrator"},
-    {"config", "loss", "learning_rates", "optimizer", "initialize", "densify", "render", "checkpoint", "train",
-     "history", "score", "dog_control", "scheduler", "presets", "pruning", "broken", "metrics"},
+    {"scene"},
+    {"pictures", "capture_config", "datasets"},
+    {"reference", "engine"},
+    {"variants", "shape_dog", "plugin", "integrator"},
+    {"training", "pruning", "render", "metrics"},
     {"evaluate", "run_folder"},
-    {"report_points", "report_plot", "report_prunes", "report_curves", "report_page", "report_pictures",
-     "report_views"},
-    {"report_mixture", "report", "mixture"},
-    {"framing", "render_files", "info", "features", "training_features", "run",
-     "ablation_table", "ablation_page", "ablate"},
+    {"report", "mixture"},
+    {"framing", "render_files", "inspection", "run", "ablation"},
     {"check"},
-    {"cli_help", "field_help", "cli_capture", "cli_arguments", "cli", "demo"},
+    {"cli", "demo"},
 ]
 LEVEL = {name: level for level, names in enumerate(STATIONS) for name in names}
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p.stem not in ("__init__", "__main__") or p.parent != PACKAGE)

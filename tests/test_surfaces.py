@@ -8,13 +8,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.cameras import Camera
-from mi_dogsplat.geometry import SMOOTH
-from mi_dogsplat.parameters import upload
-from mi_dogsplat.project import DeviceCamera
-from mi_dogsplat.rasterize import Frame, rasterize
-from mi_dogsplat.reference import RAW_PARAMETERS
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.engine.geometry import SMOOTH
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.rasterize import Frame, rasterize
+from mi_dogsplat.reference.forward import RAW_PARAMETERS
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.splats import Splats
 from splat_scenes import (
     assert_gradients_equal,
     attached,

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat import metrics, read_ply
-from mi_dogsplat.config import TrainConfig
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.history import run_to_end
 from mi_dogsplat.render import over_background
-from mi_dogsplat.train import Trainer
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.history import run_to_end
+from mi_dogsplat.training.train import Trainer
 from PIL import Image
 
 STEPS, CAP = 150, 100

@@ -6,9 +6,9 @@ from mi_dogsplat.check import settings as settings_module
 from mi_dogsplat.check.scenes import Scene, model_scene, synthetic_scenes
 from mi_dogsplat.check.settings import GROUPS, Model, Setting, settings
 from mi_dogsplat.check.work_precision import Job, adjoint, measure, on_all_rows, pareto_front
-from mi_dogsplat.geometry import SMOOTH, Cutoffs
-from mi_dogsplat.rasterize import RasterOptions
-from mi_dogsplat.reference import RAW_PARAMETERS
+from mi_dogsplat.engine.geometry import SMOOTH, Cutoffs
+from mi_dogsplat.engine.rasterize import RasterOptions
+from mi_dogsplat.reference.forward import RAW_PARAMETERS
 from splat_scenes import make_camera, make_splats, random_splats, rounded
 
 KNOBS = {  # a few points of each curve: every setting is a kernel to compile

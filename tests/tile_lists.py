@@ -1,8 +1,8 @@
 """The lists of ``tiles`` as NumPy arrays."""
 
 import numpy as np
-from mi_dogsplat.geometry import Grid
-from mi_dogsplat.tiles import WORD, Lists
+from mi_dogsplat.engine.geometry import Grid
+from mi_dogsplat.engine.tiles import WORD, Lists
 
 
 def lanes_of_entries(lists: Lists, grid: Grid) -> np.ndarray:

@@ -4,15 +4,15 @@ import json
 from pathlib import Path
 
 import numpy as np
-from mi_dogsplat.cameras import OPENCV_FROM_OPENGL, Camera
 from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.datasets.point_ply import write_point_ply
-from mi_dogsplat.parameters import upload
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.rasterize import RasterOptions
+from mi_dogsplat.engine.sh import C0
 from mi_dogsplat.pictures import write_png
-from mi_dogsplat.rasterize import RasterOptions
 from mi_dogsplat.render import Picture, premultiplied, render_picture
-from mi_dogsplat.sh import C0
-from mi_dogsplat.splats import Splats
+from mi_dogsplat.scene.cameras import OPENCV_FROM_OPENGL, Camera
+from mi_dogsplat.scene.splats import Splats
 
 WIDTH, HEIGHT = 48, 36
 N_TRUTH = 60

@@ -1,7 +1,7 @@
 """Stiff and extreme inputs: small scenes, each with one thing in it that breaks naive splatting code.
 
 Every case stands among a dozen ordinary primitives, so that harm done to neighbours shows as well. What the right
-answer is says the float64 twin (``reference.py``): it drops what is not in front of the near plane or not finite, and
+answer is says the float64 twin (``reference/``): it drops what is not in front of the near plane or not finite, and
 evaluates the formula for all the rest. Where float32 cannot, or nobody could say what is right, ``defined`` says in
 words what happens instead.
 """
@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from ..cameras import Camera
-from ..reference import RAW_PARAMETERS
-from ..splats import Splats
+from ..reference.forward import RAW_PARAMETERS
+from ..scene.cameras import Camera
+from ..scene.splats import Splats
 
 WIDTH, HEIGHT, FOCAL = 48, 40, 45.0
 C0 = 0.28209479177387814  # colour = 0.5 + C0 * (constant SH coefficient)

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..report_page import page
-from ..report_plot import Mark, Series, legend_list, line_plot, number
-from ..report_points import Note
+from ..report.page import page
+from ..report.plot import Mark, Series, legend_list, line_plot, number
+from ..report.points import Note
 from ..wording import duration, finite, fixed
 from .settings import GROUPS
 from .tables import cell, facts, table

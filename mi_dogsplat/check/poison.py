@@ -16,18 +16,18 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..cameras import Camera
-from ..config import TrainConfig
 from ..datasets import Dataset, View
 from ..datasets.camera_paths import look_at
-from ..history import run_to_end
-from ..parameters import upload
-from ..presets import RECIPES
-from ..rasterize import RasterOptions
+from ..engine.parameters import upload
+from ..engine.rasterize import RasterOptions
+from ..engine.sh import C0
 from ..render import render_picture
-from ..sh import C0
-from ..splats import Splats
-from ..train import Trainer
+from ..scene.cameras import Camera
+from ..scene.splats import Splats
+from ..training.config import TrainConfig
+from ..training.history import run_to_end
+from ..training.presets import RECIPES
+from ..training.train import Trainer
 
 STEPS = 400
 WIDTH, HEIGHT = 48, 36

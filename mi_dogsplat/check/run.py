@@ -13,8 +13,8 @@ import numpy as np
 
 from ..errors import DataError
 from ..files import replacing, write_json
-from ..ply import read_ply
 from ..render_files import viewpoint
+from ..scene.ply import read_ply
 from ..versions import versions
 from ..wording import finite
 from . import PARTS, stability, work_precision

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..cameras import Camera
-from ..sh import C0
-from ..splats import Splats
+from ..engine.sh import C0
+from ..scene.cameras import Camera
+from ..scene.splats import Splats
 
 ASPECT = 4 / 3
 FOCAL = 1.0  # image widths: 53 degrees from left to right

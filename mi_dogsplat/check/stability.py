@@ -18,11 +18,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..geometry import SMOOTH, Cutoffs
-from ..parameters import RAW, RAW_DOG, device_array, upload
-from ..project import DeviceCamera
-from ..rasterize import RasterOptions, rasterize
-from ..reference_gradients import gradients_tiled, render_tiled
+from ..engine.geometry import SMOOTH, Cutoffs
+from ..engine.parameters import RAW, RAW_DOG, device_array, upload
+from ..engine.project import DeviceCamera
+from ..engine.rasterize import RasterOptions, rasterize
+from ..reference.gradients import gradients_tiled, render_tiled
 from .cases import Case, cases
 
 IMAGE_TOLERANCE = 1e-4  # a fortieth of an 8-bit step

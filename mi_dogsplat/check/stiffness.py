@@ -6,7 +6,7 @@ error, and one raw parameter is moved by x. So the loss is c x² / 2 for small x
     c = (loss(h) + loss(-h)) / h²,
 
 central differences in which nothing cancels, since the loss at 0 is 0. All of it is evaluated with the float64
-twin (``reference.py``) without cutoffs: the engine's float32 would leave no digit of the second derivative of a pair
+twin (``reference/``) without cutoffs: the engine's float32 would leave no digit of the second derivative of a pair
 whose kernels agree to 1e-6. That the engine has the same derivatives is the stability table's business
 (``stability.py``), and a test compares its gradient at x with c x.
 
@@ -25,12 +25,12 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..cameras import Camera
-from ..learning_rates import LearningRates
-from ..optimizer import EPSILON
-from ..presets import RECIPES
-from ..reference import RAW_PARAMETERS, render
-from ..splats import Splats
+from ..reference.forward import RAW_PARAMETERS, render
+from ..scene.cameras import Camera
+from ..scene.splats import Splats
+from ..training.learning_rates import LearningRates
+from ..training.optimizer import EPSILON
+from ..training.presets import RECIPES
 from . import poison
 
 SIZE, FOCAL, DEPTH = 32, 40.0, 3.0  # pixels, pixels, world units: 13.3 pixels per world unit

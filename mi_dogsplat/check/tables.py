@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-from ..report_plot import number
+from ..report.plot import number
 from ..wording import MISSING, count, finite
 
 BAD = ("wrong", False)  # what makes a cell stand out

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import DataError
-from ..report_curves import running_mean
-from ..report_plot import thinned
+from ..report.curves import running_mean
+from ..report.plot import thinned
 from ..run_folder import Run, read_run
 from ..wording import finite
 

@@ -17,11 +17,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..parameters import RAW, RAW_DOG, device_array
-from ..project import DeviceCamera
-from ..rasterize import Frame, rasterize
-from ..reference_gradients import gradients_tiled, render_tiled
-from ..splats import Splats
+from ..engine.parameters import RAW, RAW_DOG, device_array
+from ..engine.project import DeviceCamera
+from ..engine.rasterize import Frame, rasterize
+from ..reference.gradients import gradients_tiled, render_tiled
+from ..scene.splats import Splats
 from ..timing import milliseconds_in_turn
 from .scenes import Scene
 from .settings import Model, Setting, settings

@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from ..cameras import OPENCV_FROM_OPENGL, Camera
 from ..capture_config import CaptureConfig
 from ..errors import DataError
 from ..files import replacing
 from ..pictures import write_exr, write_png
+from ..scene.cameras import OPENCV_FROM_OPENGL, Camera
 from .camera_paths import Shot, circling_shots
 from .dataset import TEST_EVERY
 from .given_cameras import auto_up, listed_shots, sensor_shots

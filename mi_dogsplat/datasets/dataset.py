@@ -9,8 +9,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..cameras import Camera
 from ..errors import DataError
+from ..scene.cameras import Camera
 
 TEST_EVERY = 8  # as in LLFF and 3DGS: images 0, 8, 16, ... by sorted name are held out
 

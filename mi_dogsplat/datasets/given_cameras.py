@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..camera_file import FORMAT, camera_from_json, read_json
-from ..cameras import SQUARE_TOLERANCE, Camera, camera_from_mitsuba
 from ..errors import DataError
+from ..scene.camera_file import FORMAT, camera_from_json, read_json
+from ..scene.cameras import SQUARE_TOLERANCE, Camera, camera_from_mitsuba
 from .camera_paths import FAR, NEAR, Shot
 from .dataset import require_unique_names
 

@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..cameras import Camera
 from ..errors import DataError
+from ..scene.cameras import Camera
 from .dataset import View
 from .lens import Lens, undistortion
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
 
-from ..cameras import Camera
+from ..scene.cameras import Camera
 
 MAX_GROWTH = 2.0  # of width and height of the pinhole's image: what a fisheye sees beyond is stretched too far
 NEWTON_STEPS = 30

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import DataError
 from ..files import replacing
-from ..ply_tables import TableReader
+from ..scene.ply_tables import TableReader
 
 REMEDY = "write a PLY with an element vertex that has x y z and, for colours, red green blue"
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..cameras import camera_to_mitsuba
+from ..scene.cameras import camera_to_mitsuba
 from ..srgb import linear_to_srgb
 from .camera_paths import Shot
 

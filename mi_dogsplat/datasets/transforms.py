@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ..cameras import Camera, opengl_c2w_to_opencv_w2c
 from ..errors import DataError
+from ..scene.cameras import Camera, opengl_c2w_to_opencv_w2c
 from .check import require_plausible
 from .colmap import find_model, read_model_points, read_sources
 from .dataset import Dataset, every_eighth, no_points, require_unique_names, view_name

@@ -1,0 +1,3 @@
+"""The command `dogsplat`."""
+
+from .commands import main as main

@@ -1,0 +1,129 @@
+"""Arguments of the command ``dogsplat``: flags, their help, and how wrong use is reported."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import NoReturn
+
+from ..check import PARTS
+from ..training.config import TrainConfig
+from .capture import add_capture_flags
+from .field_help import field_help
+from .help import (
+    ABLATE_EXAMPLES,
+    CAPTURE_EXAMPLES,
+    CHECK_EXAMPLES,
+    EPILOG,
+    EVAL_EXAMPLES,
+    INFO_EXAMPLES,
+    PRUNE_EXAMPLES,
+    RENDER_EXAMPLES,
+    TRAIN_EXAMPLES,
+)
+
+DATA_HELP = field_help(TrainConfig)["data"]
+ABLATION = ("3dgs", "v1", "v2", "v3", "full", "released", "ours_gaussian", "ours")
+ABLATE_FLAGS = [
+    *("steps", "target", "downscale", "max_primitives", "max_world_scale", "sh_degree", "background", "antialiased"),
+    *("near_clip", "initial_primitives", "variant", "log_every", "test_every"),
+]
+PRUNE_FLAGS = [
+    *("preset", "steps", "target", "downscale", "background", "antialiased", "near_clip"),
+    *("seed", "variant", "log_every", "test_every"),
+]
+
+
+class Parser(argparse.ArgumentParser):
+    """Wrong use is one line on stderr, as every other error; the help is shown as it is written."""
+
+    def __init__(self, **options):
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"dogsplat: {message}; see {self.prog} --help\n")
+
+
+def _add_config_flags(parser: argparse.ArgumentParser, names: list[str]) -> None:
+    texts = field_help(TrainConfig)
+    for field in dataclasses.fields(TrainConfig):
+        if field.name not in names:
+            continue
+        flag = "--" + field.name.replace("_", "-")
+        shown = texts[field.name] + ("" if field.default is None else f" (default: {field.default})")
+        if isinstance(field.default, bool):
+            parser.add_argument(flag, action="store_true", help=texts[field.name])
+        else:
+            kind, metavar = {"int": (int, "N"), "float": (float, "X"), "str": (str, "NAME")}[str(field.type).split()[0]]
+            parser.add_argument(flag, type=kind, default=field.default, metavar=metavar, help=shown)
+
+
+def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
+    """Subcommands, each with its description."""
+    parser = Parser(
+        prog="dogsplat",
+        description="Small, sharp, differentiable radiance fields in Mitsuba 3.",
+        epilog=EPILOG,
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def command(name: str, summary: str, examples: str) -> argparse.ArgumentParser:
+        return commands.add_parser(name, help=summary, description=descriptions[name], epilog=examples)
+
+    p = command("train", "photographs to a model", TRAIN_EXAMPLES)
+    p.add_argument("data", metavar="DATA", help=DATA_HELP)
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
+    flags = [field.name for field in dataclasses.fields(TrainConfig) if field.name not in ("data", "model")]
+    _add_config_flags(p, flags)
+    p.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
+
+    p = command("prune", "a smaller model of one that exists", PRUNE_EXAMPLES)
+    p.add_argument("model", metavar="MODEL", help="model .ply")
+    p.add_argument("data", metavar="DATA", help=DATA_HELP)
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
+    _add_config_flags(p, PRUNE_FLAGS)
+    p.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
+
+    p = command("ablate", "what each part of the method contributes", ABLATE_EXAMPLES)
+    p.add_argument("data", metavar="DATA", help=DATA_HELP)
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to add to")
+    p.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], metavar="N", help="random seeds (default: 0 1 2)")
+    p.add_argument("--only", nargs="+", default=list(ABLATION), metavar="NAME", help=f"of {' '.join(ABLATION)}")
+    _add_config_flags(p, ABLATE_FLAGS)
+
+    p = command("render", "a model or Mitsuba scene to a picture", RENDER_EXAMPLES)
+    p.add_argument("model", type=Path, metavar="MODEL_or_SCENE", help="model .ply or Mitsuba scene .xml")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".png; .exr or .npz with alpha, depth")
+    p.add_argument("--data", metavar="DATA", help="data set whose views --camera names")
+    p.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA by name, or a camera JSON file")
+    p.add_argument("--aovs", metavar="NAMES", help="channels of an .exr beside colour and alpha (default: depth)")
+    _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
+
+    p = command("eval", "metrics of a model on the test split", EVAL_EXAMPLES)
+    p.add_argument("model", type=Path, metavar="MODEL", help="model .ply")
+    p.add_argument("data", metavar="DATA", help=DATA_HELP)
+    p.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json")
+    _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
+
+    p = command("capture", "any Mitsuba scene into a training set", CAPTURE_EXAMPLES)
+    p.add_argument("scene", type=Path, metavar="SCENE.xml", help="Mitsuba scene")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="DATA", help="folder to write, or to go on with")
+    add_capture_flags(p)
+    _add_config_flags(p, ["variant"])
+
+    p = command("check", "numerics: error against float64 and run time, extreme inputs", CHECK_EXAMPLES)
+    p.add_argument("model", type=Path, nargs="?", metavar="MODEL", help="model .ply to measure as well")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder for check.html and check.json")
+    p.add_argument("--only", nargs="+", metavar="PART", help=f"of {' '.join(PARTS)} (default: all that can be run)")
+    p.add_argument("--runs", type=Path, nargs="+", default=[], metavar="RUN", help="run folders, for training")
+    p.add_argument("--data", metavar="DATA", help="data set whose views --camera names")
+    p.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA by name, or a camera JSON file")
+    p.add_argument("--width", type=int, default=256, metavar="N", help="of the pictures, in pixels (default: 256)")
+    p.add_argument("--rounds", type=int, default=9, metavar="N", help="timings of each setting (default: 9)")
+    _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
+
+    p = command("info", "what a file is and what is wrong with it", INFO_EXAMPLES)
+    p.add_argument("file", type=Path, metavar="FILE", help="model .ply, run folder, or data set")
+    p.add_argument("--features", action="store_true", help="what the kernels need for it, at what cost, and leave out")
+    return parser

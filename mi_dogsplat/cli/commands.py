@@ -1,0 +1,238 @@
+"""The command ``dogsplat`` (= ``python -m mi_dogsplat``): what each subcommand calls and prints."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+
+from ..check import PARTS
+from ..errors import DataError
+from ..training.config import TrainConfig
+from .arguments import ABLATION, build_parser
+
+
+def train(args: argparse.Namespace) -> None:
+    """Train a model on photographs and measure it on those held out."""
+    _run(_config(args), args)
+
+
+def prune(args: argparse.Namespace) -> None:
+    """Prune a model to a target while refining it on its photographs, then add Differences of Gaussians."""
+    _run(_config(args, model=args.model), args)
+
+
+def _run(config: TrainConfig, args: argparse.Namespace) -> None:
+    """Fill a run folder while a bar shows how far it is."""
+    _set_variant(config.variant)
+    from tqdm import tqdm
+
+    from ..run import train as run_train
+
+    with ExitStack() as stack:
+        bars: list[tqdm] = []  # none until training starts: an error before that is a single line
+
+        def show(row: dict) -> None:
+            if not bars:
+                options = {"unit": "step", "dynamic_ncols": True, "smoothing": 0.05}
+                bars.append(stack.enter_context(tqdm(total=config.steps, **options)))
+            bars[0].update(row["step"] - bars[0].n)
+            if "l1" in row:
+                shown = {"l1": f"{row['l1']:.4f}", "n": row["n"]}
+                psnr = {"psnr": f"{row['test_psnr']:.2f}"} if "test_psnr" in row else {}
+                bars[0].set_postfix(shown | psnr)
+
+        metrics = run_train(config, args.out, show, args.resume)
+    print("test views:" if metrics["test"] else "training views (there is no test split):", end=" ")
+    print_metrics(metrics["test"] or metrics["train"])
+    size, seconds = metrics["bytes"] / 1e6, metrics["train_seconds"]
+    print(f"{metrics['n']:,} primitives, {size:.1f} MB, {seconds:.0f} s; {args.out / 'report.html'}")
+
+
+def ablate(args: argparse.Namespace) -> None:
+    """Train the variants of the method from one densified start per seed, and tabulate what each part contributes."""
+    if unknown := [name for name in args.only if name not in ABLATION]:
+        raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(ABLATION)}")
+    config = _config(args, preset="3dgs")
+    _set_variant(config.variant)
+    from ..ablation.ablate import ablate as run_ablation
+
+    run_ablation(config, args.out, args.seeds, args.only, lambda line: print(line, flush=True))
+    print((args.out / "ablation.md").read_text(encoding="utf-8"), end="")
+
+
+def render(args: argparse.Namespace) -> None:
+    """Render a model from a view of a data set or from a camera file, or a Mitsuba scene as it stands."""
+    _config(args)
+    _set_variant(args.variant)
+    from ..render_files import render_model, render_scene
+
+    if args.model.suffix.lower() == ".xml":
+        if args.aovs is not None:
+            raise DataError("--aovs", "a scene names its own", 'set the property "aovs" of its integrator')
+        render_scene(args.model, args.out)
+    else:
+        render_model(args)
+    print(args.out)
+
+
+def evaluate(args: argparse.Namespace) -> None:
+    """PSNR, SSIM, FLIP and L1 of a model on the test views of a data set (all views without a split)."""
+    _config(args)
+    _set_variant(args.variant)
+    from ..datasets import load_dataset
+    from ..evaluate import evaluate_views, mean_metrics
+    from ..files import write_json
+    from ..render_files import picture_of
+    from ..run import prepare_folder
+    from ..scene.ply import read_ply
+    from ..training.config import background_color
+
+    splats = read_ply(args.model)
+    dataset = load_dataset(args.data, args.downscale)
+    background = background_color(args.background, dataset.has_alpha)
+    if args.out:
+        if (args.out / "config.json").exists():
+            raise DataError(args.out, "is a training run with metrics of its own", "name another folder")
+        prepare_folder(args.out)
+    aovs = ("depth",) if args.out else ()
+    picture = picture_of(splats, background, args.near_clip, antialiased=args.antialiased, aovs=aovs)
+    views = evaluate_views(lambda v: picture(v.camera), dataset.test or dataset.train, background, args.out)
+    for name, values in views.items():
+        print(f"{name:24s}", end="")
+        print_metrics(values)
+    print(f"{'mean':24s}", end="")
+    print_metrics(mean_metrics(views))
+    if args.out:
+        write_json(args.out / "metrics.json", {"test": mean_metrics(views), "views": views, "n": splats.n_splats})
+
+
+def capture(args: argparse.Namespace) -> int | None:
+    """Render a Mitsuba scene from all around into photographs with exact cameras, and points to start from."""
+    _set_variant(args.variant)
+    from .capture import run_capture
+
+    try:
+        run_capture(args)
+    except KeyboardInterrupt:
+        print("dogsplat: stopped; the same command again goes on from here", file=sys.stderr)
+        return 130
+    print(args.out)
+    return None
+
+
+def check(args: argparse.Namespace) -> int:
+    """How far the numbers can be trusted, and what each digit costs: numerics as one report."""
+    _config(args)
+    parts = args.only or [part for part in PARTS if part != "training" or args.runs]
+    _check_parts(args, parts)
+    _set_variant(args.variant)
+    from ..check.run import check as run_check
+    from ..check.run import model_to_check
+
+    model = model_to_check(args) if args.model else None
+    report = run_check(model, args.out, args.runs, parts, args.width, args.rounds, lambda line: print(line, flush=True))
+    print(args.out / "check.html")
+    if wrong := [row["name"] for row in report.get("stability", []) if row["verdict"] == "wrong"]:
+        print(f"dogsplat: stability: {len(wrong)} wrong: {', '.join(wrong)}", file=sys.stderr)
+    return 1 if wrong else 0
+
+
+def _check_parts(args: argparse.Namespace, parts: Sequence[str]) -> None:
+    """Raise ``DataError`` for parts that are unknown or lack what they need, and for what no part would use."""
+    if unknown := [part for part in parts if part not in PARTS]:
+        raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(PARTS)}")
+    if "training" in parts and not args.runs:
+        raise DataError("--only", "training has no run to read", "add --runs RUN")
+    for part, flag, given in (("training", "--runs", args.runs), ("work-precision", args.model, args.model)):
+        if given and part not in parts:
+            raise DataError(flag, f"is for {part} alone", f"add {part} to --only, or leave it out")
+    for flag, value, least in (("--width", args.width, 16), ("--rounds", args.rounds, 1)):
+        if value < least:
+            raise DataError(flag, f"{value} is too small", f"use at least {least}")
+
+
+def info(args: argparse.Namespace) -> None:
+    """Say what a file is: counts, ranges, and problems found; or what its kernels need and what they leave out."""
+    if args.features or args.file.suffix == ".xml":
+        _set_variant("auto")  # to count operations, to render the sensors of a scene
+    if args.features:
+        from ..inspection.features import describe_features as describe
+    else:
+        from ..inspection.info import describe
+
+    print("\n".join(describe(args.file)))
+
+
+def _config(args: argparse.Namespace, **others) -> TrainConfig:
+    """The settings among the arguments, checked; raises ``DataError`` that names the flag.
+
+    ``model`` is the model of ``prune`` only: other commands have arguments of that name.
+    """
+    names = {field.name for field in dataclasses.fields(TrainConfig)} - {"model"}
+    given = {name: value for name, value in vars(args).items() if name in names}
+    return TrainConfig(**{"data": "", **given, **others})
+
+
+def print_metrics(values: dict[str, float]) -> None:
+    likeness = f"PSNR {values['psnr']:.2f} dB  SSIM {values['ssim']:.4f}"
+    print(f"{likeness}  FLIP {values['flip']:.4f}  L1 {values['l1']:.5f}")
+
+
+def _set_variant(name: str) -> None:
+    """Choose the Mitsuba variant; raises ``DataError`` if it cannot be had."""
+    import drjit as dr
+    import mitsuba as mi
+
+    from ..llvm import explain, find_llvm
+
+    available = mi.variants()
+    if name == "auto":
+        name = "cuda_ad_rgb" if "cuda_ad_rgb" in available and dr.has_backend(dr.JitBackend.CUDA) else "llvm_ad_rgb"
+    if name not in available or not name.endswith("ad_rgb"):
+        raise DataError("--variant", f'"{name}" cannot be used', "use auto, llvm_ad_rgb or cuda_ad_rgb")
+    if name.startswith("cuda") and not dr.has_backend(dr.JitBackend.CUDA):
+        raise DataError("--variant", "there is no usable CUDA GPU", "use --variant llvm_ad_rgb")
+    if name.startswith("llvm") and find_llvm() is None:
+        raise DataError("--variant", "no usable LLVM", explain())
+    mi.set_variant(name)
+
+
+COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
+    "train": train, "prune": prune, "ablate": ablate, "render": render, "eval": evaluate, "capture": capture,
+    "check": check, "info": info
+}  # fmt: skip
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Entry point; returns the exit status."""
+    try:
+        try:
+            return _run_command(argv)
+        finally:
+            sys.stdout.flush()  # here, where it can be caught that nobody reads any more
+    except BrokenPipeError:  # as in ``dogsplat info FILE | head -1``
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # takes what is flushed at the very end
+        return 128 + signal.SIGPIPE
+
+
+def _run_command(argv: list[str] | None) -> int:
+    """Run the command that is asked for; returns the exit status."""
+    args = build_parser({name: run.__doc__ or "" for name, run in COMMANDS.items()}).parse_args(argv)
+    try:
+        return COMMANDS[args.command](args) or 0
+    except DataError as error:
+        print(f"dogsplat: {error}", file=sys.stderr)
+        return 2
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.startswith("mi_dogsplat"):
+            raise
+        print(f"dogsplat: this needs the package {error.name}: pip install 'mi_dogsplat[train]'", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("dogsplat: stopped before the end; nothing is half-written", file=sys.stderr)
+        return 130

@@ -1,0 +1,73 @@
+"""Moving a model on the device: differentiable with respect to the transform. ``transform.py`` is its twin on the host.
+
+The colours turn with the model: its spherical harmonics are rotated band by band. The matrix that does so is solved
+from samples: each band is a space of functions that is closed under rotation, so matching as many directions is exact.
+"""
+
+# Dr.Jit's stubs give the type of an expression as "object".
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false, reportReturnType=false
+# pyright: reportOperatorIssue=false, reportGeneralTypeIssues=false
+from __future__ import annotations
+
+from functools import lru_cache
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..reference.forward import sh_basis as reference_basis
+from .sh import read_rows, sh_basis
+
+
+def moved(params: dict, to_world: mi.Transform4f) -> dict:
+    """Parameters (as ``upload`` makes them) of the model under a rotation, uniform scale and translation."""
+    matrix = [[to_world.matrix[r, c] for c in range(4)] for r in range(3)]
+    scale = dr.cbrt(dr.det(mi.Matrix3f([row[:3] for row in matrix])))
+    rotation = [[value / scale for value in row[:3]] for row in matrix]
+    n = dr.width(params["logit_opacities"])
+    if n == 0:
+        return params
+    index = dr.arange(mi.UInt32, n)
+    x, y, z = read_rows(params["means"], 3, 3, index)
+    means = [row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix]
+    turn = dr.matrix_to_quat(mi.Matrix3f(rotation))
+    quats = turn * mi.Quaternion4f(*read_rows(params["quats"], 4, 4, index))
+    log_scales = params["log_scales"] + dr.log(scale)
+    result = {**params, "means": _table(means), "quats": _table(quats), "log_scales": log_scales}
+    size = dr.width(params["sh_coeffs"]) // (3 * n)
+    if size > 1:
+        result["sh_coeffs"] = _table(_turned(read_rows(params["sh_coeffs"], 3 * size, 3 * size, index), rotation))
+    return result
+
+
+def _turned(coefficients: list, rotation: list) -> list:
+    """Rows of SH coefficients (channels of a coefficient are neighbours) of f as those of f∘R⁻¹."""
+    turned = coefficients[:3]
+    for degree in range(1, round((len(coefficients) // 3) ** 0.5)):
+        first, size = degree**2, 2 * degree + 1
+        directions, solve = _samples(degree)
+        back = [[sum(rotation[r][c] * d[r] for r in range(3)) for c in range(3)] for d in directions]  # R⁻¹ d
+        values = [sh_basis(*d, degree)[first:] for d in back]
+        for k in range(size):
+            row = [sum(float(solve[k, i]) * values[i][j] for i in range(size)) for j in range(size)]
+            for channel in range(3):
+                turned.append(sum(row[j] * coefficients[3 * (first + j) + channel] for j in range(size)))
+    return turned
+
+
+@lru_cache
+def _samples(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """(as many directions as a band has functions, what takes values there to coefficients), the best of some."""
+    choices = []
+    for seed in range(50):
+        directions = np.random.default_rng(seed).normal(size=(2 * degree + 1, 3))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        band = reference_basis(directions, degree)[:, degree**2 :]
+        choices.append((np.linalg.cond(band), seed, directions, np.linalg.inv(band)))
+    return min(choices, key=lambda choice: choice[:2])[2:]
+
+
+def _table(columns) -> mi.Float:
+    """Columns as a flat row-major table."""
+    backend = dr.llvm.ad if dr.backend_v(mi.Float) == dr.JitBackend.LLVM else dr.cuda.ad
+    return dr.ravel(backend.ArrayXf(list(columns)), order="F")

@@ -1,0 +1,251 @@
+"""Stage 1, *project*: 3D primitives to 2D kernels on the image plane, one lane per primitive (EWA splatting).
+
+Notation (Kerbl et al. 2023; method paper, Sec. 3)
+    μ, R, s     centre, rotation, scales of a primitive; Σ = R S Sᵀ Rᵀ
+    W, t        rotation and translation of the camera (OpenCV: x right, y down, z forward)
+    J           Jacobian of the projection at the centre; of a pinhole evaluated inside 1.3 x the field of view,
+                of parallel rays the same everywhere
+    Σ'          screen covariance J W Σ Wᵀ Jᵀ + 0.3 I, in px²
+    p(d)        log2 of a kernel's value at offset d = pixel - μ' :  lo - u² - v²,  u = ux dx + uy dy,  v = vy dy
+
+The quadratic form is kept in units of log2 with the opacity folded in as ``lo``: the compositor then needs neither a
+multiplication by the opacity nor a change of base, and logit opacities of any magnitude stay finite. It is kept as a
+sum of squares because its expanded form A dx² + B dx dy + C dy² cancels on needles: their rounding errors would grow
+with the square of their length in pixels, not with the length.
+"""
+
+# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..scene.cameras import Camera
+from .sh import evaluate_sh, read_rows
+
+LOW_PASS = 0.3  # px², added to the diagonal of Σ' so that no primitive falls between the pixels
+LOG2_E = 1.4426950408889634
+MAX_AXIS = 1e8  # px; a longer axis of a kernel is cut to this, which changes no pixel and keeps squares in range
+NOT_DOG = 0xFFFFFFFF  # row of a primitive without a pseudo-Gaussian
+
+
+@dataclass
+class DeviceCamera:
+    """A camera as opaque JIT scalars: one compiled kernel serves every camera and every image size.
+
+    It is a pinhole, or, if not ``perspective``, sees along parallel rays; ``fx`` and ``fy`` are then in pixels per
+    world unit and the limits mean nothing.
+    """
+
+    rotation: list  # W, 3 x 3
+    position: list  # camera centre in world space, 3
+    position_rest: list  # what float32 rounded off it
+    fx: mi.Float
+    fy: mi.Float
+    cx: mi.Float
+    cy: mi.Float
+    limits: list  # x/z and y/z are clamped to [-left, right] x [-top, bottom] in J
+    near_clip: mi.Float
+    width: int
+    height: int
+    numbers: tuple  # all of the above on the host
+    perspective: bool = True
+
+    @staticmethod
+    def upload(
+        camera: Camera,
+        near_clip: float = 0.2,
+        film: tuple[float, float, float, float] | None = None,
+        perspective: bool = True,
+    ) -> DeviceCamera:
+        """Host camera to device.
+
+        ``film`` is the rectangle (left, top, right, bottom), in pixels of the camera, outside of which J is clamped:
+        the whole image, of which the camera may see a crop window only. None: the camera's image.
+        """
+        x0, y0, x1, y1 = film or (0, 0, camera.width, camera.height)
+        position = camera.position.astype(np.float32).astype(np.float64)
+        margin_x, margin_y = 0.15 * (x1 - x0) / camera.fx, 0.15 * (y1 - y0) / camera.fy
+        numbers = [
+            *camera.w2c[:3, :3].ravel(), *position, *(camera.position - position),
+            camera.fx, camera.fy, camera.cx, camera.cy,
+            (camera.cx - x0) / camera.fx + margin_x, (x1 - camera.cx) / camera.fx + margin_x,
+            (camera.cy - y0) / camera.fy + margin_y, (y1 - camera.cy) / camera.fy + margin_y,
+            near_clip,
+        ]  # fmt: skip
+        numbers = tuple(float(x) for x in numbers)
+        packed = mi.Float(numbers)
+        v = [dr.gather(mi.Float, packed, k) for k in range(len(numbers))]
+        dr.eval(v)  # one launch makes them opaque
+        rotation = [v[0:3], v[3:6], v[6:9]]
+        size = camera.width, camera.height
+        numbers = *numbers, *size, perspective
+        return DeviceCamera(rotation, v[9:12], v[12:15], *v[15:19], v[19:23], v[23], *size, numbers, perspective)
+
+
+@dataclass
+class Kernels:
+    """2D kernels on the image plane, R rows: p(d) = lo - (ux dx + uy dy)² - (vy dy)² (log2 of the value)."""
+
+    ux: mi.Float
+    uy: mi.Float
+    vy: mi.Float
+    lo: mi.Float
+    variance_x: mi.Float  # Σ'_xx
+    variance_y: mi.Float  # Σ'_yy
+
+
+@dataclass
+class Projection:
+    """What the later stages need of N primitives; ``pseudo`` has one row per DoG primitive, or is None."""
+
+    x: mi.Float  # centre in pixels
+    y: mi.Float
+    depth: mi.Float  # z in camera space
+    kernels: Kernels
+    colors: list  # 3 channels, max(0, SH + 0.5)
+    visible: mi.Bool
+    pseudo: Kernels | None
+    dog_row: mi.UInt32 | None  # [N] row in ``pseudo`` or NOT_DOG
+    dog_index: mi.UInt32 | None  # [M] its inverse
+
+
+def rows(array: mi.Float, count: int, index: mi.UInt32, active=True) -> list[mi.Float]:
+    """Row ``index`` of a row-major [*, count] array, as ``count`` arrays. Each row may be read by one lane only."""
+    return [
+        dr.gather(mi.Float, array, dr.fma(index, count, k), active, mode=dr.ReduceMode.Permute)
+        for k in range(count)
+    ]
+
+
+def rotation_matrix(q: list[mi.Float]) -> list[list[mi.Float]]:
+    """Rotation of a finite quaternion (x, y, z, w) of any length; the zero quaternion is the identity."""
+    largest = dr.maximum(dr.maximum(abs(q[0]), abs(q[1])), dr.maximum(abs(q[2]), abs(q[3])))
+    usable = largest > 0
+    scale = dr.rcp(dr.select(usable, dr.detach(largest), 1))  # the square of a length need not be a float
+    q = [dr.select(usable, k * scale, default) for k, default in zip(q, (0, 0, 0, 1), strict=True)]
+    inv = dr.rsqrt(dr.fma(q[0], q[0], dr.fma(q[1], q[1], dr.fma(q[2], q[2], q[3] * q[3]))))
+    x, y, z, w = (k * inv for k in q)
+    return [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+
+
+def softplus(x: mi.Float) -> mi.Float:
+    """log(1 + e^x) without overflow; -softplus(-x) is the log of the sigmoid, finite for every finite logit."""
+    positive = x > 0  # not max(x, 0) and |x|: their derivatives would add up to 0 instead of 1/2 at x = 0
+    return dr.select(positive, x, 0) + dr.log(1 + dr.exp(dr.select(positive, -x, x)))
+
+
+def _all_finite(values: list[mi.Float]) -> mi.Bool:
+    finite = dr.isfinite(values[0])
+    for value in values[1:]:
+        finite &= dr.isfinite(value)
+    return finite
+
+
+def _screen_kernels(axes, scales, log2_opacity, antialiased: bool) -> Kernels:
+    """2D kernel of the 3D Gaussian whose scaled axes project to the columns of ``axes`` x ``scales``.
+
+    vy² is the inverse of the variance of y, ux² that of the variance of x given y, both times log2(e) / 2.
+    """
+    lengths = [dr.maximum(abs(dr.detach(x)), abs(dr.detach(y))) for x, y in zip(*axes, strict=True)]
+    scales = [dr.minimum(s, MAX_AXIS / length) for s, length in zip(scales, lengths, strict=True)]
+    v0 = [a * s for a, s in zip(axes[0], scales, strict=True)]  # J W R S, first row
+    v1 = [a * s for a, s in zip(axes[1], scales, strict=True)]
+    raw_xx = v0[0] * v0[0] + v0[1] * v0[1] + v0[2] * v0[2]
+    raw_yy = v1[0] * v1[0] + v1[1] * v1[1] + v1[2] * v1[2]
+    xy = v0[0] * v1[0] + v0[1] * v1[1] + v0[2] * v1[2]
+    # det(V Vᵀ) as a sum of squared minors (Cauchy-Binet): xx yy - xy² would cancel to noise on needles
+    m0, m1, m2 = v0[1] * v1[2] - v0[2] * v1[1], v0[2] * v1[0] - v0[0] * v1[2], v0[0] * v1[1] - v0[1] * v1[0]
+    raw_det = m0 * m0 + m1 * m1 + m2 * m2
+    det = raw_det + LOW_PASS * (raw_xx + raw_yy) + LOW_PASS * LOW_PASS
+    if antialiased:
+        log2_opacity = log2_opacity + 0.5 * dr.log2(dr.maximum(2.5e-5, raw_det / det))
+    xx, yy = raw_xx + LOW_PASS, raw_yy + LOW_PASS
+    ux = dr.sqrt(0.5 * LOG2_E * yy / det)
+    return Kernels(ux, -ux * xy / yy, dr.sqrt(0.5 * LOG2_E / yy), log2_opacity, xx, yy)
+
+
+def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: bool = False) -> Projection:
+    """Project N primitives; differentiable with respect to every parameter.
+
+    A primitive is not ``visible`` where its centre is not beyond the near plane, or a parameter is not finite (logit
+    opacities of ±∞ are opacities of 0 and 1).
+
+    Args:
+        params: raw parameters as flat row-major ``mi.Float`` arrays, keys as in ``mi.traverse`` of the ``dog`` shape;
+            ``dog_row`` [N] and ``dog_index`` [M] are present when a primitive is DoG.
+        camera: the view.
+        sh_degree: highest degree evaluated (at most the degree stored).
+        antialiased: scale opacities by the area that the low-pass filter adds (Mip-Splatting's 2D filter).
+    """
+    n = dr.width(params["logit_opacities"])
+    index = dr.arange(mi.UInt32, n)
+    W = camera.rotation
+
+    # from the camera centre, before anything is multiplied: far from the origin W μ + t would cancel
+    offset = zip(rows(params["means"], 3, index), camera.position, camera.position_rest, strict=True)
+    direction = [(mean - position) - rest for mean, position, rest in offset]
+    px, py, depth = (
+        dr.fma(W[r][0], direction[0], dr.fma(W[r][1], direction[1], W[r][2] * direction[2])) for r in range(3)
+    )
+    visible = (depth > camera.near_clip) & dr.isfinite(depth)
+    if camera.perspective:
+        inv_z = dr.rcp(dr.select(visible, depth, 1))
+        u, v = px * inv_z, py * inv_z  # tangents of the viewing angles
+        x, y = dr.fma(camera.fx, u, camera.cx), dr.fma(camera.fy, v, camera.cy)
+
+        left, right, top, bottom = camera.limits
+        u = dr.clip(u, -left, right)
+        v = dr.clip(v, -top, bottom)
+        jx, jy = camera.fx * inv_z, camera.fy * inv_z
+        JW = [
+            [jx * (W[0][c] - u * W[2][c]) for c in range(3)],
+            [jy * (W[1][c] - v * W[2][c]) for c in range(3)],
+        ]
+    else:
+        x, y = dr.fma(camera.fx, px, camera.cx), dr.fma(camera.fy, py, camera.cy)
+        JW = [[camera.fx * W[0][c] for c in range(3)], [camera.fy * W[1][c] for c in range(3)]]
+        direction = W[2]  # all primitives are seen along the axis
+
+    quats = read_rows(params["quats"], 4, 4, index)
+    R = rotation_matrix(quats)
+    axes = [[JW[r][0] * R[0][c] + JW[r][1] * R[1][c] + JW[r][2] * R[2][c] for c in range(3)] for r in range(2)]
+    log_scales = rows(params["log_scales"], 3, index)
+    scales = [dr.exp(s) for s in log_scales]
+    log2_opacity = -LOG2_E * softplus(-params["logit_opacities"])
+    kernels = _screen_kernels(axes, scales, log2_opacity, antialiased)
+    visible &= _all_finite([x, y, kernels.ux, kernels.uy, *log_scales, *quats]) & ~dr.isnan(log2_opacity)
+
+    pseudo, dog_row, dog_index = None, None, None
+    if "dog_index" in params:
+        dog_row, dog_index = params["dog_row"], params["dog_index"]
+        dr.eval(axes, scales, log2_opacity)  # in one kernel: a gather launches one for what is not evaluated yet
+
+        def of(value):
+            return dr.gather(mi.Float, value, dog_index, mode=dr.ReduceMode.NoConflicts)
+
+        m = dr.arange(mi.UInt32, dr.width(dog_index))
+        log_factors = rows(params["dog_log_scales"], 3, m)
+        factors = [dr.exp(f) for f in log_factors]
+        pseudo = _screen_kernels(
+            [[of(a) for a in row] for row in axes],
+            [of(s) * f for s, f in zip(scales, factors, strict=True)],
+            of(log2_opacity) - LOG2_E * softplus(-params["dog_logit_opacities"]),
+            antialiased,
+        )
+        usable = _all_finite(log_factors) & ~dr.isnan(pseudo.lo)
+        dr.eval(pseudo, usable)  # for the same reason
+        visible &= (dog_row == NOT_DOG) | dr.gather(mi.Bool, usable, dog_row, dog_row != NOT_DOG)
+
+    radiance = evaluate_sh(params, direction, index, visible, sh_degree)
+    visible &= _all_finite(radiance)
+    colors = [dr.maximum(value, 0) for value in radiance]
+    return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index)

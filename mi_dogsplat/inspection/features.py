@@ -1,0 +1,216 @@
+"""``dogsplat info --features``: what a model or a scene needs, what that costs, and what was left out.
+
+Kernels are specialised while they are traced: what is left out has no instruction, no byte and no parameter in them
+(``tests/test_lean.py`` shows it). Operations are counted in the kernels of this machine (``kernel_costs.py``).
+"""
+
+# The stubs of Mitsuba give plugins as their base classes.
+# pyright: reportAttributeAccessIssue=false
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+from ..engine.composite_aovs import WALKED, walked
+from ..engine.geometry import Cutoffs
+from ..engine.kernel_costs import aov_operations, operations, pair_operations, primitive_operations
+from ..engine.rasterize import RasterOptions
+from ..engine.walk import Settings
+from ..errors import DataError
+from ..plugin.transfer import srgb_to_linear
+from ..scene.ply import read_ply
+from ..scene.splats import MAX_SH_DEGREE, Splats
+from ..wording import count
+from .info import kind_of
+
+NEEDED, LEFT_OUT, UNUSED = "needed", "left out", "paid, not needed"
+PARAMETERS = 14  # of a Gaussian: centre 3, scales 3, quaternion 4, opacity, colour 3
+DOG_PARAMETERS = 4  # opacity, scales 3
+FLOAT = 4  # bytes, of an index too
+LEGEND = (
+    "operations are instructions of the kernels; each: of a primitive, to project it; "
+    "per pixel: of a primitive at a pixel that it meets, forward + derivative"
+)
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A line of the list: whether the kernels have it, why, and what it costs there."""
+
+    name: str
+    state: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"  {self.name:21s}{self.state}: {self.reason}"
+
+
+def feature(name: str, needed: bool, reason: str, otherwise: str) -> Feature:
+    """``needed`` for a reason, or left out for another."""
+    return Feature(name, NEEDED, reason) if needed else Feature(name, LEFT_OUT, otherwise)
+
+
+def describe_features(path: str | Path) -> list[str]:
+    """Lines about what is at ``path``. Needs a Mitsuba variant. Raises ``DataError``, as ``info.describe`` does."""
+    from .training_features import dataset_features, run_features  # it builds on this module
+
+    path = Path(path)
+    kind = kind_of(path)
+    if kind == "model":
+        found = model_features([read_ply(path)]) + choices_of_a_render()
+    elif kind == "run":
+        found = run_features(path)
+    else:
+        scene = _splat_scene(path)
+        found = scene_features(scene) if scene else dataset_features(path)
+    return [f"{path}: what it needs and what is left out", *map(str, found), LEGEND]
+
+
+def model_features(parts: list[Splats], negative_transmittance: bool = True) -> list[Feature]:
+    """What primitives need, of one model or of several that are rendered as one."""
+    n, variant = sum(s.n_splats for s in parts), mi.variant()
+    operations_each = primitive_operations(RasterOptions(0), False, variant)
+    pair = pair_operations(Settings(3), False, variant)
+    cost = f"each {_size(PARAMETERS)}, {operations_each:.0f} operations; per pixel {_sum(pair)}"
+    gaussians = Feature("Gaussians", NEEDED, f"{count(n)} primitives; {cost}")
+    return [gaussians, *_dog_features(parts, negative_transmittance), *_sh_features(parts)]
+
+
+def _dog_features(parts: list[Splats], negative_transmittance: bool) -> list[Feature]:
+    n, m = sum(s.n_splats for s in parts), sum(s.n_dog for s in parts)
+    share, variant = f"{count(m)} of {count(n)} primitives", mi.variant()
+    if m == 0:
+        return [Feature("DoG", LEFT_OUT, share), Feature("negative T", LEFT_OUT, "there is no DoG primitive")]
+    settings = Settings(3, negative_transmittance=negative_transmittance)
+    more = _difference(pair_operations(settings, True, variant), pair_operations(Settings(3), False, variant))
+    each = [primitive_operations(RasterOptions(0), dog, variant) for dog in (True, False)]
+    cost = f"each {_size(DOG_PARAMETERS, indices=1)}, {each[0] - each[1]:.0f} operations; per pixel {_sum(more)}"
+    faded = sum(int(np.sum(s.dog_opacities * s.opacities[s.dog_index] < Cutoffs().alpha)) for s in parts)
+    features = [Feature("DoG", NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")]
+    if m < n:
+        rest = f"{count(n - m)} plain primitives pay for the branch, and for the difference to a kernel of zeros"
+        features.append(Feature("branch to DoG", UNUSED, rest))
+    if faded:
+        features.append(Feature("faded DoG", UNUSED, f"{count(faded)} pseudo-Gaussians are below 1/255 everywhere"))
+    amplifies = "where a weight is negative, what lies behind is amplified"
+    return [*features, feature("negative T", negative_transmittance, amplifies, "negative_transmittance is false")]
+
+
+def _sh_features(parts: list[Splats]) -> list[Feature]:
+    stored, used = max(s.sh_degree for s in parts), max(_used_degree(s) for s in parts)
+    features = []
+    for degree in range(1, MAX_SH_DEGREE + 1):
+        if degree > stored:
+            features.append(Feature(f"SH degree {degree}", LEFT_OUT, f"the model has degree {stored}"))
+            continue
+        with_it, without = (primitive_operations(RasterOptions(d), False, mi.variant()) for d in (degree, degree - 1))
+        cost = f"each {_size(3 * (2 * degree + 1))}, {with_it - without:.0f} operations"
+        zero = "" if degree <= used else "all of its coefficients are zero; "
+        features.append(Feature(f"SH degree {degree}", UNUSED if zero else NEEDED, zero + cost))
+    return features
+
+
+def choices_of_a_render() -> list[Feature]:
+    """What no model asks for by itself."""
+    return [
+        Feature("background", LEFT_OUT, "black, unless --background or an emitter of the scene asks for another"),
+        Feature("antialiasing", LEFT_OUT, "unless --antialiased asks for it"),
+        Feature("depth", LEFT_OUT, "unless an .exr or the aovs of a scene ask for it"),
+        Feature("other AOVs", LEFT_OUT, "unless --aovs or the aovs of a scene ask for them"),
+        DERIVATIVES,
+    ]
+
+
+DERIVATIVES = Feature("derivatives", LEFT_OUT, "unless a parameter is attached: kernels of their own, compiled then")
+
+
+def scene_features(scene: mi.Scene) -> list[Feature]:
+    """What a Mitsuba scene with the ``dogsplat`` integrator needs; of its first sensor."""
+    from ..shape_dog import DogShape  # of the active variant
+
+    integrator, variant = scene.integrator(), mi.variant()
+    parts = [shape.to_splats() for shape in scene.shapes() if isinstance(shape, DogShape)]
+    features = model_features(parts, integrator.negative_transmittance)
+
+    features.append(feature("several dog shapes", len(parts) > 1, _joining(parts), "there is one"))
+    environment = scene.environment()
+    name = environment.class_name() if environment is not None else ""
+    behind = f"the emitter {name}, evaluated at every pixel in every render"
+    shown, absent = bool(name) and not integrator.hide_emitters, "the scene has no constant or environment emitter"
+    features.append(feature("background", shown, behind, "hide_emitters is true" if name else absent))
+
+    others = len(scene.shapes()) - len(parts)
+    nested = integrator.nested is not None
+    traced = f"{count(others)} other shapes; traced in every pass, and primitives are compared with their depth"
+    alone = "there is no other shape" if nested or not others else "no nested integrator renders the other shapes"
+    features.append(feature("surfaces", nested and others > 0, traced, alone))
+
+    pixel = mi.Float([0.2, 0.4])
+    per_pixel = operations(lambda: np.array(srgb_to_linear([pixel] * 3))) / 2
+    conversion = f"srgb_primitives; {per_pixel:.0f} operations per pixel of the image"
+    features.append(feature("sRGB conversion", integrator.srgb_primitives, conversion, "srgb_primitives is false"))
+
+    each = [primitive_operations(RasterOptions(0, antialiased=on), False, variant) for on in (True, False)]
+    filtering = f"antialiased; each {each[0] - each[1]:.0f} operations"
+    features.append(feature("antialiasing", integrator.antialiased, filtering, "antialiased is false"))
+
+    for name, planes in (("depth", 1), ("normal", 3)):
+        more = _difference(*(pair_operations(Settings(n), False, variant) for n in (3 + planes, 3)))
+        blended = f"among the aovs; per pixel {_sum(more, 1)}"
+        features.append(feature(name, name in integrator.aovs, blended, "not among the aovs"))
+    has_dog = any(s.n_dog for s in parts)
+    names = walked(integrator.aovs, has_dog)
+    each = aov_operations(names, has_dog, variant) if names else 0
+    walk = f"for {', '.join(names)}; per pixel {each:.0f}, no derivative"
+    features.append(feature("second walk", bool(names), walk, f"for {', '.join(WALKED)}: not among the aovs"))
+    in_film = bool(scene.sensors()) and mi.has_flag(scene.sensors()[0].film().flags(), mi.FilmFlags.Alpha)
+    asked = "the aovs" if "alpha" in integrator.aovs else "the film"
+    alpha = f"{asked} ask for it; one operation per pixel of the image"
+    asks = "alpha" in integrator.aovs or in_film
+    features.append(feature("alpha", asks, alpha, "neither the aovs nor the film ask for it"))
+    return [*features, DERIVATIVES]
+
+
+def _joining(parts: list[Splats]) -> str:
+    degree = max(s.sh_degree for s in parts)
+    padded = sum(s.n_splats for s in parts if s.sh_degree < degree)
+    size = FLOAT * (PARAMETERS + 3 * ((degree + 1) ** 2 - 1))
+    padding = f", {count(padded)} of them padded to SH degree {degree}" if padded else ""
+    return f"{len(parts)}; joined in every render, which copies {size} bytes of each primitive{padding}"
+
+
+def _splat_scene(path: Path) -> mi.Scene | None:
+    """The Mitsuba scene at ``path`` if it is one of ``dog`` shapes and the ``dogsplat`` integrator."""
+    from ..integrator import DogSplatIntegrator  # of the active variant
+    from ..shape_dog import DogShape
+
+    if path.suffix != ".xml":
+        return None
+    try:
+        scene = mi.load_file(str(path))
+    except Exception as error:  # Mitsuba raises several kinds, all of them with a message to show
+        raise DataError(path, f"Mitsuba cannot load it ({error})", "correct the scene") from error
+    if not isinstance(scene, mi.Scene) or not isinstance(scene.integrator(), DogSplatIntegrator):
+        return None
+    return scene if any(isinstance(shape, DogShape) for shape in scene.shapes()) else None
+
+
+def _used_degree(splats: Splats) -> int:
+    """Highest degree with a coefficient that is not zero."""
+    bands = [splats.sh_coeffs[:, degree**2 : (degree + 1) ** 2] for degree in range(splats.sh_degree + 1)]
+    return max((degree for degree, band in enumerate(bands) if band.any()), default=0)
+
+
+def _size(parameters: int, indices: int = 0) -> str:
+    return f"{parameters} parameters, {FLOAT * (parameters + indices)} bytes"
+
+
+def _difference(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
+    return a[0] - b[0], a[1] - b[1]
+
+
+def _sum(passes: tuple[float, float], digits: int = 0) -> str:
+    return f"{passes[0]:.{digits}f} + {passes[1]:.{digits}f}"

@@ -1,0 +1,195 @@
+"""``dogsplat info``: what a file or folder is, in a few lines, and what is wrong with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import DataError
+from ..framing import CORE, robust_sphere
+from ..run_folder import read_run
+from ..scene.ply import read_ply
+from ..scene.splats import Splats
+from ..wording import count, duration, file_size, finite, fixed
+
+if TYPE_CHECKING:
+    from ..datasets import Dataset
+
+ACCEPTED = (
+    "give a model .ply, a run folder, or a data set: a COLMAP folder, a folder with transforms.json or "
+    "transforms_train.json, or a Mitsuba scene .xml"
+)
+RUN_FILES = ("config.json", "history.jsonl", "metrics.json")
+SCENE_SPP = 4  # enough to see that the sensors of a Mitsuba scene see something
+
+UNIT_TOLERANCE = 1e-2  # of a quaternion's length
+TINY, HUGE = 1e-6, 1.0  # scales, in units of the model's robust radius
+INVISIBLE = 1 / 255  # opacity; a primitive below it never changes an 8-bit pixel by itself
+FAR = 100.0  # robust radii from the centre
+
+
+def describe(path: str | Path) -> list[str]:
+    """Lines about a model, a run folder or a data set. Raises ``DataError`` for all else and what is broken.
+
+    A Mitsuba scene as data set is rendered, which needs a variant to be set.
+    """
+    path = Path(path)
+    describer = {"model": describe_model, "run": describe_run, "data": describe_dataset}[kind_of(path)]
+    return describer(path)
+
+
+def kind_of(path: Path) -> str:
+    """``model``, ``run`` or ``data``, by names alone. Raises ``DataError`` for all else."""
+    if not path.exists():
+        raise DataError(path, "no such file or folder", ACCEPTED)
+    if path.is_file() and path.suffix.lower() == ".ply":
+        return "model"
+    if path.is_dir() and any((path / name).is_file() for name in RUN_FILES):
+        return "run"
+    if path.suffix in (".xml", ".json") if path.is_file() else _is_dataset(path):
+        return "data"
+    raise DataError(path, "not something dogsplat knows", ACCEPTED)
+
+
+def _is_dataset(folder: Path) -> bool:
+    from ..datasets.colmap import find_model  # here: data sets need the extra "train", models and runs do not
+    from ..datasets.transforms import find_transforms
+
+    return bool(find_model(folder) or find_transforms(folder))
+
+
+def describe_model(path: Path) -> list[str]:
+    """Counts, ranges and problems of a model."""
+    splats = read_ply(path)
+    size = path.stat().st_size
+    n, m = splats.n_splats, splats.n_dog
+    lines = [
+        f"{path}: model",
+        _line("primitives", f"{count(n)}, {count(m)} of them DoG"),
+        _line("SH degree", f"{splats.sh_degree}"),
+        _line("size", file_size(size) + (f", {size / n:.0f} bytes per primitive" if n else "")),
+    ]
+    if n:
+        centre, radius = robust_sphere(splats)
+        lines.append(_line("centre, radius", f"({_numbers(centre)}), {radius:.4g}: the median; {CORE:.0%} lie within"))
+        lines += [_line(f"position {axis}", _range(splats.means[:, i])) for i, axis in enumerate("xyz")]
+        lines += [_line("scale", _range(splats.scales)), _line("opacity", _range(splats.opacities))]
+    if m:
+        lines += [
+            _line("DoG opacity", _range(splats.dog_opacities)),
+            _line("DoG scale", _range(splats.dog_scales)),
+        ]
+    problems = model_problems(splats)
+    return lines + ["problems: none found" if not problems else "problems:", *(f"  {p}" for p in problems)]
+
+
+def model_problems(splats: Splats) -> list[str]:
+    """One sentence per kind of primitive that is broken, wasted, or shown otherwise by other programs."""
+    if splats.n_splats == 0:
+        return ["there is no primitive: every picture of this model is empty"]
+    centre, radius = robust_sphere(splats)
+    lengths = np.linalg.norm(splats.quats.astype(np.float64), axis=1)  # [N]
+    scales = splats.scales  # [N, 3]
+    distances = np.linalg.norm(splats.means - centre, axis=1)  # [N]
+    kinds = [
+        (lengths == 0, "a quaternion of length zero, so no orientation"),
+        (
+            (abs(lengths - 1) > UNIT_TOLERANCE) & (lengths > 0),
+            "a quaternion that is not of unit length: harmless here, but some programs do not normalise",
+        ),
+        (scales.min(axis=1) < TINY * radius, f"a scale below {TINY * radius:.2g}, a millionth of the radius"),
+        (scales.max(axis=1) > HUGE * radius, f"a scale above {HUGE * radius:.2g}, the radius of the model"),
+        (splats.opacities < INVISIBLE, "an opacity below 1/255: they cost time and are hardly seen"),
+        (distances > FAR * radius, f"a position more than {FAR:.0f} radii from the centre"),
+    ]
+    found = ((int(np.sum(which)), text) for which, text in kinds)
+    return [f"{count(k)} of {count(splats.n_splats)} have {text}" for k, text in found if k]
+
+
+def describe_run(path: Path) -> list[str]:
+    """Settings, result and completeness of a run folder."""
+    run = read_run(path)
+    metrics: dict[str, Any] = run.metrics or {}
+    last = run.history[-1] if run.history else {}
+    lines = [f"{path}: training run on {run.config.get('data', 'unknown data')}"]
+    planned = finite(run.config.get("steps"))
+    done = metrics.get("steps", last.get("step"))
+    lines.append(_line("steps", count(done) + (f" of {count(planned)}" if planned else "")))
+    seconds = metrics.get("train_seconds", last.get("seconds"))
+    lines.append(_line("training time", duration(seconds)))
+    n, n_dog = (metrics.get(key, last.get(key)) for key in ("n", "n_dog"))
+    lines.append(_line("primitives", f"{count(n)}, {count(n_dog)} of them DoG"))
+    if metrics:
+        lines.append(_line("model", file_size(metrics.get("bytes"))))
+        lines.append(_line("render time", f"{fixed(metrics.get('render_ms'), 1)} ms"))
+        lines += [_line(split, _quality(metrics[split])) for split in ("test", "train") if metrics.get(split)]
+    changed = [
+        f"{key} {run.config[key]}" for key in ("preset", "downscale", "max_primitives", "seed") if key in run.config
+    ]
+    if changed:
+        lines.append(_line("settings", ", ".join(changed)))
+    problems = [f"{name} is missing" for name in (*RUN_FILES, "point_cloud.ply") if not (path / name).is_file()]
+    if run.metrics is None:
+        problems.append("the run is not complete: it was interrupted, or is still running")
+    if run.broken_rows:
+        problems.append(f"{run.broken_rows} lines of history.jsonl are not JSON")
+    return lines + ["problems: none found" if not problems else "problems:", *(f"  {p}" for p in problems)]
+
+
+def describe_dataset(path: Path) -> list[str]:
+    """Views, split, points, and whether cameras and points agree."""
+    from ..datasets import check_cameras, load_dataset  # here: see ``_is_dataset``
+
+    dataset = load_dataset(path, spp=SCENE_SPP)
+    check = check_cameras(dataset)
+    lines = [
+        f"{path}: data set",
+        _line("views", f"{len(dataset.train)} for training, {len(dataset.test)} for testing"),
+        _line("images", _sizes(dataset) + (", with alpha" if dataset.has_alpha else "")),
+        _line("names", _some([view.name for view in dataset.views])),
+        _line(
+            "points",
+            count(check.n_points) if check.n_points else "none: training starts from random primitives",
+        ),
+    ]
+    if check.seen is not None:
+        lines.append(_line("cameras", f"{check.seen:.0%} of the points are inside at least two images"))
+    if check.color_difference is not None:
+        lines.append(_line("colours", f"points and their pixels differ by {check.color_difference:.3f} (median)"))
+    if check.reprojection_px is not None:
+        lines.append(_line("reprojection", f"{check.reprojection_px:.2f} px (median) at full size"))
+    return lines
+
+
+def _line(name: str, value: str) -> str:
+    return f"  {name:16s}{value}"
+
+
+def _numbers(values: np.ndarray) -> str:
+    return ", ".join(f"{value:.4g}" for value in values)
+
+
+def _range(values: np.ndarray) -> str:
+    return f"{values.min():.4g} to {values.max():.4g}, median {np.median(values):.4g}"
+
+
+def _quality(values: dict[str, Any]) -> str:
+    named = (
+        ("PSNR", "psnr", 2, " dB"),
+        ("SSIM", "ssim", 4, ""),
+        ("FLIP", "flip", 4, ""),
+        ("L1", "l1", 5, ""),
+    )
+    return ", ".join(f"{name} {fixed(values.get(key), digits)}{unit}" for name, key, digits, unit in named)
+
+
+def _sizes(dataset: Dataset) -> str:
+    sizes = sorted({(view.camera.width, view.camera.height) for view in dataset.views})
+    return _some([f"{width}x{height}" for width, height in sizes])
+
+
+def _some(names: list[str], shown: int = 4) -> str:
+    more = len(names) - shown
+    return ", ".join(names[:shown]) + (f" and {more} more" if more > 0 else "")

@@ -1,0 +1,85 @@
+"""The part of ``dogsplat info --features`` on training: what a run needed, and what a data set will."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from ..errors import DataError
+from ..run_folder import read_run
+from ..scene.ply import read_ply
+from ..training.config import TrainConfig
+from ..training.presets import RECIPES, Recipe
+from ..wording import count
+from .features import FLOAT, LEFT_OUT, NEEDED, Feature, feature, model_features
+from .info import SCENE_SPP
+
+BEHIND = "per pixel of the image 3 operations, and the adjoint of T"
+STATE = 3 * FLOAT  # bytes beside a parameter in training: its gradient and two moments
+
+
+def dataset_features(path: Path) -> list[Feature]:
+    """What training on a data set will need, whatever the recipe."""
+    from ..datasets import load_dataset  # here: it needs the extra "train"
+
+    dataset = load_dataset(path, spp=SCENE_SPP)
+    sizes = {(view.camera.width, view.camera.height) for view in dataset.views}
+    points, alpha, tests = len(dataset.points), dataset.has_alpha, len(dataset.test)
+    masks = "laid over the background once, as the images are read: nothing per step"
+    white, black = f"white, for images with alpha; {BEHIND}", "black, unless --background white asks for it"
+    compiled = f"{len(sizes)}; the compositor is compiled for each"
+    return [
+        feature("alpha masks", alpha, masks, "the images have no alpha"),
+        feature("background", alpha, white, black),
+        feature("several image sizes", len(sizes) > 1, compiled, "all images have one size"),
+        feature("random start", not points, "the data has no points", f"the data has {count(points)} points"),
+        feature("test renders", tests > 0, f"{tests} views are held out", "no view is held out"),
+    ]
+
+
+def run_features(path: Path) -> list[Feature]:
+    """What the model of a run folder needs, and what its training needed."""
+    run = read_run(path)
+    defaults = {field.name: field.default for field in dataclasses.fields(TrainConfig)}
+    config: dict[str, Any] = defaults | run.config
+    recipe = run.recipe or dataclasses.asdict(_recipe(path, config))
+    model = path / "point_cloud.ply"
+    features = model_features([read_ply(model)]) if model.is_file() else []
+    return features + _recipe_features(recipe, config) + _image_features(config)
+
+
+def _recipe(path: Path, config: dict[str, Any]) -> Recipe:
+    if config["preset"] not in RECIPES:
+        problem = f'its preset "{config["preset"]}" is unknown'
+        raise DataError(path / "config.json", problem, "use the version of dogsplat that made it")
+    recipe = RECIPES[config["preset"]]
+    return recipe if config["model"] is None else recipe.from_pruning()
+
+
+def _recipe_features(recipe: dict[str, Any], config: dict[str, Any]) -> list[Feature]:
+    def part(steps: int) -> str:
+        return f"{steps / recipe['reference_steps']:.0%} of the run"
+
+    density, every = recipe["densification"], recipe["sh_every"]
+    features = [Feature("optimizer", NEEDED, f"a gradient and two moments, {STATE} bytes beside each parameter")]
+    gradients = f"gradients of the centres, {2 * FLOAT} bytes per primitive, left out after"
+    centres = f"to {part(density['stop'])}: {gradients}; their sums, {3 * FLOAT} bytes, stay"
+    dense = density["stop"] > density["start"]
+    features.append(feature("densification", dense, centres, "training started from a model"))
+    for name, rule in (("pruning", recipe["pruning"]), ("training DoG", recipe["dog"])):
+        start = f"from {part(rule['start'])} on, left out before" if rule else ""
+        features.append(feature(name, bool(rule), start, "not in the recipe"))
+    in_turn = f"one more every {part(every)}; those still to come are stored and updated all the same"
+    raised = bool(config["sh_degree"] and every)
+    return [*features, feature("SH degree in turn", raised, in_turn, "one degree all along")]
+
+
+def _image_features(config: dict[str, Any]) -> list[Feature]:
+    grey = config["background"]
+    state = {"black": LEFT_OUT, "white": NEEDED}.get(grey, "needed for images with alpha")
+    antialiased = bool(config["antialiased"])
+    return [
+        Feature("background", state, grey if state == LEFT_OUT else f"{grey}; {BEHIND}"),
+        feature("antialiasing", antialiased, "antialiased is true", "antialiased is false"),
+    ]

@@ -1,0 +1,1 @@
+"""What the integrator `dogsplat` and the shape `dog` need of Mitsuba: sensors, samples, film, background, surfaces."""

@@ -1,0 +1,99 @@
+"""A model as Mitsuba's own shape ``ellipsoids``, which rays can meet: the way out of splatting into ray tracing.
+
+What this buys with the integrator ``volprim_rf_basic`` (a thin lens, any other sensor, meshes that stand in front), and
+how its pictures differ from those of ``dogsplat``: docs/ellipsoids.md.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..engine.transform import transformed
+from ..scene.ply import read_ply
+from ..scene.splats import Splats
+
+EXTENT = 3.0  # standard deviations, the default of Mitsuba; a Gaussian is 1.1 % of its peak there
+MIN_OPACITY = 1 / 255  # fainter primitives are not drawn by ``dogsplat`` either
+MIN_SCALE = 1e-6  # world units; Mitsuba's loader raises scales to this too, a ray divides by their squares in float32
+
+
+def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None, extent: float = EXTENT) -> dict:
+    """A shape for ``mi.load_dict``, alone or in the dict of a scene, of type ``ellipsoids``.
+
+    Its ``opacities`` [N', 1] and ``sh_coeffs`` [N', 3 K] (K = (degree + 1)²) are the attributes that
+    ``volprim_rf_basic`` reads; the colours are sRGB, as its ``srgb_primitives`` expects by default.
+
+    An ellipsoid is one Gaussian: of a DoG primitive the positive one is kept, what the pseudo-Gaussian subtracts is
+    left out. So are primitives that are not drawn: those fainter than 1/255, and those with values that are not
+    finite. What is left out is reported by a warning of Mitsuba's logger.
+
+    Args:
+        model: a model, the path of a PLY file, or a loaded shape ``dog`` (its parameters of this moment).
+        to_world: 4 x 4 rotation, uniform scale and translation (``mi.ScalarTransform4f`` or an array). Turns the
+            spherical harmonics too; the shape's own ``to_world`` does not, and it refuses tensors.
+        extent: radius of the shells in standard deviations. A ray meets a primitive where it enters its shell, in
+            that order, so that a larger extent costs time and mixes up neighbours.
+
+    Raises ``ValueError`` for a transform that is none of these, an extent that is not positive, and a model of which
+    nothing is left (Mitsuba divides by the number of ellipsoids); ``DataError`` for a file that is no model.
+    """
+    if not extent > 0:
+        raise ValueError(f"to_ellipsoids: extent is {extent}, it must be positive")
+    splats = _splats(model)
+    n_dog = splats.n_dog
+    if to_world is not None:
+        splats = transformed(splats, np.array(getattr(to_world, "matrix", to_world), dtype=np.float64))
+    drawn = _drawn(splats)
+    _report(n_dog, int(np.count_nonzero(~drawn)), splats.n_splats)
+    splats = splats.plain().select(drawn)
+    if splats.n_splats == 0:
+        raise ValueError("to_ellipsoids: the model has no primitive that can be seen; Mitsuba needs one")
+    return {
+        "type": "ellipsoids",
+        "centers": mi.TensorXf(splats.means),
+        "scales": mi.TensorXf(np.maximum(splats.scales, np.float32(MIN_SCALE))),
+        "quaternions": mi.TensorXf(_unit(splats.quats)),
+        "opacities": mi.TensorXf(splats.opacities[:, None]),
+        "sh_coeffs": mi.TensorXf(splats.sh_coeffs.reshape(splats.n_splats, -1)),
+        "extent": float(extent),  # extent_adaptive_clamping would save time, but is NaN for opacities below .01
+    }
+
+
+def _splats(model: Splats | str | Path | mi.Shape) -> Splats:
+    if isinstance(model, Splats):
+        return model
+    if isinstance(model, (str, Path)):
+        return read_ply(model)
+    if hasattr(model, "to_splats"):  # not isinstance: the class of the shape is another one in every variant
+        return model.to_splats()  # pyright: ignore[reportAttributeAccessIssue]
+    raise ValueError(f'to_ellipsoids: a model is Splats, a path or a shape "dog", this is {type(model).__name__}')
+
+
+def _drawn(splats: Splats) -> np.ndarray:
+    """[N] whether a primitive shows at all; a positive part may, though its pseudo-Gaussian is broken."""
+    finite = np.isfinite(splats.opacities) & (splats.opacities >= MIN_OPACITY)
+    for values in (splats.means, splats.scales, splats.quats, splats.sh_coeffs):
+        finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+    return finite
+
+
+def _unit(quats: np.ndarray) -> np.ndarray:
+    """[N, 4] of length 1, which Mitsuba takes for granted; the zero quaternion is the identity, as in ``project``."""
+    largest = np.abs(quats).max(axis=1, keepdims=True)  # the square of a length need not be a float
+    q = np.where(largest > 0, quats / np.where(largest > 0, largest, 1), np.array([0, 0, 0, 1], np.float32))
+    return q / np.linalg.norm(q, axis=1, keepdims=True)
+
+
+def _report(n_dog: int, n_hidden: int, n_splats: int) -> None:
+    left_out = []
+    if n_dog:
+        left_out.append(f"the negative part of {n_dog} DoG primitives")
+    if n_hidden:
+        left_out.append(f"{n_hidden} of {n_splats} primitives that are fainter than 1/255 or not finite")
+    if left_out:
+        log: Any = mi.Log
+        log(mi.LogLevel.Warn, f"to_ellipsoids: left out {' and '.join(left_out)}")

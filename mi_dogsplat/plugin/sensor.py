@@ -1,0 +1,167 @@
+"""Mitsuba's sensors as cameras on the device, read again only when they have changed.
+
+``perspective`` is a pinhole, ``orthographic`` a camera of parallel rays. ``thinlens`` is a pinhole at every point of
+its lens: it moves by p in the plane of the lens while its image moves by f p / d, so that what lies at the focus
+distance d stays where it is. ``batch`` holds several of them, side by side on one film.
+"""
+
+# Dr.Jit's stubs give detached types as "object", Mitsuba's give plugins as their base classes.
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ..engine.project import DeviceCamera
+from ..scene.cameras import central_camera_from_mitsuba, near_clip_from_mitsuba, orthographic_camera_from_mitsuba
+from .samples import Sample
+
+KINDS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
+
+
+@dataclass
+class View:
+    """A sensor that sees one image, and its camera; ``lens``: radius and focus distance."""
+
+    sensor: mi.Sensor
+    camera: DeviceCamera
+    lens: tuple | None
+
+    def through(self, sample: Sample, border: int = 0) -> Look:
+        """The view through the samples of a pass; ``border``: pixels around the crop window, sampled as well."""
+        if sample == Sample(seed=sample.seed) and not border:
+            return Look(self.sensor, self.camera, sample)
+        camera, W = self.camera, self.camera.rotation
+        x, y = dr.opaque(mi.Float, 0.5 - sample.x + border), dr.opaque(mi.Float, 0.5 - sample.y + border)
+        cx, cy, rest = camera.cx + x, camera.cy + y, camera.position_rest
+        if self.lens:
+            radius, focus = self.lens
+            point = mi.warp.square_to_uniform_disk_concentric(mi.ScalarPoint2f(sample.lens_x, sample.lens_y))
+            right, down = (radius * dr.opaque(mi.Float, -float(dr.slice(p))) for p in point)  # Mitsuba: left, up
+            cx, cy = cx + camera.fx * right / focus, cy + camera.fy * down / focus
+            rest = [rest[c] + right * W[0][c] + down * W[1][c] for c in range(3)]
+        size = {"width": camera.width + 2 * border, "height": camera.height + 2 * border}
+        numbers = *camera.numbers, sample, border
+        moved = replace(camera, cx=cx, cy=cy, position_rest=rest, numbers=numbers, **size)
+        return Look(self.sensor, moved, sample, border)
+
+
+@dataclass
+class Look:
+    """A view during one pass: ``camera`` is the pinhole (or of parallel rays) that has the samples at pixel centres."""
+
+    sensor: mi.Sensor
+    camera: DeviceCamera
+    sample: Sample
+    border: int = 0
+
+    def rays(self) -> mi.RayDifferential3f:
+        """Rays through the samples, row by row."""
+        width, height = self.camera.width, self.camera.height
+        index = dr.arange(mi.UInt32, width * height)
+        y = index // dr.opaque(mi.UInt32, width)
+        within = [dr.opaque(mi.Float, k - self.border) for k in (self.sample.x, self.sample.y)]
+        position = mi.Point2f(mi.Float(index - y * width) + within[0], mi.Float(y) + within[1])
+        lens = [dr.opaque(mi.Float, k) for k in (self.sample.lens_x, self.sample.lens_y)]
+        crop = mi.ScalarVector2f(width - 2 * self.border, height - 2 * self.border)
+        ray, _ = self.sensor.sample_ray_differential(0, 0, position / crop, mi.Point2f(*lens))
+        return ray
+
+
+class SensorReader:
+    """Remembers the cameras of the latest sensor.
+
+    Reading a sensor waits for the device, which may still be busy with the frame before. Sensors are compared by the
+    identity of their JIT variables, which are immutable and kept alive here, so a match is never a coincidence.
+    """
+
+    def __init__(self):
+        self._known: dict[int, tuple] = {}
+
+    def views(self, sensor: mi.Sensor, near_clip: float) -> list[View]:
+        """What a sensor sees: one image, or those of a ``batch``, from left to right.
+
+        Raises ``ValueError`` for a kind of sensor that cannot be splatted.
+        """
+        sensors = _Sensors(sensor).found if sensor.class_name() == "BatchSensor" else [sensor]
+        return [self._view(slot, each, near_clip) for slot, each in enumerate(sensors)]
+
+    def _view(self, slot: int, sensor: mi.Sensor, near_clip: float) -> View:
+        if sensor.class_name() not in KINDS:
+            raise ValueError(
+                f"dogsplat: a sensor {sensor.class_name()} cannot be splatted; "
+                "use perspective, thinlens, orthographic, or a batch of these"
+            )
+        traversed: Any = mi.traverse(sensor)
+        values: list[Any] = [value for _, value in traversed]
+        film = sensor.film()
+        size, crop, offset = film.size(), film.crop_size(), film.crop_offset()
+        clips = near_clip, sensor.near_clip()
+        key = (*dr.detail.collect_indices(values), *size, *crop, *offset, *clips, sensor.class_name())
+        known, _, camera = self._known.get(slot, (None, None, None))
+        if camera is None or key != known:
+            camera = _read(sensor, near_clip)
+            self._known[slot] = key, values, camera
+        lens = None
+        if sensor.class_name() == "ThinLensCamera":
+            lens = traversed["aperture_radius"], traversed["focus_distance"]
+        return View(sensor, _attached(camera, traversed, size[0]), lens)
+
+
+class _Sensors(mi.TraversalCallback):
+    """Collects the sensors that another one holds, in its order."""
+
+    def __init__(self, holder: mi.Sensor):
+        super().__init__()
+        self.found = []
+        holder.traverse(self)
+
+    def put(self, name, value, *flags):
+        if isinstance(value, mi.Sensor):
+            self.found.append(value)
+
+
+def _read(sensor: mi.Sensor, near_clip: float) -> DeviceCamera:
+    """The camera of a sensor's crop window; its Jacobians are clamped around the whole film."""
+    near_clip = max(near_clip, near_clip_from_mitsuba(sensor))
+    size, offset = sensor.film().size(), sensor.film().crop_offset()
+    whole = -offset[0], -offset[1], size[0] - offset[0], size[1] - offset[1]
+    if sensor.class_name() == "OrthographicCamera":
+        return DeviceCamera.upload(orthographic_camera_from_mitsuba(sensor), near_clip, whole, perspective=False)
+    return DeviceCamera.upload(central_camera_from_mitsuba(sensor), near_clip, whole)
+
+
+def _attached(camera: DeviceCamera, parameters: Any, film_width: int) -> DeviceCamera:
+    """The camera with derivatives with respect to the sensor's parameters, where they are part of the AD graph.
+
+    Its numbers stay those that were read on the host, with more than single precision.
+    """
+    to_world = parameters["to_world"].matrix
+    names = [n for n in ("x_fov", "principal_point_offset_x", "principal_point_offset_y") if n in parameters]
+    if not dr.grad_enabled(to_world, [parameters[name] for name in names]):
+        return camera
+
+    def follow(value, expression):
+        return value + (expression - dr.detach(expression))
+
+    local = dr.rcp(mi.Matrix3f([[to_world[r, c] for c in range(3)] for r in range(3)]))  # world to sensor
+    rows = [[sign * local[r, c] for c in range(3)] for r, sign in enumerate((-1, -1, 1))]  # to OpenCV's axes
+    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
+    if camera.perspective:
+        focal = 0.5 * film_width / dr.tan(dr.deg2rad(0.5 * parameters["x_fov"]))
+        fx, fy = follow(fx, focal), follow(fy, focal)
+        if "principal_point_offset_x" in names:
+            film_height = parameters["film.size"][1]
+            cx = follow(cx, -film_width * parameters["principal_point_offset_x"])
+            cy = follow(cy, -film_height * parameters["principal_point_offset_y"])
+    else:
+        norms = [dr.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2]) for row in rows]
+        fx, fy = follow(fx, 0.5 * film_width * norms[0]), follow(fy, 0.5 * film_width * norms[1])
+        rows = [[value / norm for value in row] for row, norm in zip(rows, norms, strict=True)]
+    rotation = [[follow(camera.rotation[r][c], rows[r][c]) for c in range(3)] for r in range(3)]
+    position = [follow(camera.position[r], to_world[r, 3]) for r in range(3)]
+    dr.make_opaque(rotation, position, fx, fy, cx, cy)
+    return replace(camera, rotation=rotation, position=position, fx=fx, fy=fy, cx=cx, cy=cy)

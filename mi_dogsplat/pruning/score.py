@@ -1,0 +1,203 @@
+"""Importance of primitives, the order in which pruning removes them (method paper, Sec. 3.2).
+
+All rules but "opacity" sum over the training views and pixels what a primitive's footprint image F contributes
+(``composite_score.py``: J, the derivative of the summed image by the kernel's value, or D, the change of the image if
+the primitive is removed):
+
+    U_i = Σ F_i²                         spatial
+    Uf_i = Σ_ω w(ω) |F̂_i(ω)|² / (H W)     spectral, w(ω) = (|ω| / ω_corner)^γ; w = 1 would give U_i (Parseval)
+    score_i = λ_s U_i / ‖U‖₂ + λ_f Uf_i / ‖Uf‖₂
+
+Uf without N Fourier transforms. With h the filter whose frequency response is √w, Uf_i = ‖h * F_i‖². For white noise z
+(independent signs) and ξ = h * z, the pixel sum s_i = Σ ξ F_i has E[s_i²] = Uf_i: one walk serves all primitives and
+probes. Its variance is 2 (Uf_i² - Σ_p (h * F_i)(p)⁴): a single probe of a single view has a relative error of up to √2,
+which falls as 1/√(probes x views). Or, without noise, for γ = 2: the energy of the gradient of F, see
+``composite_score.Sums``.
+"""
+
+# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..engine.composite import composite
+from ..engine.composite_derivatives import lanes_add_in_turn
+from ..engine.composite_score import Sums, composite_score
+from ..engine.geometry import Blocks, Grid
+from ..engine.parameters import device_array
+from ..engine.project import DeviceCamera, project
+from ..engine.rasterize import RasterOptions
+from ..engine.tables import pack
+from ..engine.tiles import tiles
+from ..engine.walk import Settings
+
+KINDS = ("opacity", "spatio-spectral", "released", "leave-one-out")
+CORNER = float(np.sqrt(0.5))  # cycles per pixel, the highest frequency of an image
+LUMA = (0.299, 0.587, 0.114)  # Rec. 601
+BAND_GAIN, BAND_MAX = 0.1, 3.0  # of the released code's band-pass picture
+
+
+@dataclass(frozen=True)
+class ScoreRule:
+    """Which score, and its numbers. Raises ``ValueError`` for numbers that mean nothing."""
+
+    kind: str = "spatio-spectral"  # (F = J), leave-one-out (F = D), released (U with a band-pass weight), opacity
+    spatial_weight: float = 1.0  # λ_s
+    spectral_weight: float = 1.0  # λ_f
+    gamma_f: float = 1.0  # γ, of the spectral part
+    probes: int = 1  # per view, for the spectral part; 0: no noise but the gradient's energy, for gamma_f = 2
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f'ScoreRule: kind "{self.kind}" is unknown; use {", ".join(KINDS)}')
+        weights = self.spatial_weight, self.spectral_weight
+        if not (min(weights) >= 0 and 0 < sum(weights) < np.inf):
+            raise ValueError(f"ScoreRule: the weights are {weights}; none may be negative, one must be positive")
+        if self.probes < 0 or not 0 < self.gamma_f < np.inf:
+            raise ValueError(f"ScoreRule: probes={self.probes}, gamma_f={self.gamma_f}; use at least 0, and above 0")
+        if self.probes == 0 and self.gamma_f != 2:
+            raise ValueError(f"ScoreRule: gamma_f={self.gamma_f} needs a probe; without, only gamma_f=2 is known")
+
+    @property
+    def sums(self) -> Sums:
+        """What a walk has to add up."""
+        if self.kind == "released":
+            return Sums(weighted=True)
+        spectral = self.spectral_weight > 0
+        return Sums(
+            removal=self.kind == "leave-one-out",
+            energy=self.spatial_weight > 0,
+            gradient=spectral and self.probes == 0,
+            probes=self.probes if spectral else 0,
+        )
+
+
+def scores(
+    rule: ScoreRule,
+    params: dict,
+    cameras: list[DeviceCamera],
+    options: RasterOptions,
+    background: float,
+    seed: int,
+) -> np.ndarray:
+    """Importance of each primitive, [N] float64, at least 0, larger is more important; 0 if no camera sees it.
+
+    Args:
+        params: as in ``rasterize``.
+        cameras: all training views.
+        background: grey level behind the primitives.
+        seed: of the noise of the spectral probes.
+
+    Raises ``ValueError`` if there is no camera.
+    """
+    if rule.kind == "opacity":
+        return _opacities(params["logit_opacities"].numpy())
+    spatial, spectral = energies(rule, params, cameras, options, background, seed)
+    if rule.kind == "released":
+        return spatial
+    return rule.spatial_weight * _normalised(spatial) + rule.spectral_weight * _normalised(spectral)
+
+
+def energies(
+    rule: ScoreRule,
+    params: dict,
+    cameras: list[DeviceCamera],
+    options: RasterOptions,
+    background: float,
+    seed: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(U, Uf) of a rule that looks at the views, [N] float64 each; zeros where the rule gives one no weight.
+
+    Arguments and errors as for ``scores``.
+    """
+    if not cameras:
+        raise ValueError(f'scores: the score "{rule.kind}" needs a camera, there is none')
+    n, sums = dr.width(params["logit_opacities"]), rule.sums
+    if n == 0:
+        return np.zeros(0), np.zeros(0)
+    detached = {name: dr.detach(value) for name, value in params.items()}
+    rng = np.random.default_rng(seed)
+    Double = dr.float64_array_t(dr.detached_t(mi.Float))
+    spatial, spectral = dr.zeros(Double, n), dr.zeros(Double, n)
+    for camera in cameras:
+        columns = [Double(column) for column in _view_sums(rule, detached, camera, options, background, rng)]
+        if sums.energy:
+            spatial += columns.pop(0)
+        if sums.gradient:
+            spectral += columns.pop(0)
+        for correlation in columns:
+            spectral += correlation * correlation * (1 / sums.probes)
+        dr.eval(spatial, spectral)
+    return spatial.numpy(), spectral.numpy()
+
+
+def _view_sums(
+    rule: ScoreRule,
+    params: dict,
+    camera: DeviceCamera,
+    options: RasterOptions,
+    background: float,
+    rng: np.random.Generator,
+) -> list:
+    """Columns of ``sums`` for a view, [N] each, float32."""
+    sums = rule.sums
+    projection = project(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)
+    size = camera.width, camera.height
+    grid, score_grid = (Grid.of(*size, blocks, mi.variant()) for blocks in (Blocks.of_backend(), sums.blocks))
+    settings = Settings(3, options.cutoffs, options.negative_transmittance, options.patch)
+    # tiles that overlap list more than blending needs, and are in the same places
+    tables, lists = pack(projection, projection.colors), tiles(projection, score_grid, options.cutoffs)
+    image, T = composite(grid, grid.lanes, tables, lists, settings)
+    level = dr.opaque(type(T), background)
+    image = [dr.fma(T, level, plane) for plane in image]
+
+    planes = []
+    if sums.weighted:
+        picture = np.stack([plane.numpy() for plane in image], -1).reshape(camera.height, camera.width, 3)
+        planes.append(band_pass_weight(picture))
+    if sums.probes:
+        signs = 2.0 * rng.integers(0, 2, (sums.probes * sums.channels, camera.height, camera.width)) - 1
+        planes += list(filtered_noise(signs, rule.gamma_f))
+    planes = [dr.detach(device_array(plane), preserve_type=False) for plane in planes]
+    entries = dr.zeros(type(T), dr.width(lists.entry_from_isect) * sums.row_size)
+    walk = score_grid, score_grid.lanes, tables, lists, settings
+    return composite_score(*walk, sums, image, planes, entries, lanes_add_in_turn(mi.variant()))
+
+
+def _frequencies(height: int, width: int) -> np.ndarray:
+    """|ω| over that of the corner, for the half spectrum of ``np.fft.rfft2``: [H, W // 2 + 1]."""
+    return np.hypot(np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None]) / CORNER
+
+
+def filtered_noise(noise: np.ndarray, gamma_f: float) -> np.ndarray:
+    """ξ = h * z of the probes, periodic: planes [..., H, W] filtered by |ω|^(γ/2)."""
+    height, width = noise.shape[-2:]
+    response = _frequencies(height, width) ** (gamma_f / 2)
+    return np.fft.irfft2(response * np.fft.rfft2(noise), s=(height, width))
+
+
+def band_pass_weight(image: np.ndarray) -> np.ndarray:
+    """1 + 0.1 W of a view [H, W, 3], the weight of the authors' released code: [H, W], 1 to 1.3.
+
+    W is the magnitude of the band-passed luma over its mean, at most 3.
+    """
+    luma = image.astype(np.float64) @ LUMA
+    r = _frequencies(*luma.shape)
+    band = np.clip((r - 0.04) / 0.08, 0, 1) * np.clip((0.45 - r) / 0.15, 0, 1)
+    magnitude = np.abs(np.fft.irfft2(band * np.fft.rfft2(luma - luma.mean()), s=luma.shape))
+    return 1 + BAND_GAIN * np.clip(magnitude / max(float(magnitude.mean()), 1e-12), 0, BAND_MAX)
+
+
+def _normalised(values: np.ndarray) -> np.ndarray:
+    norm = np.linalg.norm(values)
+    return values / norm if norm > 0 else values
+
+
+def _opacities(logits: np.ndarray) -> np.ndarray:
+    """Sigmoid in float64; 0 for what is not a number."""
+    return np.exp(-np.logaddexp(0, -np.where(np.isfinite(logits), logits, -np.inf).astype(np.float64)))

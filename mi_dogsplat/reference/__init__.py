@@ -1,0 +1,22 @@
+"""The float64 twins: each stage of the engine, its gradients, scores and AOVs once more in plain NumPy."""
+
+from .forward import (
+    LOW_PASS,
+    MAX_ALPHA,
+    MIN_ANTIALIAS_RATIO,
+    MIN_T,
+    RAW_PARAMETERS,
+    composite,
+    depth_order,
+    kernels,
+    loss_gradients,
+    pixel_centres,
+    project,
+    render,
+    rotations,
+    sh_basis,
+    tiles,
+)
+
+__all__ = ["LOW_PASS", "MAX_ALPHA", "MIN_ANTIALIAS_RATIO", "MIN_T", "RAW_PARAMETERS", "composite", "depth_order",
+           "kernels", "loss_gradients", "pixel_centres", "project", "render", "rotations", "sh_basis", "tiles"]

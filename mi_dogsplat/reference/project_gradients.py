@@ -1,0 +1,129 @@
+"""The derivative of `reference.project`: from kernels and colours back to raw parameters, in float64.
+
+Notation of `forward.py`, and
+    d            pixel centre minus means2d, q = d^T conic d, so that G = o exp(-q / 2)
+    C = J W R    [N, 2, 3]: the axes of the primitive on the screen, before the scales: Sigma' = C S^2 C^T + .3 I
+    δx           d loss / d x
+    moments      δlog G summed over the pixels with 1, d and d d^T: all that a loss has to say about a kernel
+
+From d log G = d^T conic dSigma' conic d / 2 with D = sum δlog G d d^T and B = conic C:
+    E = B^T D B,   δlog_scales_k = s_k^2 E_kk,   δω = (s_2^2 - s_3^2) E_23 and cyclic,   δJ = conic D B S^2 (W R)^T
+where ω turns the primitive about its own axes, R exp([ω]). B is taken from cross products of the columns of C, which
+do not cancel on needles as conic times C would.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .forward import LOW_PASS, MIN_ANTIALIAS_RATIO, RAW_PARAMETERS, Projection, rotations, sh_basis, sigmoid
+
+if TYPE_CHECKING:
+    from ..scene.cameras import Camera
+    from ..scene.splats import Splats
+
+
+def project_backward(splats: Splats, camera: Camera, projection: Projection, δcolors: np.ndarray, moments: np.ndarray,
+                     pseudo_moments: np.ndarray, antialiased: bool, sh_degree: int | None) -> dict[str, np.ndarray]:
+    """d loss / d raw parameter, by name and in the shapes of `splats`, float64.
+
+    `projection` is what `reference.project` makes of `splats` and `camera` with the same options. `δcolors` [N, 3];
+    `moments` and `pseudo_moments` [N, 6] are the sums of δlog G and δlog G_p times 1, dx, dy, dx^2, dx dy, dy^2. The
+    derivative is 0 through the limits: of a primitive that is not visible, of a colour at 0, of a clamped slope.
+    """
+    p, seen = projection, np.flatnonzero(projection.visible)  # [n]
+    raw = {name: np.asarray(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
+    δ = {name: np.zeros_like(values) for name, values in raw.items()}
+
+    n_coeffs = raw["sh_coeffs"].shape[1] if sh_degree is None else (sh_degree + 1) ** 2
+    δunclamped = np.where(p.colors[seen] > 0, δcolors[seen], 0)
+    means, sh = raw["means"][seen], raw["sh_coeffs"][seen, :n_coeffs]
+    δ["means"][seen], δ["sh_coeffs"][seen, :n_coeffs] = _colors_backward(means, sh, camera, δunclamped)
+
+    # both rows of J W are focal / z (W_0 - slope W_2), with x / z or y / z for the slope
+    W, focal, centre = camera.w2c[:3, :3], np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
+    position = means @ W.T + camera.w2c[:3, 3]
+    z, size = position[:, 2:], np.array([camera.width, camera.height])
+    slopes, low, high = position[:, :2] / z, -(centre + 0.15 * size) / focal, (1.15 * size - centre) / focal
+    bases = W[:2] - np.clip(slopes, low, high)[:, :, None] * W[2]  # [n, 2, 3]
+    R, scales = rotations(raw["quats"][seen]), np.exp(raw["log_scales"][seen])
+    C = (focal / z)[:, :, None] * bases @ R
+    δmeans2d, δlog_scales, δω, δC = _kernel_backward(C, scales, p.cov2d[seen], p.conics[seen], moments[seen],
+                                                     antialiased)
+    δlog_opacities = moments[:, 0].copy()
+
+    dog_index = np.asarray(splats.dog_index, np.int64)
+    dog = np.flatnonzero(p.visible[dog_index])  # [m] rows of the DoG parameters
+    i = dog_index[dog]
+    at = np.searchsorted(seen, i)
+    parts = _kernel_backward(C[at], scales[at] * np.exp(raw["dog_log_scales"][dog]), p.pseudo_cov2d[i],
+                             p.pseudo_conics[i], pseudo_moments[i], antialiased)
+    δ["dog_log_scales"][dog] = parts[1]
+    for whole, part in zip((δmeans2d, δlog_scales, δω, δC), parts, strict=True):
+        whole[at] += part
+    δlog_opacities += pseudo_moments[:, 0]
+    δ["dog_logit_opacities"][dog] = pseudo_moments[i, 0] * sigmoid(-raw["dog_logit_opacities"][dog])
+    δ["logit_opacities"][seen] = δlog_opacities[seen] * sigmoid(-raw["logit_opacities"][seen])
+    δ["log_scales"][seen] = δlog_scales
+
+    δ["quats"][seen] = _quats_backward(raw["quats"][seen], δω)
+
+    δJW = δC @ R.swapaxes(1, 2)
+    δfocal_by_z = (δJW * bases).sum(2)  # [n, 2]
+    inside = (slopes > low) & (slopes < high)
+    δslopes = focal * (δmeans2d - np.where(inside, δJW @ W[2], 0) / z)
+    δz = -((δfocal_by_z * focal / z + δslopes * slopes) / z).sum(1, keepdims=True)
+    δ["means"][seen] += np.concatenate([δslopes / z, δz], axis=1) @ W
+    return δ
+
+
+def _symmetric(rows: np.ndarray) -> np.ndarray:
+    return rows[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+
+
+def _kernel_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, conics: np.ndarray, moments: np.ndarray,
+                     antialiased: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """δmeans2d [n, 2], δlog_scales [n, 3], δω [n, 3] and δC [n, 2, 3] of one kernel per primitive."""
+    variances, conic = scales**2, _symmetric(conics)
+    det = (cov2d[:, 2] / conics[:, 0])[:, None, None]
+    D = _symmetric(moments[:, 3:])
+    turned = np.stack([-C[:, 1], C[:, 0]], axis=1)  # columns of C by 90 degrees
+    if antialiased:
+        # log of the factor: (log det(A A^T) - log det Sigma') / 2, again as a D
+        det_raw = (np.cross(*(C * scales[:, None, :]).swapaxes(0, 1)) ** 2).sum(1)[:, None, None]
+        free = det_raw > MIN_ANTIALIAS_RATIO * det
+        inverse = (turned * variances[:, None, :]) @ turned.swapaxes(1, 2) / np.where(free, det_raw, 1)  # of A A^T
+        D = D + np.where(free, moments[:, 0, None, None] * LOW_PASS * (np.eye(2) + LOW_PASS * inverse), 0)
+    minors = C[:, 0, :, None] * C[:, 1, None, :] - C[:, 1, :, None] * C[:, 0, None, :]  # [n, j, k] = C_j x C_k
+    B = (LOW_PASS * C + (turned * variances[:, None, :]) @ minors) / det  # conic C, [n, 2, 3]
+    E = B.swapaxes(1, 2) @ D @ B
+    δω = (np.roll(variances, -1, 1) - np.roll(variances, -2, 1)) * E[:, [1, 2, 0], [2, 0, 1]]
+    δC = conic @ D @ B * variances[:, None, :]
+    δmeans2d = np.einsum("nij,nj->ni", conic, moments[:, 1:3])
+    return δmeans2d, variances * E[:, range(3), range(3)], δω, δC
+
+
+def _colors_backward(means: np.ndarray, sh: np.ndarray, camera: Camera,
+                     δcolors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """δmeans [n, 3] and δsh [n, K, 3] of colours that are not clamped: dirs = means - camera, normalised."""
+    offsets = means - camera.position
+    distances = np.linalg.norm(offsets, axis=1, keepdims=True)
+    dirs, degree = offsets / distances, int(np.sqrt(sh.shape[1])) - 1
+    δbasis = np.einsum("nkc,nc->nk", sh, δcolors)
+    δdirs = np.empty_like(dirs)
+    for axis, step in enumerate(0.5 * np.eye(3)):
+        # The basis is a polynomial of degree 3 at most in the direction: five points give its derivative exactly.
+        near, far = (sh_basis(dirs + k * step, degree) - sh_basis(dirs - k * step, degree) for k in (1, 2))
+        δdirs[:, axis] = (δbasis * (8 * near - far) / 6).sum(1)
+    δmeans = (δdirs - dirs * (dirs * δdirs).sum(1, keepdims=True)) / distances
+    return δmeans, sh_basis(dirs, degree)[:, :, None] * δcolors[:, None, :]
+
+
+def _quats_backward(quats: np.ndarray, δω: np.ndarray) -> np.ndarray:
+    """δquats [n, 4], xyzw, from ω = 2 Im(conj(q) dq) / |q|^2 in the axes of the primitive; 0 for a quaternion 0."""
+    length = np.linalg.norm(quats, axis=1, keepdims=True)
+    v, w = np.split(quats / np.where(length > 0, length, np.inf), [3], axis=1)
+    δunit = 2 * np.concatenate([w * δω + np.cross(v, δω), -(v * δω).sum(1, keepdims=True)], axis=1)
+    return δunit / np.where(length > 0, length, 1)

@@ -1,0 +1,140 @@
+"""The importance scores once more, by brute force in float64 NumPy: whole footprint images, whole Fourier transforms.
+
+Nothing here shares a formula with ``composite_score.py``. The footprint J_i is a difference of two images, with α_i set
+to 1 and to 0; that of a removal is a difference of two renders; spectra come from the matrix of the discrete Fourier
+transform.
+
+Images are [H, W], frequencies are in radians per pixel, 2π k / H and 2π l / W.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .forward import MAX_ALPHA, MIN_ALPHA, MIN_T, depth_order, kernels, pixel_centres, project, render
+
+if TYPE_CHECKING:
+    from ..scene.cameras import Camera
+    from ..scene.splats import Splats
+
+
+def footprints(
+    splats: Splats,
+    camera: Camera,
+    background: Sequence[float] | np.ndarray = (0, 0, 0),
+    *,
+    negative_transmittance: bool = True,
+    **options,
+) -> np.ndarray:
+    """J_i(p) = o_i d(sum over the channels of the image) / d alpha_i, images [N, H, W]; `options` go to `project`.
+
+    0 where the primitive is not blended. The image is affine in each alpha while its sign is the same, so a difference
+    is the derivative; where transmittance ignores negative alphas it starts at 0 and -1 for these. All other
+    alphas, and the ends of the walks, stay.
+    """
+    projection = project(splats, camera, **options)
+    alphas, order = _blended_alphas(projection, camera, negative_transmittance), depth_order(projection)
+    result = np.zeros((len(projection.depths), camera.height * camera.width))
+
+    def summed_image(i, alpha):
+        total, T = np.zeros(alphas.shape[1]), np.ones(alphas.shape[1])
+        for j in order:
+            a = alpha if j == i else alphas[j]
+            total += projection.colors[j].sum() * a * T
+            T = T * (1 - (a if negative_transmittance else np.maximum(a, 0)))
+        return total + T * np.sum(background)
+
+    for i in order:
+        end = np.ones(alphas.shape[1])
+        if not negative_transmittance:
+            end = np.where(alphas[i] < 0, -1.0, 1.0)
+        derivative = (summed_image(i, end) - summed_image(i, np.zeros_like(end))) * end
+        result[i] = np.where(alphas[i] != 0, projection.opacities[i] * derivative, 0)
+    return result.reshape(-1, camera.height, camera.width)
+
+
+def _blended_alphas(projection, camera: Camera, negative_transmittance: bool) -> np.ndarray:
+    """[N, H*W], 0 where a primitive is too faint or the walk has ended."""
+    x, y = pixel_centres(0, 0, camera.width, camera.height)
+    alphas, T, walking = np.zeros((len(projection.depths), len(x))), np.ones(len(x)), np.ones(len(x), bool)
+    for i in depth_order(projection):
+        G, G_p = kernels(projection, i, x, y)
+        alpha = np.minimum(MAX_ALPHA, G) - np.minimum(MAX_ALPHA, G_p)
+        alpha[np.abs(alpha) < MIN_ALPHA] = 0
+        T_next = T * (1 - (alpha if negative_transmittance else np.maximum(alpha, 0)))
+        walking &= T_next >= MIN_T
+        alphas[i], T = np.where(walking, alpha, 0), np.where(walking, T_next, T)
+    return alphas
+
+
+def removals(
+    splats: Splats, camera: Camera, background: Sequence[float] | np.ndarray = (0, 0, 0), **options
+) -> np.ndarray:
+    """D_i = the render minus the render without primitive i, [N, H, W, 3]; `options` go to `render`."""
+    image = render(splats, camera, background, **options)[0]
+    everything = np.arange(splats.n_splats)
+    others = [splats.select(np.delete(everything, i)) for i in everything]
+    return np.stack([image - render(s, camera, background, **options)[0] for s in others])
+
+
+def fourier(images: np.ndarray) -> np.ndarray:
+    """Discrete Fourier transform of [..., H, W], not normalised, by its matrices."""
+
+    def matrix(n: int) -> np.ndarray:
+        k = np.arange(n)
+        return np.exp(-2j * np.pi * np.outer(k, k) / n)
+
+    return matrix(images.shape[-2]) @ images @ matrix(images.shape[-1])
+
+
+def spectral_energy(images: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """sum of weight |F^|^2 / (H W) over the frequencies of images [..., H, W] -> [...]; weight 1: sum of squares."""
+    return (weight * np.abs(fourier(images)) ** 2).mean((-2, -1))
+
+
+def _angular_frequencies(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """omega_y [H, 1] and omega_x [1, W] in [-pi, pi]."""
+    y, x = (2 * np.pi * np.arange(n) / n for n in (height, width))
+    return np.where(y > np.pi, y - 2 * np.pi, y)[:, None], np.where(x > np.pi, x - 2 * np.pi, x)[None]
+
+
+def power_weight(height: int, width: int, gamma_f: float) -> np.ndarray:
+    """(|omega| / omega_corner)^gamma_f, [H, W]; 0 at the frequency 0."""
+    y, x = _angular_frequencies(height, width)
+    return (np.sqrt(x**2 + y**2) / (np.sqrt(2) * np.pi)) ** gamma_f
+
+
+def difference_weight(height: int, width: int) -> np.ndarray:
+    """4 sin^2(omega_x / 2) + 4 sin^2(omega_y / 2), [H, W]: the energy of the two forward differences."""
+    y, x = _angular_frequencies(height, width)
+    return 4 * np.sin(x / 2) ** 2 + 4 * np.sin(y / 2) ** 2
+
+
+def gradient_energy(images: np.ndarray) -> np.ndarray:
+    """`spectral_energy` with `difference_weight` of images [..., H, W] continued by reflection, per image.
+
+    The reflected image [..., 2 H, 2 W] holds each image four times and has no edge at the border: differences are
+    those of pixels inside.
+    """
+    rows = np.concatenate([images, images[..., ::-1, :]], -2)
+    whole = np.concatenate([rows, rows[..., ::-1]], -1)
+    return spectral_energy(whole, difference_weight(*whole.shape[-2:])) / 4
+
+
+def filtered(images: np.ndarray, gamma_f: float) -> np.ndarray:
+    """h * F of images [..., H, W], h the filter whose power is `power_weight`; periodic."""
+    height, width = images.shape[-2:]
+    spectrum = np.sqrt(power_weight(height, width, gamma_f)) * fourier(images)
+    return fourier(spectrum.conj()).conj().real / (height * width)
+
+
+def probe_variance(images: np.ndarray, gamma_f: float) -> np.ndarray:
+    """Variance of s^2, s = <h * z, F> with random signs z, for footprints [..., C, H, W] of C channels.
+
+    s = <z, u> with u = h * F, so E[s^4] = 3 |u|^4 - 2 sum u_p^4 and Var[s^2] = 2 (|u|^4 - sum u_p^4).
+    """
+    u2 = filtered(images, gamma_f) ** 2
+    return 2 * (u2.sum((-3, -2, -1)) ** 2 - (u2**2).sum((-3, -2, -1)))

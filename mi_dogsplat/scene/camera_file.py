@@ -1,0 +1,74 @@
+"""A camera as a small JSON file, for ``dogsplat render --camera``.
+
+.. code-block:: json
+
+    {"w2c": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]],
+     "fx": 500, "fy": 500, "cx": 320, "cy": 240, "width": 640, "height": 480}
+
+``w2c`` is the OpenCV world-to-camera matrix (x right, y down, z forward; rigid); lengths are in pixels, and
+the centre of the top left pixel is (0.5, 0.5). ``fy`` may be left out where pixels are square, ``cx`` and
+``cy`` where the principal point is in the middle. Other keys are ignored.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from ..errors import DataError
+from ..files import replacing
+from .cameras import Camera, nearest_rigid
+
+FORMAT = 'write {"w2c": 4x4 world to camera (OpenCV axes), "fx", "fy", "cx", "cy", "width", "height"}'
+
+
+def read_camera(path: str | Path) -> Camera:
+    """The camera in a file. Raises ``DataError`` for what is missing, not a number, or no rigid pose."""
+    path = Path(path)
+    try:
+        return camera_from_json(read_json(path))
+    except (ValueError, TypeError, OverflowError) as error:
+        if isinstance(error, DataError):
+            raise
+        raise DataError(path, str(error), FORMAT) from error
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file holds. Raises ``DataError``."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        problem = f"not valid JSON in line {error.lineno} ({error.msg})"
+        raise DataError(path, problem, "correct that line") from error
+    except OSError as error:
+        raise DataError(path, f"cannot be read ({error.strerror})", "check the path") from error
+    except UnicodeDecodeError as error:
+        raise DataError(path, "is not a text file", FORMAT) from error
+
+
+def camera_from_json(content: Any) -> Camera:
+    """The camera that a JSON object describes. Raises ``ValueError`` or ``TypeError`` where it does not."""
+    if not isinstance(content, dict):
+        raise ValueError("is not a JSON object")
+    missing = [name for name in ("w2c", "fx", "width", "height") if name not in content]
+    if missing:
+        raise ValueError(f'lacks "{missing[0]}"')
+    width, height = (float(content[name]) for name in ("width", "height"))
+    if not (width.is_integer() and height.is_integer()):
+        raise ValueError(f"width {width:g} and height {height:g} must be whole numbers of pixels")
+    fx = float(content["fx"])
+    fy = float(content.get("fy", fx))
+    cx, cy = float(content.get("cx", width / 2)), float(content.get("cy", height / 2))
+    return Camera(nearest_rigid(content["w2c"]), fx, fy, cx, cy, int(width), int(height))
+
+
+def write_camera(path: str | Path, camera: Camera) -> None:
+    """Write a camera; ``read_camera`` gives back the same numbers. Raises ``DataError``."""
+    names = ("fx", "fy", "cx", "cy", "width", "height")
+    content = {"w2c": camera.w2c.tolist()} | {name: getattr(camera, name) for name in names}
+    try:
+        with replacing(path) as part:
+            part.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise DataError(path, f"cannot be written ({error.strerror})", "check the folder") from error

@@ -1,0 +1,182 @@
+"""The PLY container: named elements with named columns, read as NumPy tables. It knows nothing about splats.
+
+ASCII, both binary byte orders and all scalar types. Sizes are compared with the file before anything is
+allocated, and every complaint is one ``DataError`` line.
+
+Own parser instead of the library plyfile: that one is under the GPL, which would bind every user of this
+package, and what matters here (those size checks, one-line errors, atomic writing) it leaves to us anyway.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import BinaryIO, NoReturn
+
+import numpy as np
+
+from ..errors import DataError
+from .splats import Array
+
+_TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
+    "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "float": "f4", "double": "f8", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+_BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
+_MAX_HEADER_BYTES = 1 << 20  # real headers have 1-2 kB
+
+NOT_3DGS = "give a 3D Gaussian splatting PLY with the columns x y z f_dc_* opacity scale_* rot_*"
+_DAMAGED = "the file is damaged or incomplete: copy or export it again"
+
+
+@dataclass
+class _Element:
+    """One ``element`` of a header: its row count and its columns (name -> NumPy type code)."""
+
+    name: str
+    count: int
+    properties: dict[str, str] = field(default_factory=dict)
+    has_list: bool = False
+
+    def dtype(self, byte_order: str) -> np.dtype:
+        return np.dtype([(name, byte_order + code) for name, code in self.properties.items()])
+
+    def least_bytes(self, file_format: str) -> int:
+        """Bytes of data; in ASCII the least possible: a digit and a separator per value."""
+        if file_format == "ascii":
+            return self.count * len(self.properties) * 2
+        return self.count * self.dtype("<").itemsize
+
+
+class TableReader:
+    """Reads the elements of one open file of ``size`` bytes; ``path`` is for its error messages."""
+
+    def __init__(self, path: Path, file: BinaryIO, size: int):
+        self.path, self.file, self.size = path, file, size
+
+    def fail(self, problem: str, remedy: str = _DAMAGED) -> NoReturn:
+        raise DataError(self.path, problem, remedy)
+
+    def tables(self, wanted: set[str]) -> dict[str, Array]:
+        """Those elements of ``wanted`` that exist, as structured arrays [count].
+
+        Data after the last wanted element is not read, but when every element has a fixed size the file must
+        end where the last one does: a damaged count would otherwise go unnoticed.
+        """
+        file_format, elements = self._header()
+        last = max((i for i, e in enumerate(elements) if e.name in wanted), default=-1)
+        for element in elements[: last + 1]:
+            if element.has_list:
+                self.fail(f"element {_quote(element.name)} has a list property", NOT_3DGS)
+        all_fixed = not any(e.has_list for e in elements)
+        fixed = elements if all_fixed else elements[: last + 1]
+
+        left = self.size - self.file.tell()
+        need = sum(e.least_bytes(file_format) for e in fixed)
+        if need > left + (file_format == "ascii"):  # the last ASCII value may lack its separator
+            promise = ", ".join(f"{e.count} x {_quote(e.name)}" for e in fixed[:4])
+            self.fail(f"the header promises {promise} = {need} bytes or more, but only {left} bytes follow")
+        if file_format == "ascii":
+            return self._ascii(fixed, wanted, all_fixed)
+        if all_fixed and need < left:
+            self.fail(f"{left - need} bytes of data are left over after the last element")
+        return self._binary(elements[: last + 1], wanted, _BYTE_ORDERS[file_format])
+
+    def columns(self, table: Array, element: str, names: tuple[str, ...]) -> Array:
+        """Columns of a table by name as float32 [count, len(names)], all of them there and finite."""
+        out = np.empty((len(table), len(names)), np.float32)
+        present = table.dtype.names or ()
+        for i, name in enumerate(names):
+            if name not in present:
+                packed = "packed_position" in present
+                remedy = "this is a compressed PLY, export it uncompressed" if packed else NOT_3DGS
+                self.fail(f'element "{element}" has no property "{name}"', remedy)
+            with np.errstate(over="ignore", invalid="ignore"):  # doubles beyond float32 become inf: see below
+                out[:, i] = table[name]
+        check_finite(self.path, names, out, _DAMAGED)
+        return out
+
+    def _header(self) -> tuple[str, list[_Element]]:
+        """The format name and all elements; leaves the file at the first byte of data."""
+        if self.size == 0:
+            self.fail("the file is empty", "export the model again")
+        if self.file.readline(8).rstrip() != b"ply":
+            self.fail('not a PLY file (its first line is not "ply")', NOT_3DGS)
+        file_format = ""
+        elements: dict[str, _Element] = {}
+        latest = None
+        while True:
+            line = self.file.readline(_MAX_HEADER_BYTES)
+            if not line.endswith(b"\n") or self.file.tell() > _MAX_HEADER_BYTES:
+                self.fail('the header has no "end_header" line')
+            words = [w.decode("ascii", "backslashreplace") for w in line.split()]
+            match words:
+                case [] | ["comment" | "obj_info", *_]:
+                    continue
+                case ["end_header"]:
+                    break
+                case ["format", name, "1.0"] if name in _BYTE_ORDERS and not file_format:
+                    file_format = name
+                case ["format", *_]:
+                    self.fail(f"unsupported {_quote(*words)}", f"save it as one of {', '.join(_BYTE_ORDERS)}")
+                case ["element", name, count] if count.isdecimal() and len(count) <= 18:
+                    if name in elements:
+                        self.fail(f"element {_quote(name)} is declared twice")
+                    latest = elements[name] = _Element(name, int(count))
+                case ["property", "list", _, _, _] if latest:
+                    latest.has_list = True
+                case ["property", code, name] if latest and code in _TYPES:
+                    if name in latest.properties:
+                        self.fail(f"property {_quote(name)} is declared twice")
+                    latest.properties[name] = _TYPES[code]
+                case _:
+                    self.fail(f"header line {_quote(*words)} makes no sense")
+        if not file_format:
+            self.fail('the header has no "format" line')
+        return file_format, list(elements.values())
+
+    def _binary(self, elements: list[_Element], wanted: set[str], byte_order: str) -> dict[str, Array]:
+        tables = {}
+        for element in elements:
+            dtype = element.dtype(byte_order)
+            data = self.file.read(element.count * dtype.itemsize)
+            if len(data) != element.count * dtype.itemsize:
+                self.fail("the file became shorter while it was read")
+            if element.name in wanted:
+                tables[element.name] = np.frombuffer(data, dtype) if data else np.zeros(0, dtype)
+        return tables
+
+    def _ascii(self, elements: list[_Element], wanted: set[str], all_fixed: bool) -> dict[str, Array]:
+        tables = {}
+        words = iter(self.file.read().split())
+        for element in elements:
+            n_values = element.count * len(element.properties)
+            try:
+                values = np.array([float(w) for w in islice(words, n_values)])  # [count * columns]
+            except ValueError:
+                self.fail(f"element {_quote(element.name)} holds something that is not a number")
+            if values.size != n_values:
+                self.fail(f"element {_quote(element.name)} ends after {values.size} of {n_values} values")
+            if element.name in wanted:
+                dtype = np.dtype([(name, "f8") for name in element.properties])
+                tables[element.name] = values.view(dtype) if n_values else np.zeros(0, dtype)
+        if all_fixed and next(words, None) is not None:
+            self.fail("data is left over after the last element")
+        return tables
+
+
+def check_finite(path: Path, names: tuple[str, ...], values: Array, remedy: str):
+    """Raise ``DataError`` with the number of non-finite ``values`` [rows, len(names)] and the first one."""
+    finite = np.isfinite(values)
+    if not finite.all():
+        row, column = np.argwhere(~finite)[0]
+        count = finite.size - np.count_nonzero(finite)
+        raise DataError(path, f'{count} values are not finite, first "{names[column]}" in row {row}', remedy)
+
+
+def _quote(*words: str) -> str:
+    """Words of a foreign header, short and printable on one line."""
+    text = " ".join(words)
+    return ascii(text if len(text) <= 60 else text[:57] + "...").replace("'", '"')

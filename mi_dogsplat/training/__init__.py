@@ -1,0 +1,1 @@
+"""From a data set to a trained scene: initialisation, loss, optimiser, densification, the training loop."""

@@ -1,0 +1,90 @@
+"""All settings of a training run; the comment of a field is the help text of its flag."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import DataError
+from .presets import RECIPES
+
+FROM_RECIPE: Any = None  # a default that the preset decides on when the configuration is made
+CHOICES = {"preset": tuple(RECIPES), "background": ("black", "white", "auto")}
+RANGES = {
+    "steps": (1, math.inf),
+    "downscale": (1, math.inf),
+    "max_primitives": (1, math.inf),
+    "max_world_scale": (1e-9, math.inf),
+    "sh_degree": (0, 3),
+    "near_clip": (0, 1e30),
+    "initial_primitives": (1, math.inf),
+    "seed": (0, math.inf),
+    "log_every": (1, math.inf),
+    "test_every": (0, math.inf),
+}
+
+
+def background_color(background: str, has_alpha: bool) -> float:
+    """Grey level behind the splats, 0 or 1, for ``TrainConfig.background``."""
+    return {"black": 0.0, "white": 1.0, "auto": 1.0 if has_alpha else 0.0}[background]
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """A run is reproducible from this, the data and the versions in ``metrics.json``.
+
+    Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed.
+    """
+
+    data: str  # data set: COLMAP folder, transforms*.json folder, or Mitsuba scene XML
+    preset: str = "ours"  # recipe: ours; paper or released (the method as printed, as in its code); 3dgs (baseline)
+    steps: int = FROM_RECIPE  # training steps; the whole schedule scales along (default: the preset's)
+    target: float = 0.1  # primitives left after pruning: below 1 a ratio, else a count
+    downscale: int = 1  # shrink the images by this whole factor, once, at load
+    max_primitives: int | None = None  # never hold more primitives than this
+    max_world_scale: float = FROM_RECIPE  # remove larger primitives, times the camera extent (default: the preset's)
+    sh_degree: int = 3  # highest degree of view-dependent colour, 0 to 3
+    background: str = "auto"  # black, white, or auto: white for images with alpha, else black
+    antialiased: bool = False  # compensate opacities for the screen-space low-pass filter
+    near_clip: float = 0.2  # primitives nearer to the camera plane are dropped, world units
+    initial_primitives: int = 20_000  # random start when the data has no points
+    seed: int = 0  # seed of every random choice
+    variant: str = "auto"  # Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb
+    log_every: int = 50  # steps between rows of history.jsonl
+    test_every: int = 0  # steps between measurements of PSNR and FLIP on the test views; 0: eight times a run
+    model: str | None = None  # start from this model .ply, of whatever SH degree, at the pruning of the recipe
+
+    def __post_init__(self) -> None:
+        for name, choices in CHOICES.items():
+            if getattr(self, name) not in choices:
+                _refuse(name, f'"{getattr(self, name)}" is unknown', "use " + " or ".join(choices))
+        self._fill_from_recipe()
+        for name, (low, high) in RANGES.items():
+            value = getattr(self, name)
+            if value is None and name == "max_primitives":
+                continue
+            if not low <= value <= high:  # NaN is in no range
+                wanted = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
+                _refuse(name, f"{value} is out of range", f"use {wanted}")
+        if not (0 < self.target < 1 or (self.target >= 1 and float(self.target).is_integer())):
+            _refuse("target", f"{self.target:g} is no target", "use a ratio below 1 or a whole number of primitives")
+        if self.max_primitives is not None and self.target >= self.max_primitives:
+            problem = f"{self.target:g} primitives are not fewer than --max-primitives {self.max_primitives}"
+            _refuse("target", problem, "use a smaller target or a larger cap")
+
+    def _fill_from_recipe(self) -> None:
+        recipe = RECIPES[self.preset]
+        if self.model is not None:
+            if not recipe.pruning:
+                pruning = " or ".join(name for name in RECIPES if RECIPES[name].pruning)
+                _refuse("preset", f'"{self.preset}" does not prune', f"use {pruning}")
+            recipe = recipe.from_pruning()
+        if self.steps is None:
+            object.__setattr__(self, "steps", recipe.reference_steps)
+        if self.max_world_scale is None:
+            object.__setattr__(self, "max_world_scale", recipe.densification.max_world_scale)
+
+
+def _refuse(name: str, problem: str, remedy: str) -> None:
+    raise DataError("--" + name.replace("_", "-"), problem, remedy)

@@ -1,0 +1,112 @@
+"""Where training starts: at a model, at the points of structure from motion, or where cameras look."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
+
+from ..datasets import Dataset
+from ..engine.sh import C0
+from ..pruning.prune import model_to_prune
+from ..scene.cameras import Camera
+from ..scene.splats import Splats
+from .config import TrainConfig
+
+INITIAL_OPACITY = 0.1
+NEIGHBOURS = 3
+MIN_SQUARED_DISTANCE = 1e-7  # world units squared, the recipe's floor for coincident points
+MAX_CAMERAS = 32  # that vote on where random primitives go
+
+
+def splats_from_points(points: np.ndarray, colors: np.ndarray, sh_degree: int) -> Splats:
+    """Isotropic primitives as large as the distance to their neighbours (Kerbl et al. 2023, Sec. 5.1).
+
+    Args:
+        points: [P, 3] world space; points that are not finite are left out.
+        colors: [P, 3] display-referred, 0..1.
+        sh_degree: 0..3; the view-dependent part starts at zero.
+
+    scale = sqrt(mean squared distance to the 3 nearest neighbours, or as many as there are), 1 for a lone
+    point; opacity 0.1. Raises ``ValueError`` unless there is one colour per point.
+    """
+    points, colors = np.asarray(points, np.float64), np.asarray(colors, np.float64)
+    if points.shape != (len(points), 3) or colors.shape != points.shape:
+        shapes = f"points {points.shape} and colors {colors.shape}"
+        raise ValueError(f"splats_from_points: {shapes}; both need shape [P, 3]")
+    finite = np.isfinite(points).all(1) & np.isfinite(colors).all(1)
+    points, colors = points[finite], colors[finite]
+    n = len(points)
+    scales = np.full(n, 1.0)
+    if n > 1:
+        nearest = cKDTree(points).query(points, k=min(NEIGHBOURS + 1, n))[0]  # [P, <= 4] the first is itself
+        distances = nearest[:, 1:]
+        scales = np.sqrt(np.maximum(np.mean(distances**2, axis=1), MIN_SQUARED_DISTANCE))
+    sh_coeffs = np.zeros((n, (sh_degree + 1) ** 2, 3))
+    sh_coeffs[:, 0] = (colors - 0.5) / C0
+    return Splats(
+        means=points,
+        log_scales=np.log(scales)[:, None].repeat(3, axis=1),
+        quats=np.tile([0.0, 0.0, 0.0, 1.0], (n, 1)),
+        logit_opacities=np.full(n, np.log(INITIAL_OPACITY / (1 - INITIAL_OPACITY))),
+        sh_coeffs=sh_coeffs,
+    )
+
+
+def region_of_interest(cameras: Sequence[Camera]) -> tuple[np.ndarray, float]:
+    """(centre [3], half side) of the cube that the cameras look at.
+
+    Where the optical axes meet in front of most cameras (least squares), the cube reaches as far as the
+    median camera sees across at that distance. Where they do not (parallel axes, a look-around, one camera)
+    nothing tells the depth: the cube begins at the cameras and is six times as deep as their spread.
+    """
+    directions = np.array([camera.w2c[2, :3] for camera in cameras])  # [V, 3]
+    positions = np.array([camera.position for camera in cameras])  # [V, 3]
+    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]  # [V, 3, 3]
+    A = across.mean(0)
+    if np.linalg.eigvalsh(A)[0] > 1e-3:  # 0 for parallel axes; about the mean squared sine of their angles
+        centre = np.linalg.solve(A, np.einsum("vij,vj->i", across, positions) / len(cameras))
+        depths = np.einsum("vi,vi->v", centre - positions, directions)
+        if np.mean(depths > 0) > 0.5:
+            tangents = [max(camera.width / camera.fx, camera.height / camera.fy) / 2 for camera in cameras]
+            return centre, float(np.median(depths[depths > 0]) * np.median(tangents))
+    mean = positions.mean(0)
+    spread = float(np.linalg.norm(positions - mean, axis=1).max()) or 1.0
+    return mean + 3 * spread * directions.mean(0), 3 * spread
+
+
+def random_splats(cameras: Sequence[Camera], count: int, rng: np.random.Generator, sh_degree: int) -> Splats:
+    """``count`` primitives where cameras look, in colours near grey.
+
+    Of candidates spread evenly over the ``region_of_interest`` those are kept that at least half as many
+    cameras see as see the best candidate; if they are too few, the next best seen ones are taken too.
+    """
+    centre, half = region_of_interest(cameras)
+    candidates = centre + half * rng.uniform(-1, 1, (8 * count, 3))
+    votes = np.zeros(len(candidates), int)
+    for i in np.unique(np.linspace(0, len(cameras) - 1, MAX_CAMERAS).astype(int)):
+        camera = cameras[i]
+        pixels, depth = camera.project(candidates)
+        with np.errstate(invalid="ignore"):
+            inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(1)
+        votes += inside & (depth > 0.01 * half)
+    capped = np.minimum(votes, (votes.max(initial=0) + 1) // 2)
+    chosen = candidates[np.argsort(-capped, kind="stable")[:count]]  # equal votes keep their random order
+    return splats_from_points(chosen, rng.uniform(0.4, 0.6, (count, 3)), sh_degree)
+
+
+def initial_splats(config: TrainConfig, dataset: Dataset) -> Splats:
+    """The model to prune, else the points of the data set, else random in the region that the cameras see."""
+    if config.model is not None:
+        return model_to_prune(config.model, config.target)
+    if len(dataset.points):
+        splats = splats_from_points(dataset.points, dataset.point_colors, config.sh_degree)
+        limit = config.max_primitives
+        if limit is not None and splats.n_splats > limit:
+            keep = np.random.default_rng(config.seed).permutation(splats.n_splats)[:limit]
+            splats = splats.select(np.sort(keep))
+        return splats
+    count = min(config.initial_primitives, config.max_primitives or config.initial_primitives)
+    rng = np.random.default_rng(config.seed)
+    return random_splats([view.camera for view in dataset.train], count, rng, config.sh_degree)

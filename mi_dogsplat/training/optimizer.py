@@ -1,0 +1,265 @@
+"""The trained parameters and their Adam moments; the one place where the number of primitives changes.
+
+The update rule is the library's (``mi.ad.Adam``). What is ours: a learning rate per parameter
+(``learning_rates.py``), and moving rows: cloning, splitting and removing primitives must carry both moments along, or
+training forgets. And a gradient that is not finite, or whose square is not, counts as zero: Adam would keep it in the
+second moment for ever, as a NaN in the parameter or an infinity that freezes it.
+
+Arrays that cross between host and device are always copied, to aligned memory. On the CPU Dr.Jit would share
+memory with NumPy, and whether an array begins at a multiple of 64 bytes decides which kernel is compiled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..engine.parameters import RAW_DOG, device_array, dog_rows
+from ..engine.project import NOT_DOG
+from ..scene.splats import Splats
+from .learning_rates import LearningRates
+
+ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}
+DOG_ROW_SIZE = {"dog_logit_opacities": 1, "dog_log_scales": 3}
+MAX_GRADIENT = 1e18  # its square is a float32
+EPSILON = 1e-15  # of Adam, as in 3DGS: gradients far below move nothing
+
+
+class SplatOptimizer:
+    """Parameters by name as flat row-major arrays attached to the AD graph, and Adam on them.
+
+    ``sh_coeffs`` is held as ``sh_dc`` and ``sh_rest`` because their step sizes differ (see ``evaluate_sh``);
+    ``sh_rest`` is absent at degree 0; else its rows hold all K coefficients, the first of them unused.
+    """
+
+    def __init__(self, splats: Splats, learning_rates: LearningRates):
+        if splats.n_splats == 0:
+            raise ValueError("SplatOptimizer: there is no primitive to start from")
+        self.learning_rates = learning_rates
+        self.row_size = dict(ROW_SIZE)
+        values = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities")}
+        values["sh_dc"] = splats.sh_coeffs[:, 0]
+        if splats.sh_degree > 0:
+            values["sh_rest"] = splats.sh_coeffs
+            self.row_size["sh_rest"] = 3 * splats.sh_coeffs.shape[1]
+        self.dog_index = np.array(splats.dog_index)
+        if splats.n_dog:
+            values |= {name: getattr(splats, name) for name in RAW_DOG}
+            self.row_size |= DOG_ROW_SIZE
+        self.adam = mi.ad.Adam(lr=0.0, epsilon=EPSILON, params={name: device_array(v) for name, v in values.items()})
+        self._refresh_dog_index()
+        self.schedule(0)
+
+    @property
+    def n(self) -> int:
+        """Number of primitives."""
+        return dr.width(self.adam["logit_opacities"])
+
+    @property
+    def n_dog(self) -> int:
+        """Number of primitives that are DoG. Waits for the device if some have been dropped."""
+        self._sweep()
+        return len(self.dog_index)
+
+    @property
+    def params(self) -> dict:
+        """Arrays for ``rasterize``; gradients accumulate on them."""
+        params: dict = dict(self.adam.items())
+        if len(self.dog_index):
+            params |= {"dog_index": self._dog_index, "dog_row": self._dog_row}
+        return params
+
+    def schedule(self, step: int) -> None:
+        """Set the step sizes for a step.
+
+        They are Python numbers, which Adam makes opaque itself. An array here would cost two kernels per
+        parameter and, if differentiable, be multiplied in place (Dr.Jit 1.5).
+        """
+        rates = self.learning_rates.at(step)
+        self.adam.set_learning_rate({name: rates[name] for name in self.adam})
+
+    def step(self, unused: Collection[str] = ()) -> None:
+        """One Adam step with the gradients on the parameters, which are then cleared.
+
+        Args:
+            unused: parameters that no render has read so far. Their gradients and moments are 0, so that Adam would
+                write back what it read: that is left out. The step counts all the same, for the bias correction.
+        """
+        before: dict[str, Any] = self.adam.state
+        self.adam.state = {name: entry for name, entry in before.items() if name not in unused}
+        for value in self.adam.values():
+            gradient = dr.grad(value)
+            dr.set_grad(value, dr.select(dr.abs(gradient) < MAX_GRADIENT, gradient, 0))  # false for NaN
+        self.adam.step()
+        counted = {
+            name: (value, promoted, rate, (t + 1, *moments))
+            for name, (value, promoted, rate, (t, *moments)) in before.items()
+            if name in unused
+        }
+        self.adam.state = before | counted | self.adam.state  # in the order from before: else kernels would change
+
+    def numpy(self, name: str) -> np.ndarray:
+        """Copy of a parameter on the host, [N] or [N, row size]."""
+        flat = _host(dr.detach(self.adam[name]))
+        return flat if self.row_size[name] == 1 else flat.reshape(-1, self.row_size[name])
+
+    def set(self, name: str, values: np.ndarray, rows: np.ndarray | None = None) -> None:
+        """Overwrite a parameter, or some rows of it, and keep its moments."""
+        new = self.numpy(name)
+        new[slice(None) if rows is None else rows] = values
+        self.adam[name] = device_array(new)
+
+    def reset_moments(self, name: str) -> None:
+        """Forget both moments of a parameter, not its step count."""
+        value, promoted, rate, (t, m, v, v_max) = self.adam.state[name]
+        # opaque: literal zeros would compile another kernel
+        zeros_m, zeros_v = dr.opaque(type(m), 0, dr.width(m)), dr.opaque(type(v), 0, dr.width(v))
+        self.adam.state[name] = value, promoted, rate, (t, zeros_m, zeros_v, v_max)
+
+    def set_dog(self, dog_index: np.ndarray, logit_opacities: np.ndarray, log_scales: np.ndarray) -> None:
+        """Make exactly the primitives ``dog_index`` DoG; those that already were keep their moments.
+
+        Args:
+            dog_index: [M] strictly increasing; none makes all primitives plain Gaussians.
+            logit_opacities: [M] logit of f_a.
+            log_scales: [M, 3] log of F.
+        """
+        new = {"dog_logit_opacities": logit_opacities, "dog_log_scales": log_scales} if len(dog_index) else {}
+        if not new:
+            self._gather_dog(np.zeros(0, int))
+        old_row = self._dog_row_of_splat()[np.asarray(dog_index, np.int64)]  # [M] or -1
+        self.row_size |= DOG_ROW_SIZE
+        rates = self.learning_rates.at(0)
+        for name, values in new.items():
+            if name in self.adam:
+                self._gather(name, np.maximum(old_row, 0), old_row < 0)
+                self.set(name, values)
+            else:
+                self.adam[name] = device_array(values)
+                self.adam.set_learning_rate({name: rates[name]})
+        self.dog_index = np.array(dog_index, np.uint32)
+        self._refresh_dog_index()
+
+    def drop_dog(self, drop: mi.Bool) -> None:
+        """Make plain Gaussians of the primitives ``drop`` [N] for all renders to come; waits for nothing.
+
+        Their rows in the DoG arrays are given back by a sweep, as soon as somebody asks for ``n_dog`` or the model.
+        """
+        self._dog_row = dr.select(drop, NOT_DOG, self._dog_row)
+        dr.eval(self._dog_row)
+        self._dropped = True
+
+    def _sweep(self) -> None:
+        if not self._dropped:
+            return
+        self._dropped = False
+        keep = np.flatnonzero(_host(self._dog_row)[self.dog_index] != NOT_DOG)
+        if len(keep) < len(self.dog_index):
+            self._gather_dog(keep)
+            self.dog_index = self.dog_index[keep]
+            self._refresh_dog_index()
+
+    def rearrange(self, index: np.ndarray, fresh: np.ndarray) -> None:
+        """Make row r a copy of the old row ``index[r]``: the one place where the number of rows changes.
+
+        Args:
+            index: [N'] old row of each new row. N' must not be 0.
+            fresh: [N'] bool; a fresh row starts with zero moments and as a plain Gaussian.
+        """
+        index, fresh = np.asarray(index), np.asarray(fresh)
+        if len(index) == 0:
+            raise ValueError("SplatOptimizer.rearrange: no primitive would be left")
+        dog_row_of_new = np.where(fresh, -1, self._dog_row_of_splat()[index])
+        for name in [name for name in self.adam if name not in DOG_ROW_SIZE]:
+            self._gather(name, index, fresh)
+        self._gather_dog(dog_row_of_new[dog_row_of_new >= 0])
+        self.dog_index = np.flatnonzero(dog_row_of_new >= 0).astype(np.uint32)
+        self._refresh_dog_index()
+
+    def _dog_row_of_splat(self) -> np.ndarray:
+        row = np.full(self.n, -1)
+        n_dog = self.n_dog
+        row[self.dog_index] = np.arange(n_dog)
+        return row
+
+    def _gather_dog(self, rows: np.ndarray) -> None:
+        for name in [name for name in self.adam if name in DOG_ROW_SIZE]:
+            self._gather(name, rows, np.zeros(len(rows), bool))
+
+    def _gather(self, name: str, rows: np.ndarray, fresh: np.ndarray) -> None:
+        value, promoted, rate, (t, m, v, v_max) = self.adam.state[name]
+        if len(rows) == 0:
+            del self.adam.state[name]
+            return
+        size = self.row_size[name]
+        i = dr.arange(mi.UInt32, len(rows) * size)
+        row = i // dr.opaque(mi.UInt32, size)
+        old_row = dr.gather(mi.UInt32, mi.UInt32(rows.astype(np.uint32)), row)
+        at = dr.fma(old_row, size, i - row * size)
+        keep = ~dr.gather(mi.Bool, mi.Bool(fresh), row)
+        new = dr.gather(mi.Float, dr.detach(value), at)
+        new_m, new_v = (dr.gather(type(x), x, at, keep) for x in (m, v))  # zero where fresh
+        dr.eval(new, new_m, new_v)
+        dr.enable_grad(new)
+        self.adam.state[name] = new, promoted, rate, (t, new_m, new_v, v_max)
+
+    def _refresh_dog_index(self) -> None:
+        self._dropped = False
+        if len(self.dog_index):
+            self._dog_index = device_array(self.dog_index, mi.UInt32)
+            self._dog_row = dog_rows(self.dog_index, self.n)
+
+    def to_splats(self) -> Splats:
+        """The model on the host."""
+        n = self.n
+        sh = self.numpy("sh_dc").reshape(n, 1, 3)
+        if "sh_rest" in self.adam:
+            sh = np.concatenate([sh, self.numpy("sh_rest").reshape(n, -1, 3)[:, 1:]], axis=1)
+        arrays = {name: self.numpy(name) for name in ("means", "log_scales", "quats", "logit_opacities")}
+        if self.n_dog:
+            arrays |= {"dog_index": self.dog_index} | {name: self.numpy(name) for name in RAW_DOG}
+        return Splats(sh_coeffs=sh, **arrays)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """What ``restore`` needs to go on with the same bits: values, both moments, step counts, rates."""
+        self._sweep()
+        state: dict[str, Any] = self.adam.state
+        saved: dict[str, Any] = {"dog_index": self.dog_index.copy()}
+        for name, (value, _, rate, (t, m, v, _)) in state.items():
+            saved[name], saved[f"{name}.m"], saved[f"{name}.v"] = _host(dr.detach(value)), _host(m), _host(v)
+            saved[f"{name}.t"], saved[f"{name}.rate"] = np.array(t[0], np.uint32), np.array(rate)
+        return saved
+
+    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
+        """Take over the ``state()`` of an optimizer, whatever its number of primitives.
+
+        Raises ``ValueError`` when it is incomplete, of another SH degree, or has a value that is not finite.
+        """
+        not_finite = [name for name, values in saved.items() if not np.isfinite(values).all()]
+        if not_finite:
+            raise ValueError(f"SplatOptimizer.restore: {not_finite[0]} of the state is not finite")
+        names = [name for name in self.row_size if not name.startswith("dog_")]
+        n = np.size(saved.get("logit_opacities", ()))
+        wrong = [name for name in names if np.size(saved.get(name, ())) != n * self.row_size[name]]
+        if n == 0 or wrong or ("sh_rest" in saved) != ("sh_rest" in names):
+            problem = f"{wrong or 'sh_rest'} of the state does not fit this SH degree"
+            raise ValueError(f"SplatOptimizer.restore: {problem}")
+        self.dog_index = np.array(saved["dog_index"], np.uint32)
+        self.row_size |= DOG_ROW_SIZE
+        self.adam.state.clear()
+        for name in [name for name in self.row_size if name in saved]:
+            self.adam[name] = device_array(saved[name])  # registers the parameter
+            value, promoted, _, (t, _, _, v_max) = self.adam.state[name]
+            m, v = device_array(saved[f"{name}.m"]), device_array(saved[f"{name}.v"])
+            t, rate = type(t)(int(saved[f"{name}.t"])), float(saved[f"{name}.rate"])
+            self.adam.state[name] = value, promoted, rate, (t, m, v, v_max)
+        self._refresh_dog_index()
+
+
+def _host(array: Any) -> np.ndarray:
+    """A flat host copy."""
+    return np.array(array.numpy())

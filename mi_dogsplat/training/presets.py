@@ -1,0 +1,96 @@
+"""Recipes by name: what ``--preset`` chooses. Each is a composition of rules, and a rule is numbers without tensors.
+
+``paper`` and ``released`` are the method of Wang et al. 2026 as printed and as in the authors' code, which differ;
+``3dgs`` is the baseline both start from (Kerbl et al. 2023).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from ..pruning.dog_control import DogRule
+from ..pruning.scheduler import PruningRule, scaled_milestone
+from ..pruning.score import ScoreRule
+from .densify import Densification
+from .learning_rates import Refinement
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A whole training: densify, prune to a target, make the rest DoG. Steps count in a schedule of its own length.
+
+    Raises ``ValueError`` for pruning without a score.
+    """
+
+    densification: Densification = Densification()
+    pruning: PruningRule | None = None
+    score: ScoreRule | None = None  # who goes; needed by pruning
+    dog: DogRule | None = None
+    reference_steps: int = 30_000  # length of the schedule that all milestones are written for
+    position_steps: int = 30_000  # over which the step size of positions falls
+    sh_every: int = 1000  # steps between raises of the SH degree; 0: all degrees from the start
+    refinement: Refinement | None = None  # larger step sizes from some step on
+    first_step: int = 0  # of the schedule, where training starts: later for a model that exists
+
+    def __post_init__(self) -> None:
+        if self.pruning and not self.score:
+            raise ValueError("Recipe: pruning needs a score")
+
+    def scaled(self, steps: int) -> Recipe:
+        """The recipe for a run of ``steps`` steps: every milestone at the same part of the run."""
+        factor = steps / self.reference_steps
+        milestones = {
+            name: scaled_milestone(getattr(self, name), factor) for name in ("position_steps", "sh_every", "first_step")
+        }
+        return replace(
+            self,
+            densification=self.densification.scaled(factor),
+            pruning=self.pruning and self.pruning.scaled(factor),
+            dog=self.dog and self.dog.scaled(factor),
+            refinement=self.refinement and self.refinement.scaled(factor),
+            reference_steps=steps,
+            **milestones,
+        )
+
+    def from_pruning(self) -> Recipe:
+        """What is left of the recipe for a model that exists: from the first check on, without densification.
+
+        Raises ``ValueError`` for a recipe that does not prune.
+        """
+        if not self.pruning:
+            raise ValueError("Recipe.from_pruning: this recipe does not prune")
+        start = self.pruning.start
+        return replace(
+            self,
+            densification=replace(self.densification, start=0, stop=0),
+            pruning=replace(self.pruning, start=0, stop=self.pruning.stop - start),
+            dog=self.dog and replace(self.dog, start=max(0, self.dog.start - start)),
+            reference_steps=self.reference_steps - start,
+            sh_every=0,
+            first_step=start,
+        )
+
+
+RECIPES = {
+    # why these numbers: docs/experiments.md
+    "ours": Recipe(
+        densification=Densification(max_world_scale=math.inf),
+        pruning=PruningRule(stop=17_500, max_interval=500, rounds=5),
+        score=ScoreRule("leave-one-out", spectral_weight=0.0),
+        dog=DogRule(start=18_000, opacity=0.05, scale=0.6),
+        refinement=Refinement(start=15_000, gain=8.0, end_gain=0.1, means_gain=16.0),
+    ),
+    "paper": Recipe(
+        pruning=PruningRule(),
+        score=ScoreRule("spatio-spectral", spatial_weight=1.0, spectral_weight=1.0, gamma_f=1.0),
+        dog=DogRule(opacity=0.5, scale=1.6),
+    ),
+    "released": Recipe(
+        pruning=PruningRule(start=15_200, stop=25_200, beta=0.99, rounds=5),
+        score=ScoreRule("released"),
+        dog=DogRule(start=25_200, opacity=0.5, scale=1.6, control=False),
+        reference_steps=40_000,
+    ),
+    "3dgs": Recipe(),
+}
