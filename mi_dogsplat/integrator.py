@@ -215,7 +215,6 @@ class DogSplatIntegrator(ADIntegrator):
         alpha = [1 - frame.T] if has_alpha(film) else []
         return [*colors, *alpha, *aovs.channels(self.aovs, frame, derivative)]
 
-
     def _over_background(self, frame: Frame, scene: mi.Scene, look: Look) -> list[mi.Float]:
         """Film radiance per channel: splats over the environment emitter, blended in the primitives' colour space."""
         colors = frame.colors

@@ -71,6 +71,10 @@ class LastFrame:
         """(tables, lists, planes, T) if the inputs are those of the latest primal pass."""
         return self.stages if key == self.key else None
 
+    def forget(self) -> None:
+        """Give the memory back, still warm in the caches, before the next pass asks for as much."""
+        self.key, self._inputs, self.stages = (), [], None
+
     def keep(self, key: tuple, inputs: list, stages: tuple) -> None:
         self.key, self._inputs, self.stages = key, inputs, stages
 
@@ -147,6 +151,8 @@ def rasterize(
     settings = Settings(len(features), options.cutoffs, options.negative_transmittance, options.patch)
     key = (camera.numbers, options, *((name, value.index) for name, value in params.items()))
     known = last.recall(key) if last and recall else None
+    if last and not recall:
+        last.forget()
     if known:
         tables, lists, *blended = known
     else:

@@ -26,16 +26,24 @@ def develop(film: mi.Film, aov_names: list[str], planes: list[mi.Float], derivat
     ``derivative``: wanted for its graph only, the film is left as it is.
     """
     width, height = film.crop_size()
+    pixel_format = _pixel_format(film)
+    as_it_is = pixel_format in ("rgb", "rgba")
+    if not derivative:
+        _fill(film, aov_names, planes)
+    if as_it_is:  # what the film would say, without asking it: its samples have the weight 1
+        return interleave(planes, height, width)
     if derivative:
-        pixel_format = _pixel_format(film)
-        if pixel_format in ("rgb", "rgba"):
-            return interleave(planes, height, width)
         film = mi.load_dict({"type": "hdrfilm", "width": width, "height": height, "pixel_format": pixel_format})
+        _fill(film, aov_names, planes)
+    return film.develop()
+
+
+def _fill(film: mi.Film, aov_names: list[str], planes: list[mi.Float]) -> None:
+    width, height = film.crop_size()
     film.prepare(aov_names)
     n_colors = 4 if has_alpha(film) else 3
     channels = [*planes[:n_colors], mi.Float(1), *planes[n_colors:]]  # samples of weight 1
     film.put_block(mi.ImageBlock(interleave(channels, height, width), film.crop_offset()))
-    return film.develop()
 
 
 def _pixel_format(film: mi.Film) -> str:

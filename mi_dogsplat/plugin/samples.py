@@ -33,6 +33,8 @@ def samples(count: int, seed: int = 0) -> list[Sample]:
 
     ``seed`` moves the places of several samples; renders of different seeds are independent.
     """
+    if count == 1:
+        return [Sample(seed=seed)]
     start = np.random.default_rng(seed).random(4)
     places = (start + np.arange(count)[:, None] * STEPS) % 1  # [count, 4]
     for _ in range(CENTERINGS):

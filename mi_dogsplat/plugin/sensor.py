@@ -20,6 +20,8 @@ from ..scene.cameras import central_camera_from_mitsuba, near_clip_from_mitsuba,
 from .samples import Sample
 
 KINDS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
+OPTICS = ("to_world", "x_fov", "principal_point_offset_x", "principal_point_offset_y", "aperture_radius",
+          "focus_distance")
 
 
 @dataclass
@@ -72,13 +74,14 @@ class Look:
 
 
 class SensorReader:
-    """Remembers the cameras of the latest sensor.
+    """Remembers the cameras of the latest sensors.
 
     Reading a sensor waits for the device, which may still be busy with the frame before. Sensors are compared by the
     identity of their JIT variables, which are immutable and kept alive here, so a match is never a coincidence.
     """
 
     def __init__(self):
+        self._parameters: dict[int, _Parameters] = {}
         self._known: dict[int, tuple] = {}
 
     def views(self, sensor: mi.Sensor, near_clip: float) -> list[View]:
@@ -90,25 +93,40 @@ class SensorReader:
         return [self._view(slot, each, near_clip) for slot, each in enumerate(sensors)]
 
     def _view(self, slot: int, sensor: mi.Sensor, near_clip: float) -> View:
-        if sensor.class_name() not in KINDS:
+        kind = sensor.class_name()
+        if kind not in KINDS:
             raise ValueError(
-                f"dogsplat: a sensor {sensor.class_name()} cannot be splatted; "
+                f"dogsplat: a sensor {kind} cannot be splatted; "
                 "use perspective, thinlens, orthographic, or a batch of these"
             )
-        traversed: Any = mi.traverse(sensor)
-        values: list[Any] = [value for _, value in traversed]
-        film = sensor.film()
+        if slot not in self._parameters or self._parameters[slot].sensor is not sensor:
+            self._parameters[slot] = _Parameters(sensor)
+        values, film = self._parameters[slot].values(), sensor.film()
         size, crop, offset = film.size(), film.crop_size(), film.crop_offset()
-        clips = near_clip, sensor.near_clip()
-        key = (*dr.detail.collect_indices(values), *size, *crop, *offset, *clips, sensor.class_name())
+        indices = dr.detail.collect_indices(list(values.values()))
+        key = (*indices, *size, *crop, *offset, near_clip, sensor.near_clip(), kind)
         known, _, camera = self._known.get(slot, (None, None, None))
         if camera is None or key != known:
             camera = _read(sensor, near_clip)
             self._known[slot] = key, values, camera
-        lens = None
-        if sensor.class_name() == "ThinLensCamera":
-            lens = traversed["aperture_radius"], traversed["focus_distance"]
-        return View(sensor, _attached(camera, traversed, size[0]), lens)
+        lens = (values["aperture_radius"], values["focus_distance"]) if kind == "ThinLensCamera" else None
+        return View(sensor, _attached(camera, values, size), lens)
+
+
+class _Parameters(mi.TraversalCallback):
+    """Those of a sensor that make its image. Asked for in each frame: ``mi.traverse`` would take forty times as long."""
+
+    def __init__(self, sensor: mi.Sensor):
+        super().__init__()
+        self.sensor, self._places = sensor, {}
+        sensor.traverse(self)
+
+    def put(self, name, value, flags, cpptype=None):
+        if name in OPTICS:
+            self._places[name] = value, cpptype
+
+    def values(self) -> dict[str, Any]:
+        return {name: mi.get_property(*place, self.sensor) for name, place in self._places.items()}
 
 
 class _Sensors(mi.TraversalCallback):
@@ -134,15 +152,15 @@ def _read(sensor: mi.Sensor, near_clip: float) -> DeviceCamera:
     return DeviceCamera.upload(central_camera_from_mitsuba(sensor), near_clip, whole)
 
 
-def _attached(camera: DeviceCamera, parameters: Any, film_width: int) -> DeviceCamera:
+def _attached(camera: DeviceCamera, parameters: dict[str, Any], film_size: mi.ScalarVector2u) -> DeviceCamera:
     """The camera with derivatives with respect to the sensor's parameters, where they are part of the AD graph.
 
     Its numbers stay those that were read on the host, with more than single precision.
     """
-    to_world = parameters["to_world"].matrix
-    names = [n for n in ("x_fov", "principal_point_offset_x", "principal_point_offset_y") if n in parameters]
-    if not dr.grad_enabled(to_world, [parameters[name] for name in names]):
+    if not dr.grad_enabled(parameters):
         return camera
+    to_world, (film_width, film_height) = parameters["to_world"].matrix, film_size
+    names = [n for n in ("x_fov", "principal_point_offset_x", "principal_point_offset_y") if n in parameters]
 
     def follow(value, expression):
         return value + (expression - dr.detach(expression))
@@ -154,7 +172,6 @@ def _attached(camera: DeviceCamera, parameters: Any, film_width: int) -> DeviceC
         focal = 0.5 * film_width / dr.tan(dr.deg2rad(0.5 * parameters["x_fov"]))
         fx, fy = follow(fx, focal), follow(fy, focal)
         if "principal_point_offset_x" in names:
-            film_height = parameters["film.size"][1]
             cx = follow(cx, -film_width * parameters["principal_point_offset_x"])
             cy = follow(cy, -film_height * parameters["principal_point_offset_y"])
     else:
