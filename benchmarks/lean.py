@@ -19,7 +19,7 @@ from mi_dogsplat.scene.splats import Splats
 
 from . import plain_renderer
 from .models import fern_points
-from .timing import medians
+from .timing import medians, ratio
 
 SHARES = (0.0, 0.01, 0.1, 0.5, 1.0)
 DOG_OPACITY, DOG_SCALE = 0.05, 0.6  # f_a and F with which the preset "ours" starts
@@ -38,13 +38,11 @@ def against_the_stripped_renderer(splats: Splats, camera: Camera) -> None:
         "forward": (engine_forward(splats, camera), stripped_forward(splats, camera)),
         "forward+backward": (engine_backward(splats, camera), stripped_backward(splats, camera)),
     }
-    contestants = {f"{name}, {who}": run for name, pair in passes.items() for who, run in zip("ab", pair, strict=True)}
-    ms = medians(contestants, ROUNDS)
     print(f"{splats.n_splats:,} plain Gaussians of SH degree 0, {camera.width}x{camera.height}")
-    for name in passes:
-        engine, stripped = ms[f"{name}, a"], ms[f"{name}, b"]
-        ratio = engine / stripped
-        print(f"{name:18s} engine {engine:6.2f} ms, hand-stripped {stripped:6.2f} ms = {ratio:.3f}x (target 1.02x)")
+    for name, pair in passes.items():
+        r = ratio(*pair)
+        print(f"{name:18s} engine {r.a_ms:6.2f} ms, hand-stripped {r.b_ms:6.2f} ms = {r.median:.3f}x "
+              f"({r.low:.3f} .. {r.high:.3f}; target 1.02x)", flush=True)
 
 
 def shares_of_dog(splats: Splats, camera: Camera) -> None:

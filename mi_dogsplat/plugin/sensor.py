@@ -114,7 +114,7 @@ class SensorReader:
 
 
 class _Parameters(mi.TraversalCallback):
-    """Those of a sensor that make its image. Asked for in each frame: ``mi.traverse`` would take forty times as long."""
+    """Those of a sensor that make its image. Read in each frame: ``mi.traverse`` would take five times as long."""
 
     def __init__(self, sensor: mi.Sensor):
         super().__init__()
