@@ -79,13 +79,23 @@ class LastFrame:
         self.key, self._inputs, self.stages = key, inputs, stages
 
 
-class _Composite(dr.CustomOp):
-    """``composite`` as an operation on AD variables. Inputs and outputs are flat lists."""
+class _Walk:
+    """The arguments of ``composite``, and its results if they are known."""
 
-    def eval(self, grid, lanes, tables, lists, settings, splats, pseudo, blended):
-        self.fixed, self.lists = (grid, lanes, tables, lists, settings), lists
-        self.has_dog = tables.pseudo is not None
-        self.planes, self.T = blended or composite(*self.fixed)
+    def __init__(self, arguments: tuple, blended: list | None):
+        self.arguments, self.blended = arguments, blended
+
+
+class _Composite(dr.CustomOp):
+    """``composite`` as an operation on AD variables. Inputs and outputs are flat lists.
+
+    What has no derivative comes as an object of which Dr.Jit sees nothing: it would look at each of its arrays, twice.
+    """
+
+    def eval(self, walk: _Walk, splats, pseudo):
+        self.fixed, self.lists = walk.arguments, walk.arguments[3]
+        self.has_dog = walk.arguments[2].pseudo is not None
+        self.planes, self.T = walk.blended or composite(*self.fixed)
         return [mi.Float(plane) for plane in self.planes], mi.Float(self.T)
 
     def backward(self):
@@ -163,7 +173,7 @@ def rasterize(
     splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *features]
     pseudo = [] if p is None else [p.ux, p.uy, p.vy, p.lo]
     walk = grid, grid.lanes, tables, lists, settings
-    planes, T = dr.custom(_Composite, *walk, splats, pseudo, blended)
+    planes, T = dr.custom(_Composite, _Walk(walk, blended), splats, pseudo)
     if last and not recall:
         last.keep(key, list(params.values()), (tables, lists, [_detached(p) for p in planes], _detached(T)))
     depth, normal = planes[3] if options.depth else None, planes[-3:] if options.normal else None
