@@ -5,7 +5,7 @@ PY := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
 BLENDER := .venv-blender
 
-.PHONY: demo test lint bench gallery setup blender addon clean
+.PHONY: demo test lint bench gallery api setup blender addon clean
 .DEFAULT_GOAL := demo
 
 # The main job on generated data: training, compact model, report, pictures.
@@ -30,6 +30,10 @@ gallery: setup
 	$(PY) -m scripts.aov_picture
 	$(PY) -m benchmarks ellipsoids
 	$(PY) -m mi_dogsplat.demo -o demo/gallery --picture docs/pictures/demo.png
+
+# The reference of the Python interface from its docstrings, in dist/api/.
+api: setup
+	$(PY) -m scripts.api dist/api
 
 # Blender as a Python module (Python 3.11, 400 MB), for the add-on and its tests; they are skipped where it cannot be had.
 blender: $(BLENDER)/.installed

@@ -1,0 +1,28 @@
+"""Writes the reference of the Python interface, from docstrings, with pdoc: ``python -m scripts.api FOLDER``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import mi_dogsplat  # noqa: F401  (before mitsuba: it chooses the LLVM)
+import mitsuba as mi
+import pdoc
+
+# what is for callers; the rest is read in the source
+MODULES = [
+    "mi_dogsplat", "mi_dogsplat.integrator", "mi_dogsplat.shape_dog", "mi_dogsplat.scene", "mi_dogsplat.datasets",
+    "mi_dogsplat.engine", "mi_dogsplat.reference", "mi_dogsplat.training", "mi_dogsplat.pruning", "mi_dogsplat.render",
+    "mi_dogsplat.evaluate", "mi_dogsplat.metrics", "mi_dogsplat.run",
+]  # fmt: skip
+
+
+def write(folder: Path) -> None:
+    """Pages of HTML in ``folder``, which is made."""
+    mi.set_variant("llvm_ad_rgb")  # the plugin classes derive from those of a variant
+    pdoc.render.configure(docformat="google", footer_text="mi_dogsplat " + mi_dogsplat.__version__)
+    pdoc.pdoc(*MODULES, output_directory=folder)
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]))
