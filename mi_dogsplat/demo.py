@@ -28,6 +28,7 @@ PICTURE_SPP = 256
 
 
 def main(argv: list[str] | None = None) -> int:
+    """Entry point of ``make demo``; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m mi_dogsplat.demo", description=__doc__)
     parser.add_argument("-o", "--out", type=Path, default=Path("demo"), help="folder to write")
     parser.add_argument("--steps", type=int, default=3000, help="training steps")

@@ -12,6 +12,7 @@ UNSUPPORTED = ("scalar", "spectral", "polarized")
 
 
 def supported(variant: str) -> bool:
+    """Whether the plugins run in a variant."""
     return not any(word in variant for word in UNSUPPORTED)
 
 

@@ -1,6 +1,6 @@
 """Every command and program in the README, in docs/ and in the help of the command line does what it says.
 
-Commands of ``dogsplat`` run here, page by page, in a folder that has what the pages name: photographs, a scene, a model.
+Commands of ``dogsplat`` run here, page by page, in a folder that has what they name: photographs, a scene, a model.
 Only what makes them long is replaced (``SHORT``). Where that is not enough their options are parsed, and the test named
 in ``RUN_ELSEWHERE`` runs them. Targets of make, benchmarks and files that are named have to exist.
 """
@@ -176,7 +176,8 @@ def test_the_programs_of_a_page_run(page, folder):
         if "aborts" in text:  # docs/performance.md shows what ends the process
             ast.parse(text)
             continue
-        start = "" if "set_variant" in text else f"import mi_dogsplat, mitsuba as mi\nmi.set_variant({mi.variant()!r})\n"
+        start = f"import mi_dogsplat, mitsuba as mi\nmi.set_variant({mi.variant()!r})\n"
+        start = "" if "set_variant" in text else start
         command = [sys.executable, "-W", "error", "-c", start + text]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
@@ -200,7 +201,7 @@ def test_what_a_page_links_to_is_there(page):
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_the_commands_within_a_sentence_exist(page):
     """Targets of make, benchmarks, and subcommands with their flags."""
-    subcommands = next(a for a in PARSER._actions if hasattr(a, "choices") and isinstance(a.choices, dict)).choices
+    subcommands: dict = next(a.choices for a in PARSER._actions if isinstance(a.choices, dict))
     targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.M))
     for span in re.findall(r"`([^`\n]+)`", page.read_text(encoding="utf-8")):
         words = span.split()
@@ -214,3 +215,23 @@ def test_the_commands_within_a_sentence_exist(page):
             assert words[1] in subcommands, span
             flags = {flag for action in subcommands[words[1]]._actions for flag in action.option_strings}
             assert {w.split("=")[0] for w in words if w.startswith("--")} <= flags, span
+
+
+@pytest.mark.slow
+def test_the_reference_of_the_api_is_made_and_has_every_module(tmp_path):
+    command = [sys.executable, "-W", "error", "-m", "scripts.api", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    named = re.findall(r'"(mi_dogsplat[.\w]*)"', (ROOT / "scripts" / "api.py").read_text())
+    assert len(named) > 10 and all((tmp_path / f"{name.replace('.', '/')}.html").exists() for name in named)
+    assert "[N, 3] world space" in (tmp_path / "mi_dogsplat.html").read_text()
+
+
+def test_every_public_function_and_class_says_what_it_is():
+    silent = [
+        f"{path.relative_to(ROOT)}: {node.name}"
+        for path in sorted((ROOT / "mi_dogsplat").rglob("*.py"))
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name[0] != "_" and not ast.get_docstring(node)
+    ]
+    assert not silent

@@ -179,6 +179,7 @@ def _config(args: argparse.Namespace, **others) -> TrainConfig:
 
 
 def print_metrics(values: dict[str, float]) -> None:
+    """One line with the means of PSNR, SSIM, FLIP and L1."""
     likeness = f"PSNR {values['psnr']:.2f} dB  SSIM {values['ssim']:.4f}"
     print(f"{likeness}  FLIP {values['flip']:.4f}  L1 {values['l1']:.5f}")
 

@@ -17,6 +17,7 @@ from .samples import Sample
 
 
 def has_alpha(film: mi.Film) -> bool:
+    """Whether the film asks for an alpha channel."""
     return mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
 
 

@@ -29,14 +29,22 @@ class Splats:
     ``ValueError`` that names both sides of a mismatch. Of the values only ``dog_index`` is looked at.
     """
 
-    means: Array  # [N, 3] world space
-    log_scales: Array  # [N, 3] log of the standard deviation in world units
-    quats: Array  # [N, 4] x, y, z, w; any non-zero length
-    logit_opacities: Array  # [N]
-    sh_coeffs: Array  # [N, K, 3] with K = (degree + 1)^2
-    dog_index: Array = _no_rows(dtype=np.uint32)  # [M] strictly increasing
-    dog_logit_opacities: Array = _no_rows()  # [M] logit of f_a: the pseudo-Gaussian has opacity f_a * opacity
-    dog_log_scales: Array = _no_rows(3)  # [M, 3] log of F: the pseudo-Gaussian has scales F * scales
+    means: Array
+    """[N, 3] world space"""
+    log_scales: Array
+    """[N, 3] log of the standard deviation in world units"""
+    quats: Array
+    """[N, 4] x, y, z, w; any non-zero length"""
+    logit_opacities: Array
+    """[N]"""
+    sh_coeffs: Array
+    """[N, K, 3] with K = (degree + 1)^2"""
+    dog_index: Array = _no_rows(dtype=np.uint32)
+    """[M] strictly increasing"""
+    dog_logit_opacities: Array = _no_rows()
+    """[M] logit of f_a: the pseudo-Gaussian has opacity f_a * opacity"""
+    dog_log_scales: Array = _no_rows(3)
+    """[M, 3] log of F: the pseudo-Gaussian has scales F * scales"""
 
     def __post_init__(self):
         for name in self.__dataclass_fields__:
