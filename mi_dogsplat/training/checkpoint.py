@@ -2,13 +2,39 @@
 
 from __future__ import annotations
 
+import time
 import zipfile
+import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import DataError
 from ..files import replacing
+
+SHARE = 0.02  # of the time, at most, goes into checkpoints
+
+
+class Checkpoints:
+    """The checkpoints of a run, one every ``seconds``; more rarely where that would take a ``SHARE`` of the time."""
+
+    def __init__(self, path: Path, seconds: float):
+        self.path, self.seconds = path, seconds
+        self._rest(0.0)
+
+    def _rest(self, cost: float) -> None:
+        self.next = time.monotonic() + max(self.seconds, cost / SHARE)
+
+    def due(self) -> bool:
+        """Whether it is time for one."""
+        return time.monotonic() >= self.next
+
+    def save(self, state: Callable[[], dict[str, np.ndarray]]) -> None:
+        """Take the state and write it."""
+        start = time.monotonic()
+        save_checkpoint(self.path, state())
+        self._rest(time.monotonic() - start)
 
 
 def save_checkpoint(path: Path, state: dict[str, np.ndarray]) -> None:
@@ -24,5 +50,5 @@ def load_checkpoint(path: Path) -> dict[str, np.ndarray]:
             return {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise DataError(path, "there is no checkpoint", "train without --resume") from None
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error):
         raise DataError(path, "is not a readable checkpoint", "train without --resume") from None

@@ -22,7 +22,9 @@ RANGES = {
     "seed": (0, math.inf),
     "log_every": (1, math.inf),
     "test_every": (0, math.inf),
+    "checkpoint_seconds": (0, math.inf),
 }
+FREE = ("checkpoint_seconds",)  # may change from one start of a run to the next, as no result depends on them
 
 
 def background_color(background: str, has_alpha: bool) -> float:
@@ -53,6 +55,7 @@ class TrainConfig:
     variant: str = "auto"  # Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb
     log_every: int = 50  # steps between rows of history.jsonl
     test_every: int = 0  # steps between measurements of PSNR and FLIP on the test views; 0: eight times a run
+    checkpoint_seconds: float = 60.0  # time between checkpoints; longer where they would take more than 2 % of the time
     model: str | None = None  # start from this model .ply, of whatever SH degree, at the pruning of the recipe
 
     def __post_init__(self) -> None:

@@ -24,7 +24,7 @@ from ..pruning.dog_control import activate, degenerate
 from ..pruning.prune import Pruning
 from ..pruning.score import scores
 from ..render import Picture, over_background, render_picture
-from .broken import drop_broken
+from .broken import broken, drop_broken
 from .config import TrainConfig, background_color
 from .densify import DensifyStats, refine
 from .initialize import initial_splats
@@ -198,10 +198,14 @@ class Trainer:
         self._forget_losses()
         return {"l1": l1, "loss": loss}
 
-    def state(self) -> dict[str, np.ndarray]:
-        """Everything that ``restore`` needs to go on as if nothing had happened; take it after a row with ``l1``.
+    def sound(self) -> bool:
+        """Whether nothing is broken, so that taking the ``state`` changes nothing. Waits for the device."""
+        return not broken(self.optimizer, self.extent).any()
 
-        Every value is finite: what is broken is dropped first, which after such a row is nothing.
+    def state(self) -> dict[str, np.ndarray]:
+        """Everything that ``restore`` needs to go on as if nothing had happened.
+
+        Every value is finite: what is broken is dropped first, which after a row with ``l1`` is nothing.
         """
         self._drop_broken()
         state = {f"optimizer.{name}": value for name, value in self.optimizer.state().items()}
@@ -211,7 +215,8 @@ class Trainer:
         rng = np.array(json.dumps(self.rng.bit_generator.state))
         progress = {"step": np.array(self.step_count), "seconds": np.array(self.seconds)}
         progress |= {"order": np.array(self.order, np.int64), "dog_activated": np.array(self.dog_activated)}
-        return state | progress | {"rng": rng}
+        losses = {"l1_sum": self.l1_sum.numpy().copy(), "loss_sum": self.loss_sum.numpy().copy()}
+        return state | progress | losses | {"summed": np.array(self.summed), "rng": rng}
 
     def restore(self, state: dict[str, np.ndarray]) -> None:
         """Take over a ``state()``. Raises ``ValueError`` or ``KeyError`` if it is of another kind of run.
@@ -232,7 +237,9 @@ class Trainer:
         if self.pruning:
             self.pruning.restore(part("pruning."))
         self.rng.bit_generator.state = json.loads(str(state["rng"]))
-        self._forget_losses()
+        Float: Any = dr.detached_t(mi.Float)
+        self.l1_sum, self.loss_sum = (dr.opaque(Float, float(state[name][0])) for name in ("l1_sum", "loss_sum"))
+        self.summed = int(state["summed"])
 
     def test_errors(self, with_flip: bool = False) -> dict[str, float]:
         """Means over the test views: ``test_psnr``, and ``test_flip``, which takes longer."""
