@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from .errors import DataError
+
 PART = ".part"  # how a file is called while it is written: .<name>.<random><PART>
 
 
@@ -45,6 +47,31 @@ def remove_parts(folder: Path) -> None:
     """Remove what killed processes left in a folder and below it; nobody may be writing there."""
     for part in folder.rglob(f".*{PART}"):
         part.unlink(missing_ok=True)
+
+
+def parse_json(text: str) -> Any:
+    """``json.loads``, whose every complaint is a ``ValueError``; so is half of a character, which no file can hold."""
+    try:
+        content = json.loads(text)
+    except RecursionError:
+        raise ValueError("lists in lists, too deep to follow") from None
+    if "\\u" in text:
+        json.dumps(content, ensure_ascii=False).encode()
+    return content
+
+
+def read_json(path: Path, remedy: str) -> Any:
+    """What a JSON file holds. Raises ``DataError`` that ends with the remedy."""
+    try:
+        return parse_json(path.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise DataError(path, f"not valid JSON in line {error.lineno} ({error.msg})", remedy) from error
+    except OSError as error:
+        raise DataError(path, f"cannot be read ({error.strerror})", "check the path") from error
+    except UnicodeDecodeError as error:
+        raise DataError(path, "is not a text file", remedy) from error
+    except ValueError as error:
+        raise DataError(path, f"not usable as JSON ({error})", remedy) from error
 
 
 def write_json(path: str | Path, value: Any) -> None:

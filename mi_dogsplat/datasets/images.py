@@ -26,6 +26,10 @@ from .dataset import View
 from .lens import Lens, undistortion
 
 EXIF_ORIENTATION = 274
+FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "PPM", "GIF")  # others start programs, or trust the file's name
+MAX_PIXELS_PER_BYTE = 100  # of a large image; the poorest JPEG has 50, a black PNG 340
+ALWAYS_READ = 1 << 24  # pixels
+Image.init()  # makes all formats known: by itself Pillow does so when the first few have failed
 UNREADABLE = (
     OSError,
     SyntaxError,
@@ -46,7 +50,7 @@ class ViewSource:
 
 def require_files(paths: Sequence[Path]) -> None:
     """Raise ``DataError`` that names the first missing image and how many are missing."""
-    missing = [path for path in paths if not path.is_file()]
+    missing = [path for path in paths if not is_file(path)]
     if missing:
         raise DataError(
             missing[0],
@@ -55,10 +59,28 @@ def require_files(paths: Sequence[Path]) -> None:
         )
 
 
+def is_file(path: Path) -> bool:
+    """``path.is_file()``, and False for what can be no file: a name of 300 characters, or one in a loop of links."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def open_image(path: Path) -> Image.Image:
+    """An image whose pixels are not read yet. Raises one of ``UNREADABLE``, also for a decompression bomb."""
+    image = Image.open(path, formats=FORMATS)
+    n_pixels, n_bytes = image.width * image.height, path.stat().st_size
+    if n_pixels > max(ALWAYS_READ, MAX_PIXELS_PER_BYTE * n_bytes):
+        image.close()
+        raise ValueError(f"{image.width}x{image.height} pixels in {n_bytes} bytes are no photograph")
+    return image
+
+
 def image_size(path: Path) -> tuple[int, int]:
     """(width, height) of an image from its header alone. Raises ``DataError``."""
     try:
-        with Image.open(path) as image:
+        with open_image(path) as image:
             return image.size
     except UNREADABLE as error:
         raise _corrupt(path, error) from error
@@ -95,7 +117,7 @@ def read_image(path: Path) -> np.ndarray:
     """Display values of an image file: float32 [H, W, 3], or [H, W, 4] premultiplied. Raises
     ``DataError``."""
     try:
-        with Image.open(path) as image:
+        with open_image(path) as image:
             if image.mode == "F":
                 raise ValueError("floating-point pixels have no display range")
             if image.mode.startswith("I"):  # 16-bit grey
@@ -151,7 +173,7 @@ def _with_channels(image: np.ndarray, has_alpha: bool) -> np.ndarray:
 
 
 def _wrong_size(path: Path, width: int, height: int, expected: str) -> DataError:
-    with Image.open(path) as image:
+    with open_image(path) as image:
         turned = image.getexif().get(EXIF_ORIENTATION, 1) != 1
     remedy = "use the images the cameras were calibrated with"
     if turned:

@@ -125,6 +125,7 @@ class Undistortion:
         return rays * (camera.fx, camera.fy) + (camera.cx, camera.cy)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of coefficients that no lens has: what is not finite is looked at
 def undistortion(source: Camera, lens: Lens) -> Undistortion:
     """The pinhole of the same pose and focal length that sees the largest rectangle inside of the photograph.
 
@@ -147,7 +148,10 @@ def undistortion(source: Camera, lens: Lens) -> Undistortion:
     widest = lens.largest_radius / np.sqrt(2)
     low = np.maximum(np.maximum(limits[:, 0], -widest) * focal, -center * MAX_GROWTH)  # px from the principal point
     high = np.minimum(np.minimum(limits[:, 1], widest) * focal, (np.array(size) - center) * MAX_GROWTH)
-    width, height = (int(n) for n in np.floor(high - low + 1e-6))
+    extent = np.floor(high - low + 1e-6)
+    if not np.isfinite(extent).all():
+        raise ValueError(f"the lens {lens} leaves no pinhole image of finite size")
+    width, height = (int(n) for n in extent)
     if min(width, height) < 1 or not (low < 0).all() or not (high > 0).all():
         raise ValueError(f"the lens {lens} leaves no pinhole image of a {source.width}x{source.height} photograph")
     cx, cy = -low

@@ -28,7 +28,8 @@ def read_point_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     names = () if table is None else table.dtype.names or ()
     if table is None or not {"x", "y", "z"} <= set(names):
         raise DataError(path, "has no element vertex with x y z", REMEDY)
-    points = np.stack([table[axis] for axis in "xyz"], axis=1).astype(np.float32)  # [P, 3]
+    with np.errstate(over="ignore"):  # doubles beyond float32 become infinite
+        points = np.stack([table[axis] for axis in "xyz"], axis=1).astype(np.float32)  # [P, 3]
     if not np.isfinite(points).all():
         raise DataError(path, "a point is not finite", REMEDY)
     if not {"red", "green", "blue"} <= set(names):

@@ -9,6 +9,7 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
+from mi_dogsplat.datasets.images import UNREADABLE, open_image
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -22,9 +23,9 @@ def read_pictures(files: Mapping[str, Path]) -> tuple[dict[str, Image.Image], st
     missing = []
     for what, path in files.items():
         try:
-            with Image.open(path) as image:
+            with open_image(path) as image:
                 pictures[what] = image.convert("RGB")
-        except OSError:
+        except UNREADABLE:
             missing.append(f"<code>{escape(path.name)}</code>")
     words = f"<p class=read>Missing or not readable: {', '.join(missing)}.</p>" if missing else ""
     return pictures, words
