@@ -10,6 +10,7 @@ from ..errors import DataError
 from ..files import replacing
 from ..scene.ply_tables import TableReader
 
+MAX_COLOR = 65535  # of the widest integers that colours are written in
 REMEDY = "write a PLY with an element vertex that has x y z and, for colours, red green blue"
 
 
@@ -35,6 +36,8 @@ def read_point_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     if not {"red", "green", "blue"} <= set(names):
         return points, np.full_like(points, 0.5)
     colors = np.stack([table[channel] for channel in ("red", "green", "blue")], axis=1)  # [P, 3]
+    if not np.isfinite(colors).all() or np.abs(colors).max(initial=0) > MAX_COLOR:
+        raise DataError(path, "a colour is none", REMEDY)
     # uchar columns hold 0..255. ASCII tables come as doubles whatever the header says: there the values tell.
     full = 255 if colors.dtype.kind == "u" or colors.max(initial=0) > 1 else 1
     return points, (colors / full).astype(np.float32)

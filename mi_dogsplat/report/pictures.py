@@ -9,7 +9,6 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-from mi_dogsplat.datasets.images import UNREADABLE, open_image
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -23,9 +22,9 @@ def read_pictures(files: Mapping[str, Path]) -> tuple[dict[str, Image.Image], st
     missing = []
     for what, path in files.items():
         try:
-            with open_image(path) as image:
+            with Image.open(path, formats=("PNG",)) as image:
                 pictures[what] = image.convert("RGB")
-        except UNREADABLE:
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):  # what Pillow raises for bad files
             missing.append(f"<code>{escape(path.name)}</code>")
     words = f"<p class=read>Missing or not readable: {', '.join(missing)}.</p>" if missing else ""
     return pictures, words
