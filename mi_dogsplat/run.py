@@ -38,12 +38,8 @@ HISTORY = "history.jsonl"
 ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
 
 
-@contextmanager
-def claimed(out: Path) -> Iterator[None]:
-    """The run folder ``out``, made if need be and ours alone, without what killed processes left half-written.
-
-    Raises ``DataError`` if something else is in its place, another process trains in it, or it cannot be written.
-    """
+def prepare_folder(out: Path) -> None:
+    """Make the run folder. Raises ``DataError`` if something else is in its place or it cannot be written."""
     if out.exists() and not out.is_dir():
         raise DataError(out, "is a file", "name a folder for the run")
     ours = any((out / name).exists() for name in ("config.json", "metrics.json"))
@@ -51,9 +47,15 @@ def claimed(out: Path) -> Iterator[None]:
         if out.is_dir() and any(not path.name.endswith(PART) for path in out.iterdir()) and not ours:
             raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier run")
         out.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(out, os.O_RDONLY)
     except OSError as error:
         raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
+
+
+@contextmanager
+def claimed(out: Path) -> Iterator[None]:
+    """``prepare_folder``, and it is ours alone, without what killed processes left half-written. Raises ``DataError``."""
+    prepare_folder(out)
+    descriptor = os.open(out, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # goes with the process, however that ends
     except BlockingIOError:

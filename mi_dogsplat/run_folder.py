@@ -21,7 +21,7 @@ DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without Do
 
 LARGEST = 1e30  # what a run measures is far below
 # Parts of the files that others rely on: objects with their own parts, under given names or any, and lists of numbers.
-ANY, NUMBERS = "*", "numbers"
+ANY, NUMBERS = "*", ("numbers",)
 METRICS: dict[str, Any] = {"test": {}, "train": {}, "versions": {}, "views": {ANY: {}}}
 SIDE: dict[str, Any] = {"error": NUMBERS, "metrics": {}}
 PROFILE: dict[str, Any] = {"with_dog": SIDE, "without_dog": SIDE}
@@ -93,7 +93,7 @@ def _misfit(content: Mapping[str, Any], parts: Mapping[str, Any]) -> str:
     for name, kind in parts.items():
         for key in content if name == ANY else [name] if name in content else []:
             value = content[key]
-            if kind is NUMBERS:
+            if kind == NUMBERS:
                 if not isinstance(value, list) or not value or any(finite(v) is None for v in value):
                     return key
             elif not isinstance(value, dict):

@@ -97,7 +97,7 @@ def run_target(name: str, inputs: int, seed: int) -> bool:
 def run_atheris(name: str, rest: list[str]) -> None:
     """Mutations guided by coverage, until stopped; ``rest`` are libFuzzer's own arguments."""
     try:
-        import atheris  # pyright: ignore[reportMissingImports]
+        import atheris  # pyright: ignore[reportMissingImports, reportMissingModuleSource]
     except ModuleNotFoundError:
         sys.exit("this needs the package atheris: pip install 'mi_dogsplat[fuzz]'")
     target = make_targets()[name]
@@ -105,8 +105,12 @@ def run_atheris(name: str, rest: list[str]) -> None:
     corpus.mkdir()
     for i, seed in enumerate(target.seeds):
         (corpus / str(i)).write_bytes(seed)
-    atheris.instrument_all()
-    atheris.Setup([sys.argv[0], str(corpus), *rest], lambda data: target.check(bytes(data)) and None)
+
+    def check(data: bytes) -> None:
+        target.check(bytes(data))
+
+    atheris.instrument_all()  # pyright: ignore[reportAttributeAccessIssue]
+    atheris.Setup([sys.argv[0], str(corpus), *rest], check)
     atheris.Fuzz()
 
 

@@ -87,10 +87,12 @@ class Interrupt:
         self.step, self.original = step, Trainer.step
 
     def __enter__(self):
-        def step(trainer):
-            if trainer.step_count + 1 == self.step:
+        interrupt_at, original = self.step, self.original
+
+        def step(self: Trainer):
+            if self.step_count + 1 == interrupt_at:
                 signal.raise_signal(signal.SIGINT)
-            return self.original(trainer)
+            return original(self)
 
         Trainer.step = step
 
@@ -144,8 +146,12 @@ def test_a_checkpoint_waits_while_something_is_broken_for_the_row_that_drops_it(
 
 def test_a_run_without_a_checkpoint_yet_is_resumed_from_its_beginning(data, whole, tmp_path):
     config = config_of(data)
+
+    def fail(row: dict) -> None:
+        raise ZeroDivisionError
+
     with pytest.raises(ZeroDivisionError):
-        run.train(config, tmp_path, progress=lambda row: 1 // 0 if row["step"] >= 0 else None)
+        run.train(config, tmp_path, fail)
     assert (tmp_path / "config.json").exists() and not (tmp_path / run.CHECKPOINT).exists()
     run.train(config, tmp_path, resume=True)
     assert without_clock(rows_of(tmp_path)) == without_clock(rows_of(whole["3dgs"]))

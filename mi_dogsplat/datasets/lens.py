@@ -127,6 +127,7 @@ class Undistortion:
         return rays * (camera.fx, camera.fy) + (camera.cx, camera.cy)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of a principal point out of all reason, for which nothing is left
 def undistortion(source: Camera, lens: Lens) -> Undistortion:
     """The pinhole of the same pose and focal length that sees the largest rectangle inside of the photograph.
 
