@@ -53,7 +53,7 @@ def prepare_folder(out: Path) -> None:
 
 @contextmanager
 def claimed(out: Path) -> Iterator[None]:
-    """``prepare_folder``, and it is ours alone, without what killed processes left half-written. Raises ``DataError``."""
+    """``prepare_folder``, which is ours alone then, without what killed processes left there. Raises ``DataError``."""
     prepare_folder(out)
     descriptor = os.open(out, os.O_RDONLY)
     try:

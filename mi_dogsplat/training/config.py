@@ -55,7 +55,7 @@ class TrainConfig:
     variant: str = "auto"  # Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb
     log_every: int = 50  # steps between rows of history.jsonl
     test_every: int = 0  # steps between measurements of PSNR and FLIP on the test views; 0: eight times a run
-    checkpoint_seconds: float = 60.0  # time between checkpoints; longer where they would take more than 2 % of the time
+    checkpoint_seconds: float = 60.0  # time between checkpoints; longer where they would take a fiftieth of the time
     model: str | None = None  # start from this model .ply, of whatever SH degree, at the pruning of the recipe
 
     def __post_init__(self) -> None:
