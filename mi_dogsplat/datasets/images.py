@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -21,7 +22,9 @@ import numpy as np
 from PIL import Image
 
 from ..errors import DataError
+from ..memory import available_memory
 from ..scene.cameras import Camera
+from ..wording import file_size
 from .dataset import View
 from .lens import Lens, undistortion
 
@@ -29,6 +32,7 @@ EXIF_ORIENTATION = 274
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "PPM", "GIF")  # others start programs, or trust the file's name
 MAX_PIXELS_PER_BYTE = 100  # of a large image; the poorest JPEG has 50, a black PNG 340
 ALWAYS_READ = 1 << 24  # pixels
+BYTES_KEPT, BYTES_READ = 12, 24  # per pixel: of a float32 image, and while one is decoded
 Image.init()  # makes all formats known: by itself Pillow does so when the first few have failed
 UNREADABLE = (
     OSError,
@@ -100,10 +104,23 @@ def load_views(
     def load(source: ViewSource) -> View:
         return _load_view(source, downscale, prescaled)
 
-    with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:  # Pillow decodes without holding the GIL
+    workers = min(8, os.cpu_count() or 1)
+    _require_memory(sources, downscale, workers)
+    with ThreadPoolExecutor(workers) as pool:  # Pillow decodes without holding the GIL
         views = list(pool.map(load, sources))
     has_alpha = any(view.image.shape[2] == 4 and view.image[..., 3].min() < 1 for view in views)
     return [View(view.name, view.camera, _with_channels(view.image, has_alpha)) for view in views], has_alpha
+
+
+def _require_memory(sources: Sequence[ViewSource], downscale: int, workers: int) -> None:
+    """Raise ``DataError`` unless there is memory for the images: better than to be killed for it."""
+    pixels = [source.camera.width * source.camera.height for source in sources]
+    needed = BYTES_KEPT * sum(pixels) / downscale**2 + BYTES_READ * workers * max(pixels, default=0)
+    free = available_memory()
+    if free is not None and needed > free:
+        problem = f"{len(pixels)} images need {file_size(needed)} of memory, and {file_size(free)} are free"
+        factor = math.ceil(downscale * math.sqrt(needed / free))
+        raise DataError(sources[0].image_path.parent, problem, f"shrink them: --downscale {factor} or more")
 
 
 def box_downscale(image: np.ndarray, k: int) -> np.ndarray:
