@@ -23,11 +23,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))  # helpers of the tests
-from fuzz_targets import SECONDS, make_targets  # noqa: E402
 from mutations import mutate  # noqa: E402
 
 MEMORY = 1 << 30  # bytes that a reader may ask for beyond what the process has at the start
 FAILURES = Path("fuzz_failures")
+HANG = 10.0  # seconds of the processor
 SHOWN = 12  # different failures of a target
 
 
@@ -37,11 +37,13 @@ def limit_memory() -> None:
 
 
 def hang(*_: object) -> None:
-    raise TimeoutError(f"more than {2 * SECONDS:.0f} s")
+    raise TimeoutError(f"more than {HANG:.0f} s")
 
 
 def fuzz(name: str, inputs: int, seed: int, connection: Connection) -> None:
     """Run a target; sends (outcomes, seconds, failures: where it was raised -> input)."""
+    from fuzz_targets import make_targets
+
     target = make_targets()[name]
     chance = random.Random(f"{name} {seed}")
     warnings.simplefilter("error")
@@ -55,7 +57,7 @@ def fuzz(name: str, inputs: int, seed: int, connection: Connection) -> None:
     for _ in range(inputs):
         data = mutate(target.seeds, chance)
         current.write_bytes(data)
-        signal.setitimer(signal.ITIMER_PROF, 2 * SECONDS)
+        signal.setitimer(signal.ITIMER_PROF, HANG)
         try:
             outcomes[target.check(data)] += 1
         except BaseException as error:  # whatever it is, it is not DataError
@@ -63,9 +65,9 @@ def fuzz(name: str, inputs: int, seed: int, connection: Connection) -> None:
             trace = traceback.extract_tb(error.__traceback__)
             frame = next((f for f in reversed(trace) if "mi_dogsplat" in f.filename), trace[-1])
             key = f"{type(error).__name__} at {Path(frame.filename).name}:{frame.lineno}: {str(error)[:150]}"
-            if len(failures) < SHOWN or key.split(": ")[0] in (known.split(": ")[0] for known in failures):
-                if not any(known.split(": ")[0] == key.split(": ")[0] for known in failures):
-                    failures[key] = data
+            known = {failure.split(": ")[0] for failure in failures}
+            if len(failures) < SHOWN and key.split(": ")[0] not in known:
+                failures[key] = data
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0)
     connection.send((outcomes, time.perf_counter() - start, failures))
@@ -100,6 +102,9 @@ def run_atheris(name: str, rest: list[str]) -> None:
         import atheris  # pyright: ignore[reportMissingImports, reportMissingModuleSource]
     except ModuleNotFoundError:
         sys.exit("this needs the package atheris: pip install 'mi_dogsplat[fuzz]'")
+    with atheris.instrument_imports(include=["mi_dogsplat"]):  # pyright: ignore[reportAttributeAccessIssue]
+        from fuzz_targets import make_targets
+
     target = make_targets()[name]
     corpus = target.folder.with_name("corpus")
     corpus.mkdir()
@@ -109,7 +114,6 @@ def run_atheris(name: str, rest: list[str]) -> None:
     def check(data: bytes) -> None:
         target.check(bytes(data))
 
-    atheris.instrument_all()  # pyright: ignore[reportAttributeAccessIssue]
     atheris.Setup([sys.argv[0], str(corpus), *rest], check)
     atheris.Fuzz()
 
@@ -124,6 +128,8 @@ def main() -> int:
     if args.atheris:
         run_atheris(args.targets[0], [word for word in rest if word != "--"])
         return 0
+    from fuzz_targets import make_targets
+
     print("| target | inputs | read | refused | failed | inputs/s |\n|---|---|---|---|---|---|")
     names = args.targets or list(make_targets())
     return 0 if all([run_target(name, args.inputs, args.seed) for name in names]) else 1

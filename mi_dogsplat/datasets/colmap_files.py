@@ -239,7 +239,7 @@ def _pose(path: Path, name: str, pose: list[float]) -> np.ndarray:
     """World-to-camera [4, 4] from quaternion w, x, y, z and translation."""
     if len(pose) != 7:
         raise ValueError(f"a pose has 7 numbers, got {len(pose)}")
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         norm = float(np.linalg.norm(pose[:4]))
     if not np.isfinite(pose).all() or abs(norm - 1) > RIGID_TOLERANCE:
         raise DataError(path, f'image "{name}" has no valid pose (quaternion {pose[:4]})', REMEDY)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import drjit as dr
 import mitsuba as mi
 
 from ..datasets import Dataset
@@ -44,6 +45,15 @@ class Budget:
     def most_primitives(self, pairs_per_primitive: float) -> int:
         """How many primitives fit."""
         return max(0, int((MARGIN * self.total - self.fixed) / self.each(pairs_per_primitive)))
+
+    def give_back(self, n: int) -> None:
+        """Give back what Dr.Jit keeps of arrays of earlier sizes, where ``n`` primitives make that worth it.
+
+        It keeps them for arrays of the same size, which do not come again when the number of primitives has changed: a
+        third of the memory of a model that grows.
+        """
+        if self.fixed + n * self.each(FIRST_PAIRS) > 0.5 * self.total:
+            dr.flush_malloc_cache()
 
     def require(self, path: str, n: int) -> None:
         """Raise ``DataError`` unless training can start with ``n`` primitives."""

@@ -140,6 +140,8 @@ class Trainer:
                 rule, full = self.budget.bounded(rule, self.optimizer.n)
             counts = refine(rule, self.optimizer, self.stats, self.step_count, self.rng, self.extent)
             self.stats = DensifyStats(self.optimizer.n)
+            if self.budget:
+                self.budget.give_back(self.optimizer.n)
             if any(counts.values()):
                 events.append("densify " + " ".join(f"{verb}={count}" for verb, count in counts.items()))
             if full and self.optimizer.n >= (rule.max_primitives or 0):
