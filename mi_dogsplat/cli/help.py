@@ -22,8 +22,8 @@ Examples:
   dogsplat train lego/ -o run --background white       images with alpha over white (as auto does)
 
 Afterwards RUN holds point_cloud.ply (the model), report.html (open it in a browser), metrics.json,
-history.jsonl, config.json, and test/ with a render, the photograph and an error map per test view. Ctrl-C saves
-a checkpoint and stops after the step; the same command with --resume goes on there, also after a crash.
+history.jsonl, config.json, and test/ with a render, the photograph and an error map per test view.
+Ctrl-C saves a checkpoint and stops; the same command with --resume goes on there, also after a crash.
 """
 PRUNE_EXAMPLES = """
 Examples:
