@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+QUOTED = 600  # characters of a name, or of what quotes a file
+
 
 class DataError(ValueError):
-    """Bad input. ``str(e)`` is one line: ``<path>: <problem>; <remedy>``.
+    """Bad input. ``str(e)`` is one printable line: ``<path>: <problem>; <remedy>``.
 
     The command line prints that line and exits with status 2; as a library the exception is a ``ValueError``.
     """
 
     def __init__(self, path: str | Path, problem: str, remedy: str):
-        super().__init__(" ".join(f"{path}: {problem}; {remedy}".split()))
+        place, what = (text if len(text) <= QUOTED else text[:QUOTED] + "..." for text in (str(path), problem))
+        line = " ".join(f"{place}: {what}; {remedy}".split())
+        super().__init__("".join(c if c.isprintable() else ascii(c)[1:-1] for c in line))
         self.path = Path(path)

@@ -1,26 +1,77 @@
-"""Files appear whole or not at all: they are written beside the target and renamed."""
+"""Files appear whole or not at all: they are written beside the target, brought to the disk, and renamed."""
 
 from __future__ import annotations
 
 import json
 import os
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from .errors import DataError
+
+PART = ".part"  # how a file is called while it is written: .<name>.<random><PART>
+
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """``with replacing(path) as part``: write to ``part``, which becomes ``path`` if nothing is raised."""
+    """``with replacing(path) as part``: write to ``part``, which becomes ``path`` if nothing is raised.
+
+    Whenever the process or the machine dies, ``path`` is the old file or the new one, whole; of a process that is
+    killed a ``part`` may remain (``remove_parts``).
+    """
     path = Path(path)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part = path.with_name(f".{path.name[:40]}.{uuid.uuid4().hex[:12]}{PART}")  # short: names have at most 255 bytes
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         yield part
+        _to_disk(part)  # a crash after the rename must not leave a name without its content
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
+    if os.name == "posix":  # elsewhere a folder cannot be opened
+        _to_disk(path.parent)
+
+
+def _to_disk(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove what killed processes left in a folder and below it; nobody may be writing there."""
+    for part in folder.rglob(f".*{PART}"):
+        part.unlink(missing_ok=True)
+
+
+def parse_json(text: str) -> Any:
+    """``json.loads``, whose every complaint is a ``ValueError``; so is half of a character, which no file can hold."""
+    try:
+        content = json.loads(text)
+    except RecursionError:
+        raise ValueError("lists in lists, too deep to follow") from None
+    if "\\u" in text:
+        json.dumps(content, ensure_ascii=False).encode()
+    return content
+
+
+def read_json(path: Path, remedy: str) -> Any:
+    """What a JSON file holds. Raises ``DataError`` that ends with the remedy."""
+    try:
+        return parse_json(path.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise DataError(path, f"not valid JSON in line {error.lineno} ({error.msg})", remedy) from error
+    except OSError as error:
+        raise DataError(path, f"cannot be read ({error.strerror})", "check the path") from error
+    except UnicodeDecodeError as error:
+        raise DataError(path, "is not a text file", remedy) from error
+    except ValueError as error:
+        raise DataError(path, f"not usable as JSON ({error})", remedy) from error
 
 
 def write_json(path: str | Path, value: Any) -> None:

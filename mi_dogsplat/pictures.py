@@ -7,6 +7,7 @@ Mitsuba's bitmaps, so that they need no other package.
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -91,7 +92,7 @@ def write_bitmap(path: str | Path, bitmap: mi.Bitmap, file_format: mi.Bitmap.Fil
         try:
             bitmap.write(str(part), file_format)
         except RuntimeError as error:  # how Mitsuba says that a file cannot be opened
-            raise OSError(str(error)) from error
+            raise OSError(errno.EIO, str(error).rpartition(": ")[2], str(path)) from error
 
 
 def _bitmap(values: NDArray, channels: Sequence[str] = ()) -> mi.Bitmap:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import fcntl
 import json
+import os
 import resource
 import sys
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,20 +20,21 @@ from .datasets import Dataset, load_dataset
 from .engine.geometry import Cutoffs
 from .errors import DataError
 from .evaluate import evaluate_views, mean_metrics, render_milliseconds
-from .files import replacing, write_json
+from .files import PART, remove_parts, replacing, write_json
 from .mixture import write_mixture
 from .report.write import write_report
-from .run_folder import RECIPE, RENDER_MS
+from .run_folder import RECIPE, RENDER_MS, read_run
 from .scene.ply import write_ply
-from .training.checkpoint import load_checkpoint, save_checkpoint
-from .training.config import TrainConfig
+from .stopping import Stopped, StopRequest
+from .training.checkpoint import Checkpoints, load_checkpoint
+from .training.config import FREE, TrainConfig
 from .training.history import run_to_end
 from .training.presets import Recipe
 from .training.train import Trainer
 from .versions import versions
 
 CHECKPOINT = Path("checkpoint") / "state.npz"
-CHECKPOINT_SECONDS = 60.0
+HISTORY = "history.jsonl"
 ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
 
 
@@ -40,12 +43,45 @@ def prepare_folder(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise DataError(out, "is a file", "name a folder for the run")
     ours = any((out / name).exists() for name in ("config.json", "metrics.json"))
-    if out.is_dir() and any(out.iterdir()) and not ours:
-        raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier run")
     try:
+        if out.is_dir() and any(not path.name.endswith(PART) for path in out.iterdir()) and not ours:
+            raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier run")
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
+
+
+@contextmanager
+def claimed(out: Path) -> Iterator[None]:
+    """``prepare_folder``, which is ours alone then, without what killed processes left there. Raises ``DataError``."""
+    prepare_folder(out)
+    descriptor = os.open(out, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # goes with the process, however that ends
+    except BlockingIOError:
+        os.close(descriptor)
+        raise DataError(out, "another process is training in it", "wait for it, stop it, or name another") from None
+    except OSError:
+        pass  # a file system without locks
+    try:
+        with _writing(out):
+            remove_parts(out)
+            yield
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def _writing(out: Path) -> Iterator[None]:
+    """An ``OSError`` here is one of writing to the run folder: a full disk, a folder that is read-only."""
+    try:
+        yield
+    except OSError as error:
+        path = Path(error.filename) if error.filename else out
+        path = path.parent if path.suffix == PART else path  # by its random name nobody knows it
+        problem = f"cannot be written ({error.strerror or error})"
+        remedy = "make room or correct its permissions; --resume goes on from the checkpoint"
+        raise DataError(path, problem, remedy) from error
 
 
 def train(
@@ -59,38 +95,63 @@ def train(
     """Train, or prune a model (``config.model``), evaluate and write the run folder; returns ``metrics.json``.
 
     ``progress`` is called as training starts and with every row of the history. With ``resume`` the run goes on
-    from its last checkpoint (one a minute), with the same settings. The model leaves out primitives that can
-    never be seen. A ``recipe`` takes the place of the preset's; ``start`` is a ``Trainer.state()`` to go on from.
-    An earlier run in the same folder is replaced: its measurements go first, as they would be a lie beside
-    the new settings; its model stays until the new one is complete. Raises ``DataError``.
+    from its last checkpoint, or from the beginning if it did not come that far, with the same settings. The model
+    leaves out primitives that can never be seen. A ``recipe`` takes the place of the preset's; ``start`` is a
+    ``Trainer.state()`` to go on from. An earlier run in the same folder is replaced: its measurements go first, as
+    they would be a lie beside the new settings; its model stays until the new one is complete. Raises ``DataError``;
+    ``Stopped`` when asked to stop in training (Ctrl-C, SIGTERM), which leaves a checkpoint.
     """
     out = Path(out)
     dataset = load_dataset(config.data, config.downscale)
     trainer = Trainer(config, dataset, recipe)
     if start:
         trainer.restore(start)
-    prepare_folder(out)
-    if resume:
-        _resume(trainer, out)
-    else:
-        (out / CHECKPOINT).unlink(missing_ok=True)
-        (out / "history.jsonl").unlink(missing_ok=True)
-    _forget_results(out)
-    write_json(out / "config.json", dataclasses.asdict(config))
-    progress({"step": trainer.step_count, "n": trainer.optimizer.n})
-    saved = time.monotonic()
-    with open(out / "history.jsonl", "a", encoding="utf-8") as history:
+    with claimed(out):
+        if resume:
+            _resume(trainer, out)
+        else:
+            (out / CHECKPOINT).unlink(missing_ok=True)
+            (out / HISTORY).unlink(missing_ok=True)
+        _forget_results(out)
+        write_json(out / "config.json", dataclasses.asdict(config))
+        progress({"step": trainer.step_count, "n": trainer.optimizer.n})
+        _train(trainer, out, progress)
+        return _finish(trainer, dataset, out)
+
+
+def _train(trainer: Trainer, out: Path, progress: Callable[[dict], None]) -> None:
+    """Train to the end; rows go to the history, and the state to the checkpoint from time to time and at the end."""
+    config = trainer.config
+    checkpoints = Checkpoints(out / CHECKPOINT, config.checkpoint_seconds)
+    with open(out / HISTORY, "a", encoding="utf-8") as history, StopRequest() as stop:
+
+        def due() -> bool:
+            ends = trainer.step_count == config.steps or stop.signal_number > 0
+            return ends or (checkpoints.due() and trainer.sound())
+
+        def save() -> None:
+            os.fsync(history.fileno())  # the history is never behind the checkpoint
+            checkpoints.save(trainer.state)
+            leave()
+
+        def leave() -> None:
+            if stop.signal_number:
+                where = f"stopped after step {trainer.step_count} of {config.steps}, saved in {out / CHECKPOINT}"
+                raise Stopped(f"{where}; the same command with --resume goes on", stop.signal_number)
+
         try:
-            for row in run_to_end(trainer):
+            for row in run_to_end(trainer, due, save):
                 history.write(json.dumps(row) + "\n")
                 history.flush()
                 progress(row)
-                due = time.monotonic() - saved > CHECKPOINT_SECONDS or row["step"] == config.steps
-                if due and "l1" in row:
-                    save_checkpoint(out / CHECKPOINT, trainer.state())
-                    saved = time.monotonic()
+            leave()  # asked for while the last checkpoint was written
         except FloatingPointError as error:
             raise DataError(config.data, str(error), "check its cameras and images for outliers") from error
+
+
+def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
+    """Write the model, measure it, and write the report; returns what ``metrics.json`` holds."""
+    config = trainer.config
     splats = trainer.optimizer.to_splats()
     splats = splats.select(splats.opacities >= ALPHA_MIN)
     write_ply(out / "point_cloud.ply", splats)
@@ -112,24 +173,28 @@ def train(
 
 def _resume(trainer: Trainer, out: Path) -> None:
     """Put the trainer where the checkpoint of ``out`` is, and cut the history there."""
-    before = json.loads((out / "config.json").read_text(encoding="utf-8")) if (out / "config.json").exists() else {}
-    now = dataclasses.asdict(trainer.config)
-    changed = [name for name in now if name in before and before[name] != now[name]]
+    before = read_run(out)
+    if not (out / "config.json").is_file():
+        raise DataError(out, "there is no run, so there is no checkpoint", "train without --resume")
+    now = json.loads(json.dumps(dataclasses.asdict(trainer.config)))
+    changed = [name for name in now if name in before.config and before.config[name] != now[name] and name not in FREE]
     if changed:
         name = changed[0]
-        problem = f"{name} was {before[name]} and is {now[name]} now"
+        problem = f"{name} was {before.config[name]} and is {now[name]} now"
         raise DataError(out, problem, "resume with the settings of the run, or train without --resume")
     path = out / CHECKPOINT
-    try:
-        trainer.restore(load_checkpoint(path))
-    except (ValueError, KeyError) as error:
-        if isinstance(error, DataError):
-            raise
-        raise DataError(path, f"does not fit this run ({error})", "train without --resume") from None
-    rows = (out / "history.jsonl").read_text(encoding="utf-8").splitlines() if (out / "history.jsonl").exists() else []
-    kept = [line for line in rows if line.endswith("}") and json.loads(line)["step"] <= trainer.step_count]
-    with replacing(out / "history.jsonl") as part:
-        part.write_text("".join(line + "\n" for line in kept), encoding="utf-8")
+    kept = []
+    if path.exists():  # else the run was killed before its first checkpoint
+        try:
+            trainer.restore(load_checkpoint(path))
+        except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
+            if isinstance(error, DataError):
+                raise
+            raise DataError(path, f"does not fit this run ({error})", "train without --resume") from None
+        steps = before.column("step")
+        kept = [row for row, step in zip(before.history, steps, strict=True) if step <= trainer.step_count]
+    with replacing(out / HISTORY) as part:
+        part.write_text("".join(json.dumps(row) + "\n" for row in kept), encoding="utf-8")
 
 
 def _forget_results(out: Path) -> None:

@@ -10,9 +10,13 @@ MISSING = "\u2013"
 
 def finite(value: object) -> float | None:
     """The value as a float, or None where there is no finite number."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, Real):
         return None
-    return float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number of 400 digits
+        return None
+    return number if math.isfinite(number) else None
 
 
 def fixed(value: object, digits: int) -> str:

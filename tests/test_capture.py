@@ -326,7 +326,7 @@ def test_a_folder_with_other_contents_is_left_alone(balls, tmp_path):
     assert "other contents" in error_of(balls, tmp_path, tiny())
     assert "is a file" in error_of(balls, tmp_path / "thesis.tex", tiny())
     (tmp_path / "capture.json").write_text("[1")
-    assert "capture.json: cannot be read" in error_of(balls, tmp_path, tiny())
+    assert "capture.json: not valid JSON" in error_of(balls, tmp_path, tiny())
     assert set(contents(tmp_path)) == {"thesis.tex", "capture.json"}
 
 

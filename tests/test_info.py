@@ -194,5 +194,5 @@ def test_a_broken_file_of_a_known_kind_is_told_what_is_broken(tmp_path, broken):
 
 def test_a_broken_run_is_told_too(tmp_path):
     (tmp_path / "config.json").write_text("{")
-    with pytest.raises(DataError, match="config.json: not JSON"):
+    with pytest.raises(DataError, match="config.json: not valid JSON"):
         describe(tmp_path)

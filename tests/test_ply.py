@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mi_dogsplat import files
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.llvm import choose_llvm
-from mi_dogsplat.scene import ply
 from mi_dogsplat.scene.ply import read_ply, write_ply
 from mi_dogsplat.scene.splats import Splats
 from ply_files import dog_columns, random_splats, to_bytes, vertex_columns, write
@@ -156,7 +156,7 @@ def test_the_old_file_survives_a_failed_write(tmp_path, monkeypatch):
     def full(_descriptor):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(ply.os, "fsync", full)
+    monkeypatch.setattr(files.os, "fsync", full)
     with pytest.raises(DataError, match="No space left on device"):
         write_ply(path, random_splats(seed=1))
     assert path.read_bytes() == before
@@ -167,7 +167,7 @@ def test_an_interrupted_write_leaves_nothing_behind(tmp_path, monkeypatch):
     def interrupt(_descriptor):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(ply.os, "fsync", interrupt)
+    monkeypatch.setattr(files.os, "fsync", interrupt)
     with pytest.raises(KeyboardInterrupt):
         write_ply(tmp_path / "a.ply", random_splats())
     assert list(tmp_path.iterdir()) == []
@@ -178,7 +178,7 @@ def test_a_place_that_cannot_be_written_is_one_clear_line(tmp_path):
         write_ply(tmp_path / "no" / "a.ply", random_splats())
     with pytest.raises(DataError, match="cannot be written"):
         write_ply(tmp_path, random_splats())
-    assert list(tmp_path.parent.glob("*.tmp")) == []
+    assert list(tmp_path.parent.glob(".*.part")) == []
 
 
 def test_values_that_are_not_finite_are_not_written(tmp_path):

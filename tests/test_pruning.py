@@ -293,9 +293,8 @@ def test_a_model_is_pruned_before_its_first_step_with_the_colours_it_has(data, t
     assert json.loads((tmp_path / "config.json").read_text())["model"] == str(truth)
 
 
-def test_a_pruned_model_resumes_from_its_checkpoint(data, truth, tmp_path, monkeypatch):
-    monkeypatch.setattr(mi_dogsplat.run, "CHECKPOINT_SECONDS", 0.0)
-    config = config_of(data, model=str(truth), target=20, max_primitives=None)
+def test_a_pruned_model_resumes_from_its_checkpoint(data, truth, tmp_path):
+    config = config_of(data, model=str(truth), target=20, max_primitives=None, checkpoint_seconds=0.0)
     mi_dogsplat.run.train(config, tmp_path / "whole")
 
     def stop(row):

@@ -147,7 +147,7 @@ def test_bad_input_is_named_in_one_line(run, tmp_path):
     with pytest.raises(DataError, match=r"nowhere: no such folder; give a run folder"):
         write_report(tmp_path / "nowhere")
     (run / "metrics.json").write_text("{")
-    with pytest.raises(DataError, match=r"metrics.json: not JSON"):
+    with pytest.raises(DataError, match=r"metrics.json: not valid JSON"):
         write_report(run)
     (run / "metrics.json").write_text("[]")
     with pytest.raises(DataError, match=r"metrics.json: not a JSON object"):

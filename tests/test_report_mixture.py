@@ -109,5 +109,5 @@ def test_a_missing_picture_is_named(run):
 
 def test_a_profile_that_is_not_json_is_named_in_one_line(run):
     (run / "test" / DOG_PROFILE).write_text("{")
-    with pytest.raises(DataError, match=r"dog_profile.json: not JSON"):
+    with pytest.raises(DataError, match=r"dog_profile.json: not valid JSON"):
         write_report(run)

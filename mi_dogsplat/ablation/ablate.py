@@ -33,8 +33,9 @@ from ..report.write import write_report
 from ..run import train
 from ..run_folder import DOG_PROFILE, RECIPE, RENDER_MS
 from ..scene.ply import read_ply
+from ..stopping import Stopped
 from ..training.checkpoint import load_checkpoint, save_checkpoint
-from ..training.config import TrainConfig, background_color
+from ..training.config import FREE, TrainConfig, background_color
 from ..training.history import run_to_end
 from ..training.presets import RECIPES, Recipe
 from ..training.train import Trainer
@@ -107,7 +108,7 @@ def ablate(
 
 def _claim(out: Path, config: TrainConfig) -> None:
     """Make the folder an ablation with these settings. Raises ``DataError`` if it is something else."""
-    settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("preset", "seed")}
+    settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("preset", "seed", *FREE)}
     path = out / "config.json"
     if path.exists() and json.loads(path.read_text(encoding="utf-8")) != settings:
         raise DataError(out, "holds an ablation with other settings", "name another folder")
@@ -138,7 +139,11 @@ def _train_variant(
     if complete and json.loads(known.read_text(encoding="utf-8")) == recipe:
         return
     progress(f"seed {config.seed}: {variant.label}")
-    metrics = train(config, folder, recipe=variant.recipe, start=start)
+    try:
+        metrics = train(config, folder, recipe=variant.recipe, start=start)
+    except Stopped as stop:
+        message = f"stopped in {folder}; what is complete is kept, and the same command goes on with this variant"
+        raise Stopped(message, stop.signal_number) from None
     write_json(known, recipe)
     write_report(folder)  # again, under the variant's name
     test = metrics["test"]

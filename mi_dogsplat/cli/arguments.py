@@ -27,11 +27,11 @@ DATA_HELP = field_help(TrainConfig)["data"]
 ABLATION = ("3dgs", "v1", "v2", "v3", "full", "released", "ours_gaussian", "ours")
 ABLATE_FLAGS = [
     *("steps", "target", "downscale", "max_primitives", "max_world_scale", "sh_degree", "background", "antialiased"),
-    *("near_clip", "initial_primitives", "variant", "log_every", "test_every"),
+    *("near_clip", "initial_primitives", "variant", "log_every", "test_every", "memory", "checkpoint_seconds"),
 ]
 PRUNE_FLAGS = [
     *("preset", "steps", "target", "downscale", "background", "antialiased", "near_clip"),
-    *("seed", "variant", "log_every", "test_every"),
+    *("seed", "variant", "log_every", "test_every", "memory", "checkpoint_seconds"),
 ]
 
 

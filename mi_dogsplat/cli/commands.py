@@ -12,6 +12,7 @@ from contextlib import ExitStack
 
 from ..check import PARTS
 from ..errors import DataError
+from ..stopping import Stopped
 from ..training.config import TrainConfig
 from .arguments import ABLATION, build_parser
 
@@ -234,6 +235,15 @@ def _run_command(argv: list[str] | None) -> int:
             raise
         print(f"dogsplat: this needs the package {error.name}: pip install 'mi_dogsplat[train]'", file=sys.stderr)
         return 2
+    except Stopped as stop:
+        print(f"dogsplat: {stop}", file=sys.stderr)
+        return 128 + stop.signal_number
     except KeyboardInterrupt:
         print("dogsplat: stopped before the end; nothing is half-written", file=sys.stderr)
-        return 130
+        return 128 + signal.SIGINT
+    except OSError as error:  # of writing: what is read is looked at where it is read
+        if isinstance(error, BrokenPipeError) or not error.strerror:
+            raise
+        place = f"{error.filename}: " if error.filename else ""
+        print(f"dogsplat: {place}{error.strerror}; check the place, its permissions and its space", file=sys.stderr)
+        return 2

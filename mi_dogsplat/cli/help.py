@@ -8,7 +8,8 @@ A first run:
 
 photos/ is a COLMAP folder (images/ and sparse/0), a folder with transforms.json (instant-ngp, nerfstudio) or
 transforms_train.json (NeRF synthetic), or a Mitsuba scene XML. run/report.html tells how it went.
-Exit codes: 0 done, 2 wrong use or bad input (one line says what to do); 1 where dogsplat check found a defect.
+Exit codes: 0 done, 2 wrong use or bad input (one line says what to do); 1 where dogsplat check found a defect;
+130 stopped by Ctrl-C, 143 by SIGTERM.
 """
 
 TRAIN_EXAMPLES = """
@@ -21,8 +22,8 @@ Examples:
   dogsplat train lego/ -o run --background white       images with alpha over white (as auto does)
 
 Afterwards RUN holds point_cloud.ply (the model), report.html (open it in a browser), metrics.json,
-history.jsonl, config.json, and test/ with a render, the photograph and an error map per test view. Stopping
-with Ctrl-C leaves config.json and history.jsonl of the steps done.
+history.jsonl, config.json, and test/ with a render, the photograph and an error map per test view.
+Ctrl-C saves a checkpoint and stops; the same command with --resume goes on there, also after a crash.
 """
 PRUNE_EXAMPLES = """
 Examples:

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..capture_config import CaptureConfig
 from ..errors import DataError
-from ..files import replacing
+from ..files import read_json, replacing
 from ..pictures import write_exr, write_png
 from ..scene.cameras import OPENCV_FROM_OPENGL, Camera
 from .camera_paths import Shot, circling_shots
@@ -130,7 +130,7 @@ def _prepare_folder(out: Path, settings: dict[str, Any]) -> None:
     if out.exists() and not out.is_dir():
         raise DataError(out, "is a file", "name a folder for the data set")
     if file.exists():
-        _require_same(out, settings)
+        require_same(out, settings)
     elif out.is_dir() and any(out.iterdir()):
         raise DataError(out, "is a folder with other contents", "name a new folder, or that of an earlier capture")
     try:
@@ -140,12 +140,12 @@ def _prepare_folder(out: Path, settings: dict[str, Any]) -> None:
         raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
 
 
-def _require_same(out: Path, settings: dict[str, Any]) -> None:
+def require_same(out: Path, settings: dict[str, Any]) -> None:
     """Raise ``DataError`` unless the pictures in the folder were made with these settings."""
-    try:
-        before = dict(json.loads((out / SETTINGS).read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError) as error:
-        raise DataError(out / SETTINGS, f"cannot be read ({error})", "remove the folder, or name another") from None
+    remedy = "remove the folder, or name another"
+    before = read_json(out / SETTINGS, remedy)
+    if not isinstance(before, dict):
+        raise DataError(out / SETTINGS, "is not a JSON object", remedy)
     changed = [name for name in settings if name not in FREE and before.get(name) != settings[name]]
     if changed:
         name = changed[0]

@@ -17,7 +17,7 @@ from ..scene.cameras import Camera
 from .check import require_plausible
 from .colmap_files import ColmapImage, ColmapPoints, read_cameras, read_images, read_points
 from .dataset import Dataset, Observations, View, every_eighth, require_unique_names, view_name
-from .images import ViewSource, load_views, require_files
+from .images import ViewSource, is_file, load_views, require_files
 from .lens import undistortion
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
@@ -45,7 +45,7 @@ def load_colmap(path: Path, downscale: int) -> Dataset:
     points = read_model_points(model)
     smaller = _image_folder(path, model).with_name(f"images_{downscale}")
     relocated = [replace(s, image_path=smaller / i.name) for s, i in zip(sources, images, strict=True)]
-    prescaled = downscale > 1 and all(source.image_path.is_file() for source in relocated)
+    prescaled = downscale > 1 and all(is_file(source.image_path) for source in relocated)
     if not prescaled:
         require_files([source.image_path for source in sources])
     views, has_alpha = load_views(relocated if prescaled else sources, downscale, prescaled)

@@ -35,6 +35,8 @@ MODELS = {
     8: ("SIMPLE_RADIAL_FISHEYE", 4, False),
     9: ("RADIAL_FISHEYE", 5, False),
 }
+MAX_SIDE = 2**20  # pixels of an image
+MAX_ID = 2**53  # of a point: beyond, a text file's would be rounded
 REMEDY = "copy the file again or export the model again"
 UNDISTORT = "run COLMAP's image_undistorter and use the folder that it writes"
 
@@ -131,6 +133,8 @@ def read_cameras(path: Path) -> dict[int, ColmapCamera]:
             if name not in numbers:
                 raise _unknown_model(path, int(camera_id), name)
             parsed = int(camera_id), numbers[name], int(width), int(height), tuple(float(v) for v in values)
+        except DataError:
+            raise
         except ValueError as error:
             raise _bad_line(path, number, error) from error
         cameras[parsed[0]] = _camera(path, *parsed)
@@ -159,6 +163,8 @@ def read_images(path: Path) -> list[ColmapImage]:
             camera = int(camera_id)
             number, line = next(lines, (number + 1, ""))
             rows = np.array(line.split(), np.float64).reshape(-1, 3)  # [M, 3] x, y, point id
+            if not (np.abs(rows[:, 2]) < MAX_ID).all():  # NaN is not
+                raise ValueError("the id of a point is no whole number")
         except DataError:
             raise
         except ValueError as error:
@@ -185,11 +191,14 @@ def read_points(path: Path) -> ColmapPoints:
                 point_id, x, y, z, r, g, b = line.split()[:7]
                 ids.append(int(point_id))
                 positions.append((float(x), float(y), float(z)))
-                colors.append((int(r), int(g), int(b)))
+                colors.append(tuple(bytes((int(r), int(g), int(b)))))  # 0 to 255, or ValueError
             except ValueError as error:
                 raise _bad_line(path, number, error) from error
+    if not all(0 <= point_id < MAX_ID for point_id in ids):
+        raise DataError(path, "the id of a point is no number that COLMAP gives", REMEDY)
     order = np.argsort(np.array(ids, np.int64))
-    points = np.array(positions, np.float32).reshape(-1, 3)[order]
+    with np.errstate(over="ignore"):  # what float32 cannot hold is infinite: see below
+        points = np.array(positions, np.float32).reshape(-1, 3)[order]
     if not np.isfinite(points).all():
         raise DataError(path, "a point is not finite", REMEDY)
     rgb = np.array(colors, np.float32).reshape(-1, 3)[order] / 255
@@ -207,7 +216,7 @@ def _camera(
     if (
         not np.isfinite(values).all()
         or min(values[: 1 + separate]) <= 0
-        or not 0 < min(width, height) < 2**31
+        or not 0 < min(width, height) <= max(width, height) < MAX_SIDE
     ):
         raise DataError(path, f"camera {camera_id} is {width}x{height} with parameters {values}", REMEDY)
     focal, (cx, cy, *distortion) = values[: 1 + separate], values[1 + separate :]
@@ -230,7 +239,8 @@ def _pose(path: Path, name: str, pose: list[float]) -> np.ndarray:
     """World-to-camera [4, 4] from quaternion w, x, y, z and translation."""
     if len(pose) != 7:
         raise ValueError(f"a pose has 7 numbers, got {len(pose)}")
-    norm = float(np.linalg.norm(pose[:4]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        norm = float(np.linalg.norm(pose[:4]))
     if not np.isfinite(pose).all() or abs(norm - 1) > RIGID_TOLERANCE:
         raise DataError(path, f'image "{name}" has no valid pose (quaternion {pose[:4]})', REMEDY)
     w, x, y, z = np.array(pose[:4]) / norm

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import DataError
-from ..scene.camera_file import FORMAT, camera_from_json, read_json
+from ..files import read_json
+from ..scene.camera_file import FORMAT, camera_from_json
 from ..scene.cameras import SQUARE_TOLERANCE, Camera, camera_from_mitsuba
 from .camera_paths import FAR, NEAR, Shot
 from .dataset import require_unique_names
@@ -58,7 +59,7 @@ def listed_shots(path: Path, extent: float, downscale: int) -> list[Shot]:
 
     ``extent`` is the size of the scene, for the clipping distances. Raises ``DataError`` that names the camera.
     """
-    content = read_json(path)
+    content = read_json(path, f"{FORMAT} for each, in a JSON list")
     if not isinstance(content, list) or not content:
         raise DataError(path, "is no list of cameras", f"{FORMAT} for each, in a JSON list")
     shots = []

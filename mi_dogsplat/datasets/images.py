@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -21,11 +22,18 @@ import numpy as np
 from PIL import Image
 
 from ..errors import DataError
+from ..memory import available_memory
 from ..scene.cameras import Camera
+from ..wording import file_size
 from .dataset import View
 from .lens import Lens, undistortion
 
 EXIF_ORIENTATION = 274
+FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "PPM", "GIF")  # others start programs, or trust the file's name
+MAX_PIXELS_PER_BYTE = 100  # of a large image; the poorest JPEG has 50, a black PNG 340
+ALWAYS_READ = 1 << 24  # pixels
+BYTES_KEPT, BYTES_READ = 12, 24  # per pixel: of a float32 image, and while one is decoded
+Image.init()  # makes all formats known: by itself Pillow does so when the first few have failed
 UNREADABLE = (
     OSError,
     SyntaxError,
@@ -46,7 +54,7 @@ class ViewSource:
 
 def require_files(paths: Sequence[Path]) -> None:
     """Raise ``DataError`` that names the first missing image and how many are missing."""
-    missing = [path for path in paths if not path.is_file()]
+    missing = [path for path in paths if not is_file(path)]
     if missing:
         raise DataError(
             missing[0],
@@ -55,10 +63,28 @@ def require_files(paths: Sequence[Path]) -> None:
         )
 
 
+def is_file(path: Path) -> bool:
+    """``path.is_file()``, and False for what can be no file: a name of 300 characters, or one in a loop of links."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def open_image(path: Path) -> Image.Image:
+    """An image whose pixels are not read yet. Raises one of ``UNREADABLE``, also for a decompression bomb."""
+    image = Image.open(path, formats=FORMATS)
+    n_pixels, n_bytes = image.width * image.height, path.stat().st_size
+    if n_pixels > max(ALWAYS_READ, MAX_PIXELS_PER_BYTE * n_bytes):
+        image.close()
+        raise ValueError(f"{image.width}x{image.height} pixels in {n_bytes} bytes are no photograph")
+    return image
+
+
 def image_size(path: Path) -> tuple[int, int]:
     """(width, height) of an image from its header alone. Raises ``DataError``."""
     try:
-        with Image.open(path) as image:
+        with open_image(path) as image:
             return image.size
     except UNREADABLE as error:
         raise _corrupt(path, error) from error
@@ -78,10 +104,23 @@ def load_views(
     def load(source: ViewSource) -> View:
         return _load_view(source, downscale, prescaled)
 
-    with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:  # Pillow decodes without holding the GIL
+    workers = min(8, os.cpu_count() or 1)
+    _require_memory(sources, downscale, workers)
+    with ThreadPoolExecutor(workers) as pool:  # Pillow decodes without holding the GIL
         views = list(pool.map(load, sources))
     has_alpha = any(view.image.shape[2] == 4 and view.image[..., 3].min() < 1 for view in views)
     return [View(view.name, view.camera, _with_channels(view.image, has_alpha)) for view in views], has_alpha
+
+
+def _require_memory(sources: Sequence[ViewSource], downscale: int, workers: int) -> None:
+    """Raise ``DataError`` unless there is memory for the images: better than to be killed for it."""
+    pixels = [source.camera.width * source.camera.height for source in sources]
+    needed = BYTES_KEPT * sum(pixels) / downscale**2 + BYTES_READ * workers * max(pixels, default=0)
+    free = available_memory()
+    if free is not None and needed > free:
+        problem = f"{len(pixels)} images need {file_size(needed)} of memory, and {file_size(free)} are free"
+        factor = math.ceil(downscale * math.sqrt(needed / free))
+        raise DataError(sources[0].image_path.parent, problem, f"shrink them: --downscale {factor} or more")
 
 
 def box_downscale(image: np.ndarray, k: int) -> np.ndarray:
@@ -95,7 +134,7 @@ def read_image(path: Path) -> np.ndarray:
     """Display values of an image file: float32 [H, W, 3], or [H, W, 4] premultiplied. Raises
     ``DataError``."""
     try:
-        with Image.open(path) as image:
+        with open_image(path) as image:
             if image.mode == "F":
                 raise ValueError("floating-point pixels have no display range")
             if image.mode.startswith("I"):  # 16-bit grey
@@ -151,7 +190,7 @@ def _with_channels(image: np.ndarray, has_alpha: bool) -> np.ndarray:
 
 
 def _wrong_size(path: Path, width: int, height: int, expected: str) -> DataError:
-    with Image.open(path) as image:
+    with open_image(path) as image:
         turned = image.getexif().get(EXIF_ORIENTATION, 1) != 1
     remedy = "use the images the cameras were calibrated with"
     if turned:

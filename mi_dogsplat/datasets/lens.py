@@ -18,6 +18,7 @@ from scipy.ndimage import map_coordinates, spline_filter
 from ..scene.cameras import Camera
 
 MAX_GROWTH = 2.0  # of width and height of the pinhole's image: what a fisheye sees beyond is stretched too far
+MAX_COEFFICIENT = 1e6  # those of real lenses are below 10
 NEWTON_STEPS = 30
 EDGE = 64  # points per side of the border
 BAND = 256  # rows that are resampled at a time, so that memory stays small
@@ -54,6 +55,7 @@ class Lens:
             axis=-1,
         )
 
+    @np.errstate(over="ignore", invalid="ignore")  # of points out of all reason, for which no ray is found
     def undistort(self, points: np.ndarray) -> np.ndarray:
         """(u', v') [..., 2] to (u, v) [..., 2] by Newton's method; NaN where no ray of a pinhole arrives there."""
         r = np.linalg.norm(points, axis=-1, keepdims=True)
@@ -125,11 +127,14 @@ class Undistortion:
         return rays * (camera.fx, camera.fy) + (camera.cx, camera.cy)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of a principal point out of all reason, for which nothing is left
 def undistortion(source: Camera, lens: Lens) -> Undistortion:
     """The pinhole of the same pose and focal length that sees the largest rectangle inside of the photograph.
 
     source: intrinsics and size of the photograph, and its pose. Raises ``ValueError`` where no such rectangle is left.
     """
+    if not all(abs(k) <= MAX_COEFFICIENT for k in (*lens.radial, *lens.tangential)):  # NaN is not
+        raise ValueError(f"the lens {lens} has coefficients that no lens has")
     along = np.linspace(0, 1, EDGE)
     zero, one = np.zeros(EDGE), np.ones(EDGE)
     size = source.width, source.height
@@ -147,7 +152,7 @@ def undistortion(source: Camera, lens: Lens) -> Undistortion:
     widest = lens.largest_radius / np.sqrt(2)
     low = np.maximum(np.maximum(limits[:, 0], -widest) * focal, -center * MAX_GROWTH)  # px from the principal point
     high = np.minimum(np.minimum(limits[:, 1], widest) * focal, (np.array(size) - center) * MAX_GROWTH)
-    width, height = (int(n) for n in np.floor(high - low + 1e-6))
+    width, height = (int(n) for n in np.floor(np.clip(high - low, 0, MAX_GROWTH * max(size)) + 1e-6))
     if min(width, height) < 1 or not (low < 0).all() or not (high > 0).all():
         raise ValueError(f"the lens {lens} leaves no pinhole image of a {source.width}x{source.height} photograph")
     cx, cy = -low

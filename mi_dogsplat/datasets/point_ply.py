@@ -10,6 +10,7 @@ from ..errors import DataError
 from ..files import replacing
 from ..scene.ply_tables import TableReader
 
+MAX_COLOR = 65535  # of the widest integers that colours are written in
 REMEDY = "write a PLY with an element vertex that has x y z and, for colours, red green blue"
 
 
@@ -28,12 +29,15 @@ def read_point_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     names = () if table is None else table.dtype.names or ()
     if table is None or not {"x", "y", "z"} <= set(names):
         raise DataError(path, "has no element vertex with x y z", REMEDY)
-    points = np.stack([table[axis] for axis in "xyz"], axis=1).astype(np.float32)  # [P, 3]
+    with np.errstate(over="ignore"):  # doubles beyond float32 become infinite
+        points = np.stack([table[axis] for axis in "xyz"], axis=1).astype(np.float32)  # [P, 3]
     if not np.isfinite(points).all():
         raise DataError(path, "a point is not finite", REMEDY)
     if not {"red", "green", "blue"} <= set(names):
         return points, np.full_like(points, 0.5)
     colors = np.stack([table[channel] for channel in ("red", "green", "blue")], axis=1)  # [P, 3]
+    if not np.isfinite(colors).all() or np.abs(colors).max(initial=0) > MAX_COLOR:
+        raise DataError(path, "a colour is none", REMEDY)
     # uchar columns hold 0..255. ASCII tables come as doubles whatever the header says: there the values tell.
     full = 255 if colors.dtype.kind == "u" or colors.max(initial=0) > 1 else 1
     return points, (colors / full).astype(np.float32)

@@ -8,7 +8,6 @@ else there are none.
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -16,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from ..errors import DataError
+from ..files import read_json
 from ..scene.cameras import Camera, opengl_c2w_to_opencv_w2c
 from .check import require_plausible
 from .colmap import find_model, read_model_points, read_sources
 from .dataset import Dataset, every_eighth, no_points, require_unique_names, view_name
-from .images import ViewSource, image_size, load_views, require_files
+from .images import ViewSource, image_size, is_file, load_views, require_files
 from .lens import Lens
 from .point_ply import read_point_ply
 
@@ -51,7 +51,10 @@ def load_transforms(file: Path, downscale: int) -> Dataset:
     content = _parse(file)
     sources = _sources(file, content)
     test_file = file.with_name("transforms_test.json")
-    test_names = {view_name(str(name)) for name in content.get("test_filenames", [])}
+    named = content.get("test_filenames", [])
+    if not isinstance(named, list):
+        raise DataError(file, '"test_filenames" is no list', "make it a list of image names, or remove it")
+    test_names = {view_name(str(name)) for name in named}
     if file.stem == "transforms_train" and test_file.is_file():
         test_sources = _sources(test_file, _parse(test_file))
         test_names = {source.name for source in test_sources}
@@ -76,14 +79,7 @@ def load_transforms(file: Path, downscale: int) -> Dataset:
 def _parse(file: Path) -> dict[str, Any]:
     """The JSON object of a file with at least one frame. Raises ``DataError`` with the line of a syntax
     error."""
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        raise DataError(
-            file, f"not valid JSON in line {error.lineno} ({error.msg})", "correct that line"
-        ) from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(file, f"cannot be read ({error})", "give a transforms.json in UTF-8") from error
+    content = read_json(file, "correct that line")
     if not isinstance(content, dict) or not isinstance(content.get("frames"), list) or not content["frames"]:
         raise DataError(file, 'has no cameras ("frames" is absent or empty)', "add a frame per image")
     return content
@@ -105,7 +101,7 @@ def _sources(file: Path, content: dict[str, Any]) -> list[ViewSource]:
         try:
             merged = {**shared, **frame}
             camera, lens = _camera(file, merged, image_path), _lens(file, merged)
-        except (ValueError, TypeError, ZeroDivisionError) as error:
+        except (ValueError, TypeError, ArithmeticError) as error:
             if isinstance(error, DataError):
                 raise
             raise DataError(file, f'frame "{name}": {error}', f"correct it ({CONVENTION})") from error
@@ -118,7 +114,7 @@ def _image_path(folder: Path, name: str) -> Path:
     none."""
     path = folder / name.replace("\\", "/")
     candidates = (path.with_name(path.name + extension) for extension in EXTENSIONS)
-    return next((candidate for candidate in candidates if candidate.is_file()), path)
+    return next((candidate for candidate in candidates if is_file(candidate)), path)
 
 
 def _camera(file: Path, frame: dict[str, Any], image_path: Path) -> Camera:

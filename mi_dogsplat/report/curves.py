@@ -37,8 +37,9 @@ def curves_section(run: Run) -> str:
     """Three pairs of plots, as HTML; what the history does not hold is left out, an empty one named."""
     head = "<h2>How training went</h2>"
     l1, n, n_dog, test_psnr, train_l1 = (run.column(k) for k in ("l1", "n", "n_dog", "test_psnr", "train_l1"))
-    abscissas = [(label, x) for label, x in _abscissas(run) if np.isfinite(x).any()]
-    if not abscissas or not (np.nan_to_num(l1) > 0).any():
+    logged = np.nan_to_num(l1) > 0
+    abscissas = [(label, x) for label, x in _abscissas(run) if np.isfinite(x[logged]).any()]
+    if not abscissas:
         return f"{head}<p>There are no curves: history.jsonl is missing or holds no logged step.</p>"
     final = finite(((run.metrics or {}).get("test") or {}).get("psnr"))
     if final is not None and not np.isfinite(test_psnr[-1]):
@@ -54,9 +55,9 @@ def curves_section(run: Run) -> str:
             errors.append(Series("at a check", x, train_l1, "points", color=2))
         lines = marks(run, x)
         error_plots.append(line_plot(errors, label, "training L1", log_y=True, marks=lines))
-        if np.count_nonzero(np.isfinite(test_psnr)) > 1:
+        if np.count_nonzero(np.isfinite(test_psnr + x)) > 1:
             psnr_plots.append(line_plot([Series("test", x, test_psnr, "points")], label, "test PSNR, dB", marks=lines))
-        if np.isfinite(n).any():
+        if np.isfinite(n + x).any():
             dog = [Series("DoG", x, n_dog, color=2)] if np.nansum(n_dog) > 0 else []
             counts = [Series("all", *with_drops(run, x, n)), *dog]
             count_plots.append(

@@ -31,6 +31,7 @@ def mixture_section(run: Run) -> str:
     name, row = str(profile.get("view")), finite(profile.get("row")) or 0.0
     sides = {"with DoG": profile.get("with_dog") or {}, "without": profile.get("without_dog") or {}}
     errors = [np.array(side.get("error") or [0.0], np.float64) for side in sides.values()]  # [W] each
+    errors = [error[: min(map(len, errors))] for error in errors]
     left, _, width, _ = worst_box(np.abs(np.subtract(*errors))[None, :])
     views = ranked((run.metrics or {}).get("views") or {name: {}})
     title = next((view.title for view in views if view.name == name), escape(name))

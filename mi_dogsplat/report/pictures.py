@@ -22,9 +22,9 @@ def read_pictures(files: Mapping[str, Path]) -> tuple[dict[str, Image.Image], st
     missing = []
     for what, path in files.items():
         try:
-            with Image.open(path) as image:
+            with Image.open(path, formats=("PNG",)) as image:
                 pictures[what] = image.convert("RGB")
-        except OSError:
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):  # what Pillow raises for bad files
             missing.append(f"<code>{escape(path.name)}</code>")
     words = f"<p class=read>Missing or not readable: {', '.join(missing)}.</p>" if missing else ""
     return pictures, words

@@ -183,7 +183,7 @@ def _x_range(series: Sequence[Series], log: bool, start: float) -> tuple[float, 
     if log:
         return _padded(low, high, True, False)
     low = min(start, low)
-    return low, high if high > low else low + 1
+    return low, high if high > low else low + max(1.0, 1e-6 * abs(low))
 
 
 def _padded(low: float, high: float, log_y: bool, from_zero: bool) -> tuple[float, float]:

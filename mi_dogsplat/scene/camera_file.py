@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DataError
-from ..files import replacing
+from ..files import read_json, replacing
 from .cameras import Camera, nearest_rigid
 
 FORMAT = 'write {"w2c": 4x4 world to camera (OpenCV axes), "fx", "fy", "cx", "cy", "width", "height"}'
@@ -27,24 +27,11 @@ def read_camera(path: str | Path) -> Camera:
     """The camera in a file. Raises ``DataError`` for what is missing, not a number, or no rigid pose."""
     path = Path(path)
     try:
-        return camera_from_json(read_json(path))
+        return camera_from_json(read_json(path, FORMAT))
     except (ValueError, TypeError, OverflowError) as error:
         if isinstance(error, DataError):
             raise
         raise DataError(path, str(error), FORMAT) from error
-
-
-def read_json(path: Path) -> Any:
-    """What a JSON file holds. Raises ``DataError``."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        problem = f"not valid JSON in line {error.lineno} ({error.msg})"
-        raise DataError(path, problem, "correct that line") from error
-    except OSError as error:
-        raise DataError(path, f"cannot be read ({error.strerror})", "check the path") from error
-    except UnicodeDecodeError as error:
-        raise DataError(path, "is not a text file", FORMAT) from error
 
 
 def camera_from_json(content: Any) -> Camera:

@@ -87,7 +87,7 @@ class Camera:
         world = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         local = world @ self.w2c[:3, :3].T + self.w2c[:3, 3]  # [P, 3]
         depth = local[:, 2]  # [P]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             pixels = local[:, :2] / depth[:, None] * (self.fx, self.fy) + (self.cx, self.cy)  # [P, 2]
         return pixels, depth
 
@@ -121,8 +121,9 @@ def nearest_rigid(matrix: ArrayLike, mirror: bool = False) -> np.ndarray:
         raise ValueError("the pose contains a value that is not finite")
     if given.shape == (4, 4) and np.abs(given[3] - (0, 0, 0, 1)).max() > RIGID_TOLERANCE:
         raise ValueError("the last row of the pose is not 0 0 0 1")
-    deviation = np.abs(given[:3, :3] @ given[:3, :3].T - np.eye(3)).max()
-    if deviation > RIGID_TOLERANCE:
+    with np.errstate(over="ignore", invalid="ignore"):  # of huge values
+        deviation = np.abs(given[:3, :3] @ given[:3, :3].T - np.eye(3)).max()
+    if not deviation <= RIGID_TOLERANCE:
         raise ValueError(f"the pose is not a rotation: R R^T differs from the identity by {deviation:.2g}")
     u, _, vt = np.linalg.svd(given[:3, :3])
     rotation = u @ vt  # [3, 3]

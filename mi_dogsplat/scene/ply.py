@@ -10,14 +10,13 @@ elements, files without normals (gsplat), SH degree 0..3, and the method authors
 
 from __future__ import annotations
 
-import os
 import stat
-import uuid
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import DataError
+from ..files import replacing
 from .ply_tables import NOT_3DGS, TableReader, check_finite
 from .splats import Array, Splats
 
@@ -142,16 +141,10 @@ def _rest_names(n_rest: int) -> tuple[str, ...]:
 
 def _replace(path: Path, *parts: bytes):
     """Make ``parts`` the content of ``path``, or leave everything as it was."""
-    temporary = path.with_name(f".{uuid.uuid4().hex}.tmp")
     try:
-        try:
-            with temporary.open("xb") as file:
-                file.writelines(parts)
-                file.flush()
-                os.fsync(file.fileno())  # a crash after the rename must not leave a file without its data
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        path.parent.stat()  # a folder that is missing is a typing error: none is made
+        with replacing(path) as part, part.open("xb") as file:
+            file.writelines(parts)
     except OSError as e:
         remedy = "check that the folder exists, is writable and has space"
         raise DataError(path, f"cannot be written ({e.strerror})", remedy) from e

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import DataError
+from ..memory import bytes_of
 from .presets import RECIPES
 
 FROM_RECIPE: Any = None  # a default that the preset decides on when the configuration is made
@@ -22,7 +23,9 @@ RANGES = {
     "seed": (0, math.inf),
     "log_every": (1, math.inf),
     "test_every": (0, math.inf),
+    "checkpoint_seconds": (0, math.inf),
 }
+FREE = ("checkpoint_seconds", "memory")  # may change from one start of a run to the next, as no result depends on them
 
 
 def background_color(background: str, has_alpha: bool) -> float:
@@ -53,6 +56,8 @@ class TrainConfig:
     variant: str = "auto"  # Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb
     log_every: int = 50  # steps between rows of history.jsonl
     test_every: int = 0  # steps between measurements of PSNR and FLIP on the test views; 0: eight times a run
+    memory: str | None = None  # train within this, as 8G (default: what is free on the CPU; no limit on a GPU)
+    checkpoint_seconds: float = 60.0  # time between checkpoints; longer where they would take a fiftieth of the time
     model: str | None = None  # start from this model .ply, of whatever SH degree, at the pruning of the recipe
 
     def __post_init__(self) -> None:
@@ -60,6 +65,11 @@ class TrainConfig:
             if getattr(self, name) not in choices:
                 _refuse(name, f'"{getattr(self, name)}" is unknown', "use " + " or ".join(choices))
         self._fill_from_recipe()
+        if self.memory is not None:
+            try:
+                bytes_of(self.memory)
+            except ValueError as error:
+                _refuse("memory", str(error), "use a number with K, M, G or T, as 8G")
         for name, (low, high) in RANGES.items():
             value = getattr(self, name)
             if value is None and name == "max_primitives":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import drjit as dr
@@ -11,12 +11,15 @@ import drjit as dr
 from .train import Trainer
 
 
-def run_to_end(trainer: Trainer) -> Iterator[dict[str, Any]]:
+def run_to_end(
+    trainer: Trainer, due: Callable[[], bool] = lambda: False, save: Callable[[], None] = lambda: None
+) -> Iterator[dict[str, Any]]:
     """Run to the end; yields rows of the history.
 
-    Every row has ``step``, ``seconds`` (without measurements on test views), ``n`` and ``n_dog``. Some have means
-    since the row before (``l1``, ``loss``), means over the test views (``test_psnr``; ``test_flip`` where it is not
-    a prune or an activation that asks), and what happened: ``event`` and the fields of ``Trainer.step``.
+    Every row has ``step``, ``seconds`` (without ``save`` and measurements on test views), ``n`` and ``n_dog``. Some
+    have means since the row before (``l1``, ``loss``), means over the test views (``test_psnr``; ``test_flip`` where
+    it is not a prune or an activation that asks), and what happened: ``event`` and the fields of ``Trainer.step``.
+    After a step, and after its row, ``save`` is called where that is ``due``.
     """
     config = trainer.config
     test_every = (config.test_every or max(1, config.steps // 8)) if trainer.dataset.test else 0
@@ -25,19 +28,26 @@ def run_to_end(trainer: Trainer) -> Iterator[dict[str, Any]]:
         log = trainer.summed > 0 and trainer.logs()
         scheduled = test_every > 0 and trainer.step_count % test_every == 0
         compacted = test_every > 0 and ("pruned_to" in happened or "psnr_before" in happened)
-        if not (happened or log or scheduled):
-            continue
-        row: dict[str, Any] = {"step": trainer.step_count}
-        if log:
-            row |= trainer.take_losses()
-        dr.sync_thread()
-        now = time.perf_counter()
-        trainer.seconds += now - tick
-        row |= {"seconds": trainer.seconds, "n": trainer.optimizer.n, "n_dog": trainer.optimizer.n_dog} | happened
-        if scheduled or compacted:
-            row |= trainer.test_errors(with_flip=scheduled)
-        tick = time.perf_counter()
-        yield row
+        if happened or log or scheduled:
+            row: dict[str, Any] = {"step": trainer.step_count}
+            if log:
+                row |= trainer.take_losses()
+            _count_seconds(trainer, tick)
+            row |= {"seconds": trainer.seconds, "n": trainer.optimizer.n, "n_dog": trainer.optimizer.n_dog} | happened
+            if scheduled or compacted:
+                row |= trainer.test_errors(with_flip=scheduled)
+            tick = time.perf_counter()
+            yield row
+        if due():
+            _count_seconds(trainer, tick)
+            save()
+            tick = time.perf_counter()
+
+
+def _count_seconds(trainer: Trainer, since: float) -> None:
+    """Add what the device and we have worked since then."""
+    dr.sync_thread()
+    trainer.seconds += time.perf_counter() - since
 
 
 def _happenings(trainer: Trainer) -> Iterator[dict[str, Any]]:

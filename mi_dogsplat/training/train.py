@@ -24,9 +24,10 @@ from ..pruning.dog_control import activate, degenerate
 from ..pruning.prune import Pruning
 from ..pruning.score import scores
 from ..render import Picture, over_background, render_picture
-from .broken import drop_broken
+from .broken import broken, drop_broken
 from .config import TrainConfig, background_color
 from .densify import DensifyStats, refine
+from .footprint import budget
 from .initialize import initial_splats
 from .learning_rates import LearningRates
 from .loss import PhotometricLoss
@@ -47,12 +48,15 @@ class Trainer:
         self.recipe = (recipe if config.model is None else recipe.from_pruning()).scaled(config.steps)
         self.background = background_color(config.background, dataset.has_alpha)
         self.extent = camera_extent(dataset.train)
+        splats = initial_splats(config, dataset)
+        self.sh_degree = splats.sh_degree
+        self.budget = budget(config.memory, dataset, self.sh_degree)
+        if self.budget:
+            self.budget.require(config.data, splats.n_splats)
         self.rng = np.random.default_rng(config.seed)
         self.loss = PhotometricLoss()
         self.cameras = [DeviceCamera.upload(v.camera, config.near_clip) for v in dataset.train]
         self.targets = [self.loss.target(over_background(v.image, self.background)) for v in dataset.train]
-        splats = initial_splats(config, dataset)
-        self.sh_degree = splats.sh_degree
         rates = LearningRates(self.extent, self.recipe.position_steps, refinement=self.recipe.refinement)
         self.optimizer = SplatOptimizer(splats, rates)
         self.densification = replace(
@@ -109,6 +113,8 @@ class Trainer:
             dr.set_grad(plane, mi.Float(δ))
         dr.enqueue(dr.ADMode.Backward, planes)
         dr.traverse(dr.ADMode.Backward)
+        if self.budget and frame.lists:
+            self.budget.pairs = max(self.budget.pairs, dr.width(frame.lists.splat_from_isect))
         if probe and frame.projection:
             gradients = dr.grad(probe[0]), dr.grad(probe[1])
             self.stats.add(*gradients, frame.projection, camera.width, camera.height)
@@ -129,10 +135,17 @@ class Trainer:
         prunes = self.pruning is not None and self.pruning.due(self.step_count)
         events = self._drop_broken() if refines or prunes or self.logs() else []
         if refines:
-            counts = refine(self.densification, self.optimizer, self.stats, self.step_count, self.rng, self.extent)
+            rule, full = self.densification, ""
+            if self.budget:
+                rule, full = self.budget.bounded(rule, self.optimizer.n)
+            counts = refine(rule, self.optimizer, self.stats, self.step_count, self.rng, self.extent)
             self.stats = DensifyStats(self.optimizer.n)
+            if self.budget:
+                self.budget.give_back(self.optimizer.n)
             if any(counts.values()):
                 events.append("densify " + " ".join(f"{verb}={count}" for verb, count in counts.items()))
+            if full and self.optimizer.n >= (rule.max_primitives or 0):
+                events.append(full)
         if self.densification.resets_opacity(self.step_count):
             self.densification.reset_opacity(self.optimizer)
             events.append("reset opacity")
@@ -198,10 +211,14 @@ class Trainer:
         self._forget_losses()
         return {"l1": l1, "loss": loss}
 
-    def state(self) -> dict[str, np.ndarray]:
-        """Everything that ``restore`` needs to go on as if nothing had happened; take it after a row with ``l1``.
+    def sound(self) -> bool:
+        """Whether nothing is broken, so that taking the ``state`` changes nothing. Waits for the device."""
+        return not broken(self.optimizer, self.extent).any()
 
-        Every value is finite: what is broken is dropped first, which after such a row is nothing.
+    def state(self) -> dict[str, np.ndarray]:
+        """Everything that ``restore`` needs to go on as if nothing had happened.
+
+        Every value is finite: what is broken is dropped first, which after a row with ``l1`` is nothing.
         """
         self._drop_broken()
         state = {f"optimizer.{name}": value for name, value in self.optimizer.state().items()}
@@ -211,7 +228,9 @@ class Trainer:
         rng = np.array(json.dumps(self.rng.bit_generator.state))
         progress = {"step": np.array(self.step_count), "seconds": np.array(self.seconds)}
         progress |= {"order": np.array(self.order, np.int64), "dog_activated": np.array(self.dog_activated)}
-        return state | progress | {"rng": rng}
+        progress |= {"pairs": np.array(self.budget.pairs if self.budget else 0)}
+        losses = {"l1_sum": self.l1_sum.numpy().copy(), "loss_sum": self.loss_sum.numpy().copy()}
+        return state | progress | losses | {"summed": np.array(self.summed), "rng": rng}
 
     def restore(self, state: dict[str, np.ndarray]) -> None:
         """Take over a ``state()``. Raises ``ValueError`` or ``KeyError`` if it is of another kind of run.
@@ -232,7 +251,11 @@ class Trainer:
         if self.pruning:
             self.pruning.restore(part("pruning."))
         self.rng.bit_generator.state = json.loads(str(state["rng"]))
-        self._forget_losses()
+        Float: Any = dr.detached_t(mi.Float)
+        self.l1_sum, self.loss_sum = (dr.opaque(Float, float(state[name][0])) for name in ("l1_sum", "loss_sum"))
+        self.summed = int(state["summed"])
+        if self.budget:
+            self.budget.pairs = int(state["pairs"])
 
     def test_errors(self, with_flip: bool = False) -> dict[str, float]:
         """Means over the test views: ``test_psnr``, and ``test_flip``, which takes longer."""

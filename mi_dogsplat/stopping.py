@@ -1,0 +1,42 @@
+"""Ctrl-C and SIGTERM as a request: the work goes on to the next place where it can be left, and is saved there."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from types import FrameType
+
+
+class Stopped(KeyboardInterrupt):
+    """A run stopped on request, with everything saved. ``str(e)`` is one line that says how it goes on.
+
+    ``signal_number`` is what asked for it.
+    """
+
+    def __init__(self, message: str, signal_number: int):
+        super().__init__(message)
+        self.signal_number = signal_number
+
+
+class StopRequest:
+    """``with StopRequest() as stop``: the first SIGINT or SIGTERM is kept in ``stop.signal_number`` (else 0).
+
+    A second one acts as it did before. Outside of the main thread, where Python has no signals, none ever comes.
+    """
+
+    signal_number = 0
+
+    def __enter__(self) -> StopRequest:
+        self._before = {}
+        if threading.current_thread() is threading.main_thread():
+            self._before = {s: signal.signal(s, self._keep) for s in (signal.SIGINT, signal.SIGTERM)}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        self._before = {}
+
+    def _keep(self, number: int, frame: FrameType | None) -> None:
+        self.signal_number = number
+        self.__exit__()

@@ -1,0 +1,100 @@
+"""What a training needs of memory, and how many primitives fit into what there is.
+
+Measured on the CPU (LLVM, resident size; docs/trust.md has the table): within 10 % from 50,000 to 600,000 primitives.
+F is the number of floats of a primitive: 14 without SH, 62 at degree 3 (``SplatOptimizer``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import mitsuba as mi
+
+from ..datasets import Dataset
+from ..errors import DataError
+from ..memory import available_memory, bytes_of
+from ..wording import count, file_size
+from .densify import Densification
+
+BASE = 180e6  # Python, Mitsuba, LLVM, kernels
+TARGET = 60  # bytes per pixel of a training view: its planes on the device and what SSIM needs of them
+PER_FLOAT = 36  # bytes: value, two moments, gradient, what Adam is about to write; and the copy for a checkpoint
+PER_PRIMITIVE = 400  # bytes: the projection and its derivative
+PER_PAIR = 200  # bytes of a pair of tile and primitive: lists, sorting, adjoints
+FIRST_PAIRS = 8.0  # pairs per primitive before any are counted
+MARGIN = 0.85  # of the budget: the estimate is no better
+
+
+@dataclass
+class Budget:
+    """Memory for a training: ``total`` bytes, of which ``fixed`` do not depend on the primitives of ``floats`` floats.
+
+    ``pairs`` is the largest number of pairs of tile and primitive that a view has had since the last refinement.
+    """
+
+    total: float
+    fixed: float
+    floats: int
+    pairs: int = 0
+
+    def each(self, pairs_per_primitive: float) -> float:
+        """Bytes that a primitive needs."""
+        return PER_FLOAT * self.floats + PER_PRIMITIVE + PER_PAIR * pairs_per_primitive
+
+    def most_primitives(self, pairs_per_primitive: float) -> int:
+        """How many primitives fit."""
+        return max(0, int((MARGIN * self.total - self.fixed) / self.each(pairs_per_primitive)))
+
+    def give_back(self, n: int) -> None:
+        """Give back what Dr.Jit keeps of arrays of earlier sizes, where ``n`` primitives make that worth it.
+
+        It keeps them for arrays of the same size, which do not come again when the number of primitives has changed: a
+        third of the memory of a model that grows.
+        """
+        if self.fixed + n * self.each(FIRST_PAIRS) > 0.5 * self.total:
+            dr.flush_malloc_cache()
+
+    def require(self, path: str, n: int) -> None:
+        """Raise ``DataError`` unless training can start with ``n`` primitives."""
+        if self.most_primitives(FIRST_PAIRS) >= n:
+            return
+        primitives = n * self.each(FIRST_PAIRS)
+        total = file_size((self.fixed + primitives) / MARGIN)
+        need = f"training from {count(n)} primitives needs about {total} of memory"
+        parts = f"pictures {file_size(self.fixed - BASE)}, primitives {file_size(primitives)}"
+        remedy = "use a larger --downscale, fewer --max-primitives, a smaller --sh-degree, or a larger --memory"
+        raise DataError(path, f"{need} ({parts}), and there are {file_size(self.total)}", remedy)
+
+    def bounded(self, rule: Densification, n: int) -> tuple[Densification, str]:
+        """The rule of a refinement of ``n`` primitives, which does not outgrow the memory, and an event that says so.
+
+        The event is empty while the cap is far. The ``n`` that there are stay. Starts to count ``pairs`` anew.
+        """
+        most = max(n, self.most_primitives(self.pairs / n if self.pairs else FIRST_PAIRS))
+        self.pairs = 0
+        if rule.max_primitives is not None and rule.max_primitives <= most:
+            return rule, ""
+        event = f"memory: no more than {most} primitives fit into {file_size(self.total)}" if most < 2 * n else ""
+        return replace(rule, max_primitives=most), event
+
+
+def budget(memory: str | None, dataset: Dataset, sh_degree: int) -> Budget | None:
+    """The budget of a training on the data; None where nobody knows how much memory there is.
+
+    Args:
+        memory: as ``TrainConfig.memory``; None is what the machine has to give now.
+    """
+    pictures = sum(4 * view.image.size for view in dataset.views)
+    if memory is None and "cuda" in str(mi.variant()):
+        return None
+    if memory is None:
+        free = available_memory()
+        total = None if free is None else free + pictures + BASE  # most of these are there already
+    else:
+        total = bytes_of(memory)
+    if total is None:
+        return None
+    pixels = sum(view.camera.width * view.camera.height for view in dataset.train)
+    floats = 14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0)
+    return Budget(total, BASE + pictures + TARGET * pixels, floats)
