@@ -17,6 +17,7 @@ from .help import (
     CHECK_EXAMPLES,
     EPILOG,
     EVAL_EXAMPLES,
+    EXPORT_EXAMPLES,
     INFO_EXAMPLES,
     PRUNE_EXAMPLES,
     RENDER_EXAMPLES,
@@ -121,6 +122,14 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     p.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA by name, or a camera JSON file")
     p.add_argument("--width", type=int, default=256, metavar="N", help="of the pictures, in pixels (default: 256)")
     p.add_argument("--rounds", type=int, default=9, metavar="N", help="timings of each setting (default: 9)")
+    _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
+
+    p = command("export", "a model in the format of another program", EXPORT_EXAMPLES)
+    p.add_argument("model", type=Path, metavar="MODEL", help="model .ply")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".spz .sog .glb .compressed.ply .ply")
+    p.add_argument("--dog", default="bake", metavar="HOW", help="DoG: bake (nearest Gaussians) or drop (default: bake)")
+    p.add_argument("--data", metavar="DATA", help="measure the loss on its test views, against its photographs too")
+    p.add_argument("--views", type=int, default=8, metavar="N", help="views to measure on; 0: none (default: 8)")
     _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
 
     p = command("info", "what a file is and what is wrong with it", INFO_EXAMPLES)

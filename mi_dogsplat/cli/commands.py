@@ -156,6 +156,17 @@ def _check_parts(args: argparse.Namespace, parts: Sequence[str]) -> None:
             raise DataError(flag, f"{value} is too small", f"use at least {least}")
 
 
+def export(args: argparse.Namespace) -> None:
+    """Write a model in the format of another program, without DoG, and measure what that loses."""
+    _config(args)
+    if args.views < 0:
+        raise DataError("--views", f"{args.views} is too small", "use at least 0")
+    _set_variant(args.variant)
+    from ..export.write import export as run_export
+
+    run_export(args)
+
+
 def info(args: argparse.Namespace) -> None:
     """Say what a file is: counts, ranges, and problems found; or what its kernels need and what they leave out."""
     if args.features or args.file.suffix == ".xml":
@@ -204,7 +215,7 @@ def _set_variant(name: str) -> None:
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
     "train": train, "prune": prune, "ablate": ablate, "render": render, "eval": evaluate, "capture": capture,
-    "check": check, "info": info
+    "check": check, "export": export, "info": info
 }  # fmt: skip
 
 

@@ -98,6 +98,19 @@ exponentials, primitives kept, SH degree, DoG; leave the machine alone meanwhile
 naive splatting code. stiffness: step-size limits, and a training run that is poisoned. training: of --runs.
 DIR/check.html shows it all, DIR/check.json holds it. A stability case that is wrong is printed; exit code 1.
 """
+EXPORT_EXAMPLES = """
+Examples:
+  dogsplat export run/point_cloud.ply -o model.spz                    Niantic, Babylon, Spark; small
+  dogsplat export run/point_cloud.ply -o model.sog                    PlayCanvas, SuperSplat; small
+  dogsplat export run/point_cloud.ply -o model.compressed.ply         the same; a quarter of a PLY
+  dogsplat export run/point_cloud.ply -o model.glb                    glTF with KHR_gaussian_splatting, lossless
+  dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
+                                                                      any 3DGS viewer; loss against photographs
+
+These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary (--dog
+drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the others the
+axes of the model.
+"""
 INFO_EXAMPLES = """
 Examples:
   dogsplat info run/point_cloud.ply   counts, ranges, and primitives that are broken or wasted
