@@ -71,7 +71,7 @@ def automatic_camera(splats: Splats) -> Camera:
 
 
 def cameras_around(splats: Splats, n: int) -> list[Camera]:
-    """``n`` cameras on a hemisphere that frame the core of a model, where nobody says from where to compare pictures."""
+    """``n`` cameras on a hemisphere that frame the core of a model, for when nobody says from where to compare."""
     centre, radius = robust_sphere(splats)
     axis = likely_up(splats)
     up = ("-" if axis.sum() < 0 else "") + "xyz"[int(np.argmax(abs(axis)))]

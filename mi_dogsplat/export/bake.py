@@ -9,7 +9,8 @@ and for given ratios r the best a = <g(r s), DoG> / <g(r s), g(r s)> leaves the 
 
     |DoG|² - <g(r s), DoG>² / <g(r s), g(r s)>
 
-whose second term is made as large as it can be, one axis after the other. A picture shows two of the three axes, from any side: products over three axes are raised to the power 2/3.
+whose second term is made as large as it can be, one axis after the other. A picture shows two of the three axes, from
+any side: products over three axes are raised to the power 2/3.
 
 Measured (docs/export.md) this keeps far more than dropping the pseudo-Gaussian, lowering the peak, or matching moments.
 """
@@ -40,7 +41,7 @@ def baked(splats: Splats) -> Splats:
 
 
 def nearest_gaussians(f_a: Array, F: Array) -> tuple[Array, Array]:
-    """Ratios r of scales [M, 3] and factors a on opacities [M]: the Gaussians nearest to DoG with f_a [M] and F [M, 3]."""
+    """Ratios r of scales [M, 3] and factors a on opacities [M] of the Gaussians nearest to DoG; f_a [M], F [M, 3]."""
     f_a, F = f_a.astype(np.float64)[:, None], F.astype(np.float64)
     ratios = np.ones_like(F)  # [M, 3]
     for axis in [0, 1, 2] * SWEEPS:

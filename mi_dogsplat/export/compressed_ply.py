@@ -43,7 +43,7 @@ def encode(splats: Splats) -> bytes:
         extent = (high - low).astype(np.float64)[chunk]
         words.append(_packed((values - low[chunk]) / np.where(extent > 0, extent, 1), layout))
     largest, three = smallest_three(unit_quats(splats)[:, [3, 0, 1, 2]])
-    rotations = (np.uint32(largest) << 30) | _packed(three / SQRT2 + 0.5, BITS_OF_ROTATION)
+    rotations = (largest.astype(np.uint32) << 30) | _packed(three / SQRT2 + 0.5, BITS_OF_ROTATION)
     words[2] |= _packed(splats.opacities[:, None], ((0, 8),))
     positions, packed_scales, packed_colors = words
     rest = splats.sh_coeffs[:, 1:].transpose(0, 2, 1).reshape(n, -1)  # [N, 3 (K - 1)] channel-major
@@ -62,7 +62,10 @@ def encode(splats: Splats) -> bytes:
 def decode(path: Path) -> Splats:
     """The model in a file. Raises ``DataError``."""
     with path.open("rb") as file:
-        tables = TableReader(path, file, path.stat().st_size).tables({"chunk", "vertex", "sh"})
+        reader = TableReader(path, file, path.stat().st_size)
+        tables = reader.tables({"chunk", "vertex", "sh"})
+    if "chunk" not in tables or WORDS[0] not in (tables["vertex"].dtype.names or ()):
+        reader.fail("no chunks of packed primitives", "give a compressed PLY")
     chunks = np.stack([tables["chunk"][name] for name in COLUMNS], axis=1).astype(np.float64).reshape(-1, 3, 2, 3)
     vertex = tables["vertex"]
     n = len(vertex)
@@ -95,7 +98,8 @@ def _bounds(values: Array) -> tuple[Array, Array]:
     starts = np.arange(0, len(values), CHUNK)
     if not len(starts):
         return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)
-    return tuple(f.reduceat(values, starts, axis=0).astype(np.float32) for f in (np.minimum, np.maximum))  # type: ignore
+    low, high = (f.reduceat(values, starts, axis=0).astype(np.float32) for f in (np.minimum, np.maximum))
+    return low, high
 
 
 def _packed(shares: Array, layout: tuple) -> Array:

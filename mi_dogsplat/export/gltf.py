@@ -2,7 +2,7 @@
 
 A mesh of points with the attributes POSITION, ROTATION (x, y, z, w), SCALE (standard deviations), OPACITY (0..1) and
 SH_DEGREE_l_COEF_n (red, green, blue), in glTF's axes: y up, what the cameras look at faces z. The signs of the SH basis
-are those of 3DGS. COLOR_0 is for programs that know points only. Own code: a JSON and a block of numbers need no library.
+are those of 3DGS. COLOR_0 is for programs that know points only. Own code: a JSON before a block of numbers.
 """
 
 from __future__ import annotations

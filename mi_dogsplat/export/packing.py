@@ -25,9 +25,9 @@ def turned_rub(splats: Splats) -> Splats:
     signs, so that it loses nothing.
     """
     return Splats(
-        means=splats.means * np.float32([1, -1, -1]),
+        means=splats.means * np.array([1, -1, -1], np.float32),
         log_scales=splats.log_scales,
-        quats=splats.quats * np.float32([1, -1, -1, 1]),  # of D R D, D the half turn: its axes span the same ellipsoid
+        quats=splats.quats * np.array([1, -1, -1, 1], np.float32),  # of D R D, D the turn: the axes of a like ellipsoid
         logit_opacities=splats.logit_opacities,
         sh_coeffs=splats.sh_coeffs * RUB_SIGNS_OF_SH[: splats.sh_coeffs.shape[1], None],
     )

@@ -9,6 +9,7 @@ import numpy as np
 from ..scene.splats import Array
 
 LLOYD_STEPS = 30
+BINS = 128  # of the first guess: few, so that each holds enough values for a density
 
 
 def codebook(values: Array, size: int = 256) -> Array:
@@ -19,10 +20,13 @@ def codebook(values: Array, size: int = 256) -> Array:
     ordered = np.sort(np.asarray(values, np.float64).ravel())
     if not len(ordered):
         return np.zeros(size, np.float32)
+    distinct = np.unique(ordered)
+    if len(distinct) <= size:
+        return np.pad(distinct, (0, size - len(distinct)), mode="edge").astype(np.float32)
     running = np.concatenate([[0.0], np.cumsum(ordered)])
-    shares = (np.arange(size) + 0.5) / size
-    # half by rank, half by range: dense regions get their share, and the rare ends are not forgotten
-    centres = np.sort((np.quantile(ordered, shares) + ordered[0] + (ordered[-1] - ordered[0]) * shares) / 2)
+    counts, edges = np.histogram(ordered, BINS)
+    density = np.cumsum(np.cbrt(counts))  # the best centres lie as dense as the cube root of what they stand for
+    centres = np.interp((np.arange(size) + 0.5) / size * density[-1], density, edges[1:])
     for _ in range(LLOYD_STEPS):
         edges = np.searchsorted(ordered, (centres[1:] + centres[:-1]) / 2)
         edges = np.concatenate([[0], edges, [len(ordered)]])
@@ -62,7 +66,7 @@ def palette(vectors: Array, size: int) -> tuple[Array, Array]:
             heapq.heappush(cells, (0.0, label, axis, rows))
             continue
         put(label, rows[low])
-        put(len(cells) + 1, rows[~low])
+        put(len(cells), rows[~low])
     counts = np.bincount(labels, minlength=len(cells))
     sums = np.stack([np.bincount(labels, column, len(cells)) for column in values.T], axis=1)  # [P, D]
     return labels, (sums / np.maximum(counts, 1)[:, None]).astype(np.float32)

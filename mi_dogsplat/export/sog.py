@@ -1,7 +1,7 @@
 """SOG, version 2 (PlayCanvas): attributes as pixels of lossless WebP pictures, bundled in a ZIP with their meta.json.
 
 A primitive is the same pixel of every picture. ``means_l``, ``means_u``: lower and upper byte of 16 bits between
-bounds, of sign(x) ln(1 + |x|). ``quats``: smallest three of (w, x, y, z) as 8 bits, 252 + index of the largest as alpha.
+bounds, of sign(x) ln(1 + |x|). ``quats``: smallest three of (w, x, y, z) as 8 bits, 252 + the largest's index in alpha.
 ``scales``, ``sh0``: indices into a table of 256 log scales, and of 256 f_dc; the alpha of ``sh0`` is the opacity.
 ``shN``: ``labels`` name an entry (16 bits) of a palette, whose coefficients are pixels of ``centroids``, 64 entries a
 row, and indices into a third table. Numbers are in the axes of 3DGS PLY, as the readers of this format take them.

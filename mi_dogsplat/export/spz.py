@@ -46,8 +46,8 @@ def encode(splats: Splats, antialiased: bool = False) -> bytes:
     colors = splats.sh_coeffs[:, 0] * (COLOR_SCALE * 255) + 127.5
     largest, three = smallest_three(unit_quats(splats))
     magnitudes = np.minimum(MAGNITUDES, np.abs(three) * SQRT2 * MAGNITUDES + 0.5).astype(np.uint32)
-    parts = (np.uint32(three < 0) << 9) | magnitudes  # [N, 3]
-    rotations = (np.uint32(largest) << 30) | (parts[:, 0] << 20) | (parts[:, 1] << 10) | parts[:, 2]
+    parts = ((three < 0).astype(np.uint32) << 9) | magnitudes  # [N, 3]
+    rotations = (largest.astype(np.uint32) << 30) | (parts[:, 0] << 20) | (parts[:, 1] << 10) | parts[:, 2]
     attributes = [
         positions,
         _bytes(splats.opacities * 255),
@@ -79,7 +79,7 @@ def decode(path: Path) -> Splats:
     fixed[..., 1:] = raw["positions"].reshape(n, 3, 3)
     positions = (fixed.view("<i4")[..., 0] >> 8) / 2.0**bits  # the shift spreads the sign
     packed = raw["rotations"].copy().view("<u4")  # [N, 1]
-    parts = (packed >> np.uint32([20, 10, 0])) & 1023  # [N, 3]
+    parts = (packed >> np.array([20, 10, 0], np.uint32)) & 1023  # [N, 3]
     three = np.where(parts >> 9, -1, 1) * (parts & MAGNITUDES) / (MAGNITUDES * SQRT2)
     sh = np.concatenate([(raw["colors"][:, None] / 255 - 0.5) / COLOR_SCALE,
                          (raw["sh"].reshape(n, -1, 3) - 128.0) / 128], axis=1)  # fmt: skip
