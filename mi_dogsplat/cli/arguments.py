@@ -22,6 +22,7 @@ from .help import (
     PRUNE_EXAMPLES,
     RENDER_EXAMPLES,
     TRAIN_EXAMPLES,
+    VIEW_EXAMPLES,
 )
 
 DATA_HELP = field_help(TrainConfig)["data"]
@@ -130,6 +131,13 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     p.add_argument("--dog", default="bake", metavar="HOW", help="DoG: bake (nearest Gaussians) or drop (default: bake)")
     p.add_argument("--data", metavar="DATA", help="measure the loss on its test views, against its photographs too")
     p.add_argument("--views", type=int, default=8, metavar="N", help="views to measure on; 0: none (default: 8)")
+    _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
+
+    p = command("view", "a model, or a run while it trains, in the browser", VIEW_EXAMPLES)
+    p.add_argument("model", type=Path, metavar="MODEL_or_RUN", help="model .ply or run folder")
+    p.add_argument("--data", metavar="DATA", help="photographs to compare with (default: those of the run)")
+    p.add_argument("--host", default="127.0.0.1", metavar="NAME", help="address to listen on (default: 127.0.0.1)")
+    p.add_argument("--port", type=int, default=8080, metavar="N", help="port to listen on (default: 8080)")
     _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
 
     p = command("info", "what a file is and what is wrong with it", INFO_EXAMPLES)

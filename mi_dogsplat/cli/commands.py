@@ -167,6 +167,15 @@ def export(args: argparse.Namespace) -> None:
     run_export(args)
 
 
+def view(args: argparse.Namespace) -> None:
+    """Show a model, or a run while it trains, in the browser."""
+    _config(args)
+    _set_variant(args.variant)
+    from ..viewer.server import view as run_view
+
+    run_view(args)
+
+
 def info(args: argparse.Namespace) -> None:
     """Say what a file is: counts, ranges, and problems found; or what its kernels need and what they leave out."""
     if args.features or args.file.suffix == ".xml":
@@ -213,9 +222,10 @@ def _set_variant(name: str) -> None:
     mi.set_variant(name)
 
 
+EXTRAS = {"viser": "view"}  # of pyproject.toml, by module; the others are in "train"
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
     "train": train, "prune": prune, "ablate": ablate, "render": render, "eval": evaluate, "capture": capture,
-    "check": check, "export": export, "info": info
+    "check": check, "export": export, "view": view, "info": info
 }  # fmt: skip
 
 
@@ -242,7 +252,8 @@ def _run_command(argv: list[str] | None) -> int:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.startswith("mi_dogsplat"):
             raise
-        print(f"dogsplat: this needs the package {error.name}: pip install 'mi_dogsplat[train]'", file=sys.stderr)
+        extra = EXTRAS.get(error.name, "train")
+        print(f"dogsplat: this needs the package {error.name}: pip install 'mi_dogsplat[{extra}]'", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("dogsplat: stopped before the end; nothing is half-written", file=sys.stderr)

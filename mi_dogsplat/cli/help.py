@@ -103,13 +103,24 @@ Examples:
   dogsplat export run/point_cloud.ply -o model.spz                    Niantic, Babylon, Spark; small
   dogsplat export run/point_cloud.ply -o model.sog                    PlayCanvas, SuperSplat; small
   dogsplat export run/point_cloud.ply -o model.compressed.ply         the same; a quarter of a PLY
-  dogsplat export run/point_cloud.ply -o model.glb                    glTF with KHR_gaussian_splatting, lossless
+  dogsplat export run/point_cloud.ply -o model.glb                    glTF (KHR_gaussian_splatting); lossless
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
                                                                       any 3DGS viewer; loss against photographs
 
 These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary (--dog
 drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the others the
 axes of the model.
+"""
+VIEW_EXAMPLES = """
+Examples:
+  dogsplat view run/point_cloud.ply                     open the address that it prints in a browser
+  dogsplat view run/                                    a run while it trains: follows its checkpoint
+  dogsplat view run/point_cloud.ply --data photos/ --downscale 2
+                                                        with the error at the nearest photograph
+  dogsplat view run/ --host 0.0.0.0 --port 9000         also for other machines; there is no password
+
+Every picture is rendered here: small while the camera moves, full when it rests. The panel switches DoG off, shows
+DoG or Gaussians alone, differences and errors, and sets resolution, SH degree and background.
 """
 INFO_EXAMPLES = """
 Examples:

@@ -47,7 +47,7 @@ def encode(splats: Splats) -> bytes:
         raw = values.tobytes()  # of rows of 4 bytes or more: always aligned
         views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(raw), "target": ARRAY_BUFFER})
         component = BYTE if values.dtype == np.uint8 else FLOAT
-        accessor = {"bufferView": len(accessors), "componentType": component, "count": len(values)}
+        accessor: dict[str, Any] = {"bufferView": len(accessors), "componentType": component, "count": len(values)}
         accessor["type"] = KINDS[values.shape[1]]
         if component == BYTE:
             accessor["normalized"] = True
