@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import logging
 import math
 import time
 import warnings
@@ -56,6 +57,7 @@ class Server:
     ):
         import viser
 
+        logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # it would tell of every tab that is closed
         found = source.poll()
         assert found is not None  # a new source has something to say
         splats, self.what = found
@@ -77,7 +79,7 @@ class Server:
         self._start_at(views[0].camera if views else automatic_camera(splats), splats)
         self._make_panel()
         self.viser.on_client_connect(self._arrived)
-        self.viser.on_client_disconnect(lambda client: self.visitors.pop(client.client_id, None))
+        self.viser.on_client_disconnect(self._left)
 
     def _start_at(self, camera: Camera, splats: Splats) -> None:
         """Let visitors begin at a camera and turn about the middle of the model."""
@@ -124,6 +126,9 @@ class Server:
         self.visitors[client.client_id] = client, pace
         client.camera.on_update(lambda _: pace.moved(time.monotonic()))
         pace.changed()
+
+    def _left(self, client: Any) -> None:
+        self.visitors.pop(client.client_id, None)
 
     def statistics(self, last: str) -> str:
         """Markdown about the model and the last picture."""
