@@ -65,7 +65,7 @@ def train(
     the new settings; its model stays until the new one is complete. Raises ``DataError``.
     """
     out = Path(out)
-    dataset = load_dataset(config.data, config.downscale)
+    dataset = load_dataset(config.data, config.downscale, on_disk=config.data_on_disk)
     trainer = Trainer(config, dataset, recipe)
     if start:
         trainer.restore(start)

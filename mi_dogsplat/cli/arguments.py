@@ -33,7 +33,7 @@ ABLATE_FLAGS = [
 ]
 PRUNE_FLAGS = [
     *("preset", "steps", "target", "downscale", "background", "antialiased", "near_clip"),
-    *("seed", "variant", "log_every", "test_every"),
+    *("near_zone", "masks", "exposure", "data_on_disk", "seed", "variant", "log_every", "test_every"),
 ]
 
 

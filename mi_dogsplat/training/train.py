@@ -29,8 +29,9 @@ from .config import TrainConfig, background_color
 from .densify import DensifyStats, refine
 from .initialize import initial_splats
 from .learning_rates import LearningRates
-from .loss import PhotometricLoss
+from .near_cameras import drop_near_cameras
 from .optimizer import SplatOptimizer
+from .photographs import Photographs
 from .presets import RECIPES, Recipe
 
 
@@ -47,10 +48,10 @@ class Trainer:
         self.recipe = (recipe if config.model is None else recipe.from_pruning()).scaled(config.steps)
         self.background = background_color(config.background, dataset.has_alpha)
         self.extent = camera_extent(dataset.train)
+        self.positions = np.array([view.camera.position for view in dataset.train])  # [V, 3]
         self.rng = np.random.default_rng(config.seed)
-        self.loss = PhotometricLoss()
         self.cameras = [DeviceCamera.upload(v.camera, config.near_clip) for v in dataset.train]
-        self.targets = [self.loss.target(over_background(v.image, self.background)) for v in dataset.train]
+        self.photographs = Photographs(config, dataset, self.background)
         splats = initial_splats(config, dataset)
         self.sh_degree = splats.sh_degree
         rates = LearningRates(self.extent, self.recipe.position_steps, refinement=self.recipe.refinement)
@@ -83,8 +84,7 @@ class Trainer:
     def _render(self, params: dict, view: int, probe: list | None = None) -> tuple[list, Frame]:
         """Planes of a training view over the background, and the frame they come from."""
         frame = rasterize(params, self.cameras[view], self.options, probe)
-        planes = [dr.fma(frame.T, self.background, c) for c in frame.colors] if self.background else frame.colors
-        return planes, frame
+        return self.photographs.over_background(frame), frame
 
     def step(self) -> dict[str, Any]:
         """One training view: render, loss, backward, Adam, density control.
@@ -93,7 +93,7 @@ class Trainer:
         ``psnr_before`` an activation of the DoG).
         """
         if not self.order:
-            self.order = self.rng.permutation(len(self.targets)).tolist()
+            self.order = self.rng.permutation(len(self.photographs)).tolist()
         view = self.order.pop()
         camera = self.cameras[view]
         self.optimizer.schedule(self.step_count + self.recipe.first_step)
@@ -103,8 +103,9 @@ class Trainer:
         probe = [dr.zeros(mi.Float, n) for _ in range(2)] if densifying else None
         if probe:
             dr.enable_grad(probe)
+        self.photographs.choose_background(self.rng)
         planes, frame = self._render(self.optimizer.params, view, probe)
-        l1, _, loss, gradient = self.loss.value_and_gradient(planes, self.targets[view])
+        l1, loss, gradient = self.photographs.compare(planes, view, self.step_count, self.order[::-1])
         for plane, δ in zip(planes, gradient, strict=True):
             dr.set_grad(plane, mi.Float(δ))
         dr.enqueue(dr.ADMode.Backward, planes)
@@ -151,10 +152,19 @@ class Trainer:
             kept = drop_broken(self.optimizer, self.extent)
         except FloatingPointError as error:
             raise FloatingPointError(f"step {self.step_count}: {error}") from None
+        events = self._keep(kept, n, "broken primitives")
+        if self.config.near_zone:
+            n = self.optimizer.n
+            kept = drop_near_cameras(self.optimizer, self.positions, self.config.near_zone)
+            events += self._keep(kept, n, "primitives near cameras")
+        return events
+
+    def _keep(self, kept: np.ndarray, n: int, what: str) -> list[str]:
+        """Take over that only these rows of ``n`` are left; returns what happened."""
         if len(kept) == n:
             return []
         self.stats.keep(kept)
-        return [f"dropped {n - len(kept)} broken primitives"]
+        return [f"dropped {n - len(kept)} {what}"]
 
     def _compact(self, events: list[str]) -> dict[str, Any]:
         """Prune and make DoG where that is due; returns the fields of ``step``, with ``events`` from before."""
@@ -177,10 +187,11 @@ class Trainer:
         params = {name: dr.detach(value) for name, value in self.optimizer.params.items()}
         Float: Any = dr.detached_t(mi.Float)
         total = dr.opaque(Float, 0)
-        for view, target in enumerate(self.targets):
-            total += self.loss.l1(self._render(params, view)[0], target)
+        self.photographs.color = None
+        for view in range(len(self.photographs)):
+            total += self.photographs.l1(self._render(params, view)[0], view)
             dr.eval(total)
-        return float(total[0]) / len(self.targets)
+        return float(total[0]) / len(self.photographs)
 
     def _scores(self) -> np.ndarray:
         """[N] importance of each primitive by the rule of the recipe."""
@@ -206,6 +217,8 @@ class Trainer:
         self._drop_broken()
         state = {f"optimizer.{name}": value for name, value in self.optimizer.state().items()}
         state |= {f"stats.{name}": value for name, value in self.stats.state().items()}
+        if self.photographs.exposure:
+            state |= {f"exposure.{name}": value for name, value in self.photographs.exposure.state().items()}
         if self.pruning:
             state |= {f"pruning.{name}": value for name, value in self.pruning.state().items()}
         rng = np.array(json.dumps(self.rng.bit_generator.state))
@@ -229,6 +242,8 @@ class Trainer:
         self.step_count, self.seconds = int(state["step"]), float(state["seconds"])
         self.order = state["order"].tolist()
         self.dog_activated = bool(state.get("dog_activated", False))
+        if self.photographs.exposure and "exposure.values" in state:
+            self.photographs.exposure.restore(part("exposure."))
         if self.pruning:
             self.pruning.restore(part("pruning."))
         self.rng.bit_generator.state = json.loads(str(state["rng"]))
