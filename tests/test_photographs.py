@@ -16,7 +16,7 @@ from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.datasets.dataset import DiskView, View
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.pictures import write_png
-from mi_dogsplat.render import over_background
+from mi_dogsplat.render import over_background, premultiplied
 from mi_dogsplat.training import exposure as exposure_module
 from mi_dogsplat.training.checkpoint import load_checkpoint
 from mi_dogsplat.training.config import TrainConfig
@@ -192,17 +192,14 @@ def test_inside_of_the_mask_and_away_from_its_edge_the_gradient_is_that_without(
 
 
 def test_training_with_masks_does_not_learn_what_they_hide(data, tmp_path):
-    clean = load_dataset(data)
-    used = np.ones(SHAPE)
-    used[8:20, 10:30] = 0
-    masks = str(write_masks(tmp_path, clean, used, ".png.png"))  # COLMAP's way of naming
-
-    def spoil(k, image):
-        return np.where(used[..., None] > 0, image, np.random.default_rng(k).uniform(size=3))
-
-    spoiled = changed(clean, spoil)
-    errors = [trained(d, steps=250, masks=m).test_errors()["test_psnr"] for d, m in ((spoiled, None), (spoiled, masks))]
-    assert errors[1] > errors[0] + 1
+    """A white box walks through the photographs, always somewhere else."""
+    clean, used = load_dataset(data), np.ones((8, *SHAPE))
+    for k, view in enumerate(clean.train):
+        used[k, 2 + 2 * k : 20 + 2 * k, 4 * k : 20 + 4 * k] = 0
+        write_png(tmp_path / f"{view.name}.png.png", used[k].astype(np.float32))  # COLMAP's way of naming
+    spoiled = changed(clean, lambda k, image: np.where(used[k, ..., None] > 0, image, 1))
+    without, hidden = (trained(spoiled, steps=250, masks=m).test_errors()["test_psnr"] for m in (None, str(tmp_path)))
+    assert hidden > without + 1, (hidden, without)
 
 
 def test_masks_of_any_size_are_scaled_and_read_as_black_or_white(tmp_path):
@@ -246,15 +243,19 @@ def test_a_random_background_is_another_at_each_step_behind_render_and_photograp
 
 
 def test_with_a_random_background_nothing_opaque_stands_where_the_photograph_is_transparent(alpha_data):
-    """White splats on white are free with a fixed background, and must go with a random one."""
-    dataset = load_dataset(alpha_data)
+    """The points are those of a whole model, the photographs of its half: the rest may turn white on white only."""
+    half, cameras = tiny_data.truth(), tiny_data.cameras()
+    half = half.select(half.means[:, 0] > 0)
+    whole = load_dataset(alpha_data)
+    images = {v.name: premultiplied(tiny_data.picture(half, cameras[int(v.name)]), 0.0) for v in whole.train}
+    dataset = changed(whole, lambda k, _: images[whole.train[k].name])
+    dataset.point_colors = np.ones_like(whole.point_colors)
     coverage = {}
     for background in ("white", "random"):
-        trainer = trained(dataset, steps=250, background=background)
-        holes = [trainer.picture(v).alpha[v.image[..., 3] < 0.01] for v in dataset.test]
+        trainer = trained(dataset, steps=300, background=background)
+        holes = [trainer.picture(v).alpha[v.image[..., 3] < 0.01] for v in dataset.train]
         coverage[background] = float(np.concatenate(holes).mean())
-        assert trainer.test_errors()["test_psnr"] > 20
-    assert coverage["random"] < 0.5 * coverage["white"] or coverage["random"] < 0.002, coverage
+    assert coverage["random"] < 0.5 * coverage["white"], coverage
 
 
 def test_a_random_background_needs_alpha(data):
@@ -330,7 +331,7 @@ def test_near_cameras_finds_what_brute_force_finds():
 
 def test_primitives_in_the_near_zone_are_dropped_with_a_note(data):
     dataset = load_dataset(data)
-    trainer = Trainer(config_of(near_zone=1.0, log_every=5), dataset)
+    trainer = Trainer(config_of(near_zone=1.0, log_every=5, steps=1000), dataset)
     means = trainer.optimizer.numpy("means")
     means[:7] = dataset.train[2].camera.position + 0.3
     trainer.optimizer.set("means", means)
