@@ -23,8 +23,8 @@ from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.exposure import Exposure
 from mi_dogsplat.training.loss import PhotometricLoss
 from mi_dogsplat.training.masks import read_mask
-from mi_dogsplat.training.near_cameras import near_cameras
 from mi_dogsplat.training.photographs import READ_AHEAD, Photographs
+from mi_dogsplat.training.sieve import near_cameras
 from mi_dogsplat.training.train import Trainer
 
 SHAPE = tiny_data.HEIGHT, tiny_data.WIDTH

@@ -19,6 +19,10 @@ Examples:
   dogsplat train photos/ -o run --target 20000         a model of exactly so many primitives
   dogsplat train photos/ -o run --preset 3dgs          without pruning and DoG: the published baseline
   dogsplat train lego/ -o run --background white       images with alpha over white (as auto does)
+  dogsplat train lego/ -o run --background random      another colour at each step: nothing hides in the background
+  dogsplat train photos/ -o run --masks masks/ --exposure
+                                                       people painted out; automatic exposure taken out
+  dogsplat train photos/ -o run --data-on-disk         more photographs than fit into memory
 
 Afterwards RUN holds point_cloud.ply (the model), report.html (open it in a browser), metrics.json,
 history.jsonl, config.json, and test/ with a render, the photograph and an error map per test view. Stopping

@@ -24,15 +24,14 @@ from ..pruning.dog_control import activate, degenerate
 from ..pruning.prune import Pruning
 from ..pruning.score import scores
 from ..render import Picture, over_background, render_picture
-from .broken import drop_broken
 from .config import TrainConfig, background_color
 from .densify import DensifyStats, refine
 from .initialize import initial_splats
 from .learning_rates import LearningRates
-from .near_cameras import drop_near_cameras
 from .optimizer import SplatOptimizer
 from .photographs import Photographs
 from .presets import RECIPES, Recipe
+from .sieve import sieve
 
 
 class Trainer:
@@ -147,24 +146,13 @@ class Trainer:
         return self.step_count % self.config.log_every == 0 or self.step_count == self.config.steps
 
     def _drop_broken(self) -> list[str]:
-        n = self.optimizer.n
         try:
-            kept = drop_broken(self.optimizer, self.extent)
+            kept, events = sieve(self.optimizer, self.extent, self.positions, self.config.near_zone)
         except FloatingPointError as error:
             raise FloatingPointError(f"step {self.step_count}: {error}") from None
-        events = self._keep(kept, n, "broken primitives")
-        if self.config.near_zone:
-            n = self.optimizer.n
-            kept = drop_near_cameras(self.optimizer, self.positions, self.config.near_zone)
-            events += self._keep(kept, n, "primitives near cameras")
+        if events:
+            self.stats.keep(kept)
         return events
-
-    def _keep(self, kept: np.ndarray, n: int, what: str) -> list[str]:
-        """Take over that only these rows of ``n`` are left; returns what happened."""
-        if len(kept) == n:
-            return []
-        self.stats.keep(kept)
-        return [f"dropped {n - len(kept)} {what}"]
 
     def _compact(self, events: list[str]) -> dict[str, Any]:
         """Prune and make DoG where that is due; returns the fields of ``step``, with ``events`` from before."""

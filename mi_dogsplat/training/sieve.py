@@ -1,10 +1,14 @@
-"""Floaters in front of the lens: primitives so near to a training camera that no other view can judge them."""
+"""What leaves a training without being pruned: what is broken, and floaters in front of the lens.
+
+A primitive very near to a training camera covers much of its picture, and no other view can judge it.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..errors import DataError
+from .broken import drop_broken
 from .optimizer import SplatOptimizer
 
 ROWS = 65_536  # primitives at a time, which bounds the memory
@@ -17,6 +21,25 @@ def near_cameras(means: np.ndarray, positions: np.ndarray, distance: float) -> n
         rows = means[start : start + ROWS, None].astype(np.float64)  # [R, 1, 3]
         near[start : start + ROWS] = (np.square(rows - positions).sum(axis=2) < distance**2).any(axis=1)
     return near
+
+
+def sieve(
+    optimizer: SplatOptimizer, extent: float, positions: np.ndarray, near_zone: float
+) -> tuple[np.ndarray, list[str]]:
+    """Remove what is ``broken`` and, unless ``near_zone`` is 0, ``near_cameras``; the rows left, and what happened.
+
+    Raises ``FloatingPointError`` or ``DataError`` where nothing would be left.
+    """
+    n, events = optimizer.n, []
+    kept = drop_broken(optimizer, extent)
+    if len(kept) < n:
+        events.append(f"dropped {n - len(kept)} broken primitives")
+    if near_zone:
+        rows = drop_near_cameras(optimizer, positions, near_zone)
+        if len(rows) < len(kept):
+            events.append(f"dropped {len(kept) - len(rows)} primitives near cameras")
+        kept = kept[rows]
+    return kept, events
 
 
 def drop_near_cameras(optimizer: SplatOptimizer, positions: np.ndarray, distance: float) -> np.ndarray:
