@@ -108,7 +108,7 @@ def test_the_step_of_a_map_is_adams_and_other_views_rest():
     """Oracle: Kingma and Ba 2015, Alg. 1, with the rate of the 3DGS release."""
     rng = np.random.default_rng(0)
     exposure, expected, m, v = Exposure(2, 100), np.eye(3, 4).ravel(), np.zeros(12), np.zeros(12)
-    Float = dr.detached_t(mi.Float)
+    Float: Any = dr.detached_t(mi.Float)
     for t in range(1, 6):
         g = rng.normal(size=12)
         exposure._adam(1, Float(g.astype(np.float32)), step=10 * t)
@@ -307,7 +307,7 @@ def test_only_a_few_images_from_disk_are_held_at_a_time_and_each_is_read_once_pe
             alive.append(weakref.ref(image))
             return image
 
-    train = [Counted(v.name, v.camera, lambda v=v: v.image.copy()) for v in dataset.train] * 3
+    train: list[View] = [Counted(v.name, v.camera, lambda v=v: v.image.copy()) for v in dataset.train] * 3
     many = Dataset(dataset.path, train, dataset.test, dataset.points, dataset.point_colors, False)
     trainer = Trainer(config_of(data_on_disk=True), many)
     assert not alive and not trainer.photographs._kept

@@ -121,3 +121,18 @@ def test_the_page_shows_what_is_rendered_for_its_camera_as_it_moves_and_as_setti
 def test_view_names_what_is_missing_in_one_line(capsys, tmp_path):
     assert_one_line(run(capsys, "view", tmp_path / "no.ply"), "no.ply", "no such file")
     assert_one_line(run(capsys, "view", tmp_path), "checkpoint")
+
+
+def test_an_address_that_is_not_ours_is_refused_in_one_line(capsys, model):
+    assert_one_line(run(capsys, "view", model, "--host", "192.0.2.1"), "--host", "127.0.0.1")  # for documentation only
+    assert_one_line(run(capsys, "view", model, "--host", "no such host"), "--host")
+    assert_one_line(run(capsys, "view", model, "--port", "99999"), "--port")
+
+
+def test_ctrl_c_ends_the_viewer_quietly(capsys, model, monkeypatch):
+    def interrupted(self, seconds=0.0):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Server, "serve", interrupted)
+    status, printed, error = run(capsys, "view", model, "--port", "8790")
+    assert (status, error) == (0, "") and printed == f"http://127.0.0.1:8790 shows {model}; Ctrl-C ends it\n"

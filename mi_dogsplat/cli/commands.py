@@ -173,7 +173,9 @@ def view(args: argparse.Namespace) -> None:
     _set_variant(args.variant)
     from ..viewer.server import view as run_view
 
-    run_view(args)
+    if not 0 < args.port < 65536:
+        raise DataError("--port", f"{args.port} is no port", "use 1 to 65535")
+    run_view(args, lambda line: print(line, flush=True))
 
 
 def info(args: argparse.Namespace) -> None:

@@ -25,6 +25,11 @@ ARRAYS = ("values", "m", "v")
 class Exposure:
     """A map per training view. Planes are detached: derivatives are written out by hand, as those of the loss."""
 
+    values: list  # of each view: its 12 entries
+    m: list  # and their moments
+    v: list
+    t: list[int]  # steps taken
+
     def __init__(self, n_views: int, total_steps: int):
         self.total_steps = total_steps
         self.restore({"values": np.tile(IDENTITY, (n_views, 1)), "t": np.zeros(n_views, np.int64)})
@@ -71,10 +76,6 @@ class Exposure:
         for name in ARRAYS:
             setattr(self, name, [_detached(device_array(row)) for row in saved.get(name, np.zeros_like(values))])
         self.t = [int(t) for t in saved["t"]]
-
-    values: list
-    m: list
-    v: list
 
 
 def _detached(array: Any) -> Any:

@@ -107,7 +107,7 @@ class Photographs:
     def _read(self, view: int, upcoming: Sequence[int]) -> np.ndarray:
         """The image of a view, which may have been read ahead, as the next ones are from now on."""
         assert self._readers is not None
-        wanted = list(upcoming)[:READ_AHEAD]
+        wanted = upcoming[:READ_AHEAD]
         future = self._reading.pop(view, None)
         self._reading = {k: f for k, f in self._reading.items() if k in wanted}  # forgets what is not due any more
         image = future.result() if future else self.views[view].image

@@ -29,7 +29,7 @@ from .densify import DensifyStats, refine
 from .initialize import initial_splats
 from .learning_rates import LearningRates
 from .optimizer import SplatOptimizer
-from .photographs import Photographs
+from .photographs import READ_AHEAD, Photographs
 from .presets import RECIPES, Recipe
 from .sieve import sieve
 
@@ -104,7 +104,7 @@ class Trainer:
             dr.enable_grad(probe)
         self.photographs.choose_background(self.rng)
         planes, frame = self._render(self.optimizer.params, view, probe)
-        l1, loss, gradient = self.photographs.compare(planes, view, self.step_count, self.order[::-1])
+        l1, loss, gradient = self.photographs.compare(planes, view, self.step_count, self.order[: -1 - READ_AHEAD : -1])
         for plane, δ in zip(planes, gradient, strict=True):
             dr.set_grad(plane, mi.Float(δ))
         dr.enqueue(dr.ADMode.Backward, planes)

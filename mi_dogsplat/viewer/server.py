@@ -10,6 +10,7 @@ import argparse
 import io
 import logging
 import math
+import socket
 import time
 import warnings
 from collections.abc import Callable
@@ -69,12 +70,9 @@ class Server:
         self.settings = Settings(background=background, sh_degree=splats.sh_degree)
         self.visitors: dict[int, tuple[Any, Pace]] = {}
         self._running, self._polled = True, time.monotonic()
-        try:
-            with redirect_stdout(io.StringIO()):  # its banner; ours is a line
-                self.viser = viser.ViserServer(host=host, port=port, label="dogsplat", verbose=False)
-        except OSError as error:
-            problem = f"cannot listen there ({error.strerror or error})"
-            raise DataError(f"{host}:{port}", problem, "choose another --port") from error
+        _require_address(host)
+        with redirect_stdout(io.StringIO()):  # its banner; ours is a line
+            self.viser = viser.ViserServer(host=host, port=port, label="dogsplat", verbose=False)
         self.url = f"http://{self.viser.get_host()}:{self.viser.get_port()}"
         self._start_at(views[0].camera if views else automatic_camera(splats), splats)
         self._make_panel()
@@ -182,7 +180,7 @@ class Server:
         return True
 
 
-def view(args: argparse.Namespace, show: Callable[[str], None] = print) -> None:
+def view(args: argparse.Namespace, show: Callable[[str], None]) -> None:
     """Serve ``args.model``, a model or a run folder, on ``args.host`` and ``args.port`` until Ctrl-C.
 
     ``args.data`` gives photographs; a run names its own. Raises ``DataError``.
@@ -198,8 +196,20 @@ def view(args: argparse.Namespace, show: Callable[[str], None] = print) -> None:
     show(f"{server.url} shows {args.model}; Ctrl-C ends it")
     try:
         server.serve()
+    except KeyboardInterrupt:  # the way to end it
+        pass
     finally:
         server.stop()
+
+
+def _require_address(host: str) -> None:
+    """Raise ``DataError`` for an address that is not this machine's, for which viser would wait for ever."""
+    try:
+        with socket.socket() as probe:
+            probe.bind((host, 0))
+    except OSError as error:
+        problem = f'cannot listen at "{host}" ({error.strerror or error})'
+        raise DataError("--host", problem, "use 127.0.0.1, or 0.0.0.0 for all addresses") from error
 
 
 def _dataset(data: str | None, config: dict[str, Any], downscale: int) -> Dataset | None:
