@@ -317,6 +317,11 @@ def test_only_a_few_images_from_disk_are_held_at_a_time_and_each_is_read_once_pe
         assert sum(ref() is not None for ref in alive) <= READ_AHEAD + 1
         assert len(alive) <= k + READ_AHEAD
     assert len(alive) == len(train)
+    trainer.step()  # reads ahead for the next turn, which a measurement makes stale
+    trainer.training_l1()
+    trainer.photographs.l1(planes_of(np.zeros((*SHAPE, 3), np.float32)), 0)
+    gc.collect()
+    assert sum(ref() is not None for ref in alive) <= READ_AHEAD + 1
 
 
 # --- near cameras ---

@@ -107,11 +107,9 @@ class Photographs:
     def _read(self, view: int, upcoming: Sequence[int]) -> np.ndarray:
         """The image of a view, which may have been read ahead, as the next ones are from now on."""
         assert self._readers is not None
-        wanted = upcoming[:READ_AHEAD]
         future = self._reading.pop(view, None)
-        self._reading = {k: f for k, f in self._reading.items() if k in wanted}  # forgets what is not due any more
         image = future.result() if future else self.views[view].image
-        for k in wanted:
+        for k in upcoming[:READ_AHEAD]:
             if k not in self._reading:
                 self._reading[k] = self._readers.submit(lambda k=k: self.views[k].image)
         return image
