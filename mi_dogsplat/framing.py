@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from .capture_config import CaptureConfig
-from .datasets.camera_paths import circling_shots
 from .scene.cameras import Camera, inverse_rigid
 from .scene.splats import Splats
 
@@ -72,6 +71,8 @@ def automatic_camera(splats: Splats) -> Camera:
 
 def cameras_around(splats: Splats, n: int) -> list[Camera]:
     """``n`` cameras on a hemisphere that frame the core of a model, for when nobody says from where to compare."""
+    from .datasets.camera_paths import circling_shots  # here: data sets need the extra "train"
+
     centre, radius = robust_sphere(splats)
     axis = likely_up(splats)
     up = ("-" if axis.sum() < 0 else "") + "xyz"[int(np.argmax(abs(axis)))]

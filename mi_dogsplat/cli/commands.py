@@ -224,7 +224,7 @@ def _set_variant(name: str) -> None:
     mi.set_variant(name)
 
 
-EXTRAS = {"viser": "view"}  # of pyproject.toml, by module; the others are in "train"
+EXTRAS = ("export", "view")  # of pyproject.toml, named as the commands that need them; the others need "train"
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
     "train": train, "prune": prune, "ablate": ablate, "render": render, "eval": evaluate, "capture": capture,
     "check": check, "export": export, "view": view, "info": info
@@ -254,7 +254,7 @@ def _run_command(argv: list[str] | None) -> int:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.startswith("mi_dogsplat"):
             raise
-        extra = EXTRAS.get(error.name, "train")
+        extra = args.command if args.command in EXTRAS else "train"
         print(f"dogsplat: this needs the package {error.name}: pip install 'mi_dogsplat[{extra}]'", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

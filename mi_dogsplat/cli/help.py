@@ -111,9 +111,9 @@ Examples:
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
                                                                       any 3DGS viewer; loss against photographs
 
-These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary (--dog
-drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the others the
-axes of the model.
+These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary
+(--dog drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the
+others the axes of the model.
 """
 VIEW_EXAMPLES = """
 Examples:
@@ -123,8 +123,8 @@ Examples:
                                                         with the error at the nearest photograph
   dogsplat view run/ --host 0.0.0.0 --port 9000         also for other machines; there is no password
 
-Every picture is rendered here: small while the camera moves, full when it rests. The panel switches DoG off, shows
-DoG or Gaussians alone, differences and errors, and sets resolution, SH degree and background.
+Every picture is rendered here: small while the camera moves, full when it rests. The panel switches DoG off,
+shows DoG or Gaussians alone, differences and errors, and sets resolution, SH degree and background.
 """
 INFO_EXAMPLES = """
 Examples:
