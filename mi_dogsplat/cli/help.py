@@ -19,7 +19,7 @@ Examples:
   dogsplat train photos/ -o run --target 20000         a model of exactly so many primitives
   dogsplat train photos/ -o run --preset 3dgs          without pruning and DoG: the published baseline
   dogsplat train lego/ -o run --background white       images with alpha over white (as auto does)
-  dogsplat train lego/ -o run --background random      another colour at each step: nothing hides in the background
+  dogsplat train lego/ -o run --background random      another colour at each step: no splats hide in it
   dogsplat train photos/ -o run --masks masks/ --exposure
                                                        people painted out; automatic exposure taken out
   dogsplat train photos/ -o run --data-on-disk         more photographs than fit into memory
@@ -109,7 +109,7 @@ Examples:
   dogsplat export run/point_cloud.ply -o model.compressed.ply         the same; a quarter of a PLY
   dogsplat export run/point_cloud.ply -o model.glb                    glTF (KHR_gaussian_splatting); lossless
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
-                                                                      any 3DGS viewer; loss against photographs
+                                                                      any 3DGS viewer; measured on photographs
 
 These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary
 (--dog drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the
