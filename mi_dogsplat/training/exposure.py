@@ -3,6 +3,9 @@
 As in the 3DGS release (Kerbl et al., July 2024): a rendered colour c becomes A c + b, a [3, 4] matrix per image that
 begins as the identity, has a learning rate of its own, and Adam. What cameras did to single images then stays out of
 the model. No map is applied when the model is seen or measured on test views: its colours are those before the maps.
+
+Ours is what fixes them: a gain common to all maps, undone by the colours of the model, changes no training image, but
+every test view. So a map is I + X - mean of all X, of which the mean is the identity whatever Adam does to X.
 """
 
 from __future__ import annotations
@@ -25,10 +28,11 @@ ARRAYS = ("values", "m", "v")
 class Exposure:
     """A map per training view. Planes are detached: derivatives are written out by hand, as those of the loss."""
 
-    values: list  # of each view: its 12 entries
+    values: list  # of each view: 12 entries of I + X
     m: list  # and their moments
     v: list
     t: list[int]  # steps taken
+    mean_x: Any  # mean of all X, 12 entries
 
     def __init__(self, n_views: int, total_steps: int):
         self.total_steps = total_steps
@@ -49,7 +53,8 @@ class Exposure:
         return through
 
     def _entries(self, view: int) -> list:
-        values = self.values[view]
+        values = self.values[view] - self.mean_x
+        dr.eval(values)
         return [dr.gather(type(values), values, k) for k in range(ENTRIES)]
 
     def _adam(self, view: int, gradient: Any, step: int) -> None:
@@ -57,13 +62,14 @@ class Exposure:
         t, progress = int(self.t[view]), min(step / max(self.total_steps, 1), 1.0)
         rate = RATE * (END_RATE / RATE) ** progress * np.sqrt(1 - BETA_2**t) / (1 - BETA_1**t)
         m, v = dr.lerp(gradient, self.m[view], BETA_1), dr.lerp(gradient * gradient, self.v[view], BETA_2)
-        value = self.values[view] - dr.opaque(type(m), rate) * m / (dr.sqrt(v) + EPSILON)
-        self.values[view], self.m[view], self.v[view] = value, m, v
-        dr.schedule(value, m, v)
+        change = dr.opaque(type(m), rate) * m / (dr.sqrt(v) + EPSILON)
+        self.values[view], self.m[view], self.v[view] = self.values[view] - change, m, v
+        self.mean_x -= change * dr.opaque(type(m), 1 / len(self.t))
+        dr.schedule(self.values[view], m, v, self.mean_x)
 
     def numpy(self) -> np.ndarray:
         """The maps, [V, 3, 4]."""
-        return np.array([v.numpy() for v in self.values]).reshape(-1, 3, 4)
+        return np.array([(v - self.mean_x).numpy() for v in self.values]).reshape(-1, 3, 4)
 
     def state(self) -> dict[str, np.ndarray]:
         """What ``restore`` needs to go on with the same bits."""
@@ -75,6 +81,7 @@ class Exposure:
         values = saved["values"]
         for name in ARRAYS:
             setattr(self, name, [_detached(device_array(row)) for row in saved.get(name, np.zeros_like(values))])
+        self.mean_x = _detached(device_array(values.mean(axis=0) - IDENTITY))
         self.t = [int(t) for t in saved["t"]]
 
 
