@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from .capture_config import CaptureConfig
 from .scene.cameras import Camera, inverse_rigid
 from .scene.splats import Splats
 
@@ -14,6 +15,8 @@ AUTOMATIC_FOV = 40.0  # degrees, of the shorter side
 ELEVATION = 25.0  # degrees above the horizon
 CORE = 0.9  # share of the primitives that count as the model
 MIN_SKEW = 0.2  # below, no axis stands out as the vertical
+ELEVATIONS_AROUND = (0.0, 60.0)  # degrees, of cameras around a model
+NEAR_SHARE = 0.1  # of the radius of a model framed automatically, which may be far smaller than the near clip
 
 
 def robust_sphere(splats: Splats) -> tuple[np.ndarray, float]:
@@ -64,3 +67,14 @@ def automatic_camera(splats: Splats) -> Camera:
     c2w[:3] = np.stack([right, np.cross(forward, right), forward, position], axis=1)
     focal = 0.5 * min(width, height) / math.tan(half)
     return Camera(inverse_rigid(c2w), focal, focal, width / 2, height / 2, width, height)
+
+
+def cameras_around(splats: Splats, n: int) -> list[Camera]:
+    """``n`` cameras on a hemisphere that frame the core of a model, for when nobody says from where to compare."""
+    from .datasets.camera_paths import circling_shots  # here: data sets need the extra "train"
+
+    centre, radius = robust_sphere(splats)
+    axis = likely_up(splats)
+    up = ("-" if axis.sum() < 0 else "") + "xyz"[int(np.argmax(abs(axis)))]
+    config = CaptureConfig(size=AUTOMATIC_SIZE, fov=AUTOMATIC_FOV, up=up, elevations=ELEVATIONS_AROUND)
+    return [shot.camera for shot in circling_shots(config, n, centre, radius, up)]

@@ -16,7 +16,7 @@ from .engine.parameters import upload
 from .engine.rasterize import RasterOptions
 from .errors import DataError
 from .files import replacing
-from .framing import automatic_camera, robust_sphere
+from .framing import NEAR_SHARE, automatic_camera, robust_sphere
 from .pictures import write_bitmap, write_exr, write_png
 from .render import Picture, premultiplied, render_picture
 from .scene.camera_file import read_camera
@@ -27,7 +27,6 @@ from .srgb import linear_to_srgb
 from .training.config import background_color
 
 SUFFIXES = (".png", ".exr", ".npz")
-NEAR_SHARE = 0.1  # of the radius of a model framed automatically, which may be far smaller than the near clip
 MAX_NAMES = 5  # views that an error message lists
 
 

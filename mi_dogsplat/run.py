@@ -102,7 +102,7 @@ def train(
     ``Stopped`` when asked to stop in training (Ctrl-C, SIGTERM), which leaves a checkpoint.
     """
     out = Path(out)
-    dataset = load_dataset(config.data, config.downscale)
+    dataset = load_dataset(config.data, config.downscale, on_disk=config.data_on_disk)
     trainer = Trainer(config, dataset, recipe)
     if start:
         trainer.restore(start)

@@ -26,4 +26,4 @@ if ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
     fi
     "$python" -m venv --clear "$venv"
 fi
-"$venv/bin/python" -m pip install -q --disable-pip-version-check -e '.[train,dev]'
+"$venv/bin/python" -m pip install -q --disable-pip-version-check -e '.[train,export,view,dev]'

@@ -25,8 +25,10 @@ from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.engine.tables import pack
 from mi_dogsplat.engine.tiles import tiles
 from mi_dogsplat.engine.walk import Settings, Walk
+from mi_dogsplat.pictures import write_png
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.photographs import Photographs
 from mi_dogsplat.training.train import Trainer
 from splat_scenes import (
     attached,
@@ -37,6 +39,7 @@ from splat_scenes import (
     scene_of,
     square_camera,
 )
+from splat_scenes import kernels as compiled
 from tile_lists import lanes_of_entries
 
 from benchmarks import plain_renderer
@@ -395,3 +398,28 @@ def test_gradients_of_the_centres_are_taken_only_while_there_is_densification(da
     during, after = trainer_of(datasets[0]), trainer_of(datasets[0])
     after.densification = replace(after.densification, stop=0)
     assert sum(k for _, k in step(after)) < sum(k for _, k in step(during))
+
+
+def test_masks_exposure_and_random_backgrounds_cost_nothing_when_they_are_off(datasets, monkeypatch):
+    off = step(trainer_of(datasets[1]))
+
+    def bare(self, planes, view, step, upcoming=()):
+        l1, _, loss, gradient = self.loss.value_and_gradient(planes, self._kept[view])
+        return l1, loss, gradient
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Photographs, "compare", bare)
+        patched.setattr(Photographs, "choose_background", lambda self, rng: None)
+        assert step(trainer_of(datasets[1])) == off
+    for on in ({"exposure": True}, {"background": "random"}):
+        assert sum(k for _, k in step(trainer_of(datasets[1], **on))) > sum(k for _, k in off)
+
+
+def test_options_about_images_compile_nothing_from_step_to_step(datasets, tmp_path):
+    for view in datasets[1].train:
+        write_png(tmp_path / f"{view.name}.png", np.eye(tiny_data.HEIGHT, tiny_data.WIDTH))
+    options: dict[str, Any] = {"exposure": True, "background": "random", "masks": str(tmp_path), "near_zone": 0.1}
+    trainer = trainer_of(datasets[1], **options)
+    trainer.densification = replace(trainer.densification, stop=0)
+    known = [compiled(trainer.step) for _ in range(10)]
+    assert known[-1] <= set().union(*known[:5]) and known[-2] <= set().union(*known[:5])

@@ -14,6 +14,7 @@ from mi_dogsplat import write_ply
 
 ROOT = Path(__file__).parents[1]
 MODULES = {"pillow": "PIL", "scipy": "scipy", "tqdm": "tqdm", "flip-evaluator": "flip_evaluator"}
+MODULES |= {"viser": "viser"}
 HIDDEN = sorted([*MODULES.values(), "OpenEXR"])  # the last is for the tests alone
 
 WITHOUT_EXTRAS = f"""
@@ -73,7 +74,8 @@ def requirements(name: str) -> set[str]:
 
 def test_the_core_needs_mitsuba_and_numpy_only():
     assert requirements("dependencies") == {"mitsuba", "numpy"}
-    assert requirements("train") <= set(MODULES)  # else they are not hidden here
+    for extra in ("train", "export", "view"):
+        assert requirements(extra) <= set(MODULES)  # else they are not hidden here
 
 
 def test_the_plugins_render_a_scene_without_extras(scene):
@@ -113,6 +115,8 @@ def test_a_model_and_a_run_are_described_without_extras(model, tmp_path, flags):
         ["render", "{model}", "-o", "{out}.png", "--data", "{data}"],
         ["check", "-o", "{out}"],
         ["info", "{data}"],
+        ["export", "{model}", "-o", "{out}.spz"],
+        ["view", "{model}"],
     ],
     ids=lambda argv: argv[0],
 )
@@ -121,5 +125,6 @@ def test_a_missing_extra_is_one_line_that_says_what_to_install(model, tmp_path, 
     names = {"data": data, "model": model, "out": tmp_path / "out"}
     done = core(COMMAND, *(word.format(**names) for word in argv))
     assert done.returncode == 2 and done.stdout == "", done
-    assert re.fullmatch(r"dogsplat: this needs the package \w+: pip install 'mi_dogsplat\[train\]'\n", done.stderr)
+    extra = argv[0] if argv[0] in ("export", "view") else "train"
+    assert re.fullmatch(rf"dogsplat: this needs the package \w+: pip install 'mi_dogsplat\[{extra}\]'\n", done.stderr)
     assert not list(tmp_path.glob("out*"))

@@ -17,10 +17,12 @@ from .help import (
     CHECK_EXAMPLES,
     EPILOG,
     EVAL_EXAMPLES,
+    EXPORT_EXAMPLES,
     INFO_EXAMPLES,
     PRUNE_EXAMPLES,
     RENDER_EXAMPLES,
     TRAIN_EXAMPLES,
+    VIEW_EXAMPLES,
 )
 
 DATA_HELP = field_help(TrainConfig)["data"]
@@ -31,7 +33,8 @@ ABLATE_FLAGS = [
 ]
 PRUNE_FLAGS = [
     *("preset", "steps", "target", "downscale", "background", "antialiased", "near_clip"),
-    *("seed", "variant", "log_every", "test_every", "memory", "checkpoint_seconds"),
+    *("near_zone", "masks", "exposure", "data_on_disk", "seed", "variant", "log_every", "test_every"),
+    *("memory", "checkpoint_seconds"),
 ]
 
 
@@ -121,6 +124,21 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     p.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA by name, or a camera JSON file")
     p.add_argument("--width", type=int, default=256, metavar="N", help="of the pictures, in pixels (default: 256)")
     p.add_argument("--rounds", type=int, default=9, metavar="N", help="timings of each setting (default: 9)")
+    _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
+
+    p = command("export", "a model in the format of another program", EXPORT_EXAMPLES)
+    p.add_argument("model", type=Path, metavar="MODEL", help="model .ply")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".spz .sog .glb .compressed.ply .ply")
+    p.add_argument("--dog", default="bake", metavar="HOW", help="DoG: bake (nearest Gaussians) or drop (default: bake)")
+    p.add_argument("--data", metavar="DATA", help="measure the loss on its test views, against its photographs too")
+    p.add_argument("--views", type=int, default=8, metavar="N", help="views to measure on; 0: none (default: 8)")
+    _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
+
+    p = command("view", "a model, or a run while it trains, in the browser", VIEW_EXAMPLES)
+    p.add_argument("model", type=Path, metavar="MODEL_or_RUN", help="model .ply or run folder")
+    p.add_argument("--data", metavar="DATA", help="photographs to compare with (default: those of the run)")
+    p.add_argument("--host", default="127.0.0.1", metavar="NAME", help="address to listen on (default: 127.0.0.1)")
+    p.add_argument("--port", type=int, default=8080, metavar="N", help="port to listen on (default: 8080)")
     _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "variant"])
 
     p = command("info", "what a file is and what is wrong with it", INFO_EXAMPLES)

@@ -157,6 +157,28 @@ def _check_parts(args: argparse.Namespace, parts: Sequence[str]) -> None:
             raise DataError(flag, f"{value} is too small", f"use at least {least}")
 
 
+def export(args: argparse.Namespace) -> None:
+    """Write a model in the format of another program, without DoG, and measure what that loses."""
+    _config(args)
+    if args.views < 0:
+        raise DataError("--views", f"{args.views} is too small", "use at least 0")
+    _set_variant(args.variant)
+    from ..export.write import export as run_export
+
+    run_export(args)
+
+
+def view(args: argparse.Namespace) -> None:
+    """Show a model, or a run while it trains, in the browser."""
+    _config(args)
+    _set_variant(args.variant)
+    from ..viewer.server import view as run_view
+
+    if not 0 < args.port < 65536:
+        raise DataError("--port", f"{args.port} is no port", "use 1 to 65535")
+    run_view(args, lambda line: print(line, flush=True))
+
+
 def info(args: argparse.Namespace) -> None:
     """Say what a file is: counts, ranges, and problems found; or what its kernels need and what they leave out."""
     if args.features or args.file.suffix == ".xml":
@@ -204,9 +226,10 @@ def _set_variant(name: str) -> None:
     mi.set_variant(name)
 
 
+EXTRAS = ("export", "view")  # of pyproject.toml, named as the commands that need them; the others need "train"
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
     "train": train, "prune": prune, "ablate": ablate, "render": render, "eval": evaluate, "capture": capture,
-    "check": check, "info": info
+    "check": check, "export": export, "view": view, "info": info
 }  # fmt: skip
 
 
@@ -233,7 +256,8 @@ def _run_command(argv: list[str] | None) -> int:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.startswith("mi_dogsplat"):
             raise
-        print(f"dogsplat: this needs the package {error.name}: pip install 'mi_dogsplat[train]'", file=sys.stderr)
+        extra = args.command if args.command in EXTRAS else "train"
+        print(f"dogsplat: this needs the package {error.name}: pip install 'mi_dogsplat[{extra}]'", file=sys.stderr)
         return 2
     except Stopped as stop:
         print(f"dogsplat: {stop}", file=sys.stderr)

@@ -20,6 +20,10 @@ Examples:
   dogsplat train photos/ -o run --target 20000         a model of exactly so many primitives
   dogsplat train photos/ -o run --preset 3dgs          without pruning and DoG: the published baseline
   dogsplat train lego/ -o run --background white       images with alpha over white (as auto does)
+  dogsplat train lego/ -o run --background random      another colour at each step: no splats hide in it
+  dogsplat train photos/ -o run --masks masks/ --exposure
+                                                       people painted out; automatic exposure taken out
+  dogsplat train photos/ -o run --data-on-disk         more photographs than fit into memory
 
 Afterwards RUN holds point_cloud.ply (the model), report.html (open it in a browser), metrics.json,
 history.jsonl, config.json, and test/ with a render, the photograph and an error map per test view.
@@ -98,6 +102,30 @@ work-precision: error of image and gradients against float64, and run time, over
 exponentials, primitives kept, SH degree, DoG; leave the machine alone meanwhile. stability: inputs that break
 naive splatting code. stiffness: step-size limits, and a training run that is poisoned. training: of --runs.
 DIR/check.html shows it all, DIR/check.json holds it. A stability case that is wrong is printed; exit code 1.
+"""
+EXPORT_EXAMPLES = """
+Examples:
+  dogsplat export run/point_cloud.ply -o model.spz                    Niantic, Babylon, Spark; small
+  dogsplat export run/point_cloud.ply -o model.sog                    PlayCanvas, SuperSplat; small
+  dogsplat export run/point_cloud.ply -o model.compressed.ply         the same; a quarter of a PLY
+  dogsplat export run/point_cloud.ply -o model.glb                    glTF (KHR_gaussian_splatting); lossless
+  dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
+                                                                      any 3DGS viewer; measured on photographs
+
+These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary
+(--dog drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the
+others the axes of the model.
+"""
+VIEW_EXAMPLES = """
+Examples:
+  dogsplat view run/point_cloud.ply                     open the address that it prints in a browser
+  dogsplat view run/                                    a run while it trains: follows its checkpoint
+  dogsplat view run/point_cloud.ply --data photos/ --downscale 2
+                                                        with the error at the nearest photograph
+  dogsplat view run/ --host 0.0.0.0 --port 9000         also for other machines; there is no password
+
+Every picture is rendered here: small while the camera moves, full when it rests. The panel switches DoG off,
+shows DoG or Gaussians alone, differences and errors, and sets resolution, SH degree and background.
 """
 INFO_EXAMPLES = """
 Examples:

@@ -14,13 +14,13 @@ from .transforms import find_transforms, load_transforms
 __all__ = ["CameraCheck", "Dataset", "Observations", "View", "camera_extent", "check_cameras", "load_dataset"]
 
 
-def load_dataset(path: str | Path, downscale: int = 1, spp: int = 64) -> Dataset:
+def load_dataset(path: str | Path, downscale: int = 1, spp: int = 64, on_disk: bool = False) -> Dataset:
     """Read the data set at ``path``, images averaged over ``downscale`` x ``downscale`` pixels.
 
     ``path`` is a folder with a COLMAP model (preferred where both exist), a folder with ``transforms.json``
     or ``transforms_train.json``, such a file itself, or a Mitsuba scene XML, whose sensors are rendered at
-    ``spp`` samples. Raises ``DataError`` for anything that cannot be used; see ``check_cameras`` for the last
-    test.
+    ``spp`` samples. ``on_disk``: images are decoded whenever they are asked for (``DiskView``). Raises
+    ``DataError`` for anything that cannot be used; see ``check_cameras`` for the last test.
     """
     path = Path(path)
     if not path.exists():
@@ -30,9 +30,9 @@ def load_dataset(path: str | Path, downscale: int = 1, spp: int = 64) -> Dataset
     if path.is_file() and path.suffix == ".xml":
         return load_mitsuba_scene(path, downscale, spp)
     if path.is_file() and path.suffix == ".json":
-        return load_transforms(path, downscale)
+        return load_transforms(path, downscale, on_disk)
     if path.is_dir() and find_model(path):
-        return load_colmap(path, downscale)
+        return load_colmap(path, downscale, on_disk)
     transforms = find_transforms(path) if path.is_dir() else None
     if transforms is None:
         folders = ", ".join(MODEL_FOLDERS)
@@ -42,4 +42,4 @@ def load_dataset(path: str | Path, downscale: int = 1, spp: int = 64) -> Dataset
             "no transforms_train.json",
             "give a folder with one of these, or a Mitsuba scene as .xml file",
         )
-    return load_transforms(transforms, downscale)
+    return load_transforms(transforms, downscale, on_disk)

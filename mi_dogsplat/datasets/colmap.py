@@ -31,7 +31,7 @@ def find_model(path: Path) -> Path | None:
     return None
 
 
-def load_colmap(path: Path, downscale: int) -> Dataset:
+def load_colmap(path: Path, downscale: int, on_disk: bool = False) -> Dataset:
     """Read a COLMAP data set. Images sorted by name, every 8th is test; a missing ``points3D`` means no
     points.
 
@@ -48,7 +48,7 @@ def load_colmap(path: Path, downscale: int) -> Dataset:
     prescaled = downscale > 1 and all(is_file(source.image_path) for source in relocated)
     if not prescaled:
         require_files([source.image_path for source in sources])
-    views, has_alpha = load_views(relocated if prescaled else sources, downscale, prescaled)
+    views, has_alpha = load_views(relocated if prescaled else sources, downscale, prescaled, on_disk)
     train, test = every_eighth(views)
     observations = _observations(model, sources, images, views, points)
     dataset = Dataset(path, train, test, points.positions, points.colors, has_alpha, observations)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
@@ -28,6 +28,19 @@ class View:
     name: str
     camera: Camera
     image: np.ndarray
+
+
+class DiskView(View):
+    """A view whose image stays on disk: ``image`` is decoded whenever it is asked for, and may raise ``DataError``."""
+
+    def __init__(self, name: str, camera: Camera, read: Callable[[], np.ndarray]):
+        for field_name, value in (("name", name), ("camera", camera), ("_read", read)):
+            object.__setattr__(self, field_name, value)
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        if name != "image":  # asked for only where there is no such attribute
+            raise AttributeError(name)
+        return object.__getattribute__(self, "_read")()
 
 
 @dataclass(frozen=True, eq=False)

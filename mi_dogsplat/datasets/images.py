@@ -25,8 +25,8 @@ from ..errors import DataError
 from ..memory import available_memory
 from ..scene.cameras import Camera
 from ..wording import file_size
-from .dataset import View
-from .lens import Lens, undistortion
+from .dataset import DiskView, View
+from .lens import Lens, Undistortion, undistortion
 
 EXIF_ORIENTATION = 274
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "PPM", "GIF")  # others start programs, or trust the file's name
@@ -83,17 +83,15 @@ def open_image(path: Path) -> Image.Image:
 
 def image_size(path: Path) -> tuple[int, int]:
     """(width, height) of an image from its header alone. Raises ``DataError``."""
-    try:
-        with open_image(path) as image:
-            return image.size
-    except UNREADABLE as error:
-        raise _corrupt(path, error) from error
+    return _header(path)[0]
 
 
 def load_views(
-    sources: Sequence[ViewSource], downscale: int, prescaled: bool = False
+    sources: Sequence[ViewSource], downscale: int, prescaled: bool = False, on_disk: bool = False
 ) -> tuple[list[View], bool]:
     """Read all images: (views, has_alpha). Order is kept.
+
+    ``on_disk``: only their headers are read now, and an alpha channel counts wherever there is one (``DiskView``).
 
     ``prescaled``: the files already are ``downscale`` times smaller than their cameras (an ``images_4``
     folder); their rounded sizes are accepted and the intrinsics scaled by the exact ratio of each axis. An
@@ -103,6 +101,16 @@ def load_views(
 
     def load(source: ViewSource) -> View:
         return _load_view(source, downscale, prescaled)
+
+    if on_disk:
+        headers = [_header(source.image_path) for source in sources]
+        any_alpha = any(alpha for _, alpha in headers)
+
+        def view_of(source: ViewSource, size: tuple[int, int]) -> View:
+            camera, _ = _camera_of(source, downscale, prescaled, size)
+            return DiskView(source.name, camera, lambda: _with_channels(load(source).image, any_alpha))
+
+        return [view_of(source, size) for source, (size, _) in zip(sources, headers, strict=True)], any_alpha
 
     workers = min(8, os.cpu_count() or 1)
     _require_memory(sources, downscale, workers)
@@ -152,34 +160,45 @@ def read_image(path: Path) -> np.ndarray:
 
 
 def _load_view(source: ViewSource, downscale: int, prescaled: bool) -> View:
-    camera, path = source.camera, source.image_path
-    pixels = read_image(path)  # [H, W, C]
-    height, width = pixels.shape[:2]
+    pixels = read_image(source.image_path)  # [H, W, C]
+    camera, straight = _camera_of(source, downscale, prescaled, (pixels.shape[1], pixels.shape[0]))
+    if straight:
+        pixels = straight.image(pixels)
+    return View(source.name, camera, pixels if prescaled or downscale == 1 else box_downscale(pixels, downscale))
+
+
+def _camera_of(
+    source: ViewSource, downscale: int, prescaled: bool, size: tuple[int, int]
+) -> tuple[Camera, Undistortion | None]:
+    """Camera of a loaded view, from the size of its file, and how its lens is removed before downscaling."""
+    camera, path, (width, height) = source.camera, source.image_path, size
     if prescaled:
         off = max(abs(width * downscale - camera.width), abs(height * downscale - camera.height))
         if off >= downscale:
             raise _wrong_size(path, width, height, f"1/{downscale} of {camera.width}x{camera.height}")
-        camera, pixels = _straightened(path, camera.resized(width, height), source.lens, pixels)
-        return View(source.name, camera, pixels)
-    if (width, height) != (camera.width, camera.height):
+        camera = camera.resized(width, height)
+    elif size != (camera.width, camera.height):
         raise _wrong_size(path, width, height, f"{camera.width}x{camera.height}")
-    camera, pixels = _straightened(path, camera, source.lens, pixels)
+    straight = None
+    if not source.lens.straight:
+        try:
+            straight = undistortion(camera, source.lens)
+        except ValueError as error:
+            raise DataError(path, str(error), "correct the distortion coefficients") from error
+        camera = straight.camera
     try:
-        camera = camera.downscaled(downscale)
+        return camera if prescaled else camera.downscaled(downscale), straight
     except ValueError as error:
         raise DataError(path, str(error), "choose a smaller downscale factor") from error
-    return View(source.name, camera, box_downscale(pixels, downscale) if downscale > 1 else pixels)
 
 
-def _straightened(path: Path, camera: Camera, lens: Lens, pixels: np.ndarray) -> tuple[Camera, np.ndarray]:
-    """Camera and image of a pinhole."""
-    if lens.straight:
-        return camera, pixels
+def _header(path: Path) -> tuple[tuple[int, int], bool]:
+    """((width, height), whether there is an alpha channel) of an image from its header alone. Raises ``DataError``."""
     try:
-        straight = undistortion(camera, lens)
-    except ValueError as error:
-        raise DataError(path, str(error), "correct the distortion coefficients") from error
-    return straight.camera, straight.image(pixels)
+        with open_image(path) as image:
+            return image.size, "A" in image.getbands() or "transparency" in image.info
+    except UNREADABLE as error:
+        raise _corrupt(path, error) from error
 
 
 def _with_channels(image: np.ndarray, has_alpha: bool) -> np.ndarray:

@@ -42,7 +42,7 @@ def find_transforms(path: Path) -> Path | None:
     )
 
 
-def load_transforms(file: Path, downscale: int) -> Dataset:
+def load_transforms(file: Path, downscale: int, on_disk: bool = False) -> Dataset:
     """Read the data set of a ``transforms*.json``. Raises ``DataError``.
 
     The split is that of the ``_train`` and ``_test`` files, or of ``test_filenames`` in the file; else every
@@ -62,7 +62,7 @@ def load_transforms(file: Path, downscale: int) -> Dataset:
     else:
         sources.sort(key=lambda source: source.image_path)
     require_unique_names(file, [source.name for source in sources])
-    views, has_alpha = load_views(sources, downscale)
+    views, has_alpha = load_views(sources, downscale, on_disk=on_disk)
     if test_names:
         train = [view for view in views if view.name not in test_names]
         test = [view for view in views if view.name in test_names]

@@ -11,7 +11,7 @@ from ..memory import bytes_of
 from .presets import RECIPES
 
 FROM_RECIPE: Any = None  # a default that the preset decides on when the configuration is made
-CHOICES = {"preset": tuple(RECIPES), "background": ("black", "white", "auto")}
+CHOICES = {"preset": tuple(RECIPES), "background": ("black", "white", "auto", "random")}
 RANGES = {
     "steps": (1, math.inf),
     "downscale": (1, math.inf),
@@ -19,6 +19,7 @@ RANGES = {
     "max_world_scale": (1e-9, math.inf),
     "sh_degree": (0, 3),
     "near_clip": (0, 1e30),
+    "near_zone": (0, 1e30),
     "initial_primitives": (1, math.inf),
     "seed": (0, math.inf),
     "log_every": (1, math.inf),
@@ -29,8 +30,8 @@ FREE = ("checkpoint_seconds", "memory")  # may change from one start of a run to
 
 
 def background_color(background: str, has_alpha: bool) -> float:
-    """Grey level behind the splats, 0 or 1, for ``TrainConfig.background``."""
-    return {"black": 0.0, "white": 1.0, "auto": 1.0 if has_alpha else 0.0}[background]
+    """Grey level behind the splats, 0 or 1, for ``TrainConfig.background``; of measurements, where that is random."""
+    return {"black": 0.0, "white": 1.0}.get(background, 1.0 if has_alpha else 0.0)
 
 
 @dataclass(frozen=True)
@@ -48,9 +49,13 @@ class TrainConfig:
     max_primitives: int | None = None  # never hold more primitives than this
     max_world_scale: float = FROM_RECIPE  # remove larger primitives, times the camera extent (default: the preset's)
     sh_degree: int = 3  # highest degree of view-dependent colour, 0 to 3
-    background: str = "auto"  # black, white, or auto: white for images with alpha, else black
+    background: str = "auto"  # black, white, auto: white for images with alpha, else black; random: another each step
     antialiased: bool = False  # compensate opacities for the screen-space low-pass filter
     near_clip: float = 0.2  # primitives nearer to the camera plane are dropped, world units
+    near_zone: float = 0.0  # remove primitives nearer than this to a training camera, world units; 0: none
+    masks: str | None = None  # folder of masks, named as the images: black pixels do not count in training
+    exposure: bool = False  # learn a colour transform per training image (no test view gets one)
+    data_on_disk: bool = False  # decode images when they are due, a few ahead, instead of holding all of them
     initial_primitives: int = 20_000  # random start when the data has no points
     seed: int = 0  # seed of every random choice
     variant: str = "auto"  # Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb

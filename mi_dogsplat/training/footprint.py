@@ -79,13 +79,14 @@ class Budget:
         return replace(rule, max_primitives=most), event
 
 
-def budget(memory: str | None, dataset: Dataset, sh_degree: int) -> Budget | None:
+def budget(memory: str | None, dataset: Dataset, sh_degree: int, on_disk: bool = False) -> Budget | None:
     """The budget of a training on the data; None where nobody knows how much memory there is.
 
     Args:
         memory: as ``TrainConfig.memory``; None is what the machine has to give now.
+        on_disk: pictures are decoded when they are due, and weigh nothing.
     """
-    pictures = sum(4 * view.image.size for view in dataset.views)
+    pictures = 0 if on_disk else sum(4 * view.image.size for view in dataset.views)
     if memory is None and "cuda" in str(mi.variant()):
         return None
     if memory is None:
@@ -95,6 +96,6 @@ def budget(memory: str | None, dataset: Dataset, sh_degree: int) -> Budget | Non
         total = bytes_of(memory)
     if total is None:
         return None
-    pixels = sum(view.camera.width * view.camera.height for view in dataset.train)
+    pixels = 0 if on_disk else sum(view.camera.width * view.camera.height for view in dataset.train)
     floats = 14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0)
     return Budget(total, BASE + pictures + TARGET * pixels, floats)

@@ -139,11 +139,11 @@ class Target:
     them; together they take three times the memory of the image in float32.
     """
 
-    def __init__(self, image: np.ndarray, grid: _Grid):
-        self.height, self.width = image.shape[:2]
+    def __init__(self, y: Any, width: int, height: int, grid: _Grid):
+        """``y``: the image as an evaluated array, planar, [3 H W]."""
+        self.height, self.width = height, width
         self.grid = grid
-        Float: Any = dr.detached_t(mi.Float)
-        y = dr.detach(device_array(image.transpose(2, 0, 1)), preserve_type=False)  # [3 H W]
+        Float: Any = type(y)
         at = grid.along_y.indices(grid.along_y.columns, range(BLOCK))
         self.rows = [dr.gather(Float, y, index, inside) for index, inside in at]
         dr.eval(self.rows)
@@ -168,10 +168,20 @@ class PhotometricLoss:
         """Prepare a training image [H, W, 3]. Raises ValueError for another shape."""
         if image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
             raise ValueError(f"target: image has shape {image.shape}; [height, width, 3] is needed")
-        key = (mi.variant(), image.shape[1], image.shape[0])
+        height, width = image.shape[:2]
+        y = dr.detach(device_array(image.transpose(2, 0, 1)), preserve_type=False)  # [3 H W]
+        return Target(y, width, height, self._grid(width, height))
+
+    def target_of_planes(self, planes: list[Any], width: int, height: int) -> Target:
+        """Prepare a training image that is on the device already, as three planes [H W]."""
+        grid = self._grid(width, height)
+        return Target(self._joined(planes, grid), width, height, grid)
+
+    def _grid(self, width: int, height: int) -> _Grid:
+        key = (mi.variant(), width, height)
         if key not in self._grids:
-            self._grids[key] = _Grid(*key[1:])
-        return Target(image, self._grids[key])
+            self._grids[key] = _Grid(width, height)
+        return self._grids[key]
 
     def value_and_gradient(self, image: Any, target: Target) -> tuple[Any, Any, Any, Any]:
         """L1, 1 - SSIM, the loss (one value each, not waited for), and d loss / d image in the form given.
@@ -186,7 +196,7 @@ class PhotometricLoss:
         scale = dr.opaque(type(joined), 1 / target.grid.n_values)
         l1, dssim = l1_sum * scale, 1 - ssim_sum * scale
         if isinstance(image, (list, tuple)) and len(image) == 3:
-            gradient = [dr.gather(type(joined), gradient, at) for at in self._plane_indices(target)]
+            gradient = [dr.gather(type(joined), gradient, at) for at in self._plane_indices(target.grid)]
         return l1, dssim, dr.lerp(l1, dssim, self.dssim_weight), gradient
 
     def l1(self, image: Any, target: Target) -> Any:
@@ -197,10 +207,10 @@ class PhotometricLoss:
             total += dr.abs(dr.clip(dr.gather(type(joined), joined, index, inside), 0, 1) - y)
         return dr.sum(total) * dr.opaque(type(joined), 1 / target.grid.n_values)
 
-    def _plane_indices(self, target: Target) -> list[Any]:
+    def _plane_indices(self, grid: _Grid) -> list[Any]:
         """Where each of the three planes lies in the joined array."""
-        sweep = target.grid.along_y
-        pixel = dr.arange(sweep.UInt, target.width * target.height)
+        sweep = grid.along_y
+        pixel = dr.arange(sweep.UInt, grid.n_values // 3)
         return [dr.fma(sweep.rows * c, sweep.columns, pixel) for c in range(3)]
 
     def _join(self, image: Any, target: Target, caller: str) -> Any:
@@ -212,12 +222,15 @@ class PhotometricLoss:
                 f"{caller}: image has planes of {sizes} values, "
                 f"target {target.width}x{target.height} needs three of {n // 3} (or all in one)"
             )
+        return self._joined(planes, target.grid)
+
+    def _joined(self, planes: list[Any], grid: _Grid) -> Any:
         planes = [dr.detach(plane, preserve_type=False) for plane in planes]
         if len(planes) == 1:
             joined = planes[0]
         else:
-            joined = dr.empty(type(planes[0]), target.grid.n_values)
-            for plane, at in zip(planes, self._plane_indices(target), strict=True):
+            joined = dr.empty(type(planes[0]), grid.n_values)
+            for plane, at in zip(planes, self._plane_indices(grid), strict=True):
                 dr.scatter(joined, plane, at, mode=dr.ReduceMode.Permute)
         dr.eval(joined)
         return joined

@@ -24,15 +24,15 @@ from ..pruning.dog_control import activate, degenerate
 from ..pruning.prune import Pruning
 from ..pruning.score import scores
 from ..render import Picture, over_background, render_picture
-from .broken import broken, drop_broken
 from .config import TrainConfig, background_color
 from .densify import DensifyStats, refine
 from .footprint import budget
 from .initialize import initial_splats
 from .learning_rates import LearningRates
-from .loss import PhotometricLoss
 from .optimizer import SplatOptimizer
+from .photographs import READ_AHEAD, Photographs
 from .presets import RECIPES, Recipe
+from .sieve import leaving, sieve
 
 
 class Trainer:
@@ -48,15 +48,15 @@ class Trainer:
         self.recipe = (recipe if config.model is None else recipe.from_pruning()).scaled(config.steps)
         self.background = background_color(config.background, dataset.has_alpha)
         self.extent = camera_extent(dataset.train)
+        self.positions = np.array([view.camera.position for view in dataset.train])  # [V, 3]
         splats = initial_splats(config, dataset)
         self.sh_degree = splats.sh_degree
-        self.budget = budget(config.memory, dataset, self.sh_degree)
+        self.budget = budget(config.memory, dataset, self.sh_degree, config.data_on_disk)
         if self.budget:
             self.budget.require(config.data, splats.n_splats)
         self.rng = np.random.default_rng(config.seed)
-        self.loss = PhotometricLoss()
         self.cameras = [DeviceCamera.upload(v.camera, config.near_clip) for v in dataset.train]
-        self.targets = [self.loss.target(over_background(v.image, self.background)) for v in dataset.train]
+        self.photographs = Photographs(config, dataset, self.background)
         rates = LearningRates(self.extent, self.recipe.position_steps, refinement=self.recipe.refinement)
         self.optimizer = SplatOptimizer(splats, rates)
         self.densification = replace(
@@ -87,8 +87,7 @@ class Trainer:
     def _render(self, params: dict, view: int, probe: list | None = None) -> tuple[list, Frame]:
         """Planes of a training view over the background, and the frame they come from."""
         frame = rasterize(params, self.cameras[view], self.options, probe)
-        planes = [dr.fma(frame.T, self.background, c) for c in frame.colors] if self.background else frame.colors
-        return planes, frame
+        return self.photographs.over_background(frame), frame
 
     def step(self) -> dict[str, Any]:
         """One training view: render, loss, backward, Adam, density control.
@@ -97,7 +96,7 @@ class Trainer:
         ``psnr_before`` an activation of the DoG).
         """
         if not self.order:
-            self.order = self.rng.permutation(len(self.targets)).tolist()
+            self.order = self.rng.permutation(len(self.photographs)).tolist()
         view = self.order.pop()
         camera = self.cameras[view]
         self.optimizer.schedule(self.step_count + self.recipe.first_step)
@@ -107,8 +106,9 @@ class Trainer:
         probe = [dr.zeros(mi.Float, n) for _ in range(2)] if densifying else None
         if probe:
             dr.enable_grad(probe)
+        self.photographs.choose_background(self.rng)
         planes, frame = self._render(self.optimizer.params, view, probe)
-        l1, _, loss, gradient = self.loss.value_and_gradient(planes, self.targets[view])
+        l1, loss, gradient = self.photographs.compare(planes, view, self.step_count, self.order[: -1 - READ_AHEAD : -1])
         for plane, δ in zip(planes, gradient, strict=True):
             dr.set_grad(plane, mi.Float(δ))
         dr.enqueue(dr.ADMode.Backward, planes)
@@ -159,15 +159,13 @@ class Trainer:
         return self.step_count % self.config.log_every == 0 or self.step_count == self.config.steps
 
     def _drop_broken(self) -> list[str]:
-        n = self.optimizer.n
         try:
-            kept = drop_broken(self.optimizer, self.extent)
+            kept, events = sieve(self.optimizer, self.extent, self.positions, self.config.near_zone)
         except FloatingPointError as error:
             raise FloatingPointError(f"step {self.step_count}: {error}") from None
-        if len(kept) == n:
-            return []
-        self.stats.keep(kept)
-        return [f"dropped {n - len(kept)} broken primitives"]
+        if events:
+            self.stats.keep(kept)
+        return events
 
     def _compact(self, events: list[str]) -> dict[str, Any]:
         """Prune and make DoG where that is due; returns the fields of ``step``, with ``events`` from before."""
@@ -190,10 +188,11 @@ class Trainer:
         params = {name: dr.detach(value) for name, value in self.optimizer.params.items()}
         Float: Any = dr.detached_t(mi.Float)
         total = dr.opaque(Float, 0)
-        for view, target in enumerate(self.targets):
-            total += self.loss.l1(self._render(params, view)[0], target)
+        self.photographs.color = None
+        for view in range(len(self.photographs)):
+            total += self.photographs.l1(self._render(params, view)[0], view)
             dr.eval(total)
-        return float(total[0]) / len(self.targets)
+        return float(total[0]) / len(self.photographs)
 
     def _scores(self) -> np.ndarray:
         """[N] importance of each primitive by the rule of the recipe."""
@@ -212,8 +211,8 @@ class Trainer:
         return {"l1": l1, "loss": loss}
 
     def sound(self) -> bool:
-        """Whether nothing is broken, so that taking the ``state`` changes nothing. Waits for the device."""
-        return not broken(self.optimizer, self.extent).any()
+        """Whether nothing has to leave, so that taking the ``state`` changes nothing. Waits for the device."""
+        return not leaving(self.optimizer, self.extent, self.positions, self.config.near_zone).any()
 
     def state(self) -> dict[str, np.ndarray]:
         """Everything that ``restore`` needs to go on as if nothing had happened.
@@ -223,6 +222,8 @@ class Trainer:
         self._drop_broken()
         state = {f"optimizer.{name}": value for name, value in self.optimizer.state().items()}
         state |= {f"stats.{name}": value for name, value in self.stats.state().items()}
+        if self.photographs.exposure:
+            state |= {f"exposure.{name}": value for name, value in self.photographs.exposure.state().items()}
         if self.pruning:
             state |= {f"pruning.{name}": value for name, value in self.pruning.state().items()}
         rng = np.array(json.dumps(self.rng.bit_generator.state))
@@ -248,6 +249,8 @@ class Trainer:
         self.step_count, self.seconds = int(state["step"]), float(state["seconds"])
         self.order = state["order"].tolist()
         self.dog_activated = bool(state.get("dog_activated", False))
+        if self.photographs.exposure and "exposure.values" in state:
+            self.photographs.exposure.restore(part("exposure."))
         if self.pruning:
             self.pruning.restore(part("pruning."))
         self.rng.bit_generator.state = json.loads(str(state["rng"]))

@@ -1,0 +1,115 @@
+"""Compressed PLY (PlayCanvas): chunks of 256 primitives that share their bounds, four 32-bit words a primitive.
+
+``chunk`` holds 18 floats: bounds of positions, of log scales, and of colours (0.5 + C0 f_dc). ``vertex`` holds what
+lies between them: position and log scale with 11, 10 and 11 bits per axis, the rotation as the smallest three of
+(w, x, y, z) with 10 bits each and the index of the largest in the two upper bits, and colour and opacity with 8 bits
+each. ``sh`` holds a byte per coefficient from -4 to 4, channel-major. Axes and order of bands are those of 3DGS PLY.
+
+Layout: developer.playcanvas.com (PLY format), github.com/playcanvas/splat-transform (MIT).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..scene.ply_tables import TableReader
+from ..scene.splats import Array, Splats
+from .packing import SQRT2, from_smallest_three, logits, smallest_three, unit_quats
+
+CHUNK = 256
+C0 = 0.28209479177387814  # SH basis function of degree 0
+MAX_LOG_SCALE = 20
+SH_RANGE = 8.0  # width of the range of a coefficient
+BOUNDED = ("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b")
+COLUMNS = [f"{end}_{name}" for names in BOUNDED for end in ("min", "max") for name in names]
+WORDS = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
+BITS_OF_POSITION = ((21, 11), (11, 10), (0, 11))  # (shift, bits) of x, y, z
+BITS_OF_COLOR = ((24, 8), (16, 8), (8, 8))
+BITS_OF_ROTATION = ((20, 10), (10, 10), (0, 10))
+
+
+def encode(splats: Splats) -> bytes:
+    """The file of a model of plain Gaussians, best in an order of neighbours: they share bounds."""
+    n = splats.n_splats
+    colors = splats.sh_coeffs[:, 0].astype(np.float64) * C0 + 0.5
+    scales = np.clip(splats.log_scales.astype(np.float64), -MAX_LOG_SCALE, MAX_LOG_SCALE)
+    bounds, words = [], []
+    for values, layout in ((splats.means, BITS_OF_POSITION), (scales, BITS_OF_POSITION), (colors, BITS_OF_COLOR)):
+        low, high = _bounds(values)  # [chunks, 3] each
+        bounds += [low, high]
+        chunk = np.arange(n) // CHUNK
+        extent = (high - low).astype(np.float64)[chunk]
+        words.append(_packed((values - low[chunk]) / np.where(extent > 0, extent, 1), layout))
+    largest, three = smallest_three(unit_quats(splats)[:, [3, 0, 1, 2]])
+    rotations = (largest.astype(np.uint32) << 30) | _packed(three / SQRT2 + 0.5, BITS_OF_ROTATION)
+    words[2] |= _packed(splats.opacities[:, None], ((0, 8),))
+    positions, packed_scales, packed_colors = words
+    rest = splats.sh_coeffs[:, 1:].transpose(0, 2, 1).reshape(n, -1)  # [N, 3 (K - 1)] channel-major
+    sh = np.clip(np.floor((rest / SH_RANGE + 0.5) * 256), 0, 255).astype(np.uint8)
+    chunks = np.concatenate(bounds, axis=1)  # [chunks, 18]
+    header = ["ply", "format binary_little_endian 1.0", f"element chunk {len(chunks)}"]
+    header += [f"property float {name}" for name in COLUMNS]
+    header += [f"element vertex {n}", *(f"property uint {name}" for name in WORDS)]
+    if sh.shape[1]:
+        header += [f"element sh {n}", *(f"property uchar f_rest_{i}" for i in range(sh.shape[1]))]
+    vertex = np.stack([positions, rotations, packed_scales, packed_colors], axis=1)  # [N, 4]
+    text = "\n".join([*header, "end_header\n"]).encode()
+    return text + chunks.astype("<f4").tobytes() + vertex.astype("<u4").tobytes() + sh.tobytes()
+
+
+def decode(path: Path) -> Splats:
+    """The model in a file. Raises ``DataError``."""
+    with path.open("rb") as file:
+        reader = TableReader(path, file, path.stat().st_size)
+        tables = reader.tables({"chunk", "vertex", "sh"})
+    if "chunk" not in tables or WORDS[0] not in (tables["vertex"].dtype.names or ()):
+        reader.fail("no chunks of packed primitives", "give a compressed PLY")
+    chunks = np.stack([tables["chunk"][name] for name in COLUMNS], axis=1).astype(np.float64).reshape(-1, 3, 2, 3)
+    vertex = tables["vertex"]
+    n = len(vertex)
+    bounds = chunks[np.arange(n) // CHUNK]  # [N, what, min or max, axis]
+
+    def between(what: int, word: str, layout: tuple) -> Array:
+        share = _unpacked(vertex[word], layout)
+        return bounds[:, what, 0] * (1 - share) + bounds[:, what, 1] * share
+
+    colors = between(2, "packed_color", BITS_OF_COLOR)
+    rotation = vertex["packed_rotation"]
+    three = (_unpacked(rotation, BITS_OF_ROTATION) - 0.5) * SQRT2
+    sh = ((colors - 0.5) / C0)[:, None]  # [N, 1, 3]
+    if "sh" in tables:
+        raw = np.stack([tables["sh"][name] for name in tables["sh"].dtype.names or ()], axis=1)  # [N, 3 (K - 1)]
+        middle = np.where(raw == 0, 0, np.where(raw == 255, 1, (raw + 0.5) / 256))
+        rest = (middle - 0.5) * SH_RANGE
+        sh = np.concatenate([sh, rest.reshape(n, 3, -1).transpose(0, 2, 1)], axis=1)
+    return Splats(
+        means=between(0, "packed_position", BITS_OF_POSITION),
+        log_scales=between(1, "packed_scale", BITS_OF_POSITION),
+        quats=from_smallest_three(rotation >> 30, three)[:, [1, 2, 3, 0]],
+        logit_opacities=logits(_unpacked(vertex["packed_color"], ((0, 8),))[:, 0]),
+        sh_coeffs=sh,
+    )
+
+
+def _bounds(values: Array) -> tuple[Array, Array]:
+    """float32 [chunks, 3] twice: smallest and largest value [N, 3] of each chunk."""
+    starts = np.arange(0, len(values), CHUNK)
+    if not len(starts):
+        return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)
+    low, high = (f.reduceat(values, starts, axis=0).astype(np.float32) for f in (np.minimum, np.maximum))
+    return low, high
+
+
+def _packed(shares: Array, layout: tuple) -> Array:
+    """Values 0..1 [N, C] rounded to ``(shift, bits)`` of each, in one word [N]."""
+    word = np.zeros(len(shares), np.uint32)
+    for share, (shift, bits) in zip(shares.T, layout, strict=True):
+        word |= np.clip(np.floor(share * (2**bits - 1) + 0.5), 0, 2**bits - 1).astype(np.uint32) << np.uint32(shift)
+    return word
+
+
+def _unpacked(word: Array, layout: tuple) -> Array:
+    """Values 0..1 [N, C] in words [N]."""
+    return np.stack([((word >> np.uint32(shift)) & (2**bits - 1)) / (2.0**bits - 1) for shift, bits in layout], axis=1)

@@ -1,0 +1,73 @@
+"""What several formats share: unit quaternions without their largest component, order in space, and axes.
+
+A unit quaternion is told by its three smallest components, each within ±1/√2, and by which one is left out; q and -q
+are the same rotation, so that the missing one can be taken as positive ("smallest three").
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..scene.splats import Array, Splats
+
+SQRT2 = np.sqrt(2.0)
+OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # components beside the one left out, in order
+MORTON_BITS = 10  # per axis: 2^30 cells are finer than any sorting needs
+SMALLEST_OPACITY = 1e-6  # of a logit that is finite, where 8 bits say 0 or 1
+# Signs of the 16 coefficients when y and z change their sign: that of each basis function, in the order of 3DGS.
+RUB_SIGNS_OF_SH = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)
+
+
+def turned_rub(splats: Splats) -> Splats:
+    """A model of plain Gaussians from RDF axes (x right, y down, z forward) to RUB (right, up, back), or back.
+
+    Half a turn about x. Models in 3DGS PLY files are taken as RDF, the axes of COLMAP's cameras. It only changes
+    signs, so that it loses nothing.
+    """
+    return Splats(
+        means=splats.means * np.array([1, -1, -1], np.float32),
+        log_scales=splats.log_scales,
+        quats=splats.quats * np.array([1, -1, -1, 1], np.float32),  # of D R D, D the turn: the axes of a like ellipsoid
+        logit_opacities=splats.logit_opacities,
+        sh_coeffs=splats.sh_coeffs * RUB_SIGNS_OF_SH[: splats.sh_coeffs.shape[1], None],
+    )
+
+
+def unit_quats(splats: Splats) -> Array:
+    """Rotations [N, 4] as float64 unit quaternions (x, y, z, w); the identity for a zero quaternion."""
+    quats = splats.quats.astype(np.float64)
+    lengths = np.linalg.norm(quats, axis=1, keepdims=True)  # [N, 1]
+    return np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), [0.0, 0, 0, 1])
+
+
+def smallest_three(quats: Array) -> tuple[Array, Array]:
+    """Index [N] of the largest component of unit quaternions [N, 4], and the others [N, 3] where it is positive."""
+    largest = np.abs(quats).argmax(axis=1)  # [N]
+    sign = np.where(np.take_along_axis(quats, largest[:, None], axis=1) < 0, -1, 1)  # [N, 1]
+    return largest, np.take_along_axis(quats, OTHERS[largest], axis=1) * sign
+
+
+def from_smallest_three(largest: Array, three: Array) -> Array:
+    """Unit quaternions [N, 4] of what ``smallest_three`` returns."""
+    quats = np.zeros((len(largest), 4))
+    np.put_along_axis(quats, OTHERS[largest], three, axis=1)
+    rest = np.sqrt(np.maximum(0, 1 - (three**2).sum(axis=1, keepdims=True)))  # [N, 1]
+    np.put_along_axis(quats, largest[:, None].astype(np.int64), rest, axis=1)
+    return quats
+
+
+def logits(opacities: Array) -> Array:
+    """Finite logits of opacities 0..1."""
+    p = np.clip(opacities.astype(np.float64), SMALLEST_OPACITY, 1 - SMALLEST_OPACITY)
+    return np.log(p / (1 - p))
+
+
+def morton_order(means: Array) -> Array:
+    """Order [N] of positions [N, 3] along a Z-shaped curve: neighbours in a file are then neighbours in space."""
+    if not len(means):
+        return np.zeros(0, np.int64)
+    low, high = means.min(axis=0), means.max(axis=0)
+    cells = (means.astype(np.float64) - low) / np.maximum(high - low, 1e-30) * (2**MORTON_BITS - 1)  # [N, 3]
+    bits = (cells.astype(np.int64)[..., None] >> np.arange(MORTON_BITS)) & 1  # [N, 3, MORTON_BITS]
+    weights = 1 << (3 * np.arange(MORTON_BITS) + np.arange(3)[:, None])  # [3, MORTON_BITS]
+    return np.argsort((bits * weights).sum(axis=(1, 2)), kind="stable")

@@ -1,0 +1,123 @@
+"""The training images as the loss sees them: background, masks, exposure; on the device, or decoded when due."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..datasets import Dataset
+from ..engine.parameters import device_array
+from ..engine.rasterize import Frame
+from ..errors import DataError
+from ..render import over_background
+from .config import TrainConfig
+from .exposure import Exposure
+from .loss import PhotometricLoss, Target
+from .masks import find_masks, read_mask
+
+READ_AHEAD = 4  # images that are decoded before they are due
+
+
+class Photographs:
+    """What a rendered view is compared with, and how. What is off costs neither a kernel nor an instruction.
+
+    Args:
+        config: ``background`` (random: another one at each step, behind images with alpha), ``masks``, ``exposure`` and
+            ``data_on_disk``.
+        dataset: its training views.
+        background: grey level behind the views, where it is not random.
+
+    Raises ``DataError`` for masks that cannot be read, and for a random background without alpha.
+    """
+
+    def __init__(self, config: TrainConfig, dataset: Dataset, background: float):
+        self.views, self.background = dataset.train, background
+        self.loss = PhotometricLoss()
+        self.random = config.background == "random"
+        if self.random and not dataset.has_alpha:
+            raise DataError("--background", "random needs images with alpha", "use black or white")
+        self.color: list | None = None  # of the background, while it is random
+        self.masks: list[Any] = [None] * len(self.views)
+        if config.masks:
+            paths = find_masks(Path(config.masks), self.views)
+            sizes = [(view.camera.width, view.camera.height) for view in self.views]
+            pairs = zip(paths, sizes, strict=True)
+            self.masks = [path and device_array(read_mask(path, *size)) for path, size in pairs]
+        self.exposure = Exposure(len(self.views), config.steps) if config.exposure else None
+        self.on_disk = config.data_on_disk
+        self._reading: dict[int, Future] = {}
+        self._readers = ThreadPoolExecutor(1) if self.on_disk else None
+        self._kept = [] if self.on_disk else [self._prepared(view.image, k) for k, view in enumerate(self.views)]
+
+    def __len__(self) -> int:
+        return len(self.views)
+
+    def choose_background(self, rng: np.random.Generator) -> None:
+        """Another colour, if it is random."""
+        if self.random:
+            self.color = [dr.opaque(mi.Float, level) for level in rng.uniform(size=3)]
+
+    def over_background(self, frame: Frame) -> list:
+        """Planes of a frame over the background of this step."""
+        if self.color:
+            return [dr.fma(frame.T, level, c) for level, c in zip(self.color, frame.colors, strict=True)]
+        return [dr.fma(frame.T, self.background, c) for c in frame.colors] if self.background else frame.colors
+
+    def compare(self, planes: list, view: int, step: int, upcoming: Sequence[int] = ()) -> tuple[Any, Any, list]:
+        """L1, loss, and its gradient by the planes; an exposure takes its step. ``upcoming`` views are read ahead."""
+        target, mask = self._target(view, upcoming), self.masks[view]
+        l1, _, loss, gradient = self.loss.value_and_gradient(self._seen(planes, view), target)
+        if mask is not None:
+            gradient = [δ * dr.detach(mask, preserve_type=False) for δ in gradient]
+        if self.exposure:
+            gradient = self.exposure.backward(planes, gradient, view, step)
+        return l1, loss, gradient
+
+    def l1(self, planes: list, view: int) -> Any:
+        """The L1 of ``compare`` alone."""
+        return self.loss.l1(self._seen(planes, view), self._target(view, range(view + 1, len(self.views))))
+
+    def _seen(self, planes: list, view: int) -> list:
+        """What the loss gets of rendered planes."""
+        if self.exposure:
+            planes = self.exposure.applied(planes, view)
+        mask = self.masks[view]
+        return planes if mask is None else [dr.detach(plane, preserve_type=False) * mask for plane in planes]
+
+    def _target(self, view: int, upcoming: Sequence[int]) -> Target:
+        if self._readers is None:
+            prepared = self._kept[view]
+        else:
+            prepared = self._prepared(self._read(view, upcoming), view)
+        if isinstance(prepared, Target):
+            return prepared
+        *colors, alpha = prepared
+        behind = self.color or [dr.opaque(mi.Float, self.background)] * 3
+        planes = [dr.fma(1 - alpha, level, c) for level, c in zip(behind, colors, strict=True)]
+        mask, camera = self.masks[view], self.views[view].camera
+        planes = planes if mask is None else [plane * mask for plane in planes]
+        return self.loss.target_of_planes(planes, camera.width, camera.height)
+
+    def _read(self, view: int, upcoming: Sequence[int]) -> np.ndarray:
+        """The image of a view, which may have been read ahead, as the next ones are from now on."""
+        assert self._readers is not None
+        future = self._reading.pop(view, None)
+        image = future.result() if future else self.views[view].image
+        for k in upcoming[:READ_AHEAD]:
+            if k not in self._reading:
+                self._reading[k] = self._readers.submit(lambda k=k: self.views[k].image)
+        return image
+
+    def _prepared(self, image: np.ndarray, view: int) -> Target | list:
+        """A target, or, behind which the background changes, its premultiplied planes and alpha."""
+        if self.random:
+            return [device_array(np.ascontiguousarray(image[..., c])) for c in range(4)]
+        truth = over_background(image, self.background)
+        mask = self.masks[view]
+        return self.loss.target(truth if mask is None else truth * mask.numpy().reshape(*truth.shape[:2], 1))

@@ -1,0 +1,119 @@
+"""A visitor's pose and settings to a picture, by this package's rasterizer."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..datasets.dataset import View
+from ..engine.parameters import upload
+from ..engine.rasterize import RasterOptions
+from ..pictures import heat_map
+from ..render import over_background, render_picture
+from ..scene.cameras import Camera
+from ..scene.splats import Array, Splats
+from .view_state import (
+    DOG_DIFFERENCE,
+    ERROR,
+    MODEL,
+    ONLY_DOG,
+    ONLY_GAUSSIANS,
+    PHOTOGRAPH,
+    WITHOUT_DOG,
+    Pose,
+    Settings,
+)
+
+PARTS: dict[str, Callable[[Splats], Splats]] = {
+    MODEL: lambda splats: splats,
+    WITHOUT_DOG: Splats.plain,
+    ONLY_DOG: Splats.only_dog,
+    ONLY_GAUSSIANS: Splats.only_gaussians,
+}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A picture uint8 [H, W, 3], what it is in words, and how long it took."""
+
+    image: Array
+    about: str
+    milliseconds: float
+
+
+class Drawing:
+    """Draws a model that can be replaced; parts of it go to the device when they are first asked for."""
+
+    def __init__(self, splats: Splats, near_clip: float, antialiased: bool = False, views: Sequence[View] = ()):
+        self.near_clip, self.antialiased, self.views = near_clip, antialiased, list(views)
+        self.replace(splats)
+
+    def replace(self, splats: Splats) -> None:
+        """Draw another model from now on."""
+        self.splats = splats
+        self._params: dict[str, dict] = {}
+
+    @property
+    def choices(self) -> list[str]:
+        """What can be shown of this model and its data."""
+        dog = [WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE] if self.splats.n_dog else []
+        return [MODEL, *dog, *([ERROR, PHOTOGRAPH] if self.views else [])]
+
+    def draw(self, pose: Pose, settings: Settings, moving: bool = False) -> Drawn:
+        """The picture that is due. What the model does not have is drawn as the model."""
+        start = time.perf_counter()
+        show = settings.show if settings.show in self.choices else MODEL
+        camera, about = pose.camera(settings.rows(moving)), ""
+        if show in (ERROR, PHOTOGRAPH):
+            view = nearest_view(self.views, camera)
+            photograph, about = over_background(view.image, settings.background), f"photograph {view.name}"
+            if show == PHOTOGRAPH:
+                image = photograph
+            else:
+                error = np.abs(self._render(MODEL, view.camera, settings) - photograph).mean(axis=-1)
+                image, about = _as_colors(error, settings.gain), f"{about}: mean error {error.mean():.4f}"
+            image = fitted(image, camera.width, camera.height)
+        elif show == DOG_DIFFERENCE:
+            with_dog, without = (self._render(part, camera, settings) for part in (MODEL, WITHOUT_DOG))
+            difference = np.abs(with_dog - without).mean(axis=-1)
+            image, about = _as_colors(difference, settings.gain), f"mean difference {difference.mean():.4f}"
+        else:
+            image = self._render(show, camera, settings)
+        pixels = np.round(np.clip(np.nan_to_num(image), 0, 1) * 255).astype(np.uint8)
+        return Drawn(pixels, about, (time.perf_counter() - start) * 1e3)
+
+    def _render(self, part: str, camera: Camera, settings: Settings) -> Array:
+        """[H, W, 3] in 0..1."""
+        if part not in self._params:
+            self._params[part] = upload(PARTS[part](self.splats))
+        options = RasterOptions(min(settings.sh_degree, self.splats.sh_degree), antialiased=self.antialiased)
+        return render_picture(self._params[part], camera, options, settings.background, self.near_clip).color
+
+
+def nearest_view(views: Sequence[View], camera: Camera) -> View:
+    """The view that stands nearest and looks the same way: a turn by 60 degrees counts as much as the spread."""
+    positions = np.array([view.camera.position for view in views])  # [V, 3]
+    forward = np.array([view.camera.w2c[2, :3] for view in views])  # [V, 3]
+    spread = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max()) or 1.0
+    distance = np.linalg.norm(positions - camera.position, axis=1) / spread
+    turn = np.linalg.norm(forward - camera.w2c[2, :3], axis=1)  # 1 at 60 degrees
+    return views[int(np.argmin(distance + turn))]
+
+
+def fitted(image: Array, width: int, height: int) -> Array:
+    """A picture [h, w, 3] resampled whole (nearest pixel) to [height, width, 3], with black bars at two sides."""
+    scale = min(width / image.shape[1], height / image.shape[0])
+    w, h = max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale))
+    rows = np.minimum(((np.arange(h) + 0.5) / scale).astype(int), image.shape[0] - 1)
+    columns = np.minimum(((np.arange(w) + 0.5) / scale).astype(int), image.shape[1] - 1)
+    result = np.zeros((height, width, 3), image.dtype)
+    top, left = (height - h) // 2, (width - w) // 2
+    result[top : top + h, left : left + w] = image[rows[:, None], columns]
+    return result
+
+
+def _as_colors(error: Array, gain: float) -> Array:
+    return heat_map(np.clip(error * gain, 0, 1))

@@ -1,0 +1,222 @@
+"""The glue between the viewer and viser, which carries pictures to browsers and their cameras back.
+
+viser calls back from threads of its own; they only leave notes. All rendering is done by the one thread that calls
+``Server.serve``, because a variant and its kernels belong to a thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import logging
+import math
+import socket
+import time
+import warnings
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..datasets.dataset import Dataset
+from ..errors import DataError
+from ..framing import NEAR_SHARE, automatic_camera, likely_up, robust_sphere
+from ..scene.cameras import Camera
+from ..scene.splats import Splats
+from .drawing import Drawing
+from .source import Source
+from .view_state import Pace, Pose, Settings
+
+POLL_SECONDS = 1.0  # between looks at the file
+IDLE_SECONDS = 0.01  # between looks at the visitors
+BACKGROUNDS = {"black": 0.0, "grey": 0.5, "white": 1.0}
+HEIGHTS = (120, 1440, 20)  # of the full picture: least, most, step
+QUALITY = {"small": 70, "full": 95}  # of a JPEG
+
+
+class Server:
+    """A viewer on a port; ``serve`` renders until ``stop`` is called, or for a number of seconds.
+
+    Args:
+        source: the model; it is polled while the viewer runs.
+        dataset: its photographs, if there are any.
+        background: grey level of ``BACKGROUNDS``.
+        near_clip, antialiased: as the model was trained; near_clip is smaller where a model without data is small.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        dataset: Dataset | None = None,
+        background: float = 0.0,
+        near_clip: float = 0.2,
+        antialiased: bool = False,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+    ):
+        import viser
+
+        logging.getLogger("websockets.server").setLevel(logging.CRITICAL)  # it would tell of every tab that is closed
+        found = source.poll()
+        assert found is not None  # a new source has something to say
+        splats, self.what = found
+        self.source = source
+        views = [*dataset.test, *dataset.train] if dataset else []
+        if not views:
+            near_clip = min(near_clip, NEAR_SHARE * robust_sphere(splats)[1])
+        self.drawing = Drawing(splats, near_clip, antialiased, views)
+        self.settings = Settings(background=background, sh_degree=splats.sh_degree)
+        self.visitors: dict[int, tuple[Any, Pace]] = {}
+        self._running, self._polled = True, time.monotonic()
+        _require_address(host)
+        with redirect_stdout(io.StringIO()):  # its banner; ours is a line
+            self.viser = viser.ViserServer(host=host, port=port, label="dogsplat", verbose=False)
+        self.url = f"http://{self.viser.get_host()}:{self.viser.get_port()}"
+        self._start_at(views[0].camera if views else automatic_camera(splats), splats)
+        self._make_panel()
+        self.viser.on_client_connect(self._arrived)
+        self.viser.on_client_disconnect(self._left)
+
+    def _start_at(self, camera: Camera, splats: Splats) -> None:
+        """Let visitors begin at a camera and turn about the middle of the model."""
+        initial, centre = self.viser.initial_camera, robust_sphere(splats)[0]
+        forward = camera.w2c[2, :3]
+        distance = max(float(forward @ (centre - camera.position)), 1e-3)
+        ups = [-view.camera.w2c[1, :3] for view in self.drawing.views] or [likely_up(splats)]
+        up = np.mean(ups, axis=0)
+        self.viser.scene.set_up_direction(tuple(up / np.linalg.norm(up)))
+        initial.position = tuple(camera.position)
+        initial.look_at = tuple(camera.position + distance * forward)
+        initial.fov = 2 * math.atan(0.5 * camera.height / camera.fy)
+
+    def _make_panel(self) -> None:
+        gui, settings = self.viser.gui, self.settings
+        grey = next(name for name, level in BACKGROUNDS.items() if level == settings.background)
+        least, most, step = HEIGHTS
+        degree = settings.sh_degree
+        self._show = gui.add_dropdown("Show", self.drawing.choices, initial_value=settings.show)
+        self._height = gui.add_slider("Height in pixels", least, most, step, settings.height)
+        self._degree = gui.add_slider("SH degree", 0, max(degree, 1), 1, degree, disabled=degree == 0)
+        self._grey = gui.add_dropdown("Background", list(BACKGROUNDS), initial_value=grey)
+        self._gain = gui.add_slider("Error times", 1, 20, 1, settings.gain)
+        self._statistics = gui.add_markdown(self.statistics(""))
+        for control in (self._show, self._height, self._degree, self._grey, self._gain):
+            control.on_update(lambda _: self._take_settings())
+
+    def _take_settings(self) -> None:
+        self.settings = Settings(
+            self._show.value,
+            int(self._height.value),
+            int(self._degree.value),
+            BACKGROUNDS[self._grey.value],
+            float(self._gain.value),
+        )
+        self._everybody_changed()
+
+    def _everybody_changed(self) -> None:
+        for _, pace in list(self.visitors.values()):
+            pace.changed()
+
+    def _arrived(self, client: Any) -> None:
+        pace = Pace()
+        self.visitors[client.client_id] = client, pace
+        client.camera.on_update(lambda _: pace.moved(time.monotonic()))
+        pace.changed()
+
+    def _left(self, client: Any) -> None:
+        self.visitors.pop(client.client_id, None)
+
+    def statistics(self, last: str) -> str:
+        """Markdown about the model and the last picture."""
+        splats = self.drawing.splats
+        counts = f"{splats.n_splats:,} primitives, {splats.n_dog:,} of them DoG, SH degree {splats.sh_degree}"
+        return f"**{self.source.path.name}**, {self.what}\n\n{counts}\n\n{last}"
+
+    def serve(self, seconds: float = math.inf) -> None:
+        """Render what is due, in this thread."""
+        end = time.monotonic() + seconds
+        while self._running and time.monotonic() < end:
+            if time.monotonic() - self._polled > POLL_SECONDS:
+                self._reread()
+            if not sum(self._attend(client, pace) for client, pace in list(self.visitors.values())):
+                time.sleep(IDLE_SECONDS)
+
+    def stop(self) -> None:
+        """End ``serve`` and close the port."""
+        self._running = False
+        with redirect_stdout(io.StringIO()):
+            self.viser.stop()
+
+    def _reread(self) -> None:
+        try:
+            found = self.source.poll()
+        except (DataError, OSError, KeyError) as error:  # in the middle of being written, or gone: the old one stays
+            found, self.what = None, f"shown as it was; {error}"
+        self._polled = time.monotonic()
+        if found:
+            splats, self.what = found
+            self.drawing.replace(splats)
+            self._show.options = self.drawing.choices
+            self._everybody_changed()
+
+    def _attend(self, client: Any, pace: Pace) -> bool:
+        """Send a visitor the picture that is due, if one is."""
+        due = pace.due(time.monotonic())
+        if due is None:
+            return False
+        camera = client.camera
+        wxyz, position = (tuple(float(x) for x in values) for values in (camera.wxyz, camera.position))
+        pose = Pose(wxyz, position, float(camera.fov), float(camera.aspect))  # type: ignore[arg-type]
+        drawn = self.drawing.draw(pose, self.settings, moving=due == "small")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # the visitor may have left while we drew
+            client.scene.set_background_image(drawn.image, format="jpeg", jpeg_quality=QUALITY[due])
+        if due == "full":
+            height, width = drawn.image.shape[:2]
+            last = f"{width} x {height} in {drawn.milliseconds:.0f} ms"
+            self._statistics.content = self.statistics(f"{last}; {drawn.about}" if drawn.about else last)
+        return True
+
+
+def view(args: argparse.Namespace, show: Callable[[str], None]) -> None:
+    """Serve ``args.model``, a model or a run folder, on ``args.host`` and ``args.port`` until Ctrl-C.
+
+    ``args.data`` gives photographs; a run names its own. Raises ``DataError``.
+    """
+    from ..training.config import background_color
+
+    source = Source(args.model)
+    config = source.config
+    dataset = _dataset(args.data, config, args.downscale)
+    background = background_color(args.background, dataset is not None and dataset.has_alpha)
+    near_clip, antialiased = (config.get(name, getattr(args, name)) for name in ("near_clip", "antialiased"))
+    server = Server(source, dataset, background, near_clip, antialiased, args.host, args.port)
+    show(f"{server.url} shows {args.model}; Ctrl-C ends it")
+    try:
+        server.serve()
+    except KeyboardInterrupt:  # the way to end it
+        pass
+    finally:
+        server.stop()
+
+
+def _require_address(host: str) -> None:
+    """Raise ``DataError`` for an address that is not this machine's, for which viser would wait for ever."""
+    try:
+        with socket.socket() as probe:
+            probe.bind((host, 0))
+    except OSError as error:
+        problem = f'cannot listen at "{host}" ({error.strerror or error})'
+        raise DataError("--host", problem, "use 127.0.0.1, or 0.0.0.0 for all addresses") from error
+
+
+def _dataset(data: str | None, config: dict[str, Any], downscale: int) -> Dataset | None:
+    """The data set that is named, or that of the run if it is still there."""
+    from ..datasets import load_dataset
+
+    if data:
+        return load_dataset(data, downscale)
+    own = config.get("data")
+    return load_dataset(own, config.get("downscale", 1)) if own and Path(own).exists() else None

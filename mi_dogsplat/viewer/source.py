@@ -1,0 +1,69 @@
+"""Where the viewer's model comes from: a file, or the newest state of a run, read again when it changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import DataError
+from ..run import CHECKPOINT
+from ..run_folder import read_run
+from ..scene.ply import read_ply
+from ..scene.splats import Splats
+from ..training.checkpoint import load_checkpoint
+
+MODEL_FILE = "point_cloud.ply"
+RAW = ("means", "log_scales", "quats", "logit_opacities")
+
+
+class Source:
+    """A model file, or a run folder, whose checkpoint is read while it trains. Raises ``DataError`` if neither."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.is_run = path.is_dir()
+        self.config = read_run(path).config if self.is_run else {}
+        self._seen: tuple = ()
+
+    def poll(self) -> tuple[Splats, str] | None:
+        """The model and what it is in words, if it changed since it was asked before. Raises ``DataError``."""
+        file = self._newest()
+        status = file.stat()
+        signature = (file, status.st_mtime_ns, status.st_size)
+        if signature == self._seen:
+            return None
+        if file.suffix == ".npz":
+            state = load_checkpoint(file)
+            found = splats_of_state(state), f"step {int(state['step']):,} of {self.config.get('steps', '?'):,}"
+        else:
+            found = read_ply(file), file.name
+        self._seen = signature
+        return found
+
+    def _newest(self) -> Path:
+        """The file to read: of a run the younger of checkpoint and model."""
+        if not self.is_run:
+            if not self.path.is_file():
+                raise DataError(self.path, "no such file or folder", "give a model .ply or a run folder")
+            return self.path
+        files = [file for name in (CHECKPOINT, MODEL_FILE) if (file := self.path / name).is_file()]
+        if not files:
+            problem = f"holds neither {MODEL_FILE} nor {CHECKPOINT}"
+            raise DataError(self.path, problem, "wait for its first checkpoint (one a minute), or give a run folder")
+        return max(files, key=lambda file: file.stat().st_mtime_ns)
+
+
+def splats_of_state(state: Mapping[str, np.ndarray]) -> Splats:
+    """The model in a ``Trainer.state()``. Raises ``KeyError`` for something else."""
+    part = {name.removeprefix("optimizer."): values for name, values in state.items() if name.startswith("optimizer.")}
+    n = part["logit_opacities"].size
+    arrays = {name: part[name].reshape(n, -1) if name != "logit_opacities" else part[name] for name in RAW}
+    sh = part["sh_dc"].reshape(n, 1, 3)
+    if "sh_rest" in part:
+        sh = np.concatenate([sh, part["sh_rest"].reshape(n, -1, 3)[:, 1:]], axis=1)
+    if m := part["dog_index"].size:
+        arrays |= {"dog_index": part["dog_index"], "dog_logit_opacities": part["dog_logit_opacities"]}
+        arrays["dog_log_scales"] = part["dog_log_scales"].reshape(m, 3)
+    return Splats(sh_coeffs=sh, **arrays)
