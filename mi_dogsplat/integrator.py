@@ -114,11 +114,12 @@ class DogSplatIntegrator(ADIntegrator):
             'make it the integrator of the scene and name extra channels in its own "aovs"'
         )
 
-    def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True) -> mi.TensorXf | None:
+    def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True) -> mi.TensorXf:
+        """The image; empty, as of Mitsuba's own integrators, if not ``develop``: the film has it all the same."""
         with dr.suspend_grad():
             image = self._image(scene, _sensor(scene, sensor), seed, spp)
         if not develop:
-            return None
+            return mi.TensorXf()
         if evaluate:
             dr.eval(image)
         return image
@@ -192,8 +193,6 @@ class DogSplatIntegrator(ADIntegrator):
         if not shapes:
             raise RuntimeError('dogsplat: the scene has no shape of type "dog"')
         params, sh_size = concatenate([s.parameters for s in shapes], [s.sh_size for s in shapes])
-        # the adjoint of reading a parameter overwrites its gradient: each pass needs variables of its own
-        params = {name: value * 1 if dr.grad_enabled(value) else value for name, value in params.items()}
         options = RasterOptions(
             sh_degree=(1, 4, 9, 16).index(sh_size),
             antialiased=self.antialiased,
@@ -204,11 +203,13 @@ class DogSplatIntegrator(ADIntegrator):
         if others and self.nested is None and not self._warned:
             mi.Log(mi.LogLevel.Warn, f"dogsplat: {others} other shapes are not seen; nest an integrator, such as path")
             self._warned = True
-        if self.nested is None or not others:
+        seen = surfaces.trace(self.nested, scene, look) if self.nested is not None and others else None
+        stop_depth = look.farthest(seen.depth if seen else None)
+        if stop_depth is None:
             frame = rasterize(params, look.camera, options, last=self._last, recall=derivative and alone)
         else:
-            seen = surfaces.trace(self.nested, scene, look)
-            frame = rasterize(params, look.camera, options, stop_depth=seen.depth)
+            frame = rasterize(params, look.camera, options, stop_depth=stop_depth)
+        if seen:
             frame = seen.behind(frame, self._encoded(seen.colors))
 
         colors = self._over_background(frame, scene, look)
