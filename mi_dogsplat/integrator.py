@@ -203,7 +203,9 @@ class DogSplatIntegrator(ADIntegrator):
         if others and self.nested is None and not self._warned:
             mi.Log(mi.LogLevel.Warn, f"dogsplat: {others} other shapes are not seen; nest an integrator, such as path")
             self._warned = True
-        seen = surfaces.trace(self.nested, scene, look) if self.nested is not None and others else None
+        seen = None
+        if self.nested is not None and others:
+            seen = surfaces.trace(self.nested, scene, look, normal="normal" in self.aovs)
         stop_depth = look.farthest(seen.depth if seen else None)
         if stop_depth is None:
             frame = rasterize(params, look.camera, options, last=self._last, recall=derivative and alone)
@@ -214,7 +216,10 @@ class DogSplatIntegrator(ADIntegrator):
 
         colors = self._over_background(frame, scene, look)
         alpha = [1 - frame.T] if has_alpha(film) else []
-        return [*colors, *alpha, *aovs.channels(self.aovs, frame, derivative)]
+        extra = dict(zip(self.aov_names(), aovs.channels(self.aovs, frame, derivative), strict=True))
+        if seen and "median_depth.Z" in extra:
+            extra["median_depth.Z"] = seen.median_depth(extra["median_depth.Z"])
+        return [*colors, *alpha, *extra.values()]
 
     def _over_background(self, frame: Frame, scene: mi.Scene, look: Look) -> list[mi.Float]:
         """Film radiance per channel: splats over the environment emitter, blended in the primitives' colour space."""
