@@ -57,4 +57,5 @@ def ratio(a: Callable[[], None], b: Callable[[], None], pairs: int = 300) -> Rat
     ratios = np.sort(times[:, 0] / times[:, 1])
     spread = 0.98 * np.sqrt(pairs)
     low, high = (int(np.clip(pairs / 2 + sign * spread, 0, pairs - 1)) for sign in (-1, 1))
-    return Ratio(*np.median(times, 0) * 1e3, float(np.median(ratios)), float(ratios[low]), float(ratios[high]))
+    a_ms, b_ms = (float(ms) for ms in np.median(times, axis=0) * 1e3)
+    return Ratio(a_ms, b_ms, float(np.median(ratios)), float(ratios[low]), float(ratios[high]))

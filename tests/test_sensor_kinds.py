@@ -175,7 +175,8 @@ def test_the_near_clip_of_an_orthographic_sensor_is_scaled_as_mitsuba_scales_it(
 @pytest.mark.parametrize("spp", [1, 3])
 @pytest.mark.parametrize("kind", ["perspective", "orthographic", "thinlens"])
 def test_primitives_whose_centre_is_beyond_the_far_clip_are_dropped(kind, spp):
-    sensor = {"type": kind, "film": film(), **{"thinlens": {"aperture_radius": 0.1, "focus_distance": 2.0}}.get(kind, {})}
+    lens = {"aperture_radius": 0.1, "focus_distance": 2.0} if kind == "thinlens" else {}
+    sensor = {"type": kind, "film": film(), **lens}
     camera = Camera(np.eye(4), 40.0, 40.0, 32, 24, 64, 48)
     sensor |= {"to_world": mi.ScalarTransform4f(OPENCV_FROM_MITSUBA)}
     kept = MODEL.select(np.flatnonzero(camera.project(MODEL.means)[1] <= 2.5))
