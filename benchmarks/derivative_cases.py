@@ -29,7 +29,7 @@ from .moved_cameras import device_motion, far_pinhole, lens_pinholes, of_moved_w
 WIDTH, HEIGHT, FOCAL = 16, 12, 14.0
 SEED = 1  # of the passes that are differentiated
 SKY = np.array([0.3, 0.5, 0.9])  # radiance of the constant emitter
-RADIUS, FOCUS = 0.15, 2.0  # of the lens, in world units
+RADIUS, FOCUS = 0.5, 2.0  # of the lens, in world units
 HALF_WIDTH = 2.0  # of the orthographic sensor, in world units
 TWIN_SPP = 5  # of a lens
 W2C = np.eye(4)  # neither at the origin nor along an axis
@@ -39,6 +39,7 @@ OFF_CENTRE = Camera(W2C, FOCAL, FOCAL, 0.5 * WIDTH + 0.7, 0.5 * HEIGHT - 0.4, WI
 CAMERAS = {"perspective": OFF_CENTRE, "thinlens": CENTRED, "orthographic": CENTRED}
 AXES = ("x", "y", "z", "about x", "about y", "about z")
 OBLIQUE = np.array([0.4, -0.2, 0.3, 6.0, -4.0, 8.0])  # all of them at once
+LENS_WAY = np.array([0.3, 0.2, -0.3, 5.0, 6.0, -4.0])  # the same, but felt by the luminance too
 TEXELS = np.random.default_rng(2).uniform(0.2, 1, (8, 17, 3))  # as Mitsuba wants them: a column more than the picture
 
 
@@ -179,12 +180,12 @@ def _of_lens() -> list[Case]:
 
     return [
         Case("`aperture_radius` of thinlens", lambda at_0, θ: {"sensor.aperture_radius": RADIUS + θ},
-             lambda splats, θ: twin(splats, radius=θ), "thinlens", least_spp=2),
+             lambda splats, θ: twin(splats, radius=θ), "thinlens", step=0.4, least_spp=2),
         Case("`focus_distance`", lambda at_0, θ: {"sensor.focus_distance": FOCUS + θ},
              lambda splats, θ: twin(splats, focus=θ), "thinlens", step=0.4, least_spp=2),
         Case("`to_world` of thinlens, all at once",
-             lambda at_0, θ: {"sensor.to_world": _pose(CENTRED) @ _motion(OBLIQUE, θ)},
-             lambda splats, θ: twin(splats, p=OBLIQUE * θ), "thinlens", least_spp=2),
+             lambda at_0, θ: {"sensor.to_world": _pose(CENTRED) @ _motion(LENS_WAY, θ)},
+             lambda splats, θ: twin(splats, p=LENS_WAY * θ), "thinlens", least_spp=2),
     ]
 
 
