@@ -106,7 +106,7 @@ def backgrounds() -> None:
         labelled(render(low, blue), "constant emitter"),
         labelled(render(low, evening()), "environment map"),
         labelled(render(low, evening(), hide_emitters=True), "the same with hide_emitters"),
-        labelled(render(grey, evening()), "the same on a luminance film"),
+        labelled(render(grey, evening()), "the environment map on a luminance film"),
     ]])
 
 
@@ -132,9 +132,9 @@ def pose() -> None:
              (("start", history[0]), ("found", history[-1]))]
     write_rows("pose.png", [
         [labelled(target, "the photograph"), labelled(first, texts[0]), labelled(last, texts[1])],
-        [labelled(np.ones_like(target), "differences, white from 0.25 on"),
+        [labelled(0.5 * (target + first), "photograph and start, one over the other"),
          *(labelled(heat_map(np.minimum(np.abs(p - target).mean(-1) / ERROR, 1)), text)
-           for p, text in ((first, "before"), (last, "after")))],
+           for p, text in ((first, "difference before, white from 0.25 on"), (last, "difference after")))],
     ])
 
 
@@ -146,7 +146,7 @@ def captured() -> None:
         out = capture(SCENES / "demo_truth.xml", Path(folder) / "data", config)
         pictures = [np.array(mi.Bitmap(str(path))) / 255.0 for path in sorted(out.rglob("*.png"))]
     white = [p[..., :3] * p[..., 3:] + 1 - p[..., 3:] for p in pictures]
-    text = "dogsplat capture scenes/demo_truth.xml -o data --views 8 --alpha, over white"
+    text = "dogsplat capture scenes/demo_truth.xml: path-traced views from all around, here over white"
     write_rows("capture.png", [white[:8], [labelled(np.ones((1, 4 * WIDTH, 3)), text)]])
 
 
