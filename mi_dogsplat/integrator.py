@@ -73,7 +73,11 @@ class DogSplatIntegrator(ADIntegrator):
 
     **Surfaces.** A primitive is seen if its centre is nearer than the surface at that pixel. Splats neither cast
     shadows on surfaces nor show in their reflections, what is seen through a transparent surface has no splats, and
-    derivatives take surfaces as constant.
+    derivatives take surfaces as constant. In AOVs a surface is opaque and the last of all: alpha is 1, depths and
+    normal count it in; the other AOVs are those of the primitives in front of it.
+
+    **Clipping.** The near clip of the sensor holds as well as that of the integrator; primitives whose centre is beyond
+    its far clip are dropped, unless that is 10,000, the default of Mitsuba.
 
     All three modes of ``mi.render()`` are supported: primal, forward and backward. It draws whole images, not rays,
     and so cannot be nested in another integrator such as ``aov`` or ``moment``.
@@ -207,10 +211,8 @@ class DogSplatIntegrator(ADIntegrator):
         if self.nested is not None and others:
             seen = surfaces.trace(self.nested, scene, look, normal="normal" in self.aovs)
         stop_depth = look.farthest(seen.depth if seen else None)
-        if stop_depth is None:
-            frame = rasterize(params, look.camera, options, last=self._last, recall=derivative and alone)
-        else:
-            frame = rasterize(params, look.camera, options, stop_depth=stop_depth)
+        last = self._last if stop_depth is None else None  # it does not know depths from before
+        frame = rasterize(params, look.camera, options, None, last, derivative and alone, stop_depth)
         if seen:
             frame = seen.behind(frame, self._encoded(seen.colors))
 
