@@ -29,7 +29,8 @@ ERROR = 0.25  # difference that is shown as white
 
 
 def film(**others: Any) -> dict[str, Any]:
-    return {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, "pixel_format": "rgb", "rfilter": {"type": "box"}} | others
+    usual = {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, "pixel_format": "rgb", "rfilter": {"type": "box"}}
+    return usual | others
 
 
 def from_side(angle: float = 0.0) -> Any:
@@ -58,7 +59,8 @@ def shown(image: Any) -> np.ndarray:
 
 def sensors() -> None:
     lens = perspective(type="thinlens", aperture_radius=0.16, focus_distance=4.6)
-    flat = {"type": "orthographic", "film": film(), "to_world": from_side() @ mi.ScalarTransform4f().scale([1.9, 1.9, 1])}
+    scaled = from_side() @ mi.ScalarTransform4f().scale([1.9, 1.9, 1])
+    flat = {"type": "orthographic", "film": film(), "to_world": scaled}
     window = {"crop_width": WIDTH, "crop_height": HEIGHT, "crop_offset_x": 2 * WIDTH, "crop_offset_y": HEIGHT}
     crop = perspective(film=film(width=4 * WIDTH, height=3 * HEIGHT, **window))
     views = {f"view{k}": perspective(to_world=from_side(90.0 * k)) for k in range(4)}
