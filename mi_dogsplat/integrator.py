@@ -73,7 +73,11 @@ class DogSplatIntegrator(ADIntegrator):
 
     **Surfaces.** A primitive is seen if its centre is nearer than the surface at that pixel. Splats neither cast
     shadows on surfaces nor show in their reflections, what is seen through a transparent surface has no splats, and
-    derivatives take surfaces as constant.
+    derivatives take surfaces as constant. In AOVs a surface is opaque and the last of all: alpha is 1, depths and
+    normal count it in; the other AOVs are those of the primitives in front of it.
+
+    **Clipping.** The near clip of the sensor holds as well as that of the integrator; primitives whose centre is beyond
+    its far clip are dropped, unless that is 10,000, the default of Mitsuba.
 
     All three modes of ``mi.render()`` are supported: primal, forward and backward. It draws whole images, not rays,
     and so cannot be nested in another integrator such as ``aov`` or ``moment``.
@@ -114,11 +118,12 @@ class DogSplatIntegrator(ADIntegrator):
             'make it the integrator of the scene and name extra channels in its own "aovs"'
         )
 
-    def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True) -> mi.TensorXf | None:
+    def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True) -> mi.TensorXf:
+        """The image; empty, as of Mitsuba's own integrators, if not ``develop``: the film has it all the same."""
         with dr.suspend_grad():
             image = self._image(scene, _sensor(scene, sensor), seed, spp)
         if not develop:
-            return None
+            return mi.TensorXf()
         if evaluate:
             dr.eval(image)
         return image
@@ -192,8 +197,6 @@ class DogSplatIntegrator(ADIntegrator):
         if not shapes:
             raise RuntimeError('dogsplat: the scene has no shape of type "dog"')
         params, sh_size = concatenate([s.parameters for s in shapes], [s.sh_size for s in shapes])
-        # the adjoint of reading a parameter overwrites its gradient: each pass needs variables of its own
-        params = {name: value * 1 if dr.grad_enabled(value) else value for name, value in params.items()}
         options = RasterOptions(
             sh_degree=(1, 4, 9, 16).index(sh_size),
             antialiased=self.antialiased,
@@ -204,16 +207,21 @@ class DogSplatIntegrator(ADIntegrator):
         if others and self.nested is None and not self._warned:
             mi.Log(mi.LogLevel.Warn, f"dogsplat: {others} other shapes are not seen; nest an integrator, such as path")
             self._warned = True
-        if self.nested is None or not others:
-            frame = rasterize(params, look.camera, options, last=self._last, recall=derivative and alone)
-        else:
-            seen = surfaces.trace(self.nested, scene, look)
-            frame = rasterize(params, look.camera, options, stop_depth=seen.depth)
+        seen = None
+        if self.nested is not None and others:
+            seen = surfaces.trace(self.nested, scene, look, normal="normal" in self.aovs)
+        stop_depth = look.farthest(seen.depth if seen else None)
+        last = self._last if stop_depth is None else None  # it does not know depths from before
+        frame = rasterize(params, look.camera, options, None, last, derivative and alone, stop_depth)
+        if seen:
             frame = seen.behind(frame, self._encoded(seen.colors))
 
         colors = self._over_background(frame, scene, look)
         alpha = [1 - frame.T] if has_alpha(film) else []
-        return [*colors, *alpha, *aovs.channels(self.aovs, frame, derivative)]
+        extra = dict(zip(self.aov_names(), aovs.channels(self.aovs, frame, derivative), strict=True))
+        if seen and "median_depth.Z" in extra:
+            extra["median_depth.Z"] = seen.median_depth(extra["median_depth.Z"])
+        return [*colors, *alpha, *extra.values()]
 
     def _over_background(self, frame: Frame, scene: mi.Scene, look: Look) -> list[mi.Float]:
         """Film radiance per channel: splats over the environment emitter, blended in the primitives' colour space."""

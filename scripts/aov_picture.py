@@ -1,6 +1,6 @@
 """Makes docs/pictures/aovs.png: what the AOVs of the integrator show of one model, side by side.
 
-``python scripts/aov_picture.py [MODEL]``; the default model is ../shared/data/models/playbot_lod2_sh2.ply ("PLAYBOT" by
+``python -m scripts.aov_picture [MODEL]``; the default model is ../shared/data/models/playbot_lod2_sh2.ply ("PLAYBOT" by
 Stephane Agullo, CC-BY-4.0). It has no DoG primitive: for the share of DoG every fifth one is made one.
 """
 
@@ -14,16 +14,17 @@ from mi_dogsplat.engine.aovs import AOVS, options_for
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.framing import automatic_camera
-from mi_dogsplat.pictures import heat_map, write_png
+from mi_dogsplat.pictures import heat_map
 from mi_dogsplat.render import Picture, render_picture
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
-from PIL import Image, ImageDraw, ImageFont
+
+from .panels import labelled, write_rows
 
 ROOT = Path(__file__).parents[1]
 MODEL = ROOT.parent / "shared" / "data" / "models" / "playbot_lod2_sh2.ply"
-SIDE, LABEL = 360, 38  # pixels of a picture, and of the line below it
+SIDE = 360  # pixels of a picture
 BACKGROUND = 0.08  # grey; darker than any colour map in use
 
 
@@ -53,8 +54,7 @@ def main() -> None:
         labelled(where(count > 0, heat_map(count / count.max())), f"count.I, 0 to {count.max():.0f}"),
         labelled(where(count > 0, heat_map(share)), "dog_share.Y, 0 to 1; every fifth is DoG"),
     ]
-    rows = [np.concatenate(tiles[k : k + 4], axis=1) for k in (0, 4)]
-    write_png(ROOT / "docs" / "pictures" / "aovs.png", np.concatenate(rows))
+    write_rows("aovs.png", [tiles[:4], tiles[4:]])
 
 
 def square(camera: Camera) -> Camera:
@@ -80,13 +80,6 @@ def with_dog(splats: Splats) -> Splats:
 
 def where(mask: np.ndarray, picture: np.ndarray) -> np.ndarray:
     return np.where(mask[..., None], picture, BACKGROUND)
-
-
-def labelled(picture: np.ndarray, text: str) -> np.ndarray:
-    """[H + LABEL, W, 3] with the text below."""
-    canvas = Image.new("RGB", (SIDE, LABEL), (255, 255, 255))
-    ImageDraw.Draw(canvas).text((SIDE / 2, LABEL / 2), text, (20, 20, 20), ImageFont.load_default(15), anchor="mm")
-    return np.concatenate([picture, np.asarray(canvas) / 255.0])
 
 
 main()

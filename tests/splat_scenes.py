@@ -15,6 +15,8 @@ from mi_dogsplat.reference.forward import RAW_PARAMETERS
 from mi_dogsplat.scene.cameras import Camera, camera_to_mitsuba
 from mi_dogsplat.scene.splats import Splats
 
+from benchmarks.derivative_cases import dog_dict
+
 C0 = 0.28209479177387814
 
 
@@ -125,14 +127,6 @@ def square_camera(width=40, height=30, f=36.0, cx=None, cy=None) -> Camera:
 
 def scalar_transform(matrix: Any) -> mi.ScalarTransform4f:
     return mi.ScalarTransform4f(matrix)
-
-
-def dog_dict(splats: Splats, **others) -> dict[str, Any]:
-    """The shape as a dict for ``mi.load_dict``, its parameters given as tensors."""
-    names = RAW + (RAW_DOG if splats.n_dog else ())
-    tensor_of_integers: Any = mi.TensorXu
-    index = {"dog_index": tensor_of_integers(splats.dog_index)} if splats.n_dog else {}
-    return {"type": "dog", **{name: mi.TensorXf(getattr(splats, name)) for name in names}, **index, **others}
 
 
 def sensor_dict(camera: Camera, **film) -> dict[str, Any]:

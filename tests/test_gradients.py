@@ -246,6 +246,24 @@ def test_gradients_stay_right_when_the_number_of_primitives_grows_and_shrinks():
             np.testing.assert_allclose(again[name], expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
 
 
+def test_gradients_of_two_renders_add_up():
+    """Of the same parameters, by a caller who does no more than rasterise twice: every entry, DoG ones too."""
+    splats = small_model(2)
+    cameras = [DeviceCamera.upload(camera) for camera in (CAMERA, tilted_camera(16, 12, f=20.0))]
+
+    def gradients(seen: list[DeviceCamera]) -> dict[str, np.ndarray]:
+        params = attached(splats)
+        for camera in seen:
+            dr.backward(image_loss(rasterize(params, camera, options(splats))))
+        return {name: dr.grad(params[name]).numpy() for name in RAW_PARAMETERS}
+
+    first, second, both = gradients(cameras[:1]), gradients(cameras[1:]), gradients(cameras)
+    for name in RAW_PARAMETERS:
+        largest = np.abs(both[name]).max()
+        assert np.abs(first[name]).max() > 0.1 * largest > 0
+        np.testing.assert_allclose(both[name], first[name] + second[name], atol=1e-5 * largest, err_msg=name)
+
+
 def test_primitives_that_are_not_seen_have_zero_gradients():
     splats = small_model(n=12)
     splats.means[::2, 2] *= -1  # behind

@@ -85,8 +85,10 @@ def test_all_arguments_may_be_positional(image):
 
 def test_without_development_there_is_no_image_but_the_film_has_it(image):
     scene: Any = scene_of(MODEL, CAMERA)
-    nothing = scene.integrator().render(scene, develop=False)
-    assert nothing is None or dr.width(nothing) == 0
+    path: Any = mi.load_dict({"type": "path"})
+    for integrator in (path, scene.integrator()):
+        nothing = integrator.render(scene, develop=False)
+        assert type(nothing) is mi.TensorXf and dr.width(nothing) == 0
     film = scene.sensors()[0].film()
     np.testing.assert_array_equal(film.develop().numpy(), image)
     np.testing.assert_array_equal(np.array(film.bitmap()), image)

@@ -17,6 +17,8 @@ from mi_dogsplat import reference
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG
 from splat_scenes import random_splats, rounded, scene_of, square_camera
 
+from benchmarks.derivative_cases import linear
+
 CAMERA = square_camera(24, 16, f=20.0)
 MODEL = rounded(random_splats(15, seed=6, degree=1))
 CROP = {"crop_offset_x": 5, "crop_offset_y": 3, "crop_width": 13, "crop_height": 9}
@@ -46,10 +48,6 @@ MOTIONS: dict[str, dict[str, np.ndarray]] = {  # derivative of the parameters by
 }
 MOTIONS["all at once"] = {name: np.sum([0.7 * motion[name] for motion in MOTIONS.values() if name in motion], axis=0)
                           for name in RAW + RAW_DOG}
-
-
-def linear(blended: np.ndarray) -> np.ndarray:
-    return np.where(blended <= 0.04045, blended / 12.92, ((np.maximum(blended, 0.04) + 0.055) / 1.055) ** 2.4)
 
 
 def expected(splats: Any = MODEL) -> np.ndarray:

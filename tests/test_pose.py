@@ -14,11 +14,12 @@ from mi_dogsplat import reference
 from mi_dogsplat.engine.motion import moved
 from mi_dogsplat.engine.parameters import RAW, upload
 from mi_dogsplat.engine.transform import transformed
-from mi_dogsplat.plugin.samples import samples
-from mi_dogsplat.scene.cameras import OPENCV_FROM_MITSUBA, Camera, opencv_w2c_to_mitsuba_c2w
+from mi_dogsplat.scene.cameras import Camera, opencv_w2c_to_mitsuba_c2w
 from mi_dogsplat.scene.splats import Splats
-from scipy.spatial.transform import Rotation
 from splat_scenes import dog_dict, random_splats, rounded, scene_of, sensor_dict, square_camera
+
+from benchmarks.derivative_cases import smooth_sky
+from benchmarks.moved_cameras import device_motion, far_pinhole, host_motion, lens_pinholes, of_moved_world, posed
 
 CAMERA = square_camera(16, 12, f=14.0)
 MODEL = rounded(random_splats(12, seed=4, degree=2))
@@ -26,19 +27,6 @@ ADJOINT = np.random.default_rng(0).normal(size=(12, 16, 3)).astype(np.float32)
 POSE = opencv_w2c_to_mitsuba_c2w(CAMERA.w2c)
 FLAT: dict[str, Any] = {"srgb_primitives": False}
 NAMES = ["x", "y", "z", "about x", "about y", "about z"]
-
-
-def device_motion(p: list) -> Any:
-    """Rotation about x, then y, then z, then translation, of six variables on the device."""
-    T: Any = mi.Transform4f()
-    return T.translate(mi.Point3f(*p[:3])).rotate([0, 0, 1], p[5]).rotate([0, 1, 0], p[4]).rotate([1, 0, 0], p[3])
-
-
-def host_motion(p: np.ndarray) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_euler("xyz", p[3:], degrees=True).as_matrix()
-    matrix[:3, 3] = p[:3]
-    return matrix
 
 
 def image_loss(splats: Any, camera: Camera) -> float:
@@ -68,12 +56,6 @@ def assert_equal(got: np.ndarray, expected: np.ndarray, names=NAMES, rtol=5e-3):
 
 # The sensor
 
-def posed(p: np.ndarray) -> Camera:
-    c2w = POSE @ host_motion(p)
-    c = CAMERA
-    return Camera(OPENCV_FROM_MITSUBA @ np.linalg.inv(c2w), c.fx, c.fy, c.cx, c.cy, c.width, c.height)
-
-
 def sensor_scene(p: list, **choices) -> tuple[mi.Scene, Any]:
     scene = scene_of(MODEL, CAMERA, **{**FLAT, **choices})
     params: Any = mi.traverse(scene)
@@ -84,13 +66,13 @@ def sensor_scene(p: list, **choices) -> tuple[mi.Scene, Any]:
 
 
 def test_backward_mode_of_the_sensors_pose_equals_differences():
-    expected = central(lambda p: image_loss(MODEL, posed(p)))
+    expected = central(lambda p: image_loss(MODEL, posed(CAMERA, p)))
     values = variables(6)
     assert_equal(gradient(*sensor_scene(values), values), expected)
 
 
 def test_forward_mode_of_the_sensors_pose_equals_differences():
-    expected = central(lambda p: image_loss(MODEL, posed(p)))
+    expected = central(lambda p: image_loss(MODEL, posed(CAMERA, p)))
     got = []
     for k in range(6):
         values = [mi.Float(0) for _ in range(6)]
@@ -134,12 +116,6 @@ def test_derivatives_of_angle_and_principal_point_equal_differences():
     assert_equal(gradient(scene, params, values), central(loss, 3), names)
 
 
-def smooth_sky() -> np.ndarray:
-    """So fine and smooth that the kinks of its interpolation do not matter."""
-    y, x = np.mgrid[0:128, 0:256] * 2 * np.pi / 256
-    return np.stack([2 + np.sin(2 * x + y), 2 + np.cos(3 * x - 4 * y), 2 + np.sin(x) * y], -1).astype(np.float32)
-
-
 @pytest.mark.parametrize("spp", [1, 4])
 def test_a_background_moves_with_the_pose(spp):
     sky: dict[str, Any] = {"type": "envmap", "bitmap": mi.Bitmap(smooth_sky())}
@@ -168,7 +144,7 @@ def test_derivatives_of_an_orthographic_sensor_equal_differences():
     sensor = {"type": "orthographic", "film": sensor_dict(CAMERA)["film"]}
     scene = scene_of(MODEL, CAMERA, extra={"flat": sensor}, **FLAT)
     params: Any = mi.traverse(scene)
-    values, distance = variables(7), 1e4
+    values = variables(7)
     base: Any = mi.Transform4f(mi.ScalarTransform4f(POSE).matrix)
     size = mi.Transform4f().scale(mi.Point3f(2 + values[6], 2 + values[6], 1))
     params["flat.to_world"] = base @ device_motion(values) @ size
@@ -177,10 +153,7 @@ def test_derivatives_of_an_orthographic_sensor_equal_differences():
     got = np.array([dr.grad(v).numpy()[0] for v in values])
 
     def loss(p: np.ndarray) -> float:
-        far = POSE @ host_motion(p[:6])
-        far[:3, 3] -= distance * far[:3, 2]
-        f = 8 / (2 + p[6]) * distance
-        return image_loss(MODEL, Camera(OPENCV_FROM_MITSUBA @ np.linalg.inv(far), f, f, 8, 6, 16, 12))
+        return image_loss(MODEL, far_pinhole(CAMERA, p[:6], 2 + p[6]))
 
     assert_equal(got, central(loss, 7), [*NAMES, "size"])
 
@@ -204,16 +177,8 @@ def test_derivatives_of_a_lens_equal_differences():
     got = np.array([dr.grad(v).numpy()[0] for v in values])
 
     def loss(p: np.ndarray) -> float:
-        total = 0.0
-        for s in samples(5, 1):
-            warped = mi.warp.square_to_uniform_disk_concentric(mi.ScalarPoint2f(s.lens_x, s.lens_y))
-            point = -(0.15 + p[0]) * np.array([float(np.array(v).ravel()[0]) for v in warped])
-            w2c = np.array(posed(np.array([p[2], 0, 0, 0, 0, 0])).w2c)
-            w2c[:2, 3] -= point
-            shift = CAMERA.fx * point / (2 + p[1]) + 0.5 - np.array([s.x, s.y])
-            camera = Camera(w2c, CAMERA.fx, CAMERA.fy, 8 + shift[0], 6 + shift[1], 16, 12)
-            total += image_loss(MODEL, camera) / 5
-        return total
+        pinholes = lens_pinholes(CAMERA, 0.15 + p[0], 2 + p[1], [p[2], 0, 0, 0, 0, 0], spp=5, seed=1)
+        return float(np.mean([image_loss(MODEL, pinhole) for pinhole in pinholes]))
 
     assert_equal(got, central(loss, 3), ["radius", "focus", "x"])
 
@@ -270,9 +235,7 @@ def test_a_shape_that_is_sheared_is_refused():
 
 def test_backward_mode_of_the_shapes_pose_equals_differences():
     def loss(p: np.ndarray) -> float:
-        # the float64 camera that moves the other way sees the same, but for the turn of the colours, which is exact
-        camera = Camera(CAMERA.w2c @ host_motion(p), CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 16, 12)
-        return image_loss(MODEL, camera)
+        return image_loss(MODEL, of_moved_world(CAMERA, p))
 
     values = variables(6)
     assert_equal(gradient(*shape_scene(values), values), central(loss))

@@ -10,7 +10,7 @@ import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.plugin.samples import Sample, samples
 from mi_dogsplat.plugin.sensor import SensorReader, View
-from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.cameras import OPENCV_FROM_MITSUBA, Camera
 from splat_scenes import axis_rotation, dog_dict, random_splats, rounded, scene_of, select, sensor_dict, square_camera
 
 MODEL = rounded(random_splats(60, seed=1))
@@ -170,6 +170,43 @@ def test_the_near_clip_of_an_orthographic_sensor_is_scaled_as_mitsuba_scales_it(
 
     np.testing.assert_array_equal(near(2.0, 1.25), near(1.0, 2.5))
     assert np.abs(near(2.0, 1.25) - near(1.0, 1.25)).max() > 0.1
+
+
+@pytest.mark.parametrize("spp", [1, 3])
+@pytest.mark.parametrize("kind", ["perspective", "orthographic", "thinlens"])
+def test_primitives_whose_centre_is_beyond_the_far_clip_are_dropped(kind, spp):
+    lens = {"aperture_radius": 0.1, "focus_distance": 2.0} if kind == "thinlens" else {}
+    sensor = {"type": kind, "film": film(), **lens}
+    camera = Camera(np.eye(4), 40.0, 40.0, 32, 24, 64, 48)
+    sensor |= {"to_world": mi.ScalarTransform4f(OPENCV_FROM_MITSUBA)}
+    kept = MODEL.select(np.flatnonzero(camera.project(MODEL.means)[1] <= 2.5))
+    assert 5 < kept.n_splats < 55
+    expected = picture(sensor, kept, spp)
+    np.testing.assert_allclose(picture({**sensor, "far_clip": 2.5}, MODEL, spp), expected, atol=1e-6)
+    assert np.abs(picture(sensor, MODEL, spp) - expected).max() > 0.1
+
+
+def test_the_far_clip_of_an_orthographic_sensor_is_scaled_as_mitsuba_scales_it():
+    def far(scale: float, clip: float):
+        return picture({"type": "orthographic", "far_clip": clip, "film": film(),
+                        "to_world": mi.ScalarTransform4f().scale([1, 1, scale])})
+
+    np.testing.assert_array_equal(far(2.0, 1.25), far(1.0, 2.5))
+    assert np.abs(far(2.0, 1.25) - far(1.0, 1.25)).max() > 0.1
+
+
+def test_the_far_clip_may_change_between_renders_and_holds_for_derivatives_too():
+    scene = scene_of(MODEL, square_camera())
+    params: Any = mi.traverse(scene)
+    dr.enable_grad(params["splats.sh_coeffs"])
+    depth = square_camera().project(MODEL.means)[1]
+    for far_clip in (10.0, 2.5, 3.5):
+        params["sensor.far_clip"] = far_clip
+        params.update()
+        dr.clear_grad(params["splats.sh_coeffs"])
+        dr.backward(dr.sum(mi.render(scene, params), axis=None))
+        reached = dr.grad(params["splats.sh_coeffs"]).numpy().any((1, 2))
+        assert not reached[depth > far_clip].any() and reached[depth <= far_clip].mean() > 0.3
 
 
 # Batches

@@ -8,10 +8,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
+from mi_dogsplat.engine.aovs import AOVS, channel_names
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import Frame, rasterize
+from mi_dogsplat.reference import aovs as reference_aovs
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
@@ -164,6 +166,76 @@ def test_a_slanted_wall_cuts_each_pixel_at_its_own_depth():
             image, T, depth = (v[row, column] for v in reference.render(near, FRONT, (0.2, 0.5, 0.9)))
             np.testing.assert_allclose(got[row, column, :3], image, atol=2e-4)
             np.testing.assert_allclose(got[row, column, 3:], (1, depth + T * z[row, column]), rtol=1e-3)
+
+
+def slanted_wall(z: float, size: float, turn=40.0) -> tuple[dict, np.ndarray, np.ndarray]:
+    """(A wall; its depth at each pixel [H, W], infinite beside it; its normal towards the camera [H, W, 3]).
+
+    Each pixel's ray meets the plane n (p - c) = 0; the wall reaches ``size`` units from its middle along its two axes.
+    """
+    sine, cosine = np.sin(np.radians(turn)), np.cos(np.radians(turn))
+    normal = np.array([-sine, 0, -cosine])
+    y, x = np.mgrid[0:16, 0:20] + 0.5
+    ray = np.stack([(x - FRONT.cx) / FRONT.fx, (y - FRONT.cy) / FRONT.fy, np.ones_like(x)], -1)  # to depth 1
+    depth = z * normal[2] / (ray @ normal)
+    place = ray * depth[..., None] - (0, 0, z)
+    on_it = (depth > 0) & (np.abs(place @ (cosine, 0, -sine)) < size) & (np.abs(place[..., 1]) < size)
+    facing = np.where((ray @ normal)[..., None] > 0, -normal, normal)
+    return wall(z, size=size, turn=turn), np.where(on_it, depth, np.inf), np.where(on_it[..., None], facing, 0)
+
+
+def aovs_with_a_surface(splats: Splats, surface: np.ndarray, normal: np.ndarray) -> tuple[dict, np.ndarray]:
+    """AOVs of the twin, and which pixels are clear: each sees the primitives nearer than its surface, then that."""
+    z = FRONT.project(splats.means)[1]
+    clear = np.abs(z / surface[..., None] - 1).min(-1) > 1e-4
+    nearer = (z <= surface[..., None]).sum(-1)
+    result: dict[str, np.ndarray] = {}
+    for count in np.unique(nearer):
+        here = nearer == count
+        part = _opaque_only(splats, np.argsort(np.argsort(z)) < count)
+        planes, clearness = reference_aovs.aovs(part, FRONT)
+        clear[here] &= clearness[here] > 1e-3
+        projection = reference.project(part, FRONT)
+        lists = reference.tiles(projection, 20, 16)
+        features = reference_aovs.normals(part, FRONT)
+        sums, T, depth = reference.composite(projection, lists, 20, 16, features=features)
+        hit = np.isfinite(surface)
+        planes["alpha"] = np.where(hit, 1, planes["alpha"])
+        planes["depth"] = np.where(hit, depth + T * np.where(hit, surface, 0), planes["depth"])
+        blended = sums + T[..., None] * normal
+        blended /= np.maximum(np.linalg.norm(blended, axis=-1, keepdims=True), 1e-9)
+        planes["normal"] = np.where(hit[..., None], blended, planes["normal"])
+        planes["median_depth"] = np.where(hit & (planes["median_depth"] == 0), surface, planes["median_depth"])
+        for name, plane in planes.items():
+            result.setdefault(name, np.zeros(plane.shape))[here] = plane[here]
+    return result, clear
+
+
+@pytest.mark.parametrize("dog_share", [0, 0.4])
+@pytest.mark.parametrize("z, size", [(0.7, 10.0), (0.7, 0.15), (2.8, 10.0), (2.8, 0.8), (12.0, 50.0)], ids=str)
+def test_every_aov_is_that_of_the_primitives_in_front_and_then_of_the_surface(z, size, dog_share):
+    """A slanted wall in front of all primitives, among them, and behind them, filling the view or part of it."""
+    splats = model(60, seed=5, dog_share=dog_share)
+    shape, surface, normal = slanted_wall(z, size)
+    got = render(splats, {"wall": shape}, aovs=",".join(AOVS))[..., 3:]
+    expected, clear = aovs_with_a_surface(splats, surface, normal)
+    assert clear.mean() > 0.8 and clear[np.isfinite(surface)].any()
+    solid = clear & (expected["alpha"] > 0.02)
+    channel = 0
+    for name in AOVS:
+        size_of = len(channel_names([name]))
+        plane = got[..., channel:channel + size_of].reshape(expected[name].shape)
+        channel += size_of
+        where = solid if name in ("depth", "normal") else clear
+        atol = 5e-3 if name == "normal" else 1e-4
+        np.testing.assert_allclose(plane[where], expected[name][where], rtol=1e-3, atol=atol, err_msg=name)
+    alone = reference_aovs.aovs(splats, FRONT)[0]
+    between = np.isfinite(surface) & clear
+    seen = {"alpha"} | ({"count", "depth", "median_depth", "normal"} if z < 12 else set())
+    for name in seen:  # the surface matters
+        assert np.abs(expected[name] - alone[name])[between].max() > 0.05, name
+    if z == 0.7:  # nothing is in front of the wall
+        assert (expected["index"][between] == -1).all() and not expected["count"][between].any()
 
 
 def test_alpha_is_that_of_splats_and_surfaces_together():

@@ -116,8 +116,9 @@ class Projection:
 
 def rows(array: mi.Float, count: int, index: mi.UInt32, active=True) -> list[mi.Float]:
     """Row ``index`` of a row-major [*, count] array, as ``count`` arrays. Each row may be read by one lane only."""
+    own = array * 1  # the adjoint of Permute overwrites the gradient of its source: of this variable, not the caller's
     return [
-        dr.gather(mi.Float, array, dr.fma(index, count, k), active, mode=dr.ReduceMode.Permute)
+        dr.gather(mi.Float, own, dr.fma(index, count, k), active, mode=dr.ReduceMode.Permute)
         for k in range(count)
     ]
 

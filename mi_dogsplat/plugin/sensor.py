@@ -16,7 +16,12 @@ import drjit as dr
 import mitsuba as mi
 
 from ..engine.project import DeviceCamera
-from ..scene.cameras import central_camera_from_mitsuba, near_clip_from_mitsuba, orthographic_camera_from_mitsuba
+from ..scene.cameras import (
+    central_camera_from_mitsuba,
+    far_clip_from_mitsuba,
+    near_clip_from_mitsuba,
+    orthographic_camera_from_mitsuba,
+)
 from .samples import Sample
 
 KINDS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
@@ -31,11 +36,12 @@ class View:
     sensor: mi.Sensor
     camera: DeviceCamera
     lens: tuple | None
+    far_clip: float  # of the sensor, in world units; infinite where it is not set
 
     def through(self, sample: Sample, border: int = 0) -> Look:
         """The view through the samples of a pass; ``border``: pixels around the crop window, sampled as well."""
         if sample == Sample(seed=sample.seed) and not border:
-            return Look(self.sensor, self.camera, sample)
+            return Look(self.sensor, self.camera, self.far_clip, sample)
         camera, W = self.camera, self.camera.rotation
         x, y = dr.opaque(mi.Float, 0.5 - sample.x + border), dr.opaque(mi.Float, 0.5 - sample.y + border)
         cx, cy, rest = camera.cx + x, camera.cy + y, camera.position_rest
@@ -48,7 +54,7 @@ class View:
         size = {"width": camera.width + 2 * border, "height": camera.height + 2 * border}
         numbers = *camera.numbers, sample, border
         moved = replace(camera, cx=cx, cy=cy, position_rest=rest, numbers=numbers, **size)
-        return Look(self.sensor, moved, sample, border)
+        return Look(self.sensor, moved, self.far_clip, sample, border)
 
 
 @dataclass
@@ -57,8 +63,16 @@ class Look:
 
     sensor: mi.Sensor
     camera: DeviceCamera
+    far_clip: float
     sample: Sample
     border: int = 0
+
+    def farthest(self, surfaces: mi.Float | None = None) -> mi.Float | None:
+        """[H*W] depth at which each pixel stops to see: of the far clip or of its surface; None if it never does."""
+        if self.far_clip == float("inf"):
+            return surfaces
+        far = dr.opaque(mi.Float, self.far_clip, self.camera.width * self.camera.height)
+        return far if surfaces is None else dr.minimum(far, surfaces)
 
     def rays(self) -> mi.RayDifferential3f:
         """Rays through the samples, row by row."""
@@ -104,13 +118,13 @@ class SensorReader:
         values, film = self._parameters[slot].values(), sensor.film()
         size, crop, offset = film.size(), film.crop_size(), film.crop_offset()
         indices = dr.detail.collect_indices(list(values.values()))
-        key = (*indices, *size, *crop, *offset, near_clip, sensor.near_clip(), kind)
-        known, _, camera = self._known.get(slot, (None, None, None))
+        key = (*indices, *size, *crop, *offset, near_clip, sensor.near_clip(), sensor.far_clip(), kind)
+        known, _, camera, far_clip = self._known.get(slot, (None, None, None, 0.0))
         if camera is None or key != known:
-            camera = _read(sensor, near_clip)
-            self._known[slot] = key, values, camera
+            camera, far_clip = _read(sensor, near_clip), far_clip_from_mitsuba(sensor)
+            self._known[slot] = key, values, camera, far_clip
         lens = (values["aperture_radius"], values["focus_distance"]) if kind == "ThinLensCamera" else None
-        return View(sensor, _attached(camera, values, size), lens)
+        return View(sensor, _attached(camera, values, size), lens, far_clip)
 
 
 class _Parameters(mi.TraversalCallback):

@@ -20,6 +20,7 @@ class Surfaces:
     hit: mi.Bool
     depth: mi.Float  # along the optical axis; infinite where nothing is hit
     colors: list  # 3 channels of linear radiance, without derivatives; 0 where nothing is hit
+    normal: list  # 3 channels, shading normals in world space, turned to the camera; 0 where nothing is hit
 
     def behind(self, frame: Frame, colors: list) -> Frame:
         """``frame``, whose splats end at the surfaces, with the surfaces behind them.
@@ -30,12 +31,21 @@ class Surfaces:
         frame.colors = [dr.fma(T, behind, c) for c, behind in zip(frame.colors, colors, strict=True)]
         if frame.depth is not None:
             frame.depth = dr.fma(T, dr.select(self.hit, self.depth, 0), frame.depth)
+        if frame.normal is not None:
+            frame.normal = [dr.fma(T, behind, n) for n, behind in zip(frame.normal, self.normal, strict=True)]
         frame.T = dr.select(self.hit, 0, frame.T)
         return frame
 
+    def median_depth(self, of_splats: mi.Float) -> mi.Float:
+        """The AOV: what splats leave more than half of ends at the surface."""
+        return dr.select(self.hit & (of_splats == 0), self.depth, of_splats)
 
-def trace(nested: mi.Integrator, scene: mi.Scene, look: Look) -> Surfaces:
-    """Trace the rays of a pass. ``dog`` shapes have no surface, so that rays do not meet them."""
+
+def trace(nested: mi.Integrator, scene: mi.Scene, look: Look, normal: bool = False) -> Surfaces:
+    """Trace the rays of a pass. ``dog`` shapes have no surface, so that rays do not meet them.
+
+    ``normal``: normals are asked for; else they are 0.
+    """
     with dr.suspend_grad():
         ray, camera = look.rays(), look.camera
         meeting = scene.ray_intersect_preliminary(mi.Ray3f(ray), coherent=True)
@@ -53,5 +63,9 @@ def trace(nested: mi.Integrator, scene: mi.Scene, look: Look) -> Surfaces:
         channels = list(spectrum)
         colors = [dr.select(hit, c, 0) for c in (channels * 3 if len(channels) == 1 else channels)]
         depth = dr.select(hit, z[0] + z[1] + z[2], dr.inf)
-        dr.eval(hit, depth, colors)
-        return Surfaces(hit, depth, colors)
+        facing = mi.Normal3f(0)
+        if normal:
+            n = meeting.compute_surface_interaction(ray, mi.RayFlags.All, hit).sh_frame.n
+            facing = dr.select(hit, dr.select(dr.dot(n, ray.d) > 0, -n, n), 0)
+        dr.eval(hit, depth, colors, facing)
+        return Surfaces(hit, depth, colors, list(facing))

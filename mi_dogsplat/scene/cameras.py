@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 
 RIGID_TOLERANCE = 1e-3  # largest |R R^T - I| that is still rounding, not a scale or a shear
 SCALE_TOLERANCE = 1e-6  # of a to_world, which is rounded to float32
+DEFAULT_FAR_CLIP = 1e4  # of the sensors of Mitsuba
 SQUARE_TOLERANCE = 1e-3  # largest relative difference of fx and fy that a Mitsuba sensor may swallow
 
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -216,16 +217,26 @@ def orthographic_camera_from_mitsuba(sensor: Any) -> Camera:
 
 
 def near_clip_from_mitsuba(sensor: Any) -> float:
-    """Near clipping distance of a Mitsuba projective sensor, in world units."""
+    """Near clipping distance of a Mitsuba projective sensor, in world units along the optical axis."""
+    return float(sensor.near_clip() * _depth_scale(sensor))
+
+
+def far_clip_from_mitsuba(sensor: Any) -> float:
+    """Far clipping distance, likewise; infinite where it is Mitsuba's default, which nobody chose."""
+    return math.inf if sensor.far_clip() == DEFAULT_FAR_CLIP else float(sensor.far_clip() * _depth_scale(sensor))
+
+
+def _depth_scale(sensor: Any) -> float:
+    """By how much ``to_world`` scales depths, which it may for an orthographic sensor."""
     import mitsuba as mi
 
     parameters: Any = mi.traverse(sensor)
     axis = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)[:3, 2]
-    scale = np.linalg.norm(axis)  # to_world may scale that of an orthographic sensor
-    return float(sensor.near_clip() * (1 if abs(scale - 1) < SCALE_TOLERANCE else scale))
+    scale = float(np.linalg.norm(axis))
+    return 1.0 if abs(scale - 1) < SCALE_TOLERANCE else scale
 
 
-def camera_to_mitsuba(camera: Camera, near_clip: float = 0.01, far_clip: float = 1e4) -> dict[str, Any]:
+def camera_to_mitsuba(camera: Camera, near_clip: float = 0.01, far_clip: float = DEFAULT_FAR_CLIP) -> dict[str, Any]:
     """A ``perspective`` sensor dict for ``mi.load_dict`` that sees exactly what the camera sees. Needs a set
     variant.
 
