@@ -84,7 +84,7 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         for path, model in models:
             obj = build_object(context, path, model, conversion(self.up_axis, self.scale))
             modifier = obj.modifiers[-1]
-            set_input(modifier, "Show As", [name.upper() for name in SHOW].index(self.show_as))
+            set_input(modifier, "Show As", self.show_as.capitalize())
             set_input(modifier, "SH Degree", self.sh_degree)
             set_input(modifier, "DoG", self.use_dog)
             set_input(modifier, "Linear Colors", self.color_mode == "LINEAR")

@@ -7,7 +7,7 @@ import bpy
 from .attributes import OPACITY_FACTOR, is_splats
 from .conventions import SOURCE
 from .engine import ENGINE
-from .modifier import identifier, splat_modifier
+from .modifier import input_property, splat_modifier
 
 SHOWN = ("Show As", "SH Degree", "DoG", "Linear Colors", "Antialiased", "Near Clip")
 
@@ -49,7 +49,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             return
         column = layout.column()
         for name in SHOWN:
-            column.prop(modifier, f'["{identifier(modifier, name)}"]', text=name)
+            column.prop(*input_property(modifier, name), text=name)
         if context.scene.camera is None:
             layout.label(text="Colours follow the active camera: add one", icon="INFO")
         elif OPACITY_FACTOR in obj.data.attributes and "EEVEE" in context.scene.render.engine:

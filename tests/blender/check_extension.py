@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture
 def package(tmp_path):
-    subprocess.run([ROOT / "scripts" / "build_addon.sh", sys.executable, tmp_path], check=True)
+    subprocess.run([ROOT / "scripts" / "build_addon.sh", bpy.app.binary_path or sys.executable, tmp_path], check=True)
     (path,) = tmp_path.glob("dogsplat-*.zip")
     return path
 

@@ -67,6 +67,7 @@ def test_options_of_the_redo_panel_do_what_they_say(model):
     obj = load(model, use_dog=False, color_mode="DISPLAY", show_as="QUADS", antialiased=True)
     modifier = splat_modifier(obj)
     assert [get_input(modifier, n) for n in ("DoG", "Linear Colors", "Antialiased")] == [False, False, True]
+    assert get_input(modifier, "Show As") == "Quads"
     assert obj.matrix_world == load(model).matrix_world
     turned = load(model, up_axis="-Y", scale=2.0)
     assert np.allclose(
