@@ -10,7 +10,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatPrope
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 
 from .attributes import write_attributes
-from .conventions import UP_AXES, conversion, remember
+from .conventions import DOG_COUNT, UP_AXES, conversion, remember
 from .errors import FileError
 from .model import Model, importance, sigmoid
 from .modifier import add_modifier, set_input
@@ -118,6 +118,7 @@ def build_object(context: bpy.types.Context, path: Path, model: Model, matrix) -
         write_attributes(mesh, model)
         obj.matrix_world = matrix
         remember(obj, str(path), CONVENTION, matrix)
+        obj[DOG_COUNT] = int(model.is_dog.sum())
         context.collection.objects.link(obj)
         add_modifier(obj)
     except Exception:
