@@ -65,6 +65,12 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         name="Antialiased", default=False, description="For models that were trained with antialiasing"
     )
 
+    use_preview: BoolProperty(
+        name="Material Preview",
+        default=True,
+        description="Turn viewports with solid shading, in which splats are opaque and grey, to material preview",
+    )
+
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """A file dialog, or a dialog of the options alone for files that were dropped."""
         return self.invoke_popup(context)
@@ -91,6 +97,8 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
             set_input(modifier, "Antialiased", self.antialiased)
             obj.select_set(True)
             context.view_layer.objects.active = obj
+        if self.use_preview:
+            _preview(context)
         total = sum(model.n_splats for _, model in models)
         dog = sum(int(model.is_dog.sum()) for _, model in models)
         self.report({"INFO"}, f"{total:,} splats imported, {dog:,} of them DoG")
@@ -107,6 +115,14 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         if model.n_splats == 0:
             raise FileError(path, "no splat is left", "lower the minimum opacity, or check that the model has any")
         return model
+
+
+def _preview(context: bpy.types.Context) -> None:
+    """Material preview instead of solid shading, in every viewport that a window shows."""
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D" and area.spaces.active.shading.type == "SOLID":
+                area.spaces.active.shading.type = "MATERIAL"
 
 
 def build_object(context: bpy.types.Context, path: Path, model: Model, matrix) -> bpy.types.Object:

@@ -75,6 +75,18 @@ def test_options_of_the_redo_panel_do_what_they_say(model):
     )
 
 
+@pytest.mark.parametrize(
+    "before, option, after",
+    [("SOLID", True, "MATERIAL"), ("SOLID", False, "SOLID"), ("WIREFRAME", True, "WIREFRAME")],
+)
+def test_a_solid_viewport_turns_to_material_preview(model, before, option, after):
+    areas = bpy.context.window_manager.windows[0].screen.areas
+    shading = next(area.spaces.active.shading for area in areas if area.type == "VIEW_3D")
+    shading.type = before
+    load(model, use_preview=option)
+    assert shading.type == after
+
+
 def test_several_files_become_several_objects_that_share_trees_and_materials(model, tmp_path):
     for name in ("a.ply", "b.ply"):
         shutil.copy(model, tmp_path / name)
