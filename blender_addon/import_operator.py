@@ -65,10 +65,10 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         name="Antialiased", default=False, description="For models that were trained with antialiasing"
     )
 
-    use_preview: BoolProperty(
-        name="Material Preview",
+    prepare_viewports: BoolProperty(
+        name="Prepare Viewports",
         default=True,
-        description="Turn viewports with solid shading, in which splats are opaque and grey, to material preview",
+        description="Material preview instead of solid shading, and selected objects without outlines: both hide splats",
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -97,8 +97,8 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
             set_input(modifier, "Antialiased", self.antialiased)
             obj.select_set(True)
             context.view_layer.objects.active = obj
-        if self.use_preview:
-            _preview(context)
+        if self.prepare_viewports:
+            _prepare_viewports(context)
         total = sum(model.n_splats for _, model in models)
         dog = sum(int(model.is_dog.sum()) for _, model in models)
         self.report({"INFO"}, f"{total:,} splats imported, {dog:,} of them DoG")
@@ -117,12 +117,14 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         return model
 
 
-def _preview(context: bpy.types.Context) -> None:
-    """Material preview instead of solid shading, in every viewport that a window shows."""
+def _prepare_viewports(context: bpy.types.Context) -> None:
+    """In every viewport with solid shading that a window shows."""
     for window in context.window_manager.windows:
         for area in window.screen.areas:
-            if area.type == "VIEW_3D" and area.spaces.active.shading.type == "SOLID":
-                area.spaces.active.shading.type = "MATERIAL"
+            space = area.spaces.active
+            if area.type == "VIEW_3D" and space.shading.type == "SOLID":
+                space.shading.type = "MATERIAL"
+                space.overlay.show_outline_selected = False
 
 
 def build_object(context: bpy.types.Context, path: Path, model: Model, matrix) -> bpy.types.Object:

@@ -35,16 +35,20 @@ def menu(model: Path, run: Path) -> Steps:
 def drop(model: Path, run: Path) -> Steps:
     """What a file that is dropped on the viewport brings up; the drop itself is Blender's."""
     move(700, 300)
+    yield 1
     with viewport():
         bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory=str(model.parent), files=[{"name": model.name}])
     yield from shot("drop")
-    subprocess.run(["xdotool", "key", "Escape"], check=True)
+    key("d")
+    yield from shot("dropped")
+    key("Escape")
     yield 1
 
 
 def imported(model: Path, run: Path) -> Steps:
     """A model just after its import, with the options to redo it and the panel."""
     bpy.data.objects.remove(bpy.data.objects["Cube"])
+    bpy.context.scene.eevee.taa_samples = 1  # a processor draws here
     start = time.perf_counter()
     with viewport():
         bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=str(model))
@@ -55,17 +59,6 @@ def imported(model: Path, run: Path) -> Steps:
     panel()
     click(80, 886)  # unfolds the panel of the last operation
     yield from shot("imported")
-
-
-def outlines(model: Path, run: Path) -> Steps:
-    """The same without the outlines of what is selected."""
-    space().overlay.show_outline_selected = False
-    yield from shot("outlines")
-    with viewport():
-        bpy.ops.ed.undo()
-    yield 2
-    print("objects after undo:", [obj.name for obj in bpy.data.objects], flush=True)
-    yield 1
 
 
 def camera(model: Path, run: Path) -> Steps:
@@ -81,7 +74,6 @@ def camera(model: Path, run: Path) -> Steps:
         bpy.ops.dogsplat.exact_settings("EXEC_DEFAULT", True)
         space().region_3d.view_perspective = "CAMERA"
         bpy.ops.view3d.view_center_camera()
-    space().overlay.show_outline_selected = False
     space().shading.type = "RENDERED"
     bpy.context.scene.eevee.taa_samples = 1
     yield 5
@@ -105,7 +97,7 @@ def frame(model: Path, run: Path) -> Steps:
     yield from shot("frame")
 
 
-PICTURES = {function.__name__: function for function in (menu, drop, imported, outlines, camera, frame)}
+PICTURES = {function.__name__: function for function in (menu, drop, imported, camera, frame)}
 
 
 def area(kind: str) -> bpy.types.Area:
@@ -140,6 +132,11 @@ def click(x: int, y: int) -> None:
     """There, with the left button."""
     move(x, y)
     subprocess.run(["xdotool", "click", "1"], check=True)
+
+
+def key(name: str) -> None:
+    """A key, by its name in X11."""
+    subprocess.run(["xdotool", "key", name], check=True)
 
 
 def shot(name: str) -> Steps:

@@ -79,12 +79,12 @@ def test_options_of_the_redo_panel_do_what_they_say(model):
     "before, option, after",
     [("SOLID", True, "MATERIAL"), ("SOLID", False, "SOLID"), ("WIREFRAME", True, "WIREFRAME")],
 )
-def test_a_solid_viewport_turns_to_material_preview(model, before, option, after):
+def test_a_solid_viewport_is_prepared_for_splats(model, before, option, after):
     areas = bpy.context.window_manager.windows[0].screen.areas
-    shading = next(area.spaces.active.shading for area in areas if area.type == "VIEW_3D")
-    shading.type = before
-    load(model, use_preview=option)
-    assert shading.type == after
+    space = next(area.spaces.active for area in areas if area.type == "VIEW_3D")
+    space.shading.type = before
+    load(model, prepare_viewports=option)
+    assert (space.shading.type, space.overlay.show_outline_selected) == (after, after != "MATERIAL")
 
 
 def test_several_files_become_several_objects_that_share_trees_and_materials(model, tmp_path):

@@ -80,7 +80,7 @@ def test_the_panel_shows_the_settings_of_a_model(scene, model):
 def test_the_panel_says_what_hides_colors_and_lobes(scene, model):
     """Blender opens with solid shading, and with EEVEE."""
     place_camera(scene, "dog")
-    load(model, use_preview=False)
+    load(model, prepare_viewports=False)
     names = drawn()
     assert "Material Preview" in names and "EEVEE: no negative lobes" in names
     viewport().shading.type = "MATERIAL"
