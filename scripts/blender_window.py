@@ -18,7 +18,7 @@ from pathlib import Path
 
 import bpy
 
-STILL, LONGEST = 20.0, 240.0  # seconds without a change that mean "done" (shaders compile), and the most to wait
+STILL, STILL_EEVEE, LONGEST = 6.0, 60.0, 600.0  # seconds without a change that mean "done"; the most to wait
 Steps = Iterator[float]  # seconds until the next one
 
 
@@ -58,7 +58,7 @@ def imported(model: Path, run: Path) -> Steps:
     yield 5
     panel()
     click(80, 886)  # unfolds the panel of the last operation
-    yield from shot("imported")
+    yield from shot("imported", STILL_EEVEE)
 
 
 def camera(model: Path, run: Path) -> Steps:
@@ -74,11 +74,12 @@ def camera(model: Path, run: Path) -> Steps:
         bpy.ops.dogsplat.exact_settings("EXEC_DEFAULT", True)
         space().region_3d.view_perspective = "CAMERA"
         bpy.ops.view3d.view_center_camera()
+    bpy.context.scene.camera.data.show_background_images = False  # splats alone
     space().shading.type = "RENDERED"
     bpy.context.scene.eevee.taa_samples = 1
     yield 5
     panel()
-    yield from shot("camera")
+    yield from shot("camera", STILL_EEVEE)
 
 
 def frame(model: Path, run: Path) -> Steps:
@@ -139,17 +140,19 @@ def key(name: str) -> None:
     subprocess.run(["xdotool", "key", name], check=True)
 
 
-def shot(name: str) -> Steps:
-    """The display once it stands still, as ``window_NAME.png``."""
-    target = OUT / f"window_{name}.png"
+def shot(name: str, still: float = STILL) -> Steps:
+    """The display, once it stands still for that long, as ``window_NAME.png``; EEVEE compiles shaders first."""
+    raw, target = OUT / "display.ppm", OUT / f"window_{name}.png"
     start = changed = time.monotonic()
     seen = b""
-    while (now := time.monotonic()) - start < LONGEST and (not seen or now - changed < STILL):
-        yield 2
-        subprocess.run(["import", "-window", "root", "-strip", str(target)], check=True)
-        digest = hashlib.sha256(target.read_bytes()).digest()
+    while (now := time.monotonic()) - start < LONGEST and (not seen or now - changed < still):
+        yield 3
+        subprocess.run(["import", "-window", "root", str(raw)], check=True)
+        digest = hashlib.sha256(raw.read_bytes()).digest()
         if digest != seen:
             seen, changed = digest, time.monotonic()
+    subprocess.run(["convert", str(raw), "-strip", str(target)], check=True)
+    raw.unlink()
     print(f"{target}, after {time.monotonic() - start:.0f} s", flush=True)
 
 
