@@ -68,7 +68,7 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
     prepare_viewports: BoolProperty(
         name="Prepare Viewports",
         default=True,
-        description="Material preview instead of solid shading, and selected objects without outlines: both hide splats",
+        description="Material preview for solid shading, and no outlines of selected objects: both hide splats",
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

@@ -1,4 +1,4 @@
-"""The panel "DoG Splat" in the sidebar of the viewport, and entries of the menus File > Import and Export."""
+"""The panels "DoG Splat" in the sidebar of the viewport and the render properties, and the entries of the menu File."""
 
 from __future__ import annotations
 
@@ -64,6 +64,25 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             layout.label(text="Solid shading has no colours", icon="INFO")
             layout.prop_enum(space.shading, "type", "MATERIAL", text="Material Preview")
         layout.prop(space.overlay, "show_outline_selected", text="Outline Selected")
+
+
+class DOGSPLAT_PT_render(bpy.types.Panel):
+    """The settings of our engine, where those of every engine are: the render properties."""
+
+    bl_label = "DoG Splat"
+    bl_idname = "DOGSPLAT_PT_render"
+    bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "render"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Our engine is chosen."""
+        return context.engine == ENGINE
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """How the picture is handed to the view transform."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(context.scene, "dogsplat_colors")
 
 
 def import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:

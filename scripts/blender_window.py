@@ -47,8 +47,7 @@ def drop(model: Path, run: Path) -> Steps:
 
 def imported(model: Path, run: Path) -> Steps:
     """A model just after its import, with the options to redo it and the panel."""
-    bpy.data.objects.remove(bpy.data.objects["Cube"])
-    bpy.context.scene.eevee.taa_samples = 1  # a processor draws here
+    yield from new_file()
     start = time.perf_counter()
     with viewport():
         bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=str(model))
@@ -63,10 +62,7 @@ def imported(model: Path, run: Path) -> Steps:
 
 def camera(model: Path, run: Path) -> Steps:
     """A trained model through the first camera of its data set."""
-    with viewport():
-        bpy.ops.wm.read_homefile(app_template="")
-    yield 3
-    bpy.data.objects.remove(bpy.data.objects["Cube"])
+    yield from new_file()
     space().show_region_ui = True
     with viewport():
         bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=str(run / "point_cloud.ply"), show_as="QUADS")
@@ -76,7 +72,6 @@ def camera(model: Path, run: Path) -> Steps:
         bpy.ops.view3d.view_center_camera()
     bpy.context.scene.camera.data.show_background_images = False  # splats alone
     space().shading.type = "RENDERED"
-    bpy.context.scene.eevee.taa_samples = 1
     yield 5
     panel()
     yield from shot("camera", STILL_EEVEE)
@@ -99,6 +94,15 @@ def frame(model: Path, run: Path) -> Steps:
 
 
 PICTURES = {function.__name__: function for function in (menu, drop, imported, camera, frame)}
+
+
+def new_file() -> Steps:
+    """As Blender opens, without the cube."""
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+        bpy.ops.wm.read_homefile(app_template="")
+    yield 3
+    bpy.data.objects.remove(bpy.data.objects["Cube"])
+    bpy.context.scene.eevee.taa_samples = 1  # a processor draws here
 
 
 def area(kind: str) -> bpy.types.Area:

@@ -10,7 +10,7 @@ from conftest import load
 
 from blender_addon.engine import ENGINE
 from blender_addon.modifier import input_property, splat_modifier
-from blender_addon.panel import SHOWN, DOGSPLAT_PT_panel, export_menu, import_menu
+from blender_addon.panel import SHOWN, DOGSPLAT_PT_panel, DOGSPLAT_PT_render, export_menu, import_menu
 
 NO_CAMERA = "Colours need an active camera"
 
@@ -87,6 +87,15 @@ def test_the_panel_says_what_hides_colors_and_lobes(scene, model):
     assert "Material Preview" not in drawn()
     load(model.with_name("plain.ply"))
     assert "EEVEE: no negative lobes" not in drawn()
+
+
+def test_the_render_properties_have_the_settings_of_the_engine_alone(scene):
+    layout = Layout()
+    DOGSPLAT_PT_render.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert layout.drawn == ["dogsplat_colors"]
+    assert not DOGSPLAT_PT_render.poll(SimpleNamespace(engine="CYCLES"))
+    scene.render.engine = ENGINE
+    assert DOGSPLAT_PT_render.poll(bpy.context)
 
 
 def test_the_menu_of_the_modifier_names_the_ways_to_show(model):

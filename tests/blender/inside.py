@@ -1,6 +1,8 @@
 """Lets Blender itself, rather than its Python module, run the checks.
 
     blender --background --factory-startup --python-exit-code 1 --python tests/blender/inside.py -- PYTEST_ARGUMENTS
+
+The Python of that Blender needs pytest.
 """
 
 import sys
