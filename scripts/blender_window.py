@@ -84,7 +84,7 @@ def frame(model: Path, run: Path) -> Steps:
     area("PROPERTIES").spaces.active.context = "RENDER"
     preferences.addons["bl_ext.user_default.dogsplat"].preferences.command = os.environ.get("DOGSPLAT_COMMAND", "")
     preferences.view.render_display_type = "AREA"
-    yield from shot("engine")
+    yield from shot("engine", STILL_EEVEE)
     with viewport():
         bpy.ops.render.render("INVOKE_DEFAULT")
     yield 5
