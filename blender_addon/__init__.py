@@ -17,6 +17,7 @@ CLASSES = (
     exact_settings.DOGSPLAT_OT_exact_settings,
     engine.DogSplatEngine,
     panel.DOGSPLAT_PT_panel,
+    panel.DOGSPLAT_PT_render,
 )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from mathutils import Matrix
 
 SOURCE, CONVENTION, IMPORT_MATRIX = "dogsplat_source", "dogsplat_convention", "dogsplat_import_matrix"
+DOG_COUNT = "dogsplat_dog_count"  # of the model as it was imported
 UP_AXES = (
     ("Z", "Z", "As in the file: for Blender, Mitsuba and instant-ngp scenes"),
     ("-Z", "-Z", "Turned upside down"),

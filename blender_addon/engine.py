@@ -27,6 +27,7 @@ class DogSplatEngine(bpy.types.RenderEngine):
     bl_idname = ENGINE
     bl_label = "DoG Splat (Mitsuba)"
     bl_use_preview = False
+    bl_use_eevee_viewport = True  # material preview shows the splats as with the other engines
 
     def render(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Render one view layer; errors end up in the status bar and in the report of the operator."""

@@ -10,7 +10,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatPrope
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 
 from .attributes import write_attributes
-from .conventions import UP_AXES, conversion, remember
+from .conventions import DOG_COUNT, UP_AXES, conversion, remember
 from .errors import FileError
 from .model import Model, importance, sigmoid
 from .modifier import add_modifier, set_input
@@ -65,6 +65,12 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         name="Antialiased", default=False, description="For models that were trained with antialiasing"
     )
 
+    prepare_viewports: BoolProperty(
+        name="Prepare Viewports",
+        default=True,
+        description="Material preview for solid shading, and no outlines of selected objects: both hide splats",
+    )
+
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """A file dialog, or a dialog of the options alone for files that were dropped."""
         return self.invoke_popup(context)
@@ -84,13 +90,15 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         for path, model in models:
             obj = build_object(context, path, model, conversion(self.up_axis, self.scale))
             modifier = obj.modifiers[-1]
-            set_input(modifier, "Show As", [name.upper() for name in SHOW].index(self.show_as))
+            set_input(modifier, "Show As", self.show_as.capitalize())
             set_input(modifier, "SH Degree", self.sh_degree)
             set_input(modifier, "DoG", self.use_dog)
             set_input(modifier, "Linear Colors", self.color_mode == "LINEAR")
             set_input(modifier, "Antialiased", self.antialiased)
             obj.select_set(True)
             context.view_layer.objects.active = obj
+        if self.prepare_viewports:
+            _prepare_viewports(context)
         total = sum(model.n_splats for _, model in models)
         dog = sum(int(model.is_dog.sum()) for _, model in models)
         self.report({"INFO"}, f"{total:,} splats imported, {dog:,} of them DoG")
@@ -109,6 +117,16 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         return model
 
 
+def _prepare_viewports(context: bpy.types.Context) -> None:
+    """In every viewport with solid shading that a window shows."""
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            space = area.spaces.active
+            if area.type == "VIEW_3D" and space.shading.type == "SOLID":
+                space.shading.type = "MATERIAL"
+                space.overlay.show_outline_selected = False
+
+
 def build_object(context: bpy.types.Context, path: Path, model: Model, matrix) -> bpy.types.Object:
     """An object of a model in the active collection, with modifier and materials; after an error, nothing."""
     name = path.stem if path.stem != "point_cloud" else path.resolve().parent.name  # of a run folder
@@ -118,6 +136,7 @@ def build_object(context: bpy.types.Context, path: Path, model: Model, matrix) -
         write_attributes(mesh, model)
         obj.matrix_world = matrix
         remember(obj, str(path), CONVENTION, matrix)
+        obj[DOG_COUNT] = int(model.is_dog.sum())
         context.collection.objects.link(obj)
         add_modifier(obj)
     except Exception:

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from .nodes import NAME, splat_tree
+from .nodes import NAME, SHOW, splat_tree
 
 # Horizontal: what Blender's sensor fit "Auto" decides. Enum values: 0 Auto, 1 Horizontal, 2 Vertical.
 _HORIZONTAL = "(fit == 1 or (fit == 0 and rx * ax >= ry * ay))"
@@ -33,7 +33,7 @@ def add_modifier(obj: bpy.types.Object) -> bpy.types.Modifier:
     modifier = obj.modifiers.new(NAME, "NODES")
     modifier.node_group = splat_tree()
     for name, expression in EXPRESSIONS.items():
-        _drive(obj, f'modifiers["{modifier.name}"]["{identifier(modifier, name)}"]', expression)
+        _drive(*input_property(modifier, name), expression)
     return modifier
 
 
@@ -46,24 +46,33 @@ def splat_modifier(obj: bpy.types.Object) -> bpy.types.Modifier | None:
     return None
 
 
-def identifier(modifier: bpy.types.Modifier, name: str) -> str:
-    """How the modifier calls its input ``name``."""
+def input_property(modifier: bpy.types.Modifier, name: str) -> tuple[Any, str]:
+    """(Who has the input ``name`` of the modifier, as which property): what a layout draws."""
     items = modifier.node_group.interface.items_tree
-    return next(i.identifier for i in items if i.item_type == "SOCKET" and i.in_out == "INPUT" and i.name == name)
+    key = next(i.identifier for i in items if i.item_type == "SOCKET" and i.in_out == "INPUT" and i.name == name)
+    if hasattr(modifier, "properties"):  # from Blender 5.2 on
+        return getattr(modifier.properties.inputs, key), "value"
+    return modifier, f'["{key}"]'
 
 
 def set_input(modifier: bpy.types.Modifier, name: str, value: Any) -> None:
-    """Set an input of the modifier; a menu entry by its place in the menu."""
-    modifier[identifier(modifier, name)] = value
+    """Set an input of the modifier; "Show As" to one of ``SHOW``."""
+    owner, key = input_property(modifier, name)
+    if key == "value":
+        owner.value = value
+    else:  # a menu is a number there
+        owner[key[2:-2]] = SHOW.index(value) if name == "Show As" else value
 
 
 def get_input(modifier: bpy.types.Modifier, name: str) -> Any:
-    """The value of an input of the modifier."""
-    return modifier[identifier(modifier, name)]
+    """The value of an input of the modifier, as ``set_input`` takes it."""
+    owner, key = input_property(modifier, name)
+    value = owner.path_resolve(key)
+    return SHOW[value] if isinstance(value, int) and name == "Show As" else value
 
 
-def _drive(obj: bpy.types.Object, path: str, expression: str) -> None:
-    driver = obj.driver_add(path).driver
+def _drive(owner: Any, key: str, expression: str) -> None:
+    driver = owner.driver_add(key).driver
     driver.type = "SCRIPTED"
     for name, (source, fallback) in VARIABLES.items():
         variable = driver.variables.new()

@@ -1,13 +1,13 @@
-"""The panel "DoG Splat" in the sidebar of the viewport, and entries of the menus File > Import and Export."""
+"""The panels "DoG Splat" in the sidebar of the viewport and the render properties, and the entries of the menu File."""
 
 from __future__ import annotations
 
 import bpy
 
-from .attributes import OPACITY_FACTOR, is_splats
-from .conventions import SOURCE
+from .attributes import is_splats
+from .conventions import DOG_COUNT, SOURCE
 from .engine import ENGINE
-from .modifier import identifier, splat_modifier
+from .modifier import input_property, splat_modifier
 
 SHOWN = ("Show As", "SH Degree", "DoG", "Linear Colors", "Antialiased", "Near Clip")
 
@@ -26,6 +26,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         obj = context.object
         if is_splats(obj):
             self._model(context, obj)
+            self._viewport(context.space_data)
         row = layout.row(align=True)
         row.operator("import_scene.dogsplat", text="Import", icon="IMPORT")
         row.operator("export_scene.dogsplat", text="Export", icon="EXPORT")
@@ -49,12 +50,39 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             return
         column = layout.column()
         for name in SHOWN:
-            column.prop(modifier, f'["{identifier(modifier, name)}"]', text=name)
+            column.prop(*input_property(modifier, name), text=name)
         if context.scene.camera is None:
-            layout.label(text="Colours follow the active camera: add one", icon="INFO")
-        elif OPACITY_FACTOR in obj.data.attributes and "EEVEE" in context.scene.render.engine:
-            layout.label(text="EEVEE leaves negative lobes out; Cycles shows them", icon="INFO")
+            layout.label(text="Colours need an active camera", icon="INFO")
+        elif obj.get(DOG_COUNT) and "EEVEE" in context.scene.render.engine:
+            layout.label(text="EEVEE: no negative lobes", icon="INFO")
         layout.operator("dogsplat.apply_transform", icon="OBJECT_ORIGIN")
+
+    def _viewport(self, space: bpy.types.SpaceView3D) -> None:
+        """What hides the splats in a viewport as Blender opens it."""
+        layout = self.layout
+        if space.shading.type in ("SOLID", "WIREFRAME"):
+            layout.label(text="Solid shading has no colours", icon="INFO")
+            layout.prop_enum(space.shading, "type", "MATERIAL", text="Material Preview")
+        layout.prop(space.overlay, "show_outline_selected", text="Outline Selected")
+
+
+class DOGSPLAT_PT_render(bpy.types.Panel):
+    """The settings of our engine, where those of every engine are: the render properties."""
+
+    bl_label = "DoG Splat"
+    bl_idname = "DOGSPLAT_PT_render"
+    bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "render"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Our engine is chosen."""
+        return context.engine == ENGINE
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """How the picture is handed to the view transform."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(context.scene, "dogsplat_colors")
 
 
 def import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:

@@ -1,7 +1,8 @@
 """The Blender add-on, tested inside of Blender: each test below is one of ``tests/blender/check_*.py``.
 
-Those run under a Python that has ``bpy``, in a process of their own, which keeps Blender's libraries away from the
-rest of the suite. Which Pythons: ``DOGSPLAT_BLENDER_PYTHONS`` (as in PATH), else ``.venv-blender`` (``make blender``).
+Those run under a Python that has ``bpy``, or in Blender itself, in a process of their own, which keeps Blender's
+libraries away from the rest of the suite. Which ones: ``DOGSPLAT_BLENDER_PYTHONS`` (as in PATH; a program called
+``blender`` is Blender, whose Python needs pytest), else ``.venv-blender`` (``make blender``).
 """
 
 import ast
@@ -77,6 +78,14 @@ def references(tmp_path_factory) -> Path:
     return folder
 
 
+def pytest_of(python: Path) -> list[str]:
+    """The command that runs pytest in there."""
+    if python.name != "blender":
+        return [str(python), "-m", "pytest"]
+    inside = str(ROOT / "tests" / "blender" / "inside.py")
+    return [str(python), "--background", "--factory-startup", "--python-exit-code", "1", "--python", inside, "--"]
+
+
 @pytest.fixture(scope="session")
 def outcomes(references, tmp_path_factory) -> dict[tuple[str, str], list[ET.Element]]:
     """The JUnit records of every check, one per set of its parameters, by Python and by name."""
@@ -95,9 +104,7 @@ def outcomes(references, tmp_path_factory) -> dict[tuple[str, str], list[ET.Elem
         for name in ("PYTEST_CURRENT_TEST", "PYTEST_ADDOPTS"):
             environment.pop(name, None)
         command = [
-            str(python),
-            "-m",
-            "pytest",
+            *pytest_of(python),
             "-q",
             "-p",
             "no:cacheprovider",

@@ -13,6 +13,7 @@ from conftest import REFERENCES, load
 
 from blender_addon import engine, renderers
 from blender_addon.camera_objects import camera_numbers
+from blender_addon.modifier import set_input, splat_modifier
 from blender_addon.ply import read_ply
 from blender_addon.renderers import Cancelled, Command, InProcess, RendererError, Settings, choose_renderer
 
@@ -90,7 +91,7 @@ def test_a_moved_and_hidden_model(scene, by_command, tmp_path):
     hidden.hide_render = True
     matrix = shown.matrix_world.copy()
     scene.camera.matrix_world = (matrix @ scene.camera.matrix_world).normalized()
-    shown.modifiers[0]["Socket_6"] = 0.4  # Near Clip, twice as far now
+    set_input(splat_modifier(shown), "Near Clip", 0.4)  # twice as far now
     scene.dogsplat_colors = "DISPLAY"
     assert psnr(rendered(scene, engine.ENGINE, tmp_path), reference()["color"]) > 50
 

@@ -67,11 +67,24 @@ def test_options_of_the_redo_panel_do_what_they_say(model):
     obj = load(model, use_dog=False, color_mode="DISPLAY", show_as="QUADS", antialiased=True)
     modifier = splat_modifier(obj)
     assert [get_input(modifier, n) for n in ("DoG", "Linear Colors", "Antialiased")] == [False, False, True]
+    assert get_input(modifier, "Show As") == "Quads"
     assert obj.matrix_world == load(model).matrix_world
     turned = load(model, up_axis="-Y", scale=2.0)
     assert np.allclose(
         turned.matrix_world @ turned.data.vertices[0].co, 2 * raw.means[0][[0, 2, 1]] * (1, 1, -1), rtol=1e-5
     )
+
+
+@pytest.mark.parametrize(
+    "before, option, after",
+    [("SOLID", True, "MATERIAL"), ("SOLID", False, "SOLID"), ("WIREFRAME", True, "WIREFRAME")],
+)
+def test_a_solid_viewport_is_prepared_for_splats(model, before, option, after):
+    areas = bpy.context.window_manager.windows[0].screen.areas
+    space = next(area.spaces.active for area in areas if area.type == "VIEW_3D")
+    space.shading.type = before
+    load(model, prepare_viewports=option)
+    assert (space.shading.type, space.overlay.show_outline_selected) == (after, after != "MATERIAL")
 
 
 def test_several_files_become_several_objects_that_share_trees_and_materials(model, tmp_path):

@@ -1,5 +1,6 @@
 """The panel and the menus draw: every property and operator that they name exists."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import bpy
@@ -8,8 +9,10 @@ from check_render import place_camera
 from conftest import load
 
 from blender_addon.engine import ENGINE
-from blender_addon.modifier import identifier, splat_modifier
-from blender_addon.panel import SHOWN, DOGSPLAT_PT_panel, export_menu, import_menu
+from blender_addon.modifier import input_property, splat_modifier
+from blender_addon.panel import SHOWN, DOGSPLAT_PT_panel, DOGSPLAT_PT_render, export_menu, import_menu
+
+NO_CAMERA = "Colours need an active camera"
 
 
 class Layout:
@@ -25,7 +28,11 @@ class Layout:
 
     def prop(self, data, name, **options):
         data.path_resolve(name)
-        self.drawn.append(name)
+        self.drawn.append(options.get("text", name))
+
+    def prop_enum(self, data, name, value, **options):
+        assert value in data.bl_rna.properties[name].enum_items
+        self.drawn.append(options["text"])
 
     def label(self, **options):
         self.drawn.append(options["text"])
@@ -39,33 +46,66 @@ class Layout:
         pass
 
 
-def drawn(context):
+def viewport():
+    """The space of a viewport of the file: there is one, though no window shows it."""
+    spaces = [area.spaces.active for screen in bpy.data.screens for area in screen.areas]
+    return next(space for space in spaces if space.type == "VIEW_3D")
+
+
+def drawn():
     layout = Layout()
-    DOGSPLAT_PT_panel.draw(SimpleNamespace(layout=layout, _model=lambda *a: DOGSPLAT_PT_panel._model(
-        SimpleNamespace(layout=layout), *a)), context)  # fmt: skip
+    panel = SimpleNamespace(layout=layout)
+    for part in ("_model", "_viewport"):
+        setattr(panel, part, partial(getattr(DOGSPLAT_PT_panel, part), panel))
+    context = SimpleNamespace(object=bpy.context.object, scene=bpy.context.scene, space_data=viewport())
+    DOGSPLAT_PT_panel.draw(panel, context)
     return layout.drawn
 
 
 def test_the_panel_shows_the_settings_of_a_model(scene, model):
-    assert drawn(bpy.context) == [
+    assert drawn() == [
         "import_scene.dogsplat", "export_scene.dogsplat", "import_scene.dogsplat_cameras", "dogsplat.look_through",
         "dogsplat.exact_settings", "engine",
     ]  # fmt: skip
-    modifier = splat_modifier(load(model))
-    names = drawn(bpy.context)
-    assert all(f'["{identifier(modifier, name)}"]' in names for name in SHOWN)
-    assert "dog: 150 splats" in names and any("add one" in str(name) for name in names)
+    load(model)
+    names = drawn()
+    assert set(SHOWN) <= set(names)
+    assert "dog: 150 splats" in names and NO_CAMERA in names
     place_camera(scene, "dog")
-    assert not any("add one" in str(name) for name in drawn(bpy.context))
+    assert NO_CAMERA not in drawn()
     scene.render.engine = ENGINE
-    assert "dogsplat_colors" in drawn(bpy.context)
+    assert "dogsplat_colors" in drawn()
+
+
+def test_the_panel_says_what_hides_colors_and_lobes(scene, model):
+    """Blender opens with solid shading, and with EEVEE."""
+    place_camera(scene, "dog")
+    load(model, prepare_viewports=False)
+    names = drawn()
+    assert "Material Preview" in names and "EEVEE: no negative lobes" in names
+    viewport().shading.type = "MATERIAL"
+    assert "Material Preview" not in drawn()
+    load(model.with_name("plain.ply"))
+    assert "EEVEE: no negative lobes" not in drawn()
+
+
+def test_the_render_properties_have_the_settings_of_the_engine_alone(scene):
+    layout = Layout()
+    DOGSPLAT_PT_render.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert layout.drawn == ["dogsplat_colors"]
+    assert not DOGSPLAT_PT_render.poll(SimpleNamespace(engine="CYCLES"))
+    scene.render.engine = ENGINE
+    assert DOGSPLAT_PT_render.poll(bpy.context)
 
 
 def test_the_menu_of_the_modifier_names_the_ways_to_show(model):
     modifier = splat_modifier(load(model))
-    settings = modifier.id_properties_ui(identifier(modifier, "Show As")).as_dict()
-    assert [item[1] for item in settings["items"]] == ["Automatic", "Quads", "Ellipsoids", "Points"]
-    assert [item[4] for item in settings["items"]] == [0, 1, 2, 3]
+    owner, key = input_property(modifier, "Show As")
+    if bpy.app.version >= (5, 2):
+        items = [(item.name, item.value) for item in owner.bl_rna.properties[key].enum_items]
+    else:
+        items = [(item[1], item[4]) for item in owner.id_properties_ui(key[2:-2]).as_dict()["items"]]
+    assert items == [("Automatic", 0), ("Quads", 1), ("Ellipsoids", 2), ("Points", 3)]
 
 
 @pytest.mark.parametrize("menu, count", [(import_menu, 2), (export_menu, 1)])
