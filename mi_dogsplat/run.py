@@ -55,18 +55,20 @@ def train(
     resume: bool = False,
     recipe: Recipe | None = None,
     start: dict[str, np.ndarray] | None = None,
+    kind: type[Trainer] = Trainer,
 ) -> dict[str, Any]:
     """Train, or prune a model (``config.model``), evaluate and write the run folder; returns ``metrics.json``.
 
     ``progress`` is called as training starts and with every row of the history. With ``resume`` the run goes on
     from its last checkpoint (one a minute), with the same settings. The model leaves out primitives that can
-    never be seen. A ``recipe`` takes the place of the preset's; ``start`` is a ``Trainer.state()`` to go on from.
+    never be seen. A ``recipe`` takes the place of the preset's, a ``kind`` of trainer that of the ordinary one;
+    ``start`` is a ``Trainer.state()`` to go on from.
     An earlier run in the same folder is replaced: its measurements go first, as they would be a lie beside
     the new settings; its model stays until the new one is complete. Raises ``DataError``.
     """
     out = Path(out)
     dataset = load_dataset(config.data, config.downscale)
-    trainer = Trainer(config, dataset, recipe)
+    trainer = kind(config, dataset, recipe)
     if start:
         trainer.restore(start)
     prepare_folder(out)

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mi_dogsplat.ablation.ablate import VARIANTS, ablate
+from mi_dogsplat.ablation.ablate import ablate
 from mi_dogsplat.ablation.page import ablation_page
 from mi_dogsplat.ablation.table import COLUMNS, cell, collect, markdown, summary
+from mi_dogsplat.ablation.variants import VARIANTS
 from mi_dogsplat.cli.arguments import ABLATION
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.run import train

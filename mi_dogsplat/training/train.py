@@ -22,7 +22,6 @@ from ..engine.rasterize import Frame, RasterOptions, rasterize
 from ..metrics import flip
 from ..pruning.dog_control import activate, degenerate
 from ..pruning.prune import Pruning
-from ..pruning.score import scores
 from ..render import Picture, over_background, render_picture
 from .broken import drop_broken
 from .config import TrainConfig, background_color
@@ -86,6 +85,18 @@ class Trainer:
         planes = [dr.fma(frame.T, self.background, c) for c in frame.colors] if self.background else frame.colors
         return planes, frame
 
+    def trained_params(self) -> dict:
+        """What a training step renders: the parameters, for a method that learns a mask seen through it."""
+        return self.optimizer.params
+
+    def regularise(self, view: int, gradient: list) -> None:
+        """Add to the gradients of the parameters before Adam's step. Nothing here; a method may have more to say.
+
+        Args:
+            view: that was rendered.
+            gradient: of the loss by its planes.
+        """
+
     def step(self) -> dict[str, Any]:
         """One training view: render, loss, backward, Adam, density control.
 
@@ -103,7 +114,7 @@ class Trainer:
         probe = [dr.zeros(mi.Float, n) for _ in range(2)] if densifying else None
         if probe:
             dr.enable_grad(probe)
-        planes, frame = self._render(self.optimizer.params, view, probe)
+        planes, frame = self._render(self.trained_params(), view, probe)
         l1, _, loss, gradient = self.loss.value_and_gradient(planes, self.targets[view])
         for plane, δ in zip(planes, gradient, strict=True):
             dr.set_grad(plane, mi.Float(δ))
@@ -112,6 +123,7 @@ class Trainer:
         if probe and frame.projection:
             gradients = dr.grad(probe[0]), dr.grad(probe[1])
             self.stats.add(*gradients, frame.projection, camera.width, camera.height)
+        self.regularise(view, gradient)
         self.optimizer.step(unused=() if self.active_sh_degree else ("sh_rest",))
         if self.recipe.dog:
             degenerate(self.recipe.dog, self.optimizer)
@@ -186,7 +198,7 @@ class Trainer:
         """[N] importance of each primitive by the rule of the recipe."""
         assert self.recipe.score is not None  # a recipe that prunes has one
         seed = self.config.seed + self.step_count
-        return scores(self.recipe.score, self.optimizer.params, self.cameras, self.options, self.background, seed)
+        return self.recipe.score(self.optimizer.params, self.cameras, self.options, self.background, seed)
 
     def begin(self) -> dict[str, Any]:
         """What is due before the first step, as for a model that exists; returns fields of a row, as ``step`` does."""
