@@ -67,13 +67,13 @@ def ablate(
 
 
 def claim(out: Path, config: TrainConfig) -> None:
-    """Make the folder an ablation with these settings. Raises ``DataError`` if it is something else."""
+    """Make the folder one of runs with these settings. Raises ``DataError`` if it is something else."""
     settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("preset", "seed")}
     path = out / "config.json"
     if path.exists() and json.loads(path.read_text(encoding="utf-8")) != settings:
-        raise DataError(out, "holds an ablation with other settings", "name another folder")
+        raise DataError(out, "holds runs with other settings", "name another folder")
     if not path.exists() and out.is_dir() and any(out.iterdir()):
-        raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier ablation")
+        raise DataError(out, "is a folder with other contents", "name a new folder, or that of an earlier call")
     out.mkdir(parents=True, exist_ok=True)
     write_json(path, settings)
 
