@@ -27,7 +27,7 @@ from .help import (
 DATA_HELP = field_help(TrainConfig)["data"]
 ABLATION = ("3dgs", "v1", "v2", "v3", "full", "released", "ours_gaussian", "ours")
 METHODS = (
-    *("3dgs", "opacity"),
+    *("3dgs", "opacity", "radsplat", "mini_splatting", "lightgaussian", "pup", "speedy_splat"),
     *("paper", "released", "ours"),
 )
 ABLATE_FLAGS = [

@@ -5,10 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..ablation.variants import VARIANTS, Variant
+from .rivals import lightgaussian, mini_splatting, pup, radsplat, speedy_splat
 
 METHODS: dict[str, Variant] = {
     "3dgs": replace(VARIANTS["3dgs"], source="Kerbl et al. 2023"),
     "opacity": replace(VARIANTS["v1"], label="opacity", source="smallest opacities go, in five equal rounds"),
+    "radsplat": Variant("RadSplat", radsplat.RECIPE, source="Niemeyer et al. 2024"),
+    "mini_splatting": Variant(
+        "Mini-Splatting", mini_splatting.RECIPE, mini_splatting.MiniSplatting, "Fang and Wang 2024"
+    ),
+    "lightgaussian": Variant("LightGaussian", lightgaussian.RECIPE, source="Fan et al. 2024"),
+    "pup": Variant("PUP-3DGS", pup.RECIPE, source="Hanson et al. 2025"),
+    "speedy_splat": Variant("Speedy-Splat", speedy_splat.RECIPE, source="Hanson et al. 2025"),
     "paper": replace(VARIANTS["full"], label="paper", source="Wang et al. 2026, as printed"),
     "released": replace(VARIANTS["released"], label="released", source="Wang et al. 2026, as in the authors' code"),
     "ours": replace(VARIANTS["ours"], source="this project"),
