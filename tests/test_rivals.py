@@ -3,15 +3,21 @@
 from types import SimpleNamespace
 from typing import Any
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
+from mi_dogsplat.compare.rivals.gaussian_spa import projected
 from mi_dogsplat.compare.rivals.lightgaussian import GlobalSignificance
+from mi_dogsplat.compare.rivals.lp_3dgs import masked_logits
+from mi_dogsplat.compare.rivals.mask_gaussian import ABSENT, by_share
 from mi_dogsplat.compare.rivals.mini_splatting import SummedWeight, sampling_keys
 from mi_dogsplat.compare.rivals.pup import Sensitivity, fisher
 from mi_dogsplat.compare.rivals.radsplat import LargestWeight
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.reference import score as reference_score
 from splat_scenes import SMOOTH_OPTIONS, make_camera, make_splats, options, random_splats, rounded, tilted_camera
 
@@ -114,3 +120,79 @@ def test_pup_puts_what_no_view_shows_last():
     splats = rounded(make_splats([[0, 0, -2], [0.2, 0, 2], [50, 0, 2]], 0.2, 0.5))
     got = score(Sensitivity(), splats)
     assert np.isfinite(got[1]) and np.isneginf(got[[0, 2]]).all()
+
+
+def masked_images(splats, camera, shares: np.ndarray, background: float, smooth: bool = False) -> np.ndarray:
+    """C = Σ c m α T + T b, T <- T (1 - m α) for masks [N], [H, W, 3]; walks do not end."""
+    projection = reference.project(splats, camera)
+    x, y = reference.pixel_centres(0, 0, camera.width, camera.height)
+    image, T = np.zeros((len(x), 3)), np.ones(len(x))
+    for i in reference.depth_order(projection):
+        alpha = np.minimum(0.99, reference.kernels(projection, i, x, y)[0])
+        alpha = np.where((alpha < 1 / 255) & (not smooth), 0, alpha) * shares[i]
+        image += (alpha * T)[:, None] * projection.colors[i]
+        T = T * (1 - alpha)
+    return (image + background * T[:, None]).reshape(camera.height, camera.width, 3)
+
+
+@pytest.mark.parametrize("background", [0.0, 1.0])
+def test_maskgaussian_has_the_derivative_of_a_loss_by_every_mask_drawn_or_not(background):
+    splats, camera = rounded(random_splats(15, seed=7, degree=0, dog_share=0)), tilted_camera(45, 37)
+    rng = np.random.default_rng(2)
+    drawn, adjoint = (rng.uniform(size=15) < 0.5) * 1.0, rng.normal(size=(37, 45, 3))
+    assert 4 < drawn.sum() < 11
+    expected = np.zeros(15)
+    for i in range(15):  # affine in each m: the difference of 1 and 0 is the derivative
+        with_it, without = (np.where(np.arange(15) == i, value, drawn) for value in (1.0, 0.0))
+        difference = masked_images(splats, camera, with_it, background) - masked_images(
+            splats, camera, without, background
+        )
+        expected[i] = np.sum(adjoint * difference)
+    params, on_device = upload(splats), DeviceCamera.upload(camera)
+    seen = params | {"logit_opacities": dr.select(mi.Float(drawn) > 0, params["logit_opacities"], ABSENT)}
+    frame = rasterize(seen, on_device, options(splats))
+    image = [dr.detach(plane + background * frame.T, preserve_type=False) for plane in frame.colors]
+    np.testing.assert_allclose(
+        np.stack([plane.numpy() for plane in image], -1).reshape(37, 45, 3),
+        masked_images(splats, camera, drawn, background),
+        atol=1e-4,
+    )
+    Float: Any = dr.detached_t(mi.Float)
+    planes = [Float(np.ascontiguousarray(adjoint[..., c].ravel(), np.float32)) for c in range(3)]
+    got = by_share(params, on_device, options(splats), Float(drawn), image, planes).numpy()
+    assert np.abs(expected[drawn == 0]).max() > 0.1  # those that are not drawn learn as well
+    np.testing.assert_allclose(got, expected, rtol=1e-3, atol=1e-3)
+
+
+def test_lp_3dgs_masks_multiply_opacities_and_so_alphas():
+    splats, camera = rounded(random_splats(15, seed=7, degree=0, dog_share=0)), tilted_camera(45, 37)
+    splats.logit_opacities[:] = np.minimum(splats.logit_opacities, 3)  # below the limit of .99
+    mask = np.random.default_rng(2).uniform(0.3, 1, 15)
+    params = upload(splats)
+    logits = masked_logits(params["logit_opacities"], mi.Float(np.log(mask / (1 - mask))))
+    expected = mask / (1 + np.exp(-splats.logit_opacities.astype(np.float64)))
+    np.testing.assert_allclose(1 / (1 + np.exp(-logits.numpy().astype(np.float64))), expected, rtol=1e-5)
+    frame = rasterize(
+        params | {"logit_opacities": logits}, DeviceCamera.upload(camera), options(splats, **SMOOTH_OPTIONS)
+    )
+    got = np.stack([plane.numpy() for plane in frame.colors], -1).reshape(37, 45, 3)
+    np.testing.assert_allclose(got, masked_images(splats, camera, mask, 0.0, smooth=True), atol=1e-4)
+
+
+def test_lp_3dgs_masks_have_finite_gradients_at_opacities_that_float32_rounds_to_0_and_1():
+    logits, mask_logits = (mi.Float([-60.0, -5.0, 0.0, 5.0, 60.0]) for _ in range(2))
+    dr.enable_grad(logits, mask_logits)
+    result = masked_logits(logits, mask_logits)
+    dr.backward(dr.sum(result))
+    sigmoid = 1 / (1 + np.exp(-np.array([-60.0, -5.0, 0.0, 5.0, 60.0])))
+    # d logit(s²)/da for two equal factors s: (1 - s) / (1 - s²) = 1 / (1 + s)
+    np.testing.assert_allclose(dr.grad(logits).numpy(), 1 / (1 + sigmoid), rtol=1e-5)
+    np.testing.assert_allclose(dr.grad(mask_logits).numpy(), 1 / (1 + sigmoid), rtol=1e-5)
+
+
+def test_gaussianspa_projects_on_the_nearest_sparse_vector():
+    values = np.random.default_rng(0).uniform(0, 1, 6)
+    got = projected(values, 2)
+    candidates = [np.where(np.isin(np.arange(6), [i, j]), values, 0) for i in range(6) for j in range(i)]
+    best = min(candidates, key=lambda z: float(np.sum((values - z) ** 2)))
+    np.testing.assert_array_equal(got, best)
