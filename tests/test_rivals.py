@@ -1,5 +1,6 @@
 """Scores and mechanisms of the rivals against brute force: every primitive at every pixel, in float64."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
+from mi_dogsplat.compare.rivals.dash import Dash, count_at, resolution, significance
 from mi_dogsplat.compare.rivals.gaussian_spa import projected
 from mi_dogsplat.compare.rivals.lightgaussian import GlobalSignificance
 from mi_dogsplat.compare.rivals.lp_3dgs import masked_logits
@@ -15,11 +17,16 @@ from mi_dogsplat.compare.rivals.mask_gaussian import ABSENT, by_share
 from mi_dogsplat.compare.rivals.mini_splatting import SummedWeight, sampling_keys
 from mi_dogsplat.compare.rivals.pup import Sensitivity, fisher
 from mi_dogsplat.compare.rivals.radsplat import LargestWeight
+from mi_dogsplat.compare.rivals.taming import VIEWS, Taming, parabola, saliency
+from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.reference import score as reference_score
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.history import run_to_end
 from splat_scenes import SMOOTH_OPTIONS, make_camera, make_splats, options, random_splats, rounded, tilted_camera
+from tiny_data import write_tiny_data
 
 CAMERAS = [tilted_camera(45, 37), make_camera(20, 33, f=25.0)]
 SPLATS = rounded(random_splats(60, seed=4, degree=1, dog_share=0))
@@ -196,3 +203,99 @@ def test_gaussianspa_projects_on_the_nearest_sparse_vector():
     candidates = [np.where(np.isin(np.arange(6), [i, j]), values, 0) for i in range(6) for j in range(i)]
     best = min(candidates, key=lambda z: float(np.sum((values - z) ** 2)))
     np.testing.assert_array_equal(got, best)
+
+
+@pytest.fixture(scope="module")
+def growing(tmp_path_factory):
+    """Makes a trainer of a kind, on tiny data, to grow to 90 primitives."""
+    folder = write_tiny_data(tmp_path_factory.mktemp("data"))
+    config = TrainConfig(str(folder), preset="3dgs", steps=60, sh_degree=1, target=90, log_every=10, test_every=10)
+    return lambda kind, steps=60: kind(replace(config, steps=steps), load_dataset(config.data, 1))
+
+
+def test_taming_grows_along_the_parabola_of_the_paper():
+    S, D, N = 1000, 9000, 145
+    counts = [parabola(x / N, S, S + D) for x in range(N + 1)]
+    assert counts == [round(-D * (x / N) ** 2 + 2 * D * (x / N) + S) for x in range(N + 1)]
+    assert counts[0] == S and counts[-1] == S + D
+
+
+def test_taming_adds_up_the_terms_of_brute_force(growing):
+    trainer = growing(Taming, 3000)
+    for _ in range(12):  # some gradients, and no refinement yet
+        trainer.step()
+    splats, dataset = trainer.optimizer.to_splats(), trainer.dataset
+    gradient, n = trainer.stats.mean_gradient().astype(np.float64), trainer.optimizer.n
+    trainer.rng = np.random.default_rng(5)
+    got = trainer.importance()
+    chosen = np.random.default_rng(5).permutation(len(dataset.train))[:VIEWS]
+
+    def scaled(values, weight):
+        return weight * values / np.median(values[values > 0])
+
+    of_model = scaled(gradient, 25) + scaled(1 / (1 + np.exp(-splats.logit_opacities.astype(float))), 100)
+    of_model += scaled(np.exp(splats.log_scales.astype(float)).max(1), 25)
+    expected = np.zeros(n)
+    for view in (dataset.train[int(k)] for k in chosen):
+        options = {"sh_degree": trainer.active_sh_degree}
+        weight, T = reference_score.weights(splats, view.camera, **options)
+        error = np.abs(np.clip(reference.render(splats, view.camera, **options)[0], 0, 1) - view.image).mean(-1)
+        e, shown = saliency(error, view.image), (T > 0).any((1, 2))
+        projection = reference.project(splats, view.camera, **options)
+        radius = np.sqrt(projection.cov2d[:, [0, 2]].max(1))
+        total = of_model + scaled(projection.depths * shown, 5) + scaled(radius * shown, 10)
+        total += (
+            scaled((T > 0).sum((1, 2)), 0.1) + scaled(weight.sum((1, 2)), 50) + scaled((e * weight).sum((1, 2)), 10)
+        )
+        expected += error.mean() * total * shown
+    np.testing.assert_allclose(got, expected, rtol=5e-3)
+
+
+def test_the_saliency_is_the_error_plus_the_edges():
+    photograph, error = np.zeros((6, 8, 3)), np.zeros((6, 8))
+    photograph[:, 4:], error[1, 1] = 1, 0.3
+    e = saliency(error, photograph)
+    np.testing.assert_allclose(e[:, 3:5], 50)
+    assert e[1, 1] == pytest.approx(50) and np.count_nonzero(e) == 13
+
+
+def test_dash_counts_the_amplitudes_inside_of_a_window():
+    image = np.random.default_rng(1).uniform(size=(12, 16, 3))
+    amplitude = np.abs(reference_score.fourier(np.moveaxis(image, -1, 0))).sum(0)
+    got = significance([image, image], 4)
+    for k in range(4):
+        inside = 0.0
+        for y in range(12):
+            for x in range(16):
+                if min(y, 12 - y) / 6 <= 1 / (k + 1) and min(x, 16 - x) / 8 <= 1 / (k + 1):
+                    inside += amplitude[y, x]
+        assert got[k] == pytest.approx(inside / amplitude.sum())
+
+
+def test_dash_goes_from_small_pictures_to_whole_ones_as_their_share_of_the_amplitude_tells():
+    X = np.array([1.0, 0.7, 0.5, 0.4, 0.3, 0.2, 0.1, 0.05])
+    factors = [resolution(X, progress) for progress in np.linspace(0, 1, 801)]
+    assert factors[0] == 6 and factors[-1] == 1  # the smallest with at least 1/8
+    assert (np.diff(factors) <= 0).all() and set(factors) == {6, 5, 4, 3, 2, 1}
+    # at 2 from X = .5 to .7 on the way from .2 to 1: a quarter of the steps
+    assert factors.count(2) / 801 == pytest.approx(0.25, abs=0.01)
+    assert [count_at(r, 0.5, 100, 900) for r in (1, 4)] == [900, 100 + 800 / 4**1.5]
+
+
+@pytest.mark.parametrize("kind", [Taming, Dash])
+def test_growth_ends_densification_with_exactly_the_budget(growing, kind):
+    trainer = growing(kind)
+    assert trainer.optimizer.n == 45
+    rows = list(run_to_end(trainer))
+    counts = [row["n"] for row in rows]
+    assert max(counts) == counts[-1] == 90 and rows[-1]["step"] == 60
+    assert rows[-1]["test_psnr"] > 18
+    if kind is Dash:
+        assert trainer.factor == 1 and trainer.cameras[0].width == trainer.dataset.train[0].camera.width
+
+
+def test_dash_begins_with_small_pictures(growing):
+    trainer = growing(Dash)
+    trainer.step()
+    assert trainer.factor > 1
+    assert trainer.cameras[0].width == trainer.dataset.train[0].camera.width // trainer.factor

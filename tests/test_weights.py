@@ -31,7 +31,8 @@ def on_device(cameras=CAMERAS):
 @pytest.mark.parametrize("antialiased", [False, True])
 def test_sums_largest_and_dominance_equal_brute_force(dog_share, antialiased):
     splats = rounded(random_splats(60, seed=4, degree=1, dog_share=dog_share))
-    got = weights(upload(splats), on_device(), options(splats, antialiased=antialiased))
+    planes = [np.random.default_rng(0).uniform(size=(camera.height, camera.width)) for camera in CAMERAS]
+    got = weights(upload(splats), on_device(), options(splats, antialiased=antialiased), planes)
     views = [reference_score.weights(splats, camera, antialiased=antialiased) for camera in CAMERAS]
 
     def assert_close(a, b):
@@ -41,6 +42,7 @@ def test_sums_largest_and_dominance_equal_brute_force(dog_share, antialiased):
     assert_close(got.transmittance, sum(T.sum((1, 2)) for _, T in views))
     np.testing.assert_allclose(got.pixels, sum((T > 0).sum((1, 2)) for _, T in views), atol=2)
     assert_close(got.largest, np.max([w.max((1, 2)).clip(0) for w, _ in views], 0))
+    assert_close(got.weighted, sum((e * w).sum((1, 2)) for e, (w, _) in zip(planes, views, strict=True)))
     dominates = np.zeros(60, bool)
     for w, _ in views:
         dominates[w.argmax(0)[w.max(0) > 0]] = True
@@ -51,6 +53,7 @@ def test_sums_largest_and_dominance_equal_brute_force(dog_share, antialiased):
 def test_what_no_view_shows_weighs_nothing_and_parameters_are_left_alone():
     params = attached(rounded(make_splats([[0, 0, -2], [50, 0, 2], [0, 0, 3]], 0.2, 0.5)))
     got = weights(params, on_device([make_camera()]), RasterOptions())
+    np.testing.assert_array_equal(got.weighted, got.total)
     for values in (got.total, got.transmittance, got.pixels, got.largest, got.dominates):
         assert values[2] > 0 and not values[:2].any()
     assert dr.grad_enabled(params["means"]) and not dr.grad(params["means"]).numpy().any()

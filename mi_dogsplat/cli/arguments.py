@@ -28,7 +28,7 @@ DATA_HELP = field_help(TrainConfig)["data"]
 ABLATION = ("3dgs", "v1", "v2", "v3", "full", "released", "ours_gaussian", "ours")
 METHODS = (
     *("3dgs", "opacity", "radsplat", "mini_splatting", "lightgaussian", "pup", "speedy_splat"),
-    *("mask_gaussian", "lp_3dgs", "gaussian_spa"),
+    *("mask_gaussian", "lp_3dgs", "gaussian_spa", "taming", "dash"),
     *("paper", "released", "ours"),
 )
 ABLATE_FLAGS = [

@@ -5,7 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..ablation.variants import VARIANTS, Variant
-from .rivals import gaussian_spa, lightgaussian, lp_3dgs, mask_gaussian, mini_splatting, pup, radsplat, speedy_splat
+from .rivals import (
+    dash,
+    gaussian_spa,
+    lightgaussian,
+    lp_3dgs,
+    mask_gaussian,
+    mini_splatting,
+    pup,
+    radsplat,
+    speedy_splat,
+    taming,
+)
 
 METHODS: dict[str, Variant] = {
     "3dgs": replace(VARIANTS["3dgs"], source="Kerbl et al. 2023"),
@@ -20,6 +31,8 @@ METHODS: dict[str, Variant] = {
     "mask_gaussian": Variant("MaskGaussian", mask_gaussian.RECIPE, mask_gaussian.MaskGaussian, "Liu et al. 2025"),
     "lp_3dgs": Variant("LP-3DGS", lp_3dgs.RECIPE, lp_3dgs.LearnToPrune, "Zhang et al. 2024"),
     "gaussian_spa": Variant("GaussianSpa", gaussian_spa.RECIPE, gaussian_spa.GaussianSpa, "Zhang et al. 2025"),
+    "taming": Variant("Taming-3DGS", taming.RECIPE, taming.Taming, "Mallick et al. 2024", grows=True),
+    "dash": Variant("DashGaussian", dash.RECIPE, dash.Dash, "Chen et al. 2025", grows=True),
     "paper": replace(VARIANTS["full"], label="paper", source="Wang et al. 2026, as printed"),
     "released": replace(VARIANTS["released"], label="released", source="Wang et al. 2026, as in the authors' code"),
     "ours": replace(VARIANTS["ours"], source="this project"),

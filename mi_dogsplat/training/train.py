@@ -141,7 +141,7 @@ class Trainer:
         prunes = self.pruning is not None and self.pruning.due(self.step_count)
         events = self._drop_broken() if refines or prunes or self.logs() else []
         if refines:
-            counts = refine(self.densification, self.optimizer, self.stats, self.step_count, self.rng, self.extent)
+            counts = self.refine()
             self.stats = DensifyStats(self.optimizer.n)
             if any(counts.values()):
                 events.append("densify " + " ".join(f"{verb}={count}" for verb, count in counts.items()))
@@ -152,6 +152,10 @@ class Trainer:
         if degree and self.step_count == degree * self.recipe.sh_every:
             events.append(f"sh degree {degree}")
         return events
+
+    def refine(self) -> dict[str, int]:
+        """Densify; returns how many were cloned, split and removed."""
+        return refine(self.densification, self.optimizer, self.stats, self.step_count, self.rng, self.extent)
 
     def logs(self) -> bool:
         """Whether there is a row with ``l1`` after this step, as before files are written."""
