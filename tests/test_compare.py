@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -173,7 +174,7 @@ def test_several_data_sets_have_their_mean_first(comparison, tmp_path):
 def test_other_folders_and_data_are_refused(comparison, data, tmp_path):
     config = TrainConfig("", **SETTINGS)
     with pytest.raises(DataError, match="other settings"):
-        compare(TrainConfig("", **(SETTINGS | {"steps": 61})), [str(data)], comparison[0], [0], NAMES)
+        compare(replace(config, steps=61), [str(data)], comparison[0], [0], NAMES)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "file").write_text("mine")
     with pytest.raises(DataError, match="other contents"):

@@ -108,6 +108,7 @@ def test_pup_is_the_log_determinant_of_squared_derivatives_of_patches(background
         rounded(random_splats(8, seed=3, degree=1, dog_share=0)),
         [tilted_camera(22, 17), make_camera(19, 26, f=25.0)],
     )
+    splats.logit_opacities[[0, 3]] = 6  # beyond the limit of .99 near the centre
     expected = brute_force_fisher(splats, cameras, background)
     on_device = [DeviceCamera.upload(camera) for camera in cameras]
     got = fisher(upload(splats), on_device, options(splats, **SMOOTH_OPTIONS), background)
@@ -292,6 +293,19 @@ def test_growth_ends_densification_with_exactly_the_budget(growing, kind):
     assert rows[-1]["test_psnr"] > 18
     if kind is Dash:
         assert trainer.factor == 1 and trainer.cameras[0].width == trainer.dataset.train[0].camera.width
+
+
+def test_growth_fills_the_room_that_removal_leaves(growing):
+    trainer = growing(Taming, 3000)
+    for _ in range(trainer.densification.start):
+        trainer.step()
+    logits = trainer.optimizer.numpy("logit_opacities")
+    logits[:7] = -9
+    trainer.optimizer.set("logit_opacities", logits)
+    trainer.step_count += 10 * trainer.densification.every
+    counts = trainer.refine()
+    assert counts["removed"] >= 7 and counts["cloned"] + counts["split"] > counts["removed"]
+    assert 45 < trainer.optimizer.n == trainer.budget() < 90
 
 
 def test_dash_begins_with_small_pictures(growing):
