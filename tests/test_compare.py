@@ -1,27 +1,32 @@
 """The comparison: one start and one budget for all, nothing done twice, and no failure that stops the others."""
 
+import contextlib
 import csv
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 from mi_dogsplat.cli.arguments import METHODS as OFFERED
 from mi_dogsplat.compare.compare import compare
 from mi_dogsplat.compare.execute import in_a_process
-from mi_dogsplat.compare.methods import METHODS
+from mi_dogsplat.compare.methods import GROUPS, METHODS
 from mi_dogsplat.compare.page import pareto
-from mi_dogsplat.compare.perceptual import lpips_of_run
+from mi_dogsplat.compare.perceptual import VGG, lpips_of_run
 from mi_dogsplat.compare.table import COLUMNS, MEAN, collect_all, latex
 from mi_dogsplat.compare.tasks import Task, tasks_of
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.training.checkpoint import load_checkpoint
 from mi_dogsplat.training.config import TrainConfig
+from PIL import Image
 from tiny_data import write_tiny_data
 
 NAMES = ("3dgs", "mini_splatting", "mask_gaussian", "dash", "ours")
@@ -90,7 +95,7 @@ def test_the_page_needs_nothing_but_itself_and_has_every_plot_and_a_crop_of_ever
     out, table, _ = comparison
     html = (out / "comparison.html").read_text(encoding="utf-8")
     assert "http" not in html.replace("http://www.w3.org", "")
-    assert html.count('role="img"') == 3 + len(NAMES) - 1
+    assert html.count('role="img"') == 4 + len(NAMES) - 1
     assert html.count("data:image/") == 2 + len(NAMES)
     for row in table["methods"].values():
         assert row["label"] in html and row["source"].split(",")[0] in html
@@ -190,6 +195,7 @@ def test_other_folders_and_data_are_refused(comparison, data, tmp_path):
 
 def test_the_command_line_offers_all_methods_in_order():
     assert OFFERED == tuple(METHODS)
+    assert sorted(METHODS) == sorted(name for members in GROUPS.values() for name in members)
 
 
 def test_without_its_package_and_weights_lpips_is_left_out(comparison):
@@ -198,10 +204,50 @@ def test_without_its_package_and_weights_lpips_is_left_out(comparison):
     assert "lpips" in COLUMNS and "LPIPS" not in latex(table, "tiny")
 
 
+def test_the_process_of_a_task_ends_when_whoever_started_it_is_killed(comparison, tmp_path):
+    out, _, _ = comparison
+    settings = json.loads((out / "tiny" / "config.json").read_text()) | {"steps": 10**7, "log_every": 10**6}
+    (tmp_path / "config.json").write_text(json.dumps(settings))
+    program = "from mi_dogsplat.compare.execute import in_a_process; from mi_dogsplat.compare.tasks import Task; "
+    program += f"in_a_process(Task('start', {str(tmp_path)!r}, 0), 'auto', 0)"
+    with subprocess.Popen([sys.executable, "-c", program], cwd=Path(__file__).parents[1]) as parent:
+        children: list[psutil.Process] = []
+        while not children and parent.poll() is None:
+            children = psutil.Process(parent.pid).children()
+            time.sleep(0.05)
+        time.sleep(1)  # it has begun
+        parent.kill()
+    try:
+        assert children and not psutil.wait_procs(children, timeout=30)[1]
+    finally:
+        for child in children:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                child.kill()
+
+
+def test_lpips_is_the_mean_over_the_test_views_where_it_is_installed(comparison, tmp_path, monkeypatch):
+    """The package and torch are stood in for: what is checked is which pictures they are given, and how."""
+    out, table, _ = comparison
+    run = out / "tiny" / "seed_0" / "ours"
+    views = list(json.loads((run / "metrics.json").read_text())["views"])
+    (tmp_path / "checkpoints").mkdir()
+    torch = "import contextlib, types\nfrom_numpy = lambda x: x\nno_grad = contextlib.nullcontext\n"
+    torch += f"hub = types.SimpleNamespace(get_dir=lambda: {str(tmp_path)!r})\n"
+    (tmp_path / "torch.py").write_text(torch)
+    (tmp_path / "lpips.py").write_text("LPIPS = lambda net, verbose: lambda a, b: abs(a - b).mean() / 2\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert lpips_of_run(run, views) is None  # without weights
+    (tmp_path / "checkpoints" / VGG).write_bytes(b"")
+    differences = []
+    for name in views:
+        a, b = (np.asarray(Image.open(run / "test" / f"{name}{end}.png"), float) / 255 for end in ("", "_gt"))
+        differences.append(np.abs(a - b).mean())
+    assert lpips_of_run(run, views) == pytest.approx(np.mean(differences), rel=1e-5)
+
+
 @pytest.mark.slow
 def test_on_two_workers_of_which_one_is_killed_all_runs_are_complete(data, tmp_path):
     """The worker dies while it performs a task: the process of the task goes too, and another worker does it again."""
-    import psutil
     from distributed import Client, LocalCluster
 
     killed: list[psutil.Process] = []

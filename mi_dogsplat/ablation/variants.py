@@ -91,12 +91,13 @@ def train_variant(
 
     Args:
         config: its preset is not used.
+        folder: named like the variant.
         start: state at the end of densification.
     """
     if is_complete(folder, variant):
         return
     progress(f"seed {config.seed}: {variant.label}")
-    preset = next((name for name, recipe in RECIPES.items() if recipe is variant.recipe), "paper")
+    preset = folder.name if folder.name in RECIPES else "paper"
     config = replace(config, preset=preset)  # the nearest; recipe.json has the numbers
     known = None if variant.grows else start
     metrics = train(config, folder, recipe=variant.recipe, start=known, kind=variant.trainer)

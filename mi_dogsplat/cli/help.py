@@ -8,7 +8,8 @@ A first run:
 
 photos/ is a COLMAP folder (images/ and sparse/0), a folder with transforms.json (instant-ngp, nerfstudio) or
 transforms_train.json (NeRF synthetic), or a Mitsuba scene XML. run/report.html tells how it went.
-Exit codes: 0 done, 2 wrong use or bad input (one line says what to do); 1 where dogsplat check found a defect.
+Exit codes: 0 done, 2 wrong use or bad input (one line says what to do); 1 where dogsplat check found a defect,
+or a run of dogsplat compare failed.
 """
 
 TRAIN_EXAMPLES = """

@@ -65,6 +65,8 @@ def on_cluster(tasks: Sequence[Task], variant: str, client: Any, threads: int) -
     while running:
         future = next(ended)
         task = running.pop(future.key)
-        error = future.result() if future.status == "finished" else f"the worker failed ({future.exception()})"
+        error = future.result() if future.status == "finished" else "its workers failed"
+        if future.status == "error":
+            error = f"its workers failed ({future.exception()})"
         submit_what_is_ready()
         yield Outcome(task, error)

@@ -80,7 +80,8 @@ def compare(
 
 
 def _names(data: Sequence[str]) -> list[str]:
-    names = [Path(path).resolve().stem for path in data]
+    paths = [Path(path).resolve() for path in data]
+    names = [path.name if path.is_dir() else path.stem for path in paths]
     for name in names:
         if names.count(name) > 1:
             raise DataError(name, "is the name of two data sets", "rename one of them")

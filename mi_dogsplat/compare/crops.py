@@ -53,7 +53,9 @@ def crops(folder: Path, table: dict[str, Any], data: str) -> str:
         words = f"{escape(table['methods'][name]['label'])}, {error:.2f} dB"
         figures.append(figure(words, embedded_png(picture.crop(box)), truth.size))
     label = escape(table["methods"][names[0]]["label"])
-    head = f"<h3>The same detail</h3><p class=read>{READ.format(label=label)}{seed}, view {escape(view)}.</p>"
+    head = (
+        f"<h3 class=scene>The same detail</h3><p class=read>{READ.format(label=label)}{seed}, view {escape(view)}.</p>"
+    )
     return f"{head}<div class=crops>{''.join(figures)}</div>"
 
 

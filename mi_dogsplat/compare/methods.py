@@ -18,6 +18,14 @@ from .rivals import (
     taming,
 )
 
+GROUPS = {
+    "3DGS": ("3dgs",),
+    "pruned by a score": (*("opacity", "radsplat", "mini_splatting", "lightgaussian", "pup", "speedy_splat"),),
+    "learned sparsity": ("mask_gaussian", "lp_3dgs", "gaussian_spa"),
+    "grown to the budget": ("taming", "dash"),
+    "the paper": ("paper", "released"),
+    "ours": ("ours",),
+}
 METHODS: dict[str, Variant] = {
     "3dgs": replace(VARIANTS["3dgs"], source="Kerbl et al. 2023"),
     "opacity": replace(VARIANTS["v1"], label="opacity", source="smallest opacities go, in five equal rounds"),

@@ -10,24 +10,28 @@ import numpy as np
 
 from ..ablation.page import ways
 from ..report.page import page
-from ..report.plot import Series, line_plot
+from ..report.plot import Series, legend_list, line_plot
 from ..report.points import Note
 from .crops import crops
+from .methods import GROUPS
 from .table import COLUMNS, cells, columns, data_sets
 
 READ_TABLE = """Mean over the seeds; ± is half the distance between the best and the worst of them. Bold: the best of
 the compact models. All methods of a seed go on from one densified start, except those that grow to the budget; all end
 with the same number of steps, and have the same renderer. Render times were taken in turns, memory is the largest
 resident size of the process of a run."""
-READ_POINTS = """One point per method, mean over the seeds; the line joins those that no other method beats in both
-(the Pareto front). Hover for numbers."""
+READ_POINTS = """One point per method, mean over the seeds. PSNR: higher is better; FLIP: lower is better; further left
+is better. The line joins those that no other method beats in both (the Pareto front), which have a ring and their name;
+hover over the others."""
 READ_WAYS = """Test PSNR against run time, the common start included: higher and further left is better. Dashed lines
 are prunes, by number, and the activation of the DoG. Seed """
-PLOTS = {  # of the test PSNR or FLIP (up is better for the first) against
+PLOTS = {  # what against what
     ("n", "psnr"): "primitives",
-    ("megabytes", "flip"): "size of the model, MB",
     ("train_seconds", "flip"): "training, s",
+    ("megabytes", "flip"): "size of the model, MB",
+    ("render_ms", "flip"): "render time, ms",
 }
+COLORS = {group: (color + 1) % len(GROUPS) for color, group in enumerate(GROUPS)}  # ours, the last one: ink
 
 
 def comparison_page(out: Path, table: dict[str, Any]) -> str:
@@ -40,7 +44,7 @@ def comparison_page(out: Path, table: dict[str, Any]) -> str:
     body += f"<p class=read>{READ_TABLE}</p>"
     for data in data_sets(table):
         body += f"<h2>{escape(data)}</h2>{_table(table, data)}"
-        body += f"<p class=read>{READ_POINTS}</p><div class=plots>{_points(table, data)}</div>"
+        body += f"<p class=read>{READ_POINTS}</p>{_points(table, data)}"
         if data in table["config"]:
             body += crops(out / data, table, data) + _ways(out / data, table, data)
     sources = "".join(
@@ -69,24 +73,23 @@ def pareto(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _points(table: dict[str, Any], data: str) -> str:
-    figures = ""
+    rows = {name: row["data"][data]["summary"] for name, row in table["methods"].items() if data in row["data"]}
+    names, figures = list(rows), ""
     for (x_name, y_name), x_label in PLOTS.items():
-        rows = [
-            (row["label"], row["data"][data]["summary"]) for row in table["methods"].values() if data in row["data"]
-        ]
-        x, y = (np.array([summary[name]["mean"] for _, summary in rows]) for name in (x_name, y_name))
-        front = pareto(x, y * COLUMNS[y_name][2])
-        y_label, digits, _ = COLUMNS[y_name]
-
-        def note(k: int, x=x, y=y, rows=rows, y_label=y_label, digits=digits, x_label=x_label) -> Note:
-            label = rows[k][0]
-            return Note(f"{label}: {y_label} {y[k]:.{digits}f}, {x_label} {x[k]:,.4g}", label)
-
-        others = [k for k in range(len(rows)) if k not in front]
-        series = [Series("Pareto front", x[front], y[front], "points", 1, [note(k) for k in front])]
-        series += [Series("", x[[k]], y[[k]], "points", 6, [note(k)]) for k in others]
-        figures += line_plot(series, x_label, f"test {y_label}", log_x=True, legend=False, height=300)
-    return figures
+        y_label, digits, sign = COLUMNS[y_name]
+        x, y = (np.array([rows[name][what]["mean"] for name in names]) for what in (x_name, y_name))
+        front = pareto(x, y * sign)
+        series = [Series("Pareto front", x[front], y[front], "faint", 0)]
+        for group, members in GROUPS.items():
+            for k in (k for k, name in enumerate(names) if name in members):
+                label = table["methods"][names[k]]["label"]
+                words = f"{label}: {y_label} {y[k]:.{digits}f}, {x_label} {x[k]:,.4g}"
+                series.append(
+                    Series(group, x[[k]], y[[k]], "points", COLORS[group], [Note(words, label if k in front else "")])
+                )
+        figures += line_plot(series, x_label, f"test {y_label}", log_x=True, legend=False, height=280)
+    shown = [(group, COLORS[group]) for group, members in GROUPS.items() if set(members) & set(names)]
+    return f"{legend_list(shown)}<div class=plots>{figures}</div>"
 
 
 def _ways(folder: Path, table: dict[str, Any], data: str) -> str:
@@ -96,4 +99,5 @@ def _ways(folder: Path, table: dict[str, Any], data: str) -> str:
     if not found:
         return ""
     seed, figures = found
-    return f"<h3>Error against run time</h3><p class=read>{READ_WAYS}{seed}.</p><div class=plots>{figures}</div>"
+    head = f"<h3 class=scene>Error against run time</h3><p class=read>{READ_WAYS}{seed}.</p>"
+    return f"{head}<div class=plots>{figures}</div>"

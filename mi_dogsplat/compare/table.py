@@ -20,7 +20,7 @@ from .perceptual import LPIPS
 COMPARISON = "comparison.json"
 COLUMNS = {  # name: (heading, digits, which is best: 1 the largest, -1 the smallest, 0 neither)
     "n": ("primitives", 0, 0),
-    "megabytes": ("MB", 2, -1),
+    "megabytes": ("MB", 2, 0),
     "psnr": ("PSNR (dB)", 2, 1),
     "ssim": ("SSIM", 4, 1),
     "flip": ("FLIP", 4, -1),
