@@ -56,18 +56,17 @@ def compare(
     """
     out = Path(out)
     folders = [out / name for name in _names(data)]
-    _claim_all(out)
-    for folder, path in zip(folders, data, strict=True):
+    _check_folder(out)
+    for path in data:
         if not load_dataset(path, config.downscale).test:
             raise DataError(path, "has no test views to compare methods on", "give it a test split")
-        claim(folder, replace(config, data=str(Path(path).resolve())))
-    tasks = [task for folder in folders for task in tasks_of(folder, seeds, methods)]
-    tasks = [task for task in tasks if not task.done]
-    failed: dict[str, str] = {}
-    _write(out, failed)
-
     on_dask = cluster is not None or workers > 0
     with cluster_client(cluster, workers) if on_dask else nullcontext() as client:
+        _claim(out, {f: replace(config, data=str(Path(p).resolve())) for f, p in zip(folders, data, strict=True)})
+        tasks = [task for folder in folders for task in tasks_of(folder, seeds, methods)]
+        tasks = [task for task in tasks if not task.done]
+        failed: dict[str, str] = {}
+        _write(out, failed)
         cores = 0 if cluster else max(1, (os.cpu_count() or 1) // max(workers, 1))
         variant = config.variant
         outcomes = on_cluster(tasks, variant, client, cores) if on_dask else one_after_another(tasks, variant)
@@ -88,15 +87,21 @@ def _names(data: Sequence[str]) -> list[str]:
     return names
 
 
-def _claim_all(out: Path) -> None:
+def _check_folder(out: Path) -> None:
     """Raises ``DataError`` for a folder that is not one of a comparison."""
     if out.exists() and not out.is_dir():
         raise DataError(out, "is a file", "name a folder for the comparison")
     if out.is_dir() and any(out.iterdir()) and not (out / COMPARISON).exists():
         raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier comparison")
+
+
+def _claim(out: Path, settings: dict[Path, TrainConfig]) -> None:
+    """Make the folder one of a comparison, and those of the data sets in it."""
     if not (out / COMPARISON).exists():
         out.mkdir(parents=True, exist_ok=True)
         write_json(out / COMPARISON, {})
+    for folder, config in settings.items():
+        claim(folder, config)
 
 
 def _write(out: Path, failed: dict[str, str]) -> dict[str, Any]:
