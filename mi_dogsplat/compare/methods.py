@@ -20,7 +20,7 @@ from .rivals import (
 
 GROUPS = {
     "3DGS": ("3dgs",),
-    "pruned by a score": (*("opacity", "radsplat", "mini_splatting", "lightgaussian", "pup", "speedy_splat"),),
+    "pruned by a score": ("opacity", "radsplat", "mini_splatting", "lightgaussian", "pup", "speedy_splat"),
     "learned sparsity": ("mask_gaussian", "lp_3dgs", "gaussian_spa"),
     "grown to the budget": ("taming", "dash"),
     "the paper": ("paper", "released"),
