@@ -246,6 +246,13 @@ def test_lpips_is_the_mean_over_the_test_views_where_it_is_installed(comparison,
 
 
 @pytest.mark.slow
+def test_workers_on_this_machine_do_the_same(comparison, data, tmp_path):
+    table = compare(TrainConfig("", **SETTINGS), [str(data)], tmp_path / "out", [0], ("3dgs",), workers=2)
+    again, first = (t["methods"]["3dgs"]["data"]["tiny"]["runs"]["0"] for t in (table, comparison[1]))
+    assert again["psnr"] == pytest.approx(first["psnr"], abs=1e-3) and not table["failed"]
+
+
+@pytest.mark.slow
 def test_on_two_workers_of_which_one_is_killed_all_runs_are_complete(data, tmp_path):
     """The worker dies while it performs a task: the process of the task goes too, and another worker does it again."""
     from distributed import Client, LocalCluster
