@@ -67,8 +67,7 @@ def compare(
         tasks = [task for task in tasks if not task.done]
         failed: dict[str, str] = {}
         _write(out, failed)
-        # not fewer than two: with a single thread Mitsuba 3.9 never returns from writing an OpenEXR file
-        threads = 0 if cluster else max(2, (os.cpu_count() or 1) // max(workers, 1))
+        threads = 0 if cluster else max(1, (os.cpu_count() or 1) // max(workers, 1))
         variant = config.variant
         outcomes = on_cluster(tasks, variant, client, threads) if on_dask else one_after_another(tasks, variant)
         for number, outcome in enumerate(outcomes, 1):
