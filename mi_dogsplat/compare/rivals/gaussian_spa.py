@@ -42,7 +42,7 @@ class GaussianSpa(Trainer):
         start, stop = scaled_milestone(FROM, factor), scaled_milestone(TO, factor)
         if not start <= self.step_count < stop:
             return
-        if (self.step_count - start) % EVERY == 0 or SPARSE not in self.optimizer.adam:
+        if (self.step_count - start) % scaled_milestone(EVERY, factor) == 0 or SPARSE not in self.optimizer.adam:
             self._project()
         adam = self.optimizer.adam
         logits = adam["logit_opacities"]

@@ -5,7 +5,8 @@
 S is the importance (RadSplat's, the better of the two in the paper), w a weight per primitive that is learned at 0.01,
 from 1 on, and g logistic noise, the difference of two Gumbel's (Gumbel-sigmoid). From step 19,500 to 20,000; then those
 with the least w S go, for good: where m falls below a half in the paper, down to the budget here. A mask on the opacity
-is one on α, but for the limit of .99. That w is the odds of m at S = 1 is our reading of "applied to the importance".
+is one on α, but for the limit of .99. In a run of another length the step size changes inversely. That w is the odds
+of m at S = 1 is our reading of "applied to the importance".
 """
 
 # Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
@@ -52,7 +53,7 @@ class LearnToPrune(Trainer):
             return self.optimizer.params
         if LOG_WEIGHTS not in self.optimizer.adam:
             self.optimizer.learn(IMPORTANCE, np.log(np.maximum(super()._scores(), LEAST)), 0.0)
-            self.optimizer.learn(LOG_WEIGHTS, np.zeros(self.optimizer.n), RATE)
+            self.optimizer.learn(LOG_WEIGHTS, np.zeros(self.optimizer.n), RATE * 30_000 / self.config.steps)
         params = self.optimizer.params
         noise = device_array(self.rng.logistic(size=self.optimizer.n))
         self.mask_logits = (params[LOG_WEIGHTS] + dr.detach(params[IMPORTANCE]) + noise) / TEMPERATURE

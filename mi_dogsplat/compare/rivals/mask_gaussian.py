@@ -8,7 +8,8 @@ two classes, of whose scores l is the difference; straight through, temperature 
 What is not drawn is not blended and its own parameters have no gradient, but m has: it learns what it would contribute.
 That derivative is exact here (``composite_score`` with a share). Every 1,000 steps those go that ten draws do not show;
 at step 25,000 those with the least probability, down to the budget, and all others exist from then on. In the paper
-masks are learned while it densifies, too; here from the densified start on, at first with a probability of 98 %.
+masks are learned while it densifies, too; here from the densified start on, at first with a probability of 98 %. In a
+run of another length the step size of the scores changes inversely: they come as far.
 """
 
 # Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
@@ -77,7 +78,8 @@ class MaskGaussian(Trainer):
         if not self._masking:
             return self.optimizer.params
         if MASK not in self.optimizer.adam:
-            self.optimizer.learn(MASK, np.full(self.optimizer.n, START_LOGIT), RATE)
+            rate = RATE * 30_000 / self.config.steps
+            self.optimizer.learn(MASK, np.full(self.optimizer.n, START_LOGIT), rate)
         params = self.optimizer.params
         noise = device_array(self.rng.logistic(size=self.optimizer.n))
         self.probability = dr.rcp(1 + dr.exp(-dr.detach(params[MASK]) - noise))
