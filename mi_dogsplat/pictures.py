@@ -88,6 +88,10 @@ def write_exr(path: str | Path, layers: Mapping[str, ArrayLike]) -> None:
 
 def write_bitmap(path: str | Path, bitmap: mi.Bitmap, file_format: mi.Bitmap.FileFormat) -> None:
     """Write the values of a bitmap as they are. Raises ``OSError``."""
+    import drjit as dr
+
+    if dr.thread_count() < 2:  # as on a single core: Mitsuba 3.9 would wait for ever for a thread to compress OpenEXR
+        dr.set_thread_count(2)
     with replacing(path) as part:
         try:
             bitmap.write(str(part), file_format)

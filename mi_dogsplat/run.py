@@ -91,19 +91,21 @@ def train(
     resume: bool = False,
     recipe: Recipe | None = None,
     start: dict[str, np.ndarray] | None = None,
+    kind: type[Trainer] = Trainer,
 ) -> dict[str, Any]:
     """Train, or prune a model (``config.model``), evaluate and write the run folder; returns ``metrics.json``.
 
     ``progress`` is called as training starts and with every row of the history. With ``resume`` the run goes on
     from its last checkpoint, or from the beginning if it did not come that far, with the same settings. The model
-    leaves out primitives that can never be seen. A ``recipe`` takes the place of the preset's; ``start`` is a
-    ``Trainer.state()`` to go on from. An earlier run in the same folder is replaced: its measurements go first, as
-    they would be a lie beside the new settings; its model stays until the new one is complete. Raises ``DataError``;
-    ``Stopped`` when asked to stop in training (Ctrl-C, SIGTERM), which leaves a checkpoint.
+    leaves out primitives that can never be seen. A ``recipe`` takes the place of the preset's, a ``kind`` of trainer
+    that of the ordinary one; ``start`` is a ``Trainer.state()`` to go on from. An earlier run in the same folder is
+    replaced: its measurements go first, as they would be a lie beside the new settings; its model stays until the new
+    one is complete. Raises ``DataError``; ``Stopped`` when asked to stop in training (Ctrl-C, SIGTERM), which leaves a
+    checkpoint.
     """
     out = Path(out)
     dataset = load_dataset(config.data, config.downscale, on_disk=config.data_on_disk)
-    trainer = Trainer(config, dataset, recipe)
+    trainer = kind(config, dataset, recipe)
     if start:
         trainer.restore(start)
     with claimed(out):

@@ -6,7 +6,11 @@ the others the plugins exist only to say so, which is clearer than "plugin not f
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
+
+from .errors import DataError
+from .llvm import explain, find_llvm
 
 UNSUPPORTED = ("scalar", "spectral", "polarized")
 
@@ -24,3 +28,20 @@ def refuse(variant: str) -> None:
             raise RuntimeError(f"{name}: not available in the variant {variant}; use llvm_ad_rgb or cuda_ad_rgb")
 
         register(name, fail)
+
+
+def set_variant(name: str) -> None:
+    """Make a Mitsuba variant the active one; ``auto`` is CUDA where there is a GPU, else LLVM.
+
+    Raises ``DataError`` that names the flag ``--variant`` if it cannot be had.
+    """
+    available = mi.variants()
+    if name == "auto":
+        name = "cuda_ad_rgb" if "cuda_ad_rgb" in available and dr.has_backend(dr.JitBackend.CUDA) else "llvm_ad_rgb"
+    if name not in available or not name.endswith("ad_rgb"):
+        raise DataError("--variant", f'"{name}" cannot be used', "use auto, llvm_ad_rgb or cuda_ad_rgb")
+    if name.startswith("cuda") and not dr.has_backend(dr.JitBackend.CUDA):
+        raise DataError("--variant", "there is no usable CUDA GPU", "use --variant llvm_ad_rgb")
+    if name.startswith("llvm") and find_llvm() is None:
+        raise DataError("--variant", "no usable LLVM", explain())
+    mi.set_variant(name)

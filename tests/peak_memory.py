@@ -35,7 +35,7 @@ trainer = Trainer(TrainConfig("random", "3dgs", memory="64G"), dataset)
 trainer.step_count = 4000  # from here on with all SH degrees
 for _ in range(4):
     trainer.step()
-budget = trainer.budget
+budget = trainer.memory
 assert budget
 foreseen = budget.fixed + N * budget.each(budget.pairs / N)
 with tempfile.TemporaryDirectory() as folder:

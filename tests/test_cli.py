@@ -15,7 +15,7 @@ from mi_dogsplat.cli.arguments import build_parser
 from mi_dogsplat.scene.camera_file import write_camera
 from PIL import Image
 
-COMMANDS = ("train", "prune", "ablate", "render", "eval", "capture", "info", "check", "export", "view")
+COMMANDS = ("train", "prune", "ablate", "compare", "render", "eval", "capture", "info", "check", "export", "view")
 SMALL = ["--preset", "3dgs", "--steps", "12", "--sh-degree", "1", "--max-primitives", "80", "--variant", "llvm_ad_rgb"]
 
 
@@ -292,6 +292,13 @@ def test_bad_files_are_one_line_that_names_them(capsys, model, data, tmp_path):
         (["prune", model, data, "-o", tmp_path / "run", "--target", "60"], "60"),
         (["prune", model, data, "-o", tmp_path / "run", "--preset", "3dgs"], "does not prune"),
         (["prune", model, data, "-o", data], "other contents"),
+        (["compare", tmp_path / "missing", "-o", tmp_path / "run"], "missing"),
+        (["compare", data, data, "-o", tmp_path / "run"], "two data sets"),
+        (["compare", data, "-o", data], "other contents"),
+        (["compare", data, "-o", model], "is a file"),
+        (["compare", data, "-o", tmp_path / "run", "--only", "magic"], "magic"),
+        (["compare", data, "-o", tmp_path / "run", "--workers", "-1"], "--workers"),
+        (["compare", data, "-o", tmp_path / "run", "--cluster", "nowhere"], "nowhere"),
         (["eval", tmp_path / "bad.ply", data], "bad.ply"),
         (["eval", model, tmp_path / "empty"], "empty"),
         (["eval", model, data, "-o", data], "other contents"),

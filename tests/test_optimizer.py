@@ -198,6 +198,32 @@ def test_removing_rows_does_not_change_how_the_others_train():
     assert_same(small.to_splats(), large.to_splats().select(keep))
 
 
+def test_a_number_that_is_learned_beside_moves_along_and_leaves_no_trace():
+    model = random_model(6)
+    optimizer, plain = SplatOptimizer(model, RATES), SplatOptimizer(model, RATES)
+    optimizer.learn("mask", np.arange(6.0), 0.01)
+    optimizer.learn("held", np.arange(6.0), 0.0)
+    run(plain, 3)
+    rng, other = np.random.default_rng(1), np.random.default_rng(2)
+    for step in range(3):
+        optimizer.schedule(step)
+        for name, value in optimizer.adam.items():
+            source = rng if name in plain.adam else other
+            dr.set_grad(value, mi.Float(source.normal(size=dr.width(value)).astype(np.float32)))
+        optimizer.step()
+    assert_same(optimizer.to_splats(), plain.to_splats())
+    mask, state = optimizer.numpy("mask"), optimizer.state()
+    assert 0.001 < np.abs(mask - np.arange(6)).max() <= 0.03001
+    np.testing.assert_array_equal(optimizer.numpy("held"), np.arange(6))
+    optimizer.rearrange(np.array([4, 1]), np.zeros(2, bool))
+    np.testing.assert_array_equal(optimizer.numpy("mask"), mask[[4, 1]])
+    np.testing.assert_array_equal(optimizer.state()["mask.m"], state["mask.m"][[4, 1]])
+    for name in ("mask", "held"):
+        optimizer.forget(name)
+    optimizer.schedule(4)
+    assert list(optimizer.adam) == list(plain.adam) and optimizer.row_size == plain.row_size
+
+
 def test_dog_rows_follow_their_primitives_and_fresh_copies_are_plain():
     model = random_model(8, 0, (1, 4, 6))
     optimizer = SplatOptimizer(model, RATES)

@@ -1,5 +1,9 @@
 """What is in the picture files."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import flip_evaluator
 import numpy as np
 import OpenEXR
@@ -89,6 +93,15 @@ def test_exr_keeps_large_values_infinite_depth_and_nan(tmp_path):
     channels = read_exr(tmp_path / "a.exr")
     np.testing.assert_array_equal(channels["R"], srgb_to_linear(color)[..., 0])
     assert np.isinf(channels["depth.Z"]).all() and np.isnan(channels["error.Y"]).all()
+
+
+def test_exr_is_written_where_there_is_a_single_thread(tmp_path):
+    """In a process of its own: Mitsuba alone waits for ever."""
+    program = "import mi_dogsplat, sys, drjit as dr, numpy as np; from mi_dogsplat.pictures import write_exr; "
+    program += "dr.set_thread_count(1); write_exr(sys.argv[1], {'color': np.ones((20, 30, 3))})"
+    command = [sys.executable, "-c", program, str(tmp_path / "x.exr")]
+    subprocess.run(command, check=True, timeout=100, cwd=Path(__file__).parents[1])
+    assert OpenEXR.File(str(tmp_path / "x.exr")).channels()["RGB"].pixels.shape == (20, 30, 3)
 
 
 def test_exr_names_the_layer_that_does_not_fit(tmp_path):

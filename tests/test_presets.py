@@ -34,7 +34,7 @@ def test_the_papers_recipe_is_that_of_its_text():
 def test_the_released_recipe_is_that_of_the_authors_code():
     recipe = RECIPES["released"]
     assert recipe.pruning == PruningRule(15_200, 25_200, 500, 2000, 0.99, "halving", 5)
-    assert recipe.score and recipe.score.kind == "released"
+    assert recipe.score == ScoreRule("released")
     assert recipe.dog and (recipe.dog.start, recipe.dog.opacity, recipe.dog.scale) == (25_200, 0.5, 1.6)
     assert not recipe.dog.control and (recipe.reference_steps, recipe.position_steps) == (40_000, 30_000)
 

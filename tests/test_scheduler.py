@@ -126,6 +126,15 @@ def test_equal_division_removes_the_same_in_every_round():
     assert left == [32_801, 25_601, 18_401, 11_201, 4000]
 
 
+def test_parts_of_the_way_multiply_the_count_whatever_the_error():
+    rule = PruningRule(15_000, 27_000, check_every=3000, max_interval=3000, division=(0.7, 0.1, 0.2), rounds=3)
+    found = prunes(run(rule, 40_000, 4000, lambda _: STUCK))
+    assert [after for _, after in found.values()] == [round(40_000 * 0.1**0.7), round(40_000 * 0.1**0.8), 4000]
+    assert list(found) == [15_000, 18_000, 21_000]
+    late = prunes(run(PruningRule(15_000, 15_000, division=(2.0,), rounds=1), 40_000, 4000, falling))
+    assert late == {15_000: (40_000, 4000)}
+
+
 def test_nothing_is_measured_once_the_target_is_met():
     scheduler, n = PruningScheduler(RELEASED, 1000, 100), 1000
     for step in range(15_200, 17_201, 500):
@@ -275,6 +284,9 @@ def test_a_scheduler_without_a_target_below_its_start_is_refused(n_start, n_targ
         {"max_interval": 0},
         {"division": "thirds"},
         {"division": "equal"},
+        {"division": (0.5, 0.5)},
+        {"division": (), "rounds": 0},
+        {"division": (1.0, 0.0), "rounds": 2},
         {"rounds": 0},
     ],
 )

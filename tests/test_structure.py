@@ -18,7 +18,7 @@ STATIONS = [
     {"evaluate", "run_folder"},
     {"report", "mixture"},
     {"framing", "render_files", "inspection", "run", "ablation"},
-    {"check", "export", "viewer"},
+    {"check", "compare", "export", "viewer"},
     {"cli", "demo"},
 ]
 LEVEL = {name: level for level, names in enumerate(STATIONS) for name in names}

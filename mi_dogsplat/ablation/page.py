@@ -34,13 +34,26 @@ def ablation_page(out: Path, table: dict[str, Any]) -> str:
 
 
 def _plots(out: Path, table: dict[str, Any]) -> str:
-    """Of the first seed that has the baseline: a plot per other variant; nothing without such a seed."""
-    baseline = table["variants"].get("3dgs")
-    if not baseline:
+    found = ways(out, table["variants"])
+    if not found:
         return ""
+    seed, figures = found
+    return f"<h2>Error against run time</h2><p class=read>{READ_PLOTS}{seed}.</p><div class=plots>{figures}</div>"
+
+
+def ways(out: Path, rows: dict[str, Any]) -> tuple[str, str] | None:
+    """The first seed that has the baseline, and a plot per other row with the ways of both; None without such a seed.
+
+    Args:
+        out: where ``seed_K/NAME`` are run folders.
+        rows: "label" and "runs" by name.
+    """
+    baseline = rows.get("3dgs")
+    if not baseline:
+        return None
     seed = min(baseline["runs"])
     folder = out / f"seed_{seed}"
-    others = {name: row for name, row in table["variants"].items() if name != "3dgs" and seed in row["runs"]}
+    others = {name: row for name, row in rows.items() if name != "3dgs" and seed in row["runs"]}
     x, y = _way(folder / "3dgs")[1:]
     figures = ""
     for name, row in others.items():
@@ -48,7 +61,7 @@ def _plots(out: Path, table: dict[str, Any]) -> str:
         curves = [Series(row["label"], minutes, psnr), Series(baseline["label"], x, y, color=2)]
         lines = marks(run, run.column("seconds") / 60)
         figures += line_plot(curves, "run time, min", "test PSNR, dB", marks=lines, x_start=float(np.min(minutes)))
-    return f"<h2>Error against run time</h2><p class=read>{READ_PLOTS}{seed}.</p><div class=plots>{figures}</div>"
+    return seed, figures
 
 
 def _way(folder: Path) -> tuple[Any, np.ndarray, np.ndarray]:

@@ -31,38 +31,43 @@ def collect(out: Path, names: list[str]) -> dict[str, dict[str, dict[str, float]
     for name in names:
         for folder in sorted(out.glob(f"seed_*/{name}")):
             if (folder / "metrics.json").exists():
-                found.setdefault(name, {})[folder.parent.name.removeprefix("seed_")] = _numbers(folder)
+                found.setdefault(name, {})[folder.parent.name.removeprefix("seed_")] = numbers(folder)
     return found
 
 
-def _numbers(folder: Path) -> dict[str, float]:
+def numbers(folder: Path) -> dict[str, float]:
+    """What a complete run folder tells, by name."""
     metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
-    numbers = {name: metrics["test"][name] for name in ("psnr", "ssim", "flip")}
-    numbers |= {name: metrics[name] for name in ("n", "n_dog", "train_seconds", "render_ms")}
-    numbers |= {"train_l1": metrics["train"]["l1"], "megabytes": metrics["bytes"] / 1e6}
+    found = {name: metrics["test"][name] for name in ("psnr", "ssim", "flip")}
+    found |= {name: metrics[name] for name in ("n", "n_dog", "train_seconds", "render_ms", "peak_memory_mb")}
+    found |= {"train_l1": metrics["train"]["l1"], "megabytes": metrics["bytes"] / 1e6}
     in_turn = folder / RENDER_MS
     if in_turn.exists():
-        numbers["render_ms"] = json.loads(in_turn.read_text(encoding="utf-8"))["render_ms"]
+        found["render_ms"] = json.loads(in_turn.read_text(encoding="utf-8"))["render_ms"]
     for line in (folder / "history.jsonl").read_text(encoding="utf-8").splitlines():
         row = json.loads(line)
         if "psnr_before" in row:  # what it costs that primitives become DoG
-            numbers["activation_db"] = row["test_psnr"] - row["psnr_before"]
-    return numbers
+            found["activation_db"] = row["test_psnr"] - row["psnr_before"]
+    return found
 
 
 def summary(runs: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
     """Mean over the seeds, and half the distance of the extremes."""
     result = {}
-    for name in COLUMNS:
-        values = [numbers[name] for numbers in runs.values() if name in numbers]
-        if values:
-            result[name] = {"mean": float(np.mean(values)), "spread": float(np.ptp(values) / 2)}
+    for name in dict.fromkeys(name for run in runs.values() for name in run):
+        values = [run[name] for run in runs.values() if name in run]
+        result[name] = {"mean": float(np.mean(values)), "spread": float(np.ptp(values) / 2)}
     return result
 
 
 def cell(row: dict[str, Any], name: str) -> str:
     """Text of a column of a row: mean ± spread, without the spread for a single seed, empty without a number."""
-    value, digits = row["summary"].get(name), COLUMNS[name][1]
+    return with_spread(row, name, COLUMNS[name][1])
+
+
+def with_spread(row: dict[str, Any], name: str, digits: int) -> str:
+    """``cell`` with so many digits."""
+    value = row["summary"].get(name)
     if not value:
         return ""
     return f"{value['mean']:,.{digits}f}" + (f" ± {value['spread']:.{digits}f}" if len(row["runs"]) > 1 else "")

@@ -15,6 +15,7 @@ from .help import (
     ABLATE_EXAMPLES,
     CAPTURE_EXAMPLES,
     CHECK_EXAMPLES,
+    COMPARE_EXAMPLES,
     EPILOG,
     EVAL_EXAMPLES,
     EXPORT_EXAMPLES,
@@ -27,6 +28,11 @@ from .help import (
 
 DATA_HELP = field_help(TrainConfig)["data"]
 ABLATION = ("3dgs", "v1", "v2", "v3", "full", "released", "ours_gaussian", "ours")
+METHODS = (
+    *("3dgs", "opacity", "radsplat", "mini_splatting", "lightgaussian", "pup", "speedy_splat"),
+    *("mask_gaussian", "lp_3dgs", "gaussian_spa", "taming", "dash"),
+    *("paper", "released", "ours"),
+)
 ABLATE_FLAGS = [
     *("steps", "target", "downscale", "max_primitives", "max_world_scale", "sh_degree", "background", "antialiased"),
     *("near_clip", "initial_primitives", "variant", "log_every", "test_every", "memory", "checkpoint_seconds"),
@@ -93,6 +99,17 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     p.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to add to")
     p.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], metavar="N", help="random seeds (default: 0 1 2)")
     p.add_argument("--only", nargs="+", default=list(ABLATION), metavar="NAME", help=f"of {' '.join(ABLATION)}")
+    _add_config_flags(p, ABLATE_FLAGS)
+
+    p = command("compare", "several methods under one budget, in one table", COMPARE_EXAMPLES)
+    p.add_argument("data", nargs="+", metavar="DATA", help=DATA_HELP)
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to go on with")
+    p.add_argument("--seeds", type=int, nargs="+", default=[0], metavar="N", help="random seeds (default: 0)")
+    p.add_argument("--only", nargs="+", default=list(METHODS), metavar="NAME", help=f"of {' '.join(METHODS)}")
+    p.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler, as tcp://10.0.0.7:8786")
+    p.add_argument(
+        "--workers", type=int, default=0, metavar="N", help="runs at a time, on this machine (default: 0: no Dask)"
+    )
     _add_config_flags(p, ABLATE_FLAGS)
 
     p = command("render", "a model or Mitsuba scene to a picture", RENDER_EXAMPLES)

@@ -14,7 +14,8 @@ from ..check import PARTS
 from ..errors import DataError
 from ..stopping import Stopped
 from ..training.config import TrainConfig
-from .arguments import ABLATION, build_parser
+from ..variants import set_variant
+from .arguments import ABLATION, METHODS, build_parser
 
 
 def train(args: argparse.Namespace) -> None:
@@ -29,7 +30,7 @@ def prune(args: argparse.Namespace) -> None:
 
 def _run(config: TrainConfig, args: argparse.Namespace) -> None:
     """Fill a run folder while a bar shows how far it is."""
-    _set_variant(config.variant)
+    set_variant(config.variant)
     from tqdm import tqdm
 
     from ..run import train as run_train
@@ -59,17 +60,37 @@ def ablate(args: argparse.Namespace) -> None:
     if unknown := [name for name in args.only if name not in ABLATION]:
         raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(ABLATION)}")
     config = _config(args, preset="3dgs")
-    _set_variant(config.variant)
+    set_variant(config.variant)
     from ..ablation.ablate import ablate as run_ablation
 
     run_ablation(config, args.out, args.seeds, args.only, lambda line: print(line, flush=True))
     print((args.out / "ablation.md").read_text(encoding="utf-8"), end="")
 
 
+def compare(args: argparse.Namespace) -> int:
+    """Train several compact methods from one densified start per data set and seed, to one budget; tabulate them."""
+    if unknown := [name for name in args.only if name not in METHODS]:
+        raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(METHODS)}")
+    if args.workers < 0:
+        raise DataError("--workers", f"{args.workers} is out of range", "use at least 0")
+    config = _config(args, preset="3dgs", data="")
+    set_variant(config.variant)
+    from ..compare.compare import compare as run_comparison
+
+    def say(line: str) -> None:
+        print(line, flush=True)
+
+    table = run_comparison(config, args.data, args.out, args.seeds, args.only, args.cluster, args.workers, say)
+    print(args.out / "comparison.html")
+    for name, error in table["failed"].items():
+        print(f"dogsplat: {name} has failed: {error}", file=sys.stderr)
+    return 1 if table["failed"] else 0
+
+
 def render(args: argparse.Namespace) -> None:
     """Render a model from a view of a data set or from a camera file, or a Mitsuba scene as it stands."""
     _config(args)
-    _set_variant(args.variant)
+    set_variant(args.variant)
     from ..render_files import render_model, render_scene
 
     if args.model.suffix.lower() == ".xml":
@@ -84,7 +105,7 @@ def render(args: argparse.Namespace) -> None:
 def evaluate(args: argparse.Namespace) -> None:
     """PSNR, SSIM, FLIP and L1 of a model on the test views of a data set (all views without a split)."""
     _config(args)
-    _set_variant(args.variant)
+    set_variant(args.variant)
     from ..datasets import load_dataset
     from ..evaluate import evaluate_views, mean_metrics
     from ..files import write_json
@@ -114,7 +135,7 @@ def evaluate(args: argparse.Namespace) -> None:
 
 def capture(args: argparse.Namespace) -> int | None:
     """Render a Mitsuba scene from all around into photographs with exact cameras, and points to start from."""
-    _set_variant(args.variant)
+    set_variant(args.variant)
     from .capture import run_capture
 
     try:
@@ -131,7 +152,7 @@ def check(args: argparse.Namespace) -> int:
     _config(args)
     parts = args.only or [part for part in PARTS if part != "training" or args.runs]
     _check_parts(args, parts)
-    _set_variant(args.variant)
+    set_variant(args.variant)
     from ..check.run import check as run_check
     from ..check.run import model_to_check
 
@@ -162,7 +183,7 @@ def export(args: argparse.Namespace) -> None:
     _config(args)
     if args.views < 0:
         raise DataError("--views", f"{args.views} is too small", "use at least 0")
-    _set_variant(args.variant)
+    set_variant(args.variant)
     from ..export.write import export as run_export
 
     run_export(args)
@@ -171,7 +192,7 @@ def export(args: argparse.Namespace) -> None:
 def view(args: argparse.Namespace) -> None:
     """Show a model, or a run while it trains, in the browser."""
     _config(args)
-    _set_variant(args.variant)
+    set_variant(args.variant)
     from ..viewer.server import view as run_view
 
     if not 0 < args.port < 65536:
@@ -182,7 +203,7 @@ def view(args: argparse.Namespace) -> None:
 def info(args: argparse.Namespace) -> None:
     """Say what a file is: counts, ranges, and problems found; or what its kernels need and what they leave out."""
     if args.features or args.file.suffix == ".xml":
-        _set_variant("auto")  # to count operations, to render the sensors of a scene
+        set_variant("auto")  # to count operations, to render the sensors of a scene
     if args.features:
         from ..inspection.features import describe_features as describe
     else:
@@ -207,29 +228,10 @@ def print_metrics(values: dict[str, float]) -> None:
     print(f"{likeness}  FLIP {values['flip']:.4f}  L1 {values['l1']:.5f}")
 
 
-def _set_variant(name: str) -> None:
-    """Choose the Mitsuba variant; raises ``DataError`` if it cannot be had."""
-    import drjit as dr
-    import mitsuba as mi
-
-    from ..llvm import explain, find_llvm
-
-    available = mi.variants()
-    if name == "auto":
-        name = "cuda_ad_rgb" if "cuda_ad_rgb" in available and dr.has_backend(dr.JitBackend.CUDA) else "llvm_ad_rgb"
-    if name not in available or not name.endswith("ad_rgb"):
-        raise DataError("--variant", f'"{name}" cannot be used', "use auto, llvm_ad_rgb or cuda_ad_rgb")
-    if name.startswith("cuda") and not dr.has_backend(dr.JitBackend.CUDA):
-        raise DataError("--variant", "there is no usable CUDA GPU", "use --variant llvm_ad_rgb")
-    if name.startswith("llvm") and find_llvm() is None:
-        raise DataError("--variant", "no usable LLVM", explain())
-    mi.set_variant(name)
-
-
 EXTRAS = ("export", "view")  # of pyproject.toml, named as the commands that need them; the others need "train"
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
-    "train": train, "prune": prune, "ablate": ablate, "render": render, "eval": evaluate, "capture": capture,
-    "check": check, "export": export, "view": view, "info": info
+    "train": train, "prune": prune, "ablate": ablate, "compare": compare, "render": render, "eval": evaluate,
+    "capture": capture, "check": check, "export": export, "view": view, "info": info
 }  # fmt: skip
 
 

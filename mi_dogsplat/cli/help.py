@@ -8,8 +8,8 @@ A first run:
 
 photos/ is a COLMAP folder (images/ and sparse/0), a folder with transforms.json (instant-ngp, nerfstudio) or
 transforms_train.json (NeRF synthetic), or a Mitsuba scene XML. run/report.html tells how it went.
-Exit codes: 0 done, 2 wrong use or bad input (one line says what to do); 1 where dogsplat check found a defect;
-130 stopped by Ctrl-C, 143 by SIGTERM.
+Exit codes: 0 done, 2 wrong use or bad input (one line says what to do); 1 where dogsplat check found a defect,
+or a run of dogsplat compare failed; 130 stopped by Ctrl-C, 143 by SIGTERM.
 """
 
 TRAIN_EXAMPLES = """
@@ -48,6 +48,20 @@ Examples:
 authors' code; ours is the preset ours, ours_gaussian the same without DoG. All of a seed go on from one
 start, at the end of densification, and end with the same number of steps. DIR/ablation.html is the table;
 each variant is a run folder under DIR/seed_N/. What is complete is not repeated.
+"""
+COMPARE_EXAMPLES = """
+Examples:
+  dogsplat compare photos/ -o compared --steps 7000 --downscale 2 --max-primitives 40000
+  dogsplat compare fox/ fern/ lego/ -o compared --seeds 0 1 2 --only 3dgs speedy_splat ours
+                                                       three data sets, three seeds, three methods
+  dogsplat compare fox/ fern/ -o compared --workers 2  two runs at a time, on this machine
+  dogsplat compare fox/ fern/ -o compared --cluster tcp://10.0.0.7:8786
+                                                       on the workers of a Dask cluster (docs/compare.md)
+All methods of a seed have one renderer, one densified start, one number of steps and of primitives; 3dgs is
+the baseline at 100 %. DIR/comparison.html has the tables, plots and pictures, comparison.csv and .tex the
+numbers; they are rewritten as runs finish, and each run is a run folder under DIR/DATA/seed_N/. What is
+complete is not repeated. A run that fails is named, and stops no other. --workers and --cluster need the
+extra mi_dogsplat[cluster].
 """
 RENDER_EXAMPLES = """
 Examples:

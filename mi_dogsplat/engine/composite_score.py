@@ -85,7 +85,7 @@ class Sums:
 @frozen
 def composite_score(
     grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings, sums: Sums,
-    image: list, planes: list, entries, in_turn: bool,
+    image: list, planes: list, entries, in_turn: bool, share=None,
 ) -> list:  # fmt: skip
     """Sums over a view, per primitive.
 
@@ -95,6 +95,8 @@ def composite_score(
         planes: if ``sums.weighted``, w; then ξ of each probe, ``sums.channels`` planes each.
         entries: [entries, sums.row_size] zeros, as many as ``lists`` has entries.
         in_turn: ``lanes_add_in_turn``.
+        share: [N], what is blended is share α, the image being made so: F is then D per share, that is the derivative
+            of the image by the share, also where it is 0 (needs ``sums.removal``). None: 1 for all.
 
     Returns the columns, [N] each. As in ``composite_backward`` each entry has a row of its own, and so the result has
     the same bits in every run.
@@ -141,15 +143,16 @@ def composite_score(
             alpha, *_ = walk.alphas(splat, row, active, dx, dy)
             color, opacity = row[FEATURES : FEATURES + 3], dr.exp2(row[5])
             color = color if sums.removal else [sum(color)]
+            blends = 1 if share is None else dr.gather(walk.Float, share, splat, active)
             F = [[] for _ in channels]
             for k in range(walk.pixels):
-                a = alpha[k]
-                weight, T_behind, go = walk.advance(a, T[k])
+                a, blended_alpha = alpha[k], alpha[k] * blends
+                weight, T_behind, go = walk.advance(blended_alpha, T[k])
                 weight = dr.select(go, weight, 0)
                 blended = go & (a != 0)
                 for f in channels:
                     behind[f][k] = dr.fma(-weight, color[f], behind[f][k])
-                    hidden = behind[f][k] / (1 - a)
+                    hidden = behind[f][k] / (1 - blended_alpha)
                     if not walk.negative_transmittance:
                         hidden = dr.select(a > 0, hidden, 0)
                     d = dr.select(blended, dr.fma(T[k], color[f], -hidden), 0)

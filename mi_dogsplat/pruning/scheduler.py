@@ -51,13 +51,17 @@ class PruningRule:
     check_every: int = 500
     max_interval: int = 2000  # steps since a prune after which the next one is forced
     beta: float = 0.95  # prune when L1 is at most this times the L1 before the previous prune
-    division: Literal["halving", "equal"] = "halving"  # round t removes (N_0 - N_target) / 2^t, or / rounds
+    # round t removes (N_0 - N_target) / 2^t, or / rounds; or multiplies the count by (N_target / N_0)^part, a part each
+    division: Literal["halving", "equal"] | tuple[float, ...] = "halving"
     rounds: int | None = None  # the prune of this number snaps to the target; None: only the end of the window does
 
     def __post_init__(self) -> None:
         if not (0 <= self.start <= self.stop and self.check_every >= 1 and self.max_interval >= 1):
             raise ValueError(f"PruningRule: {self} makes no schedule")
-        if self.division not in ("halving", "equal") or (self.division == "equal" and self.rounds is None):
+        if isinstance(self.division, tuple):
+            if self.rounds != len(self.division) or min(self.division, default=0) <= 0:
+                raise ValueError('PruningRule: "division" has a positive part of the way for each of "rounds"')
+        elif self.division not in ("halving", "equal") or (self.division == "equal" and self.rounds is None):
             raise ValueError('PruningRule: "division" is "halving", or "equal" together with "rounds"')
         if self.rounds is not None and self.rounds < 1:
             raise ValueError(f'PruningRule: "rounds" is {self.rounds}, expected at least 1')
@@ -146,6 +150,9 @@ class PruningScheduler:
         rule = self.rule
         if self.round == rule.rounds:
             return self.n_target
+        if isinstance(rule.division, tuple):
+            part = rule.division[self.round - 1] / sum(rule.division)
+            return max(self.n_target, min(n - 1, round(n * (self.n_target / self.n_start) ** part)))
         parts = 2**self.round if rule.division == "halving" else rule.rounds or 1
         removed = max(1, round((self.n_start - self.n_target) / parts))
         return max(self.n_target, n - removed)

@@ -20,6 +20,7 @@ which falls as 1/√(probes x views). Or, without noise, for γ = 2: the energy 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -42,6 +43,14 @@ LUMA = (0.299, 0.587, 0.114)  # Rec. 601
 BAND_GAIN, BAND_MAX = 0.1, 3.0  # of the released code's band-pass picture
 
 
+class Score(Protocol):
+    """Importance of each primitive, as ``scores`` returns it and with its arguments."""
+
+    def __call__(
+        self, params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float, seed: int
+    ) -> np.ndarray: ...
+
+
 @dataclass(frozen=True)
 class ScoreRule:
     """Which score, and its numbers. Raises ``ValueError`` for numbers that mean nothing."""
@@ -62,6 +71,12 @@ class ScoreRule:
             raise ValueError(f"ScoreRule: probes={self.probes}, gamma_f={self.gamma_f}; use at least 0, and above 0")
         if self.probes == 0 and self.gamma_f != 2:
             raise ValueError(f"ScoreRule: gamma_f={self.gamma_f} needs a probe; without, only gamma_f=2 is known")
+
+    def __call__(
+        self, params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float, seed: int
+    ) -> np.ndarray:
+        """``scores`` by this rule."""
+        return scores(self, params, cameras, options, background, seed)
 
     @property
     def sums(self) -> Sums:

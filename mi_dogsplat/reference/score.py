@@ -56,6 +56,17 @@ def footprints(
     return result.reshape(-1, camera.height, camera.width)
 
 
+def weights(splats: Splats, camera: Camera, **options) -> tuple[np.ndarray, np.ndarray]:
+    """(alpha_i T_i, T_i) where primitive i is blended, else 0; images [N, H, W] each; `options` go to `project`."""
+    projection = project(splats, camera, **options)
+    alphas, T = _blended_alphas(projection, camera, True), np.ones(camera.height * camera.width)
+    weight, transmittance = np.zeros_like(alphas), np.zeros_like(alphas)
+    for i in depth_order(projection):
+        weight[i], transmittance[i] = alphas[i] * T, np.where(alphas[i] != 0, T, 0)
+        T = T * (1 - alphas[i])
+    return tuple(x.reshape(-1, camera.height, camera.width) for x in (weight, transmittance))  # type: ignore[return-value]
+
+
 def _blended_alphas(projection, camera: Camera, negative_transmittance: bool) -> np.ndarray:
     """[N, H*W], 0 where a primitive is too faint or the walk has ended."""
     x, y = pixel_centres(0, 0, camera.width, camera.height)

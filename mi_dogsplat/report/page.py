@@ -76,6 +76,8 @@ td.value { overflow-wrap: anywhere; }
 .triple { display: grid; grid-template-columns: repeat(3, 1fr); gap: 6px; }
 .triple figure { margin: 0; min-width: 0; } .triple figcaption { font-size: 13px; margin-top: 3px;
   line-height: 1.35; }
+.crops { display: grid; grid-template-columns: repeat(4, 1fr); gap: 10px 6px; margin: 12px 0; }
+.crops figure { margin: 0; min-width: 0; } .crops img { image-rendering: pixelated; }
 .frame { position: relative; display: block; overflow: hidden; border-radius: 4px; background:
   var(--line); }
 .frame img { display: block; width: 100%; height: 100%; object-fit: cover; }
@@ -87,7 +89,8 @@ td.value { overflow-wrap: anywhere; }
   background: linear-gradient(90deg, MAGMA); }
 @media (max-width: 900px) { .tiles { grid-template-columns: repeat(3, 1fr); } .sheet.tall {
   grid-template-columns: 1fr; } }
-@media (max-width: 640px) { main { padding: 24px 16px 48px; } h1 { font-size: 26px; } .plots {
+@media (max-width: 640px) { .crops { grid-template-columns: 1fr 1fr; }
+  main { padding: 24px 16px 48px; } h1 { font-size: 26px; } .plots {
   grid-template-columns: 1fr; }
   .tiles { grid-template-columns: 1fr 1fr; gap: 8px; } .plots svg { padding: 8px 4px 2px; } svg text {
   font-size: 14px; }

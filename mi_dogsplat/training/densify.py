@@ -170,15 +170,34 @@ def refine(
         if np.sum(~remove) > rule.max_primitives:  # a start above the cap
             alive = np.flatnonzero(~remove)
             remove[alive[np.argsort(-opacity[alive], kind="stable")[rule.max_primitives :]]] = True
-    clone, split = np.flatnonzero(grow & small), np.flatnonzero(grow & ~small)
+    return grow_and_remove(optimizer, grow, small, remove, rule.split_divisor, rng)
 
+
+def grow_and_remove(
+    optimizer: SplatOptimizer,
+    grow: np.ndarray,
+    small: np.ndarray,
+    remove: np.ndarray,
+    split_divisor: float,
+    rng: np.random.Generator,
+) -> dict[str, int]:
+    """Clone or split the primitives ``grow`` [N], of which there is one more each, and remove others.
+
+    Args:
+        small: [N] those that are cloned, not split.
+        remove: [N] none of ``grow``.
+
+    Returns how many were ``cloned``, ``split`` and ``removed``.
+    """
+    n = optimizer.n
+    clone, split = np.flatnonzero(grow & small), np.flatnonzero(grow & ~small)
     keep = np.flatnonzero(~remove & ~(grow & ~small))
     index = np.concatenate([keep, clone, split, split])
     fresh = np.arange(len(index)) >= len(keep)
     if len(index) != n or len(clone) or len(split):
         optimizer.rearrange(index, fresh)
         if len(split):
-            _place_halves(optimizer, len(index) - 2 * len(split), rng, rule.split_divisor)
+            _place_halves(optimizer, len(index) - 2 * len(split), rng, split_divisor)
     return {"cloned": len(clone), "split": len(split), "removed": int(remove.sum())}
 
 

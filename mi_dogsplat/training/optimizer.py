@@ -40,6 +40,7 @@ class SplatOptimizer:
         if splats.n_splats == 0:
             raise ValueError("SplatOptimizer: there is no primitive to start from")
         self.learning_rates = learning_rates
+        self.other_rates: dict[str, float] = {}
         self.row_size = dict(ROW_SIZE)
         values = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities")}
         values["sh_dc"] = splats.sh_coeffs[:, 0]
@@ -79,8 +80,23 @@ class SplatOptimizer:
         They are Python numbers, which Adam makes opaque itself. An array here would cost two kernels per
         parameter and, if differentiable, be multiplied in place (Dr.Jit 1.5).
         """
-        rates = self.learning_rates.at(step)
+        rates = self.learning_rates.at(step) | self.other_rates
         self.adam.set_learning_rate({name: rates[name] for name in self.adam})
+
+    def learn(self, name: str, values: np.ndarray, rate: float) -> None:
+        """Train one more number per primitive, which moves along with it; renders know nothing of it.
+
+        Args:
+            values: [N].
+            rate: step size, the same all along; 0 holds a number that somebody else sets.
+        """
+        self.row_size[name], self.other_rates[name] = 1, rate
+        self.adam[name] = device_array(values)
+        self.adam.set_learning_rate({name: rate})
+
+    def forget(self, name: str) -> None:
+        """Drop what ``learn`` added."""
+        del self.row_size[name], self.other_rates[name], self.adam.state[name]
 
     def step(self, unused: Collection[str] = ()) -> None:
         """One Adam step with the gradients on the parameters, which are then cleared.

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from ..pruning.dog_control import DogRule
 from ..pruning.scheduler import PruningRule, scaled_milestone
-from ..pruning.score import ScoreRule
+from ..pruning.score import Score, ScoreRule
 from .densify import Densification
 from .learning_rates import Refinement
 
@@ -25,7 +25,7 @@ class Recipe:
 
     densification: Densification = Densification()
     pruning: PruningRule | None = None
-    score: ScoreRule | None = None  # who goes; needed by pruning
+    score: Score | None = None  # who goes; needed by pruning
     dog: DogRule | None = None
     reference_steps: int = 30_000  # length of the schedule that all milestones are written for
     position_steps: int = 30_000  # over which the step size of positions falls

@@ -22,10 +22,9 @@ from ..engine.rasterize import Frame, RasterOptions, rasterize
 from ..metrics import flip
 from ..pruning.dog_control import activate, degenerate
 from ..pruning.prune import Pruning
-from ..pruning.score import scores
 from ..render import Picture, over_background, render_picture
 from .config import TrainConfig, background_color
-from .densify import DensifyStats, refine
+from .densify import Densification, DensifyStats, refine
 from .footprint import budget
 from .initialize import initial_splats
 from .learning_rates import LearningRates
@@ -51,9 +50,9 @@ class Trainer:
         self.positions = np.array([view.camera.position for view in dataset.train])  # [V, 3]
         splats = initial_splats(config, dataset)
         self.sh_degree = splats.sh_degree
-        self.budget = budget(config.memory, dataset, self.sh_degree, config.data_on_disk)
-        if self.budget:
-            self.budget.require(config.data, splats.n_splats)
+        self.memory = budget(config.memory, dataset, self.sh_degree, config.data_on_disk)
+        if self.memory:
+            self.memory.require(config.data, splats.n_splats)
         self.rng = np.random.default_rng(config.seed)
         self.cameras = [DeviceCamera.upload(v.camera, config.near_clip) for v in dataset.train]
         self.photographs = Photographs(config, dataset, self.background)
@@ -89,6 +88,18 @@ class Trainer:
         frame = rasterize(params, self.cameras[view], self.options, probe)
         return self.photographs.over_background(frame), frame
 
+    def trained_params(self) -> dict:
+        """What a training step renders: the parameters, for a method that learns a mask seen through it."""
+        return self.optimizer.params
+
+    def regularise(self, view: int, gradient: list) -> None:
+        """Add to the gradients of the parameters before Adam's step. Nothing here; a method may have more to say.
+
+        Args:
+            view: that was rendered.
+            gradient: of the loss by its planes.
+        """
+
     def step(self) -> dict[str, Any]:
         """One training view: render, loss, backward, Adam, density control.
 
@@ -107,17 +118,18 @@ class Trainer:
         if probe:
             dr.enable_grad(probe)
         self.photographs.choose_background(self.rng)
-        planes, frame = self._render(self.optimizer.params, view, probe)
+        planes, frame = self._render(self.trained_params(), view, probe)
         l1, loss, gradient = self.photographs.compare(planes, view, self.step_count, self.order[: -1 - READ_AHEAD : -1])
         for plane, δ in zip(planes, gradient, strict=True):
             dr.set_grad(plane, mi.Float(δ))
         dr.enqueue(dr.ADMode.Backward, planes)
         dr.traverse(dr.ADMode.Backward)
-        if self.budget and frame.lists:
-            self.budget.pairs = max(self.budget.pairs, dr.width(frame.lists.splat_from_isect))
+        if self.memory and frame.lists:
+            self.memory.pairs = max(self.memory.pairs, dr.width(frame.lists.splat_from_isect))
         if probe and frame.projection:
             gradients = dr.grad(probe[0]), dr.grad(probe[1])
             self.stats.add(*gradients, frame.projection, camera.width, camera.height)
+        self.regularise(view, gradient)
         self.optimizer.step(unused=() if self.active_sh_degree else ("sh_rest",))
         if self.recipe.dog:
             degenerate(self.recipe.dog, self.optimizer)
@@ -136,12 +148,12 @@ class Trainer:
         events = self._drop_broken() if refines or prunes or self.logs() else []
         if refines:
             rule, full = self.densification, ""
-            if self.budget:
-                rule, full = self.budget.bounded(rule, self.optimizer.n)
-            counts = refine(rule, self.optimizer, self.stats, self.step_count, self.rng, self.extent)
+            if self.memory:
+                rule, full = self.memory.bounded(rule, self.optimizer.n)
+            counts = self.refine(rule)
             self.stats = DensifyStats(self.optimizer.n)
-            if self.budget:
-                self.budget.give_back(self.optimizer.n)
+            if self.memory:
+                self.memory.give_back(self.optimizer.n)
             if any(counts.values()):
                 events.append("densify " + " ".join(f"{verb}={count}" for verb, count in counts.items()))
             if full and self.optimizer.n >= (rule.max_primitives or 0):
@@ -153,6 +165,10 @@ class Trainer:
         if degree and self.step_count == degree * self.recipe.sh_every:
             events.append(f"sh degree {degree}")
         return events
+
+    def refine(self, rule: Densification) -> dict[str, int]:
+        """Densify; returns how many were cloned, split and removed."""
+        return refine(rule, self.optimizer, self.stats, self.step_count, self.rng, self.extent)
 
     def logs(self) -> bool:
         """Whether there is a row with ``l1`` after this step, as before files are written."""
@@ -198,7 +214,7 @@ class Trainer:
         """[N] importance of each primitive by the rule of the recipe."""
         assert self.recipe.score is not None  # a recipe that prunes has one
         seed = self.config.seed + self.step_count
-        return scores(self.recipe.score, self.optimizer.params, self.cameras, self.options, self.background, seed)
+        return self.recipe.score(self.optimizer.params, self.cameras, self.options, self.background, seed)
 
     def begin(self) -> dict[str, Any]:
         """What is due before the first step, as for a model that exists; returns fields of a row, as ``step`` does."""
@@ -229,7 +245,7 @@ class Trainer:
         rng = np.array(json.dumps(self.rng.bit_generator.state))
         progress = {"step": np.array(self.step_count), "seconds": np.array(self.seconds)}
         progress |= {"order": np.array(self.order, np.int64), "dog_activated": np.array(self.dog_activated)}
-        progress |= {"pairs": np.array(self.budget.pairs if self.budget else 0)}
+        progress |= {"pairs": np.array(self.memory.pairs if self.memory else 0)}
         losses = {"l1_sum": self.l1_sum.numpy().copy(), "loss_sum": self.loss_sum.numpy().copy()}
         return state | progress | losses | {"summed": np.array(self.summed), "rng": rng}
 
@@ -257,8 +273,8 @@ class Trainer:
         Float: Any = dr.detached_t(mi.Float)
         self.l1_sum, self.loss_sum = (dr.opaque(Float, float(state[name][0])) for name in ("l1_sum", "loss_sum"))
         self.summed = int(state["summed"])
-        if self.budget:
-            self.budget.pairs = int(state["pairs"])
+        if self.memory:
+            self.memory.pairs = int(state["pairs"])
 
     def test_errors(self, with_flip: bool = False) -> dict[str, float]:
         """Means over the test views: ``test_psnr``, and ``test_flip``, which takes longer."""

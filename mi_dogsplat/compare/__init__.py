@@ -1,0 +1,1 @@
+"""Compact Gaussian splatting methods under one renderer, one densified start, one budget."""

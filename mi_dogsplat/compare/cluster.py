@@ -1,0 +1,72 @@
+"""Tasks on the workers of a Dask cluster: one at https://docs.dask.org that runs already, or one on this machine.
+
+Workers need this package and see the folder of the comparison and the data under the same paths. A worker that dies
+takes nothing with it: the scheduler gives its task to another one, three times at most.
+"""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from ..errors import DataError
+from .execute import Outcome, in_a_process
+from .tasks import Task
+
+
+@contextmanager
+def cluster_client(address: str | None, workers: int) -> Iterator[Any]:
+    """A client of the scheduler at ``address``, or of a cluster of so many ``workers`` on this machine.
+
+    Raises ``DataError`` if Dask is not installed or nobody answers.
+    """
+    try:
+        from distributed import Client, LocalCluster
+    except ModuleNotFoundError as error:
+        flag = "--cluster" if address else "--workers"
+        remedy = "pip install 'mi_dogsplat[cluster]', or leave the flag out"
+        raise DataError(flag, f"this needs the package {error.name}", remedy) from None
+    if address is None:
+        options: dict[str, Any] = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
+        with LocalCluster(**options) as cluster, Client(cluster) as client:
+            yield client
+        return
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, ValueError) as error:
+        remedy = "start `dask scheduler`, and give the address that it prints"
+        raise DataError(f"--cluster {address}", f"no scheduler answers ({error})", remedy) from None
+    with client:
+        yield client
+
+
+def on_cluster(tasks: Sequence[Task], variant: str, client: Any, threads: int) -> Iterator[Outcome]:
+    """Outcomes in the order in which tasks end. Each is submitted as soon as those that it needs have ended.
+
+    Arguments as for ``in_a_process``.
+    """
+    from distributed import as_completed
+
+    waiting, running = list(tasks), {}
+    ended = as_completed([])
+
+    def submit_what_is_ready() -> None:
+        for task in list(waiting):
+            if not any(task.needs(other) for other in (*waiting, *running.values())):
+                waiting.remove(task)
+                key = f"{task.name} {uuid.uuid4().hex}"  # the same task of an earlier call is another one
+                future = client.submit(in_a_process, task, variant, threads, key=key, pure=False)
+                running[future.key] = task
+                ended.add(future)
+
+    submit_what_is_ready()
+    while running:
+        future = next(ended)
+        task = running.pop(future.key)
+        error = future.result() if future.status == "finished" else "its workers failed"
+        if future.status == "error":
+            error = f"its workers failed ({future.exception()})"
+        submit_what_is_ready()
+        yield Outcome(task, error)

@@ -1,0 +1,121 @@
+"""A comparison: data sets x seeds x methods, and the tables and the page that tell how it went.
+
+    DIR/DATA/seed_K/start.npz     the shared start: the 3DGS recipe up to the end of its densification
+    DIR/DATA/seed_K/METHOD/       a run folder like any other; METHOD.log beside it says why a run has failed
+    DIR/comparison.json, .csv, .tex
+    DIR/comparison.html           the same, and plots and pictures; rewritten whenever a task ends
+
+What is complete is not repeated, so a comparison that was cut off goes on where it was.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..ablation.ablate import claim
+from ..datasets import load_dataset
+from ..errors import DataError
+from ..files import replacing, write_json
+from ..training.config import TrainConfig
+from .cluster import cluster_client, on_cluster
+from .execute import one_after_another
+from .methods import METHODS
+from .page import comparison_page
+from .table import COMPARISON, collect_all, write_tables
+from .tasks import Task, tasks_of
+
+
+def compare(
+    config: TrainConfig,
+    data: Sequence[str],
+    out: Path,
+    seeds: Sequence[int] = (0,),
+    methods: Sequence[str] = tuple(METHODS),
+    cluster: str | None = None,
+    workers: int = 0,
+    progress: Callable[[str], None] = lambda line: None,
+) -> dict[str, Any]:
+    """Train every method on every data set with every seed; returns what ``comparison.json`` holds.
+
+    Args:
+        config: steps, target and so on; its data, preset and seed are not used. The target is that of all methods.
+        data: data sets, by the names of their folders in the result.
+        out: folder of the comparison, made if need be.
+        methods: names in ``METHODS``.
+        cluster: address of a Dask scheduler.
+        workers: without an address, of a Dask cluster on this machine; 0 runs one after another.
+        progress: called with a line as a task ends.
+
+    A task that fails is a line and a note in the table; the others go on. Raises ``DataError`` for bad data, a folder
+    that holds something else, or a cluster that cannot be had.
+    """
+    out = Path(out)
+    folders = [out / name for name in _names(data)]
+    _check_folder(out)
+    for path in data:
+        if not load_dataset(path, config.downscale).test:
+            raise DataError(path, "has no test views to compare methods on", "give it a test split")
+    on_dask = cluster is not None or workers > 0
+    with cluster_client(cluster, workers) if on_dask else nullcontext() as client:
+        _claim(out, {f: replace(config, data=str(Path(p).resolve())) for f, p in zip(folders, data, strict=True)})
+        tasks = [task for folder in folders for task in tasks_of(folder, seeds, methods)]
+        tasks = [task for task in tasks if not task.done]
+        failed: dict[str, str] = {}
+        _write(out, failed)
+        threads = 0 if cluster else max(1, (os.cpu_count() or 1) // max(workers, 1))
+        variant = config.variant
+        outcomes = on_cluster(tasks, variant, client, threads) if on_dask else one_after_another(tasks, variant)
+        for number, outcome in enumerate(outcomes, 1):
+            if outcome.error:
+                failed[outcome.task.name] = outcome.error
+            table = _write(out, failed)
+            progress(f"{number}/{len(tasks)} {outcome.task.name}: {_result(table, outcome.task, outcome.error)}")
+    return collect_all(out, failed)
+
+
+def _names(data: Sequence[str]) -> list[str]:
+    paths = [Path(path).resolve() for path in data]
+    names = [path.name if path.is_dir() else path.stem for path in paths]
+    for name in names:
+        if names.count(name) > 1:
+            raise DataError(name, "is the name of two data sets", "rename one of them")
+    return names
+
+
+def _check_folder(out: Path) -> None:
+    """Raises ``DataError`` for a folder that is not one of a comparison."""
+    if out.exists() and not out.is_dir():
+        raise DataError(out, "is a file", "name a folder for the comparison")
+    if out.is_dir() and any(out.iterdir()) and not (out / COMPARISON).exists():
+        raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier comparison")
+
+
+def _claim(out: Path, settings: dict[Path, TrainConfig]) -> None:
+    """Make the folder one of a comparison, and those of the data sets in it."""
+    if not (out / COMPARISON).exists():
+        out.mkdir(parents=True, exist_ok=True)
+        write_json(out / COMPARISON, {})
+    for folder, config in settings.items():
+        claim(folder, config)
+
+
+def _write(out: Path, failed: dict[str, str]) -> dict[str, Any]:
+    table = collect_all(out, failed)
+    write_tables(out, table)
+    with replacing(out / "comparison.html") as part:
+        part.write_text(comparison_page(out, table), encoding="utf-8")
+    return table
+
+
+def _result(table: dict[str, Any], task: Task, error: str | None) -> str:
+    if error:
+        return f"failed: {error}"
+    if task.kind != "train":
+        return "done"
+    run = table["methods"][task.methods[0]]["data"][Path(task.folder).name]["runs"][str(task.seed)]
+    return f"{run['psnr']:.2f} dB, {run['n']:,.0f} primitives, {run['train_seconds']:.0f} s"

@@ -1,0 +1,36 @@
+"""LightGaussian (Fan et al. 2024, Sec. 3.1): global significance, weighted by the volume.
+
+    GS_i = (V_i / V_90%)^0.1 Σ o_i T_i        over all pixels that it is blended in, V the product of its scales
+
+V_90%, the volume that 90 % are larger than (in the authors' code, which does not limit the ratio), scales all scores
+alike and is left out. Pruned once, after the training in the paper, at the densified start here; then refined.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...engine.project import DeviceCamera
+from ...engine.rasterize import RasterOptions
+from ...pruning.scheduler import PruningRule
+from ...pruning.weights import weights
+from ...training.presets import Recipe
+
+
+@dataclass(frozen=True)
+class GlobalSignificance:
+    """Σ o T times a power of the volume."""
+
+    volume_power: float = 0.1
+
+    def __call__(
+        self, params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float, seed: int
+    ) -> np.ndarray:
+        opacity = np.exp(-np.logaddexp(0, -params["logit_opacities"].numpy().astype(np.float64)))  # [N]
+        log_volume = params["log_scales"].numpy().reshape(-1, 3).sum(1, dtype=np.float64)  # [N]
+        return opacity * weights(params, cameras, options).transmittance * np.exp(self.volume_power * log_volume)
+
+
+RECIPE = Recipe(pruning=PruningRule(stop=15_500, division=(1.0,), rounds=1), score=GlobalSignificance())

@@ -1,0 +1,85 @@
+"""Taming-3DGS (Mallick et al. 2024, Sec. 3): growth along a parabola to the budget, drawn by a score of many terms.
+
+The budget after refinement x of N is S + 2 D x/N - D (x/N)², from S primitives to S + D. Who grows is drawn without
+replacement in proportion to a sum over 10 random views, each weighted by its L1 loss, of
+
+    gradient (25), opacity (100), largest scale (25), depth (5), radius on screen (10),
+    number of pixels (0.1), Σ α T (50), Σ e α T (10)
+
+each divided by its median over what the view shows; e is the error of a pixel plus the edges of the photograph, each
+scaled to at most 50. The numbers are those of the authors' code. Its term of distances to the pixels is left out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...datasets.dataset import View
+from ...engine.project import project
+from ...pruning.weights import weights
+from ...render import over_background
+from ...training.presets import Recipe
+from .growth import Growth
+from .mini_splatting import sampling_keys
+
+VIEWS = 10
+OF_MODEL = {"gradient": 25.0, "opacity": 100.0, "scale": 25.0}
+OF_VIEW = {"depth": 5.0, "radius": 10.0, "pixels": 0.1, "blend": 50.0, "error": 10.0}
+SALIENCY = 50.0  # of the error, and of the edges
+
+
+def parabola(progress: float, start: int, end: int) -> int:
+    """Primitives at ``progress`` 0 to 1."""
+    return round(start + (end - start) * (2 * progress - progress**2))
+
+
+def relative(values: np.ndarray) -> np.ndarray:
+    """[N] divided by the median of those above 0; what is not finite or not above 0 becomes 0."""
+    positive = np.isfinite(values) & (values > 0)
+    return np.where(positive, values / np.median(values[positive]), 0) if positive.any() else np.zeros(len(values))
+
+
+def saliency(error: np.ndarray, photograph: np.ndarray) -> np.ndarray:
+    """[H, W] e of a view: error [H, W] and the gradient of the grey photograph [H, W, 3], each scaled to 0..50."""
+    down, right = np.gradient(photograph.mean(-1)) if min(photograph.shape[:2]) > 1 else (error * 0, error * 0)
+    terms = (error, np.hypot(down, right))
+    return sum((SALIENCY * (t - t.min()) / max(float(np.ptp(t)), 1e-12) for t in terms), np.zeros(error.shape))
+
+
+class Taming(Growth):
+    """Grows along the parabola."""
+
+    def budget(self) -> int:
+        return parabola(self.progress(), min(self.n_start, self.count), self.count)
+
+    def growth_scores(self) -> np.ndarray:
+        """Keys of a draw."""
+        return sampling_keys(self.importance(), self.rng)
+
+    def importance(self) -> np.ndarray:
+        """[N] the sum of all terms over the views."""
+        terms = {
+            "gradient": self.stats.mean_gradient().astype(np.float64),
+            "opacity": 1 / (1 + np.exp(-self.optimizer.numpy("logit_opacities").astype(np.float64))),
+            "scale": np.exp(self.optimizer.numpy("log_scales").max(1).astype(np.float64)),
+        }
+        of_model = sum(weight * relative(terms[name]) for name, weight in OF_MODEL.items())
+        chosen = self.rng.permutation(len(self.cameras))[:VIEWS]
+        return sum((self._of_view(int(k), of_model) for k in chosen), np.zeros(self.optimizer.n))
+
+    def _of_view(self, k: int, of_model) -> np.ndarray:
+        view: View = self.dataset.train[k]
+        truth = over_background(view.image, self.background)
+        error = np.abs(self.picture(view).color - truth).mean(-1)  # [H, W]
+        found = weights(self.optimizer.params, [self.cameras[k]], self.options, [saliency(error, truth)])
+        shown = found.pixels > 0
+        projection = project(self.optimizer.params, self.cameras[k], sh_degree=0)
+        kernels = projection.kernels
+        radius = np.sqrt(np.maximum(kernels.variance_x.numpy(), kernels.variance_y.numpy()))
+        terms = {"depth": projection.depth.numpy(), "radius": radius, "pixels": found.pixels}
+        terms |= {"blend": found.total, "error": found.weighted}
+        total = of_model + sum(weight * relative(np.where(shown, terms[n], 0)) for n, weight in OF_VIEW.items())
+        return float(error.mean()) * np.where(shown, total, 0)
+
+
+RECIPE = Recipe()

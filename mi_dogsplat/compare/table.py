@@ -1,0 +1,114 @@
+"""The numbers of a comparison, read from the run folders, as JSON, CSV and LaTeX.
+
+A row per method; for each data set the mean over its seeds, as in the tables of the papers.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..ablation.table import collect, summary, with_spread
+from ..files import replacing, write_json
+from .methods import METHODS
+from .perceptual import LPIPS
+
+COMPARISON = "comparison.json"
+COLUMNS = {  # name: (heading, digits, which is best: 1 the largest, -1 the smallest, 0 neither)
+    "n": ("primitives", 0, 0),
+    "megabytes": ("MB", 2, 0),
+    "psnr": ("PSNR (dB)", 2, 1),
+    "ssim": ("SSIM", 4, 1),
+    "flip": ("FLIP", 4, -1),
+    "lpips": ("LPIPS", 3, -1),
+    "train_seconds": ("training (s)", 0, -1),
+    "fps": ("FPS", 0, 1),
+    "peak_memory_mb": ("memory (MB)", 0, -1),
+}
+MEAN = "mean over the data sets"
+
+
+def collect_all(out: Path, failed: dict[str, str]) -> dict[str, Any]:
+    """What ``comparison.json`` holds: settings and, of each method, numbers by data set; and what has failed."""
+    folders = [path.parent for path in sorted(out.glob("*/config.json"))]
+    rows: dict[str, dict[str, Any]] = {}
+    for folder in folders:
+        for name, runs in collect(folder, list(METHODS)).items():
+            for seed, numbers in runs.items():
+                numbers["fps"] = 1000 / numbers["render_ms"]
+                distance = folder / f"seed_{seed}" / name / LPIPS
+                if distance.exists():
+                    numbers |= json.loads(distance.read_text(encoding="utf-8"))
+            row = rows.setdefault(name, {"label": METHODS[name].label, "source": METHODS[name].source, "data": {}})
+            row["data"][folder.name] = {"summary": summary(runs), "runs": runs}
+    names = [folder.name for folder in folders]
+    for row in rows.values():
+        if len(names) > 1 and list(row["data"]) == names:
+            row["data"][MEAN] = _mean(list(row["data"].values()))
+    methods = {name: rows[name] for name in METHODS if name in rows}
+    config = {folder.name: json.loads((folder / "config.json").read_text(encoding="utf-8")) for folder in folders}
+    return {"config": config, "methods": methods, "failed": failed}
+
+
+def _mean(data: list[dict[str, Any]]) -> dict[str, Any]:
+    """Of the means over seeds, of numbers that every data set has."""
+    names = [name for name in data[0]["summary"] if all(name in d["summary"] for d in data)]
+    means = {name: float(np.mean([d["summary"][name]["mean"] for d in data])) for name in names}
+    return {"summary": {name: {"mean": mean, "spread": 0.0} for name, mean in means.items()}, "runs": {}}
+
+
+def data_sets(table: dict[str, Any]) -> list[str]:
+    """Those that have a row, and their mean where there is one, which comes first."""
+    names = dict.fromkeys(name for row in table["methods"].values() for name in row["data"])
+    return sorted(names, key=lambda name: name != MEAN)
+
+
+def columns(table: dict[str, Any], data: str) -> list[str]:
+    """Those that have a number."""
+    found = {name for row in table["methods"].values() for name in row["data"].get(data, {"summary": {}})["summary"]}
+    return [name for name in COLUMNS if name in found]
+
+
+def cells(table: dict[str, Any], data: str, method: str) -> list[tuple[str, bool]]:
+    """Of a row: text, and whether it is the best of the compact models (the baseline with all primitives is none)."""
+    result = []
+    for name in columns(table, data):
+        _, digits, sign = COLUMNS[name]
+        rivals = {key: row["data"][data] for key, row in table["methods"].items() if data in row["data"]}
+        values = {key: row["summary"][name]["mean"] * sign for key, row in rivals.items() if name in row["summary"]}
+        compact = {key: value for key, value in values.items() if METHODS[key].recipe.pruning or METHODS[key].grows}
+        best = sign != 0 and len(compact) > 1 and compact.get(method) == max(compact.values())
+        result.append((with_spread(rivals[method], name, digits), best))
+    return result
+
+
+def write_tables(out: Path, table: dict[str, Any]) -> None:
+    """Make ``comparison.json``, ``.csv`` (a line per run) and ``.tex`` (for the package booktabs)."""
+    write_json(out / COMPARISON, table)
+    with replacing(out / "comparison.csv") as part, open(part, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["data", "method", "seed", *COLUMNS])
+        for method, row in table["methods"].items():
+            for data, of_data in row["data"].items():
+                for seed, numbers in of_data["runs"].items():
+                    writer.writerow([data, method, seed, *(numbers.get(name, "") for name in COLUMNS)])
+    with replacing(out / "comparison.tex") as part:
+        part.write_text("\n".join(latex(table, data) for data in data_sets(table)), encoding="utf-8")
+
+
+def latex(table: dict[str, Any], data: str) -> str:
+    """A tabular; the best of the compact models in bold."""
+    shown = columns(table, data)
+    lines = [f"% {data}", f"\\begin{{tabular}}{{l{'r' * len(shown)}}}", "\\toprule"]
+    lines.append(" & ".join(["method", *(COLUMNS[name][0] for name in shown)]) + r" \\")
+    lines.append("\\midrule")
+    for method, row in table["methods"].items():
+        if data in row["data"]:
+            texts = [f"\\textbf{{{text}}}" if best else text for text, best in cells(table, data, method)]
+            line = " & ".join([row["label"], *texts]).replace("%", r"\%").replace("±", r"$\pm$")
+            lines.append(line + r" \\")
+    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", ""])
