@@ -131,7 +131,7 @@ def test_the_mean_of_the_maps_is_the_identity_whatever_adam_does_and_after_a_res
     for maps in (exposure.numpy(), again.numpy()):
         assert maps.mean(axis=0) == pytest.approx(np.eye(3, 4), abs=1e-5)
         assert np.abs(maps - np.eye(3, 4)).max() > 1e-3
-    assert exposure.state()["values"].mean(axis=0)[0] < 0.95  # which X alone are not
+    assert exposure.state()["values"].mean(axis=0)[0] < 0.97  # which X alone are not
 
 
 def test_exposure_takes_up_what_cameras_did_to_single_images(data, monkeypatch):
