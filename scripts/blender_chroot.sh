@@ -2,6 +2,7 @@
 # A whole Blender, with a window, where only a Debian mirror can be reached: a Debian in a folder, for chroot.
 # Usage, as root: scripts/blender_chroot.sh SUITE FOLDER [MOUNT …]. SUITE is sid (Blender 5.2.2 in November 2026) or
 # trixie (4.3.2); the folders MOUNT are seen in there under the same names. FOLDER/blender starts that Blender.
+# Before FOLDER is removed: umount -R what "findmnt -rno TARGET | grep ^FOLDER/" lists, or the mounted folders go with it.
 set -euo pipefail
 suite=$1
 root=$2
