@@ -34,7 +34,10 @@ SHORT = {
     "prune": {"--steps": "4"},
     "capture": {"--spp": "1", "--views": "4", "--test": "1", "--size": "24 18", "--points": "100"},
 }
-RUN_ELSEWHERE = {"ablate": "test_ablate.py", "check": "test_check.py", "--resume": "test_resume.py"}
+RUN_ELSEWHERE = {
+    **{"ablate": "test_ablate.py", "check": "test_check.py", "compare": "test_compare.py", "view": "test_viewer.py"},
+    "--resume": "test_resume.py",
+}
 PARSER = build_parser({name: "" for name in COMMANDS})
 CAPTURED = ("sensors", "cameras.json")  # --path of views that are given, which know no --views
 
