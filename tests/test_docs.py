@@ -25,6 +25,7 @@ from mi_dogsplat.cli import main
 from mi_dogsplat.cli.arguments import build_parser
 from mi_dogsplat.cli.commands import COMMANDS
 from mi_dogsplat.scene.camera_file import write_camera
+from PIL import Image
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -99,6 +100,11 @@ def run(line: str) -> None:
             assert (ROOT / "benchmarks" / f"{words[3]}.py").exists(), line
     elif program.startswith("python"):
         assert (ROOT / words[1]).exists(), line
+    elif words[:2] == ["pip", "install"]:
+        extra = re.fullmatch(r"mi_dogsplat\[(\w+)\]", words[2])
+        assert extra and re.search(rf"^{extra[1]} = ", (ROOT / "pyproject.toml").read_text(), re.M), line
+    elif program == "dask":  # test_compare.py runs a scheduler and workers
+        assert words[1] in ("scheduler", "worker"), line
     else:
         pytest.fail(f"{line}: no rule for {program}; run it here, or say in this file why not")
 
@@ -123,6 +129,9 @@ def folder(tmp_path, monkeypatch, trained) -> Path:
     (photos / "transforms.json").write_text(json.dumps(content))
     for name in ("lego", "data"):
         (tmp_path / name).symlink_to(photos)
+    for i in range(len(content["frames"])):
+        (tmp_path / "masks").mkdir(exist_ok=True)
+        Image.new("L", (tiny_data.WIDTH, tiny_data.HEIGHT), 255).save(tmp_path / "masks" / f"{i:04d}.png")
     for name in ("run", "run_a", "run_b"):
         shutil.copytree(trained, tmp_path / name)
     write_ply(tmp_path / "model.ply", tiny_data.truth())
@@ -176,7 +185,7 @@ def test_the_examples_of_the_help_run(name, folder, capsys):
 @pytest.mark.parametrize("page", [p for p in PAGES if fences(p, "python")], ids=lambda p: p.name)
 def test_the_programs_of_a_page_run(page, folder):
     for text in fences(page, "python"):
-        if "aborts" in text:  # docs/performance.md shows what ends the process
+        if "aborts" in text or "SLURMCluster" in text:  # shows what ends the process; needs a cluster
             ast.parse(text)
             continue
         start = f"import mi_dogsplat, mitsuba as mi\nmi.set_variant({mi.variant()!r})\n"

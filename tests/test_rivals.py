@@ -303,7 +303,7 @@ def test_growth_fills_the_room_that_removal_leaves(growing):
     logits[:7] = -9
     trainer.optimizer.set("logit_opacities", logits)
     trainer.step_count += 10 * trainer.densification.every
-    counts = trainer.refine()
+    counts = trainer.refine(trainer.densification)
     assert counts["removed"] >= 7 and counts["cloned"] + counts["split"] > counts["removed"]
     assert 45 < trainer.optimizer.n == trainer.budget() < 90
 

@@ -53,8 +53,7 @@ class Growth(Trainer):
         if remove.all():
             remove[np.argmax(opacity)] = False  # an empty model cannot recover
         alive = np.flatnonzero(~remove)
-        most = self.budget() if rule.max_primitives is None else min(self.budget(), rule.max_primitives)
-        room = max(0, most - len(alive))
+        room = max(0, self.budget() - len(alive))
         grow = np.zeros(len(remove), bool)
         grow[alive[np.argsort(-self.growth_scores()[alive], kind="stable")[:room]]] = True
         small = largest <= rule.clone_scale * self.extent
