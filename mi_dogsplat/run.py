@@ -91,7 +91,7 @@ def train(
     resume: bool = False,
     recipe: Recipe | None = None,
     start: dict[str, np.ndarray] | None = None,
-    kind: type[Trainer] = Trainer,
+    kind: type[Trainer] | None = None,
 ) -> dict[str, Any]:
     """Train, or prune a model (``config.model``), evaluate and write the run folder; returns ``metrics.json``.
 
@@ -105,7 +105,7 @@ def train(
     """
     out = Path(out)
     dataset = load_dataset(config.data, config.downscale, on_disk=config.data_on_disk)
-    trainer = kind(config, dataset, recipe)
+    trainer = (kind or Trainer)(config, dataset, recipe)
     if start:
         trainer.restore(start)
     with claimed(out):
@@ -223,6 +223,12 @@ def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
 
 
 def peak_memory_mb() -> float:
-    """Largest resident size of this process so far."""
+    """Largest resident size of this process so far.
+
+    Linux counts it for each program that a process becomes; ``getrusage`` begins with what its parent had.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        return int(status.read_text().split("VmHWM:")[1].split()[0]) / 2**10
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (2**20 if sys.platform == "darwin" else 2**10)

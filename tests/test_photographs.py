@@ -146,9 +146,9 @@ def test_exposure_takes_up_what_cameras_did_to_single_images(data, monkeypatch):
     assert np.corrcoef(brightness, gains[: len(brightness)])[0, 1] > 0.9
 
 
-def test_a_checkpoint_holds_the_maps_and_their_moments(data, tmp_path, monkeypatch):
-    monkeypatch.setattr(run, "CHECKPOINT_SECONDS", 0.0)
-    config = TrainConfig(str(data), preset="3dgs", steps=40, sh_degree=0, log_every=10, exposure=True)
+def test_a_checkpoint_holds_the_maps_and_their_moments(data, tmp_path):
+    settings: dict[str, Any] = {"steps": 40, "sh_degree": 0, "log_every": 10, "checkpoint_seconds": 0}
+    config = TrainConfig(str(data), preset="3dgs", exposure=True, **settings)
 
     def stop(row: dict) -> None:
         if row["step"] > 22:

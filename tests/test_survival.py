@@ -76,7 +76,7 @@ def assert_whole(folder: Path, steps: int) -> None:
 
 @pytest.mark.slow
 def test_a_run_that_is_killed_again_and_again_at_any_moment_comes_to_its_end(data, tmp_path):
-    steps, out, chance = 600, tmp_path / "a run", random.Random(0)
+    steps, out, chance = 2000, tmp_path / "a run", random.Random(0)
     reached = [0]
     while len(reached) < 6:
         more = ["--resume"] if (out / "config.json").exists() else []
@@ -87,12 +87,15 @@ def test_a_run_that_is_killed_again_and_again_at_any_moment_comes_to_its_end(dat
         time.sleep(chance.uniform(0, 1.0 if len(reached) > 1 else 3.0))
         process.kill()
         process.wait()
-        assert process.returncode == -signal.SIGKILL, "it ended before it was killed"
+        if process.returncode == 0:  # a fast machine, and the longest waits
+            break
+        assert process.returncode == -signal.SIGKILL
         if out.exists():
             assert_every_file_opens(out)
         step = int(load_checkpoint(out / CHECKPOINT)["step"]) if (out / CHECKPOINT).exists() else 0
         assert step >= reached[-1]
         reached.append(step)
+    assert len(reached) > 3, "it ended before it was killed three times"
     result = run(*TRAIN, *arguments(data, out, steps, "--resume"))
     assert result.returncode == 0, result.stderr
     assert_whole(out, steps)
