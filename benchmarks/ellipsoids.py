@@ -196,10 +196,13 @@ def ladder(splats: Splats, camera: Camera) -> None:
 def main(argv: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks ellipsoids", description=__doc__)
     parser.add_argument("--variant", default="llvm_ad_rgb")
-    mi.set_variant(parser.parse_args(argv).variant)
-    one_gaussian()
-    entry_errors()
-    scene_units()
+    parser.add_argument("--picture", action="store_true", help="draw the picture alone, without the tables")
+    args = parser.parse_args(argv)
+    mi.set_variant(args.variant)
+    if not args.picture:
+        one_gaussian()
+        entry_errors()
+        scene_units()
     panels = []
     for name, (splats, camera) in models().items():
         ours, traced, averaged = pictures(splats, camera, 64)
@@ -207,7 +210,8 @@ def main(argv: Sequence[str]) -> None:
               f"{psnr(ours, averaged):.2f} averaged over pixels")
         error = heat_map(np.clip(np.abs(ours - averaged).mean(2) / HEAT, 0, 1))
         panels.append(np.concatenate([ours, averaged, error], axis=1))
-        write_png(PICTURE, np.concatenate(panels))
-        hits(splats, camera)
-        ladder(splats, camera)
+        if not args.picture:
+            hits(splats, camera)
+            ladder(splats, camera)
+    write_png(PICTURE, np.concatenate(panels))
     print(f"\n{PICTURE}")

@@ -6,7 +6,6 @@ A ``Trainer`` holds the state; ``step()`` does one and returns nothing that wait
 
 from __future__ import annotations
 
-import json
 import time
 from dataclasses import replace
 from typing import Any
@@ -32,6 +31,7 @@ from .optimizer import SplatOptimizer
 from .photographs import READ_AHEAD, Photographs
 from .presets import RECIPES, Recipe
 from .sieve import leaving, sieve
+from .trainer_state import restore, state_of
 
 
 class Trainer:
@@ -236,18 +236,7 @@ class Trainer:
         Every value is finite: what is broken is dropped first, which after a row with ``l1`` is nothing.
         """
         self._drop_broken()
-        state = {f"optimizer.{name}": value for name, value in self.optimizer.state().items()}
-        state |= {f"stats.{name}": value for name, value in self.stats.state().items()}
-        if self.photographs.exposure:
-            state |= {f"exposure.{name}": value for name, value in self.photographs.exposure.state().items()}
-        if self.pruning:
-            state |= {f"pruning.{name}": value for name, value in self.pruning.state().items()}
-        rng = np.array(json.dumps(self.rng.bit_generator.state))
-        progress = {"step": np.array(self.step_count), "seconds": np.array(self.seconds)}
-        progress |= {"order": np.array(self.order, np.int64), "dog_activated": np.array(self.dog_activated)}
-        progress |= {"pairs": np.array(self.memory.pairs if self.memory else 0)}
-        losses = {"l1_sum": self.l1_sum.numpy().copy(), "loss_sum": self.loss_sum.numpy().copy()}
-        return state | progress | losses | {"summed": np.array(self.summed), "rng": rng}
+        return state_of(self)
 
     def restore(self, state: dict[str, np.ndarray]) -> None:
         """Take over a ``state()``. Raises ``ValueError`` or ``KeyError`` if it is of another kind of run.
@@ -255,26 +244,7 @@ class Trainer:
         It may be that of another recipe at the end of its densification: what the state does not tell about
         pruning and DoG is still to come.
         """
-
-        def part(prefix: str) -> dict[str, np.ndarray]:
-            return {name[len(prefix) :]: value for name, value in state.items() if name.startswith(prefix)}
-
-        self.optimizer.restore(part("optimizer."))
-        self.stats = DensifyStats(self.optimizer.n)
-        self.stats.restore(part("stats."))
-        self.step_count, self.seconds = int(state["step"]), float(state["seconds"])
-        self.order = state["order"].tolist()
-        self.dog_activated = bool(state.get("dog_activated", False))
-        if self.photographs.exposure and "exposure.values" in state:
-            self.photographs.exposure.restore(part("exposure."))
-        if self.pruning:
-            self.pruning.restore(part("pruning."))
-        self.rng.bit_generator.state = json.loads(str(state["rng"]))
-        Float: Any = dr.detached_t(mi.Float)
-        self.l1_sum, self.loss_sum = (dr.opaque(Float, float(state[name][0])) for name in ("l1_sum", "loss_sum"))
-        self.summed = int(state["summed"])
-        if self.memory:
-            self.memory.pairs = int(state["pairs"])
+        restore(self, state)
 
     def test_errors(self, with_flip: bool = False) -> dict[str, float]:
         """Means over the test views: ``test_psnr``, and ``test_flip``, which takes longer."""
