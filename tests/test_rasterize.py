@@ -124,6 +124,14 @@ def step(splats: Splats, camera, **others) -> dict:
     return gradients
 
 
+def test_a_higher_sh_degree_than_stored_is_refused():
+    """It would read the coefficients of the next primitive, and behind the last one."""
+    camera = DeviceCamera.upload(tilted_camera())
+    params = upload(random_splats(5, degree=1))
+    with pytest.raises(ValueError, match="SH degree 2 needs 9 coefficients per channel, sh_coeffs has 4"):
+        rasterize(params, camera, RasterOptions(sh_degree=2))
+
+
 @pytest.mark.parametrize("cutoffs", [{}, SMOOTH_OPTIONS], ids=["hard", "smooth"])
 @pytest.mark.parametrize("dog_share", [0, 0.5])
 def test_no_kernel_is_compiled_after_the_first_steps_whatever_the_number_of_primitives(cutoffs, dog_share):

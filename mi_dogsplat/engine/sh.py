@@ -46,18 +46,22 @@ def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Boo
             [N, 3] and ``sh_rest`` [N, K, 3] (whose constant part is not used: rows stay aligned for packet loads).
             Only what ``degree`` needs is read, and only for visible primitives.
         direction: from the camera centre to the primitive, not normalised.
+
+    Raises ``ValueError`` if fewer coefficients are stored than ``degree`` needs.
     """
     x, y, z = direction
     norm2 = x * x + y * y + z * z
     inv = dr.rsqrt(dr.select(norm2 > 0, norm2, 1))  # a primitive on the camera centre has no direction: any will do
     basis = sh_basis(x * inv, y * inv, z * inv, degree)
     n, used = dr.width(index), 3 * len(basis)
-    if "sh_dc" in params:
-        coefficients = read_rows(params["sh_dc"], 3, 3, index, visible)
-        if degree:
-            coefficients += read_rows(params["sh_rest"], dr.width(params["sh_rest"]) // n, used, index, visible)[3:]
-    else:
-        coefficients = read_rows(params["sh_coeffs"], dr.width(params["sh_coeffs"]) // n, used, index, visible)
+    separate = "sh_dc" in params
+    name = "sh_rest" if separate else "sh_coeffs"
+    stored = dr.width(params[name]) // n
+    if stored < used and not (separate and degree == 0):
+        raise ValueError(f"SH degree {degree} needs {used // 3} coefficients per channel, {name} has {stored // 3}")
+    coefficients = read_rows(params["sh_dc"], 3, 3, index, visible) if separate else []
+    if degree or not separate:
+        coefficients += read_rows(params[name], stored, used, index, visible)[len(coefficients):]
     colors = []
     for channel in range(3):
         color = mi.Float(0.5)
