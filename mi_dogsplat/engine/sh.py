@@ -55,13 +55,13 @@ def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Boo
     basis = sh_basis(x * inv, y * inv, z * inv, degree)
     n, used = dr.width(index), 3 * len(basis)
     separate = "sh_dc" in params
-    name = "sh_rest" if separate else "sh_coeffs"
-    stored = dr.width(params[name]) // n
-    if stored < used and not (separate and degree == 0):
-        raise ValueError(f"SH degree {degree} needs {used // 3} coefficients per channel, {name} has {stored // 3}")
     coefficients = read_rows(params["sh_dc"], 3, 3, index, visible) if separate else []
     if degree or not separate:
-        coefficients += read_rows(params[name], stored, used, index, visible)[len(coefficients):]
+        name = "sh_rest" if separate else "sh_coeffs"
+        stored = dr.width(params[name]) // n
+        if stored < used:
+            raise ValueError(f"SH degree {degree} needs {used // 3} coefficients per channel, {name} has {stored // 3}")
+        coefficients += read_rows(params[name], stored, used, index, visible)[len(coefficients) :]
     colors = []
     for channel in range(3):
         color = mi.Float(0.5)
