@@ -139,7 +139,7 @@ def build_object(context: bpy.types.Context, path: Path, model: Model, matrix) -
         obj[DOG_COUNT] = int(model.is_dog.sum())
         context.collection.objects.link(obj)
         add_modifier(obj)
-    except Exception:
+    except Exception:  # whatever Blender raises: nothing half-built stays, and the error goes on
         bpy.data.objects.remove(obj)
         bpy.data.meshes.remove(mesh)
         raise

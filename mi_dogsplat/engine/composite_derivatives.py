@@ -153,14 +153,10 @@ def composite_backward(
         labels=("at", "T", "rest"),
         label="composite_backward",
     )
-    n = dr.arange(walk.UInt, dr.width(lists.entry_begin))
-    begin, end = (dr.gather(walk.UInt, ends, n) for ends in (lists.entry_begin, lists.entry_end))
-    δsplats = sum_rows(walk, entries, ENTRY_ROW, 6 + n_features, begin, end)
+    δsplats = sum_rows(walk, entries, ENTRY_ROW, 6 + n_features)
     if tables.pseudo is None:
         return δsplats, []
-    m = tables.dog_index
-    begin, end = (dr.gather(walk.UInt, ends, m) for ends in (lists.entry_begin, lists.entry_end))
-    return δsplats, sum_rows(walk, pseudo_entries, PSEUDO_ENTRY_ROW, 4, begin, end)
+    return δsplats, sum_rows(walk, pseudo_entries, PSEUDO_ENTRY_ROW, 4, tables.dog_index)
 
 
 def add_row(walk: Walk, table, index, values: list, row_size: int, active, in_turn: bool) -> None:
@@ -177,8 +173,10 @@ def add_row(walk: Walk, table, index, values: list, row_size: int, active, in_tu
     dr.scatter_add(table, walk.Packet(padded), index, active, mode=mode)
 
 
-def sum_rows(walk: Walk, table, row_size: int, count: int, begin, end) -> list:
-    """Sums of the first ``count`` columns over the rows [begin, end) of a table."""
+def sum_rows(walk: Walk, table, row_size: int, count: int, splat=None) -> list:
+    """Sums of the first ``count`` columns over the entries of each primitive, or of the primitives ``splat``."""
+    splat = dr.arange(walk.UInt, dr.width(walk.lists.entry_begin)) if splat is None else splat
+    begin, end = (dr.gather(walk.UInt, ends, splat) for ends in (walk.lists.entry_begin, walk.lists.entry_end))
 
     def body(row, sums):
         values = []

@@ -89,6 +89,4 @@ def composite_fisher(
         labels=("at", "T", "behind"),
         label="composite_fisher",
     )
-    n = dr.arange(walk.UInt, dr.width(lists.entry_begin))
-    begin, end = (dr.gather(walk.UInt, ends, n) for ends in (lists.entry_begin, lists.entry_end))
-    return sum_rows(walk, entries, FISHER_ROW, COLUMNS, begin, end)
+    return sum_rows(walk, entries, FISHER_ROW, COLUMNS)

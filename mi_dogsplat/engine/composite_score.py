@@ -170,6 +170,4 @@ def composite_score(
         labels=("at", "T", "behind"),
         label="composite_score",
     )
-    n = dr.arange(walk.UInt, dr.width(lists.entry_begin))
-    begin, end = (dr.gather(walk.UInt, ends, n) for ends in (lists.entry_begin, lists.entry_end))
-    return sum_rows(walk, entries, sums.row_size, sums.columns, begin, end)
+    return sum_rows(walk, entries, sums.row_size, sums.columns)

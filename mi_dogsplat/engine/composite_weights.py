@@ -68,6 +68,4 @@ def composite_weights(
         labels=("at", "T"),
         label="composite_weights",
     )
-    n = dr.arange(walk.UInt, dr.width(lists.entry_begin))
-    begin, end = (dr.gather(walk.UInt, ends, n) for ends in (lists.entry_begin, lists.entry_end))
-    return sum_rows(walk, entries, WEIGHTS_ROW, 4, begin, end)
+    return sum_rows(walk, entries, WEIGHTS_ROW, 4)
