@@ -5,7 +5,7 @@ PY := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
 BLENDER := .venv-blender
 
-.PHONY: demo test lint bench gallery api setup blender addon clean
+.PHONY: demo test lint bench gallery api setup lpips blender addon clean
 .DEFAULT_GOAL := demo
 
 # The main job on generated data: training, compact model, report, pictures.
@@ -35,6 +35,10 @@ gallery: setup
 # The reference of the Python interface from its docstrings, in dist/api/.
 api: setup
 	$(PY) -m scripts.api dist/api
+
+# The weights of LPIPS (59 MB), in the user's cache: dogsplat compare and eval have it then.
+lpips: setup
+	$(PY) -m scripts.lpips_weights
 
 # Blender as a Python module (Python 3.11, 400 MB), for the add-on and its tests; they are skipped where it cannot be had.
 blender: $(BLENDER)/.installed

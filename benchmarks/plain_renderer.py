@@ -72,7 +72,7 @@ def project(params: dict, camera: DeviceCamera) -> Projection:
     offset = zip(rows(params["means"], 3, index), camera.position, camera.position_rest, strict=True)
     to_mean = [(mean - position) - rest for mean, position, rest in offset]
     px, py, depth = (dr.fma(W[r][0], to_mean[0], dr.fma(W[r][1], to_mean[1], W[r][2] * to_mean[2])) for r in range(3))
-    visible = (depth > camera.near_clip) & dr.isfinite(depth)
+    visible = (depth > camera.near_clip) & (depth < camera.far_clip)
     inv_z = dr.rcp(dr.select(visible, depth, 1))
     u, v = px * inv_z, py * inv_z
     x, y = dr.fma(camera.fx, u, camera.cx), dr.fma(camera.fy, v, camera.cy)

@@ -9,17 +9,21 @@ from pathlib import Path
 import numpy as np
 
 from .datasets.dataset import View
+from .lpips import Lpips
 from .metrics import evaluate, flip
 from .pictures import heat_map, write_exr, write_png
 from .render import Picture, over_background, premultiplied
 from .timing import milliseconds_in_turn
 
-METRICS = ("psnr", "ssim", "flip", "l1")
 TIMED_VIEWS = 8  # at most
 
 
 def evaluate_views(
-    picture: Callable[[View], Picture], views: Sequence[View], background: float, out: Path | None = None
+    picture: Callable[[View], Picture],
+    views: Sequence[View],
+    background: float,
+    out: Path | None = None,
+    lpips: Lpips | None = None,
 ) -> dict[str, dict[str, float]]:
     """Metrics per view, by view name.
 
@@ -28,6 +32,7 @@ def evaluate_views(
         background: grey level behind images with alpha.
         out: folder for ``<name>.png``, ``<name>_gt.png``, ``<name>_error.png`` (FLIP) and ``<name>.exr``
             (linear colour and alpha, depth, FLIP error); None writes nothing.
+        lpips: adds the metric ``lpips``, which takes seconds per view.
     """
     results = {}
     if out is not None:
@@ -35,6 +40,8 @@ def evaluate_views(
     for view in views:
         rendered, truth = picture(view), over_background(view.image, background)
         results[view.name] = evaluate(rendered.color, truth, view.name)
+        if lpips is not None:
+            results[view.name]["lpips"] = lpips(np.clip(rendered.color, 0, 1), truth)
         if out is not None:
             _, error = flip(rendered.color, truth)
             write_png(out / f"{view.name}.png", rendered.color)
@@ -51,7 +58,7 @@ def mean_metrics(results: dict[str, dict[str, float]]) -> dict[str, float]:
     """Mean of each metric over the views; empty without views."""
     if not results:
         return {}
-    return {name: float(np.mean([r[name] for r in results.values()])) for name in METRICS}
+    return {name: float(np.mean([r[name] for r in results.values()])) for name in next(iter(results.values()))}
 
 
 def render_milliseconds(picture: Callable[[View], Picture], views: Sequence[View], repeats: int = 3) -> float:

@@ -210,8 +210,8 @@ class DogSplatIntegrator(ADIntegrator):
         seen = None
         if self.nested is not None and others:
             seen = surfaces.trace(self.nested, scene, look, normal="normal" in self.aovs)
-        stop_depth = look.farthest(seen.depth if seen else None)
-        last = self._last if stop_depth is None else None  # it does not know depths from before
+        last = None if seen else self._last  # it does not know depths from before
+        stop_depth = seen.depth if seen else None
         frame = rasterize(params, look.camera, options, None, last, derivative and alone, stop_depth)
         if seen:
             frame = seen.behind(frame, self._encoded(seen.colors))

@@ -39,7 +39,7 @@ def render_picture(
     camera sees a part of it (``DeviceCamera.upload``).
     """
     detached = {name: dr.detach(value) for name, value in params.items()}
-    frame = rasterize(detached, DeviceCamera.upload(camera, near_clip, film), options)
+    frame = rasterize(detached, DeviceCamera.upload(camera, near_clip, film=film), options)
     shape = (camera.height, camera.width)
     T = frame.T.numpy().reshape(shape)
     color = np.stack([plane.numpy().reshape(shape) for plane in frame.colors], -1) + background * T[..., None]

@@ -16,3 +16,11 @@ def _variant():
     yield
     if mi.variant() != VARIANT:
         mi.set_variant(VARIANT)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _without_the_users_cache(tmp_path_factory):
+    """What is measured does not depend on whether this machine has the weights of LPIPS."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield

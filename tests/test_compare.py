@@ -4,6 +4,7 @@ import contextlib
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,13 +21,14 @@ from mi_dogsplat.compare.compare import compare
 from mi_dogsplat.compare.execute import in_a_process
 from mi_dogsplat.compare.methods import GROUPS, METHODS
 from mi_dogsplat.compare.page import pareto
-from mi_dogsplat.compare.perceptual import VGG, lpips_of_run
 from mi_dogsplat.compare.table import COLUMNS, MEAN, collect_all, latex
 from mi_dogsplat.compare.tasks import Task, tasks_of
 from mi_dogsplat.errors import DataError
+from mi_dogsplat.lpips import Lpips
 from mi_dogsplat.training.checkpoint import load_checkpoint
 from mi_dogsplat.training.config import TrainConfig
 from PIL import Image
+from small_vgg import install, small_weights
 from tiny_data import write_tiny_data
 
 NAMES = ("3dgs", "mini_splatting", "mask_gaussian", "dash", "ours")
@@ -198,12 +200,6 @@ def test_the_command_line_offers_all_methods_in_order():
     assert sorted(METHODS) == sorted(name for members in GROUPS.values() for name in members)
 
 
-def test_without_its_package_and_weights_lpips_is_left_out(comparison):
-    out, table, _ = comparison
-    assert lpips_of_run(out / "tiny" / "seed_0" / "ours", []) is None
-    assert "lpips" in COLUMNS and "LPIPS" not in latex(table, "tiny")
-
-
 def test_the_process_of_a_task_ends_when_whoever_started_it_is_killed(comparison, tmp_path):
     out, _, _ = comparison
     settings = json.loads((out / "tiny" / "config.json").read_text()) | {"steps": 10**7, "log_every": 10**6}
@@ -225,27 +221,24 @@ def test_the_process_of_a_task_ends_when_whoever_started_it_is_killed(comparison
                 child.kill()
 
 
-def test_lpips_is_the_mean_over_the_test_views_where_it_is_installed(comparison, tmp_path, monkeypatch):
-    """The package and torch are stood in for: what is checked is which pictures they are given, and how."""
+def test_lpips_comes_with_its_weights_also_to_runs_that_are_complete(comparison, data, tmp_path, monkeypatch):
     out, table, _ = comparison
-    run = out / "tiny" / "seed_0" / "ours"
-    views = list(json.loads((run / "metrics.json").read_text())["views"])
-    (tmp_path / "checkpoints").mkdir()
-    torch = "import contextlib, types\nfrom_numpy = lambda x: x\nno_grad = contextlib.nullcontext\n"
-    torch += f"hub = types.SimpleNamespace(get_dir=lambda: {str(tmp_path)!r})\n"
-    (tmp_path / "torch.py").write_text(torch)
-    (tmp_path / "lpips.py").write_text("LPIPS = lambda net, verbose: lambda a, b: abs(a - b).mean() / 2\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    for name in ("torch", "lpips"):  # what is imported has to go again: SciPy asks whether there is torch
-        monkeypatch.setitem(sys.modules, name, None)
-        del sys.modules[name]
-    assert lpips_of_run(run, views) is None  # without weights
-    (tmp_path / "checkpoints" / VGG).write_bytes(b"")
-    differences = []
-    for name in views:
-        a, b = (np.asarray(Image.open(run / "test" / f"{name}{end}.png"), float) / 255 for end in ("", "_gt"))
-        differences.append(np.abs(a - b).mean())
-    assert lpips_of_run(run, views) == pytest.approx(np.mean(differences), rel=1e-5)
+    assert "lpips" in COLUMNS and "LPIPS" not in latex(table, "tiny")
+    out = Path(shutil.copytree(out, tmp_path / "out"))
+    install(tmp_path / "cache")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    lines: list[str] = []
+    table = compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=lines.append)
+    assert [line.split(": ")[1] for line in lines] == ["render times", "LPIPS"] and "LPIPS" in latex(table, "tiny")
+    for name in NAMES:
+        run = out / "tiny" / "seed_0" / name
+        pairs = [
+            [np.asarray(Image.open(run / "test" / f"{view}{end}.png"), float) / 255 for end in ("", "_gt")]
+            for view in json.loads((run / "metrics.json").read_text())["views"]
+        ]
+        expected = np.mean([Lpips(small_weights())(*pair) for pair in pairs])
+        assert table["methods"][name]["data"]["tiny"]["runs"]["0"]["lpips"] == pytest.approx(expected, rel=1e-5)
+    assert [t.kind for t in tasks_of(out / "tiny", [0], NAMES) if not t.done] == ["time"]
 
 
 @pytest.mark.slow

@@ -102,12 +102,13 @@ def render(args: argparse.Namespace) -> None:
 
 
 def evaluate(args: argparse.Namespace) -> None:
-    """PSNR, SSIM, FLIP and L1 of a model on the test views of a data set (all views without a split)."""
+    """Metrics of a model on the test views of a data set (all views without a split); LPIPS where it is installed."""
     _config(args)
     set_variant(args.variant)
     from ..datasets import load_dataset
     from ..evaluate import evaluate_views, mean_metrics
     from ..files import write_json
+    from ..lpips import Lpips
     from ..render_files import picture_of
     from ..run import prepare_folder
     from ..scene.ply import read_ply
@@ -122,7 +123,9 @@ def evaluate(args: argparse.Namespace) -> None:
         prepare_folder(args.out)
     aovs = ("depth",) if args.out else ()
     picture = picture_of(splats, background, args.near_clip, antialiased=args.antialiased, aovs=aovs)
-    views = evaluate_views(lambda v: picture(v.camera), dataset.test or dataset.train, background, args.out)
+    some = dataset.test or dataset.train
+    lpips = Lpips.installed(view.camera for view in some)
+    views = evaluate_views(lambda v: picture(v.camera), some, background, args.out, lpips)
     for name, values in views.items():
         print(f"{name:24s}", end="")
         print_metrics(values)
@@ -199,9 +202,10 @@ def _config(args: argparse.Namespace, **others) -> TrainConfig:
 
 
 def print_metrics(values: dict[str, float]) -> None:
-    """One line with the means of PSNR, SSIM, FLIP and L1."""
+    """One line with the means of PSNR, SSIM, FLIP, L1 and, if it is there, LPIPS."""
     likeness = f"PSNR {values['psnr']:.2f} dB  SSIM {values['ssim']:.4f}"
-    print(f"{likeness}  FLIP {values['flip']:.4f}  L1 {values['l1']:.5f}")
+    learned = f"  LPIPS {values['lpips']:.4f}" if "lpips" in values else ""
+    print(f"{likeness}  FLIP {values['flip']:.4f}  L1 {values['l1']:.5f}{learned}")
 
 
 EXTRAS = ("export", "view")  # of pyproject.toml, named as the commands that need them; the others need "train"

@@ -3,6 +3,7 @@
 start   densify, once per data set and seed
 train   a method, from that start
 time    the renders of all models of a data set and seed, in turns
+lpips   of all these models, where the weights are installed
 """
 
 from __future__ import annotations
@@ -17,27 +18,29 @@ import numpy as np
 from ..ablation.variants import densified_start, draw_in_turn, is_complete, train_variant
 from ..datasets import load_dataset
 from ..errors import DataError
-from ..files import write_json
+from ..lpips import Lpips, weights_path
 from ..pruning.scheduler import target_count
 from ..training.checkpoint import load_checkpoint
 from ..training.config import TrainConfig
 from .methods import METHODS
-from .perceptual import LPIPS, lpips_of_run
+from .perceptual import LPIPS, measure_lpips
+
+KINDS = ("start", "train", "time", "lpips")  # in their order
 
 
 @dataclass(frozen=True)
 class Task:
     """Something to do in the folder of a data set, whose ``config.json`` has the settings."""
 
-    kind: str  # start, train or time
+    kind: str  # one of KINDS
     folder: str  # of the data set within the comparison
     seed: int
-    methods: tuple[str, ...] = ()  # the one to train, or all to time
+    methods: tuple[str, ...] = ()  # the one to train, or all to measure
 
     @property
     def name(self) -> str:
         """For people, and unique."""
-        what = {"start": "densified start", "time": "render times"}.get(self.kind) or self.methods[0]
+        what = {"start": "densified start", "time": "render times", "lpips": "LPIPS"}.get(self.kind) or self.methods[0]
         return f"{Path(self.folder).name}, seed {self.seed}: {what}"
 
     @property
@@ -51,16 +54,22 @@ class Task:
 
     def needs(self, other: Task) -> bool:
         """Whether the other one has to come first; it need not have succeeded."""
-        order = ("start", "train", "time")
         same = (self.folder, self.seed) == (other.folder, other.seed)
-        return same and order.index(other.kind) < order.index(self.kind)
+        return same and KINDS.index(other.kind) < KINDS.index(self.kind)
+
+    @property
+    def complete(self) -> list[Path]:
+        """The run folders of its methods that are there and whole."""
+        runs = {name: self.seed_folder / name for name in self.methods}
+        return [run for name, run in runs.items() if is_complete(run, METHODS[name])]
 
     @property
     def done(self) -> bool:
         """Whether there is nothing left to do. Times are taken again: they depend on who is there."""
         if self.kind == "start":
             return (self.seed_folder / "start.npz").exists()
-        return self.kind == "train" and is_complete(self.seed_folder / self.methods[0], METHODS[self.methods[0]])
+        known = [run for run in self.complete if self.kind == "train" or (run / LPIPS).exists()]
+        return self.kind != "time" and len(known) == len(self.methods)
 
 
 def tasks_of(folder: Path, seeds: Sequence[int], methods: Sequence[str]) -> list[Task]:
@@ -70,6 +79,8 @@ def tasks_of(folder: Path, seeds: Sequence[int], methods: Sequence[str]) -> list
         tasks.append(Task("start", where, seed))
         tasks += [Task("train", where, seed, (name,)) for name in methods]
         tasks.append(Task("time", where, seed, tuple(methods)))
+        if weights_path().exists():
+            tasks.append(Task("lpips", where, seed, tuple(methods)))
     return tasks
 
 
@@ -87,9 +98,13 @@ def perform(task: Task, progress: Callable[[str], None] = lambda line: None) -> 
         state, (name,) = load_checkpoint(start), task.methods
         count = target_count(config.target, np.size(state["optimizer.logit_opacities"]))
         run = task.seed_folder / name
+        if (run / LPIPS).exists():  # of a run with another recipe
+            (run / LPIPS).unlink()
         train_variant(replace(config, target=count), METHODS[name], run, state, progress)
-        if (distance := lpips_of_run(run, [view.name for view in dataset.test])) is not None:
-            write_json(run / LPIPS, {"lpips": distance})
+    elif task.kind == "time":
+        draw_in_turn(dataset, config, {run.name: run for run in task.complete})
     else:
-        complete = [name for name in task.methods if is_complete(task.seed_folder / name, METHODS[name])]
-        draw_in_turn(dataset, config, {name: task.seed_folder / name for name in complete})
+        runs = [run for run in task.complete if not (run / LPIPS).exists()]
+        lpips = Lpips.installed(view.camera for view in dataset.test)
+        if runs and lpips:
+            measure_lpips(runs, [view.name for view in dataset.test], lpips)

@@ -18,6 +18,7 @@ with the square of their length in pixels, not with the length.
 # pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import drjit as dr
@@ -50,6 +51,7 @@ class DeviceCamera:
     cy: mi.Float
     limits: list  # x/z and y/z are clamped to [-left, right] x [-top, bottom] in J
     near_clip: mi.Float
+    far_clip: mi.Float
     width: int
     height: int
     numbers: tuple  # all of the above on the host
@@ -59,6 +61,7 @@ class DeviceCamera:
     def upload(
         camera: Camera,
         near_clip: float = 0.2,
+        far_clip: float = math.inf,
         film: tuple[float, float, float, float] | None = None,
         perspective: bool = True,
     ) -> DeviceCamera:
@@ -75,7 +78,7 @@ class DeviceCamera:
             camera.fx, camera.fy, camera.cx, camera.cy,
             (camera.cx - x0) / camera.fx + margin_x, (x1 - camera.cx) / camera.fx + margin_x,
             (camera.cy - y0) / camera.fy + margin_y, (y1 - camera.cy) / camera.fy + margin_y,
-            near_clip,
+            near_clip, far_clip,
         ]  # fmt: skip
         numbers = tuple(float(x) for x in numbers)
         packed = mi.Float(numbers)
@@ -84,7 +87,7 @@ class DeviceCamera:
         rotation = [v[0:3], v[3:6], v[6:9]]
         size = camera.width, camera.height
         numbers = *numbers, *size, perspective
-        return DeviceCamera(rotation, v[9:12], v[12:15], *v[15:19], v[19:23], v[23], *size, numbers, perspective)
+        return DeviceCamera(rotation, v[9:12], v[12:15], *v[15:19], v[19:23], *v[23:25], *size, numbers, perspective)
 
 
 @dataclass
@@ -197,7 +200,7 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     px, py, depth = (
         dr.fma(W[r][0], direction[0], dr.fma(W[r][1], direction[1], W[r][2] * direction[2])) for r in range(3)
     )
-    visible = (depth > camera.near_clip) & dr.isfinite(depth)
+    visible = (depth > camera.near_clip) & (depth < camera.far_clip)  # neither of them infinite or NaN
     if camera.perspective:
         inv_z = dr.rcp(dr.select(visible, depth, 1))
         u, v = px * inv_z, py * inv_z  # tangents of the viewing angles

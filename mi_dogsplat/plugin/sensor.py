@@ -36,12 +36,11 @@ class View:
     sensor: mi.Sensor
     camera: DeviceCamera
     lens: tuple | None
-    far_clip: float  # of the sensor, in world units; infinite where it is not set
 
     def through(self, sample: Sample, border: int = 0) -> Look:
         """The view through the samples of a pass; ``border``: pixels around the crop window, sampled as well."""
         if sample == Sample(seed=sample.seed) and not border:
-            return Look(self.sensor, self.camera, self.far_clip, sample)
+            return Look(self.sensor, self.camera, sample)
         camera, W = self.camera, self.camera.rotation
         x, y = dr.opaque(mi.Float, 0.5 - sample.x + border), dr.opaque(mi.Float, 0.5 - sample.y + border)
         cx, cy, rest = camera.cx + x, camera.cy + y, camera.position_rest
@@ -54,7 +53,7 @@ class View:
         size = {"width": camera.width + 2 * border, "height": camera.height + 2 * border}
         numbers = *camera.numbers, sample, border
         moved = replace(camera, cx=cx, cy=cy, position_rest=rest, numbers=numbers, **size)
-        return Look(self.sensor, moved, self.far_clip, sample, border)
+        return Look(self.sensor, moved, sample, border)
 
 
 @dataclass
@@ -63,16 +62,8 @@ class Look:
 
     sensor: mi.Sensor
     camera: DeviceCamera
-    far_clip: float
     sample: Sample
     border: int = 0
-
-    def farthest(self, surfaces: mi.Float | None = None) -> mi.Float | None:
-        """[H*W] depth at which each pixel stops to see: of the far clip or of its surface; None if it never does."""
-        if self.far_clip == float("inf"):
-            return surfaces
-        far = dr.opaque(mi.Float, self.far_clip, self.camera.width * self.camera.height)
-        return far if surfaces is None else dr.minimum(far, surfaces)
 
     def rays(self) -> mi.RayDifferential3f:
         """Rays through the samples, row by row."""
@@ -119,12 +110,12 @@ class SensorReader:
         size, crop, offset = film.size(), film.crop_size(), film.crop_offset()
         indices = dr.detail.collect_indices(list(values.values()))
         key = (*indices, *size, *crop, *offset, near_clip, sensor.near_clip(), sensor.far_clip(), kind)
-        known, _, camera, far_clip = self._known.get(slot, (None, None, None, 0.0))
+        known, _, camera = self._known.get(slot, (None, None, None))
         if camera is None or key != known:
-            camera, far_clip = _read(sensor, near_clip), far_clip_from_mitsuba(sensor)
-            self._known[slot] = key, values, camera, far_clip
+            camera = _read(sensor, near_clip)
+            self._known[slot] = key, values, camera
         lens = (values["aperture_radius"], values["focus_distance"]) if kind == "ThinLensCamera" else None
-        return View(sensor, _attached(camera, values, size), lens, far_clip)
+        return View(sensor, _attached(camera, values, size), lens)
 
 
 class _Parameters(mi.TraversalCallback):
@@ -158,12 +149,12 @@ class _Sensors(mi.TraversalCallback):
 
 def _read(sensor: mi.Sensor, near_clip: float) -> DeviceCamera:
     """The camera of a sensor's crop window; its Jacobians are clamped around the whole film."""
-    near_clip = max(near_clip, near_clip_from_mitsuba(sensor))
+    clips = max(near_clip, near_clip_from_mitsuba(sensor)), far_clip_from_mitsuba(sensor)
     size, offset = sensor.film().size(), sensor.film().crop_offset()
     whole = -offset[0], -offset[1], size[0] - offset[0], size[1] - offset[1]
     if sensor.class_name() == "OrthographicCamera":
-        return DeviceCamera.upload(orthographic_camera_from_mitsuba(sensor), near_clip, whole, perspective=False)
-    return DeviceCamera.upload(central_camera_from_mitsuba(sensor), near_clip, whole)
+        return DeviceCamera.upload(orthographic_camera_from_mitsuba(sensor), *clips, whole, perspective=False)
+    return DeviceCamera.upload(central_camera_from_mitsuba(sensor), *clips, whole)
 
 
 def _attached(camera: DeviceCamera, parameters: dict[str, Any], film_size: mi.ScalarVector2u) -> DeviceCamera:

@@ -1,0 +1,55 @@
+"""Files of named arrays, in NumPy's format .npz, of which only what is plain data is read: no pickle, no surprises."""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from .files import replacing
+
+# of the format .npy, version 1.0: numbers, truth values and texts in rows
+HEADER = re.compile(
+    rb"\x93NUMPY\x01\x00..{'descr': '([<|][biufU]\d{1,7})', "
+    rb"'fortran_order': False, 'shape': \(([\d, ]{0,40})\), } *\n",
+    re.DOTALL,
+)
+
+
+def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write them by name; a file that was there stays until this one is complete."""
+    with replacing(path) as part, open(part, "wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
+
+
+def read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Read what ``write_arrays`` wrote. Raises ``FileNotFoundError``, or ``ValueError`` for whatever else is wrong."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return {info.filename.removesuffix(".npy"): _read_array(archive, info) for info in archive.infolist()}
+    except FileNotFoundError:
+        raise
+    except (OSError, TypeError, EOFError, RuntimeError, OverflowError, struct.error, zipfile.BadZipFile) as error:
+        raise ValueError(str(error)) from None
+
+
+def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
+    """A member of the file. Raises ``ValueError`` for what ``write_arrays`` does not write.
+
+    ``np.load`` would allocate whatever size the header of an array names, unpack what is compressed, and evaluate text.
+    """
+    if info.compress_type != zipfile.ZIP_STORED:
+        raise ValueError("compressed")
+    data = archive.read(info)  # checks the sum
+    header = HEADER.match(data)
+    if not header:
+        raise ValueError("no header of an array")
+    dtype, shape = np.dtype(header[1].decode()), [int(n) for n in header[2].replace(b",", b" ").split()]
+    if len(data) - header.end() != dtype.itemsize * math.prod(shape):
+        raise ValueError("the size is not that of the header")
+    return np.frombuffer(data, dtype, offset=header.end()).reshape(shape)
