@@ -118,10 +118,7 @@ def composite_backward(
                     if f:
                         c = dr.fma(row[FEATURES + f], δC[f][k], c)
                 rest[k] = dr.fma(-weight, c, rest[k])
-                loss_behind = rest[k] / (1 - a)
-                if not walk.negative_transmittance:
-                    loss_behind = dr.select(a > 0, loss_behind, 0)
-                δα = LN2 * dr.fma(T[k], c, -loss_behind)
+                δα = LN2 * dr.fma(T[k], c, -walk.hidden(rest[k], a, a))
                 # zero where the primitive was ignored, or the walk had ended
                 δα = dr.select(go & (a != 0), δα, 0)
                 δp.append(dr.select(primary[k] < ALPHA_MAX, δα * primary[k], 0))

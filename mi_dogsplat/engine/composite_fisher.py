@@ -71,10 +71,7 @@ def composite_fisher(
             by_shape = [2 * u * ux, 2 * dr.fma(u, uy, v * vy), -2 * u * x, -2 * u * y, -2 * v * y]  # ∂p
             for c in range(3):
                 behind[c][k] = dr.fma(-weight, row[FEATURES + c], behind[c][k])
-                hidden = behind[c][k] / (1 - a)
-                if not walk.negative_transmittance:
-                    hidden = dr.select(a > 0, hidden, 0)
-                d = slope * dr.fma(T[k], row[FEATURES + c], -hidden)
+                d = slope * dr.fma(T[k], row[FEATURES + c], -walk.hidden(behind[c][k], a, a))
                 g[c] = [dr.fma(d, by, value) for by, value in zip(by_shape, g[c], strict=True)]
             T[k] = T_behind
         products = [g[0][i] * g[0][j] + g[1][i] * g[1][j] + g[2][i] * g[2][j] for i, j in PAIRS]

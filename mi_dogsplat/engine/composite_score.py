@@ -152,9 +152,7 @@ def composite_score(
                 blended = go & (a != 0)
                 for f in channels:
                     behind[f][k] = dr.fma(-weight, color[f], behind[f][k])
-                    hidden = behind[f][k] / (1 - blended_alpha)
-                    if not walk.negative_transmittance:
-                        hidden = dr.select(a > 0, hidden, 0)
+                    hidden = walk.hidden(behind[f][k], a, blended_alpha)
                     d = dr.select(blended, dr.fma(T[k], color[f], -hidden), 0)
                     F[f].append((a if sums.removal else opacity) * d)
                 T[k] = T_behind

@@ -236,6 +236,11 @@ class Walk:
             go &= row[FEATURES + 3] <= self.stop_depth[k]
         return weight, dr.select(go, behind, -dr.abs(T)), go
 
+    def hidden(self, behind, alpha, blended_alpha):
+        """By how much a primitive dims the light ``behind`` it, per unit of α: the image's derivative is T c - this."""
+        light = behind / (1 - blended_alpha)  # as it would be without the primitive
+        return light if self.negative_transmittance else dr.select(alpha > 0, light, 0)
+
 
 def planes_of(interleaved: list, count: int) -> list:
     """The first ``count`` planes, [H*W] each, of what ``Walk.write`` wrote; gathered by the kernels that use them."""
