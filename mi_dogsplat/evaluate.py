@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from .datasets.dataset import View
+from .datasets.masks import Masks
 from .lpips import Lpips
-from .metrics import evaluate, flip
+from .metrics import color_corrected, evaluate, flip, masked, psnr
 from .pictures import heat_map, write_exr, write_png
 from .render import Picture, over_background, premultiplied
 from .timing import milliseconds_in_turn
@@ -18,12 +20,27 @@ from .timing import milliseconds_in_turn
 TIMED_VIEWS = 8  # at most
 
 
+@dataclass(frozen=True)
+class Measure:
+    """What is measured besides PSNR, SSIM, FLIP and L1, and on which pixels.
+
+    Args:
+        masks: pixels that they paint black do not count; views that are black everywhere are left out.
+        color_correct: adds ``cc_psnr``, after the best affine map of colours: the exposure of a test view is unknown.
+        lpips: adds the metric of this name, which takes seconds per view.
+    """
+
+    masks: Masks | None = None
+    color_correct: bool = False
+    lpips: Lpips | None = None
+
+
 def evaluate_views(
     picture: Callable[[View], Picture],
     views: Sequence[View],
     background: float,
     out: Path | None = None,
-    lpips: Lpips | None = None,
+    measure: Measure = Measure(),  # noqa: B008, it is immutable
 ) -> dict[str, dict[str, float]]:
     """Metrics per view, by view name.
 
@@ -32,16 +49,21 @@ def evaluate_views(
         background: grey level behind images with alpha.
         out: folder for ``<name>.png``, ``<name>_gt.png``, ``<name>_error.png`` (FLIP) and ``<name>.exr``
             (linear colour and alpha, depth, FLIP error); None writes nothing.
-        lpips: adds the metric ``lpips``, which takes seconds per view.
+        measure: what else is measured.
     """
     results = {}
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     for view in views:
+        mask = measure.masks.of(view) if measure.masks else None
+        if mask is not None and not mask.any():
+            continue
         rendered, truth = picture(view), over_background(view.image, background)
-        results[view.name] = evaluate(rendered.color, truth, view.name)
-        if lpips is not None:
-            results[view.name]["lpips"] = lpips(np.clip(rendered.color, 0, 1), truth)
+        metrics = results[view.name] = evaluate(rendered.color, truth, view.name, mask)
+        if measure.color_correct:
+            metrics["cc_psnr"] = psnr(color_corrected(rendered.color, truth, mask), truth, mask)
+        if measure.lpips is not None:
+            metrics["lpips"] = measure.lpips(np.clip(masked(rendered.color, truth, mask), 0, 1), truth)
         if out is not None:
             _, error = flip(rendered.color, truth)
             write_png(out / f"{view.name}.png", rendered.color)

@@ -3,9 +3,14 @@
 Images are [H, W, 3], display-referred sRGB values in 0..1. Values outside 0..1 (signed blending can leave
 the range) are clamped first, as a display would: all four metrics judge what is seen. A value that is not
 finite is an error, because every mean over it would be meaningless.
+
+A mask [H, W] says which pixels count: 1, or 0 for those that do not, where the render is taken to be the truth, so that
+no window of SSIM or FLIP sees what is there. Means are then over the pixels that count.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import flip_evaluator
 import numpy as np
@@ -18,39 +23,42 @@ SSIM_RADIUS, SSIM_SIGMA = 5, 1.5  # 11x11 Gaussian window
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
 
 
-def evaluate(image: ArrayLike, truth: ArrayLike, name: str = "image") -> dict[str, float]:
+def evaluate(
+    image: ArrayLike, truth: ArrayLike, name: str = "image", mask: ArrayLike | None = None
+) -> dict[str, float]:
     """All metrics of one view, as plain floats that JSON can hold.
 
     :param image: render [H, W, 3]
     :param truth: photograph [H, W, 3]
     :param name: what an error message calls the render (the name of the view)
+    :param mask: pixels that count [H, W], at least one; None: all
     :return: ``psnr`` in dB, at most ``PSNR_CAP``; ``ssim``, 1 if identical;
         ``flip`` and ``l1``, 0 if identical
     :raises ValueError: shapes differ, or a value is NaN or infinite
     """
     a, b = _displayed(image, truth, name)
-    return {"psnr": psnr(a, b), "ssim": ssim(a, b), "flip": flip(a, b)[0], "l1": l1(a, b)}
+    return {"psnr": psnr(a, b, mask), "ssim": ssim(a, b, mask), "flip": flip(a, b, mask)[0], "l1": l1(a, b, mask)}
 
 
-def l1(image: ArrayLike, truth: ArrayLike) -> float:
+def l1(image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None) -> float:
     """Mean absolute difference."""
     a, b = _displayed(image, truth)
-    return float(np.mean(np.abs(a - b)))
+    return _mean(np.abs(a - b), mask)
 
 
-def psnr(image: ArrayLike, truth: ArrayLike) -> float:
+def psnr(image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None) -> float:
     """Peak signal-to-noise ratio in dB for peak 1, at most ``PSNR_CAP`` (reached by identical images)."""
     a, b = _displayed(image, truth)
-    mse = float(np.mean((a - b) ** 2))
+    mse = _mean((a - b) ** 2, mask)
     return min(PSNR_CAP, -10 * np.log10(mse)) if mse > 0 else PSNR_CAP
 
 
-def ssim(image: ArrayLike, truth: ArrayLike) -> float:
+def ssim(image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None) -> float:
     """Mean structural similarity over all pixels and channels, zero outside the image as in the 3DGS papers.
 
     scikit-image mirrors the border and leaves it out of its mean; everywhere else the maps are the same.
     """
-    return float(np.mean(ssim_map(image, truth)))
+    return _mean(ssim_map(masked(image, truth, mask), truth), mask)
 
 
 def ssim_map(image: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
@@ -69,9 +77,11 @@ def ssim_map(image: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
     return result
 
 
-def flip(image: ArrayLike, truth: ArrayLike) -> tuple[float, NDArray[np.float32]]:
+def flip(
+    image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None
+) -> tuple[float, NDArray[np.float32]]:
     """LDR-FLIP (Andersson et al. 2020), 67 pixels per degree: the mean, and the error map [H, W] in 0..1."""
-    a, b = _displayed(image, truth)
+    a, b = _displayed(masked(image, truth, mask), truth)
     error, _, _ = flip_evaluator.evaluate(  # reference first; inputsRGB: values are sRGB encoded, not linear
         np.ascontiguousarray(b, np.float32),
         np.ascontiguousarray(a, np.float32),
@@ -80,7 +90,29 @@ def flip(image: ArrayLike, truth: ArrayLike) -> tuple[float, NDArray[np.float32]
         applyMagma=False,
     )
     error_map = np.asarray(error, np.float32)[..., 0]  # [H, W]
-    return float(np.mean(error_map, dtype=np.float64)), error_map
+    return _mean(error_map, mask), error_map
+
+
+def color_corrected(image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None) -> NDArray[np.float64]:
+    """The render after the affine map of colours that brings it nearest to the truth, in least squares, [H, W, 3].
+
+    For photographs whose exposure nobody knows: the ``cc_psnr`` of gsplat and others is the PSNR of this.
+    """
+    a, b = _displayed(image, truth)
+    colors = np.concatenate([a, np.ones((*a.shape[:2], 1))], -1)  # [H, W, 4]
+    counts = np.full(a.shape[:2], True) if mask is None else np.asarray(mask) > 0
+    affine, *_ = np.linalg.lstsq(colors[counts], b[counts], rcond=None)  # [4, 3]
+    return colors @ affine
+
+
+def masked(image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None) -> NDArray[Any]:
+    """The render, but the truth where it does not count."""
+    return np.asarray(image) if mask is None else np.where(np.asarray(mask)[..., None] > 0, image, truth)
+
+
+def _mean(values: NDArray[Any], mask: ArrayLike | None) -> float:
+    """Over the pixels that count of [H, W] or [H, W, 3]."""
+    return float(np.mean(values if mask is None else values[np.asarray(mask) > 0], dtype=np.float64))
 
 
 def _blurred(plane: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -19,7 +19,7 @@ import numpy as np
 from .datasets import Dataset, load_dataset
 from .engine.geometry import Cutoffs
 from .errors import DataError
-from .evaluate import evaluate_views, mean_metrics, render_milliseconds
+from .evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
 from .files import PART, remove_parts, replacing, write_json
 from .mixture import write_mixture
 from .report.write import write_report
@@ -207,8 +207,9 @@ def _forget_results(out: Path) -> None:
 
 
 def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
+    measure = Measure(trainer.photographs.mask_folder, trainer.config.exposure)
     views = evaluate_views(
-        lambda view: trainer.picture(view, depth=True), dataset.test, trainer.background, out / "test"
+        lambda view: trainer.picture(view, depth=True), dataset.test, trainer.background, out / "test", measure
     )
     if trainer.optimizer.n_dog and views:
         how = trainer.options, trainer.background, trainer.config.near_clip
@@ -216,7 +217,7 @@ def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     some = dataset.train[:: max(1, len(dataset.train) // 8)]
     return {
         "test": mean_metrics(views),
-        "train": mean_metrics(evaluate_views(trainer.picture, some, trainer.background)),
+        "train": mean_metrics(evaluate_views(trainer.picture, some, trainer.background, measure=measure)),
         "views": views,
         "render_ms": render_milliseconds(trainer.picture, dataset.test or dataset.train),
     }

@@ -6,7 +6,7 @@ from mi_dogsplat.arrays import read_arrays, write_arrays
 from mi_dogsplat.cli import main
 from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.errors import DataError
-from mi_dogsplat.evaluate import evaluate_views, mean_metrics
+from mi_dogsplat.evaluate import Measure, evaluate_views, mean_metrics
 from mi_dogsplat.lpips import BLOCKS, SCALE, SHIFT, Lpips, weights_path
 from mi_dogsplat.render import Picture
 from mi_dogsplat.scene.ply import write_ply
@@ -92,7 +92,7 @@ def test_views_are_measured_by_it_where_it_is_given(tmp_path):
     lpips, (a, b) = Lpips(small_weights()), pictures(24, 32)
     view, color = View("a", cameras(1, 32, 24)[0], a.astype(np.float32)), (b + 0.5).astype(np.float32)
     alpha = np.ones(color.shape[:2], np.float32)
-    results = evaluate_views(lambda v: Picture(color, alpha, None), [view], 0.0, lpips=lpips)
+    results = evaluate_views(lambda v: Picture(color, alpha, None), [view], 0.0, measure=Measure(lpips=lpips))
     assert mean_metrics(results)["lpips"] == pytest.approx(lpips(np.clip(color, 0, 1), a), rel=1e-5)
 
 

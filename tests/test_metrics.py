@@ -130,3 +130,36 @@ def test_shapes_that_differ_are_named_on_both_sides(pair):
     image, truth = pair
     with pytest.raises(ValueError, match=r"\[48, 60, 3\].*\[48, 61, 3\]"):
         metrics.psnr(image[:, :-1], truth)
+
+
+def test_masked_pixels_are_no_part_of_any_metric_and_the_others_are_weighed_as_before(pair):
+    image, truth = pair
+    mask = np.ones(SHAPE[:2], np.float32)
+    assert metrics.evaluate(image, truth, mask=mask) == pytest.approx(metrics.evaluate(image, truth), rel=1e-12)
+    mask[:, :30] = 0
+    hidden = np.where(mask[..., None] > 0, image, np.random.default_rng(0).uniform(size=SHAPE))
+    found = metrics.evaluate(image, truth, mask=mask)
+    assert metrics.evaluate(hidden, truth, mask=mask) == found
+    right = slice(None), slice(30, None)
+    assert found["l1"] == pytest.approx(metrics.l1(image[right], truth[right]), rel=1e-12)
+    assert found["psnr"] == pytest.approx(metrics.psnr(image[right], truth[right]), rel=1e-12)
+    ours = np.where(mask[..., None] > 0, image, truth)
+    assert found["ssim"] == pytest.approx(metrics.ssim_map(ours, truth)[right].mean(), rel=1e-12)
+    assert found["flip"] == pytest.approx(metrics.flip(ours, truth)[1][right].mean(dtype=np.float64), rel=1e-12)
+
+
+def test_the_corrected_colors_are_those_of_the_best_affine_map(pair):
+    truth = 0.2 + 0.5 * pair[1]
+    rng = np.random.default_rng(1)
+    matrix, offset = np.eye(3) + rng.uniform(-0.1, 0.1, (3, 3)), rng.uniform(-0.05, 0.05, 3)
+    exposed = truth @ matrix.T + offset
+    assert 0 < exposed.min() and exposed.max() < 1  # no pixel is clamped
+    np.testing.assert_allclose(metrics.color_corrected(exposed, truth), truth, atol=1e-9)
+    corrected = metrics.color_corrected(pair[0], pair[1])
+    errors = corrected - pair[1]  # at the optimum no affine map of the render explains the rest
+    assert np.abs(np.einsum("hwi,hwj->ij", pair[0].astype(float), errors)).max() < 1e-8
+    assert np.abs(errors.sum((0, 1))).max() < 1e-8
+    mask = np.zeros(SHAPE[:2])
+    mask[:20] = 1
+    exposed[20:] = rng.uniform(size=exposed[20:].shape)
+    np.testing.assert_allclose(metrics.color_corrected(exposed, truth, mask)[:20], truth[:20], atol=1e-9)

@@ -106,7 +106,8 @@ def evaluate(args: argparse.Namespace) -> None:
     _config(args)
     set_variant(args.variant)
     from ..datasets import load_dataset
-    from ..evaluate import evaluate_views, mean_metrics
+    from ..datasets.masks import Masks
+    from ..evaluate import Measure, evaluate_views, mean_metrics
     from ..files import write_json
     from ..lpips import Lpips
     from ..render_files import picture_of
@@ -124,8 +125,9 @@ def evaluate(args: argparse.Namespace) -> None:
     aovs = ("depth",) if args.out else ()
     picture = picture_of(splats, background, args.near_clip, antialiased=args.antialiased, aovs=aovs)
     some = dataset.test or dataset.train
-    lpips = Lpips.installed(view.camera for view in some)
-    views = evaluate_views(lambda v: picture(v.camera), some, background, args.out, lpips)
+    masks = Masks(args.masks, [*dataset.train, *dataset.test]) if args.masks else None
+    measure = Measure(masks, args.color_correct, Lpips.installed(view.camera for view in some))
+    views = evaluate_views(lambda v: picture(v.camera), some, background, args.out, measure)
     for name, values in views.items():
         print(f"{name:24s}", end="")
         print_metrics(values)
@@ -201,11 +203,15 @@ def _config(args: argparse.Namespace, **others) -> TrainConfig:
     return TrainConfig(**{"data": "", **given, **others})
 
 
+METRICS = {
+    "psnr": "PSNR {:.2f} dB", "cc_psnr": "colour-corrected {:.2f} dB", "ssim": "SSIM {:.4f}", "flip": "FLIP {:.4f}",
+    "l1": "L1 {:.5f}", "lpips": "LPIPS {:.4f}"
+}  # fmt: skip
+
+
 def print_metrics(values: dict[str, float]) -> None:
-    """One line with the means of PSNR, SSIM, FLIP, L1 and, if it is there, LPIPS."""
-    likeness = f"PSNR {values['psnr']:.2f} dB  SSIM {values['ssim']:.4f}"
-    learned = f"  LPIPS {values['lpips']:.4f}" if "lpips" in values else ""
-    print(f"{likeness}  FLIP {values['flip']:.4f}  L1 {values['l1']:.5f}{learned}")
+    """One line with the metrics that are there."""
+    print("  ".join(text.format(values[name]) for name, text in METRICS.items() if name in values))
 
 
 EXTRAS = ("export", "view")  # of pyproject.toml, named as the commands that need them; the others need "train"

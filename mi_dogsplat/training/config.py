@@ -53,7 +53,7 @@ class TrainConfig:
     antialiased: bool = False  # compensate opacities for the screen-space low-pass filter
     near_clip: float = 0.2  # primitives nearer to the camera plane are dropped, world units
     near_zone: float = 0.0  # remove primitives nearer than this to a training camera, world units; 0: none
-    masks: str | None = None  # folder of masks, named as the images: black pixels do not count in training
+    masks: str | None = None  # folder of masks, named as the images: black pixels do not count
     exposure: bool = False  # learn a colour transform per training image (no test view gets one)
     data_on_disk: bool = False  # decode images when they are due, a few ahead, instead of holding all of them
     initial_primitives: int = 20_000  # random start when the data has no points

@@ -74,14 +74,15 @@ class Exposure:
     def state(self) -> dict[str, np.ndarray]:
         """What ``restore`` needs to go on with the same bits."""
         arrays = {name: np.array([row.numpy() for row in getattr(self, name)]) for name in ARRAYS}
-        return arrays | {"t": np.array(self.t)}
+        return arrays | {"t": np.array(self.t), "mean_x": self.mean_x.numpy()}
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Take over a ``state()``; moments that are left out are zero. Raises ``KeyError``."""
+        """Take over a ``state()``; moments that are left out are zero, a mean is found. Raises ``KeyError``."""
         values = saved["values"]
         for name in ARRAYS:
             setattr(self, name, [_detached(device_array(row)) for row in saved.get(name, np.zeros_like(values))])
-        self.mean_x = _detached(device_array(values.mean(axis=0) - IDENTITY))
+        mean_x = saved.get("mean_x", values.mean(axis=0) - IDENTITY)  # rounded otherwise than step by step
+        self.mean_x = _detached(device_array(mean_x))
         self.t = [int(t) for t in saved["t"]]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -12,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..datasets import Dataset
+from ..datasets.masks import Masks
 from ..engine.parameters import device_array
 from ..engine.rasterize import Frame
 from ..errors import DataError
@@ -19,7 +19,6 @@ from ..render import over_background
 from .config import TrainConfig
 from .exposure import Exposure
 from .loss import PhotometricLoss, Target
-from .masks import find_masks, read_mask
 
 READ_AHEAD = 4  # images that are decoded before they are due
 
@@ -44,11 +43,10 @@ class Photographs:
             raise DataError("--background", "random needs images with alpha", "use black or white")
         self.color: list | None = None  # of the background, while it is random
         self.masks: list[Any] = [None] * len(self.views)
-        if config.masks:
-            paths = find_masks(Path(config.masks), self.views)
-            sizes = [(view.camera.width, view.camera.height) for view in self.views]
-            pairs = zip(paths, sizes, strict=True)
-            self.masks = [path and device_array(read_mask(path, *size)) for path, size in pairs]
+        self.mask_folder = Masks(config.masks, self.views) if config.masks else None
+        if self.mask_folder:
+            masks = map(self.mask_folder.of, self.views)
+            self.masks = [None if mask is None else device_array(mask) for mask in masks]
         self.exposure = Exposure(len(self.views), config.steps) if config.exposure else None
         self.on_disk = config.data_on_disk
         self._reading: dict[int, Future] = {}

@@ -18,7 +18,7 @@ from ..datasets import Dataset
 from ..datasets.dataset import View, camera_extent
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import Frame, RasterOptions, rasterize
-from ..metrics import flip
+from ..metrics import flip, psnr
 from ..pruning.dog_control import activate, degenerate
 from ..pruning.prune import Pruning
 from ..render import Picture, over_background, render_picture
@@ -194,7 +194,8 @@ class Trainer:
             self.dog_activated = True
             if self.dataset.test:
                 start = time.perf_counter()
-                fields |= {"psnr_before": self.test_errors()["test_psnr"]}
+                if errors := self.test_errors():
+                    fields |= {"psnr_before": errors["test_psnr"]}
                 self.seconds -= time.perf_counter() - start
             events = [*events, f"dog activated {activate(dog, self.optimizer)} primitives"]
         return fields | {"event": "; ".join(events)} if events else {}
@@ -249,12 +250,16 @@ class Trainer:
     def test_errors(self, with_flip: bool = False) -> dict[str, float]:
         """Means over the test views: ``test_psnr``, and ``test_flip``, which takes longer."""
         errors: dict[str, list[float]] = {"test_psnr": []}
+        masks = self.photographs.mask_folder
         for view in self.dataset.test:
+            mask = masks.of(view) if masks else None
+            if mask is not None and not mask.any():
+                continue
             image, truth = self.picture(view).color, over_background(view.image, self.background)
-            errors["test_psnr"].append(float(-10 * np.log10(np.mean(np.square(image - truth)) + 1e-12)))
+            errors["test_psnr"].append(psnr(image, truth, mask))
             if with_flip:
-                errors.setdefault("test_flip", []).append(flip(image, truth)[0])
-        return {name: float(np.mean(values)) for name, values in errors.items()}
+                errors.setdefault("test_flip", []).append(flip(image, truth, mask)[0])
+        return {name: float(np.mean(values)) for name, values in errors.items() if values}
 
     def picture(self, view: View, depth: bool = False) -> Picture:
         """The current model seen from a view."""
