@@ -78,7 +78,7 @@ def test_the_table_is_the_mean_of_the_runs_and_is_on_disk(ablation):
     assert json.loads((out / "ablation.json").read_text()) == table
     row = table["variants"]["full"]
     values = [json.loads((out / f"seed_{k}/full/metrics.json").read_text())["test"]["psnr"] for k in (0, 1)]
-    assert row["summary"]["psnr"]["mean"] == pytest.approx(np.mean(values))
+    assert row["summary"]["psnr"]["value"] == pytest.approx(np.mean(values))
     assert row["summary"]["psnr"]["spread"] == pytest.approx(abs(values[0] - values[1]) / 2)
     assert "activation_db" in row["summary"] and "activation_db" not in table["variants"]["v1"]["summary"]
     text = (out / "ablation.md").read_text()
@@ -137,7 +137,9 @@ def test_a_folder_with_other_settings_or_other_contents_is_refused(ablation, tmp
 
 def test_numbers_that_a_run_does_not_have_leave_their_cells_empty():
     runs = {"0": {"psnr": 30.0, "n": 1234.0}}
-    assert summary(runs) == {"psnr": {"mean": 30.0, "spread": 0.0}, "n": {"mean": 1234.0, "spread": 0.0}}
+    times = {str(seed): {"train_seconds": seconds} for seed, seconds in enumerate((10.0, 12.0, 50.0))}
+    assert summary(times) == {"train_seconds": {"value": 12.0, "spread": 20.0}}  # a mean would be 24
+    assert summary(runs) == {"psnr": {"value": 30.0, "spread": 0.0}, "n": {"value": 1234.0, "spread": 0.0}}
     table = {"variants": {"v1": {"label": "V1", "runs": runs, "summary": summary(runs)}}}
     cells = [cell.strip() for cell in markdown(table).splitlines()[-1].strip("|").split("|")]
     assert cells[:3] == ["V1", "1", "30.00"] and len(cells) == 2 + len(COLUMNS)

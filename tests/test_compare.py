@@ -175,7 +175,7 @@ def test_several_data_sets_have_their_mean_first(comparison, tmp_path):
     both = collect_all(tmp_path, {})
     means = both["methods"]["3dgs"]["data"]
     assert list(means) == ["a", "b", MEAN]
-    assert means[MEAN]["summary"]["psnr"]["mean"] == pytest.approx(means["a"]["summary"]["psnr"]["mean"] + 1)
+    assert means[MEAN]["summary"]["psnr"]["value"] == pytest.approx(means["a"]["summary"]["psnr"]["value"] + 1)
 
 
 def test_other_folders_and_data_are_refused(comparison, data, tmp_path):

@@ -45,8 +45,8 @@ def alpha_data(tmp_path_factory) -> Path:
 
 
 def config_of(**settings) -> TrainConfig:
-    usual: dict[str, Any] = {"preset": "3dgs", "steps": 60, "sh_degree": 0, "max_primitives": 100}
-    return TrainConfig(**({"data": ""} | usual | settings))
+    usual: dict[str, Any] = {"data": "", "preset": "3dgs", "steps": 60, "sh_degree": 0, "max_primitives": 100}
+    return TrainConfig(**(usual | settings))
 
 
 def planes_of(image: np.ndarray) -> list:

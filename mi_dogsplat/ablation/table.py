@@ -1,4 +1,4 @@
-"""The table of an ablation: mean and spread over seeds, read from the run folders."""
+"""The table of an ablation: means and spread over seeds, read from the run folders."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ COLUMNS = {  # name: (heading, digits)
     "render_ms": ("render (ms)", 2),
     "activation_db": ("activation (dB)", 3),
 }
+TIMES = ("train_seconds", "render_ms", "fps")
 
 
 def collect(out: Path, names: list[str]) -> dict[str, dict[str, dict[str, float]]]:
@@ -52,16 +53,17 @@ def numbers(folder: Path) -> dict[str, float]:
 
 
 def summary(runs: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
-    """Mean over the seeds, and half the distance of the extremes."""
+    """Mean over the seeds, of times the median (machines have other things to do); and half of their range."""
     result = {}
     for name in dict.fromkeys(name for run in runs.values() for name in run):
         values = [run[name] for run in runs.values() if name in run]
-        result[name] = {"mean": float(np.mean(values)), "spread": float(np.ptp(values) / 2)}
+        value = np.median(values) if name in TIMES else np.mean(values)
+        result[name] = {"value": float(value), "spread": float(np.ptp(values) / 2)}
     return result
 
 
 def cell(row: dict[str, Any], name: str) -> str:
-    """Text of a column of a row: mean ± spread, without the spread for a single seed, empty without a number."""
+    """Text of a column of a row: value ± spread, without the spread for a single seed, empty without a number."""
     return with_spread(row, name, COLUMNS[name][1])
 
 
@@ -70,7 +72,7 @@ def with_spread(row: dict[str, Any], name: str, digits: int) -> str:
     value = row["summary"].get(name)
     if not value:
         return ""
-    return f"{value['mean']:,.{digits}f}" + (f" ± {value['spread']:.{digits}f}" if len(row["runs"]) > 1 else "")
+    return f"{value['value']:,.{digits}f}" + (f" ± {value['spread']:.{digits}f}" if len(row["runs"]) > 1 else "")
 
 
 def markdown(table: dict[str, Any]) -> str:

@@ -16,10 +16,10 @@ from .crops import crops
 from .methods import GROUPS
 from .table import COLUMNS, cells, columns, data_sets
 
-READ_TABLE = """Mean over the seeds; ± is half the distance between the best and the worst of them. Bold: the best of
-the compact models. All methods of a seed go on from one densified start, except those that grow to the budget; all end
-with the same number of steps, and have the same renderer. Render times were taken in turns, memory is the largest
-resident size of the process of a run."""
+READ_TABLE = """Mean over the seeds, of times the median; ± is half the distance between the best and the
+worst of them. Bold: the best of the compact models. All methods of a seed go on from one densified start, except those
+that grow to the budget; all end with the same number of steps, and have the same renderer. Render times were taken in
+turns, memory is the largest resident size of the process of a run."""
 READ_POINTS = """One point per method, mean over the seeds. PSNR: higher is better; FLIP: lower is better; further left
 is better. The line joins those that no other method beats in both (the Pareto front), which have a ring and their name;
 hover over the others."""
@@ -77,7 +77,7 @@ def _points(table: dict[str, Any], data: str) -> str:
     names, figures = list(rows), ""
     for (x_name, y_name), x_label in PLOTS.items():
         y_label, digits, sign = COLUMNS[y_name]
-        x, y = (np.array([rows[name][what]["mean"] for name in names]) for what in (x_name, y_name))
+        x, y = (np.array([rows[name][what]["value"] for name in names]) for what in (x_name, y_name))
         front = pareto(x, y * sign)
         series = [Series("Pareto front", x[front], y[front], "faint", 0)]
         for group, members in GROUPS.items():

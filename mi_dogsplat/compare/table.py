@@ -1,6 +1,6 @@
 """The numbers of a comparison, read from the run folders, as JSON, CSV and LaTeX.
 
-A row per method; for each data set the mean over its seeds, as in the tables of the papers.
+A row per method; for each data set the mean over its seeds, as in the tables of the papers; of times the median.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ def collect_all(out: Path, failed: dict[str, str]) -> dict[str, Any]:
 def _mean(data: list[dict[str, Any]]) -> dict[str, Any]:
     """Of the means over seeds, of numbers that every data set has."""
     names = [name for name in data[0]["summary"] if all(name in d["summary"] for d in data)]
-    means = {name: float(np.mean([d["summary"][name]["mean"] for d in data])) for name in names}
-    return {"summary": {name: {"mean": mean, "spread": 0.0} for name, mean in means.items()}, "runs": {}}
+    means = {name: float(np.mean([d["summary"][name]["value"] for d in data])) for name in names}
+    return {"summary": {name: {"value": mean, "spread": 0.0} for name, mean in means.items()}, "runs": {}}
 
 
 def data_sets(table: dict[str, Any]) -> list[str]:
@@ -79,7 +79,7 @@ def cells(table: dict[str, Any], data: str, method: str) -> list[tuple[str, bool
     for name in columns(table, data):
         _, digits, sign = COLUMNS[name]
         rivals = {key: row["data"][data] for key, row in table["methods"].items() if data in row["data"]}
-        values = {key: row["summary"][name]["mean"] * sign for key, row in rivals.items() if name in row["summary"]}
+        values = {key: row["summary"][name]["value"] * sign for key, row in rivals.items() if name in row["summary"]}
         compact = {key: value for key, value in values.items() if METHODS[key].recipe.pruning or METHODS[key].grows}
         best = sign != 0 and len(compact) > 1 and compact.get(method) == max(compact.values())
         result.append((with_spread(rivals[method], name, digits), best))
