@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from dataset_folders import colmap_folder, transforms_folder
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.capture import SETTINGS, require_same
 from mi_dogsplat.datasets.colmap_files import read_cameras, read_images, read_points
@@ -29,7 +30,6 @@ from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.training.checkpoint import load_checkpoint, save_checkpoint
 from PIL import Image
 from ply_files import dog_columns, random_splats, to_bytes, vertex_columns
-from test_datasets import colmap_folder, transforms_folder
 
 SECONDS = 5.0  # of the processor; more for one small file is a hang
 

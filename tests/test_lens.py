@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
+from dataset_folders import transforms_folder
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.colmap_files import read_cameras
 from mi_dogsplat.datasets.lens import Lens, undistortion
 from mi_dogsplat.scene.cameras import Camera
 from PIL import Image
 from scipy.spatial.transform import Rotation
-from test_datasets import transforms_folder
 
 WIDTH, HEIGHT = 320, 240
 LENSES = {

@@ -1,0 +1,91 @@
+"""Images and folders of any data set: alpha, depths, sizes, what is missing, and how far cameras are apart."""
+
+
+import numpy as np
+from dataset_folders import HEIGHT, WIDTH, error_of, transforms_folder, write_images
+from mi_dogsplat.datasets import View, camera_extent, load_dataset
+from mi_dogsplat.datasets.images import read_image
+from mi_dogsplat.scene.cameras import Camera, opengl_c2w_to_opencv_w2c
+from PIL import Image
+
+
+def test_alpha_is_premultiplied_and_dropped_where_every_image_is_opaque(tmp_path):
+    transforms_folder(tmp_path)
+    write_images(tmp_path / "images", ["r_0.png"], color=(255, 100, 0, 128))
+    dataset = load_dataset(tmp_path)
+    image = dataset.test[0].image
+    assert dataset.has_alpha and dataset.train[0].image.shape[2] == 4
+    np.testing.assert_allclose(
+        image[0, 0], np.array([255 * 128 / 255, 100 * 128 / 255, 0, 128]) / 255, rtol=1e-6
+    )
+    write_images(tmp_path / "images", ["r_0.png"], color=(255, 100, 0, 255))
+    dataset = load_dataset(tmp_path)
+    assert not dataset.has_alpha and dataset.test[0].image.shape[2] == 3
+
+
+def test_alpha_is_averaged_premultiplied_so_that_hidden_colour_does_not_leak(tmp_path):
+    transforms_folder(tmp_path)
+    pixels = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
+    pixels[:, :] = (0, 255, 0, 0)  # transparent green
+    pixels[::2] = (255, 0, 0, 255)
+    Image.fromarray(pixels).save(tmp_path / "images" / "r_0.png")
+    np.testing.assert_allclose(load_dataset(tmp_path, downscale=2).test[0].image[0, 0], (0.5, 0, 0, 0.5))
+
+
+def test_sixteen_bit_grey_and_palette_images_are_read(tmp_path):
+    grey = np.array([[0, 65535], [32768, 1]], np.uint16)
+    Image.fromarray(grey).save(tmp_path / "grey.png")
+    np.testing.assert_allclose(read_image(tmp_path / "grey.png")[..., 1], grey / 65535, atol=1e-7)
+    Image.new("RGB", (2, 2), (255, 0, 0)).quantize(4).save(tmp_path / "palette.png")
+    np.testing.assert_allclose(read_image(tmp_path / "palette.png")[0, 0], (1, 0, 0))
+
+
+def test_missing_and_corrupt_images_are_named_and_counted(tmp_path):
+    transforms_folder(tmp_path)
+    (tmp_path / "images/r_1.png").unlink()
+    (tmp_path / "images/r_2.png").unlink()
+    assert "r_1: image not found (2 of 3 are missing)" in error_of(tmp_path)
+    transforms_folder(tmp_path)
+    noise = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(tmp_path / "images/r_1.png")
+    whole = (tmp_path / "images/r_1.png").read_bytes()
+    for damaged in (whole[:20], whole[: len(whole) // 2], b"hello"):
+        (tmp_path / "images/r_1.png").write_bytes(damaged)
+        assert "r_1.png: cannot be read as an image" in error_of(tmp_path)
+
+
+def test_an_exif_orientation_is_ignored_and_named_when_the_size_does_not_fit(tmp_path):
+    transforms_folder(tmp_path, w=WIDTH, h=HEIGHT)
+    exif = Image.Exif()
+    exif[274] = 6
+    for size, fits in (((WIDTH, HEIGHT), True), ((HEIGHT, WIDTH), False)):
+        Image.new("RGB", size).save(tmp_path / "images/r_1.png", exif=exif)
+        if fits:
+            assert load_dataset(tmp_path).train[0].image.shape == (HEIGHT, WIDTH, 3)
+        else:
+            assert "EXIF" in error_of(tmp_path)
+
+
+def test_a_path_that_is_no_data_set_says_what_was_looked_for(tmp_path):
+    assert "no such file or folder" in error_of(tmp_path / "nowhere")
+    message = error_of(tmp_path)
+    assert all(word in message for word in ("sparse/0", "transforms.json", "transforms_train.json", ".xml"))
+    (tmp_path / "a.txt").write_text("")
+    assert "not a known data set" in error_of(tmp_path / "a.txt")
+    transforms_folder(tmp_path)
+    assert "downscale is 0" in error_of(tmp_path, downscale=0)
+    assert "smaller downscale factor" in error_of(tmp_path, downscale=100)
+
+
+def test_camera_extent_is_a_tenth_more_than_the_largest_distance_from_the_mean_camera():
+    def view(x: float) -> View:
+        c2w = np.eye(4)
+        c2w[0, 3] = x
+        return View(
+            str(x), Camera(opengl_c2w_to_opencv_w2c(c2w), 1, 1, 1, 1, 2, 2), np.zeros((2, 2, 3), np.float32)
+        )
+
+    np.testing.assert_allclose(camera_extent([view(0), view(1), view(5)]), 1.1 * 3)
+    assert camera_extent([view(4)]) == 1
+
+

@@ -1,0 +1,64 @@
+"""Mitsuba scenes as data sets."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dataset_folders import error_of
+from mi_dogsplat.datasets import load_dataset
+
+SENSOR = """<sensor type="perspective" {id}><float name="fov" value="40"/>
+<transform name="to_world"><lookat origin="{x}, 0, -4" target="{x}, 0, 0" up="0, 1, 0"/></transform>
+<film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="6"/>
+<string name="pixel_format" value="{format}"/><rfilter type="box"/></film></sensor>"""
+
+
+def scene_file(folder: Path, pixel_format: str = "rgb", n: int = 3) -> Path:
+    sensors = [
+        SENSOR.format(id=f'id="cam{i}"' if i else "", x=0.1 * i, format=pixel_format) for i in range(n)
+    ]
+    emitter = '<emitter type="area"><rgb name="radiance" value="0.5, 0.2, 0.1"/></emitter>'
+    sphere = f'<shape type="sphere">{emitter}</shape>'
+    integrator = '<integrator type="path"><boolean name="hide_emitters" value="false"/></integrator>'
+    file = folder / "scene.xml"
+    file.write_text(f'<scene version="3.0.0">{integrator}{sphere}{"".join(sensors)}</scene>')
+    return file
+
+
+def test_a_mitsuba_scene_becomes_one_view_per_sensor_in_display_values(tmp_path):
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("scalar_rgb")
+    dataset = load_dataset(scene_file(tmp_path), spp=4)
+    assert [view.name for view in dataset.test] == ["sensor_000"]
+    assert [view.name for view in dataset.train] == ["cam1", "cam2"]
+    view = dataset.train[0]
+    assert view.image.shape == (6, 8, 3) and not dataset.has_alpha and len(dataset.points) == 0
+    srgb = 1.055 * np.array([0.5, 0.2, 0.1]) ** (1 / 2.4) - 0.055
+    np.testing.assert_allclose(view.image[3, 4], srgb, atol=1e-5)
+    np.testing.assert_allclose(view.camera.position, (0.1, 0, -4), atol=1e-6)
+
+
+def test_a_mitsuba_film_with_alpha_gives_premultiplied_display_values_and_is_averaged_linearly(tmp_path):
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("scalar_rgb")
+    dataset = load_dataset(scene_file(tmp_path, "rgba"), downscale=2, spp=16)
+    image = dataset.train[0].image
+    assert dataset.has_alpha and image.shape == (3, 4, 4)
+    edge = (image[..., 3] > 0.05) & (image[..., 3] < 0.95)
+    assert edge.any()
+    srgb = 1.055 * np.array([0.5, 0.2, 0.1]) ** (1 / 2.4) - 0.055
+    np.testing.assert_allclose(image[edge][:, :3], image[edge][:, 3:] * srgb, atol=1e-4)
+
+
+def test_a_mitsuba_scene_that_cannot_be_loaded_or_has_a_lens_is_one_line(tmp_path):
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("scalar_rgb")
+    file = scene_file(tmp_path)
+    good = file.read_text()
+    file.write_text(good[:-20])
+    assert "Mitsuba cannot load it" in error_of(file)
+    lens = (
+        '<float name="aperture_radius" value="0.1"/><float name="focus_distance" value="4"/><float name="fov"'
+    )
+    file.write_text(good.replace('"perspective"', '"thinlens"').replace('<float name="fov"', lens))
+    assert "perspective" in error_of(file, spp=1)

@@ -1,0 +1,97 @@
+"""transforms.json of instant-ngp, nerfstudio and NeRF synthetic, and one line for each kind of damage."""
+
+import json
+
+import numpy as np
+import pytest
+from dataset_folders import (
+    HEIGHT,
+    WIDTH,
+    error_of,
+    transforms_folder,
+)
+from mi_dogsplat.datasets import load_dataset
+
+
+def test_a_transforms_file_with_an_angle_and_no_extensions_gives_opengl_cameras(tmp_path):
+    dataset = load_dataset(transforms_folder(tmp_path, n=9))
+    assert [view.name for view in dataset.test] == ["r_0", "r_8"]
+    camera = dataset.train[0].camera
+    np.testing.assert_allclose(camera.fx, 0.5 * WIDTH / np.tan(0.35))
+    assert camera.fy == camera.fx and (camera.cx, camera.cy) == (WIDTH / 2, HEIGHT / 2)
+    np.testing.assert_allclose(camera.project([(0.2, 0, -2)])[1], 2)
+
+
+def test_intrinsics_of_a_frame_override_those_at_the_top(tmp_path):
+    transforms_folder(tmp_path, fl_x=30, fl_y=31, cx=9, cy=8, w=WIDTH, h=HEIGHT)
+    content = json.loads((tmp_path / "transforms.json").read_text())
+    content["frames"][1]["fl_x"] = 40
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    focal = {
+        view.name: (view.camera.fx, view.camera.fy, view.camera.cx) for view in load_dataset(tmp_path).views
+    }
+    assert focal == {"r_0": (30, 31, 9), "r_1": (40, 31, 9), "r_2": (30, 31, 9)}
+
+
+def test_the_split_is_taken_from_the_train_and_test_files_or_from_test_filenames(tmp_path):
+    transforms_folder(tmp_path / "a", "transforms_train.json", 3, "train")
+    transforms_folder(tmp_path / "a", "transforms_test.json", 2, "test")
+    dataset = load_dataset(tmp_path / "a")
+    assert [view.name for view in dataset.test] == ["test_r_0", "test_r_1"] and len(dataset.train) == 3
+    dataset = load_dataset(transforms_folder(tmp_path / "b", test_filenames=["images/r_1.png"]))
+    assert [view.name for view in dataset.test] == ["r_1"]
+
+
+def test_points_come_from_the_named_ply_and_wrong_poses_are_caught_by_them(tmp_path):
+    header = "ply\nformat ascii 1.0\nelement vertex 2\n" + "".join(f"property float {a}\n" for a in "xyz")
+    header += "".join(f"property uchar {c}\n" for c in ("red", "green", "blue")) + "end_header\n"
+    (tmp_path / "cloud.ply").write_text(header + "0.1 0 -3 255 0 51\n0 0.1 -3 0 0 0\n")
+    dataset = load_dataset(transforms_folder(tmp_path, ply_file_path="cloud.ply"))
+    np.testing.assert_allclose(dataset.points[0], (0.1, 0, -3))
+    np.testing.assert_allclose(dataset.point_colors[0], (1, 0, 0.2))
+    (tmp_path / "cloud.ply").write_text(header + "0.1 0 3 255 0 51\n0 0.1 3 0 0 0\n")
+    assert "x right, y up, z backward (OpenGL)" in error_of(tmp_path)
+    (tmp_path / "cloud.ply").unlink()
+    assert "cloud.ply" in error_of(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"k5": 0.1}, "k1 to k6"),
+        ({"camera_model": "FULL_OPENCV", "k1": 0.1}, "FULL_OPENCV"),
+        ({"camera_model": "EQUIRECTANGULAR"}, "EQUIRECTANGULAR"),
+        ({"k1": -20.0, "cx": 40.0}, "leaves no pinhole image"),
+        ({"frames": []}, "no cameras"),
+        ({"frames": [{"file_path": "images/r_0.png"}]}, "lacks"),
+        ({"camera_angle_x": 0}, "division"),
+        ({"fl_x": "wide"}, "wide"),
+        ({"w": 22, "h": HEIGHT}, "the image is 21x15, its camera says 22x15"),
+        ({"frames": [{"file_path": "images/r_0", "transform_matrix": (2 * np.eye(4)).tolist()}]}, "last row"),
+        (
+            {"frames": [{"file_path": "images/r_0", "transform_matrix": np.diag([2.0, 2, 2, 1]).tolist()}]},
+            "rotation",
+        ),
+        ({"frames": [{"file_path": "images/r_0", "transform_matrix": [[1, 2], [3]]}]}, "r_0"),
+        (
+            {"frames": [{"file_path": "images/r_0", "transform_matrix": [[float("nan")] * 4] * 4}]},
+            "not finite",
+        ),
+    ],
+)
+def test_a_transforms_file_that_cannot_be_used_is_one_line(tmp_path, change, expected):
+    assert expected in error_of(transforms_folder(tmp_path, **change))
+
+
+def test_invalid_json_names_its_line(tmp_path):
+    (tmp_path / "transforms.json").write_text('{\n"frames": [\n,]}')
+    assert "line 3" in error_of(tmp_path)
+
+
+def test_a_transforms_file_without_focal_length_names_the_keys(tmp_path):
+    transforms_folder(tmp_path)
+    text = (tmp_path / "transforms.json").read_text()
+    (tmp_path / "transforms.json").write_text(text.replace("camera_angle_x", "angle"))
+    assert "fl_x" in error_of(tmp_path)
+
+
