@@ -4,6 +4,7 @@ What is left out is compared with a renderer that never had it (``benchmarks/pla
 without it. Kernels are told apart by their size: a lane per primitive, per block of pixels, per pixel.
 """
 
+import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,6 +19,7 @@ from launches import branches, instructions, kernels, launches, loop
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.composite import composite
 from mi_dogsplat.engine.composite_aovs import WALKED
+from mi_dogsplat.engine.frozen import Frozen
 from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera, project
@@ -46,6 +48,15 @@ from benchmarks import plain_renderer
 
 N, WIDTH, HEIGHT = 200, 64, 48
 CAMERA = square_camera(WIDTH, HEIGHT)
+
+
+@pytest.fixture(autouse=True)
+def _as_in_a_new_process():
+    """What a frozen function launches depends on the calls before, of other tests too."""
+    for name in [name for name in sys.modules if name.startswith("mi_dogsplat.engine.")]:
+        for value in list(vars(sys.modules[name]).values()):
+            if isinstance(value, Frozen):
+                value.clear()
 
 
 def model(degree=0, dog_share=0.0, seed=0) -> Splats:

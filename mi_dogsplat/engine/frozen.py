@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import gc
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar
+from typing import Generic, ParamSpec, TypeVar
 
 import drjit as dr
 
@@ -19,19 +19,32 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def frozen(function: Callable[P, R]) -> Callable[P, R]:
-    """The function as ``dr.freeze`` makes it, called while no garbage is collected. It may be recorded often: once per
-    kind of scene and rule."""
-    recorded = dr.freeze(function, warn_after=1 << 30)
+class Frozen(Generic[P, R]):
+    """A function as ``dr.freeze`` makes it, called while no garbage is collected. It may be recorded often: once per
+    kind of scene and rule.
 
-    @functools.wraps(function)
-    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+    A literal argument that has had different values is an array from then on: what a call launches depends on the
+    calls before it.
+    """
+
+    def __init__(self, function: Callable[P, R]):
+        functools.update_wrapper(self, function)
+        self._recorded = dr.freeze(function, warn_after=1 << 30)
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         collecting = gc.isenabled()
         gc.disable()
         try:
-            return recorded(*args, **kwargs)
+            return self._recorded(*args, **kwargs)
         finally:
             if collecting:
                 gc.enable()
 
-    return call
+    def clear(self) -> None:
+        """Forget all recordings, and what the calls so far were like."""
+        self._recorded.clear()
+
+
+def frozen(function: Callable[P, R]) -> Frozen[P, R]:
+    """Decorator."""
+    return Frozen(function)
