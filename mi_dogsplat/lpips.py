@@ -9,7 +9,7 @@ product, and NumPy's takes all cores.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,8 @@ BLOCKS = (2, 2, 3, 3, 3)  # convolutions between two halvings; a block's last ou
 SHIFT = np.array([-0.030, -0.088, -0.188], np.float32)  # of ImageNet, for pictures in -1..1
 SCALE = np.array([0.458, 0.448, 0.450], np.float32)
 SMALLEST = 2 ** (len(BLOCKS) - 1)  # side of a picture, in pixels: one is left at the last depth
+AROUND = 112  # rows that the network sees beyond a pixel: 90 by convolutions, 15 by halvings; a multiple of SMALLEST
+BAND = 2**19  # pixels of a band: 1.5 GB at a time where the picture is 2,000 wide
 COLUMNS = 4096  # pixels per matrix product: the patches of so many stay in the cache
 
 
@@ -66,27 +68,52 @@ class Lpips:
 
     def __call__(self, image: ArrayLike, truth: ArrayLike) -> float:
         """Of two pictures [H, W, 3] in 0..1, at least 16 x 16: 0 if they are identical, below 1 as a rule."""
-        return self.distance(self.features(image), self.features(truth))
+        return self.distances([image], truth)[0]
 
-    def features(self, image: ArrayLike) -> list[Floats]:
-        """After each block, [features, H / 2^k, W / 2^k], of length 1 in each pixel (or 0)."""
-        pixels = np.asarray(image, np.float32)
-        if pixels.ndim != 3 or pixels.shape[2] != 3 or min(pixels.shape[:2]) < SMALLEST:
-            raise ValueError(f"LPIPS needs pictures [H, W, 3] of at least 16 x 16 pixels, not {list(pixels.shape)}")
+    def distances(self, images: Sequence[ArrayLike], truth: ArrayLike) -> list[float]:
+        """Of several pictures to one, whose features are found once.
+
+        Large pictures are taken in bands, with as much around each as the network sees: the result is the same, and the
+        memory bounded. Raises ``ValueError`` if sizes differ or are below 16 x 16.
+        """
+        pictures = [np.asarray(picture, np.float32) for picture in (truth, *images)]
+        shape = pictures[0].shape
+        if len(shape) != 3 or shape[2] != 3 or min(shape[:2]) < SMALLEST or any(p.shape != shape for p in pictures):
+            found = ", ".join(str(list(p.shape)) for p in pictures)
+            raise ValueError(f"LPIPS needs pictures [H, W, 3] of one size, at least 16 x 16 pixels, not {found}")
+        totals = np.zeros(len(images))
+        for rows, first, last in _bands(*shape[:2]):
+            of_truth, *others = (self._features(picture[rows], first, last) for picture in pictures)
+            for k, features in enumerate(others):
+                layers = zip(self.linear, of_truth, features, strict=True)
+                sums = (np.sum(np.tensordot(w, (x - y) ** 2, 1), dtype=np.float64) for w, x, y in layers)
+                totals[k] += sum(value / (shape[0] >> d) / (shape[1] >> d) for d, value in enumerate(sums))
+        return totals.tolist()
+
+    def _features(self, pixels: Floats, first: int, last: int) -> list[Floats]:
+        """After each block, [features, rows / 2^d, W / 2^d], of length 1 in each pixel (or 0); of the rows from
+        ``first`` to ``last`` of the picture only."""
         maps, result, layer = ((2 * pixels - 1 - SHIFT) / SCALE).transpose(2, 0, 1), [], 0
-        for block, convolutions in enumerate(BLOCKS):
-            if block:
+        for depth, convolutions in enumerate(BLOCKS):
+            if depth:
                 maps = _halved(maps)
             for _ in range(convolutions):
-                maps = np.maximum(_convolved(maps, self.kernels[layer], self.biases[layer]), 0)
+                maps = _convolved(maps, self.kernels[layer], self.biases[layer])
                 layer += 1
-            result.append(maps / (np.sqrt(np.sum(maps**2, axis=0)) + 1e-10))
+            own = maps[:, first >> depth : last >> depth]
+            result.append(own / (np.sqrt(np.sum(own**2, axis=0)) + 1e-10))
         return result
 
-    def distance(self, a: Sequence[Floats], b: Sequence[Floats]) -> float:
-        """Between the features of two pictures of one size."""
-        layers = zip(self.linear, a, b, strict=True)
-        return float(sum(np.mean(np.tensordot(weights, (x - y) ** 2, 1), dtype=np.float64) for weights, x, y in layers))
+
+def _bands(height: int, width: int) -> Iterator[tuple[slice, int, int]]:
+    """Rows that are worked on at a time, and which of them count: from the first to the last, as counted there."""
+    step = max(BAND // width // SMALLEST, 1) * SMALLEST
+    starts = range(0, height, step)
+    if height - starts[-1] < SMALLEST and len(starts) > 1:
+        starts = starts[:-1]  # too few rows for a band of their own
+    for top, bottom in zip(starts, [*starts[1:], height], strict=True):
+        rows = slice(max(top - AROUND, 0), min(bottom + AROUND, height))
+        yield rows, top - rows.start, bottom - rows.start
 
 
 def _as_matrix(kernel: Floats) -> Floats:
@@ -95,7 +122,7 @@ def _as_matrix(kernel: Floats) -> Floats:
 
 
 def _convolved(maps: Floats, kernel: Floats, bias: Floats) -> Floats:
-    """3 x 3 correlation of [inputs, H, W], zero outside; [outputs, H, W].
+    """3 x 3 correlation of [inputs, H, W], zero outside, where it is positive; [outputs, H, W].
 
     Rows lie one after another with a zero between them, and a row of zeros before and after all: so each of the nine
     neighbours of all pixels is one slice, and no border is special.
@@ -112,6 +139,7 @@ def _convolved(maps: Floats, kernel: Floats, bias: Floats) -> Floats:
         patches = np.concatenate([padded[:, start + tap : stop + tap] for tap in taps])  # [9 inputs, columns]
         np.matmul(kernel, patches, out=result[:, start:stop])
     result += bias[:, None]
+    np.maximum(result, 0, out=result)
     return result.reshape(-1, height, pitch)[..., :width]
 
 

@@ -15,14 +15,13 @@ LPIPS = "lpips.json"  # in a run folder
 
 
 def measure_lpips(runs: Sequence[Path], views: Sequence[str], lpips: Lpips) -> None:
-    """Write the mean over the test views into each run folder. All runs are of one data set."""
-    distances: dict[Path, list[float]] = {run: [] for run in runs}
+    """Write the mean over the test views into each run folder. All runs are of one data set, and have one at least."""
+    distances = []  # [views][runs]
     for name in views:
-        truth = lpips.features(_pixels(runs[0] / "test" / f"{name}_gt.png"))  # once for all: it takes half of the time
-        for run in runs:
-            distances[run].append(lpips.distance(lpips.features(_pixels(run / "test" / f"{name}.png")), truth))
-    for run, values in distances.items():
-        write_json(run / LPIPS, {"lpips": float(np.mean(values))})
+        truth = _pixels(runs[0] / "test" / f"{name}_gt.png")
+        distances.append(lpips.distances([_pixels(run / "test" / f"{name}.png") for run in runs], truth))
+    for run, value in zip(runs, np.mean(distances, axis=0), strict=True):
+        write_json(run / LPIPS, {"lpips": float(value)})
 
 
 def _pixels(path: Path) -> np.ndarray:
