@@ -187,3 +187,12 @@ def kernels(run: Callable[[], Any]) -> set[str]:
         run()
         dr.sync_thread()
         return {k["hash"] for k in dr.kernel_history([dr.KernelType.JIT])}
+
+
+def to_linear(v: np.ndarray) -> np.ndarray:
+    """Display values to linear ones, as IEC 61966-2-1 has it, beyond 0..1 too."""
+    return np.where(v <= 0.04045, v / 12.92, (np.maximum(v, 0.04045) + 0.055) ** 2.4 / 1.055**2.4)
+
+
+def to_srgb(v: np.ndarray) -> np.ndarray:
+    return np.where(v <= 0.0031308, v * 12.92, 1.055 * np.maximum(v, 0.0031308) ** (1 / 2.4) - 0.055)
