@@ -8,7 +8,9 @@ import pytest
 from dataset_folders import transforms_folder
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.colmap_files import read_cameras
+from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.datasets.lens import Lens, undistortion
+from mi_dogsplat.datasets.masks import Masks
 from mi_dogsplat.scene.cameras import Camera
 from PIL import Image
 from scipy.spatial.transform import Rotation
@@ -175,3 +177,21 @@ def test_transforms_with_distortion_are_straightened(tmp_path):
     fisheye = load_dataset(transforms_folder(tmp_path, is_fisheye=True, k1=0.01)).train[0]
     expected = undistortion(straight.camera, Lens((0.01, 0, 0, 0), fisheye=True)).camera
     assert (fisheye.camera.cx, fisheye.camera.cy) == (expected.cx, expected.cy) != (bent.camera.cx, bent.camera.cy)
+
+
+@pytest.mark.parametrize(
+    ("name", "downscale", "shrunk", "on_disk"),
+    [*((name, 1, 1, False) for name in LENSES), ("OPENCV", 2, 1, True), ("OPENCV", 1, 2, False)],
+)
+def test_a_mask_of_the_photograph_goes_through_its_lens(tmp_path, name, downscale, shrunk, on_disk):
+    """The photograph's own green as a mask: where it is painted white, the straightened photograph is green."""
+    colmap_data(tmp_path, name)
+    painted = Image.fromarray((255 * (photograph(name)[..., 1] > 0.5)).astype(np.uint8))
+    painted.resize((WIDTH // shrunk, HEIGHT // shrunk), Image.Resampling.BOX).save(tmp_path / "0.png")
+    view = next(v for v in load_dataset(tmp_path, downscale, on_disk=on_disk).views if v.name == "0")
+    mask, green = Masks(tmp_path, [view]).of(view), view.image[..., 1]
+    sure = np.abs(green - 0.5) > 0.04  # 2 px of the photograph from the edge
+    assert mask is not None and sure.mean() > 0.6
+    assert np.array_equal(mask[sure] > 0, green[sure] > 0.5)
+    untouched = Masks(tmp_path, [view]).of(View(view.name, view.camera, view.image))
+    assert untouched is not None and (untouched[sure] > 0).tolist() != (green[sure] > 0.5).tolist()

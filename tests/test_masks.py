@@ -7,7 +7,7 @@ import pytest
 import tiny_data
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import View
-from mi_dogsplat.datasets.masks import read_mask
+from mi_dogsplat.datasets.masks import Masks
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.pictures import write_png
 from mi_dogsplat.training.photographs import Photographs
@@ -73,9 +73,12 @@ def test_what_a_mask_hides_is_not_measured_and_a_view_that_is_all_black_is_left_
 
 
 def test_masks_of_any_size_are_scaled_and_read_as_black_or_white(tmp_path):
-    write_png(tmp_path / "m.png", np.array([[0, 1], [1, 0.2]], np.float32))
-    assert read_mask(tmp_path / "m.png", 4, 6).tolist() == np.kron([[0, 1], [1, 0]], np.ones((3, 2))).tolist()
-    assert read_mask(tmp_path / "m.png", 2, 2).tolist() == [[0, 1], [1, 0]]
+    for name, width, height in (("a", 4, 6), ("b", 2, 2)):
+        write_png(tmp_path / f"{name}.png", np.array([[0, 1], [1, 0.2]], np.float32))
+        view = View(name, tiny_data.cameras(1, width, height)[0], np.zeros((height, width, 3), np.float32))
+        mask = Masks(tmp_path, [view]).of(view)
+        expected = np.kron([[0, 1], [1, 0]], np.ones((height // 2, width // 2)))
+        assert mask is not None and mask.tolist() == expected.tolist()
 
 
 def test_bad_masks_are_refused_in_one_line(data, tmp_path):

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from ..errors import DataError
 from ..scene.cameras import Camera
+
+if TYPE_CHECKING:
+    from .lens import Undistortion
 
 TEST_EVERY = 8  # as in LLFF and 3DGS: images 0, 8, 16, ... by sorted name are held out
 
@@ -22,19 +25,21 @@ class View:
     """One image and its camera.
 
     ``image`` is float32 [H, W, 3], or [H, W, 4] premultiplied: display-referred sRGB values in 0..1. ``name``
-    is unique within its data set and usable as a file name.
+    is unique within its data set and usable as a file name. ``straight``: how the lens of the photograph was taken out
+    of it; None where it had none.
     """
 
     name: str
     camera: Camera
     image: np.ndarray
+    straight: Undistortion | None = None
 
 
 class DiskView(View):
     """A view whose image stays on disk: ``image`` is decoded whenever it is asked for, and may raise ``DataError``."""
 
-    def __init__(self, name: str, camera: Camera, read: Callable[[], np.ndarray]):
-        for field_name, value in (("name", name), ("camera", camera), ("_read", read)):
+    def __init__(self, name: str, camera: Camera, read: Callable[[], np.ndarray], straight: Undistortion | None = None):
+        for field_name, value in (("name", name), ("camera", camera), ("_read", read), ("straight", straight)):
             object.__setattr__(self, field_name, value)
 
     def __getattr__(self, name: str) -> np.ndarray:

@@ -15,7 +15,7 @@ import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -107,8 +107,8 @@ def load_views(
         any_alpha = any(alpha for _, alpha in headers)
 
         def view_of(source: ViewSource, size: tuple[int, int]) -> View:
-            camera, _ = _camera_of(source, downscale, prescaled, size)
-            return DiskView(source.name, camera, lambda: _with_channels(load(source).image, any_alpha))
+            camera, straight = _camera_of(source, downscale, prescaled, size)
+            return DiskView(source.name, camera, lambda: _with_channels(load(source).image, any_alpha), straight)
 
         return [view_of(source, size) for source, (size, _) in zip(sources, headers, strict=True)], any_alpha
 
@@ -117,7 +117,7 @@ def load_views(
     with ThreadPoolExecutor(workers) as pool:  # Pillow decodes without holding the GIL
         views = list(pool.map(load, sources))
     has_alpha = any(view.image.shape[2] == 4 and view.image[..., 3].min() < 1 for view in views)
-    return [View(view.name, view.camera, _with_channels(view.image, has_alpha)) for view in views], has_alpha
+    return [replace(view, image=_with_channels(view.image, has_alpha)) for view in views], has_alpha
 
 
 def _require_memory(sources: Sequence[ViewSource], downscale: int, workers: int) -> None:
@@ -164,7 +164,8 @@ def _load_view(source: ViewSource, downscale: int, prescaled: bool) -> View:
     camera, straight = _camera_of(source, downscale, prescaled, (pixels.shape[1], pixels.shape[0]))
     if straight:
         pixels = straight.image(pixels)
-    return View(source.name, camera, pixels if prescaled or downscale == 1 else box_downscale(pixels, downscale))
+    pixels = pixels if prescaled or downscale == 1 else box_downscale(pixels, downscale)
+    return View(source.name, camera, pixels, straight)
 
 
 def _camera_of(

@@ -1,6 +1,6 @@
 """Masks: which pixels of an image count, in training and in metrics.
 
-What moves, or is no part of the scene, is painted black.
+What moves, or is no part of the scene, is painted black. A mask may be of any size.
 """
 
 from __future__ import annotations
@@ -34,22 +34,27 @@ class Masks:
             raise DataError(self.folder, "has no mask for any of the images", remedy)
 
     def of(self, view: View) -> np.ndarray | None:
-        """The mask of a view, as ``read_mask`` gives it; None where it counts whole."""
+        """The mask of a view, float32 [H, W]: 1 where a pixel counts, else 0; None where it counts whole.
+
+        A mask is one of the photograph: its lens is taken out as that of the photograph was. Raises ``DataError``.
+        """
         path = self._path(view)
-        return None if path is None else read_mask(path, view.camera.width, view.camera.height)
+        if path is None:
+            return None
+        grey, camera = read_image(path)[..., :3].mean(axis=2), view.camera  # [H', W']
+        if view.straight:
+            source = view.straight.source
+            grey = view.straight.image(_resized(grey, source.width, source.height)[..., None])[..., 0]
+        return (_resized(grey, camera.width, camera.height) >= USED).astype(np.float32)
 
     def _path(self, view: View) -> Path | None:
         candidates = (self.folder / (view.name + suffix) for suffix in SUFFIXES)
         return next((path for path in candidates if path.is_file()), None)
 
 
-def read_mask(path: Path, width: int, height: int) -> np.ndarray:
-    """float32 [H, W]: 1 where a pixel counts, 0 where the mask is black; of any size, scaled to that of its view.
-
-    Raises ``DataError``.
-    """
-    grey = read_image(path)[..., :3].mean(axis=2)  # [H', W']
-    if grey.shape != (height, width):
-        whole = Image.fromarray((grey * 255).astype(np.uint8))
-        grey = np.asarray(whole.resize((width, height), Image.Resampling.BOX), np.float32) / 255
-    return (grey >= USED).astype(np.float32)
+def _resized(grey: np.ndarray, width: int, height: int) -> np.ndarray:
+    """[H', W'] as [height, width], by means over boxes."""
+    if grey.shape == (height, width):
+        return grey
+    whole = Image.fromarray((np.clip(grey, 0, 1) * 255).astype(np.uint8))
+    return np.asarray(whole.resize((width, height), Image.Resampling.BOX), np.float32) / 255

@@ -74,7 +74,7 @@ class Dash(Growth):
 
     def _show(self, factor: int) -> None:
         views = [
-            View(view.name, view.camera.downscaled(factor), box_downscale(view.image, factor))
+            View(view.name, view.camera.downscaled(factor), box_downscale(view.image, factor), view.straight)
             for view in self.dataset.train
         ]
         self.cameras = [DeviceCamera.upload(view.camera, self.config.near_clip) for view in views]
