@@ -71,7 +71,7 @@ class Lpips:
         return self.distances([image], truth)[0]
 
     def distances(self, images: Sequence[ArrayLike], truth: ArrayLike) -> list[float]:
-        """Of several pictures to one, whose features are found once.
+        """Of several pictures [H, W, 3] in 0..1 to one, whose features are found once; a number each.
 
         Large pictures are taken in bands, with as much around each as the network sees: the result is the same, and the
         memory bounded. Raises ``ValueError`` if sizes differ or are below 16 x 16.

@@ -5,7 +5,9 @@ the range) are clamped first, as a display would: all four metrics judge what is
 finite is an error, because every mean over it would be meaningless.
 
 A mask [H, W] says which pixels count: 1, or 0 for those that do not, where the render is taken to be the truth, so that
-no window of SSIM or FLIP sees what is there. Means are then over the pixels that count.
+no window of SSIM or FLIP sees what is there. Means are then over the pixels that count, of which there must be one.
+
+But for ``masked`` all functions raise ``ValueError`` if shapes differ or a value is NaN or infinite.
 """
 
 from __future__ import annotations
@@ -96,7 +98,8 @@ def flip(
 def color_corrected(image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None) -> NDArray[np.float64]:
     """The render after the affine map of colours that brings it nearest to the truth, in least squares, [H, W, 3].
 
-    For photographs whose exposure nobody knows: the ``cc_psnr`` of gsplat and others is the PSNR of this.
+    For photographs whose exposure nobody knows. Others correct otherwise (gsplat's affine map is per channel, fitted
+    from the truth to the render and inverted), so that their numbers are not ours.
     """
     a, b = _displayed(image, truth)
     colors = np.concatenate([a, np.ones((*a.shape[:2], 1))], -1)  # [H, W, 4]

@@ -22,7 +22,7 @@ from mi_dogsplat.compare.execute import in_a_process
 from mi_dogsplat.compare.methods import GROUPS, METHODS
 from mi_dogsplat.compare.page import pareto
 from mi_dogsplat.compare.table import COLUMNS, MEAN, collect_all, latex
-from mi_dogsplat.compare.tasks import Task, tasks_of
+from mi_dogsplat.compare.tasks import Task, perform, tasks_of
 from mi_dogsplat.errors import DataError
 from mi_dogsplat.lpips import Lpips
 from mi_dogsplat.training.checkpoint import load_checkpoint
@@ -198,6 +198,12 @@ def test_other_folders_and_data_are_refused(comparison, data, tmp_path):
 def test_the_command_line_offers_all_methods_in_order():
     assert OFFERED == tuple(METHODS)
     assert sorted(METHODS) == sorted(name for members in GROUPS.values() for name in members)
+
+
+def test_a_worker_without_the_weights_of_lpips_says_so(comparison):
+    out, _, _ = comparison
+    with pytest.raises(DataError, match="lpips_vgg16.npz.*make lpips"):
+        perform(Task("lpips", str(out / "tiny"), 0, NAMES))
 
 
 def test_the_process_of_a_task_ends_when_whoever_started_it_is_killed(comparison, tmp_path):

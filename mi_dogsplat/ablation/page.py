@@ -14,8 +14,9 @@ from ..report.prunes import marks
 from ..run_folder import read_run
 from .table import COLUMNS, cell
 
-READ_TABLE = """Mean over the seeds; ± is half the distance between the best and the worst of them. All variants of a
-seed go on from the same densified model and end with the same number of steps. Render times were taken in turns.
+READ_TABLE = """Mean over the seeds, of times the median; ± is half the distance between the best and the worst of
+them. All variants of a seed go on from the same densified model and end with the same number of steps. Render times
+were taken in turns.
 Activation: what the test PSNR gains or loses in the step in which primitives become DoG."""
 READ_PLOTS = """Test PSNR against run time, the common start included: higher and further left is better. Dashed lines
 are prunes, by number, and the activation of the DoG. Seed """

@@ -106,5 +106,7 @@ def perform(task: Task, progress: Callable[[str], None] = lambda line: None) -> 
     else:
         runs = [run for run in task.complete if not (run / LPIPS).exists()]
         lpips = Lpips.installed(view.camera for view in dataset.test)
+        if runs and not weights_path().exists():
+            raise DataError(weights_path(), "the weights of LPIPS are not on this machine", "make lpips there")
         if runs and lpips:
             measure_lpips(runs, [view.name for view in dataset.test], lpips)
