@@ -63,7 +63,7 @@ def evaluate_views(
         if measure.color_correct:
             metrics["cc_psnr"] = psnr(color_corrected(rendered.color, truth, mask), truth, mask)
         if measure.lpips is not None:
-            metrics["lpips"] = measure.lpips(np.clip(masked(rendered.color, truth, mask), 0, 1), truth)
+            metrics["lpips"] = measure.lpips(np.clip(masked(rendered.color, truth, mask), 0, 1), truth, mask)
         if out is not None:
             _, error = flip(rendered.color, truth)
             write_png(out / f"{view.name}.png", rendered.color)

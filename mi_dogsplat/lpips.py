@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arrays import read_arrays
+from .datasets.images import box_downscale
 from .errors import DataError
 from .scene.cameras import Camera
 
@@ -66,29 +67,34 @@ class Lpips:
         except (ValueError, KeyError) as error:
             raise DataError(path, f"does not hold the weights of LPIPS ({error})", "remove it; make lpips") from None
 
-    def __call__(self, image: ArrayLike, truth: ArrayLike) -> float:
+    def __call__(self, image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None) -> float:
         """Of two pictures [H, W, 3] in 0..1, at least 16 x 16: 0 if they are identical, below 1 as a rule."""
-        return self.distances([image], truth)[0]
+        return self.distances([image], truth, mask)[0]
 
-    def distances(self, images: Sequence[ArrayLike], truth: ArrayLike) -> list[float]:
+    def distances(self, images: Sequence[ArrayLike], truth: ArrayLike, mask: ArrayLike | None = None) -> list[float]:
         """Of several pictures [H, W, 3] in 0..1 to one, whose features are found once; a number each.
 
         Large pictures are taken in bands, with as much around each as the network sees: the result is the same, and the
-        memory bounded. Raises ``ValueError`` if sizes differ or are below 16 x 16.
+        memory bounded. ``mask`` [H, W]: weights 0..1 of the pixels; where the features are coarser, their means. Raises
+        ``ValueError`` if sizes differ or are below 16 x 16.
         """
         pictures = [np.asarray(picture, np.float32) for picture in (truth, *images)]
         shape = pictures[0].shape
         if len(shape) != 3 or shape[2] != 3 or min(shape[:2]) < SMALLEST or any(p.shape != shape for p in pictures):
             found = ", ".join(str(list(p.shape)) for p in pictures)
             raise ValueError(f"LPIPS needs pictures [H, W, 3] of one size, at least 16 x 16 pixels, not {found}")
-        totals = np.zeros(len(images))
+        weights = np.ones(shape[:2], np.float32) if mask is None else np.asarray(mask, np.float32)
+        sums, totals = np.zeros((len(images), len(BLOCKS))), np.zeros(len(BLOCKS))
         for rows, first, last in _bands(*shape[:2]):
             of_truth, *others = (self._features(picture[rows], first, last) for picture in pictures)
-            for k, features in enumerate(others):
-                layers = zip(self.linear, of_truth, features, strict=True)
-                sums = (np.sum(np.tensordot(w, (x - y) ** 2, 1), dtype=np.float64) for w, x, y in layers)
-                totals[k] += sum(value / (shape[0] >> d) / (shape[1] >> d) for d, value in enumerate(sums))
-        return totals.tolist()
+            pixels = weights[rows][first:last]
+            for depth, linear in enumerate(self.linear):
+                pixels = box_downscale(pixels[..., None], 2)[..., 0] if depth else pixels
+                totals[depth] += np.sum(pixels, dtype=np.float64)
+                for k, features in enumerate(others):
+                    errors = np.tensordot(linear, (of_truth[depth] - features[depth]) ** 2, 1)
+                    sums[k, depth] += np.sum(errors * pixels, dtype=np.float64)
+        return (sums / np.maximum(totals, 1e-30)).sum(axis=1).tolist()
 
     def _features(self, pixels: Floats, first: int, last: int) -> list[Floats]:
         """After each block, [features, rows / 2^d, W / 2^d], of length 1 in each pixel (or 0); of the rows from

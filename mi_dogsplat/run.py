@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import fcntl
 import json
 import os
 import resource
@@ -21,6 +20,7 @@ from .engine.geometry import Cutoffs
 from .errors import DataError
 from .evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
 from .files import PART, remove_parts, replacing, write_json
+from .locks import locked
 from .mixture import write_mixture
 from .report.write import write_report
 from .run_folder import RECIPE, RENDER_MS, read_run
@@ -55,20 +55,9 @@ def prepare_folder(out: Path) -> None:
 def claimed(out: Path) -> Iterator[None]:
     """``prepare_folder``, which is ours alone then, without what killed processes left there. Raises ``DataError``."""
     prepare_folder(out)
-    descriptor = os.open(out, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # goes with the process, however that ends
-    except BlockingIOError:
-        os.close(descriptor)
-        raise DataError(out, "another process is training in it", "wait for it, stop it, or name another") from None
-    except OSError:
-        pass  # a file system without locks
-    try:
-        with _writing(out):
-            remove_parts(out)
-            yield
-    finally:
-        os.close(descriptor)
+    with locked(out, "another process is training in it"), _writing(out):
+        remove_parts(out)
+        yield
 
 
 @contextmanager

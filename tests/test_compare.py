@@ -18,12 +18,13 @@ import psutil
 import pytest
 from mi_dogsplat.cli.arguments import METHODS as OFFERED
 from mi_dogsplat.compare.compare import compare
-from mi_dogsplat.compare.execute import in_a_process
+from mi_dogsplat.compare.execute import Means, in_a_process
 from mi_dogsplat.compare.methods import GROUPS, METHODS
 from mi_dogsplat.compare.page import pareto
 from mi_dogsplat.compare.table import COLUMNS, MEAN, collect_all, latex
 from mi_dogsplat.compare.tasks import Task, perform, tasks_of
 from mi_dogsplat.errors import DataError
+from mi_dogsplat.locks import locked
 from mi_dogsplat.lpips import Lpips
 from mi_dogsplat.training.checkpoint import load_checkpoint
 from mi_dogsplat.training.config import TrainConfig
@@ -147,7 +148,7 @@ def test_without_its_start_a_run_fails_in_one_line(data, tmp_path):
     (tmp_path / "tiny").mkdir()
     settings = {k: v for k, v in vars(TrainConfig(str(data), steps=60)).items() if k not in ("preset", "seed")}
     (tmp_path / "tiny" / "config.json").write_text(json.dumps(settings))
-    error = in_a_process(Task("train", str(tmp_path / "tiny"), 0, ("3dgs",)), "auto", 0)
+    error = in_a_process(Task("train", str(tmp_path / "tiny"), 0, ("3dgs",)), Means())
     assert error and "there is no densified start" in error
 
 
@@ -203,15 +204,49 @@ def test_the_command_line_offers_all_methods_in_order():
 def test_a_worker_without_the_weights_of_lpips_says_so(comparison):
     out, _, _ = comparison
     with pytest.raises(DataError, match="lpips_vgg16.npz.*make lpips"):
-        perform(Task("lpips", str(out / "tiny"), 0, NAMES))
+        perform(Task("lpips", str(out / "tiny"), 0, NAMES), {})
+
+
+def test_two_comparisons_do_not_write_to_one_folder(data, tmp_path):
+    (tmp_path / "out").mkdir()
+    with locked(tmp_path / "out", "taken"), pytest.raises(DataError, match="another comparison is writing"):
+        compare(TrainConfig("", **SETTINGS), [str(data)], tmp_path / "out", [0], ("3dgs",))
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_the_memory_that_is_given_holds_for_every_task(data, tmp_path):
+    config = replace(TrainConfig("", **SETTINGS), memory="1M")
+    table = compare(config, [str(data)], tmp_path / "out", [0], ("3dgs",))
+    assert "needs about" in table["failed"]["tiny, seed 0: densified start"]
+
+
+@pytest.mark.slow
+def test_methods_that_come_later_are_timed_with_the_others_and_rows_tell_their_seeds(comparison, data, tmp_path):
+    out = Path(shutil.copytree(comparison[0], tmp_path / "out"))
+    table = compare(TrainConfig("", **SETTINGS), [str(data)], out, [0, 1], ("opacity",))
+    timed = json.loads((out / "tiny" / "seed_0" / "opacity" / "render_ms.json").read_text())
+    assert timed["in_turn_with"] == sorted([*NAMES, "opacity"])
+    rows = latex(table, "tiny").splitlines()
+    assert any(row.startswith("opacity (2 seeds) &") for row in rows)
+    assert any(row.startswith("DashGaussian (1 seed) &") for row in rows)
+
+
+@pytest.mark.slow
+def test_neither_the_start_nor_a_method_depends_on_the_distance_of_rows_and_pages_do_without_curves(data, tmp_path):
+    settings: dict[str, Any] = SETTINGS | {"log_every": 45, "test_every": 1000}
+    table = compare(TrainConfig("", **settings), [str(data)], tmp_path / "out", [0], ("3dgs", "lp_3dgs"))
+    start = load_checkpoint(tmp_path / "out" / "tiny" / "seed_0" / "start.npz")
+    assert not table["failed"] and start["step"] == 30 and start["seconds"] > 0
+    assert "Error against run time" in (tmp_path / "out" / "comparison.html").read_text(encoding="utf-8")
 
 
 def test_the_process_of_a_task_ends_when_whoever_started_it_is_killed(comparison, tmp_path):
     out, _, _ = comparison
     settings = json.loads((out / "tiny" / "config.json").read_text()) | {"steps": 10**7, "log_every": 10**6}
     (tmp_path / "config.json").write_text(json.dumps(settings))
-    program = "from mi_dogsplat.compare.execute import in_a_process; from mi_dogsplat.compare.tasks import Task; "
-    program += f"in_a_process(Task('start', {str(tmp_path)!r}, 0), 'auto', 0)"
+    program = "from mi_dogsplat.compare.execute import Means, in_a_process\n"
+    program += "from mi_dogsplat.compare.tasks import Task\n"
+    program += f"in_a_process(Task('start', {str(tmp_path)!r}, 0), Means())"
     with subprocess.Popen([sys.executable, "-c", program], cwd=Path(__file__).parents[1]) as parent:
         children: list[psutil.Process] = []
         while not children and parent.poll() is None:

@@ -134,6 +134,9 @@ def test_bad_input_is_one_line_and_nothing_is_left_behind(capsys, model, tmp_pat
     assert_one_line(run(capsys, "export", tmp_path / "no.ply", "-o", tmp_path / "out.spz"), "no.ply")
     write_ply(tmp_path / "empty.ply", Splats.empty(1))
     assert_one_line(run(capsys, "export", tmp_path / "empty.ply", "-o", tmp_path / "out.glb"), "empty.ply", "empty")
+    before = model.read_bytes()
+    assert_one_line(run(capsys, "export", model, "-o", model), "model.ply", "is the model itself")
+    assert model.read_bytes() == before
     (tmp_path / "file").touch()
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "file" / "out.spz"), "out.spz", "cannot be written")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["empty.ply", "file", "model.ply"]

@@ -74,6 +74,20 @@ def test_the_real_weights_give_what_the_package_lpips_gives(size, expected):
     assert Lpips(read_arrays(REAL))(*pictures(*size)) == pytest.approx(expected, abs=2e-7)
 
 
+def test_a_mask_weighs_pixels_at_every_depth():
+    lpips, (a, b) = Lpips(small_weights()), pictures(64, 48)
+    assert lpips(a, b, np.ones((64, 48))) == lpips(a, b)
+    assert lpips(a, b, np.full((64, 48), 0.3)) == pytest.approx(lpips(a, b), rel=1e-6)
+    mask = np.zeros((64, 48))
+    mask[16:48, 16:32] = 1  # of 16 pixels: whole ones at the last depth, too
+    slow, weights = [slow_features(image, small_weights()) for image in (a, b)], small_weights()
+    expected = 0.0
+    for depth, (x, y) in enumerate(zip(*slow, strict=True)):
+        errors = np.tensordot(weights[f"linear_{depth}"], (x - y) ** 2, 1)
+        expected += errors[16 >> depth : 48 >> depth, 16 >> depth : 32 >> depth].mean()
+    assert lpips(a, b, mask) == pytest.approx(expected, rel=1e-5)
+
+
 def test_pictures_without_pixels_left_at_the_last_depth_or_of_different_sizes_are_refused():
     for shape in ((15, 40, 3), (40, 40, 4), (40, 40)):
         with pytest.raises(ValueError, match="16 x 16"):

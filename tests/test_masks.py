@@ -12,6 +12,7 @@ from mi_dogsplat.errors import DataError
 from mi_dogsplat.pictures import write_png
 from mi_dogsplat.training.photographs import Photographs
 from photographs import SHAPE, changed, config_of, image_of, left_half, planes_of, trained, write_masks
+from PIL import Image
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +80,28 @@ def test_masks_of_any_size_are_scaled_and_read_as_black_or_white(tmp_path):
         mask = Masks(tmp_path, [view]).of(view)
         expected = np.kron([[0, 1], [1, 0]], np.ones((height // 2, width // 2)))
         assert mask is not None and mask.tolist() == expected.tolist()
+
+
+@pytest.mark.parametrize(
+    "mask", ["left/1.png", "left/1.JPG", "left/1.JPG.png", "left_1.webp", "left/1.PNG.png", "images/left/1.tif.png"]
+)
+def test_a_mask_is_found_by_the_name_of_its_image_in_every_way_of_writing_it(tmp_path, mask):
+    camera, image = tiny_data.cameras(1, 2, 2)[0], np.zeros((2, 2, 3), np.float32)
+    named, other = (View(name, camera, image) for name in ("left_1", "left_11"))
+    (tmp_path / mask).parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(np.array([[0, 255], [255, 0]], np.uint8)).save(tmp_path / mask, lossless=True, quality=100)
+    found = Masks(tmp_path, [other, named]).of(named)
+    assert found is not None and found.tolist() == [[0, 1], [1, 0]]
+    assert Masks(tmp_path, [other, named]).of(other) is None
+
+
+def test_what_downscaling_cuts_off_is_cut_off_masks_too(tmp_path):
+    grey = np.zeros((7, 11), np.uint8)
+    grey[:, 9:] = 255  # the columns that are left over when 11 are divided by 3
+    Image.fromarray(grey).save(tmp_path / "a.png")
+    view = View("a", tiny_data.cameras(1, 3, 2)[0], np.zeros((2, 3, 3), np.float32))
+    mask = Masks(tmp_path, [view]).of(view)
+    assert mask is not None and not mask.any()
 
 
 def test_bad_masks_are_refused_in_one_line(data, tmp_path):

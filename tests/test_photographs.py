@@ -2,6 +2,7 @@
 
 import gc
 import json
+import shutil
 import weakref
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from mi_dogsplat.training.photographs import READ_AHEAD, Photographs
 from mi_dogsplat.training.sieve import near_cameras
 from mi_dogsplat.training.train import Trainer
 from photographs import SHAPE, changed, config_of, image_of, left_half, planes_of, trained, write_masks
+from PIL import Image
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +92,15 @@ def test_views_on_disk_are_the_views_in_memory(data, alpha_data, alpha, downscal
     for ours, theirs in zip(disk.views, memory.views, strict=True):
         assert isinstance(ours, DiskView) and np.array_equal(ours.image, theirs.image)
         assert np.array_equal(ours.camera.K, theirs.camera.K) and ours.camera.width == theirs.camera.width
+
+
+def test_an_alpha_channel_that_is_opaque_everywhere_is_none_on_disk_either(data, tmp_path):
+    copied = Path(shutil.copytree(data, tmp_path / "opaque"))
+    for path in copied.rglob("*.png"):
+        Image.open(path).convert("RGBA").save(path)
+    for on_disk in (False, True):
+        dataset = load_dataset(copied, on_disk=on_disk)
+        assert not dataset.has_alpha and all(view.image.shape[2] == 3 for view in dataset.views)
 
 
 def test_an_image_that_disappears_is_named(data, tmp_path):

@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
+from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.compare.rivals.dash import Dash, count_at, resolution, significance
 from mi_dogsplat.compare.rivals.gaussian_spa import projected
 from mi_dogsplat.compare.rivals.lightgaussian import GlobalSignificance
@@ -19,12 +20,14 @@ from mi_dogsplat.compare.rivals.pup import Sensitivity, fisher
 from mi_dogsplat.compare.rivals.radsplat import LargestWeight
 from mi_dogsplat.compare.rivals.taming import VIEWS, Taming, parabola, saliency
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.engine.composite_derivatives import lanes_add_in_turn
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.history import run_to_end
+from mi_dogsplat.training.train import Trainer
 from splat_scenes import SMOOTH_OPTIONS, make_camera, make_splats, options, random_splats, rounded, tilted_camera
 from tiny_data import write_tiny_data
 
@@ -211,7 +214,11 @@ def growing(tmp_path_factory):
     """Makes a trainer of a kind, on tiny data, to grow to 90 primitives."""
     folder = write_tiny_data(tmp_path_factory.mktemp("data"))
     config = TrainConfig(str(folder), preset="3dgs", steps=60, sh_degree=1, target=90, log_every=10, test_every=10)
-    return lambda kind, steps=60: kind(replace(config, steps=steps), load_dataset(config.data, 1))
+
+    def make(kind, steps=60, recipe=None, **settings):
+        return kind(replace(config, steps=steps, **settings), load_dataset(config.data, 1), recipe)
+
+    return make
 
 
 def test_taming_grows_along_the_parabola_of_the_paper():
@@ -313,3 +320,32 @@ def test_dash_begins_with_small_pictures(growing):
     trainer.step()
     assert trainer.factor > 1
     assert trainer.cameras[0].width == trainer.dataset.train[0].camera.width // trainer.factor
+
+
+def test_dash_keeps_the_exposures_that_it_has_learned(growing):
+    trainer = growing(Dash, exposure=True)
+    for _ in run_to_end(trainer):
+        pass
+    assert trainer.factor == 1 and sum(trainer.photographs.exposure.t) == 60
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["mask_gaussian", "lp_3dgs", "gaussian_spa"])
+def test_a_method_that_learns_more_goes_on_from_a_checkpoint_with_the_same_bits(growing, name):
+    """Stopped within the window in which its numbers are learned."""
+
+    def trainer() -> Trainer:
+        return growing(METHODS[name].trainer, 120, recipe=METHODS[name].recipe, target=20)
+
+    whole, first, second = trainer(), trainer(), trainer()
+    while first.step_count < 79:
+        first.step()
+    state = first.state()
+    assert any(key.startswith("optimizer.") for key in state.keys() - growing(Trainer).state().keys())
+    second.restore(state)
+    for one in (whole, second):
+        while one.step_count < 120:
+            one.step()
+    if lanes_add_in_turn(mi.variant()):
+        a, b = whole.state(), second.state()
+        assert a.keys() == b.keys() and all(np.array_equal(a[key], b[key]) for key in a if key != "seconds")

@@ -9,7 +9,7 @@ PACKAGE = Path(__file__).parents[1] / "mi_dogsplat"
 
 # From low to high; modules of one row may import each other. A module may import its own row and those above it here.
 STATIONS = [
-    {"errors", "llvm", "wording", "srgb", "files", "arrays", "memory", "stopping", "timing", "versions"},
+    {"errors", "llvm", "wording", "srgb", "files", "arrays", "locks", "memory", "stopping", "timing", "versions"},
     {"scene"},
     {"pictures", "capture_config", "datasets"},
     {"reference", "engine"},

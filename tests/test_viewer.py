@@ -202,6 +202,9 @@ def test_a_run_is_followed_from_checkpoint_to_checkpoint_to_its_model(data, tmp_
     os.utime(run / CHECKPOINT, ns=(later, later))
     found = source.poll()
     assert found and found[1] == "step 0 of 8" and found[0].n_splats == trainer.optimizer.n and source.poll() is None
+    (run / "config.json").unlink()
+    found = Source(run).poll()
+    assert found and found[1] == "step 0"
 
 
 def test_a_folder_without_a_model_says_what_to_wait_for(tmp_path):

@@ -59,6 +59,8 @@ def ways(out: Path, rows: dict[str, Any]) -> tuple[str, str] | None:
     figures = ""
     for name, row in others.items():
         run, minutes, psnr = _way(folder / name)
+        if not len(minutes):
+            continue  # it was never measured on the way: --test-every beyond its end
         curves = [Series(row["label"], minutes, psnr), Series(baseline["label"], x, y, color=2)]
         lines = marks(run, run.column("seconds") / 60)
         figures += line_plot(curves, "run time, min", "test PSNR, dB", marks=lines, x_start=float(np.min(minutes)))

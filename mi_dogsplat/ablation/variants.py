@@ -66,9 +66,8 @@ def densified_start(config: TrainConfig, dataset: Dataset, path: Path, progress:
     if not path.exists():
         progress(f"seed {config.seed}: densifying")
         trainer = Trainer(config, dataset)
-        for row in run_to_end(trainer):
-            if row["step"] >= trainer.densification.stop:
-                break
+        for _ in run_to_end(trainer, until=min(trainer.densification.stop, config.steps)):
+            pass
         save_checkpoint(path, trainer.state())
     return load_checkpoint(path)
 

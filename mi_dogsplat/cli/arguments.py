@@ -125,7 +125,7 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     p.add_argument("data", metavar="DATA", help=DATA_HELP)
     p.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json")
     p.add_argument("--color-correct", action="store_true", help="also PSNR after each view's best colour map")
-    _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "masks", "variant"])
+    _add_config_flags(p, ["downscale", "background", "antialiased", "near_clip", "masks", "data_on_disk", "variant"])
 
     p = command("capture", "any Mitsuba scene into a training set", CAPTURE_EXAMPLES)
     p.add_argument("scene", type=Path, metavar="SCENE.xml", help="Mitsuba scene")

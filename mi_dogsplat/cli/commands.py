@@ -116,7 +116,7 @@ def evaluate(args: argparse.Namespace) -> None:
     from ..training.config import background_color
 
     splats = read_ply(args.model)
-    dataset = load_dataset(args.data, args.downscale)
+    dataset = load_dataset(args.data, args.downscale, on_disk=args.data_on_disk)
     background = background_color(args.background, dataset.has_alpha)
     if args.out:
         if (args.out / "config.json").exists():

@@ -26,15 +26,14 @@ def main() -> int:
     from .tasks import Task, perform
 
     given = json.loads(sys.argv[1])
-    threads, variant = given.pop("threads"), given.pop("variant")
-    task = Task(**given | {"methods": tuple(given["methods"])})
+    task, means = Task(**given["task"] | {"methods": tuple(given["task"]["methods"])}), given["means"]
     try:
-        set_variant(variant)
-        if threads:
+        set_variant(means["variant"])
+        if means["threads"]:
             import drjit as dr
 
-            dr.set_thread_count(threads)
-        perform(task)
+            dr.set_thread_count(means["threads"])
+        perform(task, means["free"])
     except DataError as error:
         print(error, file=sys.stderr)
         return 2

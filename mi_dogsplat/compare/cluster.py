@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from ..errors import DataError
-from .execute import Outcome, in_a_process
+from .execute import Means, Outcome, in_a_process
 from .tasks import Task
 
 
@@ -42,11 +42,8 @@ def cluster_client(address: str | None, workers: int) -> Iterator[Any]:
         yield client
 
 
-def on_cluster(tasks: Sequence[Task], variant: str, client: Any, threads: int) -> Iterator[Outcome]:
-    """Outcomes in the order in which tasks end. Each is submitted as soon as those that it needs have ended.
-
-    Arguments as for ``in_a_process``.
-    """
+def on_cluster(tasks: Sequence[Task], means: Means, client: Any) -> Iterator[Outcome]:
+    """Outcomes in the order in which tasks end. Each is submitted as soon as those that it needs have ended."""
     from distributed import as_completed
 
     waiting, running = list(tasks), {}
@@ -57,7 +54,7 @@ def on_cluster(tasks: Sequence[Task], variant: str, client: Any, threads: int) -
             if not any(task.needs(other) for other in (*waiting, *running.values())):
                 waiting.remove(task)
                 key = f"{task.name} {uuid.uuid4().hex}"  # the same task of an earlier call is another one
-                future = client.submit(in_a_process, task, variant, threads, key=key, pure=False)
+                future = client.submit(in_a_process, task, means, key=key, pure=False)
                 running[future.key] = task
                 ended.add(future)
 

@@ -21,9 +21,10 @@ from ..ablation.ablate import claim
 from ..datasets import load_dataset
 from ..errors import DataError
 from ..files import replacing, write_json
-from ..training.config import TrainConfig
+from ..locks import locked
+from ..training.config import FREE, TrainConfig
 from .cluster import cluster_client, on_cluster
-from .execute import one_after_another
+from .execute import Means, one_after_another
 from .methods import METHODS
 from .page import comparison_page
 from .table import COMPARISON, collect_all, write_tables
@@ -61,15 +62,19 @@ def compare(
         if not load_dataset(path, config.downscale).test:
             raise DataError(path, "has no test views to compare methods on", "give it a test split")
     on_dask = cluster is not None or workers > 0
-    with cluster_client(cluster, workers) if on_dask else nullcontext() as client:
+    out.mkdir(parents=True, exist_ok=True)
+    with (
+        locked(out, "another comparison is writing to it"),
+        cluster_client(cluster, workers) if on_dask else nullcontext() as client,
+    ):
         _claim(out, {f: replace(config, data=str(Path(p).resolve())) for f, p in zip(folders, data, strict=True)})
         tasks = [task for folder in folders for task in tasks_of(folder, seeds, methods)]
         tasks = [task for task in tasks if not task.done]
         failed: dict[str, str] = {}
         _write(out, failed)
-        threads = 0 if cluster else max(1, (os.cpu_count() or 1) // max(workers, 1))
-        variant = config.variant
-        outcomes = on_cluster(tasks, variant, client, threads) if on_dask else one_after_another(tasks, variant)
+        threads = max(1, (os.cpu_count() or 1) // workers) if workers and not cluster else 0
+        means = Means(config.variant, threads, {name: getattr(config, name) for name in FREE})
+        outcomes = on_cluster(tasks, means, client) if on_dask else one_after_another(tasks, means)
         for number, outcome in enumerate(outcomes, 1):
             if outcome.error:
                 failed[outcome.task.name] = outcome.error
@@ -98,7 +103,6 @@ def _check_folder(out: Path) -> None:
 def _claim(out: Path, settings: dict[Path, TrainConfig]) -> None:
     """Make the folder one of a comparison, and those of the data sets in it."""
     if not (out / COMPARISON).exists():
-        out.mkdir(parents=True, exist_ok=True)
         write_json(out / COMPARISON, {})
     for folder, config in settings.items():
         claim(folder, config)

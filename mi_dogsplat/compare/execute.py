@@ -8,8 +8,9 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from .tasks import Task
 
@@ -24,15 +25,19 @@ class Outcome:
     error: str | None
 
 
-def in_a_process(task: Task, variant: str, threads: int) -> str | None:
-    """Perform a task in a process of its own; returns what went wrong in one line, or None.
+@dataclass(frozen=True)
+class Means:
+    """What tasks may use, wherever they are performed."""
 
-    Args:
-        variant: of Mitsuba, as for ``--variant``.
-        threads: of Dr.Jit; 0 takes all cores.
-    """
+    variant: str = "auto"  # of Mitsuba, as for --variant
+    threads: int = 0  # of Dr.Jit; 0 takes all cores
+    free: dict[str, Any] = field(default_factory=dict)  # settings that no result depends on, by their names
+
+
+def in_a_process(task: Task, means: Means) -> str | None:
+    """Perform a task in a process of its own; returns what went wrong in one line, or None."""
     task.log.parent.mkdir(parents=True, exist_ok=True)
-    given = dataclasses.asdict(task) | {"variant": variant, "threads": threads}
+    given = {"task": dataclasses.asdict(task), "means": dataclasses.asdict(means)}
     paths = [str(PACKAGE), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
     command = [sys.executable, "-m", "mi_dogsplat.compare", json.dumps(given)]
@@ -46,13 +51,13 @@ def in_a_process(task: Task, variant: str, threads: int) -> str | None:
             finally:
                 process.kill()  # does nothing once it has ended
     if status == 0:
-        task.log.unlink()
+        task.log.unlink(missing_ok=True)
         return None
     lines = task.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     return lines[-1] if lines else f"the process ended with status {status}"
 
 
-def one_after_another(tasks: Sequence[Task], variant: str) -> Iterator[Outcome]:
-    """Here, with all cores for each: timings are those of an undisturbed run."""
+def one_after_another(tasks: Sequence[Task], means: Means) -> Iterator[Outcome]:
+    """Here: with all cores for each, timings are those of an undisturbed run."""
     for task in tasks:
-        yield Outcome(task, in_a_process(task, variant, 0))
+        yield Outcome(task, in_a_process(task, means))

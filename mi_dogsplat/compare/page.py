@@ -14,7 +14,7 @@ from ..report.plot import Series, legend_list, line_plot
 from ..report.points import Note
 from .crops import crops
 from .methods import GROUPS
-from .table import COLUMNS, cells, columns, data_sets
+from .table import COLUMNS, cells, columns, data_sets, label
 
 READ_TABLE = """Mean over the seeds, of times the median; ± is half the distance between the best and the
 worst of them. Bold: the best of the compact models. All methods of a seed go on from one densified start, except those
@@ -61,7 +61,7 @@ def _table(table: dict[str, Any], data: str) -> str:
         if data in row["data"]:
             texts = cells(table, data, method)
             shown = "".join(f"<td class=n>{'<b>' * best}{escape(text)}{'</b>' * best}" for text, best in texts)
-            rows += f"<tr><td>{escape(row['label'])}{shown}</tr>"
+            rows += f"<tr><td>{escape(label(table, data, method))}{shown}</tr>"
     return f"<div class=scroll><table><thead><tr><th>method{headings}</thead><tbody>{rows}</tbody></table></div>"
 
 
@@ -82,10 +82,10 @@ def _points(table: dict[str, Any], data: str) -> str:
         series = [Series("Pareto front", x[front], y[front], "faint", 0)]
         for group, members in GROUPS.items():
             for k in (k for k, name in enumerate(names) if name in members):
-                label = table["methods"][names[k]]["label"]
-                words = f"{label}: {y_label} {y[k]:.{digits}f}, {x_label} {x[k]:,.4g}"
+                name = label(table, data, names[k])
+                words = f"{name}: {y_label} {y[k]:.{digits}f}, {x_label} {x[k]:,.4g}"
                 series.append(
-                    Series(group, x[[k]], y[[k]], "points", COLORS[group], [Note(words, label if k in front else "")])
+                    Series(group, x[[k]], y[[k]], "points", COLORS[group], [Note(words, name if k in front else "")])
                 )
         figures += line_plot(series, x_label, f"test {y_label}", log_x=True, legend=False, height=280)
     shown = [(group, COLORS[group]) for group, members in GROUPS.items() if set(members) & set(names)]

@@ -73,6 +73,13 @@ def columns(table: dict[str, Any], data: str) -> list[str]:
     return [name for name in COLUMNS if name in found]
 
 
+def label(table: dict[str, Any], data: str, method: str) -> str:
+    """Of a row; with the number of seeds where that is not the same for all rows."""
+    counts = {name: len(row["data"][data]["runs"]) for name, row in table["methods"].items() if data in row["data"]}
+    seeds = f" ({counts[method]} seed{'s' * (counts[method] != 1)})" if len(set(counts.values())) > 1 else ""
+    return table["methods"][method]["label"] + seeds
+
+
 def cells(table: dict[str, Any], data: str, method: str) -> list[tuple[str, bool]]:
     """Of a row: text, and whether it is the best of the compact models (the baseline with all primitives is none)."""
     result = []
@@ -109,6 +116,6 @@ def latex(table: dict[str, Any], data: str) -> str:
     for method, row in table["methods"].items():
         if data in row["data"]:
             texts = [f"\\textbf{{{text}}}" if best else text for text, best in cells(table, data, method)]
-            line = " & ".join([row["label"], *texts]).replace("%", r"\%").replace("±", r"$\pm$")
+            line = " & ".join([label(table, data, method), *texts]).replace("%", r"\%").replace("±", r"$\pm$")
             lines.append(line + r" \\")
     return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", ""])

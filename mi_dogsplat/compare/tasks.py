@@ -9,9 +9,10 @@ lpips   of all these models, where the weights are installed
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ class Task:
     kind: str  # one of KINDS
     folder: str  # of the data set within the comparison
     seed: int
-    methods: tuple[str, ...] = ()  # the one to train, or all to measure
+    methods: tuple[str, ...] = ()  # the one to train, or those that were asked for
 
     @property
     def name(self) -> str:
@@ -59,17 +60,20 @@ class Task:
 
     @property
     def complete(self) -> list[Path]:
-        """The run folders of its methods that are there and whole."""
-        runs = {name: self.seed_folder / name for name in self.methods}
-        return [run for name, run in runs.items() if is_complete(run, METHODS[name])]
+        """The run folders that it is about which are there and whole: of its method, or, to measure, of all methods,
+        those of earlier calls too."""
+        names = self.methods if self.kind == "train" else tuple(METHODS)
+        return [self.seed_folder / name for name in names if is_complete(self.seed_folder / name, METHODS[name])]
 
     @property
     def done(self) -> bool:
         """Whether there is nothing left to do. Times are taken again: they depend on who is there."""
         if self.kind == "start":
             return (self.seed_folder / "start.npz").exists()
-        known = [run for run in self.complete if self.kind == "train" or (run / LPIPS).exists()]
-        return self.kind != "time" and len(known) == len(self.methods)
+        if self.kind == "train":
+            return bool(self.complete)
+        wanted = {self.seed_folder / name for name in self.methods}
+        return self.kind == "lpips" and wanted <= {run for run in self.complete if (run / LPIPS).exists()}
 
 
 def tasks_of(folder: Path, seeds: Sequence[int], methods: Sequence[str]) -> list[Task]:
@@ -84,14 +88,17 @@ def tasks_of(folder: Path, seeds: Sequence[int], methods: Sequence[str]) -> list
     return tasks
 
 
-def perform(task: Task, progress: Callable[[str], None] = lambda line: None) -> None:
-    """Do it, in this process. Raises whatever goes wrong."""
+def perform(task: Task, free: Mapping[str, Any]) -> None:
+    """Do it, in this process. Raises whatever goes wrong.
+
+    Args:
+        free: settings by name that the folder does not hold, since no result depends on them.
+    """
     settings = json.loads((Path(task.folder) / "config.json").read_text(encoding="utf-8"))
-    config = TrainConfig(**settings, preset="3dgs", seed=task.seed)
-    dataset = load_dataset(config.data, config.downscale)
+    config = TrainConfig(**settings, **free, preset="3dgs", seed=task.seed)
     start = task.seed_folder / "start.npz"
     if task.kind == "start":
-        densified_start(config, dataset, start, progress)
+        densified_start(config, load_dataset(config.data, config.downscale), start, _silent)
     elif task.kind == "train":
         if not start.exists():
             raise DataError(start, "there is no densified start", "see start.log beside it, then compare again")
@@ -100,13 +107,16 @@ def perform(task: Task, progress: Callable[[str], None] = lambda line: None) -> 
         run = task.seed_folder / name
         if (run / LPIPS).exists():  # of a run with another recipe
             (run / LPIPS).unlink()
-        train_variant(replace(config, target=count), METHODS[name], run, state, progress)
+        train_variant(replace(config, target=count), METHODS[name], run, state, _silent)
     elif task.kind == "time":
-        draw_in_turn(dataset, config, {run.name: run for run in task.complete})
-    else:
-        runs = [run for run in task.complete if not (run / LPIPS).exists()]
-        lpips = Lpips.installed(view.camera for view in dataset.test)
-        if runs and not weights_path().exists():
+        draw_in_turn(load_dataset(config.data, config.downscale), config, {run.name: run for run in task.complete})
+    elif runs := [run for run in task.complete if not (run / LPIPS).exists()]:
+        if not weights_path().exists():
             raise DataError(weights_path(), "the weights of LPIPS are not on this machine", "make lpips there")
-        if runs and lpips:
-            measure_lpips(runs, [view.name for view in dataset.test], lpips)
+        views = load_dataset(config.data, config.downscale).test
+        if lpips := Lpips.installed(view.camera for view in views):
+            measure_lpips(runs, [view.name for view in views], lpips)
+
+
+def _silent(line: str) -> None:
+    """Who watches a comparison is told of tasks."""

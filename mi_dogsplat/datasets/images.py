@@ -91,7 +91,7 @@ def load_views(
 ) -> tuple[list[View], bool]:
     """Read all images: (views, has_alpha). Order is kept.
 
-    ``on_disk``: only their headers are read now, and an alpha channel counts wherever there is one (``DiskView``).
+    ``on_disk``: only their headers are read now (``DiskView``), and pixels until one is found that is not opaque.
 
     ``prescaled``: the files already are ``downscale`` times smaller than their cameras (an ``images_4``
     folder); their rounded sizes are accepted and the intrinsics scaled by the exact ratio of each axis. An
@@ -104,7 +104,8 @@ def load_views(
 
     if on_disk:
         headers = [_header(source.image_path) for source in sources]
-        any_alpha = any(alpha for _, alpha in headers)
+        pairs = zip(sources, headers, strict=True)
+        any_alpha = any(alpha and not _opaque(source.image_path) for source, (_, alpha) in pairs)
 
         def view_of(source: ViewSource, size: tuple[int, int]) -> View:
             camera, straight = _camera_of(source, downscale, prescaled, size)
@@ -198,6 +199,15 @@ def _header(path: Path) -> tuple[tuple[int, int], bool]:
     try:
         with open_image(path) as image:
             return image.size, "A" in image.getbands() or "transparency" in image.info
+    except UNREADABLE as error:
+        raise _corrupt(path, error) from error
+
+
+def _opaque(path: Path) -> bool:
+    """Whether an image with an alpha channel does without. Raises ``DataError``."""
+    try:
+        with open_image(path) as image:
+            return image.convert("RGBA").getextrema()[3] == (255, 255)
     except UNREADABLE as error:
         raise _corrupt(path, error) from error
 

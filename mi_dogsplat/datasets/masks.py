@@ -12,44 +12,50 @@ import numpy as np
 from PIL import Image
 
 from ..errors import DataError
-from .dataset import View
-from .images import read_image
+from .dataset import View, view_name
+from .images import box_downscale, read_image
 
-SUFFIXES = (".png", ".jpg.png", ".jpeg.png", ".JPG.png", ".png.png", ".jpg")  # COLMAP appends .png to the image's name
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tif", ".tiff", ".webp", ".ppm")  # in lower or upper case
 USED = 0.5  # grey level from which a pixel counts
 
 
 class Masks:
     """A folder with a picture per image, named as the image; images without one count whole.
 
-    Raises ``DataError`` if there is no such folder, or none for any of the ``views``.
+    The mask of ``left/1.JPG`` is ``left/1.png``, of any format, or ``left/1.JPG.png``, as COLMAP has it, or
+    ``left_1.png``. Raises ``DataError`` if there is no such folder, or none for any of the ``views``.
     """
 
     def __init__(self, folder: str | Path, views: Sequence[View]):
-        self.folder = Path(folder)
-        if not self.folder.is_dir():
-            raise DataError(self.folder, "no such folder", "give a folder with a mask per image")
-        if not any(self._path(view) for view in views):
+        folder = Path(folder)
+        if not folder.is_dir():
+            raise DataError(folder, "no such folder", "give a folder with a mask per image")
+        self.paths: dict[str, Path] = {}  # by the name of the view
+        for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES):
+            image = path.relative_to(folder)
+            if Path(image.stem).suffix.lower() in SUFFIXES:
+                image = image.with_suffix("")
+            self.paths.setdefault(view_name(str(image)), path)
+        if not any(view.name in self.paths for view in views):
             remedy = f"name them as the images, like {views[0].name}.png"
-            raise DataError(self.folder, "has no mask for any of the images", remedy)
+            raise DataError(folder, "has no mask for any of the images", remedy)
 
     def of(self, view: View) -> np.ndarray | None:
         """The mask of a view, float32 [H, W]: 1 where a pixel counts, else 0; None where it counts whole.
 
         A mask is one of the photograph: its lens is taken out as that of the photograph was. Raises ``DataError``.
         """
-        path = self._path(view)
+        path = self.paths.get(view.name)
         if path is None:
             return None
         grey, camera = read_image(path)[..., :3].mean(axis=2), view.camera  # [H', W']
         if view.straight:
             source = view.straight.source
             grey = view.straight.image(_resized(grey, source.width, source.height)[..., None])[..., 0]
+        k = grey.shape[1] // camera.width  # as the image was downscaled, if it was: what is left over is cut off
+        if k > 1 and grey.shape[0] // k == camera.height and grey.shape[1] // k == camera.width:
+            grey = box_downscale(grey[..., None], k)[..., 0]
         return (_resized(grey, camera.width, camera.height) >= USED).astype(np.float32)
-
-    def _path(self, view: View) -> Path | None:
-        candidates = (self.folder / (view.name + suffix) for suffix in SUFFIXES)
-        return next((path for path in candidates if path.is_file()), None)
 
 
 def _resized(grey: np.ndarray, width: int, height: int) -> np.ndarray:

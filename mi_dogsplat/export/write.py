@@ -89,6 +89,8 @@ def export(args: argparse.Namespace, show: Callable[[str], None] = print) -> Non
     if args.dog not in DOG_CHOICES:
         raise DataError("--dog", f'"{args.dog}" is unknown', f"use {' or '.join(DOG_CHOICES)}")
     splats = read_ply(args.model)
+    if args.out.exists() and args.out.samefile(args.model):
+        raise DataError(args.out, "is the model itself, which would be lost", "name another file")
     if splats.n_splats == 0:
         raise DataError(args.model, "the model is empty", "export one that has primitives")
     plain = plain_gaussians(splats, args.dog)

@@ -12,19 +12,22 @@ from .train import Trainer
 
 
 def run_to_end(
-    trainer: Trainer, due: Callable[[], bool] = lambda: False, save: Callable[[], None] = lambda: None
+    trainer: Trainer,
+    due: Callable[[], bool] = lambda: False,
+    save: Callable[[], None] = lambda: None,
+    until: int | None = None,
 ) -> Iterator[dict[str, Any]]:
     """Run to the end; yields rows of the history.
 
     Every row has ``step``, ``seconds`` (without ``save`` and measurements on test views), ``n`` and ``n_dog``. Some
     have means since the row before (``l1``, ``loss``), means over the test views (``test_psnr``; ``test_flip`` where
     it is not a prune or an activation that asks), and what happened: ``event`` and the fields of ``Trainer.step``.
-    After a step, and after its row, ``save`` is called where that is ``due``.
+    After a step, and after its row, ``save`` is called where that is ``due``. ``until`` is a step before the end.
     """
     config = trainer.config
     test_every = (config.test_every or max(1, config.steps // 8)) if trainer.dataset.test else 0
     tick = time.perf_counter()
-    for happened in _happenings(trainer):
+    for happened in _happenings(trainer, config.steps if until is None else until):
         log = trainer.summed > 0 and trainer.logs()
         scheduled = test_every > 0 and trainer.step_count % test_every == 0
         compacted = test_every > 0 and ("pruned_to" in happened or "psnr_before" in happened)
@@ -42,6 +45,8 @@ def run_to_end(
             _count_seconds(trainer, tick)
             save()
             tick = time.perf_counter()
+    if until is not None:  # there need not be a row at the last step
+        _count_seconds(trainer, tick)
 
 
 def _count_seconds(trainer: Trainer, since: float) -> None:
@@ -50,9 +55,9 @@ def _count_seconds(trainer: Trainer, since: float) -> None:
     trainer.seconds += time.perf_counter() - since
 
 
-def _happenings(trainer: Trainer) -> Iterator[dict[str, Any]]:
+def _happenings(trainer: Trainer, until: int) -> Iterator[dict[str, Any]]:
     """What happens before the first step, if anything does; then at every step."""
     if due := trainer.begin():
         yield due
-    while trainer.step_count < trainer.config.steps:
+    while trainer.step_count < until:
         yield trainer.step()

@@ -264,8 +264,11 @@ class SplatOptimizer:
         if n == 0 or wrong or ("sh_rest" in saved) != ("sh_rest" in names):
             problem = f"{wrong or 'sh_rest'} of the state does not fit this SH degree"
             raise ValueError(f"SplatOptimizer.restore: {problem}")
+        known = {**self.row_size, **DOG_ROW_SIZE}
+        learned = [name for name in saved if f"{name}.rate" in saved and name not in known]
+        self.other_rates = {name: float(saved[f"{name}.rate"]) for name in learned}
         self.dog_index = np.array(saved["dog_index"], np.uint32)
-        self.row_size |= DOG_ROW_SIZE
+        self.row_size |= DOG_ROW_SIZE | dict.fromkeys(learned, 1)
         self.adam.state.clear()
         for name in [name for name in self.row_size if name in saved]:
             self.adam[name] = device_array(saved[name])  # registers the parameter

@@ -190,7 +190,7 @@ def view(args: argparse.Namespace, show: Callable[[str], None]) -> None:
     source = Source(args.model)
     config = source.config
     dataset = _dataset(args.data, config, args.downscale)
-    background = background_color(args.background, dataset is not None and dataset.has_alpha)
+    background = background_color(config.get("background", args.background), dataset is not None and dataset.has_alpha)
     near_clip, antialiased = (config.get(name, getattr(args, name)) for name in ("near_clip", "antialiased"))
     server = Server(source, dataset, background, near_clip, antialiased, args.host, args.port)
     show(f"{server.url} shows {args.model}; Ctrl-C ends it")
@@ -219,4 +219,5 @@ def _dataset(data: str | None, config: dict[str, Any], downscale: int) -> Datase
     if data:
         return load_dataset(data, downscale)
     own = config.get("data")
-    return load_dataset(own, config.get("downscale", 1)) if own and Path(own).exists() else None
+    settings = config.get("downscale", 1), config.get("data_on_disk", False)
+    return load_dataset(own, settings[0], on_disk=settings[1]) if own and Path(own).exists() else None

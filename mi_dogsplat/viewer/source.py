@@ -36,7 +36,9 @@ class Source:
             return None
         if file.suffix == ".npz":
             state = load_checkpoint(file)
-            found = splats_of_state(state), f"step {int(state['step']):,} of {self.config.get('steps', '?'):,}"
+            steps = self.config.get("steps")
+            of = f" of {steps:,}" if isinstance(steps, int) else ""
+            found = splats_of_state(state), f"step {int(state['step']):,}{of}"
         else:
             found = read_ply(file), file.name
         self._seen = signature

@@ -78,7 +78,9 @@ class Dash(Growth):
             for view in self.dataset.train
         ]
         self.cameras = [DeviceCamera.upload(view.camera, self.config.near_clip) for view in views]
+        exposure = self.photographs.exposure
         self.photographs = Photographs(self.config, replace(self.dataset, train=views), self.background)
+        self.photographs.exposure = exposure
 
     def budget(self) -> int:
         if self.progress() >= 1:

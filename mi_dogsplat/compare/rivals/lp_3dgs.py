@@ -68,7 +68,9 @@ class LearnToPrune(Trainer):
             dr.set_grad(weights, dr.grad(weights) + slope * dr.opaque(mi.Float, WEIGHT / self.optimizer.n))
 
     def _scores(self) -> np.ndarray:
-        """log w S, which is not needed any more."""
+        """log w S, which is not needed any more; S alone where no step came between FROM and the prune."""
+        if LOG_WEIGHTS not in self.optimizer.adam:
+            return super()._scores()
         result = self.optimizer.numpy(LOG_WEIGHTS) + self.optimizer.numpy(IMPORTANCE)
         self.optimizer.forget(LOG_WEIGHTS)
         self.optimizer.forget(IMPORTANCE)
