@@ -84,8 +84,8 @@ EVAL_EXAMPLES = """
 Examples:
   dogsplat eval run/point_cloud.ply photos/ --downscale 2
   dogsplat eval run/point_cloud.ply photos/ --downscale 2 -o measured/   also writes pictures and metrics.json
-  dogsplat eval run/point_cloud.ply photos/ --downscale 2 --masks masks/ --color-correct
-                                                                         white pixels; and PSNR after colour correction
+  dogsplat eval run/point_cloud.ply photos/ --masks masks/ --color-correct
+                                                       white pixels; and PSNR after colour correction
 
 Use the --downscale that the model was trained with, else the numbers say little about it.
 """

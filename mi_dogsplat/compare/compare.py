@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -62,11 +62,7 @@ def compare(
         if not load_dataset(path, config.downscale).test:
             raise DataError(path, "has no test views to compare methods on", "give it a test split")
     on_dask = cluster is not None or workers > 0
-    out.mkdir(parents=True, exist_ok=True)
-    with (
-        locked(out, "another comparison is writing to it"),
-        cluster_client(cluster, workers) if on_dask else nullcontext() as client,
-    ):
+    with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
         _claim(out, {f: replace(config, data=str(Path(p).resolve())) for f, p in zip(folders, data, strict=True)})
         tasks = [task for folder in folders for task in tasks_of(folder, seeds, methods)]
         tasks = [task for task in tasks if not task.done]
@@ -98,6 +94,11 @@ def _check_folder(out: Path) -> None:
         raise DataError(out, "is a file", "name a folder for the comparison")
     if out.is_dir() and any(out.iterdir()) and not (out / COMPARISON).exists():
         raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier comparison")
+
+
+def _locked(out: Path) -> AbstractContextManager[None]:
+    out.mkdir(parents=True, exist_ok=True)
+    return locked(out, "another comparison is writing to it")
 
 
 def _claim(out: Path, settings: dict[Path, TrainConfig]) -> None:
