@@ -5,7 +5,9 @@ begins as the identity, has a learning rate of its own, and Adam. What cameras d
 the model. No map is applied when the model is seen or measured on test views: its colours are those before the maps.
 
 Ours is what fixes them: a gain common to all maps, undone by the colours of the model, changes no training image, but
-every test view. So a map is I + X - mean of all X, of which the mean is the identity whatever Adam does to X.
+every test view. So a map is I + X - mean of all X, of which the mean is the identity whatever Adam does to X. And the
+colours of a primitive depend on the direction, so that they can undo the map of a single view as well: what no photograph
+asks for is pulled back to the identity (decoupled weight decay, Loshchilov and Hutter 2019).
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from ..engine.parameters import device_array
 
 ENTRIES = 12  # of a map: three rows of A and b
 RATE, END_RATE = 0.01, 0.001  # of Adam; falls log-linearly
+PULL = 20.0  # share of a map's distance to the identity that is taken back at each of its steps, times the rate
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-15
 IDENTITY = np.eye(3, 4, dtype=np.float32).ravel()
 ARRAYS = ("values", "m", "v")
@@ -36,6 +39,7 @@ class Exposure:
 
     def __init__(self, n_views: int, total_steps: int):
         self.total_steps = total_steps
+        self.identity = _detached(device_array(IDENTITY))
         self.restore({"values": np.tile(IDENTITY, (n_views, 1)), "t": np.zeros(n_views, np.int64)})
 
     def applied(self, planes: list, view: int) -> list:
@@ -60,9 +64,11 @@ class Exposure:
     def _adam(self, view: int, gradient: Any, step: int) -> None:
         self.t[view] += 1
         t, progress = int(self.t[view]), min(step / max(self.total_steps, 1), 1.0)
-        rate = RATE * (END_RATE / RATE) ** progress * np.sqrt(1 - BETA_2**t) / (1 - BETA_1**t)
+        base = RATE * (END_RATE / RATE) ** progress
+        rate = base * np.sqrt(1 - BETA_2**t) / (1 - BETA_1**t)
         m, v = dr.lerp(gradient, self.m[view], BETA_1), dr.lerp(gradient * gradient, self.v[view], BETA_2)
-        change = dr.opaque(type(m), rate) * m / (dr.sqrt(v) + EPSILON)
+        x = self.values[view] - self.identity - self.mean_x
+        change = dr.opaque(type(m), rate) * m / (dr.sqrt(v) + EPSILON) + dr.opaque(type(m), base * PULL) * x
         self.values[view], self.m[view], self.v[view] = self.values[view] - change, m, v
         self.mean_x -= change * dr.opaque(type(m), 1 / len(self.t))
         dr.schedule(self.values[view], m, v, self.mean_x)
