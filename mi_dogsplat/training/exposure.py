@@ -5,9 +5,9 @@ begins as the identity, has a learning rate of its own, and Adam. What cameras d
 the model. No map is applied when the model is seen or measured on test views: its colours are those before the maps.
 
 Ours is what fixes them: a gain common to all maps, undone by the colours of the model, changes no training image, but
-every test view. So a map is I + X - mean of all X, of which the mean is the identity whatever Adam does to X. And the
-colours of a primitive depend on the direction, so that they can undo the map of a single view as well: what no photograph
-asks for is pulled back to the identity (decoupled weight decay, Loshchilov and Hutter 2019).
+every test view. So a map is I + X - mean of all X, of which the mean is the identity whatever Adam does to X. And since
+colours depend on the direction, they can undo the map of a single view as well: what no photograph asks for is pulled
+back to the identity (decoupled weight decay, Loshchilov and Hutter 2019).
 """
 
 from __future__ import annotations
