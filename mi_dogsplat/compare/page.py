@@ -82,7 +82,7 @@ def _points(table: dict[str, Any], data: str) -> str:
         series = [Series("Pareto front", x[front], y[front], "faint", 0)]
         for group, members in GROUPS.items():
             for k in (k for k, name in enumerate(names) if name in members):
-                name = label(table, data, names[k])
+                name = table["methods"][names[k]]["label"]
                 words = f"{name}: {y_label} {y[k]:.{digits}f}, {x_label} {x[k]:,.4g}"
                 series.append(
                     Series(group, x[[k]], y[[k]], "points", COLORS[group], [Note(words, name if k in front else "")])
