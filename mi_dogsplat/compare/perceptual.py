@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
+from ..datasets.images import read_image
 from ..files import write_json
 from ..lpips import Lpips
 
@@ -18,13 +18,7 @@ def measure_lpips(runs: Sequence[Path], views: Sequence[str], lpips: Lpips) -> N
     """Write the mean over the test views into each run folder. All runs are of one data set, and have one at least."""
     distances = []  # [views][runs]
     for name in views:
-        truth = _pixels(runs[0] / "test" / f"{name}_gt.png")
-        distances.append(lpips.distances([_pixels(run / "test" / f"{name}.png") for run in runs], truth))
+        truth = read_image(runs[0] / "test" / f"{name}_gt.png")
+        distances.append(lpips.distances([read_image(run / "test" / f"{name}.png") for run in runs], truth))
     for run, value in zip(runs, np.mean(distances, axis=0), strict=True):
         write_json(run / LPIPS, {"lpips": float(value)})
-
-
-def _pixels(path: Path) -> np.ndarray:
-    """[H, W, 3] in 0..1."""
-    with Image.open(path) as image:
-        return np.asarray(image.convert("RGB"), np.float32) / 255
