@@ -17,12 +17,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import Dataset, load_dataset
-from mi_dogsplat.metrics import psnr
-from mi_dogsplat.pruning.dog_control import DogRule, activate
-from mi_dogsplat.render import over_background
-from mi_dogsplat.training.checkpoint import load_checkpoint, save_checkpoint
+from mi_dogsplat.measure.metrics import psnr
+from mi_dogsplat.render.picture import over_background
+from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.strategy.dog_control import DogRule, activate
 from mi_dogsplat.training.train import Trainer
 
 from .models import DATA

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.framing import automatic_camera
+from mi_dogsplat.render.framing import automatic_camera
+from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.history import run_to_end
 from mi_dogsplat.training.initialize import splats_from_points
 from mi_dogsplat.training.train import Trainer
 

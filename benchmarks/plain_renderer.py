@@ -3,8 +3,8 @@
 It knows plain Gaussians of constant colour. There is no DoG, no view-dependent colour, no background, depth or
 antialiasing, no mode and no cutoff to choose: nothing to leave out, because it was never there. With the engine it
 shares what has no options (camera, rotation, tile lists, sums over entries). The formulas are those of ``project.py``,
-``composite.py`` and ``composite_derivatives.py``, and explained there; ``tests/test_lean.py`` shows that the kernels of
-both consist of the same instructions.
+``composite.py`` and ``composite_derivatives.py``, and explained there; ``tests/engine/test_lean.py`` shows that the
+kernels of both consist of the same instructions.
 """
 
 # Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.

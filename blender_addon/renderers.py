@@ -60,7 +60,7 @@ class InProcess:
             import mitsuba as mi
             from mi_dogsplat.engine.parameters import upload
             from mi_dogsplat.engine.rasterize import RasterOptions
-            from mi_dogsplat.render import render_picture
+            from mi_dogsplat.render.picture import render_picture
             from mi_dogsplat.scene.cameras import Camera as PackageCamera
             from mi_dogsplat.scene.splats import Splats
 

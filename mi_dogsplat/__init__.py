@@ -5,7 +5,7 @@
 Dr.Jit can use.
 """
 
-from .llvm import check_loaded_llvm, choose_llvm
+from .support.llvm import check_loaded_llvm, choose_llvm
 
 choose_llvm()  # Dr.Jit loads LLVM while it is imported: this comes first
 
@@ -17,7 +17,7 @@ import mitsuba as mi  # noqa: E402
 from .plugin.ellipsoids import to_ellipsoids  # noqa: E402
 from .scene.ply import read_ply, write_ply  # noqa: E402
 from .scene.splats import Splats  # noqa: E402
-from .variants import refuse, supported  # noqa: E402
+from .support.variants import refuse, supported  # noqa: E402
 
 __version__ = "0.1.0"
 __all__ = ["Splats", "read_ply", "to_ellipsoids", "write_ply"]

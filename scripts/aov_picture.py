@@ -13,12 +13,12 @@ import numpy as np
 from mi_dogsplat.engine.aovs import AOVS, options_for
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
-from mi_dogsplat.framing import automatic_camera
-from mi_dogsplat.pictures import heat_map
-from mi_dogsplat.render import Picture, render_picture
+from mi_dogsplat.render.framing import automatic_camera
+from mi_dogsplat.render.picture import Picture, render_picture
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.pictures import heat_map
 
 from .panels import labelled, write_rows
 

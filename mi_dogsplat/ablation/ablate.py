@@ -19,12 +19,13 @@ from pathlib import Path
 from typing import Any
 
 from ..datasets import Dataset, load_dataset
-from ..errors import DataError
-from ..files import replacing, write_json
-from ..mixture import write_comparison
+from ..render.picture import background_color
+from ..report.run_folder import DOG_PROFILE
 from ..report.write import write_report
-from ..run_folder import DOG_PROFILE
-from ..training.config import FREE, TrainConfig, background_color
+from ..runs.mixture import write_comparison
+from ..support.errors import DataError
+from ..support.files import replacing, write_json
+from ..training.config import FREE, TrainConfig
 from .page import ablation_page
 from .table import write_table
 from .variants import VARIANTS, WITHOUT_DOG, densified_start, draw_in_turn, train_variant

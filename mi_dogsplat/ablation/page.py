@@ -11,7 +11,7 @@ import numpy as np
 from ..report.page import page
 from ..report.plot import Series, line_plot
 from ..report.prunes import marks
-from ..run_folder import read_run
+from ..report.run_folder import read_run
 from .table import COLUMNS, cell
 
 READ_TABLE = """Mean over the seeds, of times the median; ± is half the distance between the best and the worst of

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..files import replacing, write_json
-from ..run_folder import RENDER_MS
+from ..report.run_folder import RENDER_MS
+from ..support.files import replacing, write_json
 
 COLUMNS = {  # name: (heading, digits)
     "psnr": ("PSNR (dB)", 2),

@@ -15,20 +15,20 @@ from ..datasets import Dataset
 from ..datasets.dataset import View
 from ..engine.parameters import upload
 from ..engine.rasterize import RasterOptions
-from ..evaluate import render_milliseconds_in_turn
-from ..files import write_json
-from ..pruning.scheduler import PruningRule
-from ..pruning.score import ScoreRule
-from ..render import Picture, render_picture
+from ..measure.evaluate import render_milliseconds_in_turn
+from ..render.picture import Picture, background_color, render_picture
+from ..report.run_folder import RECIPE, RENDER_MS
 from ..report.write import write_report
-from ..run import train
-from ..run_folder import RECIPE, RENDER_MS
+from ..runs.checkpoint import load_checkpoint, save_checkpoint
+from ..runs.history import run_to_end
+from ..runs.run import train
+from ..runs.stopping import Stopped
 from ..scene.ply import read_ply
-from ..stopping import Stopped
-from ..training.checkpoint import load_checkpoint, save_checkpoint
-from ..training.config import TrainConfig, background_color
-from ..training.history import run_to_end
+from ..scores.score import ScoreRule
+from ..support.files import write_json
+from ..training.config import TrainConfig
 from ..training.presets import RECIPES, Recipe
+from ..training.strategy.scheduler import PruningRule
 from ..training.train import Trainer
 
 OPACITY = ScoreRule("opacity")

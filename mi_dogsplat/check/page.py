@@ -11,7 +11,7 @@ import numpy as np
 from ..report.page import page
 from ..report.plot import Mark, Series, legend_list, line_plot, number
 from ..report.points import Note
-from ..wording import duration, finite, fixed
+from ..support.wording import duration, finite, fixed
 from .settings import GROUPS
 from .tables import cell, facts, table
 

@@ -21,11 +21,11 @@ from ..datasets.camera_paths import look_at
 from ..engine.parameters import upload
 from ..engine.rasterize import RasterOptions
 from ..engine.sh import C0
-from ..render import render_picture
+from ..render.picture import render_picture
+from ..runs.history import run_to_end
 from ..scene.cameras import Camera
 from ..scene.splats import Splats
 from ..training.config import TrainConfig
-from ..training.history import run_to_end
 from ..training.presets import RECIPES
 from ..training.train import Trainer
 

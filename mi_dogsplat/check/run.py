@@ -11,12 +11,12 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..errors import DataError
-from ..files import replacing, write_json
-from ..render_files import viewpoint
+from ..render.render_files import viewpoint
 from ..scene.ply import read_ply
-from ..versions import versions
-from ..wording import finite
+from ..support.errors import DataError
+from ..support.files import replacing, write_json
+from ..support.versions import versions
+from ..support.wording import finite
 from . import PARTS, stability, work_precision
 from .page import check_page
 from .scenes import Scene, model_scene, synthetic_scenes

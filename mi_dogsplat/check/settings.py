@@ -11,8 +11,8 @@ from ..engine.geometry import SMOOTH, Cutoffs
 from ..engine.parameters import upload
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import RasterOptions
-from ..pruning.score import ScoreRule, scores
 from ..scene.splats import Splats
+from ..scores.score import ScoreRule, scores
 from .scenes import Scene
 
 ALPHA = {"1/64": 1 / 64, "1/128": 1 / 128, "1/255": 1 / 255, "1/512": 1 / 512, "1/1024": 2**-10, "1/4096": 2**-12,

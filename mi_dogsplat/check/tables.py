@@ -7,7 +7,7 @@ from html import escape
 from typing import Any
 
 from ..report.plot import number
-from ..wording import MISSING, count, finite
+from ..support.wording import MISSING, count, finite
 
 BAD = ("wrong", False)  # what makes a cell stand out
 FEW = 4  # entries of a list that a cell shows

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DataError
 from ..report.curves import running_mean
 from ..report.plot import thinned
-from ..run_folder import Run, read_run
-from ..wording import finite
+from ..report.run_folder import Run, read_run
+from ..support.errors import DataError
+from ..support.wording import finite
 
 MAX_RUNS = 7  # as many colours as a plot has
 COLUMNS = {"l1": "l1", "psnr": "test_psnr", "flip": "test_flip"}  # name here: in the history

@@ -20,9 +20,9 @@ import numpy as np
 from ..engine.parameters import RAW, RAW_DOG, device_array
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import Frame, rasterize
+from ..measure.timing import milliseconds_in_turn
 from ..reference.gradients import gradients_tiled, render_tiled
 from ..scene.splats import Splats
-from ..timing import milliseconds_in_turn
 from .scenes import Scene
 from .settings import Model, Setting, settings
 

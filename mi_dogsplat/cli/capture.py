@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from ..capture_config import CaptureConfig
+from ..datasets.capture_config import CaptureConfig
 from .field_help import field_help
 
 FORMS: dict[str, dict[str, Any]] = {  # how argparse takes each flag

@@ -7,8 +7,8 @@ import sys
 from collections.abc import Sequence
 
 from ..check import PARTS
-from ..errors import DataError
-from ..variants import set_variant
+from ..support.errors import DataError
+from ..support.variants import set_variant
 
 
 def run_check(args: argparse.Namespace) -> int:

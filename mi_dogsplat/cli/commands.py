@@ -10,10 +10,10 @@ import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 
-from ..errors import DataError
-from ..stopping import Stopped
+from ..runs.stopping import Stopped
+from ..support.errors import DataError
+from ..support.variants import set_variant
 from ..training.config import TrainConfig
-from ..variants import set_variant
 from .arguments import ABLATION, METHODS, build_parser
 
 
@@ -32,7 +32,7 @@ def _run(config: TrainConfig, args: argparse.Namespace) -> None:
     set_variant(config.variant)
     from tqdm import tqdm
 
-    from ..run import train as run_train
+    from ..runs.run import train as run_train
 
     with ExitStack() as stack:
         bars: list[tqdm] = []  # none until training starts: an error before that is a single line
@@ -90,7 +90,7 @@ def render(args: argparse.Namespace) -> None:
     """Render a model from a view of a data set or from a camera file, or a Mitsuba scene as it stands."""
     _config(args)
     set_variant(args.variant)
-    from ..render_files import render_model, render_scene
+    from ..render.render_files import render_model, render_scene
 
     if args.model.suffix.lower() == ".xml":
         if args.aovs is not None:
@@ -107,13 +107,13 @@ def evaluate(args: argparse.Namespace) -> None:
     set_variant(args.variant)
     from ..datasets import load_dataset
     from ..datasets.masks import Masks
-    from ..evaluate import Measure, evaluate_views, mean_metrics
-    from ..files import write_json
-    from ..lpips import Lpips
-    from ..render_files import picture_of
-    from ..run import prepare_folder
+    from ..measure.evaluate import Measure, evaluate_views, mean_metrics
+    from ..measure.lpips import Lpips
+    from ..render.picture import background_color
+    from ..render.render_files import picture_of
+    from ..runs.run import prepare_folder
     from ..scene.ply import read_ply
-    from ..training.config import background_color
+    from ..support.files import write_json
 
     splats = read_ply(args.model)
     dataset = load_dataset(args.data, args.downscale, on_disk=args.data_on_disk)

@@ -21,8 +21,8 @@ def _leave_with_the_parent() -> None:
 def main() -> int:
     """Perform the task of the command line; the exit status is 0, or 2 after one line about bad input."""
     threading.Thread(target=_leave_with_the_parent, daemon=True).start()
-    from ..errors import DataError
-    from ..variants import set_variant
+    from ..support.errors import DataError
+    from ..support.variants import set_variant
     from .tasks import Task, perform
 
     given = json.loads(sys.argv[1])

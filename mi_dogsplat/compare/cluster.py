@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from ..errors import DataError
+from ..support.errors import DataError
 from .execute import Means, Outcome, in_a_process
 from .tasks import Task
 

@@ -19,9 +19,9 @@ from typing import Any
 
 from ..ablation.ablate import claim
 from ..datasets import load_dataset
-from ..errors import DataError
-from ..files import replacing, write_json
-from ..locks import locked
+from ..support.errors import DataError
+from ..support.files import replacing, write_json
+from ..support.locks import locked
 from ..training.config import FREE, TrainConfig
 from .cluster import cluster_client, on_cluster
 from .execute import Means, one_after_another

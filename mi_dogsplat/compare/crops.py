@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..metrics import psnr
+from ..measure.metrics import psnr
 from ..report.pictures import embedded_jpeg, embedded_png, figure, placed, read_pictures, worst_box
 
 READ = """The window in which the methods differ most, of the test view whose PSNR is in the middle for {label}. PSNR is

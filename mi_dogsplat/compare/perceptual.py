@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ..datasets.images import read_image
-from ..files import write_json
-from ..lpips import Lpips
+from ..measure.lpips import Lpips
+from ..support.files import write_json
 
 LPIPS = "lpips.json"  # in a run folder
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..ablation.table import collect, summary, with_spread
-from ..files import replacing, write_json
+from ..support.files import replacing, write_json
 from .methods import METHODS
 from .perceptual import LPIPS
 

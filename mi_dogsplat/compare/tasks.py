@@ -18,11 +18,11 @@ import numpy as np
 
 from ..ablation.variants import densified_start, draw_in_turn, is_complete, train_variant
 from ..datasets import load_dataset
-from ..errors import DataError
-from ..lpips import Lpips, weights_path
-from ..pruning.scheduler import target_count
-from ..training.checkpoint import load_checkpoint
+from ..measure.lpips import Lpips, weights_path
+from ..runs.checkpoint import load_checkpoint
+from ..support.errors import DataError
 from ..training.config import TrainConfig
+from ..training.strategy.scheduler import target_count
 from .methods import METHODS
 from .perceptual import LPIPS, measure_lpips
 

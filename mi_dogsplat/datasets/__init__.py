@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..errors import DataError
+from ..support.errors import DataError
 from .check import CameraCheck, check_cameras
 from .colmap import MODEL_FOLDERS, find_model, load_colmap
 from .dataset import Dataset, Observations, View, camera_extent

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..capture_config import CaptureConfig
 from ..scene.cameras import Camera, inverse_rigid
+from .capture_config import CaptureConfig
 
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 NEAR, FAR = 1e-3, 1e3  # clipping distances, times the distance or size of the scene

@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from ..capture_config import CaptureConfig
-from ..errors import DataError
-from ..files import read_json, replacing
-from ..pictures import write_exr, write_png
 from ..scene.cameras import OPENCV_FROM_OPENGL, Camera
+from ..support.errors import DataError
+from ..support.files import read_json, replacing
+from ..support.pictures import write_exr, write_png
 from .camera_paths import Shot, circling_shots
+from .capture_config import CaptureConfig
 from .dataset import TEST_EVERY
 from .given_cameras import auto_up, listed_shots, sensor_shots
 from .images import read_image

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import DataError
+from ..support.errors import DataError
 from .dataset import Dataset
 
 MAX_POINTS = 20_000  # a stride keeps the check well below the time of reading the images

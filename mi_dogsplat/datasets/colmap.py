@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import DataError
 from ..scene.cameras import Camera
+from ..support.errors import DataError
 from .check import require_plausible
 from .colmap_files import ColmapImage, ColmapPoints, read_cameras, read_images, read_points
 from .dataset import Dataset, Observations, View, every_eighth, require_unique_names, view_name

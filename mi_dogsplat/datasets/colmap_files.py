@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DataError
 from ..scene.cameras import RIGID_TOLERANCE
+from ..support.errors import DataError
 from .lens import Lens
 
 # id: (name, number of parameters, fx and fy apart)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from ..errors import DataError
 from ..scene.cameras import Camera
+from ..support.errors import DataError
 
 if TYPE_CHECKING:
     from .lens import Undistortion

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DataError
-from ..files import read_json
 from ..scene.camera_file import FORMAT, camera_from_json
 from ..scene.cameras import SQUARE_TOLERANCE, Camera, camera_from_mitsuba
+from ..support.errors import DataError
+from ..support.files import read_json
 from .camera_paths import FAR, NEAR, Shot
 from .dataset import require_unique_names
 

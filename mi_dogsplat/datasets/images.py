@@ -21,10 +21,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..errors import DataError
-from ..memory import available_memory
 from ..scene.cameras import Camera
-from ..wording import file_size
+from ..support.errors import DataError
+from ..support.memory import available_memory
+from ..support.wording import file_size
 from .dataset import DiskView, View
 from .lens import Lens, Undistortion, undistortion
 

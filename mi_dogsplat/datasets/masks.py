@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..errors import DataError
+from ..support.errors import DataError
 from .dataset import View, view_name
 from .images import box_downscale, read_image
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DataError
 from ..scene.cameras import camera_from_mitsuba
-from ..srgb import linear_to_srgb
+from ..support.errors import DataError
+from ..support.srgb import linear_to_srgb
 from .dataset import Dataset, View, every_eighth, no_points, require_unique_names
 from .given_cameras import sensor_name
 from .images import box_downscale

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import DataError
-from ..files import replacing
 from ..scene.ply_tables import TableReader
+from ..support.errors import DataError
+from ..support.files import replacing
 
 MAX_COLOR = 65535  # of the widest integers that colours are written in
 REMEDY = "write a PLY with an element vertex that has x y z and, for colours, red green blue"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DataError
+from ..support.errors import DataError
 
 SURROUNDING = 4.0  # a floor or dome is so many times larger than all that is smaller
 FLAT = 0.02  # thickness of a floor, times its diagonal

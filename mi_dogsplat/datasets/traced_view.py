@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..scene.cameras import camera_to_mitsuba
-from ..srgb import linear_to_srgb
+from ..support.srgb import linear_to_srgb
 from .camera_paths import Shot
 
 MAX_ALPHA = 1.001  # 1 up to rounding

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DataError
-from ..files import read_json
 from ..scene.cameras import Camera, opengl_c2w_to_opencv_w2c
+from ..support.errors import DataError
+from ..support.files import read_json
 from .check import require_plausible
 from .colmap import find_model, read_model_points, read_sources
 from .dataset import Dataset, every_eighth, no_points, require_unique_names, view_name

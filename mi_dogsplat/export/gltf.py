@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DataError
 from ..scene.splats import Array, Splats
+from ..support.errors import DataError
 from .packing import logits, unit_quats
 
 NAME = "KHR_gaussian_splatting"

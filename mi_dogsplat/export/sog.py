@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DataError
 from ..scene.splats import Array, Splats
+from ..support.errors import DataError
 from .packing import SQRT2, from_smallest_three, logits, smallest_three, unit_quats
 from .palette import codebook, nearest, palette
 

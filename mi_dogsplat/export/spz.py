@@ -24,8 +24,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import DataError
 from ..scene.splats import Array, Splats
+from ..support.errors import DataError
 from .packing import SQRT2, from_smallest_three, logits, smallest_three, unit_quats
 
 MAGIC, VERSION = 0x5053474E, 3

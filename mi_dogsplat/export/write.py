@@ -9,16 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import DataError
-from ..files import replacing
-from ..framing import NEAR_SHARE, cameras_around, robust_sphere
-from ..metrics import psnr
-from ..render import over_background
-from ..render_files import picture_of
+from ..measure.metrics import psnr
+from ..render.framing import NEAR_SHARE, cameras_around, robust_sphere
+from ..render.picture import background_color, over_background
+from ..render.render_files import picture_of
 from ..scene.cameras import Camera
 from ..scene.ply import read_ply, write_ply
 from ..scene.splats import Array, Splats
-from ..training.config import background_color
+from ..support.errors import DataError
+from ..support.files import replacing
 from . import compressed_ply, gltf, sog, spz
 from .bake import baked
 from .packing import morton_order, turned_rub

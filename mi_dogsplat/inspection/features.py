@@ -1,7 +1,7 @@
 """``dogsplat info --features``: what a model or a scene needs, what that costs, and what was left out.
 
 Kernels are specialised while they are traced: what is left out has no instruction, no byte and no parameter in them
-(``tests/test_lean.py`` shows it). Operations are counted in the kernels of this machine (``kernel_costs.py``).
+(``tests/engine/test_lean.py`` shows it). Operations are counted in the kernels of this machine (``kernel_costs.py``).
 """
 
 # The stubs of Mitsuba give plugins as their base classes.
@@ -19,11 +19,11 @@ from ..engine.geometry import Cutoffs
 from ..engine.kernel_costs import aov_operations, operations, pair_operations, primitive_operations
 from ..engine.rasterize import RasterOptions
 from ..engine.walk import Settings
-from ..errors import DataError
 from ..plugin.transfer import srgb_to_linear
 from ..scene.ply import read_ply
 from ..scene.splats import MAX_SH_DEGREE, Splats
-from ..wording import count
+from ..support.errors import DataError
+from ..support.wording import count
 from .info import kind_of
 
 NEEDED, LEFT_OUT, UNUSED = "needed", "left out", "paid, not needed"

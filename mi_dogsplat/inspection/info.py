@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import DataError
-from ..framing import CORE, robust_sphere
-from ..run_folder import read_run
+from ..render.framing import CORE, robust_sphere
+from ..report.run_folder import read_run
 from ..scene.ply import read_ply
 from ..scene.splats import Splats
-from ..wording import count, duration, file_size, finite, fixed
+from ..support.errors import DataError
+from ..support.wording import count, duration, file_size, finite, fixed
 
 if TYPE_CHECKING:
     from ..datasets import Dataset

@@ -6,12 +6,12 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from ..errors import DataError
-from ..run_folder import read_run
+from ..report.run_folder import read_run
 from ..scene.ply import read_ply
+from ..support.errors import DataError
+from ..support.wording import count
 from ..training.config import TrainConfig
 from ..training.presets import RECIPES, Recipe
-from ..wording import count
 from .features import FLOAT, LEFT_OUT, NEEDED, Feature, feature, model_features
 from .info import SCENE_SPP
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from mi_dogsplat.report.plot import Lane, Series, line_plot
-from mi_dogsplat.report.prunes import marks, prune_table, with_drops
-from mi_dogsplat.run_folder import Run
-from mi_dogsplat.wording import finite
 from numpy.typing import NDArray
+
+from ..support.wording import finite
+from .plot import Lane, Series, line_plot
+from .prunes import marks, prune_table, with_drops
+from .run_folder import Run
 
 EVENT_LANES = {  # the lane of an event by the words in it; one row may name several
     "densify": r"densif|clone|split",

@@ -6,12 +6,13 @@ from html import escape
 from typing import Any
 
 import numpy as np
-from mi_dogsplat.report.pictures import embedded_jpeg, figure, placed, read_pictures, worst_box
-from mi_dogsplat.report.plot import Series, line_plot
-from mi_dogsplat.report.views import ranked
-from mi_dogsplat.run_folder import Run
-from mi_dogsplat.wording import count, finite, fixed
 from numpy.typing import NDArray
+
+from ..support.wording import count, finite, fixed
+from .pictures import embedded_jpeg, figure, placed, read_pictures, worst_box
+from .plot import Series, line_plot
+from .run_folder import Run
+from .views import ranked
 
 BAND = 16  # the frame around the marked part of the row is 1/16 of the picture high
 

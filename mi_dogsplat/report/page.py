@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from mi_dogsplat.pictures import MAGMA
+from ..support.pictures import MAGMA
 
 STYLE = """
 :root { color-scheme: light dark; --page: #fafaf8; --card: #fff; --ink: #1b1d21; --muted: #5d6470;

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from html import escape
 
 import numpy as np
-from mi_dogsplat.report.points import Note, labels, marker, rings, swatch
 from numpy.typing import NDArray
+
+from .points import Note, labels, marker, rings, swatch
 
 WIDTH, LEFT, RIGHT, TOP = 480, 62, 14, 30  # user units; one is about one CSS pixel in the two-column layout
 PLOT_HEIGHT, LANE_HEIGHT, MARK_HEIGHT, BOTTOM = 190, 18, 14, 44

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from html import escape
 
 import numpy as np
-from mi_dogsplat.report.plot import Mark
-from mi_dogsplat.run_folder import Run
-from mi_dogsplat.wording import count, finite
 from numpy.typing import NDArray
+
+from ..support.wording import count, finite
+from .plot import Mark
+from .run_folder import Run
 
 WHY = re.compile(r"\bprune \d+ -> \d+: ([^;]+)")  # one row of the history may name several events
 REFINED = re.compile(r"\brefine: ")

@@ -8,9 +8,10 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-from mi_dogsplat.report.pictures import embedded_jpeg, embedded_png, figure, placed, read_pictures, worst_box
-from mi_dogsplat.run_folder import Run
-from mi_dogsplat.wording import finite, fixed
+
+from ..support.wording import finite, fixed
+from .pictures import embedded_jpeg, embedded_png, figure, placed, read_pictures, worst_box
+from .run_folder import Run
 
 MAX_SHOWN = 6
 

@@ -11,13 +11,13 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from mi_dogsplat.files import replacing
-from mi_dogsplat.report.curves import curves_section
-from mi_dogsplat.report.mixture import mixture_section
-from mi_dogsplat.report.page import page
-from mi_dogsplat.report.views import views_section
-from mi_dogsplat.run_folder import Run, read_run
-from mi_dogsplat.wording import count, duration, file_size, finite, fixed
+from ..support.files import replacing
+from ..support.wording import count, duration, file_size, finite, fixed
+from .curves import curves_section
+from .mixture import mixture_section
+from .page import page
+from .run_folder import Run, read_run
+from .views import views_section
 
 READ_CONFIG = "All that config.json holds."
 

@@ -16,8 +16,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ..errors import DataError
-from ..files import read_json, replacing
+from ..support.errors import DataError
+from ..support.files import read_json, replacing
 from .cameras import Camera, nearest_rigid
 
 FORMAT = 'write {"w2c": 4x4 world to camera (OpenCV axes), "fx", "fy", "cx", "cy", "width", "height"}'

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import DataError
-from ..files import replacing
+from ..support.errors import DataError
+from ..support.files import replacing
 from .ply_tables import NOT_3DGS, TableReader, check_finite
 from .splats import Array, Splats
 

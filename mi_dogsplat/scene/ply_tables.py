@@ -16,7 +16,7 @@ from typing import BinaryIO, NoReturn
 
 import numpy as np
 
-from ..errors import DataError
+from ..support.errors import DataError
 from .splats import Array
 
 _TYPES = {

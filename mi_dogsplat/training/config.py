@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import DataError
-from ..memory import bytes_of
+from ..support.errors import DataError
+from ..support.memory import bytes_of
 from .presets import RECIPES
 
 FROM_RECIPE: Any = None  # a default that the preset decides on when the configuration is made
@@ -27,11 +27,6 @@ RANGES = {
     "checkpoint_seconds": (0, math.inf),
 }
 FREE = ("checkpoint_seconds", "memory")  # may change from one start of a run to the next, as no result depends on them
-
-
-def background_color(background: str, has_alpha: bool) -> float:
-    """Grey level behind the splats, 0 or 1, for ``TrainConfig.background``; of measurements, where that is random."""
-    return {"black": 0.0, "white": 1.0}.get(background, 1.0 if has_alpha else 0.0)
 
 
 @dataclass(frozen=True)

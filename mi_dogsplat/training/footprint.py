@@ -12,10 +12,10 @@ import drjit as dr
 import mitsuba as mi
 
 from ..datasets import Dataset
-from ..errors import DataError
-from ..memory import available_memory, bytes_of
-from ..wording import count, file_size
-from .densify import Densification
+from ..support.errors import DataError
+from ..support.memory import available_memory, bytes_of
+from ..support.wording import count, file_size
+from .strategy.densify import Densification
 
 BASE = 180e6  # Python, Mitsuba, LLVM, kernels
 TARGET = 60  # bytes per pixel of a training view: its planes on the device and what SSIM needs of them

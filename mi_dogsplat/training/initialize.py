@@ -9,10 +9,10 @@ from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from ..datasets import Dataset
 from ..engine.sh import C0
-from ..pruning.prune import model_to_prune
 from ..scene.cameras import Camera
 from ..scene.splats import Splats
 from .config import TrainConfig
+from .strategy.prune import model_to_prune
 
 INITIAL_OPACITY = 0.1
 NEIGHBOURS = 3

@@ -14,8 +14,8 @@ from ..datasets import Dataset
 from ..datasets.masks import Masks
 from ..engine.parameters import device_array
 from ..engine.rasterize import Frame
-from ..errors import DataError
-from ..render import over_background
+from ..render.picture import over_background
+from ..support.errors import DataError
 from .config import TrainConfig
 from .exposure import Exposure
 from .loss import PhotometricLoss, Target

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from ..pruning.dog_control import DogRule
-from ..pruning.scheduler import PruningRule, scaled_milestone
-from ..pruning.score import Score, ScoreRule
-from .densify import Densification
+from ..scores.score import Score, ScoreRule
 from .learning_rates import Refinement
+from .strategy.densify import Densification
+from .strategy.dog_control import DogRule
+from .strategy.scheduler import PruningRule, scaled_milestone
 
 
 @dataclass(frozen=True)

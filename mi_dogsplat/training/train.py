@@ -18,19 +18,19 @@ from ..datasets import Dataset
 from ..datasets.dataset import View, camera_extent
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import Frame, RasterOptions, rasterize
-from ..metrics import flip, psnr
-from ..pruning.dog_control import activate, degenerate
-from ..pruning.prune import Pruning
-from ..render import Picture, over_background, render_picture
-from .config import TrainConfig, background_color
-from .densify import Densification, DensifyStats, refine
+from ..measure.metrics import flip, psnr
+from ..render.picture import Picture, background_color, over_background, render_picture
+from .config import TrainConfig
 from .footprint import budget
 from .initialize import initial_splats
 from .learning_rates import LearningRates
 from .optimizer import SplatOptimizer
 from .photographs import READ_AHEAD, Photographs
 from .presets import RECIPES, Recipe
-from .sieve import leaving, sieve
+from .strategy.densify import Densification, DensifyStats, refine
+from .strategy.dog_control import activate, degenerate
+from .strategy.prune import Pruning
+from .strategy.sieve import leaving, sieve
 from .trainer_state import restore, state_of
 
 

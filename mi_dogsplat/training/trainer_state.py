@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .densify import DensifyStats
+from .strategy.densify import DensifyStats
 
 if TYPE_CHECKING:
     from .train import Trainer

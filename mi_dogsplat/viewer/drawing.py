@@ -11,10 +11,10 @@ import numpy as np
 from ..datasets.dataset import View
 from ..engine.parameters import upload
 from ..engine.rasterize import RasterOptions
-from ..pictures import heat_map
-from ..render import over_background, render_picture
+from ..render.picture import over_background, render_picture
 from ..scene.cameras import Camera
 from ..scene.splats import Array, Splats
+from ..support.pictures import heat_map
 from .view_state import (
     DOG_DIFFERENCE,
     ERROR,

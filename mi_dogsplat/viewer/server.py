@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from ..datasets.dataset import Dataset
-from ..errors import DataError
-from ..framing import NEAR_SHARE, automatic_camera, likely_up, robust_sphere
+from ..render.framing import NEAR_SHARE, automatic_camera, likely_up, robust_sphere
 from ..scene.cameras import Camera
 from ..scene.splats import Splats
+from ..support.errors import DataError
 from .drawing import Drawing
 from .source import Source
 from .view_state import Pace, Pose, Settings
@@ -185,7 +185,7 @@ def view(args: argparse.Namespace, show: Callable[[str], None]) -> None:
 
     ``args.data`` gives photographs; a run names its own. Raises ``DataError``.
     """
-    from ..training.config import background_color
+    from ..render.picture import background_color
 
     source = Source(args.model)
     config = source.config

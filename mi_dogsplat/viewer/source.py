@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import DataError
-from ..run import CHECKPOINT
-from ..run_folder import read_run
+from ..report.run_folder import read_run
+from ..runs.checkpoint import load_checkpoint
+from ..runs.run import CHECKPOINT
 from ..scene.ply import read_ply
 from ..scene.splats import Splats
-from ..training.checkpoint import load_checkpoint
+from ..support.errors import DataError
 
 MODEL_FILE = "point_cloud.ply"
 RAW = ("means", "log_scales", "quats", "logit_opacities")

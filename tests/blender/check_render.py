@@ -40,7 +40,7 @@ def psnr(a, b):
 def compare(scene, name, engine, folder, **options):
     """PSNR of a model under the settings that the add-on offers; both pictures stay in ``folder``."""
     if not (REFERENCES / f"{name}.npz").exists():
-        pytest.skip(f"no reference {name}: set DOGSPLAT_{name.upper()} to a trained model (see tests/test_blender.py)")
+        pytest.skip(f"no reference {name}: see tests/project/test_blender.py")
     place_camera(scene, name)
     load(REFERENCES / f"{name}.ply", **options)
     bpy.ops.dogsplat.exact_settings()

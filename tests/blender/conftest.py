@@ -1,4 +1,4 @@
-"""Runs under a Python with ``bpy``, started by ``tests/test_blender.py``: every test gets an empty file."""
+"""Runs under a Python with ``bpy``, started by ``tests/project/test_blender.py``: every test gets an empty file."""
 
 import os
 from pathlib import Path

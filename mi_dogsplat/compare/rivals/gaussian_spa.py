@@ -15,9 +15,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ...pruning.scheduler import PruningRule, scaled_milestone
-from ...pruning.score import ScoreRule
+from ...scores.score import ScoreRule
 from ...training.presets import Recipe
+from ...training.strategy.scheduler import PruningRule, scaled_milestone
 from ...training.train import Trainer
 
 FROM, TO, EVERY = 15_200, 25_200, 50  # steps

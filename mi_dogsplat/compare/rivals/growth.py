@@ -8,8 +8,8 @@ import numpy as np
 
 from ...datasets import Dataset
 from ...training.config import TrainConfig
-from ...training.densify import Densification, grow_and_remove
 from ...training.presets import Recipe
+from ...training.strategy.densify import Densification, grow_and_remove
 from ...training.train import Trainer
 
 START_SHARE = 0.5  # of the budget, at most, that training starts with

@@ -21,8 +21,8 @@ import numpy as np
 
 from ...engine.parameters import device_array
 from ...engine.project import softplus
-from ...pruning.scheduler import PruningRule, scaled_milestone
 from ...training.presets import Recipe
+from ...training.strategy.scheduler import PruningRule, scaled_milestone
 from ...training.train import Trainer
 from .radsplat import LargestWeight
 

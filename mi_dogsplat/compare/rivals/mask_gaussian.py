@@ -31,10 +31,10 @@ from ...engine.rasterize import RasterOptions
 from ...engine.tables import pack
 from ...engine.tiles import tiles
 from ...engine.walk import Settings
-from ...pruning.prune import keep_best
-from ...pruning.scheduler import PruningRule, scaled_milestone
-from ...pruning.score import ScoreRule
+from ...scores.score import ScoreRule
 from ...training.presets import Recipe
+from ...training.strategy.prune import keep_best
+from ...training.strategy.scheduler import PruningRule, scaled_milestone
 from ...training.train import Trainer
 
 MASK = "mask_logits"

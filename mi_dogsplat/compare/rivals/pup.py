@@ -31,8 +31,8 @@ from ...engine.rasterize import RasterOptions
 from ...engine.tables import pack
 from ...engine.tiles import tiles
 from ...engine.walk import Settings
-from ...pruning.scheduler import PruningRule
 from ...training.presets import Recipe
+from ...training.strategy.scheduler import PruningRule
 
 RESOLUTION = 1e-7  # of float32 sums: smaller eigenvalues of H, its diagonal scaled to 1, are noise of either sign
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from ...engine.project import DeviceCamera
 from ...engine.rasterize import RasterOptions
-from ...pruning.scheduler import PruningRule
-from ...pruning.weights import weights
+from ...scores.weights import weights
 from ...training.presets import Recipe
+from ...training.strategy.scheduler import PruningRule
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ same share every 3,000 steps from 15,000 on, 30 % in the paper, as much as meets
 
 from __future__ import annotations
 
-from ...pruning.scheduler import PruningRule
-from ...pruning.score import ScoreRule
+from ...scores.score import ScoreRule
 from ...training.presets import Recipe
+from ...training.strategy.scheduler import PruningRule
 
 RECIPE = Recipe(
     pruning=PruningRule(15_000, 27_000, check_every=3000, max_interval=3000, division=(0.2,) * 5, rounds=5),

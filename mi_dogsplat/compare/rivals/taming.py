@@ -16,8 +16,8 @@ import numpy as np
 
 from ...datasets.dataset import View
 from ...engine.project import project
-from ...pruning.weights import weights
-from ...render import over_background
+from ...render.picture import over_background
+from ...scores.weights import weights
 from ...training.presets import Recipe
 from .growth import Growth
 from .mini_splatting import sampling_keys

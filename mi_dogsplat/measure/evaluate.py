@@ -1,0 +1,101 @@
+"""Metrics and pictures of a model on views with ground truth."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..datasets.dataset import View
+from ..datasets.masks import Masks
+from ..render.picture import Picture, over_background, premultiplied
+from ..support.pictures import heat_map, write_exr, write_png
+from .lpips import Lpips
+from .metrics import color_corrected, evaluate, flip, masked, psnr
+from .timing import milliseconds_in_turn
+
+TIMED_VIEWS = 8  # at most
+
+
+@dataclass(frozen=True)
+class Measure:
+    """What is measured besides PSNR, SSIM, FLIP and L1, and on which pixels.
+
+    Args:
+        masks: pixels that they paint black do not count; views that are black everywhere are left out.
+        color_correct: adds ``cc_psnr``, after the best affine map of colours: the exposure of a test view is unknown.
+        lpips: adds the metric of this name, which takes seconds per view.
+    """
+
+    masks: Masks | None = None
+    color_correct: bool = False
+    lpips: Lpips | None = None
+
+
+def evaluate_views(
+    picture: Callable[[View], Picture],
+    views: Sequence[View],
+    background: float,
+    out: Path | None = None,
+    measure: Measure = Measure(),  # noqa: B008, it is immutable
+) -> dict[str, dict[str, float]]:
+    """Metrics per view, by view name.
+
+    Args:
+        picture: renders a view (with depth if it is to be stored).
+        background: grey level behind images with alpha.
+        out: folder for ``<name>.png``, ``<name>_gt.png``, ``<name>_error.png`` (FLIP) and ``<name>.exr``
+            (linear colour and alpha, depth, FLIP error); None writes nothing.
+        measure: what else is measured.
+    """
+    results = {}
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    for view in views:
+        mask = measure.masks.of(view) if measure.masks else None
+        if mask is not None and not mask.any():
+            continue
+        rendered, truth = picture(view), over_background(view.image, background)
+        metrics = results[view.name] = evaluate(rendered.color, truth, view.name, mask)
+        if measure.color_correct:
+            metrics["cc_psnr"] = psnr(color_corrected(rendered.color, truth, mask), truth, mask)
+        if measure.lpips is not None:
+            metrics["lpips"] = measure.lpips(np.clip(masked(rendered.color, truth, mask), 0, 1), truth, mask)
+        if out is not None:
+            _, error = flip(rendered.color, truth)
+            write_png(out / f"{view.name}.png", rendered.color)
+            write_png(out / f"{view.name}_gt.png", truth)
+            write_png(out / f"{view.name}_error.png", heat_map(error))
+            layers = {"color": premultiplied(rendered, background), "error": error}
+            if rendered.depth is not None:
+                layers["depth"] = rendered.depth
+            write_exr(out / f"{view.name}.exr", layers)
+    return results
+
+
+def mean_metrics(results: dict[str, dict[str, float]]) -> dict[str, float]:
+    """Mean of each metric over the views; empty without views."""
+    if not results:
+        return {}
+    return {name: float(np.mean([r[name] for r in results.values()])) for name in next(iter(results.values()))}
+
+
+def render_milliseconds(picture: Callable[[View], Picture], views: Sequence[View], repeats: int = 3) -> float:
+    """Median wall time of ``repeats`` renders of each of a few views, with their pictures on the host, in ms."""
+    return render_milliseconds_in_turn({"": picture}, views, repeats)[""]
+
+
+def render_milliseconds_in_turn(
+    pictures: Mapping[str, Callable[[View], Picture]], views: Sequence[View], repeats: int = 3
+) -> dict[str, float]:
+    """``render_milliseconds`` of several models that take turns: what else the machine does slows all alike."""
+    some = views[:TIMED_VIEWS]
+
+    def job(picture: Callable[[View], Picture]) -> Callable[[], Picture]:
+        order = itertools.cycle(some)
+        return lambda: picture(next(order))
+
+    return milliseconds_in_turn({name: job(picture) for name, picture in pictures.items()}, repeats * len(some))

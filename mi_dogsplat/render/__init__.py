@@ -1,0 +1,1 @@
+"""A model as pictures: from Python, and to files."""

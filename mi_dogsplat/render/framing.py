@@ -1,0 +1,80 @@
+"""Where a model is and how large, whatever floats far away from it; and a view that shows it whole."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..datasets.capture_config import CaptureConfig
+from ..scene.cameras import Camera, inverse_rigid
+from ..scene.splats import Splats
+
+AUTOMATIC_SIZE = (800, 600)  # pixels
+AUTOMATIC_FOV = 40.0  # degrees, of the shorter side
+ELEVATION = 25.0  # degrees above the horizon
+CORE = 0.9  # share of the primitives that count as the model
+MIN_SKEW = 0.2  # below, no axis stands out as the vertical
+ELEVATIONS_AROUND = (0.0, 60.0)  # degrees, of cameras around a model
+NEAR_SHARE = 0.1  # of the radius of a model framed automatically, which may be far smaller than the near clip
+
+
+def robust_sphere(splats: Splats) -> tuple[np.ndarray, float]:
+    """(centre [3], radius) of the core of a model: the median position, and how far the nearest 90 % reach.
+
+    Two standard deviations of a median primitive are added to the radius, so that a model at a single point
+    has an extent too. The unit sphere for a model without primitives.
+    """
+    if splats.n_splats == 0:
+        return np.zeros(3), 1.0
+    means = splats.means.astype(np.float64)
+    centre = np.median(means, axis=0)  # [3]
+    reach = float(np.quantile(np.linalg.norm(means - centre, axis=1), CORE))
+    largest = np.clip(splats.log_scales.max(axis=1).astype(np.float64), -60, 60)  # [N]
+    return centre, reach + 2 * float(np.exp(np.median(largest)))
+
+
+def likely_up(splats: Splats) -> np.ndarray:
+    """A guess at the vertical, one of the six axis directions [3]; z where nothing tells.
+
+    What stands on a ground has most of its primitives low and a few high, so the axis with the most lopsided
+    distribution is the vertical, and its long tail is up. Reconstructions from photographs tend to have y
+    down, modelled scenes z up: no fixed axis would do.
+    """
+    if splats.n_splats == 0:
+        return np.array([0.0, 0.0, 1.0])
+    low, middle, high = np.quantile(splats.means.astype(np.float64), [0.02, 0.5, 0.98], axis=0)  # [3] each
+    skew = (high + low - 2 * middle) / np.maximum(high - low, 1e-30)  # [3] in -1..1
+    axis = int(np.argmax(abs(skew)))
+    if abs(skew[axis]) < MIN_SKEW:
+        return np.array([0.0, 0.0, 1.0])
+    return np.eye(3)[axis] * np.sign(skew[axis])
+
+
+def automatic_camera(splats: Splats) -> Camera:
+    """A camera that frames the core of a model, for when nobody says where to look from."""
+    centre, radius = robust_sphere(splats)
+    up = likely_up(splats)
+    sideways = np.roll(abs(up), 1) + 1.5 * np.roll(abs(up), 2)  # [3] horizontal, off both axes
+    elevation = math.radians(ELEVATION)
+    offset = math.sin(elevation) * up - math.cos(elevation) * sideways / np.linalg.norm(sideways)
+    forward = -offset
+    right = np.cross(forward, up) / math.cos(elevation)
+    width, height = AUTOMATIC_SIZE
+    half = math.radians(AUTOMATIC_FOV) / 2
+    c2w = np.eye(4)
+    position = centre + offset * radius / math.sin(half)
+    c2w[:3] = np.stack([right, np.cross(forward, right), forward, position], axis=1)
+    focal = 0.5 * min(width, height) / math.tan(half)
+    return Camera(inverse_rigid(c2w), focal, focal, width / 2, height / 2, width, height)
+
+
+def cameras_around(splats: Splats, n: int) -> list[Camera]:
+    """``n`` cameras on a hemisphere that frame the core of a model, for when nobody says from where to compare."""
+    from ..datasets.camera_paths import circling_shots  # here: data sets need the extra "train"
+
+    centre, radius = robust_sphere(splats)
+    axis = likely_up(splats)
+    up = ("-" if axis.sum() < 0 else "") + "xyz"[int(np.argmax(abs(axis)))]
+    config = CaptureConfig(size=AUTOMATIC_SIZE, fov=AUTOMATIC_FOV, up=up, elevations=ELEVATIONS_AROUND)
+    return [shot.camera for shot in circling_shots(config, n, centre, radius, up)]

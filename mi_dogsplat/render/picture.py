@@ -1,0 +1,68 @@
+"""A view of a model as NumPy pictures, for evaluation and files (no derivatives)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import drjit as dr
+import numpy as np
+
+from ..engine.aovs import channel_names, channels
+from ..engine.project import DeviceCamera
+from ..engine.rasterize import RasterOptions, rasterize
+from ..scene.cameras import Camera
+
+
+def background_color(background: str, has_alpha: bool) -> float:
+    """Grey level behind the splats, 0 or 1, for ``TrainConfig.background``; of measurements, where that is random."""
+    return {"black": 0.0, "white": 1.0}.get(background, 1.0 if has_alpha else 0.0)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Display-referred colours over the background, coverage, and depth along the optical axis."""
+
+    color: np.ndarray  # [H, W, 3] clamped to 0..1
+    alpha: np.ndarray  # [H, W] 1 - T
+    depth: np.ndarray | None  # [H, W] Σ depth α T / alpha, 0 where nothing was hit
+    aovs: dict[str, np.ndarray] = field(default_factory=dict)  # [H, W] by the name of the channel
+
+
+def render_picture(
+    params: dict,
+    camera: Camera,
+    options: RasterOptions,
+    background: float = 0.0,
+    near_clip: float = 0.2,
+    aovs: Sequence[str] = (),
+    film: tuple[float, float, float, float] | None = None,
+) -> Picture:
+    """Render parameters (as ``upload`` makes them) from a camera over a grey ``background``, 0..1.
+
+    ``aovs`` are names as in ``aovs.py``, whose needs are among the ``options``. ``film``: the whole image where the
+    camera sees a part of it (``DeviceCamera.upload``).
+    """
+    detached = {name: dr.detach(value) for name, value in params.items()}
+    frame = rasterize(detached, DeviceCamera.upload(camera, near_clip, film=film), options)
+    shape = (camera.height, camera.width)
+    T = frame.T.numpy().reshape(shape)
+    color = np.stack([plane.numpy().reshape(shape) for plane in frame.colors], -1) + background * T[..., None]
+    alpha = 1 - T
+    depth = None
+    if frame.depth is not None:
+        blended = frame.depth.numpy().reshape(shape)
+        depth = np.divide(blended, alpha, out=np.zeros(shape, np.float32), where=alpha > 0)
+    extra = [plane.numpy().reshape(shape) for plane in channels(aovs, frame)]
+    return Picture(np.clip(color, 0, 1), alpha, depth, dict(zip(channel_names(aovs), extra, strict=True)))
+
+
+def over_background(image: np.ndarray, background: float) -> np.ndarray:
+    """[H, W, 3] of an image with or without premultiplied alpha."""
+    return image if image.shape[-1] == 3 else image[..., :3] + (1 - image[..., 3:]) * background
+
+
+def premultiplied(picture: Picture, background: float) -> np.ndarray:
+    """[H, W, 4] of a picture without its grey ``background``: what a compositing program expects of RGBA."""
+    color = picture.color - background * (1 - picture.alpha[..., None])
+    return np.concatenate([color, picture.alpha[..., None]], -1)

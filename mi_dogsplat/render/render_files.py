@@ -1,0 +1,201 @@
+"""``dogsplat render``: a model or a Mitsuba scene to a picture file."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+from ..engine.aovs import options_for, read_names
+from ..engine.parameters import upload
+from ..engine.rasterize import RasterOptions
+from ..scene.camera_file import read_camera
+from ..scene.cameras import Camera
+from ..scene.ply import read_ply
+from ..scene.splats import Splats
+from ..support.errors import DataError
+from ..support.files import replacing
+from ..support.pictures import write_bitmap, write_exr, write_png
+from ..support.srgb import linear_to_srgb
+from .framing import NEAR_SHARE, automatic_camera, robust_sphere
+from .picture import Picture, background_color, premultiplied, render_picture
+
+SUFFIXES = (".png", ".exr", ".npz")
+MAX_NAMES = 5  # views that an error message lists
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """From where a model is looked at, and over what."""
+
+    camera: Camera
+    near_clip: float  # world units
+    background: float  # grey level, 0..1
+
+
+def viewpoint(args: argparse.Namespace, splats: Splats) -> Viewpoint:
+    """The view of a model that the command line asks for.
+
+    Args:
+        args: ``camera``, the name of a view of ``data`` or a camera file (``camera_file.py``): the first test view if
+            there is only data, a camera that frames the model if there is neither. ``downscale`` shrinks the picture.
+            ``background`` as in ``TrainConfig``. ``near_clip`` (world units), which is smaller where the model is
+            framed and small itself.
+        splats: the model.
+
+    Raises ``DataError``.
+    """
+    camera, has_alpha = _camera(args, splats)
+    near_clip = args.near_clip
+    if not (args.camera or args.data):
+        near_clip = min(near_clip, NEAR_SHARE * robust_sphere(splats)[1])
+    return Viewpoint(camera, near_clip, background_color(args.background, has_alpha))
+
+
+def picture_of(
+    splats: Splats, background: float, near_clip: float, *, antialiased: bool = False, aovs: Sequence[str] = ()
+) -> Callable[[Camera], Picture]:
+    """Renderer of a model, which may be empty and is uploaded once.
+
+    Args:
+        background: grey level behind, 0..1.
+        near_clip: world units.
+        antialiased: as in ``RasterOptions``.
+        aovs: names as in ``aovs.py``, which the pictures carry.
+    """
+    params = upload(splats)
+    options = options_for(aovs, RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased))
+    return lambda camera: render_picture(params, camera, options, background, near_clip, aovs)
+
+
+def render_model(args: argparse.Namespace) -> None:
+    """Render ``args.model`` to ``args.out``, seen as ``viewpoint`` says.
+
+    PNG shows the model over the background; OpenEXR holds it alone, premultiplied, with alpha and the AOVs that
+    ``args.aovs`` lists (depth, if it is None); NPZ the same as arrays ``color`` [H, W, 3], ``alpha`` and ``depth``
+    [H, W], for other programs. Raises ``DataError``.
+    """
+    require_suffix(args.out)
+    aovs = _aovs(args)
+    splats = read_ply(args.model)
+    view, suffix = viewpoint(args, splats), args.out.suffix.lower()
+    background = view.background if suffix == ".png" else 0.0
+    picture = picture_of(splats, background, view.near_clip, antialiased=args.antialiased, aovs=aovs)(view.camera)
+    if suffix == ".npz":
+        _write(args.out, lambda: _write_arrays(args.out, picture))
+    elif suffix == ".exr":
+        _write(args.out, lambda: write_exr(args.out, {"color": premultiplied(picture, 0.0), **picture.aovs}))
+    else:
+        _write(args.out, lambda: write_png(args.out, picture.color))
+
+
+def render_scene(path: Path, out: Path) -> None:
+    """Render the first sensor of a Mitsuba scene with the scene's own integrator.
+
+    OpenEXR holds linear radiance and every channel of the film, PNG the colour as sRGB. Raises ``DataError``,
+    also for what Mitsuba has to say about the scene.
+    """
+    require_suffix(out)
+    if not path.is_file():
+        raise DataError(path, "no such file", "give a model .ply or a Mitsuba scene .xml")
+    try:
+        scene = mi.load_file(str(path))
+        if not isinstance(scene, mi.Scene):
+            raise RuntimeError("its root is no scene")
+        if not scene.sensors():
+            raise RuntimeError("it has no sensor")
+        mi.render(scene)
+        bitmap = scene.sensors()[0].film().bitmap()
+    except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
+        raise DataError(path, f"Mitsuba cannot render it ({_gist(error)})", "correct the scene") from error
+    if out.suffix.lower() == ".npz":
+        raise DataError(out, "arrays hold pictures of models only", "name a file that ends in .png or .exr")
+    if out.suffix.lower() == ".exr":
+        _write(out, lambda: write_bitmap(out, bitmap, mi.Bitmap.FileFormat.OpenEXR))
+        return
+    if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:  # AOVs came along
+        bitmap = dict(bitmap.split())["<root>"]
+    linear = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False))  # [H, W, 3]
+    if np.isnan(linear).any():
+        raise DataError(path, "its render holds NaN", "correct the scene, or write .exr to see where they are")
+    _write(out, lambda: write_png(out, linear_to_srgb(linear)))
+
+
+def require_suffix(out: Path) -> None:
+    """Raise ``DataError`` unless the file name tells a picture format that can be written."""
+    if out.suffix.lower() not in SUFFIXES:
+        raise DataError(out, "no known picture format", f"name a file that ends in {', '.join(SUFFIXES)}")
+    if out.is_dir():
+        raise DataError(out, "is a folder", "name a file in it")
+
+
+def _gist(error: BaseException) -> str:
+    """What went wrong first, in Mitsuba's words but without the Python traceback that it quotes."""
+    while error.__cause__ or error.__context__:  # Dr.Jit wraps errors of a render in "see above"
+        error = error.__cause__ or error.__context__ or error
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    traceback = next((i for i, line in enumerate(lines) if "Traceback (most recent call last)" in line), None)
+    if traceback is None:
+        return " ".join(lines)
+    return " ".join([*lines[:traceback], lines[traceback].split("Traceback")[0], lines[-1]])
+
+
+def _aovs(args: argparse.Namespace) -> list[str]:
+    """AOVs to write beside colour and alpha."""
+    suffix = args.out.suffix.lower()
+    if suffix != ".exr":
+        if args.aovs is not None:
+            raise DataError("--aovs", f"{args.out} has no room for them", "name a file that ends in .exr")
+        return ["depth"] if suffix == ".npz" else []
+    try:
+        names = read_names("depth" if args.aovs is None else args.aovs)
+    except ValueError as error:
+        raise DataError("--aovs", *str(error).split("; ")) from error
+    return [name for name in names if name != "alpha"]  # the channel A, which every such file has
+
+
+def _camera(args: argparse.Namespace, splats: Splats) -> tuple[Camera, bool]:
+    """The camera to render from, and whether the images of its data set have alpha."""
+    if args.camera and args.camera.lower().endswith(".json"):
+        return _downscaled(args, read_camera(args.camera)), False
+    if not args.data:
+        if args.camera:
+            remedy = "add --data DATA whose view it is, or name a camera file"
+            raise DataError("--camera", f'"{args.camera}" is no .json file', remedy)
+        return _downscaled(args, automatic_camera(splats)), False
+    from ..datasets import load_dataset  # here: it needs the extra "train", a model alone does not
+
+    dataset = load_dataset(args.data, args.downscale)
+    views = {view.name: view for view in dataset.test + dataset.train}
+    name = args.camera or next(iter(views))
+    if name not in views:
+        near = difflib.get_close_matches(name, views, MAX_NAMES, cutoff=0.3) or list(views)[:MAX_NAMES]
+        listed = ", ".join(near)
+        raise DataError("--camera", f'"{name}" is no view of {args.data}', f"it has {len(views)}, such as {listed}")
+    return views[name].camera, dataset.has_alpha
+
+
+def _downscaled(args: argparse.Namespace, camera: Camera) -> Camera:
+    try:
+        return camera.downscaled(args.downscale)
+    except ValueError as error:
+        raise DataError("--downscale", str(error), "use a smaller number") from error
+
+
+def _write_arrays(out: Path, picture: Picture) -> None:
+    with replacing(out) as part, part.open("wb") as file:
+        np.savez(file, color=picture.color, alpha=picture.alpha, depth=np.asarray(picture.depth))
+
+
+def _write(out: Path, write: Callable[[], None]) -> None:
+    """Run ``write``; raises ``DataError`` if the file cannot be written."""
+    try:
+        write()
+    except OSError as error:
+        problem = f"cannot be written ({error.strerror or error})"
+        raise DataError(out, problem, "check that the folder exists and is writable") from error

@@ -1,0 +1,119 @@
+"""What a run folder holds, read leniently: an interrupted run can be looked at too."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..support.errors import DataError
+from ..support.files import parse_json, read_json
+from ..support.wording import finite
+
+RECIPE = "recipe.json"  # of a variant in an ablation: its label and the numbers of its recipe
+RENDER_MS = "render_ms.json"  # of the same: its render time, measured in turns with the others'
+DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without DoG (mixture.py)
+
+LARGEST = 1e30  # what a run measures is far below
+# Parts of the files that others rely on: objects with their own parts, under given names or any, and lists of numbers.
+ANY, NUMBERS = "*", ("numbers",)
+METRICS: dict[str, Any] = {"test": {}, "train": {}, "versions": {}, "views": {ANY: {}}}
+SIDE: dict[str, Any] = {"error": NUMBERS, "metrics": {}}
+PROFILE: dict[str, Any] = {"with_dog": SIDE, "without_dog": SIDE}
+
+
+@dataclass
+class Run:
+    """The content of a run folder.
+
+    ``config`` is empty and ``metrics`` None where the file is missing (metrics come when a run is complete);
+    ``dog_profile`` is None unless the run compared pictures with and without DoG; ``broken_rows`` counts the
+    lines of history.jsonl that are not JSON: a killed run leaves half a line.
+    """
+
+    path: Path
+    config: dict[str, Any]
+    history: list[dict[str, Any]]
+    metrics: dict[str, Any] | None
+    dog_profile: dict[str, Any] | None
+    broken_rows: int
+    recipe: dict[str, Any] | None = None  # of a variant in an ablation
+
+    @property
+    def data_name(self) -> str:
+        """Name of the data set, or of the run folder where the configuration does not tell."""
+        data = str(self.config.get("data") or "").rstrip("/\\")
+        return re.split(r"[/\\]", data)[-1] or self.path.resolve().name
+
+    @property
+    def method(self) -> str:
+        """The preset, or the variant of an ablation, in words; empty where nothing tells."""
+        preset = self.config.get("preset")
+        return str((self.recipe or {}).get("label") or (f"preset {preset}" if preset else ""))
+
+    def column(self, key: str) -> NDArray[np.float64]:
+        """One value of every history row, [rows]; NaN where a row has no finite number, or one that none measures."""
+        values = (finite(row.get(key)) for row in self.history)
+        return np.array([np.nan if v is None or abs(v) > LARGEST else v for v in values], np.float64)
+
+
+def read_run(path: str | Path) -> Run:
+    """Reads config.json, history.jsonl, metrics.json and test/dog_profile.json of a run folder; each may be missing.
+
+    :raises DataError: the folder does not exist, or one of the .json files is not a JSON object
+    """
+    path = Path(path)
+    if not path.is_dir():
+        raise DataError(path, "no such folder", "give a run folder, as `dogsplat train DATA -o RUN` makes it")
+    history, broken_rows = _read_rows(path / "history.jsonl")
+    config, metrics = _read_object(path / "config.json"), _read_object(path / "metrics.json", METRICS)
+    profile, recipe = _read_object(path / "test" / DOG_PROFILE, PROFILE), _read_object(path / RECIPE)
+    return Run(path, config or {}, history, metrics, profile, broken_rows, recipe)
+
+
+def _read_object(path: Path, parts: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any] | None:
+    if not path.is_file():
+        return None
+    remedy = "restore or delete it, then try again"
+    content = read_json(path, remedy)
+    if not isinstance(content, dict):
+        raise DataError(path, "not a JSON object", remedy)
+    if wrong := _misfit(content, parts):
+        raise DataError(path, f'"{wrong}" is not what a run writes', remedy)
+    return content
+
+
+def _misfit(content: Mapping[str, Any], parts: Mapping[str, Any]) -> str:
+    """The first of the ``parts`` that is there and of another kind; empty if there is none."""
+    for name, kind in parts.items():
+        for key in content if name == ANY else [name] if name in content else []:
+            value = content[key]
+            if kind == NUMBERS:
+                if not isinstance(value, list) or not value or any(finite(v) is None for v in value):
+                    return key
+            elif not isinstance(value, dict):
+                return key
+            elif inner := _misfit(value, kind):
+                return f"{key}.{inner}"
+    return ""
+
+
+def _read_rows(path: Path) -> tuple[list[dict[str, Any]], int]:
+    rows: list[dict[str, Any]] = []
+    broken = 0
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []:
+        try:
+            row = parse_json(line)
+        except ValueError:
+            row = None
+        if isinstance(row, dict):
+            rows.append(row)
+        else:
+            broken += 1
+    return rows, broken

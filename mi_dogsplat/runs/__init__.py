@@ -1,0 +1,1 @@
+"""A training as a folder: run to the end, stopped, resumed, measured."""

@@ -1,0 +1,224 @@
+"""A training run as a folder: config, history, model, test renders, metrics, report."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import resource
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..datasets import Dataset, load_dataset
+from ..engine.geometry import Cutoffs
+from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
+from ..report.run_folder import RECIPE, RENDER_MS, read_run
+from ..report.write import write_report
+from ..scene.ply import write_ply
+from ..support.errors import DataError
+from ..support.files import PART, remove_parts, replacing, write_json
+from ..support.locks import locked
+from ..support.versions import versions
+from ..training.config import FREE, TrainConfig
+from ..training.presets import Recipe
+from ..training.train import Trainer
+from .checkpoint import Checkpoints, load_checkpoint
+from .history import run_to_end
+from .mixture import write_mixture
+from .stopping import Stopped, StopRequest
+
+CHECKPOINT = Path("checkpoint") / "state.npz"
+HISTORY = "history.jsonl"
+ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
+
+
+def prepare_folder(out: Path) -> None:
+    """Make the run folder. Raises ``DataError`` if something else is in its place or it cannot be written."""
+    if out.exists() and not out.is_dir():
+        raise DataError(out, "is a file", "name a folder for the run")
+    ours = any((out / name).exists() for name in ("config.json", "metrics.json"))
+    try:
+        if out.is_dir() and any(not path.name.endswith(PART) for path in out.iterdir()) and not ours:
+            raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier run")
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
+
+
+@contextmanager
+def claimed(out: Path) -> Iterator[None]:
+    """``prepare_folder``, which is ours alone then, without what killed processes left there. Raises ``DataError``."""
+    prepare_folder(out)
+    with locked(out, "another process is training in it"), _writing(out):
+        remove_parts(out)
+        yield
+
+
+@contextmanager
+def _writing(out: Path) -> Iterator[None]:
+    """An ``OSError`` here is one of writing to the run folder: a full disk, a folder that is read-only."""
+    try:
+        yield
+    except OSError as error:
+        path = Path(error.filename) if error.filename else out
+        path = path.parent if path.suffix == PART else path  # by its random name nobody knows it
+        problem = f"cannot be written ({error.strerror or error})"
+        remedy = "make room or correct its permissions; --resume goes on from the checkpoint"
+        raise DataError(path, problem, remedy) from error
+
+
+def train(
+    config: TrainConfig,
+    out: Path,
+    progress: Callable[[dict], None] = lambda row: None,
+    resume: bool = False,
+    recipe: Recipe | None = None,
+    start: dict[str, np.ndarray] | None = None,
+    kind: type[Trainer] | None = None,
+) -> dict[str, Any]:
+    """Train, or prune a model (``config.model``), evaluate and write the run folder; returns ``metrics.json``.
+
+    ``progress`` is called as training starts and with every row of the history. With ``resume`` the run goes on
+    from its last checkpoint, or from the beginning if it did not come that far, with the same settings. The model
+    leaves out primitives that can never be seen. A ``recipe`` takes the place of the preset's, a ``kind`` of trainer
+    that of the ordinary one; ``start`` is a ``Trainer.state()`` to go on from. An earlier run in the same folder is
+    replaced: its measurements go first, as they would be a lie beside the new settings; its model stays until the new
+    one is complete. Raises ``DataError``; ``Stopped`` when asked to stop in training (Ctrl-C, SIGTERM), which leaves a
+    checkpoint.
+    """
+    out = Path(out)
+    dataset = load_dataset(config.data, config.downscale, on_disk=config.data_on_disk)
+    trainer = (kind or Trainer)(config, dataset, recipe)
+    if start:
+        trainer.restore(start)
+    with claimed(out):
+        if resume:
+            _resume(trainer, out)
+        else:
+            (out / CHECKPOINT).unlink(missing_ok=True)
+            (out / HISTORY).unlink(missing_ok=True)
+        _forget_results(out)
+        write_json(out / "config.json", dataclasses.asdict(config))
+        progress({"step": trainer.step_count, "n": trainer.optimizer.n})
+        _train(trainer, out, progress)
+        return _finish(trainer, dataset, out)
+
+
+def _train(trainer: Trainer, out: Path, progress: Callable[[dict], None]) -> None:
+    """Train to the end; rows go to the history, and the state to the checkpoint from time to time and at the end."""
+    config = trainer.config
+    checkpoints = Checkpoints(out / CHECKPOINT, config.checkpoint_seconds)
+    with open(out / HISTORY, "a", encoding="utf-8") as history, StopRequest() as stop:
+
+        def due() -> bool:
+            ends = trainer.step_count == config.steps or stop.signal_number > 0
+            return ends or (checkpoints.due() and trainer.sound())
+
+        def save() -> None:
+            os.fsync(history.fileno())  # the history is never behind the checkpoint
+            checkpoints.save(trainer.state)
+            leave()
+
+        def leave() -> None:
+            if stop.signal_number:
+                where = f"stopped after step {trainer.step_count} of {config.steps}, saved in {out / CHECKPOINT}"
+                raise Stopped(f"{where}; the same command with --resume goes on", stop.signal_number)
+
+        try:
+            for row in run_to_end(trainer, due, save):
+                history.write(json.dumps(row) + "\n")
+                history.flush()
+                progress(row)
+            leave()  # asked for while the last checkpoint was written
+        except FloatingPointError as error:
+            raise DataError(config.data, str(error), "check its cameras and images for outliers") from error
+
+
+def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
+    """Write the model, measure it, and write the report; returns what ``metrics.json`` holds."""
+    config = trainer.config
+    splats = trainer.optimizer.to_splats()
+    splats = splats.select(splats.opacities >= ALPHA_MIN)
+    write_ply(out / "point_cloud.ply", splats)
+    metrics = _measure(trainer, dataset, out) | {
+        "n": splats.n_splats,
+        "n_dog": splats.n_dog,
+        "bytes": (out / "point_cloud.ply").stat().st_size,
+        "train_seconds": trainer.seconds,
+        "peak_memory_mb": peak_memory_mb(),
+        "steps": config.steps,
+        "seed": config.seed,
+        "variant": mi.variant(),
+        "versions": versions(),
+    }
+    write_json(out / "metrics.json", metrics)
+    write_report(out)
+    return metrics
+
+
+def _resume(trainer: Trainer, out: Path) -> None:
+    """Put the trainer where the checkpoint of ``out`` is, and cut the history there."""
+    before = read_run(out)
+    if not (out / "config.json").is_file():
+        raise DataError(out, "there is no run, so there is no checkpoint", "train without --resume")
+    now = json.loads(json.dumps(dataclasses.asdict(trainer.config)))
+    changed = [name for name in now if name in before.config and before.config[name] != now[name] and name not in FREE]
+    if changed:
+        name = changed[0]
+        problem = f"{name} was {before.config[name]} and is {now[name]} now"
+        raise DataError(out, problem, "resume with the settings of the run, or train without --resume")
+    path = out / CHECKPOINT
+    kept = []
+    if path.exists():  # else the run was killed before its first checkpoint
+        try:
+            trainer.restore(load_checkpoint(path))
+        except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
+            if isinstance(error, DataError):
+                raise
+            raise DataError(path, f"does not fit this run ({error})", "train without --resume") from None
+        steps = before.column("step")
+        kept = [row for row, step in zip(before.history, steps, strict=True) if step <= trainer.step_count]
+    with replacing(out / HISTORY) as part:
+        part.write_text("".join(json.dumps(row) + "\n" for row in kept), encoding="utf-8")
+
+
+def _forget_results(out: Path) -> None:
+    """Remove what an earlier run in this folder measured and drew, and the name that it had in an ablation."""
+    pictures = [path for suffix in (".png", ".exr", ".json") for path in (out / "test").glob(f"*{suffix}")]
+    for path in (*(out / name for name in ("metrics.json", "report.html", RECIPE, RENDER_MS)), *pictures):
+        path.unlink(missing_ok=True)
+
+
+def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
+    measure = Measure(trainer.photographs.mask_folder, trainer.config.exposure)
+    views = evaluate_views(
+        lambda view: trainer.picture(view, depth=True), dataset.test, trainer.background, out / "test", measure
+    )
+    if trainer.optimizer.n_dog and views:
+        how = trainer.options, trainer.background, trainer.config.near_clip
+        write_mixture(trainer.optimizer.to_splats(), dataset.test, views, out / "test", *how)
+    some = dataset.train[:: max(1, len(dataset.train) // 8)]
+    return {
+        "test": mean_metrics(views),
+        "train": mean_metrics(evaluate_views(trainer.picture, some, trainer.background, measure=measure)),
+        "views": views,
+        "render_ms": render_milliseconds(trainer.picture, dataset.test or dataset.train),
+    }
+
+
+def peak_memory_mb() -> float:
+    """Largest resident size of this process so far.
+
+    Linux counts it for each program that a process becomes; ``getrusage`` begins with what its parent had.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        return int(status.read_text().split("VmHWM:")[1].split()[0]) / 2**10
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)

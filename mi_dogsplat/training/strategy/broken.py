@@ -1,0 +1,62 @@
+"""Primitives that no step of the optimizer can bring back; training removes them before they count or are written.
+
+The engine does not draw a primitive with a value that is not finite, and its gradient is zero: it harms nobody, but it
+stays, takes memory, and no file may hold it. Two kinds of finite values are as final, and do harm: they have no
+gradient wherever they show,
+
+* a colour so bright that the faintest blend (α = 1/255) is white already: the loss clamps at white;
+* a primitive that fills every view: where it is opaque, min(.99, ·) is flat everywhere.
+"""
+
+from __future__ import annotations
+
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ...engine.geometry import Cutoffs
+from ...engine.project import NOT_DOG
+from ...engine.sh import C0
+from ..optimizer import DOG_ROW_SIZE, SplatOptimizer
+
+MAX_SH = 1 / (Cutoffs().alpha * C0)  # 904; trained models stay below 10
+MAX_SCALE = 1e4  # times the extent of the cameras; trained models stay below 10
+
+
+def broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
+    """[N] whether a primitive, or its pseudo-Gaussian, has a value that is not finite or beyond the limits above.
+
+    One kernel, one wait for the device.
+
+    Args:
+        extent: radius of the camera positions, world units.
+    """
+    splat = dr.arange(mi.UInt32, optimizer.n)
+    row = optimizer.params.get("dog_row", dr.full(mi.UInt32, NOT_DOG, 1))
+    limits = {"log_scales": math.log(MAX_SCALE * extent), "sh_dc": MAX_SH, "sh_rest": MAX_SH}
+    sound = dr.full(mi.Bool, True, optimizer.n)
+    for name, values in optimizer.adam.items():
+        of_dog = name in DOG_ROW_SIZE
+        index, active = (row, row != NOT_DOG) if of_dog else (splat, True)
+        for k in range(optimizer.row_size[name]):
+            value = dr.gather(mi.Float, dr.detach(values), dr.fma(index, optimizer.row_size[name], k), active)
+            sound &= dr.isfinite(value)
+            if name in limits:
+                sound &= (value if name == "log_scales" else dr.abs(value)) <= dr.opaque(mi.Float, limits[name])
+    return ~sound.numpy()
+
+
+def drop_broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
+    """Remove what is ``broken``; returns the rows that are left.
+
+    Raises ``FloatingPointError`` when none would be.
+    """
+    mask = broken(optimizer, extent)
+    if mask.all():
+        raise FloatingPointError("no primitive has usable values any more; the training has diverged")
+    kept = np.flatnonzero(~mask)
+    if len(kept) < len(mask):
+        optimizer.rearrange(kept, np.zeros(len(kept), bool))
+    return kept

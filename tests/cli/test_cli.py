@@ -1,0 +1,294 @@
+"""The command line: its commands work, its help teaches, and bad input is one line and exit status 2."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tiny_data
+from command_line import assert_one_line, run
+from mi_dogsplat import read_ply, write_ply
+from mi_dogsplat.cli import main
+from mi_dogsplat.cli.arguments import build_parser
+from mi_dogsplat.scene.camera_file import write_camera
+from PIL import Image
+
+COMMANDS = ("train", "prune", "ablate", "compare", "render", "eval", "capture", "info", "check", "export", "view")
+SMALL = ["--preset", "3dgs", "--steps", "12", "--sh-degree", "1", "--max-primitives", "80", "--variant", "llvm_ad_rgb"]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "model.ply"
+    write_ply(path, tiny_data.truth())
+    return path
+
+
+# --- the commands ---
+
+
+def test_train_then_info_render_and_eval_on_what_it_made(capsys, data, tmp_path):
+    out = tmp_path / "run"
+    status, printed, bar = run(capsys, "train", data, "-o", out, *SMALL)
+    assert status == 0 and "PSNR" in printed and "report.html" in printed and "12/12" in bar
+    n = read_ply(out / "point_cloud.ply").n_splats
+    assert f"{n} primitives" in printed
+    status, printed, _ = run(capsys, "info", out)
+    assert status == 0 and "12 of 12" in printed and "problems: none" in printed
+
+    status, printed, _ = run(capsys, "info", out / "point_cloud.ply")
+    assert status == 0 and f"{n}, 0 of them DoG" in printed
+
+    status, printed, _ = run(capsys, "render", out / "point_cloud.ply", "-o", tmp_path / "v.png", "--data", data)
+    assert status == 0 and printed.strip() == str(tmp_path / "v.png")
+    rendered, tested = (np.asarray(Image.open(p)) for p in (tmp_path / "v.png", out / "test" / "0.png"))
+    assert abs(rendered.astype(int) - tested).max() <= 1
+
+    status, printed, _ = run(capsys, "eval", out / "point_cloud.ply", data, "-o", tmp_path / "measured")
+    assert status == 0 and printed.splitlines()[-1].startswith("mean")
+    measured = json.loads((tmp_path / "measured" / "metrics.json").read_text())["test"]
+    assert measured == pytest.approx(json.loads((out / "metrics.json").read_text())["test"], rel=1e-4)
+    assert (tmp_path / "measured" / "0_error.png").is_file()
+
+
+def test_prune_makes_a_smaller_model_and_a_whole_run_folder(capsys, model, data, tmp_path):
+    out = tmp_path / "run"
+    status, printed, bar = run(
+        capsys, "prune", model, data, "-o", out, "--target", "15", "--steps", "12", "--variant", "llvm_ad_rgb"
+    )
+    assert status == 0 and "PSNR" in printed and "report.html" in printed and "12/12" in bar
+    splats = read_ply(out / "point_cloud.ply")
+    assert splats.n_splats <= 15 and splats.n_dog > 0 and splats.sh_degree == 1
+    history = [json.loads(line) for line in (out / "history.jsonl").read_text().splitlines()]
+    assert history[0]["event"].startswith("prune 60 -> ") and history[-1]["n"] == 15
+    assert (out / "report.html").is_file() and (out / "test" / "0.png").is_file()
+
+
+@pytest.mark.parametrize("preset", ["ours", "paper", "released"])
+def test_train_with_a_preset_of_the_method_gives_a_model_with_dog(capsys, data, tmp_path, preset):
+    flags = ["--preset", preset, "--target", "0.5", *SMALL[2:]]
+    assert run(capsys, "train", data, "-o", tmp_path / "run", *flags)[0] == 0
+    assert read_ply(tmp_path / "run" / "point_cloud.ply").n_dog > 0
+    assert json.loads((tmp_path / "run" / "config.json").read_text())["preset"] == preset
+
+
+def test_eval_of_the_true_model_is_near_perfect_and_without_o_writes_nothing(capsys, model, data):
+    before = sorted(data.rglob("*"))
+    status, printed, _ = run(capsys, "eval", model, data)
+    name, _, psnr, *_ = printed.splitlines()[0].split()
+    assert status == 0 and name == "0" and float(psnr) > 50  # 8-bit images
+    assert sorted(data.rglob("*")) == before
+
+
+def test_eval_can_write_into_its_own_earlier_folder(capsys, model, data, tmp_path):
+    for _ in range(2):
+        assert run(capsys, "eval", model, data, "-o", tmp_path / "out")[0] == 0
+
+
+def test_eval_does_not_replace_the_metrics_of_a_training_run(capsys, model, data, tmp_path):
+    (tmp_path / "config.json").write_text("{}")
+    assert_one_line(run(capsys, "eval", model, data, "-o", tmp_path), "training run", "another folder")
+
+
+def test_the_background_follows_the_data(capsys, model, tmp_path):
+    data = tiny_data.write_tiny_data(tmp_path / "data", n=2, alpha=True)
+    for background, good in (("auto", True), ("white", True), ("black", False)):
+        _, printed, _ = run(capsys, "eval", model, data, "--background", background)
+        assert "PSNR" in printed
+        assert (float(printed.split("PSNR")[1].split()[0]) > 40) or not good
+
+
+def test_a_camera_file_and_a_scene_are_rendered(capsys, model, tmp_path):
+    write_camera(tmp_path / "c.json", tiny_data.cameras()[0])
+    out = tmp_path / "v.exr"
+    assert run(capsys, "render", model, "-o", out, "--camera", tmp_path / "c.json")[0] == 0
+    (tmp_path / "s.xml").write_text(
+        f'<scene version="3.0.0"><integrator type="dogsplat"/><shape type="dog"><string name="filename" '
+        f'value="{model}"/></shape><sensor type="perspective"><film type="hdrfilm">'
+        '<integer name="width" value="16"/><integer name="height" value="12"/></film></sensor></scene>'
+    )
+    assert run(capsys, "render", tmp_path / "s.xml", "-o", tmp_path / "s.png")[0] == 0
+    assert np.asarray(Image.open(tmp_path / "s.png")).shape == (12, 16, 3)
+
+
+def test_ctrl_c_stops_with_one_line_and_status_130(capsys, data, tmp_path, monkeypatch):
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mi_dogsplat.training.train.Trainer._control_density", stopped)
+    status, _, err = run(capsys, "train", data, "-o", tmp_path / "run", *SMALL)
+    assert status == 130 and err.splitlines()[-1].startswith("dogsplat: stopped") and "Traceback" not in err
+    assert (tmp_path / "run" / "history.jsonl").read_text() == ""
+    assert not list((tmp_path / "run").rglob(".*"))
+
+
+def test_a_bug_is_not_dressed_up_as_bad_input(data, tmp_path, monkeypatch):
+    def bug(*_):
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr("mi_dogsplat.training.train.Trainer._control_density", bug)
+    with pytest.raises(RuntimeError, match="a bug"):
+        main(["train", str(data), "-o", str(tmp_path / "run"), *SMALL])
+
+
+def test_the_module_is_the_command_in_a_process_of_its_own(model, tmp_path):
+    command = [sys.executable, "-m", "mi_dogsplat"]
+    folder = Path(__file__).parents[2]
+    done = subprocess.run([*command, "info", model], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0 and done.stderr == "" and "60, 0 of them DoG" in done.stdout
+    failed = subprocess.run(
+        [*command, "render", tmp_path / "no.ply", "-o", tmp_path / "v.png"],
+        cwd=folder, capture_output=True, text=True, env=os.environ,
+    )  # fmt: skip
+    assert failed.returncode == 2 and failed.stdout == "" and failed.stderr.count("\n") == 1
+
+
+def test_output_that_nobody_reads_ends_the_command_quietly(model):
+    reader, writer = os.pipe()
+    os.close(reader)  # as `head -1` does when it has its line
+    command = [sys.executable, "-m", "mi_dogsplat", "info", model]
+    done = subprocess.run(command, cwd=Path(__file__).parents[2], stdout=writer, stderr=subprocess.PIPE, text=True)
+    os.close(writer)
+    assert done.returncode == 141 and done.stderr == "", done  # 128 + SIGPIPE, as a shell reports of `yes | head`
+
+
+# --- help ---
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_help_of_a_command_shows_examples_that_parse(capsys, command, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    status, text, _ = run(capsys, command, "--help")
+    assert status == 0 and "Examples:" in text and "None" not in text
+    lines = [line.strip() for line in text.splitlines() if line.startswith("  dogsplat ")]
+    assert len(lines) >= 2
+    for line in lines:
+        example = line.split("  ")[0].split()  # what follows two spaces is a remark
+        assert build_parser(dict.fromkeys(COMMANDS, "")).parse_args(example[1:]).command == command
+    for line in text.splitlines():
+        assert len(line) <= 110
+
+
+def test_the_help_of_the_program_names_every_command_a_first_run_and_exit_codes(capsys):
+    status, text, _ = run(capsys, "--help")
+    assert status == 0
+    for word in (*COMMANDS, "A first run:", "Exit codes", "transforms.json", "COLMAP"):
+        assert word in text
+
+
+# --- wrong use ---
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--steps", "0"], ["--steps", "0", "at least 1"]),
+        (["--steps", "-5"], ["--steps", "-5", "at least 1"]),
+        (["--steps", "many"], ["--steps", "many"]),
+        (["--downscale", "0"], ["--downscale", "at least 1"]),
+        (["--downscale", "500"], ["48x36", "cannot be downscaled by 500"]),
+        (["--max-primitives", "-1"], ["--max-primitives", "-1", "at least 1"]),
+        (["--max-primitives", "0"], ["--max-primitives", "at least 1"]),
+        (["--sh-degree", "7"], ["--sh-degree", "7", "0 to 3"]),
+        (["--near-clip", "nan"], ["--near-clip", "nan"]),
+        (["--near-clip", "-1"], ["--near-clip", "-1"]),
+        (["--seed", "-1"], ["--seed", "at least 0"]),
+        (["--log-every", "0"], ["--log-every", "at least 1"]),
+        (["--test-every", "-1"], ["--test-every", "at least 0"]),
+        (["--initial-primitives", "0"], ["--initial-primitives", "at least 1"]),
+        (["--preset", "best"], ["--preset", "best", "ours or paper or released or 3dgs"]),
+        (["--target", "0"], ["--target", "ratio", "whole number"]),
+        (["--target", "2.5"], ["--target", "2.5"]),
+        (["--target", "300", "--max-primitives", "300"], ["--target", "300", "--max-primitives"]),
+        (["--background", "green"], ["--background", "green", "black or white or auto"]),
+        (["--variant", "scalar_rgb"], ["--variant", "scalar_rgb", "llvm_ad_rgb"]),
+        (["--variant", "vulkan"], ["--variant", "vulkan"]),
+        (["--colour", "red"], ["--colour", "--help"]),
+    ],
+    ids=lambda value: " ".join(value) if value[0].startswith("--") else "",
+)
+def test_a_wrong_value_of_train_is_one_line_and_leaves_no_folder(capsys, data, tmp_path, flags, words):
+    assert_one_line(run(capsys, "train", data, "-o", tmp_path / "run", *flags), *words)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("command", ["render", "eval"])
+@pytest.mark.parametrize("flags", [["--downscale", "0"], ["--background", "green"], ["--near-clip", "inf"]])
+def test_a_wrong_value_of_render_and_eval_is_one_line(capsys, model, data, tmp_path, command, flags):
+    rest = ["-o", tmp_path / "v.png"] if command == "render" else [data]
+    assert_one_line(run(capsys, command, model, *rest, *flags), flags[0])
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        [],
+        ["paint"],
+        ["train"],
+        ["train", "x"],
+        ["prune", "m.ply", "x"],
+        ["render", "m.ply"],
+        ["eval", "m.ply"],
+        ["info"],
+        ["info", "a", "b"],
+    ],
+)
+def test_an_incomplete_or_unknown_command_is_one_line_that_points_to_the_help(capsys, argv):
+    assert_one_line(run(capsys, *argv), "--help")
+
+
+def test_bad_files_are_one_line_that_names_them(capsys, model, data, tmp_path):
+    (tmp_path / "bad.ply").write_text("ply\nnonsense\n")
+    (tmp_path / "bad.json").write_text("{")
+    (tmp_path / "bad.xml").write_text("<scene")
+    (tmp_path / "empty").mkdir()
+    out = tmp_path / "v.png"
+    for argv, word in [
+        (["train", tmp_path / "missing", "-o", tmp_path / "run"], "missing"),
+        (["train", tmp_path / "empty", "-o", tmp_path / "run"], "not a known data set"),
+        (["train", tmp_path / "bad.xml", "-o", tmp_path / "run"], "bad.xml"),
+        (["train", data, "-o", data], "other contents"),
+        (["train", data, "-o", model], "is a file"),
+        (["train", data, "-o", model / "run"], "model.ply"),
+        (["render", tmp_path / "missing.ply", "-o", out], "missing.ply"),
+        (["render", tmp_path / "missing.xml", "-o", out], "missing.xml"),
+        (["render", tmp_path / "bad.ply", "-o", out], "bad.ply"),
+        (["render", tmp_path / "bad.xml", "-o", out], "bad.xml"),
+        (["render", tmp_path / "empty", "-o", out], "folder"),
+        (["render", model, "-o", tmp_path / "v.gif"], ".png, .exr, .npz"),
+        (["render", model, "-o", out, "--camera", tmp_path / "bad.json"], "bad.json"),
+        (["render", model, "-o", tmp_path / "v.exr", "--aovs", "albedo"], "albedo"),
+        (["render", tmp_path / "bad.xml", "-o", tmp_path / "v.exr", "--aovs", "depth"], 'the property "aovs"'),
+        (["render", model, "-o", out, "--camera", "0"], "--data"),
+        (["render", model, "-o", out, "--data", data, "--camera", "zebra"], "zebra"),
+        (["prune", tmp_path / "missing.ply", data, "-o", tmp_path / "run"], "missing.ply"),
+        (["prune", tmp_path / "bad.ply", data, "-o", tmp_path / "run"], "bad.ply"),
+        (["prune", model, tmp_path / "empty", "-o", tmp_path / "run"], "empty"),
+        (["prune", model, data, "-o", tmp_path / "run", "--target", "60"], "60"),
+        (["prune", model, data, "-o", tmp_path / "run", "--preset", "3dgs"], "does not prune"),
+        (["prune", model, data, "-o", data], "other contents"),
+        (["compare", tmp_path / "missing", "-o", tmp_path / "run"], "missing"),
+        (["compare", data, data, "-o", tmp_path / "run"], "two data sets"),
+        (["compare", data, "-o", data], "other contents"),
+        (["compare", data, "-o", model], "is a file"),
+        (["compare", data, "-o", tmp_path / "run", "--only", "magic"], "magic"),
+        (["compare", data, "-o", tmp_path / "run", "--workers", "-1"], "--workers"),
+        (["compare", data, "-o", tmp_path / "run", "--cluster", "nowhere"], "nowhere"),
+        (["eval", tmp_path / "bad.ply", data], "bad.ply"),
+        (["eval", model, tmp_path / "empty"], "empty"),
+        (["eval", model, data, "-o", data], "other contents"),
+        (["info", tmp_path / "missing"], "missing"),
+        (["info", tmp_path / "empty"], "data set"),
+        (["info", tmp_path / "bad.ply"], "bad.ply"),
+        (["info", tmp_path / "bad.xml"], "bad.xml"),
+    ]:
+        assert_one_line(run(capsys, *argv), word)
+    assert not out.exists() and not (tmp_path / "run").exists()

@@ -1,0 +1,323 @@
+"""The comparison: one start and one budget for all, nothing done twice, and no failure that stops the others."""
+
+import contextlib
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+from mi_dogsplat.cli.arguments import METHODS as OFFERED
+from mi_dogsplat.compare.compare import compare
+from mi_dogsplat.compare.execute import Means, in_a_process
+from mi_dogsplat.compare.methods import GROUPS, METHODS
+from mi_dogsplat.compare.page import pareto
+from mi_dogsplat.compare.table import COLUMNS, MEAN, collect_all, latex
+from mi_dogsplat.compare.tasks import Task, perform, tasks_of
+from mi_dogsplat.measure.lpips import Lpips
+from mi_dogsplat.runs.checkpoint import load_checkpoint
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.locks import locked
+from mi_dogsplat.training.config import TrainConfig
+from PIL import Image
+from small_vgg import install, small_weights
+from tiny_data import write_tiny_data
+
+NAMES = ("3dgs", "mini_splatting", "mask_gaussian", "dash", "ours")
+SETTINGS: dict[str, Any] = {
+    "preset": "3dgs",
+    "steps": 60,
+    "sh_degree": 1,
+    "max_primitives": 120,
+    "target": 0.25,
+    "log_every": 10,
+}
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    return write_tiny_data(tmp_path_factory.mktemp("scenes") / "tiny")
+
+
+@pytest.fixture(scope="module")
+def comparison(data):
+    lines: list[str] = []
+    out = data.parent / "out"
+    table = compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=lines.append)
+    return out, table, lines
+
+
+def test_all_methods_end_with_the_same_number_of_primitives_but_the_baseline(comparison):
+    out, table, _ = comparison
+    n = np.size(load_checkpoint(out / "tiny" / "seed_0" / "start.npz")["optimizer.logit_opacities"])
+    counts = {name: row["data"]["tiny"]["runs"]["0"]["n"] for name, row in table["methods"].items()}
+    assert counts == {"3dgs": n} | {name: round(0.25 * n) for name in NAMES[1:]} and not table["failed"]
+    first = {name: (out / "tiny/seed_0" / name / "history.jsonl").read_text().splitlines()[0] for name in NAMES}
+    assert all((json.loads(first[name])["step"] >= 30) == (not METHODS[name].grows) for name in NAMES)
+
+
+def test_the_table_has_what_the_runs_measured(comparison):
+    out, table, _ = comparison
+    assert json.loads((out / "comparison.json").read_text()) == table == collect_all(out, {})
+    run = out / "tiny" / "seed_0" / "ours"
+    metrics = json.loads((run / "metrics.json").read_text())
+    numbers = table["methods"]["ours"]["data"]["tiny"]["runs"]["0"]
+    for name in ("psnr", "ssim", "flip"):
+        assert numbers[name] == metrics["test"][name]
+    assert numbers["megabytes"] == (run / "point_cloud.ply").stat().st_size / 1e6
+    assert numbers["peak_memory_mb"] == metrics["peak_memory_mb"]
+    in_turn = json.loads((run / "render_ms.json").read_text())
+    assert numbers["fps"] == pytest.approx(1000 / in_turn["render_ms"]) and in_turn["in_turn_with"] == sorted(NAMES)
+
+
+def test_the_csv_has_a_line_per_run_and_latex_a_line_per_method_with_the_best_compact_one_in_bold(comparison):
+    out, table, _ = comparison
+    with open(out / "comparison.csv", encoding="utf-8", newline="") as file:
+        rows = {row["method"]: row for row in csv.DictReader(file)}
+    psnr = {name: float(rows[name]["psnr"]) for name in NAMES}
+    assert psnr == {name: row["data"]["tiny"]["runs"]["0"]["psnr"] for name, row in table["methods"].items()}
+    lines = {line.split(" & ")[0]: line for line in latex(table, "tiny").splitlines() if " & " in line}
+    best = max(NAMES[1:], key=lambda name: psnr[name])
+    for name in NAMES:
+        label = METHODS[name].label.replace("%", r"\%")
+        assert (f"\\textbf{{{psnr[name]:.2f}}}" in lines[label]) == (name == best)
+        assert lines[label].count(" & ") == lines["method"].count(" & ")
+    assert (out / "comparison.tex").read_text() == latex(table, "tiny")
+
+
+def test_the_page_needs_nothing_but_itself_and_has_every_plot_and_a_crop_of_every_method(comparison):
+    out, table, _ = comparison
+    html = (out / "comparison.html").read_text(encoding="utf-8")
+    assert "http" not in html.replace("http://www.w3.org", "")
+    assert html.count('role="img"') == 4 + len(NAMES) - 1
+    assert html.count("data:image/") == 2 + len(NAMES)
+    for row in table["methods"].values():
+        assert row["label"] in html and row["source"].split(",")[0] in html
+
+
+def test_the_front_is_what_no_other_beats_in_both():
+    rng = np.random.default_rng(0)
+    x, y = rng.integers(0, 12, 40).astype(float), rng.integers(0, 12, 40).astype(float)
+    beaten = [
+        any((x[j] <= x[i]) & (y[j] >= y[i]) & ((x[j] < x[i]) | (y[j] > y[i])) for j in range(40)) for i in range(40)
+    ]
+    expected = {(x[i], y[i]) for i in range(40) if not beaten[i]}
+    front = pareto(x, y)
+    assert [(x[i], y[i]) for i in front] == sorted(expected)
+
+
+def test_what_is_complete_is_not_repeated(comparison, data):
+    out, table, lines = comparison
+    assert sum("start" in line for line in lines) == 1 and len(lines) == len(NAMES) + 2
+    before = {path: path.stat().st_mtime_ns for path in out.glob("*/*/*/metrics.json")}
+    again: list[str] = []
+    compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=again.append)
+    assert len(again) == 1 and "render times" in again[0]
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+
+
+def test_a_run_that_fails_is_named_and_the_others_go_on(comparison, data, tmp_path):
+    out = tmp_path / "out"
+    (out / "tiny" / "seed_0").mkdir(parents=True)
+    (out / "comparison.json").write_text("{}")
+    (out / "tiny" / "seed_0" / "start.npz").write_bytes((comparison[0] / "tiny" / "seed_0" / "start.npz").read_bytes())
+    (out / "tiny" / "config.json").write_text((comparison[0] / "tiny" / "config.json").read_text())
+    (out / "tiny" / "seed_0" / "opacity").write_text("in the way")
+    config, lines = TrainConfig("", **SETTINGS), []
+    table = compare(config, [str(data)], out, [0], ("3dgs", "opacity"), progress=lines.append)
+    assert list(table["methods"]) == ["3dgs"] and list(table["failed"]) == ["tiny, seed 0: opacity"]
+    assert "is a file" in table["failed"]["tiny, seed 0: opacity"]
+    assert "is a file" in (out / "comparison.html").read_text() and "is a file" in " ".join(lines)
+    assert "is a file" in (out / "tiny" / "seed_0" / "opacity.log").read_text()
+    (out / "tiny" / "seed_0" / "opacity").unlink()
+    table = compare(config, [str(data)], out, [0], ("3dgs", "opacity"))
+    assert list(table["methods"]) == ["3dgs", "opacity"] and not table["failed"]
+    assert not (out / "tiny" / "seed_0" / "opacity.log").exists()
+
+
+def test_without_its_start_a_run_fails_in_one_line(data, tmp_path):
+    (tmp_path / "tiny").mkdir()
+    settings = {k: v for k, v in vars(TrainConfig(str(data), steps=60)).items() if k not in ("preset", "seed")}
+    (tmp_path / "tiny" / "config.json").write_text(json.dumps(settings))
+    error = in_a_process(Task("train", str(tmp_path / "tiny"), 0, ("3dgs",)), Means())
+    assert error and "there is no densified start" in error
+
+
+def test_tasks_wait_for_the_start_and_times_for_all_runs_of_the_same_data_and_seed(tmp_path):
+    tasks = [t for name in "ab" for t in tasks_of(tmp_path / name, (0, 1), ("3dgs", "ours"))]
+    assert len({task.name for task in tasks}) == len(tasks) == 16
+    for task in tasks:
+        needed = [other for other in tasks if task.needs(other)]
+        assert all(other.seed_folder == task.seed_folder for other in needed)
+        assert len(needed) == {"start": 0, "train": 1, "time": 3}[task.kind]
+        assert all(tasks.index(other) < tasks.index(task) for other in needed)  # so that they can go in this order
+
+
+def test_several_data_sets_have_their_mean_first(comparison, tmp_path):
+    out, table, _ = comparison
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "config.json").write_text((out / "tiny" / "config.json").read_text())
+        run = tmp_path / name / "seed_0" / "3dgs"
+        run.mkdir(parents=True)
+        metrics = json.loads((out / "tiny/seed_0/3dgs/metrics.json").read_text())
+        metrics["test"]["psnr"] += {"a": 0, "b": 2}[name]
+        (run / "metrics.json").write_text(json.dumps(metrics))
+        (run / "history.jsonl").write_text("")
+    both = collect_all(tmp_path, {})
+    means = both["methods"]["3dgs"]["data"]
+    assert list(means) == ["a", "b", MEAN]
+    assert means[MEAN]["summary"]["psnr"]["value"] == pytest.approx(means["a"]["summary"]["psnr"]["value"] + 1)
+
+
+def test_other_folders_and_data_are_refused(comparison, data, tmp_path):
+    config = TrainConfig("", **SETTINGS)
+    with pytest.raises(DataError, match="other settings"):
+        compare(replace(config, steps=61), [str(data)], comparison[0], [0], NAMES)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "file").write_text("mine")
+    with pytest.raises(DataError, match="other contents"):
+        compare(config, [str(data)], tmp_path / "mine", [0], NAMES)
+    with pytest.raises(DataError, match="two data sets"):
+        compare(config, [str(data), str(data)], tmp_path / "new", [0], NAMES)
+    with pytest.raises(DataError, match="no scheduler answers"):
+        compare(config, [str(data)], tmp_path / "new", [0], ("3dgs",), cluster="tcp://127.0.0.1:9")
+    single = write_tiny_data(tmp_path / "single", n=1)
+    with pytest.raises(DataError, match="no test views"):
+        compare(config, [str(single)], tmp_path / "newer", [0], NAMES)
+
+
+def test_the_command_line_offers_all_methods_in_order():
+    assert OFFERED == tuple(METHODS)
+    assert sorted(METHODS) == sorted(name for members in GROUPS.values() for name in members)
+
+
+def test_a_worker_without_the_weights_of_lpips_says_so(comparison):
+    out, _, _ = comparison
+    with pytest.raises(DataError, match="lpips_vgg16.npz.*make lpips"):
+        perform(Task("lpips", str(out / "tiny"), 0, NAMES), {})
+
+
+def test_two_comparisons_do_not_write_to_one_folder(data, tmp_path):
+    (tmp_path / "out").mkdir()
+    with locked(tmp_path / "out", "taken"), pytest.raises(DataError, match="another comparison is writing"):
+        compare(TrainConfig("", **SETTINGS), [str(data)], tmp_path / "out", [0], ("3dgs",))
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_the_memory_that_is_given_holds_for_every_task(data, tmp_path):
+    config = replace(TrainConfig("", **SETTINGS), memory="1M")
+    table = compare(config, [str(data)], tmp_path / "out", [0], ("3dgs",))
+    assert "needs about" in table["failed"]["tiny, seed 0: densified start"]
+
+
+@pytest.mark.slow
+def test_methods_that_come_later_are_timed_with_the_others_and_rows_tell_their_seeds(comparison, data, tmp_path):
+    out = Path(shutil.copytree(comparison[0], tmp_path / "out"))
+    table = compare(TrainConfig("", **SETTINGS), [str(data)], out, [0, 1], ("opacity",))
+    timed = json.loads((out / "tiny" / "seed_0" / "opacity" / "render_ms.json").read_text())
+    assert timed["in_turn_with"] == sorted([*NAMES, "opacity"])
+    rows = latex(table, "tiny").splitlines()
+    assert any(row.startswith("opacity (2 seeds) &") for row in rows)
+    assert any(row.startswith("DashGaussian (1 seed) &") for row in rows)
+
+
+@pytest.mark.slow
+def test_neither_the_start_nor_a_method_depends_on_the_distance_of_rows_and_pages_do_without_curves(data, tmp_path):
+    settings: dict[str, Any] = SETTINGS | {"log_every": 45, "test_every": 1000}
+    table = compare(TrainConfig("", **settings), [str(data)], tmp_path / "out", [0], ("3dgs", "lp_3dgs"))
+    start = load_checkpoint(tmp_path / "out" / "tiny" / "seed_0" / "start.npz")
+    assert not table["failed"] and start["step"] == 30 and start["seconds"] > 0
+    assert "Error against run time" in (tmp_path / "out" / "comparison.html").read_text(encoding="utf-8")
+
+
+def test_the_process_of_a_task_ends_when_whoever_started_it_is_killed(comparison, tmp_path):
+    out, _, _ = comparison
+    settings = json.loads((out / "tiny" / "config.json").read_text()) | {"steps": 10**7, "log_every": 10**6}
+    (tmp_path / "config.json").write_text(json.dumps(settings))
+    program = "from mi_dogsplat.compare.execute import Means, in_a_process\n"
+    program += "from mi_dogsplat.compare.tasks import Task\n"
+    program += f"in_a_process(Task('start', {str(tmp_path)!r}, 0), Means())"
+    with subprocess.Popen([sys.executable, "-c", program], cwd=Path(__file__).parents[2]) as parent:
+        children: list[psutil.Process] = []
+        while not children and parent.poll() is None:
+            children = psutil.Process(parent.pid).children()
+            time.sleep(0.05)
+        time.sleep(1)  # it has begun
+        parent.kill()
+    try:
+        assert children and not psutil.wait_procs(children, timeout=30)[1]
+    finally:
+        for child in children:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                child.kill()
+
+
+def test_lpips_comes_with_its_weights_also_to_runs_that_are_complete(comparison, data, tmp_path, monkeypatch):
+    out, table, _ = comparison
+    assert "lpips" in COLUMNS and "LPIPS" not in latex(table, "tiny")
+    out = Path(shutil.copytree(out, tmp_path / "out"))
+    install(tmp_path / "cache")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    lines: list[str] = []
+    table = compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=lines.append)
+    assert [line.split(": ")[1] for line in lines] == ["render times", "LPIPS"] and "LPIPS" in latex(table, "tiny")
+    for name in NAMES:
+        run = out / "tiny" / "seed_0" / name
+        pairs = [
+            [np.asarray(Image.open(run / "test" / f"{view}{end}.png"), float) / 255 for end in ("", "_gt")]
+            for view in json.loads((run / "metrics.json").read_text())["views"]
+        ]
+        expected = np.mean([Lpips(small_weights())(*pair) for pair in pairs])
+        assert table["methods"][name]["data"]["tiny"]["runs"]["0"]["lpips"] == pytest.approx(expected, rel=1e-5)
+    assert [t.kind for t in tasks_of(out / "tiny", [0], NAMES) if not t.done] == ["time"]
+
+
+@pytest.mark.slow
+def test_workers_on_this_machine_do_the_same(comparison, data, tmp_path):
+    table = compare(TrainConfig("", **SETTINGS), [str(data)], tmp_path / "out", [0], ("3dgs",), workers=2)
+    again, first = (t["methods"]["3dgs"]["data"]["tiny"]["runs"]["0"] for t in (table, comparison[1]))
+    assert again["psnr"] == pytest.approx(first["psnr"], abs=1e-3) and not table["failed"]
+
+
+@pytest.mark.slow
+def test_on_two_workers_of_which_one_is_killed_all_runs_are_complete(data, tmp_path):
+    """The worker dies while it performs a task: the process of the task goes too, and another worker does it again."""
+    from distributed import Client, LocalCluster
+
+    killed: list[psutil.Process] = []
+    options: dict[str, Any] = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    cluster: Any = LocalCluster(**options)
+    with cluster:
+        client: Any = Client(address := cluster.scheduler_address)
+        with client:
+
+            def kill_a_busy_worker(line: str) -> None:
+                """As soon as the start is there and runs have begun."""
+                deadline = time.monotonic() + 30
+                while not killed and time.monotonic() < deadline:
+                    busy = [psutil.Process(pid) for pid in client.run(os.getpid).values()]
+                    runs = [(worker, worker.children()) for worker in busy if worker.children()]
+                    if runs:
+                        worker, children = runs[0]
+                        killed.extend(children)
+                        worker.send_signal(signal.SIGKILL)
+
+            config, out = TrainConfig("", **SETTINGS), tmp_path / "out"
+            names = ("3dgs", "opacity", "radsplat", "ours")
+            table = compare(config, [str(data)], out, [0], names, cluster=address, progress=kill_a_busy_worker)
+    assert killed
+    gone, alive = psutil.wait_procs(killed, timeout=10)
+    assert not alive
+    assert list(table["methods"]) == list(names) and not table["failed"]
+    for name in names:
+        assert len((out / "tiny" / "seed_0" / name / "history.jsonl").read_text().splitlines()) >= 3

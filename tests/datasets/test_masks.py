@@ -1,0 +1,115 @@
+"""Masks: what they hide has no gradient, is not learned and not measured."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tiny_data
+from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.datasets.dataset import View
+from mi_dogsplat.datasets.masks import Masks
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.pictures import write_png
+from mi_dogsplat.training.photographs import Photographs
+from photographs import SHAPE, changed, config_of, image_of, left_half, planes_of, trained, write_masks
+from PIL import Image
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
+
+
+@pytest.mark.parametrize("options", [{}, {"exposure": True}, {"data_on_disk": True}])
+def test_masked_pixels_have_no_gradient_whatever_they_show(data, tmp_path, options):
+    dataset = load_dataset(data, on_disk=bool(options.get("data_on_disk")))
+    used = left_half()
+    config = config_of(masks=str(write_masks(tmp_path, dataset, used)), **options)
+    images = np.random.default_rng(0).uniform(0.1, 0.9, (*SHAPE, 3)).astype(np.float32)
+    other = np.where(used[..., None] > 0, images, 1 - images)
+    results = []
+    for image in (images, other):
+        l1, loss, gradient = Photographs(config, dataset, 0.0).compare(planes_of(image), 0, 0)
+        results.append((float(l1[0]), float(loss[0]), image_of(gradient)))
+    (l1, loss, gradient), again = results
+    assert (l1, loss) == pytest.approx(again[:2]) and np.abs(gradient - again[2]).max() < 1e-9
+    assert not gradient[used == 0].any() and np.abs(gradient[used == 1]).min(axis=1).max() > 0
+
+
+def test_inside_of_the_mask_and_away_from_its_edge_the_gradient_is_that_without(data, tmp_path):
+    dataset, used = load_dataset(data), left_half()
+    image = np.random.default_rng(0).uniform(0.1, 0.9, (*SHAPE, 3)).astype(np.float32)
+    masked = Photographs(config_of(masks=str(write_masks(tmp_path, dataset, used))), dataset, 0.0)
+    free = Photographs(config_of(), dataset, 0.0)
+    gradients = [image_of(p.compare(planes_of(image), 2, 0)[2]) for p in (masked, free)]
+    inside = slice(None), slice(SHAPE[1] // 2 + 11, None)
+    assert gradients[0][inside] == pytest.approx(gradients[1][inside], rel=1e-3, abs=1e-9)
+
+
+def test_training_with_masks_does_not_learn_what_they_hide(data, tmp_path):
+    """A white box walks through the photographs, always somewhere else."""
+    clean, used = load_dataset(data), np.ones((8, *SHAPE))
+    for k, view in enumerate(clean.train):
+        used[k, 2 + 2 * k : 20 + 2 * k, 4 * k : 20 + 4 * k] = 0
+        write_png(tmp_path / f"{view.name}.png.png", used[k].astype(np.float32))  # COLMAP's way of naming
+    spoiled = changed(clean, lambda k, image: np.where(used[k, ..., None] > 0, image, 1))
+    without, hidden = (trained(spoiled, steps=250, masks=m).test_errors()["test_psnr"] for m in (None, str(tmp_path)))
+    assert hidden > without + 1, (hidden, without)
+
+
+def test_what_a_mask_hides_is_not_measured_and_a_view_that_is_all_black_is_left_out(data, tmp_path):
+    config = config_of(steps=5, masks=str(tmp_path / "masks"))
+    dataset = load_dataset(data)
+    write_masks(tmp_path / "masks", dataset, left_half())
+    hidden, clean = dataset.test[0], dataset.test[0].image
+    spoiled = np.where(left_half()[..., None] > 0, clean, 1 - clean).astype(np.float32)
+    found = []
+    for image in (clean, spoiled):
+        dataset.test[0] = View(hidden.name, hidden.camera, image)
+        found.append(trained(dataset, steps=5, masks=config.masks).test_errors())
+    assert found[0] == found[1]
+    for view in dataset.test:
+        write_png(tmp_path / "masks" / f"{view.name}.png", np.zeros(SHAPE, np.float32))
+    assert trained(dataset, steps=5, masks=config.masks).test_errors(with_flip=True) == {}
+
+
+def test_masks_of_any_size_are_scaled_and_read_as_black_or_white(tmp_path):
+    for name, width, height in (("a", 4, 6), ("b", 2, 2)):
+        write_png(tmp_path / f"{name}.png", np.array([[0, 1], [1, 0.2]], np.float32))
+        view = View(name, tiny_data.cameras(1, width, height)[0], np.zeros((height, width, 3), np.float32))
+        mask = Masks(tmp_path, [view]).of(view)
+        expected = np.kron([[0, 1], [1, 0]], np.ones((height // 2, width // 2)))
+        assert mask is not None and mask.tolist() == expected.tolist()
+
+
+@pytest.mark.parametrize(
+    "mask", ["left/1.png", "left/1.JPG", "left/1.JPG.png", "left_1.webp", "left/1.PNG.png", "images/left/1.tif.png"]
+)
+def test_a_mask_is_found_by_the_name_of_its_image_in_every_way_of_writing_it(tmp_path, mask):
+    camera, image = tiny_data.cameras(1, 2, 2)[0], np.zeros((2, 2, 3), np.float32)
+    named, other = (View(name, camera, image) for name in ("left_1", "left_11"))
+    (tmp_path / mask).parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(np.array([[0, 255], [255, 0]], np.uint8)).save(tmp_path / mask, lossless=True, quality=100)
+    found = Masks(tmp_path, [other, named]).of(named)
+    assert found is not None and found.tolist() == [[0, 1], [1, 0]]
+    assert Masks(tmp_path, [other, named]).of(other) is None
+
+
+def test_what_downscaling_cuts_off_is_cut_off_masks_too(tmp_path):
+    grey = np.zeros((7, 11), np.uint8)
+    grey[:, 9:] = 255  # the columns that are left over when 11 are divided by 3
+    Image.fromarray(grey).save(tmp_path / "a.png")
+    view = View("a", tiny_data.cameras(1, 3, 2)[0], np.zeros((2, 3, 3), np.float32))
+    mask = Masks(tmp_path, [view]).of(view)
+    assert mask is not None and not mask.any()
+
+
+def test_bad_masks_are_refused_in_one_line(data, tmp_path):
+    dataset = load_dataset(data)
+    with pytest.raises(DataError, match="no such folder"):
+        Photographs(config_of(masks=str(tmp_path / "none")), dataset, 0.0)
+    with pytest.raises(DataError, match="has no mask for any"):
+        Photographs(config_of(masks=str(tmp_path)), dataset, 0.0)
+    (tmp_path / f"{dataset.train[0].name}.png").write_text("no image")
+    with pytest.raises(DataError, match="cannot be read"):
+        Photographs(config_of(masks=str(tmp_path)), dataset, 0.0)

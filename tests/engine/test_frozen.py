@@ -1,0 +1,75 @@
+"""Frozen functions: garbage that Dr.Jit could not free meanwhile waits."""
+
+import gc
+import itertools
+import subprocess
+import sys
+from contextlib import nullcontext
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import pytest
+from mi_dogsplat.engine.frozen import frozen
+
+# A function that allocates enough to collect garbage, which is there: cycles of what must not be freed meanwhile.
+WITH_GARBAGE = """
+import gc, itertools, sys
+import mi_dogsplat, drjit as dr, mitsuba as mi, numpy as np
+from mi_dogsplat.engine.frozen import frozen
+
+mi.set_variant("llvm_ad_rgb")
+traced = itertools.count()
+
+@frozen
+def increased(x):
+    next(traced)
+    kept = [[] for _ in range(100_000)]
+    return x + len(kept)
+
+def make_garbage():
+    garbage = [mi.Float(np.zeros(1000, np.float32)) if sys.argv[1] == "array" else mi.load_dict({"type": "scene"})]
+    garbage.append(garbage)
+
+x = dr.arange(mi.Float, 3)
+gc.collect()
+gc.set_threshold(50_000, 10, 10)
+make_garbage()
+assert increased(x).numpy()[2] == 100_002 and next(traced) == 1
+"""
+
+
+@pytest.mark.parametrize("kind", ["array", "scene"])
+def test_garbage_does_not_end_the_process_that_records_a_function(kind):
+    command = [sys.executable, "-c", WITH_GARBAGE, kind]
+    done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+@pytest.mark.parametrize("good", [True, False])
+def test_whether_garbage_is_collected_is_after_a_call_as_it_was_before(enabled, good):
+    @frozen
+    def increased(x):
+        assert good and not gc.isenabled()
+        return x + 1
+
+    (gc.enable if enabled else gc.disable)()
+    try:
+        with nullcontext() if good else pytest.raises(RuntimeError):  # Dr.Jit's own, made of the AssertionError
+            assert increased(dr.arange(mi.Float, 3)).numpy().tolist() == [1, 2, 3]
+        assert gc.isenabled() == enabled
+    finally:
+        gc.enable()
+
+
+def test_a_frozen_function_is_traced_once_for_all_sizes():
+    traced = itertools.count()
+
+    @frozen
+    def doubled(x):
+        next(traced)
+        return x * 2
+
+    assert [doubled(dr.arange(mi.Float, n)).numpy()[-1] for n in (3, 30, 300)] == [4, 58, 598]
+    assert next(traced) == 1

@@ -1,0 +1,130 @@
+"""``dogsplat export``: DoG as plain Gaussians, the table of what is lost, and bad input."""
+
+import json
+
+import numpy as np
+import pytest
+import tiny_data
+from command_line import assert_one_line, run
+from mi_dogsplat import read_ply, write_ply
+from mi_dogsplat.export import gltf, spz
+from mi_dogsplat.export.bake import RATIOS, baked, nearest_gaussians
+from mi_dogsplat.export.packing import turned_rub
+from mi_dogsplat.export.write import FORMATS, Views, loss_table, mean_psnr
+from mi_dogsplat.render.framing import cameras_around, robust_sphere
+from mi_dogsplat.scene.splats import Splats
+from scipy.integrate import dblquad
+from scipy.optimize import minimize
+
+
+@pytest.fixture
+def model(tmp_path):
+    path = tmp_path / "model.ply"
+    write_ply(path, tiny_data.dog_model())
+    return path
+
+
+@pytest.mark.parametrize("f_a, F", [(0.3, 1.4), (0.5, 0.6), (0.2, 0.3)])
+def test_a_baked_gaussian_is_the_nearest_in_the_picture_of_a_round_dog(f_a, F):
+    """Oracle: the squared difference integrated over the plane, minimised over scale and peak."""
+
+    def distance(x):
+        scale, peak = x
+        profile = lambda r: peak * np.exp(-r * r / 2 / scale**2) - np.exp(-r * r / 2) + f_a * np.exp(-r * r / 2 / F**2)  # noqa: E731
+        return dblquad(lambda r, _: r * profile(r) ** 2, 0, 1, 0, 12, epsabs=1e-6)[0]
+
+    best = minimize(distance, [1.0, 1 - f_a], method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-7}).x
+    ratios, factors = nearest_gaussians(np.array([f_a], np.float32), np.full((1, 3), F, np.float32))
+    assert ratios[0] == pytest.approx([best[0]] * 3, rel=2 * (RATIOS[1] / RATIOS[0] - 1))
+    assert factors[0] == pytest.approx(best[1], rel=0.02)
+
+
+def test_a_weak_dog_stays_as_it_is_and_plain_gaussians_are_untouched():
+    ratios, factors = nearest_gaussians(np.array([1e-6], np.float32), np.array([[0.5, 1.5, 2]], np.float32))
+    assert ratios[0] == pytest.approx([1, 1, 1], rel=0.01) and factors[0] == pytest.approx(1, rel=0.02)
+    model = tiny_data.dog_model()
+    plain = baked(model)
+    assert plain.n_dog == 0 and plain.n_splats == model.n_splats
+    assert np.array_equal(plain.log_scales[1::2], model.log_scales[1::2])
+    assert np.array_equal(plain.logit_opacities[1::2], model.logit_opacities[1::2])
+    assert (plain.opacities[::2] < model.opacities[::2]).all()
+
+
+@pytest.mark.parametrize("f_a, F", [(0.3, 1.4), (0.4, 0.6)])
+def test_baking_keeps_more_of_the_picture_than_dropping_or_lowering_the_peak(f_a, F):
+    model = tiny_data.dog_model(f_a, F)
+    views = Views(tiny_data.cameras(), [], 0.0, 0.2, False)
+    truth = views.pictures(model)
+    lower = model.plain()
+    p = model.opacities[model.dog_index] * (1 - model.dog_opacities)
+    lower.logit_opacities[model.dog_index] = np.log(p / (1 - p))
+    loss = {name: mean_psnr(views.pictures(m), truth) for name, m in
+            {"baked": baked(model), "dropped": model.plain(), "lower": lower}.items()}  # fmt: skip
+    assert loss["baked"] > max(loss["dropped"], loss["lower"]) + 1
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_every_format_is_written_measured_and_close_to_the_baked_model(capsys, model, tmp_path, suffix):
+    out = tmp_path / f"out{suffix}"
+    status, printed, _ = run(capsys, "export", model, "-o", out, "--views", "2", "--near-clip", "0.05")
+    lines = printed.splitlines()
+    assert status == 0 and "of the model" in lines[0] and "photographs" not in lines[0], printed
+    assert [line.split("  ")[1] for line in lines[1:4]] == ["as it is", "without DoG (bake)", "read from the file"]
+    without, read = (float(line.split()[-2]) for line in lines[2:4])
+    assert 15 < without < 60 and read > without - 3
+    assert "60 primitives" in lines[-1] and str(out) in lines[-1]
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["model.ply", out.name])
+
+
+def test_spz_and_gltf_have_y_up_and_the_others_the_axes_of_the_model(capsys, model, tmp_path):
+    for suffix in FORMATS:
+        assert run(capsys, "export", model, "-o", tmp_path / f"out{suffix}", "--views", "0")[0] == 0
+    truth = baked(read_ply(model))
+    middle = truth.means.mean(axis=0)
+    for suffix, chosen in FORMATS.items():
+        sign = [1, -1, -1] if suffix in (".spz", ".glb") else [1, 1, 1]
+        assert chosen.read(tmp_path / f"out{suffix}").means.mean(axis=0) == pytest.approx(middle * sign, abs=2e-3)
+    assert gltf.decode(tmp_path / "out.glb").means == pytest.approx(turned_rub(truth).means)
+    assert spz.decode(tmp_path / "out.spz").n_splats == truth.n_splats
+
+
+def test_with_data_the_loss_is_against_its_photographs_too(capsys, model, tmp_path):
+    data = tiny_data.write_tiny_data(tmp_path / "data")
+    command = ["export", model, "-o", tmp_path / "out.ply", "--data", data, "--dog", "drop"]
+    status, printed, _ = run(capsys, *command)
+    assert status == 0 and "of photographs" in printed and "without DoG (drop)" in printed
+    assert np.array_equal(read_ply(tmp_path / "out.ply").log_scales, read_ply(model).log_scales)
+    photographs = float(printed.splitlines()[1].split()[-2])
+    run(capsys, "eval", model, data, "-o", tmp_path / "measured")
+    metrics = json.loads((tmp_path / "measured" / "metrics.json").read_text())["test"]
+    assert photographs == pytest.approx(metrics["psnr"], abs=0.01)
+
+
+def test_the_table_shows_no_loss_where_there_is_none():
+    model = tiny_data.truth()
+    views = Views(tiny_data.cameras(2), [], 0.0, 0.2, False)
+    lines = loss_table({"as it is": model, "the same": model}, views)
+    assert lines[2].split()[-2:] == ["100.00", "dB"]
+
+
+def test_cameras_around_a_model_all_see_its_middle():
+    model = tiny_data.truth()
+    centre, _ = robust_sphere(model)
+    for camera in cameras_around(model, 5):
+        pixels, depth = camera.project(centre)
+        assert depth > 0 and pixels[0] == pytest.approx([camera.width / 2, camera.height / 2])
+
+
+def test_bad_input_is_one_line_and_nothing_is_left_behind(capsys, model, tmp_path):
+    assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.obj"), "out.obj", ".spz")
+    assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz", "--dog", "keep"), "--dog", "bake")
+    assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz", "--views", "-1"), "--views")
+    assert_one_line(run(capsys, "export", tmp_path / "no.ply", "-o", tmp_path / "out.spz"), "no.ply")
+    write_ply(tmp_path / "empty.ply", Splats.empty(1))
+    assert_one_line(run(capsys, "export", tmp_path / "empty.ply", "-o", tmp_path / "out.glb"), "empty.ply", "empty")
+    before = model.read_bytes()
+    assert_one_line(run(capsys, "export", model, "-o", model), "model.ply", "is the model itself")
+    assert model.read_bytes() == before
+    (tmp_path / "file").touch()
+    assert_one_line(run(capsys, "export", model, "-o", tmp_path / "file" / "out.spz"), "out.spz", "cannot be written")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["empty.ply", "file", "model.ply"]

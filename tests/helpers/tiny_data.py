@@ -1,0 +1,80 @@
+"""A data set of eight small pictures that our own rasterizer makes of a known model: training can only succeed."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from mi_dogsplat.datasets.camera_paths import look_at
+from mi_dogsplat.datasets.point_ply import write_point_ply
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.rasterize import RasterOptions
+from mi_dogsplat.engine.sh import C0
+from mi_dogsplat.render.picture import Picture, premultiplied, render_picture
+from mi_dogsplat.scene.cameras import OPENCV_FROM_OPENGL, Camera
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.pictures import write_png
+
+WIDTH, HEIGHT = 48, 36
+N_TRUTH = 60
+OPTIONS = RasterOptions(sh_degree=1, depth=True)
+
+
+def truth(seed: int = 0) -> Splats:
+    """Coloured blobs within the unit ball, of SH degree 1 with a small view-dependent part."""
+    rng = np.random.default_rng(seed)
+    sh_coeffs = rng.normal(size=(N_TRUTH, 4, 3)) * 0.05
+    sh_coeffs[:, 0] = (rng.uniform(0.05, 0.95, (N_TRUTH, 3)) - 0.5) / C0
+    return Splats(
+        means=rng.uniform(-0.6, 0.6, (N_TRUTH, 3)),
+        log_scales=np.log(rng.uniform(0.06, 0.2, (N_TRUTH, 3))),
+        quats=rng.normal(size=(N_TRUTH, 4)),
+        logit_opacities=rng.uniform(0.5, 3, N_TRUTH),
+        sh_coeffs=sh_coeffs,
+    )
+
+
+def cameras(n: int = 8, width: int = WIDTH, height: int = HEIGHT) -> list[Camera]:
+    """A ring around the origin that looks at it; neighbours at alternating heights."""
+    angles = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    positions = [3 * np.array([np.cos(a), np.sin(a), 0.3 * (-1) ** i]) for i, a in enumerate(angles)]
+    focal = 1.1 * width
+    return [Camera(look_at(p, np.zeros(3), "z"), focal, focal, width / 2, height / 2, width, height) for p in positions]
+
+
+def picture(splats: Splats, camera: Camera, background: float = 0.0) -> Picture:
+    return render_picture(upload(splats), camera, OPTIONS, background)
+
+
+def write_tiny_data(folder: Path, n: int = 8, alpha: bool = False, points: bool = True) -> Path:
+    """Write ``transforms.json``, ``images/0.png`` ... and ``points.ply`` (the truth's centres, perturbed)."""
+    splats, frames = truth(), []
+    for i, camera in enumerate(cameras(n)):
+        image = picture(splats, camera)
+        pixels = image.color
+        if alpha:  # PNG is not premultiplied
+            rgba = premultiplied(image, 0.0)
+            pixels = np.concatenate([rgba[..., :3] / np.maximum(rgba[..., 3:], 1e-6), rgba[..., 3:]], -1)
+        write_png(folder / "images" / f"{i}.png", pixels)
+        pose = (camera.c2w @ OPENCV_FROM_OPENGL).tolist()
+        frames.append({"file_path": f"images/{i}.png", "transform_matrix": pose})
+    content = {"w": WIDTH, "h": HEIGHT, "fl_x": 1.1 * WIDTH, "fl_y": 1.1 * WIDTH, "frames": frames}
+    if points:
+        rng = np.random.default_rng(1)
+        near = splats.means + rng.normal(size=(N_TRUTH, 3)) * 0.05
+        colors = 0.5 + C0 * splats.sh_coeffs[:, 0] + rng.normal(size=(N_TRUTH, 3)) * 0.1
+        write_point_ply(folder / "points.ply", near, colors)
+        content["ply_file_path"] = "points.ply"
+    (folder / "transforms.json").write_text(json.dumps(content))
+    return folder
+
+
+def dog_model(f_a: float = 0.4, F: float = 1.5) -> Splats:
+    """The truth of the tiny data, every other primitive a DoG."""
+    model = truth()
+    index = np.arange(0, model.n_splats, 2)
+    return Splats(
+        **{name: getattr(model, name) for name in ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")},
+        dog_index=index,
+        dog_logit_opacities=np.full(len(index), np.log(f_a / (1 - f_a))),
+        dog_log_scales=np.log(np.full((len(index), 3), F)),
+    )

@@ -1,0 +1,253 @@
+"""``dogsplat info --features``: each thing is listed as needed just where it is, with what it costs in the kernels."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import pytest
+import tiny_data
+from launches import launches, loop
+from mi_dogsplat import write_ply
+from mi_dogsplat.cli import main
+from mi_dogsplat.engine.geometry import Blocks
+from mi_dogsplat.engine.kernel_costs import aov_operations, pair_operations, primitive_operations
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
+from mi_dogsplat.engine.walk import Settings
+from mi_dogsplat.inspection.features import describe_features, model_features, scene_features
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.errors import DataError
+from splat_scenes import dog_dict, make_camera, random_splats, rounded, scene_of, square_camera
+
+MODEL = {"Gaussians", "DoG", "negative T", "SH degree 1", "SH degree 2", "SH degree 3"}
+RENDER = {"background", "antialiasing", "depth", "other AOVs", "derivatives"}
+
+
+def model(degree=1, dog_share=0.0) -> Splats:
+    return rounded(random_splats(40, degree=degree, dog_share=dog_share))
+
+
+def read(lines: list[str]) -> dict[str, tuple[str, str]]:
+    """State and reason of each feature."""
+    rows = [line for line in lines if line.startswith("  ")]
+    return {row[:23].strip(): tuple(row[23:].split(": ", 1)) for row in rows}  # pyright: ignore[reportReturnType]
+
+
+def states(features) -> dict[str, str]:
+    return {f.name: f.state for f in features}
+
+
+def needed(features) -> set[str]:
+    return {f.name for f in features if f.state == "needed"}
+
+
+# --- models ---
+
+
+def test_a_plain_model_leaves_out_what_it_has_not(tmp_path):
+    write_ply(tmp_path / "m.ply", model())
+    lines = describe_features(tmp_path / "m.ply")
+    assert lines[0] == f"{tmp_path / 'm.ply'}: what it needs and what is left out"
+    assert "  DoG                  left out: 0 of 40 primitives" in lines
+    found = read(lines)
+    assert set(found) == MODEL | RENDER
+    assert {name for name, (state, _) in found.items() if state == "needed"} == {"Gaussians", "SH degree 1"}
+    assert found["Gaussians"][1].startswith("40 primitives; each 14 parameters, 56 bytes, ")
+    assert found["SH degree 1"][1].startswith("each 9 parameters, 36 bytes, ")
+    assert "operations are instructions" in lines[-1]
+
+
+def test_the_parameters_add_up_to_those_of_the_model():
+    splats = model(degree=3, dog_share=0.5)
+    each = {f.name: int(f.reason.split("each ")[1].split()[0]) for f in model_features([splats]) if "each" in f.reason}
+    m = each.pop("DoG") * splats.n_dog
+    arrays = [getattr(splats, name) for name in vars(splats) if name != "dog_index"]
+    assert sum(each.values()) * splats.n_splats + m == sum(array.size for array in arrays)
+
+
+def test_dog_is_needed_by_the_primitives_that_are():
+    splats = model(dog_share=0.5)
+    splats.logit_opacities[:], splats.dog_logit_opacities[:] = 2, 2
+    found = read([str(f) for f in model_features([splats])])
+    assert found["DoG"][0] == "needed" and found["DoG"][1].startswith(f"{splats.n_dog} of 40 primitives; each 4 ")
+    assert found["negative T"][0] == "needed" and "faded DoG" not in found
+    assert found["branch to DoG"][1].startswith(f"{40 - splats.n_dog} plain primitives")
+    assert "branch to DoG" not in read([str(f) for f in model_features([splats.only_dog()])])
+    splats.dog_logit_opacities[:3] = -9
+    assert read([str(f) for f in model_features([splats])])["faded DoG"] == (
+        "paid, not needed", "3 pseudo-Gaussians are below 1/255 everywhere"
+    )  # fmt: skip
+
+
+def test_degrees_whose_coefficients_are_all_zero_are_paid_without_need():
+    splats = model(degree=3)
+    splats.sh_coeffs[:, 4:] = 0
+    found = states(model_features([splats]))
+    assert found["SH degree 1"] == "needed"
+    assert found["SH degree 2"] == found["SH degree 3"] == "paid, not needed"
+
+
+def test_a_model_without_primitives_is_described_too(tmp_path):
+    write_ply(tmp_path / "m.ply", Splats.empty(0))
+    assert "left out: 0 of 0 primitives" in "\n".join(describe_features(tmp_path / "m.ply"))
+
+
+# --- costs ---
+
+
+def test_the_operations_per_pixel_are_those_of_the_compositor():
+    """But for what is done once per pixel of the image, less than a quarter."""
+    options = RasterOptions(0)
+    params, camera = upload(model(0)), DeviceCamera.upload(make_camera())
+    kernel = loop(launches(lambda: rasterize(params, camera, options).T.numpy()))
+    blocks = Blocks.of_backend()
+    forward, backward = pair_operations(Settings(3), False, mi.variant())
+    counted = forward * blocks.width * blocks.height * blocks.unroll
+    assert 0.75 * kernel.operations < counted < kernel.operations
+    assert forward < backward
+
+
+def test_each_choice_adds_operations():
+    variant = mi.variant()
+    plain = np.array(pair_operations(Settings(3), False, variant))
+    dog = np.array(pair_operations(Settings(3), True, variant))
+    depth = np.array(pair_operations(Settings(4), False, variant))
+    assert (plain < depth).all() and (depth < dog).all()
+    index, two = (aov_operations(names, False, variant) for names in (("index",), ("index", "count")))
+    assert 0 < index < two < aov_operations(("index", "count"), True, variant)
+    costs = [primitive_operations(RasterOptions(degree), False, variant) for degree in range(4)]
+    assert costs == sorted(set(costs))
+    assert primitive_operations(RasterOptions(0, antialiased=True), False, variant) > costs[0]
+    assert primitive_operations(RasterOptions(0), True, variant) > costs[0]
+
+
+# --- scenes ---
+
+BARE: dict[str, Any] = {"srgb_primitives": False}
+
+
+@pytest.mark.parametrize(
+    ("choice", "feature"),
+    [
+        ({"srgb_primitives": True}, "sRGB conversion"),
+        ({"antialiased": True}, "antialiasing"),
+        ({"aovs": "depth"}, "depth"),
+        ({"aovs": "normal"}, "normal"),
+        ({"aovs": "index"}, "second walk"),
+        ({"aovs": "median_depth,count,dog_share"}, "second walk"),
+        ({"aovs": "alpha"}, "alpha"),
+        ({"film": {"pixel_format": "rgba"}}, "alpha"),
+        ({"extra": {"sky": {"type": "constant"}}}, "background"),
+        ({"extra": {"more": dog_dict(model(0))}}, "several dog shapes"),
+    ],
+    ids=str,
+)
+def test_each_choice_of_a_scene_is_one_line(choice, feature):
+    bare = needed(scene_features(scene_of(model(), square_camera(), **BARE)))
+    assert bare == {"Gaussians", "SH degree 1"}
+    assert needed(scene_features(scene_of(model(), square_camera(), **{**BARE, **choice}))) == bare | {feature}
+
+
+def test_negative_transmittance_is_needed_unless_a_scene_forbids_it():
+    for allowed in (True, False):
+        features = scene_features(scene_of(model(dog_share=0.5), square_camera(), negative_transmittance=allowed))
+        assert ("negative T" in needed(features)) == allowed
+
+
+def test_a_shape_of_lower_sh_degree_is_padded():
+    features = scene_features(scene_of(model(2), square_camera(), extra={"more": dog_dict(model(1))}))
+    reason = next(f.reason for f in features if f.name == "several dog shapes")
+    assert "40 of them padded to SH degree 2" in reason and f"{4 * (11 + 27)} bytes" in reason
+
+
+def scene_file(folder: Path, integrator: str, shape: str) -> Path:
+    path = folder / "s.xml"
+    path.write_text(
+        f'<scene version="3.0.0"><integrator type="{integrator}"/>{shape}<sensor type="perspective">'
+        '<film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="12"/></film></sensor>'
+        "</scene>"
+    )
+    return path
+
+
+def test_a_scene_of_dog_shapes_is_told_from_one_that_is_a_data_set(tmp_path):
+    write_ply(tmp_path / "m.ply", model())
+    splats = scene_file(tmp_path, "dogsplat", '<shape type="dog"><string name="filename" value="m.ply"/></shape>')
+    assert MODEL < set(read(describe_features(splats)))
+    surfaces = scene_file(tmp_path, "path", '<shape type="sphere"/><emitter type="constant"/>')
+    assert "alpha masks" in read(describe_features(surfaces))
+
+
+# --- data sets and runs ---
+
+
+@pytest.mark.parametrize("alpha", [False, True])
+@pytest.mark.parametrize("points", [False, True])
+def test_a_data_set_needs_what_its_images_and_points_ask_for(tmp_path, alpha, points):
+    found = read(describe_features(tiny_data.write_tiny_data(tmp_path, n=3, alpha=alpha, points=points)))
+    expected = {"alpha masks": alpha, "background": alpha, "random start": not points, "test renders": True}
+    expected["several image sizes"] = False
+    assert {name: state for name, (state, _) in found.items()} == {
+        name: "needed" if is_needed else "left out" for name, is_needed in expected.items()
+    }
+
+
+def write_run(folder: Path, with_model=True, **config) -> Path:
+    (folder / "config.json").write_text(json.dumps({"data": "photos", "preset": "ours", "model": None, **config}))
+    if with_model:
+        write_ply(folder / "point_cloud.ply", model())
+    return folder
+
+
+def test_a_run_needs_what_its_model_and_its_recipe_ask_for(tmp_path):
+    found = read(describe_features(write_run(tmp_path, background="black", sh_degree=1)))
+    assert found["SH degree 1"][0] == found["training DoG"][0] == found["pruning"][0] == "needed"
+    assert found["training DoG"][1] == "from 60% of the run on, left out before"
+    assert found["background"] == ("left out", "black") and found["antialiasing"][0] == "left out"
+
+
+@pytest.mark.parametrize(
+    ("config", "feature", "state"),
+    [
+        ({"preset": "3dgs"}, "pruning", "left out"),
+        ({"preset": "3dgs"}, "training DoG", "left out"),
+        ({"model": "m.ply"}, "densification", "left out"),
+        ({"sh_degree": 0}, "SH degree in turn", "left out"),
+        ({"background": "white"}, "background", "needed"),
+        ({"antialiased": True}, "antialiasing", "needed"),
+    ],
+)
+def test_each_setting_of_a_run_changes_its_line(tmp_path, config, feature, state):
+    defaults = {"background": "black", "antialiased": False, "sh_degree": 3}
+    write_run(tmp_path, False, **defaults)
+    assert read(describe_features(tmp_path))[feature][0] != state
+    write_run(tmp_path, False, **{**defaults, **config})
+    found = read(describe_features(tmp_path))
+    assert found[feature][0] == state and "Gaussians" not in found
+
+
+# --- the command, and what is wrong ---
+
+
+def test_the_command_prints_the_list(tmp_path, capsys):
+    write_ply(tmp_path / "m.ply", model())
+    assert main(["info", "--features", str(tmp_path / "m.ply")]) == 0
+    assert capsys.readouterr().out.splitlines() == describe_features(tmp_path / "m.ply")
+
+
+def test_what_cannot_be_listed_is_one_line(tmp_path):
+    (tmp_path / "s.xml").write_text("<scene")
+    (tmp_path / "notes.txt").write_text("hello")
+    write_run(tmp_path, preset="best")
+    for path, words in (
+        (tmp_path / "s.xml", "Mitsuba cannot load it"),
+        (tmp_path / "notes.txt", "a model .ply, a run folder, or a data set"),
+        (tmp_path / "missing.ply", "no such file"),
+        (tmp_path, 'preset "best" is unknown'),
+    ):
+        with pytest.raises(DataError, match=words) as caught:
+            describe_features(path)
+        assert "\n" not in str(caught.value)

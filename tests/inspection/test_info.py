@@ -1,0 +1,198 @@
+"""``dogsplat info``: the numbers are right, and each problem is found and only where it is."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tiny_data
+from mi_dogsplat import write_ply
+from mi_dogsplat.inspection.info import describe, model_problems
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.errors import DataError
+
+
+def healthy(n: int = 200) -> Splats:
+    rng = np.random.default_rng(0)
+    quats = rng.normal(size=(n, 4))
+    return Splats(
+        means=rng.uniform(-1, 1, (n, 3)),
+        log_scales=np.log(rng.uniform(0.02, 0.1, (n, 3))),
+        quats=quats / np.linalg.norm(quats, axis=1, keepdims=True),
+        logit_opacities=rng.normal(size=n),
+        sh_coeffs=rng.normal(size=(n, 4, 3)),
+        dog_index=np.array([3, 5, 8]),
+        dog_logit_opacities=np.array([-1.0, 0.0, 1.0]),
+        dog_log_scales=np.log(np.full((3, 3), 0.5)),
+    )
+
+
+def value_of(lines: list[str], name: str) -> str:
+    return next(line[18:] for line in lines if line.startswith(f"  {name} "))
+
+
+def test_a_model_is_described_by_its_counts_and_ranges(tmp_path):
+    splats = healthy()
+    splats.means[:, 1] = np.linspace(-2, 4, 200)
+    write_ply(tmp_path / "m.ply", splats)
+    lines = describe(tmp_path / "m.ply")
+    size = (tmp_path / "m.ply").stat().st_size
+    assert lines[0] == f"{tmp_path / 'm.ply'}: model"
+    assert value_of(lines, "primitives") == "200, 3 of them DoG"
+    assert value_of(lines, "SH degree") == "1"
+    assert value_of(lines, "size") == f"{size / 1000:.3g} kB, {size / 200:.0f} bytes per primitive"
+    assert value_of(lines, "position y") == "-2 to 4, median 1"
+    assert value_of(lines, "DoG opacity") == "0.2689 to 0.7311, median 0.5"
+    assert value_of(lines, "DoG scale") == "0.5 to 0.5, median 0.5"
+    low, high = splats.opacities.min(), splats.opacities.max()
+    assert value_of(lines, "opacity").startswith(f"{low:.4g} to {high:.4g}")
+    assert lines[-1] == "problems: none found"
+
+
+def test_a_model_without_dog_says_nothing_about_it(tmp_path):
+    write_ply(tmp_path / "m.ply", tiny_data.truth())
+    assert not any(line.startswith("  DoG") for line in describe(tmp_path / "m.ply"))
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "value", "words"),
+    [
+        ("quats", [0, 7], 0.0, "quaternion of length zero"),
+        ("quats", [1], 3.0, "not of unit length"),
+        ("log_scales", [4, 5, 6], -20.0, "a millionth of the radius"),
+        ("log_scales", [9], 3.0, "the radius of the model"),
+        ("logit_opacities", [2, 3], -8.0, "below 1/255"),
+        ("means", [11], 1e5, "100 radii from the centre"),
+    ],
+)
+def test_each_problem_is_found_in_just_the_primitives_that_have_it(tmp_path, name, rows, value, words):
+    splats = healthy()
+    assert model_problems(splats) == []
+    getattr(splats, name)[rows] = value
+    (problem,) = model_problems(splats)
+    assert words in problem and problem.startswith(f"{len(rows)} of 200 ")
+    write_ply(tmp_path / "m.ply", splats)
+    lines = describe(tmp_path / "m.ply")
+    assert lines[-2:] == ["problems:", f"  {problem}"]
+
+
+def test_an_empty_model_is_a_problem(tmp_path):
+    write_ply(tmp_path / "m.ply", Splats.empty(0))
+    lines = describe(tmp_path / "m.ply")
+    assert value_of(lines, "primitives").startswith("0,") and "there is no primitive" in lines[-1]
+
+
+# --- run folders ---
+
+
+def write_run(folder: Path) -> Path:
+    quality = {"psnr": 27.345, "ssim": 0.9, "flip": 0.08, "l1": 0.02}
+    metrics = {"test": quality, "train": {}, "n": 12345, "n_dog": 67, "bytes": 3_060_000, "train_seconds": 125.0}
+    metrics |= {"steps": 700, "render_ms": 4.25}
+    config = {"data": "photos/fox", "preset": "3dgs", "steps": 700, "downscale": 2, "max_primitives": None}
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+    (folder / "config.json").write_text(json.dumps(config))
+    (folder / "history.jsonl").write_text('{"step": 350, "seconds": 60, "l1": 0.1, "n": 99, "n_dog": 0}\n')
+    write_ply(folder / "point_cloud.ply", tiny_data.truth())
+    return folder
+
+
+def test_a_complete_run_shows_its_result(tmp_path):
+    lines = describe(write_run(tmp_path))
+    assert lines[0] == f"{tmp_path}: training run on photos/fox"
+    assert value_of(lines, "steps") == "700 of 700"
+    assert value_of(lines, "training time") == "2 min 05 s"
+    assert value_of(lines, "primitives") == "12,345, 67 of them DoG"
+    assert value_of(lines, "test") == "PSNR 27.34 dB, SSIM 0.9000, FLIP 0.0800, L1 0.02000"
+    assert "downscale 2" in value_of(lines, "settings")
+    assert lines[-1] == "problems: none found"
+
+
+def test_an_interrupted_run_shows_how_far_it_came(tmp_path):
+    write_run(tmp_path)
+    for name in ("metrics.json", "point_cloud.ply"):
+        (tmp_path / name).unlink()
+    with open(tmp_path / "history.jsonl", "a") as file:
+        file.write('{"step": 40')
+    lines = describe(tmp_path)
+    assert value_of(lines, "steps") == "350 of 700" and value_of(lines, "primitives").startswith("99,")
+    problems = lines[lines.index("problems:") + 1 :]
+    assert problems == [
+        "  metrics.json is missing",
+        "  point_cloud.ply is missing",
+        "  the run is not complete: it was interrupted, or is still running",
+        "  1 lines of history.jsonl are not JSON",
+    ]
+
+
+# --- data sets ---
+
+
+def test_a_data_set_shows_its_views_points_and_whether_they_agree(tmp_path):
+    lines = describe(tiny_data.write_tiny_data(tmp_path))
+    assert lines[0] == f"{tmp_path}: data set"
+    assert value_of(lines, "views") == "7 for training, 1 for testing"
+    assert value_of(lines, "images") == "48x36"
+    assert value_of(lines, "names") == "1, 2, 3, 4 and 4 more"
+    assert value_of(lines, "points") == "60"
+    assert value_of(lines, "cameras").startswith("100% of the points")
+    assert "differ by 0." in value_of(lines, "colours")
+
+
+def test_alpha_and_the_lack_of_points_are_told(tmp_path):
+    lines = describe(tiny_data.write_tiny_data(tmp_path, n=2, alpha=True, points=False))
+    assert value_of(lines, "images") == "48x36, with alpha"
+    assert value_of(lines, "points").startswith("none")
+    assert not any(line.startswith("  cameras") for line in lines)
+    assert describe(tmp_path / "transforms.json")[1:] == lines[1:]
+
+
+def test_a_mitsuba_scene_is_a_data_set(tmp_path):
+    (tmp_path / "s.xml").write_text(
+        '<scene version="3.0.0"><integrator type="path"/><shape type="sphere"/><emitter type="constant"/>'
+        '<sensor type="perspective"><film type="hdrfilm"><integer name="width" value="16"/>'
+        '<integer name="height" value="12"/></film></sensor></scene>'
+    )
+    lines = describe(tmp_path / "s.xml")
+    assert value_of(lines, "views") == "1 for training, 0 for testing"
+    assert value_of(lines, "images").startswith("16x12")
+
+
+# --- what it is not ---
+
+
+def test_anything_else_is_answered_with_what_is_accepted(tmp_path):
+    (tmp_path / "notes.txt").write_text("hello")
+    for path in (tmp_path, tmp_path / "notes.txt", tmp_path / "missing"):
+        with pytest.raises(DataError, match="a model .ply, a run folder, or a data set") as caught:
+            describe(path)
+        assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@dataclasses.dataclass
+class Broken:
+    name: str
+    content: bytes
+    words: str
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        Broken("m.ply", b"not a ply", "m.ply"),
+        Broken("transforms.json", b"{", "line 1"),
+        Broken("s.xml", b"<scene", "Mitsuba"),
+    ],
+    ids=lambda broken: broken.name,
+)
+def test_a_broken_file_of_a_known_kind_is_told_what_is_broken(tmp_path, broken):
+    (tmp_path / broken.name).write_bytes(broken.content)
+    with pytest.raises(DataError, match=broken.words):
+        describe(tmp_path / broken.name)
+
+
+def test_a_broken_run_is_told_too(tmp_path):
+    (tmp_path / "config.json").write_text("{")
+    with pytest.raises(DataError, match="config.json: not valid JSON"):
+        describe(tmp_path)

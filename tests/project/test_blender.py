@@ -1,0 +1,143 @@
+"""The Blender add-on, tested inside of Blender: each test below is one of ``tests/blender/check_*.py``.
+
+Those run under a Python that has ``bpy``, or in Blender itself, in a process of their own, which keeps Blender's
+libraries away from the rest of the suite. Which ones: ``DOGSPLAT_BLENDER_PYTHONS`` (as in PATH; a program called
+``blender`` is Blender, whose Python needs pytest), else ``.venv-blender`` (``make blender``).
+"""
+
+import ast
+import json
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.rasterize import RasterOptions
+from mi_dogsplat.render.framing import automatic_camera
+from mi_dogsplat.render.picture import render_picture
+from mi_dogsplat.scene.camera_file import write_camera
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.ply import read_ply, write_ply
+from splat_scenes import random_splats, rounded, square_camera, tilted_camera
+
+ROOT = Path(__file__).parents[2]
+SHARED = ROOT.parent / "shared" / "data"
+FILES = sorted((ROOT / "tests" / "blender").glob("check_*.py"))
+CHECKS = [
+    f"{file.stem}::{node.name}"
+    for file in FILES
+    for node in ast.parse(file.read_text(encoding="utf-8")).body
+    if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+]
+DEFAULT = ROOT / ".venv-blender" / "bin" / "python"
+PYTHONS = [Path(p) for p in os.environ.get("DOGSPLAT_BLENDER_PYTHONS", str(DEFAULT)).split(os.pathsep) if p]
+DOWNSCALE = 4  # of the photographs: EEVEE runs in software here
+
+
+def reference(folder: Path, name: str, splats, camera: Camera) -> None:
+    """A model, a camera and the picture that our integrator makes of them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_ply(folder / f"{name}.ply", splats)
+    write_camera(folder / f"{name}.json", camera)
+    options = RasterOptions(sh_degree=splats.sh_degree, depth=True)
+    picture = render_picture(upload(splats), camera, options)
+    np.savez(folder / f"{name}.npz", color=picture.color, alpha=picture.alpha, depth=np.asarray(picture.depth))
+
+
+def train_fox(out: Path, preset: str) -> Path:
+    """A model of the fox, sharp enough to look at after half a minute."""
+    settings = f"--preset {preset} --steps 300 --downscale {DOWNSCALE} --max-primitives 20000".split()
+    command = [sys.executable, "-m", "mi_dogsplat", "train", str(SHARED / "fox"), "-o", str(out), *settings]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    return out / "point_cloud.ply"
+
+
+@pytest.fixture(scope="session")
+def references(tmp_path_factory) -> Path:
+    """What the checks compare Blender's pictures with."""
+    folder = tmp_path_factory.mktemp("blender")
+    camera = tilted_camera(96, 64, 90.0, cx=40.0, cy=36.0)  # pixels not square, principal point off the middle
+    dog = rounded(random_splats(150, seed=3))
+    reference(folder, "dog", dog, camera)
+    reference(folder, "plain", dog.plain(), camera)
+    reference(folder, "square", dog, square_camera(96, 64, 90.0))
+    if SHARED.is_dir():
+        playbot = read_ply(SHARED / "models" / "playbot_lod2_sh2.ply")
+        reference(folder, "playbot", playbot, automatic_camera(playbot).downscaled(DOWNSCALE))
+        view = load_dataset(SHARED / "fox", DOWNSCALE).test[0]
+        (folder / "fox_view").write_text(view.name)
+        for name, preset in (("fox", "3dgs"), ("fox_dog", "ours")):
+            trained = os.environ.get(f"DOGSPLAT_{name.upper()}")  # a longer training of one's own
+            reference(folder, name, read_ply(trained or train_fox(folder / preset, preset)), view.camera)
+    return folder
+
+
+def pytest_of(python: Path) -> list[str]:
+    """The command that runs pytest in there."""
+    if python.name != "blender":
+        return [str(python), "-m", "pytest"]
+    inside = str(ROOT / "tests" / "blender" / "inside.py")
+    return [str(python), "--background", "--factory-startup", "--python-exit-code", "1", "--python", inside, "--"]
+
+
+@pytest.fixture(scope="session")
+def outcomes(references, tmp_path_factory) -> dict[tuple[str, str], list[ET.Element]]:
+    """The JUnit records of every check, one per set of its parameters, by Python and by name."""
+    found = defaultdict(list)
+    for python in PYTHONS:
+        if not python.exists():
+            continue
+        report = tmp_path_factory.mktemp("report") / "junit.xml"
+        environment = {
+            **os.environ,
+            "DOGSPLAT_REFERENCES": str(references),
+            "DOGSPLAT_SHARED": str(SHARED),
+            "DOGSPLAT_COMMAND": json.dumps([sys.executable, "-m", "mi_dogsplat"]),
+            "PYTHONPATH": str(ROOT),
+        }
+        for name in ("PYTEST_CURRENT_TEST", "PYTEST_ADDOPTS"):
+            environment.pop(name, None)
+        command = [
+            *pytest_of(python),
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            f"--confcutdir={ROOT / 'tests' / 'blender'}",
+            "-o",
+            "python_files=check_*.py",
+            "-o",
+            "junit_family=xunit1",
+            f"--junitxml={report}",
+            *map(str, FILES),
+        ]
+        run = subprocess.run(
+            command, cwd=ROOT, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True
+        )
+        if not report.exists():
+            raise RuntimeError(f"{python} stopped:\n{run.stdout[-4000:]}\n{run.stderr[-2000:]}")
+        for case in ET.parse(report).iter("testcase"):
+            name = case.get("name", "").split("[")[0]
+            found[str(python), f"{Path(case.get('file', '')).stem}::{name}"].append(case)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("check", CHECKS)
+@pytest.mark.parametrize("python", PYTHONS, ids=lambda p: p.parts[-3] if len(p.parts) > 2 else str(p))
+def test_in_blender(python, check, request):
+    if not python.exists():
+        pytest.skip(f'there is no Python with bpy at {python}: run "make blender" (Python 3.11, 400 MB)')
+    cases = request.getfixturevalue("outcomes")[str(python), check]
+    assert cases, f"{check} did not run"
+    troubles = [(case, t) for case in cases for t in [*case.findall("failure"), *case.findall("error")]]
+    for case, trouble in troubles:
+        pytest.fail(f"{case.get('name')}: {trouble.get('message')}\n{trouble.text}", pytrace=False)
+    skipped = [s for case in cases if (s := case.find("skipped")) is not None]
+    if len(skipped) == len(cases):
+        pytest.skip(skipped[0].get("message"))

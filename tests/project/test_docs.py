@@ -1,0 +1,249 @@
+"""Every command and program in the README, in docs/ and in the help of the command line does what it says.
+
+Commands of ``dogsplat`` run here, page by page, in a folder that has what they name: photographs, a scene, a model.
+Only what makes them long is replaced (``SHORT``). Where that is not enough their options are parsed, and the test named
+in ``RUN_ELSEWHERE`` runs them. Targets of make, benchmarks and files that are named have to exist.
+"""
+
+import ast
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mitsuba as mi
+import pytest
+import tiny_data
+from mi_dogsplat import write_ply
+from mi_dogsplat.cli import help as help_texts
+from mi_dogsplat.cli import main
+from mi_dogsplat.cli.arguments import build_parser
+from mi_dogsplat.cli.commands import COMMANDS
+from mi_dogsplat.scene.camera_file import write_camera
+from PIL import Image
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+# flag and value that a command gets instead of its own, or is given
+SHORT = {
+    "train": {"--steps": "14", "--max-primitives": "80", "--sh-degree": "1"},
+    "prune": {"--steps": "4"},
+    "capture": {"--spp": "1", "--views": "4", "--test": "1", "--size": "24 18", "--points": "100"},
+}
+RUN_ELSEWHERE = {
+    **{"ablate": "test_ablate.py", "check": "test_check.py", "compare": "test_compare.py", "view": "test_viewer.py"},
+    "--resume": "test_resume.py",
+}
+PARSER = build_parser({name: "" for name in COMMANDS})
+CAPTURED = ("sensors", "cameras.json")  # --path of views that are given, which know no --views
+
+
+def fences(page: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
+
+
+def shell_lines(text: str) -> list[str]:
+    """Its commands, without comments; ``export A=b`` and the like stay."""
+    lines = text.replace("\\\n", " ").splitlines()
+    return [line for line in (re.split(r"\s#|^#", line)[0].strip() for line in lines) if line]
+
+
+def commands(page: Path) -> list[str]:
+    return [line for text in fences(page, "(?:sh|bash)") for line in shell_lines(text)]
+
+
+def help_examples(text: str) -> list[str]:
+    """The commands of a help text; what they do stands two spaces or more behind them, or on the next line."""
+    found = re.findall(r"^ +(?:\w+: )?(dogsplat (?:\S+ ?)+?)(?:  .*)?$", text, re.M)
+    return [line.strip() for line in found]
+
+
+HELP = {name: text for name, text in vars(help_texts).items() if isinstance(text, str) and name[0] != "_"}
+EXAMPLES = {name: lines for name, text in HELP.items() if (lines := help_examples(text))}
+
+
+def shortened(argv: list[str]) -> list[str]:
+    """The command with the values of ``SHORT``."""
+    argv = list(argv)
+    for flag, value in SHORT.get(argv[0], {}).items():
+        if argv[0] == "capture" and flag in ("--views", "--test", "--size") and set(argv) & set(CAPTURED):
+            continue
+        if flag in argv:
+            at = argv.index(flag) + 1
+            del argv[at : at + (2 if flag == "--size" else 1)]
+            argv[at:at] = value.split()
+        else:
+            argv += [flag, *value.split()]
+    if "--target" in argv and float(argv[argv.index("--target") + 1]) > 1:
+        argv[argv.index("--target") + 1] = "20"
+    return argv
+
+
+def run(line: str) -> None:
+    """One line of a page, in the present folder."""
+    words = shlex.split(line)
+    program = Path(words[0]).name
+    if program == "dogsplat":
+        PARSER.parse_args(words[1:])
+        if not set(words) & set(RUN_ELSEWHERE):
+            assert not main(shortened(words[1:])), line
+    elif program == "make":
+        subprocess.run(["make", "-n", *words[1:]], cwd=ROOT, check=True, capture_output=True)
+    elif program.startswith("python") and words[1] == "-m":
+        assert words[2] in ("pytest", "benchmarks", "scripts.aov_picture") or import_module(words[2]), line
+        if words[2] == "benchmarks" and len(words) > 3:
+            assert (ROOT / "benchmarks" / f"{words[3]}.py").exists(), line
+    elif program.startswith("python"):
+        assert (ROOT / words[1]).exists(), line
+    elif words[:2] == ["pip", "install"]:
+        extra = re.fullmatch(r"mi_dogsplat\[(\w+)\]", words[2])
+        assert extra and re.search(rf"^{extra[1]} = ", (ROOT / "pyproject.toml").read_text(), re.M), line
+    elif program == "dask":  # test_compare.py runs a scheduler and workers
+        assert words[1] in ("scheduler", "worker"), line
+    else:
+        pytest.fail(f"{line}: no rule for {program}; run it here, or say in this file why not")
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> Path:
+    """A run folder of a tiny training."""
+    top = tmp_path_factory.mktemp("trained")
+    data = tiny_data.write_tiny_data(top / "data")
+    assert main(shortened(["train", str(data), "-o", str(top / "run")])) == 0
+    return top / "run"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, trained) -> Path:
+    """What the pages name: photographs, models, scenes, cameras; it is the present folder."""
+    photos = tiny_data.write_tiny_data(tmp_path / "photos", alpha=True)
+    content = json.loads((photos / "transforms.json").read_text())
+    for i, frame in enumerate(content["frames"]):
+        (photos / frame["file_path"]).rename(photos / "images" / f"{i:04d}.png")
+        frame["file_path"] = f"images/{i:04d}.png"
+    (photos / "transforms.json").write_text(json.dumps(content))
+    for name in ("lego", "data"):
+        (tmp_path / name).symlink_to(photos)
+    for i in range(len(content["frames"])):
+        (tmp_path / "masks").mkdir(exist_ok=True)
+        Image.new("L", (tiny_data.WIDTH, tiny_data.HEIGHT), 255).save(tmp_path / "masks" / f"{i:04d}.png")
+    for name in ("run", "run_a", "run_b"):
+        shutil.copytree(trained, tmp_path / name)
+    write_ply(tmp_path / "model.ply", tiny_data.truth())
+    camera = tiny_data.cameras()[0]
+    write_camera(tmp_path / "camera.json", camera)
+    write_camera(tmp_path / "cameras.json", camera)
+    listed = json.loads((tmp_path / "cameras.json").read_text())
+    (tmp_path / "cameras.json").write_text(json.dumps([listed | {"name": "front"}]))
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
+    sensor = '<sensor type="perspective"><transform name="to_world"><lookat origin="0,-4,1" target="0,0,0" up="0,0,1"/>'
+    sensor += '</transform><film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="18"/>'
+    scene = '<shape type="sphere"/><emitter type="constant"/>'
+    (tmp_path / "scene.xml").write_text(
+        f'<scene version="3.0.0"><integrator type="path"/>{scene}{sensor}</film></sensor></scene>'
+    )
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def fresh_outputs(lines: list[str], folder: Path) -> None:
+    """Folders that commands write must not hold something else already."""
+    for line in lines:
+        words = shlex.split(line)
+        if "-o" in words and words[1] in ("train", "prune", "capture"):
+            out = folder / words[words.index("-o") + 1]
+            if out.is_symlink():
+                out.unlink()
+            elif words[1] == "capture" and out.exists():  # another capture, of other settings
+                shutil.rmtree(out)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [p for p in PAGES if commands(p)], ids=lambda p: p.name)
+def test_the_commands_of_a_page_run(page, folder, capsys):
+    lines = commands(page)
+    for line in lines:
+        fresh_outputs([line], folder)
+        run(line)
+        capsys.readouterr()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_examples_of_the_help_run(name, folder, capsys):
+    for line in EXAMPLES[name]:
+        fresh_outputs([line], folder)
+        run(line)
+        capsys.readouterr()
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if fences(p, "python")], ids=lambda p: p.name)
+def test_the_programs_of_a_page_run(page, folder):
+    for text in fences(page, "python"):
+        if "aborts" in text or "SLURMCluster" in text:  # shows what ends the process; needs a cluster
+            ast.parse(text)
+            continue
+        start = f"import mi_dogsplat, mitsuba as mi\nmi.set_variant({mi.variant()!r})\n"
+        start = "" if "set_variant" in text else start
+        command = [sys.executable, "-W", "error", "-c", start + text]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if fences(p, "xml")], ids=lambda p: p.name)
+def test_the_scenes_of_a_page_load(page, folder):
+    for text in fences(page, "xml"):
+        root = ElementTree.fromstring(f"<page>{text}</page>")
+        for scene in root.findall("scene"):
+            mi.load_string(ElementTree.tostring(scene, encoding="unicode"))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_what_a_page_links_to_is_there(page):
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#\s]+?)(?:#[^)]*)?\)", text):
+        assert target.startswith("https://") or (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_the_commands_within_a_sentence_exist(page):
+    """Targets of make, benchmarks, and subcommands with their flags."""
+    subcommands: dict = next(a.choices for a in PARSER._actions if isinstance(a.choices, dict))
+    targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.M))
+    for span in re.findall(r"`([^`\n]+)`", page.read_text(encoding="utf-8")):
+        words = span.split()
+        if words[0] == "make" and len(words) == 2:
+            assert words[1] in targets, span
+        elif words[:3] == ["python", "-m", "benchmarks"] and len(words) > 3:
+            assert (ROOT / "benchmarks" / f"{words[3]}.py").exists(), span
+        elif words[0] == "dogsplat" and len(words) > 1 and words[1].isalpha() and words[1].islower():
+            if words[1] in targets | {"and"}:
+                continue
+            assert words[1] in subcommands, span
+            flags = {flag for action in subcommands[words[1]]._actions for flag in action.option_strings}
+            assert {w.split("=")[0] for w in words if w.startswith("--")} <= flags, span
+
+
+@pytest.mark.slow
+def test_the_reference_of_the_api_is_made_and_has_every_module(tmp_path):
+    command = [sys.executable, "-W", "error", "-m", "scripts.api", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    named = re.findall(r'"(mi_dogsplat[.\w]*)"', (ROOT / "scripts" / "api.py").read_text())
+    assert len(named) > 10 and all((tmp_path / f"{name.replace('.', '/')}.html").exists() for name in named)
+    assert "[N, 3] world space" in (tmp_path / "mi_dogsplat.html").read_text()
+
+
+def test_every_public_function_and_class_says_what_it_is():
+    silent = [
+        f"{path.relative_to(ROOT)}: {node.name}"
+        for path in sorted((ROOT / "mi_dogsplat").rglob("*.py"))
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name[0] != "_" and not ast.get_docstring(node)
+    ]
+    assert not silent

@@ -1,0 +1,34 @@
+"""Every scene that ships renders as it stands, by the command that its own header and the gallery name."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from mi_dogsplat.cli import main
+from PIL import Image
+
+SCENES = Path(__file__).parents[2] / "scenes"
+FILES = sorted(SCENES.glob("*.xml"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_a_scene_renders_as_it_stands(path, tmp_path):
+    out = tmp_path / "picture.png"
+    assert main(["render", str(path), "-o", str(out)]) == 0
+    picture = np.asarray(Image.open(out))
+    film = ElementTree.parse(path).find("sensor/film")
+    assert film is not None
+    size = {node.get("name"): node.get("value") for node in film.findall("integer")}
+    assert picture.shape == (int(size["height"] or 0), int(size["width"] or 0), 3)
+    middle = picture[picture.shape[0] // 4 : -picture.shape[0] // 4, picture.shape[1] // 4 : -picture.shape[1] // 4]
+    assert middle.std() > 20 and len(np.unique(middle.reshape(-1, 3), axis=0)) > 1000  # the still life, not a plain
+
+
+def test_there_are_scenes_and_the_files_that_they_name_ship_with_them():
+    assert len(FILES) >= 3
+    for path in FILES:
+        for node in ElementTree.parse(path).iter("string"):
+            if node.get("name") == "filename":
+                assert (SCENES / str(node.get("value"))).is_file(), f"{path.name}: {node.get('value')}"

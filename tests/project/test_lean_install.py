@@ -1,0 +1,130 @@
+"""``pip install mi_dogsplat`` alone: what works without the packages of the extras, and what is said where it fails."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+import tiny_data
+from mi_dogsplat import write_ply
+
+ROOT = Path(__file__).parents[2]
+MODULES = {"pillow": "PIL", "scipy": "scipy", "tqdm": "tqdm", "flip-evaluator": "flip_evaluator"}
+MODULES |= {"viser": "viser"}
+HIDDEN = sorted([*MODULES.values(), "OpenEXR"])  # the last is for the tests alone
+
+WITHOUT_EXTRAS = f"""
+import sys
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {HIDDEN}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, Missing())
+"""
+FIRST_CASE = """
+from mi_dogsplat.check import stability
+stability.cases = lambda cases=stability.cases: [next(iter(cases()))]
+"""
+COMMAND = "from mi_dogsplat.cli import main; sys.exit(main(sys.argv[1:]))"
+RENDER = """
+import mi_dogsplat, mitsuba as mi
+mi.set_variant("llvm_ad_rgb")
+image = mi.render(mi.load_file(sys.argv[1])).numpy()
+assert image.shape == (12, 16, 3) and image.max() > 0.1
+"""
+
+
+def core(code: str, *argv) -> subprocess.CompletedProcess:
+    """Run Python as if only the core was installed."""
+    command = [sys.executable, "-W", "error", "-c", WITHOUT_EXTRAS + code, *map(str, argv)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "model.ply"
+    write_ply(path, tiny_data.truth())
+    return path
+
+
+@pytest.fixture(scope="module")
+def scene(model) -> Path:
+    path = model.with_name("scene.xml")
+    path.write_text(
+        '<scene version="3.0.0"><integrator type="dogsplat"/><shape type="dog"><string name="filename" '
+        'value="model.ply"/></shape><sensor type="perspective"><transform name="to_world"><lookat origin="3, 0, 1" '
+        'target="0, 0, 0" up="0, 0, 1"/></transform><film type="hdrfilm"><integer name="width" value="16"/>'
+        '<integer name="height" value="12"/><string name="pixel_format" value="rgb"/></film></sensor></scene>'
+    )
+    return path
+
+
+def requirements(name: str) -> set[str]:
+    """Packages of a list in pyproject.toml, without their versions."""
+    listed = re.search(rf"^{name} = \[(.*)\]$", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert listed, name
+    return {re.split(r"[<>=\[]", item.strip(' "'))[0] for item in listed[1].split(",")}
+
+
+def test_the_core_needs_mitsuba_and_numpy_only():
+    assert requirements("dependencies") == {"mitsuba", "numpy"}
+    for extra in ("train", "export", "view"):
+        assert requirements(extra) <= set(MODULES)  # else they are not hidden here
+
+
+def test_the_plugins_render_a_scene_without_extras(scene):
+    done = core(RENDER, scene)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("suffix", [".png", ".exr"])
+def test_a_model_and_a_scene_are_rendered_to_a_file_without_extras(model, scene, tmp_path, suffix):
+    for source in (model, scene):
+        out = tmp_path / (source.stem + suffix)
+        done = core(COMMAND, "render", source, "-o", out)
+        assert done.returncode == 0 and done.stdout == f"{out}\n" and done.stderr == "", done.stderr
+        assert np.array(mi.Bitmap(str(out))).shape[2] >= 3
+
+
+def test_stability_is_checked_without_extras(tmp_path):
+    out = tmp_path / "out"
+    done = core(FIRST_CASE + COMMAND, "check", "-o", out, "--only", "stability")
+    assert done.returncode == 0 and done.stderr == "", done.stderr
+    assert [row["verdict"] for row in json.loads((out / "check.json").read_text())["stability"]] == ["right"]
+
+
+@pytest.mark.parametrize("flags", [[], ["--features"]])
+def test_a_model_and_a_run_are_described_without_extras(model, tmp_path, flags):
+    (tmp_path / "config.json").write_text('{"data": "photos", "steps": 7}')
+    for path, word in ((model, "SH degree"), (tmp_path, "training")):
+        done = core(COMMAND, "info", path, *flags)
+        assert done.returncode == 0 and word in done.stdout and done.stderr == "", done.stderr
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["train", "{data}", "-o", "{out}"],
+        ["eval", "{model}", "{data}"],
+        ["render", "{model}", "-o", "{out}.png", "--data", "{data}"],
+        ["check", "-o", "{out}"],
+        ["info", "{data}"],
+        ["export", "{model}", "-o", "{out}.spz"],
+        ["view", "{model}"],
+    ],
+    ids=lambda argv: argv[0],
+)
+def test_a_missing_extra_is_one_line_that_says_what_to_install(model, tmp_path, argv):
+    data = tiny_data.write_tiny_data(tmp_path / "data", n=2)
+    names = {"data": data, "model": model, "out": tmp_path / "out"}
+    done = core(COMMAND, *(word.format(**names) for word in argv))
+    assert done.returncode == 2 and done.stdout == "", done
+    extra = argv[0] if argv[0] in ("export", "view") else "train"
+    assert re.fullmatch(rf"dogsplat: this needs the package \w+: pip install 'mi_dogsplat\[{extra}\]'\n", done.stderr)
+    assert not list(tmp_path.glob("out*"))

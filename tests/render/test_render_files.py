@@ -1,0 +1,351 @@
+"""``dogsplat render``: which camera is taken, what the files hold, and what is said about bad ones."""
+
+import argparse
+import json
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import OpenEXR
+import pytest
+import tiny_data
+from mi_dogsplat import write_ply
+from mi_dogsplat.reference import aovs as reference_aovs
+from mi_dogsplat.render.framing import automatic_camera, likely_up, robust_sphere
+from mi_dogsplat.render.picture import render_picture
+from mi_dogsplat.render.render_files import picture_of, render_model, render_scene
+from mi_dogsplat.scene.camera_file import read_camera, write_camera
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.srgb import srgb_to_linear
+from PIL import Image
+
+SENSOR = """<sensor type="perspective"><float name="fov" value="40"/>
+<transform name="to_world"><lookat origin="0, -4, 0" target="0, 0, 0" up="0, 0, 1"/></transform>
+<film type="hdrfilm"><integer name="width" value="20"/><integer name="height" value="16"/>
+<string name="pixel_format" value="rgba"/></film></sensor>"""
+SPHERE = '<integrator type="path"/><shape type="sphere"/><emitter type="constant"/>'
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "model.ply"
+    write_ply(path, tiny_data.truth())
+    return path
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
+
+
+def arguments(model, out, **changes) -> argparse.Namespace:
+    base = {"aovs": None, "data": None, "camera": None, "downscale": 1, "background": "auto", "antialiased": False}
+    return argparse.Namespace(model=model, out=out, **{**base, "near_clip": 0.2, **changes})
+
+
+def read_png(path) -> np.ndarray:
+    return np.asarray(Image.open(path))
+
+
+def read_exr(path) -> dict[str, np.ndarray]:
+    return {name: channel.pixels for name, channel in OpenEXR.File(str(path)).channels().items()}
+
+
+def scene_file(tmp_path, content) -> Path:
+    path = tmp_path / "scene.xml"
+    path.write_text(f'<scene version="3.0.0">{content}</scene>')
+    return path
+
+
+# --- models ---
+
+
+def test_a_view_of_the_data_is_rendered_as_it_was_photographed(model, data, tmp_path):
+    render_model(arguments(model, tmp_path / "3.png", data=data, camera="3"))
+    photograph = read_png(data / "images" / "3.png")
+    assert abs(read_png(tmp_path / "3.png").astype(int) - photograph).max() <= 1  # rounding
+
+
+def test_without_a_name_the_first_test_view_is_taken(model, data, tmp_path):
+    render_model(arguments(model, tmp_path / "view.png", data=data))
+    photograph = read_png(data / "images" / "0.png")
+    assert abs(read_png(tmp_path / "view.png").astype(int) - photograph).max() <= 1
+
+
+def test_a_camera_file_gives_the_picture_of_the_view_it_was_written_from(model, data, tmp_path):
+    camera = tiny_data.cameras()[3]
+    write_camera(tmp_path / "camera.json", camera)
+    render_model(arguments(model, tmp_path / "3.png", camera=str(tmp_path / "camera.json")))
+    photograph = read_png(data / "images" / "3.png")
+    assert abs(read_png(tmp_path / "3.png").astype(int) - photograph).max() <= 1
+    render_model(arguments(model, tmp_path / "s.png", camera=str(tmp_path / "camera.json"), downscale=4))
+    assert read_png(tmp_path / "s.png").shape == (9, 12, 3)
+
+
+def test_an_exr_holds_premultiplied_linear_colour_with_alpha_and_depth(model, data, tmp_path):
+    render_model(arguments(model, tmp_path / "3.exr", data=data, camera="3", background="white"))
+    channels = read_exr(tmp_path / "3.exr")
+    assert set(channels) == {"RGBA", "depth.Z"}
+    expected = tiny_data.picture(tiny_data.truth(), tiny_data.cameras()[3])  # over black, whatever was asked
+    assert expected.depth is not None
+    np.testing.assert_allclose(channels["RGBA"][..., :3], srgb_to_linear(expected.color), atol=1e-6)
+    np.testing.assert_allclose(channels["RGBA"][..., 3], expected.alpha, atol=1e-6)
+    np.testing.assert_allclose(channels["depth.Z"], expected.depth, atol=1e-4)
+    centre = channels["depth.Z"][18, 24]
+    assert 2 < centre < 4  # the camera is 3 away from the middle
+
+
+def test_an_exr_holds_the_aovs_that_are_asked_for(model, data, tmp_path):
+    names = "alpha, depth,median_depth,normal,index,count,dog_share"
+    render_model(arguments(model, tmp_path / "3.exr", data=data, camera="3", aovs=names))
+    channels = read_exr(tmp_path / "3.exr")
+    planes, clearness = reference_aovs.aovs(tiny_data.truth(), tiny_data.cameras()[3])
+    expected = {"depth.Z": planes["depth"], "median_depth.Z": planes["median_depth"], "index.I": planes["index"],
+                "count.I": planes["count"], "dog_share.Y": planes["dog_share"],
+                **{f"normal.{axis}": planes["normal"][..., k] for k, axis in enumerate("XYZ")}}  # fmt: skip
+    assert set(channels) == {"RGBA", *expected}
+    clear = (clearness > 1e-3) & ((planes["alpha"] == 0) | (planes["alpha"] > 0.02))
+    assert clear.mean() > 0.8
+    for name, plane in expected.items():
+        assert channels[name].dtype == np.float32
+        np.testing.assert_allclose(channels[name][clear], plane[clear], atol=5e-3, err_msg=name)
+    render_model(arguments(model, tmp_path / "bare.exr", data=data, camera="3", aovs=""))
+    assert set(read_exr(tmp_path / "bare.exr")) == {"RGBA"}
+
+
+@pytest.mark.parametrize(
+    ("name", "aovs", "message"),
+    [
+        ("v.exr", "depth,albedo", '--aovs: unknown AOV "albedo"; available are alpha, depth'),
+        ("v.exr", "depth,depth", '--aovs: the AOV "depth" is there twice; name it once'),
+        ("v.png", "depth", "--aovs: .*v.png has no room for them; name a file that ends in .exr"),
+    ],
+)
+def test_aovs_that_cannot_be_written_are_refused(model, tmp_path, name, aovs, message):
+    with pytest.raises(DataError, match=message):
+        render_model(arguments(model, tmp_path / name, aovs=aovs))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("name", "depth"), [("v.exr", True), ("v.png", False)])
+def test_depth_is_blended_for_files_that_hold_it_only(model, tmp_path, monkeypatch, name, depth):
+    asked = []
+
+    def recorded(params, camera, options, *others):
+        asked.append(options.depth)
+        return render_picture(params, camera, options, *others)
+
+    monkeypatch.setattr("mi_dogsplat.render.render_files.render_picture", recorded)
+    render_model(arguments(model, tmp_path / name))
+    assert asked == [depth]
+
+
+def test_an_npz_holds_the_picture_over_black_as_arrays(model, data, tmp_path):
+    render_model(arguments(model, tmp_path / "3.npz", data=data, camera="3", background="white"))
+    expected = tiny_data.picture(tiny_data.truth(), tiny_data.cameras()[3])
+    with np.load(tmp_path / "3.npz") as arrays:
+        assert set(arrays) == {"color", "alpha", "depth"}
+        for name, values in arrays.items():
+            np.testing.assert_array_equal(values, getattr(expected, name))
+    with pytest.raises(DataError, match="models only"):
+        render_scene(scene_file(tmp_path, SPHERE + SENSOR), tmp_path / "s.npz")
+
+
+def test_the_background_of_a_png_is_chosen_and_white_for_data_with_alpha(model, tmp_path):
+    data = tiny_data.write_tiny_data(tmp_path / "data", n=2, alpha=True)
+    for background, corner in (("auto", 255), ("white", 255), ("black", 0)):
+        render_model(arguments(model, tmp_path / "v.png", data=data, background=background))
+        assert abs(int(read_png(tmp_path / "v.png")[0, 0].mean()) - corner) < 5
+    render_model(arguments(model, tmp_path / "v.png"))
+    assert read_png(tmp_path / "v.png")[0, 0].max() == 0
+
+
+def test_an_unknown_view_is_answered_with_close_names(model, data, tmp_path):
+    with pytest.raises(DataError, match='"33" is no view of .* it has 8, such as 3$'):
+        render_model(arguments(model, tmp_path / "v.png", data=data, camera="33"))
+    with pytest.raises(DataError, match="it has 8, such as 0, 1, 2, 3, 4$"):
+        render_model(arguments(model, tmp_path / "v.png", data=data, camera="DSC_0815"))
+    with pytest.raises(DataError, match='--camera: "3" is no .json file; add --data'):
+        render_model(arguments(model, tmp_path / "v.png", camera="3"))
+
+
+@pytest.mark.parametrize("name", ["v.jpg", "v", "v.ply"])
+def test_an_unknown_picture_format_is_refused_before_anything_else(tmp_path, name):
+    with pytest.raises(DataError, match=r"ends in .png, .exr, .npz"):
+        render_model(arguments(tmp_path / "missing.ply", tmp_path / name))
+
+
+def test_a_place_that_cannot_be_written_is_named(model, tmp_path):
+    (tmp_path / "file").write_text("")
+    for name in ("v.png", "v.exr"):
+        out = tmp_path / "file" / name
+        with pytest.raises(DataError, match="cannot be written"):
+            render_model(arguments(model, out))
+        with pytest.raises(DataError, match="cannot be written"):
+            render_scene(scene_file(tmp_path, SPHERE + SENSOR), out)
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(DataError, match="is a folder"):
+        render_model(arguments(model, tmp_path / "folder.png"))
+
+
+def test_a_model_without_primitives_is_background_without_depth(tmp_path):
+    picture = picture_of(Splats.empty(1), 1.0, 0.2, aovs=("depth",))(tiny_data.cameras()[0])
+    assert picture.depth is not None
+    assert picture.color.min() == 1 and picture.alpha.max() == 0 and picture.depth.max() == 0
+    write_ply(tmp_path / "empty.ply", Splats.empty(1))
+    render_model(arguments(tmp_path / "empty.ply", tmp_path / "v.png"))
+    assert read_png(tmp_path / "v.png").max() == 0
+
+
+# --- the automatic view ---
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_the_automatic_view_shows_a_model_of_any_size_wherever_it_is(scale, tmp_path):
+    splats = tiny_data.truth()
+    splats.means = splats.means * np.float32(scale) + np.float32(20 * scale)
+    splats.log_scales += np.float32(np.log(scale))
+    pixels, depth = automatic_camera(splats).project(splats.means)
+    assert (depth > 0).all() and (pixels > 0).all() and (pixels < (800, 600)).all()
+    assert np.ptp(pixels[:, 1]) > 250  # and fills the picture
+    write_ply(tmp_path / "m.ply", splats)
+    render_model(arguments(tmp_path / "m.ply", tmp_path / "v.png", downscale=4))
+    assert np.mean(read_png(tmp_path / "v.png").max(axis=2) > 20) > 0.2  # the near clip left it in
+
+
+def test_far_outliers_do_not_change_what_is_framed():
+    splats = tiny_data.truth()
+    centre, radius = robust_sphere(splats)
+    splats.means[:3] = 1e6
+    moved_centre, larger = robust_sphere(splats)
+    assert np.linalg.norm(moved_centre - centre) < 0.2 and larger < 1.5 * radius
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_what_stands_on_a_ground_is_shown_upright(axis, sign):
+    rng = np.random.default_rng(0)
+    means = rng.uniform(-1, 1, (500, 3)) * (1, 1, 0.02)
+    means[:80] = rng.uniform(-0.2, 0.2, (80, 3)) + (0, 0, 0.4)  # a thing on the ground
+    means = np.roll(means, axis - 2, axis=1) * sign
+    splats = tiny_data.truth().select(np.zeros(500, int))
+    splats.means = means.astype(np.float32)
+    np.testing.assert_array_equal(likely_up(splats), sign * np.eye(3)[axis])
+    camera = automatic_camera(splats)
+    thing, ground = (camera.project(means[rows].mean(axis=0))[0][0] for rows in (slice(80), slice(80, None)))
+    assert thing[1] < ground[1] and abs(thing[0] - ground[0]) < 30
+    assert np.linalg.det(camera.w2c[:3, :3]) == pytest.approx(1)
+
+
+def test_where_nothing_tells_z_is_up():
+    np.testing.assert_array_equal(likely_up(Splats.empty(0)), [0, 0, 1])
+    splats = tiny_data.truth().select([0])
+    np.testing.assert_array_equal(likely_up(splats), [0, 0, 1])
+
+
+# --- Mitsuba scenes ---
+
+
+def test_a_scene_is_written_linear_as_exr_and_encoded_as_png(tmp_path):
+    path = scene_file(tmp_path, SPHERE + SENSOR)
+    render_scene(path, tmp_path / "s.exr")
+    render_scene(path, tmp_path / "s.png")
+    linear = read_exr(tmp_path / "s.exr")["RGBA"]
+    assert linear.shape == (16, 20, 4) and 0.3 < linear[8, 10, 0] < 0.7  # albedo 0.5 under a white sky
+    encoded = read_png(tmp_path / "s.png")
+    expected = 255 * np.array(mi.math.linear_to_srgb(mi.Float(linear[..., :3].astype(np.float32).ravel())))
+    assert encoded.shape == (16, 20, 3)
+    assert abs(encoded.ravel() - expected).max() < 2
+
+
+def test_a_scene_with_a_dog_shape_shows_the_model(model, tmp_path):
+    shape = f'<shape type="dog"><string name="filename" value="{model}"/></shape>'
+    integrator = '<integrator type="dogsplat"><string name="aovs" value="depth"/></integrator>'
+    path = scene_file(tmp_path, integrator + shape + SENSOR)
+    render_scene(path, tmp_path / "s.exr")
+    channels = read_exr(tmp_path / "s.exr")
+    assert set(channels) == {"RGBA", "depth.Z"}
+    render_scene(path, tmp_path / "s.png")  # the AOV stays out of it
+    assert read_png(tmp_path / "s.png")[8, 10].max() > 20
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (SPHERE, "has no sensor"),
+        ('<integrator type="dogsplat"/>' + SENSOR, 'no shape of type "dog"'),
+        (
+            '<integrator type="moment"><integrator type="dogsplat"/></integrator>' + SENSOR,
+            "cannot be nested in another integrator",
+        ),
+        ('<integrator type="walk"/>', 'Plugin "walk" not found'),
+        ('<shape type="dog"><string name="filename" value="/no.ply"/></shape>', "/no.ply: cannot be read"),
+        ("<sensor", "[Pp]arsing"),
+    ],
+)
+def test_what_mitsuba_says_about_a_scene_becomes_one_line(tmp_path, content, message):
+    with pytest.raises(DataError, match=message) as caught:
+        render_scene(scene_file(tmp_path, content), tmp_path / "s.png")
+    line = str(caught.value)
+    assert "\n" not in line and "Traceback" not in line and "scene.xml" in line
+    assert not (tmp_path / "s.png").exists()
+
+
+def test_a_scene_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(DataError, match=r"no\.xml: no such file"):
+        render_scene(tmp_path / "no.xml", tmp_path / "s.png")
+
+
+# --- camera files ---
+
+
+def test_a_camera_comes_back_from_its_file(tmp_path):
+    for camera in tiny_data.cameras(3):
+        write_camera(tmp_path / "c.json", camera)
+        back = read_camera(tmp_path / "c.json")
+        np.testing.assert_allclose(back.w2c, camera.w2c, atol=1e-15)
+        assert (back.fx, back.fy, back.cx, back.cy) == (camera.fx, camera.fy, camera.cx, camera.cy)
+        assert (back.width, back.height) == (camera.width, camera.height)
+
+
+def test_a_camera_file_may_leave_out_what_follows_from_the_rest(tmp_path):
+    content = {"w2c": np.eye(4).tolist(), "fx": 50, "width": 40, "height": 30}
+    (tmp_path / "c.json").write_text(json.dumps(content))
+    camera = read_camera(tmp_path / "c.json")
+    assert (camera.fy, camera.cx, camera.cy) == (50, 20, 15)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"w2c": None}, "pose"),
+        ({"w2c": [[1, 0], [0, 1]]}, "shape"),
+        ({"w2c": (2 * np.eye(4)).tolist()}, "last row|not a rotation"),
+        ({"w2c": np.diag([1.0, 1, -1, 1]).tolist()}, "reflection"),
+        ({"fx": -1}, "focal"),
+        ({"fx": "wide"}, "wide"),
+        ({"width": 10.5}, "whole numbers"),
+        ({"width": 1e999}, "whole numbers"),
+        ({"height": 0}, "must have a pixel"),
+        ({"cx": float("nan")}, "not finite"),
+    ],
+)
+def test_a_wrong_camera_file_is_told_in_one_line_with_the_format(tmp_path, changes, message):
+    content = {"w2c": np.eye(4).tolist(), "fx": 50, "width": 40, "height": 30} | changes
+    (tmp_path / "c.json").write_text(json.dumps(content))
+    with pytest.raises(DataError, match=message) as caught:
+        read_camera(tmp_path / "c.json")
+    assert "4x4 world to camera" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(b"{", "line 1"), (b"[1]", "not a JSON object"), (b"{}", 'lacks "w2c"'), (b"\xff\xfe\x00", "not a text")],
+)
+def test_what_is_no_camera_file_at_all_is_told_too(tmp_path, content, message):
+    (tmp_path / "c.json").write_bytes(content)
+    with pytest.raises(DataError, match=message):
+        read_camera(tmp_path / "c.json")
+    with pytest.raises(DataError, match="cannot be read"):
+        read_camera(tmp_path / "missing.json")

@@ -1,0 +1,176 @@
+"""The report of complete, partial and broken run folders."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from mi_dogsplat.report.pictures import worst_box
+from mi_dogsplat.report.views import ranked, shown
+from mi_dogsplat.report.write import write_report
+from mi_dogsplat.support import pictures
+from mi_dogsplat.support.errors import DataError
+
+VIEWS = {f"view{i}": {"psnr": 20.0 + i, "ssim": 0.5 + i / 20, "flip": 0.1, "l1": 0.02} for i in range(9)}
+
+METRICS = {
+    "test": {"psnr": 24.004, "ssim": 0.7005, "flip": 0.1001, "l1": 0.02},
+    "train": {"psnr": 31.22, "ssim": 0.94, "flip": 0.07, "l1": 0.017},
+    "n": 38294,
+    "n_dog": 6604,
+    "bytes": 9_170_000,
+    "train_seconds": 302.4,
+    "render_ms": 41.7,
+    "peak_memory_mb": 1843,
+    "steps": 700,
+    "seed": 5,
+    "variant": "llvm_ad_rgb",
+    "versions": {"mitsuba": "3.9.1"},
+    "views": VIEWS,
+}
+
+
+def write_history(run, rows: int = 70) -> None:
+    events = {10: "densify", 20: "opacity_reset", 30: "sh degree 1", 40: "prune", 50: "dog", 60: "moon rises"}
+    lines = []
+    for i in range(rows):
+        row = {
+            "step": 10 * i + 10,
+            "seconds": 4.3 * i,
+            "l1": 0.2 / (i + 1),
+            "n": 100 + i,
+            "n_dog": 9 if i > 50 else 0,
+        }
+        lines.append(json.dumps(row | ({"event": events[i]} if i in events else {})))
+    (run / "history.jsonl").write_text("\n".join(lines) + "\n")
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A complete run folder."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    config = {"data": "/data/fox & friends/", "preset": "ours", "steps": 700, "densify": {"interval": 100}}
+    (folder / "config.json").write_text(json.dumps(config))
+    (folder / "metrics.json").write_text(json.dumps(METRICS))
+    write_history(folder)
+    rng = np.random.default_rng(0)
+    for name in VIEWS:
+        for suffix in ("", "_gt", "_error"):
+            pictures.write_png(folder / "test" / f"{name}{suffix}.png", rng.random((24, 32, 3)))
+    return folder
+
+
+def text_of(path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+def test_a_complete_run_shows_its_numbers_curves_and_pictures(run):
+    html = text_of(write_report(run))
+    assert "<title>fox &amp; friends \u00b7 preset ours</title>" in html
+    for expected in (
+        "24.00",
+        "0.7005",
+        "38,294",
+        "6,604 of them DoG",
+        "9.17",
+        "5 min 02 s",
+        "llvm_ad_rgb",
+        "3.9.1",
+    ):
+        assert expected in html
+    assert html.count("<svg") == 4  # error and count, against run time and step
+    assert html.count("<img") == 6 * 5  # best, median, worst and two between, in full and close up
+    assert "view8, best view" in html and "view4, median view" in html and "view0, worst view" in html
+    assert "densify.interval" in html
+    assert "class=notice" not in html
+
+
+def test_the_page_needs_nothing_but_itself(run):
+    html = text_of(write_report(run))
+    assert "<script" not in html and "<link" not in html and "http" not in html and "url(" not in html
+    assert all(source.startswith("data:image/") for source in re.findall(r"src='([^']*)'", html))
+
+
+def test_every_kind_of_event_has_its_lane(run):
+    html = text_of(write_report(run))
+    for lane in ("densify", "reset", "SH up", "prune", "DoG", "other"):
+        assert html.count(f">{lane}</text>") == 2
+
+
+def test_test_psnr_is_drawn_where_the_history_has_it(run):
+    rows = [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
+    rows[20]["test_psnr"] = 19.0
+    (run / "history.jsonl").write_text("\n".join(map(json.dumps, rows)))
+    html = text_of(write_report(run))
+    assert html.count("<svg") == 6
+    assert html.count("<title>24</title>") == 2  # the final value comes from metrics.json
+
+
+def test_an_interrupted_run_says_so_and_how_far_it_came(run):
+    (run / "metrics.json").unlink()
+    (run / "history.jsonl").write_text(text_of(run / "history.jsonl") + '{"step": 710, "sec')
+    html = text_of(write_report(run))
+    assert "there is no metrics.json, so it was interrupted or is still running" in html
+    assert "step 700 of 700 after 4 min 57 s" in html
+    assert "not JSON and are left out: 1." in html
+    assert html.count("<svg") == 4
+
+
+def test_an_empty_folder_gives_a_report_that_names_all_that_is_missing(tmp_path):
+    html = text_of(write_report(tmp_path))
+    for words in ("no metrics.json", "no config.json", "There are no curves", "There are no test views"):
+        assert words in html
+
+
+def test_a_missing_picture_is_named(run):
+    (run / "test" / "view8_error.png").unlink()
+    (run / "test" / "view0.png").write_bytes(b"not a picture")
+    html = text_of(write_report(run))
+    assert "Missing or not readable: <code>view8_error.png</code>" in html
+    assert "Missing or not readable: <code>view0.png</code>" in html
+
+
+def test_values_that_are_not_finite_do_not_break_the_page(run):
+    metrics = METRICS | {
+        "test": {"psnr": float("nan"), "ssim": None},
+        "views": {"view0": {"psnr": float("nan")}},
+    }
+    (run / "metrics.json").write_text(json.dumps(metrics))
+    rows = [{"step": 10 * i, "seconds": i, "l1": [0.1, float("nan"), 0.0][i % 3], "n": 5} for i in range(9)]
+    (run / "history.jsonl").write_text("\n".join(map(json.dumps, rows)))
+    html = text_of(write_report(run))
+    assert "nan" not in re.sub(r"base64,[^']*", "", html)
+
+
+def test_bad_input_is_named_in_one_line(run, tmp_path):
+    with pytest.raises(DataError, match=r"nowhere: no such folder; give a run folder"):
+        write_report(tmp_path / "nowhere")
+    (run / "metrics.json").write_text("{")
+    with pytest.raises(DataError, match=r"metrics.json: not valid JSON"):
+        write_report(run)
+    (run / "metrics.json").write_text("[]")
+    with pytest.raises(DataError, match=r"metrics.json: not a JSON object"):
+        write_report(run)
+
+
+def test_text_from_the_run_cannot_become_markup(run):
+    (run / "config.json").write_text(json.dumps({"data": "<b>fox</b>", "preset": "<i>", "x": "<script>"}))
+    html = text_of(write_report(run))
+    assert "<b>fox" not in html and "<i>" not in html and "<script>" not in html
+
+
+def test_views_are_ranked_by_psnr_and_few_are_all_shown():
+    views = ranked(VIEWS)
+    assert [v.name for v in views] == [f"view{i}" for i in range(8, -1, -1)]
+    assert [v.name for v in shown(views)] == ["view8", "view6", "view4", "view2", "view0"]
+    assert len(shown(views[:6])) == 6
+    assert [v.place for v in ranked({"a": {"psnr": 1.0}, "b": {}})] == ["", ""]
+
+
+def test_the_close_up_covers_the_largest_error():
+    error = np.zeros((80, 120))
+    error[50:60, 90:110] = 1
+    left, top, width, height = worst_box(error)
+    assert (width, height) == (30, 20)
+    assert left <= 90 and left + width >= 110 and top <= 50 and top + height >= 60

@@ -1,0 +1,212 @@
+"""A run that was stopped goes on from its checkpoint as if nothing had happened."""
+
+import json
+import signal
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from mi_dogsplat.engine.composite_derivatives import lanes_add_in_turn
+from mi_dogsplat.runs import run
+from mi_dogsplat.runs.checkpoint import Checkpoints, load_checkpoint, save_checkpoint
+from mi_dogsplat.runs.stopping import Stopped
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.train import Trainer
+from tiny_data import write_tiny_data
+
+STEPS = 60
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    return write_tiny_data(tmp_path_factory.mktemp("data"))
+
+
+def config_of(data: Path, **changes) -> TrainConfig:
+    base: dict[str, Any] = {"preset": "3dgs", "steps": STEPS, "sh_degree": 1, "log_every": 10, "max_primitives": 100}
+    base["checkpoint_seconds"] = 0.0
+    return TrainConfig(str(data), **(base | changes))
+
+
+def rows_of(folder: Path) -> list[dict]:
+    return [json.loads(line) for line in (folder / "history.jsonl").read_text().splitlines()]
+
+
+def without_clock(rows: list[dict]) -> list[dict]:
+    return [{name: value for name, value in row.items() if name != "seconds"} for row in rows]
+
+
+def assert_same_state(folder: Path, expected: Path) -> None:
+    state, other = (load_checkpoint(path / run.CHECKPOINT) for path in (folder, expected))
+    assert state.keys() == other.keys()
+    for name in state.keys() - {"seconds"}:
+        np.testing.assert_array_equal(state[name], other[name], err_msg=name)
+
+
+@pytest.mark.parametrize("preset", ["3dgs", "ours", "released"])
+@pytest.mark.parametrize("step", [7, 34, 47, 56])  # in densification, pruning, with DoG: neither is a row
+def test_a_run_stopped_at_any_step_and_resumed_has_the_bits_of_one_that_was_not(data, whole, tmp_path, preset, step):
+    if not lanes_add_in_turn(mi.variant()):
+        pytest.skip("this backend adds the gradients of a tile with atomics, in any order")
+    config = config_of(data, preset=preset)
+    with Interrupt(step), pytest.raises(Stopped, match=f"after step {step} of {STEPS}.*--resume"):
+        run.train(config, tmp_path)
+    assert load_checkpoint(tmp_path / run.CHECKPOINT)["step"] == step
+    # a row that came after the checkpoint, and half a row: what a kill leaves
+    with open(tmp_path / "history.jsonl", "ab") as history:
+        history.write(b'{"step": 59, "seconds": 1, "n": 1, "n_dog": 0}\n{"step": 4, "event": "\xce')
+    run.train(config, tmp_path, resume=True)
+
+    rows = rows_of(tmp_path)
+    assert without_clock(rows) == without_clock(rows_of(whole[preset]))
+    seconds = [row["seconds"] for row in rows]
+    assert seconds == sorted(seconds)
+    assert_same_state(tmp_path, whole[preset])
+    assert (tmp_path / "point_cloud.ply").read_bytes() == (whole[preset] / "point_cloud.ply").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def whole(data, tmp_path_factory) -> dict[str, Path]:
+    """Runs that nobody stops, with a checkpoint after every step: writing one changes nothing."""
+    folders = {preset: tmp_path_factory.mktemp(preset) for preset in ("3dgs", "ours", "released")}
+    for preset, folder in folders.items():
+        run.train(config_of(data, preset=preset), folder)
+    events = " ".join(row.get("event", "") for row in rows_of(folders["ours"]))
+    assert all(word in events for word in ("cloned", "prune", "dog activated"))
+    return folders
+
+
+class Interrupt:
+    """``with Interrupt(step)``: Ctrl-C arrives in the middle of the step before ``step`` steps are done."""
+
+    def __init__(self, step: int):
+        self.step, self.original = step, Trainer.step
+
+    def __enter__(self):
+        interrupt_at, original = self.step, self.original
+
+        def step(self: Trainer):
+            if self.step_count + 1 == interrupt_at:
+                signal.raise_signal(signal.SIGINT)
+            return original(self)
+
+        Trainer.step = step
+
+    def __exit__(self, *_):
+        Trainer.step = self.original
+
+
+def test_checkpoints_come_on_time_whatever_the_distance_of_the_rows(data, tmp_path, monkeypatch):
+    saved = []
+    monkeypatch.setattr(Checkpoints, "save", lambda self, state: saved.append(int(state()["step"])))
+    run.train(config_of(data, steps=5, log_every=1000), tmp_path / "often")
+    assert saved == [1, 2, 3, 4, 5]
+    saved.clear()
+    run.train(config_of(data, steps=5, checkpoint_seconds=1e6), tmp_path / "once")
+    assert saved == [5]
+
+
+def test_checkpoints_that_take_long_become_rare(tmp_path, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mi_dogsplat.runs.checkpoint.time.monotonic", lambda: now[0])
+
+    def slow_state():
+        now[0] += 5
+        return {"a": np.zeros(1)}
+
+    checkpoints = Checkpoints(tmp_path / "state.npz", 60)
+    for elapsed, due in ((59, False), (60, True)):
+        now[0] = 100.0 + elapsed
+        assert checkpoints.due() == due
+    checkpoints.save(slow_state)
+    saved_at = now[0]
+    for elapsed, due in ((60, False), (249, False), (250, True)):  # 5 s are 2 % of 250 s
+        now[0] = saved_at + elapsed
+        assert checkpoints.due() == due
+
+
+def test_a_checkpoint_waits_while_something_is_broken_for_the_row_that_drops_it(data, tmp_path, monkeypatch):
+    """Else the time of checkpoints would decide on when it is dropped, and with it on the bits of the run."""
+    saved, original = [], Trainer.step
+
+    def step(self):
+        if self.step_count == 12:
+            self.optimizer.set("means", np.full((1, 3), np.nan), np.array([3]))
+        return original(self)
+
+    monkeypatch.setattr(Trainer, "step", step)
+    monkeypatch.setattr(Checkpoints, "save", lambda self, state: saved.append(int(state()["step"])))
+    run.train(config_of(data, steps=22), tmp_path)
+    assert saved == [*range(1, 13), *range(20, 23)]
+
+
+def test_a_run_without_a_checkpoint_yet_is_resumed_from_its_beginning(data, whole, tmp_path):
+    config = config_of(data)
+
+    def fail(row: dict) -> None:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run.train(config, tmp_path, fail)
+    assert (tmp_path / "config.json").exists() and not (tmp_path / run.CHECKPOINT).exists()
+    run.train(config, tmp_path, resume=True)
+    assert without_clock(rows_of(tmp_path)) == without_clock(rows_of(whole["3dgs"]))
+
+
+def test_two_runs_never_share_a_folder(data, tmp_path):
+    def start_another(row):
+        with pytest.raises(DataError, match="another process is training in it"):
+            run.train(config_of(data, steps=2), tmp_path)
+
+    run.train(config_of(data, steps=2), tmp_path, start_another)
+
+
+def test_resuming_needs_the_same_settings(data, tmp_path, monkeypatch):
+    run.train(config_of(data), tmp_path)
+    with pytest.raises(DataError, match="seed was 0 and is 1 now"):
+        run.train(config_of(data, seed=1), tmp_path, resume=True)
+
+
+def test_resuming_without_a_checkpoint_says_so(data, tmp_path):
+    with pytest.raises(DataError, match="there is no checkpoint"):
+        run.train(config_of(data), tmp_path / "new", resume=True)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 not a zip", b"\x00" * 200])
+def test_a_damaged_checkpoint_says_so(tmp_path, content):
+    (tmp_path / "state.npz").write_bytes(content)
+    with pytest.raises(DataError, match="not a readable checkpoint"):
+        load_checkpoint(tmp_path / "state.npz")
+
+
+def test_a_truncated_checkpoint_says_so(tmp_path):
+    path = tmp_path / "state.npz"
+    save_checkpoint(path, {"a": np.arange(1000.0)})
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(DataError, match="not a readable checkpoint"):
+        load_checkpoint(path)
+
+
+def test_a_checkpoint_of_another_kind_of_run_says_so(data, tmp_path):
+    (tmp_path / "checkpoint").mkdir()
+    (tmp_path / "config.json").write_text("{}")
+    save_checkpoint(tmp_path / "checkpoint" / "state.npz", {"a": np.arange(3)})
+    with pytest.raises(DataError, match="does not fit this run"):
+        run.train(config_of(data), tmp_path, resume=True)
+
+
+def test_primitives_that_can_never_be_seen_are_left_out_of_the_model(data, tmp_path, monkeypatch):
+    original = SplatOptimizer.to_splats
+
+    def with_ghosts(self):
+        splats = original(self)
+        splats.logit_opacities[:5] = -20
+        return splats
+
+    monkeypatch.setattr(SplatOptimizer, "to_splats", with_ghosts)
+    metrics = run.train(config_of(data, steps=10), tmp_path)
+    assert metrics["n"] == rows_of(tmp_path)[-1]["n"] - 5

@@ -1,0 +1,184 @@
+"""Runs in processes of their own that are killed, interrupted, and out of disk: what is left opens, and goes on."""
+
+import json
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mi_dogsplat import read_ply
+from mi_dogsplat.report.run_folder import read_run
+from mi_dogsplat.runs.checkpoint import load_checkpoint
+from PIL import Image
+from tiny_data import write_tiny_data
+
+ROOT = Path(__file__).parents[2]
+TRAIN = [sys.executable, "-m", "mi_dogsplat"]
+SETTINGS = ["--preset", "3dgs", "--sh-degree", "1", "--max-primitives", "100", "--log-every", "10"]
+SETTINGS += ["--checkpoint-seconds", "0", "--variant", "llvm_ad_rgb"]
+CHECKPOINT = Path("checkpoint") / "state.npz"
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    return write_tiny_data(tmp_path_factory.mktemp("with spaces and üñïçødé"))
+
+
+def arguments(data: Path, out: Path, steps: int, *more: str) -> list[str]:
+    return ["train", str(data), "-o", str(out), "--steps", str(steps), *SETTINGS, *more]
+
+
+def run(*command: object, **options) -> subprocess.CompletedProcess:
+    return subprocess.run([str(word) for word in command], cwd=ROOT, capture_output=True, text=True, **options)
+
+
+def last_line(text: str) -> str:
+    """The line that is left on a terminal, without the bar that was drawn over."""
+    return text.splitlines()[-1]
+
+
+def assert_every_file_opens(folder: Path) -> None:
+    """Except for hidden ones: half-written files that the next start removes."""
+    for path in (path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(".")):
+        match path.suffix:
+            case ".json":
+                assert isinstance(json.loads(path.read_text(encoding="utf-8")), dict)
+            case ".npz":
+                assert load_checkpoint(path)
+            case ".ply":
+                assert read_ply(path).n_splats
+            case ".png":
+                Image.open(path).load()
+            case ".exr":
+                assert path.read_bytes()[:4] == b"\x76\x2f\x31\x01" and path.stat().st_size > 1000
+            case ".html":
+                assert path.read_text(encoding="utf-8").rstrip().endswith("</html>")
+            case ".jsonl":
+                assert read_run(folder).broken_rows <= 1
+            case _:
+                raise AssertionError(f"what is {path}?")
+
+
+def assert_whole(folder: Path, steps: int) -> None:
+    """A complete run without remains, whose history has each step once."""
+    assert_every_file_opens(folder)
+    assert not [path for path in folder.rglob(".*")]
+    result = read_run(folder)
+    assert result.metrics and result.broken_rows == 0
+    assert [row["step"] for row in result.history if "l1" in row] == list(range(10, steps + 1, 10))
+    assert result.history[-1]["step"] == steps and (folder / "report.html").is_file()
+
+
+@pytest.mark.slow
+def test_a_run_that_is_killed_again_and_again_at_any_moment_comes_to_its_end(data, tmp_path):
+    steps, out, chance = 2000, tmp_path / "a run", random.Random(0)
+    reached = [0]
+    while len(reached) < 6:
+        more = ["--resume"] if (out / "config.json").exists() else []
+        started = time.monotonic()
+        process = subprocess.Popen([*TRAIN, *arguments(data, out, steps, *more)], cwd=ROOT, stderr=subprocess.DEVNULL)
+        while len(reached) > 1 and not touched_since(out / CHECKPOINT, started) and process.poll() is None:
+            time.sleep(0.01)  # the first kill comes as it may, the others while it trains
+        time.sleep(chance.uniform(0, 1.0 if len(reached) > 1 else 3.0))
+        process.kill()
+        process.wait()
+        if process.returncode == 0:  # a fast machine, and the longest waits
+            break
+        assert process.returncode == -signal.SIGKILL
+        if out.exists():
+            assert_every_file_opens(out)
+        step = int(load_checkpoint(out / CHECKPOINT)["step"]) if (out / CHECKPOINT).exists() else 0
+        assert step >= reached[-1]
+        reached.append(step)
+    assert len(reached) > 3, "it ended before it was killed three times"
+    result = run(*TRAIN, *arguments(data, out, steps, "--resume"))
+    assert result.returncode == 0, result.stderr
+    assert_whole(out, steps)
+
+
+def touched_since(path: Path, monotonic: float) -> bool:
+    return path.exists() and time.time() - path.stat().st_mtime < time.monotonic() - monotonic
+
+
+@pytest.mark.slow
+def test_a_run_that_is_killed_while_it_writes_a_file_keeps_the_old_one_and_goes_on(data, tmp_path):
+    steps, out = 20, tmp_path / "run"
+    for name in ("config.json", "state.npz", "point_cloud.ply", "0.png", "metrics.json", "report.html"):
+        more = ["--resume"] if (out / "config.json").exists() else []
+        program = "-m", "tests.helpers.killed_while_writing"
+        result = run(sys.executable, *program, name, *arguments(data, out, steps, *more))
+        assert result.returncode == -signal.SIGKILL, (name, result.stderr)
+        assert len([path for path in out.rglob(".*.part")]) == 1
+        assert_every_file_opens(out)
+    result = run(*TRAIN, *arguments(data, out, steps, "--resume"))
+    assert result.returncode == 0, result.stderr
+    assert_whole(out, steps)
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_ctrl_c_saves_and_ends_with_one_line_that_says_how_to_go_on(data, tmp_path, number, status):
+    steps, out = 100_000, tmp_path / "run"
+    process = subprocess.Popen([*TRAIN, *arguments(data, out, steps)], cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    while not (out / CHECKPOINT).exists() and process.poll() is None:
+        time.sleep(0.01)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == status
+    step = int(load_checkpoint(out / CHECKPOINT)["step"])
+    assert last_line(err).startswith(f"dogsplat: stopped after step {step} of {steps}") and "--resume" in last_line(err)
+    assert "Traceback" not in err
+    assert_every_file_opens(out)
+    assert all(row["step"] <= step for row in read_run(out).history)
+
+
+def in_a_mount(options: str, folder: Path, command: list[str]) -> subprocess.CompletedProcess:
+    """Run a command that sees a memory disk at ``folder``; what is on it afterwards is copied to ``folder``.copy."""
+    if shutil.which("unshare") is None or run("unshare", "-rm", "true").returncode:
+        pytest.skip("this machine does not let us mount a disk in a namespace of our own (unshare -rm)")
+    folder.mkdir()
+    script = 'mount -t tmpfs -o "$1" tmpfs "$2" || exit 99; f=$2; shift 2; "$@"; s=$?; cp -a "$f" "$f.copy"; exit $s'
+    return run("unshare", "-rm", "sh", "-c", script, "sh", options, folder, *command)
+
+
+@pytest.mark.parametrize("kilobytes", [4, 24, 64, 128])  # from the first file on to the pictures of the end
+def test_a_full_disk_is_one_line_and_what_is_there_opens(data, tmp_path, kilobytes):
+    disk = tmp_path / "disk"
+    result = in_a_mount(f"size={kilobytes}k", disk, [*TRAIN, *arguments(data, disk / "run", 20)])
+    assert result.returncode == 2, result.stderr
+    line = last_line(result.stderr)
+    assert line.startswith(f"dogsplat: {disk}") and "No space left on device" in line
+    assert "Traceback" not in result.stderr
+    assert_every_file_opens(tmp_path / "disk.copy")
+    assert not list((tmp_path / "disk.copy").rglob(".*.part"))
+
+
+def test_a_folder_that_is_read_only_is_one_line(data, tmp_path):
+    disk = tmp_path / "disk"
+    result = in_a_mount("ro", disk, [*TRAIN, *arguments(data, disk / "run", 20)])
+    assert result.returncode == 2 and result.stderr.count("\n") == 1
+    assert result.stderr.startswith(f"dogsplat: {disk / 'run'}: Read-only file system; "), result.stderr
+
+
+def test_a_file_is_whole_whenever_its_writer_is_killed(tmp_path):
+    """Thousands of versions of a file, one after the other; 20 kills."""
+    path, chance = tmp_path / "state.npz", random.Random(1)
+    script = (
+        "import sys; from pathlib import Path; import numpy as np\n"
+        "from mi_dogsplat.runs.checkpoint import save_checkpoint\n"
+        "for i in range(10**9): save_checkpoint(Path(sys.argv[1]), {'a': np.full(20_000, i), 'n': np.array(i)})\n"
+    )
+    for _ in range(20):
+        path.unlink(missing_ok=True)
+        process = subprocess.Popen([sys.executable, "-c", script, str(path)], cwd=ROOT)
+        while not path.exists() and process.poll() is None:
+            time.sleep(0.001)
+        time.sleep(chance.uniform(0, 0.05))
+        process.kill()
+        process.wait()
+        state = load_checkpoint(path)
+        assert (state["a"] == state["n"]).all() and np.size(state["a"]) == 20_000

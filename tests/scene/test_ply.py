@@ -1,0 +1,190 @@
+"""PLY: what is written comes back bit for bit, and other layouts are understood."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mi_dogsplat.scene.ply import read_ply, write_ply
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support import files
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.llvm import choose_llvm
+from ply_files import dog_columns, random_splats, to_bytes, vertex_columns, write
+
+MODELS = Path(__file__).parents[2].parent / "shared" / "data" / "models"
+
+
+def same(a: Splats, b: Splats):
+    for name in Splats.__dataclass_fields__:
+        left, right = getattr(a, name), getattr(b, name)
+        assert left.shape == right.shape and left.tobytes() == right.tobytes(), name
+
+
+@pytest.mark.parametrize("sh_degree", range(4))
+@pytest.mark.parametrize("dog_index", [(), (0, 3, 4), tuple(range(7))])
+def test_a_written_model_comes_back_bit_for_bit(tmp_path, sh_degree, dog_index):
+    splats = random_splats(sh_degree=sh_degree, dog_index=dog_index)
+    write_ply(tmp_path / "a.ply", splats)
+    same(read_ply(tmp_path / "a.ply"), splats)
+
+
+def test_a_model_without_primitives_round_trips(tmp_path):
+    write_ply(tmp_path / "a.ply", Splats.empty(2))
+    same(read_ply(str(tmp_path / "a.ply")), Splats.empty(2))
+
+
+def test_the_file_has_the_fixed_layout_byte_for_byte(tmp_path):
+    splats = random_splats(n=3, sh_degree=1, dog_index=(1, 2))
+    write_ply(tmp_path / "a.ply", splats)
+    zero = np.zeros(3, np.float32)
+    columns = vertex_columns(splats)
+    order = [
+        "x",
+        "y",
+        "z",
+        "nx",
+        "ny",
+        "nz",
+        "f_dc_0",
+        "f_dc_1",
+        "f_dc_2",
+        *(f"f_rest_{i}" for i in range(9)),
+    ]
+    order += ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
+    vertex = {name: columns.get(name, zero) for name in order}
+    dog = {"index": splats.dog_index, **dog_columns(splats)}
+    expected = to_bytes({"vertex": vertex, "dog": dog}, types={"index": "uint"})
+    assert (tmp_path / "a.ply").read_bytes() == expected.replace(b"comment made by a test\n", b"")
+
+
+def test_a_model_without_dog_has_no_second_element(tmp_path):
+    write_ply(tmp_path / "a.ply", random_splats(dog_index=()))
+    assert b"dog" not in (tmp_path / "a.ply").read_bytes()
+
+
+@pytest.mark.parametrize("file_format", ["binary_little_endian", "binary_big_endian", "ascii"])
+@pytest.mark.parametrize("sh_degree", range(4))
+def test_every_format_is_read_without_normals(tmp_path, file_format, sh_degree):
+    splats = random_splats(sh_degree=sh_degree)
+    elements = {"vertex": vertex_columns(splats), "dog": {"index": splats.dog_index, **dog_columns(splats)}}
+    same(read_ply(write(tmp_path, to_bytes(elements, file_format, {"index": "uint"}))), splats)
+
+
+def test_dog_columns_inside_vertex_make_every_primitive_a_dog(tmp_path):
+    splats = random_splats(dog_index=range(7))
+    path = write(tmp_path, to_bytes({"vertex": vertex_columns(splats) | dog_columns(splats)}))
+    same(read_ply(path), splats)
+
+
+def test_columns_go_by_name_and_extra_ones_are_ignored(tmp_path):
+    splats = random_splats()
+    columns = vertex_columns(splats) | {"red": np.arange(7), "label": np.arange(7.0)}
+    shuffled = dict(sorted(columns.items(), reverse=True))
+    elements = {
+        "camera": {"focal": np.ones(2)},
+        "dog": dict(reversed((dog_columns(splats) | {"index": splats.dog_index}).items())),
+        "vertex": shuffled,
+        "extra": {"v": np.zeros(5)},
+    }
+    types = {"red": "uchar", "label": "double", "index": "int", "focal": "double"}
+    same(read_ply(write(tmp_path, to_bytes(elements, types=types))), splats)
+
+
+def test_other_scalar_types_are_converted(tmp_path):
+    splats = random_splats(n=4, sh_degree=0, dog_index=())
+    columns = vertex_columns(splats)
+    columns["opacity"] = np.array([0, 1, 2, 255])
+    types = dict.fromkeys(columns, "double") | {"opacity": "uchar", "x": "float32"}
+    read = read_ply(write(tmp_path, to_bytes({"vertex": columns}, types=types)))
+    assert read.logit_opacities.tolist() == [0, 1, 2, 255]
+    assert read.means.tobytes() == splats.means.tobytes()
+
+
+def test_windows_line_ends_in_the_header_are_fine(tmp_path):
+    splats = random_splats(dog_index=())
+    header, body = to_bytes({"vertex": vertex_columns(splats)}).split(b"end_header\n", 1)
+    path = write(tmp_path, header.replace(b"\n", b"\r\n") + b"end_header\r\n" + body)
+    same(read_ply(path), splats)
+
+
+def test_unsorted_dog_rows_are_sorted_with_their_values(tmp_path):
+    splats = random_splats()
+    dog = {name: values[::-1] for name, values in ({"index": splats.dog_index} | dog_columns(splats)).items()}
+    path = write(tmp_path, to_bytes({"vertex": vertex_columns(splats), "dog": dog}, types={"index": "uint"}))
+    same(read_ply(path), splats)
+
+
+def test_faces_after_the_vertices_are_ignored(tmp_path):
+    splats = random_splats(dog_index=())
+    data = to_bytes({"vertex": vertex_columns(splats)})
+    face = b"element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    path = write(tmp_path, data.replace(b"end_header\n", face) + bytes([3]) + bytes(12))
+    same(read_ply(path), splats)
+
+
+@pytest.mark.parametrize("name", ["kacytran_try_iter7000_9k_sh3.ply", "playbot_lod2_sh2.ply"])
+def test_real_models_are_read_and_written_back_unchanged(tmp_path, name):
+    path = MODELS / name
+    if not path.exists():
+        pytest.skip(f"needs {path}")
+    splats = read_ply(path)
+    assert splats.n_dog == 0 and splats.n_splats > 9000
+    assert splats.sh_degree == int(path.stem[-1])
+    write_ply(tmp_path / "copy.ply", splats)
+    rows, copied = (p.read_bytes().split(b"end_header\n", 1)[1] for p in (path, tmp_path / "copy.ply"))
+    assert rows == copied
+
+
+def test_mitsubas_own_loader_opens_the_file(tmp_path):
+    mi = pytest.importorskip("mitsuba")
+    variant = "llvm_ad_rgb" if "llvm_ad_rgb" in mi.variants() else mi.variants()[0]
+    choose_llvm()
+    mi.set_variant(variant)
+    splats = random_splats(sh_degree=1)
+    write_ply(tmp_path / "a.ply", splats)
+    shape = mi.load_dict({"type": "ellipsoids", "filename": str(tmp_path / "a.ply")})
+    data = np.array(mi.traverse(shape)["data"]).reshape(-1, 10)  # [N, 10] centre, scale, quaternion
+    np.testing.assert_array_equal(data[:, :3], splats.means)
+    np.testing.assert_allclose(data[:, 3:6], splats.scales, rtol=1e-6)
+
+
+def test_the_old_file_survives_a_failed_write(tmp_path, monkeypatch):
+    path = tmp_path / "a.ply"
+    write_ply(path, random_splats())
+    before = path.read_bytes()
+
+    def full(_descriptor):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files.os, "fsync", full)
+    with pytest.raises(DataError, match="No space left on device"):
+        write_ply(path, random_splats(seed=1))
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_interrupted_write_leaves_nothing_behind(tmp_path, monkeypatch):
+    def interrupt(_descriptor):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(files.os, "fsync", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        write_ply(tmp_path / "a.ply", random_splats())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_place_that_cannot_be_written_is_one_clear_line(tmp_path):
+    with pytest.raises(DataError, match="cannot be written .*No such file or directory.*folder exists"):
+        write_ply(tmp_path / "no" / "a.ply", random_splats())
+    with pytest.raises(DataError, match="cannot be written"):
+        write_ply(tmp_path, random_splats())
+    assert list(tmp_path.parent.glob(".*.part")) == []
+
+
+def test_values_that_are_not_finite_are_not_written(tmp_path):
+    splats = random_splats()
+    splats.log_scales[2, 1] = np.nan
+    splats.log_scales[4, 0] = np.inf
+    with pytest.raises(DataError, match='2 values .* first "scale_1" in row 2; nothing was written'):
+        write_ply(tmp_path / "a.ply", splats)
+    assert list(tmp_path.iterdir()) == []

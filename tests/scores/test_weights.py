@@ -1,0 +1,67 @@
+"""Weights of primitives over views against brute force: every primitive at every pixel, in float64."""
+
+import drjit as dr
+import numpy as np
+import pytest
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.rasterize import RasterOptions
+from mi_dogsplat.reference import score as reference_score
+from mi_dogsplat.scores.weights import weights
+from splat_scenes import (
+    attached,
+    kernels,
+    make_camera,
+    make_splats,
+    options,
+    random_splats,
+    rounded,
+    select,
+    tilted_camera,
+)
+
+CAMERAS = [tilted_camera(45, 37), make_camera(20, 33, f=25.0)]
+
+
+def on_device(cameras=CAMERAS):
+    return [DeviceCamera.upload(camera) for camera in cameras]
+
+
+@pytest.mark.parametrize("dog_share", [0, 0.5])
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_sums_largest_and_dominance_equal_brute_force(dog_share, antialiased):
+    splats = rounded(random_splats(60, seed=4, degree=1, dog_share=dog_share))
+    planes = [np.random.default_rng(0).uniform(size=(camera.height, camera.width)) for camera in CAMERAS]
+    got = weights(upload(splats), on_device(), options(splats, antialiased=antialiased), planes)
+    views = [reference_score.weights(splats, camera, antialiased=antialiased) for camera in CAMERAS]
+
+    def assert_close(a, b):
+        np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-5)
+
+    assert_close(got.total, sum(w.sum((1, 2)) for w, _ in views))
+    assert_close(got.transmittance, sum(T.sum((1, 2)) for _, T in views))
+    np.testing.assert_allclose(got.pixels, sum((T > 0).sum((1, 2)) for _, T in views), atol=2)
+    assert_close(got.largest, np.max([w.max((1, 2)).clip(0) for w, _ in views], 0))
+    assert_close(got.weighted, sum((e * w).sum((1, 2)) for e, (w, _) in zip(planes, views, strict=True)))
+    dominates = np.zeros(60, bool)
+    for w, _ in views:
+        dominates[w.argmax(0)[w.max(0) > 0]] = True
+    assert 5 < dominates.sum() < 60
+    np.testing.assert_array_equal(got.dominates, dominates)
+
+
+def test_what_no_view_shows_weighs_nothing_and_parameters_are_left_alone():
+    params = attached(rounded(make_splats([[0, 0, -2], [50, 0, 2], [0, 0, 3]], 0.2, 0.5)))
+    got = weights(params, on_device([make_camera()]), RasterOptions(sh_degree=0))
+    np.testing.assert_array_equal(got.weighted, got.total)
+    for values in (got.total, got.transmittance, got.pixels, got.largest, got.dominates):
+        assert values[2] > 0 and not values[:2].any()
+    assert dr.grad_enabled(params["means"]) and not dr.grad(params["means"]).numpy().any()
+
+
+def test_no_kernel_is_compiled_whatever_the_number_of_primitives():
+    model, cameras = random_splats(1000, seed=1, dog_share=0), on_device()
+    known = kernels(lambda: [weights(upload(select(model, n)), cameras, RasterOptions()) for n in (100, 101)])
+    for n in (137, 500, 12, 1000):
+        new = kernels(lambda n=n: weights(upload(select(model, n)), cameras, RasterOptions())) - known
+        assert not new, f"N = {n}: {len(new)} new kernels"

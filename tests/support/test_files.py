@@ -1,0 +1,25 @@
+"""Files appear whole or not at all."""
+
+import json
+
+import pytest
+from mi_dogsplat.support.files import replacing, write_json
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_no_remains(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(RuntimeError), replacing(path) as part:
+        part.write_text("half")
+        raise RuntimeError
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+    assert path.read_text() == "old"
+
+
+def test_json_comes_back_and_what_json_cannot_hold_leaves_the_old_file(tmp_path):
+    path = tmp_path / "deeper" / "a.json"
+    write_json(path, {"a": [1, None]})
+    assert json.loads(path.read_text()) == {"a": [1, None]} and path.read_text().endswith("}\n")
+    with pytest.raises(TypeError):
+        write_json(path, {"a": object()})
+    assert json.loads(path.read_text()) == {"a": [1, None]} and [p.name for p in path.parent.iterdir()] == ["a.json"]

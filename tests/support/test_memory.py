@@ -1,0 +1,151 @@
+"""What a training takes of memory: foreseen, refused where there is too little, and never outgrown."""
+
+import json
+import resource
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mi_dogsplat.cli import main
+from mi_dogsplat.datasets import images, load_dataset
+from mi_dogsplat.runs import run
+from mi_dogsplat.support import memory
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.memory import available_memory, bytes_of
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.footprint import FIRST_PAIRS, MARGIN, Budget, budget
+from mi_dogsplat.training.train import Trainer
+from tiny_data import write_tiny_data
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    return write_tiny_data(tmp_path_factory.mktemp("data"))
+
+
+def config_of(data: Path, **changes) -> TrainConfig:
+    base: dict[str, Any] = {"preset": "3dgs", "steps": 60, "sh_degree": 1, "log_every": 10}
+    return TrainConfig(str(data), **(base | changes))
+
+
+def enough_for(n: int, data: Path) -> str:
+    """Memory that just holds ``n`` primitives of as many pairs as are foreseen."""
+    known = budget("1G", load_dataset(data), 1)
+    assert known
+    return str(int((known.fixed + (n + 0.5) * known.each(FIRST_PAIRS)) / MARGIN))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("4G", 4e9), ("512M", 512e6), ("1.5 GB", 1.5e9), ("2GiB", 2**31), ("16gib", 2**34), ("100", 100), ("3k", 3000)],
+)
+def test_amounts_are_understood_as_people_write_them(text, expected):
+    assert bytes_of(text) == expected
+
+
+@pytest.mark.parametrize("text", ["", "G", "-1G", "1e9", "4 apples", "1..2G", "nan", "5iB", "9" * 400])
+def test_what_is_no_amount_is_one_line_that_names_the_flag(text):
+    with pytest.raises(DataError, match="^--memory: .* is no amount of memory; use a number with K, M, G or T"):
+        TrainConfig("data", memory=text)
+
+
+def test_the_least_of_machine_container_and_shell_counts(tmp_path, monkeypatch):
+    def write(name: str, text: str) -> Path:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        return path
+
+    monkeypatch.setattr(memory, "MEMORY", write("meminfo", "MemTotal: 99 kB\nMemAvailable:  8000000 kB\n"))
+    monkeypatch.setattr(memory, "OWN_GROUPS", write("cgroup", "4:memory:/box/job\n0::/job\n"))
+    two, one = tmp_path / "v2", tmp_path / "v1"
+    names = ("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")
+    monkeypatch.setattr(memory, "GROUPS", ((two, *names[0]), (one, *names[1])))
+    assert available_memory() == 8_000_000 * 1024
+    write("v2/job/memory.max", "max\n")
+    write("v2/job/memory.current", "5\n")
+    assert available_memory() == 8_000_000 * 1024
+    write("v1/box/memory.limit_in_bytes", "6000000\n")  # of a group above ours
+    write("v1/box/memory.usage_in_bytes", "2000000\n")
+    assert available_memory() == 4_000_000
+    write("v1/box/memory.stat", "cache 9\ntotal_inactive_file 500000\n")  # given back when asked for
+    assert available_memory() == 4_500_000
+    write("v2/job/memory.max", "3000000\n")
+    assert available_memory() == 2_999_995
+
+
+def test_a_limit_of_the_shell_counts():
+    limits = resource.getrlimit(resource.RLIMIT_AS)
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + (50 << 20), limits[1]))
+    try:
+        free = available_memory()
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, limits)
+    assert free is not None and 0 < free <= 50 << 20
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("n", "width", "height"), [(50_000, 400, 300), (150_000, 400, 300), (50_000, 1200, 900)])
+def test_what_is_foreseen_is_what_it_takes(n, width, height):
+    """The estimate against the largest resident size of a process that trains."""
+    command = [sys.executable, "-m", "tests.helpers.peak_memory", str(n), str(width), str(height)]
+    result = json.loads(subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout)
+    assert result["foreseen_mb"] == pytest.approx(result["peak_mb"], rel=0.2), result
+    assert result["pairs"] > n / 2
+
+
+def test_a_training_that_cannot_even_start_is_one_line(capsys, data, tmp_path):
+    command = ["train", str(data), "-o", str(tmp_path / "run"), "--memory", "150M", "--variant", "llvm_ad_rgb"]
+    assert main(command) == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1 and "primitives needs about" in line and "--downscale" in line and "150 MB" in line
+    assert not (tmp_path / "run").exists()
+
+
+def test_primitives_grow_until_the_memory_is_full_and_the_history_says_so(data, tmp_path):
+    most = 75
+    config = config_of(data, memory=enough_for(most, data))
+    unbounded = Trainer(config_of(data), load_dataset(data))
+    while unbounded.step_count < config.steps:
+        unbounded.step()
+    assert unbounded.optimizer.n > 2 * most
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Budget, "most_primitives", lambda self, pairs: most)  # whatever pairs the views have
+        run.train(config, tmp_path)
+    rows = [json.loads(line) for line in (tmp_path / "history.jsonl").read_text().splitlines()]
+    assert max(row["n"] for row in rows) == most
+    assert any(f"memory: no more than {most} primitives fit into" in row.get("event", "") for row in rows)
+
+
+def test_the_cap_falls_as_primitives_touch_more_tiles_and_removes_none():
+    known = Budget(total=1e9, fixed=2e8, floats=62)
+    rule = Trainer.__init__.__globals__["RECIPES"]["3dgs"].densification
+    caps = []
+    for pairs in (10_000, 100_000, 1_000_000):
+        known.pairs = pairs
+        caps.append(known.bounded(rule, 10_000)[0].max_primitives)
+        assert known.pairs == 0
+    assert caps[0] > caps[1] > caps[2] > 10_000
+    known.pairs = 10**9
+    bounded, event = known.bounded(rule, 10_000)
+    assert bounded.max_primitives == 10_000 and "no more than 10000 primitives" in event
+
+
+def test_images_that_do_not_fit_are_refused_before_they_are_read(data, monkeypatch):
+    monkeypatch.setattr(images, "available_memory", lambda: 150_000)
+    with pytest.raises(DataError, match=r"8 images need .* and 150 kB are free; shrink them: --downscale 2"):
+        load_dataset(data)
+    monkeypatch.setattr(images, "available_memory", lambda: 250_000)
+    assert len(load_dataset(data).views) == 8
+
+
+def test_the_memory_is_no_setting_that_a_resumed_run_must_keep(data, tmp_path):
+    run.train(config_of(data, steps=4), tmp_path)
+    run.train(config_of(data, steps=4, memory="9G", checkpoint_seconds=5), tmp_path, resume=True)
+    assert np.isfinite(json.loads((tmp_path / "metrics.json").read_text())["test"]["psnr"])

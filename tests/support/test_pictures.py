@@ -1,0 +1,113 @@
+"""What is in the picture files."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import flip_evaluator
+import numpy as np
+import OpenEXR
+import pytest
+from mi_dogsplat.support import pictures
+from mi_dogsplat.support.srgb import linear_to_srgb, srgb_to_linear
+from PIL import Image
+
+
+def read_exr(path) -> dict[str, np.ndarray]:
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return {name: channel.pixels.copy() for name, channel in file.channels().items()}
+
+
+def test_srgb_conversions_are_inverse_and_meet_known_values():
+    values = np.linspace(-0.1, 1.5, 400, dtype=np.float32)
+    np.testing.assert_allclose(linear_to_srgb(srgb_to_linear(values)), values, atol=2e-6)
+    np.testing.assert_allclose(srgb_to_linear([0, 0.5, 1]), [0, 0.21404114, 1], atol=1e-6)
+
+
+def test_heat_map_shows_an_error_as_flip_itself_shows_it():
+    rng = np.random.default_rng(1)
+    truth = np.tile(np.linspace(0, 1, 40, dtype=np.float32)[:, None, None], (1, 50, 3))
+    image = rng.random((40, 50, 3)).astype(np.float32)
+    error, _, _ = flip_evaluator.evaluate(truth, image, "LDR", applyMagma=False)
+    expected, _, _ = flip_evaluator.evaluate(truth, image, "LDR", applyMagma=True)
+    np.testing.assert_allclose(pictures.heat_map(error[..., 0]), expected, atol=4 / 255)
+
+
+def test_heat_map_ends_in_the_outermost_colours():
+    ends = pictures.heat_map(np.array([[-1.0, 0.0, 1.0, 2.0]]))[0]
+    np.testing.assert_allclose(ends[:2], [[0, 0, 4 / 255]] * 2)
+    np.testing.assert_allclose(ends[2:], [[252 / 255, 253 / 255, 191 / 255]] * 2)
+
+
+def test_png_is_clamped_and_rounded_to_nearest(tmp_path):
+    image = np.array([[[-1.0, 0.0, 0.49 / 255], [0.51 / 255, 1.0, 7.0]]])
+    pictures.write_png(tmp_path / "a.png", image)
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), [[[0, 0, 0], [1, 255, 255]]])
+
+
+@pytest.mark.parametrize(("shape", "mode"), [((4, 5), "L"), ((4, 5, 3), "RGB"), ((4, 5, 4), "RGBA")])
+def test_png_takes_grey_colour_and_alpha_and_makes_the_folder(tmp_path, shape, mode):
+    pictures.write_png(tmp_path / "deeper" / "a.png", np.full(shape, 0.5))
+    with Image.open(tmp_path / "deeper" / "a.png") as image:
+        assert (image.mode, image.size) == (mode, (5, 4))
+
+
+def test_png_refuses_nan_and_odd_shapes(tmp_path):
+    image = np.zeros((2, 2, 3))
+    image[0, :, 1] = np.nan
+    with pytest.raises(ValueError, match="2 values of 12 are NaN"):
+        pictures.write_png(tmp_path / "a.png", image)
+    with pytest.raises(ValueError, match=r"\[2, 2, 5\]"):
+        pictures.write_png(tmp_path / "a.png", np.zeros((2, 2, 5)))
+
+
+def test_exr_holds_every_layer_under_its_channel_names(tmp_path):
+    rng = np.random.default_rng(0)
+    color, depth = rng.random((6, 7, 4), np.float32), rng.uniform(1, 1e5, (6, 7)).astype(np.float32)
+    error, normal = rng.random((6, 7), np.float32), rng.normal(size=(6, 7, 3)).astype(np.float32)
+    path = tmp_path / "a.exr"
+    pictures.write_exr(path, {"color": color, "depth": depth, "error": error, "normal": normal})
+    channels = read_exr(path)
+    assert set(channels) == {"R", "G", "B", "A", "depth.Z", "error.Y", "normal.R", "normal.G", "normal.B"}
+    rgb = np.stack([channels[c] for c in "RGB"], axis=-1)
+    np.testing.assert_array_equal(rgb, srgb_to_linear(color[..., :3]))  # float32 and lossless: exact
+    np.testing.assert_array_equal(channels["A"], color[..., 3])
+    np.testing.assert_array_equal(channels["depth.Z"], depth)
+    np.testing.assert_array_equal(channels["error.Y"], error)
+    np.testing.assert_array_equal(channels["normal.B"], normal[..., 2])
+
+
+def test_exr_takes_channels_by_their_full_names(tmp_path):
+    index = np.array([[-1, 2049, 70001]], np.float32)  # no half holds 2049
+    pictures.write_exr(tmp_path / "a.exr", {"index.I": index, "normal.X": index / 7})
+    channels = read_exr(tmp_path / "a.exr")
+    assert set(channels) == {"index.I", "normal.X"}
+    np.testing.assert_array_equal(channels["index.I"], index)
+    with pytest.raises(ValueError, match=r'"normal.X" is \[1, 3, 3\]'):
+        pictures.write_exr(tmp_path / "a.exr", {"index.I": index, "normal.X": np.zeros((1, 3, 3))})
+
+
+def test_exr_keeps_large_values_infinite_depth_and_nan(tmp_path):
+    color, depth = np.full((2, 3, 3), 1e3, np.float32), np.full((2, 3), np.inf, np.float32)
+    pictures.write_exr(tmp_path / "a.exr", {"color": color, "depth": depth, "error": np.full((2, 3), np.nan)})
+    channels = read_exr(tmp_path / "a.exr")
+    np.testing.assert_array_equal(channels["R"], srgb_to_linear(color)[..., 0])
+    assert np.isinf(channels["depth.Z"]).all() and np.isnan(channels["error.Y"]).all()
+
+
+def test_exr_is_written_where_there_is_a_single_thread(tmp_path):
+    """In a process of its own: Mitsuba alone waits for ever."""
+    program = "import mi_dogsplat, sys, drjit as dr, numpy as np; from mi_dogsplat.support.pictures import write_exr; "
+    program += "dr.set_thread_count(1); write_exr(sys.argv[1], {'color': np.ones((20, 30, 3))})"
+    command = [sys.executable, "-c", program, str(tmp_path / "x.exr")]
+    subprocess.run(command, check=True, timeout=100, cwd=Path(__file__).parents[2])
+    assert OpenEXR.File(str(tmp_path / "x.exr")).channels()["RGB"].pixels.shape == (20, 30, 3)
+
+
+def test_exr_names_the_layer_that_does_not_fit(tmp_path):
+    with pytest.raises(ValueError, match=r'"depth" is \[2, 4\], the picture is \[2, 3\]'):
+        pictures.write_exr(tmp_path / "a.exr", {"color": np.zeros((2, 3, 3)), "depth": np.zeros((2, 4))})
+    with pytest.raises(ValueError, match=r'"color" is \[2, 3\]'):
+        pictures.write_exr(tmp_path / "a.exr", {"color": np.zeros((2, 3))})
+    with pytest.raises(ValueError, match="no layer"):
+        pictures.write_exr(tmp_path / "a.exr", {})

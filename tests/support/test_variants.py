@@ -1,0 +1,117 @@
+"""Mitsuba's variants, each in a process of its own; some work, the others say which to use."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LIBRARY = """
+import json, sys
+import numpy as np
+import mi_dogsplat
+import drjit as dr
+import mitsuba as mi
+
+
+def scene_dict():
+    rng = np.random.default_rng(0)
+    n = 40
+    tensors = {"means": rng.uniform([-1, -1, 2], [1, 1, 4], (n, 3)), "log_scales": rng.uniform(-3, -1, (n, 3)),
+               "quats": rng.normal(size=(n, 4)), "logit_opacities": rng.normal(size=n),
+               "sh_coeffs": rng.normal(size=(n, 4, 3))}
+    dog = {"type": "dog", **{k: mi.TensorXf(v.astype(np.float32)) for k, v in tensors.items()}}
+    film = {"type": "hdrfilm", "width": 24, "height": 16, "pixel_format": "rgb", "rfilter": {"type": "box"}}
+    wall = {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([0.8, 0, 3.5]).rotate([0, 1, 0], 180),
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [0.2, 0.5, 0.9]}}}
+    return {"type": "scene", "integrator": {"type": "dogsplat", "nested": {"type": "path"}}, "dog": dog,
+            "wall": wall, "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.7, 0.4, 0.3]}},
+            "sensor": {"type": "perspective", "fov": 50.0, "film": film}}
+
+
+def picture(spp=1):
+    scene = mi.load_dict(scene_dict())
+    params = mi.traverse(scene)
+    dr.enable_grad(params["dog.means"])
+    params.update()
+    image = mi.render(scene, params, spp=spp)
+    dr.backward(dr.sum(image, axis=None))
+    return np.array(image).tolist(), float(np.abs(dr.grad(params["dog.means"]).numpy()).sum())
+
+
+def answer(**values):
+    print("answer:", json.dumps(values))  # Mitsuba logs to this stream as well
+"""
+
+
+def run(code: str) -> dict:
+    done = subprocess.run([sys.executable, "-W", "error", "-c", LIBRARY + code], capture_output=True, text=True,
+                          cwd=ROOT, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout.split("answer:")[1].splitlines()[0])
+
+
+@pytest.fixture(scope="module")
+def rgb() -> np.ndarray:
+    return np.array(run('mi.set_variant("llvm_ad_rgb"); answer(image=picture()[0])')["image"])
+
+
+def test_several_variants_in_one_process_render_the_same_whatever_came_before(rgb):
+    got = run('''
+images, gradients = [], []
+for variant in ("llvm_ad_rgb", "llvm_ad_mono", "scalar_rgb", "llvm_ad_rgb", "llvm_ad_spectral", "llvm_ad_rgb"):
+    mi.set_variant(variant)
+    if variant == "llvm_ad_rgb":
+        image, gradient = picture()
+        images.append(image)
+        gradients.append(gradient)
+answer(images=images, gradients=gradients)
+''')
+    for image in got["images"]:
+        np.testing.assert_array_equal(image, rgb)
+    assert len(set(got["gradients"])) == 1 and got["gradients"][0] > 1
+
+
+@pytest.mark.skipif("llvm_ad_mono" not in mi.variants(), reason="this Mitsuba was built without llvm_ad_mono")
+@pytest.mark.parametrize("spp", [1, 4])
+def test_a_variant_of_luminance_shows_the_luminance_of_the_splats(spp):
+    """Emitters become grey when they are loaded: with them the images are close only."""
+    code = """
+def alone(spp):
+    plain = scene_dict()
+    del plain["wall"], plain["sky"]
+    return np.array(mi.render(mi.load_dict(plain), spp=spp)).tolist()
+
+mi.set_variant("llvm_ad_rgb")
+colored, whole = alone(SPP), picture(SPP)[0]
+mi.set_variant("llvm_ad_mono")
+grey, (all_grey, gradient) = alone(SPP), picture(SPP)
+answer(colored=colored, grey=grey, whole=whole, all_grey=all_grey, gradient=gradient)
+""".replace("SPP", str(spp))
+    got = run(code)
+    weights = [0.212671, 0.715160, 0.072169]
+    grey = np.array(got["grey"])
+    np.testing.assert_allclose(grey[..., 0], np.array(got["colored"]) @ weights, atol=1e-5)
+    np.testing.assert_array_equal(grey[..., 0], grey[..., -1])
+    assert np.abs(np.array(got["all_grey"])[..., 0] - np.array(got["whole"]) @ weights).mean() < 0.03
+    assert got["gradient"] > 1
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_spectral", "llvm_ad_mono_polarized"])
+@pytest.mark.parametrize("plugin", ["dogsplat", "dog"])
+def test_the_other_variants_say_which_to_use(variant, plugin):
+    if variant not in mi.variants():
+        pytest.skip(f"this Mitsuba was built without {variant}")
+    got = run(f'''
+mi.set_variant("{variant}")
+try:
+    mi.load_dict({{"type": "{plugin}"}})
+    answer(problem="none")
+except RuntimeError as error:
+    answer(problem=str(error))
+''')
+    assert f"{plugin}: not available in the variant {variant}; use llvm_ad_rgb or cuda_ad_rgb" in got["problem"]

@@ -1,0 +1,229 @@
+"""Training options about images: random backgrounds, images on disk, floaters near cameras; and all at once."""
+
+import gc
+import json
+import shutil
+import weakref
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import pytest
+import tiny_data
+from mi_dogsplat.datasets import Dataset, load_dataset
+from mi_dogsplat.datasets.dataset import DiskView, View
+from mi_dogsplat.datasets.images import read_image
+from mi_dogsplat.engine.composite_derivatives import lanes_add_in_turn
+from mi_dogsplat.measure.metrics import psnr
+from mi_dogsplat.render.picture import over_background, premultiplied
+from mi_dogsplat.runs import run
+from mi_dogsplat.runs.checkpoint import load_checkpoint
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.loss import PhotometricLoss
+from mi_dogsplat.training.photographs import READ_AHEAD, Photographs
+from mi_dogsplat.training.strategy.sieve import near_cameras
+from mi_dogsplat.training.train import Trainer
+from photographs import SHAPE, changed, config_of, image_of, left_half, planes_of, trained, write_masks
+from PIL import Image
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
+
+
+@pytest.fixture(scope="module")
+def alpha_data(tmp_path_factory) -> Path:
+    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("alpha"), alpha=True)
+
+
+def test_a_random_background_is_another_at_each_step_behind_render_and_photograph(alpha_data):
+    dataset = load_dataset(alpha_data)
+    photographs, rng = Photographs(config_of(background="random"), dataset, 1.0), np.random.default_rng(0)
+    image = np.random.default_rng(1).uniform(0.1, 0.9, (*SHAPE, 3)).astype(np.float32)
+    colors = []
+    for _ in range(3):
+        photographs.choose_background(rng)
+        assert photographs.color
+        colors.append(np.array([float(level[0]) for level in photographs.color]))
+        rgba = dataset.train[1].image
+        truth = rgba[..., :3] + (1 - rgba[..., 3:]) * colors[-1]
+        loss = PhotometricLoss()
+        expected = loss.value_and_gradient(planes_of(image), loss.target(truth.astype(np.float32)))
+        l1, value, gradient = photographs.compare(planes_of(image), 1, 0)
+        assert float(l1[0]) == pytest.approx(float(expected[0][0]), rel=1e-5)
+        assert float(value[0]) == pytest.approx(float(expected[2][0]), rel=1e-5)
+        assert image_of(gradient) == pytest.approx(image_of(expected[3]), rel=1e-3, abs=1e-9)
+    assert len(np.unique(np.round(colors, 6))) == 9
+
+
+def test_with_a_random_background_nothing_opaque_stands_where_the_photograph_is_transparent(alpha_data):
+    """The points are those of a whole model, the photographs of its half: the rest may turn white on white only."""
+    half, cameras = tiny_data.truth(), tiny_data.cameras()
+    half = half.select(half.means[:, 0] > 0)
+    whole = load_dataset(alpha_data)
+    images = {v.name: premultiplied(tiny_data.picture(half, cameras[int(v.name)]), 0.0) for v in whole.train}
+    dataset = changed(whole, lambda k, _: images[whole.train[k].name])
+    dataset.point_colors = np.ones_like(whole.point_colors)
+    coverage = {}
+    for background in ("white", "random"):
+        trainer = trained(dataset, steps=300, background=background)
+        holes = [trainer.picture(v).alpha[v.image[..., 3] < 0.01] for v in dataset.train]
+        coverage[background] = float(np.concatenate(holes).mean())
+    assert coverage["random"] < 0.5 * coverage["white"], coverage
+
+
+def test_a_random_background_needs_alpha(data):
+    with pytest.raises(DataError, match="random needs images with alpha"):
+        Photographs(config_of(background="random"), load_dataset(data), 0.0)
+
+
+# --- images on disk ---
+
+
+@pytest.mark.parametrize("downscale", [1, 2])
+@pytest.mark.parametrize("alpha", [False, True])
+def test_views_on_disk_are_the_views_in_memory(data, alpha_data, alpha, downscale):
+    path = alpha_data if alpha else data
+    memory, disk = load_dataset(path, downscale), load_dataset(path, downscale, on_disk=True)
+    assert disk.has_alpha == alpha and [v.name for v in disk.views] == [v.name for v in memory.views]
+    for ours, theirs in zip(disk.views, memory.views, strict=True):
+        assert isinstance(ours, DiskView) and np.array_equal(ours.image, theirs.image)
+        assert np.array_equal(ours.camera.K, theirs.camera.K) and ours.camera.width == theirs.camera.width
+
+
+def test_an_alpha_channel_that_is_opaque_everywhere_is_none_on_disk_either(data, tmp_path):
+    copied = Path(shutil.copytree(data, tmp_path / "opaque"))
+    for path in copied.rglob("*.png"):
+        Image.open(path).convert("RGBA").save(path)
+    for on_disk in (False, True):
+        dataset = load_dataset(copied, on_disk=on_disk)
+        assert not dataset.has_alpha and all(view.image.shape[2] == 3 for view in dataset.views)
+
+
+def test_an_image_that_disappears_is_named(data, tmp_path):
+    path = tiny_data.write_tiny_data(tmp_path)
+    dataset = load_dataset(path, on_disk=True)
+    (path / "images" / "3.png").unlink()
+    with pytest.raises(DataError, match="3.png"):
+        dataset.views[[v.name for v in dataset.views].index("3")].image  # noqa: B018
+    with pytest.raises(AttributeError):
+        dataset.views[0].nothing  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_training_from_disk_is_the_same_training(data):
+    losses = []
+    for on_disk in (False, True):
+        trainer = Trainer(config_of(data_on_disk=on_disk), load_dataset(data, on_disk=on_disk))
+        for _ in range(20):
+            trainer.step()
+        losses.append((trainer.take_losses()["l1"], trainer.training_l1()))
+    assert losses[0] == pytest.approx(losses[1], rel=1e-3)
+
+
+def test_only_a_few_images_from_disk_are_held_at_a_time_and_each_is_read_once_per_turn(data):
+    dataset = load_dataset(data, on_disk=True)
+    alive: list[weakref.ref] = []
+
+    class Counted(DiskView):
+        def __getattr__(self, name: str) -> np.ndarray:
+            image = super().__getattr__(name)
+            alive.append(weakref.ref(image))
+            return image
+
+    train: list[View] = [Counted(v.name, v.camera, lambda v=v: v.image.copy()) for v in dataset.train] * 3
+    many = Dataset(dataset.path, train, dataset.test, dataset.points, dataset.point_colors, False)
+    trainer = Trainer(config_of(data_on_disk=True), many)
+    assert not alive and not trainer.photographs._kept
+    for k in range(1, len(train) + 1):
+        trainer.step()
+        gc.collect()
+        assert sum(ref() is not None for ref in alive) <= READ_AHEAD + 1
+        assert len(alive) <= k + READ_AHEAD
+    assert len(alive) == len(train)
+    trainer.step()  # reads ahead for the next turn, which a measurement makes stale
+    trainer.training_l1()
+    trainer.photographs.l1(planes_of(np.zeros((*SHAPE, 3), np.float32)), 0)
+    gc.collect()
+    assert sum(ref() is not None for ref in alive) <= READ_AHEAD + 1
+
+
+# --- near cameras ---
+
+
+def test_near_cameras_finds_what_brute_force_finds():
+    rng = np.random.default_rng(0)
+    means, positions = rng.normal(size=(3000, 3)).astype(np.float32), rng.normal(size=(20, 3))
+    expected = [any(np.linalg.norm(mean - position) < 0.4 for position in positions) for mean in means.astype(float)]
+    assert near_cameras(means, positions, 0.4).tolist() == expected and 0 < sum(expected) < 3000
+
+
+def test_primitives_in_the_near_zone_are_dropped_with_a_note(data):
+    dataset = load_dataset(data)
+    trainer = Trainer(config_of(near_zone=1.0, log_every=5, steps=1000), dataset)
+    means = trainer.optimizer.numpy("means")
+    means[:7] = dataset.train[2].camera.position + 0.3
+    trainer.optimizer.set("means", means)
+    n, rows = trainer.optimizer.n, [trainer.step() for _ in range(5)]
+    assert rows[:4] == [{}] * 4 and rows[4]["event"] == "dropped 7 primitives near cameras"
+    assert trainer.optimizer.n == n - 7 and trainer.begin() == {}
+    with pytest.raises(DataError, match="--near-zone"):
+        trained(dataset, near_zone=100.0, log_every=5)
+
+
+def test_options_are_written_to_the_run_and_a_whole_run_uses_them(data, tmp_path):
+    masks = write_masks(tmp_path / "masks", load_dataset(data), left_half())
+    options: dict[str, Any] = {"exposure": True, "masks": str(masks), "data_on_disk": True, "near_zone": 0.5}
+    config = TrainConfig(str(data), preset="ours", target=0.5, steps=40, sh_degree=1, max_primitives=80, **options)
+    metrics = run.train(config, tmp_path / "run")
+    assert metrics["n_dog"] > 0 and np.isfinite(metrics["test"]["psnr"])
+    assert json.loads((tmp_path / "run" / "config.json").read_text()).items() >= options.items()
+
+
+def test_over_background_of_a_frame_is_that_of_a_photograph(alpha_data):
+    dataset = load_dataset(alpha_data)
+    for background in (0.0, 1.0):
+        photographs = Photographs(config_of(), dataset, background)
+        truth = over_background(dataset.train[0].image, background)
+        l1, _, _ = photographs.compare(planes_of(truth), 0, 0)
+        assert float(l1[0]) == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"exposure": True}, {"background": "random"}, {"masks": "masks", "data_on_disk": True, "near_zone": 0.5}],
+)
+def test_a_run_with_options_stopped_and_resumed_has_the_bits_of_one_that_was_not(data, alpha_data, tmp_path, options):
+    source = alpha_data if "background" in options else data
+    if "masks" in options:
+        options = options | {"masks": str(write_masks(tmp_path / "masks", load_dataset(source), left_half()))}
+    config = config_of(data=str(source), steps=40, log_every=10, checkpoint_seconds=0, **options)
+
+    def stop(row: dict) -> None:
+        if row["step"] > 22:
+            raise KeyboardInterrupt
+
+    run.train(config, tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt):
+        run.train(config, tmp_path / "parts", stop)
+    assert load_checkpoint(tmp_path / "parts" / run.CHECKPOINT)["step"] > 0
+    run.train(config, tmp_path / "parts", resume=True)
+    whole, parts = (load_checkpoint(tmp_path / name / run.CHECKPOINT) for name in ("whole", "parts"))
+    names = [name for name in whole if name.startswith("exposure.")]
+    maps = ["exposure.m", "exposure.mean_x", "exposure.t", "exposure.v", "exposure.values"]
+    assert sorted(names) == (maps if "exposure" in options else [])
+    assert all(np.abs(whole[name]).max() > 0 for name in names)
+    if lanes_add_in_turn(mi.variant()):
+        assert all(np.array_equal(whole[name], parts[name]) for name in whole if name != "seconds")
+
+
+def test_a_run_with_exposure_is_also_measured_after_the_best_map_and_with_masks_where_they_are_white(data, tmp_path):
+    dataset = load_dataset(data)
+    masks = write_masks(tmp_path / "masks", dataset, left_half())
+    metrics = run.train(config_of(data=str(data), steps=20, exposure=True, masks=str(masks)), tmp_path / "run")
+    assert metrics["test"]["cc_psnr"] > metrics["test"]["psnr"]
+    for name, values in metrics["views"].items():
+        pair = [read_image(tmp_path / "run" / "test" / f"{name}{end}.png")[:, SHAPE[1] // 2 :] for end in ("", "_gt")]
+        assert values["psnr"] == pytest.approx(psnr(*pair), abs=0.05)  # of pictures of 8 bits

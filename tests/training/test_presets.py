@@ -1,0 +1,116 @@
+"""Recipes: what the method prescribes, and that every phase fits into a run of any length."""
+
+import dataclasses
+import math
+
+import pytest
+from mi_dogsplat.scores.score import ScoreRule
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.presets import RECIPES, Recipe
+from mi_dogsplat.training.strategy.densify import Densification
+from mi_dogsplat.training.strategy.scheduler import PruningRule
+
+PRUNING = [name for name, recipe in RECIPES.items() if recipe.pruning]
+
+
+def test_the_presets_are_the_four_of_the_interface_and_the_default_is_ours():
+    assert list(RECIPES) == ["ours", "paper", "released", "3dgs"]
+    assert TrainConfig("data").preset == "ours"
+
+
+def test_the_baseline_neither_prunes_nor_knows_dog():
+    assert RECIPES["3dgs"] == Recipe(Densification(), None, None, None)
+
+
+def test_the_papers_recipe_is_that_of_its_text():
+    recipe = RECIPES["paper"]
+    assert recipe.pruning == PruningRule(15_000, 25_000, 500, 2000, 0.95, "halving", None)
+    assert recipe.score == ScoreRule("spatio-spectral", 1, 1, 1)
+    assert recipe.dog and (recipe.dog.start, recipe.dog.opacity, recipe.dog.scale) == (25_000, 0.5, 1.6)
+    assert recipe.dog.control and recipe.reference_steps == 30_000
+
+
+def test_the_released_recipe_is_that_of_the_authors_code():
+    recipe = RECIPES["released"]
+    assert recipe.pruning == PruningRule(15_200, 25_200, 500, 2000, 0.99, "halving", 5)
+    assert recipe.score == ScoreRule("released")
+    assert recipe.dog and (recipe.dog.start, recipe.dog.opacity, recipe.dog.scale) == (25_200, 0.5, 1.6)
+    assert not recipe.dog.control and (recipe.reference_steps, recipe.position_steps) == (40_000, 30_000)
+
+
+def test_a_recipe_for_its_own_length_is_itself():
+    for recipe in RECIPES.values():
+        assert recipe.scaled(recipe.reference_steps) == recipe
+
+
+@pytest.mark.parametrize("name", PRUNING)
+@pytest.mark.parametrize("steps", [*range(1, 40), 300, 7000, 60_000])
+@pytest.mark.parametrize("whole", [True, False])
+def test_every_phase_is_within_a_run_of_any_length_and_in_order(name, steps, whole):
+    recipe = (RECIPES[name] if whole else RECIPES[name].from_pruning()).scaled(steps)
+    assert recipe.pruning and recipe.dog
+    assert recipe.densification.stop <= recipe.pruning.start + 1 <= steps + 1
+    assert recipe.pruning.start <= recipe.pruning.stop <= recipe.dog.start <= steps
+    assert recipe.position_steps >= 1 and recipe.sh_every >= whole
+
+
+@pytest.mark.parametrize("name", PRUNING)
+def test_for_a_model_the_recipe_begins_with_the_first_check_and_the_rates_of_that_step(name):
+    whole, rest = RECIPES[name], RECIPES[name].from_pruning()
+    assert whole.pruning and whole.dog and rest.pruning and rest.dog
+    start = whole.pruning.start
+    assert rest.pruning == dataclasses.replace(whole.pruning, start=0, stop=whole.pruning.stop - start)
+    assert rest.first_step == start and rest.reference_steps == whole.reference_steps - start
+    assert rest.dog.start == whole.dog.start - start
+    rule = rest.scaled(7000).densification
+    assert not any(rule.refines(s) or rule.collects(s) or rule.resets_opacity(s) for s in range(7001))
+
+
+def test_a_recipe_that_does_not_prune_has_no_rest_and_one_without_score_cannot_prune():
+    with pytest.raises(ValueError, match="does not prune"):
+        RECIPES["3dgs"].from_pruning()
+    with pytest.raises(ValueError, match="needs a score"):
+        Recipe(pruning=PruningRule())
+
+
+# --- what a configuration takes from them ---
+
+
+@pytest.mark.parametrize(
+    ("preset", "model", "steps"),
+    [
+        ("ours", None, 30_000),
+        ("3dgs", None, 30_000),
+        ("released", None, 40_000),
+        ("paper", "m.ply", 15_000),
+        ("released", "m.ply", 24_800),
+    ],
+)
+def test_the_preset_decides_on_the_steps_unless_they_are_given(preset, model, steps):
+    assert TrainConfig("data", preset, model=model).steps == steps
+    assert TrainConfig("data", preset, 70, model=model).steps == 70
+
+
+def test_the_preset_decides_on_the_largest_scale_unless_it_is_given():
+    assert TrainConfig("data", "paper").max_world_scale == 0.1
+    assert TrainConfig("data", "ours").max_world_scale == math.inf
+    assert TrainConfig("data", "ours", max_world_scale=0.3).max_world_scale == 0.3
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"target": 0.0}, "--target: 0 is no target"),
+        ({"target": -0.1}, "--target"),
+        ({"target": 2.5}, "--target: 2.5 is no target"),
+        ({"target": math.nan}, "--target"),
+        ({"target": math.inf}, "--target"),
+        ({"target": 500, "max_primitives": 500}, "--target: 500 .* --max-primitives 500"),
+        ({"target": 501, "max_primitives": 500}, "smaller target"),
+        ({"preset": "3dgs", "model": "m.ply"}, '--preset: "3dgs" does not prune; use ours or paper or released'),
+    ],
+)
+def test_settings_that_cannot_be_met_name_their_flag(settings, words):
+    with pytest.raises(DataError, match=words):
+        TrainConfig("data", **settings)

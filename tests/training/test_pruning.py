@@ -1,0 +1,352 @@
+"""Pruning in training: who goes, what the history tells, and every phase in order up to the exact target."""
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mi_dogsplat.runs.run
+import numpy as np
+import pytest
+import tiny_data
+from mi_dogsplat import read_ply, reference, write_ply
+from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.runs.history import run_to_end
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.strategy.prune import Pruning, keep_best, model_to_prune
+from mi_dogsplat.training.strategy.scheduler import PruningRule
+from mi_dogsplat.training.train import Trainer
+from splat_scenes import random_splats, rounded
+
+STEPS = 120
+RULE = PruningRule(start=10, stop=50, check_every=10, max_interval=20, rounds=3)
+
+
+def model(n: int, degree: int = 0) -> Splats:
+    rng = np.random.default_rng(n)
+    return Splats(
+        rng.normal(size=(n, 3)), rng.normal(size=(n, 3)) - 2, rng.normal(size=(n, 4)), rng.normal(size=n),
+        rng.normal(size=(n, (degree + 1) ** 2, 3)),
+    )  # fmt: skip
+
+
+def optimizer_of(n: int) -> SplatOptimizer:
+    """Each row has moments of its own."""
+    optimizer = SplatOptimizer(model(n), LearningRates(1.0, 100))
+    state = optimizer.state()
+    for name in [name for name in state if name.endswith((".m", ".v"))]:
+        state[name] = np.arange(1.0, len(state[name]) + 1)
+    optimizer.restore(state)
+    return optimizer
+
+
+# --- who goes ---
+
+
+def test_the_best_are_kept_in_their_order_with_values_and_moments():
+    optimizer = optimizer_of(6)
+    before, state = optimizer.to_splats(), optimizer.state()
+    keep_best(optimizer, np.array([3.0, 0.1, 9.0, 0.2, 4.0, 0.0]), 3)
+    after, kept = optimizer.to_splats(), [0, 2, 4]
+    np.testing.assert_array_equal(after.means, before.means[kept])
+    for moment in ("m", "v"):
+        rows = state[f"means.{moment}"].reshape(-1, 3)[kept]
+        np.testing.assert_array_equal(optimizer.state()[f"means.{moment}"].reshape(-1, 3), rows)
+
+
+def test_what_has_no_score_goes_first_and_of_equals_the_one_further_back():
+    optimizer = optimizer_of(6)
+    before = optimizer.to_splats()
+    keep_best(optimizer, np.array([np.nan, 0.0, 1.0, 0.0, np.nan, 0.0]), 3)
+    np.testing.assert_array_equal(optimizer.to_splats().means, before.means[[1, 2, 3]])
+
+
+def test_scores_of_another_model_are_refused():
+    with pytest.raises(ValueError, match="5 scores for 6 primitives"):
+        keep_best(optimizer_of(6), np.zeros(5), 3)
+
+
+# --- what the history tells ---
+
+
+def checked(pruning: Pruning, optimizer: SplatOptimizer, l1: dict[int, float], steps: range) -> dict[int, dict]:
+    """Rows of the history by step; the score is the row's number."""
+    rows = {}
+    for step in steps:
+        if pruning.due(step):
+            rows[step] = pruning.check(
+                step, optimizer, lambda step=step: l1[step], lambda: np.arange(float(optimizer.n))
+            )
+    return rows
+
+
+def test_every_check_is_a_row_with_its_reason_and_a_prune_also_tells_from_what_to_what():
+    optimizer = optimizer_of(100)
+    last = optimizer.to_splats().means[-10:]
+    l1 = {10: 0.02, 20: 0.0213, 30: 0.0215, 40: 0.019}
+    rows = checked(Pruning(RULE, 0.1), optimizer, l1, range(60))
+    assert rows == {
+        10: {"event": "prune 100 -> 55: first check", "train_l1": 0.02, "pruned_from": 100, "pruned_to": 55},
+        20: {"event": "refine: L1 0.0213 > 0.95 x 0.02", "train_l1": 0.0213},
+        30: {
+            "event": "prune 55 -> 33: forced by 20 steps since the last prune, L1 0.0215 > 0.95 x 0.02",
+            "train_l1": 0.0215,
+            "pruned_from": 55,
+            "pruned_to": 33,
+        },
+        40: {
+            "event": "prune 33 -> 10: L1 0.019 <= 0.95 x 0.0215, round 3 meets the target",
+            "train_l1": 0.019,
+            "pruned_from": 33,
+            "pruned_to": 10,
+        },
+    }
+    np.testing.assert_array_equal(optimizer.to_splats().means, last)
+
+
+@pytest.mark.parametrize(("n", "target"), [(10, 10), (10, 400), (4, 0.1)])
+def test_a_model_that_is_not_above_its_target_is_left_alone_and_the_history_says_so_once(n, target):
+    optimizer, pruning = optimizer_of(n), Pruning(RULE, target)
+    rows = checked(pruning, optimizer, {}, range(60))
+    assert list(rows) == [10] and list(rows[10]) == ["event"] and optimizer.n == n
+    assert re.match(r"no pruning: the target .*\b(not below the 10|of 4 primitives leaves none)", rows[10]["event"])
+    again = Pruning(RULE, target)
+    again.restore(pruning.state())
+    assert not any(again.due(step) for step in range(60))
+
+
+def test_a_restored_window_goes_on_where_it_was():
+    l1 = {10: 0.02, 20: 0.0213, 30: 0.0215, 40: 0.03, 50: 0.03}
+    whole = checked(Pruning(RULE, 0.1), optimizer_of(100), l1, range(60))
+    for cut in (5, 15, 25, 35, 45):
+        pruning, optimizer = Pruning(RULE, 0.1), optimizer_of(100)
+        head = checked(pruning, optimizer, l1, range(cut))
+        again = Pruning(RULE, 0.1)
+        again.restore(pruning.state())
+        assert head | checked(again, optimizer, l1, range(cut, 60)) == whole
+
+
+# --- in training ---
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
+
+
+def config_of(data: Path, **changes) -> TrainConfig:
+    base: dict[str, Any] = {"steps": STEPS, "sh_degree": 1, "log_every": 10, "max_primitives": 100, "target": 0.3}
+    return TrainConfig(str(data), **(base | changes))
+
+
+def events_of(rows: list[dict], pattern: str) -> list[dict]:
+    return [row for row in rows if re.search(pattern, row.get("event", ""))]
+
+
+def rows_of(run: Path) -> list[dict]:
+    return [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
+
+
+def test_the_mean_error_is_that_of_the_pictures_of_all_training_views(tmp_path):
+    folder = tiny_data.write_tiny_data(tmp_path, n=5, alpha=True)
+    trainer = Trainer(config_of(folder), load_dataset(folder))
+    errors = [
+        np.abs(trainer.picture(view).color - (view.image[..., :3] + (1 - view.image[..., 3:]))).mean()
+        for view in trainer.dataset.train
+    ]
+    assert trainer.background == 1 and len(errors) == 4
+    assert trainer.training_l1() == pytest.approx(np.mean(errors), rel=1e-5)
+
+
+@pytest.mark.parametrize("preset", ["ours", "paper", "released"])
+def test_a_run_densifies_prunes_to_the_exact_target_and_then_makes_the_rest_dog(data, tmp_path, preset):
+    metrics = mi_dogsplat.runs.run.train(config_of(data, preset=preset), tmp_path)
+    rows = rows_of(tmp_path)
+    prunes, activations = events_of(rows, r"\bprune \d"), events_of(rows, "dog activated")
+    start = prunes[0]["pruned_from"]
+    target = round(0.3 * start)
+    assert start > 60 and prunes[-1]["pruned_to"] == rows[-1]["n"] == target
+    assert len(prunes) >= 4 and "first check" in prunes[0]["event"]
+    scaled = RECIPES[preset].scaled(STEPS)
+    assert scaled.pruning and scaled.dog and prunes[0]["step"] == scaled.pruning.start
+    assert all("test_psnr" in row for row in prunes + activations)
+    assert [row["step"] for row in rows if "test_flip" in row] == list(range(15, STEPS + 1, 15))  # as scheduled
+    for row in prunes:
+        assert f"prune {row['pruned_from']} -> {row['pruned_to']}: " in row["event"] and 0 < row["train_l1"] < 1
+        assert row["n"] == row["pruned_to"] < row["pruned_from"]
+    assert [(row["step"], row["event"]) for row in activations] == [
+        (scaled.dog.start, activations[0]["event"])
+    ] and activations[0]["event"].endswith(f"dog activated {target} primitives")
+    assert all(row["step"] <= prunes[0]["step"] for row in events_of(rows, "densify"))
+    assert all(row["n_dog"] == 0 for row in rows if row["step"] < scaled.dog.start)
+    assert 0 < rows[-1]["n_dog"] <= target
+    splats = read_ply(tmp_path / "point_cloud.ply")
+    assert metrics["n_dog"] == splats.n_dog > 0 and metrics["n"] == splats.n_splats <= target
+    assert not [row for row in rows if "refine:" in row.get("event", "") and "pruned_to" in row]
+
+
+@pytest.mark.parametrize("preset", ["ours", "paper", "released"])
+@pytest.mark.parametrize("steps", [1, 2, 3, 12])
+def test_the_shortest_runs_complete_every_phase(data, preset, steps):
+    trainer = Trainer(config_of(data, preset=preset, steps=steps, target=20), load_dataset(data))
+    rows = list(run_to_end(trainer))
+    assert trainer.optimizer.n == 20 and trainer.dog_activated and rows[-1]["step"] == steps
+    assert len(events_of(rows, "dog activated 20 primitives")) == 1
+
+
+def test_the_baseline_keeps_all_its_primitives_plain(data):
+    trainer = Trainer(config_of(data, preset="3dgs", steps=30), load_dataset(data))
+    rows = list(run_to_end(trainer))
+    assert trainer.optimizer.n_dog == 0 and not events_of(rows, "prun|refine:|dog") and trainer.pruning is None
+
+
+def test_a_count_that_densification_does_not_reach_is_an_event_and_no_prune(data):
+    trainer = Trainer(config_of(data, steps=12, target=10**6, max_primitives=None), load_dataset(data))
+    rows = list(run_to_end(trainer))
+    n = trainer.optimizer.n
+    assert len(events_of(rows, f"no pruning: .* 1000000 primitives is not below the {n} ")) == 1
+    assert events_of(rows, f"dog activated {n} primitives")
+
+
+def test_a_recipe_can_take_the_place_of_the_preset(data):
+    pruning = PruningRule(division="equal", rounds=5)
+    recipe = dataclasses.replace(RECIPES["ours"], pruning=pruning, dog=None)
+    trainer = Trainer(config_of(data, max_primitives=60, steps=300), load_dataset(data), recipe)
+    prunes = events_of(list(run_to_end(trainer)), "prune")
+    n = prunes[0]["pruned_from"]
+    shares = [row["pruned_from"] - row["pruned_to"] for row in prunes]
+    assert shares[:4] == [round((n - round(0.3 * n)) / 5)] * 4 and trainer.optimizer.n_dog == 0
+
+
+def test_prunes_compile_nothing_once_there_were_two(data):
+    trainer = Trainer(config_of(data, preset="paper", steps=300, max_primitives=None), load_dataset(data))
+    while trainer.step_count < 175:
+        trainer.step()
+    counts = set()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        dr.kernel_history_clear()
+        while trainer.step_count < 249:
+            trainer.step()
+            counts.add(trainer.optimizer.n)
+        dr.eval()
+        history = dr.kernel_history([dr.KernelType.JIT])
+    assert len(counts) >= 4 and len(history) > 500
+    assert not [kernel for kernel in history if not kernel["cache_hit"] or kernel["cache_disk"]]
+
+
+@pytest.mark.parametrize("cut", [60, 75, 90, 110])
+def test_a_state_from_the_middle_of_the_window_goes_on_with_the_same_decisions(data, cut):
+    dataset = load_dataset(data)
+    first = Trainer(config_of(data, preset="paper"), dataset)
+    rows = run_to_end(first)
+    while first.step_count < cut:
+        next(rows)
+    again = Trainer(config_of(data, preset="paper"), dataset)
+    again.restore(first.state())
+    assert first.pruning and first.pruning.state() and again.pruning
+    assert again.pruning.state() == first.pruning.state() and again.dog_activated == first.dog_activated
+    went_on, resumed = events_of(list(rows), "prun|refine:|dog"), events_of(list(run_to_end(again)), "prun|refine:|dog")
+    assert [(row["step"], row["n"]) for row in resumed] == [(row["step"], row["n"]) for row in went_on]
+    assert bool(resumed) == (cut < 100)  # when the window closes and all become DoG
+
+
+@pytest.mark.parametrize("preset", ["ours", "released"])
+def test_a_densified_start_of_another_recipe_is_pruned_at_once_and_to_the_target(data, preset):
+    dataset = load_dataset(data)
+    shared = Trainer(config_of(data, preset="3dgs"), dataset)
+    while shared.step_count < STEPS // 2:
+        shared.step()
+    n, state = shared.optimizer.n, shared.state()
+    for _ in range(2):  # a state can be restored again and again
+        trainer = Trainer(config_of(data, preset=preset), dataset)
+        trainer.restore(state)
+        rows = list(run_to_end(trainer))
+        assert rows[0]["step"] == STEPS // 2 and rows[0]["event"].startswith(f"prune {n} -> ")
+        assert trainer.optimizer.n == round(0.3 * n) and trainer.optimizer.n_dog > 0
+
+
+# --- a model that exists ---
+
+
+@pytest.fixture(scope="module")
+def truth(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "model.ply"
+    write_ply(path, tiny_data.truth())
+    return path
+
+
+def test_a_model_is_pruned_before_its_first_step_with_the_colours_it_has(data, truth, tmp_path):
+    config = config_of(data, model=str(truth), target=20, max_primitives=None)
+    metrics = mi_dogsplat.runs.run.train(config, tmp_path)
+    rows = rows_of(tmp_path)
+    assert rows[0]["step"] == 0 and rows[0]["event"] == "prune 60 -> 40: first check" and "l1" not in rows[0]
+    assert rows[0]["train_l1"] < 0.005  # it is the model that the pictures were made of
+    assert rows[-1]["n"] == 20 and rows[-1]["step"] == STEPS and not events_of(rows, "densify|reset|sh degree")
+    assert metrics["n_dog"] > 0 and metrics["steps"] == STEPS
+    assert json.loads((tmp_path / "config.json").read_text())["model"] == str(truth)
+
+
+def test_a_pruned_model_resumes_from_its_checkpoint(data, truth, tmp_path):
+    config = config_of(data, model=str(truth), target=20, max_primitives=None, checkpoint_seconds=0.0)
+    mi_dogsplat.runs.run.train(config, tmp_path / "whole")
+
+    def stop(row):
+        if row["step"] > 45:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        mi_dogsplat.runs.run.train(config, tmp_path / "parts", stop)
+    mi_dogsplat.runs.run.train(config, tmp_path / "parts", resume=True)
+    whole, parts = (
+        [(row["step"], row["n"]) for row in events_of(rows_of(tmp_path / run), r"\bprune |dog act")]
+        for run in ("whole", "parts")
+    )
+    assert parts == whole and parts[0][0] == 0 and parts[-1][1] == 20
+
+
+def test_a_model_with_dog_keeps_it_until_all_become_dog(data, tmp_path):
+    splats = tiny_data.truth()
+    mixed = dataclasses.replace(
+        splats, dog_index=[3, 7], dog_logit_opacities=[0.0, 0.0], dog_log_scales=np.full((2, 3), 0.5)
+    )
+    write_ply(tmp_path / "m.ply", mixed)
+    config = config_of(data, model=str(tmp_path / "m.ply"), target=59, max_primitives=None)
+    trainer = Trainer(config, load_dataset(data))
+    assert trainer.optimizer.n_dog == 2
+    rows = list(run_to_end(trainer))
+    assert 0 < rows[0]["n_dog"] <= 2 and events_of(rows, "dog activated 59 primitives")
+
+
+@pytest.mark.parametrize(
+    ("n", "target", "words"),
+    [
+        (0, 0.1, "holds 0 primitives; pruning needs at least 2"),
+        (1, 0.1, "holds 1 primitives; pruning needs at least 2"),
+        (5, 5, "--target: the target of 5 primitives is not below the 5 that there are"),
+        (5, 500, "--target: .* not below the 5"),
+        (5, 0.01, "--target: .* of 5 primitives leaves none"),
+    ],
+)
+def test_a_model_that_cannot_be_pruned_says_so_and_leaves_no_folder(data, tmp_path, n, target, words):
+    write_ply(tmp_path / "m.ply", model(n))
+    config = config_of(data, model=str(tmp_path / "m.ply"), target=target, max_primitives=None)
+    with pytest.raises(DataError, match=words):
+        mi_dogsplat.runs.run.train(config, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_quaternions_of_a_model_to_prune_get_length_1_and_turn_as_before(tmp_path):
+    splats = rounded(random_splats(5, seed=3, degree=0))
+    splats.quats = splats.quats * np.array([1e-3, 1, 1e3, 1e18, 0], np.float32)[:, None]
+    write_ply(tmp_path / "m.ply", splats)
+    quats = model_to_prune(str(tmp_path / "m.ply"), 0.5).quats
+    np.testing.assert_allclose(np.linalg.norm(quats[:4], axis=1), 1, rtol=1e-6)
+    np.testing.assert_allclose(reference.rotations(quats), reference.rotations(splats.quats), atol=1e-6)
+    assert not quats[4].any()

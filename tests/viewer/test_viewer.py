@@ -1,0 +1,211 @@
+"""The viewer without a browser: poses to pictures, when they are due, and where the model comes from."""
+
+import math
+import os
+
+import numpy as np
+import pytest
+import tiny_data
+from mi_dogsplat import write_ply
+from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.rasterize import RasterOptions
+from mi_dogsplat.render.picture import over_background, render_picture
+from mi_dogsplat.runs.checkpoint import save_checkpoint
+from mi_dogsplat.runs.run import CHECKPOINT, train
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.pictures import heat_map
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.train import Trainer
+from mi_dogsplat.viewer.drawing import Drawing, fitted, nearest_view
+from mi_dogsplat.viewer.source import Source, splats_of_state
+from mi_dogsplat.viewer.view_state import (
+    DOG_DIFFERENCE,
+    ERROR,
+    MODEL,
+    ONLY_DOG,
+    ONLY_GAUSSIANS,
+    PHOTOGRAPH,
+    REST_SECONDS,
+    WITHOUT_DOG,
+    Pace,
+    Pose,
+    Settings,
+)
+from scipy.spatial.transform import Rotation
+
+SMALL = Settings(height=48, gain=1.0)
+
+
+def pose_of(camera) -> Pose:
+    x, y, z, w = Rotation.from_matrix(camera.c2w[:3, :3]).as_quat()
+    fov = 2 * math.atan(camera.height / 2 / camera.fy)
+    return Pose((w, x, y, z), tuple(camera.position), fov, camera.width / camera.height)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    return load_dataset(tiny_data.write_tiny_data(tmp_path_factory.mktemp("data")))
+
+
+def uint8(image: np.ndarray) -> np.ndarray:
+    return np.round(np.clip(image, 0, 1) * 255).astype(int)
+
+
+# --- poses and pictures ---
+
+
+def test_the_pose_of_a_camera_gives_that_camera_back_at_any_size():
+    camera = tiny_data.cameras()[1]
+    again = pose_of(camera).camera(3 * camera.height)
+    assert again.w2c == pytest.approx(camera.w2c) and (again.width, again.height) == (144, 108)
+    assert again.fx == pytest.approx(3 * camera.fx) and again.cx == pytest.approx(3 * camera.cx)
+
+
+def test_a_picture_is_what_the_rasterizer_draws_and_smaller_while_moving():
+    model, camera = tiny_data.dog_model(), tiny_data.cameras()[2]
+    drawing = Drawing(model, near_clip=0.05)
+    drawn = drawing.draw(pose_of(camera), Settings(height=camera.height, background=0.5))
+    expected = render_picture(upload(model), camera, RasterOptions(1), 0.5, 0.05).color
+    assert drawn.image.dtype == np.uint8 and np.abs(uint8(expected) - drawn.image).max() <= 1
+    small = drawing.draw(pose_of(camera), Settings(height=300), moving=True).image
+    assert small.shape == (120, 160, 3)
+
+
+def test_each_choice_draws_its_part_of_the_model():
+    model, camera = tiny_data.dog_model(), tiny_data.cameras()[0]
+    drawing, pose = Drawing(model, 0.05), pose_of(camera)
+    picture = {show: drawing.draw(pose, Settings(show, camera.height, gain=2.0)).image for show in drawing.choices}
+    assert list(picture) == [MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE]
+    parts = {MODEL: model, WITHOUT_DOG: model.plain(), ONLY_DOG: model.only_dog()}
+    parts[ONLY_GAUSSIANS] = model.only_gaussians()
+    floats = {s: render_picture(upload(part), camera, RasterOptions(1), 0.0, 0.05).color for s, part in parts.items()}
+    for show, expected in floats.items():
+        assert np.abs(uint8(expected) - picture[show]).max() <= 1, show
+    difference = np.abs(floats[MODEL] - floats[WITHOUT_DOG]).mean(axis=-1)
+    assert np.abs(uint8(heat_map(np.clip(2 * difference, 0, 1))) - picture[DOG_DIFFERENCE]).max() <= 2
+
+
+def test_the_sh_degree_is_limited():
+    model, pose = tiny_data.truth(), pose_of(tiny_data.cameras()[0])
+    drawing = Drawing(model, 0.05)
+    full, flat = (drawing.draw(pose, Settings(height=36, sh_degree=degree)).image for degree in (3, 0))
+    truth = render_picture(upload(model), tiny_data.cameras()[0], RasterOptions(0), 0.0, 0.05).color
+    assert np.abs(uint8(truth) - flat).max() <= 1 and np.abs(full.astype(int) - flat).max() > 2
+
+
+def test_the_error_is_that_at_the_nearest_photograph(data):
+    wrong = tiny_data.truth()
+    wrong.logit_opacities[:30] = -9
+    drawing, view = Drawing(wrong, 0.2, views=data.views), data.views[3]
+    assert drawing.choices == [MODEL, ERROR, PHOTOGRAPH]
+    moved = Pose(pose_of(view.camera).wxyz, tuple(view.camera.position + 0.02), 0.7, 48 / 36)
+    drawn = drawing.draw(moved, Settings(ERROR, 36, gain=3.0))
+    picture = render_picture(upload(wrong), view.camera, RasterOptions(1)).color
+    error = np.abs(picture - over_background(view.image, 0.0)).mean(axis=-1)
+    assert np.abs(uint8(heat_map(np.clip(3 * error, 0, 1))) - drawn.image).max() <= 2
+    assert view.name in drawn.about and f"{error.mean():.4f}" in drawn.about
+    photograph = drawing.draw(moved, Settings(PHOTOGRAPH, 36)).image
+    assert np.abs(uint8(view.image) - photograph).max() <= 1
+
+
+def test_what_a_new_model_does_not_have_is_drawn_as_the_model():
+    drawing, pose = Drawing(tiny_data.dog_model(), 0.05), pose_of(tiny_data.cameras()[0])
+    with_dog = drawing.draw(pose, Settings(ONLY_DOG, 36)).image
+    drawing.replace(tiny_data.truth())
+    assert ONLY_DOG not in drawing.choices
+    plain = drawing.draw(pose, Settings(ONLY_DOG, 36)).image
+    assert np.array_equal(plain, drawing.draw(pose, Settings(MODEL, 36)).image) and not np.array_equal(plain, with_dog)
+
+
+def test_the_nearest_view_looks_the_same_way(data):
+    for view in data.views:
+        assert nearest_view(data.views, view.camera) is view
+    first = data.views[0]
+    turned = pose_of(first.camera)
+    back = Pose((0, *turned.wxyz[1:]), turned.position, 0.7, 1).camera(36)
+    assert isinstance(nearest_view(data.views, back).name, str)
+
+
+def test_a_picture_is_fitted_whole_with_bars():
+    image = np.random.default_rng(0).uniform(0.1, 1, (6, 4, 3))
+    wide = fitted(image, 16, 12)
+    assert wide.shape == (12, 16, 3) and not wide[:, :4].any() and not wide[:, 12:].any()
+    assert np.array_equal(wide[::2, 4:12:2], image)
+    assert np.array_equal(fitted(image, 4, 6), image)
+    tall = fitted(image, 4, 20)
+    assert not tall[:7].any() and np.array_equal(tall[7:13], image)
+
+
+# --- when ---
+
+
+def test_a_moving_camera_gets_a_small_picture_at_once_and_a_full_one_when_it_rests():
+    pace = Pace()
+    assert pace.due(0.0) is None
+    pace.moved(1.0)
+    assert pace.due(1.0) == "small" and pace.due(1.01) is None
+    pace.moved(1.1)
+    pace.moved(1.2)
+    assert pace.due(1.2) == "small" and pace.due(1.2 + 0.9 * REST_SECONDS) is None
+    assert pace.due(1.2 + REST_SECONDS) == "full" and pace.due(9.0) is None
+
+
+def test_a_change_of_settings_gives_the_full_picture_but_not_while_the_camera_moves():
+    pace = Pace()
+    pace.changed()
+    assert pace.due(0.0) == "full" and pace.due(0.0) is None
+    pace.moved(5.0)
+    pace.changed()
+    assert pace.due(5.0) == "small" and pace.due(5.1) is None and pace.due(5.0 + REST_SECONDS) == "full"
+
+
+# --- from where ---
+
+
+def test_a_file_is_read_again_when_it_changes_and_only_then(tmp_path):
+    path = tmp_path / "model.ply"
+    write_ply(path, tiny_data.truth())
+    source = Source(path)
+    found = source.poll()
+    assert found and found[0].n_splats == tiny_data.N_TRUTH and found[1] == "model.ply" and source.poll() is None
+    write_ply(path, tiny_data.truth().select(range(20)))
+    found = source.poll()
+    assert found and found[0].n_splats == 20 and source.poll() is None
+    path.unlink()
+    with pytest.raises(DataError, match="no such file"):
+        source.poll()
+
+
+def test_the_model_of_a_checkpoint_is_that_of_the_trainer(data):
+    config = TrainConfig("", steps=20, sh_degree=1, max_primitives=80, target=0.5)
+    trainer = Trainer(config, data)
+    for _ in range(20):
+        trainer.step()
+    ours, theirs = splats_of_state(trainer.state()), trainer.optimizer.to_splats()
+    assert theirs.n_dog > 0
+    for name in theirs.__dataclass_fields__:
+        assert np.array_equal(getattr(ours, name), getattr(theirs, name)), name
+
+
+def test_a_run_is_followed_from_checkpoint_to_checkpoint_to_its_model(data, tmp_path):
+    config = TrainConfig(str(data.path), preset="3dgs", steps=8, sh_degree=1, max_primitives=70)
+    run = tmp_path / "run"
+    train(config, run)
+    later = (run / "point_cloud.ply").stat().st_mtime_ns + 10**9
+    source = Source(run)
+    found = source.poll()
+    assert found and found[1] == "point_cloud.ply" and source.config["steps"] == 8 and source.poll() is None
+    trainer = Trainer(config, data)
+    save_checkpoint(run / CHECKPOINT, trainer.state())
+    os.utime(run / CHECKPOINT, ns=(later, later))
+    found = source.poll()
+    assert found and found[1] == "step 0 of 8" and found[0].n_splats == trainer.optimizer.n and source.poll() is None
+    (run / "config.json").unlink()
+    found = Source(run).poll()
+    assert found and found[1] == "step 0"
+
+
+def test_a_folder_without_a_model_says_what_to_wait_for(tmp_path):
+    with pytest.raises(DataError, match="wait for its first checkpoint"):
+        Source(tmp_path).poll()

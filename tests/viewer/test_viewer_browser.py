@@ -1,0 +1,137 @@
+"""The viewer in a real browser: the page shows the picture that was rendered for its camera."""
+
+import threading
+import time
+from collections.abc import Callable
+
+import browser
+import numpy as np
+import pytest
+import tiny_data
+from command_line import assert_one_line, run
+from mi_dogsplat import write_ply
+from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.viewer.view_state import ONLY_GAUSSIANS
+
+pytest.importorskip("viser", reason="needs viser: pip install 'mi_dogsplat[view]'", exc_type=ModuleNotFoundError)
+from mi_dogsplat.viewer.server import Server  # noqa: E402
+from mi_dogsplat.viewer.source import Source  # noqa: E402
+
+WAIT_SECONDS = 90.0
+SIZE = 1000, 700
+SHOWN = slice(160, -100), slice(None, 650)  # of a screenshot: panel, messages and axes are elsewhere
+
+
+def wait_for(condition: Callable[[], bool]) -> bool:
+    """Whether it became true in time."""
+    end = time.monotonic() + WAIT_SECONDS
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.2)
+    return False
+
+
+@pytest.fixture
+def model(tmp_path):
+    path = tmp_path / "model.ply"
+    write_ply(path, tiny_data.dog_model(f_a=0.7, F=0.5))
+    return path
+
+
+def with_visitor(server: Server, visit: Callable[[browser.Page], None]) -> None:
+    """Serve in this thread, as Dr.Jit needs it, while another one plays the visitor."""
+    failed: list[BaseException] = []
+
+    def play() -> None:
+        try:
+            with browser.opened(server.url, *SIZE) as page:
+                visit(page)
+        except BaseException as error:  # shown below, in the thread that pytest watches
+            failed.append(error)
+        finally:
+            server._running = False
+
+    visitor = threading.Thread(target=play)
+    visitor.start()
+    try:
+        server.serve(3 * WAIT_SECONDS)
+    finally:
+        visitor.join()
+        server.stop()
+    if failed:
+        raise failed[0]
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")  # viser's own event loop and sockets
+def test_the_page_shows_what_is_rendered_for_its_camera_as_it_moves_and_as_settings_change(model, tmp_path):
+    if browser.executable() is None:
+        pytest.skip("needs a browser: apt-get install chromium")
+    dataset = load_dataset(tiny_data.write_tiny_data(tmp_path / "data"))
+    server = Server(Source(model), dataset, port=8765)
+    drawn: list[tuple] = []
+    draw = server.drawing.draw
+
+    def record(pose, settings, moving=False):
+        result = draw(pose, settings, moving)
+        drawn.append((settings, moving, result.image, pose))
+        return result
+
+    server.drawing.draw = record
+
+    def difference(page: browser.Page) -> float:
+        """Mean difference between the page and the picture rendered last, in grey levels of 255."""
+        shown, image = page.screenshot().astype(float), drawn[-1][2]
+        rows = np.linspace(0, image.shape[0] - 1, shown.shape[0]).round().astype(int)
+        columns = np.linspace(0, image.shape[1] - 1, shown.shape[1]).round().astype(int)
+        return float(np.abs(shown - image[rows[:, None], columns])[SHOWN].mean())
+
+    def visit(page: browser.Page) -> None:
+        def full() -> bool:
+            return bool(drawn) and not drawn[-1][1]
+
+        start = dataset.test[0].camera.position
+        assert wait_for(lambda: full() and bool(np.allclose(drawn[-1][3].position, start, atol=1e-4)))
+        assert drawn[-1][2].shape[0] == 600 and drawn[-1][2].std() > 10
+        assert wait_for(lambda: difference(page) < 4), difference(page)
+        before = page.screenshot()
+
+        n, where = len(drawn), drawn[-1][3].position
+        page.drag((300, 350), (450, 350))
+        assert wait_for(lambda: full() and not np.allclose(drawn[-1][3].position, where, atol=1e-3))
+        assert any(moving for _, moving, _, _ in drawn[n:])
+        assert wait_for(lambda: difference(page) < 4), difference(page)
+        moved = page.screenshot()
+        assert np.abs(moved[SHOWN].astype(float) - before[SHOWN]).mean() > 8
+
+        server._show.value = ONLY_GAUSSIANS
+        assert wait_for(lambda: drawn[-1][0].show == ONLY_GAUSSIANS and difference(page) < 4)
+        assert np.abs(page.screenshot()[SHOWN].astype(float) - moved[SHOWN]).mean() > 8
+
+        write_ply(model, Splats.empty(1))
+        assert wait_for(lambda: not drawn[-1][2].any() and "0 primitives" in server._statistics.content)
+        assert wait_for(lambda: "0 primitives" in str(page.evaluate("document.body.innerText")))
+
+    with_visitor(server, visit)
+
+
+def test_view_names_what_is_missing_in_one_line(capsys, tmp_path):
+    assert_one_line(run(capsys, "view", tmp_path / "no.ply"), "no.ply", "no such file")
+    assert_one_line(run(capsys, "view", tmp_path), "checkpoint")
+
+
+def test_an_address_that_is_not_ours_is_refused_in_one_line(capsys, model):
+    assert_one_line(run(capsys, "view", model, "--host", "192.0.2.1"), "--host", "127.0.0.1")  # for documentation only
+    assert_one_line(run(capsys, "view", model, "--host", "no such host"), "--host")
+    assert_one_line(run(capsys, "view", model, "--port", "99999"), "--port")
+
+
+def test_ctrl_c_ends_the_viewer_quietly(capsys, model, monkeypatch):
+    def interrupted(self, seconds=0.0):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Server, "serve", interrupted)
+    status, printed, error = run(capsys, "view", model, "--port", "8790")
+    assert (status, error) == (0, "") and printed == f"http://127.0.0.1:8790 shows {model}; Ctrl-C ends it\n"
