@@ -69,6 +69,13 @@ def test_a_station_imports_no_higher_one(path):
     assert not higher, f"{own} imports {', '.join(sorted(higher))}"
 
 
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_nothing_but_checks_imports_the_reference(path):
+    """What is tested against it has nothing from it: a mistake there would be on both sides, and invisible."""
+    if station(path) not in ("reference", "check"):
+        assert "reference" not in imported_stations(path)
+
+
 def test_every_station_exists():
     there = {station(path) for path in MODULES}
     assert set(LEVEL) <= there, f"no longer there: {', '.join(sorted(set(LEVEL) - there))}"
