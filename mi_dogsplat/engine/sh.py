@@ -46,7 +46,7 @@ def sh_basis(x: Any, y: Any, z: Any, degree: int) -> list:
 def sh_basis_table(directions: np.ndarray, degree: int) -> np.ndarray:
     """The same on the host: [n, 3] float64 unit directions to [n, (degree + 1)²]."""
     x, y, z = directions.T
-    return np.stack(np.broadcast_arrays(*sh_basis(x, y, z, degree)), axis=1)
+    return np.stack([np.broadcast_to(b, len(directions)) for b in sh_basis(x, y, z, degree)], axis=1)
 
 
 def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Bool, degree: int) -> list:
