@@ -48,8 +48,8 @@ class Film:
         """(scene, its parameters, copies of their values, which an assignment would write into)."""
         scene = scene_with(case, splats, {"pixel_format": self.pixel_format, "rfilter": {"type": self.rfilter}})
         params: Any = mi.traverse(scene)
-        at_0 = {name: cast(Any, type(value))(value) for name, value in params if isinstance(value, mi.Float | mi.TensorXf)}
-        return scene, params, at_0
+        values = {name: value for name, value in params if isinstance(value, mi.Float | mi.TensorXf)}
+        return scene, params, {name: cast(Any, type(value))(value) for name, value in values.items()}
 
     def title(self) -> str:
         return f"{self.pixel_format}, {self.spp} " + ("spp" if self.spp == 1 else f"spp, {self.rfilter}")
