@@ -5,8 +5,8 @@ scene or texture, or of an array that shares memory with NumPy, hands in such wo
 destructor ends the process ("RecordThreadState::enqueue_host_func(): this function cannot be recorded!"). Objects in
 reference cycles go when Python collects garbage, which may be at any allocation: so it waits while a function runs.
 
-It also takes one recording for another where arguments differ in small integers or booleans only: of the 64 combinations
-of six booleans it tells 12 apart. So all that is not an array is hashed here, and told apart by that.
+It also takes one recording for another where arguments differ in small integers or booleans only: of 64 combinations of
+six booleans it tells 12 apart. So all that is not an array is hashed here, and told apart by that.
 """
 
 from __future__ import annotations
