@@ -57,7 +57,7 @@ class Tables:
 
 
 def row_size(n_features: int) -> int:
-    """Floats per primitive in the table: whole cache lines, in which packets of eight are aligned."""
+    """Floats per primitive in the table: whole cache lines, in which every eight are aligned."""
     return -(-(FIRST_FEATURE + n_features) // 16) * 16
 
 

@@ -153,13 +153,13 @@ class Walk:
         return Meeting(isect, active, splat, row, self.x0 - row.x, self.y0 - row.y), (bits & (bits - 1), group)
 
     def _floats(self, table, row, row_size: int, columns: int, active=True) -> list:
-        """The first ``columns`` floats of a row, in packets of eight and four."""
+        """The first ``columns`` floats of a row, eight and four at a time."""
         values = []
         while len(values) < columns:
             size = 8 if columns - len(values) > 4 else 4
             index = dr.fma(row, row_size // size, len(values) // size)
             if size == 8:
-                values += list(dr.gather(self.types.FloatPacket, table, index, active, shape=(8, dr.width(index))))
+                values += list(dr.gather(self.types.Floats, table, index, active, shape=(8, dr.width(index))))
             else:
                 values += list(dr.gather(self.types.Quad, table, index, active))
         return values
