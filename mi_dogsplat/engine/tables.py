@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import namedtuple
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -12,16 +13,8 @@ from .arrays import array_types, detached
 from .project import Kernels, Projection
 
 
-class KernelRow(NamedTuple):
+class KernelRow(namedtuple("KernelRow", "ux uy vy lo q s t")):
     """A 2D kernel as lanes evaluate it: p = lo - (ux dx + uy dy)² - (vy dy)², and ratios (``walk.py``)."""
-
-    ux: Any
-    uy: Any
-    vy: Any
-    lo: Any
-    q: Any
-    s: Any
-    t: Any
 
 
 KERNEL_COLUMNS = len(KernelRow._fields)

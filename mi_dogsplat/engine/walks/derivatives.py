@@ -9,7 +9,7 @@ still to come.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections import namedtuple
 
 import drjit as dr
 
@@ -23,15 +23,8 @@ from .walk import ALPHA_MAX, Alphas, Meeting, Walk
 LN2 = 0.6931471805599453
 
 
-class Projected(NamedTuple):
+class Projected(namedtuple("Projected", "x y ux uy vy lo")):
     """What blending depends on of a primitive, or the derivatives of it, without its features."""
-
-    x: Any
-    y: Any
-    ux: Any
-    uy: Any
-    vy: Any
-    lo: Any
 
 
 N_PSEUDO = 4  # the last of these are the pseudo-Gaussian's own; its centre is that of the primary

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
 from operator import and_
-from typing import Any, NamedTuple
+from typing import Any
 
 import drjit as dr
 
@@ -56,14 +56,6 @@ class Alphas:
     pseudo: list | None  # 2^p', 0 for a plain primitive; None in a model without DoG, as are the next two
     dog_row: Any
     is_dog: Any
-
-
-class Step(NamedTuple):
-    """A pixel's walk past one primitive."""
-
-    weight: Any  # α T, whether it goes on or not
-    T: Any  # behind the primitive, or -T where the walk has ended
-    goes_on: Any
 
 
 class Walk:
@@ -224,8 +216,9 @@ class Walk:
     def pseudo_row(self, row) -> KernelRow:
         return KernelRow(*self._floats(self.tables.pseudo, row, PSEUDO_COLUMNS, PSEUDO_COLUMNS)[:KERNEL_COLUMNS])
 
-    def advance(self, alpha, T, meeting: Meeting, k: int) -> Step:
-        """Walk past a primitive at pixel ``k`` of the block."""
+    def advance(self, alpha, T, meeting: Meeting, k: int) -> tuple:
+        """Walk past a primitive at pixel ``k`` of the block: (weight α T of the primitive, T behind it, or -T where the
+        walk has ended, whether it goes on)."""
         weight = alpha * T
         behind = T - (weight if self.amplifies else dr.maximum(weight, 0))
         goes_on = behind >= self.settings.cutoffs.transmittance
@@ -233,7 +226,7 @@ class Walk:
             goes_on &= behind <= MAX_T
         if self.stop_depth is not None:
             goes_on &= meeting.row.features[DEPTH_FEATURE] <= self.stop_depth[k]
-        return Step(weight, dr.select(goes_on, behind, -dr.abs(T)), goes_on)
+        return weight, dr.select(goes_on, behind, -dr.abs(T)), goes_on
 
     def hidden(self, behind, alpha, blended_alpha):
         """By how much a primitive dims the light ``behind`` it, per unit of α: the image's derivative is T c - this."""
