@@ -29,6 +29,7 @@ CLAIMS = {
     "3_a_model_among_meshes": """
         covered = values["count.I"] > 0
         assert 0.1 < covered.mean() < 0.6 and (values["index.I"][~covered] == -1).all()
+        assert (values["depth.Z"][-20:] > 0).all() and not covered[-20:].all()  # the table, where no splat is
         assert np.ptp(derivative) > 1 and np.abs(derivative[:20]).max() == 0  # the sky above does not move
         assert np.abs(both.numpy() - meshes.numpy())[covered].mean() > 0.05
     """,
@@ -48,6 +49,7 @@ def kinds_of_output(cell: nbformat.NotebookNode) -> list[str]:
     return [out.get("name") or "/".join(sorted(out["data"])) for out in cell.outputs]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
 def test_a_tutorial_runs_and_comes_out_as_it_says(path, tmp_path, monkeypatch):
     for name in ("TMPDIR", "IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "MPLCONFIGDIR"):  # nothing of the user's is used
