@@ -7,13 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
-from ..report.page import page
+from ..report.page import TEMPLATES
 from ..report.plot import Series, line_plot
 from ..report.prunes import marks
 from ..report.run_folder import read_run
 from .table import COLUMNS, cell
 
+PAGE = '{% extends "report/templates/base.html" %}{% block body %}{{ body }}{% endblock %}'
 READ_TABLE = """Mean over the seeds, of times the median; ± is half the distance between the best and the worst of
 them. All variants of a seed go on from the same densified model and end with the same number of steps. Render times
 were taken in turns.
@@ -31,7 +33,8 @@ def ablation_page(out: Path, table: dict[str, Any]) -> str:
         rows += f"<tr><td>{escape(row['label'])}</td><td class=n>{len(row['runs'])}</td>{cells}</tr>"
     grid = f"<table><thead><tr><th>variant<th class=n>seeds{headings}</tr></thead><tbody>{rows}</tbody></table>"
     head = f"<h1>{escape(data)} <small>ablation</small></h1><p class=read>{READ_TABLE}</p>"
-    return page(f"{data} · ablation", f"{head}<div class=scroll>{grid}</div>{_plots(out, table)}")
+    body = Markup(f"{head}<div class=scroll>{grid}</div>{_plots(out, table)}")
+    return TEMPLATES.from_string(PAGE).render(title=f"{data} · ablation", body=body)
 
 
 def _plots(out: Path, table: dict[str, Any]) -> str:
