@@ -13,8 +13,8 @@ import tiny_data
 from mi_dogsplat import write_ply
 
 ROOT = Path(__file__).parents[2]
-MODULES = {"pillow": "PIL", "scipy": "scipy", "tqdm": "tqdm", "flip-evaluator": "flip_evaluator"}
-MODULES |= {"viser": "viser"}
+MODULES = {"pillow": "PIL", "flip-evaluator": "flip_evaluator"}
+MODULES |= {name: name for name in ("scipy", "tqdm", "viser", "jinja2", "markupsafe", "filelock", "psutil")}
 HIDDEN = sorted([*MODULES.values(), "OpenEXR"])  # the last is for the tests alone
 
 WITHOUT_EXTRAS = f"""
@@ -97,6 +97,7 @@ def test_stability_is_checked_without_extras(tmp_path):
     done = core(FIRST_CASE + COMMAND, "check", "-o", out, "--only", "stability")
     assert done.returncode == 0 and done.stderr == "", done.stderr
     assert [row["verdict"] for row in json.loads((out / "check.json").read_text())["stability"]] == ["right"]
+    assert done.stdout.splitlines()[-1] == str(out / "check.json") and not (out / "check.html").exists()
 
 
 @pytest.mark.parametrize("flags", [[], ["--features"]])
