@@ -9,13 +9,13 @@ import numpy as np
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 
+from ..files.errors import FileError
+from ..files.model import Model, importance, sigmoid
+from ..files.ply import read_ply
+from ..nodes.modifier import add_modifier, set_input
+from ..nodes.tree import SHOW
 from .attributes import write_attributes
 from .conventions import DOG_COUNT, UP_AXES, conversion, remember
-from .errors import FileError
-from .model import Model, importance, sigmoid
-from .modifier import add_modifier, set_input
-from .nodes import SHOW
-from .ply import read_ply
 
 CONVENTION = "3DGS PLY: raw values, quaternions w x y z, positions in coordinates of the file"
 

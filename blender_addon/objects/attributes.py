@@ -10,7 +10,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from .model import Model, logit, normalized, positive_log, sigmoid
+from ..files.model import Model, logit, normalized, positive_log, sigmoid
 
 SCALE, ROTATION, BASE, SH = "scale", "rotation", "radiance:base", "radiance:sh_{}"
 OPACITY_FACTOR, SCALE_FACTOR = "dog:opacity_factor", "dog:scale_factor"

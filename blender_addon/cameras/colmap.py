@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .cameras import Camera, camera_name, rigid
-from .errors import FileError
+from ..files.errors import FileError
+from .camera import Camera, camera_name, rigid
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
 # Number in binary files, name, number of parameters. The other models bend rays even with zero coefficients.

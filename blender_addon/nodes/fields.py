@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from .attributes import BASE, OPACITY_FACTOR, ROTATION, SCALE, SCALE_FACTOR
-from .node_builder import Tree, Value, Vector
-from .splat_groups import named_attribute
+from ..objects.attributes import BASE, OPACITY_FACTOR, ROTATION, SCALE, SCALE_FACTOR
+from .builder import Tree, Value, Vector
+from .groups import named_attribute
 
 JACOBIAN_MARGIN = 0.15  # of the image on every side: J is evaluated at most there (the 1.3 tan(fov / 2) of 3DGS)
 

@@ -9,11 +9,11 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, St
 from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix
 
-from .attributes import is_splats
-from .camera_objects import build_camera, look_through
-from .cameras import read_cameras
-from .conventions import UP_AXES, conversion
-from .errors import FileError
+from ..files.errors import FileError
+from ..objects.attributes import is_splats
+from ..objects.conventions import UP_AXES, conversion
+from .objects import build_camera, look_through
+from .read import read_cameras
 
 
 class DOGSPLAT_OT_import_cameras(bpy.types.Operator, ImportHelper):

@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .cameras import Camera
-from .model import Model
-from .ply import write_ply
+from ..cameras.camera import Camera
+from ..files.model import Model
+from ..files.ply import write_ply
 
 BAND_ROWS = 128  # between two looks at whether the user has cancelled
 POLL_SECONDS = 0.1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import IntProperty
 
-from .modifier import set_input, splat_modifier
+from ..nodes.modifier import set_input, splat_modifier
 
 MAX_SPLATS_PER_RAY = 1024  # the most that Cycles can
 

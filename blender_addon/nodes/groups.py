@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import bpy
 
-from .attributes import BASE, SH
+from ..files.transform import C0, SH_TERMS
+from ..objects.attributes import BASE, SH
+from .builder import Tree, Value, Vector, arrange, new_group, wrap
 from .material import VERSION
-from .node_builder import Tree, Value, Vector, arrange, new_group, wrap
-from .transform import C0, SH_TERMS
 
 LOW_PASS = 0.3  # px², so that no splat falls between the pixels, as in 3DGS
 NEAREST_LEVEL = 255.0  # opacities below 1/255 are not seen

@@ -6,11 +6,12 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty
 
-from .attributes import is_splats
-from .camera_objects import camera_numbers
-from .export_operators import model_of
-from .model import Model, concatenate
-from .modifier import get_input, splat_modifier
+from ..cameras.objects import camera_numbers
+from ..files.model import Model, concatenate
+from ..nodes.modifier import get_input, splat_modifier
+from ..objects.attributes import is_splats
+from ..objects.export_operators import model_of
+from ..preferences import ADDON
 from .renderers import Cancelled, RendererError, Settings, choose_renderer
 
 ENGINE = "DOGSPLAT"
@@ -99,7 +100,7 @@ class DogSplatEngine(bpy.types.RenderEngine):
 
 
 def _command_of_preferences() -> str:
-    addon = bpy.context.preferences.addons.get(__package__ or "")
+    addon = bpy.context.preferences.addons.get(ADDON)
     return addon.preferences.command if addon and addon.preferences else ""
 
 

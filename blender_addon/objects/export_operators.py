@@ -10,12 +10,12 @@ from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 from mathutils import Matrix
 
+from ..files.errors import FileError
+from ..files.model import Model, concatenate
+from ..files.ply import write_ply
+from ..files.transform import transformed
 from .attributes import is_splats, read_attributes, write_attributes
 from .conventions import import_matrix
-from .errors import FileError
-from .model import Model, concatenate
-from .ply import write_ply
-from .transform import transformed
 
 
 def selected_splats(context: bpy.types.Context) -> list[bpy.types.Object]:

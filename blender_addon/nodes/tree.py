@@ -15,6 +15,18 @@ from typing import Any
 
 import bpy
 
+from .builder import Tree, Value, Vector, new_group
+from .fields import Frame, Splat
+from .groups import (
+    GEOMETRY,
+    LOW_PASS,
+    cached_group,
+    color_group,
+    cutoff,
+    finish_group,
+    kernel_group,
+    named_attribute,
+)
 from .material import (
     COLOR,
     EXTENT,
@@ -25,18 +37,6 @@ from .material import (
     ellipsoid_material,
     point_material,
     quad_material,
-)
-from .node_builder import Tree, Value, Vector, new_group
-from .splat_fields import Frame, Splat
-from .splat_groups import (
-    GEOMETRY,
-    LOW_PASS,
-    cached_group,
-    color_group,
-    cutoff,
-    finish_group,
-    kernel_group,
-    named_attribute,
 )
 
 NAME = "DoG Splat"

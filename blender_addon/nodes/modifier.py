@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from .nodes import NAME, SHOW, splat_tree
+from .tree import NAME, SHOW, splat_tree
 
 # Horizontal: what Blender's sensor fit "Auto" decides. Enum values: 0 Auto, 1 Horizontal, 2 Vertical.
 _HORIZONTAL = "(fit == 1 or (fit == 0 and rx * ax >= ry * ay))"

@@ -6,8 +6,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from .cameras import OPENCV_FROM_OPENGL, Camera
-from .conventions import remember
+from ..objects.conventions import remember
+from .camera import OPENCV_FROM_OPENGL, Camera
 
 SENSOR = 36.0  # mm
 SIZE = "dogsplat_image_size"  # width, height in pixels, and the aspect of a pixel (fy / fx)

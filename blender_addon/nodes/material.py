@@ -13,7 +13,7 @@ from typing import Any
 
 import bpy
 
-from .node_builder import Tree, Value, Vector, arrange
+from .builder import Tree, Value, Vector, arrange
 
 VERSION = 1  # of the node trees; another version of the add-on makes its own
 MIN_ALPHA = 1 / 255
