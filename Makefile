@@ -6,7 +6,7 @@ FOR_DEMO := $(VENV)/.installed-for-demo
 INSTALLED := $(VENV)/.installed
 BLENDER := .venv-blender
 
-.PHONY: demo test lint bench gallery api setup llvm lpips blender addon clean
+.PHONY: demo test lint bench gallery api setup llvm lpips wheel blender addon clean
 .DEFAULT_GOAL := demo
 
 # The main job on generated data: training, compact model, report, pictures.
@@ -41,6 +41,11 @@ api: setup
 lpips: setup
 	$(PY) -m scripts.lpips_weights
 
+# Wheel and sdist, in dist/, tried in an empty environment of each Python.
+WHEEL_PYTHONS ?= $(PYTHON)
+wheel:
+	scripts/try_wheel.sh $(WHEEL_PYTHONS)
+
 # Blender as a Python module (Python 3.11, 400 MB), for the add-on and its tests; they are skipped where it cannot be had.
 blender: $(BLENDER)/.installed
 
@@ -58,7 +63,7 @@ setup: $(INSTALLED) llvm
 llvm: | $(FOR_DEMO)
 	@scripts/setup_llvm.sh $(PY)
 
-# What a demo needs is a third of all; the tools of the tests come with the first target that uses them.
+# A demo needs less than half of all (470 MB); what tests use comes with the first target that uses it.
 $(FOR_DEMO): pyproject.toml scripts/setup_venv.sh
 	scripts/setup_venv.sh $(PYTHON) $(VENV) train
 	@touch $@
