@@ -10,7 +10,6 @@ What is complete is not repeated, so a comparison that was cut off goes on where
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
@@ -19,6 +18,7 @@ from typing import Any
 
 from ..ablation.ablate import claim
 from ..datasets import load_dataset
+from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import replacing, write_json
 from ..support.locks import locked
@@ -68,7 +68,7 @@ def compare(
         tasks = [task for task in tasks if not task.done]
         failed: dict[str, str] = {}
         _write(out, failed)
-        threads = max(1, (os.cpu_count() or 1) // workers) if workers and not cluster else 0
+        threads = max(1, usable_cores() // workers) if workers and not cluster else 0
         means = Means(config.variant, threads, {name: getattr(config, name) for name in FREE})
         outcomes = on_cluster(tasks, means, client) if on_dask else one_after_another(tasks, means)
         for number, outcome in enumerate(outcomes, 1):
