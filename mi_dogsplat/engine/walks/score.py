@@ -25,20 +25,17 @@ Differences of neighbouring pixels need both in one lane: blocks and tiles then 
 (``Blocks.overlap``), which are composited in both.
 """
 
-# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import drjit as dr
 
-from .composite_derivatives import add_row, sum_rows
-from .frozen import frozen
-from .geometry import Blocks, Grid
-from .tables import FEATURES, Tables
-from .tiles import Lists
-from .walk import Settings, Walk
+from ..frozen import frozen
+from ..geometry import Blocks
+from ..view import PreparedView
+from .slot_rows import SlotRows
+from .walk import Meeting, Walk
 
 
 @dataclass(frozen=True)
@@ -69,11 +66,6 @@ class Sums:
         return self.energy + self.gradient + self.probes
 
     @property
-    def row_size(self) -> int:
-        """Floats per entry of the lists: the columns and padding up to a power of two, for packet loads and stores."""
-        return max(4, 1 << (self.columns - 1).bit_length())
-
-    @property
     def blocks(self) -> Blocks:
         """The backend's blocks, with the overlap that differences of neighbours need."""
         blocks = Blocks.of_backend()
@@ -82,90 +74,77 @@ class Sums:
         return replace(blocks, width=blocks.width + 1, height=blocks.height + 1, overlap=1)
 
 
-@frozen
-def composite_score(
-    grid: Grid, lanes: tuple, tables: Tables, lists: Lists, settings: Settings, sums: Sums,
-    image: list, planes: list, entries, in_turn: bool, share=None,
-) -> list:  # fmt: skip
+def composite_score(view: PreparedView, sums: Sums, image: list, planes: list, share=None) -> list:
     """Sums over a view, per primitive.
 
     Args:
-        grid: made of ``sums.blocks``; the lists must be those of this grid.
+        view: made with ``sums.blocks``.
         image: the 3 planes of the view [H*W], background included.
         planes: if ``sums.weighted``, w; then ξ of each probe, ``sums.channels`` planes each.
-        entries: [entries, sums.row_size] zeros, as many as ``lists`` has entries.
-        in_turn: ``lanes_add_in_turn``.
         share: [N], what is blended is share α, the image being made so: F is then D per share, that is the derivative
             of the image by the share, also where it is 0 (needs ``sums.removal``). None: 1 for all.
 
-    Returns the columns, [N] each. As in ``composite_backward`` each entry has a row of its own, and so the result has
-    the same bits in every run.
+    Returns the columns, [N] each.
     """
-    walk = Walk(grid, lanes, tables, lists, settings)
-    width, channels = walk.blocks.width, range(sums.channels)
-    own = [r * width + c for r in range(walk.blocks.stride_y) for c in range(walk.blocks.stride_x)]
-    behind = [walk.read(plane) for plane in image]
+    return _composite_score(view, sums, image, planes, SlotRows.zeros(view.lists, sums.columns), share)
+
+
+@frozen
+def _composite_score(view: PreparedView, sums: Sums, image: list, planes: list, rows: SlotRows, share) -> list:
+    walk = Walk(view)
+    pixels, blocks, Float = walk.pixels, walk.blocks, walk.types.Float
+    width, channels = blocks.width, range(sums.channels)
+    own = [r * width + c for r in range(blocks.stride_y) for c in range(blocks.stride_x)]
+    behind = [pixels.read(plane) for plane in image]
     if not sums.removal:
         behind = [[r + g + b for r, g, b in zip(*behind, strict=True)]]
-    values = [walk.read(plane) for plane in planes]
+    values = [pixels.read(plane) for plane in planes]
     weight2 = [w * w for w in values.pop(0)] if sums.weighted else None
     # ξ at the lane's own pixels, in the order in which F is listed
     probes = [[values[p * len(channels) + f][k] for f in channels for k in own] for p in range(sums.probes)]
 
     def energy(F: list):
-        total = walk.Float(0)
+        total = Float(0)
         for f in channels:
             for k in own:
                 total = dr.fma(F[f][k] if weight2 is None else F[f][k] * weight2[k], F[f][k], total)
         return total
 
     def gradient_energy(F: list):
-        total = walk.Float(0)
+        total = Float(0)
         for f in channels:
             for k in own:
                 for neighbour in (k + 1, k + width):
-                    difference = dr.select(walk.inside[neighbour], F[f][neighbour] - F[f][k], 0)
+                    difference = dr.select(pixels.inside[neighbour], F[f][neighbour] - F[f][k], 0)
                     total = dr.fma(difference, difference, total)
         return total
 
     def correlation(probe: list, F: list):
-        total = walk.Float(0)
+        total = Float(0)
         for ξ, value in zip(probe, (F[f][k] for f in channels for k in own), strict=True):
             total = dr.fma(ξ, value, total)
         return total
 
-    def body(at, T, behind):
-        T, behind = list(T), [list(plane) for plane in behind]
-        for _ in range(walk.blocks.unroll):
-            isect, active, at = walk.next(at)
-            splat, row, dx, dy = walk.fetch(isect, active)
-            entry = dr.gather(walk.UInt, lists.entry_from_isect, isect, active)
-            alpha, *_ = walk.alphas(splat, row, active, dx, dy)
-            color, opacity = row[FEATURES : FEATURES + 3], dr.exp2(row[5])
-            color = color if sums.removal else [sum(color)]
-            blends = 1 if share is None else dr.gather(walk.Float, share, splat, active)
-            F = [[] for _ in channels]
-            for k in range(walk.pixels):
-                a, blended_alpha = alpha[k], alpha[k] * blends
-                weight, T_behind, go = walk.advance(blended_alpha, T[k])
-                weight = dr.select(go, weight, 0)
-                blended = go & (a != 0)
-                for f in channels:
-                    behind[f][k] = dr.fma(-weight, color[f], behind[f][k])
-                    hidden = walk.hidden(behind[f][k], a, blended_alpha)
-                    d = dr.select(blended, dr.fma(T[k], color[f], -hidden), 0)
-                    F[f].append((a if sums.removal else opacity) * d)
-                T[k] = T_behind
-            result = ([energy(F)] if sums.energy else []) + ([gradient_energy(F)] if sums.gradient else [])
-            result += [correlation(probe, F) for probe in probes]
-            add_row(walk, entries, entry, result, sums.row_size, active, in_turn)
-        return at, T, behind
+    def step(meeting: Meeting, T: list, behind: list) -> None:
+        slot = walk.slot(meeting)
+        alpha = walk.alphas(meeting).values
+        color, opacity = meeting.row.features, dr.exp2(meeting.row.kernel.lo)
+        color = color if sums.removal else [sum(color)]
+        blends = 1 if share is None else dr.gather(Float, share, meeting.splat, meeting.active)
+        F = [[] for _ in channels]
+        for k, a in enumerate(alpha):
+            blended_alpha = a * blends
+            weight, T_behind, goes_on = walk.advance(blended_alpha, T[k], meeting, k)
+            weight = dr.select(goes_on, weight, 0)
+            blended = goes_on & (a != 0)
+            for f in channels:
+                behind[f][k] = dr.fma(-weight, color[f], behind[f][k])
+                hidden = walk.hidden(behind[f][k], a, blended_alpha)
+                d = dr.select(blended, dr.fma(T[k], color[f], -hidden), 0)
+                F[f].append((a if sums.removal else opacity) * d)
+            T[k] = T_behind
+        result = ([energy(F)] if sums.energy else []) + ([gradient_energy(F)] if sums.gradient else [])
+        rows.add(slot, result + [correlation(probe, F) for probe in probes], meeting.active)
 
-    dr.while_loop(
-        (walk.start(), walk.start_T(), behind),
-        lambda at, T, behind: walk.more(at) & walk.alive(T),
-        body,
-        labels=("at", "T", "behind"),
-        label="composite_score",
-    )
-    return sum_rows(walk, entries, sums.row_size, sums.columns)
+    walk.run(step, behind, "composite_score")
+    return rows.sums(view.lists)
