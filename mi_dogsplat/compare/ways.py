@@ -1,4 +1,4 @@
-"""The ways of runs: test PSNR against run time, each beside that of the baseline."""
+"""Each method's way beside that of the baseline: test PSNR against run time, from one densified start."""
 
 from __future__ import annotations
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..support.wording import finite
+from ..training.events import DogActivated, Pruned, Refined
 from .plot import Mark
 from .run_folder import Run
-
-WHY = re.compile(r"\bprune \d+ -> \d+: ([^;]+)")  # one row of the history may name several events
-REFINED = re.compile(r"\brefine: ")
-ACTIVATED = re.compile(r"\bdog activated\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -39,16 +35,15 @@ def prunes(run: Run) -> list[Prune]:
     for i, row in enumerate(run.history):
         before, after = finite(row.get("pruned_from")), finite(row.get("pruned_to"))
         if before is not None and after is not None:
-            why = WHY.search(str(row.get("event") or ""))
-            found.append(Prune(i, row.get("step"), before, after, why[1].strip() if why else ""))
+            reasons = [str(record.get("reason", "")) for record in run.happened(i) if record.get("kind") == Pruned.kind]
+            found.append(Prune(i, row.get("step"), before, after, "".join(reasons[:1])))
     return found
 
 
 def marks(run: Run, x: NDArray[np.float64]) -> list[Mark]:
     """Every prune, by number, and the activation of the DoG; ``x`` [rows] is where each history row stands."""
     numbered = [Mark(str(i + 1), float(x[p.row])) for i, p in enumerate(prunes(run))]
-    activated = [i for i, row in enumerate(run.history) if ACTIVATED.search(str(row.get("event") or ""))]
-    return numbered + [Mark("DoG", float(x[i])) for i in activated]
+    return numbered + [Mark("DoG", float(x[i])) for i in run.rows_with(DogActivated.kind)]
 
 
 def with_drops(
@@ -62,4 +57,4 @@ def with_drops(
 
 def refinements(run: Run) -> int:
     """How many checks let the model go on refining."""
-    return sum(bool(REFINED.search(str(row.get("event") or ""))) for row in run.history)
+    return len(run.rows_with(Refined.kind))
