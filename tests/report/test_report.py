@@ -10,6 +10,7 @@ from mi_dogsplat.report.views import ranked, shown
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.support import pictures
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training.events import Densified, DogActivated, Event, OpacityReset, Pruned, ShDegree, row_of
 
 VIEWS = {f"view{i}": {"psnr": 20.0 + i, "ssim": 0.5 + i / 20, "flip": 0.1, "l1": 0.02} for i in range(9)}
 
@@ -31,7 +32,10 @@ METRICS = {
 
 
 def write_history(run, rows: int = 70) -> None:
-    events = {10: "densify", 20: "opacity_reset", 30: "sh degree 1", 40: "prune", 50: "dog", 60: "moon rises"}
+    events: dict[int, list[Event]] = {
+        10: [Densified(1, 2, 3)], 20: [OpacityReset()], 30: [ShDegree(1)], 40: [Pruned(9, 5, "why not", 0.1)],
+        50: [DogActivated(9)],
+    }  # fmt: skip
     lines = []
     for i in range(rows):
         row = {
@@ -41,7 +45,8 @@ def write_history(run, rows: int = 70) -> None:
             "n": 100 + i,
             "n_dog": 9 if i > 50 else 0,
         }
-        lines.append(json.dumps(row | ({"event": events[i]} if i in events else {})))
+        words = {60: {"event": "moon rises"}}.get(i, {})  # of an older version
+        lines.append(json.dumps(row | row_of(events.get(i, [])) | words))
     (run / "history.jsonl").write_text("\n".join(lines) + "\n")
 
 
@@ -94,8 +99,9 @@ def test_the_page_needs_nothing_but_itself(run):
 
 def test_every_kind_of_event_has_its_lane(run):
     html = text_of(write_report(run))
-    for lane in ("densify", "reset", "SH up", "prune", "DoG", "other"):
+    for lane in ("densify", "reset", "SH up", "prune", "other"):
         assert html.count(f">{lane}</text>") == 2
+    assert html.count(">DoG</text>") == 2 + 4  # and a mark in each plot
 
 
 def test_test_psnr_is_drawn_where_the_history_has_it(run):

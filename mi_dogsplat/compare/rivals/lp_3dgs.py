@@ -80,6 +80,4 @@ class LearnToPrune(Strategy[None]):
         return result
 
 
-RECIPE = Recipe(
-    pruning=PruningRule(TO, TO, division=(1.0,), rounds=1), score=LargestWeight(), also=(LearnToPrune(),)
-)
+RECIPE = Recipe(pruning=PruningRule(TO, TO, division=(1.0,), rounds=1), score=LargestWeight(), also=(LearnToPrune(),))
