@@ -21,8 +21,9 @@ import numpy as np
 
 from ...engine.parameters import device_array
 from ...engine.project import softplus
+from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
-from ...training.strategy.scheduler import PruningRule, scaled_milestone
+from ...training.strategy.scheduler import PruningRule
 from ...training.strategy.strategy import Seen, Strategy, Training
 from .radsplat import LargestWeight
 
