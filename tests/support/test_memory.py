@@ -133,7 +133,7 @@ def test_the_cap_falls_as_primitives_touch_more_tiles_and_removes_none():
         assert known.pairs == 0
     assert caps[0] > caps[1] > caps[2] > 10_000
     known.pairs = 10**9
-    assert known.bounded(None, 10_000) == (10_000, MemoryFull(10_000, "1.0 GB"))
+    assert known.bounded(None, 10_000) == (10_000, MemoryFull(10_000, "1 GB"))
     assert known.bounded(500, 10_000) == (500, None)
 
 
