@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ..datasets import load_dataset
+from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import replacing, write_json
 from ..support.locks import locked
@@ -69,7 +69,7 @@ def compare(
         tasks = [task for task in tasks if not task.done]
         failed: dict[str, str] = {}
         _write(out, failed)
-        threads = max(1, (os.cpu_count() or 1) // workers) if workers and not cluster else 0
+        threads = max(1, usable_cores() // workers) if workers and not cluster else 0
         means = Means(config.variant, threads, {name: getattr(config, name) for name in FREE})
         outcomes = on_cluster(tasks, means, client) if on_dask else one_after_another(tasks, means)
         for number, outcome in enumerate(outcomes, 1):

@@ -6,14 +6,12 @@ two classes, of whose scores l is the difference; straight through, temperature 
     C = Σ c m α T,  T <- T (1 - m α),  loss + 5e-4 (mean m)²
 
 What is not drawn is not blended and its own parameters have no gradient, but m has: it learns what it would contribute.
-That derivative is exact here (``composite_score`` with a share). Every 1,000 steps those go that ten draws do not show;
+That derivative is exact here (``walks/score.py`` with a share). Every 1,000 steps those go that ten draws do not show;
 at step 25,000 those with the least probability, down to the budget, and all others exist from then on. In the paper
 masks are learned while it densifies, too; here from the densified start on, at first with a probability of 98 %. In a
 run of another length the step size of the scores changes inversely: they come as far.
 """
 
-# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -24,15 +22,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ...engine.composite_derivatives import lanes_add_in_turn
-from ...engine.composite_score import Sums, composite_score
-from ...engine.geometry import Grid
+from ...engine.options import RasterOptions
 from ...engine.parameters import device_array
-from ...engine.project import DeviceCamera, project
-from ...engine.rasterize import RasterOptions
-from ...engine.tables import pack
-from ...engine.tiles import tiles
-from ...engine.walk import Settings
+from ...engine.project import DeviceCamera
+from ...engine.view import prepare
+from ...engine.walks.score import Sums, composite_score
 from ...scores.score import ScoreRule
 from ...training.events import Event
 from ...training.milestones import scaled_milestone
@@ -61,14 +55,7 @@ def by_share(params: dict, camera: DeviceCamera, options: RasterOptions, share: 
         image: 3 planes of the view with these m, background included.
         adjoint: of the planes.
     """
-    projection = project(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)
-    grid = Grid.of(camera.width, camera.height, SUMS.blocks, mi.variant())
-    tables, lists = pack(projection, projection.colors), tiles(projection, grid, options.cutoffs)
-    settings = Settings(3, options.cutoffs, options.negative_transmittance, options.patch)
-    Float: Any = dr.detached_t(mi.Float)
-    entries = dr.zeros(Float, dr.width(lists.entry_from_isect) * SUMS.row_size)
-    walk = grid, grid.lanes, tables, lists, settings
-    return composite_score(*walk, SUMS, image, adjoint, entries, lanes_add_in_turn(mi.variant()), share)[0]
+    return composite_score(prepare(params, camera, options, SUMS.blocks), SUMS, image, adjoint, share)[0]
 
 
 @dataclass(frozen=True)
