@@ -185,7 +185,7 @@ def info(args: argparse.Namespace) -> None:
     if args.features or args.file.suffix == ".xml":
         set_variant("auto")  # to count operations, to render the sensors of a scene
     if args.features:
-        from ..inspection.features import describe_features as describe
+        from ..inspection.describe_features import describe_features as describe
     else:
         from ..inspection.info import describe
 

@@ -69,7 +69,7 @@ def requirements(name: str) -> set[str]:
     """Packages of a list in pyproject.toml, without their versions."""
     listed = re.search(rf"^{name} = \[(.*)\]$", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
     assert listed, name
-    return {re.split(r"[<>=\[]", item.strip(' "'))[0] for item in listed[1].split(",")}
+    return set(re.findall(r'"([\w-]+)', listed[1]))
 
 
 def test_the_core_needs_mitsuba_and_numpy_only():

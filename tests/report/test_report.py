@@ -11,6 +11,7 @@ from mi_dogsplat.report.views import ranked, shown
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.support import pictures
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training.events import Densified, DogActivated, Event, OpacityReset, Pruned, ShDegree, row_of
 
 VIEWS = {f"view{i}": {"psnr": 20.0 + i, "ssim": 0.5 + i / 20, "flip": 0.1, "l1": 0.02} for i in range(9)}
 
@@ -32,7 +33,10 @@ METRICS = {
 
 
 def write_history(run, rows: int = 70) -> None:
-    events = {10: "densify", 20: "opacity_reset", 30: "sh degree 1", 40: "prune", 50: "dog", 60: "moon rises"}
+    events: dict[int, list[Event]] = {
+        10: [Densified(1, 2, 3)], 20: [OpacityReset()], 30: [ShDegree(1)], 40: [Pruned(9, 5, "why not", 0.1)],
+        50: [DogActivated(9)],
+    }  # fmt: skip
     lines = []
     for i in range(rows):
         row = {
@@ -42,7 +46,8 @@ def write_history(run, rows: int = 70) -> None:
             "n": 100 + i,
             "n_dog": 9 if i > 50 else 0,
         }
-        lines.append(json.dumps(row | ({"event": events[i]} if i in events else {})))
+        words = {60: {"event": "moon rises"}}.get(i, {})  # of an older version
+        lines.append(json.dumps(row | row_of(events.get(i, [])) | words))
     (run / "history.jsonl").write_text("\n".join(lines) + "\n")
 
 
@@ -108,8 +113,9 @@ def test_the_page_needs_nothing_but_itself(run):
 
 def test_every_kind_of_event_has_its_lane(run):
     html = text_of(write_report(run))
-    for lane in ("densify", "reset", "SH up", "prune", "DoG", "other"):
+    for lane in ("densify", "reset", "SH up", "prune", "other"):
         assert html.count(f">{lane}</text>") == 2
+    assert html.count(">DoG</text>") == 2 + 4  # and a mark in each plot
 
 
 def test_test_psnr_is_drawn_where_the_history_has_it(run):
@@ -179,7 +185,7 @@ def test_text_from_the_run_cannot_become_markup(run):
     views = {evil: {"psnr": 1.0, "ssim": evil}, "a&<b>": {"psnr": 2.0}}
     profile = {"view": evil, "without": evil, "row": evil, "with_dog": {"metrics": {"psnr": evil}}}
     row = {"step": evil, "seconds": 1, "l1": 0.1, "n": 5, "pruned_from": 9, "pruned_to": 5}
-    row["event"] = f"prune 9 -> 5: {evil}; dog activated"
+    row |= {"event": evil, "events": [{"kind": "pruned", "reason": evil}, {"kind": evil}, evil]}
     (run / "config.json").write_text(json.dumps(config))
     metrics = {"versions": {evil: evil}, "views": views, "variant": evil, "n": evil}
     (run / "metrics.json").write_text(json.dumps(metrics))

@@ -10,6 +10,7 @@ from mi_dogsplat.report.plot import WIDTH, Mark, Series, line_plot
 from mi_dogsplat.report.prunes import marks, prunes, with_drops
 from mi_dogsplat.report.run_folder import read_run
 from mi_dogsplat.report.write import write_report
+from mi_dogsplat.training.events import DogActivated, OpacityReset, Pruned, Refined, ShDegree, row_of
 
 PRUNES = {  # step: from, to, why
     150: (4000, 2200, "first check"),
@@ -26,12 +27,11 @@ def run(tmp_path):
         row = {"step": step, "seconds": step / 10, "l1": 0.02, "n_dog": 0, "test_psnr": 25.0}
         if step in PRUNES:
             before, n, why = PRUNES[step]
-            row |= {"pruned_from": before, "pruned_to": n, "train_l1": 0.021}
-            row["event"] = f"reset opacity; prune {before} -> {n}: {why}; sh degree 1"
+            row |= row_of([OpacityReset(), Pruned(before, n, why, 0.021), ShDegree(1)])
         if step in (170, 220):
-            row |= {"train_l1": 0.022, "event": "refine: L1 0.0213 > 0.95 x 0.0215"}
+            row |= row_of([Refined("L1 0.0213 > 0.95 x 0.0215", 0.022)])
         if step == 260:
-            row["event"] = "dog activated 400 primitives"
+            row |= row_of([DogActivated(400)])
         history.append(row | {"n": n})
     (tmp_path / "history.jsonl").write_text("\n".join(map(json.dumps, history)))
     return tmp_path

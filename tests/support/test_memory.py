@@ -17,6 +17,7 @@ from mi_dogsplat.support import memory
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.memory import available_memory, bytes_of, peak_memory_mb
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.events import MemoryFull
 from mi_dogsplat.training.footprint import FIRST_PAIRS, MARGIN, Budget, budget
 from mi_dogsplat.training.train import Trainer
 from tiny_data import write_tiny_data
@@ -154,16 +155,15 @@ def test_primitives_grow_until_the_memory_is_full_and_the_history_says_so(data, 
 
 def test_the_cap_falls_as_primitives_touch_more_tiles_and_removes_none():
     known = Budget(total=1e9, fixed=2e8, floats=62)
-    rule = Trainer.__init__.__globals__["RECIPES"]["3dgs"].densification
     caps = []
     for pairs in (10_000, 100_000, 1_000_000):
         known.pairs = pairs
-        caps.append(known.bounded(rule, 10_000)[0].max_primitives)
+        caps.append(known.bounded(None, 10_000)[0])
         assert known.pairs == 0
     assert caps[0] > caps[1] > caps[2] > 10_000
     known.pairs = 10**9
-    bounded, event = known.bounded(rule, 10_000)
-    assert bounded.max_primitives == 10_000 and "no more than 10000 primitives" in event
+    assert known.bounded(None, 10_000) == (10_000, MemoryFull(10_000, "1 GB"))
+    assert known.bounded(500, 10_000) == (500, None)
 
 
 def test_images_that_do_not_fit_are_refused_before_they_are_read(data, monkeypatch):
