@@ -13,6 +13,7 @@ mi.set_variant(VARIANT)
 WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0"))  # 0: all tests run in this process
 
 
+@pytest.hookimpl(optionalhook=True)  # unknown where pytest-xdist is not installed
 def pytest_xdist_auto_num_workers() -> int:
     """``pytest -n auto``: one for each core that may be used."""
     return usable_cores()
