@@ -1,8 +1,8 @@
 """Shape plugin ``dog``: a cloud of Gaussian and Difference-of-Gaussians primitives."""
 
-# The stubs of Mitsuba give properties as "object": argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
 from __future__ import annotations
+
+from typing import Any, cast
 
 import drjit as dr
 import mitsuba as mi
@@ -58,10 +58,17 @@ class DogShape(mi.Mesh):
         }
     """
 
-    def __init__(self, props: mi.Properties):
-        # A triangle without area: rays never meet it, and Mitsuba's vectorised calls, which also trace the meshes of
-        # other scenes, find no empty buffer.
-        mi.Mesh.__init__(self, "dog", vertex_count=3, face_count=1)
+    # raw parameters, as the names in ``RAW`` and ``RAW_DOG``
+    means: mi.TensorXf
+    log_scales: mi.TensorXf
+    quats: mi.TensorXf
+    logit_opacities: mi.TensorXf
+    sh_coeffs: mi.TensorXf
+    dog_logit_opacities: mi.TensorXf
+    dog_log_scales: mi.TensorXf
+
+    def __init__(self, props: Any):
+        _start_as_a_point(self)
         self.set_id(props.id())
         given = [name for name in (*RAW, "dog_index", *RAW_DOG) if name in props]
         if ("filename" in props) == bool(given):
@@ -74,7 +81,7 @@ class DogShape(mi.Mesh):
                 splats = Splats(**{name: _to_numpy(props[name]) for name in given})
                 self.source = "tensors"
             else:
-                resolver = mi.file_resolver()
+                resolver = cast(Any, mi.file_resolver)()
                 self.source = str(resolver.resolve(props["filename"]))
                 splats = read_ply(self.source)
             matrix = np.array(props.get("to_world", mi.ScalarTransform4f()).matrix, dtype=np.float64)
@@ -175,6 +182,19 @@ class DogShape(mi.Mesh):
     def to_string(self) -> str:
         m = self.dog_index if self.has_dog else []
         return f"DogShape[\n  source = {self.source},\n  primitives = {self.means.shape[0]},\n  dog = {len(m)}\n]"
+
+
+def _start_as_a_point(mesh: mi.Mesh) -> None:
+    """Construct a mesh of one triangle without area.
+
+    Rays never meet it, and Mitsuba's vectorised calls, which also trace the meshes of other scenes, find no empty
+    buffer. Mitsuba 3.10 has no constructor with counts; it fills what was constructed empty.
+    """
+    if hasattr(mesh, "from_fields"):
+        mi.Mesh.__init__(mesh, mi.Properties())
+        mesh.from_fields(faces=dr.zeros(mi.TensorXu, (1, 3)), positions=dr.zeros(mi.TensorXf, (3, 3)))
+    else:
+        mi.Mesh.__init__(mesh, "dog", vertex_count=3, face_count=1)
 
 
 def _tensor(values: np.ndarray) -> mi.TensorXf:

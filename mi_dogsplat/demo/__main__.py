@@ -20,6 +20,7 @@ from ..runs.run import train
 from ..support.errors import DataError
 from ..support.pictures import write_png
 from ..support.srgb import linear_to_srgb
+from ..support.variants import set_variant
 from ..training.config import TrainConfig
 
 SCENE = Path(__file__).parents[2] / "scenes" / "demo_truth.xml"
@@ -37,8 +38,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--size", type=int, default=256, help="their width and height in pixels")
     parser.add_argument("--picture", type=Path, help="where truth and model are shown (default: OUT/demo.png)")
     args = parser.parse_args(argv)
-    mi.set_variant("llvm_ad_rgb")
     try:
+        set_variant("llvm_ad_rgb")
         _demo(args)
     except DataError as error:
         print(f"demo: {error}", file=sys.stderr)
