@@ -62,13 +62,9 @@ def by_share(params: dict, camera: DeviceCamera, options: RasterOptions, share: 
 class Absent(Event):
     """Primitives that left because no draw showed them."""
 
-    kind = "absent"
+    kind, words = "absent", "{count} primitives absent in {draws} draws"
     count: int
     draws: int
-
-    @property
-    def text(self) -> str:
-        return f"{self.count} primitives absent in {self.draws} draws"
 
 
 @dataclass(frozen=True)
