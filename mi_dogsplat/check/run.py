@@ -19,9 +19,10 @@ from ..support.files import replacing, write_json
 from ..support.versions import versions
 from ..support.wording import finite
 from . import PARTS, stability, work_precision
-from .page import check_page
 from .scenes import Scene, model_scene, synthetic_scenes
 from .training import read_training
+
+TEMPLATE_PACKAGES = ("jinja2", "markupsafe")
 
 
 def model_to_check(args: argparse.Namespace) -> Scene:
@@ -46,7 +47,7 @@ def check(
     rounds: int = 9,
     progress: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
-    """Run ``parts`` of ``PARTS``, write ``check.json`` and ``check.html`` to ``out``; returns what the former holds.
+    """Run ``parts`` of ``PARTS``, write ``check.json`` and, with the extra ``train``, ``check.html`` to ``out``.
 
     Args:
         model: measured after the scenes that are made here; None: those alone.
@@ -55,9 +56,9 @@ def check(
         rounds: how often each setting is timed.
         progress: told in one line what is being done.
 
-    The keys are ``model_name`` (None without one), ``machine`` and, of the parts that were run, ``work_precision``
-    (``work_precision.measure`` per scene), ``stability``, ``stiffness`` and ``training``. What is not a finite number
-    is null. Raises ``DataError`` before anything is written.
+    Returns what ``check.json`` holds. Its keys are ``model_name`` (None without one), ``machine`` and, of the parts
+    that were run, ``work_precision`` (``work_precision.measure`` per scene), ``stability``, ``stiffness`` and
+    ``training``. What is not a finite number is null. Raises ``DataError`` before anything is written.
     """
     training = read_training(runs) if "training" in parts else []
     jobs: dict[str, Callable[[], Any]] = {}
@@ -79,9 +80,21 @@ def check(
     report: dict[str, Any] = {"model_name": model.name if model else None, "machine": _machine(rounds)}
     report = _plain(report | {name: job() for name, job in jobs.items()})
     write_json(out / "check.json", report)
-    with replacing(out / "check.html") as part:
-        part.write_text(check_page(report), encoding="utf-8")
+    _write_page(report, out / "check.html")
     return report
+
+
+def _write_page(report: dict[str, Any], path: Path) -> None:
+    """The page. Without the extra ``train`` there is none, and none of an earlier check either."""
+    path.unlink(missing_ok=True)
+    try:
+        from .page import check_page
+    except ModuleNotFoundError as error:
+        if error.name not in TEMPLATE_PACKAGES:
+            raise
+        return
+    with replacing(path) as part:
+        part.write_text(check_page(report), encoding="utf-8")
 
 
 def _machine(rounds: int) -> dict[str, Any]:

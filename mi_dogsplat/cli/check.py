@@ -20,7 +20,8 @@ def run_check(args: argparse.Namespace) -> int:
 
     model = model_to_check(args) if args.model else None
     report = check(model, args.out, args.runs, parts, args.width, args.rounds, lambda line: print(line, flush=True))
-    print(args.out / "check.html")
+    page = args.out / "check.html"
+    print(page if page.exists() else page.with_suffix(".json"))
     if wrong := [row["name"] for row in report.get("stability", []) if row["verdict"] == "wrong"]:
         print(f"dogsplat: stability: {len(wrong)} wrong: {', '.join(wrong)}", file=sys.stderr)
     return 1 if wrong else 0
