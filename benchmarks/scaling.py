@@ -3,7 +3,7 @@
 ``python -m benchmarks scaling``; ``--help`` names the sizes. Primitives are spread evenly over the view, in a random
 order of depth, with constant colours (``training_step`` has SH). They are faint, so that no walk ends early and time
 follows the work. "Fixed coverage": areas shrink as primitives become more, which keeps the sum of their pixels; lists
-grow all the same, because no primitive has less than one entry. All columns of a table are timed in turns, medians.
+grow all the same, because no primitive has less than one isect. All columns of a table are timed in turns, medians.
 
 The stages are those of ``rasterize``: project (with SH and the table the compositor reads), tiles (lists, sorts), and
 composite; "backward" is the difference of the two passes. An exponent is the slope of log(time) over log(size), by

@@ -4,8 +4,6 @@ Kernels are specialised while they are traced: what is left out has no instructi
 (``tests/engine/test_lean.py`` shows it). Operations are counted in the kernels of this machine (``kernel_costs.py``).
 """
 
-# The stubs of Mitsuba give plugins as their base classes.
-# pyright: reportAttributeAccessIssue=false
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -115,6 +115,13 @@ def test_a_cycle_is_found():
     assert cycle({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
 
 
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_nothing_but_checks_imports_the_reference(path):
+    """What is tested against it has nothing from it: a mistake there would be on both sides, and invisible."""
+    if station(path) not in ("reference", "check"):
+        assert "reference" not in imported_stations(path)
+
+
 def test_every_station_exists():
     there = {station(path) for path in MODULES}
     assert set(LEVEL) <= there, f"no longer there: {', '.join(sorted(set(LEVEL) - there))}"
