@@ -1,4 +1,4 @@
-"""``dogsplat info --features``: what a model or a scene needs, what that costs, and what was left out.
+"""What a model or a scene needs, what that costs, and what was left out.
 
 Kernels are specialised while they are traced: what is left out has no instruction, no byte and no parameter in them
 (``tests/engine/test_lean.py`` shows it). Operations are counted in the kernels of this machine (``kernel_costs.py``).
@@ -9,7 +9,6 @@ Kernels are specialised while they are traced: what is left out has no instructi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
@@ -20,20 +19,13 @@ from ..engine.kernel_costs import aov_operations, operations, pair_operations, p
 from ..engine.rasterize import RasterOptions
 from ..engine.walk import Settings
 from ..plugin.transfer import srgb_to_linear
-from ..scene.ply import read_ply
 from ..scene.splats import MAX_SH_DEGREE, Splats
-from ..support.errors import DataError
 from ..support.wording import count
-from .info import kind_of
 
 NEEDED, LEFT_OUT, UNUSED = "needed", "left out", "paid, not needed"
 PARAMETERS = 14  # of a Gaussian: centre 3, scales 3, quaternion 4, opacity, colour 3
 DOG_PARAMETERS = 4  # opacity, scales 3
 FLOAT = 4  # bytes, of an index too
-LEGEND = (
-    "operations are instructions of the kernels; each: of a primitive, to project it; "
-    "per pixel: of a primitive at a pixel that it meets, forward + derivative"
-)
 
 
 @dataclass(frozen=True)
@@ -51,22 +43,6 @@ class Feature:
 def feature(name: str, needed: bool, reason: str, otherwise: str) -> Feature:
     """``needed`` for a reason, or left out for another."""
     return Feature(name, NEEDED, reason) if needed else Feature(name, LEFT_OUT, otherwise)
-
-
-def describe_features(path: str | Path) -> list[str]:
-    """Lines about what is at ``path``. Needs a Mitsuba variant. Raises ``DataError``, as ``info.describe`` does."""
-    from .training_features import dataset_features, run_features  # it builds on this module
-
-    path = Path(path)
-    kind = kind_of(path)
-    if kind == "model":
-        found = model_features([read_ply(path)]) + choices_of_a_render()
-    elif kind == "run":
-        found = run_features(path)
-    else:
-        scene = _splat_scene(path)
-        found = scene_features(scene) if scene else dataset_features(path)
-    return [f"{path}: what it needs and what is left out", *map(str, found), LEGEND]
 
 
 def model_features(parts: list[Splats], negative_transmittance: bool = True) -> list[Feature]:
@@ -180,22 +156,6 @@ def _joining(parts: list[Splats]) -> str:
     size = FLOAT * (PARAMETERS + 3 * ((degree + 1) ** 2 - 1))
     padding = f", {count(padded)} of them padded to SH degree {degree}" if padded else ""
     return f"{len(parts)}; joined in every render, which copies {size} bytes of each primitive{padding}"
-
-
-def _splat_scene(path: Path) -> mi.Scene | None:
-    """The Mitsuba scene at ``path`` if it is one of ``dog`` shapes and the ``dogsplat`` integrator."""
-    from ..integrator import DogSplatIntegrator  # of the active variant
-    from ..shape_dog import DogShape
-
-    if path.suffix != ".xml":
-        return None
-    try:
-        scene = mi.load_file(str(path))
-    except Exception as error:  # Mitsuba raises several kinds, all of them with a message to show
-        raise DataError(path, f"Mitsuba cannot load it ({error})", "correct the scene") from error
-    if not isinstance(scene, mi.Scene) or not isinstance(scene.integrator(), DogSplatIntegrator):
-        return None
-    return scene if any(isinstance(shape, DogShape) for shape in scene.shapes()) else None
 
 
 def _used_degree(splats: Splats) -> int:

@@ -17,7 +17,8 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.engine.walk import Settings
-from mi_dogsplat.inspection.features import describe_features, model_features, scene_features
+from mi_dogsplat.inspection.describe_features import describe_features
+from mi_dogsplat.inspection.features import model_features, scene_features
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from splat_scenes import dog_dict, make_camera, random_splats, rounded, scene_of, square_camera
