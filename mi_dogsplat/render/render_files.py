@@ -19,7 +19,7 @@ from ..scene.ply import read_ply
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.files import replacing
-from ..support.pictures import write_bitmap, write_exr, write_png
+from ..support.pictures import write_channels, write_exr, write_png
 from ..support.srgb import linear_to_srgb
 from .framing import NEAR_SHARE, automatic_camera, robust_sphere
 from .picture import Picture, background_color, premultiplied, render_picture
@@ -138,7 +138,9 @@ def render_scene(path: str | Path, out: str | Path) -> None:
     if out.suffix.lower() == ".npz":
         raise DataError(out, "arrays hold pictures of models only", "name a file that ends in .png or .exr")
     if out.suffix.lower() == ".exr":
-        _write(out, lambda: write_bitmap(out, bitmap, mi.Bitmap.FileFormat.OpenEXR))
+        planes = np.array(bitmap).reshape(bitmap.height(), bitmap.width(), -1)  # [H, W, channels]
+        named = {field.name: planes[..., k] for k, field in enumerate(bitmap.struct_())}
+        _write(out, lambda: write_channels(out, named))
         return
     if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:  # AOVs came along
         bitmap = dict(bitmap.split())["<root>"]

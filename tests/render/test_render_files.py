@@ -258,6 +258,19 @@ def test_a_scene_is_written_linear_as_exr_and_encoded_as_png(tmp_path):
     assert abs(encoded.ravel() - expected).max() < 2
 
 
+FILMS = {"luminance": {"Y"}, "rgb": {"R", "G", "B"}, "xyz": {"X", "Y", "Z"}}
+
+
+@pytest.mark.parametrize("pixels", FILMS)
+def test_a_scene_keeps_the_channels_of_its_film(tmp_path, pixels):
+    render_scene(scene_file(tmp_path, SPHERE + SENSOR.replace('"rgba"/>', f'"{pixels}"/>')), tmp_path / "s.exr")
+    with OpenEXR.File(str(tmp_path / "s.exr"), separate_channels=True) as file:
+        found = {name: channel.pixels for name, channel in file.channels().items()}
+    assert set(found) == FILMS[pixels]
+    for plane in found.values():
+        assert plane.dtype == np.float32 and plane.shape == (16, 20) and 0.3 < plane[8, 10] < 0.7
+
+
 def test_a_scene_with_a_dog_shape_shows_the_model(model, tmp_path):
     shape = f'<shape type="dog"><string name="filename" value="{model}"/></shape>'
     integrator = '<integrator type="dogsplat"><string name="aovs" value="depth"/></integrator>'
