@@ -73,8 +73,8 @@ def _writing(out: Path) -> Iterator[None]:
         problem = f"cannot be written ({error.strerror or error})"
         if error.errno in FORBIDDEN:
             raise DataError(path, problem, "name a folder that can be written, or correct its permissions") from error
-        again = "--resume goes on from the checkpoint" if (out / CHECKPOINT).exists() else "the same command starts anew"
-        raise DataError(path, problem, f"make room, or look after the disk; then {again}") from error
+        again = "--resume goes on from the checkpoint" if (out / CHECKPOINT).exists() else "start it again"
+        raise DataError(path, problem, f"make room, or look after the disk; {again}") from error
 
 
 def train(
