@@ -11,7 +11,6 @@ from ..check import PARTS
 from ..datasets.capture_config import CaptureConfig
 from ..render.picture_options import PictureOptions
 from ..support.settings import settings_of
-from ..support.versions import versions
 from ..training.config import TrainConfig
 from .help import (
     ABLATE_EXAMPLES,
@@ -61,6 +60,8 @@ class Version(argparse.Action):
     """``--version``: looked up when it is asked for."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        from ..support.versions import versions  # here: what it imports takes a hundredth of a second
+
         found = versions()
         print("dogsplat", found.pop("mi_dogsplat") + "".join(f", {name} {value}" for name, value in found.items()))
         parser.exit()
