@@ -5,7 +5,7 @@ on a trained model, whose own DoG parameters are then a case as well (100 % is a
 chosen at random. Colours are constant: SH costs the same with and without DoG. All columns of a table are timed in
 turns, medians; "x" is the time against 0 %.
 
-The last columns are shares of the (tile, DoG primitive) pairs in which the pseudo-Gaussian exceeds a level at some
+The last columns are shares of the isects of DoG primitives in which the pseudo-Gaussian exceeds a level at some
 pixel. In the others the compositor might leave its kernel out: no pixel would change by more than the level.
 """
 
@@ -130,12 +130,12 @@ def rendering(splats: Splats, camera: Camera) -> Callable[[], None]:
 
 
 def markdown(models: dict[float, Splats], camera: Camera, ms: dict[tuple[float, str], float]) -> str:
-    head = ["DoG", "entries", "x", *(f"{name}, ms | x" for name in PASSES), *(f"> 2^-{level}" for level in LEVELS)]
+    head = ["DoG", "isects", "x", *(f"{name}, ms | x" for name in PASSES), *(f"> 2^-{level}" for level in LEVELS)]
     lines = ["| " + " | ".join(head) + " |", "|---" * (3 + 2 * len(PASSES) + len(LEVELS)) + "|"]
-    plain_entries, _ = tile_pairs(models[0], camera)
+    plain_isects, _ = tile_pairs(models[0], camera)
     for share, splats in models.items():
-        entries, met = tile_pairs(splats, camera)
-        cells = [f"{share:.0%}", f"{entries:,}", f"{entries / plain_entries:.3f}"]
+        isects, met = tile_pairs(splats, camera)
+        cells = [f"{share:.0%}", f"{isects:,}", f"{isects / plain_isects:.3f}"]
         for name in PASSES:
             cells += [f"{ms[share, name]:.2f}", f"{ms[share, name] / ms[0, name]:.3f}"]
         cells += [f"{value:.0%}" for value in met] or [""] * len(LEVELS)
@@ -144,9 +144,9 @@ def markdown(models: dict[float, Splats], camera: Camera, ms: dict[tuple[float, 
 
 
 def tile_pairs(splats: Splats, camera: Camera) -> tuple[int, list[float]]:
-    """(entries of the tile lists, share of the DoG ones that exceed each of LEVELS); no shares without DoG."""
+    """(isects, share of the DoG ones that exceed each of LEVELS); no shares without DoG."""
     projection = project(upload(splats), DeviceCamera.upload(camera), sh_degree=0)
-    grid = Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
+    grid = Grid.of(camera.width, camera.height, Blocks.of_backend())
     lists = tiles(projection, grid, Cutoffs())
     splat = lists.splat_from_isect.numpy()
     if projection.pseudo is None:

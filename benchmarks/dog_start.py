@@ -22,7 +22,7 @@ from mi_dogsplat.render.picture import over_background
 from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.presets import RECIPES
-from mi_dogsplat.training.strategy.dog_control import DogRule, activate
+from mi_dogsplat.training.strategy.dog_control import DogRule
 from mi_dogsplat.training.train import Trainer
 
 from .models import DATA
@@ -111,9 +111,7 @@ def _continue(
     trainer = Trainer(config, dataset, replace(RECIPES[config.preset], dog=rule))
     trainer.restore(state)
     before = _test_psnr(trainer)
-    if rule:
-        activate(rule, trainer.optimizer)
-    trainer.dog_activated = True
+    trainer.begin()  # makes it DoG
     after = _test_psnr(trainer)
     steps = config.steps - trainer.step_count if steps is None else steps
 

@@ -1,11 +1,11 @@
 """How near the forward compositor is to what its arithmetic needs, on AVX-512: instructions and cycles per step.
 
 In a step each of the 16 lanes of a tile blends its next primitive into its 16 pixels: 16 vectors of 16 lanes. A packet
-takes as many steps as the longest list of its lanes. ``needed`` counts the least that the formulation of ``walk.py``
-has to do in a step, as a table. Against it stands the machine code: Dr.Jit hands out its LLVM IR, and ``opt`` and
-``llc`` (packages llvm-19, of Dr.Jit's own version) compile it as Dr.Jit does; the result is the code that Dr.Jit logs
-at level Trace, instruction by instruction. ``llvm-mca`` estimates its cycles, and the clock its real ones, on a model
-so faint that no walk ends early. ``machine_code.py`` explains the bounds.
+takes as many steps as the longest list of its lanes. ``needed`` counts the least that the formulation of
+``engine/walks/walk.py`` has to do in a step, as a table. Against it stands the machine code: Dr.Jit hands out its LLVM
+IR, and ``opt`` and ``llc`` (packages llvm-19, of Dr.Jit's own version) compile it as Dr.Jit does; the result is the
+code that Dr.Jit logs at level Trace, instruction by instruction. ``llvm-mca`` estimates its cycles, and the clock its
+real ones, on a model so faint that no walk ends early. ``machine_code.py`` explains the bounds.
 """
 
 from __future__ import annotations
@@ -25,13 +25,15 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.engine.composite import composite
-from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
+from mi_dogsplat.engine.arrays import array_types
+from mi_dogsplat.engine.geometry import Blocks, Grid
+from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera, project
-from mi_dogsplat.engine.tables import FEATURES, pack
-from mi_dogsplat.engine.tiles import WORD, Lists, tiles
-from mi_dogsplat.engine.walk import Settings
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.tables import FIRST_FEATURE
+from mi_dogsplat.engine.tiles import WORD, TileLists
+from mi_dogsplat.engine.view import prepare
+from mi_dogsplat.engine.walks.composite import composite
 
 from .machine_code import bound, compiled, kind_of, loop_of, mca_cycles, pipe_counts, processor
 from .scaling import even_splats, front_camera
@@ -54,10 +56,10 @@ def needed(blocks: Blocks) -> list[Need]:
     """The least per step. State lives in memory: it is four times the registers; each load serves ``unroll`` steps.
 
     The stop at T < 1e-4 costs its comparison and a masked move: the colours' multiplications are masked for nothing.
-    Each lane has an entry of its own: rows are loaded lane by lane, in quarters that an insertion joins, and
+    Each lane has an isect of its own: rows are loaded lane by lane, in quarters that an insertion joins, and
     transposed.
     """
-    columns = FEATURES + COLORS
+    columns = FIRST_FEATURE + COLORS
     w, h, pixels = blocks.width, blocks.height, blocks.width * blocks.height
     state = pixels * (1 + COLORS) / blocks.unroll
     return [
@@ -82,10 +84,10 @@ def needed(blocks: Blocks) -> list[Need]:
         Need("state from memory", "load", state),
         Need("state to memory", "store", state),
         Need("bits of the lane: lowest, rest, is there one", "any", 6),
-        Need("its word where there is none, index of the primitive", "load", 2 * blocks.lanes, folded=True),
-        Need("address of the row, to scalar registers", "to scalar", blocks.lanes),
-        Need("row of the primitive", "load", columns / 4 * blocks.lanes, folded=True),
-        Need("row of the primitive, insertions", "compare", columns / 4 * (blocks.lanes - 4)),
+        Need("its word where there is none, index of the primitive", "load", 2 * blocks.lanes_per_tile, folded=True),
+        Need("address of the row, to scalar registers", "to scalar", blocks.lanes_per_tile),
+        Need("row of the primitive", "load", columns / 4 * blocks.lanes_per_tile, folded=True),
+        Need("row of the primitive, insertions", "compare", columns / 4 * (blocks.lanes_per_tile - 4)),
         Need("row of the primitive, transposed", "any", columns * 2),
     ]
 
@@ -103,7 +105,7 @@ def main(flags: Sequence[str]) -> None:
     mi.set_variant(args.variant)
     dr.set_thread_count(args.threads or dr.thread_count())
     blocks = Blocks.of_backend()
-    if dr.backend_v(mi.Float) != dr.JitBackend.LLVM or blocks.lanes != 16:
+    if dr.backend_v(mi.Float) != dr.JitBackend.LLVM or blocks.lanes_per_tile != 16:
         raise SystemExit("floor: counts AVX-512 code; the variant must be one of llvm_*")
     run, steps = compositor(args.primitives, args.sigma, blocks)
     kernel = history(run, 1)[0]
@@ -157,21 +159,19 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
 def compositor(n: int, sigma: float, blocks: Blocks) -> tuple[Callable[[], None], int]:
     """The forward compositor on its own, at 400x300, and the number of steps that its packets take."""
     camera = front_camera(400)
-    grid = Grid(camera.width, camera.height, blocks)
     params = upload(even_splats(n, sigma, camera, opacity=0.01))
-    projection = project(params, DeviceCamera.upload(camera), sh_degree=0)
-    stages = grid, grid.lanes, pack(projection, projection.colors), tiles(projection, grid, Cutoffs())
-    dr.eval(stages)
+    view = prepare(params, DeviceCamera.upload(camera), RasterOptions(0), blocks)
+    dr.eval(view)
 
     def run() -> None:
-        dr.eval(composite(*stages, Settings(COLORS)))
+        dr.eval(composite(view))
 
-    return run, steps_of(stages[3], grid)
+    return run, steps_of(view.lists, view.grid)
 
 
-def steps_of(lists: Lists, grid: Grid) -> int:
+def steps_of(lists: TileLists, grid: Grid) -> int:
     """Steps of all packets: in an empty word of its list a lane takes one for nothing."""
-    words = lists.words.numpy().reshape(-1, grid.blocks.lanes)
+    words = lists.words.numpy().reshape(-1, grid.blocks.lanes_per_tile)
     steps = 0
     for tile, (begin, end) in enumerate(zip(lists.begin.numpy(), lists.end.numpy(), strict=True)):
         if begin < end:
@@ -210,8 +210,8 @@ def clock_ghz(count: int = 400_000, rounds: int = 500) -> float:
 
 def denormals(blocks: Blocks) -> str:
     """Whether kernels of this number of threads flush them: Dr.Jit does in its pool, not in the calling thread."""
-    Float: Any = dr.detached_t(mi.Float)
-    lanes = len(dr.arange(Float, Grid(400, 300, blocks).n_tiles * blocks.lanes))
+    Float = array_types().Float
+    lanes = len(dr.arange(Float, Grid(400, 300, blocks).n_tiles * blocks.lanes_per_tile))
     values = dr.full(Float, 1e-38, lanes) * dr.opaque(Float, 0.1)
     return "kept (slow)" if np.any(values.numpy()) else "flushed"
 

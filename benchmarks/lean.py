@@ -1,7 +1,7 @@
 """The engine against a hand-stripped renderer of plain Gaussians, and what a share of DoG primitives costs.
 
 Both tables are timed in turns. In the second, DoG primitives are chosen at random, or as the leftmost of the model, so
-that whole tiles meet none; ``met`` is the share of the tile entries that are DoG. The plain model has no DoG arrays.
+that whole tiles meet none; ``met`` is the share of the isects that are DoG. The plain model has no DoG arrays.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def with_dog(splats: Splats, index: np.ndarray) -> Splats:
 
 
 def share_met(splats: Splats, camera: Camera) -> float:
-    """Part of the entries of the tile lists that are DoG primitives."""
+    """Part of the isects that are DoG primitives."""
     lists = rasterize(upload(splats), DeviceCamera.upload(camera), RasterOptions(0)).lists
     assert lists is not None
     return float(np.isin(lists.splat_from_isect.numpy(), splats.dog_index).mean())

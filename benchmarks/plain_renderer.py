@@ -7,8 +7,6 @@ shares what has no options (camera, rotation, tile lists, sums over entries). Th
 kernels of both consist of the same instructions.
 """
 
-# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -18,9 +16,9 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-from mi_dogsplat.engine.composite_derivatives import ENTRY_ROW, LN2, lanes_add_in_turn
+from mi_dogsplat.engine.arrays import array_types, detached, while_loop
 from mi_dogsplat.engine.frozen import frozen
-from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
+from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid, Lanes
 from mi_dogsplat.engine.project import (
     LOG2_E,
     LOW_PASS,
@@ -33,8 +31,12 @@ from mi_dogsplat.engine.project import (
     softplus,
 )
 from mi_dogsplat.engine.sh import C0, read_rows
-from mi_dogsplat.engine.tiles import WORD, Lists, tiles
-from mi_dogsplat.engine.walk import ALPHA_MAX, DEAD_PATCH, exp2, planes_of
+from mi_dogsplat.engine.tiles import WORD, TileLists, tiles
+from mi_dogsplat.engine.walks.derivatives import LN2
+from mi_dogsplat.engine.walks.exp2 import exp2
+from mi_dogsplat.engine.walks.pixels import planes_of
+from mi_dogsplat.engine.walks.slot_rows import SlotRows
+from mi_dogsplat.engine.walks.walk import ALPHA_MAX, DEAD_PATCH
 
 ALPHA_MIN, T_MIN = 1 / 255, 1e-4
 ROW = 16  # x y ux uy vy lo q s t, colour, padding
@@ -42,28 +44,28 @@ ROW = 16  # x y ux uy vy lo q s t, colour, padding
 
 def render(params: dict, camera: DeviceCamera) -> tuple[list, mi.Float]:
     """Planes of the three channels and of T, of parameters as ``upload`` makes them from a model of SH degree 0."""
-    grid = Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
-    projection = project(params, camera)
-    table, lists = pack(projection), tiles(projection, grid, Cutoffs())
+    grid, _, table, lists = prepare(params, camera)
     *colors, T = planes_of(composite(grid, grid.lanes, table, lists), 4)
     return colors, T
 
 
 def backward(params: dict, camera: DeviceCamera, δcolors: list) -> None:
     """Render, and accumulate the gradients of the parameters given those of the three planes."""
-    grid = Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
-    projection = project(params, camera)
-    table, lists = pack(projection), tiles(projection, grid, Cutoffs())
+    grid, projection, table, lists = prepare(params, camera)
     *colors, T = planes_of(composite(grid, grid.lanes, table, lists), 4)
-    entries = dr.zeros(dr.detached_t(mi.Float), dr.width(lists.entry_from_isect) * ENTRY_ROW)
-    in_turn = lanes_add_in_turn(mi.variant())
-    δsplats = composite_backward(grid, grid.lanes, table, lists, colors, T, δcolors, entries, in_turn)
+    δsplats = composite_backward(grid, grid.lanes, table, lists, colors, T, δcolors, SlotRows.zeros(lists, 9))
     k = projection.kernels
     splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *projection.colors]
     for value, δ in zip(splats, δsplats, strict=True):
         dr.set_grad(value, mi.Float(δ))
     dr.enqueue(dr.ADMode.Backward, splats)
     dr.traverse(dr.ADMode.Backward)
+
+
+def prepare(params: dict, camera: DeviceCamera) -> tuple[Grid, Projection, Any, TileLists]:
+    grid = Grid.of(camera.width, camera.height, Blocks.of_backend())
+    projection = project(params, camera)
+    return grid, projection, pack(projection), tiles(projection, grid, Cutoffs())
 
 
 def project(params: dict, camera: DeviceCamera) -> Projection:
@@ -121,9 +123,9 @@ def pack(projection: Projection) -> mi.Float:
     k = projection.kernels
     ratios = [dr.exp2(-2 * r) for r in (k.ux * k.ux, k.ux * k.uy, dr.fma(k.uy, k.uy, k.vy * k.vy))]
     columns = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *ratios, *projection.colors]
-    columns = [dr.detach(c, preserve_type=False) for c in columns]
+    columns = detached(columns)
     n = dr.width(columns[0])
-    table, index = dr.empty(dr.detached_t(mi.Float), n * ROW), dr.arange(dr.detached_t(mi.UInt32), n)
+    table, index = dr.empty(array_types().Float, n * ROW), dr.arange(array_types().UInt, n)
     for c, column in enumerate(columns):
         dr.scatter(table, column, dr.fma(index, ROW, c), mode=dr.ReduceMode.Permute)
     return table
@@ -132,20 +134,21 @@ def pack(projection: Projection) -> mi.Float:
 class Lane:
     """A lane's block of pixels (one patch), and the primitives that it meets."""
 
-    def __init__(self, grid: Grid, lanes: tuple, table, lists: Lists):
-        self.Float, self.UInt = dr.detached_t(mi.Float), dr.detached_t(mi.UInt32)
-        on_llvm = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
-        self.Quad, self.Packet = (dr.llvm.Array4f, dr.llvm.ArrayXf) if on_llvm else (dr.cuda.Array4f, dr.cuda.ArrayXf)
+    def __init__(self, grid: Grid, lanes: Lanes, table, lists: TileLists):
+        types = array_types()
+        self.Float, self.Int, self.UInt, self.Quad, self.Packet = (
+            types.Float, types.Int, types.UInt, types.Quad, types.FloatPacket
+        )  # fmt: skip
         self.grid, self.table, self.lists = grid, table, lists
         self.width, self.height, self.unroll = grid.blocks.width, grid.blocks.height, grid.blocks.unroll
         self.pixels = self.width * self.height
-        self.exp2: Callable[[Any], Any] = exp2 if on_llvm else dr.exp2
-        tile, x, y = lanes
-        self.tile, self.lane = tile, dr.arange(self.UInt, dr.width(tile)) % grid.blocks.lanes
+        self.exp2: Callable[[Any], Any] = exp2 if types.is_llvm else dr.exp2
+        tile, x, y = lanes.tile, lanes.x, lanes.y
+        self.tile, self.lane = tile, dr.arange(self.UInt, dr.width(tile)) % grid.blocks.lanes_per_tile
         self.begin, end = dr.gather(self.UInt, lists.begin, tile), dr.gather(self.UInt, lists.end, tile)
         self.last = dr.select(self.begin < end, (end - 1) // WORD + 1, 0)
         self.x0, self.y0 = self.Float(x) + 0.5, self.Float(y) + 0.5
-        if on_llvm:
+        if types.is_llvm:
             scratch = dr.alloc_local(self.Float, 2, value=self.Float(0))
             scratch[self.begin & 1] = self.Float(self.begin >> 31)
             self.x0 = self.x0 + scratch[self.last & 1]
@@ -168,15 +171,15 @@ class Lane:
         return self.UInt(0), self.begin // WORD
 
     def goes_on(self, at, T: list):
-        Int: Any = dr.int32_array_t(self.Float)
         bits, group = at
-        signs: Any = reduce(and_, (dr.reinterpret_array(Int, t) for t in T))
+        signs: Any = reduce(and_, (dr.reinterpret_array(self.Int, t) for t in T))
         return ((bits != 0) | (group < self.last)) & (signs >= 0)
 
     def next(self, at) -> tuple:
         bits, group = at
         refill = (bits == 0) & (group < self.last)
-        word = dr.gather(self.UInt, self.lists.words, (self.tile + group) * self.grid.blocks.lanes + self.lane, refill)
+        index = (self.tile + group) * self.grid.blocks.lanes_per_tile + self.lane
+        word = dr.gather(self.UInt, self.lists.words, index, refill)
         bits, group = dr.select(refill, word, bits), dr.select(refill, group + 1, group)
         return dr.fma(group - 1, WORD, dr.tzcnt(bits)), bits != 0, (bits & (bits - 1), group)
 
@@ -214,7 +217,7 @@ class Lane:
 
 
 @frozen
-def composite(grid: Grid, lanes: tuple, table, lists: Lists) -> list:
+def composite(grid: Grid, lanes: Lanes, table, lists: TileLists) -> list:
     lane = Lane(grid, lanes, table, lists)
 
     def body(at, T, C):
@@ -230,21 +233,20 @@ def composite(grid: Grid, lanes: tuple, table, lists: Lists) -> list:
         return at, T, C
 
     start = lane.start(), lane.start_T, [lane.Float(0)] * (3 * lane.pixels)
-    _, T, C = dr.while_loop(start, lambda at, T, C: lane.goes_on(at, T), body, labels=("at", "T", "C"), label="plain")
+    _, T, C = while_loop(start, lambda at, T, C: lane.goes_on(at, T), body, "plain", ("at", "T", "C"))
     planes = [C[c * lane.pixels : (c + 1) * lane.pixels] for c in range(3)]
     return lane.write([*planes, [dr.abs(t) for t in T]])
 
 
 @frozen
 def composite_backward(
-    grid: Grid, lanes: tuple, table, lists: Lists, colors: list, T_final, δcolors: list, entries, in_turn: bool
+    grid: Grid, lanes: Lanes, table, lists: TileLists, colors: list, T_final, δcolors: list, rows: SlotRows
 ) -> list:
     lane = Lane(grid, lanes, table, lists)
     δC = [lane.read(plane) for plane in δcolors]
     rest = [lane.Float(0)] * lane.pixels
     for plane, δ in zip(colors, δC, strict=True):
         rest = [dr.fma(c, d, r) for c, d, r in zip(lane.read(plane), δ, rest, strict=True)]
-    mode = dr.ReduceMode.NoConflicts if in_turn else dr.ReduceMode.Local
 
     def moments(δp: list, ux, uy, vy, dx, dy) -> list:
         m0 = mk = mr = mkk = mkr = mrr = lane.Float(0)
@@ -268,8 +270,8 @@ def composite_backward(
         for _ in range(lane.unroll):
             isect, active, at = lane.next(at)
             row, dx, dy = lane.fetch(isect, active)
-            entry = dr.gather(lane.UInt, lists.entry_from_isect, isect, active)
-            δp, δf = [], [lane.Float(0)] * 3
+            slot = dr.gather(lane.UInt, lists.slot_from_isect, isect, active)
+            δp, δf, (ux, uy, vy) = [], [lane.Float(0)] * 3, row[2:5]
             for k, value in enumerate(lane.gaussian(row, dx, dy)):
                 alpha, weight, behind, go = lane.blend(value, T[k])
                 weight = dr.select(go, weight, 0)
@@ -283,21 +285,9 @@ def composite_backward(
                 δα = dr.select(go & (alpha != 0), δα, 0)
                 δp.append(dr.select(value < ALPHA_MAX, δα * value, 0))
                 T[k] = behind
-            δrow = moments(δp, *row[2:5], dx, dy) + δf
-            dr.scatter_add(entries, lane.Packet(δrow + [lane.Float(0)] * (ENTRY_ROW - 9)), entry, active, mode=mode)
+            rows.add(slot, moments(δp, ux, uy, vy, dx, dy) + δf, active)
         return at, T, rest
 
     start = lane.start(), lane.start_T, rest
-    labels = "at", "T", "rest"
-    dr.while_loop(start, lambda at, T, rest: lane.goes_on(at, T), body, labels=labels, label="plain backward")
-
-    def add(row, sums):
-        values = []
-        for k in range(3):
-            values += list(dr.gather(lane.Quad, entries, dr.fma(row, ENTRY_ROW // 4, k)))
-        return row + 1, [s + v for s, v in zip(sums, values, strict=False)]
-
-    n = dr.arange(lane.UInt, dr.width(lists.entry_begin))
-    begin, end = dr.gather(lane.UInt, lists.entry_begin, n), dr.gather(lane.UInt, lists.entry_end, n)
-    start = begin, [lane.Float(0)] * 9
-    return list(dr.while_loop(start, lambda row, sums: row < end, add, labels=("row", "sums"), label="sum")[1])
+    while_loop(start, lambda at, T, rest: lane.goes_on(at, T), body, "plain backward", ("at", "T", "rest"))
+    return rows.sums(lists)

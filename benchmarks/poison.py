@@ -10,9 +10,8 @@ values that the entry names. After every step an image and all numbers of the mo
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,9 @@ from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.events import Dropped, Event
 from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.strategy.strategy import Strategy, Training
 from mi_dogsplat.training.train import Trainer
 
 STEPS = 400
@@ -108,61 +109,83 @@ def config_of(steps: int, preset: str) -> TrainConfig:
     )  # fmt: skip
 
 
-class PoisonedTrainer(Trainer):
-    """A ``Trainer`` to which ``POISONS`` are given after some steps, and which counts what is not finite."""
+@dataclass
+class Harm:
+    """State of ``Poisoning``: counts of what is not finite."""
 
-    def __init__(self, config: TrainConfig, dataset: Dataset, poisoned_after: list[int]):
-        super().__init__(config, dataset)
-        self.poisoned_after = poisoned_after
-        self.not_finite_rows = 0
-        self.spread = self.bad_images = self.bad_losses = self.bad_moments = 0
+    not_finite_rows: int = 0
+    spread: int = 0
+    bad_images: int = 0
+    bad_losses: int = 0
+    bad_moments: int = 0
 
-    def step(self) -> dict[str, Any]:
-        if self.step_count in self.poisoned_after:
-            self.inject()
-        happened = super().step()
-        self.look()
-        return happened
 
-    def inject(self) -> None:
-        """Add ``POISONS`` as rows without moments, copies of an ordinary row but for their values."""
-        optimizer, n, k = self.optimizer, self.optimizer.n, len(POISONS)
-        before, rows = optimizer.to_splats(), np.arange(n, n + k)
-        index = np.concatenate([np.arange(n), np.zeros(k, int)])
-        optimizer.rearrange(index, np.arange(n + k) >= n)
-        self.stats.keep(index)
-        ordinary = {
-            "means": np.random.default_rng(2).uniform(-0.4, 0.4, (k, 3)),
-            "log_scales": np.log(0.15), "quats": (0.0, 0.0, 0.0, 1.0), "logit_opacities": 1.5,
-            "sh_dc": np.array((0.9, -0.4, 0.9)) / C0 / 2, "sh_rest": 0.0,
-        }  # fmt: skip
-        for name, value in ordinary.items():
-            optimizer.set(name, value, rows)
-        is_dog = np.array([any(name.startswith("dog") for name in poison.values) for poison in POISONS])
-        m, some = before.n_dog, int(is_dog.sum())
-        logits = np.concatenate([before.dog_logit_opacities, np.zeros(some)])
-        log_scales = np.concatenate([before.dog_log_scales, np.full((some, 3), np.log(1.6))])
-        optimizer.set_dog(np.concatenate([before.dog_index, rows[is_dog]]), logits, log_scales)
-        dog_row = m + np.cumsum(is_dog) - 1
-        for i, poison in enumerate(POISONS):
-            for name, value in poison.values.items():
-                optimizer.set(name, value, dog_row[i : i + 1] if name.startswith("dog") else rows[i : i + 1])
-        self.not_finite_rows += sum(not poison.finite for poison in POISONS)
+@dataclass(frozen=True)
+class Poisoning(Strategy[Harm]):
+    """Gives ``POISONS`` to the model after some steps, and counts what is not finite; the last strategy of a run."""
 
-    def look(self) -> None:
-        """Count what is not finite after a step."""
-        optimizer, state = self.optimizer, self.optimizer.state()
-        bad = np.zeros(optimizer.n, bool)
-        for name in optimizer.adam:
-            values = state[name].reshape(-1, optimizer.row_size[name])
-            bad[optimizer.dog_index if name.startswith("dog") else slice(None)] |= ~np.isfinite(values).all(1)
-            self.bad_moments += sum(int(np.sum(~np.isfinite(state[f"{name}.{moment}"]))) for moment in "mv")
-        self.spread += max(0, int(bad.sum()) - self.not_finite_rows)
-        self.not_finite_rows = int(bad.sum())
-        params = {name: dr.detach(value) for name, value in optimizer.params.items()}
-        planes, frame = self._render(params, self.step_count % len(self.cameras))
-        self.bad_images += not all(np.isfinite(plane.numpy()).all() for plane in [*planes, frame.T])
-        self.bad_losses += not np.isfinite(float(self.loss_sum[0]))
+    steps: tuple[int, ...]
+
+    def new_state(self, t: Training) -> Harm:
+        return Harm()
+
+    def before_step(self, t: Training, state: Harm) -> None:
+        if t.step_count in self.steps:
+            inject(t)
+            state.not_finite_rows += sum(not poison.finite for poison in POISONS)
+
+    def after_step(self, t: Training, state: Harm) -> list[Event]:
+        look(t, state)
+        return []
+
+
+def inject(t: Training) -> None:
+    """Add ``POISONS`` as rows without moments, copies of an ordinary row but for their values."""
+    optimizer, n, k = t.optimizer, t.optimizer.n, len(POISONS)
+    before, rows = optimizer.to_splats(), np.arange(n, n + k)
+    index = np.concatenate([np.arange(n), np.zeros(k, int)])
+    optimizer.rearrange(index, np.arange(n + k) >= n)
+    ordinary = {
+        "means": np.random.default_rng(2).uniform(-0.4, 0.4, (k, 3)),
+        "log_scales": np.log(0.15), "quats": (0.0, 0.0, 0.0, 1.0), "logit_opacities": 1.5,
+        "sh_dc": np.array((0.9, -0.4, 0.9)) / C0 / 2, "sh_rest": 0.0,
+    }  # fmt: skip
+    for name, value in ordinary.items():
+        optimizer.set(name, value, rows)
+    is_dog = np.array([any(name.startswith("dog") for name in poison.values) for poison in POISONS])
+    m, some = before.n_dog, int(is_dog.sum())
+    logits = np.concatenate([before.dog_logit_opacities, np.zeros(some)])
+    log_scales = np.concatenate([before.dog_log_scales, np.full((some, 3), np.log(1.6))])
+    optimizer.set_dog(np.concatenate([before.dog_index, rows[is_dog]]), logits, log_scales)
+    dog_row = m + np.cumsum(is_dog) - 1
+    for i, poison in enumerate(POISONS):
+        for name, value in poison.values.items():
+            optimizer.set(name, value, dog_row[i : i + 1] if name.startswith("dog") else rows[i : i + 1])
+
+
+def look(t: Training, harm: Harm) -> None:
+    """Count what is not finite after a step."""
+    optimizer, state = t.optimizer, t.optimizer.state()
+    bad = np.zeros(optimizer.n, bool)
+    for name in optimizer.adam:
+        values = state[name].reshape(-1, optimizer.row_size[name])
+        bad[optimizer.dog_index if name.startswith("dog") else slice(None)] |= ~np.isfinite(values).all(1)
+        harm.bad_moments += sum(int(np.sum(~np.isfinite(state[f"{name}.{moment}"]))) for moment in "mv")
+    harm.spread += max(0, int(bad.sum()) - harm.not_finite_rows)
+    harm.not_finite_rows = int(bad.sum())
+    params = {name: dr.detach(value) for name, value in optimizer.params.items()}
+    planes, frame = t.render(params, t.step_count % len(t.photographs))
+    harm.bad_images += not all(np.isfinite(plane.numpy()).all() for plane in [*planes, frame.T])
+    harm.bad_losses += not np.isfinite(float(t.losses.loss_sum[0]))
+
+
+def poisoned(config: TrainConfig, dataset: Dataset, steps: list[int]) -> tuple[Trainer, Harm]:
+    """A run that is given ``POISONS`` after some steps, and what that does to it."""
+    poisoning = Poisoning(tuple(steps))
+    trainer = Trainer(config, dataset)
+    trainer.strategies.append(poisoning)
+    trainer.states[poisoning.name] = harm = poisoning.new_state(trainer)
+    return trainer, harm
 
 
 def run(
@@ -186,18 +209,16 @@ def run(
     }
     result: dict[str, Any] = {"phases": phases, "injected": len(POISONS) * len(phases)}
     clean = Trainer(config, dataset)
-    trainer = PoisonedTrainer(config, dataset, list(phases.values()))
+    trainer, harm = poisoned(config, dataset, list(phases.values()))
     for name, run_of in {"clean": clean, "poisoned": trainer}.items():
         progress(f"training, {name}")
         rows = list(run_to_end(run_of))
         result[name] = [[row["step"], row["test_psnr"]] for row in rows if "test_psnr" in row]
-        result["events"] = [[row["step"], row["event"]] for row in rows if "dropped" in row.get("event", "")]
-    dropped = [int(re.findall(r"dropped (\d+)", event)[0]) for _, event in result["events"]]
-    return result | {
-        "dropped": sum(dropped), "spread": trainer.spread, "bad_images": trainer.bad_images,
-        "bad_losses": trainer.bad_losses, "bad_moments": trainer.bad_moments,
-        "psnr_clean": result["clean"][-1][1], "psnr_poisoned": result["poisoned"][-1][1],
-    }  # fmt: skip
+        dropped = [(row, event) for row in rows for event in row.get("events", ()) if event["kind"] == Dropped.kind]
+        result["events"] = [[row["step"], row["event"]] for row, _ in dropped]
+        result["dropped"] = sum(event["count"] for _, event in dropped)
+    counts = {name: count for name, count in asdict(harm).items() if name != "not_finite_rows"}
+    return result | counts | {"psnr_clean": result["clean"][-1][1], "psnr_poisoned": result["poisoned"][-1][1]}
 
 
 def main(flags: list[str]) -> None:

@@ -21,13 +21,14 @@ from pathlib import Path
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.engine.composite import composite
 from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
+from mi_dogsplat.engine.options import Settings
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera, project
 from mi_dogsplat.engine.tables import pack
 from mi_dogsplat.engine.tiles import tiles
-from mi_dogsplat.engine.walk import Settings
+from mi_dogsplat.engine.view import arrange
+from mi_dogsplat.engine.walks.composite import composite
 from mi_dogsplat.report.page import page
 from mi_dogsplat.report.plot import Series, legend_list, line_plot
 from mi_dogsplat.scene.cameras import Camera
@@ -48,11 +49,11 @@ class Point:
     x: float
     splats: Splats
     camera: Camera
-    entries: int = 0  # of the tile lists
+    isects: int = 0  # in the tile lists
 
     @property
     def grid(self) -> Grid:
-        return Grid.of(self.camera.width, self.camera.height, Blocks.of_backend(), mi.variant())
+        return Grid.of(self.camera.width, self.camera.height, Blocks.of_backend())
 
 
 @dataclass
@@ -69,7 +70,7 @@ def main(flags: Sequence[str]) -> None:
     mi.set_variant(args.variant)
     figures = ""
     for sweep in sweeps(args):
-        sweep.points = [p for p in sweep.points if _count_entries(p) <= args.max_entries]
+        sweep.points = [p for p in sweep.points if _count_isects(p) <= args.max_isects]
         if not sweep.points:
             continue
         times = measure(sweep.points, args.rounds)
@@ -89,7 +90,7 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--overlaps", type=float, nargs="*", default=[0.25, 0.5, 1, 2, 4, 8], help="factors of sigma")
     parser.add_argument("--sigma", type=float, default=3.0, help="median standard deviation in pixels at 400x300")
     parser.add_argument("--opacity", type=float, default=0.02)
-    parser.add_argument("--max-entries", type=float, default=2e7, help="leave out larger sizes: 64 bytes each backward")
+    parser.add_argument("--max-isects", type=float, default=2e7, help="leave out larger sizes: 64 bytes each backward")
     parser.add_argument("--rounds", type=int, default=11)
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--page", type=Path, help="also write the curves to this HTML file")
@@ -151,10 +152,10 @@ def even_splats(n: int, sigma: float, camera: Camera, opacity: float) -> Splats:
     )
 
 
-def _count_entries(point: Point) -> int:
+def _count_isects(point: Point) -> int:
     projection = project(upload(point.splats), DeviceCamera.upload(point.camera), sh_degree=0)
-    point.entries = dr.width(tiles(projection, point.grid, Cutoffs()).splat_from_isect)
-    return point.entries
+    point.isects = tiles(projection, point.grid, Cutoffs()).n_isects
+    return point.isects
 
 
 def measure(points: Sequence[Point], rounds: int) -> dict[str, list[float]]:
@@ -163,8 +164,8 @@ def measure(points: Sequence[Point], rounds: int) -> dict[str, list[float]]:
     for k, p in enumerate(points):
         params, view, grid = upload(p.splats), DeviceCamera.upload(p.camera), p.grid
         projection = project(params, view, sh_degree=0)
-        tables, lists = pack(projection, projection.colors), tiles(projection, grid, Cutoffs())
-        dr.eval(projection, tables, lists)
+        prepared = arrange(projection, projection.colors, grid, Settings(3))
+        dr.eval(projection, prepared)
 
         def project_stage(params=params, view=view):
             projection = project(params, view, sh_degree=0)
@@ -173,8 +174,8 @@ def measure(points: Sequence[Point], rounds: int) -> dict[str, list[float]]:
         def tiles_stage(projection=projection, grid=grid):
             dr.eval(tiles(projection, grid, Cutoffs()))
 
-        def composite_stage(grid=grid, tables=tables, lists=lists):
-            dr.eval(composite(grid, grid.lanes, tables, lists, Settings(3)))
+        def composite_stage(prepared=prepared):
+            dr.eval(composite(prepared))
 
         runs |= {f"project {k}": project_stage, f"tiles {k}": tiles_stage, f"composite {k}": composite_stage}
         runs[f"forward {k}"] = engine_forward(p.splats, p.camera)
@@ -208,11 +209,11 @@ def markdown(points: Sequence[Point], times: dict[str, list[float]]) -> str:
         return row(f"exponent in {label}, {points[upper[0]].label} to {points[upper[-1]].label}", "", "", *values)
 
     upper = upper_half(points)
-    lines = [row("", "entries", "per tile", *(f"{stage}, ms" for stage in STAGES)), "|---" * (3 + len(STAGES)) + "|"]
+    lines = [row("", "isects", "per tile", *(f"{stage}, ms" for stage in STAGES)), "|---" * (3 + len(STAGES)) + "|"]
     for k, p in enumerate(points):
         values = [f"{times[stage][k]:.2f}" for stage in STAGES]
-        lines.append(row(p.label, f"{p.entries:,}", f"{p.entries / p.grid.n_tiles:.1f}", *values))
-    lines += [slopes("size", lambda p: p.x), slopes("entries", lambda p: p.entries)]
+        lines.append(row(p.label, f"{p.isects:,}", f"{p.isects / p.grid.n_tiles:.1f}", *values))
+    lines += [slopes("size", lambda p: p.x), slopes("isects", lambda p: p.isects)]
     return "\n".join(lines)
 
 

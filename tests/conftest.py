@@ -5,9 +5,23 @@ import os
 import mi_dogsplat  # noqa: F401
 import mitsuba as mi
 import pytest
+from mi_dogsplat.support.cores import usable_cores
 
 VARIANT = os.environ.get("DOGSPLAT_TEST_VARIANT", "llvm_ad_rgb")
 mi.set_variant(VARIANT)
+WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0"))  # 0: all tests run in this process
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """``pytest -n auto``: one for each core that may be used."""
+    return usable_cores()
+
+
+def pytest_configure() -> None:
+    if WORKERS:  # they share the cores; two threads each, so that what depends on the order of threads shows
+        import drjit as dr
+
+        dr.set_thread_count(min(dr.thread_count(), max(2, usable_cores() // WORKERS)))
 
 
 @pytest.fixture(autouse=True)

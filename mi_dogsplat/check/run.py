@@ -13,6 +13,7 @@ import numpy as np
 from ..render.picture_options import PictureOptions
 from ..render.render_files import viewpoint
 from ..scene.ply import read_ply
+from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import replacing, write_json
 from ..support.versions import versions
@@ -107,7 +108,7 @@ def _model_scene(
 def _machine(rounds: int) -> dict[str, Any]:
     """What the times depend on; the load is that of the minute before."""
     load = round(os.getloadavg()[0], 1)
-    return {"variant": mi.variant(), "cores": os.cpu_count(), "load": load, "rounds": rounds} | versions()
+    return {"variant": mi.variant(), "cores": usable_cores(), "load": load, "rounds": rounds} | versions()
 
 
 def _plain(value: Any) -> Any:

@@ -140,7 +140,9 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     p.add_argument("data", nargs="+", metavar="DATA", help=DATA_HELP)
     p.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to go on with")
     p.add_argument("--seeds", type=int, nargs="+", default=[0], metavar="N", help="random seeds (default: 0)")
-    p.add_argument("--only", nargs="+", default=list(METHODS), metavar="NAME", help=f"of {' '.join(METHODS)}")
+    p.add_argument(
+        "--only", nargs="+", default=list(METHODS), metavar="NAME", help=f"of {' '.join(METHODS)}, or of ablate"
+    )
     p.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler, as tcp://10.0.0.7:8786")
     p.add_argument(
         "--workers", type=int, default=0, metavar="N", help="runs at a time, on this machine (default: 0: no Dask)"

@@ -54,22 +54,21 @@ def _run(config: TrainConfig, args: argparse.Namespace) -> None:
     print(f"{metrics['n']:,} primitives, {size:.1f} MB, {seconds:.0f} s; {args.out / 'report.html'}")
 
 
-def ablate(args: argparse.Namespace) -> None:
+def ablate(args: argparse.Namespace) -> int:
     """Train the variants of the method from one densified start per seed, and tabulate what each part contributes."""
     if unknown := [name for name in args.only if name not in ABLATION]:
         raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(ABLATION)}")
-    config = _config(args, preset="3dgs")
-    set_variant(config.variant)
-    from ..ablation.ablate import ablate as run_ablation
-
-    run_ablation(config, args.out, args.seeds, args.only, lambda line: print(line, flush=True))
-    print((args.out / "ablation.md").read_text(encoding="utf-8"), end="")
+    args.data, args.cluster, args.workers = [args.data], None, 0
+    status = compare(args)
+    print((args.out / "comparison.md").read_text(encoding="utf-8"), end="")
+    return status
 
 
 def compare(args: argparse.Namespace) -> int:
     """Train several compact methods from one densified start per data set and seed, to one budget; tabulate them."""
-    if unknown := [name for name in args.only if name not in METHODS]:
-        raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(METHODS)}")
+    offered = dict.fromkeys((*METHODS, *ABLATION))
+    if unknown := [name for name in args.only if name not in offered]:
+        raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(offered)}")
     if args.workers < 0:
         raise DataError("--workers", f"{args.workers} is out of range", "use at least 0")
     config = _config(args, preset="3dgs", data="")

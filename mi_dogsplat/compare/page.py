@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from ..ablation.page import ways
 from ..report.page import page
 from ..report.plot import Series, legend_list, line_plot
 from ..report.points import Note
 from .crops import crops
 from .methods import GROUPS
 from .table import COLUMNS, cells, columns, data_sets, label
+from .ways import ways
 
 READ_TABLE = """Mean over the seeds, of times the median; ± is half the distance between the best and the
-worst of them. Bold: the best of the compact models. All methods of a seed go on from one densified start, except those
+worst of them. Bold: the best of the compact models. Activation: what the test PSNR gains or loses in the step in which
+primitives become DoG. All methods of a seed go on from one densified start, except those
 that grow to the budget; all end with the same number of steps, and have the same renderer. Render times were taken in
 turns, memory is the largest resident size of the process of a run."""
 READ_POINTS = """One point per method, mean over the seeds. PSNR: higher is better; FLIP: lower is better; further left

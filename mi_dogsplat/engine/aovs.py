@@ -12,14 +12,12 @@ Where nothing is seen, index is -1 and all else 0; depth and normal are 0 wherev
 α can bring about.
 
 What depth and normal need is blended as features of the ordinary walk, and so they are differentiable, as alpha is. The
-other four take a walk of their own (``composite_aovs.py``) and have no derivative: it is 0.
+other four take a walk of their own (``walks/aovs.py``) and have no derivative: it is 0.
 
 Channels are named as Mitsuba's ``aov`` integrator names its own, ``name.X``; its ``depth.T`` is a distance along a ray,
 so ours is ``depth.Z``.
 """
 
-# Dr.Jit's stubs give detached types as "object": argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -28,8 +26,10 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
-from .composite_aovs import NOTHING, composite_aovs, walked
-from .rasterize import Frame, RasterOptions
+from .arrays import detached
+from .options import RasterOptions
+from .rasterize import Frame
+from .walks.aovs import NOTHING, composite_aovs, walked
 
 # Last parts of the names of the channels; I is an integer, Z along the optical axis, Y a plain number
 CHANNELS = {
@@ -90,11 +90,11 @@ def channels(names: Sequence[str], frame: Frame, derivative: bool = False) -> li
 
 
 def _found_by_a_walk(names: Sequence[str], frame: Frame) -> dict[str, list[mi.Float]]:
-    if frame.projection is None or frame.walk is None:  # nothing to walk through
+    if frame.projection is None or frame.view is None:  # nothing to walk through
         return {}
     wanted = walked(names, has_dog=frame.projection.pseudo is not None)
     if not wanted:
         return {}
-    depths = dr.detach(frame.projection.depth, preserve_type=False) if "median_depth" in wanted else None
-    found = composite_aovs(*frame.walk, depths, wanted)
+    depths = detached(frame.projection.depth) if "median_depth" in wanted else None
+    found = composite_aovs(frame.view, wanted, depths)
     return {name: [mi.Float(plane)] for name, plane in zip(wanted, found, strict=True)}

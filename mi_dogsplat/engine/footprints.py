@@ -5,13 +5,11 @@ their centres. The set is an ellipse; within a band of pixel rows its leftmost a
 form, so nothing is listed that the ellipse does not enter ("AccuTile", Speedy-Splat 2024).
 """
 
-# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
 import drjit as dr
-import mitsuba as mi
 
+from .arrays import array_types, detached
 from .geometry import Grid
 from .project import NOT_DOG, Kernels, Projection
 
@@ -23,7 +21,7 @@ class _Ellipses:
 
     def __init__(self, kernels: Kernels, log2_range: float, lookup=lambda v: v):
         def column(v):
-            return lookup(dr.detach(v, preserve_type=False))
+            return lookup(detached(v))
 
         self.width, self.vy = dr.rcp(column(kernels.ux)), column(kernels.vy)
         self.slope = -column(kernels.uy) * self.width  # dx of the ellipse's middle per dy
@@ -55,21 +53,20 @@ class Footprints:
     """Tile rows and, row by row, the columns of tiles and of blocks that a primitive covers."""
 
     def __init__(self, projection: Projection, grid: Grid, log2_range: float):
-        self.blocks, self.UInt = grid.blocks, dr.detached_t(mi.UInt32)
-        self.Int = dr.int32_array_t(dr.detached_t(mi.Float))
-        Float = dr.detached_t(mi.Float)
-        self.x, self.y = (dr.detach(v, preserve_type=False) for v in (projection.x, projection.y))
+        self.blocks, self.types = grid.blocks, array_types()
+        Float, Int = self.types.Float, self.types.Int
+        self.x, self.y = detached(projection.x), detached(projection.y)
         self.ellipses = [_Ellipses(projection.kernels, log2_range)]
         extent_y = dr.select(self.ellipses[0].seen, self.ellipses[0].extent_y, -1)
         if projection.pseudo is not None:
-            row = dr.detach(projection.dog_row, preserve_type=False)
+            row = detached(projection.dog_row)
             is_dog = row != NOT_DOG
             other = _Ellipses(projection.pseudo, log2_range, lambda v: dr.gather(Float, v, row, is_dog))
             other.seen &= is_dog
             self.ellipses.append(other)
             extent_y = dr.maximum(extent_y, dr.select(other.seen, other.extent_y, -1))
-        self.tiles_x, self.tiles_y = (dr.opaque(self.Int, v) for v in (grid.tiles_x, grid.tiles_y))
-        visible = dr.detach(projection.visible, preserve_type=False) & (extent_y >= 0)
+        self.tiles_x, self.tiles_y = (dr.opaque(Int, v) for v in (grid.tiles_x, grid.tiles_y))
+        visible = detached(projection.visible) & (extent_y >= 0)
         top, bottom, b = self.y - extent_y, self.y + extent_y, self.blocks
         first, last = self._range(top, bottom, b.tile_height + b.overlap, b.tile_height, self.tiles_y)
         self.first = dr.select(visible, first, 0)
@@ -81,10 +78,10 @@ class Footprints:
 
     def _range(self, low, high, size: int, stride: int, count) -> tuple:
         """Runs of ``size`` pixels, ``stride`` apart, whose pixel centres meet [low, high], as [first, last)."""
-        limit = dr.detached_t(mi.Float)(count)
+        limit = self.types.Float(count)
         first = dr.ceil((low - SLACK - (size - 0.5)) * (1 / stride))
         last = dr.floor((high + SLACK - 0.5) * (1 / stride)) + 1
-        return self.Int(dr.clip(first, 0, limit)), self.Int(dr.clip(last, 0, limit))
+        return tuple(self.types.Int(dr.clip(v, 0, limit)) for v in (first, last))
 
     def _span(self, top, height: int) -> tuple:
         """x of the leftmost and rightmost point within ``height`` rows of pixel centres from row ``top`` on."""
@@ -111,11 +108,11 @@ class Footprints:
             found.append(self._range(left, right, b.width, b.stride_x, self.tiles_x * b.lanes_x))
         return found
 
-    def lanes(self, block_columns: list[tuple], column):
-        """Bit set of the lanes of a tile, ``column`` of its row, whose blocks the primitive covers."""
-        b, bits = self.blocks, self.UInt(0)
+    def lane_mask(self, block_columns: list[tuple], column):
+        """A bit per lane of a tile, ``column`` of its row: whether the primitive covers its block."""
+        UInt, b, bits = self.types.UInt, self.blocks, self.types.UInt(0)
         for k, (first, last) in enumerate(block_columns):
             first, last = (dr.clip(v - column * b.lanes_x, 0, b.lanes_x) for v in (first, last))
-            run = (self.UInt(1) << self.UInt(last)) - (self.UInt(1) << self.UInt(first))
+            run = (UInt(1) << UInt(last)) - (UInt(1) << UInt(first))
             bits |= dr.select(first < last, run, 0) << (k * b.lanes_x)
         return bits

@@ -14,6 +14,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from .arrays import array_types
+
 
 @dataclass(frozen=True)
 class Blocks:
@@ -27,7 +29,7 @@ class Blocks:
     overlap: int = 0  # columns and rows, at the right and at the bottom, that the next block and tile have as well
 
     @property
-    def lanes(self) -> int:
+    def lanes_per_tile(self) -> int:
         return self.lanes_x * self.lanes_y
 
     @property
@@ -47,6 +49,11 @@ class Blocks:
     @property
     def tile_height(self) -> int:
         return self.stride_y * self.lanes_y
+
+    def tiles_as(self, other: Blocks) -> bool:
+        """Whether tiles, and blocks in them, begin at the same pixels."""
+        places = [(b.stride_x, b.stride_y, b.lanes_x, b.lanes_y) for b in (self, other)]
+        return places[0] == places[1]
 
     @staticmethod
     def of_backend() -> Blocks:
@@ -74,6 +81,15 @@ class Cutoffs:
 SMOOTH = Cutoffs(0.0, 0.0)
 
 
+@dataclass
+class Lanes:
+    """All lanes of an image, the lanes of a tile side by side: where each is."""
+
+    tile: Any  # UInt, its tile
+    x: Any  # UInt, first pixel of its block
+    y: Any
+
+
 @dataclass(frozen=True)
 class Grid:
     """Tiles of one image size, and the lanes that walk them."""
@@ -95,20 +111,23 @@ class Grid:
         return self.tiles_x * self.tiles_y
 
     @staticmethod
-    @lru_cache(maxsize=64)
-    def of(width: int, height: int, blocks: Blocks, variant: str) -> Grid:
+    def of(width: int, height: int, blocks: Blocks) -> Grid:
         """The grid of an image size, made once per variant (it holds device arrays)."""
-        return Grid(width, height, blocks)
+        return _grid(width, height, blocks, mi.variant())
 
     @cached_property
-    def lanes(self) -> tuple:
-        """(tile of the lane, x and y of its block's first pixel), evaluated once per image size."""
-        UInt: Any = dr.detached_t(mi.UInt32)
-        b = self.blocks
-        lane = dr.arange(UInt, self.n_tiles * b.lanes)
-        tile, lane = lane // b.lanes, lane % b.lanes
+    def lanes(self) -> Lanes:
+        """Evaluated once per image size."""
+        UInt, b = array_types().UInt, self.blocks
+        lane = dr.arange(UInt, self.n_tiles * b.lanes_per_tile)
+        tile, lane = lane // b.lanes_per_tile, lane % b.lanes_per_tile
         tile_y = tile // self.tiles_x
         x = (tile - tile_y * self.tiles_x) * b.tile_width + (lane % b.lanes_x) * b.stride_x
         y = tile_y * b.tile_height + (lane // b.lanes_x) * b.stride_y
         dr.make_opaque(tile, x, y)
-        return tile, x, y
+        return Lanes(tile, x, y)
+
+
+@lru_cache(maxsize=64)
+def _grid(width: int, height: int, blocks: Blocks, variant: str | None) -> Grid:
+    return Grid(width, height, blocks)

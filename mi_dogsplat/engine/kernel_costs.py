@@ -4,8 +4,6 @@ An operation is an instruction of Dr.Jit's intermediate representation, before L
 fraction of a second per kernel that is not in Dr.Jit's cache on disk yet.
 """
 
-# Dr.Jit's stubs give detached types as "object": argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -14,21 +12,21 @@ from functools import lru_cache
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from ..scene.cameras import Camera
 from ..scene.splats import Splats
-from .composite import composite
-from .composite_aovs import composite_aovs
-from .composite_derivatives import ENTRY_ROW, PSEUDO_ENTRY_ROW, composite_backward, lanes_add_in_turn
+from .arrays import array_types
 from .geometry import Blocks, Grid
+from .options import RasterOptions, Settings
 from .parameters import upload
 from .project import DeviceCamera, project
-from .rasterize import RasterOptions
 from .tables import pack
-from .tiles import tiles
-from .walk import Settings
+from .view import PreparedView, arrange
+from .walks.aovs import composite_aovs
+from .walks.composite import composite
+from .walks.derivatives import composite_backward
+from .walks.pixels import Planes
 
 N = 32  # primitives of the model that is traced; any number gives the same kernels
 SIZE = 16  # pixels per side of its image
@@ -48,12 +46,12 @@ def pair_operations(settings: Settings, dog: bool, variant: str) -> tuple[float,
 
 @lru_cache
 def aov_operations(names: tuple[str, ...], dog: bool, variant: str) -> float:
-    """Operations of the walk that ``names``, AOVs of ``composite_aovs.WALKED``, take; per primitive and pixel."""
+    """Operations of the walk that ``names``, AOVs of ``walks.aovs.WALKED``, take; per primitive and pixel."""
 
     def walk(unroll: int) -> int:
-        stages = _stages(Settings(3), dog, unroll)
-        depths = dr.opaque(dr.detached_t(mi.Float), 1, N) if "median_depth" in names else None
-        return operations(lambda: dr.eval(composite_aovs(*stages, depths, names)))
+        view = _view(Settings(3), dog, unroll)
+        depths = dr.opaque(array_types().Float, 1, N) if "median_depth" in names else None
+        return operations(lambda: dr.eval(composite_aovs(view, names, depths)))
 
     return (walk(2) - walk(1)) / (SIZE * SIZE)
 
@@ -84,30 +82,25 @@ def operations(run: Callable[[], Any]) -> int:
 
 def _compositor_operations(settings: Settings, dog: bool, unroll: int) -> tuple[int, int]:
     """(forward, derivative), of all lanes of an image."""
-    stages = _stages(settings, dog, unroll)
-    result: list = []
-    forward = operations(lambda: dr.eval(result.append(composite(*stages)), result))
-    planes, T = result[0]
+    view = _view(settings, dog, unroll)
+    result: list[Planes] = []
+    forward = operations(lambda: dr.eval(result.append(composite(view)), result))
+    blended, Float = result[0], array_types().Float
 
-    Float: Any = dr.detached_t(mi.Float)
-    n_entries = dr.width(stages[3].entry_from_isect)
-    entries = dr.zeros(Float, n_entries * ENTRY_ROW)
-    pseudo_entries = dr.zeros(Float, n_entries * PSEUDO_ENTRY_ROW) if dog else None
-    δplanes, δT = [dr.opaque(Float, 1, dr.width(T)) for _ in planes], dr.zeros(Float, dr.width(T))
-    tables = entries, pseudo_entries, lanes_add_in_turn(mi.variant())
-    backward = operations(lambda: dr.eval(composite_backward(*stages, planes, T, δplanes, δT, *tables)))
+    δfeatures = [dr.opaque(Float, 1, dr.width(blended.T)) for _ in blended.features]
+    δ = Planes(δfeatures, dr.zeros(Float, dr.width(blended.T)))
+    backward = operations(lambda: dr.eval(composite_backward(view, blended, δ)))
     return forward, backward
 
 
-def _stages(settings: Settings, dog: bool, unroll: int) -> tuple:
+def _view(settings: Settings, dog: bool, unroll: int) -> PreparedView:
     """What the compositor takes; which planes it blends matters to no kernel."""
     splats, camera = _model(0, dog)
-    grid = Grid(SIZE, SIZE, replace(Blocks.of_backend(), unroll=unroll))
     projection = project(upload(splats), camera, sh_degree=0)
     features = (2 * projection.colors)[: settings.n_features]
-    stages = grid, grid.lanes, pack(projection, features), tiles(projection, grid, settings.cutoffs), settings
-    dr.eval(stages)
-    return stages
+    view = arrange(projection, features, Grid(SIZE, SIZE, replace(Blocks.of_backend(), unroll=unroll)), settings)
+    dr.eval(view)
+    return view
 
 
 def _model(sh_degree: int, dog: bool) -> tuple[Splats, DeviceCamera]:

@@ -14,8 +14,6 @@ sum of squares because its expanded form A dx² + B dx dy + C dy² cancels on ne
 with the square of their length in pixels, not with the length.
 """
 
-# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
 import math
@@ -84,10 +82,11 @@ class DeviceCamera:
         packed = mi.Float(numbers)
         v = [dr.gather(mi.Float, packed, k) for k in range(len(numbers))]
         dr.eval(v)  # one launch makes them opaque
-        rotation = [v[0:3], v[3:6], v[6:9]]
-        size = camera.width, camera.height
-        numbers = *numbers, *size, perspective
-        return DeviceCamera(rotation, v[9:12], v[12:15], *v[15:19], v[19:23], *v[23:25], *size, numbers, perspective)
+        fx, fy, cx, cy, *limits, near, far = v[15:]
+        return DeviceCamera(
+            [v[0:3], v[3:6], v[6:9]], v[9:12], v[12:15], fx, fy, cx, cy, limits, near, far,
+            camera.width, camera.height, (*numbers, camera.width, camera.height, perspective), perspective,
+        )  # fmt: skip
 
 
 @dataclass

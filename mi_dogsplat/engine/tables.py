@@ -1,18 +1,42 @@
 """Projected primitives as the rows that the compositor reads."""
 
-# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 
+from .arrays import array_types, detached
 from .project import Kernels, Projection
 
-FEATURES = 9  # first feature in a primitive's row: x y ux uy vy lo q s t, then the features
-PSEUDO_ROW = 8  # floats per pseudo-Gaussian: ux uy vy lo q s t, padding
+
+class KernelRow(NamedTuple):
+    """A 2D kernel as lanes evaluate it: p = lo - (ux dx + uy dy)² - (vy dy)², and ratios (``walk.py``)."""
+
+    ux: Any
+    uy: Any
+    vy: Any
+    lo: Any
+    q: Any
+    s: Any
+    t: Any
+
+
+@dataclass
+class SplatRow:
+    """A primitive as lanes read it; in the table in this order."""
+
+    x: Any
+    y: Any
+    kernel: KernelRow
+    features: list
+
+
+FIRST_FEATURE = 2 + len(KernelRow._fields)  # column of the table
+PSEUDO_COLUMNS = 8  # of the pseudo-Gaussians' table: a KernelRow, padding
+DEPTH_FEATURE = 3  # the feature after the colours, in views that stop at a depth
 
 
 @dataclass
@@ -20,39 +44,38 @@ class Tables:
     """Projected primitives, row-major, one or two cache lines each; what the compositor reads."""
 
     splats: mi.Float  # [N, row_size]
-    pseudo: mi.Float | None  # [M, PSEUDO_ROW]
+    pseudo: mi.Float | None  # [M, PSEUDO_COLUMNS]
     dog_row: mi.UInt32 | None  # [N]
     dog_index: mi.UInt32 | None  # [M]
-    stop_depth: mi.Float | None = None  # [H*W], deeper primitives (by the feature after the colours) are not blended
+    stop_depth: mi.Float | None = None  # [H*W], primitives with a larger DEPTH_FEATURE are not blended
 
 
 def row_size(n_features: int) -> int:
     """Floats per primitive in the table: whole cache lines, in which packets of eight are aligned."""
-    return -(-(FEATURES + n_features) // 16) * 16
-
-
-def _pack(columns: list, stride: int) -> mi.Float:
-    n = max(dr.width(c) for c in columns)
-    Float = dr.detached_t(mi.Float)
-    table = dr.empty(Float, n * stride)
-    index = dr.arange(dr.detached_t(mi.UInt32), n)
-    for k, column in enumerate(columns):
-        value = dr.detach(column, preserve_type=False)
-        dr.scatter(table, value, dr.fma(index, stride, k), mode=dr.ReduceMode.Permute)
-    return table
+    return -(-(FIRST_FEATURE + n_features) // 16) * 16
 
 
 def pack(projection: Projection, features: list) -> Tables:
     """Lay out a projection for the compositor (detached: derivatives are passed by hand, see ``rasterize.py``)."""
-
-    def shape(k: Kernels) -> list:
-        ratios = k.ux * k.ux, k.ux * k.uy, dr.fma(k.uy, k.uy, k.vy * k.vy)
-        return [k.ux, k.uy, k.vy, k.lo, *(dr.exp2(-2 * r) for r in ratios)]
-
-    columns = [projection.x, projection.y, *shape(projection.kernels), *features]
-    splats = _pack(columns, row_size(len(features)))
+    columns = [projection.x, projection.y, *_kernel_columns(projection.kernels), *features]
+    splats = _table(columns, row_size(len(features)))
     if projection.pseudo is None:
         return Tables(splats, None, None, None)
-    pseudo = _pack(shape(projection.pseudo), PSEUDO_ROW)
-    dog_row, dog_index = (dr.detach(v, preserve_type=False) for v in (projection.dog_row, projection.dog_index))
-    return Tables(splats, pseudo, dog_row, dog_index)
+    pseudo = _table(_kernel_columns(projection.pseudo), PSEUDO_COLUMNS)
+    return Tables(splats, pseudo, detached(projection.dog_row), detached(projection.dog_index))
+
+
+def _kernel_columns(k: Kernels) -> KernelRow:
+    ratios = k.ux * k.ux, k.ux * k.uy, dr.fma(k.uy, k.uy, k.vy * k.vy)
+    return KernelRow(k.ux, k.uy, k.vy, k.lo, *(dr.exp2(-2 * r) for r in ratios))
+
+
+def _table(columns: Any, stride: int) -> Any:
+    """Columns, detached, as a row-major table with rows of ``stride`` floats."""
+    types = array_types()
+    n = max(dr.width(c) for c in columns)
+    table = dr.empty(types.Float, n * stride)
+    index = dr.arange(types.UInt, n)
+    for k, column in enumerate(columns):
+        dr.scatter(table, detached(column), dr.fma(index, stride, k), mode=dr.ReduceMode.Permute)
+    return table

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import mitsuba as mi
 import numpy as np
 
-from ..engine.composite_aovs import WALKED, walked
 from ..engine.geometry import Cutoffs
 from ..engine.kernel_costs import aov_operations, operations, pair_operations, primitive_operations
-from ..engine.rasterize import RasterOptions
-from ..engine.walk import Settings
+from ..engine.options import RasterOptions, Settings
+from ..engine.walks.aovs import WALKED, walked
 from ..plugin.transfer import srgb_to_linear
 from ..scene.splats import MAX_SH_DEGREE, Splats
 from ..support.wording import count

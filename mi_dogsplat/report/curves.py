@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..support.wording import finite
+from ..training.events import Densified, DogActivated, OpacityReset, Pruned, Refined, ShDegree
 from .plot import Lane, Series, line_plot
 from .prunes import marks, prune_table, with_drops
 from .run_folder import Run
 
-EVENT_LANES = {  # the lane of an event by the words in it; one row may name several
-    "densify": r"densif|clone|split",
-    "prune": r"\bprune",
-    "refine": r"\brefine",
-    "reset": r"reset",
-    "SH up": r"\bsh\b|sh_",
-    "DoG": r"\bdog\b|dog_",
+EVENT_LANES = {  # the lane of an event by its kind
+    Densified.kind: "densify",
+    Pruned.kind: "prune",
+    Refined.kind: "refine",
+    OpacityReset.kind: "reset",
+    ShDegree.kind: "SH up",
+    DogActivated.kind: "DoG",
 }
 
 READ_ERROR = """Mean error of the training views since the row before (thin) and its running mean (thick), on a
@@ -89,11 +88,10 @@ def running_mean(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]
 
 def event_lanes(run: Run, x: NDArray[np.float64]) -> list[Lane]:
     """One lane for every kind of event that occurs; ``x`` [rows] is where each history row stands."""
-    places: dict[str, list[float]] = {name: [] for name in [*EVENT_LANES, "other"]}
-    for row, place in zip(run.history, x.tolist(), strict=True):
-        event = str(row.get("event") or "").lower()
-        if event and np.isfinite(place):
-            names = [name for name, pattern in EVENT_LANES.items() if re.search(pattern, event)]
-            for name in names or ["other"]:
+    places: dict[str, list[float]] = {name: [] for name in [*EVENT_LANES.values(), "other"]}
+    for i, place in enumerate(x.tolist()):
+        if run.history[i].get("event") and np.isfinite(place):
+            kinds = [str(record.get("kind")) for record in run.happened(i)] or ["other"]
+            for name in dict.fromkeys(EVENT_LANES.get(kind, "other") for kind in kinds):
                 places[name].append(place)
     return [Lane(name, np.array(found)) for name, found in places.items() if found]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from html import escape
 
@@ -10,12 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..support.wording import count, finite
+from ..training.events import DogActivated, Pruned, Refined
 from .plot import Mark
 from .run_folder import Run
-
-WHY = re.compile(r"\bprune \d+ -> \d+: ([^;]+)")  # one row of the history may name several events
-REFINED = re.compile(r"\brefine: ")
-ACTIVATED = re.compile(r"\bdog activated\b", re.IGNORECASE)
 
 READ_PRUNES = """Dashed lines in the curves, by the number that stands above them. A check measures the mean L1
 of the whole training set and either prunes or lets the model go on refining."""
@@ -37,16 +33,15 @@ def prunes(run: Run) -> list[Prune]:
     for i, row in enumerate(run.history):
         before, after = finite(row.get("pruned_from")), finite(row.get("pruned_to"))
         if before is not None and after is not None:
-            why = WHY.search(str(row.get("event") or ""))
-            found.append(Prune(i, before, after, why[1].strip() if why else ""))
+            reasons = [str(record.get("reason", "")) for record in run.happened(i) if record.get("kind") == Pruned.kind]
+            found.append(Prune(i, before, after, "".join(reasons[:1])))
     return found
 
 
 def marks(run: Run, x: NDArray[np.float64]) -> list[Mark]:
     """Every prune, by number, and the activation of the DoG; ``x`` [rows] is where each history row stands."""
     numbered = [Mark(str(i + 1), float(x[p.row])) for i, p in enumerate(prunes(run))]
-    activated = [i for i, row in enumerate(run.history) if ACTIVATED.search(str(row.get("event") or ""))]
-    return numbered + [Mark("DoG", float(x[i])) for i in activated]
+    return numbered + [Mark("DoG", float(x[i])) for i in run.rows_with(DogActivated.kind)]
 
 
 def with_drops(
@@ -63,7 +58,7 @@ def prune_table(run: Run) -> str:
     found = prunes(run)
     if not found:
         return ""
-    refined = sum(bool(REFINED.search(str(row.get("event") or ""))) for row in run.history)
+    refined = len(run.rows_with(Refined.kind))
     words = READ_PRUNES + (f" Checks that did not prune: {refined}." if refined else "")
     rows = ""
     for number, prune in enumerate(found, 1):

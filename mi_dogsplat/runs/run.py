@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
-import numpy as np
 
 from ..datasets import Dataset, load_dataset
 from ..engine.geometry import Cutoffs
@@ -83,24 +82,22 @@ def train(
     progress: Callable[[dict], None] = lambda row: None,
     resume: bool = False,
     recipe: Recipe | None = None,
-    start: dict[str, np.ndarray] | None = None,
-    kind: type[Trainer] | None = None,
+    start: Path | None = None,
 ) -> dict[str, Any]:
     """Train, or prune a model (``config.model``), evaluate and write the run folder; returns ``metrics.json``.
 
     ``progress`` is called as training starts and with every row of the history. With ``resume`` the run goes on
     from its last checkpoint, or from the beginning if it did not come that far, with the same settings. The model
-    leaves out primitives that can never be seen. A ``recipe`` takes the place of the preset's, a ``kind`` of trainer
-    that of the ordinary one; ``start`` is a ``Trainer.state()`` to go on from. An earlier run in the same folder is
-    replaced: its measurements go first, as they would be a lie beside the new settings; its model stays until the new
-    one is complete. Raises ``DataError``; ``Stopped`` when asked to stop in training (Ctrl-C, SIGTERM), which leaves a
-    checkpoint.
+    leaves out primitives that can never be seen. A ``recipe`` takes the place of the preset's; ``start`` is a
+    checkpoint to go on from. An earlier run in the same folder is replaced: its measurements go first, as they would
+    be a lie beside the new settings; its model stays until the new one is complete. Raises ``DataError``; ``Stopped``
+    when asked to stop in training (Ctrl-C, SIGTERM), which leaves a checkpoint.
     """
     out = Path(out)
     dataset = load_dataset(config.data, config.downscale, on_disk=config.data_on_disk)
-    trainer = (kind or Trainer)(config, dataset, recipe)
+    trainer = Trainer(config, dataset, recipe)
     if start:
-        trainer.restore(start)
+        _restore(trainer, start)
     with claimed(out):
         if resume:
             _resume(trainer, out)
@@ -180,20 +177,24 @@ def _resume(trainer: Trainer, out: Path) -> None:
     path = out / CHECKPOINT
     kept = []
     if path.exists():  # else the run was killed before its first checkpoint
-        try:
-            trainer.restore(load_checkpoint(path))
-        except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
-            if isinstance(error, DataError):
-                raise
-            raise DataError(path, f"does not fit this run ({error})", "train without --resume") from None
+        _restore(trainer, path)
         steps = before.column("step")
         kept = [row for row, step in zip(before.history, steps, strict=True) if step <= trainer.step_count]
     with replacing(out / HISTORY) as part:
         part.write_text("".join(json.dumps(row) + "\n" for row in kept), encoding="utf-8")
 
 
+def _restore(trainer: Trainer, path: Path) -> None:
+    try:
+        trainer.restore(load_checkpoint(path))
+    except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
+        if isinstance(error, DataError):
+            raise
+        raise DataError(path, f"does not fit this run ({error})", "train without --resume") from None
+
+
 def _forget_results(out: Path) -> None:
-    """Remove what an earlier run in this folder measured and drew, and the name that it had in an ablation."""
+    """Remove what an earlier run in this folder measured and drew, and the name that it had in a comparison."""
     pictures = [path for suffix in (".png", ".exr", ".json") for path in (out / "test").glob(f"*{suffix}")]
     for path in (*(out / name for name in ("metrics.json", "report.html", RECIPE, RENDER_MS)), *pictures):
         path.unlink(missing_ok=True)

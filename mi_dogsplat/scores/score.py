@@ -1,8 +1,8 @@
 """Importance of primitives, the order in which pruning removes them (method paper, Sec. 3.2).
 
 All rules but "opacity" sum over the training views and pixels what a primitive's footprint image F contributes
-(``composite_score.py``: J, the derivative of the summed image by the kernel's value, or D, the change of the image if
-the primitive is removed):
+(``walks/score.py``: J, the derivative of the summed image by the kernel's value, or D, the change of the image if the
+primitive is removed):
 
     U_i = Σ F_i²                         spatial
     Uf_i = Σ_ω w(ω) |F̂_i(ω)|² / (H W)     spectral, w(ω) = (|ω| / ω_corner)^γ; w = 1 would give U_i (Parseval)
@@ -12,30 +12,24 @@ Uf without N Fourier transforms. With h the filter whose frequency response is �
 (independent signs) and ξ = h * z, the pixel sum s_i = Σ ξ F_i has E[s_i²] = Uf_i: one walk serves all primitives and
 probes. Its variance is 2 (Uf_i² - Σ_p (h * F_i)(p)⁴): a single probe of a single view has a relative error of up to √2,
 which falls as 1/√(probes x views). Or, without noise, for γ = 2: the energy of the gradient of F, see
-``composite_score.Sums``.
+``walks/score.Sums``.
 """
 
-# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Protocol
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 
-from ..engine.composite import composite
-from ..engine.composite_derivatives import lanes_add_in_turn
-from ..engine.composite_score import Sums, composite_score
-from ..engine.geometry import Blocks, Grid
+from ..engine.arrays import array_types, detached
+from ..engine.options import RasterOptions
 from ..engine.parameters import device_array
-from ..engine.project import DeviceCamera, project
-from ..engine.rasterize import RasterOptions
-from ..engine.tables import pack
-from ..engine.tiles import tiles
-from ..engine.walk import Settings
+from ..engine.project import DeviceCamera
+from ..engine.view import prepare_both
+from ..engine.walks.composite import composite_over
+from ..engine.walks.score import Sums, composite_score
 
 KINDS = ("opacity", "spatio-spectral", "released", "leave-one-out")
 CORNER = float(np.sqrt(0.5))  # cycles per pixel, the highest frequency of an image
@@ -137,7 +131,7 @@ def energies(
         return np.zeros(0), np.zeros(0)
     detached = {name: dr.detach(value) for name, value in params.items()}
     rng = np.random.default_rng(seed)
-    Double = dr.float64_array_t(dr.detached_t(mi.Float))
+    Double = array_types().Double
     spatial, spectral = dr.zeros(Double, n), dr.zeros(Double, n)
     for camera in cameras:
         columns = [Double(column) for column in _view_sums(rule, detached, camera, options, background, rng)]
@@ -161,16 +155,8 @@ def _view_sums(
 ) -> list:
     """Columns of ``sums`` for a view, [N] each, float32."""
     sums = rule.sums
-    projection = project(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)
-    size = camera.width, camera.height
-    grid, score_grid = (Grid.of(*size, blocks, mi.variant()) for blocks in (Blocks.of_backend(), sums.blocks))
-    settings = Settings(3, options.cutoffs, options.negative_transmittance, options.patch)
-    # tiles that overlap list more than blending needs, and are in the same places
-    tables, lists = pack(projection, projection.colors), tiles(projection, score_grid, options.cutoffs)
-    image, T = composite(grid, grid.lanes, tables, lists, settings)
-    level = dr.opaque(type(T), background)
-    image = [dr.fma(T, level, plane) for plane in image]
-
+    pictured, view = prepare_both(params, camera, options, sums.blocks)
+    image = composite_over(pictured, background)
     planes = []
     if sums.weighted:
         picture = np.stack([plane.numpy() for plane in image], -1).reshape(camera.height, camera.width, 3)
@@ -178,10 +164,7 @@ def _view_sums(
     if sums.probes:
         signs = 2.0 * rng.integers(0, 2, (sums.probes * sums.channels, camera.height, camera.width)) - 1
         planes += list(filtered_noise(signs, rule.gamma_f))
-    planes = [dr.detach(device_array(plane), preserve_type=False) for plane in planes]
-    entries = dr.zeros(type(T), dr.width(lists.entry_from_isect) * sums.row_size)
-    walk = score_grid, score_grid.lanes, tables, lists, settings
-    return composite_score(*walk, sums, image, planes, entries, lanes_add_in_turn(mi.variant()))
+    return composite_score(view, sums, image, [detached(device_array(plane)) for plane in planes])
 
 
 def _frequencies(height: int, width: int) -> np.ndarray:

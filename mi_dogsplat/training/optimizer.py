@@ -11,7 +11,9 @@ memory with NumPy, and whether an array begins at a multiple of 64 bytes decides
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -21,6 +23,7 @@ import numpy as np
 from ..engine.parameters import RAW_DOG, device_array, dog_rows
 from ..engine.project import NOT_DOG
 from ..scene.splats import Splats
+from .adam import Entry, forget, step_without
 from .learning_rates import LearningRates
 
 ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}
@@ -41,6 +44,7 @@ class SplatOptimizer:
             raise ValueError("SplatOptimizer: there is no primitive to start from")
         self.learning_rates = learning_rates
         self.other_rates: dict[str, float] = {}
+        self.followers: list[Callable[[np.ndarray, np.ndarray], None]] = []  # called with what ``rearrange`` was
         self.row_size = dict(ROW_SIZE)
         values = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities")}
         values["sh_dc"] = splats.sh_coeffs[:, 0]
@@ -59,6 +63,11 @@ class SplatOptimizer:
     def n(self) -> int:
         """Number of primitives."""
         return dr.width(self.adam["logit_opacities"])
+
+    @property
+    def sh_degree(self) -> int:
+        """Highest degree of the view-dependent colour."""
+        return math.isqrt(self.row_size["sh_rest"] // 3) - 1 if "sh_rest" in self.row_size else 0
 
     @property
     def n_dog(self) -> int:
@@ -96,7 +105,13 @@ class SplatOptimizer:
 
     def forget(self, name: str) -> None:
         """Drop what ``learn`` added."""
-        del self.row_size[name], self.other_rates[name], self.adam.state[name]
+        del self.row_size[name], self.other_rates[name]
+        forget(self.adam, name)
+
+    @property
+    def learned(self) -> set[str]:
+        """Names of what ``learn`` has added."""
+        return set(self.other_rates)
 
     def step(self, unused: Collection[str] = ()) -> None:
         """One Adam step with the gradients on the parameters, which are then cleared.
@@ -105,18 +120,11 @@ class SplatOptimizer:
             unused: parameters that no render has read so far. Their gradients and moments are 0, so that Adam would
                 write back what it read: that is left out. The step counts all the same, for the bias correction.
         """
-        before: dict[str, Any] = self.adam.state
-        self.adam.state = {name: entry for name, entry in before.items() if name not in unused}
-        for value in self.adam.values():
+        unused = set(unused)
+        for value in [value for name, value in self.adam.items() if name not in unused]:
             gradient = dr.grad(value)
             dr.set_grad(value, dr.select(dr.abs(gradient) < MAX_GRADIENT, gradient, 0))  # false for NaN
-        self.adam.step()
-        counted = {
-            name: (value, promoted, rate, (t + 1, *moments))
-            for name, (value, promoted, rate, (t, *moments)) in before.items()
-            if name in unused
-        }
-        self.adam.state = before | counted | self.adam.state  # in the order from before: else kernels would change
+        step_without(self.adam, unused)
 
     def numpy(self, name: str) -> np.ndarray:
         """Copy of a parameter on the host, [N] or [N, row size]."""
@@ -131,10 +139,7 @@ class SplatOptimizer:
 
     def reset_moments(self, name: str) -> None:
         """Forget both moments of a parameter, not its step count."""
-        value, promoted, rate, (t, m, v, v_max) = self.adam.state[name]
-        # opaque: literal zeros would compile another kernel
-        zeros_m, zeros_v = dr.opaque(type(m), 0, dr.width(m)), dr.opaque(type(v), 0, dr.width(v))
-        self.adam.state[name] = value, promoted, rate, (t, zeros_m, zeros_v, v_max)
+        Entry.of(self.adam, name).without_moments().put(self.adam, name)
 
     def set_dog(self, dog_index: np.ndarray, logit_opacities: np.ndarray, log_scales: np.ndarray) -> None:
         """Make exactly the primitives ``dog_index`` DoG; those that already were keep their moments.
@@ -195,6 +200,12 @@ class SplatOptimizer:
         self._gather_dog(dog_row_of_new[dog_row_of_new >= 0])
         self.dog_index = np.flatnonzero(dog_row_of_new >= 0).astype(np.uint32)
         self._refresh_dog_index()
+        for follow in self.followers:
+            follow(index, fresh)
+
+    def keep(self, rows: np.ndarray) -> None:
+        """Forget all rows but these."""
+        self.rearrange(rows, np.zeros(len(rows), bool))
 
     def _dog_row_of_splat(self) -> np.ndarray:
         row = np.full(self.n, -1)
@@ -207,21 +218,21 @@ class SplatOptimizer:
             self._gather(name, rows, np.zeros(len(rows), bool))
 
     def _gather(self, name: str, rows: np.ndarray, fresh: np.ndarray) -> None:
-        value, promoted, rate, (t, m, v, v_max) = self.adam.state[name]
         if len(rows) == 0:
-            del self.adam.state[name]
+            forget(self.adam, name)
             return
+        entry = Entry.of(self.adam, name)
         size = self.row_size[name]
         i = dr.arange(mi.UInt32, len(rows) * size)
         row = i // dr.opaque(mi.UInt32, size)
         old_row = dr.gather(mi.UInt32, mi.UInt32(rows.astype(np.uint32)), row)
         at = dr.fma(old_row, size, i - row * size)
         keep = ~dr.gather(mi.Bool, mi.Bool(fresh), row)
-        new = dr.gather(mi.Float, dr.detach(value), at)
-        new_m, new_v = (dr.gather(type(x), x, at, keep) for x in (m, v))  # zero where fresh
+        new = dr.gather(mi.Float, dr.detach(entry.value), at)
+        new_m, new_v = (dr.gather(type(x), x, at, keep) for x in (entry.m, entry.v))  # zero where fresh
         dr.eval(new, new_m, new_v)
         dr.enable_grad(new)
-        self.adam.state[name] = new, promoted, rate, (t, new_m, new_v, v_max)
+        replace(entry, value=new, m=new_m, v=new_v).put(self.adam, name)
 
     def _refresh_dog_index(self) -> None:
         self._dropped = False
@@ -243,11 +254,11 @@ class SplatOptimizer:
     def state(self) -> dict[str, np.ndarray]:
         """What ``restore`` needs to go on with the same bits: values, both moments, step counts, rates."""
         self._sweep()
-        state: dict[str, Any] = self.adam.state
         saved: dict[str, Any] = {"dog_index": self.dog_index.copy()}
-        for name, (value, _, rate, (t, m, v, _)) in state.items():
-            saved[name], saved[f"{name}.m"], saved[f"{name}.v"] = _host(dr.detach(value)), _host(m), _host(v)
-            saved[f"{name}.t"], saved[f"{name}.rate"] = np.array(t[0], np.uint32), np.array(rate)
+        for name in self.adam:
+            e = Entry.of(self.adam, name)
+            saved[name], saved[f"{name}.m"], saved[f"{name}.v"] = _host(dr.detach(e.value)), _host(e.m), _host(e.v)
+            saved[f"{name}.t"], saved[f"{name}.rate"] = np.array(e.t[0], np.uint32), np.array(e.rate)
         return saved
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
@@ -269,13 +280,13 @@ class SplatOptimizer:
         self.other_rates = {name: float(saved[f"{name}.rate"]) for name in learned}
         self.dog_index = np.array(saved["dog_index"], np.uint32)
         self.row_size |= DOG_ROW_SIZE | dict.fromkeys(learned, 1)
-        self.adam.state.clear()
+        for name in list(self.adam):
+            forget(self.adam, name)
         for name in [name for name in self.row_size if name in saved]:
             self.adam[name] = device_array(saved[name])  # registers the parameter
-            value, promoted, _, (t, _, _, v_max) = self.adam.state[name]
-            m, v = device_array(saved[f"{name}.m"]), device_array(saved[f"{name}.v"])
-            t, rate = type(t)(int(saved[f"{name}.t"])), float(saved[f"{name}.rate"])
-            self.adam.state[name] = value, promoted, rate, (t, m, v, v_max)
+            entry, (m, v) = Entry.of(self.adam, name), (device_array(saved[f"{name}.{moment}"]) for moment in "mv")
+            t, rate = type(entry.t)(int(saved[f"{name}.t"])), float(saved[f"{name}.rate"])
+            replace(entry, t=t, rate=rate, m=m, v=v).put(self.adam, name)
         self._refresh_dog_index()
 
 

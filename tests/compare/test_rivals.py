@@ -20,10 +20,10 @@ from mi_dogsplat.compare.rivals.pup import Sensitivity, fisher
 from mi_dogsplat.compare.rivals.radsplat import LargestWeight
 from mi_dogsplat.compare.rivals.taming import VIEWS, Taming, parabola, saliency
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.engine.composite_derivatives import lanes_add_in_turn
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import rasterize
+from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.training.config import TrainConfig

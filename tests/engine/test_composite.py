@@ -1,19 +1,20 @@
 """Stage 3 against its float64 twin: blending of lists, and what strains float32 and the shared exponentials."""
 
-from typing import Any
+from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.engine.composite import composite
+from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.engine.geometry import SMOOTH, Blocks, Cutoffs, Grid
+from mi_dogsplat.engine.options import Settings
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera, project
-from mi_dogsplat.engine.tables import pack
-from mi_dogsplat.engine.tiles import Lists, tiles
-from mi_dogsplat.engine.walk import Settings
+from mi_dogsplat.engine.tiles import TileLists
+from mi_dogsplat.engine.view import arrange
+from mi_dogsplat.engine.walks.composite import composite
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
@@ -25,13 +26,12 @@ def engine(splats: Splats, camera: Camera, features=None, cutoffs=HARD, negative
            lists=None) -> tuple[np.ndarray, np.ndarray]:
     """Blended features [H, W, C] and T [H, W]."""
     projection = project(upload(splats), DeviceCamera.upload(camera), sh_degree=splats.sh_degree)
-    grid = Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
+    grid = Grid.of(camera.width, camera.height, Blocks.of_backend())
     rows = projection.colors if features is None else [mi.Float(f.astype(np.float32)) for f in features.T]
-    settings = Settings(len(rows), cutoffs, negative_transmittance)
-    lists = lists or tiles(projection, grid, cutoffs)
-    planes, T = composite(grid, grid.lanes, pack(projection, rows), lists, settings)
+    view = arrange(projection, rows, grid, Settings(len(rows), cutoffs, negative_transmittance))
+    blended = composite(replace(view, lists=lists) if lists else view)
     shape = camera.height, camera.width
-    return np.stack([p.numpy().reshape(shape) for p in planes], -1), T.numpy().reshape(shape)
+    return np.stack([p.numpy().reshape(shape) for p in blended.features], -1), blended.T.numpy().reshape(shape)
 
 
 def assert_same(splats: Splats, camera: Camera, tolerance=1e-5, mean=2e-5, **choices):
@@ -120,7 +120,7 @@ def test_any_number_of_features_is_blended_like_colours(count):
 
 
 def test_lists_may_end_anywhere_within_an_unrolled_iteration():
-    """Entries behind the end of a tile's list belong to the next tile: they must not show."""
+    """Isects behind the end of a tile's list belong to the next tile: they must not show."""
     camera = make_camera(64, 48)
     for n in range(1, 10):
         splats = make_splats(np.column_stack([np.zeros((n, 2)), 1 + np.arange(n)]), 1e4, 0.1)
@@ -131,10 +131,9 @@ def test_lists_may_end_anywhere_within_an_unrolled_iteration():
 
 def test_empty_lists_leave_the_image_black_and_transparent():
     camera = make_camera(37, 23)
-    grid = Grid.of(37, 23, Blocks.of_backend(), mi.variant())
-    UInt: Any = dr.detached_t(mi.UInt32)
+    grid, UInt = Grid.of(37, 23, Blocks.of_backend()), array_types().UInt
     nothing = dr.zeros(UInt, grid.n_tiles)
-    lists = Lists(dr.zeros(UInt, 1), nothing, nothing, *(dr.zeros(UInt, 1) for _ in range(4)))
+    lists = TileLists(dr.zeros(UInt, 1), nothing, nothing, *(dr.zeros(UInt, 1) for _ in range(4)))
     image, T = engine(rounded(make_splats([0, 0, 2])), camera, lists=lists)
     assert not image.any() and (T == 1).all()
 

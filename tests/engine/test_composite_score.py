@@ -2,20 +2,17 @@
 
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.engine.composite import composite
-from mi_dogsplat.engine.composite_derivatives import lanes_add_in_turn
-from mi_dogsplat.engine.composite_score import Sums, composite_score
-from mi_dogsplat.engine.geometry import SMOOTH, Blocks, Cutoffs, Grid
+from mi_dogsplat.engine.arrays import detached
+from mi_dogsplat.engine.geometry import SMOOTH, Cutoffs
+from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import device_array, upload
-from mi_dogsplat.engine.project import DeviceCamera, project
-from mi_dogsplat.engine.tables import pack
-from mi_dogsplat.engine.tiles import tiles
-from mi_dogsplat.engine.walk import Settings
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.view import prepare_both
+from mi_dogsplat.engine.walks.composite import composite
+from mi_dogsplat.engine.walks.score import Sums, composite_score
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
@@ -37,21 +34,13 @@ def engine(
     antialiased=False,
 ) -> np.ndarray:
     """[N, columns] of a view; planes are [H, W]."""
-    projection = project(
-        upload(splats), DeviceCamera.upload(camera), sh_degree=splats.sh_degree, antialiased=antialiased
+    options = RasterOptions(
+        splats.sh_degree, antialiased, negative_transmittance=negative_transmittance, cutoffs=cutoffs
     )
-    grid, score_grid = (
-        Grid.of(camera.width, camera.height, blocks, mi.variant()) for blocks in (Blocks.of_backend(), sums.blocks)
-    )
-    tables, lists = pack(projection, projection.colors), tiles(projection, score_grid, cutoffs)
-    settings = Settings(3, cutoffs, negative_transmittance)
-    colors, T = composite(grid, grid.lanes, tables, lists, settings)
-    image = [plane + T * level for plane, level in zip(colors, background, strict=True)]
-    planes = [dr.detach(device_array(plane), preserve_type=False) for plane in planes]
-    Float: Any = dr.detached_t(mi.Float)
-    entries = dr.zeros(Float, dr.width(lists.entry_from_isect) * sums.row_size)
-    walk = score_grid, score_grid.lanes, tables, lists, settings
-    columns = composite_score(*walk, sums, image, planes, entries, lanes_add_in_turn(mi.variant()))
+    pictured, view = prepare_both(upload(splats), DeviceCamera.upload(camera), options, sums.blocks)
+    blended = composite(pictured)
+    image = [plane + blended.T * level for plane, level in zip(blended.features, background, strict=True)]
+    columns = composite_score(view, sums, image, [detached(device_array(plane)) for plane in planes])
     return np.stack([column.numpy() for column in columns], 1)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.engine.composite_derivatives import lanes_add_in_turn
+from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.optimizer import SplatOptimizer

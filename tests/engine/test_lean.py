@@ -17,16 +17,16 @@ import pytest
 import tiny_data
 from launches import branches, instructions, kernels, launches, loop
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.engine.composite import composite
-from mi_dogsplat.engine.composite_aovs import WALKED
+from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.engine.frozen import Frozen
-from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
+from mi_dogsplat.engine.geometry import Blocks, Grid
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
-from mi_dogsplat.engine.tables import pack
-from mi_dogsplat.engine.tiles import tiles
-from mi_dogsplat.engine.walk import Settings, Walk
+from mi_dogsplat.engine.view import prepare
+from mi_dogsplat.engine.walks.aovs import WALKED
+from mi_dogsplat.engine.walks.composite import composite
+from mi_dogsplat.engine.walks.walk import Walk
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.pictures import write_png
 from mi_dogsplat.training.config import TrainConfig
@@ -42,7 +42,7 @@ from splat_scenes import (
     square_camera,
 )
 from splat_scenes import kernels as compiled
-from tile_lists import lanes_of_entries
+from tile_lists import lanes_of_isects
 
 from benchmarks import plain_renderer
 
@@ -66,7 +66,7 @@ def model(degree=0, dog_share=0.0, seed=0) -> Splats:
 def stages(run: Callable[[], Any]) -> dict[str, int]:
     """Operations of the kernels with a lane per primitive, per block of pixels, and per pixel."""
     blocks = Blocks.of_backend()
-    lanes = Grid(WIDTH, HEIGHT, blocks).n_tiles * blocks.lanes
+    lanes = Grid(WIDTH, HEIGHT, blocks).n_tiles * blocks.lanes_per_tile
     sizes = {N: "primitives", lanes: "compositor", WIDTH * HEIGHT: "image"}
     assert len(sizes) == 3
     sums = dict.fromkeys(sizes.values(), 0)
@@ -194,10 +194,8 @@ def test_the_second_kernel_of_a_mixture_is_in_branches_that_packets_jump_over(ru
 
 def lanes_with_a_second_kernel(splats: Splats) -> tuple[int, int]:
     """Pseudo-Gaussians that lanes evaluate, counted as they do, and DoG primitives that are on the lists of lanes."""
-    projection = project(upload(splats), DeviceCamera.upload(CAMERA), sh_degree=splats.sh_degree)
-    grid = Grid(WIDTH, HEIGHT, Blocks.of_backend())
-    UInt: Any = dr.detached_t(mi.UInt32)
-    lists, evaluated = tiles(projection, grid, Cutoffs()), dr.zeros(UInt, 1)
+    view = prepare(upload(splats), DeviceCamera.upload(CAMERA), RasterOptions(splats.sh_degree))
+    evaluated = dr.zeros(array_types().UInt, 1)
     pseudo_row = Walk.pseudo_row
 
     def counted(self, row):
@@ -206,9 +204,9 @@ def lanes_with_a_second_kernel(splats: Splats) -> tuple[int, int]:
 
     with pytest.MonkeyPatch.context() as patch, dr.scoped_set_flag(dr.JitFlag.KernelFreezing, False):
         patch.setattr(Walk, "pseudo_row", counted)
-        dr.eval(composite(grid, grid.lanes, pack(projection, projection.colors), lists, Settings(3)))
-    is_dog = np.isin(lists.splat_from_isect.numpy(), splats.dog_index)
-    return int(evaluated.numpy()[0]), int(lanes_of_entries(lists, grid)[is_dog].sum())
+        dr.eval(composite(view))
+    is_dog = np.isin(view.lists.splat_from_isect.numpy(), splats.dog_index)
+    return int(evaluated.numpy()[0]), int(lanes_of_isects(view.lists, view.grid)[is_dog].sum())
 
 
 def test_only_lanes_that_meet_a_dog_primitive_evaluate_a_second_kernel():
@@ -293,7 +291,7 @@ def test_aovs_that_need_a_walk_take_one_kernel_more_and_leave_the_others_as_they
     plain, scene = scene_of(splats, CAMERA), scene_of(splats, CAMERA, aovs=names)
     bare, with_it = (Counter(kernels(lambda s=s: mi.render(s))) for s in (plain, scene))
     more, lost = with_it - bare, bare - with_it
-    lanes = Grid(WIDTH, HEIGHT, Blocks.of_backend()).n_tiles * Blocks.of_backend().lanes
+    lanes = Grid(WIDTH, HEIGHT, Blocks.of_backend()).n_tiles * Blocks.of_backend().lanes_per_tile
     expected = Counter([lanes, *([N] if "median_depth" in names else []), *(size for size, _ in lost.elements())])
     assert Counter(size for size, _ in more.elements()) == expected
     assert {size for size, _ in lost} <= {WIDTH * HEIGHT}  # where channels are put into the film
@@ -365,10 +363,10 @@ def trainer_of(dataset, **settings) -> Trainer:
 
 
 def step(trainer: Trainer) -> list[tuple[int, int]]:
-    """Kernels of a training step, but for those that have a lane per tile entry, whose number changes."""
+    """Kernels of a training step, but for those that have a lane per isect, whose number changes."""
     n, blocks = trainer.optimizer.n, Blocks.of_backend()
     pixels = tiny_data.WIDTH * tiny_data.HEIGHT
-    lanes = Grid(tiny_data.WIDTH, tiny_data.HEIGHT, blocks).n_tiles * blocks.lanes
+    lanes = Grid(tiny_data.WIDTH, tiny_data.HEIGHT, blocks).n_tiles * blocks.lanes_per_tile
     known = {1, n, 3 * n, 4 * n, 48 * n, pixels, lanes}
     return [(size, operations) for size, operations in kernels(trainer.step) if size in known]
 

@@ -1,27 +1,26 @@
 """Stage 2 against its float64 twin: nothing is missing, hardly anything is listed in vain."""
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.engine.geometry import SMOOTH, Blocks, Cutoffs, Grid
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera, project
-from mi_dogsplat.engine.tiles import Lists, tiles
+from mi_dogsplat.engine.tiles import TileLists, tiles
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
-from tile_lists import lanes_of_entries
+from tile_lists import lanes_of_isects
 
 HARD = Cutoffs()
 
 
 def grid_of(camera: Camera) -> Grid:
-    return Grid.of(camera.width, camera.height, Blocks.of_backend(), mi.variant())
+    return Grid.of(camera.width, camera.height, Blocks.of_backend())
 
 
-def engine_tiles(splats: Splats, camera: Camera, cutoffs=HARD) -> Lists:
+def engine_tiles(splats: Splats, camera: Camera, cutoffs=HARD) -> TileLists:
     return tiles(project(upload(splats), DeviceCamera.upload(camera), sh_degree=splats.sh_degree),
                  grid_of(camera), cutoffs)
 
@@ -76,14 +75,14 @@ def minimal_lists(splats: Splats, camera: Camera, min_alpha=1 / 255) -> list[set
 def assert_lanes_complete_and_tight(splats: Splats, camera: Camera):
     """Each lane is told of the primitives that meet its block of pixels, and of few others."""
     lists, grid, b = engine_tiles(splats, camera), grid_of(camera), grid_of(camera).blocks
-    found = lanes_of_entries(lists, grid)
+    found = lanes_of_isects(lists, grid)
     tile = np.repeat(np.arange(grid.n_tiles), lists.end.numpy() - lists.begin.numpy())
     tile_y, tile_x = np.divmod(np.arange(grid.n_tiles), grid.tiles_x)
-    lane_y, lane_x = np.divmod(np.arange(b.lanes), b.lanes_x)
+    lane_y, lane_x = np.divmod(np.arange(b.lanes_per_tile), b.lanes_x)
     left = tile_x[:, None] * b.tile_width + lane_x * b.stride_x
     top = tile_y[:, None] * b.tile_height + lane_y * b.stride_y
     met = met_boxes(splats, camera, left.ravel(), top.ravel(), b.width, b.height)
-    met = met.reshape(-1, grid.n_tiles, b.lanes)[lists.splat_from_isect.numpy(), tile]
+    met = met.reshape(-1, grid.n_tiles, b.lanes_per_tile)[lists.splat_from_isect.numpy(), tile]
     assert not (met & ~found).any()
     assert 0 < found.sum() <= 1.03 * met.sum(), f"{found.sum()} of lanes, {met.sum()} would do"
 
@@ -95,7 +94,7 @@ def assert_complete_and_tight(splats: Splats, camera: Camera):
         assert least <= set(got.tolist())
     total, least = sum(map(len, ours)), sum(map(len, minimal))
     assert least > 0
-    assert total <= 1.02 * least, f"{total} entries, {least} would do"
+    assert total <= 1.02 * least, f"{total} isects, {least} would do"
     assert_lanes_complete_and_tight(splats, camera)
 
 

@@ -10,10 +10,11 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
+import psutil
 from PIL import Image
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -74,9 +75,13 @@ def opened(url: str, width: int = 800, height: int = 600) -> Iterator[Page]:
             with connect(f"ws://127.0.0.1:{port}{_target(port, url)}", max_size=None) as socket:
                 yield Page(socket)
         finally:
-            browser.kill()
+            helpers = psutil.Process(browser.pid).children(recursive=True)  # they write to the profile
+            for process in (browser, *helpers):
+                with suppress(psutil.NoSuchProcess):
+                    process.kill()
             browser.stderr.close()
             browser.wait()
+            psutil.wait_procs(helpers)
 
 
 def _target(port: str, url: str) -> str:

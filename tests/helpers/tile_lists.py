@@ -2,13 +2,13 @@
 
 import numpy as np
 from mi_dogsplat.engine.geometry import Grid
-from mi_dogsplat.engine.tiles import WORD, Lists
+from mi_dogsplat.engine.tiles import WORD, TileLists
 
 
-def lanes_of_entries(lists: Lists, grid: Grid) -> np.ndarray:
-    """[entries, lanes] which lanes look at which entry, read from the words as a lane does."""
-    words = lists.words.numpy().reshape(-1, grid.blocks.lanes)
-    found = np.zeros((len(lists.splat_from_isect), grid.blocks.lanes), bool)
+def lanes_of_isects(lists: TileLists, grid: Grid) -> np.ndarray:
+    """[isects, lanes per tile] which lanes look at which isect, read from the words as a lane does."""
+    words = lists.words.numpy().reshape(-1, grid.blocks.lanes_per_tile)
+    found = np.zeros((len(lists.splat_from_isect), grid.blocks.lanes_per_tile), bool)
     for tile, (begin, end) in enumerate(zip(lists.begin.numpy(), lists.end.numpy(), strict=True)):
         groups = range(int(begin) // WORD, (int(end) - 1) // WORD + 1) if begin < end else ()
         for group in groups:

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.engine.composite_derivatives import lanes_add_in_turn
+from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.plugin.sensor import SensorReader
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
 from splat_scenes import random_splats, rounded, scalar_transform, scene_of, sensor_dict, square_camera

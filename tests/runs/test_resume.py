@@ -8,7 +8,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.engine.composite_derivatives import lanes_add_in_turn
+from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.runs import run
 from mi_dogsplat.runs.checkpoint import Checkpoints, load_checkpoint, save_checkpoint
 from mi_dogsplat.runs.stopping import Stopped

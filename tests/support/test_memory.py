@@ -138,6 +138,7 @@ def test_the_cap_falls_as_primitives_touch_more_tiles_and_removes_none():
 
 
 def test_images_that_do_not_fit_are_refused_before_they_are_read(data, monkeypatch):
+    monkeypatch.setattr(images, "usable_cores", lambda: 2)  # as many are decoded at a time, which takes memory too
     monkeypatch.setattr(images, "available_memory", lambda: 150_000)
     with pytest.raises(DataError, match=r"8 images need .* and 150 kB are free; shrink them: --downscale 2"):
         load_dataset(data)

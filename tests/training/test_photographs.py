@@ -14,7 +14,7 @@ import tiny_data
 from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.datasets.dataset import DiskView, View
 from mi_dogsplat.datasets.images import read_image
-from mi_dogsplat.engine.composite_derivatives import lanes_add_in_turn
+from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.picture import over_background, premultiplied
 from mi_dogsplat.runs import run

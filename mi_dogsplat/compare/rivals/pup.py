@@ -10,8 +10,6 @@ the derivative of the compensated opacity is left out.) Pruned to 20 %, then tha
 steps after each; the same two parts of the way to the budget here, from the densified start on.
 """
 
-# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -21,16 +19,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ...engine.composite import composite
-from ...engine.composite_derivatives import lanes_add_in_turn
-from ...engine.composite_fisher import COLUMNS, FISHER_ROW, PAIRS, SHAPE, composite_fisher, patch_blocks
-from ...engine.geometry import Blocks, Grid
+from ...engine.options import RasterOptions
 from ...engine.parameters import device_array
 from ...engine.project import DeviceCamera, project
-from ...engine.rasterize import RasterOptions
-from ...engine.tables import pack
-from ...engine.tiles import tiles
-from ...engine.walk import Settings
+from ...engine.view import prepare_both
+from ...engine.walks.composite import composite_over
+from ...engine.walks.fisher import COLUMNS, PAIRS, SHAPE, composite_fisher, patch_blocks
 from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
 
@@ -75,18 +69,8 @@ def fisher(params: dict, cameras: list[DeviceCamera], options: RasterOptions, ba
 
 def _products(params: dict, camera: DeviceCamera, options: RasterOptions, background: float) -> np.ndarray:
     """[COLUMNS, N] float64, what ``composite_fisher`` adds up for a view."""
-    projection = project(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)
-    size = camera.width, camera.height
-    grid, patches = (Grid.of(*size, blocks, mi.variant()) for blocks in (Blocks.of_backend(), patch_blocks()))
-    tables, lists = pack(projection, projection.colors), tiles(projection, patches, options.cutoffs)
-    settings = Settings(3, options.cutoffs, options.negative_transmittance, options.patch)
-    own = lists if grid == patches else tiles(projection, grid, options.cutoffs)
-    image, T = composite(grid, grid.lanes, tables, own, settings)
-    level = dr.opaque(type(T), background)
-    image = [dr.fma(T, level, plane) for plane in image]
-    entries = dr.zeros(type(T), dr.width(lists.entry_from_isect) * FISHER_ROW)
-    walk = patches, patches.lanes, tables, lists, settings
-    columns = composite_fisher(*walk, image, entries, lanes_add_in_turn(mi.variant()))
+    pictured, patches = prepare_both(params, camera, options, patch_blocks())
+    columns = composite_fisher(patches, composite_over(pictured, background))
     return np.stack([column.numpy() for column in columns]).astype(np.float64)
 
 

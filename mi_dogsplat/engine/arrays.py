@@ -1,0 +1,65 @@
+"""Dr.Jit's array types without derivatives, of the variant in use, and its loops: as a type checker can read them.
+
+The kernels of this package bring their own derivatives, so that they take these types and not ``mi.Float``. Dr.Jit's
+stubs give such types as ``object`` and the state of a loop as a tuple of one; here types are ``Any`` and a loop returns
+what it was given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, TypeVar
+
+import drjit as dr
+import mitsuba as mi
+
+State = TypeVar("State", bound=tuple)
+
+
+@dataclass(frozen=True)
+class ArrayTypes:
+    """Types of one backend; a packet is what one load, store or scatter moves per lane."""
+
+    is_llvm: bool
+    Float: Any
+    Double: Any
+    Int: Any
+    UInt: Any
+    UIntPair: Any  # packet of 2
+    Quad: Any  # packet of 4 floats
+    FloatPacket: Any  # of any size
+    UIntPacket: Any
+
+
+def array_types() -> ArrayTypes:
+    """Of the current variant."""
+    return _of_backend(dr.backend_v(mi.Float))
+
+
+@lru_cache
+def _of_backend(backend: Any) -> ArrayTypes:
+    is_llvm = backend == dr.JitBackend.LLVM
+    module: Any = dr.llvm if is_llvm else dr.cuda
+    scalars = module.Float, module.Float64, module.Int, module.UInt
+    return ArrayTypes(is_llvm, *scalars, module.Array2u, module.Array4f, module.ArrayXf, module.ArrayXu)
+
+
+def detached(value: Any) -> Any:
+    """The same values, or nested lists of them, in arrays without derivatives."""
+    return dr.detach(value, preserve_type=False)
+
+
+def while_loop(
+    state: State, cond: Callable[..., Any], body: Callable[..., State], label: str, labels: tuple[str, ...] = ()
+) -> State:
+    """``dr.while_loop``."""
+    loop: Any = dr.while_loop
+    return loop(state, cond, body, labels=labels, label=label)
+
+
+def if_stmt(args: tuple, cond: Any, true_fn: Callable[..., Any], false_fn: Callable[..., Any]) -> Any:
+    """``dr.if_stmt``: lanes where ``cond`` holds take one function, the others the other one."""
+    branch: Any = dr.if_stmt
+    return branch(args, cond, true_fn, false_fn)

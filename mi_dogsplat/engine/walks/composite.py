@@ -1,0 +1,50 @@
+"""Stage 3, *composite*: blend every pixel's primitives front to back.
+
+Notation (Kerbl et al. 2023, Sec. 6; DoG as in the method paper, Sec. 3.3)
+    p      log2 of a kernel's value at a pixel, lo - u² - v²,  u = ux dx + uy dy,  v = vy dy
+    α      min(.99, 2^p), for a DoG primitive min(.99, 2^p) - min(.99, 2^p'), ignored where |α| < 1/255
+    T      transmittance in front of the primitive; T ← T (1 - α), the walk ends before T would fall below 1e-4, or,
+           behind very many negative α, exceed 2^30
+    C      Σ c α T, for each feature c (the colour channels, and depth if asked for)
+
+``walk.py`` says how it runs.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+
+from ..arrays import array_types
+from ..frozen import frozen
+from ..view import PreparedView
+from .pixels import Planes, planes_of
+from .walk import Meeting, Walk
+
+
+def composite(view: PreparedView) -> Planes:
+    """Blend."""
+    *features, T = planes_of(_composite(view), view.settings.n_features + 1)
+    return Planes(features, T)
+
+
+def composite_over(view: PreparedView, background: float) -> list:
+    """The planes of the features over a grey level."""
+    blended = composite(view)
+    level = dr.opaque(array_types().Float, background)
+    return [dr.fma(blended.T, level, plane) for plane in blended.features]
+
+
+@frozen
+def _composite(view: PreparedView) -> list:
+    walk, features = Walk(view), range(view.settings.n_features)
+
+    def step(meeting: Meeting, T: list, C: list) -> None:
+        alpha = walk.alphas(meeting).values
+        for k in range(walk.pixels.count):
+            weight, T[k], goes_on = walk.advance(alpha[k], T[k], meeting, k)
+            for f in features:
+                c = C[f][k]
+                C[f][k] = dr.select(goes_on, dr.fma(weight, meeting.row.features[f], c), c)
+
+    T, C = walk.run(step, [walk.pixels.zeros() for _ in features], "composite")
+    return walk.pixels.write([*C, [dr.abs(t) for t in T]])

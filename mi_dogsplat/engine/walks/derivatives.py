@@ -1,0 +1,177 @@
+"""Derivatives of *composite*: both modes replay the walk; nothing is stored per primitive and pixel.
+
+Notation as in ``composite.py``, and
+    δx     adjoint of x in backward mode, tangent of x in forward mode
+
+Backward mode replays the walk in the same order and needs two numbers per pixel, T and the part of δC·C that is
+still to come.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import drjit as dr
+
+from ..arrays import if_stmt
+from ..frozen import frozen
+from ..view import PreparedView
+from .pixels import Planes, planes_of
+from .slot_rows import SlotRows
+from .walk import ALPHA_MAX, Alphas, Meeting, Walk
+
+LN2 = 0.6931471805599453
+
+
+class Projected(NamedTuple):
+    """What blending depends on of a primitive, or the derivatives of it, without its features."""
+
+    x: Any
+    y: Any
+    ux: Any
+    uy: Any
+    vy: Any
+    lo: Any
+
+
+N_PSEUDO = 4  # the last of these are the pseudo-Gaussian's own; its centre is that of the primary
+
+
+def composite_backward(view: PreparedView, blended: Planes, δ: Planes) -> tuple[list, list]:
+    """Adjoints of the projected quantities, given those of the planes.
+
+    Args:
+        blended: what ``composite`` returned.
+        δ: adjoints of it.
+
+    Returns (δ of what ``Projected`` names and of each feature, [N] each; δ of its last ``N_PSEUDO`` of the
+    pseudo-Gaussians, [M] each, nothing without DoG).
+    """
+    rows = SlotRows.zeros(view.lists, len(Projected._fields) + view.settings.n_features)
+    pseudo_rows = SlotRows.zeros(view.lists, N_PSEUDO) if view.tables.pseudo is not None else None
+    return _composite_backward(view, blended, δ, rows, pseudo_rows)
+
+
+@frozen
+def _composite_backward(
+    view: PreparedView, blended: Planes, δplanes: Planes, rows: SlotRows, pseudo_rows: SlotRows | None
+) -> tuple[list, list]:
+    walk, features = Walk(view), range(view.settings.n_features)
+    pixels, blocks, Float = walk.pixels, walk.blocks, walk.types.Float
+
+    δC = [pixels.read(plane) for plane in δplanes.features]
+    # what is still to come of δC·C + δT T: all of it at the start
+    rest = [δ * t for δ, t in zip(pixels.read(δplanes.T), pixels.read(blended.T), strict=True)]
+    for plane, δ in zip(blended.features, δC, strict=True):
+        rest = [dr.fma(c, d, r) for c, d, r in zip(pixels.read(plane), δ, rest, strict=True)]
+
+    def moments(δp: list, ux, uy, vy, dx, dy) -> Projected:
+        """δ from δp at every pixel of the block."""
+        # sums over the block of δp k^a r^b, with column k and row r counted from its corner
+        m0 = mk = mr = mkk = mkr = mrr = Float(0)
+        for r in range(blocks.height):
+            row = δp[r * blocks.width : (r + 1) * blocks.width]
+            s0, sk, skk = row[0], Float(0), Float(0)
+            for k, δ in enumerate(row[1:], 1):
+                s0, sk, skk = s0 + δ, dr.fma(k, δ, sk), dr.fma(k * k, δ, skk)
+            m0, mk, mkk = m0 + s0, mk + sk, mkk + skk
+            if r:
+                mr, mkr, mrr = dr.fma(r, s0, mr), dr.fma(r, sk, mkr), dr.fma(r * r, s0, mrr)
+        # u and v at the corner, where they are small numbers next to a needle; then sums of δp u, δp v, δp u dx, ...
+        u, v = dr.fma(ux, dx, uy * dy), vy * dy
+        mu, mv = dr.fma(u, m0, dr.fma(ux, mk, uy * mr)), dr.fma(v, m0, vy * mr)
+        mux = dr.fma(dx, mu, dr.fma(u, mk, dr.fma(ux, mkk, uy * mkr)))
+        muy = dr.fma(dy, mu, dr.fma(u, mr, dr.fma(ux, mkr, uy * mrr)))
+        mvy = dr.fma(dy, mv, dr.fma(v, mr, vy * mrr))
+        return Projected(2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0)
+
+    def pseudo_part(rows: SlotRows, alphas: Alphas, slot, dx, dy, δp: list) -> tuple:
+        """Add what is the pseudo-Gaussian's own to its row, in a branch as its kernel; returns δ of x, y."""
+
+        def add(slot, dog_row, dx, dy, δp):
+            kernel = walk.pseudo_row(dog_row)
+            δ = moments(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy)
+            rows.add(slot, [*δ[-N_PSEUDO:]], True)
+            return δ.x, δ.y
+
+        return if_stmt((slot, alphas.dog_row, dx, dy, δp), alphas.is_dog, add, lambda *_: (Float(0), Float(0)))
+
+    def step(meeting: Meeting, T: list, rest: list) -> None:
+        slot, colors, dx, dy = walk.slot(meeting), meeting.row.features, meeting.dx, meeting.dy
+        alphas = walk.alphas(meeting)
+        δp, δp_pseudo = [], []
+        δf = [Float(0) for _ in features]
+        for k, a in enumerate(alphas.values):
+            weight, behind, goes_on = walk.advance(a, T[k], meeting, k)
+            weight = dr.select(goes_on, weight, 0)
+            c = colors[0] * δC[0][k]
+            for f in features:
+                δf[f] = dr.fma(weight, δC[f][k], δf[f])
+                if f:
+                    c = dr.fma(colors[f], δC[f][k], c)
+            rest[k] = dr.fma(-weight, c, rest[k])
+            δα = LN2 * dr.fma(T[k], c, -walk.hidden(rest[k], a, a))
+            # zero where the primitive was ignored, or the walk had ended
+            δα = dr.select(goes_on & (a != 0), δα, 0)
+            δp.append(dr.select(alphas.primary[k] < ALPHA_MAX, δα * alphas.primary[k], 0))
+            if alphas.pseudo is not None:
+                δp_pseudo.append(dr.select(alphas.pseudo[k] < ALPHA_MAX, -δα * alphas.pseudo[k], 0))
+            T[k] = behind
+        kernel = meeting.row.kernel
+        δrow = moments(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy)
+        if pseudo_rows is not None:
+            δx, δy = pseudo_part(pseudo_rows, alphas, slot, dx, dy, δp_pseudo)
+            δrow = δrow._replace(x=δrow.x + δx, y=δrow.y + δy)
+        rows.add(slot, [*δrow, *δf], meeting.active)
+
+    walk.run(step, rest, "composite_backward")
+    return rows.sums(view.lists), pseudo_rows.sums(view.lists, view.tables.dog_index) if pseudo_rows else []
+
+
+def composite_forward(view: PreparedView, δsplats: list, δpseudo: list) -> Planes:
+    """Tangents of the planes, given those that ``composite_backward`` returns."""
+    *δfeatures, δT = planes_of(_composite_forward(view, δsplats, δpseudo), view.settings.n_features + 1)
+    return Planes(δfeatures, δT)
+
+
+def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list) -> list:
+    walk, features, n = Walk(view), range(view.settings.n_features), len(Projected._fields)
+
+    def tangents(values: list, meeting: Meeting, ux, uy, vy, δ: Projected) -> list:
+        """δ of 2^p at the pixels of the block, zero where it is limited to .99."""
+        result = []
+        for value, (x, y) in zip(values, walk.offsets(meeting), strict=True):
+            u, v = dr.fma(ux, x, uy * y), vy * y
+            δu = δ.ux * x + δ.uy * y - ux * δ.x - uy * δ.y
+            δv = δ.vy * y - vy * δ.y
+            δp = δ.lo - 2 * (u * δu + v * δv)
+            result.append(dr.select(value < ALPHA_MAX, LN2 * value * δp, 0))
+        return result
+
+    def step(meeting: Meeting, T: list, δplanes: list) -> None:
+        δT, *δC = δplanes
+        alphas = walk.alphas(meeting)
+        δrow = [dr.gather(walk.types.Float, values, meeting.splat, meeting.active) for values in δsplats]
+        δ, δf, kernel = Projected(*δrow[:n]), δrow[n:], meeting.row.kernel
+        δα = tangents(alphas.primary, meeting, kernel.ux, kernel.uy, kernel.vy, δ)
+        if alphas.pseudo is not None:
+            is_dog = alphas.is_dog
+            own = [dr.gather(walk.types.Float, values, alphas.dog_row, is_dog) for values in δpseudo]
+            row = walk.pseudo_row(dr.select(is_dog, alphas.dog_row, 0))
+            ux, uy, vy = (dr.select(is_dog, value, 0) for value in (row.ux, row.uy, row.vy))
+            δα_pseudo = tangents(alphas.pseudo, meeting, ux, uy, vy, Projected(δ.x, δ.y, *own))
+            δα = [a - b for a, b in zip(δα, δα_pseudo, strict=True)]
+        for k, a in enumerate(alphas.values):
+            weight, behind, goes_on = walk.advance(a, T[k], meeting, k)
+            weight = dr.select(goes_on, weight, 0)
+            δa = dr.select(goes_on & (a != 0), δα[k], 0)
+            δweight = dr.select(goes_on, dr.fma(δa, T[k], a * δT[k]), 0)
+            for f in features:
+                δC[f][k] = dr.fma(δweight, meeting.row.features[f], dr.fma(weight, δf[f], δC[f][k]))
+            passes = goes_on if walk.amplifies else goes_on & (a > 0)
+            δT[k] = dr.select(passes, δT[k] - δweight, δT[k])
+            T[k] = behind
+
+    start = [walk.pixels.zeros() for _ in range(1 + len(features))]
+    _, (δT, *δC) = walk.run(step, start, "composite_forward", unroll=False)
+    return walk.pixels.write([*δC, δT])

@@ -1,0 +1,75 @@
+"""Stage 3 once more: replay the walk of ``composite`` for how the image, patch by patch, depends on each primitive.
+
+Notation as in ``composite_score.py``: d, the derivative of a channel by α. Of a primitive, in a patch of 4 x 4 pixels,
+
+    g_c = Σ d_c ∂α/∂(x, y, ux, uy, vy)     derivative of the patch's sum of channel c by the projected shape, 5 numbers
+    s   = Σ α T                             derivative of the same by the primitive's colour in that channel
+
+and the result adds up, over patches, their products: what the squares of derivatives of the image by any parameters
+behind the projection are made of (``compare/rivals/pup.py``). Of a DoG primitive: by the shape of the primary kernel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import drjit as dr
+
+from ..frozen import frozen
+from ..geometry import Blocks
+from ..view import PreparedView
+from .derivatives import LN2
+from .slot_rows import SlotRows
+from .walk import ALPHA_MAX, Meeting, Walk
+
+SHAPE = 5  # numbers of a projected shape: x y ux uy vy
+PAIRS = [(i, j) for i in range(SHAPE) for j in range(i, SHAPE)]
+COLUMNS = len(PAIRS) + 3 * SHAPE + 1
+
+
+def patch_blocks() -> Blocks:
+    """The backend's blocks, made to be patches of 4 x 4 pixels."""
+    return replace(Blocks.of_backend(), width=4, height=4)
+
+
+def composite_fisher(view: PreparedView, image: list) -> list:
+    """Sums over the patches of a view: Σ_c g_c[i] g_c[j] for ``PAIRS``, then s g_c[i] by channel, then s²; [N] each.
+
+    Args:
+        view: made with ``patch_blocks``.
+        image: the 3 planes of the view [H*W], background included.
+    """
+    return _composite_fisher(view, image, SlotRows.zeros(view.lists, COLUMNS))
+
+
+@frozen
+def _composite_fisher(view: PreparedView, image: list, rows: SlotRows) -> list:
+    walk = Walk(view)
+    Float = walk.types.Float
+
+    def step(meeting: Meeting, T: list, behind: list) -> None:
+        slot, color, kernel = walk.slot(meeting), meeting.row.features, meeting.row.kernel
+        ux, uy, vy = kernel.ux, kernel.uy, kernel.vy
+        alphas, offsets = walk.alphas(meeting), walk.offsets(meeting)
+        g = [[Float(0)] * SHAPE for _ in range(3)]
+        s = Float(0)
+        for k, (x, y) in enumerate(offsets):
+            a, primary = alphas.values[k], alphas.primary[k]
+            weight, T_behind, goes_on = walk.advance(a, T[k], meeting, k)
+            blended = goes_on & (a != 0)
+            weight = dr.select(blended, weight, 0)
+            s = s + weight
+            u, v = dr.fma(ux, x, uy * y), vy * y
+            slope = dr.select(blended & (primary < ALPHA_MAX), LN2 * primary, 0)  # ∂α/∂p
+            by_shape = [2 * u * ux, 2 * dr.fma(u, uy, v * vy), -2 * u * x, -2 * u * y, -2 * v * y]  # ∂p
+            for c in range(3):
+                behind[c][k] = dr.fma(-weight, color[c], behind[c][k])
+                d = slope * dr.fma(T[k], color[c], -walk.hidden(behind[c][k], a, a))
+                g[c] = [dr.fma(d, by, value) for by, value in zip(by_shape, g[c], strict=True)]
+            T[k] = T_behind
+        products = [g[0][i] * g[0][j] + g[1][i] * g[1][j] + g[2][i] * g[2][j] for i, j in PAIRS]
+        products += [s * value for channel in g for value in channel]
+        rows.add(slot, [*products, s * s], meeting.active)
+
+    walk.run(step, [walk.pixels.read(plane) for plane in image], "composite_fisher", unroll=False)
+    return rows.sums(view.lists)

@@ -1,0 +1,150 @@
+"""Stage 3 once more: replay the walk of ``composite`` and add up, per primitive, what it contributes to a view.
+
+Notation as in ``composite.py``; for primitive i, at a pixel,
+    T, α, c    transmittance in front of it, its α, its colour
+    B          colour of the image that lies behind it, background included
+    d = T c - B / (1 - α)
+               derivative of the image by α, per channel. The image is affine in α: d is exact for changes of any size.
+               Without the second term where α < 0 and transmittance ignores negative α
+    J = o Σ d  Σ over the channels, o the opacity: the derivative of the summed image by the kernel's value. As Speedy-
+               Splat defines it: not limited where o times that value exceeds .99, 0 where |α| < 1/255 or the walk
+               had ended before. Of a DoG primitive: by the value of the primary kernel
+    D = α d    the image minus the image without the primitive, per channel
+
+J and D are footprint images, one or three channels F each, and a pass adds up sums over their pixels.
+
+Without a primitive some walks would end later; D puts the background there. That errs by up to T_end / (1 - α), where
+T_end is what the walk left: little, unless the primitive is nearly opaque itself. Measured against real removals on a
+trained model (fern, 10,000 primitives, 1,500 steps), the sum of D² is off by 5e-6 (median), at most 0.8 % for 99 % of
+the primitives, 5 % for the worst of 400. Walks that went on to 1e-6 had a worst of 2 %.
+
+Rounding: B is what remains of the finished image after everything in front was subtracted, off by 1e-7 of the image
+at most; since T (1 - α) never falls below 1e-4, d has an error of 1e-3 T in the worst case, 1e-7 in the usual one.
+
+Differences of neighbouring pixels need both in one lane: blocks and tiles then overlap by a column and a row
+(``Blocks.overlap``), which are composited in both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import drjit as dr
+
+from ..frozen import frozen
+from ..geometry import Blocks
+from ..view import PreparedView
+from .slot_rows import SlotRows
+from .walk import Meeting, Walk
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Which sums over the pixels of the footprint images F a pass adds up, each a column of the result, in this order.
+
+    removal: F is D. Else F is J.
+    energy: Σ F²
+    weighted: ... Σ (w F)² instead, with a plane w
+    gradient: Σ |∇F|², ∇ the forward differences of neighbouring pixels that are both inside the image. That is the
+        spectrum of F, continued by reflection, weighted by 4 sin²(ω_x/2) + 4 sin²(ω_y/2): |ω|² for small ω
+    probes: that many columns Σ ξ F, with a plane ξ per column and channel of F
+    """
+
+    removal: bool = False
+    energy: bool = True
+    weighted: bool = False
+    gradient: bool = False
+    probes: int = 0
+
+    @property
+    def channels(self) -> int:
+        """Of F."""
+        return 3 if self.removal else 1
+
+    @property
+    def columns(self) -> int:
+        return self.energy + self.gradient + self.probes
+
+    @property
+    def blocks(self) -> Blocks:
+        """The backend's blocks, with the overlap that differences of neighbours need."""
+        blocks = Blocks.of_backend()
+        if not self.gradient:
+            return blocks
+        return replace(blocks, width=blocks.width + 1, height=blocks.height + 1, overlap=1)
+
+
+def composite_score(view: PreparedView, sums: Sums, image: list, planes: list, share=None) -> list:
+    """Sums over a view, per primitive.
+
+    Args:
+        view: made with ``sums.blocks``.
+        image: the 3 planes of the view [H*W], background included.
+        planes: if ``sums.weighted``, w; then ξ of each probe, ``sums.channels`` planes each.
+        share: [N], what is blended is share α, the image being made so: F is then D per share, that is the derivative
+            of the image by the share, also where it is 0 (needs ``sums.removal``). None: 1 for all.
+
+    Returns the columns, [N] each.
+    """
+    return _composite_score(view, sums, image, planes, SlotRows.zeros(view.lists, sums.columns), share)
+
+
+@frozen
+def _composite_score(view: PreparedView, sums: Sums, image: list, planes: list, rows: SlotRows, share) -> list:
+    walk = Walk(view)
+    pixels, blocks, Float = walk.pixels, walk.blocks, walk.types.Float
+    width, channels = blocks.width, range(sums.channels)
+    own = [r * width + c for r in range(blocks.stride_y) for c in range(blocks.stride_x)]
+    behind = [pixels.read(plane) for plane in image]
+    if not sums.removal:
+        behind = [[r + g + b for r, g, b in zip(*behind, strict=True)]]
+    values = [pixels.read(plane) for plane in planes]
+    weight2 = [w * w for w in values.pop(0)] if sums.weighted else None
+    # ξ at the lane's own pixels, in the order in which F is listed
+    probes = [[values[p * len(channels) + f][k] for f in channels for k in own] for p in range(sums.probes)]
+
+    def energy(F: list):
+        total = Float(0)
+        for f in channels:
+            for k in own:
+                total = dr.fma(F[f][k] if weight2 is None else F[f][k] * weight2[k], F[f][k], total)
+        return total
+
+    def gradient_energy(F: list):
+        total = Float(0)
+        for f in channels:
+            for k in own:
+                for neighbour in (k + 1, k + width):
+                    difference = dr.select(pixels.inside[neighbour], F[f][neighbour] - F[f][k], 0)
+                    total = dr.fma(difference, difference, total)
+        return total
+
+    def correlation(probe: list, F: list):
+        total = Float(0)
+        for ξ, value in zip(probe, (F[f][k] for f in channels for k in own), strict=True):
+            total = dr.fma(ξ, value, total)
+        return total
+
+    def step(meeting: Meeting, T: list, behind: list) -> None:
+        slot = walk.slot(meeting)
+        alpha = walk.alphas(meeting).values
+        color, opacity = meeting.row.features, dr.exp2(meeting.row.kernel.lo)
+        color = color if sums.removal else [sum(color)]
+        blends = 1 if share is None else dr.gather(Float, share, meeting.splat, meeting.active)
+        F = [[] for _ in channels]
+        for k, a in enumerate(alpha):
+            blended_alpha = a * blends
+            weight, T_behind, goes_on = walk.advance(blended_alpha, T[k], meeting, k)
+            weight = dr.select(goes_on, weight, 0)
+            blended = goes_on & (a != 0)
+            for f in channels:
+                behind[f][k] = dr.fma(-weight, color[f], behind[f][k])
+                hidden = walk.hidden(behind[f][k], a, blended_alpha)
+                d = dr.select(blended, dr.fma(T[k], color[f], -hidden), 0)
+                F[f].append((a if sums.removal else opacity) * d)
+            T[k] = T_behind
+        result = ([energy(F)] if sums.energy else []) + ([gradient_energy(F)] if sums.gradient else [])
+        rows.add(slot, result + [correlation(probe, F) for probe in probes], meeting.active)
+
+    walk.run(step, behind, "composite_score")
+    return rows.sums(view.lists)

@@ -1,0 +1,250 @@
+"""How a lane walks down its list of primitives: what all kernels that blend, or replay the blending, have in common.
+
+Notation as in ``composite.py``. A lane owns a block of pixels, unrolled here in Python; the lanes of a packet are one
+tile, each with the isects of the tile's list that touch its block (``tiles.py``). The pixels of a patch of 4 x 4 share
+three exponentials: from pixel to pixel 2^p is multiplied by a ratio, and the ratio by a constant of the primitive,
+
+    2^p(dx+1, dy) = 2^p r,   r = 2^(-ux (2u + ux)),                     r(dx+1, dy) = r q,   r(dx, dy+1) = r s,
+    2^p(dx, dy+1) = 2^p d,   d = 2^(-uy (2u + uy) - vy (2v + vy)),      d(dx, dy+1) = d t,
+    q = 2^(-2 ux²),  s = 2^(-2 ux uy),  t = 2^(-2 (uy² + vy²)).
+
+Thanks to the 0.3 px² low-pass filter a kernel that is visible anywhere in a patch is above 2^-90 at its first pixel:
+float32 does not underflow, and six steps lose a few ulp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import reduce
+from operator import and_
+from typing import Any, NamedTuple
+
+import drjit as dr
+
+from ..arrays import array_types, if_stmt, while_loop
+from ..project import NOT_DOG
+from ..tables import DEPTH_FEATURE, FIRST_FEATURE, PSEUDO_COLUMNS, KernelRow, SplatRow, row_size
+from ..tiles import WORD
+from ..view import PreparedView
+from .exp2 import exp2
+from .pixels import BlockPixels
+
+ALPHA_MAX = 0.99
+DEAD_PATCH = -120.0  # a patch that starts below 2^-120 is dead: flushed to 0, so that no ratio can revive it
+MAX_T = 2.0**30  # only a stack of negative lobes gets there; float32 would end in ∞ and NaN
+
+
+@dataclass
+class Meeting:
+    """A primitive as a lane meets it on its list."""
+
+    isect: Any
+    active: Any  # whether there is one
+    splat: Any
+    row: SplatRow
+    dx: Any  # from its centre to the first pixel of the block
+    dy: Any
+
+
+@dataclass
+class Alphas:
+    """Of a primitive at the pixels of a block."""
+
+    values: list  # α
+    primary: list  # 2^p
+    pseudo: list | None  # 2^p', 0 for a plain primitive; None in a model without DoG, as are the next two
+    dog_row: Any
+    is_dog: Any
+
+
+class Step(NamedTuple):
+    """A pixel's walk past one primitive."""
+
+    weight: Any  # α T, whether it goes on or not
+    T: Any  # behind the primitive, or -T where the walk has ended
+    goes_on: Any
+
+
+class Walk:
+    """Trace-time helper: one lane's block of pixels walking its tile's list."""
+
+    def __init__(self, view: PreparedView):
+        self.types = types = array_types()
+        self.exp2: Callable[[Any], Any] = exp2 if types.is_llvm else dr.exp2
+        self.grid, self.tables, self.lists, self.settings = view.grid, view.tables, view.lists, view.settings
+        self.row_size, self.has_dog = row_size(view.settings.n_features), view.tables.pseudo is not None
+        # whether a negative α raises T; a model without DoG has none, and is not asked
+        self.amplifies = view.settings.negative_transmittance or not self.has_dog
+        self.blocks = view.grid.blocks
+        tile = view.lanes.tile
+        begin, end = (dr.gather(types.UInt, ends, tile) for ends in (view.lists.begin, view.lists.end))
+        self.begin, self.tile = begin, tile
+        self.last = dr.select(begin < end, (end - 1) // WORD + 1, 0)
+        self.lane = dr.arange(types.UInt, dr.width(tile)) % self.blocks.lanes_per_tile
+        self.x0, self.y0 = types.Float(view.lanes.x) + 0.5, types.Float(view.lanes.y) + 0.5
+        if types.is_llvm:
+            self._align_stack()
+        self.pixels = BlockPixels(view.grid, view.lanes)
+        self.stop_depth = None if self.tables.stop_depth is None else self.pixels.read(self.tables.stop_depth)
+
+    def _align_stack(self) -> None:
+        """Local memory that LLVM cannot optimise away, always 0, makes it align the stack to cache lines.
+
+        Otherwise (LLVM 19) each of the vectors that do not fit the registers lies across two of them.
+        """
+        Float = self.types.Float
+        scratch = dr.alloc_local(Float, 2, value=Float(0))
+        scratch[self.begin & 1] = Float(self.begin >> 31)
+        self.x0 = self.x0 + scratch[self.last & 1]
+
+    # --- the walk ---
+
+    def run(self, step: Callable[[Meeting, list, Any], None], state: Any, label: str, unroll: bool = True) -> Any:
+        """Walk until the list ends, or no pixel transmits any more.
+
+        Args:
+            step: takes a primitive, T per pixel and ``state``, and replaces items of these two lists (or dictionaries).
+            state: nested lists and dictionaries of arrays.
+            unroll: take the backend's number of primitives per iteration; else one.
+
+        Returns (T per pixel, state), T negative where the walk has ended.
+        """
+
+        def body(place, T, state):
+            T, state = _copied(T), _copied(state)
+            for _ in range(self.blocks.unroll if unroll else 1):
+                meeting, place = self._next(place)
+                step(meeting, T, state)
+            return place, T, state
+
+        # pixels beyond the border of the image are born dead, so that they end no walk late
+        T = [dr.select(ok, self.types.Float(1), self.types.Float(-1)) for ok in self.pixels.inside]
+        # place in the list: (isects of the present word that are still to come, the next word's number)
+        start = (self.types.UInt(0), self.begin // WORD), T, state
+        return while_loop(start, self._goes_on, body, label, ("place", "T", "state"))[1:]
+
+    def _goes_on(self, place, T: list, state: Any):
+        bits, group = place
+        return ((bits != 0) | (group < self.last)) & self._alive(T)
+
+    def _alive(self, T: list):
+        """Some pixel still transmits: finished pixels carry -T, and so the sign is set in the bits that all share."""
+        bits: Any = reduce(and_, (dr.reinterpret_array(self.types.Int, t) for t in T))
+        return bits >= 0
+
+    def _next(self, place) -> tuple[Meeting, tuple]:
+        """The next primitive, and where the lane then is. An empty word costs a step without one.
+
+        Lanes that meet none get an empty kernel.
+        """
+        UInt = self.types.UInt
+        bits, group = place
+        refill = (bits == 0) & (group < self.last)
+        at = (self.tile + group) * self.blocks.lanes_per_tile + self.lane
+        word = dr.gather(UInt, self.lists.words, at, refill)
+        bits, group = dr.select(refill, word, bits), dr.select(refill, group + 1, group)
+        isect, active = dr.fma(group - 1, WORD, dr.tzcnt(bits)), bits != 0
+
+        splat = dr.gather(UInt, self.lists.splat_from_isect, isect, active)
+        columns = FIRST_FEATURE + self.settings.n_features
+        x, y, *values = self._floats(self.tables.splats, splat, self.row_size, columns, active)
+        kernel, features = KernelRow(*values[: FIRST_FEATURE - 2]), values[FIRST_FEATURE - 2 :]
+        kernel = kernel._replace(lo=dr.select(active, kernel.lo, 2 * DEAD_PATCH))
+        meeting = Meeting(isect, active, splat, SplatRow(x, y, kernel, features), self.x0 - x, self.y0 - y)
+        return meeting, (bits & (bits - 1), group)
+
+    def _floats(self, table, row, row_size: int, columns: int, active=True) -> list:
+        """The first ``columns`` floats of a row, in packets of eight and four."""
+        values = []
+        while len(values) < columns:
+            size = 8 if columns - len(values) > 4 else 4
+            index = dr.fma(row, row_size // size, len(values) // size)
+            if size == 8:
+                values += list(dr.gather(self.types.FloatPacket, table, index, active, shape=(8, dr.width(index))))
+            else:
+                values += list(dr.gather(self.types.Quad, table, index, active))
+        return values
+
+    def slot(self, meeting: Meeting):
+        """Where the isect's sums are, in a ``SlotRows``."""
+        return dr.gather(self.types.UInt, self.lists.slot_from_isect, meeting.isect, meeting.active)
+
+    # --- one primitive ---
+
+    def offsets(self, meeting: Meeting) -> list[tuple]:
+        """(dx, dy) from its centre to each pixel of the block."""
+        width = self.blocks.width
+        return [(meeting.dx + k % width, meeting.dy + k // width) for k in range(self.pixels.count)]
+
+    def alphas(self, meeting: Meeting) -> Alphas:
+        """α, and what it is made of."""
+        primary, cutoff = self._kernel(meeting.row.kernel, meeting.dx, meeting.dy), self.settings.cutoffs.alpha
+        if not self.has_dog:
+            alpha = [dr.select(v >= cutoff, dr.minimum(v, ALPHA_MAX), 0) for v in primary]
+            return Alphas(alpha, primary, None, None, None)
+        pseudo, dog_row, is_dog = self._pseudo_kernel(meeting)
+        alpha = []
+        for v, v_p in zip(primary, pseudo, strict=True):
+            a = dr.minimum(v, ALPHA_MAX) - dr.minimum(v_p, ALPHA_MAX)
+            alpha.append(dr.select(dr.abs(a) >= cutoff, a, 0))
+        return Alphas(alpha, primary, pseudo, dog_row, is_dog)
+
+    def _kernel(self, kernel: KernelRow, dx, dy) -> list:
+        """2^p at the pixels of the block, row by row."""
+        width, height, patch = self.blocks.width, self.blocks.height, self.settings.patch
+        ux, uy, vy, lo, q, s, t = kernel
+        values: list = [None] * self.pixels.count
+        for top in range(0, height, patch):
+            for left in range(0, width, patch):
+                y = dy + top
+                u, v = dr.fma(ux, dx + left, uy * y), vy * y
+                p = dr.fma(-u, u, dr.fma(-v, v, lo))
+                live = p > DEAD_PATCH  # then the ratios are between 2^-37 and 2^37
+                first = dr.select(live, self.exp2(p), 0)
+                right = self.exp2(dr.select(live, -ux * dr.fma(2, u, ux), 0))
+                down = self.exp2(dr.select(live, dr.fma(-uy, dr.fma(2, u, uy), -vy * dr.fma(2, v, vy)), 0))
+                for row in range(top, min(top + patch, height)):
+                    value, ratio = first, right
+                    for column in range(left, min(left + patch, width)):
+                        values[row * width + column] = value
+                        value, ratio = value * ratio, ratio * q
+                    first, right, down = first * down, right * s, down * t
+        return values
+
+    def _pseudo_kernel(self, meeting: Meeting) -> tuple:
+        """2^p' of the pseudo-Gaussian, zeros for a plain primitive: packets without a DoG primitive jump over it."""
+        row = dr.gather(self.types.UInt, self.tables.dog_row, meeting.splat, meeting.active)
+        is_dog = meeting.active & (row != NOT_DOG)
+
+        def evaluate(row, dx, dy):
+            return self._kernel(self.pseudo_row(row), dx, dy)
+
+        values = if_stmt((row, meeting.dx, meeting.dy), is_dog, evaluate, lambda *_: self.pixels.zeros())
+        return list(values), row, is_dog
+
+    def pseudo_row(self, row) -> KernelRow:
+        return KernelRow(*self._floats(self.tables.pseudo, row, PSEUDO_COLUMNS, PSEUDO_COLUMNS)[:7])
+
+    def advance(self, alpha, T, meeting: Meeting, k: int) -> Step:
+        """Walk past a primitive at pixel ``k`` of the block."""
+        weight = alpha * T
+        behind = T - (weight if self.amplifies else dr.maximum(weight, 0))
+        goes_on = behind >= self.settings.cutoffs.transmittance
+        if self.has_dog and self.settings.negative_transmittance:  # T may rise
+            goes_on &= behind <= MAX_T
+        if self.stop_depth is not None:
+            goes_on &= meeting.row.features[DEPTH_FEATURE] <= self.stop_depth[k]
+        return Step(weight, dr.select(goes_on, behind, -dr.abs(T)), goes_on)
+
+    def hidden(self, behind, alpha, blended_alpha):
+        """By how much a primitive dims the light ``behind`` it, per unit of α: the image's derivative is T c - this."""
+        light = behind / (1 - blended_alpha)  # as it would be without the primitive
+        return light if self.amplifies else dr.select(alpha > 0, light, 0)
+
+
+def _copied(state: Any) -> Any:
+    """Lists and dictionaries of their own, of the same arrays."""
+    if isinstance(state, dict):
+        return {name: _copied(value) for name, value in state.items()}
+    return [_copied(value) for value in state] if isinstance(state, list) else state
