@@ -16,7 +16,7 @@ demo: $(FOR_DEMO) llvm
 # pytest comes last, so that its closing line is the last one.
 test: lint
 	-@$(MAKE) --no-print-directory blender
-	$(PY) -m pytest -q -n auto --dist worksteal
+	$(PY) -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 lint: setup
 	$(PY) -m ruff check .

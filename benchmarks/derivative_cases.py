@@ -4,9 +4,6 @@ A case moves a scene on the device and, where there is one, the float64 twin of 
 compared with central differences of either. Images are 16 x 12 pixels: splats over an emitter, in linear radiance.
 """
 
-# The stubs of Mitsuba and Dr.Jit give many types as "object".
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
-# pyright: reportReturnType=false
 from __future__ import annotations
 
 import zlib

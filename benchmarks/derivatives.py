@@ -4,8 +4,6 @@ What is derived is Σ A I, the image I under a fixed random image A, along a fix
 relative to the differences.
 """
 
-# The stubs of Mitsuba and Dr.Jit give many types as "object".
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
 from __future__ import annotations
 
 import argparse

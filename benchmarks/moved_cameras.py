@@ -3,8 +3,6 @@
 The six are shifts along three axes in world units, then rotations about them in degrees.
 """
 
-# The stubs of Mitsuba and Dr.Jit give many types as "object".
-# pyright: reportArgumentType=false, reportCallIssue=false
 from __future__ import annotations
 
 from typing import Any

@@ -1,9 +1,8 @@
 """Integrator plugin ``dogsplat``: renders ``dog`` shapes by splatting."""
 
-# The stubs of Mitsuba give properties as "object": argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false
-# pyright: reportOperatorIssue=false, reportReturnType=false
 from __future__ import annotations
+
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -88,7 +87,7 @@ class DogSplatIntegrator(ADIntegrator):
         'surfaces': {'type': 'path'}
     """
 
-    def __init__(self, props: mi.Properties):
+    def __init__(self, props: Any):
         super().__init__(props)
         self.srgb_primitives = props.get("srgb_primitives", True)
         self.antialiased = props.get("antialiased", False)
@@ -160,7 +159,7 @@ class DogSplatIntegrator(ADIntegrator):
                 sums = spreader.spread(self._pass(scene, sensor, sample, spreader.border, derivative=True), sample)
                 _backward(sums[:-1], adjoints)
 
-    def _image(self, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int, derivative=False) -> mi.TensorXf:
+    def _image(self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, derivative=False) -> Any:
         """The developed film, attached to the AD graph where the parameters are.
 
         ``derivative``: wanted for its graph only, after a primal pass; the film is left as it is.
@@ -169,7 +168,7 @@ class DogSplatIntegrator(ADIntegrator):
         if len(passes) == 1:
             planes = self._pass(scene, sensor, passes[0], derivative=derivative)
         else:
-            spreader, sums = Filter(film), None
+            spreader, sums = Filter(film), []
             for sample in passes:
                 new = spreader.spread(self._pass(scene, sensor, sample, spreader.border, derivative), sample)
                 sums = [a + b for a, b in zip(sums, new, strict=True)] if sums else new
@@ -205,7 +204,8 @@ class DogSplatIntegrator(ADIntegrator):
         options = aovs.options_for(self.aovs, options)
         others = len(scene.shapes()) - len(shapes)
         if others and self.nested is None and not self._warned:
-            mi.Log(mi.LogLevel.Warn, f"dogsplat: {others} other shapes are not seen; nest an integrator, such as path")
+            log: Any = mi.Log
+            log(mi.LogLevel.Warn, f"dogsplat: {others} other shapes are not seen; nest an integrator, such as path")
             self._warned = True
         seen = None
         if self.nested is not None and others:
@@ -223,7 +223,7 @@ class DogSplatIntegrator(ADIntegrator):
             extra["median_depth.Z"] = seen.median_depth(extra["median_depth.Z"])
         return [*colors, *alpha, *extra.values()]
 
-    def _over_background(self, frame: Frame, scene: mi.Scene, look: Look) -> list[mi.Float]:
+    def _over_background(self, frame: Frame, scene: mi.Scene, look: Look) -> list:
         """Film radiance per channel: splats over the environment emitter, blended in the primitives' colour space."""
         colors = frame.colors
         environment = scene.environment()

@@ -1,8 +1,8 @@
 """Shape plugin ``dog``: a cloud of Gaussian and Difference-of-Gaussians primitives."""
 
-# The stubs of Mitsuba give properties as "object": argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
 from __future__ import annotations
+
+from typing import Any, cast
 
 import drjit as dr
 import mitsuba as mi
@@ -58,7 +58,16 @@ class DogShape(mi.Mesh):
         }
     """
 
-    def __init__(self, props: mi.Properties):
+    # raw parameters, as the names in ``RAW`` and ``RAW_DOG``
+    means: mi.TensorXf
+    log_scales: mi.TensorXf
+    quats: mi.TensorXf
+    logit_opacities: mi.TensorXf
+    sh_coeffs: mi.TensorXf
+    dog_logit_opacities: mi.TensorXf
+    dog_log_scales: mi.TensorXf
+
+    def __init__(self, props: Any):
         _start_as_a_point(self)
         self.set_id(props.id())
         given = [name for name in (*RAW, "dog_index", *RAW_DOG) if name in props]
@@ -72,7 +81,7 @@ class DogShape(mi.Mesh):
                 splats = Splats(**{name: _to_numpy(props[name]) for name in given})
                 self.source = "tensors"
             else:
-                resolver = mi.file_resolver()
+                resolver = cast(Any, mi.file_resolver)()
                 self.source = str(resolver.resolve(props["filename"]))
                 splats = read_ply(self.source)
             matrix = np.array(props.get("to_world", mi.ScalarTransform4f()).matrix, dtype=np.float64)

@@ -19,9 +19,10 @@ from ..support.files import replacing, write_json
 from ..support.versions import versions
 from ..support.wording import finite
 from . import PARTS, stability, work_precision
-from .page import check_page
 from .scenes import Scene, model_scene, synthetic_scenes
 from .training import read_training
+
+TEMPLATE_PACKAGES = ("jinja2", "markupsafe")
 
 
 def check(
@@ -36,7 +37,7 @@ def check(
     options: PictureOptions = PictureOptions(),
     progress: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
-    """Measure the numerics of the engine; write ``check.json`` and ``check.html`` to ``out``.
+    """Measure the numerics of the engine; write ``check.json`` and, with the extra ``train``, ``check.html``.
 
     Args:
         out: folder to write.
@@ -72,8 +73,7 @@ def check(
     report: dict[str, Any] = {"model_name": scene.name if scene else None, "machine": _machine(rounds)}
     report = _plain(report | {name: job() for name, job in jobs.items()})
     write_json(out / "check.json", report)
-    with replacing(out / "check.html") as part:
-        part.write_text(check_page(report), encoding="utf-8")
+    _write_page(report, out / "check.html")
     return report
 
 
@@ -103,6 +103,19 @@ def _model_scene(
     view = viewpoint(splats, data, camera, options)
     others = {"background": view.background, "near_clip": view.near_clip, "antialiased": options.antialiased}
     return model_scene(model.name, splats, view.camera, width, **others)
+
+
+def _write_page(report: dict[str, Any], path: Path) -> None:
+    """The page. Without the extra ``train`` there is none, and none of an earlier check either."""
+    path.unlink(missing_ok=True)
+    try:
+        from .page import check_page
+    except ModuleNotFoundError as error:
+        if error.name not in TEMPLATE_PACKAGES:
+            raise
+        return
+    with replacing(path) as part:
+        part.write_text(check_page(report), encoding="utf-8")
 
 
 def _machine(rounds: int) -> dict[str, Any]:

@@ -138,7 +138,8 @@ def check(args: argparse.Namespace) -> int:
 
     how = args.only, args.runs, args.data, args.camera, args.width, args.rounds
     report = run_check(args.out, args.model, *how, options, _say)
-    print(args.out / "check.html")
+    page = args.out / "check.html"
+    print(page if page.exists() else page.with_suffix(".json"))
     if wrong := [row["name"] for row in report.get("stability", []) if row["verdict"] == "wrong"]:
         print(f"dogsplat: stability: {len(wrong)} wrong: {', '.join(wrong)}", file=sys.stderr)
     return 1 if wrong else 0

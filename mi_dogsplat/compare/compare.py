@@ -21,7 +21,7 @@ from typing import Any
 from ..datasets import load_dataset
 from ..support.cores import usable_cores
 from ..support.errors import DataError
-from ..support.files import replacing, write_json
+from ..support.files import is_empty, replacing, write_json
 from ..support.locks import locked
 from ..training.config import FREE, TrainConfig
 from .cluster import cluster_client, on_cluster
@@ -93,7 +93,7 @@ def _check_folder(out: Path) -> None:
     """Raises ``DataError`` for a folder that is not one of a comparison."""
     if out.exists() and not out.is_dir():
         raise DataError(out, "is a file", "name a folder for the comparison")
-    if out.is_dir() and any(out.iterdir()) and not (out / COMPARISON).exists():
+    if out.is_dir() and not is_empty(out) and not (out / COMPARISON).exists():
         raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier comparison")
 
 

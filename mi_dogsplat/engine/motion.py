@@ -4,19 +4,16 @@ The colours turn with the model: its spherical harmonics are rotated band by ban
 from samples: each band is a space of functions that is closed under rotation, so matching as many directions is exact.
 """
 
-# Dr.Jit's stubs give the type of an expression as "object".
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false, reportReturnType=false
-# pyright: reportOperatorIssue=false, reportGeneralTypeIssues=false
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any, cast
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..reference.forward import sh_basis as reference_basis
-from .sh import read_rows, sh_basis
+from .sh import read_rows, sh_basis, sh_basis_table
 
 
 def moved(params: dict, to_world: mi.Transform4f) -> dict:
@@ -30,8 +27,8 @@ def moved(params: dict, to_world: mi.Transform4f) -> dict:
     index = dr.arange(mi.UInt32, n)
     x, y, z = read_rows(params["means"], 3, 3, index)
     means = [row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix]
-    turn = dr.matrix_to_quat(mi.Matrix3f(rotation))
-    quats = turn * mi.Quaternion4f(*read_rows(params["quats"], 4, 4, index))
+    turn = cast(Any, dr.matrix_to_quat)(mi.Matrix3f(rotation))
+    quats = turn * cast(Any, mi.Quaternion4f)(*read_rows(params["quats"], 4, 4, index))
     log_scales = params["log_scales"] + dr.log(scale)
     result = {**params, "means": _table(means), "quats": _table(quats), "log_scales": log_scales}
     size = dr.width(params["sh_coeffs"]) // (3 * n)
@@ -47,7 +44,7 @@ def _turned(coefficients: list, rotation: list) -> list:
         first, size = degree**2, 2 * degree + 1
         directions, solve = _samples(degree)
         back = [[sum(rotation[r][c] * d[r] for r in range(3)) for c in range(3)] for d in directions]  # R⁻¹ d
-        values = [sh_basis(*d, degree)[first:] for d in back]
+        values = [sh_basis(x, y, z, degree)[first:] for x, y, z in back]
         for k in range(size):
             row = [sum(float(solve[k, i]) * values[i][j] for i in range(size)) for j in range(size)]
             for channel in range(3):
@@ -62,12 +59,11 @@ def _samples(degree: int) -> tuple[np.ndarray, np.ndarray]:
     for seed in range(50):
         directions = np.random.default_rng(seed).normal(size=(2 * degree + 1, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        band = reference_basis(directions, degree)[:, degree**2 :]
+        band = sh_basis_table(directions, degree)[:, degree**2 :]
         choices.append((np.linalg.cond(band), seed, directions, np.linalg.inv(band)))
     return min(choices, key=lambda choice: choice[:2])[2:]
 
 
-def _table(columns) -> mi.Float:
+def _table(columns) -> Any:
     """Columns as a flat row-major table."""
-    backend = dr.llvm.ad if dr.backend_v(mi.Float) == dr.JitBackend.LLVM else dr.cuda.ad
-    return dr.ravel(backend.ArrayXf(list(columns)), order="F")
+    return dr.ravel(cast(Any, mi.ArrayXf)(list(columns)), order="F")

@@ -84,8 +84,10 @@ class DeviceCamera:
         dr.eval(v)  # one launch makes them opaque
         fx, fy, cx, cy, *limits, near, far = v[15:]
         return DeviceCamera(
-            [v[0:3], v[3:6], v[6:9]], v[9:12], v[12:15], fx, fy, cx, cy, limits, near, far,
-            camera.width, camera.height, (*numbers, camera.width, camera.height, perspective), perspective,
+            rotation=[v[0:3], v[3:6], v[6:9]], position=v[9:12], position_rest=v[12:15],
+            fx=fx, fy=fy, cx=cx, cy=cy, limits=limits, near_clip=near, far_clip=far,
+            width=camera.width, height=camera.height, perspective=perspective,
+            numbers=(*numbers, camera.width, camera.height, perspective),
         )  # fmt: skip
 
 

@@ -1,4 +1,8 @@
-"""Real spherical harmonics up to degree 3 as view-dependent colour, in the sign convention of 3D Gaussian Splatting."""
+"""Real spherical harmonics up to degree 3 as view-dependent colour, in the sign convention of 3D Gaussian Splatting.
+
+``dr.sh_eval`` (Dr.Jit 1.5) has the same functions and would save 13 of the 785 operations of a projection at degree 3,
+but it rounds otherwise: models would no longer train to the bits they have.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,13 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 C0 = 0.28209479177387814  # 1 / (2 sqrt(pi)); colour = 0.5 + C0 * DC
 
 
 def sh_basis(x: Any, y: Any, z: Any, degree: int) -> list:
-    """Basis functions at unit directions, (degree + 1)² of them, ordered l² + l + m."""
+    """Basis functions at unit directions, (degree + 1)² of them, ordered l² + l + m; the first is a plain number."""
     basis: list = [C0]
     if degree >= 1:
         c1 = 0.4886025119029199
@@ -36,6 +41,12 @@ def sh_basis(x: Any, y: Any, z: Any, degree: int) -> list:
             -0.5900435899266435 * x * (xx - 3 * yy),
         ]
     return basis
+
+
+def sh_basis_table(directions: np.ndarray, degree: int) -> np.ndarray:
+    """The same on the host: [n, 3] float64 unit directions to [n, (degree + 1)²]."""
+    x, y, z = directions.T
+    return np.stack([np.broadcast_to(b, len(directions)) for b in sh_basis(x, y, z, degree)], axis=1)
 
 
 def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Bool, degree: int) -> list:

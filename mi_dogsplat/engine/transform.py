@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..reference.forward import sh_basis
 from ..scene.splats import Splats
+from .sh import sh_basis_table
 
 
 def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
@@ -52,7 +52,7 @@ def sh_rotation(rotation: np.ndarray, degree: int) -> np.ndarray:
     """
     directions = np.random.default_rng(0).normal(size=(4 * (degree + 1) ** 2, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    before, after = sh_basis(directions, degree), sh_basis(directions @ rotation, degree)  # rows: R⁻¹ d = d R
+    before, after = (sh_basis_table(d, degree) for d in (directions, directions @ rotation))  # rows: R⁻¹ d = d R
     return np.linalg.lstsq(before, after, rcond=None)[0]
 
 

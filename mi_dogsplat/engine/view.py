@@ -17,7 +17,7 @@ class PreparedView:
     """The argument of the kernels in ``walks/``; without derivatives."""
 
     grid: Grid
-    lanes: Lanes
+    lanes: Lanes  # the grid's: Dr.Jit does not look for arrays there
     tables: Tables
     lists: TileLists
     settings: Settings

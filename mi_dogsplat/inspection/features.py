@@ -1,14 +1,14 @@
-"""What a model or a scene needs, what that costs, and what was left out.
+"""What a model or a scene needs of the kernels, what that costs, and what was left out.
 
 Kernels are specialised while they are traced: what is left out has no instruction, no byte and no parameter in them
 (``tests/engine/test_lean.py`` shows it). Operations are counted in the kernels of this machine (``kernel_costs.py``).
 """
 
-# The stubs of Mitsuba give plugins as their base classes.
-# pyright: reportAttributeAccessIssue=false
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -19,6 +19,7 @@ from ..engine.options import RasterOptions, Settings
 from ..engine.walks.aovs import WALKED, walked
 from ..plugin.transfer import srgb_to_linear
 from ..scene.splats import MAX_SH_DEGREE, Splats
+from ..support.errors import DataError
 from ..support.wording import count
 
 NEEDED, LEFT_OUT, UNUSED = "needed", "left out", "paid, not needed"
@@ -106,7 +107,8 @@ def scene_features(scene: mi.Scene) -> list[Feature]:
     """What a Mitsuba scene with the ``dogsplat`` integrator needs; of its first sensor."""
     from ..shape_dog import DogShape  # of the active variant
 
-    integrator, variant = scene.integrator(), mi.variant()
+    integrator: Any = scene.integrator()  # to the stubs of Mitsuba any integrator is just that
+    variant = mi.variant()
     parts = [shape.to_splats() for shape in scene.shapes() if isinstance(shape, DogShape)]
     features = model_features(parts, integrator.negative_transmittance)
 
@@ -155,6 +157,22 @@ def _joining(parts: list[Splats]) -> str:
     size = FLOAT * (PARAMETERS + 3 * ((degree + 1) ** 2 - 1))
     padding = f", {count(padded)} of them padded to SH degree {degree}" if padded else ""
     return f"{len(parts)}; joined in every render, which copies {size} bytes of each primitive{padding}"
+
+
+def splat_scene(path: Path) -> mi.Scene | None:
+    """The Mitsuba scene at ``path`` if it is one of ``dog`` shapes and the ``dogsplat`` integrator."""
+    from ..integrator import DogSplatIntegrator  # of the active variant
+    from ..shape_dog import DogShape
+
+    if path.suffix != ".xml":
+        return None
+    try:
+        scene = mi.load_file(str(path))
+    except Exception as error:  # Mitsuba raises several kinds, all of them with a message to show
+        raise DataError(path, f"Mitsuba cannot load it ({error})", "correct the scene") from error
+    if not isinstance(scene, mi.Scene) or not isinstance(scene.integrator(), DogSplatIntegrator):
+        return None
+    return scene if any(isinstance(shape, DogShape) for shape in scene.shapes()) else None
 
 
 def _used_degree(splats: Splats) -> int:

@@ -3,12 +3,10 @@
 Planes are row-major: 3 colours as linear radiance, alpha where the film has it, then the AOVs.
 """
 
-# The stubs of Mitsuba and Dr.Jit give many types as "object".
-# pyright: reportArgumentType=false, reportCallIssue=false, reportOperatorIssue=false, reportReturnType=false
-# pyright: reportAssignmentType=false
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -21,8 +19,8 @@ def has_alpha(film: mi.Film) -> bool:
     return mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
 
 
-def develop(film: mi.Film, aov_names: list[str], planes: list[mi.Float], derivative: bool = False) -> mi.TensorXf:
-    """The image of planes that have one value per pixel, kept in the film too. Differentiable.
+def develop(film: mi.Film, aov_names: list[str], planes: list[mi.Float], derivative: bool = False) -> Any:
+    """The image, a tensor, of planes that have one value per pixel, kept in the film too. Differentiable.
 
     ``derivative``: wanted for its graph only, the film is left as it is.
     """
@@ -39,12 +37,17 @@ def develop(film: mi.Film, aov_names: list[str], planes: list[mi.Float], derivat
     return film.develop()
 
 
-def _fill(film: mi.Film, aov_names: list[str], planes: list[mi.Float]) -> None:
+def _fill(film: Any, aov_names: list[str], planes: list[mi.Float]) -> None:
     width, height = film.crop_size()
     film.prepare(aov_names)
     n_colors = 4 if has_alpha(film) else 3
     channels = [*planes[:n_colors], mi.Float(1), *planes[n_colors:]]  # samples of weight 1
-    film.put_block(mi.ImageBlock(interleave(channels, height, width), film.crop_offset()))
+    film.put_block(_image_block(interleave(channels, height, width), film.crop_offset()))
+
+
+def _image_block(*args: Any, **kwargs: Any) -> Any:
+    """``mi.ImageBlock``, whose stub asks for types of Dr.Jit where it takes Mitsuba's."""
+    return mi.ImageBlock(*args, **kwargs)
 
 
 def _pixel_format(film: mi.Film) -> str:
@@ -77,7 +80,7 @@ class Filter:
         x, y = (
             dr.opaque(mi.Float, first - self.border + within) for first, within in zip((left, top), inside, strict=True)
         )
-        block = mi.ImageBlock((width, height), (left, top), len(planes), self.filter, border=False)
+        block = _image_block((width, height), (left, top), len(planes), self.filter, border=False)
         block.set_coalesce(False)  # neighbouring lanes are neighbouring pixels, not samples of one
         block.put(mi.Point2f(column + x, row + y), planes)
         pixel = dr.arange(mi.UInt32, width * height)

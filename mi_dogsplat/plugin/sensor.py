@@ -5,16 +5,15 @@ its lens: it moves by p in the plane of the lens while its image moves by f p / 
 distance d stays where it is. ``batch`` holds several of them, side by side on one film.
 """
 
-# Dr.Jit's stubs give detached types as "object", Mitsuba's give plugins as their base classes.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import drjit as dr
 import mitsuba as mi
 
+from ..engine.drjit_internals import variable_indices
 from ..engine.project import DeviceCamera
 from ..scene.cameras import (
     central_camera_from_mitsuba,
@@ -46,8 +45,9 @@ class View:
         cx, cy, rest = camera.cx + x, camera.cy + y, camera.position_rest
         if self.lens:
             radius, focus = self.lens
-            point = mi.warp.square_to_uniform_disk_concentric(mi.ScalarPoint2f(sample.lens_x, sample.lens_y))
-            right, down = (radius * dr.opaque(mi.Float, -float(dr.slice(p))) for p in point)  # Mitsuba: left, up
+            point: Any = mi.warp.square_to_uniform_disk_concentric(mi.ScalarPoint2f(sample.lens_x, sample.lens_y))
+            left, up = (float(cast(Any, dr.slice(p))) for p in point)
+            right, down = (radius * dr.opaque(mi.Float, -p) for p in (left, up))
             cx, cy = cx + camera.fx * right / focus, cy + camera.fy * down / focus
             rest = [rest[c] + right * W[0][c] + down * W[1][c] for c in range(3)]
         size = {"width": camera.width + 2 * border, "height": camera.height + 2 * border}
@@ -60,7 +60,7 @@ class View:
 class Look:
     """A view during one pass: ``camera`` is the pinhole (or of parallel rays) that has the samples at pixel centres."""
 
-    sensor: mi.Sensor
+    sensor: Any  # mi.Sensor
     camera: DeviceCamera
     sample: Sample
     border: int = 0
@@ -71,10 +71,10 @@ class Look:
         index = dr.arange(mi.UInt32, width * height)
         y = index // dr.opaque(mi.UInt32, width)
         within = [dr.opaque(mi.Float, k - self.border) for k in (self.sample.x, self.sample.y)]
-        position = mi.Point2f(mi.Float(index - y * width) + within[0], mi.Float(y) + within[1])
+        position: Any = mi.Point2f(mi.Float(index - y * width) + within[0], mi.Float(y) + within[1])
         lens = [dr.opaque(mi.Float, k) for k in (self.sample.lens_x, self.sample.lens_y)]
-        crop = mi.ScalarVector2f(width - 2 * self.border, height - 2 * self.border)
-        ray, _ = self.sensor.sample_ray_differential(0, 0, position / crop, mi.Point2f(*lens))
+        crop = width - 2 * self.border, height - 2 * self.border
+        ray, _ = self.sensor.sample_ray_differential(0, 0, position / mi.ScalarVector2f(crop), mi.Point2f(*lens))
         return ray
 
 
@@ -97,7 +97,7 @@ class SensorReader:
         sensors = _Sensors(sensor).found if sensor.class_name() == "BatchSensor" else [sensor]
         return [self._view(slot, each, near_clip) for slot, each in enumerate(sensors)]
 
-    def _view(self, slot: int, sensor: mi.Sensor, near_clip: float) -> View:
+    def _view(self, slot: int, sensor: Any, near_clip: float) -> View:
         kind = sensor.class_name()
         if kind not in KINDS:
             raise ValueError(
@@ -108,7 +108,7 @@ class SensorReader:
             self._parameters[slot] = _Parameters(sensor)
         values, film = self._parameters[slot].values(), sensor.film()
         size, crop, offset = film.size(), film.crop_size(), film.crop_offset()
-        indices = dr.detail.collect_indices(list(values.values()))
+        indices = variable_indices(list(values.values()))
         key = (*indices, *size, *crop, *offset, near_clip, sensor.near_clip(), sensor.far_clip(), kind)
         known, _, camera = self._known.get(slot, (None, None, None))
         if camera is None or key != known:
@@ -131,7 +131,7 @@ class _Parameters(mi.TraversalCallback):
             self._places[name] = value, cpptype
 
     def values(self) -> dict[str, Any]:
-        return {name: mi.get_property(*place, self.sensor) for name, place in self._places.items()}
+        return {name: mi.get_property(at, kind, self.sensor) for name, (at, kind) in self._places.items()}
 
 
 class _Sensors(mi.TraversalCallback):
@@ -149,12 +149,12 @@ class _Sensors(mi.TraversalCallback):
 
 def _read(sensor: mi.Sensor, near_clip: float) -> DeviceCamera:
     """The camera of a sensor's crop window; its Jacobians are clamped around the whole film."""
-    clips = max(near_clip, near_clip_from_mitsuba(sensor)), far_clip_from_mitsuba(sensor)
+    near, far = max(near_clip, near_clip_from_mitsuba(sensor)), far_clip_from_mitsuba(sensor)
     size, offset = sensor.film().size(), sensor.film().crop_offset()
     whole = -offset[0], -offset[1], size[0] - offset[0], size[1] - offset[1]
     if sensor.class_name() == "OrthographicCamera":
-        return DeviceCamera.upload(orthographic_camera_from_mitsuba(sensor), *clips, whole, perspective=False)
-    return DeviceCamera.upload(central_camera_from_mitsuba(sensor), *clips, whole)
+        return DeviceCamera.upload(orthographic_camera_from_mitsuba(sensor), near, far, whole, perspective=False)
+    return DeviceCamera.upload(central_camera_from_mitsuba(sensor), near, far, whole)
 
 
 def _attached(camera: DeviceCamera, parameters: dict[str, Any], film_size: mi.ScalarVector2u) -> DeviceCamera:

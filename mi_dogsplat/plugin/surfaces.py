@@ -1,10 +1,9 @@
 """Meshes and other shapes between the splats: a nested integrator renders them, splats are blended in front of them."""
 
-# The stubs of Mitsuba give plugins as their base classes.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -41,10 +40,10 @@ class Surfaces:
         return dr.select(self.hit & (of_splats == 0), self.depth, of_splats)
 
 
-def trace(nested: mi.Integrator, scene: mi.Scene, look: Look, normal: bool = False) -> Surfaces:
+def trace(nested: Any, scene: Any, look: Look, normal: bool = False) -> Surfaces:
     """Trace the rays of a pass. ``dog`` shapes have no surface, so that rays do not meet them.
 
-    ``normal``: normals are asked for; else they are 0.
+    ``nested``: a Mitsuba integrator, in Python or not. ``normal``: normals are asked for; else they are 0.
     """
     with dr.suspend_grad():
         ray, camera = look.rays(), look.camera

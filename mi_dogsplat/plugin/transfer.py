@@ -4,12 +4,12 @@ Mitsuba's own (``mi.math``) is a fast approximation made for 0..1: a radiance of
 back, one of 1000 three quarters. Brighter pixels take the formula, in a branch that packets without one jump over.
 """
 
-# Dr.Jit's stubs give the type of an expression as "object".
-# pyright: reportReturnType=false, reportArgumentType=false, reportCallIssue=false
 from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
+
+from ..engine.arrays import if_stmt
 
 
 def srgb_to_linear(colors: list[mi.Float]) -> list[mi.Float]:
@@ -35,4 +35,4 @@ def _by_brightness(colors: list[mi.Float], within_one, above_one) -> list[mi.Flo
     for c in colors[1:]:
         some |= c > 1
     # variables of its own: what they already have of a gradient a branch would add once more (Dr.Jit 1.5)
-    return list(dr.if_stmt(tuple(c * 1 for c in colors), some, bright, usual))
+    return list(if_stmt(tuple(c * 1 for c in colors), some, bright, usual))

@@ -1,6 +1,6 @@
 """The importance scores once more, by brute force in float64 NumPy: whole footprint images, whole Fourier transforms.
 
-Nothing here shares a formula with ``composite_score.py``. The footprint J_i is a difference of two images, with α_i set
+Nothing here shares a formula with ``walks/score.py``. The footprint J_i is a difference of two images, with α_i set
 to 1 and to 0; that of a removal is a difference of two renders; spectra come from the matrix of the discrete Fourier
 transform.
 

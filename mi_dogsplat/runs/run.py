@@ -6,8 +6,6 @@ import dataclasses
 import errno
 import json
 import os
-import resource
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,18 +20,18 @@ from ..report.run_folder import RECIPE, RENDER_MS, read_run
 from ..report.write import write_report
 from ..scene.ply import write_ply
 from ..support.errors import DataError
-from ..support.files import PART, remove_parts, replacing, write_json
+from ..support.files import PART, is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
+from ..support.memory import peak_memory_mb
 from ..support.versions import versions
 from ..training.config import FREE, TrainConfig
 from ..training.presets import Recipe
 from ..training.train import Trainer
-from .checkpoint import Checkpoints, load_checkpoint
+from .checkpoint import CHECKPOINT, Checkpoints, load_checkpoint
 from .history import run_to_end
 from .mixture import write_mixture
 from .stopping import Stopped, StopRequest
 
-CHECKPOINT = Path("checkpoint") / "state.npz"
 HISTORY = "history.jsonl"
 FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)  # somebody else's folder, or one that is read-only
 ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
@@ -45,7 +43,7 @@ def prepare_folder(out: Path) -> None:
         raise DataError(out, "is a file", "name a folder for the run")
     ours = any((out / name).exists() for name in ("config.json", "metrics.json"))
     try:
-        if out.is_dir() and any(not path.name.endswith(PART) for path in out.iterdir()) and not ours:
+        if out.is_dir() and not is_empty(out) and not ours:
             raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier run")
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -215,15 +213,3 @@ def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
         "views": views,
         "render_ms": render_milliseconds(trainer.picture, dataset.test or dataset.train),
     }
-
-
-def peak_memory_mb() -> float:
-    """Largest resident size of this process so far.
-
-    Linux counts it for each program that a process becomes; ``getrusage`` begins with what its parent had.
-    """
-    status = Path("/proc/self/status")
-    if status.exists():
-        return int(status.read_text().split("VmHWM:")[1].split()[0]) / 2**10
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (2**20 if sys.platform == "darwin" else 2**10)

@@ -12,10 +12,11 @@ from typing import Any
 
 from ..scores.score import Score, ScoreRule
 from .learning_rates import Refinement
+from .milestones import scaled_milestone
 from .strategy.densify import Densification
 from .strategy.dog_control import DogActivation, DogControl, DogRule
 from .strategy.prune import Pruning
-from .strategy.scheduler import PruningRule, scaled_milestone
+from .strategy.scheduler import PruningRule
 from .strategy.sh_ramp import ShRamp
 from .strategy.sieve import Sieve
 from .strategy.strategy import Strategy

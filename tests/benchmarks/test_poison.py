@@ -1,11 +1,13 @@
 """A poisoned training recovers, and what is not finite is counted."""
 
 import json
-from typing import Any
+from dataclasses import replace
 
 import drjit as dr
 import numpy as np
 import pytest
+from mi_dogsplat.training.adam import Entry
+from mi_dogsplat.training.strategy.sieve import Sieve
 
 from benchmarks import poison
 
@@ -38,17 +40,16 @@ def test_a_short_poisoned_training_without_control_of_dog_recovers_too():
 
 
 def test_poison_that_is_not_removed_is_counted(monkeypatch):
-    trainer = poison.PoisonedTrainer(poison.config_of(30, "ours"), poison.data_set(4, 1), [3])
-    monkeypatch.setattr(poison.PoisonedTrainer, "_drop_broken", lambda self: [])
+    trainer, harm = poison.poisoned(poison.config_of(30, "ours"), poison.data_set(4, 1), [3])
+    monkeypatch.setattr(Sieve, "drop", lambda self, t: [])
     while trainer.step_count < 5:
         trainer.step()
-    assert trainer.spread == 0 and trainer.not_finite_rows > 15
+    assert harm.spread == 0 and harm.not_finite_rows > 15
     trainer.optimizer.set("quats", np.full((2, 4), np.nan), np.array([0, 1]))
-    trainer.look()
-    assert trainer.spread == 2
-    state: Any = trainer.optimizer.adam.state
-    value, promoted, rate, (t, m, v, v_max) = state["means"]
-    state["means"] = value, promoted, rate, (t, m, v * dr.inf, v_max)
-    trainer.loss_sum += dr.nan
-    trainer.look()
-    assert trainer.bad_moments > 0 and trainer.bad_losses == 1 and trainer.bad_images == 0
+    poison.look(trainer, harm)
+    assert harm.spread == 2
+    entry = Entry.of(trainer.optimizer.adam, "means")
+    replace(entry, v=entry.v * dr.inf).put(trainer.optimizer.adam, "means")
+    trainer.losses.loss_sum += dr.nan
+    poison.look(trainer, harm)
+    assert harm.bad_moments > 0 and harm.bad_losses == 1 and harm.bad_images == 0

@@ -124,7 +124,7 @@ def test_ctrl_c_stops_with_one_line_and_status_130(capsys, data, tmp_path, monke
     def stopped(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("mi_dogsplat.training.train.Trainer._control_density", stopped)
+    monkeypatch.setattr("mi_dogsplat.training.strategy.densify.Densification.after_step", stopped)
     status, _, err = run(capsys, "train", data, "-o", tmp_path / "run", *SMALL)
     assert status == 130 and err.splitlines()[-1].startswith("dogsplat: stopped") and "Traceback" not in err
     assert (tmp_path / "run" / "history.jsonl").read_text() == ""
@@ -135,7 +135,7 @@ def test_a_bug_is_not_dressed_up_as_bad_input(data, tmp_path, monkeypatch):
     def bug(*_):
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr("mi_dogsplat.training.train.Trainer._control_density", bug)
+    monkeypatch.setattr("mi_dogsplat.training.strategy.densify.Densification.after_step", bug)
     with pytest.raises(RuntimeError, match="a bug"):
         main(["train", str(data), "-o", str(tmp_path / "run"), *SMALL])
 

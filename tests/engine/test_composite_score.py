@@ -209,6 +209,6 @@ def assert_whole_gradient(splats: Splats, camera: Camera, removal: bool):
         F = np.moveaxis(reference_score.removals(splats, camera, WHITE), -1, 1)
     else:
         F = reference_score.footprints(splats, camera, WHITE)[:, None]
-    # rounding of what lies behind: 1e-7 of the image (composite_score.py), which for squares is 2e-7 |F|
+    # rounding of what lies behind: 1e-7 of the image (walks/score.py), which for squares is 2e-7 |F|
     scale = (F**2 + 2e-7 / 1e-3 * np.abs(F)).sum((1, 2, 3))
     assert_equal(got[:, 1], reference_score.gradient_energy(F).sum(1), scale=scale)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from mi_dogsplat import reference
+from mi_dogsplat.engine.sh import sh_basis_table
 from mi_dogsplat.engine.transform import (
     decompose_similarity,
     quaternion_from_rotation,
@@ -72,6 +73,14 @@ def test_turned_coefficients_describe_the_turned_function(degree):
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     turned = reference.sh_basis(directions @ ROTATION.T, degree) @ (matrix @ coefficients)
     np.testing.assert_allclose(turned, reference.sh_basis(directions, degree) @ coefficients, atol=1e-12)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_the_basis_on_the_host_is_that_of_the_twin(degree):
+    directions = np.random.default_rng(0).normal(size=(50, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    got, expected = sh_basis_table(directions, degree), reference.sh_basis(directions, degree)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-14)
 
 
 def test_bands_do_not_mix_under_a_rotation():

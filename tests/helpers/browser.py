@@ -22,7 +22,7 @@ FLAGS = (
     *("--headless", "--no-sandbox", "--disable-extensions", "--hide-scrollbars", "--remote-debugging-port=0"),
     *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),  # WebGL without a GPU
 )
-START_SECONDS = 60
+START_SECONDS = 300
 
 
 def executable() -> str | None:
@@ -41,7 +41,7 @@ class Page:
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
-            answer = json.loads(self._socket.recv(timeout=30))
+            answer = json.loads(self._socket.recv(timeout=300))
             if answer.get("id") == number:
                 return answer["result"]
 

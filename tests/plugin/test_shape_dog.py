@@ -31,7 +31,7 @@ def assert_equal(ours: Splats, theirs: Splats, **tolerance):
 def python(code: str) -> str:
     """Output of a fresh process; raises with its error output."""
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], cwd=REPOSITORY, capture_output=True,
-                          text=True, timeout=120)
+                          text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
 

@@ -169,7 +169,7 @@ def run_setup(folder: Path) -> subprocess.CompletedProcess:
     )
     env = os.environ | {"PATH": f"{folder}:{os.environ['PATH']}"}
     command = [str(ROOT / "scripts" / "setup_llvm.sh"), str(folder / "python")]
-    return subprocess.run(command, env=env, capture_output=True, text=True, timeout=60)
+    return subprocess.run(command, env=env, capture_output=True, text=True, timeout=300)
 
 
 @linux_only

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import drjit as dr
@@ -15,13 +16,17 @@ from mi_dogsplat import read_ply, reference, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.scores.score import ScoreRule
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.events import row_of
+from mi_dogsplat.training.initialize import model_to_prune
 from mi_dogsplat.training.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer import SplatOptimizer
 from mi_dogsplat.training.presets import RECIPES
-from mi_dogsplat.training.strategy.prune import Pruning, keep_best, model_to_prune
-from mi_dogsplat.training.strategy.scheduler import PruningRule
+from mi_dogsplat.training.strategy.prune import Pruning, keep_best
+from mi_dogsplat.training.strategy.scheduler import Progress, PruningRule
+from mi_dogsplat.training.strategy.strategy import arrays_of, restore_fields
 from mi_dogsplat.training.train import Trainer
 from splat_scenes import random_splats, rounded
 
@@ -76,14 +81,18 @@ def test_scores_of_another_model_are_refused():
 # --- what the history tells ---
 
 
-def checked(pruning: Pruning, optimizer: SplatOptimizer, l1: dict[int, float], steps: range) -> dict[int, dict]:
-    """Rows of the history by step; the score is the row's number."""
-    rows = {}
+def checked(
+    target: float, state: Progress, optimizer: SplatOptimizer, l1: dict[int, float], steps: range
+) -> dict[int, dict]:
+    """Rows of the history by step, without their records; the score is the row's number."""
+    rows, pruning = {}, Pruning(RULE, ScoreRule("opacity"))
     for step in steps:
-        if pruning.due(step):
-            rows[step] = pruning.check(
-                step, optimizer, lambda step=step: l1[step], lambda: np.arange(float(optimizer.n))
-            )
+        training: Any = SimpleNamespace(
+            step_count=step, optimizer=optimizer, target=target, training_l1=lambda step=step: l1[step],
+            scores=lambda score: np.arange(float(optimizer.n)),
+        )  # fmt: skip
+        if events := pruning.after_step(training, state):
+            rows[step] = {name: value for name, value in row_of(events).items() if name != "events"}
     return rows
 
 
@@ -91,7 +100,7 @@ def test_every_check_is_a_row_with_its_reason_and_a_prune_also_tells_from_what_t
     optimizer = optimizer_of(100)
     last = optimizer.to_splats().means[-10:]
     l1 = {10: 0.02, 20: 0.0213, 30: 0.0215, 40: 0.019}
-    rows = checked(Pruning(RULE, 0.1), optimizer, l1, range(60))
+    rows = checked(0.1, Progress(), optimizer, l1, range(60))
     assert rows == {
         10: {"event": "prune 100 -> 55: first check", "train_l1": 0.02, "pruned_from": 100, "pruned_to": 55},
         20: {"event": "refine: L1 0.0213 > 0.95 x 0.02", "train_l1": 0.0213},
@@ -113,24 +122,23 @@ def test_every_check_is_a_row_with_its_reason_and_a_prune_also_tells_from_what_t
 
 @pytest.mark.parametrize(("n", "target"), [(10, 10), (10, 400), (4, 0.1)])
 def test_a_model_that_is_not_above_its_target_is_left_alone_and_the_history_says_so_once(n, target):
-    optimizer, pruning = optimizer_of(n), Pruning(RULE, target)
-    rows = checked(pruning, optimizer, {}, range(60))
+    optimizer, state = optimizer_of(n), Progress()
+    rows = checked(target, state, optimizer, {}, range(60))
     assert list(rows) == [10] and list(rows[10]) == ["event"] and optimizer.n == n
     assert re.match(r"no pruning: the target .*\b(not below the 10|of 4 primitives leaves none)", rows[10]["event"])
-    again = Pruning(RULE, target)
-    again.restore(pruning.state())
-    assert not any(again.due(step) for step in range(60))
+    again = Progress()
+    restore_fields(again, arrays_of(state))
+    assert again == state and not checked(target, again, optimizer, {}, range(60))
 
 
 def test_a_restored_window_goes_on_where_it_was():
     l1 = {10: 0.02, 20: 0.0213, 30: 0.0215, 40: 0.03, 50: 0.03}
-    whole = checked(Pruning(RULE, 0.1), optimizer_of(100), l1, range(60))
+    whole = checked(0.1, Progress(), optimizer_of(100), l1, range(60))
     for cut in (5, 15, 25, 35, 45):
-        pruning, optimizer = Pruning(RULE, 0.1), optimizer_of(100)
-        head = checked(pruning, optimizer, l1, range(cut))
-        again = Pruning(RULE, 0.1)
-        again.restore(pruning.state())
-        assert head | checked(again, optimizer, l1, range(cut, 60)) == whole
+        state, again, optimizer = Progress(), Progress(), optimizer_of(100)
+        head = checked(0.1, state, optimizer, l1, range(cut))
+        restore_fields(again, arrays_of(state))
+        assert head | checked(0.1, again, optimizer, l1, range(cut, 60)) == whole
 
 
 # --- in training ---
@@ -197,14 +205,14 @@ def test_a_run_densifies_prunes_to_the_exact_target_and_then_makes_the_rest_dog(
 def test_the_shortest_runs_complete_every_phase(data, preset, steps):
     trainer = Trainer(config_of(data, preset=preset, steps=steps, target=20), load_dataset(data))
     rows = list(run_to_end(trainer))
-    assert trainer.optimizer.n == 20 and trainer.dog_activated and rows[-1]["step"] == steps
+    assert trainer.optimizer.n == 20 and trainer.states["dogactivation"].done and rows[-1]["step"] == steps
     assert len(events_of(rows, "dog activated 20 primitives")) == 1
 
 
 def test_the_baseline_keeps_all_its_primitives_plain(data):
     trainer = Trainer(config_of(data, preset="3dgs", steps=30), load_dataset(data))
     rows = list(run_to_end(trainer))
-    assert trainer.optimizer.n_dog == 0 and not events_of(rows, "prun|refine:|dog") and trainer.pruning is None
+    assert trainer.optimizer.n_dog == 0 and not events_of(rows, "prun|refine:|dog") and "pruning" not in trainer.states
 
 
 def test_a_count_that_densification_does_not_reach_is_an_event_and_no_prune(data):
@@ -250,8 +258,8 @@ def test_a_state_from_the_middle_of_the_window_goes_on_with_the_same_decisions(d
         next(rows)
     again = Trainer(config_of(data, preset="paper"), dataset)
     again.restore(first.state())
-    assert first.pruning and first.pruning.state() and again.pruning
-    assert again.pruning.state() == first.pruning.state() and again.dog_activated == first.dog_activated
+    assert first.states["pruning"].begun and again.states["pruning"] == first.states["pruning"]
+    assert again.states["dogactivation"] == first.states["dogactivation"]
     went_on, resumed = events_of(list(rows), "prun|refine:|dog"), events_of(list(run_to_end(again)), "prun|refine:|dog")
     assert [(row["step"], row["n"]) for row in resumed] == [(row["step"], row["n"]) for row in went_on]
     assert bool(resumed) == (cut < 100)  # when the window closes and all become DoG

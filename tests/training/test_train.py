@@ -1,6 +1,5 @@
 """The baseline on pictures of a known model: it learns, keeps its promises about size and files, and repeats itself."""
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ import mi_dogsplat.runs.run
 import numpy as np
 import pytest
 import tiny_data
+from changed_strategy import change_densification
 from mi_dogsplat import read_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.measure import metrics
@@ -164,7 +164,7 @@ def test_every_view_is_shown_once_before_any_is_shown_again(data):
 
 def test_opacities_are_reset_and_the_history_tells(data):
     trainer = Trainer(config_of(data, steps=90), load_dataset(data))
-    trainer.densification = dataclasses.replace(trainer.densification, reset_every=20, every=1000)
+    change_densification(trainer, reset_every=20, every=1000)
     rows = []
     for row in run_to_end(trainer):
         rows.append(row)

@@ -18,8 +18,9 @@ import mitsuba as mi
 import numpy as np
 
 from ...scores.score import ScoreRule
+from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
-from ...training.strategy.scheduler import PruningRule, scaled_milestone
+from ...training.strategy.scheduler import PruningRule
 from ...training.strategy.strategy import Seen, Strategy, Training
 
 FROM, TO = 15_200, 25_200  # steps

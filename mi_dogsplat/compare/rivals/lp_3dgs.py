@@ -21,8 +21,9 @@ import numpy as np
 
 from ...engine.parameters import device_array
 from ...engine.project import softplus
+from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
-from ...training.strategy.scheduler import PruningRule, scaled_milestone
+from ...training.strategy.scheduler import PruningRule
 from ...training.strategy.strategy import Seen, Strategy, Training
 from .radsplat import LargestWeight
 
@@ -80,6 +81,4 @@ class LearnToPrune(Strategy[None]):
         return result
 
 
-RECIPE = Recipe(
-    pruning=PruningRule(TO, TO, division=(1.0,), rounds=1), score=LargestWeight(), also=(LearnToPrune(),)
-)
+RECIPE = Recipe(pruning=PruningRule(TO, TO, division=(1.0,), rounds=1), score=LargestWeight(), also=(LearnToPrune(),))

@@ -29,9 +29,10 @@ from ...engine.view import prepare
 from ...engine.walks.score import Sums, composite_score
 from ...scores.score import ScoreRule
 from ...training.events import Event
+from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
 from ...training.strategy.prune import keep_best
-from ...training.strategy.scheduler import PruningRule, scaled_milestone
+from ...training.strategy.scheduler import PruningRule
 from ...training.strategy.strategy import Seen, Strategy, Training
 
 FROM, TO = 15_000, 25_000  # steps

@@ -1,6 +1,6 @@
 """Stage 3 once more: replay the walk of ``composite`` for how the image, patch by patch, depends on each primitive.
 
-Notation as in ``composite_score.py``: d, the derivative of a channel by α. Of a primitive, in a patch of 4 x 4 pixels,
+Notation as in ``score.py``: d, the derivative of a channel by α. Of a primitive, in a patch of 4 x 4 pixels,
 
     g_c = Σ d_c ∂α/∂(x, y, ux, uy, vy)     derivative of the patch's sum of channel c by the projected shape, 5 numbers
     s   = Σ α T                             derivative of the same by the primitive's colour in that channel

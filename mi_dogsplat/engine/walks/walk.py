@@ -80,7 +80,7 @@ class Walk:
         tile = view.lanes.tile
         begin, end = (dr.gather(types.UInt, ends, tile) for ends in (view.lists.begin, view.lists.end))
         self.begin, self.tile = begin, tile
-        self.last = dr.select(begin < end, (end - 1) // WORD + 1, 0)
+        self.end_group = dr.select(begin < end, (end - 1) // WORD + 1, 0)
         self.lane = dr.arange(types.UInt, dr.width(tile)) % self.blocks.lanes_per_tile
         self.x0, self.y0 = types.Float(view.lanes.x) + 0.5, types.Float(view.lanes.y) + 0.5
         if types.is_llvm:
@@ -96,7 +96,7 @@ class Walk:
         Float = self.types.Float
         scratch = dr.alloc_local(Float, 2, value=Float(0))
         scratch[self.begin & 1] = Float(self.begin >> 31)
-        self.x0 = self.x0 + scratch[self.last & 1]
+        self.x0 = self.x0 + scratch[self.end_group & 1]
 
     # --- the walk ---
 
@@ -120,13 +120,13 @@ class Walk:
 
         # pixels beyond the border of the image are born dead, so that they end no walk late
         T = [dr.select(ok, self.types.Float(1), self.types.Float(-1)) for ok in self.pixels.inside]
-        # place in the list: (isects of the present word that are still to come, the next word's number)
+        # place in the list: (bits of the isects of the present word that are still to come, number of the next word)
         start = (self.types.UInt(0), self.begin // WORD), T, state
         return while_loop(start, self._goes_on, body, label, ("place", "T", "state"))[1:]
 
     def _goes_on(self, place, T: list, state: Any):
         bits, group = place
-        return ((bits != 0) | (group < self.last)) & self._alive(T)
+        return ((bits != 0) | (group < self.end_group)) & self._alive(T)
 
     def _alive(self, T: list):
         """Some pixel still transmits: finished pixels carry -T, and so the sign is set in the bits that all share."""
@@ -140,7 +140,7 @@ class Walk:
         """
         UInt = self.types.UInt
         bits, group = place
-        refill = (bits == 0) & (group < self.last)
+        refill = (bits == 0) & (group < self.end_group)
         at = (self.tile + group) * self.blocks.lanes_per_tile + self.lane
         word = dr.gather(UInt, self.lists.words, at, refill)
         bits, group = dr.select(refill, word, bits), dr.select(refill, group + 1, group)

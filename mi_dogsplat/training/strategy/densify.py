@@ -16,9 +16,9 @@ import drjit as dr
 import numpy as np
 
 from ..events import Densified, Event, OpacityReset
+from ..milestones import scaled_milestone
 from ..optimizer import SplatOptimizer
 from .densify_stats import DensifyStats
-from .scheduler import scaled_milestone
 from .strategy import Seen, Strategy, Training
 
 MIN_REFINEMENTS = 30  # per run, however short

@@ -16,8 +16,8 @@ import numpy as np
 
 from ...engine.project import NOT_DOG, softplus
 from ..events import DogActivated, Event
+from ..milestones import scaled_milestone
 from ..optimizer import SplatOptimizer
-from .scheduler import scaled_milestone
 from .strategy import Strategy, Training
 
 MAX_LOG_SCALE = 14.0  # of S_p, world units; beyond, the determinant of a screen covariance may overflow

@@ -17,10 +17,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
-
-def scaled_milestone(step: int, factor: float) -> int:
-    """A step of a schedule of another length; what is not at the start stays at least one step from it."""
-    return max(min(1, step), round(step * factor))
+from ..milestones import scaled_milestone
 
 
 def target_count(target: float, n: int) -> int:

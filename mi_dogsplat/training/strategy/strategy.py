@@ -149,7 +149,7 @@ class Strategy(Generic[S]):
         return False
 
     def params(self, t: Training, state: S, params: dict) -> dict:
-        """What is rendered instead of ``params``; more entries than a render reads reach ``Seen.params``."""
+        """What is rendered instead of ``params``. Other arrays, which no render reads, reach ``Seen.params``."""
         return params
 
     def after_backward(self, t: Training, state: S, seen: Seen) -> None:
@@ -187,4 +187,3 @@ def restore_fields(state: Any, arrays: Mapping[str, np.ndarray]) -> None:
             setattr(state, name, dr.detach(device_array(value), preserve_type=False))
         else:
             setattr(state, name, np.array(value) if isinstance(before, np.ndarray) else type(before)(value.item()))
-

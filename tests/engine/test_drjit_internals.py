@@ -1,0 +1,46 @@
+"""What rests on the inside of Dr.Jit, which may change without notice."""
+
+from importlib.metadata import version
+from pathlib import Path
+
+import drjit as dr
+import mi_dogsplat
+import mitsuba as mi
+import numpy as np
+import pytest
+from mi_dogsplat.engine.arrays import array_types
+from mi_dogsplat.engine.drjit_internals import MAX_BUCKETS, argsort_small, variable_indices
+
+PACKAGE = Path(mi_dogsplat.__file__).parent
+CHECKED = "1.5."
+LOOK_AT = """what to look at in another version of Dr.Jit, before CHECKED is set to it:
+engine/drjit_internals.py     block_mkperm and collect_indices of dr.detail: do they still do what the tests here say
+engine/frozen.py              does garbage that is collected while a function is recorded still end the process
+walks/slot_rows.py            do lanes still add in turn (tried at run time); does mode Expand still hold an offset
+walks/walk.py                 is local memory still what aligns the stack (benchmarks floor says so)
+plugin/transfer.py            does a branch still add the gradient of its arguments twice"""
+
+
+def test_this_is_the_version_that_was_looked_into():
+    assert version("drjit").startswith(CHECKED), LOOK_AT
+
+
+def test_no_other_module_of_the_package_uses_what_is_not_documented():
+    users = [path.name for path in PACKAGE.rglob("*.py") if "dr.detail." in path.read_text(encoding="utf-8")]
+    assert users == ["drjit_internals.py"]
+
+
+@pytest.mark.parametrize("count", [1, 7, 1000, MAX_BUCKETS, MAX_BUCKETS + 1])
+def test_small_integers_are_sorted_and_equal_ones_keep_their_order(count):
+    keys = np.random.default_rng(0).integers(0, count, 5000).astype(np.uint32)
+    order = argsort_small(array_types().UInt(keys), count).numpy()
+    np.testing.assert_array_equal(order, np.argsort(keys, kind="stable"))
+
+
+def test_the_indices_of_variables_change_when_one_is_replaced_or_attached():
+    a, b = mi.Float(1, 2), mi.Float(3, 4)
+    known = variable_indices([a, [b]])
+    assert variable_indices([a, [b]]) == known
+    assert variable_indices([a, [b + 1]]) != known
+    dr.enable_grad(a)
+    assert variable_indices([a, [b]]) != known
