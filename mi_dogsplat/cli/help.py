@@ -108,7 +108,7 @@ alone may differ then.
 """
 CHECK_EXAMPLES = """
 Examples:
-  dogsplat check -o checked                              scenes made here, stability cases, stiffness
+  dogsplat check -o checked                              scenes made here, and stability cases
   dogsplat check run/point_cloud.ply -o checked --data photos/ --camera 0001
                                                          and a model, from a view of its data
   dogsplat check -o checked --only stability             a part alone: in a minute
@@ -117,7 +117,7 @@ Examples:
 
 work-precision: error of image and gradients against float64, and run time, over cutoffs, tile bounds, shared
 exponentials, primitives kept, SH degree, DoG; leave the machine alone meanwhile. stability: inputs that break
-naive splatting code. stiffness: step-size limits, and a training run that is poisoned. training: of --runs.
+naive splatting code. training: error against wall-clock time of --runs.
 DIR/check.html shows it all, DIR/check.json holds it. A stability case that is wrong is printed; exit code 1.
 """
 EXPORT_EXAMPLES = """

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -106,7 +107,8 @@ def scene_features(scene: mi.Scene) -> list[Feature]:
     """What a Mitsuba scene with the ``dogsplat`` integrator needs; of its first sensor."""
     from ..shape_dog import DogShape  # of the active variant
 
-    integrator, variant = scene.integrator(), mi.variant()
+    integrator: Any = scene.integrator()  # to the stubs of Mitsuba any integrator is just that
+    variant = mi.variant()
     parts = [shape.to_splats() for shape in scene.shapes() if isinstance(shape, DogShape)]
     features = model_features(parts, integrator.negative_transmittance)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import json
 import os
 from collections.abc import Callable, Iterator
@@ -32,6 +33,7 @@ from .mixture import write_mixture
 from .stopping import Stopped, StopRequest
 
 HISTORY = "history.jsonl"
+FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)  # somebody else's folder, or one that is read-only
 ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
 
 
@@ -66,8 +68,10 @@ def _writing(out: Path) -> Iterator[None]:
         path = Path(error.filename) if error.filename else out
         path = path.parent if path.suffix == PART else path  # by its random name nobody knows it
         problem = f"cannot be written ({error.strerror or error})"
-        remedy = "make room or correct its permissions; --resume goes on from the checkpoint"
-        raise DataError(path, problem, remedy) from error
+        if error.errno in FORBIDDEN:
+            raise DataError(path, problem, "name a folder that can be written, or correct its permissions") from error
+        again = "--resume goes on from the checkpoint" if (out / CHECKPOINT).exists() else "start it again"
+        raise DataError(path, problem, f"make room, or look after the disk; {again}") from error
 
 
 def train(

@@ -12,7 +12,7 @@ import pytest
 import tiny_data
 from html_pages import parsed, rows, section, words
 from mi_dogsplat import write_ply
-from mi_dogsplat.check import PARTS, scenes, stability, stiffness
+from mi_dogsplat.check import scenes, stability
 from mi_dogsplat.check import settings as settings_module
 from mi_dogsplat.check.page import check_page
 from mi_dogsplat.check.run import check
@@ -347,21 +347,19 @@ def test_a_stability_case_that_is_wrong_is_one_line_and_exit_code_1(capsys, tmp_
 
 
 def test_all_parts_but_training_are_run_by_default(capsys, tmp_path, monkeypatch):
-    found = {"curvature": [{"case": "a", "curvature": np.float32(np.inf)}], "poisoned": {"spread": np.int64(0)}}
-    monkeypatch.setattr(stability, "run", lambda progress: [])
-    monkeypatch.setattr(stiffness, "run", lambda progress: found)
+    row = {"name": "a", "image_error": np.float32(np.inf), "max_T": np.float32(2), "verdict": "right"}
+    monkeypatch.setattr(stability, "run", lambda progress: [row])
     monkeypatch.setattr("mi_dogsplat.check.run.synthetic_scenes", lambda width: [])
     assert run(capsys, "-o", tmp_path)[0] == 0
     report = json.loads((tmp_path / "check.json").read_text())
-    assert set(report) == {"model_name", "machine", "work_precision", "stability", "stiffness"}
-    # no NaN or infinity in a file
-    assert report["stiffness"] == {"curvature": [{"case": "a", "curvature": None}], "poisoned": {"spread": 0}}
+    assert set(report) == {"model_name", "machine", "work_precision", "stability"}
+    assert report["stability"] == [row | {"image_error": None, "max_T": 2.0}]  # no NaN or infinity in a file
 
 
 def test_bad_runs_are_found_before_hours_of_work(tmp_path, monkeypatch):
     monkeypatch.setattr(stability, "run", lambda progress: pytest.fail("too late"))
     with pytest.raises(DataError, match="no such folder"):
-        check(None, tmp_path / "out", [tmp_path / "nowhere"], PARTS)
+        check(tmp_path / "out", runs=[tmp_path / "nowhere"])
     assert not (tmp_path / "out").exists()
 
 

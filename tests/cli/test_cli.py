@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -183,6 +184,18 @@ def test_the_help_of_the_program_names_every_command_a_first_run_and_exit_codes(
     assert status == 0
     for word in (*COMMANDS, "A first run:", "Exit codes", "transforms.json", "COLMAP"):
         assert word in text
+
+
+def test_the_version_names_what_results_depend_on(capsys):
+    status, text, _ = run(capsys, "--version")
+    assert status == 0 and text.count("\n") == 1
+    assert text.startswith("dogsplat ") and all(f", {name} {version(name)}" in text for name in ("mitsuba", "drjit"))
+
+
+def test_argparse_stops_at_the_command_line():
+    package = Path(__file__).parents[2] / "mi_dogsplat"
+    found = {path.relative_to(package) for path in package.rglob("*.py") if "argparse" in path.read_text("utf-8")}
+    assert found == {Path("cli/arguments.py"), Path("cli/commands.py"), Path("demo/__main__.py")}
 
 
 # --- wrong use ---

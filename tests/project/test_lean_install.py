@@ -6,16 +6,17 @@ import subprocess
 import sys
 from pathlib import Path
 
-import mitsuba as mi
 import numpy as np
+import OpenEXR
 import pytest
 import tiny_data
 from mi_dogsplat import write_ply
+from PIL import Image
 
 ROOT = Path(__file__).parents[2]
 MODULES = {"pillow": "PIL", "flip-evaluator": "flip_evaluator"}
 MODULES |= {name: name for name in ("scipy", "tqdm", "viser", "jinja2", "markupsafe", "filelock", "psutil")}
-HIDDEN = sorted([*MODULES.values(), "OpenEXR"])  # the last is for the tests alone
+HIDDEN = sorted(MODULES.values())
 
 WITHOUT_EXTRAS = f"""
 import sys
@@ -72,8 +73,8 @@ def requirements(name: str) -> set[str]:
     return set(re.findall(r'"([\w-]+)', listed[1]))
 
 
-def test_the_core_needs_mitsuba_and_numpy_only():
-    assert requirements("dependencies") == {"mitsuba", "numpy"}
+def test_the_core_needs_mitsuba_numpy_and_openexr_only():
+    assert requirements("dependencies") == {"mitsuba", "numpy", "OpenEXR"}
     for extra in ("train", "export", "view"):
         assert requirements(extra) <= set(MODULES)  # else they are not hidden here
 
@@ -83,13 +84,21 @@ def test_the_plugins_render_a_scene_without_extras(scene):
     assert done.returncode == 0, done.stderr
 
 
+def pixels_of(path: Path) -> np.ndarray:
+    """[H, W, 3 or 4]; read by others, as Mitsuba waits for ever for an .exr where there is one core."""
+    if path.suffix == ".png":
+        return np.asarray(Image.open(path))
+    channels = OpenEXR.File(str(path)).channels()
+    return next(channels[name].pixels for name in ("RGBA", "RGB") if name in channels)
+
+
 @pytest.mark.parametrize("suffix", [".png", ".exr"])
 def test_a_model_and_a_scene_are_rendered_to_a_file_without_extras(model, scene, tmp_path, suffix):
     for source in (model, scene):
         out = tmp_path / (source.stem + suffix)
         done = core(COMMAND, "render", source, "-o", out)
         assert done.returncode == 0 and done.stdout == f"{out}\n" and done.stderr == "", done.stderr
-        assert np.array(mi.Bitmap(str(out))).shape[2] >= 3
+        assert pixels_of(out).shape[2] >= 3
 
 
 def test_stability_is_checked_without_extras(tmp_path):
@@ -114,7 +123,6 @@ def test_a_model_and_a_run_are_described_without_extras(model, tmp_path, flags):
         ["train", "{data}", "-o", "{out}"],
         ["eval", "{model}", "{data}"],
         ["render", "{model}", "-o", "{out}.png", "--data", "{data}"],
-        ["check", "-o", "{out}"],
         ["info", "{data}"],
         ["export", "{model}", "-o", "{out}.spz"],
         ["view", "{model}"],

@@ -1,6 +1,8 @@
 """Runs in processes of their own that are killed, interrupted, and out of disk: what is left opens, and goes on."""
 
+import errno
 import json
+import os
 import random
 import shutil
 import signal
@@ -14,6 +16,8 @@ import pytest
 from mi_dogsplat import read_ply
 from mi_dogsplat.report.run_folder import read_run
 from mi_dogsplat.runs.checkpoint import load_checkpoint
+from mi_dogsplat.runs.run import claimed
+from mi_dogsplat.support.errors import DataError
 from PIL import Image
 from tiny_data import write_tiny_data
 
@@ -162,6 +166,24 @@ def test_a_folder_that_is_read_only_is_one_line(data, tmp_path):
     result = in_a_mount("ro", disk, [*TRAIN, *arguments(data, disk / "run", 20)])
     assert result.returncode == 2 and result.stderr.count("\n") == 1
     assert result.stderr.startswith(f"dogsplat: {disk / 'run'}: Read-only file system; "), result.stderr
+
+
+@pytest.mark.parametrize("checkpoint", [True, False])
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EIO])
+def test_what_cannot_be_written_is_answered_with_what_helps(tmp_path, number, checkpoint):
+    out = tmp_path / "run"
+    (out / CHECKPOINT).parent.mkdir(parents=True)
+    (out / "config.json").write_text("{}")
+    if checkpoint:
+        (out / CHECKPOINT).touch()
+    with pytest.raises(DataError) as caught, claimed(out):
+        raise OSError(number, os.strerror(number), str(out / "history.jsonl"))
+    line = str(caught.value)
+    assert line.startswith(f"{out / 'history.jsonl'}: cannot be written ({os.strerror(number)}); ")
+    of_another = number in (errno.EACCES, errno.EPERM, errno.EROFS)
+    assert ("name a folder that can be written" in line) == of_another
+    assert ("make room" in line) == (not of_another)
+    assert ("--resume goes on" in line) == (checkpoint and not of_another)
 
 
 def test_a_file_is_whole_whenever_its_writer_is_killed(tmp_path):

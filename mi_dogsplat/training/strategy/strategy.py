@@ -31,7 +31,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import drjit as dr
 import numpy as np
@@ -48,7 +48,9 @@ from ..events import Event
 from ..footprint import Budget
 from ..losses import LossMeans
 from ..optimizer import SplatOptimizer
-from ..photographs import Photographs
+
+if TYPE_CHECKING:
+    from ..photographs import Photographs  # needs the extra "train"; recipes, behind the flags of any command, do not
 
 S = TypeVar("S")
 

@@ -3,32 +3,35 @@
 The data set is made here, by the engine, of a known model. In each phase of the recipe (densification, pruning, DoG)
 one primitive per entry of ``POISONS`` joins the model: an ordinary one, of a size and a colour that hurt, but for the
 values that the entry names. After every step an image and all numbers of the model are looked at.
+
+``python -m benchmarks poison [--steps N] [--preset NAME]``.
 """
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
-
-from ..datasets import Dataset, View
-from ..datasets.camera_paths import look_at
-from ..engine.parameters import upload
-from ..engine.rasterize import RasterOptions
-from ..engine.sh import C0
-from ..render.picture import render_picture
-from ..runs.history import run_to_end
-from ..scene.cameras import Camera
-from ..scene.splats import Splats
-from ..training.config import TrainConfig
-from ..training.events import Dropped, Event
-from ..training.presets import RECIPES
-from ..training.strategy.strategy import Strategy, Training
-from ..training.train import Trainer
+from mi_dogsplat.datasets import Dataset, View
+from mi_dogsplat.datasets.camera_paths import look_at
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.rasterize import RasterOptions
+from mi_dogsplat.engine.sh import C0
+from mi_dogsplat.render.picture import render_picture
+from mi_dogsplat.runs.history import run_to_end
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.events import Dropped, Event
+from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.strategy.strategy import Strategy, Training
+from mi_dogsplat.training.train import Trainer
 
 STEPS = 400
 WIDTH, HEIGHT = 48, 36
@@ -208,7 +211,7 @@ def run(
     clean = Trainer(config, dataset)
     trainer, harm = poisoned(config, dataset, list(phases.values()))
     for name, run_of in {"clean": clean, "poisoned": trainer}.items():
-        progress(f"stiffness: training, {name}")
+        progress(f"training, {name}")
         rows = list(run_to_end(run_of))
         result[name] = [[row["step"], row["test_psnr"]] for row in rows if "test_psnr" in row]
         dropped = [(row, event) for row in rows for event in row.get("events", ()) if event["kind"] == Dropped.kind]
@@ -216,3 +219,19 @@ def run(
         result["dropped"] = sum(event["count"] for _, event in dropped)
     counts = {name: count for name, count in asdict(harm).items() if name != "not_finite_rows"}
     return result | counts | {"psnr_clean": result["clean"][-1][1], "psnr_poisoned": result["poisoned"][-1][1]}
+
+
+def main(flags: list[str]) -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks poison", description=__doc__)
+    parser.add_argument("--steps", type=int, default=STEPS, help=f"of each training (default: {STEPS})")
+    parser.add_argument("--preset", default="ours", help="a recipe that prunes and has DoG (default: ours)")
+    args = parser.parse_args(flags)
+    mi.set_variant("llvm_ad_rgb")
+    result = run(args.steps, args.preset, print)
+    for step, event in result["events"]:
+        print(f"step {step}: {event}")
+    print("test PSNR by step, clean and poisoned:")
+    for (step, clean), (_, poisoned) in zip(result["clean"], result["poisoned"], strict=True):
+        after = [name for name, at in result["phases"].items() if at < step]
+        print(f"{step:6d} {clean:6.2f} {poisoned:6.2f} dB{'  after ' + after[-1] if after else ''}")
+    print(", ".join(f"{name} {value}" for name, value in result.items() if isinstance(value, int)))

@@ -7,13 +7,15 @@ error, and one raw parameter is moved by x. So the loss is c x² / 2 for small x
 
 central differences in which nothing cancels, since the loss at 0 is 0. All of it is evaluated with the float64
 twin (``reference/``) without cutoffs: the engine's float32 would leave no digit of the second derivative of a pair
-whose kernels agree to 1e-6. That the engine has the same derivatives is the stability table's business
-(``stability.py``), and a test compares its gradient at x with c x.
+whose kernels agree to 1e-6. That the engine has the same derivatives is the business of ``dogsplat check``
+(``check/stability.py``), and a test compares its gradient at x with c x.
 
 Steps. Gradient descent with steps of η lowers a parabola for η < 2 / c and no further; so one η for all parameters must
 be below 2 / (largest c), and needs c_max / c_min steps for the flattest. Adam's steps are as long as the step size,
 whatever c is. There the question is whether they fit into the basin: the half-width over which the loss is within
 a factor of 2 of its parabola.
+
+``python -m benchmarks stiffness``.
 """
 
 from __future__ import annotations
@@ -24,14 +26,12 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
-
-from ..reference.forward import RAW_PARAMETERS, render
-from ..scene.cameras import Camera
-from ..scene.splats import Splats
-from ..training.learning_rates import LearningRates
-from ..training.optimizer import EPSILON
-from ..training.presets import RECIPES
-from . import poison
+from mi_dogsplat.reference.forward import RAW_PARAMETERS, render
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer import EPSILON
+from mi_dogsplat.training.presets import RECIPES
 
 SIZE, FOCAL, DEPTH = 32, 40.0, 3.0  # pixels, pixels, world units: 13.3 pixels per world unit
 EXTENT = 3.3  # of cameras around the origin at that distance
@@ -41,18 +41,6 @@ ADAM_START, ADAM_STEPS = 0.5, 100  # where Adam starts, of the basin; and how fa
 HARDLY = 0.95  # of the loss at the start that is left in the end
 WIDEST = 1e3  # basins are followed this far
 CAMERA = Camera(np.eye(4), FOCAL, FOCAL, SIZE / 2, SIZE / 2, SIZE, SIZE)
-
-
-def run(progress: Callable[[str], None] = lambda line: None) -> dict[str, Any]:
-    """``curvature``: see ``rows``; ``poisoned``: see ``poison.run``. For JSON; the same every time.
-
-    ``progress`` is told in one line what is being done.
-    """
-    table = []
-    for situation in situations():
-        progress(f"stiffness: {situation.case}")
-        table += rows(situation)
-    return {"curvature": table, "poisoned": poison.run(progress=progress)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,3 +220,16 @@ def _bisect(holds: Callable[[float], bool], low: float, high: float) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) else (low, middle)
     return low
+
+
+def main(flags: list[str]) -> None:
+    if flags:
+        raise SystemExit(__doc__)
+    print(f"{'':38s} curvature  stiffness  2 / curvature  limit    Adam / basin")
+    for situation in situations():
+        print(situation.case)
+        for row in rows(situation):
+            steps = f"{row['two_over_curvature']:9.2g}      {row['gradient_descent_limit']:9.2g}"
+            basin = "no end" if row["adam_over_basin"] is None else f"{row['adam_over_basin']:.2g}"
+            numbers = f"{row['curvature']:9.2g}  {row['stiffness']:9.2g}  {steps}  {basin:>8s}"
+            print(f"  {row['parameter']:34s} {numbers}  {row['verdict']}")
