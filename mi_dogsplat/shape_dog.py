@@ -192,7 +192,8 @@ def _start_as_a_point(mesh: Any) -> None:
     """
     if hasattr(mesh, "from_fields"):
         mi.Mesh.__init__(mesh, mi.Properties())
-        mesh.from_fields(faces=dr.zeros(mi.TensorXu, (1, 3)), positions=dr.zeros(mi.TensorXf, (3, 3)))
+        corners: Any = mi.TensorXu  # of a stub that has no constructor
+        mesh.from_fields(faces=corners(np.zeros((1, 3), np.uint32)), positions=_tensor(np.zeros((3, 3))))
     else:
         mi.Mesh.__init__(mesh, "dog", vertex_count=3, face_count=1)
 

@@ -1,4 +1,7 @@
-"""What Mitsuba and Dr.Jit show without promising it: each is used in one file, and is here as it was in 3.9 and 1.5."""
+"""What Mitsuba and Dr.Jit show without promising it: each is used in one file, and is here as it was in 3.9.
+
+What the engine uses of Dr.Jit is in ``tests/engine/test_drjit_internals.py``.
+"""
 
 import re
 from pathlib import Path
@@ -14,7 +17,6 @@ PACKAGE = Path(__file__).parents[2] / "mi_dogsplat"
 INTERNALS = {
     "mi.detail.add_variant_callback": "__init__.py",
     "drjit.detail.llvm_version": "support/llvm.py",
-    "dr.detail.collect_indices": "plugin/sensor.py",
     "str(film)": "plugin/film.py",
 }
 MODEL = rounded(random_splats(3, seed=1))
@@ -27,10 +29,10 @@ def test_each_is_used_in_one_file(name):
     assert users == [INTERNALS[name]]
 
 
-def test_there_are_no_others_outside_of_engine_and_training():
+def test_there_are_no_others_outside_of_the_engine():
     found = set()
     for path in PACKAGE.rglob("*.py"):
-        if path.relative_to(PACKAGE).parts[0] not in ("engine", "training"):
+        if path.relative_to(PACKAGE).parts[0] != "engine":
             found |= set(re.findall(r"\b\w+\.detail\.\w+", path.read_text(encoding="utf-8")))
     assert found == {name for name in INTERNALS if ".detail." in name}
 
@@ -40,13 +42,6 @@ def test_a_film_tells_its_pixel_format_in_its_description_only(pixel_format):
     film: Any = mi.load_dict({"type": "hdrfilm", "pixel_format": pixel_format})
     assert _pixel_format(film) == pixel_format, VERSIONS
     assert not any("format" in name for name in dir(film) if name[0] != "_"), f"there is a better way now: {VERSIONS}"
-
-
-def test_indices_of_variables_tell_whether_a_value_is_another_one():
-    x = dr.arange(mi.Float, 3)
-    (before,), (same,) = dr.detail.collect_indices([x]), dr.detail.collect_indices([x])
-    (after,) = dr.detail.collect_indices([x + 1])
-    assert before == same != after, VERSIONS
 
 
 def test_the_version_of_llvm_is_three_numbers():
