@@ -78,7 +78,8 @@ def broad_splats() -> Splats:
 def dog_dict(splats: Splats, **others: Any) -> dict[str, Any]:
     """The shape as a dict for ``mi.load_dict``, its parameters given as tensors."""
     names = RAW + (RAW_DOG if splats.n_dog else ())
-    index = {"dog_index": mi.TensorXu(splats.dog_index)} if splats.n_dog else {}
+    tensor_of_integers: Any = mi.TensorXu
+    index = {"dog_index": tensor_of_integers(splats.dog_index)} if splats.n_dog else {}
     return {"type": "dog", **{name: mi.TensorXf(getattr(splats, name)) for name in names}, **index, **others}
 
 

@@ -184,7 +184,7 @@ class DogShape(mi.Mesh):
         return f"DogShape[\n  source = {self.source},\n  primitives = {self.means.shape[0]},\n  dog = {len(m)}\n]"
 
 
-def _start_as_a_point(mesh: mi.Mesh) -> None:
+def _start_as_a_point(mesh: Any) -> None:
     """Construct a mesh of one triangle without area.
 
     Rays never meet it, and Mitsuba's vectorised calls, which also trace the meshes of other scenes, find no empty

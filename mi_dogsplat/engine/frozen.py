@@ -4,14 +4,18 @@ While Dr.Jit 1.5 records a function, the thread takes no work that could not be 
 scene or texture, or of an array that shares memory with NumPy, hands in such work; it throws, and an exception in a
 destructor ends the process ("RecordThreadState::enqueue_host_func(): this function cannot be recorded!"). Objects in
 reference cycles go when Python collects garbage, which may be at any allocation: so it waits while a function runs.
+
+It also takes one recording for another where arguments differ in small integers or booleans only: of 64 combinations of
+six booleans it tells 12 apart. So all that is not an array is hashed here, and told apart by that.
 """
 
 from __future__ import annotations
 
 import functools
 import gc
-from collections.abc import Callable
-from typing import Generic, ParamSpec, TypeVar
+from collections.abc import Callable, Hashable
+from dataclasses import fields, is_dataclass
+from typing import Any, Generic, ParamSpec, TypeVar, cast
 
 import drjit as dr
 
@@ -29,13 +33,17 @@ class Frozen(Generic[P, R]):
 
     def __init__(self, function: Callable[P, R]):
         functools.update_wrapper(self, function)
-        self._recorded = dr.freeze(function, warn_after=1 << 30)
+
+        def of_kind(kind: int, args: Any, kwargs: Any) -> R:
+            return cast(Any, function)(*args, **kwargs)
+
+        self._recorded = dr.freeze(of_kind, warn_after=1 << 30)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         collecting = gc.isenabled()
         gc.disable()
         try:
-            return self._recorded(*args, **kwargs)
+            return self._recorded(hash(_constants((args, kwargs))), args, kwargs)
         finally:
             if collecting:
                 gc.enable()
@@ -43,6 +51,19 @@ class Frozen(Generic[P, R]):
     def clear(self) -> None:
         """Forget all recordings, and what the calls so far were like."""
         self._recorded.clear()
+
+
+def _constants(value: Any) -> Hashable:
+    """What is not an array, and where it is, in nested tuples, lists, dictionaries and dataclasses."""
+    if isinstance(value, (tuple, list)):
+        return tuple([_constants(item) for item in value])
+    if isinstance(value, dict):
+        return tuple([(name, _constants(item)) for name, item in value.items()])
+    if dr.is_array_v(value):
+        return type(value)
+    if is_dataclass(value) and type(value).__hash__ is None:
+        return tuple([_constants(getattr(value, field.name)) for field in fields(value)])
+    return value
 
 
 def frozen(function: Callable[P, R]) -> Frozen[P, R]:

@@ -107,7 +107,7 @@ def scene_features(scene: mi.Scene) -> list[Feature]:
     """What a Mitsuba scene with the ``dogsplat`` integrator needs; of its first sensor."""
     from ..shape_dog import DogShape  # of the active variant
 
-    integrator: Any = scene.integrator()  # to the stubs of Mitsuba any integrator is just that
+    integrator: Any = scene.integrator()
     variant = mi.variant()
     parts = [shape.to_splats() for shape in scene.shapes() if isinstance(shape, DogShape)]
     features = model_features(parts, integrator.negative_transmittance)

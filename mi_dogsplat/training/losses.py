@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
+
+from ..engine.arrays import array_types
 
 
 class LossMeans:
@@ -17,7 +18,7 @@ class LossMeans:
         self._set(0.0, 0.0, 0)
 
     def _set(self, l1_sum: float, loss_sum: float, steps: int) -> None:
-        Float: Any = dr.detached_t(mi.Float)
+        Float = array_types().Float
         self.l1_sum, self.loss_sum, self.steps = dr.opaque(Float, l1_sum), dr.opaque(Float, loss_sum), steps
 
     def add(self, l1: Any, loss: Any) -> None:

@@ -14,6 +14,7 @@ from ..datasets import Dataset
 from ..datasets.dataset import View
 from ..datasets.images import box_downscale
 from ..datasets.masks import Masks
+from ..engine.arrays import detached
 from ..engine.parameters import device_array
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import Frame
@@ -107,7 +108,7 @@ class Photographs:
         target, mask = self._target(view, upcoming), self.masks[view]
         l1, _, loss, gradient = self.loss.value_and_gradient(self._seen(planes, view), target)
         if mask is not None:
-            gradient = [δ * dr.detach(mask, preserve_type=False) for δ in gradient]
+            gradient = [δ * detached(mask) for δ in gradient]
         if self.exposure:
             gradient = self.exposure.backward(planes, gradient, view, step)
         return l1, loss, gradient
@@ -121,7 +122,7 @@ class Photographs:
         if self.exposure:
             planes = self.exposure.applied(planes, view)
         mask = self.masks[view]
-        return planes if mask is None else [dr.detach(plane, preserve_type=False) * mask for plane in planes]
+        return planes if mask is None else [plane * mask for plane in detached(planes)]
 
     def _target(self, view: int, upcoming: Sequence[int]) -> Target:
         if self._readers is None:

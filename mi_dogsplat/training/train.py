@@ -20,7 +20,9 @@ import numpy as np
 
 from ..datasets import Dataset
 from ..datasets.dataset import View, camera_extent
-from ..engine.rasterize import Frame, RasterOptions, rasterize
+from ..engine.arrays import array_types
+from ..engine.options import RasterOptions
+from ..engine.rasterize import Frame, rasterize
 from ..measure.metrics import flip, psnr
 from ..render.picture import Picture, background_color, over_background, render_picture
 from ..scores.score import Score
@@ -170,8 +172,7 @@ class Trainer:
     def training_l1(self) -> float:
         """Mean L1 over all training views, images clamped to [0, 1]."""
         params = {name: dr.detach(value) for name, value in self.optimizer.params.items()}
-        Float: Any = dr.detached_t(mi.Float)
-        total = dr.opaque(Float, 0)
+        total = dr.opaque(array_types().Float, 0)
         self.photographs.keep_background()
         for view in range(len(self.photographs)):
             total += self.photographs.l1(self.render(params, view)[0], view)

@@ -15,7 +15,8 @@ PACKAGE = Path(mi_dogsplat.__file__).parent
 CHECKED = "1.5."
 LOOK_AT = """what to look at in another version of Dr.Jit, before CHECKED is set to it:
 engine/drjit_internals.py     block_mkperm and collect_indices of dr.detail: do they still do what the tests here say
-engine/frozen.py              does garbage that is collected while a function is recorded still end the process
+engine/frozen.py              does garbage that is collected while a function is recorded still end the process;
+                              are recordings still confused where only small constants differ
 walks/slot_rows.py            do lanes still add in turn (tried at run time); does mode Expand still hold an offset
 walks/walk.py                 is local memory still what aligns the stack (benchmarks floor says so)
 plugin/transfer.py            does a branch still add the gradient of its arguments twice"""

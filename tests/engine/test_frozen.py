@@ -63,6 +63,17 @@ def test_whether_garbage_is_collected_is_after_a_call_as_it_was_before(enabled, 
         gc.enable()
 
 
+def test_no_recording_is_taken_for_another_whatever_the_constants():
+    @frozen
+    def increased(x, bits, number):
+        return x + sum(1 << k for k, bit in enumerate(bits) if bit) + 100 * number
+
+    for bits in itertools.product((True, False), repeat=6):
+        for number in (1, 2, 3):
+            expected = sum(1 << k for k, bit in enumerate(bits) if bit) + 100 * number
+            assert increased(dr.arange(mi.Float, 3), bits, number).numpy()[0] == expected
+
+
 def test_a_frozen_function_is_traced_once_for_all_sizes():
     traced = itertools.count()
 

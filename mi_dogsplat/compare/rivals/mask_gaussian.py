@@ -22,6 +22,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...engine.arrays import detached
 from ...engine.options import RasterOptions
 from ...engine.parameters import device_array
 from ...engine.project import DeviceCamera
@@ -62,13 +63,9 @@ def by_share(params: dict, camera: DeviceCamera, options: RasterOptions, share: 
 class Absent(Event):
     """Primitives that left because no draw showed them."""
 
-    kind = "absent"
+    kind, words = "absent", "{count} primitives absent in {draws} draws"
     count: int
     draws: int
-
-    @property
-    def text(self) -> str:
-        return f"{self.count} primitives absent in {self.draws} draws"
 
 
 @dataclass(frozen=True)
@@ -101,11 +98,8 @@ class MaskGaussian(Strategy[None]):
             return
         drawn, probability = seen.params[DRAWN], seen.params[PROBABILITY]
         params = {name: dr.detach(value) for name, value in t.optimizer.params.items()}
-        share, image, adjoint = (
-            [dr.detach(value, preserve_type=False) for value in values]
-            for values in ([drawn], seen.planes, seen.gradient)
-        )
-        by_m = mi.Float(by_share(params, seen.camera, t.options, share[0], image, adjoint))
+        share, image, adjoint = (detached(values) for values in (drawn, seen.planes, seen.gradient))
+        by_m = mi.Float(by_share(params, seen.camera, t.options, share, image, adjoint))
         by_m += dr.mean(drawn) * (2 * WEIGHT / t.optimizer.n)
         dr.set_grad(t.optimizer.params[MASK], by_m * probability * (1 - probability))
 

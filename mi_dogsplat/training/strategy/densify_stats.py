@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 
+from ...engine.arrays import array_types, detached
 from ...engine.parameters import device_array
 from ...engine.project import Projection
 
@@ -27,18 +27,14 @@ class DensifyStats:
     @staticmethod
     def zeros(n: int) -> DensifyStats:
         """Of no view."""
-        Float: Any = dr.detached_t(mi.Float)
+        Float = array_types().Float
         stats = DensifyStats(dr.zeros(Float, n), dr.zeros(Float, n), dr.zeros(Float, n))
         dr.make_opaque(stats.gradient_sum, stats.views, stats.max_radius)
         return stats
 
     def add(self, gradient_x, gradient_y, projection: Projection, width: int, height: int) -> None:
         """Add a view: gradients of the loss by the centres in pixels, and the projection they belong to."""
-
-        def detached(value):
-            return dr.detach(value, preserve_type=False)
-
-        Float: Any = dr.detached_t(mi.Float)
+        Float = array_types().Float
         k = projection.kernels
         variance_x, variance_y = detached(k.variance_x), detached(k.variance_y)
         covariance = -detached(k.uy) / detached(k.ux) * variance_y  # ux : uy = yy : -xy
@@ -64,7 +60,7 @@ class DensifyStats:
     def follow(self, index: np.ndarray) -> None:
         """Row r is a copy of the old row ``index[r]``, as in the optimizer."""
         for name in ("gradient_sum", "views", "max_radius"):
-            setattr(self, name, dr.detach(device_array(getattr(self, name).numpy()[index]), preserve_type=False))
+            setattr(self, name, detached(device_array(getattr(self, name).numpy()[index])))
 
     def mean_gradient(self) -> np.ndarray:
         """[N] mean over the views that saw the primitive; 0 if none did."""

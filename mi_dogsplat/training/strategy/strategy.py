@@ -37,9 +37,11 @@ import drjit as dr
 import numpy as np
 
 from ...datasets.dataset import View
+from ...engine.arrays import detached
+from ...engine.options import RasterOptions
 from ...engine.parameters import device_array
 from ...engine.project import DeviceCamera
-from ...engine.rasterize import Frame, RasterOptions
+from ...engine.rasterize import Frame
 from ...render.picture import Picture
 from ...scores.score import Score
 from ..events import Event
@@ -186,6 +188,6 @@ def restore_fields(state: Any, arrays: Mapping[str, np.ndarray]) -> None:
     for name in [field.name for field in dataclasses.fields(state)] if state is not None else []:
         before, value = getattr(state, name), arrays[name]
         if dr.is_array_v(before):
-            setattr(state, name, dr.detach(device_array(value), preserve_type=False))
+            setattr(state, name, detached(device_array(value)))
         else:
             setattr(state, name, np.array(value) if isinstance(before, np.ndarray) else type(before)(value.item()))
