@@ -155,7 +155,10 @@ def test_a_run_without_a_checkpoint_yet_is_resumed_from_its_beginning(data, whol
         run.train(config, tmp_path, fail)
     assert (tmp_path / "config.json").exists() and not (tmp_path / run.CHECKPOINT).exists()
     run.train(config, tmp_path, resume=True)
-    assert without_clock(rows_of(tmp_path)) == without_clock(rows_of(whole["3dgs"]))
+    rows, expected = rows_of(tmp_path), rows_of(whole["3dgs"])
+    assert [row["step"] for row in rows] == [row["step"] for row in expected]
+    if lanes_add_in_turn(mi.variant()):
+        assert without_clock(rows) == without_clock(expected)
 
 
 def test_two_runs_never_share_a_folder(data, tmp_path):
