@@ -10,23 +10,12 @@ import numpy as np
 from markupsafe import Markup
 
 from ..report.page import TEMPLATES
-from ..report.plot import Mark, Series, line_plot
+from ..report.plot import Series, line_plot
 from ..report.points import Note
 from ..report.ticks import number
 from ..support.wording import duration, finite
 from .settings import GROUPS
 from .tables import Table, cell, facts, table
-
-POISONED_FACTS = {
-    "injected": "primitives added",
-    "dropped": "primitives dropped",
-    "spread": "other primitives not finite",
-    "bad_images": "images not finite",
-    "bad_losses": "losses not finite",
-    "bad_moments": "moments of Adam not finite",
-    "psnr_clean": "final PSNR without them, dB",
-    "psnr_poisoned": "final PSNR with them, dB",
-}
 
 BUSY = 0.5  # processes
 CLOUD_HEIGHT = 300  # of a plot of settings, user units: many lie close together
@@ -34,17 +23,16 @@ CLOUD_HEIGHT = 300  # of a plot of settings, user units: many lie close together
 
 @dataclass(frozen=True)
 class Section:
-    """Plots, where there are some with names and colours of their series, and numbers."""
+    """Plots and numbers; names and colours of the series where no other section has them."""
 
     plots: Sequence[Markup]
-    numbers: Table | Mapping[str, str]
+    numbers: Table
     legend: Sequence[tuple[str, int]] = ()
 
 
 def check_page(report: Mapping[str, Any]) -> str:
     """HTML of a report as ``run.check`` makes it; parts that it does not hold are left out."""
-    machine, stiffness = report.get("machine") or {}, report.get("stiffness") or {}
-    scenes = report.get("work_precision") or []
+    machine, scenes = report.get("machine") or {}, report.get("work_precision") or []
     return TEMPLATES.get_template("check/templates/check.html").render(
         name=str(report.get("model_name") or "numerics"),
         machine=facts(machine),
@@ -56,8 +44,6 @@ def check_page(report: Mapping[str, Any]) -> str:
         training=_training(report["training"]) if report.get("training") else None,
         verdicts=[row.get("verdict") for row in report.get("stability") or []],
         stability=table(report.get("stability") or []),
-        curvature=table([_by_case(row) for row in stiffness.get("curvature") or []]),
-        poisoned=_poisoned(stiffness["poisoned"]) if stiffness.get("poisoned") else None,
     )
 
 
@@ -135,30 +121,3 @@ def _training(runs: Sequence[Mapping[str, Any]]) -> Section:
         {"run": run["label"], "time": duration(run["seconds"]), "primitives": run["n"], **run["final"]} for run in runs
     ]
     return Section(plots, table(rows), [(run["label"], i + 1) for i, run in enumerate(runs)])
-
-
-def _by_case(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row of curvatures, for a table in groups."""
-    return {"group" if key == "case" else key: value for key, value in row.items()}
-
-
-def _poisoned(values: Mapping[str, Any]) -> Section:
-    """Lists of [step, number] are curves, mappings of numbers are marks at steps, the rest are facts."""
-    curves = {key: value for key, value in values.items() if _is_curve(value)}
-    marks = [Mark(str(k), float(x)) for v in values.values() if isinstance(v, Mapping) for k, x in v.items()]
-    series = [
-        Series(name, *np.array(curve, np.float64).T, color=color)
-        for color, (name, curve) in enumerate(curves.items(), 1)
-    ]
-    single = {
-        POISONED_FACTS.get(key, key): value for key, value in values.items() if not isinstance(value, list | Mapping)
-    }
-    return Section([line_plot(series, "step", "test PSNR, dB", marks=marks)] if series else [], facts(single))
-
-
-def _is_curve(value: object) -> bool:
-    return (
-        isinstance(value, list)
-        and bool(value)
-        and all(isinstance(point, list) and len(point) == 2 and None not in map(finite, point) for point in value)
-    )

@@ -120,7 +120,7 @@ def _write_page(report: dict[str, Any], path: Path) -> None:
 
 def _machine(rounds: int) -> dict[str, Any]:
     """What the times depend on; the load is that of the minute before."""
-    load = round(os.getloadavg()[0], 1)
+    load = round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None  # not on Windows
     return {"variant": mi.variant(), "cores": usable_cores(), "load": load, "rounds": rounds} | versions()
 
 

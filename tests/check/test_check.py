@@ -62,11 +62,6 @@ REPORT = {
         {"group": "camera", "name": "lens", "finite": False, "image_error": None, "gradient_error": 0.5,
          "max_T": 1.0, "verdict": "wrong", "note": "a <defect>"},
     ],
-    "stiffness": {
-        "curvature": [{"case": "needle 1:10", "parameter": "rotation", "curvature": 4.74e18}],
-        "poisoned": {"phases": {"pruning": 20}, "clean": [[10, 20.0], [30, 25.0]], "poisoned": [[10, 20.0], [30, 24.0]],
-                     "events": [[10, "dropped 3"]], "spread": 0},
-    },
 }  # fmt: skip
 
 
@@ -130,7 +125,7 @@ def test_the_page_is_well_formed_and_needs_nothing_but_itself():
     html = check_page(REPORT)
     parsed(html)
     svgs = re.findall(r"<svg.*?</svg>", html, re.DOTALL)
-    assert len(svgs) == 6 + 5  # and the swatches of the legends
+    assert len(svgs) == 5 + 5  # and the swatches of the legends
     for svg in svgs:
         ElementTree.fromstring(svg)
     for word in ("<script", "<link", "http", "url(", "NaN", "None"):
@@ -141,8 +136,7 @@ def test_the_page_shows_every_part():
     html = check_page(REPORT)
     assert "<title>fox &amp; friends.ply · check</title>" in html
     page = parsed(html)
-    headings = ["Error against run time", "Training error against run time", "Stability", "Stiffness",
-                "Training with poisoned primitives"]  # fmt: skip
+    headings = ["Error against run time", "Training error against run time", "Stability"]
     assert [words(heading) for heading in page.iter("h2")] == headings
     for heading in headings:
         part = section(page, heading)
@@ -151,7 +145,6 @@ def test_the_page_shows_every_part():
     assert labels == [
         "mean error of the image against forward, ms", "relative error, worst gradient against forward + backward, ms",
         "training L1 against run time, s", "test PSNR, dB against run time, s", "test FLIP against run time, s",
-        "test PSNR, dB against step",
     ]  # fmt: skip
     tiles = [words(tile) for tile in page.findall(".//*[@class='tile']")]
     assert tiles == [
@@ -170,9 +163,9 @@ def test_text_from_files_cannot_become_markup():
 
 
 def test_parts_that_were_not_run_are_left_out():
-    for key in ("work_precision", "training", "stability", "stiffness"):
+    for key in ("work_precision", "training", "stability"):
         page = page_of({"model_name": None, "machine": {}, key: REPORT[key]})
-        assert len(list(page.iter("h2"))) == (2 if key == "stiffness" else 1)
+        assert len(list(page.iter("h2"))) == 1
         assert words(next(page.iter("h1"))) == "numerics check"
     assert not list(page_of({}).iter("h2"))
 
@@ -220,13 +213,6 @@ def test_a_busy_machine_is_said_to_be_one():
     assert not page_of(REPORT).findall(".//*[@class='notice']")
     (notice,) = page_of(REPORT | {"machine": {"load": 1.5}}).findall(".//*[@class='notice']")
     assert "Repeat it on a quiet machine." in words(notice)
-
-
-def test_a_poisoned_run_is_drawn_beside_the_clean_one_with_its_phases():
-    plot = figures(check_page(REPORT))[-1]
-    assert plot.count('line" d="M') == 2 and ">pruning</text>" in plot
-    facts = [[words(part) for part in fact] for fact in page_of(REPORT).findall(".//dl/div")]
-    assert ["other primitives not finite", "0"] in facts
 
 
 # --- tables ---

@@ -1,5 +1,6 @@
 """``pip install mi_dogsplat`` alone: what works without the packages of the extras, and what is said where it fails."""
 
+import ast
 import json
 import re
 import subprocess
@@ -137,3 +138,18 @@ def test_a_missing_extra_is_one_line_that_says_what_to_install(model, tmp_path, 
     extra = argv[0] if argv[0] in ("export", "view") else "train"
     assert re.fullmatch(rf"dogsplat: this needs the package \w+: pip install 'mi_dogsplat\[{extra}\]'\n", done.stderr)
     assert not list(tmp_path.glob("out*"))
+
+
+POSIX = {"fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "posix", "syslog"}  # modules that Windows lacks
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "mi_dogsplat").rglob("*.py")), ids=lambda p: str(p.relative_to(ROOT)))
+def test_a_module_is_imported_without_what_windows_lacks(path):
+    """What a function imports by itself is left out: it has to ask first."""
+    needed = set()
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Import):
+            needed |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            needed.add(node.module)
+    assert not needed & POSIX
