@@ -20,6 +20,7 @@ for python in "$@"; do
     mkdir -p "$venv/empty"
     cd "$venv/empty"
     "$venv/bin/python" --version
+    "$venv/bin/dogsplat" --version
     "$venv/bin/dogsplat" --help >/dev/null
     "$venv/bin/dogsplat" info "$root/scenes/still_life.ply"
     "$venv/bin/dogsplat" render "$root/scenes/still_life.ply" -o model.png

@@ -85,7 +85,7 @@ def test_the_least_of_machine_container_and_shell_counts(tmp_path, monkeypatch):
 
 def test_a_limit_of_the_shell_counts():
     limits = resource.getrlimit(resource.RLIMIT_AS)
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    used = psutil.Process().memory_info().vms
     resource.setrlimit(resource.RLIMIT_AS, (used + (50 << 20), limits[1]))
     try:
         free = available_memory()
