@@ -108,7 +108,9 @@ def _continue(
     config: TrainConfig, dataset: Dataset, state: dict[str, np.ndarray], rule: DogRule | None, steps: int | None
 ) -> list[str]:
     """Train on from a state with a start; the columns of the table from N on."""
-    trainer = Trainer(config, dataset, replace(RECIPES[config.preset], dog=rule))
+    recipe = RECIPES[config.preset]
+    at_once = replace(rule, start=recipe.dog.start) if rule and recipe.dog else None
+    trainer = Trainer(config, dataset, replace(recipe, dog=at_once))
     trainer.restore(state)
     before = _test_psnr(trainer)
     trainer.begin()  # makes it DoG

@@ -136,8 +136,8 @@ class Lane:
 
     def __init__(self, grid: Grid, lanes: Lanes, table, lists: TileLists):
         types = array_types()
-        self.Float, self.Int, self.UInt, self.Quad, self.Packet = (
-            types.Float, types.Int, types.UInt, types.Quad, types.FloatPacket
+        self.Float, self.Int, self.UInt, self.Quad, self.Floats = (
+            types.Float, types.Int, types.UInt, types.Quad, types.Floats
         )  # fmt: skip
         self.grid, self.table, self.lists = grid, table, lists
         self.width, self.height, self.unroll = grid.blocks.width, grid.blocks.height, grid.blocks.unroll
@@ -185,7 +185,7 @@ class Lane:
 
     def fetch(self, isect, active) -> tuple:
         splat = dr.gather(self.UInt, self.lists.splat_from_isect, isect, active)
-        eight = dr.gather(self.Packet, self.table, splat * (ROW // 8), active, shape=(8, dr.width(splat)))
+        eight = dr.gather(self.Floats, self.table, splat * (ROW // 8), active, shape=(8, dr.width(splat)))
         row = [*eight, *dr.gather(self.Quad, self.table, dr.fma(splat, ROW // 4, 2), active)]
         row[5] = dr.select(active, row[5], 2 * DEAD_PATCH)
         return row, self.x0 - row[0], self.y0 - row[1]

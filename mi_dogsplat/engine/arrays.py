@@ -20,17 +20,17 @@ State = TypeVar("State", bound=tuple)
 
 @dataclass(frozen=True)
 class ArrayTypes:
-    """Types of one backend; a packet is what one load, store or scatter moves per lane."""
+    """Types of one backend. Those of several values per lane are moved by one wide load, store or scatter."""
 
     is_llvm: bool
     Float: Any
     Double: Any
     Int: Any
     UInt: Any
-    UIntPair: Any  # packet of 2
-    Quad: Any  # packet of 4 floats
-    FloatPacket: Any  # of any size
-    UIntPacket: Any
+    UIntPair: Any
+    Quad: Any  # of floats
+    Floats: Any  # any number of them
+    UInts: Any
 
 
 def array_types() -> ArrayTypes:

@@ -54,7 +54,7 @@ def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Boo
 
     Args:
         params: row-major ``sh_coeffs`` [N, K, 3], or, where the constant part is trained at its own rate, ``sh_dc``
-            [N, 3] and ``sh_rest`` [N, K, 3] (whose constant part is not used: rows stay aligned for packet loads).
+            [N, 3] and ``sh_rest`` [N, K, 3] (whose constant part is not used: rows stay aligned for wide loads).
             Only what ``degree`` needs is read, and only for visible primitives.
         direction: from the camera centre to the primitive, not normalised.
 
@@ -85,7 +85,7 @@ def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Boo
 def read_rows(array: mi.Float, stride: int, count: int, index: mi.UInt32, active: Any = True) -> list:
     """The first ``count`` columns of row ``index`` of a row-major [*, stride] array; a row is read by one lane only.
 
-    Rows of a multiple of four floats are read, and in reverse mode written, as packets of four: 3.5 times faster.
+    Rows of a multiple of four floats are read, and in reverse mode written, four at a time: 3.5 times faster.
     """
     mode = dr.ReduceMode.NoConflicts
     if stride % 4:

@@ -24,6 +24,12 @@ class KernelRow(NamedTuple):
     t: Any
 
 
+KERNEL_COLUMNS = len(KernelRow._fields)
+FIRST_FEATURE = 2 + KERNEL_COLUMNS  # column of the primitives' table: x, y, kernel, features, padding
+PSEUDO_COLUMNS = 8  # of the pseudo-Gaussians' table: kernel, padding
+DEPTH_FEATURE = 3  # the feature after the colours, in views that stop at a depth
+
+
 @dataclass
 class SplatRow:
     """A primitive as lanes read it; in the table in this order."""
@@ -33,10 +39,10 @@ class SplatRow:
     kernel: KernelRow
     features: list
 
-
-FIRST_FEATURE = 2 + len(KernelRow._fields)  # column of the table
-PSEUDO_COLUMNS = 8  # of the pseudo-Gaussians' table: a KernelRow, padding
-DEPTH_FEATURE = 3  # the feature after the colours, in views that stop at a depth
+    @staticmethod
+    def of(columns: list) -> SplatRow:
+        x, y, *kernel = columns[:FIRST_FEATURE]
+        return SplatRow(x, y, KernelRow(*kernel), columns[FIRST_FEATURE:])
 
 
 @dataclass
@@ -51,7 +57,7 @@ class Tables:
 
 
 def row_size(n_features: int) -> int:
-    """Floats per primitive in the table: whole cache lines, in which packets of eight are aligned."""
+    """Floats per primitive in the table: whole cache lines, in which every eight are aligned."""
     return -(-(FIRST_FEATURE + n_features) // 16) * 16
 
 

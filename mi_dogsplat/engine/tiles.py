@@ -20,7 +20,7 @@ from .footprints import Footprints
 from .geometry import Blocks, Cutoffs, Grid, Lanes
 from .project import Projection
 
-WORD, PACKET = 32, 8  # bits of a word, and how many masks are read at once
+WORD, AT_ONCE = 32, 8  # bits of a word, and how many masks are read at once
 
 
 @dataclass
@@ -103,7 +103,7 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> TileLists:
     dr.scatter(end, i + 1, tile, (i + 1 == count) | (after != tile))
     splat_from_isect, mask = dr.gather(types.UIntPair, splat_and_mask, slot_from_isect)
     n_words = -(-n_isects // WORD)
-    masks = dr.empty(UInt, n_words * WORD)  # read in packets; what is behind the last isect is nobody's
+    masks = dr.empty(UInt, n_words * WORD)  # read some at once; what is behind the last isect is nobody's
     dr.scatter(masks, mask, i, mode=dr.ReduceMode.Permute)
     dr.eval(begin, end, splat_from_isect, masks)
     words = dr.empty(UInt, (grid.n_tiles + n_words) * grid.blocks.lanes_per_tile)
@@ -119,10 +119,10 @@ def transpose_masks(lanes: Lanes, blocks: Blocks, masks: Any, begin: Any, end: A
 
     def one_word(group):
         word = types.UInt(0)
-        for k in range(0, WORD, PACKET):
-            index = group * (WORD // PACKET) + k // PACKET
-            packet = dr.gather(types.UIntPacket, masks, index, shape=(PACKET, dr.width(group)))
-            for b, mask in enumerate(packet, k):
+        for k in range(0, WORD, AT_ONCE):
+            index = group * (WORD // AT_ONCE) + k // AT_ONCE
+            several = dr.gather(types.UInts, masks, index, shape=(AT_ONCE, dr.width(group)))
+            for b, mask in enumerate(several, k):
                 word |= ((mask >> lane) & 1) << b
         # at both ends of the list there are isects of other tiles
         first = group * WORD

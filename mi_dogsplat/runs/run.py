@@ -95,7 +95,7 @@ def train(
     dataset = load_dataset(config.data, config.downscale, on_disk=config.data_on_disk)
     trainer = Trainer(config, dataset, recipe)
     if start:
-        _restore(trainer, start)
+        _restore(trainer, start, "remove it, and begin anew")
     with claimed(out):
         if resume:
             _resume(trainer, out)
@@ -175,20 +175,20 @@ def _resume(trainer: Trainer, out: Path) -> None:
     path = out / CHECKPOINT
     kept = []
     if path.exists():  # else the run was killed before its first checkpoint
-        _restore(trainer, path)
+        _restore(trainer, path, "train without --resume")
         steps = before.column("step")
         kept = [row for row, step in zip(before.history, steps, strict=True) if step <= trainer.step_count]
     with replacing(out / HISTORY) as part:
         part.write_text("".join(json.dumps(row) + "\n" for row in kept), encoding="utf-8")
 
 
-def _restore(trainer: Trainer, path: Path) -> None:
+def _restore(trainer: Trainer, path: Path, remedy: str) -> None:
     try:
         trainer.restore(load_checkpoint(path))
     except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
         if isinstance(error, DataError):
             raise
-        raise DataError(path, f"does not fit this run ({error})", "train without --resume") from None
+        raise DataError(path, f"does not fit this run ({error})", remedy) from None
 
 
 def _forget_results(out: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 CHECKED_WITH = "1.5"  # version of Dr.Jit
 
@@ -43,6 +44,19 @@ class Entry:
         """The same parameter after as many steps with gradients of zero."""
         zeros = (dr.opaque(type(x), 0, dr.width(x)) for x in (self.m, self.v))  # literals would compile another kernel
         return replace(self, **dict(zip("mv", zeros, strict=True)))
+
+    def gathered(self, rows: np.ndarray, fresh: np.ndarray, size: int) -> Entry:
+        """Row r of ``size`` values is the old row ``rows[r]``, with its moments unless it is ``fresh``."""
+        i = dr.arange(mi.UInt32, len(rows) * size)
+        row = i // dr.opaque(mi.UInt32, size)
+        old_row = dr.gather(mi.UInt32, mi.UInt32(rows.astype(np.uint32)), row)
+        at = dr.fma(old_row, size, i - row * size)
+        keep = ~dr.gather(mi.Bool, mi.Bool(fresh), row)
+        value = dr.gather(mi.Float, dr.detach(self.value), at)
+        m, v = (dr.gather(type(x), x, at, keep) for x in (self.m, self.v))  # zero where fresh
+        dr.eval(value, m, v)
+        dr.enable_grad(value)
+        return replace(self, value=value, m=m, v=v)
 
 
 def forget(adam: mi.ad.Adam, name: str) -> None:

@@ -20,10 +20,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.parameters import RAW_DOG, device_array, dog_rows
-from ..engine.project import NOT_DOG
+from ..engine.parameters import RAW_DOG, device_array
 from ..scene.splats import Splats
 from .adam import Entry, forget, step_without
+from .dog_rows import DogRows
 from .learning_rates import LearningRates
 
 ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}
@@ -51,12 +51,11 @@ class SplatOptimizer:
         if splats.sh_degree > 0:
             values["sh_rest"] = splats.sh_coeffs
             self.row_size["sh_rest"] = 3 * splats.sh_coeffs.shape[1]
-        self.dog_index = np.array(splats.dog_index)
         if splats.n_dog:
             values |= {name: getattr(splats, name) for name in RAW_DOG}
             self.row_size |= DOG_ROW_SIZE
         self.adam = mi.ad.Adam(lr=0.0, epsilon=EPSILON, params={name: device_array(v) for name, v in values.items()})
-        self._refresh_dog_index()
+        self._dog = DogRows(splats.dog_index, splats.n_splats)
         self.schedule(0)
 
     @property
@@ -73,15 +72,17 @@ class SplatOptimizer:
     def n_dog(self) -> int:
         """Number of primitives that are DoG. Waits for the device if some have been dropped."""
         self._sweep()
-        return len(self.dog_index)
+        return len(self._dog.index)
+
+    @property
+    def dog_index(self) -> np.ndarray:
+        """[M] which primitives are DoG, those included that have been dropped since ``n_dog`` was asked for."""
+        return self._dog.index
 
     @property
     def params(self) -> dict:
         """Arrays for ``rasterize``; gradients accumulate on them."""
-        params: dict = dict(self.adam.items())
-        if len(self.dog_index):
-            params |= {"dog_index": self._dog_index, "dog_row": self._dog_row}
-        return params
+        return dict(self.adam.items()) | self._dog.params
 
     def schedule(self, step: int) -> None:
         """Set the step sizes for a step.
@@ -152,7 +153,8 @@ class SplatOptimizer:
         new = {"dog_logit_opacities": logit_opacities, "dog_log_scales": log_scales} if len(dog_index) else {}
         if not new:
             self._gather_dog(np.zeros(0, int))
-        old_row = self._dog_row_of_splat()[np.asarray(dog_index, np.int64)]  # [M] or -1
+        self._sweep()
+        old_row = self._dog.of_splats()[np.asarray(dog_index, np.int64)]  # [M] or -1
         self.row_size |= DOG_ROW_SIZE
         rates = self.learning_rates.at(0)
         for name, values in new.items():
@@ -162,27 +164,20 @@ class SplatOptimizer:
             else:
                 self.adam[name] = device_array(values)
                 self.adam.set_learning_rate({name: rates[name]})
-        self.dog_index = np.array(dog_index, np.uint32)
-        self._refresh_dog_index()
+        self._dog = DogRows(dog_index, self.n)
 
     def drop_dog(self, drop: mi.Bool) -> None:
         """Make plain Gaussians of the primitives ``drop`` [N] for all renders to come; waits for nothing.
 
         Their rows in the DoG arrays are given back by a sweep, as soon as somebody asks for ``n_dog`` or the model.
         """
-        self._dog_row = dr.select(drop, NOT_DOG, self._dog_row)
-        dr.eval(self._dog_row)
-        self._dropped = True
+        self._dog.drop(drop)
 
     def _sweep(self) -> None:
-        if not self._dropped:
-            return
-        self._dropped = False
-        keep = np.flatnonzero(_host(self._dog_row)[self.dog_index] != NOT_DOG)
-        if len(keep) < len(self.dog_index):
+        keep = self._dog.left()
+        if len(keep) < len(self._dog.index):
             self._gather_dog(keep)
-            self.dog_index = self.dog_index[keep]
-            self._refresh_dog_index()
+            self._dog = DogRows(self._dog.index[keep], self.n)
 
     def rearrange(self, index: np.ndarray, fresh: np.ndarray) -> None:
         """Make row r a copy of the old row ``index[r]``: the one place where the number of rows changes.
@@ -194,24 +189,18 @@ class SplatOptimizer:
         index, fresh = np.asarray(index), np.asarray(fresh)
         if len(index) == 0:
             raise ValueError("SplatOptimizer.rearrange: no primitive would be left")
-        dog_row_of_new = np.where(fresh, -1, self._dog_row_of_splat()[index])
+        self._sweep()
+        dog_row_of_new = np.where(fresh, -1, self._dog.of_splats()[index])
         for name in [name for name in self.adam if name not in DOG_ROW_SIZE]:
             self._gather(name, index, fresh)
         self._gather_dog(dog_row_of_new[dog_row_of_new >= 0])
-        self.dog_index = np.flatnonzero(dog_row_of_new >= 0).astype(np.uint32)
-        self._refresh_dog_index()
+        self._dog = DogRows(np.flatnonzero(dog_row_of_new >= 0), len(index))
         for follow in self.followers:
             follow(index, fresh)
 
     def keep(self, rows: np.ndarray) -> None:
         """Forget all rows but these."""
         self.rearrange(rows, np.zeros(len(rows), bool))
-
-    def _dog_row_of_splat(self) -> np.ndarray:
-        row = np.full(self.n, -1)
-        n_dog = self.n_dog
-        row[self.dog_index] = np.arange(n_dog)
-        return row
 
     def _gather_dog(self, rows: np.ndarray) -> None:
         for name in [name for name in self.adam if name in DOG_ROW_SIZE]:
@@ -221,24 +210,7 @@ class SplatOptimizer:
         if len(rows) == 0:
             forget(self.adam, name)
             return
-        entry = Entry.of(self.adam, name)
-        size = self.row_size[name]
-        i = dr.arange(mi.UInt32, len(rows) * size)
-        row = i // dr.opaque(mi.UInt32, size)
-        old_row = dr.gather(mi.UInt32, mi.UInt32(rows.astype(np.uint32)), row)
-        at = dr.fma(old_row, size, i - row * size)
-        keep = ~dr.gather(mi.Bool, mi.Bool(fresh), row)
-        new = dr.gather(mi.Float, dr.detach(entry.value), at)
-        new_m, new_v = (dr.gather(type(x), x, at, keep) for x in (entry.m, entry.v))  # zero where fresh
-        dr.eval(new, new_m, new_v)
-        dr.enable_grad(new)
-        replace(entry, value=new, m=new_m, v=new_v).put(self.adam, name)
-
-    def _refresh_dog_index(self) -> None:
-        self._dropped = False
-        if len(self.dog_index):
-            self._dog_index = device_array(self.dog_index, mi.UInt32)
-            self._dog_row = dog_rows(self.dog_index, self.n)
+        Entry.of(self.adam, name).gathered(rows, fresh, self.row_size[name]).put(self.adam, name)
 
     def to_splats(self) -> Splats:
         """The model on the host."""
@@ -278,7 +250,6 @@ class SplatOptimizer:
         known = {**self.row_size, **DOG_ROW_SIZE}
         learned = [name for name in saved if f"{name}.rate" in saved and name not in known]
         self.other_rates = {name: float(saved[f"{name}.rate"]) for name in learned}
-        self.dog_index = np.array(saved["dog_index"], np.uint32)
         self.row_size |= DOG_ROW_SIZE | dict.fromkeys(learned, 1)
         for name in list(self.adam):
             forget(self.adam, name)
@@ -287,7 +258,7 @@ class SplatOptimizer:
             entry, (m, v) = Entry.of(self.adam, name), (device_array(saved[f"{name}.{moment}"]) for moment in "mv")
             t, rate = type(entry.t)(int(saved[f"{name}.t"])), float(saved[f"{name}.rate"])
             replace(entry, t=t, rate=rate, m=m, v=v).put(self.adam, name)
-        self._refresh_dog_index()
+        self._dog = DogRows(saved["dog_index"], self.n)
 
 
 def _host(array: Any) -> np.ndarray:

@@ -71,6 +71,7 @@ class Trainer:
         )  # fmt: skip
         rates = LearningRates(self.extent, recipe.position_steps, refinement=recipe.refinement)
         self.optimizer = SplatOptimizer(splats, rates)
+        self.steps, self.target = config.steps, config.target
         self.step_count, self.seconds = 0, 0.0
         self.order: list[int] = []  # of the views that are still to come in this turn, from its end
         self.losses = LossMeans()
@@ -81,16 +82,6 @@ class Trainer:
 
     def _parts(self) -> list[tuple[Strategy[Any], Any]]:
         return [(strategy, self.states[strategy.name]) for strategy in self.strategies]
-
-    @property
-    def steps(self) -> int:
-        """Steps of the whole run."""
-        return self.config.steps
-
-    @property
-    def target(self) -> float:
-        """Primitives to end with: below 1 a ratio, else a count."""
-        return self.config.target
 
     @property
     def active_sh_degree(self) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import tiny_data
 from command_line import assert_one_line, run
+from happenings import records
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.cli import main
 from mi_dogsplat.cli.arguments import build_parser
@@ -69,7 +70,7 @@ def test_prune_makes_a_smaller_model_and_a_whole_run_folder(capsys, model, data,
     splats = read_ply(out / "point_cloud.ply")
     assert splats.n_splats <= 15 and splats.n_dog > 0 and splats.sh_degree == 1
     history = [json.loads(line) for line in (out / "history.jsonl").read_text().splitlines()]
-    assert history[0]["event"].startswith("prune 60 -> ") and history[-1]["n"] == 15
+    assert records(history, "pruned")[0]["before"] == 60 and history[-1]["n"] == 15
     assert (out / "report.html").is_file() and (out / "test" / "0.png").is_file()
 
 

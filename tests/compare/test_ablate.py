@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from happenings import records
 from html_pages import parsed, rows
 from mi_dogsplat.cli import main
 from mi_dogsplat.compare.methods import METHODS
@@ -15,7 +16,6 @@ from mi_dogsplat.runs.checkpoint import load_checkpoint
 from mi_dogsplat.runs.run import train
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.events import Pruned
 from tiny_data import write_tiny_data
 
 NAMES = ("3dgs", "v1", "v3", "full")
@@ -50,7 +50,7 @@ def test_all_variants_of_a_seed_go_on_from_one_start(folder):
         for name in NAMES:
             rows = history(folder / "tiny" / f"seed_{seed}" / name)
             assert rows[0]["step"] >= 30 and rows[-1]["step"] == STEPS
-            prunes = [e for row in rows for e in row.get("events", ()) if e["kind"] == Pruned.kind]
+            prunes = records(rows, "pruned")
             assert bool(prunes) == (name != "3dgs")
             if prunes:
                 assert prunes[0]["before"] == n and rows[-1]["n"] == round(0.25 * n)

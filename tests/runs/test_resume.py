@@ -8,6 +8,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
+from happenings import records
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.runs import run
 from mi_dogsplat.runs.checkpoint import Checkpoints, load_checkpoint, save_checkpoint
@@ -75,8 +76,8 @@ def whole(data, tmp_path_factory) -> dict[str, Path]:
     folders = {preset: tmp_path_factory.mktemp(preset) for preset in ("3dgs", "ours", "released")}
     for preset, folder in folders.items():
         run.train(config_of(data, preset=preset), folder)
-    events = " ".join(row.get("event", "") for row in rows_of(folders["ours"]))
-    assert all(word in events for word in ("cloned", "prune", "dog activated"))
+    rows = rows_of(folders["ours"])
+    assert all(records(rows, kind) for kind in ("densified", "pruned", "dog_activated"))
     return folders
 
 

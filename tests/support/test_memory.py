@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+from happenings import records
 from mi_dogsplat.cli import main
 from mi_dogsplat.datasets import images, load_dataset
 from mi_dogsplat.runs import run
@@ -150,7 +151,7 @@ def test_primitives_grow_until_the_memory_is_full_and_the_history_says_so(data, 
         run.train(config, tmp_path)
     rows = [json.loads(line) for line in (tmp_path / "history.jsonl").read_text().splitlines()]
     assert max(row["n"] for row in rows) == most
-    assert any(f"memory: no more than {most} primitives fit into" in row.get("event", "") for row in rows)
+    assert {record["most"] for record in records(rows, "memory_full")} == {most}
 
 
 def test_the_cap_falls_as_primitives_touch_more_tiles_and_removes_none():

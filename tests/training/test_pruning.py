@@ -12,6 +12,7 @@ import mi_dogsplat.runs.run
 import numpy as np
 import pytest
 import tiny_data
+from happenings import records, rows_with
 from mi_dogsplat import read_ply, reference, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.runs.history import run_to_end
@@ -31,6 +32,7 @@ from mi_dogsplat.training.train import Trainer
 from splat_scenes import random_splats, rounded
 
 STEPS = 120
+DECISIONS = ("pruned", "not_pruned", "refined", "dog_activated")
 RULE = PruningRule(start=10, stop=50, check_every=10, max_interval=20, rounds=3)
 
 
@@ -154,10 +156,6 @@ def config_of(data: Path, **changes) -> TrainConfig:
     return TrainConfig(str(data), **(base | changes))
 
 
-def events_of(rows: list[dict], pattern: str) -> list[dict]:
-    return [row for row in rows if re.search(pattern, row.get("event", ""))]
-
-
 def rows_of(run: Path) -> list[dict]:
     return [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
 
@@ -177,11 +175,11 @@ def test_the_mean_error_is_that_of_the_pictures_of_all_training_views(tmp_path):
 def test_a_run_densifies_prunes_to_the_exact_target_and_then_makes_the_rest_dog(data, tmp_path, preset):
     metrics = mi_dogsplat.runs.run.train(config_of(data, preset=preset), tmp_path)
     rows = rows_of(tmp_path)
-    prunes, activations = events_of(rows, r"\bprune \d"), events_of(rows, "dog activated")
+    prunes, activations = rows_with(rows, "pruned"), rows_with(rows, "dog_activated")
     start = prunes[0]["pruned_from"]
     target = round(0.3 * start)
     assert start > 60 and prunes[-1]["pruned_to"] == rows[-1]["n"] == target
-    assert len(prunes) >= 4 and "first check" in prunes[0]["event"]
+    assert len(prunes) >= 4 and records(prunes, "pruned")[0]["reason"] == "first check"
     scaled = RECIPES[preset].scaled(STEPS)
     assert scaled.pruning and scaled.dog and prunes[0]["step"] == scaled.pruning.start
     assert all("test_psnr" in row for row in prunes + activations)
@@ -189,15 +187,14 @@ def test_a_run_densifies_prunes_to_the_exact_target_and_then_makes_the_rest_dog(
     for row in prunes:
         assert f"prune {row['pruned_from']} -> {row['pruned_to']}: " in row["event"] and 0 < row["train_l1"] < 1
         assert row["n"] == row["pruned_to"] < row["pruned_from"]
-    assert [(row["step"], row["event"]) for row in activations] == [
-        (scaled.dog.start, activations[0]["event"])
-    ] and activations[0]["event"].endswith(f"dog activated {target} primitives")
-    assert all(row["step"] <= prunes[0]["step"] for row in events_of(rows, "densify"))
+    assert [row["step"] for row in activations] == [scaled.dog.start]
+    assert [record["count"] for record in records(rows, "dog_activated")] == [target]
+    assert all(row["step"] <= prunes[0]["step"] for row in rows_with(rows, "densified"))
     assert all(row["n_dog"] == 0 for row in rows if row["step"] < scaled.dog.start)
     assert 0 < rows[-1]["n_dog"] <= target
     splats = read_ply(tmp_path / "point_cloud.ply")
     assert metrics["n_dog"] == splats.n_dog > 0 and metrics["n"] == splats.n_splats <= target
-    assert not [row for row in rows if "refine:" in row.get("event", "") and "pruned_to" in row]
+    assert not [row for row in rows_with(rows, "refined") if "pruned_to" in row]
 
 
 @pytest.mark.parametrize("preset", ["ours", "paper", "released"])
@@ -206,28 +203,28 @@ def test_the_shortest_runs_complete_every_phase(data, preset, steps):
     trainer = Trainer(config_of(data, preset=preset, steps=steps, target=20), load_dataset(data))
     rows = list(run_to_end(trainer))
     assert trainer.optimizer.n == 20 and trainer.states["dogactivation"].done and rows[-1]["step"] == steps
-    assert len(events_of(rows, "dog activated 20 primitives")) == 1
+    assert [record["count"] for record in records(rows, "dog_activated")] == [20]
 
 
 def test_the_baseline_keeps_all_its_primitives_plain(data):
     trainer = Trainer(config_of(data, preset="3dgs", steps=30), load_dataset(data))
     rows = list(run_to_end(trainer))
-    assert trainer.optimizer.n_dog == 0 and not events_of(rows, "prun|refine:|dog") and "pruning" not in trainer.states
+    assert trainer.optimizer.n_dog == 0 and not records(rows, *DECISIONS) and "pruning" not in trainer.states
 
 
 def test_a_count_that_densification_does_not_reach_is_an_event_and_no_prune(data):
     trainer = Trainer(config_of(data, steps=12, target=10**6, max_primitives=None), load_dataset(data))
     rows = list(run_to_end(trainer))
     n = trainer.optimizer.n
-    assert len(events_of(rows, f"no pruning: .* 1000000 primitives is not below the {n} ")) == 1
-    assert events_of(rows, f"dog activated {n} primitives")
+    (skipped,), (activated,) = records(rows, "not_pruned"), records(rows, "dog_activated")
+    assert f" 1000000 primitives is not below the {n} " in skipped["reason"] and activated["count"] == n
 
 
 def test_a_recipe_can_take_the_place_of_the_preset(data):
     pruning = PruningRule(division="equal", rounds=5)
     recipe = dataclasses.replace(RECIPES["ours"], pruning=pruning, dog=None)
     trainer = Trainer(config_of(data, max_primitives=60, steps=300), load_dataset(data), recipe)
-    prunes = events_of(list(run_to_end(trainer)), "prune")
+    prunes = rows_with(list(run_to_end(trainer)), "pruned")
     n = prunes[0]["pruned_from"]
     shares = [row["pruned_from"] - row["pruned_to"] for row in prunes]
     assert shares[:4] == [round((n - round(0.3 * n)) / 5)] * 4 and trainer.optimizer.n_dog == 0
@@ -260,7 +257,7 @@ def test_a_state_from_the_middle_of_the_window_goes_on_with_the_same_decisions(d
     again.restore(first.state())
     assert first.states["pruning"].begun and again.states["pruning"] == first.states["pruning"]
     assert again.states["dogactivation"] == first.states["dogactivation"]
-    went_on, resumed = events_of(list(rows), "prun|refine:|dog"), events_of(list(run_to_end(again)), "prun|refine:|dog")
+    went_on, resumed = (rows_with(list(rest), *DECISIONS) for rest in (rows, run_to_end(again)))
     assert [(row["step"], row["n"]) for row in resumed] == [(row["step"], row["n"]) for row in went_on]
     assert bool(resumed) == (cut < 100)  # when the window closes and all become DoG
 
@@ -276,7 +273,7 @@ def test_a_densified_start_of_another_recipe_is_pruned_at_once_and_to_the_target
         trainer = Trainer(config_of(data, preset=preset), dataset)
         trainer.restore(state)
         rows = list(run_to_end(trainer))
-        assert rows[0]["step"] == STEPS // 2 and rows[0]["event"].startswith(f"prune {n} -> ")
+        assert rows[0]["step"] == STEPS // 2 and records(rows, "pruned")[0]["before"] == n
         assert trainer.optimizer.n == round(0.3 * n) and trainer.optimizer.n_dog > 0
 
 
@@ -296,7 +293,8 @@ def test_a_model_is_pruned_before_its_first_step_with_the_colours_it_has(data, t
     rows = rows_of(tmp_path)
     assert rows[0]["step"] == 0 and rows[0]["event"] == "prune 60 -> 40: first check" and "l1" not in rows[0]
     assert rows[0]["train_l1"] < 0.005  # it is the model that the pictures were made of
-    assert rows[-1]["n"] == 20 and rows[-1]["step"] == STEPS and not events_of(rows, "densify|reset|sh degree")
+    assert rows[-1]["n"] == 20 and rows[-1]["step"] == STEPS
+    assert not records(rows, "densified", "opacity_reset", "sh_degree")
     assert metrics["n_dog"] > 0 and metrics["steps"] == STEPS
     assert json.loads((tmp_path / "config.json").read_text())["model"] == str(truth)
 
@@ -313,7 +311,7 @@ def test_a_pruned_model_resumes_from_its_checkpoint(data, truth, tmp_path):
         mi_dogsplat.runs.run.train(config, tmp_path / "parts", stop)
     mi_dogsplat.runs.run.train(config, tmp_path / "parts", resume=True)
     whole, parts = (
-        [(row["step"], row["n"]) for row in events_of(rows_of(tmp_path / run), r"\bprune |dog act")]
+        [(row["step"], row["n"]) for row in rows_with(rows_of(tmp_path / run), "pruned", "dog_activated")]
         for run in ("whole", "parts")
     )
     assert parts == whole and parts[0][0] == 0 and parts[-1][1] == 20
@@ -329,7 +327,7 @@ def test_a_model_with_dog_keeps_it_until_all_become_dog(data, tmp_path):
     trainer = Trainer(config, load_dataset(data))
     assert trainer.optimizer.n_dog == 2
     rows = list(run_to_end(trainer))
-    assert 0 < rows[0]["n_dog"] <= 2 and events_of(rows, "dog activated 59 primitives")
+    assert 0 < rows[0]["n_dog"] <= 2 and records(rows, "dog_activated")[0]["count"] == 59
 
 
 @pytest.mark.parametrize(

@@ -11,13 +11,14 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
+from happenings import records
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.runs import run
 from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.events import Dropped, Event, Pruned
+from mi_dogsplat.training.events import Dropped, Event
 from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.strategy.strategy import Seen, Strategy, Training
 from mi_dogsplat.training.train import Trainer
@@ -109,7 +110,7 @@ def test_what_a_strategy_holds_per_primitive_follows_every_change_of_rows(data):
     rows = list(run_to_end(trainer))
     state = trainer.states["recorder"]
     assert len(state.rows) == trainer.optimizer.n < max(row["n"] for row in rows) and (state.rows >= 0).any()
-    prunes = [event for row in rows for event in row.get("events", ()) if event["kind"] == Pruned.kind]
+    prunes = records(rows, "pruned")
     assert state.names.tolist().count("scores") == len(prunes) > 0
     survivors = state.rows >= 0  # not clones or halves: they have hardly moved
     moved = np.abs(trainer.optimizer.numpy("means")[survivors] - before[state.rows[survivors]]).max()

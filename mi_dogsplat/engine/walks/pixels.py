@@ -42,7 +42,7 @@ class BlockPixels:
     def write(self, planes: list[list]) -> list:
         """Planes, interleaved in fours: [H*W, 4] arrays, which ``planes_of`` takes apart.
 
-        Packets of four cost a fourth of what single values do. Written pixel by pixel: Dr.Jit computes values in the
+        Four at a time cost a fourth of what single values do. Written pixel by pixel: Dr.Jit computes values in the
         order in which they are written, and so needs fewer at once.
         """
         quads = [planes[k : k + 4] for k in range(0, len(planes), 4)]
@@ -50,8 +50,8 @@ class BlockPixels:
         targets = [dr.empty(self.types.Float, 4 * self.n_image) for _ in quads]
         for k, (index, ok) in enumerate(zip(self.index, self.inside, strict=True)):
             for target, quad in zip(targets, quads, strict=True):
-                packet = self.types.Quad([values[k] for values in quad])
-                dr.scatter(target, packet, index, ok, mode=dr.ReduceMode.Permute)
+                four = self.types.Quad([values[k] for values in quad])
+                dr.scatter(target, four, index, ok, mode=dr.ReduceMode.Permute)
         return targets
 
 

@@ -39,14 +39,14 @@ class SlotRows:
     def add(self, slot, values: list, active) -> None:
         """Add a value per column to the row ``slot``, the same one in all lanes of a tile.
 
-        One packet instead of a scatter per value. Never in mode ``Expand``, nor ``Auto`` which may choose it: they give
+        One wide scatter instead of one per value. Never in mode ``Expand``, nor ``Auto`` which may choose it: they give
         every thread a copy of the table at an offset that a frozen kernel holds as a constant. Replayed with a larger
         table it writes out of bounds (Dr.Jit 1.5).
         """
         types = array_types()
         padded = [*values, *[types.Float(0)] * (self.row_size - self.columns)]
         mode = dr.ReduceMode.NoConflicts if self.in_turn else dr.ReduceMode.Local
-        dr.scatter_add(self.values, types.FloatPacket(padded), slot, active, mode=mode)
+        dr.scatter_add(self.values, types.Floats(padded), slot, active, mode=mode)
 
     def sums(self, lists: TileLists, splat=None) -> list:
         """The columns, summed over the slots of each primitive, or of the primitives ``splat``."""
@@ -65,13 +65,13 @@ class SlotRows:
 
 
 def _row_size(columns: int) -> int:
-    """Floats: the columns and padding up to a power of two, for packet loads and stores."""
+    """Floats: the columns and padding up to a power of two, for wide loads and scatters."""
     return max(4, 1 << (columns - 1).bit_length())
 
 
 @lru_cache
 def lanes_add_in_turn(variant: str | None) -> bool:
-    """Whether a packet ``scatter_add`` without atomics may meet the same row in all lanes of a tile.
+    """Whether a wide ``scatter_add`` without atomics may meet the same row in all lanes of a tile.
 
     Dr.Jit does not promise it, but its LLVM backend (1.5) adds the lanes of a packet one after the other, which is a
     fifth faster than atomics here. So it is tried, once per variant. Where packets are narrower than a tile (CPUs
@@ -83,7 +83,7 @@ def lanes_add_in_turn(variant: str | None) -> bool:
     lane = dr.arange(types.UInt, rows * lanes)
     table = dr.zeros(types.Float, rows * columns)
     values = [types.Float(lane % 7) + k for k in range(columns)]
-    dr.scatter_add(table, types.FloatPacket(values), lane // lanes, mode=dr.ReduceMode.NoConflicts)
+    dr.scatter_add(table, types.Floats(values), lane // lanes, mode=dr.ReduceMode.NoConflicts)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
         dr.eval(table)
         history: Any = dr.kernel_history([dr.KernelType.JIT])

@@ -24,7 +24,7 @@ import drjit as dr
 
 from ..arrays import array_types, if_stmt, while_loop
 from ..project import NOT_DOG
-from ..tables import DEPTH_FEATURE, FIRST_FEATURE, PSEUDO_COLUMNS, KernelRow, SplatRow, row_size
+from ..tables import DEPTH_FEATURE, FIRST_FEATURE, KERNEL_COLUMNS, PSEUDO_COLUMNS, KernelRow, SplatRow, row_size
 from ..tiles import WORD
 from ..view import PreparedView
 from .exp2 import exp2
@@ -148,20 +148,18 @@ class Walk:
 
         splat = dr.gather(UInt, self.lists.splat_from_isect, isect, active)
         columns = FIRST_FEATURE + self.settings.n_features
-        x, y, *values = self._floats(self.tables.splats, splat, self.row_size, columns, active)
-        kernel, features = KernelRow(*values[: FIRST_FEATURE - 2]), values[FIRST_FEATURE - 2 :]
-        kernel = kernel._replace(lo=dr.select(active, kernel.lo, 2 * DEAD_PATCH))
-        meeting = Meeting(isect, active, splat, SplatRow(x, y, kernel, features), self.x0 - x, self.y0 - y)
-        return meeting, (bits & (bits - 1), group)
+        row = SplatRow.of(self._floats(self.tables.splats, splat, self.row_size, columns, active))
+        row.kernel = row.kernel._replace(lo=dr.select(active, row.kernel.lo, 2 * DEAD_PATCH))
+        return Meeting(isect, active, splat, row, self.x0 - row.x, self.y0 - row.y), (bits & (bits - 1), group)
 
     def _floats(self, table, row, row_size: int, columns: int, active=True) -> list:
-        """The first ``columns`` floats of a row, in packets of eight and four."""
+        """The first ``columns`` floats of a row, eight and four at a time."""
         values = []
         while len(values) < columns:
             size = 8 if columns - len(values) > 4 else 4
             index = dr.fma(row, row_size // size, len(values) // size)
             if size == 8:
-                values += list(dr.gather(self.types.FloatPacket, table, index, active, shape=(8, dr.width(index))))
+                values += list(dr.gather(self.types.Floats, table, index, active, shape=(8, dr.width(index))))
             else:
                 values += list(dr.gather(self.types.Quad, table, index, active))
         return values
@@ -224,7 +222,7 @@ class Walk:
         return list(values), row, is_dog
 
     def pseudo_row(self, row) -> KernelRow:
-        return KernelRow(*self._floats(self.tables.pseudo, row, PSEUDO_COLUMNS, PSEUDO_COLUMNS)[:7])
+        return KernelRow(*self._floats(self.tables.pseudo, row, PSEUDO_COLUMNS, PSEUDO_COLUMNS)[:KERNEL_COLUMNS])
 
     def advance(self, alpha, T, meeting: Meeting, k: int) -> Step:
         """Walk past a primitive at pixel ``k`` of the block."""

@@ -65,50 +65,26 @@ class Training(Protocol):
     memory: Budget | None
     extent: float  # radius of the camera positions, world units
     n_start: int  # primitives that the run started with
-    step_count: int  # steps done
+    steps: int  # of the whole run
+    step_count: int  # of them that are done
+    target: float  # primitives to end with: below 1 a ratio, else a count
 
     @property
-    def steps(self) -> int:
-        """Steps of the whole run."""
-        ...
+    def options(self) -> RasterOptions: ...  # how a training view is rendered now
 
-    @property
-    def target(self) -> float:
-        """Primitives to end with: below 1 a ratio, else a count."""
-        ...
+    def due(self) -> bool: ...  # whether primitives are counted after this step: a row is logged, or a strategy is due
 
-    @property
-    def options(self) -> RasterOptions:
-        """How a training view is rendered now."""
-        ...
+    def render(self, params: dict, view: int) -> tuple[list, Frame]: ...  # planes over the background, and their frame
 
-    def due(self) -> bool:
-        """Whether primitives are counted after this step: a row is logged, or a strategy is due."""
-        ...
+    def picture(self, view: View) -> Picture: ...  # the model seen from a view of the data set
 
-    def render(self, params: dict, view: int) -> tuple[list, Frame]:
-        """Planes of a training view over the background, and the frame they come from."""
-        ...
+    def training_l1(self) -> float: ...  # mean over all training views
 
-    def picture(self, view: View) -> Picture:
-        """The model seen from a view of the data set."""
-        ...
+    def test_psnr(self) -> float | None: ...  # mean over the test views, None without any; the clock stands still
 
-    def training_l1(self) -> float:
-        """Mean L1 over all training views."""
-        ...
+    def importance(self, score: Score) -> np.ndarray: ...  # [N] what a score says of the primitives as they are
 
-    def test_psnr(self) -> float | None:
-        """Mean over the test views, None without any; the clock of the run stands still meanwhile."""
-        ...
-
-    def importance(self, score: Score) -> np.ndarray:
-        """[N] what a score says of the primitives as they are."""
-        ...
-
-    def scores(self, score: Score) -> np.ndarray:
-        """[N] the same, as all strategies have it (``Strategy.scores``)."""
-        ...
+    def scores(self, score: Score) -> np.ndarray: ...  # [N] the same, as all strategies have it (``Strategy.scores``)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,56 @@
+"""A prepared view: the same picture whatever else it is prepared for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mi_dogsplat.engine.geometry import Blocks
+from mi_dogsplat.engine.options import RasterOptions
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.view import PreparedView, prepare, prepare_both
+from mi_dogsplat.engine.walks.composite import composite
+from splat_scenes import random_splats, rounded, tilted_camera
+
+PARAMS = rounded(random_splats(200, seed=9, degree=1))
+OPTIONS = RasterOptions(1)
+
+
+def camera() -> DeviceCamera:
+    return DeviceCamera.upload(tilted_camera(70, 50))
+
+
+def planes(view: PreparedView) -> np.ndarray:
+    blended = composite(view)
+    return np.stack([plane.numpy() for plane in [*blended.features, blended.T]])
+
+
+def overlapping() -> Blocks:
+    own = Blocks.of_backend()
+    return replace(own, width=own.width + 1, height=own.height + 1, overlap=1)
+
+
+def flat() -> Blocks:
+    return replace(Blocks.of_backend(), height=1)
+
+
+@pytest.mark.parametrize("blocks", [Blocks.of_backend, overlapping, flat])
+def test_a_view_prepared_twice_is_the_picture_of_one_prepared_once(blocks):
+    pictured, other = prepare_both(upload(PARAMS), camera(), OPTIONS, blocks())
+    assert other.grid.blocks == blocks()
+    expected = planes(prepare(upload(PARAMS), camera(), OPTIONS))
+    np.testing.assert_array_equal(planes(pictured), expected)
+    if not blocks().overlap:  # else two lanes would write the same pixel
+        np.testing.assert_allclose(planes(other), expected, atol=2e-6)  # patches that begin elsewhere round otherwise
+
+
+def test_lists_are_made_once_where_the_tiles_are_in_the_same_places():
+    for blocks, shared in ((Blocks.of_backend, True), (overlapping, True), (flat, False)):
+        pictured, other = prepare_both(upload(PARAMS), camera(), OPTIONS, blocks())
+        assert (pictured.lists is other.lists) == shared and pictured.tables is other.tables
+
+
+def test_a_choice_of_the_options_reaches_the_kernels():
+    params, plain = upload(PARAMS), planes(prepare(upload(PARAMS), camera(), OPTIONS))
+    for options in (replace(OPTIONS, negative_transmittance=False), replace(OPTIONS, antialiased=True)):
+        assert not np.array_equal(planes(prepare(params, camera(), options)), plain)
