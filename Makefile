@@ -2,20 +2,21 @@
 PYTHON ?= python3
 VENV := .venv
 PY := $(VENV)/bin/python
+FOR_DEMO := $(VENV)/.installed-for-demo
 INSTALLED := $(VENV)/.installed
 BLENDER := .venv-blender
 
-.PHONY: demo test lint bench gallery api setup lpips blender addon clean
+.PHONY: demo test lint bench gallery api setup llvm lpips wheel blender addon clean
 .DEFAULT_GOAL := demo
 
 # The main job on generated data: training, compact model, report, pictures.
-demo: setup
+demo: $(FOR_DEMO) llvm
 	$(PY) -m mi_dogsplat.demo
 
 # pytest comes last, so that its closing line is the last one.
 test: lint
 	-@$(MAKE) --no-print-directory blender
-	$(PY) -m pytest -q
+	$(PY) -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 lint: setup
 	$(PY) -m ruff check .
@@ -40,6 +41,11 @@ api: setup
 lpips: setup
 	$(PY) -m scripts.lpips_weights
 
+# Wheel and sdist, in dist/, tried in an empty environment of each Python.
+WHEEL_PYTHONS ?= $(PYTHON)
+wheel:
+	scripts/try_wheel.sh $(WHEEL_PYTHONS)
+
 # Blender as a Python module (Python 3.11, 400 MB), for the add-on and its tests; they are skipped where it cannot be had.
 blender: $(BLENDER)/.installed
 
@@ -51,12 +57,19 @@ $(BLENDER)/.installed: pyproject.toml scripts/setup_blender.sh
 addon: blender
 	scripts/build_addon.sh $(BLENDER)/bin/python dist
 
+setup: $(INSTALLED) llvm
+
 # LLVM is looked for every time: it can disappear without the package being touched.
-setup: $(INSTALLED)
+llvm: | $(FOR_DEMO)
 	@scripts/setup_llvm.sh $(PY)
 
-$(INSTALLED): pyproject.toml scripts/setup_venv.sh
-	scripts/setup_venv.sh $(PYTHON) $(VENV)
+# A demo needs less than half of all (470 MB); what tests use comes with the first target that uses it.
+$(FOR_DEMO): pyproject.toml scripts/setup_venv.sh
+	scripts/setup_venv.sh $(PYTHON) $(VENV) train
+	@touch $@
+
+$(INSTALLED): $(FOR_DEMO)
+	scripts/setup_venv.sh $(PYTHON) $(VENV) train,export,view,dev
 	@touch $@
 
 clean:

@@ -22,7 +22,7 @@ from mi_dogsplat.render.picture import over_background
 from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.presets import RECIPES
-from mi_dogsplat.training.strategy.dog_control import DogRule, activate
+from mi_dogsplat.training.strategy.dog_control import DogRule
 from mi_dogsplat.training.train import Trainer
 
 from .models import DATA
@@ -108,12 +108,12 @@ def _continue(
     config: TrainConfig, dataset: Dataset, state: dict[str, np.ndarray], rule: DogRule | None, steps: int | None
 ) -> list[str]:
     """Train on from a state with a start; the columns of the table from N on."""
-    trainer = Trainer(config, dataset, replace(RECIPES[config.preset], dog=rule))
+    recipe = RECIPES[config.preset]
+    at_once = replace(rule, start=recipe.dog.start) if rule and recipe.dog else None
+    trainer = Trainer(config, dataset, replace(recipe, dog=at_once))
     trainer.restore(state)
     before = _test_psnr(trainer)
-    if rule:
-        activate(rule, trainer.optimizer)
-    trainer.dog_activated = True
+    trainer.begin()  # makes it DoG
     after = _test_psnr(trainer)
     steps = config.steps - trainer.step_count if steps is None else steps
 

@@ -15,12 +15,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from markupsafe import Markup
 from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
 from mi_dogsplat.engine.options import Settings
 from mi_dogsplat.engine.parameters import upload
@@ -29,8 +29,8 @@ from mi_dogsplat.engine.tables import pack
 from mi_dogsplat.engine.tiles import tiles
 from mi_dogsplat.engine.view import arrange
 from mi_dogsplat.engine.walks.composite import composite
-from mi_dogsplat.report.page import page
-from mi_dogsplat.report.plot import Series, legend_list, line_plot
+from mi_dogsplat.report.page import TEMPLATES
+from mi_dogsplat.report.plot import Series, line_plot
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
 
@@ -38,6 +38,17 @@ from .lean import engine_backward, engine_forward
 from .timing import medians
 
 STAGES = ("project", "tiles", "composite", "forward", "backward", "forward + backward")
+PAGE = """{% extends "report/templates/base.html" %}
+{% from "report/templates/parts.html" import legend %}
+{% block body %}
+<h1>Scaling</h1>
+{{ legend(stages) }}
+<div class="plots">
+{% for plot, title in figures %}
+<figure>{{ plot }}<figcaption>{{ title }}</figcaption></figure>
+{% endfor %}
+</div>
+{% endblock %}"""
 REFERENCE_N = 10_000  # primitives at which --sigma holds under fixed coverage, and of the other sweeps
 
 
@@ -68,18 +79,18 @@ class Sweep:
 def main(flags: Sequence[str]) -> None:
     args = _arguments(flags)
     mi.set_variant(args.variant)
-    figures = ""
+    figures = []
     for sweep in sweeps(args):
         sweep.points = [p for p in sweep.points if _count_isects(p) <= args.max_isects]
         if not sweep.points:
             continue
         times = measure(sweep.points, args.rounds)
         print(f"\n## {sweep.title}\n\n" + markdown(sweep.points, times), flush=True)
-        figures += f"<figure>{figure(sweep, times)}<figcaption>{escape(sweep.title)}</figcaption></figure>"
+        figures.append((figure(sweep, times), sweep.title))
     if args.page:
-        legend = legend_list([(stage, color) for color, stage in enumerate(STAGES, 1)])
-        body = f'<h1>Scaling</h1>{legend}<div class="plots">{figures}</div>'
-        args.page.write_text(page("Scaling", body), encoding="utf-8")
+        stages = [(stage, color) for color, stage in enumerate(STAGES, 1)]
+        html = TEMPLATES.from_string(PAGE).render(title="Scaling", stages=stages, figures=figures)
+        args.page.write_text(html, encoding="utf-8")
 
 
 def _arguments(flags: Sequence[str]) -> argparse.Namespace:
@@ -217,7 +228,7 @@ def markdown(points: Sequence[Point], times: dict[str, list[float]]) -> str:
     return "\n".join(lines)
 
 
-def figure(sweep: Sweep, times: dict[str, list[float]]) -> str:
+def figure(sweep: Sweep, times: dict[str, list[float]]) -> Markup:
     x = np.array([p.x for p in sweep.points])
     series = [Series(stage, x, np.array(times[stage]), color=k) for k, stage in enumerate(STAGES, 1)]
     return line_plot(series, sweep.axis, "milliseconds", log_x=True, log_y=True, legend=False)

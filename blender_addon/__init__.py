@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import bpy
 
-from . import camera_operators, engine, exact_settings, export_operators, import_operator, panel, preferences
+from . import panel, preferences
+from .cameras import operators as camera_operators
+from .engine import exact_settings
+from .engine import render_engine as engine
+from .objects import export_operators, import_operator
 
 CLASSES = (
     preferences.DogSplatPreferences,

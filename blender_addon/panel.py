@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import bpy
 
-from .attributes import is_splats
-from .conventions import DOG_COUNT, SOURCE
-from .engine import ENGINE
-from .modifier import input_property, splat_modifier
+from .engine.render_engine import ENGINE
+from .nodes.modifier import input_property, splat_modifier
+from .objects.attributes import is_splats
+from .objects.conventions import DOG_COUNT, SOURCE
 
 SHOWN = ("Show As", "SH Degree", "DoG", "Linear Colors", "Antialiased", "Near Clip")
 

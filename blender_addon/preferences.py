@@ -5,11 +5,13 @@ from __future__ import annotations
 import bpy
 from bpy.props import StringProperty
 
+ADDON = __package__ or ""  # under which Blender keeps the preferences
+
 
 class DogSplatPreferences(bpy.types.AddonPreferences):
     """Where the exact renderer is."""
 
-    bl_idname = __package__ or ""
+    bl_idname = ADDON
 
     command: StringProperty(
         name="Command dogsplat",

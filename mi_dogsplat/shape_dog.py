@@ -68,9 +68,7 @@ class DogShape(mi.Mesh):
     dog_log_scales: mi.TensorXf
 
     def __init__(self, props: Any):
-        # A triangle without area: rays never meet it, and Mitsuba's vectorised calls, which also trace the meshes of
-        # other scenes, find no empty buffer.
-        mi.Mesh.__init__(self, "dog", vertex_count=3, face_count=1)
+        _start_as_a_point(self)
         self.set_id(props.id())
         given = [name for name in (*RAW, "dog_index", *RAW_DOG) if name in props]
         if ("filename" in props) == bool(given):
@@ -184,6 +182,20 @@ class DogShape(mi.Mesh):
     def to_string(self) -> str:
         m = self.dog_index if self.has_dog else []
         return f"DogShape[\n  source = {self.source},\n  primitives = {self.means.shape[0]},\n  dog = {len(m)}\n]"
+
+
+def _start_as_a_point(mesh: Any) -> None:
+    """Construct a mesh of one triangle without area.
+
+    Rays never meet it, and Mitsuba's vectorised calls, which also trace the meshes of other scenes, find no empty
+    buffer. Mitsuba 3.10 has no constructor with counts; it fills what was constructed empty.
+    """
+    if hasattr(mesh, "from_fields"):
+        mi.Mesh.__init__(mesh, mi.Properties())
+        corners: Any = mi.TensorXu  # of a stub that has no constructor
+        mesh.from_fields(faces=corners(np.zeros((1, 3), np.uint32)), positions=_tensor(np.zeros((3, 3))))
+    else:
+        mi.Mesh.__init__(mesh, "dog", vertex_count=3, face_count=1)
 
 
 def _tensor(values: np.ndarray) -> mi.TensorXf:

@@ -34,8 +34,8 @@ def inside(job: dict) -> None:
     addon_utils.enable("blender_addon")
     from mathutils import Matrix
 
-    from blender_addon.camera_objects import build_camera, look_through
-    from blender_addon.cameras import Camera
+    from blender_addon.cameras.camera import Camera
+    from blender_addon.cameras.objects import build_camera, look_through
 
     scene = bpy.context.scene
     values = json.loads(Path(job["camera"]).read_text())

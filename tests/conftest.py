@@ -1,13 +1,36 @@
 """One variant for the whole suite. mi_dogsplat comes before mitsuba: it chooses the LLVM that Dr.Jit loads."""
 
 import os
+from collections import Counter
 
 import mi_dogsplat  # noqa: F401
 import mitsuba as mi
 import pytest
+from mi_dogsplat.support.cores import usable_cores
 
 VARIANT = os.environ.get("DOGSPLAT_TEST_VARIANT", "llvm_ad_rgb")
 mi.set_variant(VARIANT)
+WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0"))  # 0: all tests run in this process
+
+
+@pytest.hookimpl(optionalhook=True)  # unknown where pytest-xdist is not installed
+def pytest_xdist_auto_num_workers() -> int:
+    """``pytest -n auto``: one for each core that may be used."""
+    return usable_cores()
+
+
+def pytest_configure() -> None:
+    if WORKERS:  # they share the cores; two threads each, so that what depends on the order of threads shows
+        import drjit as dr
+
+        dr.set_thread_count(min(dr.thread_count(), max(2, usable_cores() // WORKERS)))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """In parallel, where a file is the work of one process, files with many slow tests are given out first."""
+    if WORKERS:
+        slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+        items.sort(key=lambda item: -slow[item.path])
 
 
 @pytest.fixture(autouse=True)

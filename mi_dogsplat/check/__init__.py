@@ -1,3 +1,3 @@
 """Is what the engine computes right, and what does each digit cost? The parts of ``dogsplat check``."""
 
-PARTS = ("work-precision", "stability", "stiffness", "training")
+PARTS = ("work-precision", "stability", "training")

@@ -1,8 +1,7 @@
-"""``dogsplat check``: the parts that are asked for, one after the other, into ``check.json`` and ``check.html``."""
+"""The parts of ``dogsplat check``, one after the other, into ``check.json`` and ``check.html``."""
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -11,82 +10,118 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..render.picture_options import PictureOptions
 from ..render.render_files import viewpoint
 from ..scene.ply import read_ply
+from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import replacing, write_json
 from ..support.versions import versions
 from ..support.wording import finite
 from . import PARTS, stability, work_precision
-from .page import check_page
 from .scenes import Scene, model_scene, synthetic_scenes
 from .training import read_training
 
-
-def model_to_check(args: argparse.Namespace) -> Scene:
-    """The model ``args.model``, seen as ``dogsplat render`` would see it, ``args.width`` pixels wide or high at most.
-
-    Raises ``DataError``.
-    """
-    splats = read_ply(args.model)
-    if splats.n_splats == 0:
-        raise DataError(args.model, "holds no primitives", "check a model that has some")
-    view = viewpoint(args, splats)
-    others = {"background": view.background, "near_clip": view.near_clip, "antialiased": args.antialiased}
-    return model_scene(args.model.name, splats, view.camera, args.width, **others)
+TEMPLATE_PACKAGES = ("jinja2", "markupsafe")
 
 
 def check(
-    model: Scene | None,
-    out: Path,
-    runs: Sequence[Path] = (),
-    parts: Sequence[str] = PARTS,
+    out: str | Path,
+    model: str | Path | None = None,
+    parts: Sequence[str] | None = None,
+    runs: Sequence[str | Path] = (),
+    data: str | Path | None = None,
+    camera: str | Path | None = None,
     width: int = 256,
     rounds: int = 9,
+    options: PictureOptions = PictureOptions(),
     progress: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
-    """Run ``parts`` of ``PARTS``, write ``check.json`` and ``check.html`` to ``out``; returns what the former holds.
+    """Measure the numerics of the engine; write ``check.json`` and, with the extra ``train``, ``check.html``.
 
     Args:
-        model: measured after the scenes that are made here; None: those alone.
-        runs: run folders to compare by training error; without one that part is left out.
-        width: of the pictures of the scenes made here, in pixels.
+        out: folder to write.
+        model: model file to measure after the scenes that are made here; None: those alone.
+        parts: of ``PARTS``; None: all that can be run.
+        runs: run folders to compare by training error.
+        data, camera: from where the model is seen (``render_files.viewpoint``).
+        width: of the pictures, in pixels; one of the model is at most so wide and high.
         rounds: how often each setting is timed.
+        options: how the model is drawn.
         progress: told in one line what is being done.
 
-    The keys are ``model_name`` (None without one), ``machine`` and, of the parts that were run, ``work_precision``
-    (``work_precision.measure`` per scene), ``stability``, ``stiffness`` and ``training``. What is not a finite number
-    is null. Raises ``DataError`` before anything is written.
+    Returns what ``check.json`` holds: ``model_name`` (None without one), ``machine`` and, of the parts that were run,
+    ``work_precision`` (``work_precision.measure`` per scene), ``stability`` and ``training``. What is not a finite
+    number is null. Needs a Mitsuba variant. Raises ``DataError`` before anything is written.
     """
-    training = read_training(runs) if "training" in parts else []
+    out, parts = Path(out), parts or [part for part in PARTS if part != "training" or runs]
+    _require_parts(parts, model, runs, width, rounds)
+    scene = _model_scene(Path(model), data, camera, width, options) if model else None
+    training = read_training([Path(run) for run in runs])
     jobs: dict[str, Callable[[], Any]] = {}
     if "work-precision" in parts:
-        scenes = synthetic_scenes(width) + ([model] if model else [])
-        jobs["work_precision"] = lambda: [work_precision.measure(scene, rounds, progress) for scene in scenes]
+        scenes = synthetic_scenes(width) + ([scene] if scene else [])
+        jobs["work_precision"] = lambda: [work_precision.measure(each, rounds, progress) for each in scenes]
     if training:
         jobs["training"] = lambda: training
     if "stability" in parts:
         jobs["stability"] = lambda: stability.run(progress)
-    if "stiffness" in parts:
-        from . import stiffness  # here: it trains, which needs the extra "train"; and before an hour of other parts
-
-        jobs["stiffness"] = lambda: stiffness.run(progress)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
-    report: dict[str, Any] = {"model_name": model.name if model else None, "machine": _machine(rounds)}
+    report: dict[str, Any] = {"model_name": scene.name if scene else None, "machine": _machine(rounds)}
     report = _plain(report | {name: job() for name, job in jobs.items()})
     write_json(out / "check.json", report)
-    with replacing(out / "check.html") as part:
-        part.write_text(check_page(report), encoding="utf-8")
+    _write_page(report, out / "check.html")
     return report
+
+
+def _require_parts(
+    parts: Sequence[str], model: str | Path | None, runs: Sequence[str | Path], width: int, rounds: int
+) -> None:
+    """Raise ``DataError`` for parts that are unknown or lack what they need, and for what no part would use."""
+    if unknown := [part for part in parts if part not in PARTS]:
+        raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(PARTS)}")
+    if "training" in parts and not runs:
+        raise DataError("--only", "training has no run to read", "add --runs RUN")
+    for part, place, given in (("training", "--runs", runs), ("work-precision", model, model)):
+        if given and part not in parts:
+            raise DataError(str(place), f"is for {part} alone", f"add {part} to --only, or leave it out")
+    for flag, value, least in (("--width", width, 16), ("--rounds", rounds, 1)):
+        if value < least:
+            raise DataError(flag, f"{value} is too small", f"use at least {least}")
+
+
+def _model_scene(
+    model: Path, data: str | Path | None, camera: str | Path | None, width: int, options: PictureOptions
+) -> Scene:
+    """The model, seen as ``render_files.render_model`` would see it."""
+    splats = read_ply(model)
+    if splats.n_splats == 0:
+        raise DataError(model, "holds no primitives", "check a model that has some")
+    view = viewpoint(splats, data, camera, options)
+    others = {"background": view.background, "near_clip": view.near_clip, "antialiased": options.antialiased}
+    return model_scene(model.name, splats, view.camera, width, **others)
+
+
+def _write_page(report: dict[str, Any], path: Path) -> None:
+    """The page. Without the extra ``train`` there is none, and none of an earlier check either."""
+    path.unlink(missing_ok=True)
+    try:
+        from .page import check_page
+    except ModuleNotFoundError as error:
+        if error.name not in TEMPLATE_PACKAGES:
+            raise
+        return
+    with replacing(path) as part:
+        part.write_text(check_page(report), encoding="utf-8")
 
 
 def _machine(rounds: int) -> dict[str, Any]:
     """What the times depend on; the load is that of the minute before."""
-    load = round(os.getloadavg()[0], 1)
-    return {"variant": mi.variant(), "cores": os.cpu_count(), "load": load, "rounds": rounds} | versions()
+    load = round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None  # not on Windows
+    return {"variant": mi.variant(), "cores": usable_cores(), "load": load, "rounds": rounds} | versions()
 
 
 def _plain(value: Any) -> Any:

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..report.curves import running_mean
-from ..report.plot import thinned
 from ..report.run_folder import Run, read_run
+from ..report.smoothing import running_mean, thinned
 from ..support.errors import DataError
 from ..support.wording import finite
 

@@ -1,3 +1,3 @@
-"""The command `dogsplat`."""
+"""The command ``dogsplat``."""
 
-from .commands import main as main
+from .main import main as main

@@ -46,8 +46,9 @@ Examples:
                                                        one more seed in the same table
 3dgs is the baseline at 100 %; v1, v2, v3 and full add a part of the paper's method each; released is the
 authors' code; ours is the preset ours, ours_gaussian the same without DoG. All of a seed go on from one
-start, at the end of densification, and end with the same number of steps. DIR/ablation.html is the table;
-each variant is a run folder under DIR/seed_N/. What is complete is not repeated.
+start, at the end of densification, and end with the same number of steps. DIR is filled as by dogsplat
+compare, of which these are methods: DIR/comparison.html has the table, and each variant is a run folder
+under DIR/DATA/seed_N/. What is complete is not repeated.
 """
 COMPARE_EXAMPLES = """
 Examples:
@@ -107,7 +108,7 @@ alone may differ then.
 """
 CHECK_EXAMPLES = """
 Examples:
-  dogsplat check -o checked                              scenes made here, stability cases, stiffness
+  dogsplat check -o checked                              scenes made here, and stability cases
   dogsplat check run/point_cloud.ply -o checked --data photos/ --camera 0001
                                                          and a model, from a view of its data
   dogsplat check -o checked --only stability             a part alone: in a minute
@@ -116,7 +117,7 @@ Examples:
 
 work-precision: error of image and gradients against float64, and run time, over cutoffs, tile bounds, shared
 exponentials, primitives kept, SH degree, DoG; leave the machine alone meanwhile. stability: inputs that break
-naive splatting code. stiffness: step-size limits, and a training run that is poisoned. training: of --runs.
+naive splatting code. training: error against wall-clock time of --runs.
 DIR/check.html shows it all, DIR/check.json holds it. A stability case that is wrong is printed; exit code 1.
 """
 EXPORT_EXAMPLES = """

@@ -2,7 +2,7 @@
 
     DIR/DATA/seed_K/start.npz     the shared start: the 3DGS recipe up to the end of its densification
     DIR/DATA/seed_K/METHOD/       a run folder like any other; METHOD.log beside it says why a run has failed
-    DIR/comparison.json, .csv, .tex
+    DIR/comparison.json, .csv, .md, .tex
     DIR/comparison.html           the same, and plots and pictures; rewritten whenever a task ends
 
 What is complete is not repeated, so a comparison that was cut off goes on where it was.
@@ -10,17 +10,18 @@ What is complete is not repeated, so a comparison that was cut off goes on where
 
 from __future__ import annotations
 
-import os
+import dataclasses
+import json
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..ablation.ablate import claim
 from ..datasets import load_dataset
+from ..support.cores import usable_cores
 from ..support.errors import DataError
-from ..support.files import replacing, write_json
+from ..support.files import is_empty, replacing, write_json
 from ..support.locks import locked
 from ..training.config import FREE, TrainConfig
 from .cluster import cluster_client, on_cluster
@@ -68,7 +69,7 @@ def compare(
         tasks = [task for task in tasks if not task.done]
         failed: dict[str, str] = {}
         _write(out, failed)
-        threads = max(1, (os.cpu_count() or 1) // workers) if workers and not cluster else 0
+        threads = max(1, usable_cores() // workers) if workers and not cluster else 0
         means = Means(config.variant, threads, {name: getattr(config, name) for name in FREE})
         outcomes = on_cluster(tasks, means, client) if on_dask else one_after_another(tasks, means)
         for number, outcome in enumerate(outcomes, 1):
@@ -92,7 +93,7 @@ def _check_folder(out: Path) -> None:
     """Raises ``DataError`` for a folder that is not one of a comparison."""
     if out.exists() and not out.is_dir():
         raise DataError(out, "is a file", "name a folder for the comparison")
-    if out.is_dir() and any(out.iterdir()) and not (out / COMPARISON).exists():
+    if out.is_dir() and not is_empty(out) and not (out / COMPARISON).exists():
         raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier comparison")
 
 
@@ -107,6 +108,18 @@ def _claim(out: Path, settings: dict[Path, TrainConfig]) -> None:
         write_json(out / COMPARISON, {})
     for folder, config in settings.items():
         claim(folder, config)
+
+
+def claim(out: Path, config: TrainConfig) -> None:
+    """Make the folder one of runs with these settings. Raises ``DataError`` if it is something else."""
+    settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("preset", "seed", *FREE)}
+    path = out / "config.json"
+    if path.exists() and json.loads(path.read_text(encoding="utf-8")) != settings:
+        raise DataError(out, "holds runs with other settings", "name another folder")
+    if not path.exists() and out.is_dir() and any(out.iterdir()):
+        raise DataError(out, "is a folder with other contents", "name a new folder, or that of an earlier call")
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(path, settings)
 
 
 def _write(out: Path, failed: dict[str, str]) -> dict[str, Any]:

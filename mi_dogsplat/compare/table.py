@@ -12,19 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from ..ablation.table import collect, summary, with_spread
 from ..support.files import replacing, write_json
 from .methods import METHODS
-from .perceptual import LPIPS
+from .numbers import collect, summary
 
 COMPARISON = "comparison.json"
 COLUMNS = {  # name: (heading, digits, which is best: 1 the largest, -1 the smallest, 0 neither)
     "n": ("primitives", 0, 0),
+    "n_dog": ("of them DoG", 0, 0),
     "megabytes": ("MB", 2, 0),
     "psnr": ("PSNR (dB)", 2, 1),
     "ssim": ("SSIM", 4, 1),
     "flip": ("FLIP", 4, -1),
     "lpips": ("LPIPS", 3, -1),
+    "train_l1": ("train L1", 5, -1),
+    "activation_db": ("activation (dB)", 3, 0),
     "train_seconds": ("training (s)", 0, -1),
     "fps": ("FPS", 0, 1),
     "peak_memory_mb": ("memory (MB)", 0, -1),
@@ -37,12 +39,7 @@ def collect_all(out: Path, failed: dict[str, str]) -> dict[str, Any]:
     folders = [path.parent for path in sorted(out.glob("*/config.json"))]
     rows: dict[str, dict[str, Any]] = {}
     for folder in folders:
-        for name, runs in collect(folder, list(METHODS)).items():
-            for seed, numbers in runs.items():
-                numbers["fps"] = 1000 / numbers["render_ms"]
-                distance = folder / f"seed_{seed}" / name / LPIPS
-                if distance.exists():
-                    numbers |= json.loads(distance.read_text(encoding="utf-8"))
+        for name, runs in collect(folder, METHODS).items():
             row = rows.setdefault(name, {"label": METHODS[name].label, "source": METHODS[name].source, "data": {}})
             row["data"][folder.name] = {"summary": summary(runs), "runs": runs}
     names = [folder.name for folder in folders]
@@ -87,14 +84,22 @@ def cells(table: dict[str, Any], data: str, method: str) -> list[tuple[str, bool
         _, digits, sign = COLUMNS[name]
         rivals = {key: row["data"][data] for key, row in table["methods"].items() if data in row["data"]}
         values = {key: row["summary"][name]["value"] * sign for key, row in rivals.items() if name in row["summary"]}
-        compact = {key: value for key, value in values.items() if METHODS[key].recipe.pruning or METHODS[key].grows}
+        compact = {key: value for key, value in values.items() if METHODS[key].compact}
         best = sign != 0 and len(compact) > 1 and compact.get(method) == max(compact.values())
-        result.append((with_spread(rivals[method], name, digits), best))
+        result.append((_with_spread(rivals[method], name, digits), best))
     return result
 
 
+def _with_spread(row: dict[str, Any], name: str, digits: int) -> str:
+    """Value ± spread, without the spread for a single seed, empty without a number."""
+    value = row["summary"].get(name)
+    if not value:
+        return ""
+    return f"{value['value']:,.{digits}f}" + (f" ± {value['spread']:.{digits}f}" if len(row["runs"]) > 1 else "")
+
+
 def write_tables(out: Path, table: dict[str, Any]) -> None:
-    """Make ``comparison.json``, ``.csv`` (a line per run) and ``.tex`` (for the package booktabs)."""
+    """Make ``comparison.json``, ``.csv`` (a line per run), ``.md`` and ``.tex`` (for the package booktabs)."""
     write_json(out / COMPARISON, table)
     with replacing(out / "comparison.csv") as part, open(part, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
@@ -103,8 +108,20 @@ def write_tables(out: Path, table: dict[str, Any]) -> None:
             for data, of_data in row["data"].items():
                 for seed, numbers in of_data["runs"].items():
                     writer.writerow([data, method, seed, *(numbers.get(name, "") for name in COLUMNS)])
-    with replacing(out / "comparison.tex") as part:
-        part.write_text("\n".join(latex(table, data) for data in data_sets(table)), encoding="utf-8")
+    for suffix, write in ((".md", markdown), (".tex", latex)):
+        with replacing(out / f"comparison{suffix}") as part:
+            part.write_text("\n".join(write(table, data) for data in data_sets(table)), encoding="utf-8")
+
+
+def markdown(table: dict[str, Any], data: str) -> str:
+    """A table under the name of the data set; the best of the compact models in bold."""
+    shown = [COLUMNS[name][0] for name in columns(table, data)]
+    lines = [f"## {data}", "", f"| {' | '.join(['method', *shown])} |", "|---" * (len(shown) + 1) + "|"]
+    for method, row in table["methods"].items():
+        if data in row["data"]:
+            texts = [f"**{text}**" if best else text for text, best in cells(table, data, method)]
+            lines.append(f"| {' | '.join([label(table, data, method), *texts])} |")
+    return "\n".join([*lines, ""])
 
 
 def latex(table: dict[str, Any], data: str) -> str:

@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from ..ablation.variants import densified_start, draw_in_turn, is_complete, train_variant
 from ..datasets import load_dataset
 from ..measure.lpips import Lpips, weights_path
 from ..runs.checkpoint import load_checkpoint
 from ..support.errors import DataError
 from ..training.config import TrainConfig
 from ..training.strategy.scheduler import target_count
+from .method_runs import densified_start, draw_in_turn, is_complete, train_method
 from .methods import METHODS
 from .perceptual import LPIPS, measure_lpips
 
@@ -98,25 +98,22 @@ def perform(task: Task, free: Mapping[str, Any]) -> None:
     config = TrainConfig(**settings, **free, preset="3dgs", seed=task.seed)
     start = task.seed_folder / "start.npz"
     if task.kind == "start":
-        densified_start(config, load_dataset(config.data, config.downscale), start, _silent)
+        densified_start(config, load_dataset(config.data, config.downscale), start)
     elif task.kind == "train":
         if not start.exists():
             raise DataError(start, "there is no densified start", "see start.log beside it, then compare again")
-        state, (name,) = load_checkpoint(start), task.methods
-        count = target_count(config.target, np.size(state["optimizer.logit_opacities"]))
+        (name,) = task.methods
+        n = np.size(load_checkpoint(start)["optimizer.logit_opacities"])
+        count = target_count(config.target, n)
         run = task.seed_folder / name
         if (run / LPIPS).exists():  # of a run with another recipe
             (run / LPIPS).unlink()
-        train_variant(replace(config, target=count), METHODS[name], run, state, _silent)
+        train_method(replace(config, target=count), name, run, start)
     elif task.kind == "time":
-        draw_in_turn(load_dataset(config.data, config.downscale), config, {run.name: run for run in task.complete})
+        draw_in_turn(load_dataset(config.data, config.downscale), config, task.complete)
     elif runs := [run for run in task.complete if not (run / LPIPS).exists()]:
         if not weights_path().exists():
             raise DataError(weights_path(), "the weights of LPIPS are not on this machine", "make lpips there")
         views = load_dataset(config.data, config.downscale).test
         if lpips := Lpips.installed(view.camera for view in views):
             measure_lpips(runs, [view.name for view in views], lpips)
-
-
-def _silent(line: str) -> None:
-    """Who watches a comparison is told of tasks."""

@@ -6,10 +6,7 @@ from pathlib import Path
 
 from ..support.errors import DataError
 from .check import CameraCheck, check_cameras
-from .colmap import MODEL_FOLDERS, find_model, load_colmap
 from .dataset import Dataset, Observations, View, camera_extent
-from .mitsuba_scene import load_mitsuba_scene
-from .transforms import find_transforms, load_transforms
 
 __all__ = ["CameraCheck", "Dataset", "Observations", "View", "camera_extent", "check_cameras", "load_dataset"]
 
@@ -22,6 +19,10 @@ def load_dataset(path: str | Path, downscale: int = 1, spp: int = 64, on_disk: b
     ``spp`` samples. ``on_disk``: images are decoded whenever they are asked for (``DiskView``). Raises
     ``DataError`` for anything that cannot be used; see ``check_cameras`` for the last test.
     """
+    from .colmap import MODEL_FOLDERS, find_model, load_colmap  # here: photographs need the extra "train"
+    from .mitsuba_scene import load_mitsuba_scene
+    from .transforms import find_transforms, load_transforms
+
     path = Path(path)
     if not path.exists():
         raise DataError(path, "no such file or folder", "check the path")

@@ -4,60 +4,58 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import Annotated
 
-from ..support.errors import DataError
+from ..support.settings import Setting, check_settings, refuse
 
 UPS = ("auto", "x", "y", "z", "-x", "-y", "-z")
 PATHS = ("orbit", "hemisphere", "sensors")
 DEPTHS = ("none", "exr", "npy")
 ELEVATIONS = {"orbit": (12.0, 65.0), "hemisphere": (0.0, 90.0)}
 CIRCLING_ONLY = ("views", "size", "fov", "up", "elevations", "zoom", "center", "radius")
-RANGES = {
-    "views": (1, math.inf),
-    "test": (0, math.inf),
-    "spp": (1, math.inf),
-    "seed": (0, 2**31 - 1),
-    "fov": (0.1, 170),
-    "zoom": (1e-3, 1e3),
-    "radius": (1e-30, 1e30),
-    "downscale": (1, math.inf),
-    "points": (0, math.inf),
-}
+CAMERAS = "orbit, hemisphere, sensors (the scene's own), or a JSON file of cameras"
+TESTS = "test views, spread evenly (default: a sixth as many; of sensors or a file every 8th)"
+VERTICAL = "vertical axis: x, y, z, -x, -y, -z (as --up=-y), or auto: that of the scene's first sensor"
+BAND = "lowest and highest, degrees (default: orbit 12 65, hemisphere 0 90)"
+CENTER = "what an orbit looks at (default: the middle of the shapes)"
+ALPHA = "transparent background; lamps and environment are hidden from the cameras"
+DEPTH = "also write depth, along the view axis: exr (float32, Blender) or npy (nerfstudio)"
 
 
 @dataclass(frozen=True)
 class CaptureConfig:
-    """Where cameras stand and what they record; the comment of a field is the help text of its flag.
+    """Where cameras stand and what they record; what stands beside a field's type is the help text of its flag.
 
     Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed.
     """
 
-    path: str = "hemisphere"  # orbit, hemisphere, sensors (the scene's own), or a JSON file of cameras
-    views: int = 48  # training views of an orbit or hemisphere
-    test: int | None = None  # test views, spread evenly (default: a sixth as many; of sensors or a file every 8th)
-    size: tuple[int, int] = (400, 400)  # width and height in pixels
-    fov: float = 40.0  # field of view of the longer side, in degrees
-    spp: int = 64  # samples per pixel, rounded up to a square number
-    seed: int = 0  # seed of samples and points
-    up: str = "auto"  # vertical axis: x, y, z, -x, -y, -z (as --up=-y), or auto: that of the scene's first sensor
-    elevations: tuple[float, float] | None = None  # lowest and highest, degrees (default: orbit 12 65, hemisphere 0 90)
-    zoom: float = 1.0  # at 1 the bounding sphere just fits, at 2 it is twice as large
-    center: tuple[float, float, float] | None = None  # what an orbit looks at (default: the middle of the shapes)
-    radius: float | None = None  # of the sphere to frame (default: that around the shapes)
-    downscale: int = 1  # divide the size of sensors or of a file's cameras by this
-    alpha: bool = False  # transparent background; lamps and environment are hidden from the cameras
-    depth: str = "none"  # also write depth, along the view axis: exr (float32, Blender) or npy (nerfstudio)
-    points: int = 20_000  # initial points on the surfaces, as many as the cameras see; 0: none
+    path: Annotated[str, Setting(CAMERAS, "NAME_or_JSON")] = "hemisphere"
+    views: Annotated[int, Setting("training views of an orbit or hemisphere", least=1)] = 48
+    test: Annotated[int | None, Setting(TESTS, least=0)] = None
+    size: Annotated[tuple[int, int], Setting("width and height in pixels", "W H")] = (400, 400)
+    fov: Annotated[
+        float, Setting("field of view of the longer side, in degrees", "DEGREES", least=0.1, most=170)
+    ] = 40.0
+    spp: Annotated[int, Setting("samples per pixel, rounded up to a square number", least=1)] = 64
+    seed: Annotated[int, Setting("seed of samples and points", least=0, most=2**31 - 1)] = 0
+    up: Annotated[str, Setting(VERTICAL, "AXIS", choices=UPS)] = "auto"
+    elevations: Annotated[tuple[float, float] | None, Setting(BAND, "LOW HIGH")] = None
+    zoom: Annotated[
+        float, Setting("at 1 the bounding sphere just fits, at 2 it is twice as large", least=1e-3, most=1e3)
+    ] = 1.0
+    center: Annotated[tuple[float, float, float] | None, Setting(CENTER, "X Y Z")] = None
+    radius: Annotated[
+        float | None, Setting("of the sphere to frame (default: that around the shapes)", "R", least=1e-30, most=1e30)
+    ] = None
+    downscale: Annotated[int, Setting("divide the size of sensors or of a file's cameras by this", "K", least=1)] = 1
+    alpha: Annotated[bool, Setting(ALPHA)] = False
+    depth: Annotated[str, Setting(DEPTH, "FORMAT", choices=DEPTHS)] = "none"
+    points: Annotated[
+        int, Setting("initial points on the surfaces, as many as the cameras see; 0: none", least=0)
+    ] = 20_000
 
     def __post_init__(self) -> None:
-        for name, (low, high) in RANGES.items():
-            value = getattr(self, name)
-            if value is not None and not low <= value <= high:  # NaN is in no range
-                wanted = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
-                refuse(name, f"{value} is out of range", f"use {wanted}")
-        for name, choices in (("up", UPS), ("depth", DEPTHS)):
-            if getattr(self, name) not in choices:
-                refuse(name, f'"{getattr(self, name)}" is unknown', "use " + ", ".join(choices))
+        check_settings(self)
         if self.path not in PATHS and not self.path.lower().endswith(".json"):
             refuse("path", f'"{self.path}" is unknown', f"use {', '.join(PATHS)}, or a .json file of cameras")
         if min(self.size) < 1:
@@ -87,8 +85,3 @@ class CaptureConfig:
             if getattr(self, name) != defaults[name]:
                 owner = "an orbit or a hemisphere has --size" if self.circling else "given cameras have their own"
                 refuse(name, f"is not for --path {self.path}", f"leave it out: {owner}")
-
-
-def refuse(name: str, problem: str, remedy: str) -> None:
-    """Raise the ``DataError`` for a setting, named as its flag."""
-    raise DataError("--" + name, problem, remedy)

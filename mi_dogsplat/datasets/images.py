@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -22,6 +21,7 @@ import numpy as np
 from PIL import Image
 
 from ..scene.cameras import Camera
+from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.memory import available_memory
 from ..support.wording import file_size
@@ -113,7 +113,7 @@ def load_views(
 
         return [view_of(source, size) for source, (size, _) in zip(sources, headers, strict=True)], any_alpha
 
-    workers = min(8, os.cpu_count() or 1)
+    workers = min(8, usable_cores())
     _require_memory(sources, downscale, workers)
     with ThreadPoolExecutor(workers) as pool:  # Pillow decodes without holding the GIL
         views = list(pool.map(load, sources))

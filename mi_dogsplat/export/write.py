@@ -1,8 +1,7 @@
-"""``dogsplat export``: a model to a file of another format, and what that costs, measured on pictures."""
+"""A model to a file of another format, and what that costs, measured on pictures; behind ``dogsplat export``."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from ..measure.metrics import psnr
 from ..render.framing import NEAR_SHARE, cameras_around, robust_sphere
 from ..render.picture import background_color, over_background
+from ..render.picture_options import PictureOptions
 from ..render.render_files import picture_of
 from ..scene.cameras import Camera
 from ..scene.ply import read_ply, write_ply
@@ -77,32 +77,67 @@ def plain_gaussians(splats: Splats, dog: str) -> Splats:
     return baked(splats) if dog == "bake" else splats.plain()
 
 
-def export(args: argparse.Namespace, show: Callable[[str], None] = print) -> None:
-    """Write ``args.model`` to ``args.out`` and show what is lost, as PSNR over views. Raises ``DataError``.
+@dataclass(frozen=True)
+class Loss:
+    """What a model has become on its way into a file, and its mean PSNR in dB; None where there is nothing to compare.
 
-    ``args.dog``: see ``plain_gaussians``. ``args.views``: at most so many views are compared, none if 0; those of
-    ``args.data`` with its photographs, else from around the model. ``downscale``, ``background``, ``near_clip`` and
-    ``antialiased`` are those of the pictures.
+    ``of_model``: against pictures of the model as it was; ``of_photographs``: against the photographs of the data.
     """
-    chosen = format_of(args.out)
-    if args.dog not in DOG_CHOICES:
-        raise DataError("--dog", f'"{args.dog}" is unknown', f"use {' or '.join(DOG_CHOICES)}")
-    splats = read_ply(args.model)
-    if args.out.exists() and args.out.samefile(args.model):
-        raise DataError(args.out, "is the model itself, which would be lost", "name another file")
+
+    stage: str
+    of_model: float | None
+    of_photographs: float | None
+
+
+@dataclass(frozen=True)
+class Exported:
+    """``n_splats``: primitives that were written; ``losses``: stage by stage, over ``n_views`` views."""
+
+    n_splats: int
+    n_views: int
+    losses: list[Loss]
+
+
+def export_model(
+    model: str | Path,
+    out: str | Path,
+    dog: str = "bake",
+    data: str | Path | None = None,
+    views: int = 8,
+    options: PictureOptions = PictureOptions(),
+) -> Exported:
+    """Write a model file in the format that the name of ``out`` asks for, and measure what is lost.
+
+    Args:
+        model: the model.
+        out: ends in one of ``FORMATS``.
+        dog: what becomes of DoG, one of ``DOG_CHOICES`` (``plain_gaussians``).
+        data: a data set to compare with on its test views; None: on views from around the model.
+        views: at most so many; 0 measures nothing.
+        options: how the pictures are drawn.
+
+    Measuring needs a Mitsuba variant. Raises ``DataError``.
+    """
+    model, out = Path(model), Path(out)
+    chosen = format_of(out)
+    if dog not in DOG_CHOICES:
+        raise DataError("--dog", f'"{dog}" is unknown', f"use {' or '.join(DOG_CHOICES)}")
+    if views < 0:
+        raise DataError("--views", f"{views} is too small", "use at least 0")
+    splats = read_ply(model)
+    if out.exists() and out.samefile(model):
+        raise DataError(out, "is the model itself, which would be lost", "name another file")
     if splats.n_splats == 0:
-        raise DataError(args.model, "the model is empty", "export one that has primitives")
-    plain = plain_gaussians(splats, args.dog)
-    write(args.out, plain)
-    if args.views:
-        views = _views(args, splats)
-        stages = {"as it is": splats, f"without DoG ({args.dog})": plain} if splats.n_dog else {"as it is": splats}
-        read = chosen.read(args.out)
-        stages["read from the file"] = turned_rub(read) if chosen.rub else read
-        for line in loss_table(stages, views):
-            show(line)
-    megabytes, before = args.out.stat().st_size / 1e6, args.model.stat().st_size / 1e6
-    show(f"{args.out}: {plain.n_splats:,} primitives, {megabytes:.2f} MB; {args.model.name} has {before:.2f} MB")
+        raise DataError(model, "the model is empty", "export one that has primitives")
+    plain = plain_gaussians(splats, dog)
+    write(out, plain)
+    if not views:
+        return Exported(plain.n_splats, 0, [])
+    seen = _views(splats, data, views, options)
+    stages = {"as it is": splats, f"without DoG ({dog})": plain} if splats.n_dog else {"as it is": splats}
+    read = chosen.read(out)
+    stages["read from the file"] = turned_rub(read) if chosen.rub else read
+    return Exported(plain.n_splats, len(seen.cameras), losses(stages, seen))
 
 
 def write(out: Path, plain: Splats) -> None:
@@ -113,17 +148,15 @@ def write(out: Path, plain: Splats) -> None:
     chosen.write(out, turned_rub(plain) if chosen.rub else plain)
 
 
-def loss_table(stages: dict[str, Splats], views: Views) -> list[str]:
-    """Lines: mean PSNR of each stage against the first, and against the photographs."""
+def losses(stages: dict[str, Splats], views: Views) -> list[Loss]:
+    """Of each stage, against the first one and against the photographs."""
     reference = views.pictures(next(iter(stages.values())))
-    lines = [f"PSNR over {len(views.cameras)} views{'':6s}of the model" + "   of photographs" * bool(views.photographs)]
+    found = []
     for number, (name, splats) in enumerate(stages.items()):
         pictures = views.pictures(splats) if number else reference
-        columns = [f"{mean_psnr(pictures, reference):6.2f} dB" if number else f"{'-':>6s}   "]
-        if views.photographs:
-            columns.append(f"{mean_psnr(pictures, views.photographs):6.2f} dB")
-        lines.append(f"  {name:24s}" + "       ".join(columns).rstrip())
-    return lines
+        of_photographs = mean_psnr(pictures, views.photographs) if views.photographs else None
+        found.append(Loss(name, mean_psnr(pictures, reference) if number else None, of_photographs))
+    return found
 
 
 def mean_psnr(pictures: list[Array], truth: list[Array]) -> float:
@@ -131,19 +164,19 @@ def mean_psnr(pictures: list[Array], truth: list[Array]) -> float:
     return float(np.mean([psnr(a, b) for a, b in zip(pictures, truth, strict=True)]))
 
 
-def _views(args: argparse.Namespace, splats: Splats) -> Views:
-    if not args.data:
-        near_clip = min(args.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
-        background = background_color(args.background, False)
-        return Views(cameras_around(splats, args.views), [], background, near_clip, args.antialiased)
+def _views(splats: Splats, data: str | Path | None, count: int, options: PictureOptions) -> Views:
+    if not data:
+        near_clip = min(options.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
+        background = background_color(options.background, False)
+        return Views(cameras_around(splats, count), [], background, near_clip, options.antialiased)
     from ..datasets import load_dataset  # here: it needs the extra "train"
 
-    dataset = load_dataset(args.data, args.downscale)
-    background = background_color(args.background, dataset.has_alpha)
+    dataset = load_dataset(data, options.downscale)
+    background = background_color(options.background, dataset.has_alpha)
     held_out = dataset.test or dataset.train
-    views = held_out[:: -(-len(held_out) // args.views)]
+    views = held_out[:: -(-len(held_out) // count)]
     photographs = [over_background(view.image, background) for view in views]
-    return Views([view.camera for view in views], photographs, background, args.near_clip, args.antialiased)
+    return Views([view.camera for view in views], photographs, background, options.near_clip, options.antialiased)
 
 
 def _write_bytes(path: Path, content: bytes) -> None:

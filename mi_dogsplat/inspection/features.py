@@ -1,4 +1,4 @@
-"""``dogsplat info --features``: what a model or a scene needs, what that costs, and what was left out.
+"""What a model or a scene needs of the kernels, what that costs, and what was left out.
 
 Kernels are specialised while they are traced: what is left out has no instruction, no byte and no parameter in them
 (``tests/engine/test_lean.py`` shows it). Operations are counted in the kernels of this machine (``kernel_costs.py``).
@@ -18,20 +18,14 @@ from ..engine.kernel_costs import aov_operations, operations, pair_operations, p
 from ..engine.options import RasterOptions, Settings
 from ..engine.walks.aovs import WALKED, walked
 from ..plugin.transfer import srgb_to_linear
-from ..scene.ply import read_ply
 from ..scene.splats import MAX_SH_DEGREE, Splats
 from ..support.errors import DataError
 from ..support.wording import count
-from .info import kind_of
 
 NEEDED, LEFT_OUT, UNUSED = "needed", "left out", "paid, not needed"
 PARAMETERS = 14  # of a Gaussian: centre 3, scales 3, quaternion 4, opacity, colour 3
 DOG_PARAMETERS = 4  # opacity, scales 3
 FLOAT = 4  # bytes, of an index too
-LEGEND = (
-    "operations are instructions of the kernels; each: of a primitive, to project it; "
-    "per pixel: of a primitive at a pixel that it meets, forward + derivative"
-)
 
 
 @dataclass(frozen=True)
@@ -49,22 +43,6 @@ class Feature:
 def feature(name: str, needed: bool, reason: str, otherwise: str) -> Feature:
     """``needed`` for a reason, or left out for another."""
     return Feature(name, NEEDED, reason) if needed else Feature(name, LEFT_OUT, otherwise)
-
-
-def describe_features(path: str | Path) -> list[str]:
-    """Lines about what is at ``path``. Needs a Mitsuba variant. Raises ``DataError``, as ``info.describe`` does."""
-    from .training_features import dataset_features, run_features  # it builds on this module
-
-    path = Path(path)
-    kind = kind_of(path)
-    if kind == "model":
-        found = model_features([read_ply(path)]) + choices_of_a_render()
-    elif kind == "run":
-        found = run_features(path)
-    else:
-        scene = _splat_scene(path)
-        found = scene_features(scene) if scene else dataset_features(path)
-    return [f"{path}: what it needs and what is left out", *map(str, found), LEGEND]
 
 
 def model_features(parts: list[Splats], negative_transmittance: bool = True) -> list[Feature]:
@@ -129,7 +107,7 @@ def scene_features(scene: mi.Scene) -> list[Feature]:
     """What a Mitsuba scene with the ``dogsplat`` integrator needs; of its first sensor."""
     from ..shape_dog import DogShape  # of the active variant
 
-    integrator: Any = scene.integrator()
+    integrator: Any = scene.integrator()  # to the stubs of Mitsuba any integrator is just that
     variant = mi.variant()
     parts = [shape.to_splats() for shape in scene.shapes() if isinstance(shape, DogShape)]
     features = model_features(parts, integrator.negative_transmittance)
@@ -181,7 +159,7 @@ def _joining(parts: list[Splats]) -> str:
     return f"{len(parts)}; joined in every render, which copies {size} bytes of each primitive{padding}"
 
 
-def _splat_scene(path: Path) -> mi.Scene | None:
+def splat_scene(path: Path) -> mi.Scene | None:
     """The Mitsuba scene at ``path`` if it is one of ``dog`` shapes and the ``dogsplat`` integrator."""
     from ..integrator import DogSplatIntegrator  # of the active variant
     from ..shape_dog import DogShape

@@ -43,7 +43,7 @@ def run_features(path: Path) -> list[Feature]:
     run = read_run(path)
     defaults = {field.name: field.default for field in dataclasses.fields(TrainConfig)}
     config: dict[str, Any] = defaults | run.config
-    recipe = run.recipe or dataclasses.asdict(_recipe(path, config))
+    recipe = (run.recipe or {}).get("recipe") or dataclasses.asdict(_recipe(path, config))
     model = path / "point_cloud.ply"
     features = model_features([read_ply(model)]) if model.is_file() else []
     return features + _recipe_features(recipe, config) + _image_features(config)

@@ -15,7 +15,7 @@ from ..scene.cameras import Camera
 
 
 def background_color(background: str, has_alpha: bool) -> float:
-    """Grey level behind the splats, 0 or 1, for ``TrainConfig.background``; of measurements, where that is random."""
+    """Grey level behind the splats, 0 or 1, for ``PictureOptions.background``; ``random`` measures as ``auto``."""
     return {"black": 0.0, "white": 1.0}.get(background, 1.0 if has_alpha else 0.0)
 
 

@@ -1,8 +1,7 @@
-"""``dogsplat render``: a model or a Mitsuba scene to a picture file."""
+"""A model or a Mitsuba scene to a picture file; behind ``dogsplat render``."""
 
 from __future__ import annotations
 
-import argparse
 import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,10 +19,11 @@ from ..scene.ply import read_ply
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.files import replacing
-from ..support.pictures import write_bitmap, write_exr, write_png
+from ..support.pictures import write_channels, write_exr, write_png
 from ..support.srgb import linear_to_srgb
 from .framing import NEAR_SHARE, automatic_camera, robust_sphere
 from .picture import Picture, background_color, premultiplied, render_picture
+from .picture_options import PictureOptions
 
 SUFFIXES = (".png", ".exr", ".npz")
 MAX_NAMES = 5  # views that an error message lists
@@ -38,23 +38,28 @@ class Viewpoint:
     background: float  # grey level, 0..1
 
 
-def viewpoint(args: argparse.Namespace, splats: Splats) -> Viewpoint:
-    """The view of a model that the command line asks for.
+def viewpoint(
+    splats: Splats,
+    data: str | Path | None = None,
+    camera: str | Path | None = None,
+    options: PictureOptions = PictureOptions(),
+) -> Viewpoint:
+    """Where a model is looked at from.
 
     Args:
-        args: ``camera``, the name of a view of ``data`` or a camera file (``camera_file.py``): the first test view if
-            there is only data, a camera that frames the model if there is neither. ``downscale`` shrinks the picture.
-            ``background`` as in ``TrainConfig``. ``near_clip`` (world units), which is smaller where the model is
-            framed and small itself.
         splats: the model.
+        data: a data set.
+        camera: the name of one of its views, or a camera file (``camera_file.py``); None is the first test view of the
+            data, or without data a camera that frames the model.
+        options: ``downscale`` shrinks the picture; ``near_clip`` is smaller where a model is framed and small itself.
 
     Raises ``DataError``.
     """
-    camera, has_alpha = _camera(args, splats)
-    near_clip = args.near_clip
-    if not (args.camera or args.data):
+    found, has_alpha = _camera(splats, data, camera, options.downscale)
+    near_clip = options.near_clip
+    if not (camera or data):
         near_clip = min(near_clip, NEAR_SHARE * robust_sphere(splats)[1])
-    return Viewpoint(camera, near_clip, background_color(args.background, has_alpha))
+    return Viewpoint(found, near_clip, background_color(options.background, has_alpha))
 
 
 def picture_of(
@@ -73,33 +78,50 @@ def picture_of(
     return lambda camera: render_picture(params, camera, options, background, near_clip, aovs)
 
 
-def render_model(args: argparse.Namespace) -> None:
-    """Render ``args.model`` to ``args.out``, seen as ``viewpoint`` says.
+def render_model(
+    model: str | Path,
+    out: str | Path,
+    data: str | Path | None = None,
+    camera: str | Path | None = None,
+    aovs: str | None = None,
+    options: PictureOptions = PictureOptions(),
+) -> None:
+    """Render a model file to the picture file ``out``.
 
-    PNG shows the model over the background; OpenEXR holds it alone, premultiplied, with alpha and the AOVs that
-    ``args.aovs`` lists (depth, if it is None); NPZ the same as arrays ``color`` [H, W, 3], ``alpha`` and ``depth``
-    [H, W], for other programs. Raises ``DataError``.
+    PNG shows the model over the background; OpenEXR holds it alone, premultiplied, with alpha and the AOVs; NPZ the
+    same as arrays ``color`` [H, W, 3], ``alpha`` and ``depth`` [H, W], for other programs.
+
+    Args:
+        model: the model.
+        out: ends in one of ``SUFFIXES``.
+        data, camera: from where it is seen (``viewpoint``).
+        aovs: channels of an OpenEXR file, separated by commas (``aovs.py``); None is depth.
+        options: how it is drawn.
+
+    Needs a Mitsuba variant. Raises ``DataError``.
     """
-    require_suffix(args.out)
-    aovs = _aovs(args)
-    splats = read_ply(args.model)
-    view, suffix = viewpoint(args, splats), args.out.suffix.lower()
+    model, out = Path(model), Path(out)
+    require_suffix(out)
+    names = _aovs(out, aovs)
+    splats = read_ply(model)
+    view, suffix = viewpoint(splats, data, camera, options), out.suffix.lower()
     background = view.background if suffix == ".png" else 0.0
-    picture = picture_of(splats, background, view.near_clip, antialiased=args.antialiased, aovs=aovs)(view.camera)
+    picture = picture_of(splats, background, view.near_clip, antialiased=options.antialiased, aovs=names)(view.camera)
     if suffix == ".npz":
-        _write(args.out, lambda: _write_arrays(args.out, picture))
+        _write(out, lambda: _write_arrays(out, picture))
     elif suffix == ".exr":
-        _write(args.out, lambda: write_exr(args.out, {"color": premultiplied(picture, 0.0), **picture.aovs}))
+        _write(out, lambda: write_exr(out, {"color": premultiplied(picture, 0.0), **picture.aovs}))
     else:
-        _write(args.out, lambda: write_png(args.out, picture.color))
+        _write(out, lambda: write_png(out, picture.color))
 
 
-def render_scene(path: Path, out: Path) -> None:
+def render_scene(path: str | Path, out: str | Path) -> None:
     """Render the first sensor of a Mitsuba scene with the scene's own integrator.
 
     OpenEXR holds linear radiance and every channel of the film, PNG the colour as sRGB. Raises ``DataError``,
     also for what Mitsuba has to say about the scene.
     """
+    path, out = Path(path), Path(out)
     require_suffix(out)
     if not path.is_file():
         raise DataError(path, "no such file", "give a model .ply or a Mitsuba scene .xml")
@@ -116,7 +138,9 @@ def render_scene(path: Path, out: Path) -> None:
     if out.suffix.lower() == ".npz":
         raise DataError(out, "arrays hold pictures of models only", "name a file that ends in .png or .exr")
     if out.suffix.lower() == ".exr":
-        _write(out, lambda: write_bitmap(out, bitmap, mi.Bitmap.FileFormat.OpenEXR))
+        planes = np.array(bitmap).reshape(bitmap.height(), bitmap.width(), -1)  # [H, W, channels]
+        named = {field.name: planes[..., k] for k, field in enumerate(bitmap.struct_())}
+        _write(out, lambda: write_channels(out, named))
         return
     if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:  # AOVs came along
         bitmap = dict(bitmap.split())["<root>"]
@@ -145,44 +169,46 @@ def _gist(error: BaseException) -> str:
     return " ".join([*lines[:traceback], lines[traceback].split("Traceback")[0], lines[-1]])
 
 
-def _aovs(args: argparse.Namespace) -> list[str]:
+def _aovs(out: Path, aovs: str | None) -> list[str]:
     """AOVs to write beside colour and alpha."""
-    suffix = args.out.suffix.lower()
+    suffix = out.suffix.lower()
     if suffix != ".exr":
-        if args.aovs is not None:
-            raise DataError("--aovs", f"{args.out} has no room for them", "name a file that ends in .exr")
+        if aovs is not None:
+            raise DataError("--aovs", f"{out} has no room for them", "name a file that ends in .exr")
         return ["depth"] if suffix == ".npz" else []
     try:
-        names = read_names("depth" if args.aovs is None else args.aovs)
+        names = read_names("depth" if aovs is None else aovs)
     except ValueError as error:
         raise DataError("--aovs", *str(error).split("; ")) from error
     return [name for name in names if name != "alpha"]  # the channel A, which every such file has
 
 
-def _camera(args: argparse.Namespace, splats: Splats) -> tuple[Camera, bool]:
+def _camera(
+    splats: Splats, data: str | Path | None, camera: str | Path | None, downscale: int
+) -> tuple[Camera, bool]:
     """The camera to render from, and whether the images of its data set have alpha."""
-    if args.camera and args.camera.lower().endswith(".json"):
-        return _downscaled(args, read_camera(args.camera)), False
-    if not args.data:
-        if args.camera:
+    if camera and Path(camera).suffix.lower() == ".json":
+        return _downscaled(read_camera(camera), downscale), False
+    if not data:
+        if camera:
             remedy = "add --data DATA whose view it is, or name a camera file"
-            raise DataError("--camera", f'"{args.camera}" is no .json file', remedy)
-        return _downscaled(args, automatic_camera(splats)), False
+            raise DataError("--camera", f'"{camera}" is no .json file', remedy)
+        return _downscaled(automatic_camera(splats), downscale), False
     from ..datasets import load_dataset  # here: it needs the extra "train", a model alone does not
 
-    dataset = load_dataset(args.data, args.downscale)
+    dataset = load_dataset(data, downscale)
     views = {view.name: view for view in dataset.test + dataset.train}
-    name = args.camera or next(iter(views))
+    name = str(camera) if camera else next(iter(views))
     if name not in views:
         near = difflib.get_close_matches(name, views, MAX_NAMES, cutoff=0.3) or list(views)[:MAX_NAMES]
         listed = ", ".join(near)
-        raise DataError("--camera", f'"{name}" is no view of {args.data}', f"it has {len(views)}, such as {listed}")
+        raise DataError("--camera", f'"{name}" is no view of {data}', f"it has {len(views)}, such as {listed}")
     return views[name].camera, dataset.has_alpha
 
 
-def _downscaled(args: argparse.Namespace, camera: Camera) -> Camera:
+def _downscaled(camera: Camera, downscale: int) -> Camera:
     try:
-        return camera.downscaled(args.downscale)
+        return camera.downscaled(downscale)
     except ValueError as error:
         raise DataError("--downscale", str(error), "use a smaller number") from error
 

@@ -2,51 +2,50 @@
 
 from __future__ import annotations
 
-import re
+from dataclasses import dataclass, field
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ..support.wording import finite
+from ..training.events import Densified, DogActivated, OpacityReset, Pruned, Refined, ShDegree
 from .plot import Lane, Series, line_plot
-from .prunes import marks, prune_table, with_drops
+from .prunes import marks, with_drops
 from .run_folder import Run
+from .smoothing import running_mean
 
-EVENT_LANES = {  # the lane of an event by the words in it; one row may name several
-    "densify": r"densif|clone|split",
-    "prune": r"\bprune",
-    "refine": r"\brefine",
-    "reset": r"reset",
-    "SH up": r"\bsh\b|sh_",
-    "DoG": r"\bdog\b|dog_",
+EVENT_LANES = {  # the lane of an event by its kind
+    Densified.kind: "densify",
+    Pruned.kind: "prune",
+    Refined.kind: "refine",
+    OpacityReset.kind: "reset",
+    ShDegree.kind: "SH up",
+    DogActivated.kind: "DoG",
 }
 
-READ_ERROR = """Mean error of the training views since the row before (thin) and its running mean (thick), on a
-logarithmic axis: lower is better; while it still falls at the right end, more steps would help. Dots, where there
-are any: mean over the whole training set, measured to decide on pruning. Methods are compared by error against run
-time, not against step."""
-READ_PSNR = """Mean PSNR over the test views, higher is better. Where it falls while the training error falls
-too, the model learns the training views by heart."""
-READ_COUNT = """Number of primitives. The marks below the curve show when something happened to them: densify
-adds, prune removes, refine is a check that did not prune, reset lowers all opacities (the error jumps and
-recovers), SH up adds a degree of view-dependent colour, DoG changes the Difference-of-Gaussians primitives."""
 
-SMOOTHED_FROM = 40  # rows; below, every row is visible by itself
+@dataclass
+class Curves:
+    """Plots of a run, two of each or none: against run time, and against step."""
+
+    error: list[Markup] = field(default_factory=list)
+    psnr: list[Markup] = field(default_factory=list)
+    count: list[Markup] = field(default_factory=list)
 
 
-def curves_section(run: Run) -> str:
-    """Three pairs of plots, as HTML; what the history does not hold is left out, an empty one named."""
-    head = "<h2>How training went</h2>"
+def curves(run: Run) -> Curves:
+    """What the history holds, drawn."""
+    plots = Curves()
     l1, n, n_dog, test_psnr, train_l1 = (run.column(k) for k in ("l1", "n", "n_dog", "test_psnr", "train_l1"))
     logged = np.nan_to_num(l1) > 0
     abscissas = [(label, x) for label, x in _abscissas(run) if np.isfinite(x[logged]).any()]
     if not abscissas:
-        return f"{head}<p>There are no curves: history.jsonl is missing or holds no logged step.</p>"
+        return plots
     final = finite(((run.metrics or {}).get("test") or {}).get("psnr"))
     if final is not None and not np.isfinite(test_psnr[-1]):
         test_psnr[-1] = final
     smooth, rows = running_mean(l1)
-    error_plots, psnr_plots, count_plots = [], [], []
     for label, x in abscissas:
         if rows > 1:
             errors = [Series("per row", x, l1, "faint"), Series(f"mean of {rows} rows", x, smooth)]
@@ -55,20 +54,16 @@ def curves_section(run: Run) -> str:
         if (np.nan_to_num(train_l1) > 0).any():
             errors.append(Series("at a check", x, train_l1, "points", color=2))
         lines = marks(run, x)
-        error_plots.append(line_plot(errors, label, "training L1", log_y=True, marks=lines))
+        plots.error.append(line_plot(errors, label, "training L1", log_y=True, marks=lines))
         if np.count_nonzero(np.isfinite(test_psnr + x)) > 1:
-            psnr_plots.append(line_plot([Series("test", x, test_psnr, "points")], label, "test PSNR, dB", marks=lines))
+            plots.psnr.append(line_plot([Series("test", x, test_psnr, "points")], label, "test PSNR, dB", marks=lines))
         if np.isfinite(n + x).any():
             dog = [Series("DoG", x, n_dog, color=2)] if np.nansum(n_dog) > 0 else []
             counts = [Series("all", *with_drops(run, x, n)), *dog]
-            count_plots.append(
+            plots.count.append(
                 line_plot(counts, label, "primitives", from_zero=True, lanes=event_lanes(run, x), marks=lines)
             )
-    blocks = [(error_plots, READ_ERROR), (psnr_plots, READ_PSNR), (count_plots, READ_COUNT)]
-    figures = "".join(
-        f"<div class=plots>{''.join(plots)}</div><p class=read>{words}</p>" for plots, words in blocks if plots
-    )
-    return head + figures + prune_table(run)
+    return plots
 
 
 def _abscissas(run: Run) -> list[tuple[str, NDArray[np.float64]]]:
@@ -78,22 +73,12 @@ def _abscissas(run: Run) -> list[tuple[str, NDArray[np.float64]]]:
     return [(f"run time, {unit}", seconds / scale), ("step", run.column("step"))]
 
 
-def running_mean(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
-    """Centred mean over about 1/40 of the rows, gaps left out; and the number of rows it spans (1: none)."""
-    rows = max(3, len(values) // 40 | 1) if len(values) >= SMOOTHED_FROM else 1
-    present = np.isfinite(values)
-    window = np.ones(rows)
-    total = np.convolve(np.where(present, values, 0), window, "same")
-    return total / np.maximum(np.convolve(present, window, "same"), 1), rows
-
-
 def event_lanes(run: Run, x: NDArray[np.float64]) -> list[Lane]:
     """One lane for every kind of event that occurs; ``x`` [rows] is where each history row stands."""
-    places: dict[str, list[float]] = {name: [] for name in [*EVENT_LANES, "other"]}
-    for row, place in zip(run.history, x.tolist(), strict=True):
-        event = str(row.get("event") or "").lower()
-        if event and np.isfinite(place):
-            names = [name for name, pattern in EVENT_LANES.items() if re.search(pattern, event)]
-            for name in names or ["other"]:
+    places: dict[str, list[float]] = {name: [] for name in [*EVENT_LANES.values(), "other"]}
+    for i, place in enumerate(x.tolist()):
+        if run.history[i].get("event") and np.isfinite(place):
+            kinds = [str(record.get("kind")) for record in run.happened(i)] or ["other"]
+            for name in dict.fromkeys(EVENT_LANES.get(kind, "other") for kind in kinds):
                 places[name].append(place)
     return [Lane(name, np.array(found)) for name, found in places.items() if found]

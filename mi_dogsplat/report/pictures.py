@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Mapping
-from html import escape
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +16,21 @@ MAX_SIDE = 900  # pixels; larger pictures are scaled down in the page, the files
 ZOOM = 4  # a close-up is 1/4 of the picture in every direction
 
 
-def read_pictures(files: Mapping[str, Path]) -> tuple[dict[str, Image.Image], str]:
-    """The pictures that could be read, by what they show, and a paragraph that names the others (HTML)."""
+@dataclass(frozen=True)
+class Figure:
+    """A captioned picture: its ``source`` is that of an image element, its ``size`` gives the aspect ratio.
+
+    ``marks`` are frames over it, as ``frame`` makes them.
+    """
+
+    caption: str
+    source: str
+    size: tuple[int, int]
+    marks: Sequence[Mapping[str, float]] = ()
+
+
+def read_pictures(files: Mapping[str, Path]) -> tuple[dict[str, Image.Image], list[str]]:
+    """The pictures that could be read, by what they show, and the names of the other files."""
     pictures: dict[str, Image.Image] = {}
     missing = []
     for what, path in files.items():
@@ -25,9 +38,8 @@ def read_pictures(files: Mapping[str, Path]) -> tuple[dict[str, Image.Image], st
             with Image.open(path, formats=("PNG",)) as image:
                 pictures[what] = image.convert("RGB")
         except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):  # what Pillow raises for bad files
-            missing.append(f"<code>{escape(path.name)}</code>")
-    words = f"<p class=read>Missing or not readable: {', '.join(missing)}.</p>" if missing else ""
-    return pictures, words
+            missing.append(path.name)
+    return pictures, missing
 
 
 def worst_box(error: NDArray[np.float64]) -> tuple[int, int, int, int]:
@@ -40,21 +52,10 @@ def worst_box(error: NDArray[np.float64]) -> tuple[int, int, int, int]:
     return int(left), int(top), w, h
 
 
-def figure(what: str, source: str, size: tuple[int, int], mark: str = "") -> str:
-    """A captioned picture.
-
-    ``size`` gives the aspect ratio: a close-up, cut at whole pixels, takes its picture's to align. ``mark`` is
-    what is drawn over it, HTML that `placed` made.
-    """
-    width, height = size
-    frame = f"<span class=frame style='aspect-ratio:{width}/{height}'><img src='{source}' alt='{what}'>{mark}</span>"
-    return f"<figure>{frame}<figcaption>{what}</figcaption></figure>"
-
-
-def placed(tag: str, box: tuple[float, float, float, float], size: tuple[int, int]) -> str:
-    """An element over a picture of ``size``: left, top, width and height of ``box`` in its pixels."""
-    left, top, w, h = (100 * v / s for v, s in zip(box, (*size, *size), strict=True))
-    return f"<{tag} style='left:{left:.2f}%;top:{top:.2f}%;width:{w:.2f}%;height:{h:.2f}%'></{tag}>"
+def frame(box: tuple[float, float, float, float], size: tuple[int, int]) -> dict[str, float]:
+    """Left, top, width and height of ``box``, pixels of a picture of ``size``, in percent of it."""
+    sides = ("left", "top", "width", "height")
+    return {side: 100 * v / s for side, v, s in zip(sides, box, (*size, *size), strict=True)}
 
 
 def embedded_jpeg(picture: Image.Image) -> str:

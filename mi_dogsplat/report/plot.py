@@ -1,21 +1,28 @@
-"""Curves as inline SVG: crisp at any size, coloured by the style sheet of the page, no library."""
+"""Curves as inline SVG: crisp at any size, coloured by the style sheet of the page.
+
+No library: the eight plots of a report are 22 kB here, 113 kB to 4.8 MB by those that were tried, and none of these has
+tooltips without a script (docs/experiments.md).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from html import escape
+from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
-from .points import Note, labels, marker, rings, swatch
+from .page import TEMPLATES
+from .points import RING, Note, labels
+from .smoothing import thinned
+from .ticks import log_ticks, nice_ticks, number
 
 WIDTH, LEFT, RIGHT, TOP = 480, 62, 14, 30  # user units; one is about one CSS pixel in the two-column layout
-PLOT_HEIGHT, LANE_HEIGHT, MARK_HEIGHT, BOTTOM = 190, 18, 14, 44
+PLOT_HEIGHT, LANE_HEIGHT, MARK_HEIGHT = 190, 18, 14
 DIGIT, GAP, MAX_SHIFT = 9, 5, 24  # of the labels of marks: width of a character, space between, way off the line
-MAX_POINTS = 2000
 
 
 @dataclass(frozen=True)
@@ -45,10 +52,12 @@ class _Scale:
 
     def __call__(self, value: float) -> float:
         low, high, v = (math.log(x) if self.log else x for x in (self.low, self.high, value))
-        return self.start + (v - low) / (high - low) * (self.stop - self.start)
+        return round(self.start + (v - low) / (high - low) * (self.stop - self.start), 1)
 
-    def ticks(self, count: int) -> list[float]:
-        return log_ticks(self.low, self.high) if self.log else nice_ticks(self.low, self.high, count)
+    def ticks(self, count: int) -> list[tuple[float, str]]:
+        """Where they are, and their labels."""
+        values = log_ticks(self.low, self.high) if self.log else nice_ticks(self.low, self.high, count)
+        return [(self(value), number(value)) for value in values]
 
 
 @dataclass(frozen=True)
@@ -80,12 +89,12 @@ def line_plot(
     x_start: float = 0.0,
     legend: bool = True,
     height: float = PLOT_HEIGHT,
-) -> str:
+) -> Markup:
     """One figure as an ``<svg>`` element; values no scale can show (NaN; 0 on a logarithmic one) are left out.
 
     The horizontal axis begins at ``x_start``, or at the first value if that is less; with ``log_x`` a little before the
-    first value. ``legend=False`` leaves the names of the series to a ``legend_list`` beside the figure; ``height`` is
-    that of the curves alone, in user units.
+    first value. ``legend=False`` leaves the names of the series to a legend beside the figure; ``height`` is that of
+    the curves alone, in user units.
 
     :raises ValueError: nothing is left to draw
     """
@@ -98,72 +107,31 @@ def line_plot(
     top = TOP + (MARK_HEIGHT if marks else 0)
     bottom = top + height
     lanes_top = bottom + (10 if lanes else 0)
-    base = lanes_top + len(lanes) * LANE_HEIGHT
     # gaps too: plots of one run share their axis
     px = _Scale(*_x_range(drawn if log_x else series, log_x, x_start), log_x, LEFT, WIDTH - RIGHT)
     py = _Scale(*_padded(float(ys.min()), float(ys.max()), log_y, from_zero), log_y, bottom, top)
-
-    parts = [f'<text class="label" x="4" y="16">{escape(y_label)}</text>', _legend(drawn) if legend else ""]
-    for y in py.ticks(5):
-        parts.append(f'<path class="grid" d="M{LEFT} {py(y):.1f}H{WIDTH - RIGHT}"/>')
-        parts.append(f'<text class="tick" text-anchor="end" x="{LEFT - 7}" y="{py(y) + 4:.1f}">{number(y)}</text>')
-    for x in px.ticks(6):
-        parts.append(f'<path class="axis" d="M{px(x):.1f} {base}v4"/>')
-        parts.append(f'<text class="tick" text-anchor="middle" x="{px(x):.1f}" y="{base + 18}">{number(x)}</text>')
-    middle = (LEFT + WIDTH - RIGHT) / 2
-    parts.append(f'<text class="label" text-anchor="middle" x="{middle}" y="{base + 38}">{escape(x_label)}</text>')
-    parts.append(f'<path class="axis" d="M{LEFT} {base}H{WIDTH - RIGHT}"/>')
-    for row, lane in enumerate(lanes):
-        parts.append(_lane(lane, lanes_top + row * LANE_HEIGHT, px))
-    parts.append(_marks(marks, top, base, px))
-    parts += [_curve(s, px, py) for s in drawn]
-    parts.append(_notes(drawn, px, py, (LEFT, top, WIDTH, bottom)))
-    name = escape(f"{y_label} against {x_label}", quote=True)
-    size = f'viewBox="0 0 {WIDTH} {base + BOTTOM}"'
-    return f'<svg {size} role="img" aria-label="{name}">{"".join(parts)}</svg>'
-
-
-def legend_list(series: Sequence[tuple[str, int]]) -> str:
-    """Names and colours of series as an HTML list with their shapes, for figures that share one legend."""
-    return f"<ul class=legend>{''.join(f'<li>{swatch(color)}{escape(label)}' for label, color in series)}</ul>"
-
-
-def nice_ticks(low: float, high: float, count: int) -> list[float]:
-    """About ``count`` round values (1, 2 or 5 times a power of ten apart) within low..high."""
-    raw = (high - low) / max(count, 1)
-    power = 10.0 ** math.floor(math.log10(raw))
-    step = next(m * power for m in (1, 2, 5, 10) if m * power >= raw * 0.999)
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return [k * step for k in range(first, last + 1)]
-
-
-def log_ticks(low: float, high: float) -> list[float]:
-    """1, 2 and 5 times powers of ten; powers alone over many decades; `nice_ticks` if too few."""
-    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    for multiples in ((1, 2, 5), (1,)):
-        ticks = [m * 10.0**d for d in decades for m in multiples if low <= m * 10.0**d <= high]
-        if len(ticks) <= 7:
-            break
-    return ticks if len(ticks) >= 3 else nice_ticks(low, high, 5)
-
-
-def number(value: float) -> str:
-    """A tick label: ``20k``, ``1.5M``, ``3e9``, ``2e-7``, else up to four digits; with a true minus sign."""
-    if abs(value) >= 1e9:
-        return f"{value:.4g}".replace("e+0", "e").replace("e+", "e").replace("-", "\u2212")
-    for scale, unit in ((1e6, "M"), (1e3, "k")):
-        if abs(value) >= scale:
-            return f"{value / scale:.4g}{unit}".replace("-", "\u2212")
-    return f"{value:.4g}".replace("e-0", "e-").replace("-", "\u2212") if abs(value) > 1e-12 else "0"
-
-
-def thinned(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """At most `MAX_POINTS` points: the lowest and highest of every run of neighbours, so no spike is lost."""
-    if len(x) <= MAX_POINTS:
-        return x, y
-    runs = np.array_split(np.arange(len(x)), MAX_POINTS // 2)
-    keep = np.unique([pick for run in runs for pick in (run[np.argmin(y[run])], run[np.argmax(y[run])])])
-    return x[keep], y[keep]
+    curves = [_curve(s, px, py) for s in drawn]
+    points = [point for curve in curves if curve["notes"] for point in curve["points"]]
+    notes = [note for s in drawn for note in s.notes]
+    svg = TEMPLATES.get_template("report/templates/plot.svg").render(
+        width=WIDTH,
+        left=LEFT,
+        right=WIDTH - RIGHT,
+        top=top,
+        base=lanes_top + len(lanes) * LANE_HEIGHT,
+        x_label=x_label,
+        y_label=y_label,
+        x_ticks=px.ticks(6),
+        y_ticks=py.ticks(5),
+        legend=legend and len(drawn) > 1,  # a single curve needs none, the axis says what it is
+        lanes=[_lane(lane, lanes_top + row * LANE_HEIGHT, px) for row, lane in enumerate(lanes)],
+        marks=_marks(marks, px),
+        curves=curves,
+        rings=[point for point, note in zip(points, notes, strict=True) if note.label],
+        ring=RING,
+        labels=labels(points, notes, (LEFT, top, WIDTH, bottom)),
+    )
+    return Markup(svg)
 
 
 def _drawable(series: Series, log_x: bool, log_y: bool) -> Series:
@@ -196,57 +164,30 @@ def _padded(low: float, high: float, log_y: bool, from_zero: bool) -> tuple[floa
     return (low if from_zero else low - margin), high + margin
 
 
-def _legend(series: Sequence[Series]) -> str:
-    """In the row above the plot; a single curve needs none, the axis says what it is."""
-    if len(series) < 2:
-        return ""
-    entries = "".join(
-        f'<tspan class="key k{s.color} {s.kind}" dx="{14 if i else 0}">\u2014</tspan>'
-        f'<tspan dx="5">{escape(s.label)}</tspan>'
-        for i, s in enumerate(series)
-    )
-    return f'<text class="tick" text-anchor="end" x="{WIDTH - RIGHT}" y="16">{entries}</text>'
+def _lane(lane: Lane, y: float, px: _Scale) -> dict[str, Any]:
+    return {"label": lane.label, "y": y, "places": sorted({px(x) for x in lane.x if math.isfinite(x)})}
 
 
-def _lane(lane: Lane, y: float, px: Callable[[float], float]) -> str:
-    places = sorted({round(px(x), 1) for x in lane.x if math.isfinite(x)})
-    ticks = "".join(f"M{p} {y + 4}v{LANE_HEIGHT - 7}" for p in places)
-    return (
-        f'<text class="tick" text-anchor="end" x="{LEFT - 7}" y="{y + 13.5}">{escape(lane.label)}</text>'
-        f'<path class="grid" d="M{LEFT} {y}H{WIDTH - RIGHT}"/><path class="event" d="{ticks}"/>'
-    )
+def _marks(marks: Sequence[Mark], px: _Scale) -> list[dict[str, Any]]:
+    """Where the lines are, and their labels: one gives way to the one before, or is left out."""
+    found, free_from = [], 0.0
+    for mark in marks:
+        place, half = px(mark.x), len(mark.label) * DIGIT / 2
+        middle = round(max(place, free_from + half), 1)
+        fits = middle - place <= MAX_SHIFT and middle + half <= WIDTH
+        found.append({"x": place, "label": mark.label if fits else "", "label_x": middle})
+        free_from = middle + half + GAP if fits else free_from
+    return found
 
 
-def _marks(marks: Sequence[Mark], top: float, base: float, px: Callable[[float], float]) -> str:
-    """Lines from ``top`` to ``base`` for all; a label gives way to the one before, or is left out."""
-    lines, labels, free_from = "", "", 0.0
-    for place, label in ((round(px(mark.x), 1), mark.label) for mark in marks):
-        lines += f"M{place} {top}V{base}"
-        half = len(label) * DIGIT / 2
-        middle = max(place, free_from + half)
-        if middle - place <= MAX_SHIFT and middle + half <= WIDTH:
-            labels += f'<text class="tick" text-anchor="middle" x="{middle}" y="{top - 3}">{escape(label)}</text>'
-            free_from = middle + half + GAP
-    return f'<path class="mark" d="{lines}"/>{labels}' if marks else ""
-
-
-def _curve(series: Series, px: Callable[[float], float], py: Callable[[float], float]) -> str:
+def _curve(series: Series, px: _Scale, py: _Scale) -> dict[str, Any]:
     points = [(px(x), py(y)) for x, y in zip(series.x.tolist(), series.y.tolist(), strict=True)]
-    line = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
-    if series.kind != "points":
-        return f'<path class="c{series.color} {series.kind}" d="{line}"/>'
-    if series.notes:
-        shapes = (marker(series.color, *at, note.title) for at, note in zip(points, series.notes, strict=True))
-        return f'<path class="c{series.color} faint" d="{line}"/>{"".join(shapes)}'
-    dots = "".join(
-        f'<circle class="c{series.color} points" cx="{x:.1f}" cy="{y:.1f}" r="3.5"><title>{value:.4g}</title></circle>'
-        for (x, y), value in zip(points, series.y.tolist(), strict=True)
-    )
-    return f'<path class="c{series.color} faint" d="{line}"/>{dots}'
-
-
-def _notes(series: Sequence[Series], px: _Scale, py: _Scale, frame: tuple[float, float, float, float]) -> str:
-    """Rings and words of the points that stand out, above all curves."""
-    points = [(px(x), py(y)) for s in series if s.notes for x, y in zip(s.x.tolist(), s.y.tolist(), strict=True)]
-    notes = [note for s in series for note in s.notes]
-    return rings(points, notes) + labels(points, notes, frame)
+    tooltips = [note.title for note in series.notes] or [f"{y:.4g}" for y in series.y.tolist()]
+    return {
+        "label": series.label,
+        "kind": series.kind,
+        "color": series.color,
+        "points": points,
+        "notes": bool(series.notes),
+        "tooltips": list(zip(points, tooltips, strict=True)) if series.kind == "points" else [],
+    }

@@ -16,7 +16,7 @@ from ..support.errors import DataError
 from ..support.files import parse_json, read_json
 from ..support.wording import finite
 
-RECIPE = "recipe.json"  # of a variant in an ablation: its label and the numbers of its recipe
+RECIPE = "recipe.json"  # of a method in a comparison: its label and the numbers of its recipe
 RENDER_MS = "render_ms.json"  # of the same: its render time, measured in turns with the others'
 DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without DoG (mixture.py)
 
@@ -43,7 +43,7 @@ class Run:
     metrics: dict[str, Any] | None
     dog_profile: dict[str, Any] | None
     broken_rows: int
-    recipe: dict[str, Any] | None = None  # of a variant in an ablation
+    recipe: dict[str, Any] | None = None  # of a method in a comparison
 
     @property
     def data_name(self) -> str:
@@ -53,9 +53,18 @@ class Run:
 
     @property
     def method(self) -> str:
-        """The preset, or the variant of an ablation, in words; empty where nothing tells."""
+        """The preset, or the method of a comparison, in words; empty where nothing tells."""
         preset = self.config.get("preset")
         return str((self.recipe or {}).get("label") or (f"preset {preset}" if preset else ""))
+
+    def happened(self, row: int) -> list[dict[str, Any]]:
+        """Records of what happened at a history row (``training/events.py``); none in rows that have only words."""
+        records = self.history[row].get("events")
+        return [record for record in records if isinstance(record, dict)] if isinstance(records, list) else []
+
+    def rows_with(self, kind: str) -> list[int]:
+        """History rows at which something of a kind happened."""
+        return [i for i in range(len(self.history)) if any(r.get("kind") == kind for r in self.happened(i))]
 
     def column(self, key: str) -> NDArray[np.float64]:
         """One value of every history row, [rows]; NaN where a row has no finite number, or one that none measures."""

@@ -11,6 +11,7 @@ import numpy as np
 from ..support.arrays import read_arrays, write_arrays
 from ..support.errors import DataError
 
+CHECKPOINT = Path("checkpoint") / "state.npz"  # in a run folder
 SHARE = 0.02  # of the time, at most, goes into checkpoints
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import drjit as dr
 
+from ..training.events import DogActivated, Event, Pruned, row_of
 from ..training.train import Trainer
 
 
@@ -21,22 +22,23 @@ def run_to_end(
 
     Every row has ``step``, ``seconds`` (without ``save`` and measurements on test views), ``n`` and ``n_dog``. Some
     have means since the row before (``l1``, ``loss``), means over the test views (``test_psnr``; ``test_flip`` where
-    it is not a prune or an activation that asks), and what happened: ``event`` and the fields of ``Trainer.step``.
+    it is not a prune or an activation that asks), and what happened (``events.row_of``).
     After a step, and after its row, ``save`` is called where that is ``due``. ``until`` is a step before the end.
     """
     config = trainer.config
     test_every = (config.test_every or max(1, config.steps // 8)) if trainer.dataset.test else 0
     tick = time.perf_counter()
     for happened in _happenings(trainer, config.steps if until is None else until):
-        log = trainer.summed > 0 and trainer.logs()
+        log = trainer.losses.steps > 0 and trainer.logs()
         scheduled = test_every > 0 and trainer.step_count % test_every == 0
-        compacted = test_every > 0 and ("pruned_to" in happened or "psnr_before" in happened)
+        compacted = test_every > 0 and any(isinstance(event, Pruned | DogActivated) for event in happened)
         if happened or log or scheduled:
             row: dict[str, Any] = {"step": trainer.step_count}
             if log:
-                row |= trainer.take_losses()
+                row |= trainer.losses.take()
             _count_seconds(trainer, tick)
-            row |= {"seconds": trainer.seconds, "n": trainer.optimizer.n, "n_dog": trainer.optimizer.n_dog} | happened
+            row |= {"seconds": trainer.seconds, "n": trainer.optimizer.n, "n_dog": trainer.optimizer.n_dog}
+            row |= row_of(happened)
             if scheduled or compacted:
                 row |= trainer.test_errors(with_flip=scheduled)
             tick = time.perf_counter()
@@ -55,7 +57,7 @@ def _count_seconds(trainer: Trainer, since: float) -> None:
     trainer.seconds += time.perf_counter() - since
 
 
-def _happenings(trainer: Trainer, until: int) -> Iterator[dict[str, Any]]:
+def _happenings(trainer: Trainer, until: int) -> Iterator[list[Event]]:
     """What happens before the first step, if anything does; then at every step."""
     if due := trainer.begin():
         yield due

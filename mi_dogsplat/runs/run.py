@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import json
 import os
-import resource
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
-import numpy as np
 
 from ..datasets import Dataset, load_dataset
 from ..engine.geometry import Cutoffs
@@ -22,19 +20,20 @@ from ..report.run_folder import RECIPE, RENDER_MS, read_run
 from ..report.write import write_report
 from ..scene.ply import write_ply
 from ..support.errors import DataError
-from ..support.files import PART, remove_parts, replacing, write_json
+from ..support.files import PART, is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
+from ..support.memory import peak_memory_mb
 from ..support.versions import versions
 from ..training.config import FREE, TrainConfig
 from ..training.presets import Recipe
 from ..training.train import Trainer
-from .checkpoint import Checkpoints, load_checkpoint
+from .checkpoint import CHECKPOINT, Checkpoints, load_checkpoint
 from .history import run_to_end
 from .mixture import write_mixture
 from .stopping import Stopped, StopRequest
 
-CHECKPOINT = Path("checkpoint") / "state.npz"
 HISTORY = "history.jsonl"
+FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)  # somebody else's folder, or one that is read-only
 ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
 
 
@@ -44,7 +43,7 @@ def prepare_folder(out: Path) -> None:
         raise DataError(out, "is a file", "name a folder for the run")
     ours = any((out / name).exists() for name in ("config.json", "metrics.json"))
     try:
-        if out.is_dir() and any(not path.name.endswith(PART) for path in out.iterdir()) and not ours:
+        if out.is_dir() and not is_empty(out) and not ours:
             raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier run")
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -69,8 +68,10 @@ def _writing(out: Path) -> Iterator[None]:
         path = Path(error.filename) if error.filename else out
         path = path.parent if path.suffix == PART else path  # by its random name nobody knows it
         problem = f"cannot be written ({error.strerror or error})"
-        remedy = "make room or correct its permissions; --resume goes on from the checkpoint"
-        raise DataError(path, problem, remedy) from error
+        if error.errno in FORBIDDEN:
+            raise DataError(path, problem, "name a folder that can be written, or correct its permissions") from error
+        again = "--resume goes on from the checkpoint" if (out / CHECKPOINT).exists() else "start it again"
+        raise DataError(path, problem, f"make room, or look after the disk; {again}") from error
 
 
 def train(
@@ -79,24 +80,22 @@ def train(
     progress: Callable[[dict], None] = lambda row: None,
     resume: bool = False,
     recipe: Recipe | None = None,
-    start: dict[str, np.ndarray] | None = None,
-    kind: type[Trainer] | None = None,
+    start: Path | None = None,
 ) -> dict[str, Any]:
     """Train, or prune a model (``config.model``), evaluate and write the run folder; returns ``metrics.json``.
 
     ``progress`` is called as training starts and with every row of the history. With ``resume`` the run goes on
     from its last checkpoint, or from the beginning if it did not come that far, with the same settings. The model
-    leaves out primitives that can never be seen. A ``recipe`` takes the place of the preset's, a ``kind`` of trainer
-    that of the ordinary one; ``start`` is a ``Trainer.state()`` to go on from. An earlier run in the same folder is
-    replaced: its measurements go first, as they would be a lie beside the new settings; its model stays until the new
-    one is complete. Raises ``DataError``; ``Stopped`` when asked to stop in training (Ctrl-C, SIGTERM), which leaves a
-    checkpoint.
+    leaves out primitives that can never be seen. A ``recipe`` takes the place of the preset's; ``start`` is a
+    checkpoint to go on from. An earlier run in the same folder is replaced: its measurements go first, as they would
+    be a lie beside the new settings; its model stays until the new one is complete. Raises ``DataError``; ``Stopped``
+    when asked to stop in training (Ctrl-C, SIGTERM), which leaves a checkpoint.
     """
     out = Path(out)
     dataset = load_dataset(config.data, config.downscale, on_disk=config.data_on_disk)
-    trainer = (kind or Trainer)(config, dataset, recipe)
+    trainer = Trainer(config, dataset, recipe)
     if start:
-        trainer.restore(start)
+        _restore(trainer, start, "remove it, and begin anew")
     with claimed(out):
         if resume:
             _resume(trainer, out)
@@ -176,20 +175,24 @@ def _resume(trainer: Trainer, out: Path) -> None:
     path = out / CHECKPOINT
     kept = []
     if path.exists():  # else the run was killed before its first checkpoint
-        try:
-            trainer.restore(load_checkpoint(path))
-        except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
-            if isinstance(error, DataError):
-                raise
-            raise DataError(path, f"does not fit this run ({error})", "train without --resume") from None
+        _restore(trainer, path, "train without --resume")
         steps = before.column("step")
         kept = [row for row, step in zip(before.history, steps, strict=True) if step <= trainer.step_count]
     with replacing(out / HISTORY) as part:
         part.write_text("".join(json.dumps(row) + "\n" for row in kept), encoding="utf-8")
 
 
+def _restore(trainer: Trainer, path: Path, remedy: str) -> None:
+    try:
+        trainer.restore(load_checkpoint(path))
+    except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
+        if isinstance(error, DataError):
+            raise
+        raise DataError(path, f"does not fit this run ({error})", remedy) from None
+
+
 def _forget_results(out: Path) -> None:
-    """Remove what an earlier run in this folder measured and drew, and the name that it had in an ablation."""
+    """Remove what an earlier run in this folder measured and drew, and the name that it had in a comparison."""
     pictures = [path for suffix in (".png", ".exr", ".json") for path in (out / "test").glob(f"*{suffix}")]
     for path in (*(out / name for name in ("metrics.json", "report.html", RECIPE, RENDER_MS)), *pictures):
         path.unlink(missing_ok=True)
@@ -210,15 +213,3 @@ def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
         "views": views,
         "render_ms": render_milliseconds(trainer.picture, dataset.test or dataset.train),
     }
-
-
-def peak_memory_mb() -> float:
-    """Largest resident size of this process so far.
-
-    Linux counts it for each program that a process becomes; ``getrusage`` begins with what its parent had.
-    """
-    status = Path("/proc/self/status")
-    if status.exists():
-        return int(status.read_text().split("VmHWM:")[1].split()[0]) / 2**10
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (2**20 if sys.platform == "darwin" else 2**10)

@@ -175,8 +175,7 @@ def camera_from_mitsuba(sensor: Any) -> Camera:
     import mitsuba as mi
 
     if "principal_point_offset_x" not in mi.traverse(sensor):
-        kind = str(sensor).split("[", 1)[0].strip() or type(sensor).__name__
-        raise ValueError(f"{kind} is not a pinhole camera; use a sensor of type perspective")
+        raise ValueError(f"{sensor.class_name()} is not a pinhole camera; use a sensor of type perspective")
     return central_camera_from_mitsuba(sensor)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 from .errors import DataError
 
 PART = ".part"  # how a file is called while it is written: .<name>.<random><PART>
+LOCK = ".lock"  # in a folder that a process writes to (locks.py)
 
 
 @contextmanager
@@ -47,6 +48,11 @@ def remove_parts(folder: Path) -> None:
     """Remove what killed processes left in a folder and below it; nobody may be writing there."""
     for part in folder.rglob(f".*{PART}"):
         part.unlink(missing_ok=True)
+
+
+def is_empty(folder: Path) -> bool:
+    """Whether a folder holds nothing, or only what a process keeps there for itself while it writes."""
+    return all(path.name == LOCK or path.name.endswith(PART) for path in folder.iterdir())
 
 
 def parse_json(text: str) -> Any:

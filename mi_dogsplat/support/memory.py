@@ -1,14 +1,14 @@
-"""How much memory there is: of the machine, the container, the shell's limit; and amounts as people write them."""
+"""How much memory there is and was taken; and amounts as people write them."""
 
 from __future__ import annotations
 
 import re
-import resource
+import sys
 from pathlib import Path
 
 UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
-MEMORY, OWN_GROUPS = Path("/proc/meminfo"), Path("/proc/self/cgroup")
-# (folder, limit, use) of version 2 and version 1 of Linux's control groups
+STATUS, OWN_GROUPS = Path("/proc/self/status"), Path("/proc/self/cgroup")
+# (folder, limit, use) of version 2 and version 1 of Linux's control groups, which psutil does not read
 GROUPS = (
     (Path("/sys/fs/cgroup"), "memory.max", "memory.current"),
     (Path("/sys/fs/cgroup/memory"), "memory.limit_in_bytes", "memory.usage_in_bytes"),
@@ -25,18 +25,40 @@ def bytes_of(text: str) -> int:
 
 
 def available_memory() -> int | None:
-    """Bytes that this process can take without being killed for it; None where the system does not say."""
-    free = [_machine(), *_groups(), _limit()]
-    return min((n for n in free if n is not None), default=None)
+    """Bytes that this process can take without being killed for it; None where the system does not say.
 
+    The least of what the machine can give without swapping, what is left of the limits of a container, and what is left
+    of the address space (``ulimit -v``).
+    """
+    import psutil  # here: the core has modules that import this one, and never ask
 
-def _machine() -> int | None:
-    """What Linux estimates that can be had without swapping."""
+    free = _groups()
     try:
-        found = re.search(r"^MemAvailable:\s*(\d+) kB", MEMORY.read_text(), re.MULTILINE)
-    except OSError:
-        return None
-    return int(found[1]) * 1024 if found else None
+        process = psutil.Process()
+        free.append(psutil.virtual_memory().available)
+        most = process.rlimit(psutil.RLIMIT_AS)[0] if hasattr(psutil, "RLIMIT_AS") else -1  # not on macOS and Windows
+        if most >= 0:  # else there is none
+            free.append(max(0, most - process.memory_info().vms))
+    except (OSError, psutil.Error):  # Linux without /proc
+        pass
+    return min(free, default=None)
+
+
+def peak_memory_mb() -> float:
+    """Largest resident size of this process so far, in units of 2^20 bytes.
+
+    Linux counts it for each program that a process becomes; ``getrusage`` begins with what its parent had.
+    """
+    if STATUS.exists():
+        return int(STATUS.read_text().split("VmHWM:")[1].split()[0]) / 2**10
+    if sys.platform == "win32":
+        import psutil
+
+        return psutil.Process().memory_info().peak_wset / 2**20
+    import resource  # not on Windows
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)
 
 
 def _groups() -> list[int]:
@@ -66,15 +88,3 @@ def _left(limit: Path, use: Path, stat: Path) -> int | None:
         return max(0, int(limit.read_text()) - int(use.read_text()) + cached)
     except (OSError, ValueError):  # no such group, or "max"
         return None
-
-
-def _limit() -> int | None:
-    """What is left of the address space (``ulimit -v``)."""
-    most, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if most == resource.RLIM_INFINITY:
-        return None
-    try:
-        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    except OSError:
-        used = 0
-    return max(0, most - used)

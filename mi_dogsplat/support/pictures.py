@@ -1,26 +1,23 @@
 """Pictures out: PNG for eyes and browsers, multi-layer OpenEXR for compositing; and the heat map of an error.
 
 Arrays are display-referred sRGB values, as in the whole package. PNG stores them as they are (8 bit).
-OpenEXR holds linear radiance by convention, so its colour layer passes through `srgb_to_linear`. Both are written by
-Mitsuba's bitmaps, so that they need no other package.
+OpenEXR holds linear radiance by convention, so its colour layer passes through `srgb_to_linear`.
 """
 
 from __future__ import annotations
 
 import errno
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import OpenEXR
 from numpy.typing import ArrayLike, NDArray
 
 from .files import replacing
 from .srgb import srgb_to_linear
 
-if TYPE_CHECKING:
-    import mitsuba as mi
-
+HEADER = {"compression": OpenEXR.PIZ_COMPRESSION, "type": OpenEXR.scanlineimage}  # lossless
 # The magma colour map (van der Walt and Smith, CC0) at 17 points; linear between them is within 2.3/255.
 MAGMA = (
     "#000004 #0a0822 #1d1147 #36106b #51127c #6a1c81 #832681 #9c2e7f #b73779 "
@@ -49,8 +46,13 @@ def write_png(path: str | Path, image: ArrayLike) -> None:
     if broken:
         raise ValueError(f"{path}: {broken} values of {values.size} are NaN; OpenEXR can show where they are")
     pixels = np.round(np.clip(values, 0, 1) * 255).astype(np.uint8)
-    bitmap = _bitmap(pixels)
-    write_bitmap(path, bitmap, bitmap.FileFormat.PNG)
+    import mitsuba as mi  # here: models and data sets can be read without it
+
+    with replacing(path) as part:
+        try:
+            mi.Bitmap(pixels).write(str(part), mi.Bitmap.FileFormat.PNG)
+        except RuntimeError as error:  # how Mitsuba says that a file cannot be opened
+            raise OSError(errno.EIO, str(error).rpartition(": ")[2], str(path)) from error
 
 
 def write_exr(path: str | Path, layers: Mapping[str, ArrayLike]) -> None:
@@ -81,26 +83,17 @@ def write_exr(path: str | Path, layers: Mapping[str, ArrayLike]) -> None:
             planes[channel] = values[..., c]
     if not planes:
         raise ValueError(f"{path}: no layer to write")
-    stacked = np.stack(list(planes.values()), axis=-1, dtype=np.float32)  # [H, W, channels]
-    bitmap = _bitmap(stacked, list(planes))
-    write_bitmap(path, bitmap, bitmap.FileFormat.OpenEXR)
+    write_channels(path, planes)
 
 
-def write_bitmap(path: str | Path, bitmap: mi.Bitmap, file_format: mi.Bitmap.FileFormat) -> None:
-    """Write the values of a bitmap as they are. Raises ``OSError``."""
-    import drjit as dr
+def write_channels(path: str | Path, planes: Mapping[str, NDArray]) -> None:
+    """Write [H, W] planes of float16, float32 or uint32 to an OpenEXR file as they are, by their names.
 
-    if dr.thread_count() < 2:  # as on a single core: Mitsuba 3.9 would wait for ever for a thread to compress OpenEXR
-        dr.set_thread_count(2)
+    Raises ``OSError``. Mitsuba's own writer takes all planes in one array, and waits for ever where there is one core.
+    """
+    whole = {name: np.ascontiguousarray(plane) for name, plane in planes.items()}  # strides are not looked at
     with replacing(path) as part:
         try:
-            bitmap.write(str(part), file_format)
-        except RuntimeError as error:  # how Mitsuba says that a file cannot be opened
-            raise OSError(errno.EIO, str(error).rpartition(": ")[2], str(path)) from error
-
-
-def _bitmap(values: NDArray, channels: Sequence[str] = ()) -> mi.Bitmap:
-    """Of [H, W] or [H, W, C]; channels with names are no colours to Mitsuba, without they are grey, RGB or RGBA."""
-    import mitsuba as mi  # here: models and data sets can be read without it
-
-    return mi.Bitmap(values, mi.Bitmap.PixelFormat.MultiChannel if channels else None, channels)
+            OpenEXR.File(dict(HEADER), whole).write(str(part))
+        except RuntimeError as error:
+            raise OSError(errno.EIO, str(error).rpartition('". ')[2].rstrip("."), str(path)) from error

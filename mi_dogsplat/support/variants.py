@@ -42,6 +42,20 @@ def set_variant(name: str) -> None:
         raise DataError("--variant", f'"{name}" cannot be used', "use auto, llvm_ad_rgb or cuda_ad_rgb")
     if name.startswith("cuda") and not dr.has_backend(dr.JitBackend.CUDA):
         raise DataError("--variant", "there is no usable CUDA GPU", "use --variant llvm_ad_rgb")
-    if name.startswith("llvm") and find_llvm() is None:
-        raise DataError("--variant", "no usable LLVM", explain())
+    if name.startswith("llvm"):
+        _require_llvm()
     mi.set_variant(name)
+
+
+def _require_llvm() -> None:
+    """Raise ``DataError`` unless Dr.Jit can compile for this processor.
+
+    Dr.Jit itself says why on standard error, and then that there is no libLLVM even where there is one.
+    """
+    llvm = find_llvm()
+    if llvm is None:
+        raise DataError("--variant", "no usable LLVM", explain())
+    if not dr.has_backend(dr.JitBackend.LLVM):
+        problem = f"Dr.Jit cannot compile for this processor with {llvm.path}"
+        remedy = "use a processor with FMA (all since 2013) and an LLVM that was built for it (DRJIT_LIBLLVM_PATH)"
+        raise DataError("--variant", problem, remedy)

@@ -18,6 +18,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..engine.arrays import detached
 from ..engine.parameters import device_array
 
 ENTRIES = 12  # of a map: three rows of A and b
@@ -39,17 +40,17 @@ class Exposure:
 
     def __init__(self, n_views: int, total_steps: int):
         self.total_steps = total_steps
-        self.identity = _detached(device_array(IDENTITY))
+        self.identity = detached(device_array(IDENTITY))
         self.restore({"values": np.tile(IDENTITY, (n_views, 1)), "t": np.zeros(n_views, np.int64)})
 
     def applied(self, planes: list, view: int) -> list:
         """Three planes [H*W] as the camera of a view recorded them."""
-        c, e = [_detached(plane) for plane in planes], self._entries(view)
+        c, e = detached(planes), self._entries(view)
         return [dr.fma(e[k], c[0], dr.fma(e[k + 1], c[1], dr.fma(e[k + 2], c[2], e[k + 3]))) for k in (0, 4, 8)]
 
     def backward(self, planes: list, gradient: list, view: int, step: int) -> list:
         """The gradient by the planes, of that by ``applied``; the map of the view takes its step of Adam."""
-        c, e = [_detached(plane) for plane in planes], self._entries(view)
+        c, e = detached(planes), self._entries(view)
         products = [δ * factor for δ in gradient for factor in (*c, 1)]
         through = [sum((e[4 * j + i] * gradient[j] for j in (1, 2)), e[i] * gradient[0]) for i in range(3)]
         dr.eval(products, through)
@@ -86,11 +87,7 @@ class Exposure:
         """Take over a ``state()``; moments that are left out are zero, a mean is found. Raises ``KeyError``."""
         values = saved["values"]
         for name in ARRAYS:
-            setattr(self, name, [_detached(device_array(row)) for row in saved.get(name, np.zeros_like(values))])
+            setattr(self, name, [detached(device_array(row)) for row in saved.get(name, np.zeros_like(values))])
         mean_x = saved.get("mean_x", values.mean(axis=0) - IDENTITY)  # rounded otherwise than step by step
-        self.mean_x = _detached(device_array(mean_x))
+        self.mean_x = detached(device_array(mean_x))
         self.t = [int(t) for t in saved["t"]]
-
-
-def _detached(array: Any) -> Any:
-    return dr.detach(array, preserve_type=False)

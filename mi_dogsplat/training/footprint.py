@@ -6,7 +6,7 @@ F is the number of floats of a primitive: 14 without SH, 62 at degree 3 (``Splat
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -15,7 +15,7 @@ from ..datasets import Dataset
 from ..support.errors import DataError
 from ..support.memory import available_memory, bytes_of
 from ..support.wording import count, file_size
-from .strategy.densify import Densification
+from .events import MemoryFull
 
 BASE = 180e6  # Python, Mitsuba, LLVM, kernels
 TARGET = 60  # bytes per pixel of a training view: its planes on the device and what SSIM needs of them
@@ -66,17 +66,16 @@ class Budget:
         remedy = "use a larger --downscale, fewer --max-primitives, a smaller --sh-degree, or a larger --memory"
         raise DataError(path, f"{need} ({parts}), and there are {file_size(self.total)}", remedy)
 
-    def bounded(self, rule: Densification, n: int) -> tuple[Densification, str]:
-        """The rule of a refinement of ``n`` primitives, which does not outgrow the memory, and an event that says so.
+    def bounded(self, cap: int | None, n: int) -> tuple[int | None, MemoryFull | None]:
+        """The cap of a refinement of ``n`` primitives, which does not outgrow the memory, and an event that says so.
 
-        The event is empty while the cap is far. The ``n`` that there are stay. Starts to count ``pairs`` anew.
+        No event while the cap is far. The ``n`` that there are stay. Starts to count ``pairs`` anew.
         """
         most = max(n, self.most_primitives(self.pairs / n if self.pairs else FIRST_PAIRS))
         self.pairs = 0
-        if rule.max_primitives is not None and rule.max_primitives <= most:
-            return rule, ""
-        event = f"memory: no more than {most} primitives fit into {file_size(self.total)}" if most < 2 * n else ""
-        return replace(rule, max_primitives=most), event
+        if cap is not None and cap <= most:
+            return cap, None
+        return most, MemoryFull(most, file_size(self.total)) if most < 2 * n else None
 
 
 def budget(memory: str | None, dataset: Dataset, sh_degree: int, on_disk: bool = False) -> Budget | None:

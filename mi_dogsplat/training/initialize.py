@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
@@ -10,9 +11,11 @@ from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 from ..datasets import Dataset
 from ..engine.sh import C0
 from ..scene.cameras import Camera
+from ..scene.ply import read_ply
 from ..scene.splats import Splats
+from ..support.errors import DataError
 from .config import TrainConfig
-from .strategy.prune import model_to_prune
+from .strategy.scheduler import target_count
 
 INITIAL_OPACITY = 0.1
 NEIGHBOURS = 3
@@ -96,17 +99,36 @@ def random_splats(cameras: Sequence[Camera], count: int, rng: np.random.Generato
     return splats_from_points(chosen, rng.uniform(0.4, 0.6, (count, 3)), sh_degree)
 
 
-def initial_splats(config: TrainConfig, dataset: Dataset) -> Splats:
-    """The model to prune, else the points of the data set, else random in the region that the cameras see."""
+def model_to_prune(path: str, target: float) -> Splats:
+    """Read a model. Raises ``DataError`` if it cannot be read, or cannot be pruned to ``target``.
+
+    Quaternions are brought to length 1, which changes no picture: a training step of one turns by step / length.
+    """
+    splats = read_ply(path)
+    if splats.n_splats < 2:
+        raise DataError(path, f"holds {splats.n_splats} primitives", "pruning needs at least 2")
+    try:
+        target_count(target, splats.n_splats)
+    except ValueError as error:
+        raise DataError("--target", str(error), f"choose another one for {path}") from None
+    length = np.linalg.norm(splats.quats.astype(np.float64), axis=1, keepdims=True)
+    usable = np.isfinite(length) & (length > 0)
+    return replace(splats, quats=np.where(usable, splats.quats / np.where(usable, length, 1), splats.quats))
+
+
+def initial_splats(config: TrainConfig, dataset: Dataset, limit: int | None) -> Splats:
+    """The model to prune, else the points of the data set, else random in the region that the cameras see.
+
+    Of points and random primitives there are ``limit`` at most.
+    """
     if config.model is not None:
         return model_to_prune(config.model, config.target)
     if len(dataset.points):
         splats = splats_from_points(dataset.points, dataset.point_colors, config.sh_degree)
-        limit = config.max_primitives
         if limit is not None and splats.n_splats > limit:
             keep = np.random.default_rng(config.seed).permutation(splats.n_splats)[:limit]
             splats = splats.select(np.sort(keep))
         return splats
-    count = min(config.initial_primitives, config.max_primitives or config.initial_primitives)
+    count = min(config.initial_primitives, limit or config.initial_primitives)
     rng = np.random.default_rng(config.seed)
     return random_splats([view.camera for view in dataset.train], count, rng, config.sh_degree)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..engine.parameters import RAW_DOG
-from .strategy.scheduler import scaled_milestone
+from .milestones import scaled_milestone
 
 
 @dataclass(frozen=True)

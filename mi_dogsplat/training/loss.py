@@ -35,6 +35,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..engine.arrays import array_types, detached
 from ..engine.parameters import device_array
 
 RADIUS = 5
@@ -60,12 +61,12 @@ class _Sweep:
     """
 
     def __init__(self, rows: int, columns: int):
-        self.UInt: Any = dr.uint32_array_t(dr.detached_t(mi.Float))
+        self.UInt = array_types().UInt
         n_blocks = -(-rows // BLOCK)
         channel, block, column = np.indices((3, n_blocks, columns), np.uint32).reshape(3, -1)
         # arrays that share memory with NumPy are aligned by chance, and each chance is another kernel
         self.channel, self.column, self.first = (  # first: row, of the lane's block
-            dr.detach(device_array(v, mi.UInt32), preserve_type=False) for v in (channel, column, block * BLOCK)
+            detached(device_array(v, mi.UInt32)) for v in (channel, column, block * BLOCK)
         )
         self.rows, self.columns = dr.opaque(self.UInt, rows), dr.opaque(self.UInt, columns)
         self.n_blocks = dr.opaque(self.UInt, n_blocks)
@@ -102,11 +103,11 @@ class _Sweep:
     def store_transposed(self, blocks: list[list[Any]]) -> list[Any]:
         """Write quantities in the lanes' order as planes [3, columns, transposed_stride], in one kernel."""
         packet = dr.fma(dr.fma(self.channel, self.columns, self.column), self.n_blocks, self.first // BLOCK)
-        Packet: Any = dr.detached_t(mi.ArrayXf)
+        Floats = array_types().Floats
         planes = []
         for block in blocks:
             plane = dr.empty(type(block[0]), self.transposed_size)
-            dr.scatter(plane, Packet(block), packet)
+            dr.scatter(plane, Floats(block), packet)
             planes.append(plane)
         dr.eval(planes)
         return planes
@@ -169,7 +170,7 @@ class PhotometricLoss:
         if image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
             raise ValueError(f"target: image has shape {image.shape}; [height, width, 3] is needed")
         height, width = image.shape[:2]
-        y = dr.detach(device_array(image.transpose(2, 0, 1)), preserve_type=False)  # [3 H W]
+        y = detached(device_array(image.transpose(2, 0, 1)))  # [3 H W]
         return Target(y, width, height, self._grid(width, height))
 
     def target_of_planes(self, planes: list[Any], width: int, height: int) -> Target:
@@ -225,7 +226,7 @@ class PhotometricLoss:
         return self._joined(planes, target.grid)
 
     def _joined(self, planes: list[Any], grid: _Grid) -> Any:
-        planes = [dr.detach(plane, preserve_type=False) for plane in planes]
+        planes = detached(planes)
         if len(planes) == 1:
             joined = planes[0]
         else:

@@ -11,16 +11,19 @@ memory with NumPy, and whether an array begins at a multiple of 64 bytes decides
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.parameters import RAW_DOG, device_array, dog_rows
-from ..engine.project import NOT_DOG
+from ..engine.parameters import RAW_DOG, device_array
 from ..scene.splats import Splats
+from .adam import Entry, forget, step_without
+from .dog_rows import DogRows
 from .learning_rates import LearningRates
 
 ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}
@@ -41,18 +44,18 @@ class SplatOptimizer:
             raise ValueError("SplatOptimizer: there is no primitive to start from")
         self.learning_rates = learning_rates
         self.other_rates: dict[str, float] = {}
+        self.followers: list[Callable[[np.ndarray, np.ndarray], None]] = []  # called with what ``rearrange`` was
         self.row_size = dict(ROW_SIZE)
         values = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities")}
         values["sh_dc"] = splats.sh_coeffs[:, 0]
         if splats.sh_degree > 0:
             values["sh_rest"] = splats.sh_coeffs
             self.row_size["sh_rest"] = 3 * splats.sh_coeffs.shape[1]
-        self.dog_index = np.array(splats.dog_index)
         if splats.n_dog:
             values |= {name: getattr(splats, name) for name in RAW_DOG}
             self.row_size |= DOG_ROW_SIZE
         self.adam = mi.ad.Adam(lr=0.0, epsilon=EPSILON, params={name: device_array(v) for name, v in values.items()})
-        self._refresh_dog_index()
+        self._dog = DogRows(splats.dog_index, splats.n_splats)
         self.schedule(0)
 
     @property
@@ -61,18 +64,25 @@ class SplatOptimizer:
         return dr.width(self.adam["logit_opacities"])
 
     @property
+    def sh_degree(self) -> int:
+        """Highest degree of the view-dependent colour."""
+        return math.isqrt(self.row_size["sh_rest"] // 3) - 1 if "sh_rest" in self.row_size else 0
+
+    @property
     def n_dog(self) -> int:
         """Number of primitives that are DoG. Waits for the device if some have been dropped."""
         self._sweep()
-        return len(self.dog_index)
+        return len(self._dog.index)
+
+    @property
+    def dog_index(self) -> np.ndarray:
+        """[M] which primitives are DoG, those included that have been dropped since ``n_dog`` was asked for."""
+        return self._dog.index
 
     @property
     def params(self) -> dict:
         """Arrays for ``rasterize``; gradients accumulate on them."""
-        params: dict = dict(self.adam.items())
-        if len(self.dog_index):
-            params |= {"dog_index": self._dog_index, "dog_row": self._dog_row}
-        return params
+        return dict(self.adam.items()) | self._dog.params
 
     def schedule(self, step: int) -> None:
         """Set the step sizes for a step.
@@ -96,7 +106,13 @@ class SplatOptimizer:
 
     def forget(self, name: str) -> None:
         """Drop what ``learn`` added."""
-        del self.row_size[name], self.other_rates[name], self.adam.state[name]
+        del self.row_size[name], self.other_rates[name]
+        forget(self.adam, name)
+
+    @property
+    def learned(self) -> set[str]:
+        """Names of what ``learn`` has added."""
+        return set(self.other_rates)
 
     def step(self, unused: Collection[str] = ()) -> None:
         """One Adam step with the gradients on the parameters, which are then cleared.
@@ -105,18 +121,11 @@ class SplatOptimizer:
             unused: parameters that no render has read so far. Their gradients and moments are 0, so that Adam would
                 write back what it read: that is left out. The step counts all the same, for the bias correction.
         """
-        before: dict[str, Any] = self.adam.state
-        self.adam.state = {name: entry for name, entry in before.items() if name not in unused}
-        for value in self.adam.values():
+        unused = set(unused)
+        for value in [value for name, value in self.adam.items() if name not in unused]:
             gradient = dr.grad(value)
             dr.set_grad(value, dr.select(dr.abs(gradient) < MAX_GRADIENT, gradient, 0))  # false for NaN
-        self.adam.step()
-        counted = {
-            name: (value, promoted, rate, (t + 1, *moments))
-            for name, (value, promoted, rate, (t, *moments)) in before.items()
-            if name in unused
-        }
-        self.adam.state = before | counted | self.adam.state  # in the order from before: else kernels would change
+        step_without(self.adam, unused)
 
     def numpy(self, name: str) -> np.ndarray:
         """Copy of a parameter on the host, [N] or [N, row size]."""
@@ -131,10 +140,7 @@ class SplatOptimizer:
 
     def reset_moments(self, name: str) -> None:
         """Forget both moments of a parameter, not its step count."""
-        value, promoted, rate, (t, m, v, v_max) = self.adam.state[name]
-        # opaque: literal zeros would compile another kernel
-        zeros_m, zeros_v = dr.opaque(type(m), 0, dr.width(m)), dr.opaque(type(v), 0, dr.width(v))
-        self.adam.state[name] = value, promoted, rate, (t, zeros_m, zeros_v, v_max)
+        Entry.of(self.adam, name).without_moments().put(self.adam, name)
 
     def set_dog(self, dog_index: np.ndarray, logit_opacities: np.ndarray, log_scales: np.ndarray) -> None:
         """Make exactly the primitives ``dog_index`` DoG; those that already were keep their moments.
@@ -147,7 +153,8 @@ class SplatOptimizer:
         new = {"dog_logit_opacities": logit_opacities, "dog_log_scales": log_scales} if len(dog_index) else {}
         if not new:
             self._gather_dog(np.zeros(0, int))
-        old_row = self._dog_row_of_splat()[np.asarray(dog_index, np.int64)]  # [M] or -1
+        self._sweep()
+        old_row = self._dog.of_splats()[np.asarray(dog_index, np.int64)]  # [M] or -1
         self.row_size |= DOG_ROW_SIZE
         rates = self.learning_rates.at(0)
         for name, values in new.items():
@@ -157,27 +164,20 @@ class SplatOptimizer:
             else:
                 self.adam[name] = device_array(values)
                 self.adam.set_learning_rate({name: rates[name]})
-        self.dog_index = np.array(dog_index, np.uint32)
-        self._refresh_dog_index()
+        self._dog = DogRows(dog_index, self.n)
 
     def drop_dog(self, drop: mi.Bool) -> None:
         """Make plain Gaussians of the primitives ``drop`` [N] for all renders to come; waits for nothing.
 
         Their rows in the DoG arrays are given back by a sweep, as soon as somebody asks for ``n_dog`` or the model.
         """
-        self._dog_row = dr.select(drop, NOT_DOG, self._dog_row)
-        dr.eval(self._dog_row)
-        self._dropped = True
+        self._dog.drop(drop)
 
     def _sweep(self) -> None:
-        if not self._dropped:
-            return
-        self._dropped = False
-        keep = np.flatnonzero(_host(self._dog_row)[self.dog_index] != NOT_DOG)
-        if len(keep) < len(self.dog_index):
+        keep = self._dog.left()
+        if len(keep) < len(self._dog.index):
             self._gather_dog(keep)
-            self.dog_index = self.dog_index[keep]
-            self._refresh_dog_index()
+            self._dog = DogRows(self._dog.index[keep], self.n)
 
     def rearrange(self, index: np.ndarray, fresh: np.ndarray) -> None:
         """Make row r a copy of the old row ``index[r]``: the one place where the number of rows changes.
@@ -189,45 +189,28 @@ class SplatOptimizer:
         index, fresh = np.asarray(index), np.asarray(fresh)
         if len(index) == 0:
             raise ValueError("SplatOptimizer.rearrange: no primitive would be left")
-        dog_row_of_new = np.where(fresh, -1, self._dog_row_of_splat()[index])
+        self._sweep()
+        dog_row_of_new = np.where(fresh, -1, self._dog.of_splats()[index])
         for name in [name for name in self.adam if name not in DOG_ROW_SIZE]:
             self._gather(name, index, fresh)
         self._gather_dog(dog_row_of_new[dog_row_of_new >= 0])
-        self.dog_index = np.flatnonzero(dog_row_of_new >= 0).astype(np.uint32)
-        self._refresh_dog_index()
+        self._dog = DogRows(np.flatnonzero(dog_row_of_new >= 0), len(index))
+        for follow in self.followers:
+            follow(index, fresh)
 
-    def _dog_row_of_splat(self) -> np.ndarray:
-        row = np.full(self.n, -1)
-        n_dog = self.n_dog
-        row[self.dog_index] = np.arange(n_dog)
-        return row
+    def keep(self, rows: np.ndarray) -> None:
+        """Forget all rows but these."""
+        self.rearrange(rows, np.zeros(len(rows), bool))
 
     def _gather_dog(self, rows: np.ndarray) -> None:
         for name in [name for name in self.adam if name in DOG_ROW_SIZE]:
             self._gather(name, rows, np.zeros(len(rows), bool))
 
     def _gather(self, name: str, rows: np.ndarray, fresh: np.ndarray) -> None:
-        value, promoted, rate, (t, m, v, v_max) = self.adam.state[name]
         if len(rows) == 0:
-            del self.adam.state[name]
+            forget(self.adam, name)
             return
-        size = self.row_size[name]
-        i = dr.arange(mi.UInt32, len(rows) * size)
-        row = i // dr.opaque(mi.UInt32, size)
-        old_row = dr.gather(mi.UInt32, mi.UInt32(rows.astype(np.uint32)), row)
-        at = dr.fma(old_row, size, i - row * size)
-        keep = ~dr.gather(mi.Bool, mi.Bool(fresh), row)
-        new = dr.gather(mi.Float, dr.detach(value), at)
-        new_m, new_v = (dr.gather(type(x), x, at, keep) for x in (m, v))  # zero where fresh
-        dr.eval(new, new_m, new_v)
-        dr.enable_grad(new)
-        self.adam.state[name] = new, promoted, rate, (t, new_m, new_v, v_max)
-
-    def _refresh_dog_index(self) -> None:
-        self._dropped = False
-        if len(self.dog_index):
-            self._dog_index = device_array(self.dog_index, mi.UInt32)
-            self._dog_row = dog_rows(self.dog_index, self.n)
+        Entry.of(self.adam, name).gathered(rows, fresh, self.row_size[name]).put(self.adam, name)
 
     def to_splats(self) -> Splats:
         """The model on the host."""
@@ -243,11 +226,11 @@ class SplatOptimizer:
     def state(self) -> dict[str, np.ndarray]:
         """What ``restore`` needs to go on with the same bits: values, both moments, step counts, rates."""
         self._sweep()
-        state: dict[str, Any] = self.adam.state
         saved: dict[str, Any] = {"dog_index": self.dog_index.copy()}
-        for name, (value, _, rate, (t, m, v, _)) in state.items():
-            saved[name], saved[f"{name}.m"], saved[f"{name}.v"] = _host(dr.detach(value)), _host(m), _host(v)
-            saved[f"{name}.t"], saved[f"{name}.rate"] = np.array(t[0], np.uint32), np.array(rate)
+        for name in self.adam:
+            e = Entry.of(self.adam, name)
+            saved[name], saved[f"{name}.m"], saved[f"{name}.v"] = _host(dr.detach(e.value)), _host(e.m), _host(e.v)
+            saved[f"{name}.t"], saved[f"{name}.rate"] = np.array(e.t[0], np.uint32), np.array(e.rate)
         return saved
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
@@ -267,16 +250,15 @@ class SplatOptimizer:
         known = {**self.row_size, **DOG_ROW_SIZE}
         learned = [name for name in saved if f"{name}.rate" in saved and name not in known]
         self.other_rates = {name: float(saved[f"{name}.rate"]) for name in learned}
-        self.dog_index = np.array(saved["dog_index"], np.uint32)
         self.row_size |= DOG_ROW_SIZE | dict.fromkeys(learned, 1)
-        self.adam.state.clear()
+        for name in list(self.adam):
+            forget(self.adam, name)
         for name in [name for name in self.row_size if name in saved]:
             self.adam[name] = device_array(saved[name])  # registers the parameter
-            value, promoted, _, (t, _, _, v_max) = self.adam.state[name]
-            m, v = device_array(saved[f"{name}.m"]), device_array(saved[f"{name}.v"])
-            t, rate = type(t)(int(saved[f"{name}.t"])), float(saved[f"{name}.rate"])
-            self.adam.state[name] = value, promoted, rate, (t, m, v, v_max)
-        self._refresh_dog_index()
+            entry, (m, v) = Entry.of(self.adam, name), (device_array(saved[f"{name}.{moment}"]) for moment in "mv")
+            t, rate = type(entry.t)(int(saved[f"{name}.t"])), float(saved[f"{name}.rate"])
+            replace(entry, t=t, rate=rate, m=m, v=v).put(self.adam, name)
+        self._dog = DogRows(saved["dog_index"], self.n)
 
 
 def _host(array: Any) -> np.ndarray:

@@ -11,12 +11,15 @@ import mitsuba as mi
 import numpy as np
 
 from ..datasets import Dataset
+from ..datasets.dataset import View
+from ..datasets.images import box_downscale
 from ..datasets.masks import Masks
+from ..engine.arrays import detached
 from ..engine.parameters import device_array
+from ..engine.project import DeviceCamera
 from ..engine.rasterize import Frame
 from ..render.picture import over_background
 from ..support.errors import DataError
-from .config import TrainConfig
 from .exposure import Exposure
 from .loss import PhotometricLoss, Target
 
@@ -24,34 +27,63 @@ READ_AHEAD = 4  # images that are decoded before they are due
 
 
 class Photographs:
-    """What a rendered view is compared with, and how. What is off costs neither a kernel nor an instruction.
+    """What is rendered and what that is compared with, and how. What is off costs neither a kernel nor an instruction.
 
     Args:
-        config: ``background`` (random: another one at each step, behind images with alpha), ``masks``, ``exposure`` and
-            ``data_on_disk``.
         dataset: its training views.
         background: grey level behind the views, where it is not random.
+        near_clip: of the cameras, world units.
+        random: another background at each step, behind images with alpha.
+        masks: folder of masks, named as the images.
+        exposure_steps: steps over which a colour map per image is learned; None for none.
+        on_disk: images are decoded when they are due.
 
     Raises ``DataError`` for masks that cannot be read, and for a random background without alpha.
     """
 
-    def __init__(self, config: TrainConfig, dataset: Dataset, background: float):
-        self.views, self.background = dataset.train, background
+    def __init__(
+        self,
+        dataset: Dataset,
+        background: float,
+        near_clip: float = 0.2,
+        random: bool = False,
+        masks: str | None = None,
+        exposure_steps: int | None = None,
+        on_disk: bool = False,
+    ):
+        self.originals, self.background, self.near_clip = dataset.train, background, near_clip
         self.loss = PhotometricLoss()
-        self.random = config.background == "random"
-        if self.random and not dataset.has_alpha:
+        self.random = random
+        if random and not dataset.has_alpha:
             raise DataError("--background", "random needs images with alpha", "use black or white")
         self.color: list | None = None  # of the background, while it is random
-        self.masks: list[Any] = [None] * len(self.views)
-        self.mask_folder = Masks(config.masks, self.views) if config.masks else None
-        if self.mask_folder:
-            masks = map(self.mask_folder.of, self.views)
-            self.masks = [None if mask is None else device_array(mask) for mask in masks]
-        self.exposure = Exposure(len(self.views), config.steps) if config.exposure else None
-        self.on_disk = config.data_on_disk
+        self.mask_folder = Masks(masks, dataset.train) if masks else None
+        self.exposure = None if exposure_steps is None else Exposure(len(dataset.train), exposure_steps)
+        self._readers = ThreadPoolExecutor(1) if on_disk else None
+        self._show(dataset.train, 1)
+
+    def shrink(self, factor: int) -> None:
+        """Show all views ``factor`` times smaller than they are from now on; 1: as they are."""
+        if factor == self.factor:
+            return
+        small = [
+            View(view.name, view.camera.downscaled(factor), box_downscale(view.image, factor), view.straight)
+            for view in self.originals
+        ]
+        self._show(self.originals if factor == 1 else small, factor)
+
+    def _show(self, views: list[View], factor: int) -> None:
+        self.views, self.factor = views, factor
+        self.cameras = [DeviceCamera.upload(view.camera, self.near_clip) for view in views]
+        masks = [self.mask_folder.of(view) if self.mask_folder else None for view in views]
+        self.masks = [None if mask is None else device_array(mask) for mask in masks]
         self._reading: dict[int, Future] = {}
-        self._readers = ThreadPoolExecutor(1) if self.on_disk else None
-        self._kept = [] if self.on_disk else [self._prepared(view.image, k) for k, view in enumerate(self.views)]
+        self._kept = [] if self._readers else [self._prepared(view.image, k) for k, view in enumerate(views)]
+
+    @property
+    def positions(self) -> np.ndarray:
+        """[V, 3] of the cameras."""
+        return np.array([view.camera.position for view in self.views])
 
     def __len__(self) -> int:
         return len(self.views)
@@ -60,6 +92,10 @@ class Photographs:
         """Another colour, if it is random."""
         if self.random:
             self.color = [dr.opaque(mi.Float, level) for level in rng.uniform(size=3)]
+
+    def keep_background(self) -> None:
+        """The one that is not random, for a measurement."""
+        self.color = None
 
     def over_background(self, frame: Frame) -> list:
         """Planes of a frame over the background of this step."""
@@ -72,7 +108,7 @@ class Photographs:
         target, mask = self._target(view, upcoming), self.masks[view]
         l1, _, loss, gradient = self.loss.value_and_gradient(self._seen(planes, view), target)
         if mask is not None:
-            gradient = [δ * dr.detach(mask, preserve_type=False) for δ in gradient]
+            gradient = [δ * detached(mask) for δ in gradient]
         if self.exposure:
             gradient = self.exposure.backward(planes, gradient, view, step)
         return l1, loss, gradient
@@ -86,7 +122,7 @@ class Photographs:
         if self.exposure:
             planes = self.exposure.applied(planes, view)
         mask = self.masks[view]
-        return planes if mask is None else [dr.detach(plane, preserve_type=False) * mask for plane in planes]
+        return planes if mask is None else [plane * mask for plane in detached(planes)]
 
     def _target(self, view: int, upcoming: Sequence[int]) -> Target:
         if self._readers is None:

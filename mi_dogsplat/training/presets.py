@@ -8,12 +8,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 from ..scores.score import Score, ScoreRule
 from .learning_rates import Refinement
+from .milestones import scaled_milestone
 from .strategy.densify import Densification
-from .strategy.dog_control import DogRule
-from .strategy.scheduler import PruningRule, scaled_milestone
+from .strategy.dog_control import DogActivation, DogControl, DogRule
+from .strategy.prune import Pruning
+from .strategy.scheduler import PruningRule
+from .strategy.sh_ramp import ShRamp
+from .strategy.sieve import Sieve
+from .strategy.strategy import Strategy
 
 
 @dataclass(frozen=True)
@@ -32,6 +38,8 @@ class Recipe:
     sh_every: int = 1000  # steps between raises of the SH degree; 0: all degrees from the start
     refinement: Refinement | None = None  # larger step sizes from some step on
     first_step: int = 0  # of the schedule, where training starts: later for a model that exists
+    also: tuple[Strategy[Any], ...] = ()  # of your own, between the control of density and pruning
+    start_share: float | None = None  # of the target, a count, that training starts with at most: for one that grows
 
     def __post_init__(self) -> None:
         if self.pruning and not self.score:
@@ -49,6 +57,7 @@ class Recipe:
             pruning=self.pruning and self.pruning.scaled(factor),
             dog=self.dog and self.dog.scaled(factor),
             refinement=self.refinement and self.refinement.scaled(factor),
+            also=tuple(strategy.scaled(factor) for strategy in self.also),
             reference_steps=steps,
             **milestones,
         )
@@ -70,6 +79,20 @@ class Recipe:
             sh_every=0,
             first_step=start,
         )
+
+    def strategies(self, sieve: Sieve) -> list[Strategy[Any]]:
+        """The parts of the training, in the order in which they act.
+
+        Raises ``ValueError`` where two of them have one name.
+        """
+        parts: list[Strategy[Any]] = [DogControl(self.dog)] if self.dog and self.dog.control else []
+        parts += [sieve, self.densification, ShRamp(self.sh_every), *self.also]
+        parts += [Pruning(self.pruning, self.score)] if self.pruning and self.score else []
+        parts += [DogActivation(self.dog)] if self.dog else []
+        names = [part.name for part in parts]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f'Recipe: two strategies have the name "{twice[0]}"')
+        return parts
 
 
 RECIPES = {

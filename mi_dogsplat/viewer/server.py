@@ -6,7 +6,6 @@ viser calls back from threads of its own; they only leave notes. All rendering i
 
 from __future__ import annotations
 
-import argparse
 import io
 import logging
 import math
@@ -22,6 +21,8 @@ import numpy as np
 
 from ..datasets.dataset import Dataset
 from ..render.framing import NEAR_SHARE, automatic_camera, likely_up, robust_sphere
+from ..render.picture import background_color
+from ..render.picture_options import PictureOptions
 from ..scene.cameras import Camera
 from ..scene.splats import Splats
 from ..support.errors import DataError
@@ -180,20 +181,35 @@ class Server:
         return True
 
 
-def view(args: argparse.Namespace, show: Callable[[str], None]) -> None:
-    """Serve ``args.model``, a model or a run folder, on ``args.host`` and ``args.port`` until Ctrl-C.
+def serve(
+    model: str | Path,
+    data: str | Path | None = None,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    options: PictureOptions = PictureOptions(),
+    show: Callable[[str], None] = print,
+) -> None:
+    """Show a model file or a run folder in the browser, until Ctrl-C.
 
-    ``args.data`` gives photographs; a run names its own. Raises ``DataError``.
+    Args:
+        model: the model or run; of a run that still trains, its newest checkpoint.
+        data: photographs to compare with; None: those of the run.
+        host, port: where it listens.
+        options: how it is drawn; what a run was trained with comes first.
+        show: told in one line where to look.
+
+    Needs a Mitsuba variant, which belongs to the calling thread. Raises ``DataError``.
     """
-    from ..render.picture import background_color
-
-    source = Source(args.model)
+    if not 0 < port < 65536:
+        raise DataError("--port", f"{port} is no port", "use 1 to 65535")
+    source = Source(Path(model))
     config = source.config
-    dataset = _dataset(args.data, config, args.downscale)
-    background = background_color(config.get("background", args.background), dataset is not None and dataset.has_alpha)
-    near_clip, antialiased = (config.get(name, getattr(args, name)) for name in ("near_clip", "antialiased"))
-    server = Server(source, dataset, background, near_clip, antialiased, args.host, args.port)
-    show(f"{server.url} shows {args.model}; Ctrl-C ends it")
+    dataset = _dataset(data, config, options.downscale)
+    has_alpha = dataset is not None and dataset.has_alpha
+    background = background_color(config.get("background", options.background), has_alpha)
+    near_clip, antialiased = (config.get(name, getattr(options, name)) for name in ("near_clip", "antialiased"))
+    server = Server(source, dataset, background, near_clip, antialiased, host, port)
+    show(f"{server.url} shows {model}; Ctrl-C ends it")
     try:
         server.serve()
     except KeyboardInterrupt:  # the way to end it
@@ -212,7 +228,7 @@ def _require_address(host: str) -> None:
         raise DataError("--host", problem, "use 127.0.0.1, or 0.0.0.0 for all addresses") from error
 
 
-def _dataset(data: str | None, config: dict[str, Any], downscale: int) -> Dataset | None:
+def _dataset(data: str | Path | None, config: dict[str, Any], downscale: int) -> Dataset | None:
     """The data set that is named, or that of the run if it is still there."""
     from ..datasets import load_dataset
 

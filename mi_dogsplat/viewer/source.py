@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..report.run_folder import read_run
-from ..runs.checkpoint import load_checkpoint
-from ..runs.run import CHECKPOINT
+from ..runs.checkpoint import CHECKPOINT, load_checkpoint
 from ..scene.ply import read_ply
 from ..scene.splats import Splats
 from ..support.errors import DataError

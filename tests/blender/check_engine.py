@@ -11,11 +11,12 @@ import pytest
 from check_render import place_camera, psnr, rendered
 from conftest import REFERENCES, load
 
-from blender_addon import engine, renderers
-from blender_addon.camera_objects import camera_numbers
-from blender_addon.modifier import set_input, splat_modifier
-from blender_addon.ply import read_ply
-from blender_addon.renderers import Cancelled, Command, InProcess, RendererError, Settings, choose_renderer
+from blender_addon.cameras.objects import camera_numbers
+from blender_addon.engine import render_engine as engine
+from blender_addon.engine import renderers
+from blender_addon.engine.renderers import Cancelled, Command, InProcess, RendererError, Settings, choose_renderer
+from blender_addon.files.ply import read_ply
+from blender_addon.nodes.modifier import set_input, splat_modifier
 
 COMMAND = tuple(json.loads(os.environ["DOGSPLAT_COMMAND"]))
 SETTINGS = Settings(0.2, False)

@@ -6,9 +6,9 @@ import pytest
 from conftest import load
 from mathutils import Matrix
 
-from blender_addon.model import normalized, sigmoid
-from blender_addon.ply import read_ply
-from blender_addon.transform import C0, sh_basis
+from blender_addon.files.model import normalized, sigmoid
+from blender_addon.files.ply import read_ply
+from blender_addon.files.transform import C0, sh_basis
 
 
 def export(path, **options):

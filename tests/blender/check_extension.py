@@ -46,7 +46,7 @@ def _repository(module):
 def test_only_the_engine_needs_other_packages():
     """Every import of the add-on, by its own line."""
     allowed = {"__future__", "bpy", "bpy_extras", "mathutils", "numpy", *sys.stdlib_module_names}
-    for path in (ROOT / "blender_addon").glob("*.py"):
+    for path in (ROOT / "blender_addon").rglob("*.py"):
         for line in path.read_text().splitlines():
             words = line.split()
             if words[:1] not in (["import"], ["from"]) or words[1].startswith("."):

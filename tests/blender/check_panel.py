@@ -8,8 +8,8 @@ import pytest
 from check_render import place_camera
 from conftest import load
 
-from blender_addon.engine import ENGINE
-from blender_addon.modifier import input_property, splat_modifier
+from blender_addon.engine.render_engine import ENGINE
+from blender_addon.nodes.modifier import input_property, splat_modifier
 from blender_addon.panel import SHOWN, DOGSPLAT_PT_panel, DOGSPLAT_PT_render, export_menu, import_menu
 
 NO_CAMERA = "Colours need an active camera"

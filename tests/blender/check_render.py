@@ -8,8 +8,8 @@ import pytest
 from conftest import REFERENCES, load
 from mathutils import Matrix
 
-from blender_addon.camera_objects import build_camera, look_through
-from blender_addon.cameras import Camera
+from blender_addon.cameras.camera import Camera
+from blender_addon.cameras.objects import build_camera, look_through
 
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0) else "BLENDER_EEVEE_NEXT"
 
@@ -85,7 +85,7 @@ def test_the_picture_stays_when_model_and_camera_move_together(scene, tmp_path, 
     obj = load(REFERENCES / "dog.ply")
     bpy.ops.dogsplat.exact_settings()
     obj.matrix_world = move
-    from blender_addon.modifier import get_input, set_input, splat_modifier
+    from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
 
     scene.camera.matrix_world = (move @ scene.camera.matrix_world).normalized()
     modifier = splat_modifier(obj)

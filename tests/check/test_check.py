@@ -3,26 +3,26 @@
 import json
 import re
 import xml.etree.ElementTree as ElementTree
-from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import pytest
 import tiny_data
+from html_pages import parsed, rows, section, words
 from mi_dogsplat import write_ply
-from mi_dogsplat.check import PARTS, scenes, stability, stiffness
+from mi_dogsplat.check import scenes, stability
 from mi_dogsplat.check import settings as settings_module
 from mi_dogsplat.check.page import check_page
 from mi_dogsplat.check.run import check
 from mi_dogsplat.check.tables import cell, table
 from mi_dogsplat.check.training import read_training
 from mi_dogsplat.cli import main
+from mi_dogsplat.report.page import TEMPLATES
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
-
-VOID = {"meta", "br", "img"}
-OPEN = {"th", "td", "li", "tr"}  # need no closing tag
 
 
 def row(group: str, setting: str, ms: float, error: float, **others) -> dict:
@@ -62,37 +62,21 @@ REPORT = {
         {"group": "camera", "name": "lens", "finite": False, "image_error": None, "gradient_error": 0.5,
          "max_T": 1.0, "verdict": "wrong", "note": "a <defect>"},
     ],
-    "stiffness": {
-        "curvature": [{"case": "needle 1:10", "parameter": "rotation", "curvature": 4.74e18}],
-        "poisoned": {"phases": {"pruning": 20}, "clean": [[10, 20.0], [30, 25.0]], "poisoned": [[10, 20.0], [30, 24.0]],
-                     "events": [[10, "dropped 3"]], "spread": 0},
-    },
 }  # fmt: skip
 
 
-class WellFormed(HTMLParser):
-    """Every tag that is opened is closed, in order, but for those that need not be."""
-
-    def __init__(self, text: str):
-        super().__init__()
-        self.stack: list[str] = []
-        self.feed(text)
-        self.close()
-        assert not self.stack, self.stack
-
-    def handle_starttag(self, tag, attrs):
-        if tag not in VOID:
-            self.stack.append(tag)
-
-    def handle_endtag(self, tag):
-        while self.stack and self.stack[-1] in OPEN and self.stack[-1] != tag:
-            self.stack.pop()
-        assert self.stack and self.stack[-1] == tag, (tag, self.stack)
-        self.stack.pop()
-
-
 def figures(html: str, name: str = "") -> list[str]:
-    return re.findall(rf'<svg [^>]*role="img" aria-label="{name}[^>]*>.*?</svg>', html)
+    return re.findall(rf'<svg [^>]*role="img" aria-label="{name}[^>]*>.*?</svg>', html, re.DOTALL)
+
+
+def page_of(report: dict) -> Element:
+    return parsed(check_page(report))
+
+
+def table_of(values: list[dict]) -> Element:
+    """The table of a page."""
+    macros: Any = TEMPLATES.get_template("check/templates/table.html").module
+    return parsed(macros.table(table(values)))
 
 
 def run(capsys, *argv) -> tuple[int, str, str]:
@@ -139,9 +123,11 @@ def few_points(monkeypatch):
 
 def test_the_page_is_well_formed_and_needs_nothing_but_itself():
     html = check_page(REPORT)
-    WellFormed(html)
-    for svg in re.findall(r"<svg.*?</svg>", html):
-        ElementTree.fromstring(svg.replace("class=swatch", 'class="swatch"'))
+    parsed(html)
+    svgs = re.findall(r"<svg.*?</svg>", html, re.DOTALL)
+    assert len(svgs) == 5 + 5  # and the swatches of the legends
+    for svg in svgs:
+        ElementTree.fromstring(svg)
     for word in ("<script", "<link", "http", "url(", "NaN", "None"):
         assert word not in html
 
@@ -149,32 +135,39 @@ def test_the_page_is_well_formed_and_needs_nothing_but_itself():
 def test_the_page_shows_every_part():
     html = check_page(REPORT)
     assert "<title>fox &amp; friends.ply · check</title>" in html
-    for heading in ("Error against run time", "Training error against run time", "Stability", "Stiffness",
-                    "Training with poisoned primitives"):  # fmt: skip
-        assert f"<h2>{heading}</h2><p class=read>" in html
+    page = parsed(html)
+    headings = ["Error against run time", "Training error against run time", "Stability"]
+    assert [words(heading) for heading in page.iter("h2")] == headings
+    for heading in headings:
+        part = section(page, heading)
+        assert part is not None and part[0].attrib["class"] == "read"
     labels = [re.findall('aria-label="([^"]*)"', svg)[0] for svg in figures(html)]
     assert labels == [
         "mean error of the image against forward, ms", "relative error, worst gradient against forward + backward, ms",
         "training L1 against run time, s", "test PSNR, dB against run time, s", "test FLIP against run time, s",
-        "test PSNR, dB against step",
     ]  # fmt: skip
-    for words in ("2 <small>cases</small>", "0 of them defined, 1 wrong", "<div class=value>0.001</div>", "variant"):
-        assert words in html
+    tiles = [words(tile) for tile in page.findall(".//*[@class='tile']")]
+    assert tiles == [
+        "Image error ↓ 0.001 mean, defaults, a < b", "of it rounding ↓ 1.0e−7 float32 against float64",
+        "Gradient error ↓ 0.002 relative, the worst parameter", "Forward 5.0 ms 15.0 with backward",
+        "Stability 2 cases 0 of them defined, 1 wrong", "Training 2 runs error against wall-clock time",
+    ]  # fmt: skip
+    assert [words(fact) for fact in page.find(".//dl") or ()] == ["variantllvm_ad_rgb", "cores2", "load0.1"]
 
 
 def test_text_from_files_cannot_become_markup():
     html = check_page(REPORT)
-    for words in ("fox &amp; friends", "a &lt; b", "&lt;3dgs&gt;", "a &lt;defect&gt;"):
-        assert words in html
+    for text in ("fox &amp; friends", "a &lt; b", "&lt;3dgs&gt;", "a &lt;defect&gt;"):
+        assert text in html
     assert "<3dgs>" not in html and "<defect>" not in html
 
 
 def test_parts_that_were_not_run_are_left_out():
-    for key in ("work_precision", "training", "stability", "stiffness"):
-        html = check_page({"model_name": None, "machine": {}, key: REPORT[key]})
-        WellFormed(html)
-        assert html.count("<h2>") == (2 if key == "stiffness" else 1) and "numerics" in html
-    WellFormed(check_page({}))
+    for key in ("work_precision", "training", "stability"):
+        page = page_of({"model_name": None, "machine": {}, key: REPORT[key]})
+        assert len(list(page.iter("h2"))) == 1
+        assert words(next(page.iter("h1"))) == "numerics check"
+    assert not list(page_of({}).iter("h2"))
 
 
 def test_the_front_is_ringed_named_and_joined_and_the_default_drawn_once():
@@ -198,10 +191,13 @@ def test_both_axes_of_the_settings_are_logarithmic():
 
 
 def test_the_table_of_a_scene_has_every_setting_and_parameter():
-    (numbers,) = re.findall(r"<details>.*?</details>", check_page(REPORT), re.DOTALL)
-    assert numbers.count("<tr>") == 1 + 6
-    for cells in ("<td>1/255 (default)", ">means</th>", ">quats</th>", "<td>image, gradient", ">alpha cutoff</th>"):
-        assert cells in numbers
+    (numbers,) = page_of(REPORT).iter("details")
+    head, *body = rows(numbers)
+    assert {"setting", "means", "quats"} <= set(head) and ["alpha cutoff"] in body
+    assert [line[0] for line in body if len(line) > 1] == [
+        "default", "no cutoffs", "1/64", "1/255 (default)", "16", "1 (default)"
+    ]  # fmt: skip
+    assert body[1][-1] == "image, gradient"
 
 
 def test_an_error_of_zero_or_unknown_is_in_the_table_but_not_on_the_logarithmic_plot():
@@ -210,53 +206,52 @@ def test_an_error_of_zero_or_unknown_is_in_the_table_but_not_on_the_logarithmic_
     html = check_page({"work_precision": [scene | {"rows": [*scene["rows"], *odd]}]})
     (image,) = figures(html, "mean error")
     assert "bound 16:" in image and "bound 4:" not in image and "bound 2:" not in image
-    assert "<td>4</td>" in html and "<td>2</td>" in html
+    assert {"4", "2"} <= {line[0] for line in rows(next(parsed(html).iter("details")))}
 
 
 def test_a_busy_machine_is_said_to_be_one():
-    assert "class=notice" not in check_page(REPORT)
-    assert "class=notice" in check_page(REPORT | {"machine": {"load": 1.5}})
-
-
-def test_a_poisoned_run_is_drawn_beside_the_clean_one_with_its_phases():
-    plot = figures(check_page(REPORT))[-1]
-    assert plot.count('line" d="M') == 2 and ">pruning</text>" in plot
-    assert "<dt>other primitives not finite</dt><dd>0</dd>" in check_page(REPORT)
+    assert not page_of(REPORT).findall(".//*[@class='notice']")
+    (notice,) = page_of(REPORT | {"machine": {"load": 1.5}}).findall(".//*[@class='notice']")
+    assert "Repeat it on a quiet machine." in words(notice)
 
 
 # --- tables ---
 
 
 def test_a_table_takes_whatever_columns_come():
-    html = table([{"a_b": 1, "c": "x"}, {"a_b": None, "d": True}])
-    WellFormed(html)
-    assert re.findall(r"<th[^>]*>([^<]*)</th>", html) == ["a b", "c", "d"]
-    assert re.findall(r"<td[^>]*>([^<]*)</td>", html) == ["1", "x", "–", "–", "–", "yes"]
-    assert table([]) == ""
+    found = rows(table_of([{"a_b": 1, "c": "x"}, {"a_b": None, "d": True}]))
+    assert found == [["a b", "c", "d"], ["1", "x", "–"], ["–", "–", "yes"]]
+    assert table([]).groups == []
 
 
 def test_rows_of_a_group_stand_under_its_name_once():
-    html = table([{"group": g, "v": i} for i, g in enumerate("aab")])
-    assert re.findall(r"<tr class=group><th colspan=1>(\w)</th></tr>", html) == ["a", "b"] and ">group<" not in html
+    found = table_of([{"group": g, "v": i} for i, g in enumerate("aab")])
+    assert rows(found) == [["v"], ["a"], ["0"], ["1"], ["b"], ["2"]]
+    names = [line for line in found.iter("tr") if line.get("class") == "group"]
+    assert [(words(name), name[0].attrib["colspan"]) for name in names] == [("a", "1"), ("b", "1")]
 
 
 def test_numbers_stand_to_the_right_and_defects_stand_out():
-    html = table([{"n": 1.0, "verdict": "right", "finite": True}, {"n": None, "verdict": "wrong", "finite": False}])
-    assert '<td class="n">1</td>' in html and '<td class="n">–</td>' in html
-    assert '<td class="bad">wrong</td><td class="bad">no</td>' in html and "<td>right</td><td>yes</td>" in html
+    found = table_of([{"n": 1.0, "verdict": "right", "finite": True}, {"n": None, "verdict": "wrong", "finite": False}])
+    classes = [[(words(cell), cell.get("class")) for cell in line] for line in found.iter("tr")]
+    assert classes == [
+        [("n", "n"), ("verdict", None), ("finite", None)],
+        [("1", "n"), ("right", None), ("yes", None)],
+        [("–", "n"), ("wrong", "bad"), ("no", "bad")],
+    ]
 
 
 @pytest.mark.parametrize(
     ("value", "shown"),
     [
         (1.234e-7, "1.2e\u22127"), (0.0123, "0.0123"), (0.0, "0"), (4.74e18, "4.74e18"), (-2.0, "\u22122"),
-        (3000, "3,000"), (float("nan"), "–"), (None, "–"), (False, "no"), ("<b>", "&lt;b&gt;"), ([1, 2.5], "1, 2.5"),
+        (3000, "3,000"), (float("nan"), "–"), (None, "–"), (False, "no"), ("<b>", "<b>"), ([1, 2.5], "1, 2.5"),
         (list("abcdef"), "6 values"), (1e-15, "1.0e\u221215"),
-        ({"means": 1e-6, "quats": 2e-3, "x": None}, "0.002 <small>quats</small>"), ({}, "–"), (0, "0"),
+        ({"means": 1e-6, "quats": 2e-3, "x": None}, ("0.002", "quats")), ({}, "–"), (0, "0"),
     ],
 )  # fmt: skip
 def test_values_are_shown_short(value, shown):
-    assert cell(value) == shown
+    assert cell(value)[:2] == (shown if isinstance(shown, tuple) else (shown, ""))
 
 
 # --- training ---
@@ -305,7 +300,7 @@ def test_work_precision_of_a_model_from_a_camera_file(capsys, model, tmp_path, m
     exact = next(r for r in scene["rows"] if r["setting"] == "no cutoffs")
     assert exact["mean_error"] < 1e-6 and 0 < exact["forward_ms"] and 0 < exact["total_ms"]
     html = (out / "check.html").read_text(encoding="utf-8")
-    WellFormed(html)
+    parsed(html)
     assert len(figures(html)) == 8 and "60 primitives, SH degree 1; 32 x 24 pixels" in html
     assert sorted(p.name for p in out.iterdir()) == ["check.html", "check.json"]
 
@@ -338,21 +333,19 @@ def test_a_stability_case_that_is_wrong_is_one_line_and_exit_code_1(capsys, tmp_
 
 
 def test_all_parts_but_training_are_run_by_default(capsys, tmp_path, monkeypatch):
-    found = {"curvature": [{"case": "a", "curvature": np.float32(np.inf)}], "poisoned": {"spread": np.int64(0)}}
-    monkeypatch.setattr(stability, "run", lambda progress: [])
-    monkeypatch.setattr(stiffness, "run", lambda progress: found)
+    row = {"name": "a", "image_error": np.float32(np.inf), "max_T": np.float32(2), "verdict": "right"}
+    monkeypatch.setattr(stability, "run", lambda progress: [row])
     monkeypatch.setattr("mi_dogsplat.check.run.synthetic_scenes", lambda width: [])
     assert run(capsys, "-o", tmp_path)[0] == 0
     report = json.loads((tmp_path / "check.json").read_text())
-    assert set(report) == {"model_name", "machine", "work_precision", "stability", "stiffness"}
-    # no NaN or infinity in a file
-    assert report["stiffness"] == {"curvature": [{"case": "a", "curvature": None}], "poisoned": {"spread": 0}}
+    assert set(report) == {"model_name", "machine", "work_precision", "stability"}
+    assert report["stability"] == [row | {"image_error": None, "max_T": 2.0}]  # no NaN or infinity in a file
 
 
 def test_bad_runs_are_found_before_hours_of_work(tmp_path, monkeypatch):
     monkeypatch.setattr(stability, "run", lambda progress: pytest.fail("too late"))
     with pytest.raises(DataError, match="no such folder"):
-        check(None, tmp_path / "out", [tmp_path / "nowhere"], PARTS)
+        check(tmp_path / "out", runs=[tmp_path / "nowhere"])
     assert not (tmp_path / "out").exists()
 
 
@@ -360,7 +353,7 @@ def test_bad_input_is_one_line_that_names_it(capsys, model, tmp_path):
     write_ply(tmp_path / "empty.ply", Splats.empty(0))
     (tmp_path / "bad.ply").write_text("ply\nnonsense\n")
     out = tmp_path / "out"
-    for argv, *words in [
+    for argv, *expected in [
         (["-o", out, "--only", "cooking"], "--only", "cooking", "stability"),
         (["-o", out, "--only", "training"], "--runs"),
         (["-o", out, "--only", "stability", "--runs", tmp_path], "--runs", "add training to --only"),
@@ -380,5 +373,5 @@ def test_bad_input_is_one_line_that_names_it(capsys, model, tmp_path):
     ]:
         status, printed, err = run(capsys, *argv)
         assert status == 2 and printed == "" and err.startswith("dogsplat: ") and err.count("\n") == 1, (argv, err)
-        assert all(word in err for word in words), (words, err)
+        assert all(word in err for word in expected), (expected, err)
     assert not out.exists()

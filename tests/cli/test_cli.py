@@ -4,12 +4,14 @@ import json
 import os
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tiny_data
 from command_line import assert_one_line, run
+from happenings import records
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.cli import main
 from mi_dogsplat.cli.arguments import build_parser
@@ -68,7 +70,7 @@ def test_prune_makes_a_smaller_model_and_a_whole_run_folder(capsys, model, data,
     splats = read_ply(out / "point_cloud.ply")
     assert splats.n_splats <= 15 and splats.n_dog > 0 and splats.sh_degree == 1
     history = [json.loads(line) for line in (out / "history.jsonl").read_text().splitlines()]
-    assert history[0]["event"].startswith("prune 60 -> ") and history[-1]["n"] == 15
+    assert records(history, "pruned")[0]["before"] == 60 and history[-1]["n"] == 15
     assert (out / "report.html").is_file() and (out / "test" / "0.png").is_file()
 
 
@@ -123,7 +125,7 @@ def test_ctrl_c_stops_with_one_line_and_status_130(capsys, data, tmp_path, monke
     def stopped(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("mi_dogsplat.training.train.Trainer._control_density", stopped)
+    monkeypatch.setattr("mi_dogsplat.training.strategy.densify.Densification.after_step", stopped)
     status, _, err = run(capsys, "train", data, "-o", tmp_path / "run", *SMALL)
     assert status == 130 and err.splitlines()[-1].startswith("dogsplat: stopped") and "Traceback" not in err
     assert (tmp_path / "run" / "history.jsonl").read_text() == ""
@@ -134,7 +136,7 @@ def test_a_bug_is_not_dressed_up_as_bad_input(data, tmp_path, monkeypatch):
     def bug(*_):
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr("mi_dogsplat.training.train.Trainer._control_density", bug)
+    monkeypatch.setattr("mi_dogsplat.training.strategy.densify.Densification.after_step", bug)
     with pytest.raises(RuntimeError, match="a bug"):
         main(["train", str(data), "-o", str(tmp_path / "run"), *SMALL])
 
@@ -182,6 +184,18 @@ def test_the_help_of_the_program_names_every_command_a_first_run_and_exit_codes(
     assert status == 0
     for word in (*COMMANDS, "A first run:", "Exit codes", "transforms.json", "COLMAP"):
         assert word in text
+
+
+def test_the_version_names_what_results_depend_on(capsys):
+    status, text, _ = run(capsys, "--version")
+    assert status == 0 and text.count("\n") == 1
+    assert text.startswith("dogsplat ") and all(f", {name} {version(name)}" in text for name in ("mitsuba", "drjit"))
+
+
+def test_argparse_stops_at_the_command_line():
+    package = Path(__file__).parents[2] / "mi_dogsplat"
+    found = {path.relative_to(package) for path in package.rglob("*.py") if "argparse" in path.read_text("utf-8")}
+    assert found == {Path("cli/arguments.py"), Path("cli/commands.py"), Path("demo/__main__.py")}
 
 
 # --- wrong use ---

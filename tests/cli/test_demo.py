@@ -6,12 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mi_dogsplat.datasets.images import read_image
-from mi_dogsplat.demo.__main__ import PICTURE_SIZE, main
+from mi_dogsplat.demo import side_by_side, tour
+from mi_dogsplat.demo.__main__ import main
+from mi_dogsplat.demo.side_by_side import PICTURE_SIZE
+from mi_dogsplat.support.errors import DataError
 
 
 @pytest.mark.slow
 def test_the_demo_ends_with_a_compact_model_beside_the_truth(tmp_path: Path, capsys, monkeypatch):
-    monkeypatch.setattr("mi_dogsplat.demo.__main__.PICTURE_SPP", 16)
+    monkeypatch.setattr(side_by_side, "PICTURE_SPP", 16)
     arguments = ["-o", str(tmp_path), "--steps", "300", "--target", "1500", "--views", "12", "--size", "96"]
     assert main(arguments) == 0
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
@@ -25,3 +28,20 @@ def test_the_demo_ends_with_a_compact_model_beside_the_truth(tmp_path: Path, cap
     assert "report.html" in capsys.readouterr().out
     assert main([*arguments, "--views", "13"]) == 2
     assert "views was 12 and is 13 now" in capsys.readouterr().err
+
+
+def test_the_scene_is_found_in_a_wheel_and_in_a_checkout_and_missed_in_one_line(tmp_path: Path, monkeypatch):
+    assert tour.scene_file() == tour.CHECKED_OUT / "demo_truth.xml"
+    monkeypatch.setattr(tour, "PACKAGED", tmp_path)
+    (tmp_path / "demo_truth.xml").touch()
+    assert tour.scene_file() == tmp_path / "demo_truth.xml"
+    monkeypatch.setattr(tour, "PACKAGED", tmp_path / "no")
+    monkeypatch.setattr(tour, "CHECKED_OUT", tmp_path / "no")
+    with pytest.raises(DataError, match="demo_truth.xml: no such file; install mi_dogsplat again"):
+        tour.scene_file()
+
+
+def test_a_variant_that_cannot_be_had_is_one_line(capsys, tmp_path: Path):
+    assert main(["-o", str(tmp_path / "out"), "--variant", "vulkan"]) == 2
+    assert capsys.readouterr().err.startswith('demo: --variant: "vulkan" cannot be used')
+    assert not any(tmp_path.iterdir())

@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+from html_pages import parsed, rows, words
+from mi_dogsplat.cli.arguments import ABLATION
 from mi_dogsplat.cli.arguments import METHODS as OFFERED
 from mi_dogsplat.compare.compare import compare
 from mi_dogsplat.compare.execute import Means, in_a_process
 from mi_dogsplat.compare.methods import GROUPS, METHODS
-from mi_dogsplat.compare.page import pareto
+from mi_dogsplat.compare.page import comparison_page, pareto
 from mi_dogsplat.compare.table import COLUMNS, MEAN, collect_all, latex
 from mi_dogsplat.compare.tasks import Task, perform, tasks_of
 from mi_dogsplat.measure.lpips import Lpips
@@ -97,11 +99,45 @@ def test_the_csv_has_a_line_per_run_and_latex_a_line_per_method_with_the_best_co
 def test_the_page_needs_nothing_but_itself_and_has_every_plot_and_a_crop_of_every_method(comparison):
     out, table, _ = comparison
     html = (out / "comparison.html").read_text(encoding="utf-8")
-    assert "http" not in html.replace("http://www.w3.org", "")
+    page = parsed(html)
+    for word in ("http", "<script", "<link", "url("):
+        assert word not in html
     assert html.count('role="img"') == 4 + len(NAMES) - 1
-    assert html.count("data:image/") == 2 + len(NAMES)
+    sources = [image.attrib["src"] for image in page.iter("img")]
+    assert len(sources) == 2 + len(NAMES) and all(source.startswith("data:image/") for source in sources)
+    labels = [row["label"] for row in table["methods"].values()]
+    captions = [words(caption) for caption in page.iter("figcaption")]
+    assert captions[:2] == ["Ground truth, whole view", "Ground truth"]
+    assert [caption.rpartition(", ")[0] for caption in captions[2:]] == labels
+    numbers, sources_of = (rows(found) for found in page.iter("table"))
+    assert [line[0] for line in numbers] == ["method", *labels]
+    assert sources_of == [[row["label"], row["source"]] for row in table["methods"].values()]
+
+
+def test_the_best_compact_method_is_bold(comparison):
+    out, table, _ = comparison
+    (numbers, _) = parsed((out / "comparison.html").read_text(encoding="utf-8")).iter("table")
+    column = rows(numbers)[0].index("PSNR (dB)")
+    psnr = {name: row["data"]["tiny"]["runs"]["0"]["psnr"] for name, row in table["methods"].items()}
+    best = max(NAMES[1:], key=lambda name: psnr[name])
+    bold = [line[0].text for line in numbers.iter("tr") if line[column].find("b") is not None]
+    assert bold == [table["methods"][best]["label"]]
+
+
+def test_text_of_runs_cannot_become_markup_and_missing_pictures_are_named(comparison, tmp_path):
+    out = Path(shutil.copytree(comparison[0], tmp_path / "<evil>&"))
+    evil = """'"><evil a='1'>&amp;<!--"""
+    table = json.loads(json.dumps(comparison[1])) | {"failed": {f"run {evil}": f"error {evil}"}}
     for row in table["methods"].values():
-        assert row["label"] in html and row["source"].split(",")[0] in html
+        row |= {"label": row["label"] + evil, "source": evil}
+    for picture in out.glob("tiny/seed_0/ours/test/*.png"):
+        picture.unlink()
+    page = parsed(comparison_page(out, table))
+    assert not list(page.iter("evil")) and words(page).count(evil) > 3 * len(NAMES)
+    assert words(next(page.iter("h1"))) == "<evil>& comparison"
+    (notice,) = page.findall(".//*[@class='notice']")
+    assert words(notice) == f"run {evil} has failed: error {evil}"
+    assert any(words(line).startswith("Missing or not readable: ") for line in page.iter("p"))
 
 
 def test_the_front_is_what_no_other_beats_in_both():
@@ -197,7 +233,9 @@ def test_other_folders_and_data_are_refused(comparison, data, tmp_path):
 
 
 def test_the_command_line_offers_all_methods_in_order():
-    assert OFFERED == tuple(METHODS)
+    assert [name for name in METHODS if name in OFFERED] == list(OFFERED)
+    assert [name for name in METHODS if name in ABLATION] == list(ABLATION)
+    assert set(METHODS) == {*OFFERED, *ABLATION}
     assert sorted(METHODS) == sorted(name for members in GROUPS.values() for name in members)
 
 
@@ -255,7 +293,7 @@ def test_the_process_of_a_task_ends_when_whoever_started_it_is_killed(comparison
         time.sleep(1)  # it has begun
         parent.kill()
     try:
-        assert children and not psutil.wait_procs(children, timeout=30)[1]
+        assert children and not psutil.wait_procs(children, timeout=300)[1]
     finally:
         for child in children:
             with contextlib.suppress(psutil.NoSuchProcess):
@@ -316,7 +354,7 @@ def test_on_two_workers_of_which_one_is_killed_all_runs_are_complete(data, tmp_p
             names = ("3dgs", "opacity", "radsplat", "ours")
             table = compare(config, [str(data)], out, [0], names, cluster=address, progress=kill_a_busy_worker)
     assert killed
-    gone, alive = psutil.wait_procs(killed, timeout=10)
+    gone, alive = psutil.wait_procs(killed, timeout=300)
     assert not alive
     assert list(table["methods"]) == list(names) and not table["failed"]
     for name in names:

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.compare.methods import METHODS
-from mi_dogsplat.compare.rivals.dash import Dash, count_at, resolution, significance
+from mi_dogsplat.compare.rivals import dash, taming
+from mi_dogsplat.compare.rivals.dash import count_at, resolution, significance
 from mi_dogsplat.compare.rivals.gaussian_spa import projected
 from mi_dogsplat.compare.rivals.lightgaussian import GlobalSignificance
 from mi_dogsplat.compare.rivals.lp_3dgs import masked_logits
@@ -18,7 +19,7 @@ from mi_dogsplat.compare.rivals.mask_gaussian import ABSENT, by_share
 from mi_dogsplat.compare.rivals.mini_splatting import SummedWeight, sampling_keys
 from mi_dogsplat.compare.rivals.pup import Sensitivity, fisher
 from mi_dogsplat.compare.rivals.radsplat import LargestWeight
-from mi_dogsplat.compare.rivals.taming import VIEWS, Taming, parabola, saliency
+from mi_dogsplat.compare.rivals.taming import VIEWS, Taming, importance, parabola, saliency
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
@@ -27,6 +28,7 @@ from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.events import Densified
 from mi_dogsplat.training.train import Trainer
 from splat_scenes import SMOOTH_OPTIONS, make_camera, make_splats, options, random_splats, rounded, tilted_camera
 from tiny_data import write_tiny_data
@@ -211,12 +213,12 @@ def test_gaussianspa_projects_on_the_nearest_sparse_vector():
 
 @pytest.fixture(scope="module")
 def growing(tmp_path_factory):
-    """Makes a trainer of a kind, on tiny data, to grow to 90 primitives."""
+    """Makes a trainer by a recipe, on tiny data, to grow to 90 primitives."""
     folder = write_tiny_data(tmp_path_factory.mktemp("data"))
     config = TrainConfig(str(folder), preset="3dgs", steps=60, sh_degree=1, target=90, log_every=10, test_every=10)
 
-    def make(kind, steps=60, recipe=None, **settings):
-        return kind(replace(config, steps=steps, **settings), load_dataset(config.data, 1), recipe)
+    def make(recipe=None, steps=60, **settings):
+        return Trainer(replace(config, steps=steps, **settings), load_dataset(config.data, 1), recipe)
 
     return make
 
@@ -229,13 +231,13 @@ def test_taming_grows_along_the_parabola_of_the_paper():
 
 
 def test_taming_adds_up_the_terms_of_brute_force(growing):
-    trainer = growing(Taming, 3000)
+    trainer = growing(taming.RECIPE, 3000)
     for _ in range(12):  # some gradients, and no refinement yet
         trainer.step()
-    splats, dataset = trainer.optimizer.to_splats(), trainer.dataset
-    gradient, n = trainer.stats.mean_gradient().astype(np.float64), trainer.optimizer.n
+    splats, dataset, stats = trainer.optimizer.to_splats(), trainer.dataset, trainer.states["densification"]
+    gradient, n = stats.mean_gradient().astype(np.float64), trainer.optimizer.n
     trainer.rng = np.random.default_rng(5)
-    got = trainer.importance()
+    got = importance(trainer, stats)
     chosen = np.random.default_rng(5).permutation(len(dataset.train))[:VIEWS]
 
     def scaled(values, weight):
@@ -290,43 +292,45 @@ def test_dash_goes_from_small_pictures_to_whole_ones_as_their_share_of_the_ampli
     assert [count_at(r, 0.5, 100, 900) for r in (1, 4)] == [900, 100 + 800 / 4**1.5]
 
 
-@pytest.mark.parametrize("kind", [Taming, Dash])
-def test_growth_ends_densification_with_exactly_the_budget(growing, kind):
-    trainer = growing(kind)
+@pytest.mark.parametrize("recipe", [taming.RECIPE, dash.RECIPE])
+def test_growth_ends_densification_with_exactly_the_budget(growing, recipe):
+    trainer = growing(recipe)
     assert trainer.optimizer.n == 45
     rows = list(run_to_end(trainer))
     counts = [row["n"] for row in rows]
     assert max(counts) == counts[-1] == 90 and rows[-1]["step"] == 60
     assert rows[-1]["test_psnr"] > 18
-    if kind is Dash:
-        assert trainer.factor == 1 and trainer.cameras[0].width == trainer.dataset.train[0].camera.width
+    photographs = trainer.photographs
+    assert photographs.factor == 1 and photographs.cameras[0].width == trainer.dataset.train[0].camera.width
 
 
 def test_growth_fills_the_room_that_removal_leaves(growing):
-    trainer = growing(Taming, 3000)
-    for _ in range(trainer.densification.start):
+    trainer = growing(taming.RECIPE, 3000)
+    rule = trainer.recipe.densification
+    for _ in range(rule.start):
         trainer.step()
     logits = trainer.optimizer.numpy("logit_opacities")
     logits[:7] = -9
     trainer.optimizer.set("logit_opacities", logits)
-    trainer.step_count += 10 * trainer.densification.every
-    counts = trainer.refine(trainer.densification)
-    assert counts["removed"] >= 7 and counts["cloned"] + counts["split"] > counts["removed"]
-    assert 45 < trainer.optimizer.n == trainer.budget() < 90
+    trainer.step_count = 12 * rule.every
+    done = next(e for e in rule.after_step(trainer, trainer.states["densification"]) if isinstance(e, Densified))
+    assert done.removed >= 7 and done.cloned + done.split > done.removed
+    assert 45 < trainer.optimizer.n == Taming().budget(trainer, rule) < 90
 
 
 def test_dash_begins_with_small_pictures(growing):
-    trainer = growing(Dash)
+    trainer = growing(dash.RECIPE)
     trainer.step()
-    assert trainer.factor > 1
-    assert trainer.cameras[0].width == trainer.dataset.train[0].camera.width // trainer.factor
+    photographs = trainer.photographs
+    assert photographs.factor > 1
+    assert photographs.cameras[0].width == trainer.dataset.train[0].camera.width // photographs.factor
 
 
 def test_dash_keeps_the_exposures_that_it_has_learned(growing):
-    trainer = growing(Dash, exposure=True)
+    trainer = growing(dash.RECIPE, exposure=True)
     for _ in run_to_end(trainer):
         pass
-    assert trainer.factor == 1 and sum(trainer.photographs.exposure.t) == 60
+    assert trainer.photographs.factor == 1 and sum(trainer.photographs.exposure.t) == 60
 
 
 @pytest.mark.slow
@@ -335,13 +339,13 @@ def test_a_method_that_learns_more_goes_on_from_a_checkpoint_with_the_same_bits(
     """Stopped within the window in which its numbers are learned."""
 
     def trainer() -> Trainer:
-        return growing(METHODS[name].trainer, 120, recipe=METHODS[name].recipe, target=20)
+        return growing(METHODS[name].recipe, 120, target=20)
 
     whole, first, second = trainer(), trainer(), trainer()
     while first.step_count < 79:
         first.step()
     state = first.state()
-    assert any(key.startswith("optimizer.") for key in state.keys() - growing(Trainer).state().keys())
+    assert any(key.startswith("optimizer.") for key in state.keys() - growing().state().keys())
     second.restore(state)
     for one in (whole, second):
         while one.step_count < 120:

@@ -331,7 +331,7 @@ def test_the_vertical_is_that_of_the_scenes_first_sensor(tmp_path, up, origin, e
         ({"zoom": float("nan")}, "--zoom: nan"),
         ({"radius": -1.0}, "--radius"),
         ({"up": "w"}, '--up: "w" is unknown'),
-        ({"depth": "png"}, '--depth: "png" is unknown; use none, exr, npy'),
+        ({"depth": "png"}, '--depth: "png" is unknown; use none or exr or npy'),
         ({"path": "circle"}, '--path: "circle" is unknown; use orbit, hemisphere, sensors, or a .json'),
         ({"size": (0, 4)}, "--size: 0 x 4"),
         ({"elevations": (30.0, 20.0)}, "--elevations: 30 20"),

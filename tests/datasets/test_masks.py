@@ -20,16 +20,16 @@ def data(tmp_path_factory) -> Path:
     return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
 
 
-@pytest.mark.parametrize("options", [{}, {"exposure": True}, {"data_on_disk": True}])
+@pytest.mark.parametrize("options", [{}, {"exposure_steps": 60}, {"on_disk": True}])
 def test_masked_pixels_have_no_gradient_whatever_they_show(data, tmp_path, options):
-    dataset = load_dataset(data, on_disk=bool(options.get("data_on_disk")))
+    dataset = load_dataset(data, on_disk=bool(options.get("on_disk")))
     used = left_half()
-    config = config_of(masks=str(write_masks(tmp_path, dataset, used)), **options)
+    masks = str(write_masks(tmp_path, dataset, used))
     images = np.random.default_rng(0).uniform(0.1, 0.9, (*SHAPE, 3)).astype(np.float32)
     other = np.where(used[..., None] > 0, images, 1 - images)
     results = []
     for image in (images, other):
-        l1, loss, gradient = Photographs(config, dataset, 0.0).compare(planes_of(image), 0, 0)
+        l1, loss, gradient = Photographs(dataset, 0.0, masks=masks, **options).compare(planes_of(image), 0, 0)
         results.append((float(l1[0]), float(loss[0]), image_of(gradient)))
     (l1, loss, gradient), again = results
     assert (l1, loss) == pytest.approx(again[:2]) and np.abs(gradient - again[2]).max() < 1e-9
@@ -39,8 +39,8 @@ def test_masked_pixels_have_no_gradient_whatever_they_show(data, tmp_path, optio
 def test_inside_of_the_mask_and_away_from_its_edge_the_gradient_is_that_without(data, tmp_path):
     dataset, used = load_dataset(data), left_half()
     image = np.random.default_rng(0).uniform(0.1, 0.9, (*SHAPE, 3)).astype(np.float32)
-    masked = Photographs(config_of(masks=str(write_masks(tmp_path, dataset, used))), dataset, 0.0)
-    free = Photographs(config_of(), dataset, 0.0)
+    masked = Photographs(dataset, 0.0, masks=str(write_masks(tmp_path, dataset, used)))
+    free = Photographs(dataset, 0.0)
     gradients = [image_of(p.compare(planes_of(image), 2, 0)[2]) for p in (masked, free)]
     inside = slice(None), slice(SHAPE[1] // 2 + 11, None)
     assert gradients[0][inside] == pytest.approx(gradients[1][inside], rel=1e-3, abs=1e-9)
@@ -107,9 +107,9 @@ def test_what_downscaling_cuts_off_is_cut_off_masks_too(tmp_path):
 def test_bad_masks_are_refused_in_one_line(data, tmp_path):
     dataset = load_dataset(data)
     with pytest.raises(DataError, match="no such folder"):
-        Photographs(config_of(masks=str(tmp_path / "none")), dataset, 0.0)
+        Photographs(dataset, 0.0, masks=str(tmp_path / "none"))
     with pytest.raises(DataError, match="has no mask for any"):
-        Photographs(config_of(masks=str(tmp_path)), dataset, 0.0)
+        Photographs(dataset, 0.0, masks=str(tmp_path))
     (tmp_path / f"{dataset.train[0].name}.png").write_text("no image")
     with pytest.raises(DataError, match="cannot be read"):
-        Photographs(config_of(masks=str(tmp_path)), dataset, 0.0)
+        Photographs(dataset, 0.0, masks=str(tmp_path))

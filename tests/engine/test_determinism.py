@@ -4,6 +4,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
+from happenings import records
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.runs.history import run_to_end
@@ -35,7 +36,7 @@ def test_the_same_seed_gives_the_same_bits(preset, tmp_path):
         rows = [{k: v for k, v in row.items() if k != "seconds"} for row in run_to_end(trainer)]
         runs.append((rows, trainer.state()))
     (rows, state), (other_rows, other_state) = runs
-    assert any("densify" in row.get("event", "") for row in rows) and any("pruned_to" in row for row in rows)
+    assert records(rows, "densified") and any("pruned_to" in row for row in rows)
     assert any(row["n_dog"] for row in rows)
     assert rows == other_rows
     assert_same_bits(state, other_state)

@@ -7,7 +7,6 @@ without it. Kernels are told apart by their size: a lane per primitive, per bloc
 import sys
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -15,6 +14,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
+from changed_strategy import change_densification
 from launches import branches, instructions, kernels, launches, loop
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.arrays import array_types
@@ -376,10 +376,10 @@ def test_a_black_background_costs_what_no_background_costs(datasets, monkeypatch
     assert len(black) == len(white) and sum(k for _, k in black) < sum(k for _, k in white)
 
     def without(self, params, view, probe=None):
-        frame = rasterize(params, self.cameras[view], self.options, probe)
+        frame = rasterize(params, self.photographs.cameras[view], self.options, probe)
         return frame.colors, frame
 
-    monkeypatch.setattr(Trainer, "_render", without)
+    monkeypatch.setattr(Trainer, "render", without)
     assert step(trainer_of(datasets[0], background="black")) == black
 
 
@@ -405,7 +405,7 @@ def test_sh_degree_0_trains_without_the_other_coefficients(datasets):
 
 def test_gradients_of_the_centres_are_taken_only_while_there_is_densification(datasets):
     during, after = trainer_of(datasets[0]), trainer_of(datasets[0])
-    after.densification = replace(after.densification, stop=0)
+    change_densification(after, stop=0)
     assert sum(k for _, k in step(after)) < sum(k for _, k in step(during))
 
 
@@ -429,6 +429,6 @@ def test_options_about_images_compile_nothing_from_step_to_step(datasets, tmp_pa
         write_png(tmp_path / f"{view.name}.png", np.eye(tiny_data.HEIGHT, tiny_data.WIDTH))
     options: dict[str, Any] = {"exposure": True, "background": "random", "masks": str(tmp_path), "near_zone": 0.1}
     trainer = trainer_of(datasets[1], **options)
-    trainer.densification = replace(trainer.densification, stop=0)
+    change_densification(trainer, stop=0)
     known = [compiled(trainer.step) for _ in range(10)]
     assert known[-1] <= set().union(*known[:5]) and known[-2] <= set().union(*known[:5])

@@ -10,7 +10,7 @@ from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.export import gltf, spz
 from mi_dogsplat.export.bake import RATIOS, baked, nearest_gaussians
 from mi_dogsplat.export.packing import turned_rub
-from mi_dogsplat.export.write import FORMATS, Views, loss_table, mean_psnr
+from mi_dogsplat.export.write import FORMATS, Loss, Views, export_model, losses, mean_psnr
 from mi_dogsplat.render.framing import cameras_around, robust_sphere
 from mi_dogsplat.scene.splats import Splats
 from scipy.integrate import dblquad
@@ -103,8 +103,17 @@ def test_with_data_the_loss_is_against_its_photographs_too(capsys, model, tmp_pa
 def test_the_table_shows_no_loss_where_there_is_none():
     model = tiny_data.truth()
     views = Views(tiny_data.cameras(2), [], 0.0, 0.2, False)
-    lines = loss_table({"as it is": model, "the same": model}, views)
-    assert lines[2].split()[-2:] == ["100.00", "dB"]
+    first, second = losses({"as it is": model, "the same": model}, views)
+    assert first == Loss("as it is", None, None)
+    assert second.of_model == pytest.approx(100) and second.of_photographs is None
+
+
+def test_an_export_says_what_it_wrote_and_measures_nothing_when_no_view_is_asked_for(model, tmp_path):
+    exported = export_model(model, tmp_path / "out.spz", views=3)
+    assert (exported.n_splats, exported.n_views) == (tiny_data.N_TRUTH, 3)
+    assert [loss.stage for loss in exported.losses] == ["as it is", "without DoG (bake)", "read from the file"]
+    assert exported.losses[0].of_model is None and all(loss.of_photographs is None for loss in exported.losses)
+    assert export_model(str(model), str(tmp_path / "out.ply"), views=0).losses == []
 
 
 def test_cameras_around_a_model_all_see_its_middle():

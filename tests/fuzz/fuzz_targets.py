@@ -28,6 +28,7 @@ from mi_dogsplat.scene.camera_file import read_camera
 from mi_dogsplat.scene.cameras import OPENCV_FROM_OPENGL
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training.events import DogActivated, Pruned, row_of
 from PIL import Image
 from ply_files import dog_columns, random_splats, to_bytes, vertex_columns
 
@@ -152,10 +153,9 @@ def transforms_seeds(folder: Path) -> list[bytes]:
 
 
 METRICS = {"psnr": 25.0, "ssim": 0.9, "flip": 0.1, "l1": 0.02}
-ROWS = [{"step": 0, "seconds": 0.1, "n": 60, "n_dog": 0, "event": "prune 60 -> 40: first check", "train_l1": 0.1,
-         "pruned_from": 60, "pruned_to": 40}]  # fmt: skip
+ROWS: list[dict] = [{"step": 0, "seconds": 0.1, "n": 60, "n_dog": 0} | row_of([Pruned(60, 40, "first check", 0.1)])]
 ROWS += [{"step": 10 * i, "seconds": i, "n": 40, "n_dog": i, "l1": 0.1 / i, "loss": 0.2 / i} for i in range(1, 8)]
-ROWS += [{"step": 80, "seconds": 8.5, "n": 40, "n_dog": 9, "event": "dog activated 9 primitives", "test_psnr": 25.0}]
+ROWS += [{"step": 80, "seconds": 8.5, "n": 40, "n_dog": 9, "test_psnr": 25.0} | row_of([DogActivated(9)])]
 RUN = {
     "config.json": json.dumps({"data": "data/fox", "preset": "ours", "steps": 80, "seed": 0, "model": None}).encode(),
     "history.jsonl": "".join(json.dumps(row) + "\n" for row in ROWS).encode(),

@@ -10,10 +10,11 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
+import psutil
 from PIL import Image
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -21,7 +22,7 @@ FLAGS = (
     *("--headless", "--no-sandbox", "--disable-extensions", "--hide-scrollbars", "--remote-debugging-port=0"),
     *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),  # WebGL without a GPU
 )
-START_SECONDS = 60
+START_SECONDS = 300
 
 
 def executable() -> str | None:
@@ -40,7 +41,7 @@ class Page:
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
-            answer = json.loads(self._socket.recv(timeout=30))
+            answer = json.loads(self._socket.recv(timeout=300))
             if answer.get("id") == number:
                 return answer["result"]
 
@@ -74,9 +75,13 @@ def opened(url: str, width: int = 800, height: int = 600) -> Iterator[Page]:
             with connect(f"ws://127.0.0.1:{port}{_target(port, url)}", max_size=None) as socket:
                 yield Page(socket)
         finally:
-            browser.kill()
+            helpers = psutil.Process(browser.pid).children(recursive=True)  # they write to the profile
+            for process in (browser, *helpers):
+                with suppress(psutil.NoSuchProcess):
+                    process.kill()
             browser.stderr.close()
             browser.wait()
+            psutil.wait_procs(helpers)
 
 
 def _target(port: str, url: str) -> str:

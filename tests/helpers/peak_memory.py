@@ -15,8 +15,8 @@ import numpy as np
 from mi_dogsplat.datasets import Dataset, View
 from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.runs.checkpoint import save_checkpoint
-from mi_dogsplat.runs.run import peak_memory_mb
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.support.memory import peak_memory_mb
 from mi_dogsplat.training.config import TrainConfig
 
 N, WIDTH, HEIGHT = (int(word) for word in sys.argv[1:])

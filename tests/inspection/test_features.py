@@ -1,5 +1,6 @@
 """``dogsplat info --features``: each thing is listed as needed just where it is, with what it costs in the kernels."""
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,15 @@ import tiny_data
 from launches import launches, loop
 from mi_dogsplat import write_ply
 from mi_dogsplat.cli import main
+from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.engine.geometry import Blocks
 from mi_dogsplat.engine.kernel_costs import aov_operations, pair_operations, primitive_operations
 from mi_dogsplat.engine.options import Settings
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
-from mi_dogsplat.inspection.features import describe_features, model_features, scene_features
+from mi_dogsplat.inspection.describe_features import describe_features
+from mi_dogsplat.inspection.features import model_features, scene_features
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from splat_scenes import dog_dict, make_camera, random_splats, rounded, scene_of, square_camera
@@ -207,6 +210,14 @@ def test_a_run_needs_what_its_model_and_its_recipe_ask_for(tmp_path):
     assert found["SH degree 1"][0] == found["training DoG"][0] == found["pruning"][0] == "needed"
     assert found["training DoG"][1] == "from 60% of the run on, left out before"
     assert found["background"] == ("left out", "black") and found["antialiasing"][0] == "left out"
+
+
+def test_a_run_of_a_comparison_needs_what_the_recipe_of_its_method_asks_for(tmp_path):
+    write_run(tmp_path, False, preset="paper", background="black", sh_degree=1)
+    recipe = dataclasses.asdict(METHODS["v3"].recipe)
+    (tmp_path / "recipe.json").write_text(json.dumps({"label": "V3", "recipe": recipe}))
+    found = read(describe_features(tmp_path))
+    assert (found["pruning"][0], found["training DoG"][0]) == ("needed", "left out")
 
 
 @pytest.mark.parametrize(

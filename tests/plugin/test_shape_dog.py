@@ -31,7 +31,7 @@ def assert_equal(ours: Splats, theirs: Splats, **tolerance):
 def python(code: str) -> str:
     """Output of a fresh process; raises with its error output."""
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], cwd=REPOSITORY, capture_output=True,
-                          text=True, timeout=120)
+                          text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
 
@@ -161,6 +161,17 @@ def test_a_file_that_is_no_model_is_refused_with_its_name(tmp_path):
 
 # Neighbours and variants
 
+def assert_undisturbed(image: np.ndarray, alone: np.ndarray):
+    """Equal but for the order in which threads add samples to a pixel.
+
+    A pixel is a quotient of two float32 sums of 100 positive terms (4 samples in each of 25 pixels below the filter),
+    which in another order differ by 2e-5 at most, and by 6e-7 in 300 renders. An empty buffer is an error, and a
+    triangle that a ray meets takes percents.
+    """
+    assert alone.max() > 0.1
+    np.testing.assert_allclose(image, alone, rtol=2e-5)
+
+
 def test_a_dog_shape_that_is_alive_or_in_the_scene_does_not_disturb_a_path_render():
     scene = {"type": "scene", "integrator": {"type": "path", "max_depth": 3}, "light": {"type": "constant"},
              "ball": {"type": "sphere"},
@@ -169,9 +180,9 @@ def test_a_dog_shape_that_is_alive_or_in_the_scene_does_not_disturb_a_path_rende
                         "film": {"type": "hdrfilm", "width": 24, "height": 16}}}
     alone = mi.render(mi.load_dict(scene), spp=4).numpy()
     shape = load()
-    np.testing.assert_array_equal(mi.render(mi.load_dict(scene), spp=4).numpy(), alone)
+    assert_undisturbed(mi.render(mi.load_dict(scene), spp=4).numpy(), alone)
     inside = mi.render(mi.load_dict({**scene, "splats": shape}), spp=4).numpy()
-    np.testing.assert_allclose(inside, alone, atol=1e-5)
+    assert_undisturbed(inside, alone)
 
 
 def test_a_dog_shape_that_is_alive_does_not_disturb_mitsubas_own_volumetric_splats():
@@ -187,8 +198,8 @@ def test_a_dog_shape_that_is_alive_does_not_disturb_mitsubas_own_volumetric_spla
     alone = mi.render(mi.load_dict(scene), spp=4).numpy()
     shape = load()
     with_neighbour = mi.render(mi.load_dict(scene), spp=4).numpy()
-    assert alone.max() > 0.1 and shape is not None
-    np.testing.assert_array_equal(with_neighbour, alone)
+    assert shape is not None
+    assert_undisturbed(with_neighbour, alone)
 
 
 def test_plugins_work_after_the_variant_changes_there_and_back():

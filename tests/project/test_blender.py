@@ -101,8 +101,8 @@ def outcomes(references, tmp_path_factory) -> dict[tuple[str, str], list[ET.Elem
             "DOGSPLAT_COMMAND": json.dumps([sys.executable, "-m", "mi_dogsplat"]),
             "PYTHONPATH": str(ROOT),
         }
-        for name in ("PYTEST_CURRENT_TEST", "PYTEST_ADDOPTS"):
-            environment.pop(name, None)
+        for name in [name for name in environment if name.startswith("PYTEST_")]:
+            del environment[name]
         command = [
             *pytest_of(python),
             "-q",

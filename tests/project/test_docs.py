@@ -2,7 +2,7 @@
 
 Commands of ``dogsplat`` run here, page by page, in a folder that has what they name: photographs, a scene, a model.
 Only what makes them long is replaced (``SHORT``). Where that is not enough their options are parsed, and the test named
-in ``RUN_ELSEWHERE`` runs them. Targets of make, benchmarks and files that are named have to exist.
+in ``RUN_ELSEWHERE`` runs them. Targets of make, benchmarks, files, headings and pages that are named have to exist.
 """
 
 import ast
@@ -28,7 +28,9 @@ from mi_dogsplat.scene.camera_file import write_camera
 from PIL import Image
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "tutorials/README.md")]
+PAGES += sorted((ROOT / "docs").glob("*.md"))
+WRAPPED = 120  # characters of a line that is no table and no picture
 # flag and value that a command gets instead of its own, or is given
 SHORT = {
     "train": {"--steps": "14", "--max-primitives": "80", "--sh-degree": "1"},
@@ -41,6 +43,10 @@ RUN_ELSEWHERE = {
 }
 PARSER = build_parser({name: "" for name in COMMANDS})
 CAPTURED = ("sensors", "cameras.json")  # --path of views that are given, which know no --views
+
+
+def page_id(page: Path) -> str:
+    return str(page.relative_to(ROOT))
 
 
 def fences(page: Path, language: str) -> list[str]:
@@ -164,7 +170,7 @@ def fresh_outputs(lines: list[str], folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [p for p in PAGES if commands(p)], ids=lambda p: p.name)
+@pytest.mark.parametrize("page", [p for p in PAGES if commands(p)], ids=page_id)
 def test_the_commands_of_a_page_run(page, folder, capsys):
     lines = commands(page)
     for line in lines:
@@ -182,7 +188,7 @@ def test_the_examples_of_the_help_run(name, folder, capsys):
         capsys.readouterr()
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if fences(p, "python")], ids=lambda p: p.name)
+@pytest.mark.parametrize("page", [p for p in PAGES if fences(p, "python")], ids=page_id)
 def test_the_programs_of_a_page_run(page, folder):
     for text in fences(page, "python"):
         if "aborts" in text or "SLURMCluster" in text:  # shows what ends the process; needs a cluster
@@ -190,12 +196,13 @@ def test_the_programs_of_a_page_run(page, folder):
             continue
         start = f"import mi_dogsplat, mitsuba as mi\nmi.set_variant({mi.variant()!r})\n"
         start = "" if "set_variant" in text else start
-        command = [sys.executable, "-W", "error", "-c", start + text]
+        fewer = re.sub(r"spp=\d+", "spp=1", text)  # samples, which make it long
+        command = [sys.executable, "-W", "error", "-c", start + fewer]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if fences(p, "xml")], ids=lambda p: p.name)
+@pytest.mark.parametrize("page", [p for p in PAGES if fences(p, "xml")], ids=page_id)
 def test_the_scenes_of_a_page_load(page, folder):
     for text in fences(page, "xml"):
         root = ElementTree.fromstring(f"<page>{text}</page>")
@@ -203,14 +210,39 @@ def test_the_scenes_of_a_page_load(page, folder):
             mi.load_string(ElementTree.tostring(scene, encoding="unicode"))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def headings(page: Path) -> set[str]:
+    """Its headings as the ends of links spell them."""
+    titles = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.M)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_id)
 def test_what_a_page_links_to_is_there(page):
-    text = page.read_text(encoding="utf-8")
-    for target in re.findall(r"\]\(([^)#\s]+?)(?:#[^)]*)?\)", text):
-        assert target.startswith("https://") or (page.parent / target).exists(), target
+    for target, heading in re.findall(r"\]\(([^)#\s]*)(?:#([^)]*))?\)", page.read_text(encoding="utf-8")):
+        if target.startswith("https://"):
+            continue
+        found = page.parent / target if target else page
+        assert found.exists(), target
+        assert not heading or heading in headings(found), f"{target}#{heading}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+@pytest.mark.parametrize("page", PAGES, ids=page_id)
+def test_the_files_that_a_page_names_are_there(page):
+    """With their folder from the root or from the package, or by their name alone."""
+    tops = [ROOT / top for top in ("mi_dogsplat", "tests", "benchmarks", "scripts", "scenes", "blender_addon")]
+    names = {path.name for top in tops for path in top.rglob("*")} | {"scene.xml"}  # that one is the reader's own
+    for name in re.findall(r"`((?:[\w.]+/)*\w+\.(?:py|sh|xml))`", page.read_text(encoding="utf-8")):
+        found = any((top / name).exists() for top in (ROOT, ROOT / "mi_dogsplat")) if "/" in name else name in names
+        assert found, name
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_id)
+def test_a_page_is_wrapped(page):
+    lines = page.read_text(encoding="utf-8").splitlines()
+    assert not [line for line in lines if len(line) > WRAPPED and not line.startswith(("|", "![", "`"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_id)
 def test_the_commands_within_a_sentence_exist(page):
     """Targets of make, benchmarks, and subcommands with their flags."""
     subcommands: dict = next(a.choices for a in PARSER._actions if isinstance(a.choices, dict))

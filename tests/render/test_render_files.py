@@ -1,6 +1,5 @@
 """``dogsplat render``: which camera is taken, what the files hold, and what is said about bad ones."""
 
-import argparse
 import json
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from mi_dogsplat import write_ply
 from mi_dogsplat.reference import aovs as reference_aovs
 from mi_dogsplat.render.framing import automatic_camera, likely_up, robust_sphere
 from mi_dogsplat.render.picture import render_picture
+from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.render.render_files import picture_of, render_model, render_scene
 from mi_dogsplat.scene.camera_file import read_camera, write_camera
 from mi_dogsplat.scene.splats import Splats
@@ -39,9 +39,8 @@ def data(tmp_path_factory) -> Path:
     return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
 
 
-def arguments(model, out, **changes) -> argparse.Namespace:
-    base = {"aovs": None, "data": None, "camera": None, "downscale": 1, "background": "auto", "antialiased": False}
-    return argparse.Namespace(model=model, out=out, **{**base, "near_clip": 0.2, **changes})
+def render(model, out, data=None, camera=None, aovs=None, **options) -> None:
+    render_model(model, out, data, camera, aovs, PictureOptions(**options))
 
 
 def read_png(path) -> np.ndarray:
@@ -62,13 +61,13 @@ def scene_file(tmp_path, content) -> Path:
 
 
 def test_a_view_of_the_data_is_rendered_as_it_was_photographed(model, data, tmp_path):
-    render_model(arguments(model, tmp_path / "3.png", data=data, camera="3"))
+    render(model, tmp_path / "3.png", data=data, camera="3")
     photograph = read_png(data / "images" / "3.png")
     assert abs(read_png(tmp_path / "3.png").astype(int) - photograph).max() <= 1  # rounding
 
 
 def test_without_a_name_the_first_test_view_is_taken(model, data, tmp_path):
-    render_model(arguments(model, tmp_path / "view.png", data=data))
+    render(model, tmp_path / "view.png", data=data)
     photograph = read_png(data / "images" / "0.png")
     assert abs(read_png(tmp_path / "view.png").astype(int) - photograph).max() <= 1
 
@@ -76,15 +75,15 @@ def test_without_a_name_the_first_test_view_is_taken(model, data, tmp_path):
 def test_a_camera_file_gives_the_picture_of_the_view_it_was_written_from(model, data, tmp_path):
     camera = tiny_data.cameras()[3]
     write_camera(tmp_path / "camera.json", camera)
-    render_model(arguments(model, tmp_path / "3.png", camera=str(tmp_path / "camera.json")))
+    render(model, tmp_path / "3.png", camera=str(tmp_path / "camera.json"))
     photograph = read_png(data / "images" / "3.png")
     assert abs(read_png(tmp_path / "3.png").astype(int) - photograph).max() <= 1
-    render_model(arguments(model, tmp_path / "s.png", camera=str(tmp_path / "camera.json"), downscale=4))
+    render(model, tmp_path / "s.png", camera=str(tmp_path / "camera.json"), downscale=4)
     assert read_png(tmp_path / "s.png").shape == (9, 12, 3)
 
 
 def test_an_exr_holds_premultiplied_linear_colour_with_alpha_and_depth(model, data, tmp_path):
-    render_model(arguments(model, tmp_path / "3.exr", data=data, camera="3", background="white"))
+    render(model, tmp_path / "3.exr", data=data, camera="3", background="white")
     channels = read_exr(tmp_path / "3.exr")
     assert set(channels) == {"RGBA", "depth.Z"}
     expected = tiny_data.picture(tiny_data.truth(), tiny_data.cameras()[3])  # over black, whatever was asked
@@ -98,7 +97,7 @@ def test_an_exr_holds_premultiplied_linear_colour_with_alpha_and_depth(model, da
 
 def test_an_exr_holds_the_aovs_that_are_asked_for(model, data, tmp_path):
     names = "alpha, depth,median_depth,normal,index,count,dog_share"
-    render_model(arguments(model, tmp_path / "3.exr", data=data, camera="3", aovs=names))
+    render(model, tmp_path / "3.exr", data=data, camera="3", aovs=names)
     channels = read_exr(tmp_path / "3.exr")
     planes, clearness = reference_aovs.aovs(tiny_data.truth(), tiny_data.cameras()[3])
     expected = {"depth.Z": planes["depth"], "median_depth.Z": planes["median_depth"], "index.I": planes["index"],
@@ -110,7 +109,7 @@ def test_an_exr_holds_the_aovs_that_are_asked_for(model, data, tmp_path):
     for name, plane in expected.items():
         assert channels[name].dtype == np.float32
         np.testing.assert_allclose(channels[name][clear], plane[clear], atol=5e-3, err_msg=name)
-    render_model(arguments(model, tmp_path / "bare.exr", data=data, camera="3", aovs=""))
+    render(model, tmp_path / "bare.exr", data=data, camera="3", aovs="")
     assert set(read_exr(tmp_path / "bare.exr")) == {"RGBA"}
 
 
@@ -124,7 +123,7 @@ def test_an_exr_holds_the_aovs_that_are_asked_for(model, data, tmp_path):
 )
 def test_aovs_that_cannot_be_written_are_refused(model, tmp_path, name, aovs, message):
     with pytest.raises(DataError, match=message):
-        render_model(arguments(model, tmp_path / name, aovs=aovs))
+        render(model, tmp_path / name, aovs=aovs)
     assert not list(tmp_path.iterdir())
 
 
@@ -137,12 +136,12 @@ def test_depth_is_blended_for_files_that_hold_it_only(model, tmp_path, monkeypat
         return render_picture(params, camera, options, *others)
 
     monkeypatch.setattr("mi_dogsplat.render.render_files.render_picture", recorded)
-    render_model(arguments(model, tmp_path / name))
+    render(model, tmp_path / name)
     assert asked == [depth]
 
 
 def test_an_npz_holds_the_picture_over_black_as_arrays(model, data, tmp_path):
-    render_model(arguments(model, tmp_path / "3.npz", data=data, camera="3", background="white"))
+    render(model, tmp_path / "3.npz", data=data, camera="3", background="white")
     expected = tiny_data.picture(tiny_data.truth(), tiny_data.cameras()[3])
     with np.load(tmp_path / "3.npz") as arrays:
         assert set(arrays) == {"color", "alpha", "depth"}
@@ -155,25 +154,25 @@ def test_an_npz_holds_the_picture_over_black_as_arrays(model, data, tmp_path):
 def test_the_background_of_a_png_is_chosen_and_white_for_data_with_alpha(model, tmp_path):
     data = tiny_data.write_tiny_data(tmp_path / "data", n=2, alpha=True)
     for background, corner in (("auto", 255), ("white", 255), ("black", 0)):
-        render_model(arguments(model, tmp_path / "v.png", data=data, background=background))
+        render(model, tmp_path / "v.png", data=data, background=background)
         assert abs(int(read_png(tmp_path / "v.png")[0, 0].mean()) - corner) < 5
-    render_model(arguments(model, tmp_path / "v.png"))
+    render(model, tmp_path / "v.png")
     assert read_png(tmp_path / "v.png")[0, 0].max() == 0
 
 
 def test_an_unknown_view_is_answered_with_close_names(model, data, tmp_path):
     with pytest.raises(DataError, match='"33" is no view of .* it has 8, such as 3$'):
-        render_model(arguments(model, tmp_path / "v.png", data=data, camera="33"))
+        render(model, tmp_path / "v.png", data=data, camera="33")
     with pytest.raises(DataError, match="it has 8, such as 0, 1, 2, 3, 4$"):
-        render_model(arguments(model, tmp_path / "v.png", data=data, camera="DSC_0815"))
+        render(model, tmp_path / "v.png", data=data, camera="DSC_0815")
     with pytest.raises(DataError, match='--camera: "3" is no .json file; add --data'):
-        render_model(arguments(model, tmp_path / "v.png", camera="3"))
+        render(model, tmp_path / "v.png", camera="3")
 
 
 @pytest.mark.parametrize("name", ["v.jpg", "v", "v.ply"])
 def test_an_unknown_picture_format_is_refused_before_anything_else(tmp_path, name):
     with pytest.raises(DataError, match=r"ends in .png, .exr, .npz"):
-        render_model(arguments(tmp_path / "missing.ply", tmp_path / name))
+        render(tmp_path / "missing.ply", tmp_path / name)
 
 
 def test_a_place_that_cannot_be_written_is_named(model, tmp_path):
@@ -181,12 +180,12 @@ def test_a_place_that_cannot_be_written_is_named(model, tmp_path):
     for name in ("v.png", "v.exr"):
         out = tmp_path / "file" / name
         with pytest.raises(DataError, match="cannot be written"):
-            render_model(arguments(model, out))
+            render(model, out)
         with pytest.raises(DataError, match="cannot be written"):
             render_scene(scene_file(tmp_path, SPHERE + SENSOR), out)
     (tmp_path / "folder.png").mkdir()
     with pytest.raises(DataError, match="is a folder"):
-        render_model(arguments(model, tmp_path / "folder.png"))
+        render(model, tmp_path / "folder.png")
 
 
 def test_a_model_without_primitives_is_background_without_depth(tmp_path):
@@ -194,7 +193,7 @@ def test_a_model_without_primitives_is_background_without_depth(tmp_path):
     assert picture.depth is not None
     assert picture.color.min() == 1 and picture.alpha.max() == 0 and picture.depth.max() == 0
     write_ply(tmp_path / "empty.ply", Splats.empty(1))
-    render_model(arguments(tmp_path / "empty.ply", tmp_path / "v.png"))
+    render(tmp_path / "empty.ply", tmp_path / "v.png")
     assert read_png(tmp_path / "v.png").max() == 0
 
 
@@ -210,7 +209,7 @@ def test_the_automatic_view_shows_a_model_of_any_size_wherever_it_is(scale, tmp_
     assert (depth > 0).all() and (pixels > 0).all() and (pixels < (800, 600)).all()
     assert np.ptp(pixels[:, 1]) > 250  # and fills the picture
     write_ply(tmp_path / "m.ply", splats)
-    render_model(arguments(tmp_path / "m.ply", tmp_path / "v.png", downscale=4))
+    render(tmp_path / "m.ply", tmp_path / "v.png", downscale=4)
     assert np.mean(read_png(tmp_path / "v.png").max(axis=2) > 20) > 0.2  # the near clip left it in
 
 
@@ -257,6 +256,19 @@ def test_a_scene_is_written_linear_as_exr_and_encoded_as_png(tmp_path):
     expected = 255 * np.array(mi.math.linear_to_srgb(mi.Float(linear[..., :3].astype(np.float32).ravel())))
     assert encoded.shape == (16, 20, 3)
     assert abs(encoded.ravel() - expected).max() < 2
+
+
+FILMS = {"luminance": {"Y"}, "rgb": {"R", "G", "B"}, "xyz": {"X", "Y", "Z"}}
+
+
+@pytest.mark.parametrize("pixels", FILMS)
+def test_a_scene_keeps_the_channels_of_its_film(tmp_path, pixels):
+    render_scene(scene_file(tmp_path, SPHERE + SENSOR.replace('"rgba"/>', f'"{pixels}"/>')), tmp_path / "s.exr")
+    with OpenEXR.File(str(tmp_path / "s.exr"), separate_channels=True) as file:
+        found = {name: channel.pixels for name, channel in file.channels().items()}
+    assert set(found) == FILMS[pixels]
+    for plane in found.values():
+        assert plane.dtype == np.float32 and plane.shape == (16, 20) and 0.3 < plane[8, 10] < 0.7
 
 
 def test_a_scene_with_a_dog_shape_shows_the_model(model, tmp_path):

@@ -5,11 +5,13 @@ import re
 
 import numpy as np
 import pytest
+from html_pages import parsed, rows, section, words
 from mi_dogsplat.report.pictures import worst_box
 from mi_dogsplat.report.views import ranked, shown
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.support import pictures
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training.events import Densified, DogActivated, Event, OpacityReset, Pruned, ShDegree, row_of
 
 VIEWS = {f"view{i}": {"psnr": 20.0 + i, "ssim": 0.5 + i / 20, "flip": 0.1, "l1": 0.02} for i in range(9)}
 
@@ -31,7 +33,10 @@ METRICS = {
 
 
 def write_history(run, rows: int = 70) -> None:
-    events = {10: "densify", 20: "opacity_reset", 30: "sh degree 1", 40: "prune", 50: "dog", 60: "moon rises"}
+    events: dict[int, list[Event]] = {
+        10: [Densified(1, 2, 3)], 20: [OpacityReset()], 30: [ShDegree(1)], 40: [Pruned(9, 5, "why not", 0.1)],
+        50: [DogActivated(9)],
+    }  # fmt: skip
     lines = []
     for i in range(rows):
         row = {
@@ -41,7 +46,8 @@ def write_history(run, rows: int = 70) -> None:
             "n": 100 + i,
             "n_dog": 9 if i > 50 else 0,
         }
-        lines.append(json.dumps(row | ({"event": events[i]} if i in events else {})))
+        words = {60: {"event": "moon rises"}}.get(i, {})  # of an older version
+        lines.append(json.dumps(row | row_of(events.get(i, [])) | words))
     (run / "history.jsonl").write_text("\n".join(lines) + "\n")
 
 
@@ -82,26 +88,40 @@ def test_a_complete_run_shows_its_numbers_curves_and_pictures(run):
     assert html.count("<svg") == 4  # error and count, against run time and step
     assert html.count("<img") == 6 * 5  # best, median, worst and two between, in full and close up
     assert "view8, best view" in html and "view4, median view" in html and "view0, worst view" in html
-    assert "densify.interval" in html
-    assert "class=notice" not in html
+    page = parsed(html)
+    settings = section(page, "Settings")
+    assert settings is not None and ["densify.interval", "100"] in rows(settings)
+    assert not page.findall(".//*[@class='notice']")
+
+
+def test_the_table_of_views_has_all_of_them_best_first(run):
+    views = section(parsed(text_of(write_report(run))), "Test views")
+    assert views is not None
+    head, *body = rows(views)
+    assert head == ["view", "PSNR, dB", "", "SSIM", "FLIP", "L1", ""] and len(body) == 9
+    assert body[0] == ["view8", "28.00", "", "0.9000", "0.1000", "0.0200", "best"] and body[-1][0] == "view0"
+    bars = [bar.attrib["style"] for bar in views.findall(".//*[@class='bar']/i")]
+    assert bars[0] == "width:100%" and bars[-1] == "width:15%"
 
 
 def test_the_page_needs_nothing_but_itself(run):
     html = text_of(write_report(run))
     assert "<script" not in html and "<link" not in html and "http" not in html and "url(" not in html
-    assert all(source.startswith("data:image/") for source in re.findall(r"src='([^']*)'", html))
+    sources = [image.attrib["src"] for image in parsed(html).iter("img")]
+    assert len(sources) == 30 and all(source.startswith("data:image/") for source in sources)
 
 
 def test_every_kind_of_event_has_its_lane(run):
     html = text_of(write_report(run))
-    for lane in ("densify", "reset", "SH up", "prune", "DoG", "other"):
+    for lane in ("densify", "reset", "SH up", "prune", "other"):
         assert html.count(f">{lane}</text>") == 2
+    assert html.count(">DoG</text>") == 2 + 4  # and a mark in each plot
 
 
 def test_test_psnr_is_drawn_where_the_history_has_it(run):
-    rows = [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
-    rows[20]["test_psnr"] = 19.0
-    (run / "history.jsonl").write_text("\n".join(map(json.dumps, rows)))
+    history = [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
+    history[20]["test_psnr"] = 19.0
+    (run / "history.jsonl").write_text("\n".join(map(json.dumps, history)))
     html = text_of(write_report(run))
     assert html.count("<svg") == 6
     assert html.count("<title>24</title>") == 2  # the final value comes from metrics.json
@@ -110,25 +130,28 @@ def test_test_psnr_is_drawn_where_the_history_has_it(run):
 def test_an_interrupted_run_says_so_and_how_far_it_came(run):
     (run / "metrics.json").unlink()
     (run / "history.jsonl").write_text(text_of(run / "history.jsonl") + '{"step": 710, "sec')
-    html = text_of(write_report(run))
-    assert "there is no metrics.json, so it was interrupted or is still running" in html
-    assert "step 700 of 700 after 4 min 57 s" in html
-    assert "not JSON and are left out: 1." in html
-    assert html.count("<svg") == 4
+    page = parsed(text_of(write_report(run)))
+    assert [words(notice) for notice in page.findall(".//*[@class='notice']")] == [
+        "This run is not complete: there is no metrics.json, so it was interrupted or is still running. Last logged: "
+        "step 700 of 700 after 4 min 57 s, training L1 0.0029, 169 primitives.",
+        "Lines of history.jsonl that are not JSON and are left out: 1.",
+    ]
+    assert len(list(page.iter("svg"))) == 4
 
 
 def test_an_empty_folder_gives_a_report_that_names_all_that_is_missing(tmp_path):
     html = text_of(write_report(tmp_path))
-    for words in ("no metrics.json", "no config.json", "There are no curves", "There are no test views"):
-        assert words in html
+    for expected in ("no metrics.json", "no config.json", "There are no curves", "There are no test views"):
+        assert expected in html
+    assert not list(parsed(html).iter("svg"))
 
 
 def test_a_missing_picture_is_named(run):
     (run / "test" / "view8_error.png").unlink()
     (run / "test" / "view0.png").write_bytes(b"not a picture")
-    html = text_of(write_report(run))
-    assert "Missing or not readable: <code>view8_error.png</code>" in html
-    assert "Missing or not readable: <code>view0.png</code>" in html
+    page = parsed(text_of(write_report(run)))
+    missing = [words(p) for p in page.iter("p") if words(p).startswith("Missing")]
+    assert missing == [f"Missing or not readable: {name}." for name in ("view8_error.png", "view0.png")]
 
 
 def test_values_that_are_not_finite_do_not_break_the_page(run):
@@ -137,10 +160,10 @@ def test_values_that_are_not_finite_do_not_break_the_page(run):
         "views": {"view0": {"psnr": float("nan")}},
     }
     (run / "metrics.json").write_text(json.dumps(metrics))
-    rows = [{"step": 10 * i, "seconds": i, "l1": [0.1, float("nan"), 0.0][i % 3], "n": 5} for i in range(9)]
-    (run / "history.jsonl").write_text("\n".join(map(json.dumps, rows)))
+    history = [{"step": 10 * i, "seconds": i, "l1": [0.1, float("nan"), 0.0][i % 3], "n": 5} for i in range(9)]
+    (run / "history.jsonl").write_text("\n".join(map(json.dumps, history)))
     html = text_of(write_report(run))
-    assert "nan" not in re.sub(r"base64,[^']*", "", html)
+    assert "nan" not in re.sub(r'base64,[^"]*', "", html).lower()
 
 
 def test_bad_input_is_named_in_one_line(run, tmp_path):
@@ -155,9 +178,26 @@ def test_bad_input_is_named_in_one_line(run, tmp_path):
 
 
 def test_text_from_the_run_cannot_become_markup(run):
-    (run / "config.json").write_text(json.dumps({"data": "<b>fox</b>", "preset": "<i>", "x": "<script>"}))
-    html = text_of(write_report(run))
-    assert "<b>fox" not in html and "<i>" not in html and "<script>" not in html
+    """Wherever a file of the run holds text."""
+    evil = """'"><evil a='1'>&amp;<!--"""
+    pictures.write_png(run / "test" / "a&<b>_gt.png", np.zeros((4, 4, 3)))
+    config = {"data": evil, "preset": evil, "seed": evil, evil: evil, "steps": 70}
+    views = {evil: {"psnr": 1.0, "ssim": evil}, "a&<b>": {"psnr": 2.0}}
+    profile = {"view": evil, "without": evil, "row": evil, "with_dog": {"metrics": {"psnr": evil}}}
+    row = {"step": evil, "seconds": 1, "l1": 0.1, "n": 5, "pruned_from": 9, "pruned_to": 5}
+    row |= {"event": evil, "events": [{"kind": "pruned", "reason": evil}, {"kind": evil}, evil]}
+    (run / "config.json").write_text(json.dumps(config))
+    metrics = {"versions": {evil: evil}, "views": views, "variant": evil, "n": evil}
+    (run / "metrics.json").write_text(json.dumps(metrics))
+    (run / "history.jsonl").write_text(json.dumps(row))
+    (run / "test" / "dog_profile.json").write_text(json.dumps(profile))
+    page = parsed(text_of(write_report(run)))
+    assert not list(page.iter("evil"))
+    title, shown = page.find(".//title"), words(page)
+    assert title is not None and title.text == f"{evil} \u00b7 preset {evil}"
+    assert shown.count(evil) >= 12 and "a&<b>, best view" not in shown and "a&<b>" in shown
+    captions = [image.attrib["alt"] for image in page.iter("img")]
+    assert captions == ["Ground truth"]
 
 
 def test_views_are_ranked_by_psnr_and_few_are_all_shown():

@@ -2,18 +2,19 @@
 
 import json
 import re
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import pytest
-from mi_dogsplat.report.mixture import mixture_section
-from mi_dogsplat.report.run_folder import DOG_PROFILE, read_run
+from html_pages import parsed, section, words
+from mi_dogsplat.report.run_folder import DOG_PROFILE
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.support import pictures
 from mi_dogsplat.support.errors import DataError
 
 HEIGHT, WIDTH = 40, 64
 ENDS = ("", "_gt", "_error", "_gaussian", "_dog", "_plain", "_plain_error")
-HEADING = "<h2>With and without DoG</h2>"
+HEADING = "With and without DoG"
 
 
 @pytest.fixture
@@ -37,16 +38,22 @@ def run(tmp_path):
     return tmp_path
 
 
-def section(run) -> str:
-    return mixture_section(read_run(run))
+def mixture(run) -> Element:
+    found = section(parsed(write_report(run).read_text()), HEADING)
+    assert found is not None
+    return found
+
+
+def frames(run) -> list[list[dict[str, float]]]:
+    """Of each picture: what is drawn over it, its sides in percent."""
+    pictures = mixture(run).findall(".//*[@class='frame']")
+    styles = [[mark.attrib["style"] for mark in picture.iter("b")] for picture in pictures]
+    return [[{k: float(v) for k, v in re.findall(r"(\w+):([-\d.]+)%", style)} for style in of] for of in styles]
 
 
 def test_the_parts_and_both_errors_stand_in_the_report(run):
-    html = write_report(run).read_text()
-    assert html.count(HEADING) == 1
-    assert section(run) in html
-    captions = re.findall("<figcaption>(.*?)</figcaption>", section(run))
-    assert captions == [
+    found = mixture(run)
+    assert [words(caption) for caption in found.iter("figcaption")] == [
         "Render",
         "The 3,800 plain Gaussians alone",
         "The 1,200 DoG alone",
@@ -54,38 +61,36 @@ def test_the_parts_and_both_errors_stand_in_the_report(run):
         "FLIP error with DoG",
         "FLIP error without DoG",
     ]
-    assert section(run).count("src='data:image/jpeg;base64,") == 6
+    sources = [image.attrib["src"] for image in found.iter("img")]
+    assert len(sources) == 6 and all(source.startswith("data:image/jpeg;base64,") for source in sources)
 
 
 def test_the_view_is_named_with_its_place_and_both_metrics(run):
-    html = section(run)
-    assert "<h3>b, median view</h3>" in html
-    assert "with DoG: PSNR 25.50 dB, FLIP 0.1100" in html and "without: PSNR 24.25 dB, FLIP 0.1200" in html
-    assert "Without DoG: the &lt;other&gt; model." in html
+    found = mixture(run)
+    assert [words(heading) for heading in found.iter("h3")] == ["b, median view"]
+    text = words(found)
+    assert "with DoG: PSNR 25.50 dB, FLIP 0.1100 without: PSNR 24.25 dB, FLIP 0.1200" in text
+    assert "Without DoG: the <other> model." in text
 
 
 def test_the_row_is_drawn_in_every_picture_and_its_most_different_quarter_framed(run):
-    html = section(run)
-    assert html.count(f"<i style='left:0.00%;top:{100 * 10.5 / HEIGHT:.2f}%;width:100.00%;height:0.00%'></i>") == 6
-    frames = re.findall(r"<b style='left:([\d.]+)%;top:([\d.]+)%;width:25.00%;height:([\d.]+)%'></b>", html)
-    assert len(frames) == 6
-    left, top, height = map(float, frames[0])
-    assert left <= 100 * 40 / WIDTH and left + 25 >= 100 * 48 / WIDTH
-    assert top < 100 * 10.5 / HEIGHT < top + height
+    assert len(frames(run)) == 6
+    for row, quarter in frames(run):
+        assert row == {"left": 0, "top": round(100 * 10.5 / HEIGHT, 2), "width": 100, "height": 0}
+        assert quarter["width"] == 25 and quarter["left"] <= 100 * 40 / WIDTH and quarter["left"] + 25 >= 4800 / WIDTH
+        assert quarter["top"] < row["top"] < quarter["top"] + quarter["height"]
 
 
 @pytest.mark.parametrize("row", [0, HEIGHT - 1])
 def test_the_frame_of_an_outermost_row_stays_inside_the_picture(run, row):
     profile = json.loads((run / "test" / DOG_PROFILE).read_text()) | {"row": row}
     (run / "test" / DOG_PROFILE).write_text(json.dumps(profile))
-    top, height = map(
-        float, re.findall(r"<b style='left:[\d.]+%;top:([-\d.]+)%;width:25.00%;height:([\d.]+)%", section(run))[0]
-    )
-    assert top >= 0 and top + height <= 100
+    for _, quarter in frames(run):
+        assert quarter["top"] >= 0 and quarter["top"] + quarter["height"] <= 100
 
 
 def test_the_profile_is_drawn_whole_and_close_up(run):
-    plots = re.findall(r"<svg.*?</svg>", section(run))
+    plots = re.findall(r"<svg.*?</svg>", write_report(run).read_text(), re.DOTALL)
     assert len(plots) == 2
     for plot, points in zip(plots, (WIDTH, WIDTH // 4), strict=True):
         curves = re.findall(r'class="c[12] line" d="([^"]*)"', plot)
@@ -98,13 +103,13 @@ def test_the_profile_is_drawn_whole_and_close_up(run):
 
 def test_a_run_that_compared_nothing_has_no_such_section(run):
     (run / "test" / DOG_PROFILE).unlink()
-    assert section(run) == "" and HEADING not in write_report(run).read_text()
+    assert section(parsed(write_report(run).read_text()), HEADING) is None
 
 
 def test_a_missing_picture_is_named(run):
     (run / "test" / "b_dog.png").unlink()
-    assert "Missing or not readable: <code>b_dog.png</code>" in section(run)
-    assert section(run).count("<figure>") == 5
+    assert "Missing or not readable: b_dog.png." in words(mixture(run))
+    assert len(list(mixture(run).iter("figure"))) == 5
 
 
 def test_a_profile_that_is_not_json_is_named_in_one_line(run):

@@ -5,17 +5,9 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
-from mi_dogsplat.report.plot import (
-    MAX_POINTS,
-    WIDTH,
-    Lane,
-    Series,
-    line_plot,
-    log_ticks,
-    nice_ticks,
-    number,
-    thinned,
-)
+from mi_dogsplat.report.plot import WIDTH, Lane, Series, line_plot
+from mi_dogsplat.report.smoothing import MAX_POINTS, thinned
+from mi_dogsplat.report.ticks import log_ticks, nice_ticks, number
 
 
 def test_a_plot_is_well_formed_and_stays_inside_its_view_box():

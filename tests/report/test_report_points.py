@@ -2,11 +2,15 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
+from typing import Any
 
 import numpy as np
 import pytest
-from mi_dogsplat.report.plot import LEFT, RIGHT, WIDTH, Series, legend_list, line_plot, number
-from mi_dogsplat.report.points import CHARACTER, CLEAR, RING, SHAPES, Note, labels, swatch
+from html_pages import parsed, words
+from mi_dogsplat.report.page import TEMPLATES
+from mi_dogsplat.report.plot import LEFT, RIGHT, WIDTH, Series, line_plot
+from mi_dogsplat.report.points import CHARACTER, CLEAR, RING, Label, Note, labels
+from mi_dogsplat.report.ticks import number
 
 X, Y = np.array([1.0, 10.0, 100.0]), np.array([1e-2, 1e-4, 1e-6])
 NOTES = [Note("a: 0.01", "a"), Note("b < c"), Note("d", "<d>")]
@@ -44,11 +48,10 @@ def test_words_stay_inside_and_cover_neither_points_nor_each_other():
     points = [(float(x), float(y)) for x, y in rng.uniform(20, 280, (40, 2))]
     notes = [Note("", f"label {i}") for i in range(40)]
     boxes = []
-    svg = labels(points, notes, (0, 0, 300, 300))
-    for anchor, x, y, words in re.findall(r'anchor="(\w+)" x="([\d.-]+)" y="([\d.-]+)">([^<]*)<', svg):
-        width = len(words) * CHARACTER
-        left = float(x) - width * {"start": 0, "middle": 0.5, "end": 1}[anchor]
-        boxes.append((left, float(y) - 10, left + width, float(y) + 3))
+    for label in labels(points, notes, (0, 0, 300, 300)):
+        x, y, width = label.x, label.y, len(label.words) * CHARACTER
+        left = x - width * {"start": 0, "middle": 0.5, "end": 1}[label.anchor]
+        boxes.append((left, y - 10, left + width, y + 3))
     assert 5 < len(boxes) < 40  # some fit, some do not
     for i, (left, top, right, bottom) in enumerate(boxes):
         assert left >= 0 and top >= 0 and right <= 300.1 and bottom <= 300.1
@@ -60,16 +63,22 @@ def test_words_stay_inside_and_cover_neither_points_nor_each_other():
 
 
 def test_a_label_without_room_on_the_right_goes_to_the_left():
-    found = labels([(95.0, 50.0)], [Note("", "words")], (0, 0, 100, 100))
-    assert 'text-anchor="end"' in found and f'x="{95 - CLEAR:.1f}"' in found
+    (found,) = labels([(95.0, 50.0)], [Note("", "words")], (0, 0, 100, 100))
+    assert found == Label("words", "end", 95 - CLEAR, found.y)
 
 
-def test_every_colour_has_a_shape_of_its_own_and_a_swatch():
-    assert len(set(SHAPES)) == len(SHAPES) == 8
-    for color in range(8):
-        ElementTree.fromstring(swatch(color))
-    listed = legend_list([("a < b", 1), ("c", 7)])
-    assert listed.count("<li>") == 2 and "a &lt; b" in listed and SHAPES[7] in listed
+def test_every_colour_has_a_shape_of_its_own_in_plots_and_in_legends():
+    notes = [Note("a < b", "a")]
+    svg = line_plot([Series("", X[:1], Y[:1], "points", c, notes) for c in range(8)], "ms", "error", log_y=True)
+    shapes = re.findall(r'class="c(\d) points" transform="[^"]*" d="([^"]*)"><title>a &lt; b</title>', svg)
+    assert [int(color) for color, _ in shapes] == list(range(8)) and len({shape for _, shape in shapes}) == 8
+    parts: Any = TEMPLATES.get_template("report/templates/parts.html").module
+    entries = list(parsed(parts.legend([("a < b", 1), ("c", 7)])).iter("li"))
+    assert [words(entry) for entry in entries] == ["a < b", "c"]
+    for entry, color in zip(entries, (1, 7), strict=True):
+        drawn = entry.find(".//path")
+        assert drawn is not None and drawn.attrib["class"] == f"c{color} points"
+        assert drawn.attrib["d"] == shapes[color][1]
 
 
 def test_numbers_far_from_one_are_short_too():

@@ -5,10 +5,12 @@ import re
 
 import numpy as np
 import pytest
+from html_pages import parsed, rows, section, words
 from mi_dogsplat.report.plot import WIDTH, Mark, Series, line_plot
-from mi_dogsplat.report.prunes import marks, prune_table, prunes, with_drops
+from mi_dogsplat.report.prunes import marks, prunes, with_drops
 from mi_dogsplat.report.run_folder import read_run
 from mi_dogsplat.report.write import write_report
+from mi_dogsplat.training.events import DogActivated, OpacityReset, Pruned, Refined, ShDegree, row_of
 
 PRUNES = {  # step: from, to, why
     150: (4000, 2200, "first check"),
@@ -20,19 +22,18 @@ PRUNES = {  # step: from, to, why
 @pytest.fixture
 def run(tmp_path):
     """Three prunes, one of them beside other events; two checks that refined; DoG at once after the last prune."""
-    rows, n = [], 4000
+    history, n = [], 4000
     for step in range(10, 301, 10):
         row = {"step": step, "seconds": step / 10, "l1": 0.02, "n_dog": 0, "test_psnr": 25.0}
         if step in PRUNES:
             before, n, why = PRUNES[step]
-            row |= {"pruned_from": before, "pruned_to": n, "train_l1": 0.021}
-            row["event"] = f"reset opacity; prune {before} -> {n}: {why}; sh degree 1"
+            row |= row_of([OpacityReset(), Pruned(before, n, why, 0.021), ShDegree(1)])
         if step in (170, 220):
-            row |= {"train_l1": 0.022, "event": "refine: L1 0.0213 > 0.95 x 0.0215"}
+            row |= row_of([Refined("L1 0.0213 > 0.95 x 0.0215", 0.022)])
         if step == 260:
-            row["event"] = "dog activated 400 primitives"
-        rows.append(row | {"n": n})
-    (tmp_path / "history.jsonl").write_text("\n".join(map(json.dumps, rows)))
+            row |= row_of([DogActivated(400)])
+        history.append(row | {"n": n})
+    (tmp_path / "history.jsonl").write_text("\n".join(map(json.dumps, history)))
     return tmp_path
 
 
@@ -43,7 +44,7 @@ def test_the_history_says_from_where_to_where_and_why(run):
 
 
 def test_every_curve_has_a_line_for_every_prune_and_for_the_activation(run):
-    plots = re.findall(r"<svg.*?</svg>", write_report(run).read_text())
+    plots = re.findall(r"<svg.*?</svg>", write_report(run).read_text(), re.DOTALL)
     assert len(plots) == 6  # error, PSNR and count, against run time and against step
     for plot in plots:
         line = re.search(r'class="mark" d="([^"]*)"', plot)
@@ -66,25 +67,24 @@ def test_the_count_falls_at_the_prune_not_over_the_rows_before_it(run):
 
 
 def test_the_table_lists_all_prunes_and_counts_the_checks_that_refined(run):
-    html = prune_table(read_run(run))
-    cells = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", html)[1:]]
-    assert cells == [
+    training = section(parsed(write_report(run).read_text()), "How training went")
+    assert training is not None and rows(training) == [
+        ["", "step", "from", "to", "removed", "why"],
         ["1", "150", "4,000", "2,200", "45.0 %", "first check"],
-        ["2", "200", "2,200", "1,300", "40.9 %", "L1 0.0190 &lt;= 0.95 x 0.0204"],
-        ["3", "250", "1,300", "400", "69.2 %", "the window &lt;closes&gt;"],
+        ["2", "200", "2,200", "1,300", "40.9 %", "L1 0.0190 <= 0.95 x 0.0204"],
+        ["3", "250", "1,300", "400", "69.2 %", "the window <closes>"],
     ]
-    assert "Checks that did not prune: 2." in html
-    assert html in write_report(run).read_text()
+    assert "Checks that did not prune: 2." in words(training)
 
 
 def test_the_whole_set_error_of_the_checks_is_drawn(run):
-    plots = re.findall(r"<svg.*?</svg>", write_report(run).read_text())
+    plots = re.findall(r"<svg.*?</svg>", write_report(run).read_text(), re.DOTALL)
     assert all(plot.count('<circle class="c2 points"') == 5 for plot in plots[:2])
 
 
 def test_a_run_without_prunes_has_neither_marks_nor_table(run):
-    rows = [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
-    plain = [{key: row[key] for key in ("step", "seconds", "l1", "n")} for row in rows]
+    history = [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
+    plain = [{key: row[key] for key in ("step", "seconds", "l1", "n")} for row in history]
     (run / "history.jsonl").write_text("\n".join(map(json.dumps, plain)))
     html = write_report(run).read_text()
     assert 'class="mark"' not in html and "Prunes" not in html

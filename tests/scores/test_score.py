@@ -3,12 +3,14 @@
 import dataclasses
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions
+from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.score import ScoreRule, band_pass_weight, energies, filtered_noise, scores
@@ -218,12 +220,14 @@ def test_random_signs_give_the_sum_over_frequencies_with_an_error_of_one_over_ro
 
 
 @pytest.mark.parametrize("rule", [EXACT, ScoreRule(probes=2), ScoreRule("leave-one-out"), ScoreRule("released")])
-def test_the_seed_decides_and_every_run_has_the_same_bits(rule):
+def test_the_seed_decides_and_every_run_has_the_same_bits_where_lanes_add_in_turn(rule):
     splats = rounded(random_splats(500, seed=2, degree=0))
     first, again, other = (score(rule, splats, cameras=[tilted_camera(200, 150, f=180.0)], seed=k) for k in (3, 3, 4))
-    np.testing.assert_array_equal(first, again)
+    in_turn = lanes_add_in_turn(mi.variant())  # else atomics add in any order, in float32
+    np.testing.assert_allclose(first, again, rtol=0 if in_turn else 1e-5)
     noisy = rule.kind != "released" and rule.probes > 0
-    assert (np.abs(first - other).max() > 1e-2) == noisy and np.any(first != other) == noisy
+    assert (np.abs(first - other).max() > 1e-2) == noisy
+    assert np.any(first != other) == noisy or not in_turn
 
 
 # Cost

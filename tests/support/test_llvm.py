@@ -4,9 +4,9 @@ import os
 import shutil
 import subprocess
 import sys
-import unicodedata
 from pathlib import Path
 
+import drjit
 import pytest
 from mi_dogsplat.support import llvm
 
@@ -102,7 +102,7 @@ def test_an_unusable_library_that_the_user_named_is_replaced(only_here, monkeypa
 @linux_only
 def test_without_a_usable_library_nothing_is_set_and_nothing_fails(only_here):
     library(only_here, "libLLVM-15.so")
-    shutil.copy(unicodedata.__file__, only_here / "libLLVM.so")  # loads, but is no LLVM
+    shutil.copy(Path(drjit.__file__).parent / "libnanothread.so", only_here / "libLLVM.so")  # loads, but is no LLVM
     library(only_here, "libLLVM.so.1")  # does not load
     llvm.choose_llvm()
     assert llvm.find_llvm() is None and "DRJIT_LIBLLVM_PATH" not in os.environ
@@ -169,7 +169,7 @@ def run_setup(folder: Path) -> subprocess.CompletedProcess:
     )
     env = os.environ | {"PATH": f"{folder}:{os.environ['PATH']}"}
     command = [str(ROOT / "scripts" / "setup_llvm.sh"), str(folder / "python")]
-    return subprocess.run(command, env=env, capture_output=True, text=True, timeout=60)
+    return subprocess.run(command, env=env, capture_output=True, text=True, timeout=300)
 
 
 @linux_only

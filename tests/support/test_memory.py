@@ -8,14 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
+from happenings import records
 from mi_dogsplat.cli import main
 from mi_dogsplat.datasets import images, load_dataset
 from mi_dogsplat.runs import run
 from mi_dogsplat.support import memory
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.support.memory import available_memory, bytes_of
+from mi_dogsplat.support.memory import available_memory, bytes_of, peak_memory_mb
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.events import MemoryFull
 from mi_dogsplat.training.footprint import FIRST_PAIRS, MARGIN, Budget, budget
 from mi_dogsplat.training.train import Trainer
 from tiny_data import write_tiny_data
@@ -61,7 +64,8 @@ def test_the_least_of_machine_container_and_shell_counts(tmp_path, monkeypatch):
         path.write_text(text)
         return path
 
-    monkeypatch.setattr(memory, "MEMORY", write("meminfo", "MemTotal: 99 kB\nMemAvailable:  8000000 kB\n"))
+    machine = psutil.virtual_memory()._replace(available=8_000_000 * 1024)
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: machine)
     monkeypatch.setattr(memory, "OWN_GROUPS", write("cgroup", "4:memory:/box/job\n0::/job\n"))
     two, one = tmp_path / "v2", tmp_path / "v1"
     names = ("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")
@@ -81,13 +85,40 @@ def test_the_least_of_machine_container_and_shell_counts(tmp_path, monkeypatch):
 
 def test_a_limit_of_the_shell_counts():
     limits = resource.getrlimit(resource.RLIMIT_AS)
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    used = psutil.Process().memory_info().vms
     resource.setrlimit(resource.RLIMIT_AS, (used + (50 << 20), limits[1]))
     try:
         free = available_memory()
     finally:
         resource.setrlimit(resource.RLIMIT_AS, limits)
     assert free is not None and 0 < free <= 50 << 20
+
+
+def test_the_peak_is_the_largest_resident_size_and_stays_when_memory_is_given_back():
+    before = psutil.Process().memory_info().rss
+    block = np.ones(200 << 20, np.uint8)
+    resident = psutil.Process().memory_info().rss
+    assert resident > before + (190 << 20)
+    del block
+    assert resident / 2**20 - 1 <= peak_memory_mb() <= psutil.virtual_memory().total / 2**20
+
+
+def test_where_the_system_says_nothing_nothing_is_known(monkeypatch):
+    def silent():
+        raise FileNotFoundError("/proc/meminfo")
+
+    monkeypatch.setattr(memory, "OWN_GROUPS", Path("nowhere"))
+    monkeypatch.setattr(psutil, "virtual_memory", silent)
+    assert available_memory() is None
+
+
+def test_without_limits_of_its_own_a_process_can_have_what_the_machine_has(monkeypatch):
+    """As on systems other than Linux: no control groups, no limit of the address space to ask for."""
+    monkeypatch.setattr(memory, "OWN_GROUPS", Path("nowhere"))
+    monkeypatch.delattr(psutil, "RLIMIT_AS")
+    machine = psutil.virtual_memory()._replace(available=12345)
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: machine)
+    assert available_memory() == 12345
 
 
 @pytest.mark.slow
@@ -120,24 +151,24 @@ def test_primitives_grow_until_the_memory_is_full_and_the_history_says_so(data, 
         run.train(config, tmp_path)
     rows = [json.loads(line) for line in (tmp_path / "history.jsonl").read_text().splitlines()]
     assert max(row["n"] for row in rows) == most
-    assert any(f"memory: no more than {most} primitives fit into" in row.get("event", "") for row in rows)
+    assert {record["most"] for record in records(rows, "memory_full")} == {most}
 
 
 def test_the_cap_falls_as_primitives_touch_more_tiles_and_removes_none():
     known = Budget(total=1e9, fixed=2e8, floats=62)
-    rule = Trainer.__init__.__globals__["RECIPES"]["3dgs"].densification
     caps = []
     for pairs in (10_000, 100_000, 1_000_000):
         known.pairs = pairs
-        caps.append(known.bounded(rule, 10_000)[0].max_primitives)
+        caps.append(known.bounded(None, 10_000)[0])
         assert known.pairs == 0
     assert caps[0] > caps[1] > caps[2] > 10_000
     known.pairs = 10**9
-    bounded, event = known.bounded(rule, 10_000)
-    assert bounded.max_primitives == 10_000 and "no more than 10000 primitives" in event
+    assert known.bounded(None, 10_000) == (10_000, MemoryFull(10_000, "1 GB"))
+    assert known.bounded(500, 10_000) == (500, None)
 
 
 def test_images_that_do_not_fit_are_refused_before_they_are_read(data, monkeypatch):
+    monkeypatch.setattr(images, "usable_cores", lambda: 2)  # as many are decoded at a time, which takes memory too
     monkeypatch.setattr(images, "available_memory", lambda: 150_000)
     with pytest.raises(DataError, match=r"8 images need .* and 150 kB are free; shrink them: --downscale 2"):
         load_dataset(data)

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import flip_evaluator
@@ -95,13 +96,33 @@ def test_exr_keeps_large_values_infinite_depth_and_nan(tmp_path):
     assert np.isinf(channels["depth.Z"]).all() and np.isnan(channels["error.Y"]).all()
 
 
-def test_exr_is_written_where_there_is_a_single_thread(tmp_path):
-    """In a process of its own: Mitsuba alone waits for ever."""
-    program = "import mi_dogsplat, sys, drjit as dr, numpy as np; from mi_dogsplat.support.pictures import write_exr; "
-    program += "dr.set_thread_count(1); write_exr(sys.argv[1], {'color': np.ones((20, 30, 3))})"
-    command = [sys.executable, "-c", program, str(tmp_path / "x.exr")]
-    subprocess.run(command, check=True, timeout=100, cwd=Path(__file__).parents[2])
-    assert OpenEXR.File(str(tmp_path / "x.exr")).channels()["RGB"].pixels.shape == (20, 30, 3)
+@pytest.mark.parametrize("write", [pictures.write_exr, pictures.write_png])
+def test_a_picture_is_written_where_there_is_a_single_core(tmp_path, write):
+    """In a process of its own: Mitsuba's own writer of OpenEXR waits for ever, and its reader too."""
+    picture = "np.ones((20, 30, 3))" if write is pictures.write_png else "{'color': np.ones((20, 30, 3))}"
+    program = f"import mi_dogsplat, sys, drjit as dr, numpy as np; from {write.__module__} import {write.__name__}; "
+    program += f"dr.set_thread_count(1); {write.__name__}(sys.argv[1], {picture})"
+    command = [sys.executable, "-c", program, str(tmp_path / "x")]
+    subprocess.run(command, check=True, timeout=300, cwd=Path(__file__).parents[2])
+    assert (tmp_path / "x").stat().st_size > 0
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32, np.uint32])
+def test_channels_keep_their_type_and_values_however_they_lie_in_memory(tmp_path, kind):
+    stacked = np.arange(2 * 3 * 2).reshape(2, 3, 2).astype(kind)
+    pictures.write_channels(tmp_path / "a.exr", {"Y": stacked[..., 0], "id": stacked[..., 1]})
+    channels = read_exr(tmp_path / "a.exr")
+    for name, plane in (("Y", stacked[..., 0]), ("id", stacked[..., 1])):
+        assert channels[name].dtype == kind
+        np.testing.assert_array_equal(channels[name], plane)
+
+
+@pytest.mark.parametrize("write", [pictures.write_exr, pictures.write_png])
+def test_a_place_that_cannot_be_written_is_an_os_error_that_says_why(tmp_path, write, monkeypatch):
+    monkeypatch.setattr(pictures, "replacing", lambda path: nullcontext(tmp_path / "no" / "such" / "folder"))
+    with pytest.raises(OSError) as caught:
+        write(tmp_path / "a", np.ones((2, 3, 3)) if write is pictures.write_png else {"color": np.ones((2, 3, 3))})
+    assert caught.value.filename == str(tmp_path / "a") and caught.value.strerror == "No such file or directory"
 
 
 def test_exr_names_the_layer_that_does_not_fit(tmp_path):

@@ -1,6 +1,9 @@
 """Mitsuba's variants, each in a process of its own; some work, the others say which to use."""
 
 import json
+import os
+import platform
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +11,9 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
+from mi_dogsplat.support import variants
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.llvm import find_llvm
 
 ROOT = Path(__file__).parents[2]
 LIBRARY = """
@@ -115,3 +121,29 @@ except RuntimeError as error:
     answer(problem=str(error))
 ''')
     assert f"{plugin}: not available in the variant {variant}; use llvm_ad_rgb or cuda_ad_rgb" in got["problem"]
+
+
+def test_a_processor_that_dr_jit_cannot_compile_for_is_one_line(monkeypatch):
+    if find_llvm() is None:
+        pytest.skip("without an LLVM that is what is said")
+    monkeypatch.setattr(variants.dr, "has_backend", lambda backend: False)
+    with pytest.raises(DataError, match="^--variant: Dr.Jit cannot compile for this processor with .*; use .* FMA"):
+        variants.set_variant("llvm_ad_rgb")
+
+
+def test_a_processor_without_fma_is_one_line_of_ours_after_dr_jits_own(tmp_path):
+    """A library that is LLVM but for what it says of the processor: one from 2011."""
+    llvm = find_llvm()
+    if llvm is None or not shutil.which("cc") or platform.system() != "Linux" or platform.machine() != "x86_64":
+        pytest.skip("needs Linux on x86-64 with a usable LLVM and a C compiler: it makes a library that wraps it")
+    code = '#include <string.h>\nchar *LLVMGetHostCPUName(void) { return strdup("sandybridge"); }\n'
+    code += 'char *LLVMGetHostCPUFeatures(void) { return strdup("+sse4.2,+avx,-fma"); }\n'
+    older = tmp_path / f"libLLVM-{llvm.version[0]}.so"
+    command = ["cc", "-shared", "-fPIC", "-o", str(older), "-Wl,--no-as-needed", llvm.path, "-x", "c", "-"]
+    subprocess.run(command, input=code, text=True, check=True, capture_output=True)
+    command = [sys.executable, "-m", "mi_dogsplat", "render", "scenes/still_life.ply", "-o", str(tmp_path / "a.png")]
+    environment = os.environ | {"DRJIT_LIBLLVM_PATH": str(older)}
+    done = subprocess.run([*command, "--variant", "llvm_ad_rgb"], env=environment, cwd=ROOT, capture_output=True,
+                          text=True, check=False)
+    assert done.returncode == 2 and "Traceback" not in done.stderr, done.stderr
+    assert done.stderr.splitlines()[-1].startswith("dogsplat: --variant: Dr.Jit cannot compile for this processor")

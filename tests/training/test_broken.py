@@ -1,6 +1,7 @@
 """Primitives that training cannot repair: who they are, what removing them costs, and that no file ever holds one."""
 
 import json
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -14,10 +15,13 @@ from mi_dogsplat.runs.checkpoint import load_checkpoint
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training.adam import Entry
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.strategy.broken import MAX_SCALE, MAX_SH, broken, drop_broken
+from mi_dogsplat.training.strategy.strategy import Strategy, Training
 from mi_dogsplat.training.train import Trainer
 
 EXTENT, N = 2.0, 7
@@ -70,9 +74,9 @@ def test_small_far_and_saturated_values_are_not_broken():
 def test_broken_rows_go_with_their_moments_and_the_others_stay_as_they_are():
     optimizer = optimizer_of()
     for name in optimizer.adam:
-        value, *rest, (t, m, v, v_max) = optimizer.adam.state[name]
-        m, v = (type(m)(np.arange(1.0, dr.width(m) + 1)) for _ in range(2))
-        optimizer.adam.state[name] = value, *rest, (t, m, v, v_max)  # pyright: ignore[reportArgumentType]
+        entry = Entry.of(optimizer.adam, name)
+        m, v = (type(entry.m)(np.arange(1.0, dr.width(entry.m) + 1)) for _ in range(2))
+        replace(entry, m=m, v=v).put(optimizer.adam, name)
     before, m = optimizer.to_splats(), optimizer.state()["means.m"].reshape(-1, 3)
     put(optimizer, "means", 1, 0, np.nan)
     put(optimizer, "dog_log_scales", 1, 0, np.inf)  # of primitive 2
@@ -116,46 +120,48 @@ def config_of(data, **changes) -> TrainConfig:
     return TrainConfig(str(data), **{**base, **changes})
 
 
-class Poisoned(Trainer):
+@dataclass(frozen=True)
+class Poisoned(Strategy[None]):
     """Five primitives become NaN after 55 steps, when densification is long over."""
 
-    def step(self):
-        if self.step_count == 55:
-            self.optimizer.set("means", np.full((2, 3), np.nan), np.array([0, 3]))
-            self.optimizer.set("quats", np.full((3, 4), np.inf), np.array([5, 6, 7]))
-        return super().step()
+    def before_step(self, t: Training, state: None) -> None:
+        if t.step_count == 55:
+            t.optimizer.set("means", np.full((2, 3), np.nan), np.array([0, 3]))
+            t.optimizer.set("quats", np.full((3, 4), np.inf), np.array([5, 6, 7]))
 
 
-def test_no_file_holds_a_broken_primitive_and_the_history_tells_how_many_there_were(data, tmp_path, monkeypatch):
-    monkeypatch.setattr("mi_dogsplat.runs.run.Trainer", Poisoned)
-    metrics = mi_dogsplat.runs.run.train(config_of(data), tmp_path)
+POISONED = replace(RECIPES["3dgs"], also=(Poisoned(),))
+
+
+def test_no_file_holds_a_broken_primitive_and_the_history_tells_how_many_there_were(data, tmp_path):
+    metrics = mi_dogsplat.runs.run.train(config_of(data), tmp_path, recipe=POISONED)
     rows = [json.loads(line) for line in (tmp_path / "history.jsonl").read_text().splitlines()]
     assert rows[-1]["event"] == "dropped 5 broken primitives" and rows[-1]["n"] == rows[-2]["n"] - 5
     assert np.isfinite(rows[-1]["l1"]) and metrics["train"]["psnr"] > 15
     state = load_checkpoint(tmp_path / "checkpoint" / "state.npz")
     assert all(np.isfinite(values).all() for values in state.values() if values.dtype.kind == "f")
-    assert len(state["stats.views"]) == rows[-1]["n"] >= read_ply(tmp_path / "point_cloud.ply").n_splats > 0
+    assert len(state["densification.views"]) == rows[-1]["n"] >= read_ply(tmp_path / "point_cloud.ply").n_splats > 0
 
 
 def test_a_state_that_is_taken_at_any_time_is_finite(data):
-    trainer = Poisoned(config_of(data), load_dataset(data))
+    trainer = Trainer(config_of(data), load_dataset(data), POISONED)
     while trainer.step_count < 56:
         trainer.step()
     n = trainer.optimizer.n
     state = trainer.state()
     assert all(np.isfinite(values).all() for values in state.values() if values.dtype.kind == "f")
-    assert trainer.optimizer.n == n - 5 == len(state["stats.views"])
+    assert trainer.optimizer.n == n - 5 == len(state["densification.views"])
 
 
-def test_a_run_without_a_usable_primitive_is_a_data_error_that_names_the_step(data, tmp_path, monkeypatch):
-    class Diverged(Trainer):
-        def step(self):
-            self.optimizer.set("means", np.full((self.optimizer.n, 3), np.nan))
-            return super().step()
+def test_a_run_without_a_usable_primitive_is_a_data_error_that_names_the_step(data, tmp_path):
+    @dataclass(frozen=True)
+    class Diverged(Strategy[None]):
+        def before_step(self, t: Training, state: None) -> None:
+            t.optimizer.set("means", np.full((t.optimizer.n, 3), np.nan))
 
-    monkeypatch.setattr("mi_dogsplat.runs.run.Trainer", Diverged)
+    recipe = replace(RECIPES["3dgs"], also=(Diverged(),))
     with pytest.raises(DataError, match=rf"{data.name}.*: step 1: no primitive has usable values"):
-        mi_dogsplat.runs.run.train(config_of(data, log_every=1), tmp_path / "run")
+        mi_dogsplat.runs.run.train(config_of(data, log_every=1), tmp_path / "run", recipe=recipe)
 
 
 def test_a_model_to_prune_loses_its_broken_primitives_before_it_is_measured(data, tmp_path):

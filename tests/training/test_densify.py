@@ -9,9 +9,11 @@ import pytest
 from mi_dogsplat.engine.project import DeviceCamera, project
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.adam import Entry
 from mi_dogsplat.training.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer import SplatOptimizer
-from mi_dogsplat.training.strategy.densify import Densification, DensifyStats, refine
+from mi_dogsplat.training.strategy.densify import Densification, by_gradient, grow_and_remove
+from mi_dogsplat.training.strategy.densify_stats import DensifyStats
 from numpy.typing import ArrayLike
 
 EXTENT = 2.0
@@ -37,15 +39,15 @@ def optimizer_of(scales, opacities=None) -> SplatOptimizer:
     opacities = np.full(len(scales), 0.5) if opacities is None else opacities
     optimizer = SplatOptimizer(model_of(scales, opacities), LearningRates(EXTENT, 1000))
     for name in optimizer.adam:
-        value, *rest, (t, m, v, v_max) = optimizer.adam.state[name]
-        m, v = (type(m)(np.arange(1.0, dr.width(m) + 1)) for _ in range(2))
-        optimizer.adam.state[name] = value, *rest, (t, m, v, v_max)  # pyright: ignore[reportArgumentType]
+        entry = Entry.of(optimizer.adam, name)
+        m, v = (type(entry.m)(np.arange(1.0, dr.width(entry.m) + 1)) for _ in range(2))
+        dataclasses.replace(entry, m=m, v=v).put(optimizer.adam, name)
     return optimizer
 
 
 def stats_of(gradients, radii: ArrayLike = 0.0) -> DensifyStats:
     """Statistics of two views with this mean gradient."""
-    stats = DensifyStats(len(gradients))
+    stats = DensifyStats.zeros(len(gradients))
     Float = type(stats.views)
     stats.gradient_sum = Float(2 * np.asarray(gradients, float))
     stats.views = Float(np.full(len(gradients), 2.0))
@@ -56,8 +58,9 @@ def stats_of(gradients, radii: ArrayLike = 0.0) -> DensifyStats:
 def refined(optimizer, stats, rule=RULE, step=600, seed=0) -> tuple[dict, Splats, Splats]:
     """(counts, model before, model after)."""
     before = optimizer.to_splats()
-    counts = refine(rule, optimizer, stats, step, np.random.default_rng(seed), EXTENT)
-    return counts, before, optimizer.to_splats()
+    choice = by_gradient(rule, optimizer, stats, step, EXTENT)
+    done = grow_and_remove(optimizer, choice, rule.split_divisor, np.random.default_rng(seed))
+    return dataclasses.asdict(done), before, optimizer.to_splats()
 
 
 def test_small_primitives_with_large_gradients_are_cloned():
@@ -227,7 +230,7 @@ def scene(n: int) -> dict:
 
 def test_statistics_average_over_the_views_that_saw_a_primitive():
     n, rng = 60, np.random.default_rng(0)
-    params, stats = scene(n), DensifyStats(n)
+    params, stats = scene(n), DensifyStats.zeros(n)
     total, views, radius = np.zeros(n), np.zeros(n), np.zeros(n)
     for width, height, z in ((64, 48, 4.0), (33, 80, 2.0), (64, 48, 9.0)):
         projection = project(params, view(width, height, z), sh_degree=0)
@@ -252,7 +255,7 @@ def test_statistics_average_over_the_views_that_saw_a_primitive():
 
 def test_gradients_that_are_not_finite_or_have_no_finite_square_do_not_count():
     n = 60
-    projection, stats = project(scene(n), view(64, 48, 4.0), sh_degree=0), DensifyStats(n)
+    projection, stats = project(scene(n), view(64, 48, 4.0), sh_degree=0), DensifyStats.zeros(n)
     gradient = np.ones((2, n), np.float32)
     gradient[:, 0], gradient[0, 1], gradient[1, 2] = np.nan, -np.inf, 1e30
     stats.add(mi.Float(gradient[0]), mi.Float(gradient[1]), projection, 64, 48)
@@ -264,14 +267,14 @@ def test_gradients_that_are_not_finite_or_have_no_finite_square_do_not_count():
 
 def test_kept_rows_keep_their_statistics():
     stats = stats_of([1.0, 2.0, 3.0, 4.0], [5, 6, 7, 8])
-    stats.keep(np.array([0, 2]))
+    stats.follow(np.array([0, 2]))
     np.testing.assert_array_equal(stats.mean_gradient(), [1, 3])
     np.testing.assert_array_equal(stats.max_radius.numpy(), [5, 7])
 
 
 def test_statistics_compile_nothing_when_views_and_counts_change():
     def collect(n: int, width: int, height: int):
-        stats = DensifyStats(n)
+        stats = DensifyStats.zeros(n)
         params, gradient = scene(n), dr.opaque(mi.Float, 1, n)
         for z in (4.0, 3.0):
             projection = project(params, view(width, height, z), sh_degree=0)

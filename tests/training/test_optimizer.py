@@ -9,6 +9,7 @@ import pytest
 from mi_dogsplat.engine.parameters import RAW_DOG
 from mi_dogsplat.engine.project import NOT_DOG
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.adam import Entry
 from mi_dogsplat.training.learning_rates import LearningRates, Refinement
 from mi_dogsplat.training.optimizer import SplatOptimizer
 
@@ -91,7 +92,7 @@ def test_refinement_raises_the_rates_from_its_start_and_lowers_all_but_those_of_
 def test_what_no_render_has_read_yet_is_left_out_of_a_step_and_loses_no_bit_by_it():
     always, later = (SplatOptimizer(random_model(7, 1, (0, 3)), RATES) for _ in range(2))
     for optimizer, unused in ((always, ()), (later, ("sh_rest",))):
-        rng, m = np.random.default_rng(2), optimizer.adam.state["sh_rest"][3][1]
+        rng, m = np.random.default_rng(2), Entry.of(optimizer.adam, "sh_rest").m
         for step in range(6):
             optimizer.schedule(step)
             set_gradients(optimizer, rng)
@@ -99,7 +100,7 @@ def test_what_no_render_has_read_yet_is_left_out_of_a_step_and_loses_no_bit_by_i
                 dr.clear_grad(optimizer.adam["sh_rest"])
             optimizer.step(unused if step < 3 else ())
             if step < 3:
-                assert (optimizer.adam.state["sh_rest"][3][1].index == m.index) == bool(unused)  # nothing was written
+                assert (Entry.of(optimizer.adam, "sh_rest").m.index == m.index) == bool(unused)  # nothing was written
     expected, got = always.state(), later.state()
     assert list(got) == list(expected) and got["sh_rest.t"] == 6 and np.ptp(got["sh_rest.m"]) > 0
     for name, values in expected.items():

@@ -21,6 +21,7 @@ from mi_dogsplat.runs import run
 from mi_dogsplat.runs.checkpoint import load_checkpoint
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.events import Dropped
 from mi_dogsplat.training.loss import PhotometricLoss
 from mi_dogsplat.training.photographs import READ_AHEAD, Photographs
 from mi_dogsplat.training.strategy.sieve import near_cameras
@@ -41,7 +42,7 @@ def alpha_data(tmp_path_factory) -> Path:
 
 def test_a_random_background_is_another_at_each_step_behind_render_and_photograph(alpha_data):
     dataset = load_dataset(alpha_data)
-    photographs, rng = Photographs(config_of(background="random"), dataset, 1.0), np.random.default_rng(0)
+    photographs, rng = Photographs(dataset, 1.0, random=True), np.random.default_rng(0)
     image = np.random.default_rng(1).uniform(0.1, 0.9, (*SHAPE, 3)).astype(np.float32)
     colors = []
     for _ in range(3):
@@ -77,7 +78,7 @@ def test_with_a_random_background_nothing_opaque_stands_where_the_photograph_is_
 
 def test_a_random_background_needs_alpha(data):
     with pytest.raises(DataError, match="random needs images with alpha"):
-        Photographs(config_of(background="random"), load_dataset(data), 0.0)
+        Photographs(load_dataset(data), 0.0, random=True)
 
 
 # --- images on disk ---
@@ -119,7 +120,7 @@ def test_training_from_disk_is_the_same_training(data):
         trainer = Trainer(config_of(data_on_disk=on_disk), load_dataset(data, on_disk=on_disk))
         for _ in range(20):
             trainer.step()
-        losses.append((trainer.take_losses()["l1"], trainer.training_l1()))
+        losses.append((trainer.losses.take()["l1"], trainer.training_l1()))
     assert losses[0] == pytest.approx(losses[1], rel=1e-3)
 
 
@@ -166,9 +167,9 @@ def test_primitives_in_the_near_zone_are_dropped_with_a_note(data):
     means = trainer.optimizer.numpy("means")
     means[:7] = dataset.train[2].camera.position + 0.3
     trainer.optimizer.set("means", means)
-    n, rows = trainer.optimizer.n, [trainer.step() for _ in range(5)]
-    assert rows[:4] == [{}] * 4 and rows[4]["event"] == "dropped 7 primitives near cameras"
-    assert trainer.optimizer.n == n - 7 and trainer.begin() == {}
+    n, events = trainer.optimizer.n, [trainer.step() for _ in range(5)]
+    assert events == [[], [], [], [], [Dropped(7, "primitives near cameras")]]
+    assert trainer.optimizer.n == n - 7 and trainer.begin() == []
     with pytest.raises(DataError, match="--near-zone"):
         trained(dataset, near_zone=100.0, log_every=5)
 
@@ -185,7 +186,7 @@ def test_options_are_written_to_the_run_and_a_whole_run_uses_them(data, tmp_path
 def test_over_background_of_a_frame_is_that_of_a_photograph(alpha_data):
     dataset = load_dataset(alpha_data)
     for background in (0.0, 1.0):
-        photographs = Photographs(config_of(), dataset, background)
+        photographs = Photographs(dataset, background)
         truth = over_background(dataset.train[0].image, background)
         l1, _, _ = photographs.compare(planes_of(truth), 0, 0)
         assert float(l1[0]) == pytest.approx(0, abs=1e-6)

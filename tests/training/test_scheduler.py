@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mi_dogsplat.training.strategy.scheduler import Decision, PruningRule, PruningScheduler, target_count
+from mi_dogsplat.training.strategy.scheduler import Decision, Progress, PruningRule, PruningScheduler, target_count
 
 PAPER = PruningRule()
 RELEASED = PruningRule(start=15_200, stop=25_200, beta=0.99, rounds=5)
@@ -15,11 +15,18 @@ EQUAL = PruningRule(division="equal", rounds=5)
 STUCK = 1.0  # an L1 that never falls
 
 
+def scheduler_of(rule: PruningRule, n_start: int, n_target: int) -> PruningScheduler:
+    """One whose first check has come."""
+    scheduler = PruningScheduler(rule, Progress())
+    scheduler.begin(n_start, n_target)
+    return scheduler
+
+
 def run(
     rule: PruningRule, n_start: int, n_target: int, l1: Callable[[int], float], steps: Iterable[int] = range(30_001)
 ) -> list[tuple[int, int, Decision]]:
     """(step, primitives before, decision) of every check."""
-    scheduler, n, checks = PruningScheduler(rule, n_start, n_target), n_start, []
+    scheduler, n, checks = scheduler_of(rule, n_start, n_target), n_start, []
     for step in steps:
         if scheduler.checks(step):
             decision = scheduler.decide(step, n, l1(step))
@@ -97,7 +104,7 @@ def test_a_schedule_that_starts_after_its_window_prunes_once_and_to_the_target()
 
 
 def test_a_decision_without_a_check_is_refused():
-    scheduler = PruningScheduler(PAPER, 100, 10)
+    scheduler = scheduler_of(PAPER, 100, 10)
     for step in (14_999, 15_001):
         if step > 15_000:
             scheduler.decide(15_000, 100, STUCK)
@@ -136,20 +143,20 @@ def test_parts_of_the_way_multiply_the_count_whatever_the_error():
 
 
 def test_nothing_is_measured_once_the_target_is_met():
-    scheduler, n = PruningScheduler(RELEASED, 1000, 100), 1000
+    scheduler, n = scheduler_of(RELEASED, 1000, 100), 1000
     for step in range(15_200, 17_201, 500):
         assert scheduler.checks(step)
         n = scheduler.decide(step, n, falling(step)).keep
-    assert n == 100 and scheduler.finished
+    assert n == 100 and scheduler.progress.finished
     assert not any(scheduler.checks(step) for step in range(17_201, 30_000))
 
 
 def test_a_target_that_something_else_has_reached_ends_the_schedule():
-    scheduler = PruningScheduler(PAPER, 1000, 100)
+    scheduler = scheduler_of(PAPER, 1000, 100)
     assert scheduler.decide(15_000, 1000, STUCK).keep == 550
     decision = scheduler.decide(15_500, 90, STUCK)
     assert decision == Decision(False, 90, "90 primitives are left, the target is 100")
-    assert scheduler.finished and not scheduler.checks(25_000)
+    assert scheduler.progress.finished and not scheduler.checks(25_000)
 
 
 @pytest.mark.parametrize("rule", [PAPER, RELEASED, EQUAL])
@@ -203,12 +210,10 @@ def test_whatever_the_errors_the_target_is_met_exactly_by_the_end_of_the_window(
 def test_a_restored_schedule_decides_as_one_that_went_on(rule, cut, data):
     l1 = data.draw(st.lists(st.floats(0, 1), min_size=10, max_size=30))
     n, tail = 3000, []
-    scheduler = PruningScheduler(rule, n, 300)
+    scheduler = scheduler_of(rule, n, 300)
     for step in range(rule.stop + 1):
         if step == cut:
-            again, n_again = PruningScheduler(rule, 5, 1), n
-            again.restore(scheduler.state())
-            tail = [(again, n_again)]
+            tail = [(PruningScheduler(rule, dataclasses.replace(scheduler.progress)), n)]
         for i, (other, count) in enumerate(tail):
             assert other.checks(step) == scheduler.checks(step)
             if other.checks(step):
@@ -218,7 +223,7 @@ def test_a_restored_schedule_decides_as_one_that_went_on(rule, cut, data):
                 n = decision.keep
         if not tail and scheduler.checks(step):
             n = scheduler.decide(step, n, l1[step % len(l1)]).keep
-    assert n == 300 and all(other.state() == scheduler.state() for other, _ in tail)
+    assert n == 300 and all(other.progress == scheduler.progress for other, _ in tail)
 
 
 # --- runs of other lengths ---
@@ -272,7 +277,7 @@ def test_a_target_that_removes_nothing_or_leaves_nothing_says_so(target, n, word
 @pytest.mark.parametrize(("n_start", "n_target"), [(10, 10), (10, 11), (10, 0), (1, 1), (0, 0)])
 def test_a_scheduler_without_a_target_below_its_start_is_refused(n_start, n_target):
     with pytest.raises(ValueError, match=f"cannot prune {n_start} primitives to {n_target}"):
-        PruningScheduler(PAPER, n_start, n_target)
+        scheduler_of(PAPER, n_start, n_target)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """The baseline on pictures of a known model: it learns, keeps its promises about size and files, and repeats itself."""
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,8 @@ import mi_dogsplat.runs.run
 import numpy as np
 import pytest
 import tiny_data
+from changed_strategy import change_densification
+from happenings import records, rows_with
 from mi_dogsplat import read_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.measure import metrics
@@ -115,12 +116,11 @@ def test_history_rows_tell_step_time_loss_and_count(trained):
 
 def test_history_tells_the_sh_ramp_and_where_the_count_changed(trained):
     rows = rows_of(trained[0])
-    events = {row["step"]: row["event"] for row in rows if "event" in row}
-    assert events[5].endswith("sh degree 1")  # 1000 of 30,000 steps
-    assert sum("sh degree" in event for event in events.values()) == 1
+    (ramp,) = rows_with(rows, "sh_degree")
+    assert ramp["step"] == 5 and records([ramp], "sh_degree")[0]["degree"] == 1  # 1000 of 30,000 steps
     for before, row in zip([{"n": tiny_data.N_TRUTH}, *rows], rows, strict=False):
-        assert before["n"] == row["n"] or "densify" in row["event"]
-    assert all(step < STEPS / 2 for step, event in events.items() if "densify" in event)
+        assert before["n"] == row["n"] or records([row], "densified")
+    assert all(row["step"] < STEPS / 2 for row in rows_with(rows, "densified"))
 
 
 @pytest.mark.parametrize("cap", [1, 37, 60, CAP])
@@ -138,8 +138,9 @@ def test_the_same_seed_gives_the_same_run_up_to_the_order_of_atomics(data, train
     """Sums over pixels are made by atomics whose order varies: losses differ by some 1e-7, choices by nothing."""
     mi_dogsplat.runs.run.train(config_of(data), tmp_path / "again")
     first, again = rows_of(trained[0]), rows_of(tmp_path / "again")
-    for key in ("step", "n", "n_dog", "event"):
+    for key in ("step", "n", "n_dog"):
         assert [row.get(key) for row in first] == [row.get(key) for row in again]
+    assert records(first, "densified") == records(again, "densified") != []
     for key in ("l1", "loss", "test_psnr"):
         a, b = ([row[key] for row in rows if key in row] for rows in (first, again))
         np.testing.assert_allclose(a, b, rtol=1e-4)
@@ -164,13 +165,13 @@ def test_every_view_is_shown_once_before_any_is_shown_again(data):
 
 def test_opacities_are_reset_and_the_history_tells(data):
     trainer = Trainer(config_of(data, steps=90), load_dataset(data))
-    trainer.densification = dataclasses.replace(trainer.densification, reset_every=20, every=1000)
+    change_densification(trainer, reset_every=20, every=1000)
     rows = []
     for row in run_to_end(trainer):
         rows.append(row)
         if row["step"] == 20:
             assert trainer.optimizer.to_splats().opacities.max() <= 0.0101
-    assert [row["step"] for row in rows if "reset opacity" in row.get("event", "")] == [20, 40]
+    assert [row["step"] for row in rows if records([row], "opacity_reset")] == [20, 40]
 
 
 def test_a_run_without_test_split_is_measured_on_its_training_views(tmp_path):

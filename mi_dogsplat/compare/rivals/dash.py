@@ -12,17 +12,16 @@ first. The paper sets N_max by momentum from what would densify; here it is the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 
-from ...datasets.dataset import View
-from ...datasets.images import box_downscale
-from ...engine.project import DeviceCamera
-from ...training.photographs import Photographs
+from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
-from .growth import Growth
+from ...training.strategy.densify import Choice, Densification
+from ...training.strategy.densify_stats import DensifyStats
+from ...training.strategy.strategy import Strategy, Training
+from .growth import START_SHARE, fill, progress
 
 LARGEST = 8  # factor
 
@@ -51,48 +50,47 @@ def count_at(factor: int, progress: float, start: int, end: int) -> int:
     return round(start + (end - start) / factor ** (2 - progress))
 
 
-class Dash(Growth):
-    """Trains on pictures that grow with the model."""
+@dataclass(frozen=True)
+class GrowWithPictures:
+    """Who grows: those with the largest gradients, as many as pictures of this size are worth."""
 
-    factor = 1
+    def __call__(self, t: Training, rule: Densification, stats: DensifyStats) -> Choice:
+        return fill(t, rule, self.budget(t, rule), stats.mean_gradient)
 
-    @cached_property
-    def _significance(self) -> np.ndarray:
-        side = min(min(view.image.shape[:2]) for view in self.dataset.train)
-        return significance([view.image[..., :3] for view in self.dataset.train], min(LARGEST, side))
-
-    def _factor(self) -> int:
-        stop = self.densification.stop
-        return 1 if self.step_count >= stop else resolution(self._significance, self.step_count / stop)
-
-    def step(self) -> dict:
-        """As always, on pictures of the factor of this step."""
-        if (factor := self._factor()) != self.factor:
-            self.factor = factor
-            self._show(factor)
-        return super().step()
-
-    def _show(self, factor: int) -> None:
-        views = [
-            View(view.name, view.camera.downscaled(factor), box_downscale(view.image, factor), view.straight)
-            for view in self.dataset.train
-        ]
-        self.cameras = [DeviceCamera.upload(view.camera, self.config.near_clip) for view in views]
-        exposure = self.photographs.exposure
-        self.photographs = Photographs(self.config, replace(self.dataset, train=views), self.background)
-        self.photographs.exposure = exposure
-
-    def budget(self) -> int:
-        if self.progress() >= 1:
-            return self.count
-        start = min(self.n_start, self.count)
-        return max(
-            self.optimizer.n, count_at(self.factor, self.step_count / self.densification.stop, start, self.count)
-        )
-
-    def growth_scores(self) -> np.ndarray:
-        """The gradients that 3DGS densifies by."""
-        return self.stats.mean_gradient()
+    def budget(self, t: Training, rule: Densification) -> int:
+        """Primitives after the refinement of this step."""
+        count = int(t.target)
+        if progress(t, rule) >= 1:
+            return count
+        planned = count_at(t.photographs.factor, t.step_count / rule.stop, min(t.n_start, count), count)
+        return max(t.optimizer.n, planned)
 
 
-RECIPE = Recipe()
+@dataclass
+class Spectra:
+    """State of ``SmallPictures``: the significance of each factor, once it is known."""
+
+    significance: np.ndarray
+
+
+@dataclass(frozen=True)
+class SmallPictures(Strategy[Spectra]):
+    """Shows pictures that grow with the model."""
+
+    stop: int = Densification.stop  # step from which on they are whole
+
+    def scaled(self, factor: float) -> SmallPictures:
+        return SmallPictures(scaled_milestone(self.stop, factor))
+
+    def new_state(self, t: Training) -> Spectra:
+        images = [view.image[..., :3] for view in t.photographs.originals]
+        return Spectra(significance(images, min(LARGEST, *(min(image.shape[:2]) for image in images))))
+
+    def before_step(self, t: Training, state: Spectra) -> None:
+        whole = t.step_count >= self.stop
+        t.photographs.shrink(1 if whole else resolution(state.significance, t.step_count / self.stop))
+
+
+RECIPE = Recipe(
+    densification=Densification(growth=GrowWithPictures()), also=(SmallPictures(),), start_share=START_SHARE
+)

@@ -7,21 +7,23 @@ and the dual u grows by o - z. From step 15,200 to 25,200, with ρ = 5e-4; then 
 the budget.
 """
 
-# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from ...scores.score import ScoreRule
+from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
-from ...training.strategy.scheduler import PruningRule, scaled_milestone
-from ...training.train import Trainer
+from ...training.strategy.scheduler import PruningRule
+from ...training.strategy.strategy import Seen, Strategy, Training
 
-FROM, TO, EVERY = 15_200, 25_200, 50  # steps
-RHO = 5e-4
+FROM, TO = 15_200, 25_200  # steps
 SPARSE, DUAL = "sparse_opacities", "dual_opacities"
 
 
@@ -33,40 +35,50 @@ def projected(values: np.ndarray, count: int) -> np.ndarray:
     return result
 
 
-class GaussianSpa(Trainer):
-    """Pulls opacities towards a sparse target between ``FROM`` and ``TO``."""
+@dataclass(frozen=True)
+class GaussianSpa(Strategy[None]):
+    """Pulls opacities towards a sparse target between ``start`` and ``stop``."""
 
-    def regularise(self, view: int, gradient: list) -> None:
+    start: int = FROM
+    stop: int = TO
+    every: int = 50  # steps between projections
+    rho: float = 5e-4
+
+    def scaled(self, factor: float) -> GaussianSpa:
+        start, stop, every = (scaled_milestone(step, factor) for step in (self.start, self.stop, self.every))
+        return replace(self, start=start, stop=stop, every=every)
+
+    def after_backward(self, t: Training, state: None, seen: Seen) -> None:
         """Gradient of ρ/2 ‖o - z + u‖² by the logits; before it, every 50 steps, the other half of the alternation."""
-        factor = self.config.steps / 30_000
-        start, stop = scaled_milestone(FROM, factor), scaled_milestone(TO, factor)
-        if not start <= self.step_count < stop:
+        if not self.start <= t.step_count < self.stop:
             return
-        if (self.step_count - start) % scaled_milestone(EVERY, factor) == 0 or SPARSE not in self.optimizer.adam:
-            self._project()
-        adam = self.optimizer.adam
-        logits = adam["logit_opacities"]
+        if (t.step_count - self.start) % self.every == 0 or SPARSE not in t.optimizer.learned:
+            self._project(t)
+        params: dict[str, Any] = t.optimizer.params
+        logits = params["logit_opacities"]
         opacity = dr.rcp(1 + dr.exp(-dr.detach(logits)))
-        pull = (opacity - dr.detach(adam[SPARSE]) + dr.detach(adam[DUAL])) * opacity * (1 - opacity)
-        dr.set_grad(logits, dr.grad(logits) + pull * dr.opaque(mi.Float, RHO))
+        pull = (opacity - dr.detach(params[SPARSE]) + dr.detach(params[DUAL])) * opacity * (1 - opacity)
+        dr.set_grad(logits, dr.grad(logits) + pull * dr.opaque(mi.Float, self.rho))
 
-    def _project(self) -> None:
-        logits = self.optimizer.numpy("logit_opacities").astype(np.float64)
-        opacity, count = np.exp(-np.logaddexp(0, -logits)), int(self.config.target)
-        if SPARSE not in self.optimizer.adam:
-            self.optimizer.learn(SPARSE, projected(opacity, count), 0.0)
-            self.optimizer.learn(DUAL, np.zeros(len(opacity)), 0.0)
+    def _project(self, t: Training) -> None:
+        logits = t.optimizer.numpy("logit_opacities").astype(np.float64)
+        opacity, count = np.exp(-np.logaddexp(0, -logits)), int(t.target)
+        if SPARSE not in t.optimizer.learned:
+            t.optimizer.learn(SPARSE, projected(opacity, count), 0.0)
+            t.optimizer.learn(DUAL, np.zeros(len(opacity)), 0.0)
             return
-        dual = self.optimizer.numpy(DUAL).astype(np.float64)
+        dual = t.optimizer.numpy(DUAL).astype(np.float64)
         sparse = projected(opacity + dual, count)
-        self.optimizer.set(SPARSE, sparse)
-        self.optimizer.set(DUAL, dual + opacity - sparse)
+        t.optimizer.set(SPARSE, sparse)
+        t.optimizer.set(DUAL, dual + opacity - sparse)
 
-    def _scores(self) -> np.ndarray:
+    def scores(self, t: Training, state: None, rest: Callable[[], np.ndarray]) -> np.ndarray:
         """The opacities; what held them is not needed any more."""
-        for name in {SPARSE, DUAL} & self.optimizer.other_rates.keys():
-            self.optimizer.forget(name)
-        return super()._scores()
+        for name in {SPARSE, DUAL} & t.optimizer.learned:
+            t.optimizer.forget(name)
+        return rest()
 
 
-RECIPE = Recipe(pruning=PruningRule(TO, TO, division=(1.0,), rounds=1), score=ScoreRule("opacity"))
+RECIPE = Recipe(
+    pruning=PruningRule(TO, TO, division=(1.0,), rounds=1), score=ScoreRule("opacity"), also=(GaussianSpa(),)
+)

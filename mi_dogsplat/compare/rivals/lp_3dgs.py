@@ -9,10 +9,10 @@ is one on α, but for the limit of .99. In a run of another length the step size
 of m at S = 1 is our reading of "applied to the importance".
 """
 
-# Dr.Jit's stubs give detached types as "object" and loop state as a tuple of one: argument checks are off here.
-# pyright: reportArgumentType=false, reportCallIssue=false
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -21,13 +21,15 @@ import numpy as np
 
 from ...engine.parameters import device_array
 from ...engine.project import softplus
+from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
-from ...training.strategy.scheduler import PruningRule, scaled_milestone
-from ...training.train import Trainer
+from ...training.strategy.scheduler import PruningRule
+from ...training.strategy.strategy import Seen, Strategy, Training
 from .radsplat import LargestWeight
 
-FROM = 19_500  # step
+FROM, TO = 19_500, 20_000  # steps
 LOG_WEIGHTS, IMPORTANCE = "log_mask_weights", "log_importance"
+MASK_LOGITS = "mask_logits"  # of a step, with its noise
 RATE, TEMPERATURE, WEIGHT = 0.01, 0.5, 5e-4
 LEAST = 1e-6  # importance of what no ray sees
 
@@ -39,42 +41,44 @@ def masked_logits(logits: Any, mask_logits: Any) -> Any:
     return log_product - dr.log(rest)
 
 
-class LearnToPrune(Trainer):
-    """Sees opacities through the mask from step ``FROM`` to the prune."""
+@dataclass(frozen=True)
+class LearnToPrune(Strategy[None]):
+    """Sees opacities through the mask from step ``start`` to the prune, at step ``stop``."""
 
-    @property
-    def _masking(self) -> bool:
-        begun = self.pruning is not None and (self.pruning.scheduler is not None or self.pruning.skipped)
-        return not begun and self.step_count >= scaled_milestone(FROM, self.config.steps / 30_000)
+    start: int = FROM
+    stop: int = TO
 
-    def trained_params(self) -> dict:
+    def scaled(self, factor: float) -> LearnToPrune:
+        return LearnToPrune(scaled_milestone(self.start, factor), scaled_milestone(self.stop, factor))
+
+    def params(self, t: Training, state: None, params: dict) -> dict:
         """Opacities times the mask."""
-        if not self._masking:
-            return self.optimizer.params
-        if LOG_WEIGHTS not in self.optimizer.adam:
-            self.optimizer.learn(IMPORTANCE, np.log(np.maximum(super()._scores(), LEAST)), 0.0)
-            self.optimizer.learn(LOG_WEIGHTS, np.zeros(self.optimizer.n), RATE * 30_000 / self.config.steps)
-        params = self.optimizer.params
-        noise = device_array(self.rng.logistic(size=self.optimizer.n))
-        self.mask_logits = (params[LOG_WEIGHTS] + dr.detach(params[IMPORTANCE]) + noise) / TEMPERATURE
-        return params | {"logit_opacities": masked_logits(params["logit_opacities"], self.mask_logits)}
+        if not self.start <= t.step_count < self.stop:
+            return params
+        if LOG_WEIGHTS not in t.optimizer.learned:
+            t.optimizer.learn(IMPORTANCE, np.log(np.maximum(t.importance(LargestWeight()), LEAST)), 0.0)
+            t.optimizer.learn(LOG_WEIGHTS, np.zeros(t.optimizer.n), RATE * 30_000 / t.steps)
+            params = t.optimizer.params
+        noise = device_array(t.rng.logistic(size=t.optimizer.n))
+        logits = (params[LOG_WEIGHTS] + dr.detach(params[IMPORTANCE]) + noise) / TEMPERATURE
+        return params | {"logit_opacities": masked_logits(params["logit_opacities"], logits), MASK_LOGITS: logits}
 
-    def regularise(self, view: int, gradient: list) -> None:
+    def after_backward(self, t: Training, state: None, seen: Seen) -> None:
         """The price of being there."""
-        if self._masking:
-            mask = dr.rcp(1 + dr.exp(-dr.detach(self.mask_logits)))
-            weights = self.optimizer.adam[LOG_WEIGHTS]
+        if MASK_LOGITS in seen.params:
+            mask = dr.rcp(1 + dr.exp(-dr.detach(seen.params[MASK_LOGITS])))
+            weights = seen.params[LOG_WEIGHTS]
             slope = mask * (1 - mask) / TEMPERATURE
-            dr.set_grad(weights, dr.grad(weights) + slope * dr.opaque(mi.Float, WEIGHT / self.optimizer.n))
+            dr.set_grad(weights, dr.grad(weights) + slope * dr.opaque(mi.Float, WEIGHT / t.optimizer.n))
 
-    def _scores(self) -> np.ndarray:
-        """log w S, which is not needed any more; S alone where no step came between FROM and the prune."""
-        if LOG_WEIGHTS not in self.optimizer.adam:
-            return super()._scores()
-        result = self.optimizer.numpy(LOG_WEIGHTS) + self.optimizer.numpy(IMPORTANCE)
-        self.optimizer.forget(LOG_WEIGHTS)
-        self.optimizer.forget(IMPORTANCE)
+    def scores(self, t: Training, state: None, rest: Callable[[], np.ndarray]) -> np.ndarray:
+        """log w S, which is not needed any more; S alone where no step came between start and the prune."""
+        if LOG_WEIGHTS not in t.optimizer.learned:
+            return rest()
+        result = t.optimizer.numpy(LOG_WEIGHTS) + t.optimizer.numpy(IMPORTANCE)
+        t.optimizer.forget(LOG_WEIGHTS)
+        t.optimizer.forget(IMPORTANCE)
         return result
 
 
-RECIPE = Recipe(pruning=PruningRule(20_000, 20_000, division=(1.0,), rounds=1), score=LargestWeight())
+RECIPE = Recipe(pruning=PruningRule(TO, TO, division=(1.0,), rounds=1), score=LargestWeight(), also=(LearnToPrune(),))

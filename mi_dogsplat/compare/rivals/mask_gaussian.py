@@ -14,28 +14,35 @@ run of another length the step size of the scores changes inversely: they come a
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...engine.arrays import detached
 from ...engine.options import RasterOptions
 from ...engine.parameters import device_array
 from ...engine.project import DeviceCamera
 from ...engine.view import prepare
 from ...engine.walks.score import Sums, composite_score
 from ...scores.score import ScoreRule
+from ...training.events import Event
+from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
 from ...training.strategy.prune import keep_best
-from ...training.strategy.scheduler import PruningRule, scaled_milestone
-from ...training.train import Trainer
+from ...training.strategy.scheduler import PruningRule
+from ...training.strategy.strategy import Seen, Strategy, Training
 
+FROM, TO = 15_000, 25_000  # steps
 MASK = "mask_logits"
 START_LOGIT = 4.0
 RATE = 0.02  # of the difference of two scores that learn at 0.01 each
 WEIGHT = 5e-4  # of the squared mean
-SWEEP_EVERY, DRAWS = 1000, 10
+DRAWS = 10
+PROBABILITY, DRAWN = "mask_probability", "mask_drawn"  # of a step, with its noise
 ABSENT = -30.0  # logit of an opacity that no pixel shows
 SUMS = Sums(removal=True, energy=False, probes=1)
 
@@ -52,60 +59,68 @@ def by_share(params: dict, camera: DeviceCamera, options: RasterOptions, share: 
     return composite_score(prepare(params, camera, options, SUMS.blocks), SUMS, image, adjoint, share)[0]
 
 
-class MaskGaussian(Trainer):
-    """Draws masks from the end of densification to the prune."""
+@dataclass(frozen=True)
+class Absent(Event):
+    """Primitives that left because no draw showed them."""
 
-    @property
-    def _masking(self) -> bool:
-        begun = self.pruning is not None and (self.pruning.scheduler is not None or self.pruning.skipped)
-        return not begun and self.step_count >= self.densification.stop
+    kind, words = "absent", "{count} primitives absent in {draws} draws"
+    count: int
+    draws: int
 
-    def trained_params(self) -> dict:
+
+@dataclass(frozen=True)
+class MaskGaussian(Strategy[None]):
+    """Draws masks from step ``start`` to the prune, at step ``stop``."""
+
+    start: int = FROM
+    stop: int = TO
+    sweep_every: int = 1000  # steps
+
+    def scaled(self, factor: float) -> MaskGaussian:
+        return MaskGaussian(*(scaled_milestone(step, factor) for step in (self.start, self.stop, self.sweep_every)))
+
+    def params(self, t: Training, state: None, params: dict) -> dict:
         """Those that are drawn; the others cannot be seen."""
-        if not self._masking:
-            return self.optimizer.params
-        if MASK not in self.optimizer.adam:
-            rate = RATE * 30_000 / self.config.steps
-            self.optimizer.learn(MASK, np.full(self.optimizer.n, START_LOGIT), rate)
-        params = self.optimizer.params
-        noise = device_array(self.rng.logistic(size=self.optimizer.n))
-        self.probability = dr.rcp(1 + dr.exp(-dr.detach(params[MASK]) - noise))
-        self.drawn = dr.select(self.probability > 0.5, mi.Float(1), mi.Float(0))
-        return params | {"logit_opacities": dr.select(self.drawn > 0, params["logit_opacities"], ABSENT)}
+        if not self.start <= t.step_count < self.stop:
+            return params
+        if MASK not in t.optimizer.learned:
+            t.optimizer.learn(MASK, np.full(t.optimizer.n, START_LOGIT), RATE * 30_000 / t.steps)
+            params = t.optimizer.params
+        noise = device_array(t.rng.logistic(size=t.optimizer.n))
+        probability = dr.rcp(1 + dr.exp(-dr.detach(params[MASK]) - noise))
+        drawn: Any = dr.select(probability > 0.5, mi.Float(1), mi.Float(0))
+        seen = {"logit_opacities": dr.select(drawn > 0, params["logit_opacities"], ABSENT)}
+        return params | seen | {PROBABILITY: probability, DRAWN: drawn}
 
-    def _render(self, params: dict, view: int, probe: list | None = None) -> tuple:
-        planes, frame = super()._render(params, view, probe)
-        self.planes = planes
-        return planes, frame
-
-    def regularise(self, view: int, gradient: list) -> None:
+    def after_backward(self, t: Training, state: None, seen: Seen) -> None:
         """Derivative by the masks, straight through the draw."""
-        if not self._masking:
+        if DRAWN not in seen.params:
             return
-        params = {name: dr.detach(value) for name, value in self.optimizer.params.items()}
-        share, image, adjoint = (
-            [dr.detach(value, preserve_type=False) for value in values]
-            for values in ([self.drawn], self.planes, gradient)
-        )
-        by_m = mi.Float(by_share(params, self.cameras[view], self.options, share[0], image, adjoint))
-        by_m += dr.mean(self.drawn) * (2 * WEIGHT / self.optimizer.n)
-        dr.set_grad(self.optimizer.adam[MASK], by_m * self.probability * (1 - self.probability))
+        drawn, probability = seen.params[DRAWN], seen.params[PROBABILITY]
+        params = {name: dr.detach(value) for name, value in t.optimizer.params.items()}
+        share, image, adjoint = (detached(values) for values in (drawn, seen.planes, seen.gradient))
+        by_m = mi.Float(by_share(params, seen.camera, t.options, share, image, adjoint))
+        by_m += dr.mean(drawn) * (2 * WEIGHT / t.optimizer.n)
+        dr.set_grad(t.optimizer.params[MASK], by_m * probability * (1 - probability))
 
-    def _control_density(self) -> list[str]:
-        events = super()._control_density()
-        every = scaled_milestone(SWEEP_EVERY, self.config.steps / 30_000)
-        if MASK in self.optimizer.adam and self._masking and self.step_count % every == 0:
-            n = self.optimizer.n
-            absent = self.rng.logistic(size=(DRAWS, n)).max(0) < -self.optimizer.numpy(MASK)
-            keep_best(self.optimizer, -absent.astype(float), max(int(np.sum(~absent)), int(self.config.target)))
-            events += [f"{n - self.optimizer.n} primitives absent in {DRAWS} draws"] * (self.optimizer.n < n)
-        return events
+    def after_step(self, t: Training, state: None) -> list[Event]:
+        """Sweep out what is hardly ever drawn; the last time just before the prune."""
+        if MASK not in t.optimizer.learned or t.step_count > self.stop or t.step_count % self.sweep_every:
+            return []
+        n = t.optimizer.n
+        absent = t.rng.logistic(size=(DRAWS, n)).max(0) < -t.optimizer.numpy(MASK)
+        keep_best(t.optimizer, -absent.astype(float), max(int(np.sum(~absent)), int(t.target)))
+        return [Absent(n - t.optimizer.n, DRAWS)] if t.optimizer.n < n else []
 
-    def _scores(self) -> np.ndarray:
-        """The masks', which are not needed any more."""
-        result = self.optimizer.numpy(MASK)
-        self.optimizer.forget(MASK)
+    def scores(self, t: Training, state: None, rest: Callable[[], np.ndarray]) -> np.ndarray:
+        """The masks', which are not needed any more; the recipe's where no step came before the prune."""
+        if MASK not in t.optimizer.learned:
+            return rest()
+        result = t.optimizer.numpy(MASK)
+        t.optimizer.forget(MASK)
         return result
 
 
-RECIPE = Recipe(pruning=PruningRule(25_000, 25_000, division=(1.0,), rounds=1), score=ScoreRule("opacity"))
+RECIPE = Recipe(
+    pruning=PruningRule(TO, TO, division=(1.0,), rounds=1), score=ScoreRule("opacity"), also=(MaskGaussian(),)
+)

@@ -9,6 +9,7 @@ densification (blur split, depth reinitialisation) is not part of it: the start 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ from ...engine.rasterize import RasterOptions
 from ...scores.weights import weights
 from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
-from ...training.train import Trainer
+from ...training.strategy.strategy import Strategy, Training
 
 
 @dataclass(frozen=True)
@@ -41,16 +42,28 @@ def sampling_keys(importance: np.ndarray, rng: np.random.Generator) -> np.ndarra
         return np.log(importance) + rng.gumbel(size=len(importance))
 
 
-class MiniSplatting(Trainer):
-    """Draws in the first round, and takes the best in the second."""
+@dataclass
+class Rounds:
+    """State of ``DrawFirst``: prunes so far."""
 
-    def _scores(self) -> np.ndarray:
-        importance, pruning = super()._scores(), self.pruning
-        assert pruning and pruning.scheduler
-        return sampling_keys(importance, self.rng) if pruning.scheduler.round == 1 else importance
+    count: int = 0
+
+
+@dataclass(frozen=True)
+class DrawFirst(Strategy[Rounds]):
+    """Draws in the first round; later ones take the best."""
+
+    def new_state(self, t: Training) -> Rounds:
+        return Rounds()
+
+    def scores(self, t: Training, state: Rounds, rest: Callable[[], np.ndarray]) -> np.ndarray:
+        importance = rest()
+        state.count += 1
+        return sampling_keys(importance, t.rng) if state.count == 1 else importance
 
 
 RECIPE = Recipe(
     pruning=PruningRule(15_000, 20_000, check_every=5000, max_interval=5000, division=(0.3, 0.7), rounds=2),
     score=SummedWeight(),
+    also=(DrawFirst(),),
 )

@@ -12,14 +12,18 @@ scaled to at most 50. The numbers are those of the authors' code. Its term of di
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from ...datasets.dataset import View
 from ...engine.project import project
 from ...render.picture import over_background
 from ...scores.weights import weights
 from ...training.presets import Recipe
-from .growth import Growth
+from ...training.strategy.densify import Choice, Densification
+from ...training.strategy.densify_stats import DensifyStats
+from ...training.strategy.strategy import Training
+from .growth import START_SHARE, fill, progress
 from .mini_splatting import sampling_keys
 
 VIEWS = 10
@@ -46,40 +50,44 @@ def saliency(error: np.ndarray, photograph: np.ndarray) -> np.ndarray:
     return sum((SALIENCY * (t - t.min()) / max(float(np.ptp(t)), 1e-12) for t in terms), np.zeros(error.shape))
 
 
-class Taming(Growth):
-    """Grows along the parabola."""
+@dataclass(frozen=True)
+class Taming:
+    """Who grows: a draw, along the parabola."""
 
-    def budget(self) -> int:
-        return parabola(self.progress(), min(self.n_start, self.count), self.count)
+    def __call__(self, t: Training, rule: Densification, stats: DensifyStats) -> Choice:
+        return fill(t, rule, self.budget(t, rule), lambda: sampling_keys(importance(t, stats), t.rng))
 
-    def growth_scores(self) -> np.ndarray:
-        """Keys of a draw."""
-        return sampling_keys(self.importance(), self.rng)
-
-    def importance(self) -> np.ndarray:
-        """[N] the sum of all terms over the views."""
-        terms = {
-            "gradient": self.stats.mean_gradient().astype(np.float64),
-            "opacity": 1 / (1 + np.exp(-self.optimizer.numpy("logit_opacities").astype(np.float64))),
-            "scale": np.exp(self.optimizer.numpy("log_scales").max(1).astype(np.float64)),
-        }
-        of_model = sum(weight * relative(terms[name]) for name, weight in OF_MODEL.items())
-        chosen = self.rng.permutation(len(self.cameras))[:VIEWS]
-        return sum((self._of_view(int(k), of_model) for k in chosen), np.zeros(self.optimizer.n))
-
-    def _of_view(self, k: int, of_model) -> np.ndarray:
-        view: View = self.dataset.train[k]
-        truth = over_background(view.image, self.background)
-        error = np.abs(self.picture(view).color - truth).mean(-1)  # [H, W]
-        found = weights(self.optimizer.params, [self.cameras[k]], self.options, [saliency(error, truth)])
-        shown = found.pixels > 0
-        projection = project(self.optimizer.params, self.cameras[k], sh_degree=0)
-        kernels = projection.kernels
-        radius = np.sqrt(np.maximum(kernels.variance_x.numpy(), kernels.variance_y.numpy()))
-        terms = {"depth": projection.depth.numpy(), "radius": radius, "pixels": found.pixels}
-        terms |= {"blend": found.total, "error": found.weighted}
-        total = of_model + sum(weight * relative(np.where(shown, terms[n], 0)) for n, weight in OF_VIEW.items())
-        return float(error.mean()) * np.where(shown, total, 0)
+    def budget(self, t: Training, rule: Densification) -> int:
+        """Primitives after the refinement of this step."""
+        count = int(t.target)
+        return parabola(progress(t, rule), min(t.n_start, count), count)
 
 
-RECIPE = Recipe()
+def importance(t: Training, stats: DensifyStats) -> np.ndarray:
+    """[N] the sum of all terms over the views."""
+    terms = {
+        "gradient": stats.mean_gradient().astype(np.float64),
+        "opacity": 1 / (1 + np.exp(-t.optimizer.numpy("logit_opacities").astype(np.float64))),
+        "scale": np.exp(t.optimizer.numpy("log_scales").max(1).astype(np.float64)),
+    }
+    of_model = sum(weight * relative(terms[name]) for name, weight in OF_MODEL.items())
+    chosen = t.rng.permutation(len(t.photographs))[:VIEWS]
+    return sum((_of_view(t, int(k), of_model) for k in chosen), np.zeros(t.optimizer.n))
+
+
+def _of_view(t: Training, k: int, of_model) -> np.ndarray:
+    view, camera, params = t.photographs.views[k], t.photographs.cameras[k], t.optimizer.params
+    truth = over_background(view.image, t.photographs.background)
+    error = np.abs(t.picture(view).color - truth).mean(-1)  # [H, W]
+    found = weights(params, [camera], t.options, [saliency(error, truth)])
+    shown = found.pixels > 0
+    projection = project(params, camera, sh_degree=0)
+    kernels = projection.kernels
+    radius = np.sqrt(np.maximum(kernels.variance_x.numpy(), kernels.variance_y.numpy()))
+    terms = {"depth": projection.depth.numpy(), "radius": radius, "pixels": found.pixels}
+    terms |= {"blend": found.total, "error": found.weighted}
+    total = of_model + sum(weight * relative(np.where(shown, terms[n], 0)) for n, weight in OF_VIEW.items())
+    return float(error.mean()) * np.where(shown, total, 0)
+
+
+RECIPE = Recipe(densification=Densification(growth=Taming()), start_share=START_SHARE)

@@ -58,5 +58,5 @@ def drop_broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
         raise FloatingPointError("no primitive has usable values any more; the training has diverged")
     kept = np.flatnonzero(~mask)
     if len(kept) < len(mask):
-        optimizer.rearrange(kept, np.zeros(len(kept), bool))
+        optimizer.keep(kept)
     return kept

@@ -10,23 +10,37 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import NamedTuple, Protocol
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 
-from ...engine.parameters import device_array
-from ...engine.project import Projection
+from ..events import Densified, Event, OpacityReset
+from ..milestones import scaled_milestone
 from ..optimizer import SplatOptimizer
-from .scheduler import scaled_milestone
+from .densify_stats import DensifyStats
+from .strategy import Seen, Strategy, Training
 
 MIN_REFINEMENTS = 30  # per run, however short
 MIN_RESET_EVERY = 500  # steps; opacities need about 200 to come back
 
 
+class Choice(NamedTuple):
+    """Of a refinement, [N] each: who grows, who of these is cloned, not split, and who is removed."""
+
+    grow: np.ndarray
+    small: np.ndarray
+    remove: np.ndarray
+
+
+class Growth(Protocol):
+    """Who grows and who is removed, where that is not ``by_gradient``; a dataclass of numbers, as a strategy."""
+
+    def __call__(self, t: Training, rule: Densification, stats: DensifyStats) -> Choice: ...
+
+
 @dataclass(frozen=True)
-class Densification:
+class Densification(Strategy[DensifyStats]):
     """Numbers of the recipe, for a run of 30,000 steps; ``scaled`` fits them to a shorter one."""
 
     start: int = 500  # first refinement
@@ -41,6 +55,7 @@ class Densification:
     reset_every: int = 3000  # steps between opacity resets
     reset_opacity_to: float = 0.01
     max_primitives: int | None = None  # a cap that is never exceeded
+    growth: Growth | None = None  # who grows, where that is not who has a large gradient
 
     def scaled(self, factor: float) -> Densification:
         """The numbers for a run ``factor`` times as long. Milestones scale with it, with two exceptions.
@@ -52,10 +67,6 @@ class Densification:
         every = max(1, min(self.every, (stop - start) // MIN_REFINEMENTS))
         reset_every = max(scaled_milestone(self.reset_every, factor), min(self.reset_every, MIN_RESET_EVERY))
         return replace(self, start=start, stop=stop, every=every, reset_every=reset_every)
-
-    def collects(self, step: int) -> bool:
-        """Whether the gradients of step ``step`` (0-based) count for a refinement."""
-        return step < self.stop
 
     def refines(self, step: int) -> bool:
         """Whether to refine after ``step`` steps."""
@@ -75,76 +86,58 @@ class Densification:
         optimizer.set("logit_opacities", np.minimum(optimizer.numpy("logit_opacities"), limit))
         optimizer.reset_moments("logit_opacities")
 
+    def new_state(self, t: Training) -> DensifyStats:
+        return DensifyStats.zeros(t.optimizer.n)
 
-class DensifyStats:
-    """Sums over the views since the last refinement, on the device; adding one waits for nothing."""
+    def collects(self, t: Training, state: DensifyStats) -> bool:
+        return t.step_count < self.stop
 
-    def __init__(self, n: int):
-        Float: Any = dr.detached_t(mi.Float)
-        self.gradient_sum = dr.zeros(Float, n)
-        self.views = dr.zeros(Float, n)
-        self.max_radius = dr.zeros(Float, n)
-        dr.make_opaque(self.gradient_sum, self.views, self.max_radius)
+    def after_backward(self, t: Training, state: DensifyStats, seen: Seen) -> None:
+        if t.memory and seen.frame.lists:
+            t.memory.pairs = max(t.memory.pairs, dr.width(seen.frame.lists.splat_from_isect))
+        if seen.by_center and seen.frame.projection and t.step_count < self.stop:
+            state.add(*seen.by_center, seen.frame.projection, seen.camera.width, seen.camera.height)
 
-    def add(self, gradient_x, gradient_y, projection: Projection, width: int, height: int) -> None:
-        """Add a view: gradients of the loss by the centres in pixels, and the projection they belong to."""
+    def due(self, t: Training, state: DensifyStats) -> bool:
+        return self.refines(t.step_count)
 
-        def detached(value):
-            return dr.detach(value, preserve_type=False)
+    def after_step(self, t: Training, state: DensifyStats) -> list[Event]:
+        events: list[Event] = []
+        if self.refines(t.step_count):
+            rule, full = self, None
+            if t.memory:
+                most, full = t.memory.bounded(self.max_primitives, t.optimizer.n)
+                rule = replace(self, max_primitives=most)
+            if rule.growth:
+                choice = rule.growth(t, rule, state)
+            else:
+                choice = by_gradient(rule, t.optimizer, state, t.step_count, t.extent)
+            done = grow_and_remove(t.optimizer, choice, rule.split_divisor, t.rng)
+            state.clear(t.optimizer.n)
+            if t.memory:
+                t.memory.give_back(t.optimizer.n)
+            events += [done] if done != Densified(0, 0, 0) else []
+            events += [full] if full and t.optimizer.n >= full.most else []
+        if self.resets_opacity(t.step_count):
+            self.reset_opacity(t.optimizer)
+            events.append(OpacityReset())
+        return events
 
-        Float: Any = dr.detached_t(mi.Float)
-        k = projection.kernels
-        variance_x, variance_y = detached(k.variance_x), detached(k.variance_y)
-        covariance = -detached(k.uy) / detached(k.ux) * variance_y  # ux : uy = yy : -xy
-        x, y = detached(projection.x), detached(projection.y)
-        w, h = dr.opaque(Float, width), dr.opaque(Float, height)
-        mean, half_difference = 0.5 * (variance_x + variance_y), 0.5 * (variance_x - variance_y)
-        variance = mean + dr.sqrt(dr.fma(half_difference, half_difference, covariance * covariance))
-        radius = 3 * dr.sqrt(variance)  # 3 standard deviations along the major axis
-        seen = detached(projection.visible) & (x > -radius) & (x < w + radius)
-        seen &= (y > -radius) & (y < h + radius)
-        gx, gy = detached(gradient_x) * (0.5 * w), detached(gradient_y) * (0.5 * h)
-        norm = dr.sqrt(dr.fma(gx, gx, gy * gy))
-        self.gradient_sum += dr.select(seen & dr.isfinite(norm), norm, 0)
-        self.views += dr.select(seen, 1, 0)
-        self.max_radius = dr.maximum(self.max_radius, dr.select(seen, radius, 0))
-        dr.schedule(self.gradient_sum, self.views, self.max_radius)
-
-    def state(self) -> dict[str, np.ndarray]:
-        """The sums on the host, for a checkpoint."""
-        return {name: getattr(self, name).numpy().copy() for name in ("gradient_sum", "views", "max_radius")}
-
-    def restore(self, state: dict[str, np.ndarray]) -> None:
-        """Take over the ``state()`` of statistics with as many rows."""
-        for name in ("gradient_sum", "views", "max_radius"):
-            setattr(self, name, dr.detach(device_array(state[name]), preserve_type=False))
-
-    def keep(self, rows: np.ndarray) -> None:
-        """Forget all rows but these, as the optimizer did."""
-        self.restore({name: values[rows] for name, values in self.state().items()})
-
-    def mean_gradient(self) -> np.ndarray:
-        """[N] mean over the views that saw the primitive; 0 if none did."""
-        return self.gradient_sum.numpy() / np.maximum(self.views.numpy(), 1)
+    def rearranged(self, state: DensifyStats, index: np.ndarray, fresh: np.ndarray) -> None:
+        state.follow(index)
 
 
-def refine(
-    rule: Densification,
-    optimizer: SplatOptimizer,
-    stats: DensifyStats,
-    step: int,
-    rng: np.random.Generator,
-    extent: float,
-) -> dict[str, int]:
-    """Grow where the image pulls at primitives, remove what cannot be seen.
+def by_gradient(
+    rule: Densification, optimizer: SplatOptimizer, stats: DensifyStats, step: int, extent: float
+) -> Choice:
+    """3DGS, after ``step`` steps: grow where the image pulls at primitives, remove what cannot be seen.
 
-    Returns how many were ``cloned``, ``split`` and ``removed``. Neither the result nor anything on the way to it has
-    more than ``rule.max_primitives`` rows; if not all fit, those with the largest gradients come first. Values have to
-    be finite (``broken.py``).
+    Neither the result nor anything on the way to it has more than ``rule.max_primitives`` rows; if not all fit, those
+    with the largest gradients come first. Values have to be finite (``broken.py``).
     """
     n = optimizer.n
     if (rows := dr.width(stats.views)) != n:
-        raise ValueError(f"refine: the statistics have {rows} rows, the optimizer has {n}; make new ones")
+        raise ValueError(f"by_gradient: the statistics have {rows} rows, the optimizer has {n}; make new ones")
     log_scales, logits = optimizer.numpy("log_scales"), optimizer.numpy("logit_opacities")
     largest = np.exp(np.clip(log_scales.max(1), -80, 80))  # [N] world units
     with np.errstate(over="ignore"):
@@ -170,25 +163,14 @@ def refine(
         if np.sum(~remove) > rule.max_primitives:  # a start above the cap
             alive = np.flatnonzero(~remove)
             remove[alive[np.argsort(-opacity[alive], kind="stable")[rule.max_primitives :]]] = True
-    return grow_and_remove(optimizer, grow, small, remove, rule.split_divisor, rng)
+    return Choice(grow, small, remove)
 
 
 def grow_and_remove(
-    optimizer: SplatOptimizer,
-    grow: np.ndarray,
-    small: np.ndarray,
-    remove: np.ndarray,
-    split_divisor: float,
-    rng: np.random.Generator,
-) -> dict[str, int]:
-    """Clone or split the primitives ``grow`` [N], of which there is one more each, and remove others.
-
-    Args:
-        small: [N] those that are cloned, not split.
-        remove: [N] none of ``grow``.
-
-    Returns how many were ``cloned``, ``split`` and ``removed``.
-    """
+    optimizer: SplatOptimizer, choice: Choice, split_divisor: float, rng: np.random.Generator
+) -> Densified:
+    """Clone or split those that grow, of which there is one more each, and remove others, none of these."""
+    grow, small, remove = choice
     n = optimizer.n
     clone, split = np.flatnonzero(grow & small), np.flatnonzero(grow & ~small)
     keep = np.flatnonzero(~remove & ~(grow & ~small))
@@ -198,7 +180,7 @@ def grow_and_remove(
         optimizer.rearrange(index, fresh)
         if len(split):
             _place_halves(optimizer, len(index) - 2 * len(split), rng, split_divisor)
-    return {"cloned": len(clone), "split": len(split), "removed": int(remove.sum())}
+    return Densified(len(clone), len(split), int(remove.sum()))
 
 
 def _place_halves(optimizer: SplatOptimizer, first: int, rng: np.random.Generator, divisor: float) -> None:

@@ -15,8 +15,10 @@ import mitsuba as mi
 import numpy as np
 
 from ...engine.project import NOT_DOG, softplus
+from ..events import DogActivated, Event
+from ..milestones import scaled_milestone
 from ..optimizer import SplatOptimizer
-from .scheduler import scaled_milestone
+from .strategy import Strategy, Training
 
 MAX_LOG_SCALE = 14.0  # of S_p, world units; beyond, the determinant of a screen covariance may overflow
 
@@ -83,3 +85,41 @@ def degenerate(rule: DogRule, optimizer: SplatOptimizer) -> None:
         log_scale += dog("dog_log_scales", dr.fma(row, 3, axis))
         shown &= dr.isfinite(log_scale) & (log_scale <= MAX_LOG_SCALE)
     optimizer.drop_dog(~shown)
+
+
+@dataclass(frozen=True)
+class DogControl(Strategy[None]):
+    """``degenerate`` after every step, before anybody looks at the primitives."""
+
+    rule: DogRule
+
+    def after_step(self, t: Training, state: None) -> list[Event]:
+        degenerate(self.rule, t.optimizer)
+        return []
+
+
+@dataclass
+class Activation:
+    """State of ``DogActivation``."""
+
+    done: bool = False
+
+
+@dataclass(frozen=True)
+class DogActivation(Strategy[Activation]):
+    """``activate`` once, at the step of the rule or as soon after it as there is a step."""
+
+    rule: DogRule
+
+    def new_state(self, t: Training) -> Activation:
+        return Activation()
+
+    def begin(self, t: Training, state: Activation) -> list[Event]:
+        return self.after_step(t, state)
+
+    def after_step(self, t: Training, state: Activation) -> list[Event]:
+        if state.done or t.step_count < self.rule.start:
+            return []
+        state.done = True
+        psnr_before = t.test_psnr()
+        return [DogActivated(activate(self.rule, t.optimizer), psnr_before)]

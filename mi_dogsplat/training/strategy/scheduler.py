@@ -14,14 +14,10 @@ exactly, by a last snap: in round ``rounds`` where that is given, at the latest 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-
-def scaled_milestone(step: int, factor: float) -> int:
-    """A step of a schedule of another length; what is not at the start stays at least one step from it."""
-    return max(min(1, step), round(step * factor))
+from ..milestones import scaled_milestone
 
 
 def target_count(target: float, n: int) -> int:
@@ -86,25 +82,42 @@ class Decision:
     reason: str  # for the history
 
 
+@dataclass
+class Progress:
+    """How far the pruning of a run has come."""
+
+    n_start: int = 0  # primitives at the first check; 0: still to come
+    n_target: int = 0
+    round: int = 0  # prunes so far
+    previous_l1: float = math.inf  # just before the previous prune
+    previous_step: int = 0  # of the previous prune
+    next_check: int = 0
+    finished: bool = False
+
+    @property
+    def begun(self) -> bool:
+        """Whether there was a first check."""
+        return self.n_start > 0
+
+
+@dataclass(frozen=True)
 class PruningScheduler:
-    """State of the schedule for a model of ``n_start`` primitives that shall end with exactly ``n_target``.
+    """Decisions by the rule, for a model of ``n_start`` primitives that shall end with exactly ``n_target``."""
 
-    Raises ``ValueError`` unless 1 <= n_target < n_start.
-    """
+    rule: PruningRule
+    progress: Progress
 
-    def __init__(self, rule: PruningRule, n_start: int, n_target: int):
+    def begin(self, n_start: int, n_target: int) -> None:
+        """The first check has come. Raises ``ValueError`` unless 1 <= n_target < n_start."""
         if not 1 <= n_target < n_start:
             raise ValueError(f"PruningScheduler: cannot prune {n_start} primitives to {n_target}")
-        self.rule, self.n_start, self.n_target = rule, n_start, n_target
-        self.round = 0  # prunes so far
-        self.previous_l1 = math.inf  # just before the previous prune
-        self.previous_step = rule.start  # of the previous prune
-        self.next_check = rule.start
-        self.finished = False
+        p = self.progress
+        p.n_start, p.n_target, p.previous_step, p.next_check = n_start, n_target, self.rule.start, self.rule.start
 
     def checks(self, step: int) -> bool:
         """Whether to measure and ``decide`` after ``step`` steps. A check that was missed is made up for."""
-        return not self.finished and step >= min(self.next_check, self.rule.stop)
+        p = self.progress
+        return not p.finished and step >= (min(p.next_check, self.rule.stop) if p.begun else self.rule.start)
 
     def decide(self, step: int, n: int, l1: float) -> Decision:
         """Prune or refine.
@@ -116,19 +129,19 @@ class PruningScheduler:
         """
         if not self.checks(step):
             raise ValueError(f"PruningScheduler.decide: step {step} is no check")
-        rule = self.rule
+        rule, p = self.rule, self.progress
         due = step - (step - rule.start) % rule.check_every  # when this check ought to have been
-        self.next_check = due + rule.check_every
-        if n <= self.n_target:
-            self.finished = True
-            return Decision(False, n, f"{n} primitives are left, the target is {self.n_target}")
+        p.next_check = due + rule.check_every
+        if n <= p.n_target:
+            p.finished = True
+            return Decision(False, n, f"{n} primitives are left, the target is {p.n_target}")
 
-        closing, waited = step >= rule.stop, due - self.previous_step
-        recovered = l1 <= rule.beta * self.previous_l1
-        comparison = f"L1 {l1:.4g} {'<=' if recovered else '>'} {rule.beta:g} x {self.previous_l1:.4g}"
+        closing, waited = step >= rule.stop, due - p.previous_step
+        recovered = l1 <= rule.beta * p.previous_l1
+        comparison = f"L1 {l1:.4g} {'<=' if recovered else '>'} {rule.beta:g} x {p.previous_l1:.4g}"
         if closing:
             reason = "the window closes"
-        elif self.round == 0:
+        elif p.round == 0:
             reason = "first check"
         elif recovered:
             reason = comparison
@@ -137,32 +150,22 @@ class PruningScheduler:
         else:
             return Decision(False, n, comparison)
 
-        self.round += 1
-        self.previous_l1, self.previous_step = l1, due
-        keep = self.n_target if closing else self._keep(n)
-        self.finished = keep == self.n_target
-        if self.finished and not closing:
-            reason += f", round {self.round} meets the target"
+        p.round += 1
+        p.previous_l1, p.previous_step = l1, due
+        keep = p.n_target if closing else self._keep(n)
+        p.finished = keep == p.n_target
+        if p.finished and not closing:
+            reason += f", round {p.round} meets the target"
         return Decision(True, keep, reason)
 
     def _keep(self, n: int) -> int:
         """What the current round leaves of ``n``; it removes at least one."""
-        rule = self.rule
-        if self.round == rule.rounds:
-            return self.n_target
+        rule, p = self.rule, self.progress
+        if p.round == rule.rounds:
+            return p.n_target
         if isinstance(rule.division, tuple):
-            part = rule.division[self.round - 1] / sum(rule.division)
-            return max(self.n_target, min(n - 1, round(n * (self.n_target / self.n_start) ** part)))
-        parts = 2**self.round if rule.division == "halving" else rule.rounds or 1
-        removed = max(1, round((self.n_start - self.n_target) / parts))
-        return max(self.n_target, n - removed)
-
-    def state(self) -> dict[str, float]:
-        """Numbers that ``restore`` needs to go on with the same decisions."""
-        names = ("n_start", "n_target", "round", "previous_l1", "previous_step", "next_check", "finished")
-        return {name: getattr(self, name) for name in names}
-
-    def restore(self, state: Mapping[str, float]) -> None:
-        """Take over a ``state()``. Raises ``KeyError`` where a number is missing."""
-        for name in self.state():
-            setattr(self, name, type(getattr(self, name))(state[name]))
+            part = rule.division[p.round - 1] / sum(rule.division)
+            return max(p.n_target, min(n - 1, round(n * (p.n_target / p.n_start) ** part)))
+        parts = 2**p.round if rule.division == "halving" else rule.rounds or 1
+        removed = max(1, round((p.n_start - p.n_target) / parts))
+        return max(p.n_target, n - removed)

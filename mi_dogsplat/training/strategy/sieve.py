@@ -5,11 +5,14 @@ A primitive very near to a training camera covers much of its picture, and no ot
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ...support.errors import DataError
-from ..optimizer import SplatOptimizer
+from ..events import Dropped, Event
 from .broken import broken, drop_broken
+from .strategy import Strategy, Training
 
 ROWS = 65_536  # primitives at a time, which bounds the memory
 
@@ -23,37 +26,42 @@ def near_cameras(means: np.ndarray, positions: np.ndarray, distance: float) -> n
     return near
 
 
-def leaving(optimizer: SplatOptimizer, extent: float, positions: np.ndarray, near_zone: float) -> np.ndarray:
-    """[N] whether ``sieve`` would remove a primitive."""
-    mask = broken(optimizer, extent)
-    return mask | near_cameras(optimizer.numpy("means"), positions, near_zone) if near_zone else mask
+@dataclass(frozen=True)
+class Sieve(Strategy[None]):
+    """Removes what is ``broken`` and what is ``near_cameras`` whenever primitives are about to be counted."""
 
+    near_zone: float = 0.0  # world units; 0: none
 
-def sieve(
-    optimizer: SplatOptimizer, extent: float, positions: np.ndarray, near_zone: float
-) -> tuple[np.ndarray, list[str]]:
-    """Remove what is ``broken`` and, unless ``near_zone`` is 0, ``near_cameras``; the rows left, and what happened.
+    def leaving(self, t: Training) -> np.ndarray:
+        """[N] whether ``drop`` would remove a primitive. Waits for the device."""
+        mask = broken(t.optimizer, t.extent)
+        return mask | self._near(t) if self.near_zone else mask
 
-    Raises ``FloatingPointError`` or ``DataError`` where nothing would be left.
-    """
-    n, events = optimizer.n, []
-    kept = drop_broken(optimizer, extent)
-    if len(kept) < n:
-        events.append(f"dropped {n - len(kept)} broken primitives")
-    if near_zone:
-        rows = drop_near_cameras(optimizer, positions, near_zone)
-        if len(rows) < len(kept):
-            events.append(f"dropped {len(kept) - len(rows)} primitives near cameras")
-        kept = kept[rows]
-    return kept, events
+    def drop(self, t: Training) -> list[Event]:
+        """Remove them. Raises ``FloatingPointError`` or ``DataError`` where nothing would be left."""
+        events: list[Event] = []
+        n = t.optimizer.n
+        try:
+            left = len(drop_broken(t.optimizer, t.extent))
+        except FloatingPointError as error:
+            raise FloatingPointError(f"step {t.step_count}: {error}") from None
+        if left < n:
+            events.append(Dropped(n - left, "broken primitives"))
+        if self.near_zone:
+            near = self._near(t)
+            if near.all():
+                problem = f"every primitive is nearer than {self.near_zone:g} to a camera"
+                raise DataError("--near-zone", problem, "use a smaller one")
+            if near.any():
+                t.optimizer.keep(np.flatnonzero(~near))
+                events.append(Dropped(int(near.sum()), "primitives near cameras"))
+        return events
 
+    def begin(self, t: Training, state: None) -> list[Event]:
+        return self.drop(t)
 
-def drop_near_cameras(optimizer: SplatOptimizer, positions: np.ndarray, distance: float) -> np.ndarray:
-    """Remove what is ``near_cameras``; returns the rows that are left. Raises ``DataError`` if none would be."""
-    near = near_cameras(optimizer.numpy("means"), positions, distance)
-    if near.all():
-        raise DataError("--near-zone", f"every primitive is nearer than {distance:g} to a camera", "use a smaller one")
-    kept = np.flatnonzero(~near)
-    if len(kept) < len(near):
-        optimizer.rearrange(kept, np.zeros(len(kept), bool))
-    return kept
+    def after_step(self, t: Training, state: None) -> list[Event]:
+        return self.drop(t) if t.due() else []
+
+    def _near(self, t: Training) -> np.ndarray:
+        return near_cameras(t.optimizer.numpy("means"), t.photographs.positions, self.near_zone)

@@ -1,0 +1,1 @@
+"""Cameras of data sets: read, as Blender objects, and the operators on them."""

@@ -1,0 +1,60 @@
+"""A pinhole camera as numbers, and what every reader of cameras needs.
+
+A pose is OpenCV's world-to-camera (x right, y down, z forward); Blender's own cameras look along -z with y up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..files.errors import FileError
+
+OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+RIGID_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Intrinsics in pixels (the centre of the first pixel is (0.5, 0.5)) and pose of an image."""
+
+    name: str
+    w2c: np.ndarray  # [4, 4]
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+    image: Path | None = None
+
+    def downscaled(self, k: int) -> Camera:
+        """The camera of the image averaged over k x k pixels, the remainder cut off."""
+        values = {name: getattr(self, name) / k for name in ("fx", "fy", "cx", "cy")}
+        return replace(self, **values, width=max(self.width // k, 1), height=max(self.height // k, 1))
+
+
+def rigid(path: Path, name: str, matrix: Any) -> np.ndarray:
+    """A [3, 4] or [4, 4] matrix that is rigid up to rounding as an exactly rigid [4, 4] one. Raises ``FileError``."""
+    try:
+        given = np.array(matrix, np.float64)
+        if given.shape not in ((3, 4), (4, 4)) or not np.isfinite(given).all():
+            raise ValueError("its shape is not 4 x 4, or it is not finite")
+        rotation = given[:3, :3]
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > RIGID_TOLERANCE or np.linalg.det(rotation) < 0:
+            raise ValueError("it is not a rotation and a translation")
+    except (ValueError, TypeError) as error:
+        raise FileError(path, f'the pose of "{name}" cannot be used ({error})', "correct it") from error
+    u, _, vt = np.linalg.svd(rotation)
+    result = np.eye(4)
+    result[:3, :3], result[:3, 3] = u @ vt, given[:3, 3]
+    return result
+
+
+def camera_name(file: str) -> str:
+    """Name of the view of an image file: no extension and no folder ``images``; ``/`` becomes ``_``."""
+    parts = [part for part in Path(file.replace("\\", "/")).with_suffix("").parts if part not in (".", "..", "/")]
+    return "_".join(parts[1:] if len(parts) > 1 and parts[0].split("_")[0] == "images" else parts)

@@ -1,0 +1,139 @@
+"""Cameras of a COLMAP model (binary and text). Format: COLMAP's documentation, "Output Format"."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from ..files.errors import FileError
+from .camera import Camera, camera_name, rigid
+
+MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
+# Number in binary files, name, number of parameters. The other models bend rays even with zero coefficients.
+PINHOLES = {
+    0: ("SIMPLE_PINHOLE", 3), 1: ("PINHOLE", 4), 2: ("SIMPLE_RADIAL", 4), 3: ("RADIAL", 5), 4: ("OPENCV", 8),
+    6: ("FULL_OPENCV", 12),
+}  # fmt: skip
+NUMBERS = {name: number for number, (name, _) in PINHOLES.items()}
+SEPARATE = ("PINHOLE", "OPENCV", "FULL_OPENCV")  # fx and fy apart
+DAMAGED = "copy the file again or export the model again"
+UNDISTORT = "run COLMAP's image_undistorter and use the folder that it writes"
+Intrinsics = tuple[float, float, float, float, int, int]
+
+
+def find_model(path: Path) -> Path | None:
+    """The first folder below ``path`` that holds cameras and images of a COLMAP model, or None."""
+    return next((path / f for f in MODEL_FOLDERS if _file(path / f, "cameras") and _file(path / f, "images")), None)
+
+
+def read_colmap(path: Path, model: Path) -> list[Camera]:
+    """Cameras of a model folder in the data set ``path``. Raises ``FileError``."""
+    camera_file, image_file = _file(model, "cameras"), _file(model, "images")
+    assert camera_file and image_file
+    read_cameras, read_images = (
+        (binary if file.suffix == ".bin" else text)
+        for file, binary, text in ((camera_file, _binary_cameras, _text_cameras),
+                                   (image_file, _binary_images, _text_images))
+    )  # fmt: skip
+    try:
+        intrinsics = read_cameras(camera_file)
+    except (struct.error, ValueError) as error:
+        raise _explained(camera_file, error) from error
+    try:
+        poses = read_images(image_file)
+    except (struct.error, ValueError) as error:
+        raise _explained(image_file, error) from error
+    if not poses:
+        raise FileError(image_file, "the model has no registered image", "run COLMAP's mapper until images register")
+    folder = next((f / "images" for f in (path, *path.resolve().parents[:2]) if (f / "images").is_dir()), None)
+    cameras = []
+    for name, camera_id, pose in poses:
+        if camera_id not in intrinsics:
+            raise FileError(image_file, f'image "{name}" uses camera {camera_id}, which is not there', DAMAGED)
+        image = folder / name if folder and (folder / name).is_file() else None
+        w2c = rigid(image_file, name, _matrix(pose))
+        cameras.append(Camera(camera_name(name), w2c, *intrinsics[camera_id], image))
+    return cameras
+
+
+def _explained(path: Path, error: Exception) -> FileError:
+    return error if isinstance(error, FileError) else FileError(path, f"cannot be read ({error})", DAMAGED)
+
+
+def _file(model: Path, stem: str) -> Path | None:
+    return next((file for suffix in (".bin", ".txt") if (file := model / (stem + suffix)).is_file()), None)
+
+
+def _intrinsics(path: Path, camera_id: int, model: str, width: int, height: int, values: list[float]) -> Intrinsics:
+    separate = model in SEPARATE
+    fx, fy = (values[0], values[1]) if separate else (values[0], values[0])
+    cx, cy, *distortion = values[2 if separate else 1 :]
+    if any(distortion):
+        raise FileError(path, f"camera {camera_id} has lens distortion ({model})", UNDISTORT)
+    if not (np.isfinite(values).all() and min(fx, fy) > 0 and min(width, height) > 0):
+        raise FileError(path, f"camera {camera_id} is {width}x{height} with parameters {values}", DAMAGED)
+    return fx, fy, cx, cy, width, height
+
+
+def _binary_cameras(path: Path) -> dict[int, Intrinsics]:
+    data, at, cameras = path.read_bytes(), 8, {}
+    for _ in range(struct.unpack_from("<Q", data)[0]):
+        camera_id, number, width, height = struct.unpack_from("<iiQQ", data, at)
+        if number not in PINHOLES:
+            raise FileError(path, f"camera {camera_id} has the model number {number}, no pinhole", UNDISTORT)
+        model, count = PINHOLES[number]
+        values = struct.unpack_from(f"<{count}d", data, at + 24)
+        at += 24 + 8 * count
+        cameras[camera_id] = _intrinsics(path, camera_id, model, width, height, list(values))
+    return cameras
+
+
+def _binary_images(path: Path) -> list[tuple[str, int, list[float]]]:
+    data, at, images = path.read_bytes(), 8, []
+    for _ in range(struct.unpack_from("<Q", data)[0]):
+        _, *pose, camera_id = struct.unpack_from("<I7dI", data, at)
+        end = data.index(b"\0", at + 64)
+        images.append((data[at + 64 : end].decode(errors="replace"), camera_id, pose))
+        at = end + 9 + 24 * struct.unpack_from("<Q", data, end + 1)[0]  # the observed points are not needed
+    if at != len(data):
+        raise ValueError(f"{len(data)} bytes instead of {at}")
+    return images
+
+
+def _text_cameras(path: Path) -> dict[int, Intrinsics]:
+    cameras = {}
+    for line in path.read_text(errors="replace").splitlines():
+        if line.strip() and not line.startswith("#"):
+            camera_id, model, width, height, *values = line.split()
+            if model not in NUMBERS:
+                raise FileError(path, f"camera {camera_id} has the model {model}, no pinhole", UNDISTORT)
+            numbers = [float(value) for value in values]
+            if len(numbers) != PINHOLES[NUMBERS[model]][1]:
+                raise FileError(path, f"camera {camera_id} has {len(numbers)} parameters", DAMAGED)
+            cameras[int(camera_id)] = _intrinsics(path, int(camera_id), model, int(width), int(height), numbers)
+    return cameras
+
+
+def _text_images(path: Path) -> list[tuple[str, int, list[float]]]:
+    lines = [line for line in path.read_text(errors="replace").splitlines() if not line.startswith("#")]
+    images = []
+    for line in lines[::2]:  # every second line lists observed points
+        if line.strip():
+            _, *pose, camera_id, name = line.split(maxsplit=9)
+            images.append((name, int(camera_id), [float(value) for value in pose]))
+    return images
+
+
+def _matrix(pose: list[float]) -> np.ndarray:
+    """World-to-camera [4, 4] from quaternion w, x, y, z and translation."""
+    w, x, y, z = np.array(pose[:4]) / np.linalg.norm(pose[:4])
+    w2c = np.eye(4)
+    w2c[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    w2c[:3, 3] = pose[4:]
+    return w2c

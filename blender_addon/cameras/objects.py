@@ -1,0 +1,71 @@
+"""Cameras of data sets as Blender cameras, and Blender cameras as numbers."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..objects.conventions import remember
+from .camera import OPENCV_FROM_OPENGL, Camera
+
+SENSOR = 36.0  # mm
+SIZE = "dogsplat_image_size"  # width, height in pixels, and the aspect of a pixel (fy / fx)
+CLIP_START, CLIP_END = 0.01, 1e4  # a model has no far end
+CONVENTION = "OpenCV world-to-camera; the centre of the first pixel is (0.5, 0.5)"
+
+
+def build_camera(
+    collection: bpy.types.Collection, camera: Camera, matrix: Matrix, source: str, with_image: bool
+) -> bpy.types.Object:
+    """A camera object in a collection.
+
+    ``matrix`` goes from the coordinates of the data set to Blender's. Raises ``RuntimeError`` for an image that Blender
+    cannot open.
+    """
+    data = bpy.data.cameras.new(camera.name)
+    obj = bpy.data.objects.new(camera.name, data)
+    aspect = camera.fy / camera.fx
+    data.sensor_fit, data.sensor_width = "HORIZONTAL", SENSOR
+    data.lens = camera.fx * SENSOR / camera.width
+    data.shift_x = 0.5 - camera.cx / camera.width  # in widths of the picture, and so is shift_y
+    data.shift_y = (camera.cy - camera.height / 2) / aspect / camera.width
+    scale = matrix.to_scale()[0]
+    data.clip_start, data.clip_end = CLIP_START * scale, CLIP_END * scale
+    data.display_size = 0.1 * scale
+    obj[SIZE] = [camera.width, camera.height, aspect]
+    obj.matrix_world = (matrix @ Matrix(np.linalg.inv(camera.w2c) @ OPENCV_FROM_OPENGL)).normalized()
+    remember(obj, source, CONVENTION, matrix)
+    collection.objects.link(obj)
+    if with_image and camera.image:
+        background = data.background_images.new()
+        background.image = bpy.data.images.load(str(camera.image), check_existing=True)
+        background.alpha, background.frame_method = 0.5, "STRETCH"
+        data.show_background_images = True
+    return obj
+
+
+def look_through(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
+    """Make a camera the active one, and the render as large as its photograph where it has one."""
+    scene.camera = obj
+    if SIZE in obj:
+        width, height, aspect = obj[SIZE]
+        render = scene.render
+        render.resolution_x, render.resolution_y, render.resolution_percentage = int(width), int(height), 100
+        render.pixel_aspect_x, render.pixel_aspect_y = max(aspect, 1.0), max(1 / aspect, 1.0)
+
+
+def camera_numbers(scene: bpy.types.Scene, obj: bpy.types.Object) -> Camera:
+    """The pinhole camera of a camera object at the resolution of the render. Raises ``ValueError`` for other kinds."""
+    data, render = obj.data, scene.render
+    if data.type != "PERSP":
+        raise ValueError(f'the camera "{obj.name}" is {data.type.lower()}; splats need a perspective camera')
+    percent = render.resolution_percentage / 100
+    width, height = render.resolution_x * percent, render.resolution_y * percent
+    ax, ay = render.pixel_aspect_x, render.pixel_aspect_y
+    horizontal = data.sensor_fit == "HORIZONTAL" or (data.sensor_fit == "AUTO" and width * ax >= height * ay)
+    size = width * ax if horizontal else height * ay
+    focal = data.lens / (data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width) * size
+    cx, cy = width / 2 - data.shift_x * size / ax, height / 2 + data.shift_y * size / ay
+    c2w = np.array(obj.matrix_world.normalized(), np.float64) @ OPENCV_FROM_OPENGL
+    return Camera(obj.name, np.linalg.inv(c2w), focal / ax, focal / ay, cx, cy, int(width), int(height))

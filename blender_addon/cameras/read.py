@@ -1,0 +1,43 @@
+"""Cameras of whatever is given: a COLMAP folder, ``transforms.json``, or a run folder, which names its data set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ..files.errors import FileError
+from .camera import Camera
+from .colmap import find_model, read_colmap
+from .json_object import KINDS, read_json_object
+from .transforms import read_transforms
+
+
+def read_cameras(path: str | Path, size_of: Callable[[Path], tuple[int, int]]) -> tuple[list[Camera], int]:
+    """(cameras sorted by name, the downscaling that a run folder was trained with, else 1). Raises ``FileError``.
+
+    ``size_of`` tells the size of an image file, for data sets that do not say it.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileError(path, "no such file or folder", "check the path")
+    if path.name == "config.json" or (path.is_dir() and (path / "config.json").is_file()):
+        config_file = path if path.is_file() else path / "config.json"
+        config = read_json_object(config_file)
+        data = Path(str(config.get("data", "")))
+        if "data" not in config or not data.exists():
+            problem = f'its data set "{data}" is not there' if "data" in config else "does not name a data set"
+            raise FileError(config_file, problem, "import the cameras from the data set itself")
+        return read_cameras(data, size_of)[0], int(config.get("downscale", 1))
+    if path.is_file() and path.suffix in (".bin", ".txt"):
+        path = path.parent
+    if path.is_dir() and (model := find_model(path)):
+        cameras = read_colmap(path, model)
+    else:
+        names = ("transforms.json", "transforms_train.json", "transforms_test.json")
+        files = [path] if path.is_file() else [path / name for name in names if (path / name).is_file()]
+        if path.is_dir() and files and files[0].name == "transforms.json":
+            files = files[:1]
+        if not files:
+            raise FileError(path, "no cameras found", f"give {KINDS}")
+        cameras = [camera for file in files for camera in read_transforms(file, size_of)]
+    return sorted(cameras, key=lambda camera: camera.name), 1

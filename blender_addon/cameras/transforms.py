@@ -1,0 +1,56 @@
+"""Cameras of ``transforms.json`` (instant-ngp, nerfstudio, NeRF synthetic)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..files.errors import FileError
+from .camera import OPENCV_FROM_OPENGL, Camera, camera_name, rigid
+from .json_object import KINDS, read_json_object
+
+EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp")
+DISTORTIONS = ("k1", "k2", "k3", "k4", "p1", "p2")
+
+
+def read_transforms(path: Path, size_of: Callable[[Path], tuple[int, int]]) -> list[Camera]:
+    """Cameras of one file; ``size_of`` tells the size of an image that the file does not say. Raises ``FileError``."""
+    content = read_json_object(path)
+    frames = content.get("frames")
+    if not isinstance(frames, list) or not frames:
+        raise FileError(path, 'has no cameras ("frames" is absent or empty)', f"give {KINDS}")
+    cameras = []
+    for i, frame in enumerate(frames):
+        if not isinstance(frame, dict) or not {"file_path", "transform_matrix"} <= frame.keys():
+            raise FileError(path, f'frame {i} lacks "file_path" or "transform_matrix"', "add both to each frame")
+        try:
+            cameras.append(_transforms_camera(path, {**content, **frame}, size_of))
+        except (TypeError, ValueError, ZeroDivisionError) as error:
+            if isinstance(error, FileError):
+                raise
+            raise FileError(path, f"frame {i}: {error}", "correct its numbers") from error
+    return cameras
+
+
+def _transforms_camera(path: Path, frame: dict[str, Any], size_of: Callable[[Path], tuple[int, int]]) -> Camera:
+    name = str(frame["file_path"])
+    if frame.get("is_fisheye") or any(float(frame.get(key, 0)) for key in DISTORTIONS):
+        raise FileError(path, f'"{name}" has lens distortion', "undistort the images first")
+    image = path.parent / name.replace("\\", "/")
+    image = next((f for e in EXTENSIONS if (f := image.with_name(image.name + e)).is_file()), image)
+    width, height = (int(frame["w"]), int(frame["h"])) if "w" in frame and "h" in frame else size_of(image)
+    focal = [
+        float(frame[pixels]) if pixels in frame
+        else 0.5 * size / math.tan(0.5 * float(frame[angle])) if angle in frame else None
+        for pixels, angle, size in (("fl_x", "camera_angle_x", width), ("fl_y", "camera_angle_y", height))
+    ]  # fmt: skip
+    fx, fy = focal[0] or focal[1], focal[1] or focal[0]
+    if not fx or not fy or min(fx, fy) <= 0 or min(width, height) < 1:
+        raise FileError(path, f'"{name}" has no focal length or no size', 'add "fl_x", "fl_y", "w", "h" in pixels')
+    cx, cy = float(frame.get("cx", width / 2)), float(frame.get("cy", height / 2))
+    w2c = OPENCV_FROM_OPENGL @ np.linalg.inv(rigid(path, name, frame["transform_matrix"]))
+    return Camera(camera_name(name), w2c, fx, fy, cx, cy, width, height, image if image.is_file() else None)

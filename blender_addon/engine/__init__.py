@@ -1,0 +1,1 @@
+"""The exact picture: a render engine that calls the package."""

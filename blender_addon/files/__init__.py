@@ -1,0 +1,1 @@
+"""Models as numbers and files; nothing here knows Blender."""

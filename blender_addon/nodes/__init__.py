@@ -1,0 +1,1 @@
+"""The Geometry Nodes and materials that draw splats."""

@@ -1,0 +1,121 @@
+"""Node groups of one formula each: colour from spherical harmonics, kernel on the image plane."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..files.transform import C0, SH_TERMS
+from ..objects.attributes import BASE, SH
+from .builder import Tree, Value, Vector, arrange, new_group, wrap
+from .material import VERSION
+
+LOW_PASS = 0.3  # px², so that no splat falls between the pixels, as in 3DGS
+NEAREST_LEVEL = 255.0  # opacities below 1/255 are not seen
+GEOMETRY = "GeometryNodeTree"
+
+
+def cached_group(name: str) -> bpy.types.NodeTree | None:
+    """The group of that name and of this version, if the file has it."""
+    key = f"{name} {VERSION}"
+    return next((g for g in bpy.data.node_groups if g.get("dogsplat") == key and not g.library), None)
+
+
+def finish_group(tree: Tree, name: str) -> bpy.types.NodeTree:
+    """Lay out a new group and mark it, so that it is found again."""
+    arrange(tree.tree)
+    tree.tree["dogsplat"] = f"{name} {VERSION}"
+    return tree.tree
+
+
+def named_attribute(tree: Tree, name: str, kind: str = "FLOAT_VECTOR"):
+    """A Named Attribute node: a float, a vector, or the socket as it is for colours and rotations."""
+    node = tree.node("GeometryNodeInputNamedAttribute", data_type=kind)
+    node.inputs["Name"].default_value = name
+    return wrap(tree, node.outputs["Attribute"])
+
+
+def color_group() -> bpy.types.NodeTree:
+    """Colour of a splat seen in a direction: max(0, SH + 0.5), as sRGB values or made linear."""
+    name = "DoG Splat color"
+    if existing := cached_group(name):
+        return existing
+    sockets = {"Direction": "NodeSocketVector", "SH Degree": "NodeSocketInt", "Linear": "NodeSocketBool"}
+    tree, (direction, degree, linear), exit_node = new_group(name, GEOMETRY, sockets, {"Color": "NodeSocketVector"})
+    axes = direction.normalized().split()
+    powers: dict[tuple[int, int], Value] = {(axis, 1): axes[axis] for axis in range(3)}
+
+    def power(axis: int, exponent: int) -> Value:
+        if (axis, exponent) not in powers:
+            powers[axis, exponent] = power(axis, exponent - 1) * axes[axis]
+        return powers[axis, exponent]
+
+    base = Vector(tree, named_attribute(tree, BASE, "FLOAT_COLOR"))
+    color = base * C0 + (0.5, 0.5, 0.5)
+    for band in range(1, 4):
+        total = None
+        for k in range(band**2, (band + 1) ** 2):
+            basis = None
+            for coefficient, *exponents in SH_TERMS[k]:
+                term = None
+                for axis, exponent in enumerate(exponents):
+                    if exponent:
+                        factor = power(axis, exponent)
+                        term = factor if term is None else term * factor
+                assert term is not None
+                basis = term * coefficient if basis is None else tree.math("MULTIPLY_ADD", term, coefficient, basis)
+            assert basis is not None
+            part = named_attribute(tree, SH.format(k - 1)) * basis
+            total = part if total is None else total + part
+        assert total is not None
+        color = color + total * (degree > band - 0.5)
+    color = color.maximum((0.0, 0.0, 0.0))
+    switch = tree.node("GeometryNodeSwitch", input_type="VECTOR")
+    for socket, value in zip(switch.inputs, (linear, color, _srgb_to_linear(tree, color)), strict=True):
+        tree.plug(socket, value)
+    tree.plug(exit_node.inputs[0], wrap(tree, switch.outputs[0]))
+    return finish_group(tree, name)
+
+
+def _srgb_to_linear(tree: Tree, color: Vector) -> Vector:
+    channels = []
+    for c in color.split():
+        toe = c < 0.04045
+        curve = tree.math("POWER", (c + 0.055) / 1.055, 2.4)
+        channels.append(c * toe / 12.92 + curve * (1.0 - toe))
+    return tree.combine(*channels)
+
+
+def kernel_group() -> bpy.types.NodeTree:
+    """The 2D kernel of scaled axes that project to the columns of the rows V0, V1 (pixels).
+
+    Σ' = V Vᵀ + 0.3 I; the kernel at offset (dx, dy) from its centre is exp(-(u² + v²) / 2) with u = ux dx + uy dy and
+    v = vy dy. "Extent" is half the size of the box (x, y) outside of which opacity times kernel is below 1/255.
+    """
+    name = "DoG Splat kernel"
+    if existing := cached_group(name):
+        return existing
+    sockets = {"V0": "NodeSocketVector", "V1": "NodeSocketVector", "Opacity": "NodeSocketFloat",
+               "Antialiased": "NodeSocketBool"}  # fmt: skip
+    results = {"Kernel": "NodeSocketVector", "Extent": "NodeSocketVector", "Opacity": "NodeSocketFloat"}
+    tree, (v0, v1, opacity, antialiased), exit_node = new_group(name, GEOMETRY, sockets, results)
+    raw_xx, raw_yy, xy, minors = v0.dot(v0), v1.dot(v1), v0.dot(v1), v0.cross(v1)
+    raw_det = minors.dot(minors)  # Cauchy-Binet: xx yy - xy² would cancel on needles
+    det = raw_det + (raw_xx + raw_yy) * LOW_PASS + LOW_PASS**2
+    xx, yy = raw_xx + LOW_PASS, raw_yy + LOW_PASS
+    ux = tree.math("SQRT", yy / det)
+    uy = ux * xy / yy * -1.0
+    vy = 1.0 / tree.math("SQRT", yy)
+    shrunk = tree.math("SQRT", tree.math("MAXIMUM", raw_det / det, 2.5e-5)) - 1.0
+    opacity = opacity * (shrunk * antialiased + 1.0)
+    t = cutoff(tree, opacity)
+    tree.plug(exit_node.inputs["Kernel"], tree.combine(ux, uy, vy))
+    extent = tree.combine(tree.math("SQRT", t * xx), tree.math("SQRT", t * yy))
+    tree.plug(exit_node.inputs["Extent"], extent)
+    tree.plug(exit_node.inputs["Opacity"], opacity)
+    return finish_group(tree, name)
+
+
+def cutoff(tree: Tree, opacity: Value) -> Value:
+    """r² at which opacity exp(-r² / 2) falls to 1/255; 0 where it never exceeds that."""
+    level = tree.math("MAXIMUM", opacity * NEAREST_LEVEL, 1.0)
+    return tree.math("LOGARITHM", level, 2.718281828459045) * 2.0

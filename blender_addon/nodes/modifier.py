@@ -1,0 +1,83 @@
+"""The modifier on an object: its inputs by name, and drivers that tell it the camera's intrinsics in pixels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from .tree import NAME, SHOW, splat_tree
+
+# Horizontal: what Blender's sensor fit "Auto" decides. Enum values: 0 Auto, 1 Horizontal, 2 Vertical.
+_HORIZONTAL = "(fit == 1 or (fit == 0 and rx * ax >= ry * ay))"
+_SIZE = f"(rx * ax if {_HORIZONTAL} else ry * ay)"  # of the side that the sensor fits, in units of square pixels
+_FOCAL = f"lens / (sh if fit == 2 else sw) * {_SIZE} * percent / 100"
+EXPRESSIONS = {
+    "Focal X": f"{_FOCAL} / ax",
+    "Focal Y": f"{_FOCAL} / ay",
+    "Center X": f"(rx / 2 - sx * {_SIZE} / ax) * percent / 100",
+    "Center Y": f"(ry / 2 + sy * {_SIZE} / ay) * percent / 100",
+    "Width": "rx * percent / 100",
+    "Height": "ry * percent / 100",
+}
+VARIABLES = {  # path from the scene, and the value where the scene has no camera
+    "lens": ("camera.data.lens", 50), "sw": ("camera.data.sensor_width", 36), "sh": ("camera.data.sensor_height", 24),
+    "fit": ("camera.data.sensor_fit", 0), "sx": ("camera.data.shift_x", 0), "sy": ("camera.data.shift_y", 0),
+    "rx": ("render.resolution_x", 0), "ry": ("render.resolution_y", 0), "percent": ("render.resolution_percentage", 0),
+    "ax": ("render.pixel_aspect_x", 1), "ay": ("render.pixel_aspect_y", 1),
+}  # fmt: skip
+
+
+def add_modifier(obj: bpy.types.Object) -> bpy.types.Modifier:
+    """Give an object the splat modifier, with its drivers."""
+    modifier = obj.modifiers.new(NAME, "NODES")
+    modifier.node_group = splat_tree()
+    for name, expression in EXPRESSIONS.items():
+        _drive(*input_property(modifier, name), expression)
+    return modifier
+
+
+def splat_modifier(obj: bpy.types.Object) -> bpy.types.Modifier | None:
+    """The modifier of ours on an object."""
+    for modifier in obj.modifiers:
+        group = modifier.node_group if modifier.type == "NODES" else None
+        if group and str(group.get("dogsplat", "")).startswith(NAME):
+            return modifier
+    return None
+
+
+def input_property(modifier: bpy.types.Modifier, name: str) -> tuple[Any, str]:
+    """(Who has the input ``name`` of the modifier, as which property): what a layout draws."""
+    items = modifier.node_group.interface.items_tree
+    key = next(i.identifier for i in items if i.item_type == "SOCKET" and i.in_out == "INPUT" and i.name == name)
+    if hasattr(modifier, "properties"):  # from Blender 5.2 on
+        return getattr(modifier.properties.inputs, key), "value"
+    return modifier, f'["{key}"]'
+
+
+def set_input(modifier: bpy.types.Modifier, name: str, value: Any) -> None:
+    """Set an input of the modifier; "Show As" to one of ``SHOW``."""
+    owner, key = input_property(modifier, name)
+    if key == "value":
+        owner.value = value
+    else:  # a menu is a number there
+        owner[key[2:-2]] = SHOW.index(value) if name == "Show As" else value
+
+
+def get_input(modifier: bpy.types.Modifier, name: str) -> Any:
+    """The value of an input of the modifier, as ``set_input`` takes it."""
+    owner, key = input_property(modifier, name)
+    value = owner.path_resolve(key)
+    return SHOW[value] if isinstance(value, int) and name == "Show As" else value
+
+
+def _drive(owner: Any, key: str, expression: str) -> None:
+    driver = owner.driver_add(key).driver
+    driver.type = "SCRIPTED"
+    for name, (source, fallback) in VARIABLES.items():
+        variable = driver.variables.new()
+        variable.name, variable.type = name, "CONTEXT_PROP"
+        target = variable.targets[0]
+        target.context_property, target.data_path = "ACTIVE_SCENE", source
+        target.use_fallback_value, target.fallback_value = True, fallback
+    driver.expression = expression

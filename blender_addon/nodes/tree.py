@@ -1,0 +1,235 @@
+"""The Geometry Nodes tree of a model: from points with attributes to what the engines render.
+
+Three ways to show a model, and "Automatic", which is quads in renders and ellipsoids in the viewport:
+
+- Quads: one rectangle per splat, at its depth and parallel to the image plane of the active camera, carrying the EWA
+  kernel of 3DGS (low-pass filter included). In a render they are drawn in the order of the depth of their centres.
+  This is the image formation of the ``dogsplat`` integrator: exact for the active camera, meaningless from elsewhere.
+- Ellipsoids: instanced spheres whose material evaluates the kernel along the ray; right from everywhere.
+- Points: opaque, fast.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from .builder import Tree, Value, Vector, new_group
+from .fields import Frame, Splat
+from .groups import (
+    GEOMETRY,
+    LOW_PASS,
+    cached_group,
+    color_group,
+    cutoff,
+    finish_group,
+    kernel_group,
+    named_attribute,
+)
+from .material import (
+    COLOR,
+    EXTENT,
+    FACTOR,
+    KERNEL,
+    OPACITIES,
+    PSEUDO,
+    ellipsoid_material,
+    point_material,
+    quad_material,
+)
+
+NAME = "DoG Splat"
+SHOW = ("Automatic", "Quads", "Ellipsoids", "Points")
+CAMERA_INPUTS = ("Focal X", "Focal Y", "Center X", "Center Y", "Width", "Height")  # driven, pixels
+SPHERE_RADIUS = 1 / 0.9339  # of an icosphere with 80 faces that holds the unit sphere
+CORNER = "splat:corner"
+INPUTS = {
+    "Geometry": "NodeSocketGeometry", "Show As": "NodeSocketMenu", "SH Degree": "NodeSocketInt",
+    "DoG": "NodeSocketBool", "Linear Colors": "NodeSocketBool", "Antialiased": "NodeSocketBool",
+    "Near Clip": "NodeSocketFloat", **dict.fromkeys(CAMERA_INPUTS, "NodeSocketFloat"),
+}  # fmt: skip
+
+
+def splat_tree() -> bpy.types.NodeTree:
+    """The tree of this version in this file, made where there is none."""
+    if existing := cached_group(NAME):
+        return existing
+    tree, inputs, exit_node = new_group(NAME, GEOMETRY, INPUTS, {"Geometry": "NodeSocketGeometry"})
+    geometry, show, degree, dog, linear, antialiased, near, fx, fy, cx, cy, width, height = inputs
+    frame = Frame(tree, (fx, fy), (cx, cy), (width, height))
+    splat = Splat(tree, dog)
+
+    to_points = tree.node("GeometryNodeMeshToPoints")
+    tree.plug(to_points.inputs[0], geometry)
+    (color,) = tree.call(color_group(), frame.direction, degree, linear)
+    points = _store(tree, to_points.outputs[0], COLOR, color)
+    quads = _quads(tree, points, frame, splat, near, antialiased)
+    ellipsoids = _ellipsoids(tree, points, frame, splat, near)
+
+    automatic = tree.node("GeometryNodeSwitch", input_type="GEOMETRY")
+    for socket, value in zip(
+        automatic.inputs, (tree.node("GeometryNodeIsViewport").outputs[0], quads, ellipsoids), strict=True
+    ):
+        tree.plug(socket, value)
+    menu = tree.node("GeometryNodeMenuSwitch", data_type="GEOMETRY")
+    for i, name in enumerate(SHOW):  # the node comes with two items, whose numbers are 0 and 1
+        item = menu.enum_items[i] if i < len(menu.enum_items) else menu.enum_items.new(name)
+        item.name = name
+    tree.plug(menu.inputs[0], show)
+    for name, value in zip(SHOW, (automatic.outputs[0], quads, ellipsoids, _points(tree, points, splat)), strict=True):
+        tree.plug(menu.inputs[name], value)
+    tree.plug(exit_node.inputs[0], menu.outputs[0])
+    _describe(tree.tree)
+    return finish_group(tree, NAME)
+
+
+def _quads(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value, antialiased: Value) -> Any:
+    """A mesh of a rectangle per visible splat, the farthest first."""
+    inverse = tree.node("FunctionNodeInvertRotation")
+    tree.plug(inverse.inputs[0], splat.rotation)
+    rows = []  # of J W R, pixels
+    for axis, tangent, f in zip((frame.right, frame.down), frame.tangents, frame.focal, strict=True):
+        turn = tree.node("FunctionNodeRotateVector")
+        tree.plug(turn.inputs["Vector"], (axis - frame.forward * tangent) * (f / frame.depth))
+        tree.plug(turn.inputs["Rotation"], inverse.outputs[0])
+        rows.append(Vector(tree, turn.outputs[0]))
+    primary = tree.call(kernel_group(), *(row * splat.scale for row in rows), splat.opacity, antialiased)
+    pseudo = tree.call(kernel_group(), *(row * splat.pseudo_scale for row in rows), splat.pseudo_opacity, antialiased)
+    half_x, half_y, _ = primary[1].maximum(pseudo[1]).split()
+
+    # Near Clip is a distance in the world, everything here is in the space of the object.
+    own = tree.node("GeometryNodeObjectInfo", transform_space="ORIGINAL")
+    tree.plug(own.inputs["Object"], tree.node("GeometryNodeSelfObject").outputs[0])
+    own_scale, _, _ = Vector(tree, own.outputs["Scale"]).split()
+    visible = (frame.depth * own_scale > near) * (half_x > 0.0)
+    points = _delete(tree, points, 1.0 - visible)
+    values = {EXTENT: tree.combine(half_x, half_y, frame.depth), KERNEL: primary[0], PSEUDO: pseudo[0],
+              OPACITIES: tree.combine(primary[2], pseudo[2])}  # fmt: skip
+    for name, value in values.items():
+        points = _store(tree, points, name, value)
+    for pattern in ("radiance:*", "dog:*"):
+        points = _remove(tree, points, pattern)
+    _, _, depth = named_attribute(tree, EXTENT).split()
+    order = tree.node("GeometryNodeSortElements", domain="POINT")
+    tree.plug(order.inputs["Geometry"], points)
+    tree.plug(order.inputs["Sort Weight"], depth * -1.0)
+
+    place = tree.node("GeometryNodeInstanceOnPoints")
+    tree.plug(place.inputs["Points"], order.outputs[0])
+    tree.plug(place.inputs["Instance"], _corners(tree))
+    tree.plug(place.inputs["Rotation"], frame.rotation)
+    size_x, size_y, _ = named_attribute(tree, EXTENT).split()
+    fx, fy = frame.focal
+    tree.plug(place.inputs["Scale"], tree.combine(size_x * depth / fx, size_y * depth / fy, 1.0))
+    realize = tree.node("GeometryNodeRealizeInstances")
+    tree.plug(realize.inputs[0], place.outputs[0])
+
+    mesh = realize.outputs[0]
+    corner_x, corner_y, _ = named_attribute(tree, CORNER).split()
+    dx, dy = size_x * corner_x, size_y * corner_y * -1.0  # pixels, y down
+    opacities = named_attribute(tree, OPACITIES).split()
+    for name, opacity in zip((KERNEL, PSEUDO), opacities[:2], strict=True):
+        ux, uy, vy = named_attribute(tree, name).split()
+        mesh = _store(tree, mesh, name, tree.combine(ux * dx + uy * dy, vy * dy, opacity))
+    for name in (CORNER, EXTENT, OPACITIES):
+        mesh = _remove(tree, mesh, name)
+    return _set_material(tree, mesh, quad_material())
+
+
+def _ellipsoids(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value) -> Any:
+    """A sphere per splat, scaled to where the wider of its kernels ends."""
+    distance = tree.math("MAXIMUM", frame.depth, near)
+    pixel2 = distance * distance / (frame.focal[0] * frame.focal[1]) * LOW_PASS  # low-pass variance at that depth
+    primary, pseudo = (
+        tree.combine(*(tree.math("SQRT", s * s + pixel2) for s in scale.split()))
+        for scale in (splat.scale, splat.pseudo_scale)
+    )
+    reach, pseudo_reach = (tree.math("SQRT", cutoff(tree, a)) for a in (splat.opacity, splat.pseudo_opacity))
+    size = (primary * reach).maximum(pseudo * pseudo_reach)
+    points = _delete(tree, points, 1.0 - (reach + pseudo_reach > 0.0))
+    values = {EXTENT: size / primary, FACTOR: pseudo / primary,
+              OPACITIES: tree.combine(splat.opacity, splat.pseudo_opacity)}  # fmt: skip
+    for name, value in values.items():
+        points = _store(tree, points, name, value)
+    sphere = tree.node("GeometryNodeMeshIcoSphere")
+    sphere.inputs["Radius"].default_value = SPHERE_RADIUS
+    sphere.inputs["Subdivisions"].default_value = 2
+    place = tree.node("GeometryNodeInstanceOnPoints")
+    tree.plug(place.inputs["Points"], points)
+    tree.plug(place.inputs["Instance"], _set_material(tree, sphere.outputs[0], ellipsoid_material()))
+    tree.plug(place.inputs["Rotation"], splat.rotation)
+    tree.plug(place.inputs["Scale"], size)
+    return place.outputs[0]
+
+
+def _points(tree: Tree, points: Any, splat: Splat) -> Any:
+    """The point cloud, as large as the splats are on average over the axes."""
+    radius = tree.node("GeometryNodeSetPointRadius")
+    tree.plug(radius.inputs["Points"], points)
+    tree.plug(radius.inputs["Radius"], splat.scale.dot((1 / 3, 1 / 3, 1 / 3)))
+    return _set_material(tree, radius.outputs[0], point_material())
+
+
+def _corners(tree: Tree) -> Any:
+    """The rectangle from (-1, -1) to (1, 1), its corners stored as attribute."""
+    grid = tree.node("GeometryNodeMeshGrid")
+    for name, value in (("Size X", 2.0), ("Size Y", 2.0), ("Vertices X", 2), ("Vertices Y", 2)):
+        grid.inputs[name].default_value = value
+    position = Vector(tree, tree.node("GeometryNodeInputPosition").outputs[0])
+    return _store(tree, grid.outputs[0], CORNER, position)
+
+
+def _store(tree: Tree, geometry: Any, name: str, value: Any) -> Any:
+    node = tree.node("GeometryNodeStoreNamedAttribute", data_type="FLOAT_VECTOR", domain="POINT")
+    for socket, given in (("Geometry", geometry), ("Name", name), ("Value", value)):
+        tree.plug(node.inputs[socket], given)
+    return node.outputs[0]
+
+
+def _remove(tree: Tree, geometry: Any, pattern: str) -> Any:
+    node = tree.node("GeometryNodeRemoveAttribute")
+    if hasattr(node, "pattern_mode"):
+        node.pattern_mode = "WILDCARD"
+    else:
+        node.inputs["Pattern Mode"].default_value = "Wildcard"
+    tree.plug(node.inputs["Geometry"], geometry)
+    tree.plug(node.inputs["Name"], pattern)
+    return node.outputs[0]
+
+
+def _delete(tree: Tree, geometry: Any, selection: Value) -> Any:
+    node = tree.node("GeometryNodeDeleteGeometry", domain="POINT")
+    tree.plug(node.inputs["Geometry"], geometry)
+    tree.plug(node.inputs["Selection"], selection > 0.5)
+    return node.outputs[0]
+
+
+def _set_material(tree: Tree, geometry: Any, material: bpy.types.Material) -> Any:
+    node = tree.node("GeometryNodeSetMaterial")
+    tree.plug(node.inputs["Geometry"], geometry)
+    node.inputs["Material"].default_value = material
+    return node.outputs[0]
+
+
+def _describe(group: bpy.types.NodeTree) -> None:
+    """Defaults, ranges and tooltips of the inputs that people see."""
+    settings: dict[str, dict[str, Any]] = {
+        "Show As": {"default_value": SHOW[0], "description": "Quads are exact for the active camera; ellipsoids are "
+                    "right from everywhere; Automatic renders quads and shows ellipsoids in the viewport"},
+        "SH Degree": {"default_value": 3, "min_value": 0, "max_value": 3,
+                      "description": "Highest band of view-dependent colour, seen from the active camera"},
+        "DoG": {"default_value": True, "description": "Subtract the pseudo-Gaussians"},
+        "Linear Colors": {"default_value": True, "description": "Blend in linear light, for view transforms such as "
+                          "Standard and AgX; off: blend sRGB values as trained, for the view transform Raw"},
+        "Antialiased": {"default_value": False, "description": "For models trained with antialiasing"},
+        "Near Clip": {"default_value": 0.2, "min_value": 0.0, "subtype": "DISTANCE",
+                      "description": "Splats nearer to the camera plane are left out"},
+    }  # fmt: skip
+    camera = {"default_value": 1000.0, "description": "Of the active camera, in pixels; kept up to date by a driver"}
+    for item in group.interface.items_tree:
+        if item.item_type != "SOCKET" or item.in_out != "INPUT":
+            continue
+        for name, value in settings.get(item.name, camera if item.name in CAMERA_INPUTS else {}).items():
+            setattr(item, name, value)
+        item.hide_in_modifier = item.name in CAMERA_INPUTS

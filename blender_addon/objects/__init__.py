@@ -1,0 +1,1 @@
+"""Models as Blender objects: attributes, import, export."""

@@ -1,0 +1,139 @@
+"""Models as attributes of a mesh of loose vertices, and back.
+
+Names and types are those of Blender 5.3's own splats (``scale``, ``rotation``, ``radiance:*``) plus ``dog:*``.
+Activated values are what nodes and people use; the raw values beside them let an export give back the very bits of the
+file.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..files.model import Model, logit, normalized, positive_log, sigmoid
+
+SCALE, ROTATION, BASE, SH = "scale", "rotation", "radiance:base", "radiance:sh_{}"
+OPACITY_FACTOR, SCALE_FACTOR = "dog:opacity_factor", "dog:scale_factor"
+RAW_LOGITS = "dog:raw_logits"  # logit opacity, logit of the opacity factor, 0
+RAW_SCALE, RAW_ROTATION, RAW_FACTOR = "dog:raw_scale", "dog:raw_rotation", "dog:raw_factor"
+_FIELDS = {
+    "FLOAT": ("value", ()), "FLOAT_VECTOR": ("vector", (3,)), "FLOAT_COLOR": ("color", (4,)),
+    "QUATERNION": ("value", (4,)),
+}  # fmt: skip
+
+
+def write_attributes(mesh: bpy.types.Mesh, model: Model) -> None:
+    """Fill an empty mesh with a vertex per primitive."""
+    mesh.vertices.add(model.n_splats)
+    mesh.attributes["position"].data.foreach_set("vector", model.means.ravel())
+    base, values = _activated(model)
+    _put(mesh, BASE, "FLOAT_COLOR", base)
+    for name, (kind, array) in values.items():
+        _put(mesh, name, kind, array)
+    for k in range(1, model.sh_coeffs.shape[1]):
+        _put(mesh, SH.format(k - 1), "FLOAT_VECTOR", model.sh_coeffs[:, k])
+    for name, array in _raw(model).items():
+        _put(mesh, name, "FLOAT_COLOR" if array.shape[1] == 4 else "FLOAT_VECTOR", array)
+    mesh.update()
+
+
+def is_splats(obj: bpy.types.Object | None) -> bool:
+    """Whether an object holds splats."""
+    return obj is not None and obj.type == "MESH" and BASE in obj.data.attributes
+
+
+def read_attributes(mesh: bpy.types.Mesh) -> Model:
+    """The model that a mesh holds: raw values of the file where nobody changed them, else made from the activated.
+
+    Raises ``ValueError`` that names an attribute that is missing.
+    """
+    base = _get(mesh, BASE, 4)
+    degree = next(d for d in (3, 2, 1, 0) if d == 0 or SH.format((d + 1) ** 2 - 2) in mesh.attributes)
+    bands = [base[:, :3], *(_get(mesh, SH.format(k), 3) for k in range((degree + 1) ** 2 - 1))]
+    has_dog = OPACITY_FACTOR in mesh.attributes
+    factor = _get(mesh, OPACITY_FACTOR, 1)[:, 0] if has_dog else np.zeros(len(base), np.float32)
+    scale_factor = _get(mesh, SCALE_FACTOR, 3) if has_dog else np.ones((len(base), 3), np.float32)
+    scale, rotation = _get(mesh, SCALE, 3), _get(mesh, ROTATION, 4)
+    edited = Model(
+        means=_get(mesh, "position", 3),
+        log_scales=positive_log(scale),
+        quats=rotation,
+        logit_opacities=logit(base[:, 3]),
+        sh_coeffs=np.stack(bands, axis=1),
+        is_dog=factor > 0,
+        dog_logit_opacities=logit(factor),
+        dog_log_scales=positive_log(scale_factor),
+    )
+    if not all(name in mesh.attributes for name in (RAW_LOGITS, RAW_SCALE, RAW_ROTATION, RAW_FACTOR)):
+        return edited
+    logits = _get(mesh, RAW_LOGITS, 3)
+    kept = Model(
+        means=edited.means,
+        log_scales=_get(mesh, RAW_SCALE, 3),
+        quats=_get(mesh, RAW_ROTATION, 4),
+        logit_opacities=logits[:, 0],
+        sh_coeffs=edited.sh_coeffs,
+        is_dog=edited.is_dog,
+        dog_logit_opacities=logits[:, 1],
+        dog_log_scales=_get(mesh, RAW_FACTOR, 3),
+    )
+    kept_base, shown = _activated(kept)
+
+    def untouched(now: np.ndarray, imported: np.ndarray) -> np.ndarray:
+        same = now == imported
+        return same if same.ndim == 1 else same.all(axis=1)
+
+    def choose(name: str, same: np.ndarray) -> np.ndarray:
+        raw, made = getattr(kept, name), getattr(edited, name)
+        return np.where(same.reshape(-1, *[1] * (raw.ndim - 1)), raw, made)
+
+    return Model(
+        means=edited.means,
+        log_scales=choose("log_scales", untouched(scale, shown[SCALE][1])),
+        quats=choose("quats", untouched(rotation, shown[ROTATION][1])),
+        logit_opacities=choose("logit_opacities", untouched(base[:, 3], kept_base[:, 3])),
+        sh_coeffs=edited.sh_coeffs,
+        is_dog=edited.is_dog,
+        dog_logit_opacities=choose("dog_logit_opacities", untouched(factor, shown[OPACITY_FACTOR][1])),
+        dog_log_scales=choose("dog_log_scales", untouched(scale_factor, shown[SCALE_FACTOR][1])),
+    )
+
+
+def _activated(model: Model) -> tuple[np.ndarray, dict[str, tuple[str, np.ndarray]]]:
+    """(base [N, 4], the other activated attributes as name -> (type, values)), float32, as they are stored."""
+    base = np.concatenate([model.sh_coeffs[:, 0], sigmoid(model.logit_opacities)[:, None]], axis=1)
+    with np.errstate(over="ignore"):
+        factor = np.where(model.is_dog, np.maximum(sigmoid(model.dog_logit_opacities), np.float32(1e-30)), 0)
+        scale_factor = np.where(model.is_dog[:, None], np.exp(model.dog_log_scales), np.float32(1))
+        values = {
+            SCALE: ("FLOAT_VECTOR", np.exp(model.log_scales)),
+            ROTATION: ("QUATERNION", normalized(model.quats)),
+            OPACITY_FACTOR: ("FLOAT", factor),
+            SCALE_FACTOR: ("FLOAT_VECTOR", scale_factor),
+        }
+    return base.astype(np.float32), {name: (kind, array.astype(np.float32)) for name, (kind, array) in values.items()}
+
+
+def _raw(model: Model) -> dict[str, np.ndarray]:
+    logits = np.stack([model.logit_opacities, model.dog_logit_opacities, np.zeros(model.n_splats)], axis=1)
+    values = {RAW_LOGITS: logits, RAW_SCALE: model.log_scales, RAW_ROTATION: model.quats,
+              RAW_FACTOR: model.dog_log_scales}  # fmt: skip
+    return {name: array.astype(np.float32) for name, array in values.items()}
+
+
+def _put(mesh: bpy.types.Mesh, name: str, kind: str, values: np.ndarray) -> None:
+    attribute = mesh.attributes.new(name, kind, "POINT")
+    attribute.data.foreach_set(_FIELDS[kind][0], np.ascontiguousarray(values, np.float32).ravel())
+
+
+def _get(mesh: bpy.types.Mesh, name: str, width: int) -> np.ndarray:
+    """[N, width] float32."""
+    attribute = mesh.attributes.get(name)
+    if attribute is None or attribute.domain != "POINT" or attribute.data_type not in _FIELDS:
+        raise ValueError(f'the mesh "{mesh.name}" has no usable attribute "{name}"; import the model again')
+    field, shape = _FIELDS[attribute.data_type]
+    if (shape or (1,)) != (width,):
+        raise ValueError(f'attribute "{name}" of "{mesh.name}" is {attribute.data_type}; import the model again')
+    values = np.empty(len(mesh.vertices) * width, np.float32)
+    attribute.data.foreach_get(field, values)
+    return values.reshape(-1, width)

@@ -1,0 +1,160 @@
+"""File > Import > DoG Splat: models as objects that are visible at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
+from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
+
+from ..files.errors import FileError
+from ..files.model import Model, importance, sigmoid
+from ..files.ply import read_ply
+from ..nodes.modifier import add_modifier, set_input
+from ..nodes.tree import SHOW
+from .attributes import write_attributes
+from .conventions import DOG_COUNT, UP_AXES, conversion, remember
+
+CONVENTION = "3DGS PLY: raw values, quaternions w x y z, positions in coordinates of the file"
+
+
+class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
+    """Import 3D Gaussian and Difference-of-Gaussians models (PLY)"""
+
+    bl_idname = "import_scene.dogsplat"
+    bl_label = "Import DoG Splat"
+    bl_options = {"REGISTER", "UNDO", "PRESET"}
+
+    filename_ext = ".ply"
+    filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
+    directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
+
+    up_axis: EnumProperty(name="Up Axis", items=UP_AXES, default="Z", description="Which axis of the file is up")
+    scale: FloatProperty(name="Scale", default=1.0, min=1e-6, soft_max=100.0)
+    sh_degree: IntProperty(
+        name="SH Degree",
+        default=3,
+        min=0,
+        max=3,
+        description="View-dependent colour up to this band; higher ones are not loaded",
+    )
+    min_opacity: FloatProperty(
+        name="Minimum Opacity", default=0.0, min=0.0, max=1.0, description="Splats of a lower opacity are not loaded"
+    )
+    max_count: IntProperty(
+        name="Maximum Count",
+        default=0,
+        min=0,
+        description="Load only the most important splats, by opacity and size; 0 loads all",
+    )
+    use_dog: BoolProperty(name="DoG", default=True, description="Subtract the pseudo-Gaussians of DoG models")
+    color_mode: EnumProperty(name="Colors", default="LINEAR", items=(
+        ("LINEAR", "Scene", "Linear light: right under Standard, Filmic and AgX, together with other objects"),
+        ("DISPLAY", "Exact", "sRGB values blended as trained: the exact picture, for the view transform Raw"),
+    ))  # fmt: skip
+    show_as: EnumProperty(name="Show As", default=SHOW[0].upper(), items=(
+        ("AUTOMATIC", "Automatic", "Quads in renders, ellipsoids in the viewport"),
+        ("QUADS", "Quads", "Exact for the active camera, meaningless from elsewhere"),
+        ("ELLIPSOIDS", "Ellipsoids", "Instances that are right from everywhere"),
+        ("POINTS", "Points", "A point cloud: opaque and fast"),
+    ))  # fmt: skip
+    antialiased: BoolProperty(
+        name="Antialiased", default=False, description="For models that were trained with antialiasing"
+    )
+
+    prepare_viewports: BoolProperty(
+        name="Prepare Viewports",
+        default=True,
+        description="Material preview for solid shading, and no outlines of selected objects: both hide splats",
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """A file dialog, or a dialog of the options alone for files that were dropped."""
+        return self.invoke_popup(context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Read every file first, then build: an error leaves nothing behind."""
+        names = [file.name for file in self.files if file.name]
+        paths = [Path(self.directory) / name for name in names] or [Path(self.filepath)]
+        try:
+            models = [(path, self._reduced(path, read_ply(path))) for path in paths]
+        except FileError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        if context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        bpy.ops.object.select_all(action="DESELECT")
+        for path, model in models:
+            obj = build_object(context, path, model, conversion(self.up_axis, self.scale))
+            modifier = obj.modifiers[-1]
+            set_input(modifier, "Show As", self.show_as.capitalize())
+            set_input(modifier, "SH Degree", self.sh_degree)
+            set_input(modifier, "DoG", self.use_dog)
+            set_input(modifier, "Linear Colors", self.color_mode == "LINEAR")
+            set_input(modifier, "Antialiased", self.antialiased)
+            obj.select_set(True)
+            context.view_layer.objects.active = obj
+        if self.prepare_viewports:
+            _prepare_viewports(context)
+        total = sum(model.n_splats for _, model in models)
+        dog = sum(int(model.is_dog.sum()) for _, model in models)
+        self.report({"INFO"}, f"{total:,} splats imported, {dog:,} of them DoG")
+        return {"FINISHED"}
+
+    def _reduced(self, path: Path, model: Model) -> Model:
+        """Without what the options leave out, the order kept."""
+        model = model.with_degree(min(self.sh_degree, model.sh_degree))
+        if self.min_opacity > 0:
+            model = model.select(sigmoid(model.logit_opacities) >= self.min_opacity)
+        if 0 < self.max_count < model.n_splats:
+            best = np.argsort(-importance(model), kind="stable")[: self.max_count]
+            model = model.select(np.sort(best))
+        if model.n_splats == 0:
+            raise FileError(path, "no splat is left", "lower the minimum opacity, or check that the model has any")
+        return model
+
+
+def _prepare_viewports(context: bpy.types.Context) -> None:
+    """In every viewport with solid shading that a window shows."""
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            space = area.spaces.active
+            if area.type == "VIEW_3D" and space.shading.type == "SOLID":
+                space.shading.type = "MATERIAL"
+                space.overlay.show_outline_selected = False
+
+
+def build_object(context: bpy.types.Context, path: Path, model: Model, matrix) -> bpy.types.Object:
+    """An object of a model in the active collection, with modifier and materials; after an error, nothing."""
+    name = path.stem if path.stem != "point_cloud" else path.resolve().parent.name  # of a run folder
+    mesh = bpy.data.meshes.new(name)
+    obj = bpy.data.objects.new(name, mesh)
+    try:
+        write_attributes(mesh, model)
+        obj.matrix_world = matrix
+        remember(obj, str(path), CONVENTION, matrix)
+        obj[DOG_COUNT] = int(model.is_dog.sum())
+        context.collection.objects.link(obj)
+        add_modifier(obj)
+    except Exception:  # whatever Blender raises: nothing half-built stays, and the error goes on
+        bpy.data.objects.remove(obj)
+        bpy.data.meshes.remove(mesh)
+        raise
+    return obj
+
+
+class DOGSPLAT_FH_model(bpy.types.FileHandler):
+    """Drag and drop of models into the viewport."""
+
+    bl_idname = "DOGSPLAT_FH_model"
+    bl_label = "DoG Splat"
+    bl_import_operator = "import_scene.dogsplat"
+    bl_file_extensions = ".ply"
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """Where objects can be dropped: the viewport and the outliner."""
+        return poll_file_object_drop(context)

@@ -1,0 +1,49 @@
+"""How a command ends: what goes wrong outside of the program is one line on stderr, and an exit status."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+
+from ..runs.stopping import Stopped
+from ..support.errors import DataError
+
+
+def quiet_pipe(run: Callable[[], int]) -> int:
+    """The status of ``run``, or that of SIGPIPE where nobody reads any more, as in ``dogsplat info FILE | head -1``."""
+    try:
+        try:
+            return run()
+        finally:
+            sys.stdout.flush()  # here, where it can be caught
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # takes what is flushed at the very end
+        return 128 + signal.SIGPIPE
+
+
+def one_line_errors(run: Callable[[], int | None], extra: str = "train", program: str = "dogsplat") -> int:
+    """The status of ``run``; 2 for bad input and places that cannot be written, 128 and the signal when stopped.
+
+    ``extra`` of pyproject.toml is where packages come from that are missing; ``program`` begins the line.
+    """
+    try:
+        return run() or 0
+    except DataError as error:
+        status, line = 2, str(error)
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.startswith("mi_dogsplat"):
+            raise
+        status, line = 2, f"this needs the package {error.name}: pip install 'mi_dogsplat[{extra}]'"
+    except Stopped as stop:
+        status, line = 128 + stop.signal_number, str(stop)
+    except KeyboardInterrupt:
+        status, line = 128 + signal.SIGINT, "stopped before the end; nothing is half-written"
+    except OSError as error:  # of writing: what is read is looked at where it is read
+        if isinstance(error, BrokenPipeError) or not error.strerror:
+            raise
+        place = f"{error.filename}: " if error.filename else ""
+        status, line = 2, f"{place}{error.strerror}; check the place, its permissions and its space"
+    print(f"{program}: {line}", file=sys.stderr)
+    return status

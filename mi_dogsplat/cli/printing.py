@@ -1,0 +1,32 @@
+"""Results as lines of text."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..export.write import Exported
+
+METRICS = {
+    "psnr": "PSNR {:.2f} dB", "cc_psnr": "colour-corrected {:.2f} dB", "ssim": "SSIM {:.4f}", "flip": "FLIP {:.4f}",
+    "l1": "L1 {:.5f}", "lpips": "LPIPS {:.4f}"
+}  # fmt: skip
+
+
+def metrics_line(values: dict[str, float]) -> str:
+    """The metrics that are there."""
+    return "  ".join(text.format(values[name]) for name, text in METRICS.items() if name in values)
+
+
+def loss_table(exported: Exported) -> list[str]:
+    """What each stage of an export loses against the model, and against the photographs if there are any."""
+    if not exported.losses:
+        return []
+    photographs = any(loss.of_photographs is not None for loss in exported.losses)
+    lines = [f"PSNR over {exported.n_views} views{'':6s}of the model" + "   of photographs" * photographs]
+    for loss in exported.losses:
+        columns = [f"{'-':>6s}   " if loss.of_model is None else f"{loss.of_model:6.2f} dB"]
+        if loss.of_photographs is not None:
+            columns.append(f"{loss.of_photographs:6.2f} dB")
+        lines.append(f"  {loss.stage:24s}" + "       ".join(columns).rstrip())
+    return lines

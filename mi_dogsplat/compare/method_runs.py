@@ -1,0 +1,94 @@
+"""The runs of a comparison: the densified start of a seed, a method from there on, and the renders of all in turns."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ..datasets import Dataset
+from ..datasets.dataset import View
+from ..engine.parameters import upload
+from ..engine.rasterize import RasterOptions
+from ..measure.evaluate import render_milliseconds_in_turn
+from ..render.picture import Picture, background_color, render_picture
+from ..report.run_folder import DOG_PROFILE, RECIPE, RENDER_MS
+from ..report.write import write_report
+from ..runs.checkpoint import save_checkpoint
+from ..runs.history import run_to_end
+from ..runs.mixture import write_comparison
+from ..runs.run import train
+from ..scene.ply import read_ply
+from ..support.files import write_json
+from ..training.config import TrainConfig
+from ..training.presets import RECIPES
+from ..training.train import Trainer
+from .methods import METHODS, WITHOUT_DOG, Method
+
+
+def densified_start(config: TrainConfig, dataset: Dataset, path: Path) -> None:
+    """Train up to the end of densification, and save the state."""
+    trainer = Trainer(config, dataset)
+    for _ in run_to_end(trainer, until=min(trainer.recipe.densification.stop, config.steps)):
+        pass
+    save_checkpoint(path, trainer.state())
+
+
+def recipe_of(method: Method) -> dict:
+    """What the run folder of a method keeps, as JSON gives it back: its label and the numbers of its recipe."""
+    return {"label": method.label, "recipe": json.loads(json.dumps(dataclasses.asdict(method.recipe)))}
+
+
+def is_complete(folder: Path, method: Method) -> bool:
+    """Whether a folder holds a finished run of this method."""
+    known = folder / RECIPE
+    finished = (folder / "metrics.json").exists() and known.exists()
+    return finished and json.loads(known.read_text(encoding="utf-8")) == recipe_of(method)
+
+
+def train_method(config: TrainConfig, name: str, folder: Path, start: Path) -> None:
+    """Fill a run folder.
+
+    Args:
+        config: its preset is not used.
+        name: in ``METHODS``.
+        start: checkpoint at the end of densification.
+    """
+    method = METHODS[name]
+    config = replace(config, preset=name if name in RECIPES else "paper")  # the nearest; recipe.json has the numbers
+    train(config, folder, recipe=method.recipe, start=None if method.grows else start)
+    write_json(folder / RECIPE, recipe_of(method))
+    write_report(folder)  # again, under the name of the method
+
+
+def draw_in_turn(dataset: Dataset, config: TrainConfig, folders: Sequence[Path]) -> None:
+    """Time the renders of all models of a seed in turns, and compare pictures with and without DoG."""
+    background = background_color(config.background, dataset.has_alpha)
+    drawings = {folder.name: _drawing(folder, config, background) for folder in folders}
+    times = render_milliseconds_in_turn(drawings, dataset.test)
+    for folder in folders:
+        write_json(folder / RENDER_MS, {"render_ms": times[folder.name], "in_turn_with": sorted(drawings)})
+        if WITHOUT_DOG.get(folder.name) in drawings:
+            _compare_without_dog(dataset, folder, drawings, background)
+
+
+def _drawing(folder: Path, config: TrainConfig, background: float) -> Callable[[View], Picture]:
+    """Renders views of the model in a run folder."""
+    splats = read_ply(folder / "point_cloud.ply")
+    options, params = RasterOptions(splats.sh_degree, config.antialiased), upload(splats)
+    return lambda view: render_picture(params, view.camera, options, background, config.near_clip)
+
+
+def _compare_without_dog(
+    dataset: Dataset, folder: Path, drawings: Mapping[str, Callable[[View], Picture]], background: float
+) -> None:
+    """In the report of a run, the model trained without DoG takes the place of its own, switched off."""
+    profile, name = folder / "test" / DOG_PROFILE, WITHOUT_DOG[folder.name]
+    if profile.exists():  # else no primitive is DoG any more
+        shown = json.loads(profile.read_text(encoding="utf-8"))["view"]
+        view = next(view for view in dataset.test if view.name == shown)
+        words = f'the model trained without it, "{METHODS[name].label}"'
+        write_comparison(drawings[folder.name], drawings[name], view, background, profile.parent, words)
+        write_report(folder)

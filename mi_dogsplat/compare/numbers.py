@@ -1,0 +1,54 @@
+"""What the run folders of a comparison tell, by method and seed, and what that is on the whole."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from ..report.run_folder import RENDER_MS, read_run
+from ..training.events import DogActivated
+from .perceptual import LPIPS
+
+TIMES = ("train_seconds", "render_ms", "fps")
+Runs = dict[str, dict[str, float]]  # numbers by name, by seed
+
+
+def collect(folder: Path, names: Iterable[str]) -> dict[str, Runs]:
+    """Of a data set: the numbers of the methods that are complete for at least one seed."""
+    found: dict[str, Runs] = {}
+    for name in names:
+        for run in sorted(folder.glob(f"seed_*/{name}")):
+            if (run / "metrics.json").exists():
+                found.setdefault(name, {})[run.parent.name.removeprefix("seed_")] = numbers(run)
+    return found
+
+
+def numbers(folder: Path) -> dict[str, float]:
+    """What a complete run folder tells, by name."""
+    metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    found = {name: metrics["test"][name] for name in ("psnr", "ssim", "flip")}
+    found |= {name: metrics[name] for name in ("n", "n_dog", "train_seconds", "render_ms", "peak_memory_mb")}
+    found |= {"train_l1": metrics["train"]["l1"], "megabytes": metrics["bytes"] / 1e6}
+    for name in (RENDER_MS, LPIPS):  # measured with the other runs of a seed
+        if (folder / name).exists():
+            measured = json.loads((folder / name).read_text(encoding="utf-8"))
+            found |= {key: value for key, value in measured.items() if key != "in_turn_with"}
+    run = read_run(folder)
+    for i in run.rows_with(DogActivated.kind):
+        row = run.history[i]
+        if "psnr_before" in row:  # what it costs that primitives become DoG
+            found["activation_db"] = row["test_psnr"] - row["psnr_before"]
+    return found | {"fps": 1000 / found["render_ms"]}
+
+
+def summary(runs: Runs) -> dict[str, dict[str, float]]:
+    """Mean over the seeds, of times the median (machines have other things to do); and half of their range."""
+    result = {}
+    for name in dict.fromkeys(name for run in runs.values() for name in run):
+        values = [run[name] for run in runs.values() if name in run]
+        value = np.median(values) if name in TIMES else np.mean(values)
+        result[name] = {"value": float(value), "spread": float(np.ptp(values) / 2)}
+    return result

@@ -1,0 +1,59 @@
+"""A model measured on the photographs of a data set; behind ``dogsplat eval``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..datasets import load_dataset
+from ..datasets.masks import Masks
+from ..measure.evaluate import Measure, evaluate_views, mean_metrics
+from ..measure.lpips import Lpips
+from ..render.picture import background_color
+from ..render.picture_options import PictureOptions
+from ..render.render_files import picture_of
+from ..scene.ply import read_ply
+from ..support.errors import DataError
+from ..support.files import write_json
+from .run import prepare_folder
+
+
+def evaluate_model(
+    model: str | Path,
+    data: str | Path,
+    out: str | Path | None = None,
+    masks: str | Path | None = None,
+    color_correct: bool = False,
+    data_on_disk: bool = False,
+    options: PictureOptions = PictureOptions(),
+) -> dict[str, dict[str, float]]:
+    """Metrics of a model file on each test view of a data set (on all views without a split), by the view's name.
+
+    Args:
+        model: the model.
+        data: the data set.
+        out: folder for renders, error maps and ``metrics.json``; None writes nothing.
+        masks: folder of masks, named as the images; black pixels do not count.
+        color_correct: also measure PSNR after each view's best colour map.
+        data_on_disk: decode images when they are due.
+        options: how the model is drawn; ``downscale`` shrinks the photographs.
+
+    LPIPS is measured where its weights are installed. Needs a Mitsuba variant. Raises ``DataError``.
+    """
+    splats = read_ply(model)
+    dataset = load_dataset(data, options.downscale, on_disk=data_on_disk)
+    background = background_color(options.background, dataset.has_alpha)
+    folder = Path(out) if out else None
+    if folder:
+        if (folder / "config.json").exists():
+            raise DataError(folder, "is a training run with metrics of its own", "name another folder")
+        prepare_folder(folder)
+    aovs = ("depth",) if folder else ()
+    picture = picture_of(splats, background, options.near_clip, antialiased=options.antialiased, aovs=aovs)
+    some = dataset.test or dataset.train
+    mask_folder = Masks(masks, [*dataset.train, *dataset.test]) if masks else None
+    measure = Measure(mask_folder, color_correct, Lpips.installed(view.camera for view in some))
+    views = evaluate_views(lambda view: picture(view.camera), some, background, folder, measure)
+    if folder:
+        found = {"test": mean_metrics(views), "views": views, "n": splats.n_splats}
+        write_json(folder / "metrics.json", found)
+    return views

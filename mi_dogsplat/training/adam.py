@@ -1,0 +1,76 @@
+"""The state of ``mi.ad.Adam``, which has no public way in: the one place that knows how it is laid out.
+
+Dr.Jit 1.5 holds a tuple per parameter, ``(value, promoted, learning rate, (t, m, v, v_max))``; a test looks at it with
+the version that is installed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+CHECKED_WITH = "1.5"  # version of Dr.Jit
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What Adam holds of a parameter."""
+
+    value: Any
+    promoted: Any
+    rate: Any
+    t: Any  # steps taken, as an array of one
+    m: Any
+    v: Any
+    v_max: Any  # of AMSGrad, which is off
+
+    @staticmethod
+    def of(adam: mi.ad.Adam, name: str) -> Entry:
+        """The entry of a parameter."""
+        state: Any = adam.state[name]
+        value, promoted, rate, (t, m, v, v_max) = state
+        return Entry(value, promoted, rate, t, m, v, v_max)
+
+    def put(self, adam: mi.ad.Adam, name: str) -> None:
+        """Make it that of a parameter."""
+        state: Any = adam.state
+        state[name] = self.value, self.promoted, self.rate, (self.t, self.m, self.v, self.v_max)
+
+    def without_moments(self) -> Entry:
+        """The same parameter after as many steps with gradients of zero."""
+        zeros = (dr.opaque(type(x), 0, dr.width(x)) for x in (self.m, self.v))  # literals would compile another kernel
+        return replace(self, **dict(zip("mv", zeros, strict=True)))
+
+    def gathered(self, rows: np.ndarray, fresh: np.ndarray, size: int) -> Entry:
+        """Row r of ``size`` values is the old row ``rows[r]``, with its moments unless it is ``fresh``."""
+        i = dr.arange(mi.UInt32, len(rows) * size)
+        row = i // dr.opaque(mi.UInt32, size)
+        old_row = dr.gather(mi.UInt32, mi.UInt32(rows.astype(np.uint32)), row)
+        at = dr.fma(old_row, size, i - row * size)
+        keep = ~dr.gather(mi.Bool, mi.Bool(fresh), row)
+        value = dr.gather(mi.Float, dr.detach(self.value), at)
+        m, v = (dr.gather(type(x), x, at, keep) for x in (self.m, self.v))  # zero where fresh
+        dr.eval(value, m, v)
+        dr.enable_grad(value)
+        return replace(self, value=value, m=m, v=v)
+
+
+def forget(adam: mi.ad.Adam, name: str) -> None:
+    """Drop a parameter."""
+    del adam.state[name]
+
+
+def step_without(adam: mi.ad.Adam, unused: set[str]) -> None:
+    """One step that neither reads nor writes the parameters ``unused``, but counts for them, too."""
+    before: Any = dict(adam.state)
+    held = {name: Entry.of(adam, name) for name in before if name in unused}
+    adam.state = {name: entry for name, entry in before.items() if name not in unused}
+    adam.step()
+    stepped: Any = adam.state
+    adam.state = before | stepped  # in the order from before: else kernels would change
+    for name, entry in held.items():
+        replace(entry, t=entry.t + 1).put(adam, name)

@@ -1,0 +1,45 @@
+"""Which primitives are DoG, on the host and on the device, where they turn into plain Gaussians without a wait."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..engine.parameters import device_array, dog_rows
+from ..engine.project import NOT_DOG
+
+
+class DogRows:
+    """The rows of the DoG arrays: ``index`` [M] of their primitives, strictly increasing, of ``n`` primitives."""
+
+    def __init__(self, index: np.ndarray, n: int):
+        self.index, self.n = np.array(index, np.uint32), n
+        self.dropped = False
+        if len(self.index):
+            self.on_device = device_array(self.index, mi.UInt32)
+            self.row = dog_rows(self.index, n)  # [N] of each primitive, or NOT_DOG
+
+    @property
+    def params(self) -> dict:
+        """Arrays for ``rasterize``; none without a DoG primitive."""
+        return {"dog_index": self.on_device, "dog_row": self.row} if len(self.index) else {}
+
+    def drop(self, drop: mi.Bool) -> None:
+        """Make plain Gaussians of the primitives ``drop`` [N] on the device, at once."""
+        self.row = dr.select(drop, NOT_DOG, self.row)
+        dr.eval(self.row)
+        self.dropped = True
+
+    def left(self) -> np.ndarray:
+        """[M'] rows that were not dropped. Waits for the device if some may have been."""
+        if not self.dropped:
+            return np.arange(len(self.index))
+        self.dropped = False
+        return np.flatnonzero(self.row.numpy()[self.index] != NOT_DOG)
+
+    def of_splats(self) -> np.ndarray:
+        """[N] row of each primitive, or -1."""
+        rows = np.full(self.n, -1)
+        rows[self.index] = np.arange(len(self.index))
+        return rows

@@ -1,0 +1,55 @@
+"""Settings that are flags too: what is said about a field, and which values are refused."""
+
+import re
+from dataclasses import dataclass, fields
+from typing import Annotated
+
+import pytest
+from mi_dogsplat.datasets.capture_config import CaptureConfig
+from mi_dogsplat.render.picture_options import PictureOptions
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.settings import Setting, check_settings, settings_of
+from mi_dogsplat.training.config import TrainConfig
+
+
+@dataclass(frozen=True)
+class Some:
+    many: Annotated[int | None, Setting("how many", least=2)] = None
+    share: Annotated[float, Setting("of all", "X", least=0, most=1)] = 0.5
+    far_away: Annotated[str, Setting("which", choices=("a", "b"))] = "a"
+    plain: int = 0
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+def test_fields_say_their_type_and_what_they_are_for_in_order():
+    found = settings_of(Some)
+    assert list(found) == ["many", "share", "far_away"]
+    assert found["many"] == (int | None, Setting("how many", least=2)) and found["share"][1].metavar == "X"
+
+
+@pytest.mark.parametrize("kind", [TrainConfig, CaptureConfig, PictureOptions])
+def test_every_field_of_a_configuration_says_what_it_is_for(kind):
+    found = settings_of(kind)
+    assert list(found) == [field.name for field in fields(kind)]
+    assert all(setting.help for _, setting in found.values())
+
+
+def test_values_within_their_bounds_are_taken_and_so_is_none():
+    for some in (Some(), Some(many=2), Some(share=0), Some(share=1.0, far_away="b", plain=-9)):
+        check_settings(some)
+
+
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        ({"many": 1}, "--many: 1 is out of range; use at least 2"),
+        ({"share": 1.5}, "--share: 1.5 is out of range; use 0 to 1"),
+        ({"share": float("nan")}, "--share: nan is out of range; use 0 to 1"),
+        ({"far_away": "c"}, '--far-away: "c" is unknown; use a or b'),
+    ],
+)
+def test_other_values_are_one_line_that_names_the_flag(given, line):
+    with pytest.raises(DataError, match=f"^{re.escape(line)}$"):
+        Some(**given)

@@ -1,0 +1,56 @@
+"""The layout of Adam's state in the installed Dr.Jit is the one that ``adam.py`` unpacks."""
+
+from importlib.metadata import version
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from mi_dogsplat.training.adam import CHECKED_WITH, Entry, forget, step_without
+
+
+def adam_after(steps: int) -> mi.ad.Adam:
+    adam = mi.ad.Adam(lr=0.1, params={"a": mi.Float([1.0, 2.0]), "b": mi.Float([3.0])})
+    for _ in range(steps):
+        for name in adam:
+            dr.set_grad(adam[name], mi.Float(np.full(dr.width(adam[name]), 0.5)))
+        adam.step()
+    return adam
+
+
+def test_an_entry_holds_what_adam_has_computed():
+    """After t steps with the gradient g: m = (1 - β₁ᵗ) g, v = (1 - β₂ᵗ) g²."""
+    installed = version("drjit")
+    assert installed.startswith(f"{CHECKED_WITH}."), f"look at the state of Adam in Dr.Jit {installed}"
+    adam = adam_after(3)
+    entry = Entry.of(adam, "a")
+    np.testing.assert_allclose(entry.m.numpy(), (1 - 0.9**3) * 0.5, rtol=1e-5)
+    np.testing.assert_allclose(entry.v.numpy(), (1 - 0.999**3) * 0.25, rtol=1e-3)
+    assert int(entry.t[0]) == 3 and entry.v_max is None
+    np.testing.assert_array_equal(entry.value.numpy(), adam["a"].numpy())
+
+
+def test_an_entry_that_is_put_back_changes_no_step():
+    adam, same = adam_after(3), adam_after(3)
+    Entry.of(same, "a").put(same, "a")
+    for one in (adam, same):
+        for name in one:
+            dr.set_grad(one[name], mi.Float(1))
+        one.step()
+    np.testing.assert_array_equal(adam["a"].numpy(), same["a"].numpy())
+
+
+def test_without_moments_only_the_count_of_steps_is_left():
+    entry = Entry.of(adam_after(3), "a").without_moments()
+    assert not entry.m.numpy().any() and not entry.v.numpy().any() and len(entry.m) == 2 and int(entry.t[0]) == 3
+
+
+def test_a_step_without_a_parameter_counts_for_it_and_keeps_the_order():
+    adam = adam_after(3)
+    before = adam["a"].numpy()
+    for name in adam:
+        dr.set_grad(adam[name], mi.Float(1))
+    step_without(adam, {"a"})
+    assert list(adam) == ["a", "b"] and int(Entry.of(adam, "a").t[0]) == int(Entry.of(adam, "b").t[0]) == 4
+    np.testing.assert_array_equal(adam["a"].numpy(), before)
+    forget(adam, "a")
+    assert list(adam) == ["b"]
