@@ -24,6 +24,7 @@ for python in "$@"; do
     "$venv/bin/dogsplat" --help >/dev/null
     "$venv/bin/dogsplat" info "$root/scenes/still_life.ply"
     "$venv/bin/dogsplat" render "$root/scenes/still_life.ply" -o model.png
+    "$venv/bin/dogsplat" render "$root/scenes/still_life.ply" -o model.exr
     "$venv/bin/python" -W error - "$root/scenes/still_life.xml" <<'PYTHON'
 import sys
 from pathlib import Path
@@ -38,6 +39,7 @@ assert Path(mi_dogsplat.__file__).with_name("py.typed").exists()
 print(f"rendered {image.shape[1]}x{image.shape[0]} with mi_dogsplat {mi_dogsplat.__version__}")
 PYTHON
     "$venv/bin/python" "${pip[@]}" install "$(ls "$root"/dist/mi_dogsplat-*.whl)[train]"
-    "$venv/bin/python" -c "from mi_dogsplat.training.train import Trainer"
+    "$venv/bin/python" -m mi_dogsplat.demo -o demo --steps 20 --target 300 --views 6 --size 32 2>/dev/null
+    [ -s demo/demo.png ]
     cd "$root"
 done

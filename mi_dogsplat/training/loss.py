@@ -103,11 +103,11 @@ class _Sweep:
     def store_transposed(self, blocks: list[list[Any]]) -> list[Any]:
         """Write quantities in the lanes' order as planes [3, columns, transposed_stride], in one kernel."""
         packet = dr.fma(dr.fma(self.channel, self.columns, self.column), self.n_blocks, self.first // BLOCK)
-        Packet = array_types().Floats
+        Floats = array_types().Floats
         planes = []
         for block in blocks:
             plane = dr.empty(type(block[0]), self.transposed_size)
-            dr.scatter(plane, Packet(block), packet)
+            dr.scatter(plane, Floats(block), packet)
             planes.append(plane)
         dr.eval(planes)
         return planes

@@ -173,12 +173,15 @@ def test_two_strategies_of_one_name_are_refused(data):
 def test_a_checkpoint_of_an_earlier_version_is_refused_in_one_line(data, tmp_path):
     config = config_of(data, steps=10)
     run.train(config, tmp_path)
-    state = load_checkpoint(tmp_path / run.CHECKPOINT)
+    path = tmp_path / run.CHECKPOINT
+    state = load_checkpoint(path)
     del state["format"]
-    save_checkpoint(tmp_path / run.CHECKPOINT, state)
-    with pytest.raises(DataError, match=r"state\.npz: .*another version of mi_dogsplat.*; train without --resume") as e:
-        run.train(config, tmp_path, resume=True)
-    assert "\n" not in str(e.value)
+    save_checkpoint(path, state)
+    remedies: dict[str, Any] = {"train without --resume": {"resume": True}, "remove it": {"start": path}}
+    for remedy, arguments in remedies.items():
+        with pytest.raises(DataError, match=rf"state\.npz: .*another version of mi_dogsplat.*; {remedy}") as error:
+            run.train(config, tmp_path, **arguments)
+        assert "\n" not in str(error.value)
 
 
 def test_the_history_keeps_text_and_columns_beside_the_records(data, tmp_path):
