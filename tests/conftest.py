@@ -20,10 +20,13 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 def pytest_configure() -> None:
-    if WORKERS:  # they share the cores; two threads each, so that what depends on the order of threads shows
-        import drjit as dr
+    """Processes share the cores, with two threads at least.
 
-        dr.set_thread_count(min(dr.thread_count(), max(2, usable_cores() // WORKERS)))
+    So what depends on the order of threads shows; and with one Mitsuba 3.9 waits for ever to write or read OpenEXR.
+    """
+    import drjit as dr
+
+    dr.set_thread_count(max(2, dr.thread_count() // max(1, WORKERS)))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -152,7 +152,8 @@ def test_the_page_shows_every_part():
         "Gradient error ↓ 0.002 relative, the worst parameter", "Forward 5.0 ms 15.0 with backward",
         "Stability 2 cases 0 of them defined, 1 wrong", "Training 2 runs error against wall-clock time",
     ]  # fmt: skip
-    assert [words(fact) for fact in page.find(".//dl") or ()] == ["variantllvm_ad_rgb", "cores2", "load0.1"]
+    (facts,) = page.findall(".//dl")
+    assert [words(fact) for fact in facts] == ["variantllvm_ad_rgb", "cores2", "load0.1"]
 
 
 def test_text_from_files_cannot_become_markup():

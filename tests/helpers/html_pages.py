@@ -59,7 +59,8 @@ def rows(element: Element) -> list[list[str]]:
 def section(page: Element, heading: str) -> Element | None:
     """What stands between the heading (h2) and the next one; None where there is no such heading."""
     found = None
-    for element in page.find(".//main") or ():
+    main = page.find(".//main")
+    for element in main if main is not None else ():
         if element.tag == "h2":
             if found is not None:
                 break
