@@ -151,7 +151,7 @@ def inject(t: Training) -> None:
         "sh_dc": np.array((0.9, -0.4, 0.9)) / C0 / 2, "sh_rest": 0.0,
     }  # fmt: skip
     for name, value in ordinary.items():
-        optimizer.set(name, value, rows)
+        optimizer.assign(name, value, rows)
     is_dog = np.array([any(name.startswith("dog") for name in poison.values) for poison in POISONS])
     m, some = before.n_dog, int(is_dog.sum())
     logits = np.concatenate([before.dog_logit_opacities, np.zeros(some)])
@@ -160,7 +160,7 @@ def inject(t: Training) -> None:
     dog_row = m + np.cumsum(is_dog) - 1
     for i, poison in enumerate(POISONS):
         for name, value in poison.values.items():
-            optimizer.set(name, value, dog_row[i : i + 1] if name.startswith("dog") else rows[i : i + 1])
+            optimizer.assign(name, value, dog_row[i : i + 1] if name.startswith("dog") else rows[i : i + 1])
 
 
 def look(t: Training, harm: Harm) -> None:

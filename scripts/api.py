@@ -22,8 +22,7 @@ MODULES = [
 def write(folder: Path) -> None:
     """Pages of HTML in ``folder``, which is made."""
     mi.set_variant("llvm_ad_rgb")  # the plugin classes derive from those of a variant
-    # pdoc (16) looks up types in the wrong place for fields of a NamedTuple, and beside a method called ``set``; it
-    # then shows them as they are written
+    # pdoc (16) looks up types in the wrong place for fields of a NamedTuple; it then shows them as they are written
     warnings.filterwarnings("ignore", "Error parsing type annotation", UserWarning)
     pdoc.render.configure(docformat="google", footer_text="mi_dogsplat " + mi_dogsplat.__version__)
     pdoc.pdoc(*MODULES, output_directory=folder)

@@ -132,7 +132,7 @@ class SplatOptimizer:
         flat = _host(dr.detach(self.adam[name]))
         return flat if self.row_size[name] == 1 else flat.reshape(-1, self.row_size[name])
 
-    def set(self, name: str, values: np.ndarray, rows: np.ndarray | None = None) -> None:
+    def assign(self, name: str, values: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Overwrite a parameter, or some rows of it, and keep its moments."""
         new = self.numpy(name)
         new[slice(None) if rows is None else rows] = values
@@ -160,7 +160,7 @@ class SplatOptimizer:
         for name, values in new.items():
             if name in self.adam:
                 self._gather(name, np.maximum(old_row, 0), old_row < 0)
-                self.set(name, values)
+                self.assign(name, values)
             else:
                 self.adam[name] = device_array(values)
                 self.adam.set_learning_rate({name: rates[name]})

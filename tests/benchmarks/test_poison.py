@@ -48,7 +48,7 @@ def test_poison_that_is_not_removed_is_counted(monkeypatch):
     while trainer.step_count < 5:
         trainer.step()
     assert harm.spread == 0 and harm.not_finite_rows > 15
-    trainer.optimizer.set("quats", np.full((2, 4), np.nan), np.array([0, 1]))
+    trainer.optimizer.assign("quats", np.full((2, 4), np.nan), np.array([0, 1]))
     poison.look(trainer, harm)
     assert harm.spread == 2
     entry = Entry.of(trainer.optimizer.adam, "means")

@@ -311,7 +311,7 @@ def test_growth_fills_the_room_that_removal_leaves(growing):
         trainer.step()
     logits = trainer.optimizer.numpy("logit_opacities")
     logits[:7] = -9
-    trainer.optimizer.set("logit_opacities", logits)
+    trainer.optimizer.assign("logit_opacities", logits)
     trainer.step_count = 12 * rule.every
     done = next(e for e in rule.after_step(trainer, trainer.states["densification"]) if isinstance(e, Densified))
     assert done.removed >= 7 and done.cloned + done.split > done.removed

@@ -136,7 +136,7 @@ def test_a_checkpoint_waits_while_something_is_broken_for_the_row_that_drops_it(
 
     def step(self):
         if self.step_count == 12:
-            self.optimizer.set("means", np.full((1, 3), np.nan), np.array([3]))
+            self.optimizer.assign("means", np.full((1, 3), np.nan), np.array([3]))
         return original(self)
 
     monkeypatch.setattr(Trainer, "step", step)

@@ -40,7 +40,7 @@ def optimizer_of(dog_index=(0, 2, 5)) -> SplatOptimizer:
 def put(optimizer: SplatOptimizer, name: str, row: int, column: int, value: float) -> None:
     values = optimizer.numpy(name)
     values.reshape(len(values), -1)[row, column] = value
-    optimizer.set(name, values)
+    optimizer.assign(name, values)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -90,7 +90,7 @@ def test_broken_rows_go_with_their_moments_and_the_others_stay_as_they_are():
 
 def test_a_model_of_broken_primitives_has_diverged():
     optimizer = optimizer_of()
-    optimizer.set("means", np.full((N, 3), np.nan))
+    optimizer.assign("means", np.full((N, 3), np.nan))
     with pytest.raises(FloatingPointError, match="diverged"):
         drop_broken(optimizer, EXTENT)
 
@@ -126,8 +126,8 @@ class Poisoned(Strategy[None]):
 
     def before_step(self, t: Training, state: None) -> None:
         if t.step_count == 55:
-            t.optimizer.set("means", np.full((2, 3), np.nan), np.array([0, 3]))
-            t.optimizer.set("quats", np.full((3, 4), np.inf), np.array([5, 6, 7]))
+            t.optimizer.assign("means", np.full((2, 3), np.nan), np.array([0, 3]))
+            t.optimizer.assign("quats", np.full((3, 4), np.inf), np.array([5, 6, 7]))
 
 
 POISONED = replace(RECIPES["3dgs"], also=(Poisoned(),))
@@ -157,7 +157,7 @@ def test_a_run_without_a_usable_primitive_is_a_data_error_that_names_the_step(da
     @dataclass(frozen=True)
     class Diverged(Strategy[None]):
         def before_step(self, t: Training, state: None) -> None:
-            t.optimizer.set("means", np.full((t.optimizer.n, 3), np.nan))
+            t.optimizer.assign("means", np.full((t.optimizer.n, 3), np.nan))
 
     recipe = replace(RECIPES["3dgs"], also=(Diverged(),))
     with pytest.raises(DataError, match=rf"{data.name}.*: step 1: no primitive has usable values"):

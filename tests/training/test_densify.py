@@ -76,7 +76,7 @@ def test_large_primitives_with_large_gradients_give_way_to_two_samples_of_themse
     n = 4000
     optimizer = optimizer_of([LARGE] * n)
     for name in ("means", "log_scales", "quats"):
-        optimizer.set(name, np.repeat(optimizer.numpy(name)[:1], n, axis=0))
+        optimizer.assign(name, np.repeat(optimizer.numpy(name)[:1], n, axis=0))
     counts, before, after = refined(optimizer, stats_of([1e-3] * (n - 1) + [0]))
     assert counts == {"cloned": 0, "split": n - 1, "removed": 0}
     assert after.n_splats == 2 * n - 1

@@ -124,7 +124,7 @@ def test_a_pseudo_gaussian_that_is_not_finite_degenerates_before_it_harms_its_pr
     activate(DogRule(scale=1.3), optimizer)
     values = optimizer.numpy(name)
     values.reshape(40, -1)[[3, 17], -1] = value
-    optimizer.set(name, values)
+    optimizer.assign(name, values)
     degenerate(DogRule(min_opacity=1e-30), optimizer)
     train(optimizer)
     after = optimizer.to_splats()
@@ -141,8 +141,8 @@ def test_what_counts_is_the_scale_of_the_pseudo_gaussian_not_the_factor():
     activate(RULE, optimizer)
     log_scales, log_factors = optimizer.numpy("log_scales"), optimizer.numpy("dog_log_scales")
     log_scales[[5, 6], 2], log_factors[[5, 7], 2] = 12, 3
-    optimizer.set("log_scales", log_scales)
-    optimizer.set("dog_log_scales", log_factors)
+    optimizer.assign("log_scales", log_scales)
+    optimizer.assign("dog_log_scales", log_factors)
     degenerate(DogRule(min_opacity=1e-30), optimizer)
     np.testing.assert_array_equal(optimizer.to_splats().dog_index, np.delete(np.arange(40), 5))
 
@@ -150,7 +150,7 @@ def test_what_counts_is_the_scale_of_the_pseudo_gaussian_not_the_factor():
 def test_without_control_nothing_degenerates():
     optimizer = optimizer_of(mixture())
     activate(RULE, optimizer)
-    optimizer.set("dog_logit_opacities", np.full(40, FAINT))
+    optimizer.assign("dog_logit_opacities", np.full(40, FAINT))
     degenerate(DogRule(control=False), optimizer)
     assert optimizer.n_dog == 40
     degenerate(RULE, optimizer)
@@ -162,9 +162,9 @@ def test_what_degenerates_is_drawn_as_a_plain_gaussian_at_once_and_stays_one():
     activate(DogRule(opacity=0.5, scale=1.6), optimizer)
     logits = optimizer.numpy("dog_logit_opacities")
     faded = np.arange(40) % 3 > 0
-    optimizer.set("dog_logit_opacities", np.where(faded, FAINT, logits))
+    optimizer.assign("dog_logit_opacities", np.where(faded, FAINT, logits))
     degenerate(RULE, optimizer)
-    optimizer.set("dog_logit_opacities", logits)  # risen again, but too late
+    optimizer.assign("dog_logit_opacities", logits)  # risen again, but too late
     degenerate(RULE, optimizer)
     drawn = image(optimizer)
     assert np.abs(drawn - image(optimizer_of(mixture(dog_share=0)))).max() > 0.05  # some are DoG
@@ -190,7 +190,7 @@ def test_a_degenerate_primitive_takes_neither_file_nor_memory_nor_tiles(tmp_path
     def fade(first: int) -> None:
         values = optimizer.numpy("dog_logit_opacities")
         values[first:] = FAINT
-        optimizer.set("dog_logit_opacities", values)
+        optimizer.assign("dog_logit_opacities", values)
         degenerate(RULE, optimizer)
 
     all_dog = costs()
@@ -211,7 +211,7 @@ def test_without_dog_left_training_runs_the_kernels_of_plain_gaussians():
     plain, optimizer = optimizer_of(mixture(dog_share=0)), optimizer_of(mixture(dog_share=0))
     activate(RULE, optimizer)
     train(optimizer)
-    optimizer.set("dog_logit_opacities", np.full(40, FAINT))
+    optimizer.assign("dog_logit_opacities", np.full(40, FAINT))
     degenerate(RULE, optimizer)
     assert optimizer.n_dog == 0 and set(optimizer.params) == set(plain.params)
 
@@ -244,7 +244,7 @@ def test_no_kernel_is_compiled_while_primitives_degenerate():
     def step():
         values = optimizer.numpy("dog_logit_opacities")
         values[next(left) :] = FAINT
-        optimizer.set("dog_logit_opacities", values)
+        optimizer.assign("dog_logit_opacities", values)
         degenerate(RULE, optimizer)
         train(optimizer)
         return optimizer.n_dog

@@ -309,7 +309,7 @@ def test_setting_rows_keeps_the_others_and_the_moments():
     optimizer = SplatOptimizer(random_model(5, 0), RATES)
     run(optimizer, 2)
     old, m = optimizer.numpy("log_scales"), moments(optimizer, "log_scales")[0]
-    optimizer.set("log_scales", np.zeros((2, 3)), np.array([1, 3]))
+    optimizer.assign("log_scales", np.zeros((2, 3)), np.array([1, 3]))
     np.testing.assert_array_equal(optimizer.numpy("log_scales")[[1, 3]], 0)
     np.testing.assert_array_equal(optimizer.numpy("log_scales")[[0, 2, 4]], old[[0, 2, 4]])
     np.testing.assert_array_equal(moments(optimizer, "log_scales")[0], m)
@@ -364,7 +364,7 @@ def test_nothing_is_compiled_after_warm_up_as_rows_rates_and_steps_change():
 
     def round_of(n: int, step: int):
         optimizer.rearrange(np.arange(n) % optimizer.n, np.arange(n) >= optimizer.n)
-        optimizer.set("logit_opacities", np.minimum(optimizer.numpy("logit_opacities"), 0.5))
+        optimizer.assign("logit_opacities", np.minimum(optimizer.numpy("logit_opacities"), 0.5))
         optimizer.reset_moments("logit_opacities")
         for offset in range(3):
             optimizer.schedule(step + offset)

@@ -166,7 +166,7 @@ def test_primitives_in_the_near_zone_are_dropped_with_a_note(data):
     trainer = Trainer(config_of(near_zone=1.0, log_every=5, steps=1000), dataset)
     means = trainer.optimizer.numpy("means")
     means[:7] = dataset.train[2].camera.position + 0.3
-    trainer.optimizer.set("means", means)
+    trainer.optimizer.assign("means", means)
     n, events = trainer.optimizer.n, [trainer.step() for _ in range(5)]
     assert events == [[], [], [], [], [Dropped(7, "primitives near cameras")]]
     assert trainer.optimizer.n == n - 7 and trainer.begin() == []

@@ -69,8 +69,8 @@ class GaussianSpa(Strategy[None]):
             return
         dual = t.optimizer.numpy(DUAL).astype(np.float64)
         sparse = projected(opacity + dual, count)
-        t.optimizer.set(SPARSE, sparse)
-        t.optimizer.set(DUAL, dual + opacity - sparse)
+        t.optimizer.assign(SPARSE, sparse)
+        t.optimizer.assign(DUAL, dual + opacity - sparse)
 
     def scores(self, t: Training, state: None, rest: Callable[[], np.ndarray]) -> np.ndarray:
         """The opacities; what held them is not needed any more."""

@@ -83,7 +83,7 @@ class Densification(Strategy[DensifyStats]):
     def reset_opacity(self, optimizer: SplatOptimizer) -> None:
         """Opacities to at most ``reset_opacity_to``, moments to zero: floaters must earn theirs."""
         limit = float(np.log(self.reset_opacity_to / (1 - self.reset_opacity_to)))
-        optimizer.set("logit_opacities", np.minimum(optimizer.numpy("logit_opacities"), limit))
+        optimizer.assign("logit_opacities", np.minimum(optimizer.numpy("logit_opacities"), limit))
         optimizer.reset_moments("logit_opacities")
 
     def new_state(self, t: Training) -> DensifyStats:
@@ -192,5 +192,5 @@ def _place_halves(optimizer: SplatOptimizer, first: int, rng: np.random.Generato
     axis, w = q[:, :3], q[:, 3:]
     turn = np.cross(axis, offset)
     rotated = offset + 2 * (w * turn + np.cross(axis, turn))
-    optimizer.set("means", optimizer.numpy("means")[rows] + rotated, rows)
-    optimizer.set("log_scales", log_scales - np.log(divisor), rows)
+    optimizer.assign("means", optimizer.numpy("means")[rows] + rotated, rows)
+    optimizer.assign("log_scales", log_scales - np.log(divisor), rows)
