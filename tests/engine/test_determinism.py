@@ -1,22 +1,14 @@
 """A run repeats itself to the last bit, through densification, pruning and DoG."""
 
-import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
 from happenings import records
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.optimizer import SplatOptimizer
 from mi_dogsplat.training.train import Trainer
-
-
-@pytest.fixture
-def ordered():
-    if not lanes_add_in_turn(mi.variant()):
-        pytest.skip("this backend adds the gradients of a tile with atomics, in any order")
 
 
 def assert_same_bits(state: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> None:
