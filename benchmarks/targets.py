@@ -7,10 +7,12 @@ Dr.Jit asks LLVM which processor it runs on, and takes packets of 16 lanes for A
 from __future__ import annotations
 
 import os
+import platform
+import shutil
 import subprocess
 from pathlib import Path
 
-from mi_dogsplat.support.llvm import find_llvm
+from mi_dogsplat.support.llvm import explain, find_llvm
 
 SOURCE = """#include <string.h>
 char *LLVMGetHostCPUName(void) { return strdup(CPU); }
@@ -24,21 +26,30 @@ TARGETS = {  # name: (processor, its features); the machine itself is "own"
 
 
 def environment(target: str, folder: Path) -> dict[str, str]:
-    """Environment of a process in which Dr.Jit compiles for ``target``; the library is built in ``folder`` by gcc."""
-    return os.environ | ({} if target == "own" else {"DRJIT_LIBLLVM_PATH": str(_library(target, folder))})
+    """Environment of a process in which Dr.Jit compiles for ``target``; the library is built in ``folder``."""
+    if target == "own":
+        return dict(os.environ)
+    cpu, features = TARGETS[target]
+    return os.environ | {"DRJIT_LIBLLVM_PATH": str(library(folder, cpu, features))}
 
 
-def _library(target: str, folder: Path) -> Path:
+def library(folder: Path, cpu: str, features: str) -> Path:
+    """A library that is LLVM but for what it says of the processor; needs Linux and a C compiler.
+
+    Args:
+        features: in LLVM's words, separated by blanks; those that are not named are not there.
+    """
     llvm = find_llvm()
     if llvm is None:
-        raise SystemExit("needs an LLVM for Dr.Jit")
-    cpu, features = TARGETS[target]
-    folder = folder / target
-    folder.mkdir()
-    source, library = folder / "target.c", folder / f"libLLVM-{llvm.version[0]}.so"
-    source.write_text(SOURCE)
+        raise SystemExit(explain())
+    path = folder / f"libLLVM-{llvm.version[0]}.so"
     answers = f'-DCPU="{cpu}"', f'-DFEATURES="{",".join("+" + name for name in features.split())}"'
-    # linked to the real library by its path, so that Dr.Jit finds all other functions behind this one
-    command = "gcc", "-shared", "-fPIC", *answers, str(source), "-o", str(library)
-    subprocess.run([*command, "-Wl,--no-as-needed", os.path.realpath(llvm.path)], check=True)
-    return library
+    # linked to LLVM by its path, so that Dr.Jit finds all other functions behind this library
+    command = ["cc", "-shared", "-fPIC", *answers, "-o", str(path), "-Wl,--no-as-needed", llvm.path, "-x", "c", "-"]
+    subprocess.run(command, input=SOURCE, text=True, check=True, capture_output=True)
+    return path
+
+
+def can_build() -> bool:
+    """Whether ``library`` can be made, and its processors run, on this machine."""
+    return platform.system() == "Linux" and platform.machine() == "x86_64" and shutil.which("cc") is not None
