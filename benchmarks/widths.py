@@ -6,8 +6,8 @@ TARGET:BLOCKS, where BLOCKS are the fields of ``engine.geometry.Blocks`` separat
 own. "4,4,4,4,4" are tiles of 16 lanes: where packets are narrower their rows need atomics.
 
 Two figures each, medians of the ratio to the first contestant: of the time of the clock, and of processor time, which
-other programs on the machine disturb less. All processes are started anew a few times, because one in some twenty runs
-a kernel at two thirds of its speed for as long as it lives. SH degree 0.
+other programs on the machine disturb less. All processes are started anew a few times, because a few in a hundred run
+a kernel at half to three quarters of its speed for as long as they live. SH degree 0.
 """
 
 from __future__ import annotations
