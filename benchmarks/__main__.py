@@ -8,7 +8,9 @@ import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
 import mitsuba as mi
 
 NAMES = ("versus_volprim", "training_step", "lean")
-EXPERIMENTS = ("dog_start", "scaling", "dog_share", "floor", "ellipsoids", "derivatives", "loss", "stiffness", "poison")
+EXPERIMENTS = (
+    "dog_start", "scaling", "dog_share", "floor", "ellipsoids", "derivatives", "loss", "stiffness", "poison", "widths"
+)
 
 if sys.argv[1:] and sys.argv[1] in EXPERIMENTS:
     importlib.import_module(f"benchmarks.{sys.argv[1]}").main(sys.argv[2:])

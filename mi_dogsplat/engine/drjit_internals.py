@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import re
+from functools import lru_cache
 from typing import Any
 
 import drjit as dr
@@ -23,3 +25,17 @@ def argsort_small(key: Any, count: int) -> Any:
 def variable_indices(values: list) -> list[int]:
     """Those of all JIT and AD variables in nested values: equal as long as none is another variable."""
     return dr.detail.collect_indices(values)
+
+
+@lru_cache
+def llvm_packet() -> int:
+    """Lanes that run together on LLVM: 16 with AVX-512, 8 with AVX2, 4 with NEON and SSE.
+
+    Dr.Jit has no function that says it, but the code of any kernel does. Call it outside of frozen functions, which
+    hide their kernels.
+    """
+    value = dr.opaque(dr.llvm.Float, 0, 2) + 1
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        dr.eval(value)
+        history: Any = dr.kernel_history([dr.KernelType.JIT])
+    return max(int(size) for kernel in history for size in re.findall(r"<(\d+) x float>", kernel["ir"].getvalue()))

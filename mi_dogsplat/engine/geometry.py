@@ -15,6 +15,9 @@ import drjit as dr
 import mitsuba as mi
 
 from .arrays import array_types
+from .drjit_internals import llvm_packet
+
+LANES = {16: (4, 4), 8: (4, 2), 4: (2, 2)}  # of a tile on the CPU, by the lanes of a packet
 
 
 @dataclass(frozen=True)
@@ -57,8 +60,13 @@ class Blocks:
 
     @staticmethod
     def of_backend() -> Blocks:
-        """One AVX-512 packet of 16 lanes on the CPU, one warp of 32 on CUDA; tiles of 16 x 16 pixels."""
-        return Blocks(4, 2, 4, 8, 1) if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else Blocks(4, 4, 4, 4, 4)
+        """A tile is a packet: 16 x 16 pixels with AVX-512 and on CUDA (a warp), 16 x 8 with AVX2, 8 x 8 with NEON.
+
+        So the lanes that add to a tile's rows are never in two threads (``walks/slot_rows.py``).
+        """
+        if dr.backend_v(mi.Float) == dr.JitBackend.CUDA:
+            return Blocks(4, 2, 4, 8, 1)
+        return Blocks(4, 4, *LANES.get(llvm_packet(), LANES[16]), 4)
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,6 @@
 
 import json
 import os
-import platform
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +12,8 @@ import pytest
 from mi_dogsplat.support import variants
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.llvm import find_llvm
+
+from benchmarks.targets import can_build, library
 
 ROOT = Path(__file__).parents[2]
 LIBRARY = """
@@ -133,14 +133,9 @@ def test_a_processor_that_dr_jit_cannot_compile_for_is_one_line(monkeypatch):
 
 def test_a_processor_without_fma_is_one_line_of_ours_after_dr_jits_own(tmp_path):
     """A library that is LLVM but for what it says of the processor: one from 2011."""
-    llvm = find_llvm()
-    if llvm is None or not shutil.which("cc") or platform.system() != "Linux" or platform.machine() != "x86_64":
+    if find_llvm() is None or not can_build():
         pytest.skip("needs Linux on x86-64 with a usable LLVM and a C compiler: it makes a library that wraps it")
-    code = '#include <string.h>\nchar *LLVMGetHostCPUName(void) { return strdup("sandybridge"); }\n'
-    code += 'char *LLVMGetHostCPUFeatures(void) { return strdup("+sse4.2,+avx,-fma"); }\n'
-    older = tmp_path / f"libLLVM-{llvm.version[0]}.so"
-    command = ["cc", "-shared", "-fPIC", "-o", str(older), "-Wl,--no-as-needed", llvm.path, "-x", "c", "-"]
-    subprocess.run(command, input=code, text=True, check=True, capture_output=True)
+    older = library(tmp_path, "sandybridge", "sse4.2 avx")
     command = [sys.executable, "-m", "mi_dogsplat", "render", "scenes/still_life.ply", "-o", str(tmp_path / "a.png")]
     environment = os.environ | {"DRJIT_LIBLLVM_PATH": str(older)}
     done = subprocess.run([*command, "--variant", "llvm_ad_rgb"], env=environment, cwd=ROOT, capture_output=True,
