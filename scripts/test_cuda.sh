@@ -19,11 +19,12 @@ for compiler in "${CC:-gcc}" "${CXX:-g++}"; do
     command -v "$compiler" >/dev/null || skip "the stand-in for its driver needs the compiler $compiler (version 12 or newer)"
 done
 
-# The stand-in has no OptiX, and every scene needs it. Single tests that load one are skipped, and say so. Left out are
-# - tests/plugin, render, capture, viewer and all else that asks mi.render for a picture;
+# The stand-in has no OptiX, and whatever loads a Mitsuba scene needs it. Single tests that do are skipped, and say so.
+# Left out are
+# - tests/plugin, captures of scenes, and all else that asks mi.render for a picture;
 # - of the engine, test_aovs, test_background and test_derivatives: all of it through mi.render, and what fails in the
 #   constructor of an environment emitter ends the process;
-# - what computes nothing on a device: files, cameras, settings, reports.
+# - what computes nothing on a device, such as files, cameras and reports, and what is built of the parts tested here.
 tests=(tests/scores tests/training)
 for file in tests/engine/test_*.py; do
     case $file in
