@@ -6,7 +6,7 @@ FOR_DEMO := $(VENV)/.installed-for-demo
 INSTALLED := $(VENV)/.installed
 BLENDER := .venv-blender
 
-.PHONY: demo test lint bench gallery api setup llvm lpips wheel blender addon clean
+.PHONY: demo test test-cuda lint bench gallery api setup llvm lpips wheel blender addon clean
 .DEFAULT_GOAL := demo
 
 # The main job on generated data: training, compact model, report, pictures.
@@ -17,6 +17,11 @@ demo: $(FOR_DEMO) llvm
 test: lint
 	-@$(MAKE) --no-print-directory blender
 	$(PY) -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
+
+# Engine, scores, training and pruning in cuda_ad_rgb, on a CPU that stands in for the GPU. Skipped with a line that says
+# why where it cannot be done.
+test-cuda: setup
+	@scripts/test_cuda.sh $(PY)
 
 lint: setup
 	$(PY) -m ruff check .

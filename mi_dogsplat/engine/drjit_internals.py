@@ -7,19 +7,41 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import drjit as dr
 
-MAX_BUCKETS = 1 << 14  # of one counting pass
+from .arrays import array_types
+
+LLVM_DIGIT = 14  # bits that one counting pass sorts by
+# On CUDA a pass keeps the order of equal keys only while each warp of a block has counters of its own in shared memory,
+# 4 bytes a bucket: 2^8 buckets for 32 warps take 32 KiB of the 48 that every device has. Beyond, atomics decide.
+CUDA_DIGIT = 8
 
 
 def argsort_small(key: Any, count: int) -> Any:
-    """Stable argsort of integers below ``count``: one counting pass where ``dr.argsort`` needs three."""
-    if count > MAX_BUCKETS:
-        return dr.argsort(key)
-    dr.eval(key)
-    return dr.detail.block_mkperm(key, dr.width(key), count)
+    """Stable argsort of integers below ``count``: one counting pass where ``dr.argsort`` needs three (LLVM), or two
+    where it needs four (CUDA, more than 256)."""
+    types, order = array_types(), None
+    bits, digits = digits_of(count, LLVM_DIGIT if types.is_llvm else CUDA_DIGIT)
+    for first, last in digits:
+        buckets = min(count, 1 << (last - first))
+        digit = key if order is None else dr.gather(types.UInt, key, order)
+        if last - first < bits:
+            digit = (digit >> first) & (buckets - 1)
+        dr.eval(digit)
+        permuted = dr.detail.block_mkperm(digit, dr.width(key), buckets)
+        order = permuted if order is None else dr.gather(types.UInt, order, permuted)
+    return order
+
+
+def digits_of(count: int, largest: int) -> tuple[int, list[tuple[int, int]]]:
+    """(Bits of integers below ``count``, as few digits of at most ``largest`` bits as they have, from the lowest: first
+    bit and the one behind the last)."""
+    bits = max(1, (count - 1).bit_length())
+    passes = -(-bits // largest)
+    return bits, list(pairwise(bits * k // passes for k in range(passes + 1)))
 
 
 def variable_indices(values: list) -> list[int]:

@@ -96,7 +96,7 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> TileLists:
     tile = dr.gather(UInt, tile_from_slot, slot_from_isect)
     i = dr.arange(UInt, n_isects)
     count = dr.opaque(UInt, n_isects)  # a literal would compile a kernel per frame
-    dr.eval(tile)
+    dr.eval(tile, slot_from_isect)
     before = dr.gather(UInt, tile, i - 1, i > 0)
     after = dr.gather(UInt, tile, i + 1, i + 1 < count)
     dr.scatter(begin, i, tile, (i == 0) | (before != tile))

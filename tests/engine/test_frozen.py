@@ -5,12 +5,14 @@ import itertools
 import subprocess
 import sys
 from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 import pytest
-from mi_dogsplat.engine.frozen import frozen
+from mi_dogsplat.engine.frozen import frozen, kind_of
 
 # A function that allocates enough to collect garbage, which is there: cycles of what must not be freed meanwhile.
 WITH_GARBAGE = """
@@ -72,6 +74,50 @@ def test_no_recording_is_taken_for_another_whatever_the_constants():
         for number in (1, 2, 3):
             expected = sum(1 << k for k, bit in enumerate(bits) if bit) + 100 * number
             assert increased(dr.arange(mi.Float, 3), bits, number).numpy()[0] == expected
+
+
+NUMBERS = [-1, -2, 0, 1, True, False, 1.0, 0.0, -0.0, 1 << 61, (1 << 61) + 1, float("nan"), None, "1", "True"]
+
+
+def test_numbers_that_are_equal_or_have_one_hash_are_told_apart_and_the_same_is_not():
+    kinds = [kind_of((mi.Float(0), [number])) for number in NUMBERS]
+    assert len(set(kinds)) == len(NUMBERS)
+    assert kinds == [kind_of((mi.Float(1), [number])) for number in NUMBERS]
+
+
+def test_structures_with_the_same_numbers_are_told_apart():
+    @dataclass(frozen=True)
+    class A:
+        x: object
+        y: object = 2
+
+    @dataclass
+    class B:
+        x: object
+        y: object = 2
+
+    values = [(1, 2), [1, 2], [[1], 2], [[1, 2]], [(1, 2)], A(1), B(1), A(True), A(A(1)), {"x": 1, "y": 2},
+              {"x": 1, "z": 2}, "1 2", np.float32(1), np.int64(1), 1]
+    assert len({kind_of(value) for value in values}) == len(values)
+    assert kind_of(A(1)) == kind_of(A(1, 2))
+
+
+def test_an_argument_of_which_nothing_is_known_is_refused():
+    with pytest.raises(TypeError, match="takes arrays, numbers, strings and what is made of them, not <object"):
+        kind_of((mi.Float(0), object()))
+
+
+def test_no_recording_is_taken_for_another_whichever_arguments_are_the_same_array():
+    """``(a, b, a)`` and ``(a, b, b)`` are one to Dr.Jit 1.5."""
+
+    @frozen
+    def weighted(arrays):
+        a, b, c = arrays
+        return a + 10 * b + 100 * c
+
+    for order in itertools.product(range(3), repeat=3):
+        digits = [dr.opaque(mi.Float, d) for d in range(3)]
+        assert weighted([digits[d] for d in order]).numpy()[0] == sum(10**k * d for k, d in enumerate(order))
 
 
 def test_a_frozen_function_is_traced_once_for_all_sizes():

@@ -148,7 +148,8 @@ def test_a_plain_model_costs_what_it_costs_in_a_renderer_without_any_option(engi
     assert [(k.kind, k.size, k.operations) for k in launched] == [(k.kind, k.size, k.operations) for k in expected]
     for a, b in zip(launched, expected, strict=True):
         assert a.instructions == b.instructions
-    assert sum(k.operations for k in launched) > 3000
+    # half as many pixels in a lane of CUDA, and one primitive per iteration
+    assert sum(k.operations for k in launched) > (3000 if array_types().is_llvm else 1500)
     for a, b in zip(ours(), lean(), strict=True):
         np.testing.assert_array_equal(a.numpy(), b.numpy())
 

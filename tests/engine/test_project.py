@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import reference
+from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import LOG2_E, NOT_DOG, DeviceCamera, Kernels, project, softplus
 from mi_dogsplat.scene.cameras import Camera
@@ -143,7 +144,9 @@ def test_the_derivative_of_softplus_is_the_sigmoid_at_zero_too():
     x = mi.Float([-30, -1, 0, -0.0, 1e-30, 1, 30])
     dr.enable_grad(x)
     dr.backward(dr.sum(softplus(x)))
-    np.testing.assert_allclose(dr.grad(x).numpy(), 1 / (1 + np.exp(-dr.detach(x).numpy())), rtol=1e-6)
+    # CUDA takes e^x as 2^(x log2 e): half an ulp of that product, 43 at -30, is a factor of 1 + 1.3e-6
+    rtol = 1e-6 if array_types().is_llvm else 2.5e-6
+    np.testing.assert_allclose(dr.grad(x).numpy(), 1 / (1 + np.exp(-dr.detach(x).numpy())), rtol=rtol)
 
 
 def test_a_primitive_on_the_camera_centre_has_a_finite_colour_and_derivative():

@@ -1,0 +1,166 @@
+"""Every frozen function of the package, with one setting after another: no call replays what another one recorded."""
+
+import itertools
+import pkgutil
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
+import mi_dogsplat
+import mitsuba as mi
+import numpy as np
+import pytest
+from mi_dogsplat.engine import walks
+from mi_dogsplat.engine.arrays import detached
+from mi_dogsplat.engine.frozen import Frozen
+from mi_dogsplat.engine.geometry import SMOOTH
+from mi_dogsplat.engine.parameters import device_array, upload
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.view import PreparedView, prepare, prepare_both
+from mi_dogsplat.engine.walks.aovs import composite_aovs, walked
+from mi_dogsplat.engine.walks.composite import composite, composite_over
+from mi_dogsplat.engine.walks.derivatives import composite_backward
+from mi_dogsplat.engine.walks.fisher import composite_fisher, patch_blocks
+from mi_dogsplat.engine.walks.pixels import Planes
+from mi_dogsplat.engine.walks.score import Sums, composite_score
+from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
+from mi_dogsplat.engine.walks.weights import composite_weights
+from mi_dogsplat.scores.score import ScoreRule, scores
+from splat_scenes import make_camera, options, random_splats, rounded
+
+CAMERA = make_camera(16, 12, f=14.0)
+OPTIONS = ({}, {"patch": 1}, {"patch": 2}, {"negative_transmittance": False}, {"cutoffs": SMOOTH},
+           {"patch": 1, "negative_transmittance": False}, {"dog_share": 0}, {"dog_share": 0, "patch": 1})
+RULES = ({}, {"kind": "released"}, {"kind": "leave-one-out"}, {"spectral_weight": 0}, {"spatial_weight": 0},
+         {"kind": "leave-one-out", "spectral_weight": 0}, {"gamma_f": 2, "probes": 0}, {"probes": 2}, {"probes": 3},
+         {"kind": "leave-one-out", "gamma_f": 2, "probes": 0}, {"spatial_weight": 0, "probes": 2},
+         {"kind": "leave-one-out", "probes": 2})
+
+
+@cache
+def model(dog_share: float):
+    return rounded(random_splats(10, seed=3, degree=1, dog_share=dog_share))
+
+
+def view_of(dog_share=0.5, blocks=None, **chosen) -> PreparedView:
+    splats = model(dog_share)
+    return prepare(upload(splats), DeviceCamera.upload(CAMERA), options(splats, **chosen), blocks)
+
+
+def planes(order: str) -> list:
+    """A random plane for each letter, the same object for the same letter."""
+    of_letter = {}
+    for letter in order:
+        noise = np.random.default_rng(ord(letter)).normal(size=CAMERA.width * CAMERA.height)
+        of_letter.setdefault(letter, detached(device_array(noise)))
+    return [of_letter[letter] for letter in order]
+
+
+def rows(columns: list) -> np.ndarray:
+    return np.stack([column.numpy().astype(np.float64) for column in columns])
+
+
+def blended(**chosen) -> np.ndarray:
+    found = composite(view_of(**chosen))
+    return rows([*found.features, found.T])
+
+
+def adjoints(order="abcd", **chosen) -> np.ndarray:
+    view, (*δ, δT) = view_of(**chosen), planes(order)
+    δsplats, δpseudo = composite_backward(view, composite(view), Planes(δ, δT))
+    return np.concatenate([rows(part).ravel() for part in (δsplats, δpseudo) if part])
+
+
+def summed(order="abc", removal=True, probes=0, shared=False, **chosen) -> np.ndarray:
+    sums = Sums(removal=removal, probes=probes)
+    view, count = view_of(blocks=sums.blocks, **chosen), probes * sums.channels
+    image, noise = planes(order), planes("defghi"[:count])
+    share = detached(device_array(np.linspace(0, 1, 10))) if shared else None
+    return rows(composite_score(view, sums, image, noise, share))
+
+
+def score(**rule) -> np.ndarray:
+    splats = model(0.5)
+    return scores(ScoreRule(**rule), upload(splats), [DeviceCamera.upload(CAMERA)], options(splats), 0.3, 0)
+
+
+def found(names=("median_depth", "index", "count", "dog_share"), dog_share=0.5, **chosen) -> np.ndarray:
+    view = view_of(dog_share, **chosen)
+    names = walked(names, dog_share > 0)
+    depths = detached(device_array(model(dog_share).means[:, 2])) if "median_depth" in names else None
+    return rows(composite_aovs(view, names, depths))
+
+
+def products(order=None, background=0.3, **chosen) -> np.ndarray:
+    splats = model(chosen.pop("dog_share", 0.5))
+    pictured, patches = prepare_both(upload(splats), DeviceCamera.upload(CAMERA), options(splats, **chosen),
+                                     patch_blocks())
+    return rows(composite_fisher(patches, composite_over(pictured, background) if order is None else planes(order)))
+
+
+def weighted(order="a", **chosen) -> np.ndarray:
+    columns, largest = composite_weights(view_of(**chosen), planes(order)[0])
+    return rows([*columns, largest])
+
+
+CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
+    "_composite": (blended, OPTIONS),
+    "_composite_backward": (adjoints, (*OPTIONS, *({"order": o} for o in ("aaaa", "abab", "abba", "abaa", "abbb")))),
+    "_composite_score": (summed, (*OPTIONS, {"removal": False}, {"removal": False, "probes": 2}, {"probes": 1},
+                                  {"shared": True}, {"order": "aba"}, {"order": "abb"}, {"order": "aaa"})),
+    "_composite_score by rules": (score, RULES),
+    "_composite_aovs": (found, (*OPTIONS[:-1], *({"names": (name,)} for name in ("median_depth", "index", "count")),
+                                {"names": ("index", "count")}, {"names": ("count", "dog_share")})),
+    "_composite_fisher": (products, (*OPTIONS, {"order": "aba"}, {"order": "abb"}, {"order": "aab"})),
+    "_composite_weights": (weighted, (*OPTIONS, {"order": "b"})),
+}
+
+
+def frozen_functions() -> dict[str, Frozen]:
+    modules = [import_module(info.name) for info in pkgutil.iter_modules(walks.__path__, f"{walks.__name__}.")]
+    return {name: value for module in modules for name, value in vars(module).items() if isinstance(value, Frozen)}
+
+
+def forget() -> None:
+    for function in frozen_functions().values():
+        function.clear()
+
+
+def on_its_own(run: Callable[..., np.ndarray], setting: dict) -> np.ndarray:
+    forget()
+    return run(**setting)
+
+
+def test_every_frozen_function_of_the_package_is_tried():
+    assert {name.split()[0] for name in CASES} == set(frozen_functions())
+    sources = {path: path.read_text(encoding="utf-8") for path in Path(mi_dogsplat.__file__).parent.rglob("*.py")}
+    users = {path.parent.name for path, source in sources.items() if "@frozen" in source}
+    assert users == {"walks"}  # where they are looked for
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_a_call_computes_the_same_whichever_was_recorded_before_it(name):
+    run, settings = CASES[name]
+    alone = [on_its_own(run, setting) for setting in settings]
+    # bits, where they are the same in every run: with another patch they are nearly the same numbers
+    rtol, atol = (0, 0) if lanes_add_in_turn(mi.variant()) else (1e-3, 1e-5)
+    wrong = []
+    for first, second in itertools.permutations(range(len(settings)), 2):
+        on_its_own(run, settings[first])
+        try:
+            np.testing.assert_allclose(run(**settings[second]), alone[second], rtol=rtol, atol=atol)
+        except Exception as error:  # Dr.Jit raises what it likes where a recording does not fit
+            wrong.append(f"{settings[second]} after {settings[first]}: {type(error).__name__}")
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_settings_differ_in_what_they_compute(name):
+    """Or it would not be seen when one recording is taken for another."""
+    run, settings = CASES[name]
+    results = [on_its_own(run, setting) for setting in settings]
+    same = [(settings[i], settings[j]) for i, j in itertools.combinations(range(len(settings)), 2)
+            if results[i].shape == results[j].shape and (results[i] == results[j]).all()]
+    assert not same
