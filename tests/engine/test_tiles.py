@@ -177,12 +177,12 @@ def test_more_tiles_than_one_counting_pass_has_buckets_are_sorted_too():
 
 
 def test_lists_of_many_tiles_are_in_depth_order():
-    """2200 tiles and 146,000 isects: a single counting pass keeps no order of so many on CUDA."""
+    """2200 tiles or more, and 146,000 isects: a single counting pass keeps no order of so many on CUDA."""
     camera, rng = make_camera(800, 704, f=650.0), np.random.default_rng(1)
     splats = rounded(make_splats(rng.uniform([-1.1, -0.9, 2], [1.1, 0.9, 3], (24_000, 3)), 0.0145))
     lists = engine_tiles(splats, camera)
     begin, end, splat = (np.array(v) for v in (lists.begin, lists.end, lists.splat_from_isect))
-    assert len(begin) == 2200 and len(splat) > 110_000  # and more than Dr.Jit gives 32 warps to each multiprocessor
+    assert len(begin) >= 2200 and len(splat) > 110_000  # and more than Dr.Jit gives 32 warps to each multiprocessor
     depths = reference.project(splats, camera).depths[splat]
     tile = np.repeat(np.arange(len(begin)), end - begin)
     nearer = np.diff(depths) < 0
