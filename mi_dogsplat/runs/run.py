@@ -92,7 +92,7 @@ def train(
     when asked to stop in training (Ctrl-C, SIGTERM), which leaves a checkpoint.
     """
     out = Path(out)
-    dataset = load_dataset(config.data, config.downscale, on_disk=config.data_on_disk)
+    dataset = load_dataset(config.data, config.downscale, on_disk=config.data_on_disk, split=config.split)
     trainer = Trainer(config, dataset, recipe)
     if start:
         _restore(trainer, start, "remove it, and begin anew")
