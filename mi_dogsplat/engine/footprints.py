@@ -7,6 +7,8 @@ form, so nothing is listed that the ellipse does not enter ("AccuTile", Speedy-S
 
 from __future__ import annotations
 
+from copy import copy
+
 import drjit as dr
 
 from .arrays import array_types, detached
@@ -71,6 +73,14 @@ class Footprints:
         first, last = self._range(top, bottom, b.tile_height + b.overlap, b.tile_height, self.tiles_y)
         self.first = dr.select(visible, first, 0)
         self.last = dr.select(visible, last, 0)  # exclusive
+        self.top = Int(0)  # the first tile row
+
+    def in_rows(self, rows: range) -> Footprints:
+        """The same, of the tile rows ``rows`` alone."""
+        band = copy(self)
+        band.top, bottom = (dr.opaque(self.types.Int, row) for row in (rows.start, rows.stop))
+        band.first, band.last = dr.maximum(self.first, band.top), dr.minimum(self.last, bottom)
+        return band
 
     def kept(self) -> list:
         """What the spans are made of."""

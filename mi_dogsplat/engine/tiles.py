@@ -14,10 +14,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .arrays import array_types, detached, while_loop
+from .arrays import array_types, while_loop
 from .drjit_internals import argsort_small
-from .footprints import Footprints
 from .geometry import Blocks, Cutoffs, Grid, Lanes
+from .isects import Isects, count_isects
 from .project import Projection
 
 WORD, AT_ONCE = 32, 8  # bits of a word, and how many masks are read at once
@@ -49,38 +49,31 @@ class TileLists:
 
 def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> TileLists:
     """Depth-ordered list of primitives per tile. Waits for the device once, to learn the length of the lists."""
+    return list_isects(count_isects(projection, grid, cutoffs), grid.blocks, grid.lanes)
+
+
+def list_isects(isects: Isects, blocks: Blocks, lanes: Lanes) -> TileLists:
+    """What has been counted, as lists: of all tiles, or of the tile rows of ``lanes``, whose first tile is number 0."""
     types = array_types()
-    UInt, footprints = types.UInt, Footprints(projection, grid, cutoffs.log2_range)
-
-    def count_row(row, count):
-        first, last = footprints.columns(row)
-        return row + 1, count + UInt(last - first)
-
-    start = footprints.first, UInt(0)
-    _, counts = while_loop(start, lambda row, count: row < footprints.last, count_row, "count")
-    # positive floats sort like their bits
-    depth_bits: Any = dr.reinterpret_array(UInt, detached(projection.depth))
-    key: Any = dr.select(counts > 0, depth_bits, 0xFFFFFFFF)
-    dr.eval(key, counts, footprints.kept())  # or the projection would be computed again where isects are emitted
-
-    splat_from_rank = dr.argsort(key)  # [N] nearest first
-    ends = dr.cumsum(dr.gather(UInt, counts, splat_from_rank))
-    n_isects = int(ends[dr.width(ends) - 1]) if dr.width(ends) else 0
-    begin, end = dr.zeros(UInt, grid.n_tiles), dr.zeros(UInt, grid.n_tiles)
+    UInt, footprints, counts = types.UInt, isects.footprints, isects.counts
+    n_splats, n_isects = dr.width(counts), isects.total
+    n_tiles = dr.width(lanes.tile) // blocks.lanes_per_tile
+    begin, end = dr.zeros(UInt, n_tiles), dr.zeros(UInt, n_tiles)
     if n_isects == 0:
-        nowhere = dr.zeros(UInt, dr.width(key))
+        nowhere = dr.zeros(UInt, n_splats)
         return TileLists(dr.zeros(UInt, 1), begin, end, dr.zeros(UInt, 1), nowhere, nowhere, dr.zeros(UInt, 1))
 
-    tile_from_slot, splat_and_mask = dr.empty(UInt, n_isects), dr.empty(UInt, 2 * n_isects)
-    begin_from_rank = ends - dr.gather(UInt, counts, splat_from_rank)
-    splat = dr.arange(UInt, dr.width(key))
-    slot_begin = dr.empty(UInt, dr.width(key))
-    dr.scatter(slot_begin, begin_from_rank, splat_from_rank, mode=dr.ReduceMode.Permute)
+    new = dr.zeros if isects.blank else dr.empty  # what is blank is in no lane of the first tile
+    tile_from_slot, splat_and_mask = new(UInt, n_isects), new(UInt, 2 * n_isects)
+    begin_from_rank = isects.ends - dr.gather(UInt, counts, isects.splat_from_rank)
+    splat = dr.arange(UInt, n_splats)
+    slot_begin = dr.empty(UInt, n_splats)
+    dr.scatter(slot_begin, begin_from_rank, isects.splat_from_rank, mode=dr.ReduceMode.Permute)
 
     def emit_row(row, slot):
         first, last = footprints.columns(row)
         block_columns = footprints.block_columns(row)
-        tile = UInt(dr.fma(row, footprints.tiles_x, first))
+        tile = UInt(dr.fma(row - footprints.top, footprints.tiles_x, first))
 
         def emit(column, tile, slot):
             dr.scatter(tile_from_slot, tile, slot)
@@ -92,7 +85,7 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> TileLists:
 
     while_loop((footprints.first, slot_begin), lambda row, slot: row < footprints.last, emit_row, "emit rows")
 
-    slot_from_isect = argsort_small(tile_from_slot, grid.n_tiles)
+    slot_from_isect = argsort_small(tile_from_slot, n_tiles)
     tile = dr.gather(UInt, tile_from_slot, slot_from_isect)
     i = dr.arange(UInt, n_isects)
     count = dr.opaque(UInt, n_isects)  # a literal would compile a kernel per frame
@@ -106,8 +99,8 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> TileLists:
     masks = dr.empty(UInt, n_words * WORD)  # read some at once; what is behind the last isect is nobody's
     dr.scatter(masks, mask, i, mode=dr.ReduceMode.Permute)
     dr.eval(begin, end, splat_from_isect, masks)
-    words = dr.empty(UInt, (grid.n_tiles + n_words) * grid.blocks.lanes_per_tile)
-    transpose_masks(grid.lanes, grid.blocks, masks, begin, end, words)
+    words = dr.empty(UInt, (n_tiles + n_words) * blocks.lanes_per_tile)
+    transpose_masks(lanes, blocks, masks, begin, end, words)
     return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_begin + counts, words)
 
 

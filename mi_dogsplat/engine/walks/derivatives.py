@@ -14,8 +14,8 @@ from collections import namedtuple
 import drjit as dr
 
 from ..arrays import if_stmt
+from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
-from ..view import PreparedView
 from .pixels import Planes, planes_of
 from .slot_rows import SlotRows
 from .walk import ALPHA_MAX, Alphas, Meeting, Walk
@@ -30,7 +30,7 @@ class Projected(namedtuple("Projected", "x y ux uy vy lo")):
 N_PSEUDO = 4  # the last of these are the pseudo-Gaussian's own; its centre is that of the primary
 
 
-def composite_backward(view: PreparedView, blended: Planes, δ: Planes) -> tuple[list, list]:
+def composite_backward(view: WalkableView, blended: Planes, δ: Planes) -> tuple[list, list]:
     """Adjoints of the projected quantities, given those of the planes.
 
     Args:
@@ -40,14 +40,23 @@ def composite_backward(view: PreparedView, blended: Planes, δ: Planes) -> tuple
     Returns (δ of what ``Projected`` names and of each feature, [N] each; δ of its last ``N_PSEUDO`` of the
     pseudo-Gaussians, [M] each, nothing without DoG).
     """
-    rows = SlotRows.zeros(view.lists, len(Projected._fields) + view.settings.n_features)
-    pseudo_rows = SlotRows.zeros(view.lists, N_PSEUDO) if view.tables.pseudo is not None else None
-    return _composite_backward(view, blended, δ, rows, pseudo_rows)
+
+    def walk(band: PreparedView, above: tuple[list, list] | None) -> tuple[list, list]:
+        rows = SlotRows.zeros(band.lists, len(Projected._fields) + band.settings.n_features)
+        pseudo_rows = SlotRows.zeros(band.lists, N_PSEUDO) if band.tables.pseudo is not None else None
+        return _composite_backward(band, blended, δ, rows, pseudo_rows, above)
+
+    return view.walked(walk)
 
 
 @frozen
 def _composite_backward(
-    view: PreparedView, blended: Planes, δplanes: Planes, rows: SlotRows, pseudo_rows: SlotRows | None
+    view: PreparedView,
+    blended: Planes,
+    δplanes: Planes,
+    rows: SlotRows,
+    pseudo_rows: SlotRows | None,
+    above: tuple[list, list] | None,
 ) -> tuple[list, list]:
     walk, features = Walk(view), range(view.settings.n_features)
     pixels, blocks, Float = walk.pixels, walk.blocks, walk.types.Float
@@ -118,16 +127,22 @@ def _composite_backward(
         rows.add(slot, [*δrow, *δf], meeting.active)
 
     walk.run(step, rest, "composite_backward")
-    return rows.sums(view.lists), pseudo_rows.sums(view.lists, view.tables.dog_index) if pseudo_rows else []
+    of_splats, of_pseudo = above or (None, None)
+    own = pseudo_rows.sums(view.lists, view.tables.dog_index, of_pseudo) if pseudo_rows else []
+    return rows.sums(view.lists, above=of_splats), own
 
 
-def composite_forward(view: PreparedView, δsplats: list, δpseudo: list) -> Planes:
+def composite_forward(view: WalkableView, δsplats: list, δpseudo: list) -> Planes:
     """Tangents of the planes, given those that ``composite_backward`` returns."""
-    *δfeatures, δT = planes_of(_composite_forward(view, δsplats, δpseudo), view.settings.n_features + 1)
+
+    def walk(band: PreparedView, above: list | None) -> list:
+        return _composite_forward(band, δsplats, δpseudo, above)
+
+    *δfeatures, δT = planes_of(view.walked(walk), view.settings.n_features + 1)
     return Planes(δfeatures, δT)
 
 
-def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list) -> list:
+def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above: list | None) -> list:
     walk, features, n = Walk(view), range(view.settings.n_features), len(Projected._fields)
 
     def tangents(values: list, meeting: Meeting, ux, uy, vy, δ: Projected) -> list:
@@ -167,4 +182,4 @@ def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list) -> li
 
     start = [walk.pixels.zeros() for _ in range(1 + len(features))]
     _, (δT, *δC) = walk.run(step, start, "composite_forward", unroll=False)
-    return walk.pixels.write([*δC, δT])
+    return walk.pixels.write([*δC, δT], above)

@@ -15,9 +15,9 @@ from dataclasses import replace
 
 import drjit as dr
 
+from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from ..geometry import Blocks
-from ..view import PreparedView
 from .derivatives import LN2
 from .slot_rows import SlotRows
 from .walk import ALPHA_MAX, Meeting, Walk
@@ -32,18 +32,22 @@ def patch_blocks() -> Blocks:
     return replace(Blocks.of_backend(), width=4, height=4)
 
 
-def composite_fisher(view: PreparedView, image: list) -> list:
+def composite_fisher(view: WalkableView, image: list) -> list:
     """Sums over the patches of a view: Σ_c g_c[i] g_c[j] for ``PAIRS``, then s g_c[i] by channel, then s²; [N] each.
 
     Args:
         view: made with ``patch_blocks``.
         image: the 3 planes of the view [H*W], background included.
     """
-    return _composite_fisher(view, image, SlotRows.zeros(view.lists, COLUMNS))
+
+    def walk(band: PreparedView, above: list | None) -> list:
+        return _composite_fisher(band, image, SlotRows.zeros(band.lists, COLUMNS), above)
+
+    return view.walked(walk)
 
 
 @frozen
-def _composite_fisher(view: PreparedView, image: list, rows: SlotRows) -> list:
+def _composite_fisher(view: PreparedView, image: list, rows: SlotRows, above: list | None) -> list:
     walk = Walk(view)
     Float = walk.types.Float
 
@@ -72,4 +76,4 @@ def _composite_fisher(view: PreparedView, image: list, rows: SlotRows) -> list:
         rows.add(slot, [*products, s * s], meeting.active)
 
     walk.run(step, [walk.pixels.read(plane) for plane in image], "composite_fisher", unroll=False)
-    return rows.sums(view.lists)
+    return rows.sums(view.lists, above=above)

@@ -31,9 +31,9 @@ from dataclasses import dataclass, replace
 
 import drjit as dr
 
+from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from ..geometry import Blocks
-from ..view import PreparedView
 from .slot_rows import SlotRows
 from .walk import Meeting, Walk
 
@@ -74,7 +74,7 @@ class Sums:
         return replace(blocks, width=blocks.width + 1, height=blocks.height + 1, overlap=1)
 
 
-def composite_score(view: PreparedView, sums: Sums, image: list, planes: list, share=None) -> list:
+def composite_score(view: WalkableView, sums: Sums, image: list, planes: list, share=None) -> list:
     """Sums over a view, per primitive.
 
     Args:
@@ -86,11 +86,17 @@ def composite_score(view: PreparedView, sums: Sums, image: list, planes: list, s
 
     Returns the columns, [N] each.
     """
-    return _composite_score(view, sums, image, planes, SlotRows.zeros(view.lists, sums.columns), share)
+
+    def walk(band: PreparedView, above: list | None) -> list:
+        return _composite_score(band, sums, image, planes, SlotRows.zeros(band.lists, sums.columns), share, above)
+
+    return view.walked(walk)
 
 
 @frozen
-def _composite_score(view: PreparedView, sums: Sums, image: list, planes: list, rows: SlotRows, share) -> list:
+def _composite_score(
+    view: PreparedView, sums: Sums, image: list, planes: list, rows: SlotRows, share, above: list | None
+) -> list:
     walk = Walk(view)
     pixels, blocks, Float = walk.pixels, walk.blocks, walk.types.Float
     width, channels = blocks.width, range(sums.channels)
@@ -147,4 +153,4 @@ def _composite_score(view: PreparedView, sums: Sums, image: list, planes: list, 
         rows.add(slot, result + [correlation(probe, F) for probe in probes], meeting.active)
 
     walk.run(step, behind, "composite_score")
-    return rows.sums(view.lists)
+    return rows.sums(view.lists, above=above)

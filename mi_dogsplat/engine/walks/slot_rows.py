@@ -49,8 +49,11 @@ class SlotRows:
         mode = dr.ReduceMode.NoConflicts if self.in_turn else dr.ReduceMode.Local
         dr.scatter_add(self.values, types.Floats(padded), slot, active, mode=mode)
 
-    def sums(self, lists: TileLists, splat=None) -> list:
-        """The columns, summed over the slots of each primitive, or of the primitives ``splat``."""
+    def sums(self, lists: TileLists, splat=None, above: list | None = None) -> list:
+        """The columns, summed over the slots of each primitive, or of the primitives ``splat``.
+
+        ``above``: their sums over the bands above, with which the addition begins.
+        """
         types = array_types()
         splat = dr.arange(types.UInt, dr.width(lists.slot_begin)) if splat is None else splat
         slot, end = (dr.gather(types.UInt, slots, splat) for slots in (lists.slot_begin, lists.slot_end))
@@ -61,7 +64,7 @@ class SlotRows:
                 values += list(dr.gather(types.Quad, self.values, dr.fma(slot, self.row_size // 4, k)))
             return slot + 1, [s + v for s, v in zip(sums, values, strict=False)]
 
-        start = slot, [types.Float(0)] * self.columns
+        start = slot, above or [types.Float(0)] * self.columns
         return list(while_loop(start, lambda slot, sums: slot < end, body, "sum rows", ("slot", "sums"))[1])
 
 

@@ -13,13 +13,13 @@ from typing import Any
 import drjit as dr
 
 from ..arrays import array_types
+from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
-from ..view import PreparedView
 from .slot_rows import SlotRows
 from .walk import Meeting, Walk
 
 
-def composite_weights(view: PreparedView, plane) -> tuple[list, Any]:
+def composite_weights(view: WalkableView, plane) -> tuple[list, Any]:
     """((Σ α T, Σ T, number of pixels, Σ e α T), bits of the largest α T as UInt), [N] each.
 
     Floats that are not negative sort like their bits, and a maximum of integers is the same in any order.
@@ -27,12 +27,16 @@ def composite_weights(view: PreparedView, plane) -> tuple[list, Any]:
     Args:
         plane: e [H*W].
     """
-    rows, largest = SlotRows.zeros(view.lists, 4), dr.zeros(array_types().UInt, dr.width(view.lists.slot_begin))
-    return _composite_weights(view, plane, rows, largest), largest
+    largest = dr.zeros(array_types().UInt, view.n_splats)
+
+    def walk(band: PreparedView, above: list | None) -> list:
+        return _composite_weights(band, plane, SlotRows.zeros(band.lists, 4), largest, above)
+
+    return view.walked(walk), largest
 
 
 @frozen
-def _composite_weights(view: PreparedView, plane, rows: SlotRows, largest) -> list:
+def _composite_weights(view: PreparedView, plane, rows: SlotRows, largest, above: list | None) -> list:
     walk = Walk(view)
     Float, e = walk.types.Float, walk.pixels.read(plane)
 
@@ -54,4 +58,4 @@ def _composite_weights(view: PreparedView, plane, rows: SlotRows, largest) -> li
         dr.scatter_reduce(dr.ReduceOp.Max, largest, bits, meeting.splat, some, mode=dr.ReduceMode.Local)
 
     walk.run(step, [], "composite_weights")
-    return rows.sums(view.lists)
+    return rows.sums(view.lists, above=above)
