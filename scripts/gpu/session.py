@@ -42,7 +42,8 @@ class Session:
         ended = self._start(PROBE, self._left()).wait()
         optix = ended.status == 0
         good = optix or ended.status == WITHOUT_OPTIX
-        result = Result("arrays and scenes" if optix else "arrays, but no scenes: no OptiX") if good else last_line(self._log(PROBE))
+        told = Result("arrays and scenes" if optix else "arrays, but no scenes: no OptiX")
+        result = told if good else last_line(self._log(PROBE))
         self._record(PROBE, "passed" if good else "failed", ended, result)
         return optix if good else None
 
