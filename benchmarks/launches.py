@@ -79,8 +79,7 @@ class Watch:
             return
         code = frame.f_code
         if code not in self._names:
-            path = code.co_filename
-            self._names[code] = next((s for (f, n), s in STAGES.items() if path.endswith(f) and code.co_name == n), None)
+            self._names[code] = _stage_of(code.co_filename, code.co_name)
         stage = self._names[code]
         if stage is None:
             return
@@ -105,13 +104,19 @@ class Watch:
             self._last = Counter(self._read())
 
 
+def _stage_of(file: str, name: str) -> str | None:
+    return next((stage for (of_file, of), stage in STAGES.items() if of == name and file.endswith(of_file)), None)
+
+
 def table(watch: Watch) -> str:
     """By stage, as Markdown."""
-    columns = [name for name in ("kernels", "Dr.Jit's own", *COUNTED) if any(name in c for c in watch.by_stage.values())]
+    known = set().union(*watch.by_stage.values())
+    columns = [name for name in ("kernels", "Dr.Jit's own", *COUNTED) if name in known]
     rows = [(stage, watch.by_stage[stage]) for stage in (*STAGES.values(), ELSEWHERE) if stage in watch.by_stage]
     rows.append(("all", sum((counts for _, counts in rows), Counter())))
-    lines = ["| | " + " | ".join(name.replace("_", " ") for name in columns) + " |", "|" + "---|" * (1 + len(columns))]
-    lines += [f"| {stage} | " + " | ".join(str(counts[name] or "") for name in columns) + " |" for stage, counts in rows]
+    lines = [f"| | {' | '.join(name.replace('_', ' ') for name in columns)} |", "|" + "---|" * (1 + len(columns))]
+    for stage, counts in rows:
+        lines.append(f"| {stage} | {' | '.join(str(counts[name] or '') for name in columns)} |")
     return "\n".join(lines)
 
 
@@ -133,9 +138,10 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--each", action="store_true", help="list the kernels one by one")
     args = parser.parse_args(arguments)
     mi.set_variant(args.variant)
-    for name, run in passes(args.primitives, *args.size, args.dog).items():
+    width, height = args.size
+    for name, run in passes(args.primitives, width, height, args.dog).items():
         watch = watched(run)
-        print(f"\n# {name} ({args.variant}, {args.primitives:,} primitives, {args.size[0]}x{args.size[1]})")
+        print(f"\n# {name} ({args.variant}, {args.primitives:,} primitives, {width}x{height})")
         print(table(watch))
         if args.each:
             for stage, kind, lanes, operations in watch.each:
