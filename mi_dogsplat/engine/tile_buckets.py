@@ -81,7 +81,7 @@ class _Rows:
         self.splat, self.first = lane // ROWS_AT_ONCE, self.Int(lane % ROWS_AT_ONCE)
         self.bits = dr.gather(self.UInt, depth_bits, self.splat)
         self.footprints = footprints.at(self.splat)
-        self.depth = (self.Int(self.bits >> BUCKET_BITS) - FIRST_DEPTH, 0, DEPTHS - 1)
+        self.depth = dr.clip(self.Int(self.bits >> BUCKET_BITS) - FIRST_DEPTH, 0, DEPTHS - 1)
 
     def for_each_tile(self, visit: Callable[[Any, Any, list], Any], label: str) -> None:
         """Call ``visit`` with the bucket of each isect, its column of tiles, and ``Footprints.block_columns`` there."""
