@@ -18,11 +18,13 @@ from typing import TypeAlias, TypeVar
 import drjit as dr
 import numpy as np
 
+from .arrays import array_types
 from .geometry import Grid, Lanes
-from .isects import Isects
+from .isects import Isects, count_isects
 from .options import Settings
+from .project import Projection
 from .tables import Tables
-from .tiles import WORD, TileLists, list_isects
+from .tiles import WORD, TileLists, list_isects, tiles
 
 Result = TypeVar("Result")
 LISTED, WALKED = 20, 180  # bytes of an isect: of the lists that are kept, and of what a walk with derivatives takes
@@ -46,9 +48,9 @@ class PreparedView:
     def n_isects(self) -> int:
         return self.lists.n_isects
 
-    def walked(self, walk: Callable[[PreparedView, Result | None], Result]) -> Result:
-        """What a walk returns; its second argument is what it has returned for the bands above, here None."""
-        return walk(self, None)
+    def walked(self, walk: Callable[[PreparedView, Result], Result], nothing: Result) -> Result:
+        """What ``walk`` returns, given ``nothing`` for the bands above."""
+        return walk(self, nothing)
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ class BandedView:
     isects: Isects
     settings: Settings
     bands: list[Band]  # from top to bottom
-    kept: list[PreparedView] = field(default_factory=list)  # the bands, once they have been listed
+    lists: list[TileLists] = field(default_factory=list)  # of the bands that have been walked so far
 
     @property
     def n_splats(self) -> int:
@@ -78,30 +80,33 @@ class BandedView:
     def n_isects(self) -> int:
         return self.isects.total
 
-    def walked(self, walk: Callable[[PreparedView, Result | None], Result]) -> Result:
-        """What a walk returns for the last band; it is given what it has returned for the bands above."""
-        result = None
+    def walked(self, walk: Callable[[PreparedView, Result], Result], nothing: Result) -> Result:
+        """What ``walk`` returns for the last band, given what it returned for the bands above, at first ``nothing``."""
+        result = nothing
         for k, band in enumerate(self.bands):
-            if k == len(self.kept):
-                self.kept.append(self._listed(band))
-            result = walk(self.kept[k], result)
-        assert result is not None
+            lanes = self.grid.lanes_of(band.rows)
+            if k == len(self.lists):
+                isects = self.isects.in_rows(band.rows, band.isects_above % WORD)
+                self.lists.append(list_isects(isects, self.grid.blocks, lanes))
+            result = walk(PreparedView(self.grid, lanes, self.tables, self.lists[k], self.settings), result)
+            dr.sync_thread()  # what the band needed is given back when it is finished, and not before
         return result
-
-    def _listed(self, band: Band) -> PreparedView:
-        lanes = self.grid.lanes_of(band.rows)
-        lists = list_isects(self.isects.in_rows(band.rows, band.isects_above % WORD), self.grid.blocks, lanes)
-        return PreparedView(self.grid, lanes, self.tables, lists, self.settings)
 
 
 WalkableView: TypeAlias = PreparedView | BandedView
 
 
 def listed(
-    tables: Tables, isects: Isects, grid: Grid, settings: Settings, isect_memory: float | None = None
+    projection: Projection, tables: Tables, grid: Grid, settings: Settings, isect_memory: float | None = None
 ) -> WalkableView:
-    """A view in one piece, or, where its isects need more than ``isect_memory`` bytes, in bands."""
-    if isect_memory is None or (LISTED + WALKED) * isects.total <= isect_memory:
+    """A view in one piece, or, where its isects need more than ``isect_memory`` bytes, in bands.
+
+    On CUDA always in one piece: an isect needs some 30 bytes there, as sums are not its own but its primitive's.
+    """
+    if isect_memory is None or not array_types().is_llvm:
+        return PreparedView(grid, grid.lanes, tables, tiles(projection, grid, settings.cutoffs), settings)
+    isects = count_isects(projection, grid, settings.cutoffs)
+    if (LISTED + WALKED) * isects.total <= isect_memory:
         return PreparedView(grid, grid.lanes, tables, list_isects(isects, grid.blocks, grid.lanes), settings)
     most = max(0, int((isect_memory - LISTED * isects.total) / WALKED))
     return BandedView(grid, tables, isects, settings, bands_of(isects.per_row(grid.tiles_y), most))

@@ -63,11 +63,14 @@ def count_isects(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> Isects
     """Of the whole image. Waits for the device once."""
     footprints = Footprints(projection, grid, cutoffs.log2_range)
     counts = _counts(footprints)
-    # positive floats sort like their bits
-    depth_bits: Any = dr.reinterpret_array(array_types().UInt, detached(projection.depth))
-    key: Any = dr.select(counts > 0, depth_bits, 0xFFFFFFFF)
+    key: Any = dr.select(counts > 0, depth_bits(projection), 0xFFFFFFFF)
     dr.eval(key, counts, footprints.kept())  # or the projection would be computed again where isects are emitted
     return Isects.counted(footprints, counts, dr.argsort(key))
+
+
+def depth_bits(projection: Projection) -> Any:
+    """UInt [N]: positive floats sort like their bits."""
+    return dr.reinterpret_array(array_types().UInt, detached(projection.depth))
 
 
 def _counts(footprints: Footprints) -> Any:

@@ -7,10 +7,9 @@ from dataclasses import replace
 from .arrays import detached
 from .bands import PreparedView, WalkableView, listed
 from .geometry import Blocks, Grid
-from .isects import count_isects
 from .options import RasterOptions, Settings
 from .project import DeviceCamera, Projection, project
-from .tables import Tables, pack
+from .tables import pack
 
 
 def prepare(params: dict, camera: DeviceCamera, options: RasterOptions, blocks: Blocks | None = None) -> WalkableView:
@@ -37,7 +36,7 @@ def prepare_both(
     grid, other = (Grid.of(camera.width, camera.height, b) for b in (Blocks.of_backend(), blocks))
     view = arrange(projection, projection.colors, other, settings, isect_memory=options.isect_memory)
     if not blocks.tiles_as(grid.blocks):
-        return _listed(projection, view.tables, grid, settings, options.isect_memory), view
+        return listed(projection, view.tables, grid, settings, options.isect_memory), view
     # tiles that overlap list more than blending needs, and are in the same places
     same = replace(view, grid=grid, lanes=grid.lanes) if isinstance(view, PreparedView) else replace(view, grid=grid)
     return same, view
@@ -60,13 +59,7 @@ def arrange(
     """
     tables = pack(projection, features)
     tables.stop_depth = detached(stop_depth) if stop_depth is not None else None
-    return _listed(projection, tables, grid, settings, isect_memory)
-
-
-def _listed(
-    projection: Projection, tables: Tables, grid: Grid, settings: Settings, isect_memory: float | None
-) -> WalkableView:
-    return listed(tables, count_isects(projection, grid, settings.cutoffs), grid, settings, isect_memory)
+    return listed(projection, tables, grid, settings, isect_memory)
 
 
 def _projection(params: dict, camera: DeviceCamera, options: RasterOptions) -> Projection:

@@ -49,11 +49,12 @@ def composite_aovs(view: WalkableView, names: tuple[str, ...], depths=None) -> l
 
     An index is a float, as channels of a film are: exact up to 2^24.
     """
-    return planes_of(view.walked(lambda band, above: _composite_aovs(band, names, depths, above)), len(names))
+    planes = view.walked(lambda band, above: _composite_aovs(band, names, depths, above), [])
+    return planes_of(planes, len(names))
 
 
 @frozen
-def _composite_aovs(view: PreparedView, names: tuple[str, ...], depths, above: list | None) -> list:
+def _composite_aovs(view: PreparedView, names: tuple[str, ...], depths, above: list) -> list:
     walk = Walk(view)
     Float = walk.types.Float
     start = {key: value for name in names for key, value in STATE[name].items()}

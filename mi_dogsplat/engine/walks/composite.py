@@ -23,7 +23,7 @@ from .walk import Meeting, Walk
 
 def composite(view: WalkableView) -> Planes:
     """Blend."""
-    *features, T = planes_of(view.walked(_composite), view.settings.n_features + 1)
+    *features, T = planes_of(view.walked(_composite, []), view.settings.n_features + 1)
     return Planes(features, T)
 
 
@@ -35,7 +35,7 @@ def composite_over(view: WalkableView, background: float) -> list:
 
 
 @frozen
-def _composite(view: PreparedView, above: list | None) -> list:
+def _composite(view: PreparedView, above: list) -> list:
     walk, features = Walk(view), range(view.settings.n_features)
 
     def step(meeting: Meeting, T: list, C: list) -> None:

@@ -12,12 +12,13 @@ from __future__ import annotations
 from collections import namedtuple
 
 import drjit as dr
+import mitsuba as mi
 
 from ..arrays import if_stmt
 from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from .pixels import Planes, planes_of
-from .slot_rows import SlotRows
+from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import ALPHA_MAX, Alphas, Meeting, Walk
 
 LN2 = 0.6931471805599453
@@ -40,25 +41,24 @@ def composite_backward(view: WalkableView, blended: Planes, δ: Planes) -> tuple
     Returns (δ of what ``Projected`` names and of each feature, [N] each; δ of its last ``N_PSEUDO`` of the
     pseudo-Gaussians, [M] each, nothing without DoG).
     """
+    columns, dog_index = len(Projected._fields) + view.settings.n_features, view.tables.dog_index
+    in_turn = lanes_add_in_turn(mi.variant())
 
-    def walk(band: PreparedView, above: tuple[list, list] | None) -> tuple[list, list]:
-        rows = SlotRows.zeros(band.lists, len(Projected._fields) + band.settings.n_features)
-        pseudo_rows = SlotRows.zeros(band.lists, N_PSEUDO) if band.tables.pseudo is not None else None
-        return _composite_backward(band, blended, δ, rows, pseudo_rows, above)
+    def walk(band: PreparedView, above: tuple[list, list]) -> tuple[list, list]:
+        δsplats, δpseudo = _composite_backward(band, blended, δ, in_turn, *above)
+        of_pseudo = [] if dog_index is None else columns_of(δpseudo, band.lists, N_PSEUDO, dog_index)
+        return columns_of(δsplats, band.lists, columns), of_pseudo
 
-    return view.walked(walk)
+    return view.walked(walk, ([], []))
 
 
 @frozen
 def _composite_backward(
-    view: PreparedView,
-    blended: Planes,
-    δplanes: Planes,
-    rows: SlotRows,
-    pseudo_rows: SlotRows | None,
-    above: tuple[list, list] | None,
+    view: PreparedView, blended: Planes, δplanes: Planes, in_turn: bool, above: list, pseudo_above: list
 ) -> tuple[list, list]:
     walk, features = Walk(view), range(view.settings.n_features)
+    rows = SlotRows(view.lists, len(Projected._fields) + len(features), in_turn)
+    pseudo_rows = SlotRows(view.lists, N_PSEUDO, in_turn) if walk.has_dog else None
     pixels, blocks, Float = walk.pixels, walk.blocks, walk.types.Float
 
     δC = [pixels.read(plane) for plane in δplanes.features]
@@ -127,22 +127,17 @@ def _composite_backward(
         rows.add(slot, [*δrow, *δf], meeting.active)
 
     walk.run(step, rest, "composite_backward")
-    of_splats, of_pseudo = above or (None, None)
-    own = pseudo_rows.sums(view.lists, view.tables.dog_index, of_pseudo) if pseudo_rows else []
-    return rows.sums(view.lists, above=of_splats), own
+    return rows.sums(above=above), pseudo_rows.sums(view.tables.dog_index, pseudo_above) if pseudo_rows else []
 
 
 def composite_forward(view: WalkableView, δsplats: list, δpseudo: list) -> Planes:
     """Tangents of the planes, given those that ``composite_backward`` returns."""
-
-    def walk(band: PreparedView, above: list | None) -> list:
-        return _composite_forward(band, δsplats, δpseudo, above)
-
-    *δfeatures, δT = planes_of(view.walked(walk), view.settings.n_features + 1)
+    planes = view.walked(lambda band, above: _composite_forward(band, δsplats, δpseudo, above), [])
+    *δfeatures, δT = planes_of(planes, view.settings.n_features + 1)
     return Planes(δfeatures, δT)
 
 
-def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above: list | None) -> list:
+def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above: list) -> list:
     walk, features, n = Walk(view), range(view.settings.n_features), len(Projected._fields)
 
     def tangents(values: list, meeting: Meeting, ux, uy, vy, δ: Projected) -> list:

@@ -14,12 +14,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import drjit as dr
+import mitsuba as mi
 
 from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from ..geometry import Blocks
 from .derivatives import LN2
-from .slot_rows import SlotRows
+from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import ALPHA_MAX, Meeting, Walk
 
 SHAPE = 5  # numbers of a projected shape: x y ux uy vy
@@ -39,16 +40,17 @@ def composite_fisher(view: WalkableView, image: list) -> list:
         view: made with ``patch_blocks``.
         image: the 3 planes of the view [H*W], background included.
     """
+    in_turn = lanes_add_in_turn(mi.variant())
 
-    def walk(band: PreparedView, above: list | None) -> list:
-        return _composite_fisher(band, image, SlotRows.zeros(band.lists, COLUMNS), above)
+    def walk(band: PreparedView, above: list) -> list:
+        return columns_of(_composite_fisher(band, image, in_turn, above), band.lists, COLUMNS)
 
-    return view.walked(walk)
+    return view.walked(walk, [])
 
 
 @frozen
-def _composite_fisher(view: PreparedView, image: list, rows: SlotRows, above: list | None) -> list:
-    walk = Walk(view)
+def _composite_fisher(view: PreparedView, image: list, in_turn: bool, above: list) -> list:
+    walk, rows = Walk(view), SlotRows(view.lists, COLUMNS, in_turn)
     Float = walk.types.Float
 
     def step(meeting: Meeting, T: list, behind: list) -> None:
@@ -76,4 +78,4 @@ def _composite_fisher(view: PreparedView, image: list, rows: SlotRows, above: li
         rows.add(slot, [*products, s * s], meeting.active)
 
     walk.run(step, [walk.pixels.read(plane) for plane in image], "composite_fisher", unroll=False)
-    return rows.sums(view.lists, above=above)
+    return rows.sums(above=above)

@@ -30,11 +30,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import drjit as dr
+import mitsuba as mi
 
 from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from ..geometry import Blocks
-from .slot_rows import SlotRows
+from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import Meeting, Walk
 
 
@@ -86,18 +87,20 @@ def composite_score(view: WalkableView, sums: Sums, image: list, planes: list, s
 
     Returns the columns, [N] each.
     """
+    in_turn = lanes_add_in_turn(mi.variant())
 
-    def walk(band: PreparedView, above: list | None) -> list:
-        return _composite_score(band, sums, image, planes, SlotRows.zeros(band.lists, sums.columns), share, above)
+    def walk(band: PreparedView, above: list) -> list:
+        found = _composite_score(band, sums, image, planes, share, in_turn, above)
+        return columns_of(found, band.lists, sums.columns)
 
-    return view.walked(walk)
+    return view.walked(walk, [])
 
 
 @frozen
 def _composite_score(
-    view: PreparedView, sums: Sums, image: list, planes: list, rows: SlotRows, share, above: list | None
+    view: PreparedView, sums: Sums, image: list, planes: list, share, in_turn: bool, above: list
 ) -> list:
-    walk = Walk(view)
+    walk, rows = Walk(view), SlotRows(view.lists, sums.columns, in_turn)
     pixels, blocks, Float = walk.pixels, walk.blocks, walk.types.Float
     width, channels = blocks.width, range(sums.channels)
     own = [r * width + c for r in range(blocks.stride_y) for c in range(blocks.stride_x)]
@@ -153,4 +156,4 @@ def _composite_score(
         rows.add(slot, result + [correlation(probe, F) for probe in probes], meeting.active)
 
     walk.run(step, behind, "composite_score")
-    return rows.sums(view.lists, above=above)
+    return rows.sums(above=above)
