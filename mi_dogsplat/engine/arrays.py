@@ -28,6 +28,7 @@ class ArrayTypes:
     Int: Any
     UInt: Any
     UIntPair: Any
+    UIntQuad: Any
     Quad: Any  # of floats
     Floats: Any  # any number of them
     UInts: Any
@@ -43,7 +44,7 @@ def _of_variant(Float: Any) -> ArrayTypes:
     is_llvm = dr.backend_v(Float) == dr.JitBackend.LLVM
     module: Any = dr.llvm if is_llvm else dr.cuda
     scalars = module.Float, module.Float64, module.Int, module.UInt
-    return ArrayTypes(is_llvm, *scalars, module.Array2u, module.Array4f, module.ArrayXf, module.ArrayXu)
+    return ArrayTypes(is_llvm, *scalars, module.Array2u, module.Array4u, module.Array4f, module.ArrayXf, module.ArrayXu)
 
 
 def detached(value: Any) -> Any:
