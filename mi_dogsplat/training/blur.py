@@ -36,8 +36,8 @@ class Sweep:
     """A blur across the rows of planes [3, rows, columns]: one lane per channel, block of rows, and column.
 
     Columns vary fastest over the lanes. A lane's ``values`` are its rows -RADIUS ... BLOCK + RADIUS - 1,
-    counted from the first row of its block, zero outside the image. Quantities "in blocks" are evaluated arrays
-    [lanes, BLOCK]: a lane's own, which it and its two neighbours read eight at a time.
+    counted from the first row of its block, zero outside the image. A quantity "in the lanes' order" is a
+    list of BLOCK arrays, one per row of the block, each with one entry per lane.
     """
 
     channel: Any  # UInt of each lane
@@ -47,7 +47,7 @@ class Sweep:
     columns: Any
     n_blocks: Any
     transposed_stride: Any
-    size: int  # of a quantity in blocks, or transposed
+    transposed_size: int
 
     @staticmethod
     def of(rows: int, columns: int) -> Sweep:
@@ -57,7 +57,7 @@ class Sweep:
         # arrays that share memory with NumPy are aligned by chance, and each chance is another kernel
         lanes = [detached(device_array(v, mi.UInt32)) for v in (channel, column, block * BLOCK)]
         sizes = [dr.opaque(array_types().UInt, v) for v in (rows, columns, blocks, blocks * BLOCK)]
-        return Sweep(*lanes, *sizes, size=3 * columns * blocks * BLOCK)
+        return Sweep(*lanes, *sizes, transposed_size=3 * columns * blocks * BLOCK)
 
     def row(self, j: int) -> tuple[Any, Any]:
         """Row ``j`` of the block, counted in its channel, and whether it lies in the image."""
@@ -74,40 +74,29 @@ class Sweep:
         at = self.indices(stride, range(-RADIUS, BLOCK + RADIUS))
         return [[dr.gather(type(p), p, index, inside) for index, inside in at] for p in planes]
 
-    def block(self, quantity: Any) -> list[Any]:
-        """The lane's own BLOCK of a quantity in blocks."""
-        return self._block_of(quantity, dr.arange(array_types().UInt, dr.width(self.column)), True)
+    def values_from_blocks(self, blocks: list[list[Any]]) -> list[list[Any]]:
+        """The lane's values from quantities in the lanes' order (evaluated, zero outside the image)."""
+        lane = dr.arange(array_types().UInt, dr.width(self.column))
+        above, below = lane - self.columns, lane + self.columns
+        head = [(BLOCK + j, above, self.row(j)[1]) for j in range(-RADIUS, 0)]
+        tail = [(j, below, self.row(BLOCK + j)[1]) for j in range(RADIUS)]
 
-    def values_from_blocks(self, quantities: list[Any]) -> list[list[Any]]:
-        """The lane's values of quantities in blocks that are zero outside the image."""
-        lane, found = dr.arange(array_types().UInt, dr.width(self.column)), []
-        first, last = self.first == 0, self.first + BLOCK >= self.rows
-        for quantity in quantities:
-            above = self._block_of(quantity, lane - self.columns, ~first)
-            below = self._block_of(quantity, lane + self.columns, ~last)
-            found.append([*above[BLOCK - RADIUS :], *self._block_of(quantity, lane, True), *below[:RADIUS]])
-        return found
+        def gather(block: list[Any], at: list[tuple[int, Any, Any]]) -> list[Any]:
+            return [dr.gather(type(block[k]), block[k], index, inside) for k, index, inside in at]
 
-    def _block_of(self, quantity: Any, lane: Any, active: Any) -> list[Any]:
-        return list(dr.gather(array_types().Floats, quantity, lane, active, shape=(BLOCK, dr.width(self.column))))
-
-    def store(self, blocks: list[list[Any]]) -> list[Any]:
-        """Write BLOCK values of each lane, of several quantities, in blocks; with what is scheduled, in one kernel."""
-        return self._written(blocks, dr.arange(array_types().UInt, dr.width(self.column)))
+        return [[*gather(b, head), *b, *gather(b, tail)] for b in blocks]
 
     def store_transposed(self, blocks: list[list[Any]]) -> list[Any]:
-        """Write them as planes [3, columns, transposed_stride]."""
-        plane_row = dr.fma(self.channel, self.columns, self.column)
-        return self._written(blocks, dr.fma(plane_row, self.n_blocks, self.first // BLOCK))
-
-    def _written(self, blocks: list[list[Any]], place: Any) -> list[Any]:
-        written = []
+        """Write quantities in the lanes' order as planes [3, columns, transposed_stride], in one kernel."""
+        packet = dr.fma(dr.fma(self.channel, self.columns, self.column), self.n_blocks, self.first // BLOCK)
+        Floats = array_types().Floats
+        planes = []
         for block in blocks:
-            values = dr.empty(type(block[0]), self.size)
-            dr.scatter(values, array_types().Floats(block), place)
-            written.append(values)
-        dr.eval(written)
-        return written
+            plane = dr.empty(type(block[0]), self.transposed_size)
+            dr.scatter(plane, Floats(block), packet)
+            planes.append(plane)
+        dr.eval(planes)
+        return planes
 
 
 def blur(values: list[Any]) -> list[Any]:

@@ -58,27 +58,29 @@ class Grid:
 class Target:
     """A training image with what SSIM needs of it; made by ``PhotometricLoss.target``, once per image.
 
-    ``rows`` (the image), ``mean`` = E[y] and ``mean_sq`` = E[y^2] are in the blocks of the lanes that read
+    ``rows`` (the image), ``mean`` = E[y] and ``mean_sq`` = E[y^2] are in the order of the lanes that read
     them; together they take three times the memory of the image in float32.
     """
 
     width: int
     height: int
     grid: Grid
-    rows: Any
-    mean: Any
-    mean_sq: Any
+    rows: list
+    mean: list
+    mean_sq: list
 
-
-@frozen
-def _prepared(y: Any, grid: Grid) -> list[Any]:
-    """``rows``, ``mean`` and ``mean_sq`` of an image as an evaluated array, planar, [3 H W]."""
-    along_y, along_x = grid.along_y, grid.along_x
-    at = along_y.indices(along_y.columns, range(BLOCK))
-    (rows,) = along_y.store([[dr.gather(type(y), y, index, inside) for index, inside in at]])
-    (values,) = along_y.values_from_blocks([rows])
-    blurred = along_y.store_transposed([blur(values), blur([v * v for v in values])])
-    return [rows, *along_x.store([blur(v) for v in along_x.values(blurred, along_y.transposed_stride)])]
+    @staticmethod
+    def of(y: Any, width: int, height: int, grid: Grid) -> Target:
+        """``y``: the image as an evaluated array, planar, [3 H W]."""
+        Float: Any = type(y)
+        at = grid.along_y.indices(grid.along_y.columns, range(BLOCK))
+        rows = [dr.gather(Float, y, index, inside) for index, inside in at]
+        dr.eval(rows)
+        (values,) = grid.along_y.values_from_blocks([rows])
+        blurred = grid.along_y.store_transposed([blur(values), blur([v * v for v in values])])
+        mean, mean_sq = (blur(v) for v in grid.along_x.values(blurred, grid.along_y.transposed_stride))
+        dr.eval(mean, mean_sq)
+        return Target(width, height, grid, rows, mean, mean_sq)
 
 
 class PhotometricLoss:
@@ -96,13 +98,13 @@ class PhotometricLoss:
         if image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
             raise ValueError(f"target: image has shape {image.shape}; [height, width, 3] is needed")
         height, width = image.shape[:2]
-        y, grid = detached(device_array(image.transpose(2, 0, 1))), self._grid(width, height)  # [3 H W]
-        return Target(width, height, grid, *_prepared(y, grid))
+        y = detached(device_array(image.transpose(2, 0, 1)))  # [3 H W]
+        return Target.of(y, width, height, self._grid(width, height))
 
     def target_of_planes(self, planes: list[Any], width: int, height: int) -> Target:
         """Prepare a training image that is on the device already, as three planes [H W]."""
         grid = self._grid(width, height)
-        return Target(width, height, grid, *_prepared(self._joined(planes, grid), grid))
+        return Target.of(self._joined(planes, grid), width, height, grid)
 
     def _grid(self, width: int, height: int) -> Grid:
         key = (mi.variant(), width, height)
@@ -129,8 +131,7 @@ class PhotometricLoss:
         """The L1 of ``value_and_gradient`` alone, for less than the half of its work."""
         joined = self._join(image, target, "l1")
         sweep, total = target.grid.along_y, type(joined)(0)
-        at = sweep.indices(sweep.columns, range(BLOCK))
-        for (index, inside), y in zip(at, sweep.block(target.rows), strict=True):
+        for (index, inside), y in zip(sweep.indices(sweep.columns, range(BLOCK)), target.rows, strict=True):
             total += dr.abs(dr.clip(dr.gather(type(joined), joined, index, inside), 0, 1) - y)
         return dr.sum(total) * dr.opaque(type(joined), 1 / target.grid.n_values)
 
@@ -184,10 +185,9 @@ def _ssim(blurred: list[Any], target: Target) -> tuple[Any, list[Any]]:
     """Passes 2 and 3: the sum of SSIM; its derivatives blurred along x, planes [3, H, W padded]."""
     sweep = target.grid.along_x
     moments = [blur(v) for v in sweep.values(blurred, target.grid.along_y.transposed_stride)]
-    of_target = sweep.block(target.mean), sweep.block(target.mean_sq)
     ssim_sum = type(blurred[0])(0)
     derivatives: list[list[Any]] = [[], [], []]
-    for k, (mx, xx, xy, my, yy) in enumerate(zip(*moments, *of_target, strict=True)):
+    for k, (mx, xx, xy, my, yy) in enumerate(zip(*moments, target.mean, target.mean_sq, strict=True)):
         _, inside = sweep.row(k)
         mx_my, squares = mx * my, dr.fma(mx, mx, my * my)
         a1, a2 = dr.fma(2, mx_my, C1), dr.fma(2, xy - mx_my, C2)
@@ -198,8 +198,8 @@ def _ssim(blurred: list[Any], target: Target) -> tuple[Any, list[Any]]:
         derivatives[0].append(2 * (my * (a2 - a1) * inv_b - mx * ssim * (b2 - b1) * inv_b))
         derivatives[1].append(-ssim * b1 * inv_b)
         derivatives[2].append(2 * a1 * inv_b)
-    dr.schedule(ssim_sum)
-    values = sweep.values_from_blocks(sweep.store(derivatives))
+    dr.eval(ssim_sum, derivatives)
+    values = sweep.values_from_blocks(derivatives)
     return dr.sum(ssim_sum), sweep.store_transposed([blur(v) for v in values])
 
 
@@ -210,7 +210,7 @@ def _combine(image: Any, derivatives: list[Any], target: Target, l1_scale: Any, 
     means = [blur(v) for v in sweep.values(derivatives, target.grid.along_x.transposed_stride)]
     l1_sum, gradient = Float(0), dr.empty(Float, target.grid.n_values)
     at = sweep.indices(sweep.columns, range(BLOCK))
-    for (index, inside), y, d_mean, d_sq, d_xy in zip(at, sweep.block(target.rows), *means, strict=True):
+    for (index, inside), y, d_mean, d_sq, d_xy in zip(at, target.rows, *means, strict=True):
         raw = dr.gather(Float, image, index, inside)
         x = dr.clip(raw, 0, 1)
         difference = x - y
