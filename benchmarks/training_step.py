@@ -1,22 +1,22 @@
-"""A whole training step (SH 3, L1 + SSIM, backward, Adam) against its rasterisation alone, and a step of four views."""
+"""A whole training step (SH 3, L1 + SSIM, backward, Adam) against its rasterisation alone (forward and backward)."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.learning_rates import LearningRates
 from mi_dogsplat.training.loss import PhotometricLoss
 from mi_dogsplat.training.optimizer import SplatOptimizer
 
 from .models import fern_points
 from .timing import medians
-
-BATCH = 4
 
 
 def main() -> None:
@@ -26,8 +26,17 @@ def main() -> None:
 
 def measure(copies: int) -> None:
     splats, camera = fern_points(copies)
-    rates = LearningRates(extent=1e-6, total_steps=1000)
-    optimizer, of_batch = (SplatOptimizer(splats, replace(rates, batch_views=k)) for k in (1, BATCH))
+    result = medians(contestants(splats, camera), 10)
+    ratio = result["step"] / result["rasterisation"]
+    print(
+        f"{splats.n_splats:7,d} primitives, 400x300: forward {result['forward']:.2f} ms, "
+        f"forward+backward {result['rasterisation']:.2f} ms, whole step {result['step']:.2f} ms = {ratio:.2f}x"
+    )
+
+
+def contestants(splats: Splats, camera: Camera) -> dict[str, Callable[[], None]]:
+    """Parts of a step, and all of it: "forward", "rasterisation" with its derivatives, and "step"."""
+    optimizer = SplatOptimizer(splats, LearningRates(extent=1e-6, total_steps=1000))
     device_camera, options, loss = DeviceCamera.upload(camera), RasterOptions(), PhotometricLoss()
     rng = np.random.default_rng(0)
     target = loss.target(rng.uniform(0, 1, (camera.height, camera.width, 3)).astype(np.float32))
@@ -49,26 +58,9 @@ def measure(copies: int) -> None:
         for value in params.values():
             dr.clear_grad(value)
 
-    def learn(trained: SplatOptimizer) -> None:
-        planes = rasterize(trained.params, device_camera, options).colors
-        backward(planes, loss.value_and_gradient(planes, target)[3])
-
     def step():
-        learn(optimizer)
+        planes = rasterize(optimizer.params, device_camera, options).colors
+        backward(planes, loss.value_and_gradient(planes, target)[3])
         optimizer.step()
 
-    def batch():
-        for seen in range(BATCH):
-            if seen:
-                dr.eval([dr.grad(value) for value in of_batch.adam.values()])
-            learn(of_batch)
-        of_batch.step()
-
-    contestants = {"forward": forward, "rasterisation": rasterisation, "step": step, "batch": batch}
-    result = medians(contestants, 10)
-    ratio = result["step"] / result["rasterisation"]
-    print(
-        f"{splats.n_splats:7,d} primitives, 400x300: forward {result['forward']:.2f} ms, "
-        f"forward+backward {result['rasterisation']:.2f} ms, whole step {result['step']:.2f} ms = {ratio:.2f}x, "
-        f"with {BATCH} views {result['batch'] / BATCH / result['step']:.2f} of it per view"
-    )
+    return {"forward": forward, "rasterisation": rasterisation, "step": step}
