@@ -287,7 +287,7 @@ class Count(Strategy[Calls]):
         state.hooks.append("before_step")
 
     def after_backward(self, t: Training, state: Calls, seen: Seen) -> None:
-        state.hooks.append("after_backward")
+        state.hooks.append("last" if seen.last else "after_backward")
         logits = t.optimizer.params["logit_opacities"]
         dr.set_grad(logits, dr.grad(logits) + 1)
 
@@ -301,7 +301,7 @@ def test_what_a_strategy_adds_to_each_view_counts_once(data, gradients):
     counted, plain = (Trainer(config_of(data, batch_views=K), dataset, r) for r in (recipe, RECIPES["3dgs"]))
     counted.step()
     plain.step()
-    assert counted.states["count"].hooks == ["before_step", *["after_backward"] * K, "after_step"]
+    assert counted.states["count"].hooks == ["before_step", *["after_backward"] * (K - 1), "last", "after_step"]
     added = gradients[0]["logit_opacities"] - gradients[1]["logit_opacities"]
     np.testing.assert_allclose(added, K, rtol=1e-5)  # of which the optimizer takes a Kth
 
