@@ -84,8 +84,9 @@ def _sorted_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLi
     tile_from_slot, splat_and_mask = dr.empty(UInt, n_isects), dr.empty(UInt, 2 * n_isects)
     begin_from_rank = ends - dr.gather(UInt, counts, splat_from_rank)
     splat = dr.arange(UInt, dr.width(key))
-    slot_begin = dr.empty(UInt, dr.width(key))
+    slot_begin, slot_end = dr.empty(UInt, dr.width(key)), dr.empty(UInt, dr.width(key))
     dr.scatter(slot_begin, begin_from_rank, splat_from_rank, mode=dr.ReduceMode.Permute)
+    dr.scatter(slot_end, ends, splat_from_rank, mode=dr.ReduceMode.Permute)
 
     def emit_row(row, slot):
         first, last = footprints.columns(row)
@@ -119,7 +120,7 @@ def _sorted_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLi
     words = dr.empty(UInt, (grid.n_tiles + n_words) * grid.blocks.lanes_per_tile)
     tile = grid.lanes.tile
     transpose_masks(grid, masks, dr.gather(UInt, begin, tile), dr.gather(UInt, end, tile), words)
-    return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_begin + counts, words)
+    return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_end, words)
 
 
 def _bucket_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLists:
