@@ -85,7 +85,7 @@ def _mapped(value: Any, change: Callable[[Any], Any]) -> Any:
         return kind(*items) if hasattr(kind, "_fields") else kind(items)
     if isinstance(value, dict):
         return kind((name, _mapped(item, change)) for name, item in value.items())
-    if is_dataclass(kind):
+    if is_dataclass(value):
         return kind(**{name: _mapped(getattr(value, name), change) for name in _field_names(kind)})
     return change(value)
 
@@ -106,7 +106,7 @@ def _describe(value: Any, words: list[str], arrays: dict[int, tuple[str, Any]]) 
     kind = type(value)
     if kind in PLAIN:
         words.append(repr(value))  # exact, and another one for 1, 1.0 and True
-    elif dr.is_array_v(value):
+    elif dr.is_array_v(kind):
         word, _ = arrays.setdefault(id(value), (f"#{len(arrays)}", value))
         words.append(word)
     elif isinstance(value, (tuple, list)):
