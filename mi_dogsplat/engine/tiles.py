@@ -74,8 +74,9 @@ def list_isects(isects: Isects, blocks: Blocks, lanes: Lanes) -> TileLists:
     tile_from_slot, splat_and_mask = new(UInt, n_isects), new(UInt, 2 * n_isects)
     begin_from_rank = isects.ends - dr.gather(UInt, counts, isects.splat_from_rank)
     splat = dr.arange(UInt, n_splats)
-    slot_begin = dr.empty(UInt, n_splats)
+    slot_begin, slot_end = dr.empty(UInt, n_splats), dr.empty(UInt, n_splats)
     dr.scatter(slot_begin, begin_from_rank, isects.splat_from_rank, mode=dr.ReduceMode.Permute)
+    dr.scatter(slot_end, isects.ends, isects.splat_from_rank, mode=dr.ReduceMode.Permute)
 
     def emit_row(row, slot):
         first, last = footprints.columns(row)
@@ -109,7 +110,7 @@ def list_isects(isects: Isects, blocks: Blocks, lanes: Lanes) -> TileLists:
     words = dr.empty(UInt, (n_tiles + n_words) * blocks.lanes_per_tile)
     first, last = (dr.gather(UInt, ends, lanes.tile) for ends in (begin, end))
     transpose_masks(lanes, blocks, masks, first, last, words)
-    return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_begin + counts, words)
+    return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_end, words)
 
 
 def _bucket_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLists:
