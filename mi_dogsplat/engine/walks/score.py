@@ -32,9 +32,9 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
+from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from ..geometry import Blocks
-from ..view import PreparedView
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import Meeting, Walk
 
@@ -75,7 +75,7 @@ class Sums:
         return replace(blocks, width=blocks.width + 1, height=blocks.height + 1, overlap=1)
 
 
-def composite_score(view: PreparedView, sums: Sums, image: list, planes: list, share=None) -> list:
+def composite_score(view: WalkableView, sums: Sums, image: list, planes: list, share=None) -> list:
     """Sums over a view, per primitive.
 
     Args:
@@ -87,12 +87,19 @@ def composite_score(view: PreparedView, sums: Sums, image: list, planes: list, s
 
     Returns the columns, [N] each.
     """
-    found = _composite_score(view, sums, image, planes, share, lanes_add_in_turn(mi.variant()))
-    return columns_of(found, view.lists, sums.columns)
+    in_turn = lanes_add_in_turn(mi.variant())
+
+    def walk(band: PreparedView, above: list) -> list:
+        found = _composite_score(band, sums, image, planes, share, in_turn, above)
+        return columns_of(found, band.lists, sums.columns)
+
+    return view.walked(walk, [])
 
 
 @frozen
-def _composite_score(view: PreparedView, sums: Sums, image: list, planes: list, share, in_turn: bool) -> list:
+def _composite_score(
+    view: PreparedView, sums: Sums, image: list, planes: list, share, in_turn: bool, above: list
+) -> list:
     walk, rows = Walk(view), SlotRows(view.lists, sums.columns, in_turn)
     pixels, blocks, Float = walk.pixels, walk.blocks, walk.types.Float
     width, channels = blocks.width, range(sums.channels)
@@ -149,4 +156,4 @@ def _composite_score(view: PreparedView, sums: Sums, image: list, planes: list, 
         rows.add(slot, result + [correlation(probe, F) for probe in probes], meeting.active)
 
     walk.run(step, behind, "composite_score")
-    return rows.sums()
+    return rows.sums(above=above)

@@ -96,8 +96,8 @@ class Densification(Strategy[DensifyStats]):
         return t.step_count < self.stop
 
     def after_backward(self, t: Training, state: DensifyStats, seen: Seen) -> None:
-        if t.memory and seen.frame.lists:
-            t.memory.pairs = max(t.memory.pairs, dr.width(seen.frame.lists.splat_from_isect))
+        if t.memory and seen.frame.view:
+            t.memory.pairs = max(t.memory.pairs, seen.frame.view.n_isects)
         if seen.by_center and seen.frame.projection and t.step_count < self.stop:
             state.add(*seen.by_center, seen.frame.projection, seen.camera.width, seen.camera.height)
 
