@@ -102,7 +102,9 @@ def list_isects(isects: Isects, blocks: Blocks, lanes: Lanes) -> TileLists:
     after = dr.gather(UInt, tile, i + 1, i + 1 < count)
     dr.scatter(begin, i, tile, (i == 0) | (before != tile))
     dr.scatter(end, i + 1, tile, (i + 1 == count) | (after != tile))
-    splat_from_isect, mask = dr.gather(types.UIntPair, splat_and_mask, slot_from_isect)
+    splat, mask = dr.gather(types.UIntPair, splat_and_mask, slot_from_isect)
+    splat_from_isect = dr.empty(UInt, n_isects)  # evaluated itself, it would keep what it is gathered from (Dr.Jit 1.5)
+    dr.scatter(splat_from_isect, splat, i, mode=dr.ReduceMode.Permute)
     n_words = -(-n_isects // WORD)
     masks = dr.empty(UInt, n_words * WORD)  # read some at once; what is behind the last isect is nobody's
     dr.scatter(masks, mask, i, mode=dr.ReduceMode.Permute)
