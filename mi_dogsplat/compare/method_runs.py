@@ -38,7 +38,8 @@ def densified_start(config: TrainConfig, dataset: Dataset, path: Path) -> None:
 
 def recipe_of(method: Method) -> dict:
     """What the run folder of a method keeps, as JSON gives it back: its label and the numbers of its recipe."""
-    return {"label": method.label, "recipe": json.loads(json.dumps(dataclasses.asdict(method.recipe)))}
+    revised = {"revision": method.revision} if method.revision > 1 else {}
+    return {"label": method.label, "recipe": json.loads(json.dumps(dataclasses.asdict(method.recipe)))} | revised
 
 
 def is_complete(folder: Path, method: Method) -> bool:
@@ -58,7 +59,7 @@ def train_method(config: TrainConfig, name: str, folder: Path, start: Path) -> N
     """
     method = METHODS[name]
     config = replace(config, preset=name if name in RECIPES else "paper")  # the nearest; recipe.json has the numbers
-    train(config, folder, recipe=method.recipe, start=None if method.grows else start)
+    train(config, folder, recipe=method.recipe, start=start if method.from_the_start else None)
     write_json(folder / RECIPE, recipe_of(method))
     write_report(folder)  # again, under the name of the method
 
