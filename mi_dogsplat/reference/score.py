@@ -32,9 +32,10 @@ def footprints(
 ) -> np.ndarray:
     """J_i(p) = o_i d(sum over the channels of the image) / d alpha_i, images [N, H, W]; `options` go to `project`.
 
-    Of the image clamped to [0, 1] if `clamped`: without the channels that are beyond, in each pixel. 0 where the primitive is not blended. The image is affine in each alpha while its sign is the same, so a difference
-    is the derivative; where transmittance ignores negative alphas it starts at 0 and -1 for these. All other
-    alphas, and the ends of the walks, stay.
+    Of the image clamped to [0, 1] if `clamped`: without the channels that are beyond, in each pixel. 0 where the
+    primitive is not blended. The image is affine in each alpha while its sign is the same, so a difference is the
+    derivative; where transmittance ignores negative alphas it starts at 0 and -1 for these. All other alphas, and the
+    ends of the walks, stay.
     """
     projection = project(splats, camera, **options)
     alphas, order = _blended_alphas(projection, camera, negative_transmittance), depth_order(projection)

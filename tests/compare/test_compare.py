@@ -17,11 +17,10 @@ import numpy as np
 import psutil
 import pytest
 from html_pages import parsed, rows, words
-from mi_dogsplat.cli.arguments import ABLATION
-from mi_dogsplat.cli.arguments import METHODS as OFFERED
 from mi_dogsplat.compare.compare import compare
 from mi_dogsplat.compare.execute import Means, in_a_process
 from mi_dogsplat.compare.methods import GROUPS, METHODS
+from mi_dogsplat.compare.names import ABLATION, ALL, EQUAL, PUBLISHED, RIVALS, chosen
 from mi_dogsplat.compare.page import comparison_page, pareto
 from mi_dogsplat.compare.table import COLUMNS, MEAN, collect_all, latex
 from mi_dogsplat.compare.tasks import Task, perform, tasks_of
@@ -234,11 +233,25 @@ def test_other_folders_and_data_are_refused(comparison, data, tmp_path):
         compare(config, [str(single)], tmp_path / "newer", [0], NAMES)
 
 
-def test_the_command_line_offers_all_methods_in_order():
-    assert [name for name in METHODS if name in OFFERED] == list(OFFERED)
-    assert [name for name in METHODS if name in ABLATION] == list(ABLATION)
-    assert set(METHODS) == {*OFFERED, *ABLATION}
+def test_the_command_line_offers_all_methods_in_order_and_sets_of_them():
+    assert list(METHODS) == list(ALL) and len(set(ALL)) == len(ALL)
     assert sorted(METHODS) == sorted(name for members in GROUPS.values() for name in members)
+    assert set(METHODS) == {*PUBLISHED, *EQUAL, *ABLATION}
+    assert chosen(["ours", "ablation", "3dgs"]) == [name for name in ALL if name in ABLATION]
+    assert chosen(["equal", "published"]) == [name for name in ALL if name in {*EQUAL, *PUBLISHED}]
+    with pytest.raises(ValueError, match="best"):
+        chosen(["ours", "best"])
+
+
+def test_every_rival_has_a_row_with_our_window_and_step_sizes_and_says_in_what_it_deviates():
+    ours = METHODS["ours"].recipe
+    for name in RIVALS:
+        equal, published = METHODS[name + "_equal"], METHODS[name]
+        assert equal.recipe.refinement == ours.refinement and equal.recipe.dog is None
+        if equal.recipe.pruning:
+            assert equal.recipe.pruning.stop == ours.pruning.stop  # type: ignore[union-attr]
+        assert "window and step sizes are ours" in equal.deviations and published.deviations in equal.deviations
+    assert all(METHODS[name].deviations for name in RIVALS if name not in ("opacity", "3dgs_capped"))
 
 
 def test_a_worker_without_the_weights_of_lpips_says_so(comparison):
