@@ -137,6 +137,8 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     p.add_argument("--seeds", type=int, nargs="+", default=[0], metavar="N", help="random seeds (default: 0)")
     methods = f"of {' '.join(ALL)}, or sets: {' '.join(SETS)} (default: published)"
     p.add_argument("--only", nargs="+", default=list(PUBLISHED), metavar="NAME", help=methods)
+    more = "targets beside --target, for the tables of equal bytes and time"
+    p.add_argument("--more-targets", type=float, nargs="+", default=[], metavar="X", help=more)
     p.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler, as tcp://10.0.0.7:8786")
     p.add_argument(
         "--workers", type=int, default=0, metavar="N", help="runs at a time, on this machine (default: 0: no Dask)"

@@ -58,7 +58,7 @@ def ablate(args: argparse.Namespace) -> int:
     """Train the variants of the method from one densified start per seed, and tabulate what each part contributes."""
     if unknown := [name for name in args.only if name not in ABLATION]:
         raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(ABLATION)}")
-    args.data, args.cluster, args.workers = [args.data], None, 0
+    args.data, args.cluster, args.workers, args.more_targets = [args.data], None, 0, []
     status = compare(args)
     print((args.out / "comparison.md").read_text(encoding="utf-8"), end="")
     return status
@@ -79,7 +79,10 @@ def compare(args: argparse.Namespace) -> int:
     def say(line: str) -> None:
         print(line, flush=True)
 
-    table = run_comparison(config, args.data, args.out, args.seeds, methods, args.cluster, args.workers, say)
+    if wrong := [x for x in args.more_targets if not (0 < x < 1 or (x >= 1 and x.is_integer()))]:
+        raise DataError("--more-targets", f"{wrong[0]:g} is no target", "use ratios below 1 or whole numbers")
+    where, means = (args.data, args.out, args.seeds, methods), (args.cluster, args.workers, args.more_targets)
+    table = run_comparison(config, *where, *means, say)
     print(args.out / "comparison.html")
     for name, error in table["failed"].items():
         print(f"dogsplat: {name} has failed: {error}", file=sys.stderr)

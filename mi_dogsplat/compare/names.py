@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 SUFFIX = "_equal"  # of a method with our window and step sizes
+AT = "@"  # before the target of a run that has not that of the comparison, as in ours@0.05
 RIVALS = (
     *("opacity", "radsplat", "mini_splatting", "lightgaussian", "pup", "speedy_splat"),
     *("mask_gaussian", "lp_3dgs", "gaussian_spa", "gns"),
@@ -32,3 +33,13 @@ def chosen(words: Sequence[str], offered: Sequence[str] = ALL) -> list[str]:
             raise ValueError(word)
         names.update(SETS.get(word, (word,)))
     return [name for name in ALL if name in names]
+
+
+def at_target(name: str, target: float) -> str:
+    """The name of a method with another target."""
+    return f"{name}{AT}{target:g}"
+
+
+def method_of(name: str) -> str:
+    """The method, without a target."""
+    return name.partition(AT)[0]

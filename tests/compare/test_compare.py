@@ -64,7 +64,7 @@ def test_all_methods_end_with_the_same_number_of_primitives_but_the_baseline(com
     counts = {name: row["data"]["tiny"]["runs"]["0"]["n"] for name, row in table["methods"].items()}
     assert counts == {"3dgs": n} | {name: round(0.25 * n) for name in NAMES[1:]} and not table["failed"]
     first = {name: (out / "tiny/seed_0" / name / "history.jsonl").read_text().splitlines()[0] for name in NAMES}
-    assert all((json.loads(first[name])["step"] >= 30) == (not METHODS[name].grows) for name in NAMES)
+    assert all((json.loads(first[name])["step"] >= 30) == METHODS[name].from_the_start for name in NAMES)
 
 
 def test_the_table_has_what_the_runs_measured(comparison):
@@ -102,21 +102,34 @@ def test_the_page_needs_nothing_but_itself_and_has_every_plot_and_a_crop_of_ever
     page = parsed(html)
     for word in ("http", "<script", "<link", "url("):
         assert word not in html
-    assert html.count('role="img"') == 4 + len(NAMES) - 1
+    assert html.count('role="img"') == 2 + 4 + len(NAMES) - 1
     sources = [image.attrib["src"] for image in page.iter("img")]
     assert len(sources) == 2 + len(NAMES) and all(source.startswith("data:image/") for source in sources)
     labels = [row["label"] for row in table["methods"].values()]
     captions = [words(caption) for caption in page.iter("figcaption")]
     assert captions[:2] == ["Ground truth, whole view", "Ground truth"]
     assert [caption.rpartition(", ")[0] for caption in captions[2:]] == labels
-    numbers, sources_of = (rows(found) for found in page.iter("table"))
-    assert [line[0] for line in numbers] == ["method", *labels]
-    assert sources_of == [[row["label"], row["source"]] for row in table["methods"].values()]
+    numbers, *others, sources_of = (rows(found) for found in page.iter("table"))
+    assert all([line[0] for line in found] == ["method", *labels] for found in (numbers, *others)) and len(others) == 3
+    columns = ("label", "source", "deviations")
+    assert sources_of == [[" ".join(row[name].split()) for name in columns] for row in table["methods"].values()]
+    assert "its schedule and its step sizes" in words(page) and "30.89" in words(page)
+
+
+def test_the_first_picture_is_error_against_run_time_of_all_methods_and_of_the_start(comparison):
+    out, table, _ = comparison
+    page = parsed((out / "comparison.html").read_text(encoding="utf-8"))
+    first, second = [found for found in page.iter() if found.attrib.get("role") == "img"][:2]
+    labels = [row["label"] for row in table["methods"].values()]
+    for plot, words_of in ((first, "test PSNR, dB"), (second, "test FLIP")):
+        assert plot.attrib["aria-label"] == f"{words_of} against run time, min"
+        titles = [words(title) for title in plot.iter("title")]
+        assert all(any(title.startswith(f"{label}: {words_of}") for title in titles) for label in labels)
 
 
 def test_the_best_compact_method_is_bold(comparison):
     out, table, _ = comparison
-    (numbers, _) = parsed((out / "comparison.html").read_text(encoding="utf-8")).iter("table")
+    numbers = next(parsed((out / "comparison.html").read_text(encoding="utf-8")).iter("table"))
     column = rows(numbers)[0].index("PSNR (dB)")
     psnr = {name: row["data"]["tiny"]["runs"]["0"]["psnr"] for name, row in table["methods"].items()}
     best = max(NAMES[1:], key=lambda name: psnr[name])

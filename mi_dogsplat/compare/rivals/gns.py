@@ -22,7 +22,7 @@ import mitsuba as mi
 import numpy as np
 
 from ...scores.score import ScoreRule
-from ...training.events import Event, Pruned
+from ...training.events import Dropped, Event
 from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
 from ...training.strategy.prune import keep_best
@@ -34,8 +34,8 @@ from .improved_gs import DENSIFICATION, EdgeGrowth, GentleSteps, RecoveryAware
 from .mini_splatting import sampling_keys
 
 DEVIATIONS = (
-    "gradients of the centres are sums over pixels, where the code sums their magnitudes; no steps of several views "
-    "after step 20,000; a start of at most half the budget"
+    "gradients of the centres are sums over pixels, where the code sums their magnitudes, and have no threshold: the "
+    "budget alone limits growth; no steps of several views after step 20,000; a start of at most half the budget"
 )
 FROM, TO = 15_000, 23_000  # steps
 FAINT = 0.001  # opacity below which primitives go
@@ -106,7 +106,7 @@ class NaturalSelection(Strategy[Pressure]):
             keep_best(t.optimizer, sampling_keys(opacity, t.rng), int(t.target))
         elif left < n:
             keep_best(t.optimizer, opacity, left)
-        return [Pruned(n, t.optimizer.n, "opacity pressure", t.training_l1())] if t.optimizer.n < n else []
+        return [Dropped(n - t.optimizer.n, "by opacity pressure")] if t.optimizer.n < n else []
 
 
 def pull(logits: Any, gentle: bool) -> Any:

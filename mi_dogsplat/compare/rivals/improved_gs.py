@@ -1,11 +1,11 @@
 """Improved-GS (Deng et al. 2025, arXiv 2508.12313): splits along the longest axis where photographs have edges.
 
 At each refinement the model may have √p of the budget, p the part of densification that is done. Those that grow are
-drawn, in proportion to the mean over 10 random views of Σ e α T, divided by its mean over what the view shows, among
-those whose gradient is above 3e-4; e are the edges of the photograph. Near the end the gradient itself takes the place
-of the edges, above two thirds of the threshold. All are split (``training/strategy/long_axis.py``). Opacities are reset
-to .05; what is below .02 goes at step 300, a fifth with the smallest opacities 300 steps after the first two resets
-("recovery-aware"). Position steps fall from a quarter of the recipe's to 1.25 times them, those of SH are double.
+drawn, in proportion to the mean over 10 random views of Σ e α T, divided by its mean over what the view shows; e are
+the edges of the photograph. Near the end the gradient itself takes the place of the edges. All are split
+(``training/strategy/long_axis.py``). Opacities are reset to .05; what is below .02 goes at step 300, a fifth with the
+smallest opacities 300 steps after the first two resets ("recovery-aware"). Position steps fall from a quarter of the
+recipe's to 1.25 times them, those of SH are double.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from ...render.picture import over_background
 from ...scores.weights import weights
-from ...training.events import Event, Pruned
+from ...training.events import Dropped, Event
 from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
 from ...training.strategy.densify import Choice, Densification
@@ -29,12 +29,11 @@ from .mini_splatting import sampling_keys
 from .taming import edges
 
 DEVIATIONS = (
-    "gradients of the centres are sums over pixels, where the code sums their magnitudes; no steps of several views "
-    "after step 20,000; the last refinement fills the budget; a start of at most half the budget; from the code of "
-    "GNS, which it is the base of"
+    "gradients of the centres are sums over pixels, where the code sums their magnitudes, and have no threshold: the "
+    "budget alone limits growth; no steps of several views after step 20,000; a start of at most half the budget; "
+    "from the code of GNS, which it is the base of"
 )
 VIEWS = 10
-THRESHOLD, LATE_THRESHOLD = 3e-4, 2e-4
 LATE = 14_000 / 14_500  # progress from which on the gradient decides
 
 
@@ -63,13 +62,10 @@ class EdgeGrowth:
         remove = (1 / (1 + np.exp(-logits)) < rule.min_opacity) & (done < 1)
         if remove.all():
             remove[np.argmax(logits)] = False
-        late = done > LATE
-        scores = gradient if late else edge_scores(t)
-        may = ~remove & (gradient >= (LATE_THRESHOLD if late else THRESHOLD)) & (scores > 0)
-        room = round(min(1.0, done) ** 0.5 * self.over * int(t.target)) - int(np.sum(~remove))
-        grow = best(sampling_keys(scores, t.rng), may, room)
-        if done >= 1 and self.over == 1:
-            grow |= best(gradient, ~remove & ~grow, room - int(grow.sum()))
+        scores = gradient if done > LATE else edge_scores(t)
+        most = min(self.over * int(t.target), rule.max_primitives or np.inf)
+        room = round(min(1.0, done) ** 0.5 * most) - int(np.sum(~remove))
+        grow = best(sampling_keys(scores, t.rng), ~remove & (scores > 0), room)
         return Choice(grow, np.zeros(len(grow), bool), remove)
 
 
@@ -96,7 +92,7 @@ class RecoveryAware(Strategy[None]):
         limit = np.log(self.min_opacity / (1 - self.min_opacity))
         left = int(np.sum(logits >= limit)) if t.step_count == self.first else n - int(self.share * n)
         keep_best(t.optimizer, logits, max(1, left))
-        return [Pruned(n, t.optimizer.n, "opacities", t.training_l1())] if t.optimizer.n < n else []
+        return [Dropped(n - t.optimizer.n, "faint primitives")] if t.optimizer.n < n else []
 
 
 @dataclass(frozen=True)
