@@ -267,6 +267,13 @@ def test_every_rival_has_a_row_with_our_window_and_step_sizes_and_says_in_what_i
     assert all(METHODS[name].deviations for name in RIVALS if name not in ("opacity", "3dgs_capped"))
 
 
+def test_the_docs_have_every_rival_with_all_that_it_deviates_in():
+    text = (Path(__file__).parents[2] / "docs" / "compare.md").read_text(encoding="utf-8")
+    lines = {line.split("|")[1].strip(" `"): line for line in text.splitlines() if line.startswith("| `")}
+    for name in (*RIVALS, "paper", "released", "released_40k"):
+        assert METHODS[name].deviations in lines[name], name
+
+
 def test_a_worker_without_the_weights_of_lpips_says_so(comparison):
     out, _, _ = comparison
     with pytest.raises(DataError, match="lpips_vgg16.npz.*make lpips"):
