@@ -10,7 +10,7 @@ from typing import Any
 
 from .pairs import REFERENCES, first_of
 
-QUANTITIES = {"megabytes": "size of the model, MB", "train_seconds": "training, s"}
+QUANTITIES = {"megabytes": ("bytes", "size, MB"), "train_seconds": ("time", "training, s")}
 SHOWN = {"psnr": ("PSNR (dB)", 2), "ssim": ("SSIM", 4), "flip": ("FLIP", 4), "lpips": ("LPIPS", 3)}
 
 
@@ -35,7 +35,7 @@ def tables_of_equals(rows: dict[str, Any], own_target: str) -> list[dict[str, An
     if reference is None or len(rows) < 2:
         return []
     tables = []
-    for quantity, words in QUANTITIES.items():
+    for quantity, (what, words) in QUANTITIES.items():
         value = rows[reference]["summary"][quantity]["value"]
         columns = [name for name in SHOWN if any(name in row["summary"] for row in rows.values())]
         lines = []
@@ -47,5 +47,5 @@ def tables_of_equals(rows: dict[str, Any], own_target: str) -> list[dict[str, An
             told = "all primitives" if name.startswith("3dgs") and "capped" not in name else target or own_target
             lines.append([row["label"], told, f"{size:,.3g}", f"{size / value:.2f}", *cells])
         headings = ["method", "target", words, "of the reference", *(SHOWN[column][0] for column in columns)]
-        tables.append({"headings": headings, "rows": lines, "reference": rows[reference]["label"], "what": words})
+        tables.append({"headings": headings, "rows": lines, "reference": rows[reference]["label"], "what": what})
     return tables

@@ -16,6 +16,7 @@ from .names import SUFFIX
 
 ERRORS = {"test_psnr": "test PSNR, dB", "test_flip": "test FLIP"}
 START = "start"  # the run folder of the densified start
+NAMED = ("3dgs", "paper", "ours")  # beside their ends; the others have a name to point at
 
 
 def overview(folder: Path, rows: dict[str, Any], colors: Mapping[str, int]) -> tuple[str, list[Markup]] | None:
@@ -34,14 +35,15 @@ def overview(folder: Path, rows: dict[str, Any], colors: Mapping[str, int]) -> t
     begun = folder / f"seed_{seed}" / START
     plots = []
     for column, words in ERRORS.items():
-        series = [_way("the densified start", read_run(begun), column, "faint", 0)] if begun.is_dir() else []
+        ways = {}
         for name, run in runs.items():
             kind = "dashed" if name.endswith(SUFFIX) else "line"
-            series.append(_way(rows[name]["label"], run, column, kind, colors[name]))
-        drawn = [way for way in series if len(way.x)]
+            ways[name] = _way(rows[name]["label"], run, column, kind, colors[name])
+        drawn = {name: way for name, way in ways.items() if len(way.x)}
         if drawn:
-            ends = [_end(way, words) for way in drawn if way.kind != "faint"]
-            plots.append(line_plot([*drawn, *ends], "run time, min", words, legend=False, height=340))
+            start = [_way("the densified start", read_run(begun), column, "faint", 0)] if begun.is_dir() else []
+            ends = [_end(way, words, name in NAMED) for name, way in drawn.items()]
+            plots.append(line_plot([*start, *drawn.values(), *ends], "run time, min", words, legend=False, height=340))
     return (seed, plots) if plots else None
 
 
@@ -51,7 +53,7 @@ def _way(label: str, run: Run, column: str, kind: str, color: int) -> Series:
     return Series(label, minutes[known], values[known], kind, color)
 
 
-def _end(way: Series, words: str) -> Series:
-    """The last point, with a name to point at."""
-    note = Note(f"{way.label}: {words} {way.y[-1]:.4g} after {way.x[-1]:.2g} min")
+def _end(way: Series, words: str, named: bool) -> Series:
+    """The last point, with a name to point at, or beside it."""
+    note = Note(f"{way.label}: {words} {way.y[-1]:.4g} after {way.x[-1]:.2g} min", way.label if named else "")
     return Series(way.label, way.x[-1:], way.y[-1:], "points", way.color, [note])

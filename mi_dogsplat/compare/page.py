@@ -15,7 +15,7 @@ from .crops import crops
 from .methods import GROUPS
 from .nearest import tables_of_equals
 from .overview import overview
-from .pairs import table_of_pairs
+from .pairs import margin, table_of_pairs
 from .table import COLUMNS, cells, columns, data_sets, label
 from .ways import ways
 
@@ -53,6 +53,7 @@ def _section(folder: Path, table: dict[str, Any], data: str) -> dict[str, Any]:
         "ways": ways(folder, rows) if trained else None,
         "overview": overview(folder, rows, COLOR_OF) if trained else None,
         "pairs": table_of_pairs(folder, rows) if trained else None,
+        "margin": margin(rows),
         "equals": tables_of_equals(rows, f"{table['config'][data]['target']:g}") if trained else [],
     }
 

@@ -66,6 +66,21 @@ def table_of_pairs(folder: Path, rows: dict[str, Any]) -> dict[str, Any] | None:
     }
 
 
+PARTS = {  # of the margin over the paper's recipe: what it changes of that
+    "ours": "all of it",
+    "paper_equal": "the paper's score and DoG with our window and step sizes",
+    "ours_published": "our score and start of DoG by the paper's schedule",
+}
+
+
+def margin(rows: dict[str, Any]) -> str:
+    """What parts of ours are above the paper's recipe, in words; empty where a part has no row."""
+    if any(name not in rows for name in ("paper", *PARTS)):
+        return ""
+    gains = {name: rows[name]["summary"]["psnr"]["value"] - rows["paper"]["summary"]["psnr"]["value"] for name in PARTS}
+    return ", ".join(f"{words} {gains[name]:+.2f} dB" for name, words in PARTS.items())
+
+
 def _words(difference: tuple[float, float | None] | None) -> tuple[str, str]:
     """The difference with its interval, and what it says."""
     if difference is None:

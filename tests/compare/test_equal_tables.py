@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mi_dogsplat.cli import main
 from mi_dogsplat.compare.nearest import nearest, tables_of_equals
-from mi_dogsplat.compare.pairs import interval, paired, seconds_to, table_of_pairs
+from mi_dogsplat.compare.pairs import interval, margin, paired, seconds_to, table_of_pairs
 from tiny_data import write_tiny_data
 
 
@@ -64,6 +64,14 @@ def test_a_difference_within_its_interval_is_a_tie(tmp_path):
     assert table and [line[2] for line in table["rows"]] == ["the reference", "a tie", "worse"]
 
 
+def test_the_margin_is_told_by_its_parts_where_all_have_a_row():
+    psnrs = {"paper": 29.0, "ours": 30.5, "paper_equal": 30.0, "ours_published": 28.9}
+    rows = {name: row(name, [psnr]) for name, psnr in psnrs.items()}
+    words = margin(rows)
+    assert "all of it +1.50 dB" in words and "step sizes +1.00 dB" in words and "schedule -0.10 dB" in words
+    assert margin({name: found for name, found in rows.items() if name != "ours_published"}) == ""
+
+
 def test_the_nearest_run_is_that_of_the_nearest_ratio_and_nothing_is_interpolated():
     ours = row("ours", [30.0], megabytes=2.0)
     paper = row("paper", [29.0], megabytes=0.9, seconds=40.0, **{"0.2": (29.7, 1.9), "0.4": (29.9, 4.1)})
@@ -77,19 +85,22 @@ def test_the_nearest_run_is_that_of_the_nearest_ratio_and_nothing_is_interpolate
 def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path):
     data = write_tiny_data(tmp_path / "tiny")
     flags = "--steps 60 --sh-degree 1 --max-primitives 120 --target 0.25 --log-every 10".split()
-    only = ["--only", "3dgs", "opacity", "3dgs_capped", "--more-targets", "0.5"]
+    only = ["--only", "3dgs", "opacity", "3dgs_capped", "released_40k", "--more-targets", "0.5"]
     assert main(["compare", str(data), "-o", str(tmp_path / "out"), *only, *flags]) == 0
     table = json.loads((tmp_path / "out" / "comparison.json").read_text())
     of = {name: found["data"]["tiny"] for name, found in table["methods"].items()}
-    assert set(of) == {"3dgs", "opacity", "3dgs_capped"} and not of["3dgs"]["others"]
+    assert set(of) == {"3dgs", "opacity", "3dgs_capped", "released_40k"} and not of["3dgs"]["others"]
     n = of["3dgs"]["runs"]["0"]["n"]
     assert of["opacity"]["runs"]["0"]["n"] == round(0.25 * n)
     assert of["opacity"]["others"]["0.5"]["runs"]["0"]["n"] == round(0.5 * n)
     with open(tmp_path / "out" / "comparison.csv", encoding="utf-8", newline="") as file:
         names = [line["method"] for line in csv.DictReader(file)]
-    assert sorted(names) == ["3dgs", "3dgs_capped", "3dgs_capped@0.5", "opacity", "opacity@0.5"]
+    again = ("3dgs_capped", "opacity", "released_40k")
+    assert sorted(names) == sorted(["3dgs", *again, *(f"{name}@0.5" for name in again)])
+    history = (tmp_path / "out" / "tiny" / "seed_0" / "released_40k" / "history.jsonl").read_text().splitlines()
+    assert [json.loads(line)["step"] for line in (history[0], history[-1])] == [40, 80]  # from the start at 30 on
     page = (tmp_path / "out" / "comparison.html").read_text(encoding="utf-8")
-    assert "Equal size of the model" in page and "Equal training" in page
+    assert "Equal bytes" in page and "Equal time" in page
 
 
 @pytest.mark.parametrize("target", ["0", "1.5", "-3"])

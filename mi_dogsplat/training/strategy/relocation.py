@@ -47,7 +47,7 @@ def draw(weights: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarra
 def relocate(optimizer: SplatOptimizer, dead: np.ndarray, sources: np.ndarray, min_opacity: float) -> None:
     """Replace the rows ``dead`` by copies of the rows ``sources``, and share what those cover among their copies.
 
-    Rows that have changed begin with moments of zero. The number of primitives stays.
+    Rows that have changed begin with moments of zero and as plain Gaussians. The number of primitives stays.
 
     Args:
         dead: [D] rows that are given up, none of them a source.
