@@ -64,8 +64,8 @@ def compare(
     folders = [out / name for name in _names(data)]
     _check_folder(out)
     for path in data:
-        if not load_dataset(path, config.downscale).test:
-            raise DataError(path, "has no test views to compare methods on", "give it a test split")
+        if not load_dataset(path, config.downscale, split=config.split).test:
+            raise DataError(path, f"has no {config.split} views to compare methods on", "give it a test split")
     on_dask = cluster is not None or workers > 0
     with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
         _claim(out, {f: replace(config, data=str(Path(p).resolve())) for f, p in zip(folders, data, strict=True)})
@@ -118,7 +118,8 @@ def claim(out: Path, config: TrainConfig) -> None:
     """Make the folder one of runs with these settings. Raises ``DataError`` if it is something else."""
     settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("preset", "seed", *FREE)}
     path = out / "config.json"
-    if path.exists() and json.loads(path.read_text(encoding="utf-8")) != settings:
+    earlier = {field.name: field.default for field in dataclasses.fields(TrainConfig) if field.name in settings}
+    if path.exists() and earlier | json.loads(path.read_text(encoding="utf-8")) != settings:
         raise DataError(out, "holds runs with other settings", "name another folder")
     if not path.exists() and out.is_dir() and any(out.iterdir()):
         raise DataError(out, "is a folder with other contents", "name a new folder, or that of an earlier call")

@@ -14,18 +14,21 @@ from ..report.points import Note
 from ..report.run_folder import Run, read_run
 from .names import SUFFIX
 
-ERRORS = {"test_psnr": "test PSNR, dB", "test_flip": "test FLIP"}
+ERRORS = {"test_psnr": "PSNR, dB", "test_flip": "FLIP"}
 START = "start"  # the run folder of the densified start
 NAMED = ("3dgs", "paper", "ours")  # beside their ends; the others have a name to point at
 
 
-def overview(folder: Path, rows: dict[str, Any], colors: Mapping[str, int]) -> tuple[str, list[Markup]] | None:
+def overview(
+    folder: Path, rows: dict[str, Any], colors: Mapping[str, int], measured: str
+) -> tuple[str, list[Markup]] | None:
     """The first seed that all share, or the least there is, and a plot for each of ``ERRORS`` that was measured.
 
     Args:
         folder: of the data set within the comparison.
         rows: "label" and "runs" by name.
         colors: of each method.
+        measured: on which views.
     """
     seeds = [set(row["runs"]) for row in rows.values()]
     if not seeds:
@@ -34,7 +37,8 @@ def overview(folder: Path, rows: dict[str, Any], colors: Mapping[str, int]) -> t
     runs = {name: read_run(folder / f"seed_{seed}" / name) for name, row in rows.items() if seed in row["runs"]}
     begun = folder / f"seed_{seed}" / START
     plots = []
-    for column, words in ERRORS.items():
+    for column, error in ERRORS.items():
+        words = f"{measured} {error}"
         ways = {}
         for name, run in runs.items():
             kind = "dashed" if name.endswith(SUFFIX) else "line"

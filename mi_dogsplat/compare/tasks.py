@@ -114,10 +114,10 @@ def perform(task: Task, free: Mapping[str, Any]) -> None:
             (run / LPIPS).unlink()
         train_method(replace(config, target=count), method_of(name), run, start)
     elif task.kind == "time":
-        draw_in_turn(load_dataset(config.data, config.downscale), config, task.complete)
+        draw_in_turn(load_dataset(config.data, config.downscale, split=config.split), config, task.complete)
     elif runs := [run for run in task.complete if not (run / LPIPS).exists()]:
         if not weights_path().exists():
             raise DataError(weights_path(), "the weights of LPIPS are not on this machine", "make lpips there")
-        views = load_dataset(config.data, config.downscale).test
+        views = load_dataset(config.data, config.downscale, split=config.split).test
         if lpips := Lpips.installed(view.camera for view in views):
             measure_lpips(runs, [view.name for view in views], lpips)

@@ -98,7 +98,8 @@ def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path):
     again = ("3dgs_capped", "opacity", "released_40k")
     assert sorted(names) == sorted(["3dgs", *again, *(f"{name}@0.5" for name in again)])
     history = (tmp_path / "out" / "tiny" / "seed_0" / "released_40k" / "history.jsonl").read_text().splitlines()
-    assert [json.loads(line)["step"] for line in (history[0], history[-1])] == [40, 80]  # from the start at 30 on
+    first, last = (json.loads(line)["step"] for line in (history[0], history[-1]))
+    assert 30 < first <= 40 and last == 80  # from the start of the others, a third more steps than they have
     page = (tmp_path / "out" / "comparison.html").read_text(encoding="utf-8")
     assert "Equal bytes" in page and "Equal time" in page
 

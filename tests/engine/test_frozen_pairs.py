@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 from mi_dogsplat.engine import walks
 from mi_dogsplat.engine.arrays import detached
+from mi_dogsplat.engine.bands import WalkableView
 from mi_dogsplat.engine.frozen import Frozen
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import device_array, upload
 from mi_dogsplat.engine.project import DeviceCamera
-from mi_dogsplat.engine.view import PreparedView, prepare, prepare_both
+from mi_dogsplat.engine.view import prepare, prepare_both
 from mi_dogsplat.engine.walks.aovs import composite_aovs, walked
 from mi_dogsplat.engine.walks.composite import composite, composite_over
 from mi_dogsplat.engine.walks.derivatives import composite_backward
@@ -43,7 +44,7 @@ def model(dog_share: float):
     return rounded(random_splats(10, seed=3, degree=1, dog_share=dog_share))
 
 
-def view_of(dog_share=0.5, blocks=None, **chosen) -> PreparedView:
+def view_of(dog_share=0.5, blocks=None, **chosen) -> WalkableView:
     splats = model(dog_share)
     return prepare(upload(splats), DeviceCamera.upload(CAMERA), options(splats, **chosen), blocks)
 

@@ -63,16 +63,19 @@ class Densification(Strategy[DensifyStats]):
     max_primitives: int | None = None  # a cap that is never exceeded
     growth: Growth | None = None  # who grows, where that is not who has a large gradient
     halves: Halves | None = None  # of a split, where they are not samples of the primitive
+    batch_views: int = 1  # of a step
 
     def scaled(self, factor: float) -> Densification:
         """The numbers for a run ``factor`` times as long. Milestones scale with it, with two exceptions.
 
         The interval stays, unless that made fewer than 30 refinements: what a refinement needs is enough
-        views for its statistic, not a share of the run. Opacity resets keep 500 steps apart.
+        views for its statistic, not a share of the run; with several views in a step they come sooner. Opacity
+        resets keep 500 steps apart, fewer if steps are larger.
         """
         start, stop = scaled_milestone(self.start, factor), scaled_milestone(self.stop, factor)
-        every = max(1, min(self.every, (stop - start) // MIN_REFINEMENTS))
-        reset_every = max(scaled_milestone(self.reset_every, factor), min(self.reset_every, MIN_RESET_EVERY))
+        every = max(1, min(round(self.every / self.batch_views), (stop - start) // MIN_REFINEMENTS))
+        least = min(self.reset_every, round(MIN_RESET_EVERY / math.sqrt(self.batch_views)))
+        reset_every = max(scaled_milestone(self.reset_every, factor), least)
         return replace(self, start=start, stop=stop, every=every, reset_every=reset_every)
 
     def refines(self, step: int) -> bool:
@@ -100,8 +103,8 @@ class Densification(Strategy[DensifyStats]):
         return t.step_count < self.stop
 
     def after_backward(self, t: Training, state: DensifyStats, seen: Seen) -> None:
-        if t.memory and seen.frame.lists:
-            t.memory.pairs = max(t.memory.pairs, dr.width(seen.frame.lists.splat_from_isect))
+        if t.memory and seen.frame.view:
+            t.memory.pairs = max(t.memory.pairs, seen.frame.view.n_isects)
         if seen.by_center and seen.frame.projection and t.step_count < self.stop:
             state.add(*seen.by_center, seen.frame.projection, seen.camera.width, seen.camera.height)
 
