@@ -203,7 +203,7 @@ def test_gaussianspa_has_its_penalty_in_every_50th_step_with_the_targets_from_be
         logits: Any = trainer.optimizer.params["logit_opacities"]
         dr.set_grad(logits, dr.zeros(mi.Float, trainer.optimizer.n))
         o = opacities(trainer)
-        rule.after_backward(trainer, None, None)  # type: ignore[arg-type]
+        rule.after_backward(trainer, None, SimpleNamespace(last=True))  # type: ignore[arg-type]
         if step == 2:
             z, u = np.where(o >= np.sort(o)[-20], o, 0), np.zeros(len(o))
         expected = np.zeros(len(o))
@@ -371,7 +371,7 @@ def test_natural_selection_steers_its_weight_meets_the_budget_and_lowers_the_ste
     assert state.began == pytest.approx(0.8 * np.sort(opacities(trainer))[-20], rel=1e-5)
     assert (dr.grad(logits).numpy() > 0).all()
     trainer.step_count = 300  # the opacity at the rank is far above its way
-    part.after_backward(trainer, state, SimpleNamespace())  # type: ignore[arg-type]
+    part.before_step(trainer, state)
     assert state.weight == pytest.approx(1.2 * 2e-4)
     faint = trainer.optimizer.numpy("logit_opacities")
     faint[25:] = -9

@@ -313,7 +313,7 @@ def test_what_a_strategy_does_once_a_step_it_does_once_a_batch(data, gradients, 
     """Parameters stand still: steps of one view and of three leave the same behind."""
     dataset, left = load_dataset(data), []
     for views in (1, K):
-        trainer = Trainer(config_of(data, batch_views=views), dataset, RECIPES["3dgs"])
+        trainer = Trainer(config_of(data, batch_views=views, target=30), dataset, RECIPES["3dgs"])
         trainer.strategies, trainer.states = [strategy], {strategy.name: strategy.new_state(trainer)}
         for _ in range(4):
             trainer.step()
