@@ -19,12 +19,13 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from mi_dogsplat.engine.bands import PreparedView
 from mi_dogsplat.engine.geometry import Blocks
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera, project
 from mi_dogsplat.engine.tile_buckets import DEPTHS
-from mi_dogsplat.engine.view import PreparedView, prepare
+from mi_dogsplat.engine.view import prepare
 from mi_dogsplat.engine.walks.composite import composite
 from mi_dogsplat.engine.walks.derivatives import composite_backward
 from mi_dogsplat.engine.walks.pixels import Planes
@@ -125,6 +126,7 @@ def counts(splats: Splats, camera: Camera) -> Counts:
     params, device_camera = upload(splats), DeviceCamera.upload(camera)
     degree = splats.sh_degree
     view = prepare(params, device_camera, RasterOptions(sh_degree=degree), BLOCKS)
+    assert isinstance(view, PreparedView)
     depths = project(params, device_camera, sh_degree=degree).depth.numpy()
     depth = depths[view.lists.splat_from_isect.numpy()]
     walked_to = ends_of_walks(view)

@@ -81,10 +81,18 @@ class Footprints:
         first, last = self._range(top, bottom, b.tile_height + b.overlap, b.tile_height, self.tiles_y)
         self.first = dr.select(visible, first, 0)
         self.last = dr.select(visible, last, 0)  # exclusive
+        self.top = self.types.Int(0)  # the first tile row
 
     def kept(self) -> list:
         """What the spans are made of."""
         return [self.x, self.y, self.first, self.last, *(vars(ellipse) for ellipse in self.ellipses)]
+
+    def in_rows(self, rows: range) -> Footprints:
+        """The same, of the tile rows ``rows`` alone."""
+        band = copy.copy(self)
+        band.top, bottom = (constant(self.types.Int, row) for row in (rows.start, rows.stop))
+        band.first, band.last = dr.maximum(self.first, band.top), dr.minimum(self.last, bottom)
+        return band
 
     def at(self, splat) -> Footprints:
         """Those of the primitives ``splat``, as many as there are, in any order."""
