@@ -1,11 +1,12 @@
 """A comparison: data sets x seeds x methods, and the tables and the page that tell how it went.
 
     DIR/DATA/seed_K/start.npz     the shared start: the 3DGS recipe up to the end of its densification
+    DIR/DATA/seed_K/start/        its run folder, with its history
     DIR/DATA/seed_K/METHOD/       a run folder like any other; METHOD.log beside it says why a run has failed
     DIR/comparison.json, .csv, .md, .tex
     DIR/comparison.html           the same, and plots and pictures; rewritten whenever a task ends
 
-What is complete is not repeated, so a comparison that was cut off goes on where it was.
+What is complete is not repeated, and what was cut off goes on from its checkpoint.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from ..training.config import FREE, TrainConfig
 from .cluster import cluster_client, on_cluster
 from .execute import Means, one_after_another
 from .methods import METHODS
+from .names import AT
 from .page import comparison_page
 from .table import COMPARISON, collect_all, write_tables
 from .tasks import Task, tasks_of
@@ -40,6 +42,7 @@ def compare(
     methods: Sequence[str] = tuple(METHODS),
     cluster: str | None = None,
     workers: int = 0,
+    targets: Sequence[float] = (),
     progress: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Train every method on every data set with every seed; returns what ``comparison.json`` holds.
@@ -51,6 +54,7 @@ def compare(
         methods: names in ``METHODS``.
         cluster: address of a Dask scheduler.
         workers: without an address, of a Dask cluster on this machine; 0 runs one after another.
+        targets: that compact methods are trained to beside that of ``config``, for tables of equal bytes and time.
         progress: called with a line as a task ends.
 
     A task that fails is a line and a note in the table; the others go on. Raises ``DataError`` for bad data, a folder
@@ -60,12 +64,12 @@ def compare(
     folders = [out / name for name in _names(data)]
     _check_folder(out)
     for path in data:
-        if not load_dataset(path, config.downscale).test:
-            raise DataError(path, "has no test views to compare methods on", "give it a test split")
+        if not load_dataset(path, config.downscale, split=config.split).test:
+            raise DataError(path, f"has no {config.split} views to compare methods on", "give it a test split")
     on_dask = cluster is not None or workers > 0
     with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
         _claim(out, {f: replace(config, data=str(Path(p).resolve())) for f, p in zip(folders, data, strict=True)})
-        tasks = [task for folder in folders for task in tasks_of(folder, seeds, methods)]
+        tasks = [task for folder in folders for task in tasks_of(folder, seeds, methods, targets)]
         tasks = [task for task in tasks if not task.done]
         failed: dict[str, str] = {}
         _write(out, failed)
@@ -114,7 +118,8 @@ def claim(out: Path, config: TrainConfig) -> None:
     """Make the folder one of runs with these settings. Raises ``DataError`` if it is something else."""
     settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("preset", "seed", *FREE)}
     path = out / "config.json"
-    if path.exists() and json.loads(path.read_text(encoding="utf-8")) != settings:
+    earlier = {field.name: field.default for field in dataclasses.fields(TrainConfig) if field.name in settings}
+    if path.exists() and earlier | json.loads(path.read_text(encoding="utf-8")) != settings:
         raise DataError(out, "holds runs with other settings", "name another folder")
     if not path.exists() and out.is_dir() and any(out.iterdir()):
         raise DataError(out, "is a folder with other contents", "name a new folder, or that of an earlier call")
@@ -135,5 +140,7 @@ def _result(table: dict[str, Any], task: Task, error: str | None) -> str:
         return f"failed: {error}"
     if task.kind != "train":
         return "done"
-    run = table["methods"][task.methods[0]]["data"][Path(task.folder).name]["runs"][str(task.seed)]
+    name, _, target = task.methods[0].partition(AT)
+    of_data = table["methods"][name]["data"][Path(task.folder).name]
+    run = (of_data["others"][target] if target else of_data)["runs"][str(task.seed)]
     return f"{run['psnr']:.2f} dB, {run['n']:,.0f} primitives, {run['train_seconds']:.0f} s"

@@ -7,9 +7,13 @@ form, so nothing is listed that the ellipse does not enter ("AccuTile", Speedy-S
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Callable
+from typing import Any
+
 import drjit as dr
 
-from .arrays import array_types, detached
+from .arrays import array_types, constant, detached
 from .geometry import Grid
 from .project import NOT_DOG, Kernels, Projection
 
@@ -35,6 +39,12 @@ class _Ellipses:
         covariance = self.slope * column(kernels.variance_y)
         self.y_right = covariance / column(kernels.variance_x) * self.extent_x
 
+    def at(self, chosen: Callable[[Any], Any]) -> _Ellipses:
+        """The same of ``chosen`` kernels."""
+        found = copy.copy(self)
+        vars(found).update({name: chosen(value) for name, value in vars(self).items()})
+        return found
+
     def span(self, y0, y1) -> tuple:
         """Leftmost and rightmost dx of the ellipse within dy in [y0, y1]; (inf, -inf) where it misses the band."""
         y0, y1 = dr.maximum(y0, -self.extent_y), dr.minimum(y1, self.extent_y)
@@ -54,7 +64,7 @@ class Footprints:
 
     def __init__(self, projection: Projection, grid: Grid, log2_range: float):
         self.blocks, self.types = grid.blocks, array_types()
-        Float, Int = self.types.Float, self.types.Int
+        Float = self.types.Float
         self.x, self.y = detached(projection.x), detached(projection.y)
         self.ellipses = [_Ellipses(projection.kernels, log2_range)]
         extent_y = dr.select(self.ellipses[0].seen, self.ellipses[0].extent_y, -1)
@@ -65,16 +75,36 @@ class Footprints:
             other.seen &= is_dog
             self.ellipses.append(other)
             extent_y = dr.maximum(extent_y, dr.select(other.seen, other.extent_y, -1))
-        self.tiles_x, self.tiles_y = (dr.opaque(Int, v) for v in (grid.tiles_x, grid.tiles_y))
+        self.tiles_x, self.tiles_y = (constant(self.types.Int, v) for v in (grid.tiles_x, grid.tiles_y))
         visible = detached(projection.visible) & (extent_y >= 0)
         top, bottom, b = self.y - extent_y, self.y + extent_y, self.blocks
         first, last = self._range(top, bottom, b.tile_height + b.overlap, b.tile_height, self.tiles_y)
         self.first = dr.select(visible, first, 0)
         self.last = dr.select(visible, last, 0)  # exclusive
+        self.top = self.types.Int(0)  # the first tile row
 
     def kept(self) -> list:
         """What the spans are made of."""
         return [self.x, self.y, self.first, self.last, *(vars(ellipse) for ellipse in self.ellipses)]
+
+    def in_rows(self, rows: range) -> Footprints:
+        """The same, of the tile rows ``rows`` alone."""
+        band = copy.copy(self)
+        band.top, bottom = (constant(self.types.Int, row) for row in (rows.start, rows.stop))
+        band.first, band.last = dr.maximum(self.first, band.top), dr.minimum(self.last, bottom)
+        return band
+
+    def at(self, splat) -> Footprints:
+        """Those of the primitives ``splat``, as many as there are, in any order."""
+
+        def chosen(value):
+            return dr.gather(type(value), value, splat) if dr.is_array_v(value) else value
+
+        found = copy.copy(self)
+        for name in ("x", "y", "first", "last"):
+            setattr(found, name, chosen(getattr(self, name)))
+        found.ellipses = [ellipse.at(chosen) for ellipse in self.ellipses]
+        return found
 
     def _range(self, low, high, size: int, stride: int, count) -> tuple:
         """Runs of ``size`` pixels, ``stride`` apart, whose pixel centres meet [low, high], as [first, last)."""

@@ -18,6 +18,7 @@ from changed_strategy import change_densification
 from launches import branches, instructions, kernels, launches, loop
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.arrays import array_types
+from mi_dogsplat.engine.bands import PreparedView
 from mi_dogsplat.engine.frozen import Frozen
 from mi_dogsplat.engine.geometry import Blocks, Grid
 from mi_dogsplat.engine.parameters import upload
@@ -196,6 +197,7 @@ def test_the_second_kernel_of_a_mixture_is_in_branches_that_packets_jump_over(ru
 def lanes_with_a_second_kernel(splats: Splats) -> tuple[int, int]:
     """Pseudo-Gaussians that lanes evaluate, counted as they do, and DoG primitives that are on the lists of lanes."""
     view = prepare(upload(splats), DeviceCamera.upload(CAMERA), RasterOptions(splats.sh_degree))
+    assert isinstance(view, PreparedView)
     evaluated = dr.zeros(array_types().UInt, 1)
     pseudo_row = Walk.pseudo_row
 
