@@ -1,11 +1,12 @@
 """A comparison: data sets x seeds x methods, and the tables and the page that tell how it went.
 
     DIR/DATA/seed_K/start.npz     the shared start: the 3DGS recipe up to the end of its densification
+    DIR/DATA/seed_K/start/        its run folder, with its history
     DIR/DATA/seed_K/METHOD/       a run folder like any other; METHOD.log beside it says why a run has failed
     DIR/comparison.json, .csv, .md, .tex
     DIR/comparison.html           the same, and plots and pictures; rewritten whenever a task ends
 
-What is complete is not repeated, so a comparison that was cut off goes on where it was.
+What is complete is not repeated, and what was cut off goes on from its checkpoint.
 """
 
 from __future__ import annotations

@@ -98,7 +98,7 @@ def perform(task: Task, free: Mapping[str, Any]) -> None:
     config = TrainConfig(**settings, **free, preset="3dgs", seed=task.seed)
     start = task.seed_folder / "start.npz"
     if task.kind == "start":
-        densified_start(config, load_dataset(config.data, config.downscale, split=config.split), start)
+        densified_start(config, start)
     elif task.kind == "train":
         if not start.exists():
             raise DataError(start, "there is no densified start", "see start.log beside it, then compare again")
