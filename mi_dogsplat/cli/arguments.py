@@ -41,8 +41,8 @@ ABLATE_FLAGS = [
 ]
 METAVARS = {int: "N", float: "X", str: "NAME"}
 PRUNE_FLAGS = [
-    *("preset", "steps", "target", "downscale", "split", "background", "antialiased", "near_clip"),
-    *("near_zone", "masks", "exposure", "data_on_disk", "seed", "variant", "log_every", "test_every"),
+    *("preset", "steps", "target", "batch_views", "downscale", "split", "background", "antialiased"),
+    *("near_clip", "near_zone", "masks", "exposure", "data_on_disk", "seed", "variant", "log_every", "test_every"),
     *("memory", "checkpoint_seconds"),
 ]
 

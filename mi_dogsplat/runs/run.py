@@ -99,7 +99,7 @@ def train(
     checkpoint.
     """
     out = Path(out)
-    dataset = _dataset(config)
+    dataset = _dataset_of(config)
     trainer = Trainer(config, dataset, recipe)
     if start:
         _restore(trainer, start)
@@ -116,13 +116,13 @@ def train_until(config: TrainConfig, out: Path, step: int, resume: bool = False)
 
     Raises what ``train`` raises.
     """
-    trainer = Trainer(config, _dataset(config))
+    trainer = Trainer(config, _dataset_of(config))
     with _begun(trainer, out, resume):
         _train(trainer, out, until=step)
     return out / CHECKPOINT
 
 
-def _dataset(config: TrainConfig) -> Dataset:
+def _dataset_of(config: TrainConfig) -> Dataset:
     return load_dataset(config.data, config.downscale, on_disk=config.data_on_disk, split=config.split)
 
 
