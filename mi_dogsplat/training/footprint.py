@@ -12,6 +12,8 @@ import drjit as dr
 import mitsuba as mi
 
 from ..datasets import Dataset
+from ..engine.bands import LISTED, WALKED
+from ..engine.geometry import Blocks
 from ..support.errors import DataError
 from ..support.memory import available_memory, bytes_of
 from ..support.wording import count, file_size
@@ -21,7 +23,8 @@ BASE = 180e6  # Python, Mitsuba, LLVM, kernels
 TARGET = 60  # bytes per pixel of a training view: its planes on the device and what SSIM needs of them
 PER_FLOAT = 36  # bytes: value, two moments, gradient, what Adam is about to write; and the copy for a checkpoint
 PER_PRIMITIVE = 400  # bytes: the projection and its derivative
-PER_PAIR = 200  # bytes of a pair of tile and primitive: lists, sorting, adjoints
+MOST_BANDS = 8  # in which a view is walked, by an estimate: more take longer, and less memory still
+ROWS_OF_BAND = 4  # of tiles, at least: bands of few rows differ in size
 FIRST_PAIRS = 8.0  # pairs per primitive before any are counted
 MARGIN = 0.85  # of the budget: the estimate is no better
 
@@ -30,17 +33,23 @@ MARGIN = 0.85  # of the budget: the estimate is no better
 class Budget:
     """Memory for a training: ``total`` bytes, of which ``fixed`` do not depend on the primitives of ``floats`` floats.
 
+    ``bands`` is how many a view may be walked in before primitives are refused for want of memory.
     ``pairs`` is the largest number of pairs of tile and primitive that a view has had since the last refinement.
     """
 
     total: float
     fixed: float
     floats: int
+    bands: int = 1
     pairs: int = 0
 
     def each(self, pairs_per_primitive: float) -> float:
         """Bytes that a primitive needs."""
-        return PER_FLOAT * self.floats + PER_PRIMITIVE + PER_PAIR * pairs_per_primitive
+        return PER_FLOAT * self.floats + PER_PRIMITIVE + (LISTED + WALKED / self.bands) * pairs_per_primitive
+
+    def for_pairs(self, n: int) -> float:
+        """Bytes that ``n`` primitives leave for pairs, ``RasterOptions.isect_memory``."""
+        return MARGIN * self.total - self.fixed - n * self.each(0)
 
     def most_primitives(self, pairs_per_primitive: float) -> int:
         """How many primitives fit."""
@@ -97,4 +106,6 @@ def budget(memory: str | None, dataset: Dataset, sh_degree: int, on_disk: bool =
         return None
     pixels = 0 if on_disk else sum(view.camera.width * view.camera.height for view in dataset.train)
     floats = 14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0)
-    return Budget(total, BASE + pictures + TARGET * pixels, floats)
+    rows = min(view.camera.height for view in dataset.train) // Blocks.of_backend().tile_height
+    bands = min(MOST_BANDS, max(1, rows // ROWS_OF_BAND))
+    return Budget(total, BASE + pictures + TARGET * pixels, floats, bands)

@@ -94,7 +94,11 @@ class Trainer:
     @property
     def options(self) -> RasterOptions:
         """How a training view is rendered now."""
-        return RasterOptions(sh_degree=self.active_sh_degree, antialiased=self.config.antialiased)
+        return RasterOptions(
+            sh_degree=self.active_sh_degree,
+            antialiased=self.config.antialiased,
+            isect_memory=self.memory.for_pairs(self.optimizer.n) if self.memory else None,
+        )
 
     def step(self) -> list[Event]:
         """The views of a batch, then Adam with the mean of their gradients; the hooks of the strategies in between."""

@@ -15,19 +15,19 @@ from __future__ import annotations
 import drjit as dr
 
 from ..arrays import array_types
+from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
-from ..view import PreparedView
 from .pixels import Planes, planes_of
 from .walk import Meeting, Walk
 
 
-def composite(view: PreparedView) -> Planes:
+def composite(view: WalkableView) -> Planes:
     """Blend."""
-    *features, T = planes_of(_composite(view), view.settings.n_features + 1)
+    *features, T = planes_of(view.walked(_composite, []), view.settings.n_features + 1)
     return Planes(features, T)
 
 
-def composite_over(view: PreparedView, background: float) -> list:
+def composite_over(view: WalkableView, background: float) -> list:
     """The planes of the features over a grey level."""
     blended = composite(view)
     level = dr.opaque(array_types().Float, background)
@@ -35,7 +35,7 @@ def composite_over(view: PreparedView, background: float) -> list:
 
 
 @frozen
-def _composite(view: PreparedView) -> list:
+def _composite(view: PreparedView, above: list) -> list:
     walk, features = Walk(view), range(view.settings.n_features)
 
     def step(meeting: Meeting, T: list, C: list) -> None:
@@ -47,4 +47,4 @@ def _composite(view: PreparedView) -> list:
                 C[f][k] = dr.select(goes_on, dr.fma(weight, meeting.row.features[f], c), c)
 
     T, C = walk.run(step, [walk.pixels.zeros() for _ in features], "composite")
-    return walk.pixels.write([*C, [dr.abs(t) for t in T]])
+    return walk.pixels.write([*C, [dr.abs(t) for t in T]], above)
