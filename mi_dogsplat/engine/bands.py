@@ -27,7 +27,7 @@ from .tables import Tables
 from .tiles import WORD, TileLists, list_isects, tiles
 
 Result = TypeVar("Result")
-LISTED, WALKED = 20, 180  # bytes of an isect: of the lists that are kept, and of what a walk with derivatives takes
+LISTED, WALKED = 25, 115  # bytes of an isect: of the lists that are kept, and of what a walk with derivatives takes
 
 
 @dataclass

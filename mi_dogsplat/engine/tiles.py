@@ -74,8 +74,9 @@ def list_isects(isects: Isects, blocks: Blocks, lanes: Lanes) -> TileLists:
     tile_from_slot, splat_and_mask = new(UInt, n_isects), new(UInt, 2 * n_isects)
     begin_from_rank = isects.ends - dr.gather(UInt, counts, isects.splat_from_rank)
     splat = dr.arange(UInt, n_splats)
-    slot_begin = dr.empty(UInt, n_splats)
+    slot_begin, slot_end = dr.empty(UInt, n_splats), dr.empty(UInt, n_splats)
     dr.scatter(slot_begin, begin_from_rank, isects.splat_from_rank, mode=dr.ReduceMode.Permute)
+    dr.scatter(slot_end, isects.ends, isects.splat_from_rank, mode=dr.ReduceMode.Permute)
 
     def emit_row(row, slot):
         first, last = footprints.columns(row)
@@ -101,7 +102,9 @@ def list_isects(isects: Isects, blocks: Blocks, lanes: Lanes) -> TileLists:
     after = dr.gather(UInt, tile, i + 1, i + 1 < count)
     dr.scatter(begin, i, tile, (i == 0) | (before != tile))
     dr.scatter(end, i + 1, tile, (i + 1 == count) | (after != tile))
-    splat_from_isect, mask = dr.gather(types.UIntPair, splat_and_mask, slot_from_isect)
+    splat, mask = dr.gather(types.UIntPair, splat_and_mask, slot_from_isect)
+    splat_from_isect = dr.empty(UInt, n_isects)  # evaluated itself, it would keep what it is gathered from (Dr.Jit 1.5)
+    dr.scatter(splat_from_isect, splat, i, mode=dr.ReduceMode.Permute)
     n_words = -(-n_isects // WORD)
     masks = dr.empty(UInt, n_words * WORD)  # read some at once; what is behind the last isect is nobody's
     dr.scatter(masks, mask, i, mode=dr.ReduceMode.Permute)
@@ -109,7 +112,7 @@ def list_isects(isects: Isects, blocks: Blocks, lanes: Lanes) -> TileLists:
     words = dr.empty(UInt, (n_tiles + n_words) * blocks.lanes_per_tile)
     first, last = (dr.gather(UInt, ends, lanes.tile) for ends in (begin, end))
     transpose_masks(lanes, blocks, masks, first, last, words)
-    return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_begin + counts, words)
+    return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_end, words)
 
 
 def _bucket_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLists:

@@ -29,13 +29,22 @@ VARIANTS = ("scalar_rgb", "llvm_ad_rgb", "cuda_ad_rgb")
 ALSO = ("gsplat", "jaxtyping", "wadler-lindig", "rich", "markdown-it-py", "mdurl")
 PLATFORMS = [f"manylinux_2_{minor}_x86_64" for minor in (28, 27, 17)] + ["manylinux2014_x86_64"]
 FILTERS = [{"id": lzma.FILTER_X86}, {"id": lzma.FILTER_LZMA2, "preset": 6, "dict_size": 2**26}]
-# Headers, stubs, tests, spectra, variants that are not in VARIANTS, and parts of SciPy of which nothing is imported.
+# Plugins of Mitsuba that no step names.
+UNUSED = (
+    "bsplinecurve catmullrom circular hair irradiancemeter linearcurve measured measured_polarized polarizer pplastic"
+    " principledthin retarder sdfgrid sggx specfilm stokes sunsky tabphase timed_sunsky volpathmis"
+).split()
+# Headers, stubs, tests, manuals, spectra, variants that are not in VARIANTS, parts of SciPy of which nothing is
+# imported, and a format of pictures that nobody reads.
 LEFT_OUT = re.compile(
     r"(.*/)?tests?/"
     r"|.*\.pyi$"
+    r"|gsplat/cuda/csrc/third_party/glm/(doc|util)/"
     r"|(mitsuba|drjit)/(include|cmake|stubs)/"
     r"|mitsuba/data/srgb\.coeff$"
     r"|mitsuba/(scalar|llvm|cuda)_\w*(mono|spectral)\w*\."
+    rf"|mitsuba/plugins/({'|'.join(UNUSED)})\."
+    r"|PIL/_avif\.|pillow\.libs/libavif"
     r"|scipy/(cluster|datasets|differentiate|fft|fftpack|integrate|interpolate|io|odr|optimize|signal|stats)/"
 )
 

@@ -46,14 +46,9 @@ SETTINGS: dict[str, Any] = {
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    return write_tiny_data(tmp_path_factory.mktemp("scenes") / "tiny")
-
-
-@pytest.fixture(scope="module")
-def comparison(data):
+def comparison(data, tmp_path_factory):
     lines: list[str] = []
-    out = data.parent / "out"
+    out = tmp_path_factory.mktemp("comparison") / "out"
     table = compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=lines.append)
     return out, table, lines
 

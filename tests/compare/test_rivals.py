@@ -29,7 +29,6 @@ from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
 from splat_scenes import SMOOTH_OPTIONS, make_camera, make_splats, options, random_splats, rounded, tilted_camera
-from tiny_data import write_tiny_data
 
 CAMERAS = [tilted_camera(45, 37), make_camera(20, 33, f=25.0)]
 SPLATS = rounded(random_splats(60, seed=4, degree=1, dog_share=0))
@@ -210,10 +209,9 @@ def test_gaussianspa_projects_on_the_nearest_sparse_vector():
 
 
 @pytest.fixture(scope="module")
-def growing(tmp_path_factory):
+def growing(data):
     """Makes a trainer by a recipe, on tiny data, to grow to 90 primitives."""
-    folder = write_tiny_data(tmp_path_factory.mktemp("data"))
-    config = TrainConfig(str(folder), preset="3dgs", steps=60, sh_degree=1, target=90, log_every=10, test_every=10)
+    config = TrainConfig(str(data), preset="3dgs", steps=60, sh_degree=1, target=90, log_every=10, test_every=10)
 
     def make(recipe=None, steps=60, **settings):
         return Trainer(replace(config, steps=steps, **settings), load_dataset(config.data, 1), recipe)
@@ -258,20 +256,20 @@ def test_dash_keeps_the_exposures_that_it_has_learned(growing):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["mask_gaussian", "lp_3dgs", "gaussian_spa"])
 def test_a_method_that_learns_more_goes_on_from_a_checkpoint_with_the_same_bits(growing, name):
-    """Stopped within the window in which its numbers are learned."""
+    """The one that goes on from it is stopped within the window in which its numbers are learned."""
 
     def trainer() -> Trainer:
         return growing(METHODS[name].recipe, 120, target=20)
 
-    whole, first, second = trainer(), trainer(), trainer()
+    first, second = trainer(), trainer()
     while first.step_count < 79:
         first.step()
     state = first.state()
     assert any(key.startswith("optimizer.") for key in state.keys() - growing().state().keys())
     second.restore(state)
-    for one in (whole, second):
+    for one in (first, second):
         while one.step_count < 120:
             one.step()
     if lanes_add_in_turn(mi.variant()):
-        a, b = whole.state(), second.state()
+        a, b = first.state(), second.state()
         assert a.keys() == b.keys() and all(np.array_equal(a[key], b[key]) for key in a if key != "seconds")

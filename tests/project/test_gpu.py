@@ -204,6 +204,8 @@ WHEEL = {
     "mitsuba/llvm_ad_mono.cpython-312-x86_64-linux-gnu.so": "code",
     "mitsuba/cuda_ad_spectral_polarized.cpython-312-x86_64-linux-gnu.so": "code",
     "mitsuba/include/mitsuba/core.h": "code",
+    "mitsuba/plugins/hair.so": "code",
+    "mitsuba/plugins/path.so": "code",
     "mitsuba/__init__.pyi": "types",
     "scipy/spatial/_ckdtree.so": "code",
     "scipy/stats/_stats.so": "code",
@@ -231,7 +233,8 @@ def test_a_bundle_holds_packages_without_what_no_step_needs_and_data(packed):
         assert config and config.read().decode() == f"A = 1\nMI_VARIANTS = {list(bundle.VARIANTS)}\n"
     assert names == [
         "bundle.json", "site/mitsuba/config.py", "site/mitsuba/llvm_ad_rgb.cpython-312-x86_64-linux-gnu.so",
-        "site/scipy/spatial/_ckdtree.so", "site/numpy/testing/__init__.py", "data/images/0.png",
+        "site/mitsuba/plugins/path.so", "site/scipy/spatial/_ckdtree.so", "site/numpy/testing/__init__.py",
+        "data/images/0.png",
     ]
 
 
