@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 
-from .arrays import array_types, detached
+from .arrays import array_types, constant, detached
 from .geometry import Grid
 from .project import NOT_DOG, Kernels, Projection
 
@@ -77,7 +75,7 @@ class Footprints:
             other.seen &= is_dog
             self.ellipses.append(other)
             extent_y = dr.maximum(extent_y, dr.select(other.seen, other.extent_y, -1))
-        self.tiles_x, self.tiles_y = (_opaque(v, mi.variant()) for v in (grid.tiles_x, grid.tiles_y))
+        self.tiles_x, self.tiles_y = (constant(self.types.Int, v) for v in (grid.tiles_x, grid.tiles_y))
         visible = detached(projection.visible) & (extent_y >= 0)
         top, bottom, b = self.y - extent_y, self.y + extent_y, self.blocks
         first, last = self._range(top, bottom, b.tile_height + b.overlap, b.tile_height, self.tiles_y)
@@ -92,7 +90,7 @@ class Footprints:
     def in_rows(self, rows: range) -> Footprints:
         """The same, of the tile rows ``rows`` alone."""
         band = copy.copy(self)
-        band.top, bottom = (_opaque(row, mi.variant()) for row in (rows.start, rows.stop))
+        band.top, bottom = (constant(self.types.Int, row) for row in (rows.start, rows.stop))
         band.first, band.last = dr.maximum(self.first, band.top), dr.minimum(self.last, bottom)
         return band
 
@@ -148,9 +146,3 @@ class Footprints:
             run = (UInt(1) << UInt(last)) - (UInt(1) << UInt(first))
             bits |= dr.select(first < last, run, 0) << (k * b.lanes_x)
         return bits
-
-
-@lru_cache(maxsize=256)
-def _opaque(value: int, variant: str | None) -> Any:
-    """A number that kernels read and do not contain; on the device once."""
-    return dr.opaque(array_types().Int, value)

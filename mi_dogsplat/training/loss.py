@@ -33,7 +33,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.arrays import detached
+from ..engine.arrays import array_types, constant, detached
 from ..engine.frozen import frozen
 from ..engine.parameters import device_array
 from .blur import BLOCK, Sweep, blur
@@ -113,7 +113,7 @@ class PhotometricLoss:
         """
         joined = self._join(image, target, "value_and_gradient")
         weights = (1 - self.dssim_weight, -self.dssim_weight, 1)
-        l1_scale, ssim_scale, scale = (dr.opaque(type(joined), w / target.grid.n_values) for w in weights)
+        l1_scale, ssim_scale, scale = (constant(type(joined), w / target.grid.n_values) for w in weights)
         l1_sum, ssim_sum, gradient = _sums_and_gradient(joined, target, l1_scale, ssim_scale)
         l1, dssim = l1_sum * scale, 1 - ssim_sum * scale
         if isinstance(image, (list, tuple)) and len(image) == 3:
@@ -204,9 +204,9 @@ def _ssim(blurred: list[Any], target: Target) -> tuple[Any, list[Any]]:
         derivatives[0].append(2 * (my * (a2 - a1) * inv_b - mx * ssim * (b2 - b1) * inv_b))
         derivatives[1].append(-ssim * b1 * inv_b)
         derivatives[2].append(2 * a1 * inv_b)
-    dr.eval(ssim_sum, derivatives)
+    ssim_sum = _evaluated_sum(ssim_sum, derivatives)
     values = sweep.values_from_blocks(derivatives)
-    return dr.sum(ssim_sum), sweep.store_transposed([blur(v) for v in values])
+    return ssim_sum, sweep.store_transposed([blur(v) for v in values])
 
 
 def _combine(image: Any, derivatives: list[Any], target: Target, l1_scale: Any, ssim_scale: Any) -> tuple[Any, Any]:
@@ -226,5 +226,19 @@ def _combine(image: Any, derivatives: list[Any], target: Target, l1_scale: Any, 
         value = dr.select(raw == x, dr.fma(ssim_scale, d_ssim, d_l1), 0)
         # Permute promises distinct addresses; without it Dr.Jit launches one kernel per scatter
         dr.scatter(gradient, value, index, inside, mode=dr.ReduceMode.Permute)
-    dr.eval(l1_sum, gradient)
-    return dr.sum(l1_sum), gradient
+    return _evaluated_sum(l1_sum, gradient), gradient
+
+
+def _evaluated_sum(values: Any, others: Any) -> Any:
+    """The sum of ``values``, which a kernel computes together with ``others``.
+
+    On CUDA the kernel itself adds them up, in any order, which saves two launches; on the CPU the sum has the same bits
+    in every run.
+    """
+    if array_types().is_llvm:
+        dr.eval(values, others)
+        return dr.sum(values)
+    total = dr.zeros(type(values), 1)
+    dr.scatter_add(total, values, 0, mode=dr.ReduceMode.Local)
+    dr.eval(total, others)
+    return total

@@ -351,9 +351,8 @@ def test_the_adjoint_of_transmittance_is_paid_only_where_something_lies_behind()
 
 
 @pytest.fixture(scope="module")
-def datasets(tmp_path_factory):
-    folders = [tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"), alpha=alpha) for alpha in (False, True)]
-    return [load_dataset(folder) for folder in folders]
+def datasets(data, alpha_data):
+    return [load_dataset(folder) for folder in (data, alpha_data)]
 
 
 def trainer_of(dataset, **settings) -> Trainer:

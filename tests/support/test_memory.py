@@ -23,14 +23,8 @@ from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import MemoryFull
 from mi_dogsplat.training.footprint import FIRST_PAIRS, MARGIN, TARGET, Budget, budget
 from mi_dogsplat.training.train import Trainer
-from tiny_data import write_tiny_data
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    return write_tiny_data(tmp_path_factory.mktemp("data"))
 
 
 def config_of(data: Path, **changes) -> TrainConfig:
