@@ -134,7 +134,7 @@ def _benchmark(setup: Setup, name: str, limit: float, *small: object) -> Step:
     command = _python("-m", "benchmarks", name, "--variant", "cuda_ad_rgb", "--json", file)
     command += map(str, small if setup.quick else ())
     title = {"renderers": "The same splats in several renderers", "device_memory": "Memory of the device"}[name]
-    return Step(name, title, command, limit, 30, lambda log: results.figures(file, log), alone=True)
+    return Step(name, title, command, limit, 30, lambda log: results.figures(file, log), alone=True, bounded=True)
 
 
 def _training(setup: Setup, optix: bool) -> list[Step]:
