@@ -108,17 +108,26 @@ class Walk:
             for _ in range(self.blocks.unroll if unroll else 1):
                 meeting, place = self._next(place)
                 step(meeting, T, state)
-            return place, T, state
+            return self._ahead(place), T, state
 
         # pixels beyond the border of the image are born dead, so that they end no walk late
         T = [dr.select(ok, self.types.Float(1), self.types.Float(-1)) for ok in self.pixels.inside]
-        # place in the list: (bits of the isects of the present word that are still to come, number of the next word)
-        start = (self.types.UInt(0), self.begin // WORD), T, state
+        UInt, first = self.types.UInt, self.begin // WORD
+        start = self._ahead((self._word(first, first < self.end_group), first * WORD, UInt(0), first + 1)), T, state
         return while_loop(start, self._goes_on, body, label, ("place", "T", "state"))[1:]
 
     def _goes_on(self, place, T: list, state: Any):
-        bits, group = place
-        return ((bits != 0) | (group < self.end_group)) & self._alive(T)
+        bits, _, ahead, following = place
+        return (((bits | ahead) != 0) | (following < self.end_group)) & self._alive(T)
+
+    def _word(self, group, active):
+        at = (self.tile + group) * self.blocks.lanes_per_tile + self.lane
+        return dr.gather(self.types.UInt, self.lists.words, at, active)
+
+    def _ahead(self, place):
+        bits, base, ahead, following = place
+        refill = (ahead == 0) & (following < self.end_group)
+        return bits, base, dr.select(refill, self._word(following, refill), ahead), dr.select(refill, following + 1, following)
 
     def _alive(self, T: list):
         """Some pixel still transmits: finished pixels carry -T, and so the sign is set in the bits that all share."""
@@ -131,18 +140,17 @@ class Walk:
         Lanes that meet none get an empty kernel.
         """
         UInt = self.types.UInt
-        bits, group = place
-        refill = (bits == 0) & (group < self.end_group)
-        at = (self.tile + group) * self.blocks.lanes_per_tile + self.lane
-        word = dr.gather(UInt, self.lists.words, at, refill)
-        bits, group = dr.select(refill, word, bits), dr.select(refill, group + 1, group)
-        isect, active = dr.fma(group - 1, WORD, dr.tzcnt(bits)), bits != 0
+        bits, base, ahead, following = place
+        empty = bits == 0
+        bits, base = dr.select(empty, ahead, bits), dr.select(empty, dr.fma(following, WORD, UInt(-WORD & 0xFFFFFFFF)), base)
+        ahead = dr.select(empty, 0, ahead)
+        isect, active = base + dr.tzcnt(bits), bits != 0
 
         splat = dr.gather(UInt, self.lists.splat_from_isect, isect, active)
         columns = FIRST_FEATURE + self.settings.n_features
         row = SplatRow.of(self._floats(self.tables.splats, splat, self.row_size, columns, active))
         row.kernel = row.kernel._replace(lo=dr.select(active, row.kernel.lo, 2 * DEAD_PATCH))
-        return Meeting(isect, active, splat, row, self.x0 - row.x, self.y0 - row.y), (bits & (bits - 1), group)
+        return Meeting(isect, active, splat, row, self.x0 - row.x, self.y0 - row.y), (bits & (bits - 1), base, ahead, following)
 
     def _floats(self, table, row, row_size: int, columns: int, active=True) -> list:
         """The first ``columns`` floats of a row, eight and four at a time."""
