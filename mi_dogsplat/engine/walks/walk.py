@@ -77,6 +77,7 @@ class Walk:
         self.x0, self.y0 = types.Float(view.lanes.x) + 0.5, types.Float(view.lanes.y) + 0.5
         if types.is_llvm:
             self._align_stack()
+        self.only_falls = not self.has_dog and self.tables.stop_depth is None
         self.pixels = BlockPixels(view.grid, view.lanes)
         self.stop_depth = None if self.tables.stop_depth is None else self.pixels.read(self.tables.stop_depth)
 
@@ -105,6 +106,7 @@ class Walk:
 
         def body(place, T, state):
             T, state = _copied(T), _copied(state)
+            self._falling = list(T)
             for _ in range(self.blocks.unroll if unroll else 1):
                 meeting, place = self._next(place)
                 step(meeting, T, state)
@@ -227,13 +229,15 @@ class Walk:
     def advance(self, alpha, T, meeting: Meeting, k: int) -> tuple:
         """Walk past a primitive at pixel ``k`` of the block: (weight α T of the primitive, T behind it, or -T where the
         walk has ended, whether it goes on)."""
-        weight = alpha * T
-        behind = T - (weight if self.amplifies else dr.maximum(weight, 0))
+        light = self._falling[k] if self.only_falls else T
+        weight = alpha * light
+        behind = light - (weight if self.amplifies else dr.maximum(weight, 0))
         goes_on = behind >= self.settings.cutoffs.transmittance
         if self.has_dog and self.settings.negative_transmittance:  # T may rise
             goes_on &= behind <= MAX_T
         if self.stop_depth is not None:
             goes_on &= meeting.row.features[DEPTH_FEATURE] <= self.stop_depth[k]
+        self._falling[k] = behind
         return weight, dr.select(goes_on, behind, -dr.abs(T)), goes_on
 
     def hidden(self, behind, alpha, blended_alpha):
