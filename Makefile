@@ -6,7 +6,7 @@ FOR_DEMO := $(VENV)/.installed-for-demo
 INSTALLED := $(VENV)/.installed
 BLENDER := .venv-blender
 
-.PHONY: demo test test-cuda lint bench gallery api setup llvm lpips wheel blender addon clean
+.PHONY: demo test test-cuda gpu gpu-bundle lint bench gallery api setup llvm lpips wheel blender addon clean
 .DEFAULT_GOAL := demo
 
 # The main job on generated data: training, compact model, report, pictures.
@@ -22,6 +22,14 @@ test: lint
 # why where it cannot be done.
 test-cuda: setup
 	@scripts/test_cuda.sh $(PY)
+
+# Everything that needs a GPU, in one command within 10 minutes, and a report of it: docs/benchmarks.md.
+gpu:
+	@PYTHON=$(PYTHON) scripts/gpu/run.sh $(BUNDLE) $(GPU_OPTIONS)
+
+# What a machine with a GPU but without network needs besides the repository: dist/gpu-bundle.tar.xz.
+gpu-bundle: $(FOR_DEMO) llvm
+	$(PY) -m scripts.gpu.bundle dist/gpu-bundle.tar.xz
 
 lint: setup
 	$(PY) -m ruff check .

@@ -9,7 +9,8 @@ import mitsuba as mi
 
 NAMES = ("versus_volprim", "training_step", "lean")
 EXPERIMENTS = (
-    "dog_start", "scaling", "dog_share", "floor", "ellipsoids", "derivatives", "loss", "stiffness", "poison", "widths"
+    *("dog_start", "scaling", "dog_share", "floor", "ellipsoids", "derivatives", "loss", "stiffness"),
+    *("poison", "widths", "popping", "curvature", "renderers", "device_memory", "launches"),
 )
 
 if sys.argv[1:] and sys.argv[1] in EXPERIMENTS:

@@ -87,8 +87,8 @@ def share_met(splats: Splats, camera: Camera) -> float:
     return float(np.isin(lists.splat_from_isect.numpy(), splats.dog_index).mean())
 
 
-def engine_forward(splats: Splats, camera: Camera) -> Callable[[], None]:
-    params, view, options = upload(splats), DeviceCamera.upload(camera), RasterOptions(0)
+def engine_forward(splats: Splats, camera: Camera, sh_degree: int = 0) -> Callable[[], None]:
+    params, view, options = upload(splats), DeviceCamera.upload(camera), RasterOptions(sh_degree)
 
     def run() -> None:
         frame = rasterize(params, view, options)
@@ -106,8 +106,8 @@ def stripped_forward(splats: Splats, camera: Camera) -> Callable[[], None]:
     return run
 
 
-def engine_backward(splats: Splats, camera: Camera) -> Callable[[], None]:
-    view, options, δcolors = DeviceCamera.upload(camera), RasterOptions(0), adjoints(camera)
+def engine_backward(splats: Splats, camera: Camera, sh_degree: int = 0) -> Callable[[], None]:
+    view, options, δcolors = DeviceCamera.upload(camera), RasterOptions(sh_degree), adjoints(camera)
 
     def backward(params: dict) -> None:
         colors = rasterize(params, view, options).colors

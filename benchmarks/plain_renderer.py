@@ -35,7 +35,7 @@ from mi_dogsplat.engine.tiles import WORD, TileLists, tiles
 from mi_dogsplat.engine.walks.derivatives import LN2
 from mi_dogsplat.engine.walks.exp2 import exp2
 from mi_dogsplat.engine.walks.pixels import planes_of
-from mi_dogsplat.engine.walks.slot_rows import SlotRows
+from mi_dogsplat.engine.walks.slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from mi_dogsplat.engine.walks.walk import ALPHA_MAX, DEAD_PATCH
 
 ALPHA_MIN, T_MIN = 1 / 255, 1e-4
@@ -53,7 +53,8 @@ def backward(params: dict, camera: DeviceCamera, δcolors: list) -> None:
     """Render, and accumulate the gradients of the parameters given those of the three planes."""
     grid, projection, table, lists = prepare(params, camera)
     *colors, T = planes_of(composite(grid, grid.lanes, table, lists), 4)
-    δsplats = composite_backward(grid, grid.lanes, table, lists, colors, T, δcolors, SlotRows.zeros(lists, 9))
+    δsplats = composite_backward(grid, grid.lanes, table, lists, colors, T, δcolors, lanes_add_in_turn(mi.variant()))
+    δsplats = columns_of(δsplats, lists, 9)
     k = projection.kernels
     splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *projection.colors]
     for value, δ in zip(splats, δsplats, strict=True):
@@ -240,9 +241,9 @@ def composite(grid: Grid, lanes: Lanes, table, lists: TileLists) -> list:
 
 @frozen
 def composite_backward(
-    grid: Grid, lanes: Lanes, table, lists: TileLists, colors: list, T_final, δcolors: list, rows: SlotRows
+    grid: Grid, lanes: Lanes, table, lists: TileLists, colors: list, T_final, δcolors: list, in_turn: bool
 ) -> list:
-    lane = Lane(grid, lanes, table, lists)
+    lane, rows = Lane(grid, lanes, table, lists), SlotRows(lists, 9, in_turn)
     δC = [lane.read(plane) for plane in δcolors]
     rest = [lane.Float(0)] * lane.pixels
     for plane, δ in zip(colors, δC, strict=True):
@@ -290,4 +291,4 @@ def composite_backward(
 
     start = lane.start(), lane.start_T, rest
     while_loop(start, lambda at, T, rest: lane.goes_on(at, T), body, "plain backward", ("at", "T", "rest"))
-    return rows.sums(lists)
+    return rows.sums()

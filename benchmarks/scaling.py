@@ -163,6 +163,14 @@ def even_splats(n: int, sigma: float, camera: Camera, opacity: float) -> Splats:
     )
 
 
+def even_model(n: int, camera: Camera) -> Splats:
+    """``even_splats`` of opacity 0.1, as training starts, with SH degree 3; the same coverage for each number."""
+    splats = even_splats(n, 3.0 * camera.width / 400 * (REFERENCE_N / n) ** 0.5, camera, 0.1)
+    rest = np.random.default_rng(1).normal(0, 0.05, (n, 15, 3))
+    splats.sh_coeffs = np.ascontiguousarray(np.concatenate([splats.sh_coeffs, rest], 1), np.float32)
+    return splats
+
+
 def _count_isects(point: Point) -> int:
     projection = project(upload(point.splats), DeviceCamera.upload(point.camera), sh_degree=0)
     point.isects = tiles(projection, point.grid, Cutoffs()).n_isects

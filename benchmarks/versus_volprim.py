@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
@@ -13,7 +14,8 @@ from .models import CASES
 from .timing import medians
 
 
-def _scenes(splats: Splats, camera: Camera):
+def scenes(splats: Splats, camera: Camera) -> dict[str, mi.Scene]:
+    """A scene for each renderer, of the same splats and camera."""
     sensor = camera_to_mitsuba(camera) | {"sampler": {"type": "independent", "sample_count": 1}}
     sensor["film"] |= {"rfilter": {"type": "box"}}
     tensor = mi.TensorXf
@@ -46,7 +48,8 @@ def _scenes(splats: Splats, camera: Camera):
     }
 
 
-def _passes(scene: mi.Scene):
+def passes(scene: mi.Scene) -> tuple[Callable[[], None], Callable[[], None]]:
+    """Its forward pass, and that with the gradients of all parameters of its splats."""
     params: Any = mi.traverse(scene)
     ours = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
     keys = [k for k in params.keys() if k.startswith("splats.") and k.split(".")[1] in (*ours, "data", "opacities")]
@@ -69,8 +72,8 @@ def main() -> None:
     for case, make in CASES.items():
         runs = {}
         splats, camera = make()
-        for name, scene in _scenes(splats, camera).items():
-            runs[f"{name} forward"], runs[f"{name} forward+backward"] = _passes(scene)
+        for name, scene in scenes(splats, camera).items():
+            runs[f"{name} forward"], runs[f"{name} forward+backward"] = passes(scene)
         result = medians(runs, 5, {name: 1 for name in runs if name.startswith("volprim")})
         for kind in ("forward", "forward+backward"):
             ours, theirs = result[f"ours {kind}"], result[f"volprim {kind}"]

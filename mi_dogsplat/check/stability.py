@@ -2,10 +2,14 @@
 
 Errors are relative to the largest value of the right answer, where that is above 1. An image is compared at the twin's
 cutoffs and at cutoffs 1e-5 lower and higher, pixel by pixel, whichever is nearest: on which side of a threshold a
-number falls that lies on it, no rounding can promise. Gradients are compared without cutoffs, once over the
-primitives that make the case and once over their neighbours: the distance of the gradients by a parameter over the
-length of the right one, which counts as at least 1e-4 of that by all primitives: what is smaller drowns in its
-rounding. Their loss is a fixed weighting of the pixels, between 0.2 and 0.8.
+number falls that lies on it, no rounding can promise. Gradients are compared once over the primitives that make the
+case and once over their neighbours: the distance of the gradients by a parameter over the length of the right one,
+which counts as at least 1e-4 of that by all primitives: what is smaller drowns in its rounding. Their loss is a fixed
+weighting of the pixels, between 0.2 and 0.8.
+
+They are compared without cutoffs, and with those that are the default. There the image is smooth but for jumps where
+an α or a T crosses its cutoff, and so is float64's. Away from the jumps both have one derivative; on a jump none is
+right. So pixels in which the twin's image is not the same at cutoffs 1e-5 lower and higher have no weight in that loss.
 """
 
 from __future__ import annotations
@@ -22,12 +26,13 @@ from ..engine.geometry import SMOOTH, Cutoffs
 from ..engine.parameters import RAW, RAW_DOG, device_array, upload
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import RasterOptions, rasterize
-from ..reference.gradients import gradients_tiled, render_tiled
+from ..reference.gradients import Rendered, gradients_tiled, render_tiled
 from .cases import Case, cases
 
 IMAGE_TOLERANCE = 1e-4  # a fortieth of an 8-bit step
 GRADIENT_TOLERANCE = 1e-2
 DECISION = 1e-5  # relative, of a comparison with a cutoff
+UNCHANGED = 1e-12  # relative, of a pixel of the twin
 LEAST_SHARE = 1e-4  # of a group of primitives in the length of a gradient
 
 
@@ -43,8 +48,9 @@ class Answer:
 def run(progress: Callable[[str], None] = lambda line: None) -> list[dict[str, Any]]:
     """A row per case: group, name, finite, image_error, gradient_error, worst_gradient, max_T, verdict, note.
 
-    ``verdict`` is "right" where both errors are within tolerance, "defined" where that holds and the answer follows a
-    documented rule instead of the formula, else "wrong".
+    ``gradient_error`` is without cutoffs; ``default_gradient_error`` with them, over the pixels that no cutoff leaves
+    undecided, and ``undecided`` the share of the others. ``verdict`` is "right" where all errors are within tolerance,
+    "defined" where that holds and the answer follows a documented rule instead of the formula, else "wrong".
     """
     table = []
     for case in cases():
@@ -55,22 +61,29 @@ def run(progress: Callable[[str], None] = lambda line: None) -> list[dict[str, A
 
 def measure(case: Case) -> dict[str, Any]:
     """The row of a case."""
-    hard, smooth = answer(case, Cutoffs()), answer(case, SMOOTH)
+    weights = adjoint(case.camera.height, case.camera.width)
+    twins = [_twin(case, factor) for factor in (1, 1 - DECISION, 1 + DECISION)]
+    decided = np.abs(twins[1].image - twins[2].image).max(-1) <= UNCHANGED * max(1, np.abs(twins[0].image).max())
+    hard = answer(case, Cutoffs(), weights * decided[..., None])
+    smooth = answer(case, SMOOTH, weights)
     values = [hard.image, hard.T, smooth.image, smooth.T, *hard.gradients.values(), *smooth.gradients.values()]
     finite = all(np.isfinite(value).all() for value in values)
-    image_error, max_T = _image_error(case, hard)
-    errors = _gradient_errors(case, hard if case.hidden else smooth)
+    image_error = _image_error(hard, twins)
+    default = _gradient_errors(case, hard, Cutoffs(), weights * decided[..., None])
+    errors = default if case.hidden else _gradient_errors(case, smooth, SMOOTH, weights)
     worst = max(errors, key=lambda name: errors[name])
-    right = finite and image_error <= IMAGE_TOLERANCE + 1e-7 * case.roundings and errors[worst] <= GRADIENT_TOLERANCE
+    largest = max(errors[worst], *default.values())
+    right = finite and image_error <= IMAGE_TOLERANCE + 1e-7 * case.roundings and largest <= GRADIENT_TOLERANCE
     return {
         "group": case.group, "name": case.name, "finite": finite, "image_error": image_error,
-        "gradient_error": errors[worst], "worst_gradient": worst, "max_T": max_T,
+        "gradient_error": errors[worst], "worst_gradient": worst, "default_gradient_error": max(default.values()),
+        "undecided": float(np.mean(~decided)), "max_T": max(twin.max_T for twin in twins),
         "verdict": ("defined" if case.defined else "right") if right else "wrong", "note": case.defined,
     }  # fmt: skip
 
 
-def answer(case: Case, cutoffs: Cutoffs) -> Answer:
-    """Image and gradients from the engine."""
+def answer(case: Case, cutoffs: Cutoffs, weights: np.ndarray | None = None) -> Answer:
+    """Image and gradients from the engine; ``weights`` [H, W, 3] of the loss are ``adjoint`` if not given."""
     splats, height, width = case.splats, case.camera.height, case.camera.width
     params = upload(splats)
     trained = {name: params[name] for name in (RAW + RAW_DOG if splats.n_dog else RAW)}
@@ -79,8 +92,8 @@ def answer(case: Case, cutoffs: Cutoffs) -> Answer:
     options = RasterOptions(sh_degree=splats.sh_degree, cutoffs=cutoffs)
     frame = rasterize(params, DeviceCamera.upload(case.camera, case.near_clip), options)
     planes = [dr.fma(frame.T, b, color) for color, b in zip(frame.colors, case.background, strict=True)]
-    weights = np.moveaxis(adjoint(height, width), -1, 0)
-    loss: Any = sum(dr.dot(plane, device_array(weight)) for plane, weight in zip(planes, weights, strict=True))
+    by_plane = np.moveaxis(adjoint(height, width) if weights is None else weights, -1, 0)
+    loss: Any = sum(dr.dot(plane, device_array(weight)) for plane, weight in zip(planes, by_plane, strict=True))
     dr.backward(loss)
     gradients = {name: _host(dr.grad(value)).reshape(getattr(splats, name).shape) for name, value in trained.items()}
     image = np.stack([_host(plane).reshape(height, width) for plane in planes], -1)
@@ -96,25 +109,25 @@ def _host(value: mi.Float) -> np.ndarray:
     return np.array(dr.detach(value).numpy(), np.float64)
 
 
-def _image_error(case: Case, ours: Answer) -> tuple[float, float]:
-    """(largest error of a pixel, largest transmittance on the way)."""
-    errors, max_T = [], 1.0
-    for factor in (1, 1 - DECISION, 1 + DECISION):
-        right = render_tiled(
-            case.splats, case.camera, case.background, near_clip=case.near_clip,
-            min_alpha=factor * Cutoffs().alpha, min_transmittance=factor * Cutoffs().transmittance,
-        )  # fmt: skip
-        errors.append(np.abs(ours.image - right.image) / max(1, np.abs(right.image).max()))
-        max_T = max(max_T, right.max_T)
-    return float(np.min(errors, axis=0).max()), max_T
+def _twin(case: Case, factor: float) -> Rendered:
+    """In float64, with the cutoffs times a factor."""
+    return render_tiled(
+        case.splats, case.camera, case.background, near_clip=case.near_clip,
+        min_alpha=factor * Cutoffs().alpha, min_transmittance=factor * Cutoffs().transmittance,
+    )  # fmt: skip
 
 
-def _gradient_errors(case: Case, ours: Answer) -> dict[str, float]:
+def _image_error(ours: Answer, twins: list[Rendered]) -> float:
+    """Largest error of a pixel, each against the nearest of the twins."""
+    errors = [np.abs(ours.image - twin.image) / max(1, np.abs(twin.image).max()) for twin in twins]
+    return float(np.min(errors, axis=0).max())
+
+
+def _gradient_errors(case: Case, ours: Answer, cutoffs: Cutoffs, weights: np.ndarray) -> dict[str, float]:
     """Error per parameter, the larger of that of the extreme primitives and that of their neighbours."""
-    cutoffs = Cutoffs() if case.hidden else SMOOTH
     right = gradients_tiled(
-        case.splats, case.camera, adjoint(case.camera.height, case.camera.width), case.background,
-        near_clip=case.near_clip, min_alpha=cutoffs.alpha, min_transmittance=cutoffs.transmittance,
+        case.splats, case.camera, weights, case.background, near_clip=case.near_clip,
+        min_alpha=cutoffs.alpha, min_transmittance=cutoffs.transmittance,
     )  # fmt: skip
     errors = {}
     for name, got in ours.gradients.items():

@@ -35,13 +35,14 @@ METHODS = (
     *("paper", "released", "ours"),
 )
 ABLATE_FLAGS = [
-    *("steps", "target", "downscale", "max_primitives", "max_world_scale", "sh_degree", "background", "antialiased"),
-    *("near_clip", "initial_primitives", "variant", "log_every", "test_every", "memory", "checkpoint_seconds"),
+    *("steps", "target", "downscale", "max_primitives", "max_world_scale", "split", "sh_degree"),
+    *("background", "antialiased", "near_clip", "initial_primitives", "variant", "log_every", "test_every", "memory"),
+    "checkpoint_seconds",
 ]
 METAVARS = {int: "N", float: "X", str: "NAME"}
 PRUNE_FLAGS = [
-    *("preset", "steps", "target", "downscale", "background", "antialiased", "near_clip"),
-    *("near_zone", "masks", "exposure", "data_on_disk", "seed", "variant", "log_every", "test_every"),
+    *("preset", "steps", "target", "batch_views", "downscale", "split", "background", "antialiased"),
+    *("near_clip", "near_zone", "masks", "exposure", "data_on_disk", "seed", "variant", "log_every", "test_every"),
     *("memory", "checkpoint_seconds"),
 ]
 

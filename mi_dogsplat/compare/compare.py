@@ -1,11 +1,12 @@
 """A comparison: data sets x seeds x methods, and the tables and the page that tell how it went.
 
     DIR/DATA/seed_K/start.npz     the shared start: the 3DGS recipe up to the end of its densification
+    DIR/DATA/seed_K/start/        its run folder, with its history
     DIR/DATA/seed_K/METHOD/       a run folder like any other; METHOD.log beside it says why a run has failed
     DIR/comparison.json, .csv, .md, .tex
     DIR/comparison.html           the same, and plots and pictures; rewritten whenever a task ends
 
-What is complete is not repeated, so a comparison that was cut off goes on where it was.
+What is complete is not repeated, and what was cut off goes on from its checkpoint.
 """
 
 from __future__ import annotations
@@ -60,8 +61,8 @@ def compare(
     folders = [out / name for name in _names(data)]
     _check_folder(out)
     for path in data:
-        if not load_dataset(path, config.downscale).test:
-            raise DataError(path, "has no test views to compare methods on", "give it a test split")
+        if not load_dataset(path, config.downscale, split=config.split).test:
+            raise DataError(path, f"has no {config.split} views to compare methods on", "give it a test split")
     on_dask = cluster is not None or workers > 0
     with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
         _claim(out, {f: replace(config, data=str(Path(p).resolve())) for f, p in zip(folders, data, strict=True)})
@@ -114,7 +115,8 @@ def claim(out: Path, config: TrainConfig) -> None:
     """Make the folder one of runs with these settings. Raises ``DataError`` if it is something else."""
     settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("preset", "seed", *FREE)}
     path = out / "config.json"
-    if path.exists() and json.loads(path.read_text(encoding="utf-8")) != settings:
+    earlier = {field.name: field.default for field in dataclasses.fields(TrainConfig) if field.name in settings}
+    if path.exists() and earlier | json.loads(path.read_text(encoding="utf-8")) != settings:
         raise DataError(out, "holds runs with other settings", "name another folder")
     if not path.exists() and out.is_dir() and any(out.iterdir()):
         raise DataError(out, "is a folder with other contents", "name a new folder, or that of an earlier call")

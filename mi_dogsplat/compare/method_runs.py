@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ..datasets import Dataset
 from ..datasets.dataset import View
@@ -16,24 +18,24 @@ from ..measure.evaluate import render_milliseconds_in_turn
 from ..render.picture import Picture, background_color, render_picture
 from ..report.run_folder import DOG_PROFILE, RECIPE, RENDER_MS
 from ..report.write import write_report
-from ..runs.checkpoint import save_checkpoint
-from ..runs.history import run_to_end
+from ..runs.checkpoint import CHECKPOINT
 from ..runs.mixture import write_comparison
-from ..runs.run import train
+from ..runs.run import train, train_until
 from ..scene.ply import read_ply
 from ..support.files import write_json
 from ..training.config import TrainConfig
 from ..training.presets import RECIPES
-from ..training.train import Trainer
 from .methods import METHODS, WITHOUT_DOG, Method
 
 
-def densified_start(config: TrainConfig, dataset: Dataset, path: Path) -> None:
-    """Train up to the end of densification, and save the state."""
-    trainer = Trainer(config, dataset)
-    for _ in run_to_end(trainer, until=min(trainer.recipe.densification.stop, config.steps)):
-        pass
-    save_checkpoint(path, trainer.state())
+def densified_start(config: TrainConfig, path: Path) -> None:
+    """Train up to the end of densification, and save the state.
+
+    Cut off, it goes on from the checkpoint in the run folder beside ``path``, which keeps the history.
+    """
+    folder = path.with_suffix("")
+    step = min(RECIPES[config.preset].scaled(config.steps).densification.stop, config.steps)
+    os.replace(train_until(config, folder, step, resume=(folder / CHECKPOINT).exists()), path)
 
 
 def recipe_of(method: Method) -> dict:
@@ -43,13 +45,16 @@ def recipe_of(method: Method) -> dict:
 
 def is_complete(folder: Path, method: Method) -> bool:
     """Whether a folder holds a finished run of this method."""
+    return (folder / "metrics.json").exists() and _recipe_in(folder) == recipe_of(method)
+
+
+def _recipe_in(folder: Path) -> Any:
     known = folder / RECIPE
-    finished = (folder / "metrics.json").exists() and known.exists()
-    return finished and json.loads(known.read_text(encoding="utf-8")) == recipe_of(method)
+    return json.loads(known.read_text(encoding="utf-8")) if known.exists() else None
 
 
 def train_method(config: TrainConfig, name: str, folder: Path, start: Path) -> None:
-    """Fill a run folder.
+    """Fill a run folder; a run of the same recipe that was cut off goes on from its checkpoint.
 
     Args:
         config: its preset is not used.
@@ -58,9 +63,9 @@ def train_method(config: TrainConfig, name: str, folder: Path, start: Path) -> N
     """
     method = METHODS[name]
     config = replace(config, preset=name if name in RECIPES else "paper")  # the nearest; recipe.json has the numbers
-    train(config, folder, recipe=method.recipe, start=None if method.grows else start)
-    write_json(folder / RECIPE, recipe_of(method))
-    write_report(folder)  # again, under the name of the method
+    resume = (folder / CHECKPOINT).exists() and _recipe_in(folder) == recipe_of(method)
+    begin = None if method.grows else start
+    train(config, folder, resume=resume, recipe=method.recipe, start=begin, method=recipe_of(method))
 
 
 def draw_in_turn(dataset: Dataset, config: TrainConfig, folders: Sequence[Path]) -> None:

@@ -39,12 +39,14 @@ def _section(folder: Path, table: dict[str, Any], data: str) -> dict[str, Any]:
     """What the page says of a data set; their mean has no folder, so neither pictures nor ways."""
     rows = {name: row | row["data"][data] for name, row in table["methods"].items() if data in row["data"]}
     trained = data in table["config"]
+    measured = table["config"].get(data, next(iter(table["config"].values()))).get("split", "test")
     return {
         "name": data,
         "headings": [COLUMNS[name][0] for name in columns(table, data)],
         "rows": [(label(table, data, method), cells(table, data, method)) for method in rows],
         "groups": [(group, COLORS[group]) for group, members in GROUPS.items() if set(members) & set(rows)],
-        "points": _points(rows),
+        "points": _points(rows, measured),
+        "measured": measured,
         "crops": crops(folder, rows) if trained else None,
         "ways": ways(folder, rows) if trained else None,
     }
@@ -57,7 +59,7 @@ def pareto(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return order[y[order] > best]
 
 
-def _points(rows: dict[str, Any]) -> list[Markup]:
+def _points(rows: dict[str, Any], measured: str) -> list[Markup]:
     """A plot of all methods for each of ``PLOTS``."""
     names, plots = list(rows), []
     for (x_name, y_name), x_label in PLOTS.items():
@@ -71,5 +73,5 @@ def _points(rows: dict[str, Any]) -> list[Markup]:
                 words = f"{name}: {y_label} {y[k]:.{digits}f}, {x_label} {x[k]:,.4g}"
                 note = Note(words, name if k in front else "")
                 series.append(Series(group, x[[k]], y[[k]], "points", COLORS[group], [note]))
-        plots.append(line_plot(series, x_label, f"test {y_label}", log_x=True, legend=False, height=280))
+        plots.append(line_plot(series, x_label, f"{measured} {y_label}", log_x=True, legend=False, height=280))
     return plots

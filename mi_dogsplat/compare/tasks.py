@@ -98,7 +98,7 @@ def perform(task: Task, free: Mapping[str, Any]) -> None:
     config = TrainConfig(**settings, **free, preset="3dgs", seed=task.seed)
     start = task.seed_folder / "start.npz"
     if task.kind == "start":
-        densified_start(config, load_dataset(config.data, config.downscale), start)
+        densified_start(config, start)
     elif task.kind == "train":
         if not start.exists():
             raise DataError(start, "there is no densified start", "see start.log beside it, then compare again")
@@ -110,10 +110,10 @@ def perform(task: Task, free: Mapping[str, Any]) -> None:
             (run / LPIPS).unlink()
         train_method(replace(config, target=count), name, run, start)
     elif task.kind == "time":
-        draw_in_turn(load_dataset(config.data, config.downscale), config, task.complete)
+        draw_in_turn(load_dataset(config.data, config.downscale, split=config.split), config, task.complete)
     elif runs := [run for run in task.complete if not (run / LPIPS).exists()]:
         if not weights_path().exists():
             raise DataError(weights_path(), "the weights of LPIPS are not on this machine", "make lpips there")
-        views = load_dataset(config.data, config.downscale).test
+        views = load_dataset(config.data, config.downscale, split=config.split).test
         if lpips := Lpips.installed(view.camera for view in views):
             measure_lpips(runs, [view.name for view in views], lpips)

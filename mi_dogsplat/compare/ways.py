@@ -38,7 +38,7 @@ def ways(out: Path, rows: dict[str, Any]) -> tuple[str, list[Markup]] | None:
         curves = [Series(row["label"], minutes, psnr), Series(baseline["label"], x, y, color=2)]
         lines = marks(run, run.column("seconds") / 60)
         plots.append(
-            line_plot(curves, "run time, min", "test PSNR, dB", marks=lines, x_start=float(np.min(minutes)))
+            line_plot(curves, "run time, min", f"{run.measured} PSNR, dB", marks=lines, x_start=float(np.min(minutes)))
         )
     return seed, plots
 

@@ -11,13 +11,16 @@ from .dataset import Dataset, Observations, View, camera_extent
 __all__ = ["CameraCheck", "Dataset", "Observations", "View", "camera_extent", "check_cameras", "load_dataset"]
 
 
-def load_dataset(path: str | Path, downscale: int = 1, spp: int = 64, on_disk: bool = False) -> Dataset:
+def load_dataset(
+    path: str | Path, downscale: int = 1, spp: int = 64, on_disk: bool = False, split: str = "test"
+) -> Dataset:
     """Read the data set at ``path``, images averaged over ``downscale`` x ``downscale`` pixels.
 
     ``path`` is a folder with a COLMAP model (preferred where both exist), a folder with ``transforms.json``
     or ``transforms_train.json``, such a file itself, or a Mitsuba scene XML, whose sensors are rendered at
-    ``spp`` samples. ``on_disk``: images are decoded whenever they are asked for (``DiskView``). Raises
-    ``DataError`` for anything that cannot be used; see ``check_cameras`` for the last test.
+    ``spp`` samples. ``on_disk``: images are decoded whenever they are asked for (``DiskView``). ``split``:
+    "test", or "validation", which leaves the test views unread (``held_out``). Raises ``DataError`` for
+    anything that cannot be used; see ``check_cameras`` for the last test.
     """
     from .colmap import MODEL_FOLDERS, find_model, load_colmap  # here: photographs need the extra "train"
     from .mitsuba_scene import load_mitsuba_scene
@@ -29,11 +32,11 @@ def load_dataset(path: str | Path, downscale: int = 1, spp: int = 64, on_disk: b
     if downscale < 1:
         raise DataError(path, f"downscale is {downscale}", "give a whole number of at least 1")
     if path.is_file() and path.suffix == ".xml":
-        return load_mitsuba_scene(path, downscale, spp)
+        return load_mitsuba_scene(path, downscale, spp, split)
     if path.is_file() and path.suffix == ".json":
-        return load_transforms(path, downscale, on_disk)
+        return load_transforms(path, downscale, on_disk, split)
     if path.is_dir() and find_model(path):
-        return load_colmap(path, downscale, on_disk)
+        return load_colmap(path, downscale, on_disk, split)
     transforms = find_transforms(path) if path.is_dir() else None
     if transforms is None:
         folders = ", ".join(MODEL_FOLDERS)
@@ -43,4 +46,4 @@ def load_dataset(path: str | Path, downscale: int = 1, spp: int = 64, on_disk: b
             "no transforms_train.json",
             "give a folder with one of these, or a Mitsuba scene as .xml file",
         )
-    return load_transforms(transforms, downscale, on_disk)
+    return load_transforms(transforms, downscale, on_disk, split)

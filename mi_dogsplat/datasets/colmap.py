@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from ..scene.cameras import Camera
 from ..support.errors import DataError
 from .check import require_plausible
 from .colmap_files import ColmapImage, ColmapPoints, read_cameras, read_images, read_points
-from .dataset import Dataset, Observations, View, every_eighth, require_unique_names, view_name
+from .dataset import Dataset, Observations, View, every_eighth, held_out, require_unique_names, view_name, views_named
 from .images import ViewSource, is_file, load_views, require_files
 from .lens import undistortion
 
@@ -31,9 +32,9 @@ def find_model(path: Path) -> Path | None:
     return None
 
 
-def load_colmap(path: Path, downscale: int, on_disk: bool = False) -> Dataset:
-    """Read a COLMAP data set. Images sorted by name, every 8th is test; a missing ``points3D`` means no
-    points.
+def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = "test") -> Dataset:
+    """Read a COLMAP data set. Images sorted by name, every 8th is test (see ``held_out`` for ``split``); a
+    missing ``points3D`` means no points.
 
     Raises ``DataError`` for anything missing, corrupt or inconsistent, and for cameras that do not see the
     points.
@@ -43,14 +44,17 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False) -> Dataset:
         raise DataError(path, "no COLMAP model here", "give the folder that holds sparse/0")
     sources, images = read_sources(model, _image_folder(path, model))
     points = read_model_points(model)
+    train, test = held_out(*every_eighth([source.name for source in sources]), split)
+    read = [source.name in {*train, *test} for source in sources]
+    sources, images = list(compress(sources, read)), list(compress(images, read))
     smaller = _image_folder(path, model).with_name(f"images_{downscale}")
     relocated = [replace(s, image_path=smaller / i.name) for s, i in zip(sources, images, strict=True)]
     prescaled = downscale > 1 and all(is_file(source.image_path) for source in relocated)
     if not prescaled:
         require_files([source.image_path for source in sources])
     views, has_alpha = load_views(relocated if prescaled else sources, downscale, prescaled, on_disk)
-    train, test = every_eighth(views)
     observations = _observations(model, sources, images, views, points)
+    train, test = views_named(views, train), views_named(views, test)
     dataset = Dataset(path, train, test, points.positions, points.colors, has_alpha, observations)
     require_plausible(
         dataset, "COLMAP's images file holds world-to-camera poses (quaternion w x y z, then translation)"

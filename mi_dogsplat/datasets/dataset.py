@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .lens import Undistortion
 
 TEST_EVERY = 8  # as in LLFF and 3DGS: images 0, 8, 16, ... by sorted name are held out
+SPLITS = ("test", "validation")
 
 T = TypeVar("T")
 
@@ -61,6 +62,7 @@ class Observations:
 class Dataset:
     """Views, split, with ``points`` [P, 3] float32 (P may be 0), ``point_colors`` [P, 3] float32 in 0..1.
 
+    ``test`` is what is measured: the test views, or with the split "validation" views held out of the training views.
     ``has_alpha``: every image has a fourth channel (else none has). ``observations`` maps view names to what
     the view sees; empty where the data do not say.
     """
@@ -91,6 +93,20 @@ def every_eighth(items: Sequence[T]) -> tuple[list[T], list[T]]:
         return list(items), []
     train = [item for i, item in enumerate(items) if i % TEST_EVERY]
     return train, list(items[::TEST_EVERY])
+
+
+def held_out(train: Sequence[T], test: Sequence[T], split: str) -> tuple[list[T], list[T]]:
+    """(what is trained on, what is measured) by a split in ``SPLITS``, of views that are not read yet.
+
+    With "validation" every 8th training view is measured in place of the test views. Nobody reads these then, so that
+    no choice depends on them.
+    """
+    return (list(train), list(test)) if split == "test" else every_eighth(train)
+
+
+def views_named(views: Sequence[View], names: Sequence[str]) -> list[View]:
+    """Those of the views that have one of the names, in their order."""
+    return [view for view in views if view.name in set(names)]
 
 
 def view_name(file: str) -> str:

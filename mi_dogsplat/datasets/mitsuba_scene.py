@@ -11,14 +11,16 @@ import numpy as np
 from ..scene.cameras import camera_from_mitsuba
 from ..support.errors import DataError
 from ..support.srgb import linear_to_srgb
-from .dataset import Dataset, View, every_eighth, no_points, require_unique_names
+from .dataset import Dataset, View, every_eighth, held_out, no_points, require_unique_names, views_named
 from .given_cameras import sensor_name
 from .images import box_downscale
 from .scene_file import load_scene
 
 
-def load_mitsuba_scene(file: Path, downscale: int, spp: int) -> Dataset:
+def load_mitsuba_scene(file: Path, downscale: int, spp: int, split: str = "test") -> Dataset:
     """Render every sensor of a scene XML at ``spp`` samples; every 8th sensor is test; there are no points.
+
+    See ``held_out`` for ``split``.
 
     Averaging for ``downscale`` happens in linear radiance, as a film of fewer pixels would do it. Alpha is
     kept where the film has it (``pixel_format`` rgba) and it is not 1 everywhere. A Mitsuba variant must be
@@ -30,8 +32,13 @@ def load_mitsuba_scene(file: Path, downscale: int, spp: int) -> Dataset:
     sensors = scene.sensors()
     if not sensors:
         raise DataError(file, "the scene has no sensor", "add a perspective sensor per view")
-    cameras, linear_images = [], []
+    names = [sensor_name(sensor.id(), i) for i, sensor in enumerate(sensors)]
+    require_unique_names(file, names)
+    train, test = held_out(*every_eighth(names), split)
+    read, cameras, linear_images = [name for name in names if name in {*train, *test}], [], []
     for i, sensor in enumerate(sensors):
+        if names[i] not in read:
+            continue
         try:
             cameras.append(camera_from_mitsuba(sensor).downscaled(downscale))
         except ValueError as error:
@@ -42,12 +49,10 @@ def load_mitsuba_scene(file: Path, downscale: int, spp: int) -> Dataset:
         if not np.isfinite(linear).all():
             raise DataError(file, f'the render of sensor "{sensor.id()}" is not finite', "correct the scene")
         linear_images.append(box_downscale(linear, downscale))
-    names = [sensor_name(sensor.id(), i) for i, sensor in enumerate(sensors)]
-    require_unique_names(file, names)
     has_alpha = any(image.shape[2] == 4 and image[..., 3].min() < 1 for image in linear_images)
     images = [_display(image, has_alpha) for image in linear_images]
-    train, test = every_eighth([View(*parts) for parts in zip(names, cameras, images, strict=True)])
-    return Dataset(file, train, test, *no_points(), has_alpha)
+    views = [View(*parts) for parts in zip(read, cameras, images, strict=True)]
+    return Dataset(file, views_named(views, train), views_named(views, test), *no_points(), has_alpha)
 
 
 def _render(mi: Any, scene: Any, sensor_index: int, spp: int) -> np.ndarray:

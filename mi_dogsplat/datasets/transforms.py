@@ -19,7 +19,7 @@ from ..support.errors import DataError
 from ..support.files import read_json
 from .check import require_plausible
 from .colmap import find_model, read_model_points, read_sources
-from .dataset import Dataset, every_eighth, no_points, require_unique_names, view_name
+from .dataset import Dataset, every_eighth, held_out, no_points, require_unique_names, view_name, views_named
 from .images import ViewSource, image_size, is_file, load_views, require_files
 from .lens import Lens
 from .point_ply import read_point_ply
@@ -42,11 +42,11 @@ def find_transforms(path: Path) -> Path | None:
     )
 
 
-def load_transforms(file: Path, downscale: int, on_disk: bool = False) -> Dataset:
+def load_transforms(file: Path, downscale: int, on_disk: bool = False, split: str = "test") -> Dataset:
     """Read the data set of a ``transforms*.json``. Raises ``DataError``.
 
     The split is that of the ``_train`` and ``_test`` files, or of ``test_filenames`` in the file; else every
-    8th image by sorted name is test.
+    8th image by sorted name is test; see ``held_out`` for ``split``.
     """
     content = _parse(file)
     sources = _sources(file, content)
@@ -62,15 +62,19 @@ def load_transforms(file: Path, downscale: int, on_disk: bool = False) -> Datase
     else:
         sources.sort(key=lambda source: source.image_path)
     require_unique_names(file, [source.name for source in sources])
-    views, has_alpha = load_views(sources, downscale, on_disk=on_disk)
+    names = [source.name for source in sources]
     if test_names:
-        train = [view for view in views if view.name not in test_names]
-        test = [view for view in views if view.name in test_names]
+        train = [name for name in names if name not in test_names]
+        test = [name for name in names if name in test_names]
     else:
-        train, test = every_eighth(views)
+        train, test = every_eighth(names)
     if not train:
         raise DataError(file, "no view is left for training", "name fewer test images")
+    train, test = held_out(train, test, split)
+    read = [source for source in sources if source.name in {*train, *test}]
+    views, has_alpha = load_views(read, downscale, on_disk=on_disk)
     points, point_colors = _points(file, content, sources)
+    train, test = views_named(views, train), views_named(views, test)
     dataset = Dataset(file.parent, train, test, points, point_colors, has_alpha)
     require_plausible(dataset, CONVENTION)
     return dataset

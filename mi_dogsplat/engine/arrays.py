@@ -28,6 +28,7 @@ class ArrayTypes:
     Int: Any
     UInt: Any
     UIntPair: Any
+    UIntQuad: Any
     Quad: Any  # of floats
     Floats: Any  # any number of them
     UInts: Any
@@ -35,15 +36,15 @@ class ArrayTypes:
 
 def array_types() -> ArrayTypes:
     """Of the current variant."""
-    return _of_backend(dr.backend_v(mi.Float))
+    return _of_variant(mi.Float)
 
 
 @lru_cache
-def _of_backend(backend: Any) -> ArrayTypes:
-    is_llvm = backend == dr.JitBackend.LLVM
+def _of_variant(Float: Any) -> ArrayTypes:
+    is_llvm = dr.backend_v(Float) == dr.JitBackend.LLVM
     module: Any = dr.llvm if is_llvm else dr.cuda
     scalars = module.Float, module.Float64, module.Int, module.UInt
-    return ArrayTypes(is_llvm, *scalars, module.Array2u, module.Array4f, module.ArrayXf, module.ArrayXu)
+    return ArrayTypes(is_llvm, *scalars, module.Array2u, module.Array4u, module.Array4f, module.ArrayXf, module.ArrayXu)
 
 
 def detached(value: Any) -> Any:

@@ -14,17 +14,16 @@ import drjit as dr
 
 from .arrays import array_types
 
-LLVM_DIGIT = 14  # bits that one counting pass sorts by
-# On CUDA a pass keeps the order of equal keys only while each warp of a block has counters of its own in shared memory,
-# 4 bytes a bucket: 2^8 buckets for 32 warps take 32 KiB of the 48 that every device has. Beyond, atomics decide.
-CUDA_DIGIT = 8
+DIGIT = 14  # bits that one counting pass sorts by
 
 
 def argsort_small(key: Any, count: int) -> Any:
-    """Stable argsort of integers below ``count``: one counting pass where ``dr.argsort`` needs three (LLVM), or two
-    where it needs four (CUDA, more than 256)."""
+    """Stable argsort of integers below ``count`` on LLVM: one counting pass where ``dr.argsort`` needs three.
+
+    On CUDA a pass with so many buckets keeps no order of equal keys.
+    """
     types, order = array_types(), None
-    bits, digits = digits_of(count, LLVM_DIGIT if types.is_llvm else CUDA_DIGIT)
+    bits, digits = digits_of(count, DIGIT)
     for first, last in digits:
         buckets = min(count, 1 << (last - first))
         digit = key if order is None else dr.gather(types.UInt, key, order)

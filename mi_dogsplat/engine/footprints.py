@@ -7,7 +7,13 @@ form, so nothing is listed that the ellipse does not enter ("AccuTile", Speedy-S
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
 import drjit as dr
+import mitsuba as mi
 
 from .arrays import array_types, detached
 from .geometry import Grid
@@ -35,6 +41,12 @@ class _Ellipses:
         covariance = self.slope * column(kernels.variance_y)
         self.y_right = covariance / column(kernels.variance_x) * self.extent_x
 
+    def at(self, chosen: Callable[[Any], Any]) -> _Ellipses:
+        """The same of ``chosen`` kernels."""
+        found = copy.copy(self)
+        vars(found).update({name: chosen(value) for name, value in vars(self).items()})
+        return found
+
     def span(self, y0, y1) -> tuple:
         """Leftmost and rightmost dx of the ellipse within dy in [y0, y1]; (inf, -inf) where it misses the band."""
         y0, y1 = dr.maximum(y0, -self.extent_y), dr.minimum(y1, self.extent_y)
@@ -54,7 +66,7 @@ class Footprints:
 
     def __init__(self, projection: Projection, grid: Grid, log2_range: float):
         self.blocks, self.types = grid.blocks, array_types()
-        Float, Int = self.types.Float, self.types.Int
+        Float = self.types.Float
         self.x, self.y = detached(projection.x), detached(projection.y)
         self.ellipses = [_Ellipses(projection.kernels, log2_range)]
         extent_y = dr.select(self.ellipses[0].seen, self.ellipses[0].extent_y, -1)
@@ -65,7 +77,7 @@ class Footprints:
             other.seen &= is_dog
             self.ellipses.append(other)
             extent_y = dr.maximum(extent_y, dr.select(other.seen, other.extent_y, -1))
-        self.tiles_x, self.tiles_y = (dr.opaque(Int, v) for v in (grid.tiles_x, grid.tiles_y))
+        self.tiles_x, self.tiles_y = (_opaque(v, mi.variant()) for v in (grid.tiles_x, grid.tiles_y))
         visible = detached(projection.visible) & (extent_y >= 0)
         top, bottom, b = self.y - extent_y, self.y + extent_y, self.blocks
         first, last = self._range(top, bottom, b.tile_height + b.overlap, b.tile_height, self.tiles_y)
@@ -75,6 +87,18 @@ class Footprints:
     def kept(self) -> list:
         """What the spans are made of."""
         return [self.x, self.y, self.first, self.last, *(vars(ellipse) for ellipse in self.ellipses)]
+
+    def at(self, splat) -> Footprints:
+        """Those of the primitives ``splat``, as many as there are, in any order."""
+
+        def chosen(value):
+            return dr.gather(type(value), value, splat) if dr.is_array_v(value) else value
+
+        found = copy.copy(self)
+        for name in ("x", "y", "first", "last"):
+            setattr(found, name, chosen(getattr(self, name)))
+        found.ellipses = [ellipse.at(chosen) for ellipse in self.ellipses]
+        return found
 
     def _range(self, low, high, size: int, stride: int, count) -> tuple:
         """Runs of ``size`` pixels, ``stride`` apart, whose pixel centres meet [low, high], as [first, last)."""
@@ -116,3 +140,9 @@ class Footprints:
             run = (UInt(1) << UInt(last)) - (UInt(1) << UInt(first))
             bits |= dr.select(first < last, run, 0) << (k * b.lanes_x)
         return bits
+
+
+@lru_cache(maxsize=256)
+def _opaque(value: int, variant: str | None) -> Any:
+    """A number that kernels read and do not contain; on the device once."""
+    return dr.opaque(array_types().Int, value)

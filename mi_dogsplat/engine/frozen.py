@@ -1,13 +1,14 @@
 """``dr.freeze`` for the kernels of this package: traced once per kind of arguments, replayed from then on.
 
-While Dr.Jit 1.5 records a function, the thread takes no work that could not be replayed. The destructor of a Mitsuba
-scene or texture, or of an array that shares memory with NumPy, hands in such work; it throws, and an exception in a
-destructor ends the process ("RecordThreadState::enqueue_host_func(): this function cannot be recorded!"). Objects in
-reference cycles go when Python collects garbage, which may be at any allocation: so it waits while a function runs.
+A call gives Dr.Jit its arrays, each once, and nothing else; what else the arguments are chooses the recording. For
+where an object comes twice among the arguments, be it an array or a ``True``, Dr.Jit 1.5 takes one recording for
+another: it is only "met before" to it, not which one, and ``(a, b, a)`` is replayed as ``(a, b, b)`` was. And a
+dataclass takes it longer than all the arrays in it.
 
-It also takes one recording for another. An object that it has met among the arguments before, be it an array or a
-``True``, is only "met before" to it, not which one: ``(a, b, a)`` is replayed as ``(a, b, b)`` was. So each call has a
-first argument that says it all.
+While it records a function, the thread takes no work that could not be replayed. The destructor of a Mitsuba scene or
+texture, or of an array that shares memory with NumPy, hands in such work; it throws, and an exception in a destructor
+ends the process ("RecordThreadState::enqueue_host_func(): this function cannot be recorded!"). Objects in reference
+cycles go when Python collects garbage, which may be at any allocation: so it waits while a function runs.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import gc
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from numbers import Number
-from typing import Any, Generic, ParamSpec, TypeVar, cast
+from typing import Any, Generic, ParamSpec, TypeVar
 
 import drjit as dr
 
@@ -29,47 +30,85 @@ class Frozen(Generic[P, R]):
     """A function as ``dr.freeze`` makes it, called while no garbage is collected. It may be recorded often: once per
     kind of scene and rule.
 
-    A literal argument that has had different values is an array from then on: what a call launches depends on the
-    calls before it.
+    A literal array that has had different values is none from then on: what a call launches depends on the calls of its
+    kind before it.
     """
 
     def __init__(self, function: Callable[P, R]):
         functools.update_wrapper(self, function)
-
-        def of_kind(kind: str, args: Any, kwargs: Any) -> R:
-            return cast(Any, function)(*args, **kwargs)
-
-        self._recorded = dr.freeze(of_kind, warn_after=1 << 30)
+        self._function = function
+        self._recordings: dict[str, Callable[..., R]] = {}
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Raises ``TypeError`` for an argument whose kind cannot be told."""
+        kind, arrays = described((args, kwargs))
+        recording = self._recordings.get(kind)
+        if recording is None:
+            call = _Call(self._function, args, kwargs, arrays)
+            recording = self._recordings[kind] = dr.freeze(call.of_arrays, warn_after=1 << 30)
         collecting = gc.isenabled()
         gc.disable()
         try:
-            return self._recorded(kind_of((args, kwargs)), args, kwargs)
+            return recording(*arrays)
         finally:
             if collecting:
                 gc.enable()
 
     def clear(self) -> None:
         """Forget all recordings, and what the calls so far were like."""
-        self._recorded.clear()
+        self._recordings.clear()
 
 
-def kind_of(value: Any) -> str:
-    """All of nested tuples, lists, dictionaries and dataclasses but what the arrays hold: structure, numbers and
-    strings, each with its type, and which arrays are one and the same object."""
+class _Place(int):
+    """Where an array was among the arguments: its number."""
+
+
+class _Call(Generic[R]):
+    """A function and its arguments but for the arrays, which it keeps no hold of."""
+
+    def __init__(self, function: Callable[..., R], args: tuple, kwargs: dict, arrays: list):
+        places = {id(array): _Place(k) for k, array in enumerate(arrays)}
+        self.function = function
+        self.args, self.kwargs = _mapped((args, kwargs), lambda leaf: places.get(id(leaf), leaf))
+
+    def of_arrays(self, *arrays: Any) -> R:
+        """The call with these arrays in their places."""
+        args, kwargs = _mapped((self.args, self.kwargs), lambda leaf: arrays[leaf] if type(leaf) is _Place else leaf)
+        return self.function(*args, **kwargs)
+
+
+def _mapped(value: Any, change: Callable[[Any], Any]) -> Any:
+    """Nested tuples, lists, dictionaries and dataclasses with other leaves."""
+    kind: Any = type(value)
+    if isinstance(value, (tuple, list)):
+        items = [_mapped(item, change) for item in value]
+        return kind(*items) if hasattr(kind, "_fields") else kind(items)
+    if isinstance(value, dict):
+        return kind((name, _mapped(item, change)) for name, item in value.items())
+    if is_dataclass(value):
+        return kind(**{name: _mapped(getattr(value, name), change) for name in _field_names(kind)})
+    return change(value)
+
+
+def described(value: Any) -> tuple[str, list]:
+    """What nested tuples, lists, dictionaries and dataclasses are.
+
+    Returns (all but what the arrays in them hold: structure, numbers and strings, each with its type, and which arrays
+    are one and the same object; the arrays, each once).
+    """
     words: list[str] = []
-    _describe(value, words, {})
-    return " ".join(words)
+    arrays: dict[int, tuple[str, Any]] = {}
+    _describe(value, words, arrays)
+    return " ".join(words), [array for _, array in arrays.values()]
 
 
-def _describe(value: Any, words: list[str], arrays: dict[int, int]) -> None:
+def _describe(value: Any, words: list[str], arrays: dict[int, tuple[str, Any]]) -> None:
     kind = type(value)
     if kind in PLAIN:
         words.append(repr(value))  # exact, and another one for 1, 1.0 and True
-    elif dr.is_array_v(value):
-        words.append(f"#{arrays.setdefault(id(value), len(arrays))}")
+    elif dr.is_array_v(kind):
+        word, _ = arrays.setdefault(id(value), (f"#{len(arrays)}", value))
+        words.append(word)
     elif isinstance(value, (tuple, list)):
         words.append(f"{kind.__name__}(")
         for item in value:
@@ -97,7 +136,7 @@ PLAIN = {bool, int, float, str, type(None)}
 
 @functools.cache
 def _field_names(kind: type) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(cast(Any, kind)))
+    return tuple(field.name for field in fields(kind))
 
 
 def frozen(function: Callable[P, R]) -> Frozen[P, R]:

@@ -17,8 +17,9 @@ import mitsuba as mi
 from .arrays import array_types, detached, while_loop
 from .drjit_internals import argsort_small
 from .footprints import Footprints
-from .geometry import Blocks, Cutoffs, Grid, Lanes
+from .geometry import Cutoffs, Grid
 from .project import Projection
+from .tile_buckets import sort_into_buckets
 
 WORD, AT_ONCE = 32, 8  # bits of a word, and how many masks are read at once
 
@@ -40,6 +41,7 @@ class TileLists:
     slot_begin: mi.UInt32  # [N]
     slot_end: mi.UInt32  # [N]
     words: mi.UInt32  # [tiles + isects / 32, lanes per tile]
+    one_slot_each: bool = False  # a primitive's isects share one slot, which is its number
 
     @property
     def n_isects(self) -> int:
@@ -51,6 +53,17 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> TileLists:
     """Depth-ordered list of primitives per tile. Waits for the device once, to learn the length of the lists."""
     types = array_types()
     UInt, footprints = types.UInt, Footprints(projection, grid, cutoffs.log2_range)
+    # positive floats sort like their bits
+    depth_bits: Any = dr.reinterpret_array(UInt, detached(projection.depth))
+    if types.is_llvm:
+        return _sorted_lists(footprints, depth_bits, grid)
+    return _bucket_lists(footprints, depth_bits, grid)
+
+
+def _sorted_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLists:
+    """A sort by depth and a counting sort by tile, which is few passes on the CPU."""
+    types = array_types()
+    UInt = types.UInt
 
     def count_row(row, count):
         first, last = footprints.columns(row)
@@ -58,18 +71,15 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> TileLists:
 
     start = footprints.first, UInt(0)
     _, counts = while_loop(start, lambda row, count: row < footprints.last, count_row, "count")
-    # positive floats sort like their bits
-    depth_bits: Any = dr.reinterpret_array(UInt, detached(projection.depth))
     key: Any = dr.select(counts > 0, depth_bits, 0xFFFFFFFF)
     dr.eval(key, counts, footprints.kept())  # or the projection would be computed again where isects are emitted
 
     splat_from_rank = dr.argsort(key)  # [N] nearest first
     ends = dr.cumsum(dr.gather(UInt, counts, splat_from_rank))
     n_isects = int(ends[dr.width(ends) - 1]) if dr.width(ends) else 0
-    begin, end = dr.zeros(UInt, grid.n_tiles), dr.zeros(UInt, grid.n_tiles)
     if n_isects == 0:
-        nowhere = dr.zeros(UInt, dr.width(key))
-        return TileLists(dr.zeros(UInt, 1), begin, end, dr.zeros(UInt, 1), nowhere, nowhere, dr.zeros(UInt, 1))
+        return _no_lists(dr.width(key), grid)
+    begin, end = dr.zeros(UInt, grid.n_tiles), dr.zeros(UInt, grid.n_tiles)
 
     tile_from_slot, splat_and_mask = dr.empty(UInt, n_isects), dr.empty(UInt, 2 * n_isects)
     begin_from_rank = ends - dr.gather(UInt, counts, splat_from_rank)
@@ -107,15 +117,45 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> TileLists:
     dr.scatter(masks, mask, i, mode=dr.ReduceMode.Permute)
     dr.eval(begin, end, splat_from_isect, masks)
     words = dr.empty(UInt, (grid.n_tiles + n_words) * grid.blocks.lanes_per_tile)
-    transpose_masks(grid.lanes, grid.blocks, masks, begin, end, words)
+    tile = grid.lanes.tile
+    transpose_masks(grid, masks, dr.gather(UInt, begin, tile), dr.gather(UInt, end, tile), words)
     return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_begin + counts, words)
 
 
-def transpose_masks(lanes: Lanes, blocks: Blocks, masks: Any, begin: Any, end: Any, words: Any) -> None:
-    """From a bit per lane, for every isect, to a bit per isect, for every lane: the ``words`` of ``TileLists``."""
-    types, tile = array_types(), lanes.tile
-    begin, end = dr.gather(types.UInt, begin, tile), dr.gather(types.UInt, end, tile)
-    lane = dr.arange(types.UInt, dr.width(tile)) % blocks.lanes_per_tile
+def _bucket_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLists:
+    """Without a sort, which takes many launches on CUDA."""
+    UInt, lanes_per_tile = array_types().UInt, grid.blocks.lanes_per_tile
+    slot_begin = dr.arange(UInt, dr.width(depth_bits))
+    slot_end = slot_begin + 1
+    dr.eval(depth_bits, slot_begin, slot_end, footprints.kept())
+    buckets = sort_into_buckets(footprints, depth_bits, grid, WORD)
+    if buckets is None:
+        return _no_lists(dr.width(depth_bits), grid)
+    begin, end = dr.empty(UInt, grid.n_tiles), dr.empty(UInt, grid.n_tiles)
+    words = dr.empty(UInt, (grid.n_tiles + dr.width(buckets.masks) // WORD) * lanes_per_tile)
+    tile = grid.lanes.tile
+    first, last = buckets.of_tile(tile)
+    leads = dr.arange(UInt, dr.width(tile)) % lanes_per_tile == 0
+    dr.scatter(begin, first, tile, leads, mode=dr.ReduceMode.Permute)
+    dr.scatter(end, last, tile, leads, mode=dr.ReduceMode.Permute)
+    transpose_masks(grid, buckets.masks, first, last, words)
+    return TileLists(buckets.splat, begin, end, buckets.splat, slot_begin, slot_end, words, one_slot_each=True)
+
+
+def _no_lists(n: int, grid: Grid) -> TileLists:
+    """Where nothing is seen."""
+    UInt = array_types().UInt
+    begin, end, nowhere = dr.zeros(UInt, grid.n_tiles), dr.zeros(UInt, grid.n_tiles), dr.zeros(UInt, n)
+    return TileLists(dr.zeros(UInt, 1), begin, end, dr.zeros(UInt, 1), nowhere, nowhere, dr.zeros(UInt, 1))
+
+
+def transpose_masks(grid: Grid, masks: Any, begin: Any, end: Any, words: Any) -> None:
+    """From a bit per lane, for every isect, to a bit per isect, for every lane: the ``words`` of ``TileLists``.
+
+    ``begin``, ``end``: isects of each lane's tile.
+    """
+    types, tile, lanes_per_tile = array_types(), grid.lanes.tile, grid.blocks.lanes_per_tile
+    lane = dr.arange(types.UInt, dr.width(tile)) % lanes_per_tile
 
     def one_word(group):
         word = types.UInt(0)
@@ -128,7 +168,7 @@ def transpose_masks(lanes: Lanes, blocks: Blocks, masks: Any, begin: Any, end: A
         first = group * WORD
         word &= types.UInt(0xFFFFFFFF) << dr.select(begin > first, begin - first, 0)
         word &= types.UInt(0xFFFFFFFF) >> (WORD - dr.minimum(end - first, WORD))
-        dr.scatter(words, word, (tile + group) * blocks.lanes_per_tile + lane)
+        dr.scatter(words, word, (tile + group) * lanes_per_tile + lane)
         return (group + 1,)
 
     last = dr.select(begin < end, (end - 1) // WORD + 1, 0)

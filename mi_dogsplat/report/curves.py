@@ -46,6 +46,7 @@ def curves(run: Run) -> Curves:
     if final is not None and not np.isfinite(test_psnr[-1]):
         test_psnr[-1] = final
     smooth, rows = running_mean(l1)
+    psnr = f"{run.measured} PSNR, dB"
     for label, x in abscissas:
         if rows > 1:
             errors = [Series("per row", x, l1, "faint"), Series(f"mean of {rows} rows", x, smooth)]
@@ -56,7 +57,7 @@ def curves(run: Run) -> Curves:
         lines = marks(run, x)
         plots.error.append(line_plot(errors, label, "training L1", log_y=True, marks=lines))
         if np.count_nonzero(np.isfinite(test_psnr + x)) > 1:
-            plots.psnr.append(line_plot([Series("test", x, test_psnr, "points")], label, "test PSNR, dB", marks=lines))
+            plots.psnr.append(line_plot([Series(run.measured, x, test_psnr, "points")], label, psnr, marks=lines))
         if np.isfinite(n + x).any():
             dog = [Series("DoG", x, n_dog, color=2)] if np.nansum(n_dog) > 0 else []
             counts = [Series("all", *with_drops(run, x, n)), *dog]

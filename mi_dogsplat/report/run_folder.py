@@ -57,6 +57,11 @@ class Run:
         preset = self.config.get("preset")
         return str((self.recipe or {}).get("label") or (f"preset {preset}" if preset else ""))
 
+    @property
+    def measured(self) -> str:
+        """Which views were held out and measured: "test", or "validation"."""
+        return str(self.config.get("split") or "test")
+
     def happened(self, row: int) -> list[dict[str, Any]]:
         """Records of what happened at a history row (``training/events.py``); none in rows that have only words."""
         records = self.history[row].get("events")

@@ -66,7 +66,7 @@ def _others(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:
     facts = {
         "seed": metrics.get("seed", run.config.get("seed")),
         "variant": metrics.get("variant", run.config.get("variant")),
-        "test L1": None if test_l1 is None else fixed(test_l1, 4),
+        f"{run.measured} L1": None if test_l1 is None else fixed(test_l1, 4),
         "render": None if render_ms is None else f"{render_ms:.1f} ms per view",
         "peak memory": None if memory is None else f"{count(memory)} MB",
         **(metrics.get("versions") or {}),

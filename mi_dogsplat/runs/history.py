@@ -29,7 +29,7 @@ def run_to_end(
     test_every = (config.test_every or max(1, config.steps // 8)) if trainer.dataset.test else 0
     tick = time.perf_counter()
     for happened in _happenings(trainer, config.steps if until is None else until):
-        log = trainer.losses.steps > 0 and trainer.logs()
+        log = trainer.losses.views > 0 and trainer.logs()
         scheduled = test_every > 0 and trainer.step_count % test_every == 0
         compacted = test_every > 0 and any(isinstance(event, Pruned | DogActivated) for event in happened)
         if happened or log or scheduled:

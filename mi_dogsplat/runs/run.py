@@ -6,7 +6,7 @@ import dataclasses
 import errno
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -81,21 +81,54 @@ def train(
     resume: bool = False,
     recipe: Recipe | None = None,
     start: Path | None = None,
+    method: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Train, or prune a model (``config.model``), evaluate and write the run folder; returns ``metrics.json``.
 
-    ``progress`` is called as training starts and with every row of the history. With ``resume`` the run goes on
-    from its last checkpoint, or from the beginning if it did not come that far, with the same settings. The model
-    leaves out primitives that can never be seen. A ``recipe`` takes the place of the preset's; ``start`` is a
-    checkpoint to go on from. An earlier run in the same folder is replaced: its measurements go first, as they would
-    be a lie beside the new settings; its model stays until the new one is complete. Raises ``DataError``; ``Stopped``
-    when asked to stop in training (Ctrl-C, SIGTERM), which leaves a checkpoint.
+    Args:
+        progress: called as training starts and with every row of the history.
+        resume: go on from the run's last checkpoint, or from the beginning if it did not come that far, with the same
+            settings.
+        recipe: takes the place of the preset's.
+        start: checkpoint to go on from.
+        method: what ``recipe.json`` is to hold, of a method in a comparison.
+
+    The model leaves out primitives that can never be seen. An earlier run in the same folder is replaced: its
+    measurements go first, as they would be a lie beside the new settings; its model stays until the new one is
+    complete. Raises ``DataError``; ``Stopped`` when asked to stop in training (Ctrl-C, SIGTERM), which leaves a
+    checkpoint.
     """
     out = Path(out)
-    dataset = load_dataset(config.data, config.downscale, on_disk=config.data_on_disk)
+    dataset = _dataset_of(config)
     trainer = Trainer(config, dataset, recipe)
     if start:
-        _restore(trainer, start, "remove it, and begin anew")
+        _restore(trainer, start)
+    with _begun(trainer, out, resume):
+        if method:
+            write_json(out / RECIPE, dict(method))
+        progress({"step": trainer.step_count, "n": trainer.optimizer.n})
+        _train(trainer, out, progress)
+        return _finish(trainer, dataset, out)
+
+
+def train_until(config: TrainConfig, out: Path, step: int, resume: bool = False) -> Path:
+    """Train up to a step; returns the checkpoint, in a run folder with a history but without a model.
+
+    Raises what ``train`` raises.
+    """
+    trainer = Trainer(config, _dataset_of(config))
+    with _begun(trainer, out, resume):
+        _train(trainer, out, until=step)
+    return out / CHECKPOINT
+
+
+def _dataset_of(config: TrainConfig) -> Dataset:
+    return load_dataset(config.data, config.downscale, on_disk=config.data_on_disk, split=config.split)
+
+
+@contextmanager
+def _begun(trainer: Trainer, out: Path, resume: bool) -> Iterator[None]:
+    """The run folder, ours alone, with nothing in it of another run; the trainer where the run is resumed."""
     with claimed(out):
         if resume:
             _resume(trainer, out)
@@ -103,20 +136,22 @@ def train(
             (out / CHECKPOINT).unlink(missing_ok=True)
             (out / HISTORY).unlink(missing_ok=True)
         _forget_results(out)
-        write_json(out / "config.json", dataclasses.asdict(config))
-        progress({"step": trainer.step_count, "n": trainer.optimizer.n})
-        _train(trainer, out, progress)
-        return _finish(trainer, dataset, out)
+        write_json(out / "config.json", dataclasses.asdict(trainer.config))
+        yield
 
 
-def _train(trainer: Trainer, out: Path, progress: Callable[[dict], None]) -> None:
-    """Train to the end; rows go to the history, and the state to the checkpoint from time to time and at the end."""
+def _train(
+    trainer: Trainer, out: Path, progress: Callable[[dict], None] = lambda row: None, until: int | None = None
+) -> None:
+    """Train to the end, or to a step; rows go to the history, and the state to the checkpoint from time to time and
+    at the end."""
     config = trainer.config
+    last = config.steps if until is None else until
     checkpoints = Checkpoints(out / CHECKPOINT, config.checkpoint_seconds)
     with open(out / HISTORY, "a", encoding="utf-8") as history, StopRequest() as stop:
 
         def due() -> bool:
-            ends = trainer.step_count == config.steps or stop.signal_number > 0
+            ends = trainer.step_count == last or stop.signal_number > 0
             return ends or (checkpoints.due() and trainer.sound())
 
         def save() -> None:
@@ -130,7 +165,7 @@ def _train(trainer: Trainer, out: Path, progress: Callable[[dict], None]) -> Non
                 raise Stopped(f"{where}; the same command with --resume goes on", stop.signal_number)
 
         try:
-            for row in run_to_end(trainer, due, save):
+            for row in run_to_end(trainer, due, save, until):
                 history.write(json.dumps(row) + "\n")
                 history.flush()
                 progress(row)
@@ -175,20 +210,20 @@ def _resume(trainer: Trainer, out: Path) -> None:
     path = out / CHECKPOINT
     kept = []
     if path.exists():  # else the run was killed before its first checkpoint
-        _restore(trainer, path, "train without --resume")
+        _restore(trainer, path)
         steps = before.column("step")
         kept = [row for row, step in zip(before.history, steps, strict=True) if step <= trainer.step_count]
     with replacing(out / HISTORY) as part:
         part.write_text("".join(json.dumps(row) + "\n" for row in kept), encoding="utf-8")
 
 
-def _restore(trainer: Trainer, path: Path, remedy: str) -> None:
+def _restore(trainer: Trainer, path: Path) -> None:
     try:
         trainer.restore(load_checkpoint(path))
     except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
         if isinstance(error, DataError):
             raise
-        raise DataError(path, f"does not fit this run ({error})", remedy) from None
+        raise DataError(path, f"does not fit this run ({error})", "remove it, and begin anew") from None
 
 
 def _forget_results(out: Path) -> None:

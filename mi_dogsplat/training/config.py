@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+from ..datasets.dataset import SPLITS
 from ..render.picture_options import Antialiased, Background, Downscale, NearClip
 from ..support.memory import bytes_of
 from ..support.settings import Setting, check_settings, refuse
@@ -16,7 +17,9 @@ PRESETS = "recipe: ours; paper or released (the method as printed, as in its cod
 WORLD_SCALE = "remove larger primitives, times the camera extent (default: the preset's)"
 VARIANT = "Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb"
 TESTS = "steps between measurements of PSNR and FLIP on the test views; 0: eight times a run"
+MEASURED = "views that are measured: test; or validation, every 8th training view, no test view being read then"
 NEAR_ZONE = "remove primitives nearer than this to a training camera, world units; 0: none"
+BATCH = "views of a step, which takes the mean of their gradients; step sizes grow with the square root"
 CHECKPOINTS = "time between checkpoints; longer where they would take a fiftieth of the time"
 
 
@@ -33,9 +36,11 @@ class TrainConfig:
         int, Setting("training steps; the whole schedule scales along (default: the preset's)", least=1)
     ] = FROM_RECIPE
     target: Annotated[float, Setting("primitives left after pruning: below 1 a ratio, else a count")] = 0.1
+    batch_views: Annotated[int, Setting(BATCH, least=1)] = 1
     downscale: Downscale = 1
     max_primitives: Annotated[int | None, Setting("never hold more primitives than this", least=1)] = None
     max_world_scale: Annotated[float, Setting(WORLD_SCALE, least=1e-9)] = FROM_RECIPE
+    split: Annotated[str, Setting(MEASURED, choices=SPLITS)] = "test"
     sh_degree: Annotated[int, Setting("highest degree of view-dependent colour, 0 to 3", least=0, most=3)] = 3
     background: Background = "auto"
     antialiased: Antialiased = False

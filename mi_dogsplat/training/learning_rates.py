@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from ..engine.parameters import RAW_DOG
@@ -36,7 +37,10 @@ class Refinement:
 
 @dataclass(frozen=True)
 class LearningRates:
-    """Adam step sizes of the 3DGS recipe (Kerbl et al. 2023; method notes, Sec. 2)."""
+    """Adam step sizes of the 3DGS recipe (Kerbl et al. 2023; method notes, Sec. 2), for a step of one view.
+
+    The mean gradient of K views has a Kth of the variance, so a step may be √K times as large (Malladi et al. 2022).
+    """
 
     extent: float  # radius of the camera positions, world units: the unit of position steps
     total_steps: int
@@ -50,6 +54,12 @@ class LearningRates:
     dog_logit_opacities: float = 0.025
     dog_log_scales: float = 5e-3
     refinement: Refinement | None = None
+    batch_views: int = 1  # K, views whose gradients a step averages
+
+    @property
+    def batch_gain(self) -> float:
+        """√K, on every step size."""
+        return math.sqrt(self.batch_views)
 
     def at(self, step: int) -> dict[str, float]:
         """Step size of every parameter."""
@@ -59,4 +69,4 @@ class LearningRates:
         rates = {"means": means} | {name: getattr(self, name) for name in names}
         if self.refinement:
             rates = {name: r * self.refinement.factor(name, step, self.total_steps) for name, r in rates.items()}
-        return rates
+        return {name: rate * self.batch_gain for name, rate in rates.items()}

@@ -5,6 +5,9 @@ The update rule is the library's (``mi.ad.Adam``). What is ours: a learning rate
 training forgets. And a gradient that is not finite, or whose square is not, counts as zero: Adam would keep it in the
 second moment for ever, as a NaN in the parameter or an infinity that freezes it.
 
+Of K views of a step (``LearningRates.batch_views``) gradients add up on the parameters; a step takes their mean. Adam
+then remembers as many views as with one: β^K, and ε / √K, as the mean is that much smaller (Malladi et al. 2022).
+
 Arrays that cross between host and device are always copied, to aligned memory. On the CPU Dr.Jit would share
 memory with NumPy, and whether an array begins at a multiple of 64 bytes decides which kernel is compiled.
 """
@@ -29,6 +32,7 @@ from .learning_rates import LearningRates
 ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}
 DOG_ROW_SIZE = {"dog_logit_opacities": 1, "dog_log_scales": 3}
 MAX_GRADIENT = 1e18  # its square is a float32
+BETA_1, BETA_2 = 0.9, 0.999
 EPSILON = 1e-15  # of Adam, as in 3DGS: gradients far below move nothing
 
 
@@ -54,7 +58,9 @@ class SplatOptimizer:
         if splats.n_dog:
             values |= {name: getattr(splats, name) for name in RAW_DOG}
             self.row_size |= DOG_ROW_SIZE
-        self.adam = mi.ad.Adam(lr=0.0, epsilon=EPSILON, params={name: device_array(v) for name, v in values.items()})
+        views, gain = learning_rates.batch_views, learning_rates.batch_gain
+        adam: dict[str, Any] = {"beta_1": BETA_1**views, "beta_2": BETA_2**views, "epsilon": EPSILON / gain}
+        self.adam = mi.ad.Adam(lr=0.0, params={name: device_array(v) for name, v in values.items()}, **adam)
         self._dog = DogRows(splats.dog_index, splats.n_splats)
         self.schedule(0)
 
@@ -90,7 +96,8 @@ class SplatOptimizer:
         They are Python numbers, which Adam makes opaque itself. An array here would cost two kernels per
         parameter and, if differentiable, be multiplied in place (Dr.Jit 1.5).
         """
-        rates = self.learning_rates.at(step) | self.other_rates
+        gain = self.learning_rates.batch_gain
+        rates = self.learning_rates.at(step) | {name: rate * gain for name, rate in self.other_rates.items()}
         self.adam.set_learning_rate({name: rates[name] for name in self.adam})
 
     def learn(self, name: str, values: np.ndarray, rate: float) -> None:
@@ -98,11 +105,11 @@ class SplatOptimizer:
 
         Args:
             values: [N].
-            rate: step size, the same all along; 0 holds a number that somebody else sets.
+            rate: step size for a view, the same all along; 0 holds a number that somebody else sets.
         """
         self.row_size[name], self.other_rates[name] = 1, rate
         self.adam[name] = device_array(values)
-        self.adam.set_learning_rate({name: rate})
+        self.adam.set_learning_rate({name: rate * self.learning_rates.batch_gain})
 
     def forget(self, name: str) -> None:
         """Drop what ``learn`` added."""
@@ -115,15 +122,15 @@ class SplatOptimizer:
         return set(self.other_rates)
 
     def step(self, unused: Collection[str] = ()) -> None:
-        """One Adam step with the gradients on the parameters, which are then cleared.
+        """One Adam step with the gradients on the parameters, sums over the views of a step, which are then cleared.
 
         Args:
             unused: parameters that no render has read so far. Their gradients and moments are 0, so that Adam would
                 write back what it read: that is left out. The step counts all the same, for the bias correction.
         """
-        unused = set(unused)
+        unused, views = set(unused), self.learning_rates.batch_views
         for value in [value for name, value in self.adam.items() if name not in unused]:
-            gradient = dr.grad(value)
+            gradient = dr.grad(value) if views == 1 else dr.grad(value) * (1 / views)
             dr.set_grad(value, dr.select(dr.abs(gradient) < MAX_GRADIENT, gradient, 0))  # false for NaN
         step_without(self.adam, unused)
 
@@ -230,7 +237,8 @@ class SplatOptimizer:
         for name in self.adam:
             e = Entry.of(self.adam, name)
             saved[name], saved[f"{name}.m"], saved[f"{name}.v"] = _host(dr.detach(e.value)), _host(e.m), _host(e.v)
-            saved[f"{name}.t"], saved[f"{name}.rate"] = np.array(e.t[0], np.uint32), np.array(e.rate)
+            saved[f"{name}.t"] = np.array(e.t[0], np.uint32)
+            saved[f"{name}.rate"] = np.array(self.other_rates.get(name, e.rate))
         return saved
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:

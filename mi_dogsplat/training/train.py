@@ -52,9 +52,10 @@ class Trainer:
     def __init__(self, config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None):
         self.config, self.dataset = config, dataset
         recipe = recipe or RECIPES[config.preset]
-        recipe = (recipe if config.model is None else recipe.from_pruning()).scaled(config.steps)
         bounds = {"max_primitives": config.max_primitives, "max_world_scale": config.max_world_scale}
-        self.recipe = replace(recipe, densification=replace(recipe.densification, **bounds))
+        density = replace(recipe.densification, **bounds, batch_views=config.batch_views)
+        recipe = replace(recipe, densification=density)
+        self.recipe = (recipe if config.model is None else recipe.from_pruning()).scaled(config.steps)
         self.background = background_color(config.background, dataset.has_alpha)
         self.extent = camera_extent(dataset.train)
         share = recipe.start_share
@@ -69,7 +70,9 @@ class Trainer:
             dataset, self.background, config.near_clip, config.background == "random", config.masks,
             config.steps if config.exposure else None, config.data_on_disk,
         )  # fmt: skip
-        rates = LearningRates(self.extent, recipe.position_steps, refinement=recipe.refinement)
+        rates = LearningRates(
+            self.extent, self.recipe.position_steps, refinement=self.recipe.refinement, batch_views=config.batch_views
+        )
         self.optimizer = SplatOptimizer(splats, rates)
         self.steps, self.target = config.steps, config.target
         self.step_count, self.seconds = 0, 0.0
@@ -94,15 +97,27 @@ class Trainer:
         return RasterOptions(sh_degree=self.active_sh_degree, antialiased=self.config.antialiased)
 
     def step(self) -> list[Event]:
-        """One training view: render, loss, backward, Adam, with the hooks of the strategies between them."""
+        """The views of a batch, then Adam with the mean of their gradients; the hooks of the strategies in between."""
         parts = self._parts()
         for strategy, state in parts:
             strategy.before_step(self, state)
+        self.optimizer.schedule(self.step_count + self.recipe.first_step)
+        for seen in range(self.config.batch_views):
+            if seen:
+                dr.eval([dr.grad(value) for value in self.optimizer.adam.values()])  # else one kernel for all views
+            self._learn_from(self._next_view(), parts)
+        self.optimizer.step(unused=() if self.active_sh_degree else ("sh_rest",))
+
+        self.step_count += 1
+        return [event for strategy, state in parts for event in strategy.after_step(self, state)]
+
+    def _next_view(self) -> int:
         if not self.order:
             self.order = self.rng.permutation(len(self.photographs)).tolist()
-        view = self.order.pop()
-        self.optimizer.schedule(self.step_count + self.recipe.first_step)
+        return self.order.pop()
 
+    def _learn_from(self, view: int, parts: list[tuple[Strategy[Any], Any]]) -> None:
+        """Render, loss, backward: the gradient of a view is added to that on the parameters."""
         probe = None
         if any(strategy.collects(self, state) for strategy, state in parts):
             probe = [dr.zeros(mi.Float, self.optimizer.n) for _ in range(2)]
@@ -121,11 +136,7 @@ class Trainer:
         seen = Seen(view, self.photographs.cameras[view], params, frame, planes, gradient, by_center)
         for strategy, state in parts:
             strategy.after_backward(self, state, seen)
-        self.optimizer.step(unused=() if self.active_sh_degree else ("sh_rest",))
         self.losses.add(l1, loss)
-
-        self.step_count += 1
-        return [event for strategy, state in parts for event in strategy.after_step(self, state)]
 
     def begin(self) -> list[Event]:
         """What is due before the first step, as for a model that exists."""

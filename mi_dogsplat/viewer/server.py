@@ -235,5 +235,6 @@ def _dataset(data: str | Path | None, config: dict[str, Any], downscale: int) ->
     if data:
         return load_dataset(data, downscale)
     own = config.get("data")
-    settings = config.get("downscale", 1), config.get("data_on_disk", False)
-    return load_dataset(own, settings[0], on_disk=settings[1]) if own and Path(own).exists() else None
+    settings = {name: config.get(name, default) for name, default in (("downscale", 1), ("split", "test"))}
+    on_disk = config.get("data_on_disk", False)
+    return load_dataset(own, on_disk=on_disk, **settings) if own and Path(own).exists() else None

@@ -1,8 +1,11 @@
 """Stiff and extreme inputs: each gives the right number or a documented one, and never a NaN."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from mi_dogsplat.check.cases import Case, camera, cases, primitives
+from mi_dogsplat.check import stability
+from mi_dogsplat.check.cases import Case, bystanders, camera, cases, primitives, together
 from mi_dogsplat.check.stability import GRADIENT_TOLERANCE, IMAGE_TOLERANCE, answer, measure
 from mi_dogsplat.engine.geometry import SMOOTH, Cutoffs
 
@@ -45,3 +48,28 @@ def test_a_wrong_answer_is_called_wrong(monkeypatch):
             patch.setattr(f"mi_dogsplat.check.stability.{name}", 1e-12)
             assert measure(case)["verdict"] == "wrong"
     assert 0 < IMAGE_TOLERANCE < 1 / 255 and 0 < GRADIENT_TOLERANCE < 0.1
+
+
+def test_gradients_at_the_default_cutoffs_count_too(monkeypatch):
+    """An engine with a cutoff of its own is right without cutoffs, and wrong with them."""
+    case = Case("shape", "x", primitives([(0.1, 0.2, 3), (0.3, 0.1, 4)], opacity=0.02), camera(), np.arange(2))
+
+    def other(case: Case, cutoffs: Cutoffs, weights: np.ndarray):
+        default = answer(case, cutoffs, weights)
+        own = answer(case, Cutoffs(alpha=1 / 200), weights)
+        return default if cutoffs == SMOOTH else replace(default, gradients=own.gradients)
+
+    monkeypatch.setattr(stability, "answer", other)
+    row = measure(case)
+    assert row["image_error"] < IMAGE_TOLERANCE and row["gradient_error"] < 1e-4
+    assert row["default_gradient_error"] > GRADIENT_TOLERANCE and row["verdict"] == "wrong"
+
+
+def test_a_pixel_on_the_edge_of_a_cutoff_has_no_weight_and_the_others_have():
+    """The middle of the kernel is half a millionth above 1/255, or below, whichever way it is rounded."""
+    for sign in (1, -1):
+        splats = primitives((0, 0, 3), (0.2, 0.2, 0.2), opacity=(1 + sign * 5e-7) / 255)
+        view = replace(camera(), cx=24.5, cy=20.5)
+        case = Case("opacity", "on the edge", together(bystanders(), splats), view, np.array([12]))
+        row = measure(case)
+        assert row["undecided"] == 1 / (view.width * view.height) and row["verdict"] == "right"

@@ -26,10 +26,11 @@ from mi_dogsplat.compare.page import comparison_page, pareto
 from mi_dogsplat.compare.table import COLUMNS, MEAN, collect_all, latex
 from mi_dogsplat.compare.tasks import Task, perform, tasks_of
 from mi_dogsplat.measure.lpips import Lpips
-from mi_dogsplat.runs.checkpoint import load_checkpoint
+from mi_dogsplat.runs.checkpoint import Checkpoints, load_checkpoint
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.locks import locked
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.train import Trainer
 from PIL import Image
 from small_vgg import install, small_weights
 from tiny_data import write_tiny_data
@@ -277,6 +278,40 @@ def test_neither_the_start_nor_a_method_depends_on_the_distance_of_rows_and_page
     start = load_checkpoint(tmp_path / "out" / "tiny" / "seed_0" / "start.npz")
     assert not table["failed"] and start["step"] == 30 and start["seconds"] > 0
     assert "Error against run time" in (tmp_path / "out" / "comparison.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("kind", "methods", "stop"), [("start", (), 17), ("train", ("ours",), 47)])
+def test_a_task_that_was_cut_off_goes_on_and_ends_with_the_same_bits(
+    comparison, tmp_path, monkeypatch, ordered, kind, methods, stop
+):
+    whole = comparison[0] / "tiny"
+    (tmp_path / "seed_0").mkdir()
+    shutil.copy(whole / "config.json", tmp_path)
+    if kind == "train":
+        shutil.copy(whole / "seed_0" / "start.npz", tmp_path / "seed_0")
+    task, step, steps = Task(kind, str(tmp_path), 0, methods), Trainer.step, []
+
+    def count(trainer):
+        steps.append(trainer.step_count)
+        if steps == [*range(steps[0], stop)]:
+            raise KeyboardInterrupt
+        return step(trainer)
+
+    monkeypatch.setattr(Checkpoints, "due", lambda self: True)
+    monkeypatch.setattr(Trainer, "step", count)
+    with pytest.raises(KeyboardInterrupt):
+        perform(task, {})
+    assert not task.done
+    perform(task, {})
+    assert task.done and steps.count(stop - 1) == 2 and len(set(steps)) == len(steps) - 1
+    if kind == "train":
+        models = [folder / "seed_0" / "ours" / "point_cloud.ply" for folder in (whole, tmp_path)]
+        assert models[0].read_bytes() == models[1].read_bytes()
+    else:
+        once, again = (load_checkpoint(folder / "seed_0" / "start.npz") for folder in (whole, tmp_path))
+        assert all(np.array_equal(once[name], again[name]) for name in once if name != "seconds")
+        rows = (tmp_path / "seed_0" / "start" / "history.jsonl").read_text().splitlines()
+        assert [json.loads(row)["step"] for row in rows][-1] == 30
 
 
 def test_the_process_of_a_task_ends_when_whoever_started_it_is_killed(comparison, tmp_path):

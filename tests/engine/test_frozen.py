@@ -7,12 +7,13 @@ import sys
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.engine.frozen import frozen, kind_of
+from mi_dogsplat.engine.frozen import described, frozen
 
 # A function that allocates enough to collect garbage, which is there: cycles of what must not be freed meanwhile.
 WITH_GARBAGE = """
@@ -76,6 +77,10 @@ def test_no_recording_is_taken_for_another_whatever_the_constants():
             assert increased(dr.arange(mi.Float, 3), bits, number).numpy()[0] == expected
 
 
+def kind_of(value) -> str:
+    return described(value)[0]
+
+
 NUMBERS = [-1, -2, 0, 1, True, False, 1.0, 0.0, -0.0, 1 << 61, (1 << 61) + 1, float("nan"), None, "1", "True"]
 
 
@@ -104,7 +109,7 @@ def test_structures_with_the_same_numbers_are_told_apart():
 
 def test_an_argument_of_which_nothing_is_known_is_refused():
     with pytest.raises(TypeError, match="takes arrays, numbers, strings and what is made of them, not <object"):
-        kind_of((mi.Float(0), object()))
+        described((mi.Float(0), object()))
 
 
 def test_no_recording_is_taken_for_another_whichever_arguments_are_the_same_array():
@@ -118,6 +123,45 @@ def test_no_recording_is_taken_for_another_whichever_arguments_are_the_same_arra
     for order in itertools.product(range(3), repeat=3):
         digits = [dr.opaque(mi.Float, d) for d in range(3)]
         assert weighted([digits[d] for d in order]).numpy()[0] == sum(10**k * d for k, d in enumerate(order))
+
+
+def test_what_is_traced_has_the_structure_of_the_arguments():
+    """Dr.Jit is given their arrays alone."""
+
+    class Pair(NamedTuple):
+        a: mi.Float
+        b: str
+
+    @dataclass(frozen=True)
+    class Holder:
+        inside: dict
+        number: float = 2.5
+
+    @frozen
+    def increased(holder, *others, last):
+        assert isinstance(holder, Holder) and holder.number == 2.5 and holder.inside["pair"].b == "b"
+        assert isinstance(holder.inside["pair"], Pair) and others == (None, [1, (True,)])
+        assert last[0] is holder.inside["pair"].a and last[1] is not last[0]
+        return last[0] + 10 * last[1]
+
+    for k in range(3):
+        a, b = dr.opaque(mi.Float, k), dr.opaque(mi.Float, k + 1)
+        assert increased(Holder({"pair": Pair(a, "b")}), None, [1, (True,)], last=[a, b]).numpy()[0] == 11 * k + 10
+
+
+def test_a_recording_keeps_no_array_of_its_first_call():
+    @frozen
+    def increased(holder):
+        return holder["x"] + 1
+
+    def alive() -> bool:
+        return "12347" in (dr.whos(as_string=True) or "")
+
+    x = dr.opaque(mi.Float, 0, 12347)
+    increased({"x": x})
+    assert alive()
+    del x
+    assert not alive()
 
 
 def test_a_frozen_function_is_traced_once_for_all_sizes():

@@ -142,6 +142,20 @@ def test_equal_depths_keep_the_order_of_their_indices():
         np.testing.assert_array_equal(got, expected)
 
 
+def test_depths_of_any_size_are_in_order_across_many_rows_of_tiles():
+    """Tiles of 200 primitives that nearly all cover: from nearest to farthest some 2^40 apart, many at equal depths."""
+    rng = np.random.default_rng(0)
+    depths = 2.0 ** np.r_[rng.uniform(-10, 30, 100), rng.integers(-10, 30, 50), np.full(50, 3.0) + 2e-7 * np.arange(50)]
+    splats, camera = rounded(make_splats(depths[:, None] * [0, 0, 1], depths[:, None])), make_camera(200, 420, f=200.0)
+    projection = project(upload(splats), DeviceCamera.upload(camera, near_clip=1e-6), sh_degree=0)
+    lists, exact = tiles(projection, grid_of(camera), HARD), splats.means[:, 2].astype(np.float32)
+    begin, end, splat = (np.array(v) for v in (lists.begin, lists.end, lists.splat_from_isect))
+    assert (end - begin > 150).all()
+    for b, e in zip(begin, end, strict=True):
+        listed = np.sort(splat[b:e])
+        np.testing.assert_array_equal(splat[b:e], listed[np.argsort(exact[listed], kind="stable")])
+
+
 def test_nothing_is_listed_where_nothing_is_visible():
     for splats in (make_splats([[0, 0, -2]] * 3), make_splats([[0, 0, 2]] * 3, opacities=0.9 / 255, dog=[1]),
                    make_splats([[50, 0, 2]] * 3), make_splats([[0, 0, 2]] * 3, opacities=1e-12)):

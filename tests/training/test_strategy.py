@@ -177,9 +177,9 @@ def test_a_checkpoint_of_an_earlier_version_is_refused_in_one_line(data, tmp_pat
     state = load_checkpoint(path)
     del state["format"]
     save_checkpoint(path, state)
-    remedies: dict[str, Any] = {"train without --resume": {"resume": True}, "remove it": {"start": path}}
-    for remedy, arguments in remedies.items():
-        with pytest.raises(DataError, match=rf"state\.npz: .*another version of mi_dogsplat.*; {remedy}") as error:
+    uses: tuple[dict[str, Any], ...] = ({"resume": True}, {"start": path})
+    for arguments in uses:
+        with pytest.raises(DataError, match=r"state\.npz: .*another version of mi_dogsplat.*; remove it") as error:
             run.train(config, tmp_path, **arguments)
         assert "\n" not in str(error.value)
 

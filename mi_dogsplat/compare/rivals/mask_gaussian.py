@@ -101,7 +101,8 @@ class MaskGaussian(Strategy[None]):
         share, image, adjoint = (detached(values) for values in (drawn, seen.planes, seen.gradient))
         by_m = mi.Float(by_share(params, seen.camera, t.options, share, image, adjoint))
         by_m += dr.mean(drawn) * (2 * WEIGHT / t.optimizer.n)
-        dr.set_grad(t.optimizer.params[MASK], by_m * probability * (1 - probability))
+        mask = t.optimizer.params[MASK]
+        dr.set_grad(mask, dr.grad(mask) + by_m * probability * (1 - probability))
 
     def after_step(self, t: Training, state: None) -> list[Event]:
         """Sweep out what is hardly ever drawn; the last time just before the prune."""

@@ -12,12 +12,13 @@ from __future__ import annotations
 from collections import namedtuple
 
 import drjit as dr
+import mitsuba as mi
 
 from ..arrays import if_stmt
 from ..frozen import frozen
 from ..view import PreparedView
 from .pixels import Planes, planes_of
-from .slot_rows import SlotRows
+from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import ALPHA_MAX, Alphas, Meeting, Walk
 
 LN2 = 0.6931471805599453
@@ -40,16 +41,17 @@ def composite_backward(view: PreparedView, blended: Planes, δ: Planes) -> tuple
     Returns (δ of what ``Projected`` names and of each feature, [N] each; δ of its last ``N_PSEUDO`` of the
     pseudo-Gaussians, [M] each, nothing without DoG).
     """
-    rows = SlotRows.zeros(view.lists, len(Projected._fields) + view.settings.n_features)
-    pseudo_rows = SlotRows.zeros(view.lists, N_PSEUDO) if view.tables.pseudo is not None else None
-    return _composite_backward(view, blended, δ, rows, pseudo_rows)
+    columns, dog_index = len(Projected._fields) + view.settings.n_features, view.tables.dog_index
+    δsplats, δpseudo = _composite_backward(view, blended, δ, lanes_add_in_turn(mi.variant()))
+    of_pseudo = [] if dog_index is None else columns_of(δpseudo, view.lists, N_PSEUDO, dog_index)
+    return columns_of(δsplats, view.lists, columns), of_pseudo
 
 
 @frozen
-def _composite_backward(
-    view: PreparedView, blended: Planes, δplanes: Planes, rows: SlotRows, pseudo_rows: SlotRows | None
-) -> tuple[list, list]:
+def _composite_backward(view: PreparedView, blended: Planes, δplanes: Planes, in_turn: bool) -> tuple[list, list]:
     walk, features = Walk(view), range(view.settings.n_features)
+    rows = SlotRows(view.lists, len(Projected._fields) + len(features), in_turn)
+    pseudo_rows = SlotRows(view.lists, N_PSEUDO, in_turn) if walk.has_dog else None
     pixels, blocks, Float = walk.pixels, walk.blocks, walk.types.Float
 
     δC = [pixels.read(plane) for plane in δplanes.features]
@@ -118,7 +120,7 @@ def _composite_backward(
         rows.add(slot, [*δrow, *δf], meeting.active)
 
     walk.run(step, rest, "composite_backward")
-    return rows.sums(view.lists), pseudo_rows.sums(view.lists, view.tables.dog_index) if pseudo_rows else []
+    return rows.sums(), pseudo_rows.sums(view.tables.dog_index) if pseudo_rows else []
 
 
 def composite_forward(view: PreparedView, δsplats: list, δpseudo: list) -> Planes:

@@ -14,12 +14,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import drjit as dr
+import mitsuba as mi
 
 from ..frozen import frozen
 from ..geometry import Blocks
 from ..view import PreparedView
 from .derivatives import LN2
-from .slot_rows import SlotRows
+from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import ALPHA_MAX, Meeting, Walk
 
 SHAPE = 5  # numbers of a projected shape: x y ux uy vy
@@ -39,12 +40,13 @@ def composite_fisher(view: PreparedView, image: list) -> list:
         view: made with ``patch_blocks``.
         image: the 3 planes of the view [H*W], background included.
     """
-    return _composite_fisher(view, image, SlotRows.zeros(view.lists, COLUMNS))
+    found = _composite_fisher(view, image, lanes_add_in_turn(mi.variant()))
+    return columns_of(found, view.lists, COLUMNS)
 
 
 @frozen
-def _composite_fisher(view: PreparedView, image: list, rows: SlotRows) -> list:
-    walk = Walk(view)
+def _composite_fisher(view: PreparedView, image: list, in_turn: bool) -> list:
+    walk, rows = Walk(view), SlotRows(view.lists, COLUMNS, in_turn)
     Float = walk.types.Float
 
     def step(meeting: Meeting, T: list, behind: list) -> None:
@@ -72,4 +74,4 @@ def _composite_fisher(view: PreparedView, image: list, rows: SlotRows) -> list:
         rows.add(slot, [*products, s * s], meeting.active)
 
     walk.run(step, [walk.pixels.read(plane) for plane in image], "composite_fisher", unroll=False)
-    return rows.sums(view.lists)
+    return rows.sums()

@@ -30,11 +30,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import drjit as dr
+import mitsuba as mi
 
 from ..frozen import frozen
 from ..geometry import Blocks
 from ..view import PreparedView
-from .slot_rows import SlotRows
+from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import Meeting, Walk
 
 
@@ -86,12 +87,13 @@ def composite_score(view: PreparedView, sums: Sums, image: list, planes: list, s
 
     Returns the columns, [N] each.
     """
-    return _composite_score(view, sums, image, planes, SlotRows.zeros(view.lists, sums.columns), share)
+    found = _composite_score(view, sums, image, planes, share, lanes_add_in_turn(mi.variant()))
+    return columns_of(found, view.lists, sums.columns)
 
 
 @frozen
-def _composite_score(view: PreparedView, sums: Sums, image: list, planes: list, rows: SlotRows, share) -> list:
-    walk = Walk(view)
+def _composite_score(view: PreparedView, sums: Sums, image: list, planes: list, share, in_turn: bool) -> list:
+    walk, rows = Walk(view), SlotRows(view.lists, sums.columns, in_turn)
     pixels, blocks, Float = walk.pixels, walk.blocks, walk.types.Float
     width, channels = blocks.width, range(sums.channels)
     own = [r * width + c for r in range(blocks.stride_y) for c in range(blocks.stride_x)]
@@ -147,4 +149,4 @@ def _composite_score(view: PreparedView, sums: Sums, image: list, planes: list, 
         rows.add(slot, result + [correlation(probe, F) for probe in probes], meeting.active)
 
     walk.run(step, behind, "composite_score")
-    return rows.sums(view.lists)
+    return rows.sums()

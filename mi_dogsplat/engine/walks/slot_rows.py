@@ -1,17 +1,16 @@
-"""A row of sums for every isect of the tile lists: how a walk adds up numbers per primitive.
+"""A row of sums for every slot of the tile lists: how a walk adds up numbers per primitive.
 
-Only the lanes of one tile add to a row; afterwards every primitive sums the rows of its slots. There is no atomic
-addition, and so the result has the same bits in every run.
+On the CPU only the lanes of one tile add to a row; afterwards every primitive sums the rows of its slots. There is no
+atomic addition, and so the result has the same bits in every run. On CUDA a primitive has one row, to which all lanes
+add with atomics: a row for each isect would need atomics as well, for the lanes of its tile.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from ..arrays import array_types, while_loop
@@ -20,54 +19,83 @@ from ..geometry import Blocks
 from ..tiles import TileLists
 
 
-@dataclass
 class SlotRows:
-    """An argument of the kernel that adds to it: a frozen function cannot allocate what depends on the lists."""
+    """Trace-time helper: the rows of a frozen function, zeros at first.
 
-    values: Any  # Float [slots, row_size], zeros at first
-    columns: int
-    in_turn: bool  # ``lanes_add_in_turn``
+    Made in it: what it is given and adds to, Dr.Jit would copy first, 64 bytes per isect in every step.
+    """
 
-    @staticmethod
-    def zeros(lists: TileLists, columns: int) -> SlotRows:
-        size = lists.n_isects * _row_size(columns)
-        return SlotRows(dr.zeros(array_types().Float, size), columns, lanes_add_in_turn(mi.variant()))
+    def __init__(self, lists: TileLists, columns: int, in_turn: bool):
+        """``in_turn``: ``lanes_add_in_turn``, which cannot be asked in a frozen function."""
+        self.lists, self.columns, self.in_turn = lists, columns, in_turn
+        self.values = zeros_for(lists.slot_begin if lists.one_slot_each else lists.slot_from_isect, self.row_size)
 
     @property
     def row_size(self) -> int:
-        return _row_size(self.columns)
+        """Floats: the columns and padding, for wide loads, and where they are added at once for wide scatters."""
+        if self.lists.one_slot_each:
+            return -(-self.columns // 4) * 4
+        return max(4, 1 << (self.columns - 1).bit_length())
 
     def add(self, slot, values: list, active) -> None:
-        """Add a value per column to the row ``slot``, the same one in all lanes of a tile.
+        """Add a value per column to the row ``slot``.
 
-        One wide scatter instead of one per value. Never in mode ``Expand``, nor ``Auto`` which may choose it: they give
-        every thread a copy of the table at an offset that a frozen kernel holds as a constant. Replayed with a larger
-        table it writes out of bounds (Dr.Jit 1.5).
+        One wide scatter instead of one per value; but CUDA has none that adds floats, and would add the padding too.
+        Never in mode ``Expand``, nor ``Auto`` which may choose it: they give every thread a copy of the table at an
+        offset that a frozen kernel holds as a constant. Replayed with a larger table it writes out of bounds
+        (Dr.Jit 1.5).
         """
         types = array_types()
-        padded = [*values, *[types.Float(0)] * (self.row_size - self.columns)]
         mode = dr.ReduceMode.NoConflicts if self.in_turn else dr.ReduceMode.Local
+        if self.lists.one_slot_each:
+            for k, value in enumerate(values):
+                dr.scatter_add(self.values, value, dr.fma(slot, self.row_size, k), active, mode=mode)
+            return
+        padded = [*values, *[types.Float(0)] * (self.row_size - self.columns)]
         dr.scatter_add(self.values, types.Floats(padded), slot, active, mode=mode)
 
-    def sums(self, lists: TileLists, splat=None) -> list:
-        """The columns, summed over the slots of each primitive, or of the primitives ``splat``."""
-        types = array_types()
+    def sums(self, splat=None) -> list:
+        """The columns, summed over the slots of each primitive, or of the primitives ``splat``, for ``columns_of``."""
+        types, lists = array_types(), self.lists
+        if lists.one_slot_each:
+            return [self.values]
         splat = dr.arange(types.UInt, dr.width(lists.slot_begin)) if splat is None else splat
         slot, end = (dr.gather(types.UInt, slots, splat) for slots in (lists.slot_begin, lists.slot_end))
 
         def body(slot, sums):
-            values = []
-            for k in range(-(-self.columns // 4)):
-                values += list(dr.gather(types.Quad, self.values, dr.fma(slot, self.row_size // 4, k)))
-            return slot + 1, [s + v for s, v in zip(sums, values, strict=False)]
+            row = _columns_at(self.values, slot, self.columns, self.row_size)
+            return slot + 1, [s + v for s, v in zip(sums, row, strict=True)]
 
         start = slot, [types.Float(0)] * self.columns
         return list(while_loop(start, lambda slot, sums: slot < end, body, "sum rows", ("slot", "sums"))[1])
 
 
-def _row_size(columns: int) -> int:
-    """Floats: the columns and padding up to a power of two, for wide loads and scatters."""
-    return max(4, 1 << (columns - 1).bit_length())
+def columns_of(sums: list, lists: TileLists, columns: int, splat=None) -> list:
+    """What ``SlotRows.sums`` returned, as one array per column; where a primitive has one row, it is taken apart by the
+    kernels that use it."""
+    if not lists.one_slot_each:
+        return sums
+    splat = dr.arange(array_types().UInt, dr.width(lists.slot_begin)) if splat is None else splat
+    return _columns_at(sums[0], splat, columns, dr.width(sums[0]) // dr.width(lists.slot_begin))
+
+
+def _columns_at(table, row, columns: int, row_size: int) -> list:
+    """The first ``columns`` of a row, four at a time."""
+    values = []
+    for k in range(-(-columns // 4)):
+        values += list(dr.gather(array_types().Quad, table, dr.fma(row, row_size // 4, k)))
+    return values[:columns]
+
+
+def zeros_for(values: Any, count: int) -> Any:
+    """``count`` floats of zero for each of the evaluated ``values``.
+
+    For frozen functions: ``dr.zeros`` keeps the size that was recorded, while a kernel whose lanes are a multiple of
+    what it reads keeps the multiple.
+    """
+    types = array_types()
+    number = dr.arange(types.UInt, dr.width(values) * count) + dr.gather(types.UInt, values, 0)
+    return dr.reinterpret_array(types.Float, (number >> 16) >> 16)
 
 
 @lru_cache

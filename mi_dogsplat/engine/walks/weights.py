@@ -11,11 +11,12 @@ from __future__ import annotations
 from typing import Any
 
 import drjit as dr
+import mitsuba as mi
 
 from ..arrays import array_types
 from ..frozen import frozen
 from ..view import PreparedView
-from .slot_rows import SlotRows
+from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import Meeting, Walk
 
 
@@ -27,13 +28,14 @@ def composite_weights(view: PreparedView, plane) -> tuple[list, Any]:
     Args:
         plane: e [H*W].
     """
-    rows, largest = SlotRows.zeros(view.lists, 4), dr.zeros(array_types().UInt, dr.width(view.lists.slot_begin))
-    return _composite_weights(view, plane, rows, largest), largest
+    largest = dr.zeros(array_types().UInt, dr.width(view.lists.slot_begin))
+    sums = _composite_weights(view, plane, largest, lanes_add_in_turn(mi.variant()))
+    return columns_of(sums, view.lists, 4), largest
 
 
 @frozen
-def _composite_weights(view: PreparedView, plane, rows: SlotRows, largest) -> list:
-    walk = Walk(view)
+def _composite_weights(view: PreparedView, plane, largest, in_turn: bool) -> list:
+    walk, rows = Walk(view), SlotRows(view.lists, 4, in_turn)
     Float, e = walk.types.Float, walk.pixels.read(plane)
 
     def step(meeting: Meeting, T: list, _: list) -> None:
@@ -54,4 +56,4 @@ def _composite_weights(view: PreparedView, plane, rows: SlotRows, largest) -> li
         dr.scatter_reduce(dr.ReduceOp.Max, largest, bits, meeting.splat, some, mode=dr.ReduceMode.Local)
 
     walk.run(step, [], "composite_weights")
-    return rows.sums(view.lists)
+    return rows.sums()

@@ -56,16 +56,19 @@ class Densification(Strategy[DensifyStats]):
     reset_opacity_to: float = 0.01
     max_primitives: int | None = None  # a cap that is never exceeded
     growth: Growth | None = None  # who grows, where that is not who has a large gradient
+    batch_views: int = 1  # of a step
 
     def scaled(self, factor: float) -> Densification:
         """The numbers for a run ``factor`` times as long. Milestones scale with it, with two exceptions.
 
         The interval stays, unless that made fewer than 30 refinements: what a refinement needs is enough
-        views for its statistic, not a share of the run. Opacity resets keep 500 steps apart.
+        views for its statistic, not a share of the run; with several views in a step they come sooner. Opacity
+        resets keep 500 steps apart, fewer if steps are larger.
         """
         start, stop = scaled_milestone(self.start, factor), scaled_milestone(self.stop, factor)
-        every = max(1, min(self.every, (stop - start) // MIN_REFINEMENTS))
-        reset_every = max(scaled_milestone(self.reset_every, factor), min(self.reset_every, MIN_RESET_EVERY))
+        every = max(1, min(round(self.every / self.batch_views), (stop - start) // MIN_REFINEMENTS))
+        least = min(self.reset_every, round(MIN_RESET_EVERY / math.sqrt(self.batch_views)))
+        reset_every = max(scaled_milestone(self.reset_every, factor), least)
         return replace(self, start=start, stop=stop, every=every, reset_every=reset_every)
 
     def refines(self, step: int) -> bool:

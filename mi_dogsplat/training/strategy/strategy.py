@@ -9,9 +9,10 @@ A step of the loop, with the hooks in it:
 
     before_step  ->  view  ->  params  ->  render  ->  loss  ->  backward  ->  after_backward  ->  Adam  ->  after_step
 
-Each hook is called for all strategies in their order in the recipe. ``begin`` comes once before the first step, also
-of a run that goes on from a checkpoint. A strategy of your own stands in ``Recipe.also``, between the control of
-density and pruning:
+With ``--batch-views K`` all from the view to ``after_backward`` comes K times in a step. Gradients add up meanwhile,
+and Adam takes a Kth of the sum: what a strategy adds for each view counts once. Each hook is called for all strategies
+in their order in the recipe. ``begin`` comes once before the first step, also of a run that goes on from a checkpoint.
+A strategy of your own stands in ``Recipe.also``, between the control of density and pruning:
 
     @dataclass(frozen=True)
     class Fade(Strategy[None]):
@@ -125,7 +126,7 @@ class Strategy(Generic[S]):
         """Before anything else of a step, the choice of the view included."""
 
     def collects(self, t: Training, state: S) -> bool:
-        """Whether ``after_backward`` needs ``Seen.by_center`` in this step."""
+        """Whether ``after_backward`` needs ``Seen.by_center`` of this view."""
         return False
 
     def params(self, t: Training, state: S, params: dict) -> dict:
@@ -133,7 +134,7 @@ class Strategy(Generic[S]):
         return params
 
     def after_backward(self, t: Training, state: S, seen: Seen) -> None:
-        """Read gradients, or add to them, before Adam takes its step."""
+        """Read gradients, or add to them, after each view of a step; those on the parameters are sums so far."""
 
     def due(self, t: Training, state: S) -> bool:
         """Whether ``after_step`` is about to count or choose primitives: broken ones have to go before."""

@@ -1,0 +1,200 @@
+"""What the device is given to do in a training step: launches, copies and memsets, by the stage that asks for them.
+
+Dr.Jit's history of kernels says it for every backend. It does not see all that a driver of CUDA is asked for (the
+transpositions of a sort, memsets, copies); a driver that counts does (``DRJIT_LIBCUDA_PATH``, as ``make test-cuda``
+sets it).
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import os
+import sys
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+WARM_UP = 6  # calls, in which frozen functions are recorded
+STAGES = {  # the innermost of these functions that is running, by file and name, has what is launched meanwhile
+    ("engine/rasterize.py", "rasterize"): "project",
+    ("engine/tiles.py", "tiles"): "tiles",
+    ("drjit/__init__.py", "_radix_sort"): "sort by depth",
+    ("engine/drjit_internals.py", "argsort_small"): "sort by tile",
+    ("walks/composite.py", "composite"): "composite",
+    ("walks/derivatives.py", "composite_backward"): "composite backward",
+    ("training/loss.py", "value_and_gradient"): "loss",
+    ("strategy/densify_stats.py", "add"): "statistics",
+    ("training/optimizer.py", "step"): "optimizer",
+}
+ELSEWHERE = "elsewhere"
+COUNTED = ("launches", "memsets", "device_to_device", "host_to_device", "device_to_host", "stream_syncs")
+
+
+def driver_counters() -> Callable[[], dict[str, int]] | None:
+    """A function that reads the totals of a driver that counts, by name; None if this one does not."""
+    try:
+        library = ctypes.CDLL(os.environ["DRJIT_LIBCUDA_PATH"])
+        library.cuda_standin_counters.restype = ctypes.POINTER(ctypes.c_uint64)
+        library.cuda_standin_counter_names.restype = ctypes.c_char_p
+    except (KeyError, OSError, AttributeError):
+        return None
+    names, values = library.cuda_standin_counter_names().decode().split(), library.cuda_standin_counters()
+    return lambda: {name: int(values[k]) for k, name in enumerate(names)}
+
+
+class Watch:
+    """Counts by stage while it is entered."""
+
+    def __init__(self) -> None:
+        self.by_stage: dict[str, Counter] = {}
+        self.each: list[tuple[str, str, int, int]] = []  # stage, kind, lanes, operations of a kernel
+        self._stack = [ELSEWHERE]
+        self._read = driver_counters()
+        self._last: Counter = Counter()
+        self._names: dict[Any, str | None] = {}
+
+    def __enter__(self) -> Watch:
+        dr.sync_thread()
+        dr.set_flag(dr.JitFlag.KernelHistory, True)
+        dr.kernel_history_clear()
+        self._last = Counter(self._read()) if self._read else Counter()
+        sys.setprofile(self._event)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        sys.setprofile(None)
+        self._note()
+        dr.set_flag(dr.JitFlag.KernelHistory, False)
+        dr.sync_thread()
+
+    def _event(self, frame: FrameType, event: str, _: object) -> None:
+        if event not in ("call", "return"):
+            return
+        code = frame.f_code
+        if code not in self._names:
+            self._names[code] = _stage_of(code.co_filename, code.co_name)
+        stage = self._names[code]
+        if stage is None:
+            return
+        self._note()
+        if event == "call":
+            self._stack.append(stage)
+        else:
+            self._stack.pop()
+
+    def _note(self) -> None:
+        counts = self.by_stage.setdefault(self._stack[-1], Counter())
+        if self._read:
+            now = Counter(self._read())
+            counts.update({name: now[name] - self._last[name] for name in COUNTED})
+        history: Any = dr.kernel_history()
+        for kernel in history:
+            if kernel["type"] != dr.KernelType.LLVMHostFunc:
+                kind = str(kernel["type"]).split(".")[-1]
+                counts["kernels" if kind == "JIT" else "Dr.Jit's own"] += 1
+                self.each.append((self._stack[-1], kind, kernel["size"], kernel.get("operation_count", 0)))
+        if self._read:
+            self._last = Counter(self._read())
+
+
+def _stage_of(file: str, name: str) -> str | None:
+    return next((stage for (of_file, of), stage in STAGES.items() if of == name and file.endswith(of_file)), None)
+
+
+def table(watch: Watch) -> str:
+    """By stage, as Markdown."""
+    known = set().union(*watch.by_stage.values())
+    columns = [name for name in ("kernels", "Dr.Jit's own", *COUNTED) if name in known]
+    rows = [(stage, watch.by_stage[stage]) for stage in (*STAGES.values(), ELSEWHERE) if stage in watch.by_stage]
+    rows.append(("all", sum((counts for _, counts in rows), Counter())))
+    lines = [f"| | {' | '.join(name.replace('_', ' ') for name in columns)} |", "|" + "---|" * (1 + len(columns))]
+    for stage, counts in rows:
+        lines.append(f"| {stage} | {' | '.join(str(counts[name] or '') for name in columns)} |")
+    return "\n".join(lines)
+
+
+def watched(run: Callable[[], Any]) -> Watch:
+    """One call, once everything is compiled."""
+    for _ in range(WARM_UP):
+        run()
+    with Watch() as watch:
+        run()
+    return watch
+
+
+def main(arguments: list[str]) -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks launches", description=__doc__)
+    parser.add_argument("--variant", default="llvm_ad_rgb")
+    parser.add_argument("--primitives", type=int, default=10_000)
+    parser.add_argument("--size", type=int, nargs=2, default=(400, 300), metavar=("W", "H"))
+    parser.add_argument("--dog", action="store_true", help="all primitives are DoG")
+    parser.add_argument("--each", action="store_true", help="list the kernels one by one")
+    args = parser.parse_args(arguments)
+    mi.set_variant(args.variant)
+    width, height = args.size
+    for name, run in passes(args.primitives, width, height, args.dog).items():
+        watch = watched(run)
+        print(f"\n# {name} ({args.variant}, {args.primitives:,} primitives, {width}x{height})")
+        print(table(watch))
+        if args.each:
+            for stage, kind, lanes, operations in watch.each:
+                print(f"{stage:20} {kind:10} {lanes:9,d} lanes {operations:6d} operations")
+
+
+def passes(n: int, width: int, height: int, dog: bool) -> dict[str, Callable[[], Any]]:
+    """Forward, forward and backward pass of a rasterisation, and a whole training step, all of SH degree 3."""
+    from mi_dogsplat.engine.rasterize import rasterize  # the variant is chosen by now
+
+    trainer = trainer_of(n, width, height, dog)
+    camera, options = trainer.photographs.cameras[0], trainer.options
+    rng = np.random.default_rng(0)
+    adjoint = [mi.Float(rng.normal(size=width * height).astype(np.float32)) for _ in range(3)]
+    dr.make_opaque(adjoint)
+
+    def forward() -> None:
+        params = {name: dr.detach(value) for name, value in trainer.optimizer.params.items()}
+        dr.eval(rasterize(params, camera, options).colors)
+
+    def both() -> None:
+        params = trainer.optimizer.params
+        planes = rasterize(params, camera, options).colors
+        for plane, δ in zip(planes, adjoint, strict=True):
+            dr.set_grad(plane, δ)
+        dr.enqueue(dr.ADMode.Backward, planes)
+        dr.traverse(dr.ADMode.Backward)
+        dr.eval([dr.grad(value) for value in params.values()])
+        for value in params.values():
+            dr.clear_grad(value)
+
+    def step() -> None:
+        trainer.step()
+        dr.eval()
+
+    return {"forward": forward, "forward + backward": both, "training step": step}
+
+
+def trainer_of(n: int, width: int, height: int, dog: bool) -> Any:
+    """A training of ``n`` primitives in the middle of its densification, of random pictures."""
+    from mi_dogsplat.datasets.dataset import Dataset, View
+    from mi_dogsplat.scene.cameras import Camera
+    from mi_dogsplat.training.config import TrainConfig
+    from mi_dogsplat.training.train import Trainer
+
+    rng = np.random.default_rng(0)
+    camera = Camera(np.eye(4), width, width, width / 2, height / 2, width, height)
+    image = rng.uniform(0, 1, (height, width, 3)).astype(np.float32)
+    points = rng.uniform([-1, -0.8, 2], [1, 0.8, 4], (n, 3)).astype(np.float32)
+    colors = rng.uniform(0, 1, (n, 3)).astype(np.float32)
+    dataset = Dataset(Path("random"), [View("random", camera, image)], [], points, colors, False)
+    trainer = Trainer(TrainConfig("random", steps=30_000), dataset)
+    trainer.step_count = 3_501  # all degrees of SH are in use, and no step of the next hundred changes primitives
+    if dog:
+        trainer.optimizer.set_dog(np.arange(n), np.full(n, -2.0), np.full((n, 3), -0.5))
+    return trainer

@@ -1,0 +1,129 @@
+"""The lists of the tiles on CUDA: isects fall into buckets, and find their place in their bucket by comparing.
+
+A sort of Dr.Jit takes six launches for each digit of 8 bits on CUDA: 24 by depth and 12 by tile. Here there are five.
+A bucket is a tile and a range of depths, an eighth of an octave. Isects are counted in their buckets, the sum of these
+numbers says where each bucket begins, isects are written into their buckets in any order (atomics), and then each
+counts those of its bucket that come before it: a few, unless very many primitives in a tile have the same depth.
+So the lists are exact, and the same in every run.
+
+A primitive's rows of tiles are shared out to ``ROWS_AT_ONCE`` lanes, so that none is alone with a primitive that covers
+the image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from .arrays import array_types, while_loop
+from .footprints import Footprints
+from .geometry import Grid
+
+ROWS_AT_ONCE = 8  # lanes per primitive
+DEPTHS = 256  # buckets of a tile
+BUCKET_BITS = 20  # the lowest of a float32, in which depths of a bucket differ: an eighth of an octave
+FIRST_DEPTH = (127 - 6) << 3  # depths below 2^-6 and above 2^26 share the first and the last bucket
+
+
+@dataclass
+class Buckets:
+    """``ends[b]`` is behind the last isect of bucket b; those of a tile are neighbours, from its nearest on."""
+
+    ends: Any
+    splat: Any  # of each isect, in the order of the lists
+    masks: Any  # as long as asked for
+
+    def of_tile(self, tile: Any) -> tuple:
+        """Isects [begin, end) of a tile."""
+        UInt = array_types().UInt
+        last = dr.fma(tile, DEPTHS, DEPTHS - 1)
+        return _begin(self.ends, tile * DEPTHS), dr.gather(UInt, self.ends, last)
+
+
+def sort_into_buckets(footprints: Footprints, depth_bits: Any, grid: Grid, padded: int) -> Buckets | None:
+    """The isects of evaluated footprints by tile, then depth, then primitive; None where there is none.
+
+    Waits for the device once.
+
+    Args:
+        depth_bits: [N] bits of the depths.
+        padded: ``masks`` gets a multiple of this as its length.
+    """
+    UInt = array_types().UInt
+    # one too many, and each number one further than its bucket: the sums are where buckets begin, and last, their end
+    numbers = dr.zeros(UInt, grid.n_tiles * DEPTHS + 1)
+    rows = _Rows(footprints, depth_bits)
+    rows.for_each_tile(lambda bucket, *_: dr.scatter_add(numbers, 1, bucket + 1), "count")
+    ends = dr.cumsum(numbers)
+    n_isects = int(ends[dr.width(ends) - 1])
+    if n_isects == 0:
+        return None
+    entries = dr.empty(UInt, 4 * n_isects)
+
+    def emit(bucket, column, blocks):
+        entry = array_types().UIntQuad(rows.bits, rows.splat, bucket, rows.footprints.lane_mask(blocks, column))
+        dr.scatter(entries, entry, dr.scatter_inc(ends, bucket))
+
+    rows.for_each_tile(emit, "emit")
+    return Buckets(ends, *_in_order(entries, ends, n_isects, padded))
+
+
+class _Rows:
+    """Trace-time helper: every ``ROWS_AT_ONCE``-th row of tiles of a primitive, one lane each."""
+
+    def __init__(self, footprints: Footprints, depth_bits: Any):
+        types = array_types()
+        self.UInt, self.Int = types.UInt, types.Int
+        lane = dr.arange(self.UInt, dr.width(depth_bits) * ROWS_AT_ONCE)
+        self.splat, self.first = lane // ROWS_AT_ONCE, self.Int(lane % ROWS_AT_ONCE)
+        self.bits = dr.gather(self.UInt, depth_bits, self.splat)
+        self.footprints = footprints.at(self.splat)
+        self.depth = dr.clip(self.Int(self.bits >> BUCKET_BITS) - FIRST_DEPTH, 0, DEPTHS - 1)
+
+    def for_each_tile(self, visit: Callable[[Any, Any, list], Any], label: str) -> None:
+        """Call ``visit`` with the bucket of each isect, its column of tiles, and ``Footprints.block_columns`` there."""
+        f = self.footprints
+
+        def in_row(row):
+            first, last = f.columns(row)
+            blocks = f.block_columns(row)
+
+            def in_column(column):
+                tile = dr.fma(row, f.tiles_x, column)
+                visit(self.UInt(dr.fma(tile, DEPTHS, self.depth)), column, blocks)
+                return (column + 1,)
+
+            while_loop((first,), lambda column: column < last, in_column, label)
+            return (row + ROWS_AT_ONCE,)
+
+        while_loop((f.first + self.first,), lambda row: row < f.last, in_row, f"{label} rows")
+
+
+def _in_order(entries: Any, ends: Any, n_isects: int, padded: int) -> tuple:
+    """(primitive, mask) of the entries (depth, primitive, bucket, mask), each bucket in order."""
+    types = array_types()
+    UInt = types.UInt
+    bits, splat, bucket, mask = dr.gather(types.UIntQuad, entries, dr.arange(UInt, n_isects))
+    begin = _begin(ends, bucket)
+
+    def compare(other, place):
+        other_bits, other_splat = dr.gather(types.UIntPair, entries, other * 2)
+        before = (other_bits < bits) | ((other_bits == bits) & (other_splat < splat))
+        return other + 1, place + dr.select(before, UInt(1), 0)
+
+    end = dr.gather(UInt, ends, bucket)
+    _, place = while_loop((begin, begin), lambda other, place: other < end, compare, "order")
+    splats, masks = dr.empty(UInt, n_isects), dr.empty(UInt, -(-n_isects // padded) * padded)
+    dr.scatter(splats, splat, place, mode=dr.ReduceMode.Permute)
+    dr.scatter(masks, mask, place, mode=dr.ReduceMode.Permute)
+    dr.eval(splats, masks)
+    return splats, masks
+
+
+def _begin(ends: Any, bucket: Any) -> Any:
+    """Where a bucket begins: at the end of the one before it."""
+    UInt = array_types().UInt
+    return dr.select(bucket > 0, dr.gather(UInt, ends, bucket - 1, bucket > 0), 0)

@@ -1,0 +1,158 @@
+"""What is run on a machine with a GPU, in which order, and how long each part may take."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from . import results
+from .results import Result
+
+ROOT = Path(__file__).parents[2]
+SHARED = ROOT.parent / "shared"
+CHECKS = SHARED / "tools" / "cuda_standin" / "checks"
+LEFT_OUT = ("common", "frozen_minimal")  # what they share; and a defect of Dr.Jit itself
+CANNOT_TELL, WITHOUT_OPTIX = 2, 3  # exit status of a check, and of the probe
+# These load scenes throughout, and one of them ends its process where there is no OptiX.
+SCENES = ("tests/plugin", *(f"tests/engine/test_{name}.py" for name in ("aovs", "background", "derivatives")))
+
+
+@dataclass(frozen=True)
+class Step:
+    """A program and its limits.
+
+    Attributes:
+        limit: seconds after which it is asked to stop.
+        least: seconds that are kept back for it; with less than half of them it is not worth starting.
+        read: what it left, from its log.
+        optix: it loads scenes, which needs OptiX.
+        after: name of a step that has to have passed.
+        aside: it runs beside the steps that follow, until one has to be alone.
+        alone: what it measures depends on what else runs.
+        bounded: being stopped at its limit is no failure: what was done until then counts.
+        untold: exit status that says in the last line why there is nothing to tell.
+    """
+
+    name: str
+    title: str
+    command: list[str]
+    limit: float
+    least: float
+    read: Callable[[Path], Result] = results.last_line
+    environment: dict[str, str] = field(default_factory=dict)
+    optix: bool = False
+    after: str = ""
+    aside: bool = False
+    alone: bool = False
+    bounded: bool = False
+    untold: int | None = None
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What the steps depend on.
+
+    Attributes:
+        work: folder for what they write.
+        data: a set to train on; None: one is captured first.
+        cores: of the processor.
+        offline: nothing can be installed.
+        quick: everything so small that it ends in minutes where the GPU is only emulated.
+    """
+
+    work: Path
+    data: Path | None
+    cores: int
+    offline: bool
+    quick: bool
+
+
+PROBE = Step("probe", "Dr.Jit on the GPU", [sys.executable, "-m", "scripts.gpu.probe"], 90, 0)
+
+
+def steps(setup: Setup, optix: bool) -> list[Step]:
+    """What follows on the probe, which has told whether there is OptiX."""
+    return [_gsplat(setup), *_tests(setup), *_checks(setup), *_benchmarks(setup), *_training(setup, optix)]
+
+
+def _python(*words: object) -> list[str]:
+    return [sys.executable, *map(str, words)]
+
+
+def _gsplat(setup: Setup) -> Step:
+    environment = {"TORCH_EXTENSIONS_DIR": str(setup.work / "torch"), "MAX_JOBS": str(max(1, setup.cores // 2))}
+    command = _python("-m", "scripts.gpu.gsplat", *([] if setup.offline or setup.quick else ["--install"]))
+    return Step("gsplat", "gsplat", command, 270, 0, environment=environment, aside=True, bounded=True, untold=2)
+
+
+def _tests(setup: Setup) -> list[Step]:
+    """Those of what computes on a device; first what needs no OptiX, where single tests that do are skipped."""
+    folders = ("tests/engine", "tests/scores", "tests/training")
+    arrays = [str(path.relative_to(ROOT)) for folder in folders for path in sorted((ROOT / folder).glob("test_*.py"))]
+    arrays, scenes = [path for path in arrays if path not in SCENES], list(SCENES)
+    if setup.quick:
+        arrays, scenes = ["tests/engine/test_tiles.py", "tests/engine/test_view.py"], ["tests/plugin/test_sensor.py"]
+    processes = max(1, min(8, setup.cores))
+    command = _python("-m", "pytest", "-v", "-p", "no:cacheprovider", "-n", processes, "--dist", "loadfile")
+    cuda = {"DOGSPLAT_TEST_VARIANT": "cuda_ad_rgb"}
+    common = {"read": results.tests, "environment": cuda, "bounded": True}
+    return [
+        Step("tests", "Tests", [*command, *arrays], 240, 60, **common),
+        Step("scenes", "Tests that load scenes", [*command, *scenes], 150, 30, **common, optix=True),
+    ]
+
+
+def _checks(setup: Setup) -> list[Step]:
+    """Checks of single defects, each a program that says by its exit status whether the defect is there."""
+    names = sorted(path.stem for path in CHECKS.glob("*.py") if path.stem not in LEFT_OUT)
+    if setup.quick:
+        names = [name for name in names if name == "pairs_in_depth_order"]
+    return [
+        Step(f"check {name}", name, _python(CHECKS / f"{name}.py", "cuda_ad_rgb"), 60, 5, untold=CANNOT_TELL)
+        for name in names
+    ]
+
+
+def _benchmarks(setup: Setup) -> list[Step]:
+    """Speed beside other renderers, and memory."""
+    return [
+        _benchmark(setup, "renderers", 100, "--primitives", 500, "--width", 64, "--rounds", 1),
+        _benchmark(setup, "device_memory", 60, "--primitives", 500, 1000, "--width", 64),
+    ]
+
+
+def _benchmark(setup: Setup, name: str, limit: float, *small: object) -> Step:
+    """One of ``python -m benchmarks``, which writes its rows to a file; ``small``: flags of a quick one."""
+    file = setup.work / f"{name}.json"
+    command = _python("-m", "benchmarks", name, "--variant", "cuda_ad_rgb", "--json", file)
+    command += map(str, small if setup.quick else ())
+    title = {"renderers": "The same splats in several renderers", "device_memory": "Memory of the device"}[name]
+    return Step(name, title, command, limit, 30, lambda log: results.figures(file, log), alone=True)
+
+
+def _training(setup: Setup, optix: bool) -> list[Step]:
+    """As long as there is time left; the same command goes on with it another time."""
+    kind = "_quick" if setup.quick else ""  # neither goes on with the other's
+    run, data = setup.work / f"run{kind}", setup.data or setup.work / f"data{kind}"
+    if setup.quick:
+        settings = ["--max-primitives", "300", "--target", "100", "--downscale", "4", "--steps", "20"]
+    elif (data / "sparse").is_dir():  # photographs
+        settings = ["--max-primitives", "100000", "--downscale", "2", "--steps", "30000"]
+    else:
+        settings = ["--max-primitives", "40000", "--target", "10000", "--steps", "30000"]
+    command = _python("-m", "mi_dogsplat", "train", data, "-o", run, "--variant", "cuda_ad_rgb", *settings)
+    command += ["--checkpoint-seconds", "30", *(["--resume"] if (run / "config.json").is_file() else [])]
+
+    views = ("--views", 6, "--size", 64, 64, "--spp", 4) if setup.quick else ("--size", 256, 256, "--spp", 121)
+    capture = _python("-m", "mi_dogsplat", "capture", ROOT / "scenes" / "demo_truth.xml", "-o", data, "--alpha", *views)
+    capture += map(str, ("--elevations", 12, 65, "--zoom", 1.35, "--points", 8000))
+    capture += ["--variant", "cuda_ad_rgb" if optix else "llvm_ad_rgb"]
+    return [
+        *([] if setup.data else [Step("capture", "Data to train on", capture, 150, 30)]),
+        Step(
+            "training", "Training", command, 3600, 60, lambda log: results.training(run, log),
+            after="" if setup.data else "capture", alone=True, bounded=True,
+        ),
+    ]

@@ -1,0 +1,73 @@
+"""Validation views in place of the test views, which stay unread."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from dataset_folders import HEIGHT, WIDTH, colmap_folder, error_of, transforms_folder
+from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.datasets.dataset import held_out
+from test_scene_datasets import scene_file
+
+
+def names_of(path: Path, **options) -> tuple[list[str], list[str]]:
+    dataset = load_dataset(path, split="validation", **options)
+    return [view.name for view in dataset.train], [view.name for view in dataset.test]
+
+
+def test_every_eighth_training_view_is_measured_and_no_test_view():
+    train, test = list(range(1, 21)), [0, 99]
+    assert held_out(train, test, "test") == (train, test)
+    rest, measured = held_out(train, test, "validation")
+    assert measured == [1, 9, 17] and rest == [view for view in train if view not in measured]
+
+
+def test_a_single_training_view_is_kept_for_training():
+    assert held_out([3], [0], "validation") == ([3], [])
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_a_colmap_folder_is_read_without_its_test_views(tmp_path, on_disk):
+    colmap_folder(tmp_path)
+    (tmp_path / "images" / "img_08.png").write_bytes(b"no picture")
+    assert "img_08.png" in error_of(tmp_path, on_disk=on_disk)
+    train, measured = names_of(tmp_path, on_disk=on_disk)
+    assert measured == ["img_01"] and train == [f"img_{i:02d}" for i in (2, 3, 4, 5, 6, 7, 9)]
+
+
+def test_observations_stay_with_the_views_that_are_read(tmp_path):
+    colmap_folder(tmp_path)
+    assert list(load_dataset(tmp_path).observations) == ["img_00"]  # the only view with any, a test view
+    assert load_dataset(tmp_path, split="validation").observations == {}
+
+
+@pytest.mark.parametrize("files", ["one file", "named test views", "two files"])
+def test_a_transforms_folder_is_read_without_its_test_views(tmp_path, files):
+    size: dict[str, Any] = {"w": WIDTH, "h": HEIGHT}
+    if files == "two files":
+        transforms_folder(tmp_path, "transforms_train.json", 10, "train", **size)
+        transforms_folder(tmp_path, "transforms_test.json", 2, "test", **size)
+        broken, kept = "test/r_1.png", [f"train_r_{i}" for i in range(10)]
+    else:
+        transforms_folder(tmp_path, n=10, **size)
+        tests = [0, 8]
+        if files == "named test views":
+            tests, file = [5], tmp_path / "transforms.json"
+            file.write_text(json.dumps({**json.loads(file.read_text()), "test_filenames": ["images/r_5.png"]}))
+        broken, kept = f"images/r_{tests[-1]}.png", [f"r_{i}" for i in range(10) if i not in tests]
+    (tmp_path / broken).write_bytes(b"no picture")
+    assert broken.split("/")[1] in error_of(tmp_path)
+    train, measured = names_of(tmp_path)
+    assert measured == kept[::8] and train == [name for name in kept if name not in measured]
+
+
+def test_a_mitsuba_scene_renders_the_same_pictures_of_the_views_that_are_left(tmp_path):
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("scalar_rgb")
+    file = scene_file(tmp_path, n=4)
+    pictures = {view.name: view.image for view in load_dataset(file, spp=4).views}
+    dataset = load_dataset(file, spp=4, split="validation")
+    assert [view.name for view in dataset.test] == ["cam1"]
+    assert [view.name for view in dataset.train] == ["cam2", "cam3"]
+    assert all((view.image == pictures[view.name]).all() for view in dataset.views)
