@@ -18,7 +18,7 @@ from .arrays import array_types, detached, while_loop
 from .drjit_internals import argsort_small
 from .footprints import Footprints
 from .geometry import Cutoffs, Grid
-from .project import Projection
+from .project import NOT_DOG, Projection
 from .tile_buckets import sort_into_buckets
 
 WORD, AT_ONCE = 32, 8  # bits of a word, and how many masks are read at once
@@ -42,6 +42,7 @@ class TileLists:
     slot_end: mi.UInt32  # [N]
     words: mi.UInt32  # [tiles + isects / 32, lanes per tile]
     one_slot_each: bool = False  # a primitive's isects share one slot, which is its number
+    dog: mi.UInt32 | None = None  # [tiles], 1 where a primitive is DoG, 0 elsewhere; None: not worth asking
 
     @property
     def n_isects(self) -> int:
@@ -56,11 +57,11 @@ def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> TileLists:
     # positive floats sort like their bits
     depth_bits: Any = dr.reinterpret_array(UInt, detached(projection.depth))
     if types.is_llvm:
-        return _sorted_lists(footprints, depth_bits, grid)
+        return _sorted_lists(footprints, depth_bits, grid, projection)
     return _bucket_lists(footprints, depth_bits, grid)
 
 
-def _sorted_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLists:
+def _sorted_lists(footprints: Footprints, depth_bits: Any, grid: Grid, projection: Projection) -> TileLists:
     """A sort by depth and a counting sort by tile, which is few passes on the CPU."""
     types = array_types()
     UInt = types.UInt
@@ -115,11 +116,26 @@ def _sorted_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLi
     n_words = -(-n_isects // WORD)
     masks = dr.empty(UInt, n_words * WORD)  # read some at once; what is behind the last isect is nobody's
     dr.scatter(masks, mask, i, mode=dr.ReduceMode.Permute)
-    dr.eval(begin, end, splat_from_isect, masks)
+    dog = _dog_tiles(projection, tile, splat_from_isect, grid)
+    dr.eval(begin, end, splat_from_isect, masks, dog)
     words = dr.empty(UInt, (grid.n_tiles + n_words) * grid.blocks.lanes_per_tile)
     tile = grid.lanes.tile
     transpose_masks(grid, masks, dr.gather(UInt, begin, tile), dr.gather(UInt, end, tile), words)
-    return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_begin + counts, words)
+    return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_begin + counts, words, dog=dog)
+
+
+def _dog_tiles(projection: Projection, tile_from_isect: Any, splat_from_isect: Any, grid: Grid) -> Any:
+    """``TileLists.dog``: asked for where most tiles are expected to have no DoG primitive."""
+    if projection.pseudo is None:
+        return None
+    share = dr.width(projection.dog_index) / dr.width(projection.x)
+    if share * dr.width(tile_from_isect) > 0.5 * grid.n_tiles:
+        return None
+    UInt = array_types().UInt
+    found = dr.zeros(UInt, grid.n_tiles)
+    dog_row = dr.gather(UInt, detached(projection.dog_row), splat_from_isect)
+    dr.scatter(found, UInt(1), tile_from_isect, dog_row != NOT_DOG)
+    return found
 
 
 def _bucket_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLists:

@@ -36,7 +36,15 @@ def composite_over(view: PreparedView, background: float) -> list:
 
 @frozen
 def _composite(view: PreparedView) -> list:
-    walk, features = Walk(view), range(view.settings.n_features)
+    if view.lists.dog is None:
+        return _blended(Walk(view, ahead=True), None)
+    # few tiles have a DoG primitive: the others do not pay for its branch
+    return _blended(Walk(view, dog=True, ahead=True), _blended(Walk(view, dog=False, ahead=True), None))
+
+
+def _blended(walk: Walk, targets: list | None) -> list:
+    """Interleaved planes, new ones or those of ``targets``, in which the pixels that are walked are written."""
+    features = range(walk.settings.n_features)
 
     def step(meeting: Meeting, T: list, C: list) -> None:
         alpha = walk.alphas(meeting).values
@@ -47,4 +55,4 @@ def _composite(view: PreparedView) -> list:
                 C[f][k] = dr.select(goes_on, dr.fma(weight, meeting.row.features[f], c), c)
 
     T, C = walk.run(step, [walk.pixels.zeros() for _ in features], "composite")
-    return walk.pixels.write([*C, [dr.abs(t) for t in T]])
+    return walk.pixels.write([*C, [dr.abs(t) for t in T]], targets, walk.walked)

@@ -39,19 +39,23 @@ class BlockPixels:
         """A value per pixel."""
         return [dr.gather(self.types.Float, plane, i, ok) for i, ok in zip(self.index, self.inside, strict=True)]
 
-    def write(self, planes: list[list]) -> list:
+    def write(self, planes: list[list], targets: list | None = None, where: Any = True) -> list:
         """Planes, interleaved in fours: [H*W, 4] arrays, which ``planes_of`` takes apart.
 
         Four at a time cost a fourth of what single values do. Written pixel by pixel: Dr.Jit computes values in the
         order in which they are written, and so needs fewer at once.
+
+        Args:
+            targets: what another kernel has written, None: new arrays.
+            where: false in the lanes whose pixels are left as they are.
         """
         quads = [planes[k : k + 4] for k in range(0, len(planes), 4)]
         quads[-1] += [self.zeros()] * (4 - len(quads[-1]))
-        targets = [dr.empty(self.types.Float, 4 * self.n_image) for _ in quads]
+        targets = targets or [dr.empty(self.types.Float, 4 * self.n_image) for _ in quads]
         for k, (index, ok) in enumerate(zip(self.index, self.inside, strict=True)):
             for target, quad in zip(targets, quads, strict=True):
                 four = self.types.Quad([values[k] for values in quad])
-                dr.scatter(target, four, index, ok, mode=dr.ReduceMode.Permute)
+                dr.scatter(target, four, index, ok & where, mode=dr.ReduceMode.Permute)
         return targets
 
 
