@@ -147,7 +147,8 @@ class Lane:
         tile, x, y = lanes.tile, lanes.x, lanes.y
         self.tile, self.lane = tile, dr.arange(self.UInt, dr.width(tile)) % grid.blocks.lanes_per_tile
         self.begin, end = dr.gather(self.UInt, lists.begin, tile), dr.gather(self.UInt, lists.end, tile)
-        self.last = dr.select(self.begin < end, (end - 1) // WORD + 1, 0)
+        self.end = dr.select(self.begin < end, end, 0)
+        self.last = (self.end + (WORD - 1)) // WORD
         self.x0, self.y0 = self.Float(x) + 0.5, self.Float(y) + 0.5
         if types.is_llvm:
             scratch = dr.alloc_local(self.Float, 2, value=self.Float(0))
@@ -227,26 +228,26 @@ class AheadLane(Lane):
     """The same with words that are read an iteration ahead (``engine/walks/lane_list.py``)."""
 
     def start(self) -> tuple:
-        first = self.begin // WORD
-        word = self.word(first, first < self.last)
-        return self.look_ahead((word, first * WORD, self.UInt(0), first + 1))
+        group = self.begin // WORD
+        word, first = self.word(group, group < self.last), group * WORD
+        return self.look_ahead((word, first, self.UInt(0), first + WORD))
 
     def more(self, at):
         bits, _, ahead, following = at
-        return ((bits | ahead) != 0) | (following < self.last)
+        return ((bits | ahead) != 0) | (following < self.end)
 
     def next(self, at) -> tuple:
         bits, base, ahead, following = at
         empty = bits == 0
         bits = dr.select(empty, ahead, bits)
-        base = dr.select(empty, (following - 1) * WORD, base)
+        base = dr.select(empty, following - WORD, base)
         return base + dr.tzcnt(bits), bits != 0, (bits & (bits - 1), base, dr.select(empty, 0, ahead), following)
 
     def look_ahead(self, at) -> tuple:
         bits, base, ahead, following = at
-        taken = (ahead == 0) & (following < self.last)
-        word = self.word(following, taken)
-        return bits, base, dr.select(taken, word, ahead), dr.select(taken, following + 1, following)
+        taken = (ahead == 0) & (following < self.end)
+        word = self.word(following // WORD, taken)
+        return bits, base, dr.select(taken, word, ahead), dr.select(taken, following + WORD, following)
 
 
 @frozen

@@ -22,7 +22,8 @@ class LaneList:
         begin, end = (dr.gather(UInt, ends, tile) for ends in (lists.begin, lists.end))
         self.words, self.lanes_per_tile = lists.words, lanes_per_tile
         self.begin, self.tile = begin, tile
-        self.end_group = dr.select((begin < end) & walked, (end - 1) // WORD + 1, 0)
+        self.end = dr.select((begin < end) & walked, end, 0)
+        self.end_group = (self.end + (WORD - 1)) // WORD
         self.lane = dr.arange(UInt, dr.width(tile)) % lanes_per_tile
 
     def start(self) -> tuple:
@@ -55,28 +56,27 @@ class AheadList(LaneList):
     Otherwise the steps of an iteration wait for a word one after the other. Lanes meet an isect in another order than
     with ``LaneList``: sums over lanes would have other bits.
 
-    A place is (bits, isect of the lowest bit of that word, the next word or 0 once it is taken, number of the word
-    after that).
+    A place is (bits, isect of their lowest place, the next word or 0 once it is taken, first isect behind that).
     """
 
     def start(self) -> tuple:
-        first = self.begin // WORD
-        present = self._word(first, first < self.end_group)
-        return self.look_ahead((present, first * WORD, array_types().UInt(0), first + 1))
+        group = self.begin // WORD
+        present, first = self._word(group, group < self.end_group), group * WORD
+        return self.look_ahead((present, first, array_types().UInt(0), first + WORD))
 
     def goes_on(self, place: tuple) -> Any:
         bits, _, ahead, following = place
-        return ((bits | ahead) != 0) | (following < self.end_group)
+        return ((bits | ahead) != 0) | (following < self.end)
 
     def next(self, place: tuple) -> tuple:
         bits, base, ahead, following = place
         empty = bits == 0
         bits = dr.select(empty, ahead, bits)
-        base = dr.select(empty, (following - 1) * WORD, base)
+        base = dr.select(empty, following - WORD, base)
         return base + dr.tzcnt(bits), bits != 0, (bits & (bits - 1), base, dr.select(empty, 0, ahead), following)
 
     def look_ahead(self, place: tuple) -> tuple:
         bits, base, ahead, following = place
-        taken = (ahead == 0) & (following < self.end_group)
-        word = self._word(following, taken)
-        return bits, base, dr.select(taken, word, ahead), dr.select(taken, following + 1, following)
+        taken = (ahead == 0) & (following < self.end)
+        word = self._word(following // WORD, taken)
+        return bits, base, dr.select(taken, word, ahead), dr.select(taken, following + WORD, following)
