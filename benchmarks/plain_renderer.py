@@ -300,14 +300,14 @@ def composite_backward(
         return [2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0]
 
     def body(at, T, rest):
-        T, rest, light = list(T), list(rest), list(T)
+        T, rest = list(T), list(rest)
         for _ in range(lane.unroll):
             isect, active, at = lane.next(at)
             row, dx, dy = lane.fetch(isect, active)
             slot = dr.gather(lane.UInt, lists.slot_from_isect, isect, active)
             δp, δf, (ux, uy, vy) = [], [lane.Float(0)] * 3, row[2:5]
             for k, value in enumerate(lane.gaussian(row, dx, dy)):
-                alpha, weight, behind, light[k], go = lane.blend(value, T[k], light[k])
+                alpha, weight, behind, _, go = lane.blend(value, T[k], T[k])
                 weight = dr.select(go, weight, 0)
                 c = row[9] * δC[0][k]
                 for f in range(3):

@@ -37,9 +37,9 @@ def composite_over(view: PreparedView, background: float) -> list:
 @frozen
 def _composite(view: PreparedView) -> list:
     if view.lists.dog is None:
-        return _blended(Walk(view, ahead=True), None)
+        return _blended(Walk(view, blends_only=True), None)
     # few tiles have a DoG primitive: the others do not pay for its branch
-    return _blended(Walk(view, dog=True, ahead=True), _blended(Walk(view, dog=False, ahead=True), None))
+    return _blended(Walk(view, dog=True, blends_only=True), _blended(Walk(view, dog=False, blends_only=True), None))
 
 
 def _blended(walk: Walk, targets: list | None) -> list:

@@ -59,13 +59,15 @@ class Alphas:
 
 
 class Walk:
-    """Trace-time helper: one lane's block of pixels walking its tile's list.
+    """Trace-time helper: one lane's block of pixels walking its tile's list."""
 
-    With ``dog``, where ``TileLists.dog`` is known, those lanes alone whose tile has a DoG primitive, or, False, has
-    none: their kernel knows no pseudo-Gaussian.
-    """
-
-    def __init__(self, view: PreparedView, dog: bool | None = None, ahead: bool = False):
+    def __init__(self, view: PreparedView, dog: bool | None = None, blends_only: bool = False):
+        """
+        Args:
+            dog: walk those tiles alone that have a DoG primitive, or, False, those that have none, past kernels that
+                know no pseudo-Gaussian; for lists that know which these are.
+            blends_only: nothing is added up over lanes, so that they may meet an isect in any order.
+        """
         self.types = types = array_types()
         self.exp2: Callable[[Any], Any] = exp2 if types.is_llvm else dr.exp2
         self.grid, self.tables, self.lists, self.settings = view.grid, view.tables, view.lists, view.settings
@@ -76,15 +78,16 @@ class Walk:
         self.blocks = view.grid.blocks
         tile = view.lanes.tile
         self.walked = True if dog is None else (dr.gather(types.UInt, view.lists.dog, tile) != 0) == dog
-        self.list = (AheadList if ahead else LaneList)(view.lists, tile, self.blocks.lanes_per_tile, self.walked)
+        # past a branch, or with sums, what is held for the next steps costs more than it saves (docs/performance.md)
+        self.hurries = blends_only and not self.has_dog
+        its_list = AheadList if self.hurries else LaneList
+        self.list = its_list(view.lists, tile, self.blocks.lanes_per_tile, self.walked)
         self.x0, self.y0 = types.Float(view.lanes.x) + 0.5, types.Float(view.lanes.y) + 0.5
         if types.is_llvm:
             self._align_stack()
         self.pixels = BlockPixels(view.grid, view.lanes)
         self.stop_depth = None if self.tables.stop_depth is None else self.pixels.read(self.tables.stop_depth)
-        # what has ended a walk goes on to do so: T falls, and so does T as it would be without the end
-        self.ends_for_good = not self.has_dog and self.stop_depth is None
-        self.unended: list = []  # T of the present iteration without that end
+        self.unended: list | None = None  # in a walk that hurries: T of this iteration as if it did not end
 
     def _align_stack(self) -> None:
         """Local memory that LLVM cannot optimise away, always 0, makes it align the stack to cache lines.
@@ -111,7 +114,8 @@ class Walk:
 
         def body(place, T, state):
             T, state = _copied(T), _copied(state)
-            self.unended = list(T)
+            if self.hurries and self.stop_depth is None:
+                self.unended = list(T)
             for _ in range(self.blocks.unroll if unroll else 1):
                 meeting, place = self._next(place)
                 step(meeting, T, state)
@@ -214,8 +218,9 @@ class Walk:
     def advance(self, alpha, T, meeting: Meeting, k: int) -> tuple:
         """Walk past a primitive at pixel ``k`` of the block: (weight α T of the primitive, T behind it, or -T where the
         walk has ended, whether it goes on)."""
-        # a multiplication and a difference a primitive, where T itself waits for the comparison as well
-        light = self.unended[k] if self.ends_for_good else T
+        # Where no α is negative, T goes on to fall below the limit behind an end. So the next primitive need not wait
+        # for the comparison: its weight is the same, or is not used.
+        light = T if self.unended is None else self.unended[k]
         weight = alpha * light
         behind = light - (weight if self.amplifies else dr.maximum(weight, 0))
         goes_on = behind >= self.settings.cutoffs.transmittance
@@ -223,7 +228,8 @@ class Walk:
             goes_on &= behind <= MAX_T
         if self.stop_depth is not None:
             goes_on &= meeting.row.features[DEPTH_FEATURE] <= self.stop_depth[k]
-        self.unended[k] = behind
+        if self.unended is not None:
+            self.unended[k] = behind
         return weight, dr.select(goes_on, behind, -dr.abs(T)), goes_on
 
     def hidden(self, behind, alpha, blended_alpha):
