@@ -22,6 +22,7 @@ from .project import NOT_DOG, Projection
 from .tile_buckets import sort_into_buckets
 
 WORD, AT_ONCE = 32, 8  # bits of a word, and how many masks are read at once
+FEW_DOG = 500  # primitives for each that is DoG, from which on most tiles have none
 
 
 @dataclass
@@ -42,7 +43,7 @@ class TileLists:
     slot_end: mi.UInt32  # [N]
     words: mi.UInt32  # [tiles + isects / 32, lanes per tile]
     one_slot_each: bool = False  # a primitive's isects share one slot, which is its number
-    dog: mi.UInt32 | None = None  # [tiles], 1 where a primitive is DoG, 0 elsewhere; None: not worth asking
+    dog: mi.UInt32 | None = None  # [tiles], 1 where a primitive is DoG, 0 elsewhere; None where too many are
 
     @property
     def n_isects(self) -> int:
@@ -125,11 +126,9 @@ def _sorted_lists(footprints: Footprints, depth_bits: Any, grid: Grid, projectio
 
 
 def _dog_tiles(projection: Projection, tile_from_isect: Any, splat_from_isect: Any, grid: Grid) -> Any:
-    """``TileLists.dog``: asked for where most tiles are expected to have no DoG primitive."""
-    if projection.pseudo is None:
-        return None
-    share = dr.width(projection.dog_index) / dr.width(projection.x)
-    if share * dr.width(tile_from_isect) > 0.5 * grid.n_tiles:
+    """``TileLists.dog``, where few primitives are DoG. Their share decides and not the lists, whose length is another
+    one in every view: what is known of them makes other kernels."""
+    if projection.pseudo is None or dr.width(projection.dog_index) * FEW_DOG > dr.width(projection.x):
         return None
     UInt = array_types().UInt
     found = dr.zeros(UInt, grid.n_tiles)
