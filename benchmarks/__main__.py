@@ -10,7 +10,8 @@ import mitsuba as mi
 NAMES = ("versus_volprim", "training_step", "lean")
 EXPERIMENTS = (
     *("dog_start", "scaling", "dog_share", "floor", "ellipsoids", "derivatives", "loss", "stiffness"),
-    *("poison", "widths", "popping", "curvature", "renderers", "device_memory", "launches"),
+    *("poison", "widths", "popping", "curvature", "renderers", "device_memory", "launches", "warps"),
+    "scene_scale",
 )
 
 if sys.argv[1:] and sys.argv[1] in EXPERIMENTS:

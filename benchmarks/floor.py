@@ -26,6 +26,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.engine.arrays import array_types
+from mi_dogsplat.engine.bands import PreparedView
 from mi_dogsplat.engine.geometry import Blocks, Grid
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
@@ -161,6 +162,7 @@ def compositor(n: int, sigma: float, blocks: Blocks) -> tuple[Callable[[], None]
     camera = front_camera(400)
     params = upload(even_splats(n, sigma, camera, opacity=0.01))
     view = prepare(params, DeviceCamera.upload(camera), RasterOptions(0), blocks)
+    assert isinstance(view, PreparedView)
     dr.eval(view)
 
     def run() -> None:

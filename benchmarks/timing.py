@@ -40,8 +40,12 @@ class Ratio:
     high: float
 
 
-def ratio(a: Callable[[], None], b: Callable[[], None], pairs: int = 300) -> Ratio:
+def ratio(
+    a: Callable[[], None], b: Callable[[], None], pairs: int = 300, clock: Callable[[], float] = time.perf_counter
+) -> Ratio:
     """Time of ``a`` over that of ``b``, from pairs of calls in turns a b, b a: what a percent can be read from.
+
+    ``clock``: ``time.process_time`` for the time of all processors, which other programs hardly change.
 
     The speed of a shared machine changes by tens of percents within a second, but hardly between two frames. The
     interval of the median is that of its order statistics, with a normal approximation of the binomial ones.
@@ -50,10 +54,10 @@ def ratio(a: Callable[[], None], b: Callable[[], None], pairs: int = 300) -> Rat
     for k in range(-3, pairs):
         order = (a, b) if k % 2 else (b, a)
         for run in order:
-            start = time.perf_counter()
+            start = clock()
             run()
             dr.sync_thread()
-            times[k, 0 if run is a else 1] = time.perf_counter() - start
+            times[k, 0 if run is a else 1] = clock() - start
     ratios = np.sort(times[:, 0] / times[:, 1])
     spread = 0.98 * np.sqrt(pairs)
     low, high = (int(np.clip(pairs / 2 + sign * spread, 0, pairs - 1)) for sign in (-1, 1))

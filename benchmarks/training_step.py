@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 import drjit as dr
@@ -16,7 +17,7 @@ from mi_dogsplat.training.loss import PhotometricLoss
 from mi_dogsplat.training.optimizer import SplatOptimizer
 
 from .models import fern_points
-from .timing import medians
+from .timing import medians, ratio
 
 
 def main() -> None:
@@ -26,11 +27,14 @@ def main() -> None:
 
 def measure(copies: int) -> None:
     splats, camera = fern_points(copies)
-    result = medians(contestants(splats, camera), 10)
-    ratio = result["step"] / result["rasterisation"]
+    runs = contestants(splats, camera)
+    result = medians(runs, 10)
+    r = ratio(runs["step"], runs["rasterisation"], 100, time.process_time)
     print(
-        f"{splats.n_splats:7,d} primitives, 400x300: forward {result['forward']:.2f} ms, "
-        f"forward+backward {result['rasterisation']:.2f} ms, whole step {result['step']:.2f} ms = {ratio:.2f}x"
+        f"{splats.n_splats:7,d} primitives, 400x300: forward {result['forward']:.2f} ms, forward+backward "
+        f"{result['rasterisation']:.2f} ms, whole step {result['step']:.2f} ms = "
+        f"{result['step'] / result['rasterisation']:.2f}x; time of all processors {r.b_ms:.2f} and "
+        f"{r.a_ms:.2f} ms = {r.median:.3f}x ({r.low:.3f} .. {r.high:.3f})"
     )
 
 

@@ -2,12 +2,15 @@
 
 import os
 from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
 
 import mi_dogsplat  # noqa: F401
 import mitsuba as mi
 import pytest
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.support.cores import usable_cores
+from mi_dogsplat.support.llvm import find_llvm
 
 VARIANT = os.environ.get("DOGSPLAT_TEST_VARIANT", "llvm_ad_rgb")
 mi.set_variant(VARIANT)
@@ -40,12 +43,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_pyfunc_call():
-    """Without OptiX a GPU cannot load a scene; nor can a stand-in for the driver of CUDA (scripts/test_cuda.sh)."""
+    """What a machine with a GPU may lack: OptiX, without which no scene is loaded; LLVM, which some tests compare with.
+
+    A stand-in for the driver of CUDA (scripts/test_cuda.sh) has no OptiX either.
+    """
     try:
         return (yield)
     except Exception as error:
         if WITHOUT_OPTIX and "Could not initialize OptiX" in str(error):
             pytest.skip("loads a scene: needs OptiX, which is not there")
+        if VARIANT.startswith("cuda") and "LLVM" in str(error) and find_llvm() is None:
+            pytest.skip("compares with LLVM, which is not there")
         raise
 
 
@@ -62,6 +70,29 @@ def ordered():
     """For tests of equal bits after training: skips where these depend on the order of threads."""
     if not lanes_add_in_turn(mi.variant()):
         pytest.skip("this backend adds the gradients of a tile with atomics, in any order")
+
+
+@pytest.fixture(scope="session")
+def data(tmp_path_factory) -> Iterator[Path]:
+    """The tiny data set, opaque. All tests of all processes share it, and none writes to it."""
+    yield from _shared(tmp_path_factory, "tiny", alpha=False)
+
+
+@pytest.fixture(scope="session")
+def alpha_data(tmp_path_factory) -> Iterator[Path]:
+    """The same with transparent pictures."""
+    yield from _shared(tmp_path_factory, "tiny_alpha", alpha=True)
+
+
+def _shared(tmp_path_factory: pytest.TempPathFactory, name: str, alpha: bool) -> Iterator[Path]:
+    from shared_folder import contents, shared_folder
+    from tiny_data import write_tiny_data
+
+    base = tmp_path_factory.getbasetemp()
+    folder = shared_folder(base.parent if WORKERS else base, name, lambda path: write_tiny_data(path, alpha=alpha))
+    before = contents(folder)
+    yield folder
+    assert contents(folder) == before, f"a test has changed the shared folder {folder}; let it have a copy"
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NoReturn, Union, get_args, get_origin
 
 from ..check import PARTS
+from ..compare.names import ABLATION, ALL, PUBLISHED, SETS
 from ..datasets.capture_config import CaptureConfig
 from ..render.picture_options import PictureOptions
 from ..support.settings import settings_of
@@ -28,12 +29,6 @@ from .help import (
 )
 
 DATA_HELP = settings_of(TrainConfig)["data"][1].help
-ABLATION = ("3dgs", "v1", "v2", "v3", "full", "released", "ours_gaussian", "ours")
-METHODS = (
-    *("3dgs", "opacity", "radsplat", "mini_splatting", "lightgaussian", "pup", "speedy_splat"),
-    *("mask_gaussian", "lp_3dgs", "gaussian_spa", "taming", "dash"),
-    *("paper", "released", "ours"),
-)
 ABLATE_FLAGS = [
     *("steps", "target", "downscale", "max_primitives", "max_world_scale", "split", "sh_degree"),
     *("background", "antialiased", "near_clip", "initial_primitives", "variant", "log_every", "test_every", "memory"),
@@ -141,9 +136,10 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     p.add_argument("data", nargs="+", metavar="DATA", help=DATA_HELP)
     p.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to go on with")
     p.add_argument("--seeds", type=int, nargs="+", default=[0], metavar="N", help="random seeds (default: 0)")
-    p.add_argument(
-        "--only", nargs="+", default=list(METHODS), metavar="NAME", help=f"of {' '.join(METHODS)}, or of ablate"
-    )
+    methods = f"of {' '.join(ALL)}, or sets: {' '.join(SETS)} (default: published)"
+    p.add_argument("--only", nargs="+", default=list(PUBLISHED), metavar="NAME", help=methods)
+    more = "targets beside --target, for the tables of equal bytes and time"
+    p.add_argument("--more-targets", type=float, nargs="+", default=[], metavar="X", help=more)
     p.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler, as tcp://10.0.0.7:8786")
     p.add_argument(
         "--workers", type=int, default=0, metavar="N", help="runs at a time, on this machine (default: 0: no Dask)"

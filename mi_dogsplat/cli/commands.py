@@ -10,13 +10,13 @@ import sys
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from ..compare.names import ABLATION, ALL, SETS, chosen
 from ..datasets.capture_config import CaptureConfig
 from ..render.picture_options import PictureOptions
 from ..support.errors import DataError
 from ..support.settings import settings_of
 from ..support.variants import set_variant
 from ..training.config import TrainConfig
-from .arguments import ABLATION, METHODS
 from .printing import loss_table, metrics_line
 
 T = TypeVar("T")
@@ -58,7 +58,7 @@ def ablate(args: argparse.Namespace) -> int:
     """Train the variants of the method from one densified start per seed, and tabulate what each part contributes."""
     if unknown := [name for name in args.only if name not in ABLATION]:
         raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(ABLATION)}")
-    args.data, args.cluster, args.workers = [args.data], None, 0
+    args.data, args.cluster, args.workers, args.more_targets = [args.data], None, 0, []
     status = compare(args)
     print((args.out / "comparison.md").read_text(encoding="utf-8"), end="")
     return status
@@ -66,9 +66,10 @@ def ablate(args: argparse.Namespace) -> int:
 
 def compare(args: argparse.Namespace) -> int:
     """Train several compact methods from one densified start per data set and seed, to one budget; tabulate them."""
-    offered = dict.fromkeys((*METHODS, *ABLATION))
-    if unknown := [name for name in args.only if name not in offered]:
-        raise DataError("--only", f'"{unknown[0]}" is unknown', f"use {', '.join(offered)}")
+    try:
+        methods = chosen(args.only)
+    except ValueError as error:
+        raise DataError("--only", f'"{error}" is unknown', f"use {', '.join((*SETS, *ALL))}") from None
     if args.workers < 0:
         raise DataError("--workers", f"{args.workers} is out of range", "use at least 0")
     config = _config(args, preset="3dgs", data="")
@@ -78,7 +79,10 @@ def compare(args: argparse.Namespace) -> int:
     def say(line: str) -> None:
         print(line, flush=True)
 
-    table = run_comparison(config, args.data, args.out, args.seeds, args.only, args.cluster, args.workers, say)
+    if wrong := [x for x in args.more_targets if not (0 < x < 1 or (x >= 1 and x.is_integer()))]:
+        raise DataError("--more-targets", f"{wrong[0]:g} is no target", "use ratios below 1 or whole numbers")
+    where, means = (args.data, args.out, args.seeds, methods), (args.cluster, args.workers, args.more_targets)
+    table = run_comparison(config, *where, *means, say)
     print(args.out / "comparison.html")
     for name, error in table["failed"].items():
         print(f"dogsplat: {name} has failed: {error}", file=sys.stderr)

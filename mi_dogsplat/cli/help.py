@@ -55,6 +55,10 @@ Examples:
   dogsplat compare photos/ -o compared --steps 7000 --downscale 2 --max-primitives 40000
   dogsplat compare fox/ fern/ lego/ -o compared --seeds 0 1 2 --only 3dgs speedy_splat ours
                                                        three data sets, three seeds, three methods
+  dogsplat compare photos/ -o compared --only published equal
+                                                       all, also with our window and step sizes
+  dogsplat compare photos/ -o compared --only paper ours --more-targets 0.05 0.2
+                                                       tables of equal bytes and equal time, too
   dogsplat compare fox/ fern/ -o compared --workers 2  two runs at a time, on this machine
   dogsplat compare fox/ fern/ -o compared --cluster tcp://10.0.0.7:8786
                                                        on the workers of a Dask cluster (docs/compare.md)

@@ -28,6 +28,7 @@ from ..training.config import FREE, TrainConfig
 from .cluster import cluster_client, on_cluster
 from .execute import Means, one_after_another
 from .methods import METHODS
+from .names import AT
 from .page import comparison_page
 from .table import COMPARISON, collect_all, write_tables
 from .tasks import Task, tasks_of
@@ -41,6 +42,7 @@ def compare(
     methods: Sequence[str] = tuple(METHODS),
     cluster: str | None = None,
     workers: int = 0,
+    targets: Sequence[float] = (),
     progress: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Train every method on every data set with every seed; returns what ``comparison.json`` holds.
@@ -52,6 +54,7 @@ def compare(
         methods: names in ``METHODS``.
         cluster: address of a Dask scheduler.
         workers: without an address, of a Dask cluster on this machine; 0 runs one after another.
+        targets: that compact methods are trained to beside that of ``config``, for tables of equal bytes and time.
         progress: called with a line as a task ends.
 
     A task that fails is a line and a note in the table; the others go on. Raises ``DataError`` for bad data, a folder
@@ -66,7 +69,7 @@ def compare(
     on_dask = cluster is not None or workers > 0
     with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
         _claim(out, {f: replace(config, data=str(Path(p).resolve())) for f, p in zip(folders, data, strict=True)})
-        tasks = [task for folder in folders for task in tasks_of(folder, seeds, methods)]
+        tasks = [task for folder in folders for task in tasks_of(folder, seeds, methods, targets)]
         tasks = [task for task in tasks if not task.done]
         failed: dict[str, str] = {}
         _write(out, failed)
@@ -137,5 +140,7 @@ def _result(table: dict[str, Any], task: Task, error: str | None) -> str:
         return f"failed: {error}"
     if task.kind != "train":
         return "done"
-    run = table["methods"][task.methods[0]]["data"][Path(task.folder).name]["runs"][str(task.seed)]
+    name, _, target = task.methods[0].partition(AT)
+    of_data = table["methods"][name]["data"][Path(task.folder).name]
+    run = (of_data["others"][target] if target else of_data)["runs"][str(task.seed)]
     return f"{run['psnr']:.2f} dB, {run['n']:,.0f} primitives, {run['train_seconds']:.0f} s"

@@ -40,7 +40,8 @@ def densified_start(config: TrainConfig, path: Path) -> None:
 
 def recipe_of(method: Method) -> dict:
     """What the run folder of a method keeps, as JSON gives it back: its label and the numbers of its recipe."""
-    return {"label": method.label, "recipe": json.loads(json.dumps(dataclasses.asdict(method.recipe)))}
+    revised = {"revision": method.revision} if method.revision > 1 else {}
+    return {"label": method.label, "recipe": json.loads(json.dumps(dataclasses.asdict(method.recipe)))} | revised
 
 
 def is_complete(folder: Path, method: Method) -> bool:
@@ -63,8 +64,9 @@ def train_method(config: TrainConfig, name: str, folder: Path, start: Path) -> N
     """
     method = METHODS[name]
     config = replace(config, preset=name if name in RECIPES else "paper")  # the nearest; recipe.json has the numbers
+    config = replace(config, steps=round(config.steps * method.length))
     resume = (folder / CHECKPOINT).exists() and _recipe_in(folder) == recipe_of(method)
-    begin = None if method.grows else start
+    begin = start if method.from_the_start else None
     train(config, folder, resume=resume, recipe=method.recipe, start=begin, method=recipe_of(method))
 
 

@@ -7,12 +7,18 @@ from dataclasses import dataclass, replace
 from ..scores.score import ScoreRule
 from ..training.presets import RECIPES, Recipe
 from ..training.strategy.scheduler import PruningRule
+from .equal import EQUAL_RECIPES, OURS_PUBLISHED
+from .names import ALL, SUFFIX
 from .rivals import (
+    capped,
     dash,
     gaussian_spa,
+    gns,
+    improved_gs,
     lightgaussian,
     lp_3dgs,
     mask_gaussian,
+    mcmc,
     mini_splatting,
     pup,
     radsplat,
@@ -28,6 +34,9 @@ class Method:
     label: str
     recipe: Recipe
     source: str  # paper
+    deviations: str = ""  # in what it is not what the authors published
+    whole: bool = False  # trained from the first step on, not from the densified start
+    revision: int = 1  # one more where the method changes and its numbers do not: earlier runs are not of it
 
     @property
     def grows(self) -> bool:
@@ -35,46 +44,94 @@ class Method:
         return self.recipe.start_share is not None
 
     @property
+    def from_the_start(self) -> bool:
+        """Whether it goes on from the densified start of its seed."""
+        return not (self.grows or self.whole)
+
+    @property
+    def length(self) -> float:
+        """Of its run, times the steps of all others."""
+        return self.recipe.reference_steps / STEPS
+
+    @property
     def compact(self) -> bool:
         """Whether it ends with fewer primitives than the baseline."""
         return self.grows or self.recipe.pruning is not None
 
 
+STEPS = 30_000  # of the schedule that all share
 OPACITY = ScoreRule("opacity")
 EQUAL = PruningRule(division="equal", rounds=5)
 PAPER = "Wang et al. 2026"
-METHODS = {
+EQUAL_STEPS = "window and step sizes are ours"
+AS_PUBLISHED = {
     "3dgs": Method("3DGS, 100 %", RECIPES["3dgs"], "Kerbl et al. 2023"),
     "opacity": Method("opacity", Recipe(pruning=EQUAL, score=OPACITY), "smallest opacities go, in five equal rounds"),
-    "radsplat": Method("RadSplat", radsplat.RECIPE, "Niemeyer et al. 2024"),
-    "mini_splatting": Method("Mini-Splatting", mini_splatting.RECIPE, "Fang and Wang 2024"),
-    "lightgaussian": Method("LightGaussian", lightgaussian.RECIPE, "Fan et al. 2024"),
-    "pup": Method("PUP-3DGS", pup.RECIPE, "Hanson et al. 2025"),
-    "speedy_splat": Method("Speedy-Splat", speedy_splat.RECIPE, "Hanson et al. 2025"),
-    "mask_gaussian": Method("MaskGaussian", mask_gaussian.RECIPE, "Liu et al. 2025"),
-    "lp_3dgs": Method("LP-3DGS", lp_3dgs.RECIPE, "Zhang et al. 2024"),
-    "gaussian_spa": Method("GaussianSpa", gaussian_spa.RECIPE, "Zhang et al. 2025"),
-    "taming": Method("Taming-3DGS", taming.RECIPE, "Mallick et al. 2024"),
-    "dash": Method("DashGaussian", dash.RECIPE, "Chen et al. 2025"),
+    "radsplat": Method("RadSplat", radsplat.RECIPE, "Niemeyer et al. 2024", radsplat.DEVIATIONS),
+    "mini_splatting": Method(
+        "Mini-Splatting", mini_splatting.RECIPE, "Fang and Wang 2024", mini_splatting.DEVIATIONS, revision=2
+    ),
+    "lightgaussian": Method("LightGaussian", lightgaussian.RECIPE, "Fan et al. 2024", lightgaussian.DEVIATIONS),
+    "pup": Method("PUP-3DGS", pup.RECIPE, "Hanson et al. 2025", pup.DEVIATIONS),
+    "speedy_splat": Method("Speedy-Splat", speedy_splat.RECIPE, "Hanson et al. 2025", speedy_splat.DEVIATIONS),
+    "mask_gaussian": Method(
+        "MaskGaussian", mask_gaussian.RECIPE, "Liu et al. 2025", mask_gaussian.DEVIATIONS, whole=True, revision=2
+    ),
+    "lp_3dgs": Method("LP-3DGS", lp_3dgs.RECIPE, "Zhang et al. 2024", lp_3dgs.DEVIATIONS),
+    "gaussian_spa": Method(
+        "GaussianSpa", gaussian_spa.RECIPE, "Zhang et al. 2025", gaussian_spa.DEVIATIONS, revision=2
+    ),
+    "gns": Method("GNS", gns.RECIPE, "arXiv 2511.16980", gns.DEVIATIONS),
+    "taming": Method("Taming-3DGS", taming.RECIPE, "Mallick et al. 2024", taming.DEVIATIONS, revision=2),
+    "dash": Method("DashGaussian", dash.RECIPE, "Chen et al. 2025", dash.DEVIATIONS, revision=2),
+    "mcmc": Method("3DGS-MCMC", mcmc.RECIPE, "Kheradmand et al. 2024", mcmc.DEVIATIONS),
+    "improved_gs": Method("Improved-GS", improved_gs.RECIPE, "Deng et al. 2025", improved_gs.DEVIATIONS),
+    "3dgs_capped": Method("3DGS, capped", capped.RECIPE, "Kerbl et al. 2023, with the budget as its cap"),
     # the ablation: each adds one part to the one before it (paper, Table 3)
     "v1": Method("V1: RIR, equal steps, opacity", Recipe(pruning=EQUAL, score=OPACITY), PAPER),
     "v2": Method("V2: + DPRA", Recipe(pruning=PruningRule(), score=OPACITY), PAPER),
     "v3": Method("V3: + SPS", replace(RECIPES["paper"], dog=None), PAPER),
     "full": Method("full: + 3D-DoG (paper)", RECIPES["paper"], PAPER),
-    "paper": Method("paper", RECIPES["paper"], f"{PAPER}, as printed"),
-    # its own schedule is longer; here everybody has the same number of steps
+    "paper": Method("paper", RECIPES["paper"], f"{PAPER}, as printed", "what the text leaves open is ours"),
     "released": Method(
-        "released", replace(RECIPES["released"], reference_steps=30_000), f"{PAPER}, as in the authors' code"
+        "released",
+        replace(RECIPES["released"], reference_steps=STEPS),
+        f"{PAPER}, as in the authors' code",
+        "30,000 of its 40,000 steps, as all others",
+        revision=2,
     ),
+    "released_40k": Method(
+        "released, 40,000 steps",
+        RECIPES["released"],
+        f"{PAPER}, as in the authors' code",
+        "a third more steps than all others",
+        revision=2,
+    ),
+    "ours_published": Method("ours, the paper's schedule", OURS_PUBLISHED, "this project"),
     "ours_gaussian": Method("ours, without DoG", replace(RECIPES["ours"], dog=None), "this project"),
-    "ours": Method("ours", RECIPES["ours"], "this project"),
+    "ours": Method("ours", RECIPES["ours"], "this project; removal error: GaussianPOP, arXiv 2602.06830"),
 }
-WITHOUT_DOG = {"full": "v3", "paper": "v3", "ours": "ours_gaussian"}  # the same method, and what it is without DoG
+
+
+def equal(name: str) -> Method:
+    """A method with our window and step sizes."""
+    known = AS_PUBLISHED[name]
+    words = "; ".join(filter(None, [EQUAL_STEPS, known.deviations]))
+    return Method(f"{known.label}, our steps", EQUAL_RECIPES[name], known.source, words, revision=known.revision)
+
+
+WITH_OURS = {name + SUFFIX: equal(name) for name in EQUAL_RECIPES}
+METHODS = {name: (AS_PUBLISHED | WITH_OURS)[name] for name in ALL}
+# the same method, and what it is without DoG
+WITHOUT_DOG = {"full": "v3", "paper": "v3", "ours": "ours_gaussian"}
 GROUPS = {
     "3DGS": ("3dgs",),
     "pruned by a score": ("opacity", "radsplat", "mini_splatting", "lightgaussian", "pup", "speedy_splat"),
-    "learned sparsity": ("mask_gaussian", "lp_3dgs", "gaussian_spa"),
-    "grown to the budget": ("taming", "dash"),
-    "the paper": ("v1", "v2", "v3", "full", "paper", "released"),
-    "ours": ("ours_gaussian", "ours"),
+    "learned sparsity": ("mask_gaussian", "lp_3dgs", "gaussian_spa", "gns"),
+    "grown to the budget": ("taming", "dash", "mcmc", "improved_gs", "3dgs_capped"),
+    "the paper": ("v1", "v2", "v3", "full", "paper", "released", "released_40k"),
+    "ours": ("ours_published", "ours_gaussian", "ours"),
+}
+GROUPS = {
+    group: (*names, *(name + SUFFIX for name in names if name + SUFFIX in METHODS)) for group, names in GROUPS.items()
 }

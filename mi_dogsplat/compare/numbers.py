@@ -10,6 +10,7 @@ import numpy as np
 
 from ..report.run_folder import RENDER_MS, read_run
 from ..training.events import DogActivated
+from .names import AT
 from .perceptual import LPIPS
 
 TIMES = ("train_seconds", "render_ms", "fps")
@@ -23,6 +24,15 @@ def collect(folder: Path, names: Iterable[str]) -> dict[str, Runs]:
         for run in sorted(folder.glob(f"seed_*/{name}")):
             if (run / "metrics.json").exists():
                 found.setdefault(name, {})[run.parent.name.removeprefix("seed_")] = numbers(run)
+    return found
+
+
+def collect_targets(folder: Path, name: str) -> dict[str, Runs]:
+    """Of a data set: the numbers of a method's runs at other targets, by the target."""
+    found: dict[str, Runs] = {}
+    for run in sorted(folder.glob(f"seed_*/{name}{AT}*")):
+        if (run / "metrics.json").exists():
+            found.setdefault(run.name.partition(AT)[2], {})[run.parent.name.removeprefix("seed_")] = numbers(run)
     return found
 
 

@@ -13,6 +13,9 @@ from ..report.plot import Series, line_plot
 from ..report.points import Note
 from .crops import crops
 from .methods import GROUPS
+from .nearest import tables_of_equals
+from .overview import overview
+from .pairs import margin, table_of_pairs
 from .table import COLUMNS, cells, columns, data_sets, label
 from .ways import ways
 
@@ -23,6 +26,7 @@ PLOTS = {  # what against what
     ("render_ms", "flip"): "render time, ms",
 }
 COLORS = {group: (color + 1) % len(GROUPS) for color, group in enumerate(GROUPS)}  # ours, the last one: ink
+COLOR_OF = {name: COLORS[group] for group, names in GROUPS.items() for name in names}
 
 
 def comparison_page(out: Path, table: dict[str, Any]) -> str:
@@ -49,6 +53,10 @@ def _section(folder: Path, table: dict[str, Any], data: str) -> dict[str, Any]:
         "measured": measured,
         "crops": crops(folder, rows) if trained else None,
         "ways": ways(folder, rows) if trained else None,
+        "overview": overview(folder, rows, COLOR_OF, measured) if trained else None,
+        "pairs": table_of_pairs(folder, rows) if trained else None,
+        "margin": margin(rows),
+        "equals": tables_of_equals(rows, f"{table['config'][data]['target']:g}") if trained else [],
     }
 
 

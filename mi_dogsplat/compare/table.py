@@ -14,7 +14,8 @@ import numpy as np
 
 from ..support.files import replacing, write_json
 from .methods import METHODS
-from .numbers import collect, summary
+from .names import AT
+from .numbers import collect, collect_targets, summary
 
 COMPARISON = "comparison.json"
 COLUMNS = {  # name: (heading, digits, which is best: 1 the largest, -1 the smallest, 0 neither)
@@ -40,8 +41,11 @@ def collect_all(out: Path, failed: dict[str, str]) -> dict[str, Any]:
     rows: dict[str, dict[str, Any]] = {}
     for folder in folders:
         for name, runs in collect(folder, METHODS).items():
-            row = rows.setdefault(name, {"label": METHODS[name].label, "source": METHODS[name].source, "data": {}})
-            row["data"][folder.name] = {"summary": summary(runs), "runs": runs}
+            method = METHODS[name]
+            about = {"label": method.label, "source": method.source, "deviations": method.deviations}
+            row = rows.setdefault(name, about | {"data": {}})
+            others = {t: {"summary": summary(o), "runs": o} for t, o in collect_targets(folder, name).items()}
+            row["data"][folder.name] = {"summary": summary(runs), "runs": runs, "others": others}
     names = [folder.name for folder in folders]
     for row in rows.values():
         if len(names) > 1 and list(row["data"]) == names:
@@ -55,7 +59,7 @@ def _mean(data: list[dict[str, Any]]) -> dict[str, Any]:
     """Of the means over seeds, of numbers that every data set has."""
     names = [name for name in data[0]["summary"] if all(name in d["summary"] for d in data)]
     means = {name: float(np.mean([d["summary"][name]["value"] for d in data])) for name in names}
-    return {"summary": {name: {"value": mean, "spread": 0.0} for name, mean in means.items()}, "runs": {}}
+    return {"summary": {name: {"value": mean, "spread": 0.0} for name, mean in means.items()}, "runs": {}, "others": {}}
 
 
 def data_sets(table: dict[str, Any]) -> list[str]:
@@ -106,8 +110,11 @@ def write_tables(out: Path, table: dict[str, Any]) -> None:
         writer.writerow(["data", "method", "seed", *COLUMNS])
         for method, row in table["methods"].items():
             for data, of_data in row["data"].items():
-                for seed, numbers in of_data["runs"].items():
-                    writer.writerow([data, method, seed, *(numbers.get(name, "") for name in COLUMNS)])
+                runs = {method: of_data["runs"]}
+                runs |= {f"{method}{AT}{target}": other["runs"] for target, other in of_data["others"].items()}
+                for name, of_seeds in runs.items():
+                    for seed, numbers in of_seeds.items():
+                        writer.writerow([data, name, seed, *(numbers.get(column, "") for column in COLUMNS)])
     for suffix, write in ((".md", markdown), (".tex", latex)):
         with replacing(out / f"comparison{suffix}") as part:
             part.write_text("\n".join(write(table, data) for data in data_sets(table)), encoding="utf-8")

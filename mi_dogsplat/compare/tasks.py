@@ -24,6 +24,7 @@ from ..training.config import TrainConfig
 from ..training.strategy.scheduler import target_count
 from .method_runs import densified_start, draw_in_turn, is_complete, train_method
 from .methods import METHODS
+from .names import AT, at_target, method_of
 from .perceptual import LPIPS, measure_lpips
 
 KINDS = ("start", "train", "time", "lpips")  # in their order
@@ -36,7 +37,7 @@ class Task:
     kind: str  # one of KINDS
     folder: str  # of the data set within the comparison
     seed: int
-    methods: tuple[str, ...] = ()  # the one to train, or those that were asked for
+    methods: tuple[str, ...] = ()  # the one to train, maybe with a target (``at_target``), or those asked for
 
     @property
     def name(self) -> str:
@@ -63,7 +64,8 @@ class Task:
         """The run folders that it is about which are there and whole: of its method, or, to measure, of all methods,
         those of earlier calls too."""
         names = self.methods if self.kind == "train" else tuple(METHODS)
-        return [self.seed_folder / name for name in names if is_complete(self.seed_folder / name, METHODS[name])]
+        runs = {name: self.seed_folder / name for name in names}
+        return [run for name, run in runs.items() if is_complete(run, METHODS[method_of(name)])]
 
     @property
     def done(self) -> bool:
@@ -76,12 +78,14 @@ class Task:
         return self.kind == "lpips" and wanted <= {run for run in self.complete if (run / LPIPS).exists()}
 
 
-def tasks_of(folder: Path, seeds: Sequence[int], methods: Sequence[str]) -> list[Task]:
-    """All tasks of a data set, each after those that it needs."""
+def tasks_of(folder: Path, seeds: Sequence[int], methods: Sequence[str], targets: Sequence[float] = ()) -> list[Task]:
+    """All tasks of a data set, each after those that it needs; ``targets`` beside that of the comparison."""
     where, tasks = str(folder.resolve()), []
     for seed in seeds:
         tasks.append(Task("start", where, seed))
         tasks += [Task("train", where, seed, (name,)) for name in methods]
+        compact = [name for name in methods if METHODS[name].compact]
+        tasks += [Task("train", where, seed, (at_target(name, x),)) for x in targets for name in compact]
         tasks.append(Task("time", where, seed, tuple(methods)))
         if weights_path().exists():
             tasks.append(Task("lpips", where, seed, tuple(methods)))
@@ -104,11 +108,11 @@ def perform(task: Task, free: Mapping[str, Any]) -> None:
             raise DataError(start, "there is no densified start", "see start.log beside it, then compare again")
         (name,) = task.methods
         n = np.size(load_checkpoint(start)["optimizer.logit_opacities"])
-        count = target_count(config.target, n)
+        count = target_count(float(name.partition(AT)[2] or config.target), n)
         run = task.seed_folder / name
         if (run / LPIPS).exists():  # of a run with another recipe
             (run / LPIPS).unlink()
-        train_method(replace(config, target=count), name, run, start)
+        train_method(replace(config, target=count), method_of(name), run, start)
     elif task.kind == "time":
         draw_in_turn(load_dataset(config.data, config.downscale, split=config.split), config, task.complete)
     elif runs := [run for run in task.complete if not (run / LPIPS).exists()]:

@@ -47,6 +47,13 @@ def _of_variant(Float: Any) -> ArrayTypes:
     return ArrayTypes(is_llvm, *scalars, module.Array2u, module.Array4u, module.Array4f, module.ArrayXf, module.ArrayXu)
 
 
+@lru_cache(maxsize=256)
+def constant(kind: Any, value: float) -> Any:
+    """A number of type ``kind`` that kernels read instead of holding it, on the device once: one memset in all, and one
+    kernel for all such numbers."""
+    return dr.opaque(kind, value)
+
+
 def detached(value: Any) -> Any:
     """The same values, or nested lists of them, in arrays without derivatives."""
     return dr.detach(value, preserve_type=False)

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 
-from .arrays import array_types, detached
+from .arrays import array_types, constant, detached
 from .geometry import Grid
 from .project import NOT_DOG, Kernels, Projection
 
@@ -77,16 +75,24 @@ class Footprints:
             other.seen &= is_dog
             self.ellipses.append(other)
             extent_y = dr.maximum(extent_y, dr.select(other.seen, other.extent_y, -1))
-        self.tiles_x, self.tiles_y = (_opaque(v, mi.variant()) for v in (grid.tiles_x, grid.tiles_y))
+        self.tiles_x, self.tiles_y = (constant(self.types.Int, v) for v in (grid.tiles_x, grid.tiles_y))
         visible = detached(projection.visible) & (extent_y >= 0)
         top, bottom, b = self.y - extent_y, self.y + extent_y, self.blocks
         first, last = self._range(top, bottom, b.tile_height + b.overlap, b.tile_height, self.tiles_y)
         self.first = dr.select(visible, first, 0)
         self.last = dr.select(visible, last, 0)  # exclusive
+        self.top = self.types.Int(0)  # the first tile row
 
     def kept(self) -> list:
         """What the spans are made of."""
         return [self.x, self.y, self.first, self.last, *(vars(ellipse) for ellipse in self.ellipses)]
+
+    def in_rows(self, rows: range) -> Footprints:
+        """The same, of the tile rows ``rows`` alone."""
+        band = copy.copy(self)
+        band.top, bottom = (constant(self.types.Int, row) for row in (rows.start, rows.stop))
+        band.first, band.last = dr.maximum(self.first, band.top), dr.minimum(self.last, bottom)
+        return band
 
     def at(self, splat) -> Footprints:
         """Those of the primitives ``splat``, as many as there are, in any order."""
@@ -140,9 +146,3 @@ class Footprints:
             run = (UInt(1) << UInt(last)) - (UInt(1) << UInt(first))
             bits |= dr.select(first < last, run, 0) << (k * b.lanes_x)
         return bits
-
-
-@lru_cache(maxsize=256)
-def _opaque(value: int, variant: str | None) -> Any:
-    """A number that kernels read and do not contain; on the device once."""
-    return dr.opaque(array_types().Int, value)

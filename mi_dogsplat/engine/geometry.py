@@ -126,12 +126,16 @@ class Grid:
     @cached_property
     def lanes(self) -> Lanes:
         """Evaluated once per image size."""
+        return self.lanes_of(range(self.tiles_y))
+
+    def lanes_of(self, rows: range) -> Lanes:
+        """Those of some tile rows, whose first tile is number 0."""
         UInt, b = array_types().UInt, self.blocks
-        lane = dr.arange(UInt, self.n_tiles * b.lanes_per_tile)
+        lane = dr.arange(UInt, len(rows) * self.tiles_x * b.lanes_per_tile)
         tile, lane = lane // b.lanes_per_tile, lane % b.lanes_per_tile
         tile_y = tile // self.tiles_x
         x = (tile - tile_y * self.tiles_x) * b.tile_width + (lane % b.lanes_x) * b.stride_x
-        y = tile_y * b.tile_height + (lane // b.lanes_x) * b.stride_y
+        y = (tile_y + dr.opaque(UInt, rows.start)) * b.tile_height + (lane // b.lanes_x) * b.stride_y
         dr.make_opaque(tile, x, y)
         return Lanes(tile, x, y)
 

@@ -17,12 +17,13 @@ import numpy as np
 from ..scene.cameras import Camera
 from ..scene.splats import Splats
 from .arrays import array_types
+from .bands import WalkableView
 from .geometry import Blocks, Grid
 from .options import RasterOptions, Settings
 from .parameters import upload
 from .project import DeviceCamera, project
 from .tables import pack
-from .view import PreparedView, arrange
+from .view import arrange
 from .walks.aovs import composite_aovs
 from .walks.composite import composite
 from .walks.derivatives import composite_backward
@@ -93,7 +94,7 @@ def _compositor_operations(settings: Settings, dog: bool, unroll: int) -> tuple[
     return forward, backward
 
 
-def _view(settings: Settings, dog: bool, unroll: int) -> PreparedView:
+def _view(settings: Settings, dog: bool, unroll: int) -> WalkableView:
     """What the compositor takes; which planes it blends matters to no kernel."""
     splats, camera = _model(0, dog)
     projection = project(upload(splats), camera, sh_degree=0)

@@ -18,6 +18,7 @@ class RasterOptions:
     negative_transmittance: bool = True
     cutoffs: Cutoffs = Cutoffs()
     patch: int = 4  # pixels per side that share their exponentials; 1 costs time and gains some 1e-7 (docs/numerics.md)
+    isect_memory: float | None = None  # bytes for what grows with the isects; what needs more has bands (``bands.py``)
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,13 @@ import drjit as dr
 import mitsuba as mi
 
 from .arrays import detached
+from .bands import PreparedView, WalkableView
 from .geometry import Blocks, Grid
 from .normals import normals
 from .options import RasterOptions, Settings
 from .project import DeviceCamera, Projection, project
 from .tiles import TileLists
-from .view import PreparedView, arrange
+from .view import arrange
 from .walks.composite import composite
 from .walks.derivatives import composite_backward, composite_forward
 from .walks.pixels import Planes
@@ -32,11 +33,12 @@ class Frame:
     depth: mi.Float | None  # Σ depth α T
     normal: list | None  # Σ normal α T, 3 planes, world space
     projection: Projection | None = None  # None when there was nothing to project
-    view: PreparedView | None = None  # what was walked, for other walks
+    view: WalkableView | None = None  # what was walked, for other walks
 
     @property
     def lists(self) -> TileLists | None:
-        return self.view.lists if self.view else None
+        """None without a view, and where it was walked in bands."""
+        return self.view.lists if isinstance(self.view, PreparedView) else None
 
 
 class LastFrame:
@@ -69,7 +71,7 @@ class _Fixed:
     blended: what ``composite`` returns, if it is known.
     """
 
-    def __init__(self, view: PreparedView, blended: Planes | None):
+    def __init__(self, view: WalkableView, blended: Planes | None):
         self.view, self.blended = view, blended
 
 
@@ -132,7 +134,8 @@ def rasterize(
         view, blended = known
     else:
         grid = Grid.of(camera.width, camera.height, Blocks.of_backend())
-        view = arrange(projection, features, grid, Settings.of(options, len(features)), stop_depth)
+        settings = Settings.of(options, len(features))
+        view = arrange(projection, features, grid, settings, stop_depth, options.isect_memory)
         blended = None
 
     k, p = projection.kernels, projection.pseudo

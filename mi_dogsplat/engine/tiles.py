@@ -14,15 +14,15 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .arrays import array_types, detached, while_loop
+from .arrays import array_types, while_loop
 from .drjit_internals import argsort_small
 from .footprints import Footprints
-from .geometry import Cutoffs, Grid
+from .geometry import Blocks, Cutoffs, Grid, Lanes
+from .isects import Isects, count_isects, depth_bits
 from .project import NOT_DOG, Projection
 from .tile_buckets import sort_into_buckets
 
 WORD, AT_ONCE = 32, 8  # bits of a word, and how many masks are read at once
-FEW_DOG = 500  # primitives for each that is DoG, from which on most tiles have none
 
 
 @dataclass
@@ -53,46 +53,36 @@ class TileLists:
 
 def tiles(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> TileLists:
     """Depth-ordered list of primitives per tile. Waits for the device once, to learn the length of the lists."""
+    if array_types().is_llvm:
+        return list_isects(count_isects(projection, grid, cutoffs), grid.blocks, grid.lanes)
+    return _bucket_lists(Footprints(projection, grid, cutoffs.log2_range), depth_bits(projection), grid)
+
+
+def list_isects(isects: Isects, blocks: Blocks, lanes: Lanes) -> TileLists:
+    """What has been counted, as lists: of all tiles, or of the tile rows of ``lanes``, whose first tile is number 0.
+
+    A sort by depth and a counting sort by tile, which is few passes on the CPU.
+    """
     types = array_types()
-    UInt, footprints = types.UInt, Footprints(projection, grid, cutoffs.log2_range)
-    # positive floats sort like their bits
-    depth_bits: Any = dr.reinterpret_array(UInt, detached(projection.depth))
-    if types.is_llvm:
-        return _sorted_lists(footprints, depth_bits, grid, projection)
-    return _bucket_lists(footprints, depth_bits, grid)
-
-
-def _sorted_lists(footprints: Footprints, depth_bits: Any, grid: Grid, projection: Projection) -> TileLists:
-    """A sort by depth and a counting sort by tile, which is few passes on the CPU."""
-    types = array_types()
-    UInt = types.UInt
-
-    def count_row(row, count):
-        first, last = footprints.columns(row)
-        return row + 1, count + UInt(last - first)
-
-    start = footprints.first, UInt(0)
-    _, counts = while_loop(start, lambda row, count: row < footprints.last, count_row, "count")
-    key: Any = dr.select(counts > 0, depth_bits, 0xFFFFFFFF)
-    dr.eval(key, counts, footprints.kept())  # or the projection would be computed again where isects are emitted
-
-    splat_from_rank = dr.argsort(key)  # [N] nearest first
-    ends = dr.cumsum(dr.gather(UInt, counts, splat_from_rank))
-    n_isects = int(ends[dr.width(ends) - 1]) if dr.width(ends) else 0
+    UInt, footprints, counts = types.UInt, isects.footprints, isects.counts
+    n_splats, n_isects = dr.width(counts), isects.total
+    n_tiles = dr.width(lanes.tile) // blocks.lanes_per_tile
     if n_isects == 0:
-        return _no_lists(dr.width(key), grid)
-    begin, end = dr.zeros(UInt, grid.n_tiles), dr.zeros(UInt, grid.n_tiles)
+        return _no_lists(n_splats, n_tiles)
+    begin, end = dr.zeros(UInt, n_tiles), dr.zeros(UInt, n_tiles)
 
-    tile_from_slot, splat_and_mask = dr.empty(UInt, n_isects), dr.empty(UInt, 2 * n_isects)
-    begin_from_rank = ends - dr.gather(UInt, counts, splat_from_rank)
-    splat = dr.arange(UInt, dr.width(key))
-    slot_begin = dr.empty(UInt, dr.width(key))
-    dr.scatter(slot_begin, begin_from_rank, splat_from_rank, mode=dr.ReduceMode.Permute)
+    new = dr.zeros if isects.blank else dr.empty  # what is blank is in no lane of the first tile
+    tile_from_slot, splat_and_mask = new(UInt, n_isects), new(UInt, 2 * n_isects)
+    begin_from_rank = isects.ends - dr.gather(UInt, counts, isects.splat_from_rank)
+    splat = dr.arange(UInt, n_splats)
+    slot_begin, slot_end = dr.empty(UInt, n_splats), dr.empty(UInt, n_splats)
+    dr.scatter(slot_begin, begin_from_rank, isects.splat_from_rank, mode=dr.ReduceMode.Permute)
+    dr.scatter(slot_end, isects.ends, isects.splat_from_rank, mode=dr.ReduceMode.Permute)
 
     def emit_row(row, slot):
         first, last = footprints.columns(row)
         block_columns = footprints.block_columns(row)
-        tile = UInt(dr.fma(row, footprints.tiles_x, first))
+        tile = UInt(dr.fma(row - footprints.top, footprints.tiles_x, first))
 
         def emit(column, tile, slot):
             dr.scatter(tile_from_slot, tile, slot)
@@ -104,7 +94,7 @@ def _sorted_lists(footprints: Footprints, depth_bits: Any, grid: Grid, projectio
 
     while_loop((footprints.first, slot_begin), lambda row, slot: row < footprints.last, emit_row, "emit rows")
 
-    slot_from_isect = argsort_small(tile_from_slot, grid.n_tiles)
+    slot_from_isect = argsort_small(tile_from_slot, n_tiles)
     tile = dr.gather(UInt, tile_from_slot, slot_from_isect)
     i = dr.arange(UInt, n_isects)
     count = dr.opaque(UInt, n_isects)  # a literal would compile a kernel per frame
@@ -113,27 +103,26 @@ def _sorted_lists(footprints: Footprints, depth_bits: Any, grid: Grid, projectio
     after = dr.gather(UInt, tile, i + 1, i + 1 < count)
     dr.scatter(begin, i, tile, (i == 0) | (before != tile))
     dr.scatter(end, i + 1, tile, (i + 1 == count) | (after != tile))
-    splat_from_isect, mask = dr.gather(types.UIntPair, splat_and_mask, slot_from_isect)
+    splat, mask = dr.gather(types.UIntPair, splat_and_mask, slot_from_isect)
+    splat_from_isect = dr.empty(UInt, n_isects)  # evaluated itself, it would keep what it is gathered from (Dr.Jit 1.5)
+    dr.scatter(splat_from_isect, splat, i, mode=dr.ReduceMode.Permute)
     n_words = -(-n_isects // WORD)
     masks = dr.empty(UInt, n_words * WORD)  # read some at once; what is behind the last isect is nobody's
     dr.scatter(masks, mask, i, mode=dr.ReduceMode.Permute)
-    dog = _dog_tiles(projection, tile, splat_from_isect, grid)
+    dog = None if isects.dog_row is None else _dog_tiles(isects.dog_row, tile, splat_from_isect, n_tiles)
     dr.eval(begin, end, splat_from_isect, masks, dog)
-    words = dr.empty(UInt, (grid.n_tiles + n_words) * grid.blocks.lanes_per_tile)
-    tile = grid.lanes.tile
-    transpose_masks(grid, masks, dr.gather(UInt, begin, tile), dr.gather(UInt, end, tile), words)
-    return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_begin + counts, words, dog=dog)
+    words = dr.empty(UInt, (n_tiles + n_words) * blocks.lanes_per_tile)
+    first, last = (dr.gather(UInt, ends, lanes.tile) for ends in (begin, end))
+    transpose_masks(lanes, blocks, masks, first, last, words)
+    return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_end, words, dog=dog)
 
 
-def _dog_tiles(projection: Projection, tile_from_isect: Any, splat_from_isect: Any, grid: Grid) -> Any:
-    """``TileLists.dog``, where few primitives are DoG. Their share decides and not the lists, whose length is another
-    one in every view: what is known of them makes other kernels."""
-    if projection.pseudo is None or dr.width(projection.dog_index) * FEW_DOG > dr.width(projection.x):
-        return None
+def _dog_tiles(dog_row: Any, tile_from_isect: Any, splat_from_isect: Any, n_tiles: int) -> Any:
+    """``TileLists.dog``."""
     UInt = array_types().UInt
-    found = dr.zeros(UInt, grid.n_tiles)
-    dog_row = dr.gather(UInt, detached(projection.dog_row), splat_from_isect)
-    dr.scatter(found, UInt(1), tile_from_isect, dog_row != NOT_DOG)
+    found = dr.zeros(UInt, n_tiles)
+    is_dog = dr.gather(UInt, dog_row, splat_from_isect) != NOT_DOG
+    dr.scatter(found, UInt(1), tile_from_isect, is_dog)
     return found
 
 
@@ -142,10 +131,10 @@ def _bucket_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLi
     UInt, lanes_per_tile = array_types().UInt, grid.blocks.lanes_per_tile
     slot_begin = dr.arange(UInt, dr.width(depth_bits))
     slot_end = slot_begin + 1
-    dr.eval(depth_bits, slot_begin, slot_end, footprints.kept())
+    dr.schedule(slot_begin, slot_end)
     buckets = sort_into_buckets(footprints, depth_bits, grid, WORD)
     if buckets is None:
-        return _no_lists(dr.width(depth_bits), grid)
+        return _no_lists(dr.width(depth_bits), grid.n_tiles)
     begin, end = dr.empty(UInt, grid.n_tiles), dr.empty(UInt, grid.n_tiles)
     words = dr.empty(UInt, (grid.n_tiles + dr.width(buckets.masks) // WORD) * lanes_per_tile)
     tile = grid.lanes.tile
@@ -153,23 +142,23 @@ def _bucket_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLi
     leads = dr.arange(UInt, dr.width(tile)) % lanes_per_tile == 0
     dr.scatter(begin, first, tile, leads, mode=dr.ReduceMode.Permute)
     dr.scatter(end, last, tile, leads, mode=dr.ReduceMode.Permute)
-    transpose_masks(grid, buckets.masks, first, last, words)
+    transpose_masks(grid.lanes, grid.blocks, buckets.masks, first, last, words)
     return TileLists(buckets.splat, begin, end, buckets.splat, slot_begin, slot_end, words, one_slot_each=True)
 
 
-def _no_lists(n: int, grid: Grid) -> TileLists:
+def _no_lists(n: int, n_tiles: int) -> TileLists:
     """Where nothing is seen."""
-    UInt = array_types().UInt
-    begin, end, nowhere = dr.zeros(UInt, grid.n_tiles), dr.zeros(UInt, grid.n_tiles), dr.zeros(UInt, n)
-    return TileLists(dr.zeros(UInt, 1), begin, end, dr.zeros(UInt, 1), nowhere, nowhere, dr.zeros(UInt, 1))
+    types = array_types()
+    begin, end, nowhere, none = (dr.zeros(types.UInt, size) for size in (n_tiles, n_tiles, n, 1))
+    return TileLists(none, begin, end, none, nowhere, nowhere, none, one_slot_each=not types.is_llvm)
 
 
-def transpose_masks(grid: Grid, masks: Any, begin: Any, end: Any, words: Any) -> None:
+def transpose_masks(lanes: Lanes, blocks: Blocks, masks: Any, begin: Any, end: Any, words: Any) -> None:
     """From a bit per lane, for every isect, to a bit per isect, for every lane: the ``words`` of ``TileLists``.
 
     ``begin``, ``end``: isects of each lane's tile.
     """
-    types, tile, lanes_per_tile = array_types(), grid.lanes.tile, grid.blocks.lanes_per_tile
+    types, tile, lanes_per_tile = array_types(), lanes.tile, blocks.lanes_per_tile
     lane = dr.arange(types.UInt, dr.width(tile)) % lanes_per_tile
 
     def one_word(group):

@@ -1,29 +1,18 @@
-"""A view ready to be walked: primitives projected, laid out and listed tile by tile. What every walk takes."""
+"""From raw parameters to a view ready to be walked: primitives projected, laid out and listed tile by tile."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 from .arrays import detached
-from .geometry import Blocks, Grid, Lanes
+from .bands import PreparedView, WalkableView, listed
+from .geometry import Blocks, Grid
 from .options import RasterOptions, Settings
 from .project import DeviceCamera, Projection, project
-from .tables import Tables, pack
-from .tiles import TileLists, tiles
+from .tables import pack
 
 
-@dataclass
-class PreparedView:
-    """The argument of the kernels in ``walks/``; without derivatives."""
-
-    grid: Grid
-    lanes: Lanes  # the grid's: Dr.Jit does not look for arrays there
-    tables: Tables
-    lists: TileLists
-    settings: Settings
-
-
-def prepare(params: dict, camera: DeviceCamera, options: RasterOptions, blocks: Blocks | None = None) -> PreparedView:
+def prepare(params: dict, camera: DeviceCamera, options: RasterOptions, blocks: Blocks | None = None) -> WalkableView:
     """A view whose features are the colours of the primitives.
 
     Args:
@@ -34,34 +23,43 @@ def prepare(params: dict, camera: DeviceCamera, options: RasterOptions, blocks: 
     """
     projection = _projection(params, camera, options)
     grid = Grid.of(camera.width, camera.height, blocks or Blocks.of_backend())
-    return arrange(projection, projection.colors, grid, Settings.of(options, 3))
+    return arrange(projection, projection.colors, grid, Settings.of(options, 3), isect_memory=options.isect_memory)
 
 
 def prepare_both(
     params: dict, camera: DeviceCamera, options: RasterOptions, blocks: Blocks
-) -> tuple[PreparedView, PreparedView]:
+) -> tuple[WalkableView, WalkableView]:
     """A view projected once and prepared twice, as by ``prepare``: with the backend's blocks, to be composited, and
     with ``blocks``, for a walk that needs its image."""
     projection = _projection(params, camera, options)
+    settings = Settings.of(options, 3)
     grid, other = (Grid.of(camera.width, camera.height, b) for b in (Blocks.of_backend(), blocks))
-    view = arrange(projection, projection.colors, other, Settings.of(options, 3))
+    view = arrange(projection, projection.colors, other, settings, isect_memory=options.isect_memory)
+    if not blocks.tiles_as(grid.blocks):
+        return listed(projection, view.tables, grid, settings, options.isect_memory), view
     # tiles that overlap list more than blending needs, and are in the same places
-    lists = view.lists if blocks.tiles_as(grid.blocks) else tiles(projection, grid, options.cutoffs)
-    return PreparedView(grid, grid.lanes, view.tables, lists, view.settings), view
+    same = replace(view, grid=grid, lanes=grid.lanes) if isinstance(view, PreparedView) else replace(view, grid=grid)
+    return same, view
 
 
 def arrange(
-    projection: Projection, features: list, grid: Grid, settings: Settings, stop_depth=None
-) -> PreparedView:
+    projection: Projection,
+    features: list,
+    grid: Grid,
+    settings: Settings,
+    stop_depth=None,
+    isect_memory: float | None = None,
+) -> WalkableView:
     """Lay out and list primitives that have been projected.
 
     Args:
         features: what is blended, [N] each, as many as ``settings`` says.
         stop_depth: [H*W], a primitive whose fourth feature, its depth, is larger is not blended into a pixel.
+        isect_memory: as in ``RasterOptions``.
     """
     tables = pack(projection, features)
     tables.stop_depth = detached(stop_depth) if stop_depth is not None else None
-    return PreparedView(grid, grid.lanes, tables, tiles(projection, grid, settings.cutoffs), settings)
+    return listed(projection, tables, grid, settings, isect_memory)
 
 
 def _projection(params: dict, camera: DeviceCamera, options: RasterOptions) -> Projection:

@@ -27,25 +27,34 @@ def footprints(
     background: Sequence[float] | np.ndarray = (0, 0, 0),
     *,
     negative_transmittance: bool = True,
+    clamped: bool = False,
     **options,
 ) -> np.ndarray:
     """J_i(p) = o_i d(sum over the channels of the image) / d alpha_i, images [N, H, W]; `options` go to `project`.
 
-    0 where the primitive is not blended. The image is affine in each alpha while its sign is the same, so a difference
-    is the derivative; where transmittance ignores negative alphas it starts at 0 and -1 for these. All other
-    alphas, and the ends of the walks, stay.
+    Of the image clamped to [0, 1] if `clamped`: without the channels that are beyond, in each pixel. 0 where the
+    primitive is not blended. The image is affine in each alpha while its sign is the same, so a difference is the
+    derivative; where transmittance ignores negative alphas it starts at 0 and -1 for these. All other alphas, and the
+    ends of the walks, stay.
     """
     projection = project(splats, camera, **options)
     alphas, order = _blended_alphas(projection, camera, negative_transmittance), depth_order(projection)
     result = np.zeros((len(projection.depths), camera.height * camera.width))
+    shown = np.ones((alphas.shape[1], 3))
+
+    def image(i, alpha):
+        total, T = np.zeros((alphas.shape[1], 3)), np.ones((alphas.shape[1], 1))
+        for j in order:
+            a = (alpha if j == i else alphas[j])[:, None]
+            total += projection.colors[j] * a * T
+            T = T * (1 - (a if negative_transmittance else np.maximum(a, 0)))
+        return total + T * np.asarray(background)
+
+    if clamped:
+        shown = (np.abs(image(-1, None) - 0.5) <= 0.5) * 1.0
 
     def summed_image(i, alpha):
-        total, T = np.zeros(alphas.shape[1]), np.ones(alphas.shape[1])
-        for j in order:
-            a = alpha if j == i else alphas[j]
-            total += projection.colors[j].sum() * a * T
-            T = T * (1 - (a if negative_transmittance else np.maximum(a, 0)))
-        return total + T * np.sum(background)
+        return (image(i, alpha) * shown).sum(1)
 
     for i in order:
         end = np.ones(alphas.shape[1])

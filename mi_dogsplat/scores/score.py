@@ -8,6 +8,9 @@ primitive is removed):
     Uf_i = Σ_ω w(ω) |F̂_i(ω)|² / (H W)     spectral, w(ω) = (|ω| / ω_corner)^γ; w = 1 would give U_i (Parseval)
     score_i = λ_s U_i / ‖U‖₂ + λ_f Uf_i / ‖Uf‖₂
 
+``released`` is the authors' code: U of the image clamped to [0, 1], whose derivative is 0 where a channel is clamped,
+with the weight of its ``band_pass_weight`` on each pixel.
+
 Uf without N Fourier transforms. With h the filter whose frequency response is √w, Uf_i = ‖h * F_i‖². For white noise z
 (independent signs) and ξ = h * z, the pixel sum s_i = Σ ξ F_i has E[s_i²] = Uf_i: one walk serves all primitives and
 probes. Its variance is 2 (Uf_i² - Σ_p (h * F_i)(p)⁴): a single probe of a single view has a relative error of up to √2,
@@ -49,7 +52,7 @@ class Score(Protocol):
 class ScoreRule:
     """Which score, and its numbers. Raises ``ValueError`` for numbers that mean nothing."""
 
-    kind: str = "spatio-spectral"  # (F = J), leave-one-out (F = D), released (U with a band-pass weight), opacity
+    kind: str = "spatio-spectral"  # (F = J), leave-one-out (F = D), released (see below), opacity
     spatial_weight: float = 1.0  # λ_s
     spectral_weight: float = 1.0  # λ_f
     gamma_f: float = 1.0  # γ, of the spectral part
@@ -76,7 +79,7 @@ class ScoreRule:
     def sums(self) -> Sums:
         """What a walk has to add up."""
         if self.kind == "released":
-            return Sums(weighted=True)
+            return Sums(weighted=True, clamped=True)
         spectral = self.spectral_weight > 0
         return Sums(
             removal=self.kind == "leave-one-out",
@@ -160,7 +163,9 @@ def _view_sums(
     planes = []
     if sums.weighted:
         picture = np.stack([plane.numpy() for plane in image], -1).reshape(camera.height, camera.width, 3)
-        planes.append(band_pass_weight(picture))
+        planes.append(band_pass_weight(np.clip(picture, 0, 1)))
+    if sums.clamped:
+        planes += [((plane.numpy() >= 0) & (plane.numpy() <= 1)).astype(np.float32) for plane in image]
     if sums.probes:
         signs = 2.0 * rng.integers(0, 2, (sums.probes * sums.channels, camera.height, camera.width)) - 1
         planes += list(filtered_noise(signs, rule.gamma_f))

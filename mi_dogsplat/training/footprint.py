@@ -12,16 +12,21 @@ import drjit as dr
 import mitsuba as mi
 
 from ..datasets import Dataset
+from ..engine.bands import LISTED, WALKED
+from ..engine.geometry import Blocks
 from ..support.errors import DataError
 from ..support.memory import available_memory, bytes_of
 from ..support.wording import count, file_size
 from .events import MemoryFull
 
 BASE = 180e6  # Python, Mitsuba, LLVM, kernels
-TARGET = 60  # bytes per pixel of a training view: its planes on the device and what SSIM needs of them
-PER_FLOAT = 36  # bytes: value, two moments, gradient, what Adam is about to write; and the copy for a checkpoint
+TARGET = 40  # bytes per pixel of a training view: its planes on the device and what SSIM needs of them
+AT_WORK = 150  # bytes per pixel of the view that is rendered: planes, what the loss is made of, gradients
+TARGETS_SHARE = 0.25  # of the memory; if they need more, they are made when they are due, in a third of the loss's time
+PER_FLOAT = 30  # bytes: value, two moments, gradient, what Adam is about to write; then the copy for a checkpoint
 PER_PRIMITIVE = 400  # bytes: the projection and its derivative
-PER_PAIR = 200  # bytes of a pair of tile and primitive: lists, sorting, adjoints
+MOST_BANDS = 8  # in which a view is walked, by an estimate: more take longer, and less memory still
+ROWS_OF_BAND = 4  # of tiles, at least: bands of few rows differ in size
 FIRST_PAIRS = 8.0  # pairs per primitive before any are counted
 MARGIN = 0.85  # of the budget: the estimate is no better
 
@@ -30,17 +35,25 @@ MARGIN = 0.85  # of the budget: the estimate is no better
 class Budget:
     """Memory for a training: ``total`` bytes, of which ``fixed`` do not depend on the primitives of ``floats`` floats.
 
+    ``bands`` is how many a view may be walked in before primitives are refused for want of memory.
+    ``keep_targets`` is as in ``Photographs``.
     ``pairs`` is the largest number of pairs of tile and primitive that a view has had since the last refinement.
     """
 
     total: float
     fixed: float
     floats: int
+    bands: int = 1
+    keep_targets: bool = True
     pairs: int = 0
 
     def each(self, pairs_per_primitive: float) -> float:
         """Bytes that a primitive needs."""
-        return PER_FLOAT * self.floats + PER_PRIMITIVE + PER_PAIR * pairs_per_primitive
+        return PER_FLOAT * self.floats + PER_PRIMITIVE + (LISTED + WALKED / self.bands) * pairs_per_primitive
+
+    def for_pairs(self, n: int) -> float:
+        """Bytes that ``n`` primitives leave for pairs, ``RasterOptions.isect_memory``."""
+        return MARGIN * self.total - self.fixed - n * self.each(0)
 
     def most_primitives(self, pairs_per_primitive: float) -> int:
         """How many primitives fit."""
@@ -85,7 +98,7 @@ def budget(memory: str | None, dataset: Dataset, sh_degree: int, on_disk: bool =
         memory: as ``TrainConfig.memory``; None is what the machine has to give now.
         on_disk: pictures are decoded when they are due, and weigh nothing.
     """
-    pictures = 0 if on_disk else sum(4 * view.image.size for view in dataset.views)
+    pictures = 0 if on_disk else sum(view.n_bytes for view in dataset.views)
     if memory is None and "cuda" in str(mi.variant()):
         return None
     if memory is None:
@@ -95,6 +108,13 @@ def budget(memory: str | None, dataset: Dataset, sh_degree: int, on_disk: bool =
         total = bytes_of(memory)
     if total is None:
         return None
-    pixels = 0 if on_disk else sum(view.camera.width * view.camera.height for view in dataset.train)
+    pixels = [view.camera.width * view.camera.height for view in dataset.train]
+    targets = 0 if on_disk else TARGET * sum(pixels)
+    keep = targets <= TARGETS_SHARE * total
+    if not keep:
+        targets = sum(view.n_bytes for view in dataset.train)
+    at_work = (AT_WORK + (0 if keep else TARGET)) * max(pixels)
     floats = 14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0)
-    return Budget(total, BASE + pictures + TARGET * pixels, floats)
+    rows = min(view.camera.height for view in dataset.train) // Blocks.of_backend().tile_height
+    bands = min(MOST_BANDS, max(1, rows // ROWS_OF_BAND))
+    return Budget(total, BASE + pictures + targets + at_work, floats, bands, keep)

@@ -33,7 +33,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.arrays import detached
+from ..engine.arrays import array_types, constant, detached
 from ..engine.frozen import frozen
 from ..engine.parameters import device_array
 from .blur import BLOCK, Sweep, blur
@@ -56,7 +56,8 @@ class Grid:
 
 @dataclass
 class Target:
-    """A training image with what SSIM needs of it; made by ``PhotometricLoss.target``, once per image.
+    """A training image with what SSIM needs of it; made by ``PhotometricLoss``, once per image, or, where memory is
+    short, whenever it is due.
 
     ``rows`` (the image), ``mean`` = E[y] and ``mean_sq`` = E[y^2] are in the order of the lanes that read
     them; together they take three times the memory of the image in float32.
@@ -72,15 +73,7 @@ class Target:
     @staticmethod
     def of(y: Any, width: int, height: int, grid: Grid) -> Target:
         """``y``: the image as an evaluated array, planar, [3 H W]."""
-        Float: Any = type(y)
-        at = grid.along_y.indices(grid.along_y.columns, range(BLOCK))
-        rows = [dr.gather(Float, y, index, inside) for index, inside in at]
-        dr.eval(rows)
-        (values,) = grid.along_y.values_from_blocks([rows])
-        blurred = grid.along_y.store_transposed([blur(values), blur([v * v for v in values])])
-        mean, mean_sq = (blur(v) for v in grid.along_x.values(blurred, grid.along_y.transposed_stride))
-        dr.eval(mean, mean_sq)
-        return Target(width, height, grid, rows, mean, mean_sq)
+        return Target(width, height, grid, *_rows_and_moments(y, grid))
 
 
 class PhotometricLoss:
@@ -102,7 +95,7 @@ class PhotometricLoss:
         return Target.of(y, width, height, self._grid(width, height))
 
     def target_of_planes(self, planes: list[Any], width: int, height: int) -> Target:
-        """Prepare a training image that is on the device already, as three planes [H W]."""
+        """Prepare a training image that is on the device already, as three planes [H W] or one array [3 H W]."""
         grid = self._grid(width, height)
         return Target.of(self._joined(planes, grid), width, height, grid)
 
@@ -120,7 +113,7 @@ class PhotometricLoss:
         """
         joined = self._join(image, target, "value_and_gradient")
         weights = (1 - self.dssim_weight, -self.dssim_weight, 1)
-        l1_scale, ssim_scale, scale = (dr.opaque(type(joined), w / target.grid.n_values) for w in weights)
+        l1_scale, ssim_scale, scale = (constant(type(joined), w / target.grid.n_values) for w in weights)
         l1_sum, ssim_sum, gradient = _sums_and_gradient(joined, target, l1_scale, ssim_scale)
         l1, dssim = l1_sum * scale, 1 - ssim_sum * scale
         if isinstance(image, (list, tuple)) and len(image) == 3:
@@ -165,6 +158,19 @@ class PhotometricLoss:
 
 
 @frozen
+def _rows_and_moments(y: Any, grid: Grid) -> tuple[list, list, list]:
+    """``rows``, ``mean`` and ``mean_sq`` of a ``Target``."""
+    at = grid.along_y.indices(grid.along_y.columns, range(BLOCK))
+    rows = [dr.gather(type(y), y, index, inside) for index, inside in at]
+    dr.eval(rows)
+    (values,) = grid.along_y.values_from_blocks([rows])
+    blurred = grid.along_y.store_transposed([blur(values), blur([v * v for v in values])])
+    mean, mean_sq = (blur(v) for v in grid.along_x.values(blurred, grid.along_y.transposed_stride))
+    dr.eval(mean, mean_sq)
+    return rows, mean, mean_sq
+
+
+@frozen
 def _sums_and_gradient(image: Any, target: Target, l1_scale: Any, ssim_scale: Any) -> tuple[Any, Any, Any]:
     """The sums of |x - y| and of SSIM, and the gradient of the loss, in which they are scaled."""
     ssim_sum, derivatives = _ssim(_moments_along_y(image, target), target)
@@ -198,9 +204,9 @@ def _ssim(blurred: list[Any], target: Target) -> tuple[Any, list[Any]]:
         derivatives[0].append(2 * (my * (a2 - a1) * inv_b - mx * ssim * (b2 - b1) * inv_b))
         derivatives[1].append(-ssim * b1 * inv_b)
         derivatives[2].append(2 * a1 * inv_b)
-    dr.eval(ssim_sum, derivatives)
+    ssim_sum = _evaluated_sum(ssim_sum, derivatives)
     values = sweep.values_from_blocks(derivatives)
-    return dr.sum(ssim_sum), sweep.store_transposed([blur(v) for v in values])
+    return ssim_sum, sweep.store_transposed([blur(v) for v in values])
 
 
 def _combine(image: Any, derivatives: list[Any], target: Target, l1_scale: Any, ssim_scale: Any) -> tuple[Any, Any]:
@@ -220,5 +226,19 @@ def _combine(image: Any, derivatives: list[Any], target: Target, l1_scale: Any, 
         value = dr.select(raw == x, dr.fma(ssim_scale, d_ssim, d_l1), 0)
         # Permute promises distinct addresses; without it Dr.Jit launches one kernel per scatter
         dr.scatter(gradient, value, index, inside, mode=dr.ReduceMode.Permute)
-    dr.eval(l1_sum, gradient)
-    return dr.sum(l1_sum), gradient
+    return _evaluated_sum(l1_sum, gradient), gradient
+
+
+def _evaluated_sum(values: Any, others: Any) -> Any:
+    """The sum of ``values``, which a kernel computes together with ``others``.
+
+    On CUDA the kernel itself adds them up, in any order, which saves two launches; on the CPU the sum has the same bits
+    in every run.
+    """
+    if array_types().is_llvm:
+        dr.eval(values, others)
+        return dr.sum(values)
+    total = dr.zeros(type(values), 1)
+    dr.scatter_add(total, values, 0, mode=dr.ReduceMode.Local)
+    dr.eval(total, others)
+    return total

@@ -48,6 +48,7 @@ class SplatOptimizer:
             raise ValueError("SplatOptimizer: there is no primitive to start from")
         self.learning_rates = learning_rates
         self.other_rates: dict[str, float] = {}
+        self.rate_factors: dict[str, float] = {}  # of a strategy, on step sizes; it sets them before every step
         self.followers: list[Callable[[np.ndarray, np.ndarray], None]] = []  # called with what ``rearrange`` was
         self.row_size = dict(ROW_SIZE)
         values = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities")}
@@ -98,7 +99,7 @@ class SplatOptimizer:
         """
         gain = self.learning_rates.batch_gain
         rates = self.learning_rates.at(step) | {name: rate * gain for name, rate in self.other_rates.items()}
-        self.adam.set_learning_rate({name: rates[name] for name in self.adam})
+        self.adam.set_learning_rate({name: rates[name] * self.rate_factors.get(name, 1.0) for name in self.adam})
 
     def learn(self, name: str, values: np.ndarray, rate: float) -> None:
         """Train one more number per primitive, which moves along with it; renders know nothing of it.
@@ -144,6 +145,14 @@ class SplatOptimizer:
         new = self.numpy(name)
         new[slice(None) if rows is None else rows] = values
         self.adam[name] = device_array(new)
+
+    def add(self, name: str, change: Any) -> None:
+        """Add an array of the device to a parameter, row-major, and keep its moments; waits for nothing."""
+        self.adam[name] = dr.detach(self.adam[name]) + change
+
+    def restart(self) -> None:
+        """Forget the moments and step counts of all parameters, as a new optimizer."""
+        self.adam.reset()
 
     def reset_moments(self, name: str) -> None:
         """Forget both moments of a parameter, not its step count."""

@@ -25,6 +25,7 @@ if [ -n "$bundle" ]; then
     [ ! -d "$site/data" ] || options+=(--bundled-data "$site/data")
 else
     scripts/setup_venv.sh "$python" .venv-gpu gpu
+    export PATH="$PWD/.venv-gpu/bin:$PATH" # of ninja, which builds gsplat
     python=.venv-gpu/bin/python
     export PYTHONPATH="$PWD${PYTHONPATH:+:$PYTHONPATH}"
     options=()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import shutil
 import sys
 import time
 from collections.abc import Sequence
@@ -114,6 +115,9 @@ class Session:
         with (self._out / LOG).open("a", encoding="utf-8") as log:
             log.write(f"### {step.name}: {shell(step)}\n### {outcome}, status {ended.status}, {ended.seconds:.1f} s\n")
             log.write(self._log(step).read_text(encoding="utf-8", errors="replace") + "\n")
+        for path in step.keep:
+            if path.is_file():
+                shutil.copyfile(path, self._out / f"{step.name}_{path.name}")
         self.note(step.name, step.title, shell(step), outcome, ended.seconds, result)
 
     def _log(self, step: Step) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,7 +13,7 @@ from .results import Result
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared"
-CHECKS = SHARED / "tools" / "cuda_standin" / "checks"
+CHECKS = Path(os.environ.get("CUDA_STANDIN", SHARED / "tools" / "cuda_standin")) / "checks"
 LEFT_OUT = ("common", "frozen_minimal")  # what they share; and a defect of Dr.Jit itself
 CANNOT_TELL, WITHOUT_OPTIX = 2, 3  # exit status of a check, and of the probe
 # These load scenes throughout, and one of them ends its process where there is no OptiX.
@@ -33,6 +34,7 @@ class Step:
         alone: what it measures depends on what else runs.
         bounded: being stopped at its limit is no failure: what was done until then counts.
         untold: exit status that says in the last line why there is nothing to tell.
+        keep: files that are copied beside the report.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Step:
     alone: bool = False
     bounded: bool = False
     untold: int | None = None
+    keep: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -95,9 +98,11 @@ def _tests(setup: Setup) -> list[Step]:
     if setup.quick:
         arrays, scenes = ["tests/engine/test_tiles.py", "tests/engine/test_view.py"], ["tests/plugin/test_sensor.py"]
     processes = max(1, min(8, setup.cores))
-    command = _python("-m", "pytest", "-v", "-p", "no:cacheprovider", "-n", processes, "--dist", "loadfile")
-    cuda = {"DOGSPLAT_TEST_VARIANT": "cuda_ad_rgb"}
-    common = {"read": results.tests, "environment": cuda, "bounded": True}
+    command = _python("-m", "pytest", "-v", "-p", "no:cacheprovider", "-p", "xdist.plugin", "-n", processes)
+    command += ["--dist", "loadfile"]
+    # only our plugins of pytest: the warnings of others, which a machine may have, are errors
+    environment = {"DOGSPLAT_TEST_VARIANT": "cuda_ad_rgb", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    common = {"read": results.tests, "environment": environment, "bounded": True}
     return [
         Step("tests", "Tests", [*command, *arrays], 240, 60, **common),
         Step("scenes", "Tests that load scenes", [*command, *scenes], 150, 30, **common, optix=True),
@@ -154,5 +159,6 @@ def _training(setup: Setup, optix: bool) -> list[Step]:
         Step(
             "training", "Training", command, 3600, 60, lambda log: results.training(run, log),
             after="" if setup.data else "capture", alone=True, bounded=True,
+            keep=tuple(run / name for name in ("history.jsonl", "metrics.json", "report.html")),
         ),
     ]

@@ -23,11 +23,6 @@ SMALL = ["--preset", "3dgs", "--steps", "12", "--sh-degree", "1", "--max-primiti
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
-
-
-@pytest.fixture(scope="module")
 def model(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("model") / "model.ply"
     write_ply(path, tiny_data.truth())

@@ -9,27 +9,33 @@ import pytest
 from happenings import records
 from html_pages import parsed, rows
 from mi_dogsplat.cli import main
+from mi_dogsplat.compare.execute import Means
 from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.compare.numbers import collect, summary
 from mi_dogsplat.compare.table import COLUMNS, cells, markdown
+from mi_dogsplat.compare.tasks import Task, perform
 from mi_dogsplat.runs.checkpoint import load_checkpoint
 from mi_dogsplat.runs.run import train
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.training.config import TrainConfig
-from tiny_data import write_tiny_data
 
 NAMES = ("3dgs", "v1", "v3", "full")
 STEPS = 60
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory) -> Path:
-    """What the command leaves, of two seeds."""
+def folder(data, tmp_path_factory) -> Path:
+    """What the command leaves, of two seeds. Tasks have no processes of their own: test_compare.py has such."""
+
+    def here(task: Task, means: Means) -> None:
+        perform(task, means.free)
+
     top = tmp_path_factory.mktemp("ablation")
-    data = write_tiny_data(top / "tiny")
     flags = f"--steps {STEPS} --sh-degree 1 --max-primitives 120 --target 0.25 --log-every 10".split()
     arguments = ["ablate", str(data), "-o", str(top / "out"), "--seeds", "0", "1", "--only", *NAMES]
-    assert main([*arguments, *flags]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mi_dogsplat.compare.execute.in_a_process", here)
+        assert main([*arguments, *flags]) == 0
     return top / "out"
 
 

@@ -17,11 +17,10 @@ import numpy as np
 import psutil
 import pytest
 from html_pages import parsed, rows, words
-from mi_dogsplat.cli.arguments import ABLATION
-from mi_dogsplat.cli.arguments import METHODS as OFFERED
 from mi_dogsplat.compare.compare import compare
 from mi_dogsplat.compare.execute import Means, in_a_process
 from mi_dogsplat.compare.methods import GROUPS, METHODS
+from mi_dogsplat.compare.names import ABLATION, ALL, EQUAL, PUBLISHED, RIVALS, chosen
 from mi_dogsplat.compare.page import comparison_page, pareto
 from mi_dogsplat.compare.table import COLUMNS, MEAN, collect_all, latex
 from mi_dogsplat.compare.tasks import Task, perform, tasks_of
@@ -47,14 +46,9 @@ SETTINGS: dict[str, Any] = {
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    return write_tiny_data(tmp_path_factory.mktemp("scenes") / "tiny")
-
-
-@pytest.fixture(scope="module")
-def comparison(data):
+def comparison(data, tmp_path_factory):
     lines: list[str] = []
-    out = data.parent / "out"
+    out = tmp_path_factory.mktemp("comparison") / "out"
     table = compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=lines.append)
     return out, table, lines
 
@@ -65,7 +59,7 @@ def test_all_methods_end_with_the_same_number_of_primitives_but_the_baseline(com
     counts = {name: row["data"]["tiny"]["runs"]["0"]["n"] for name, row in table["methods"].items()}
     assert counts == {"3dgs": n} | {name: round(0.25 * n) for name in NAMES[1:]} and not table["failed"]
     first = {name: (out / "tiny/seed_0" / name / "history.jsonl").read_text().splitlines()[0] for name in NAMES}
-    assert all((json.loads(first[name])["step"] >= 30) == (not METHODS[name].grows) for name in NAMES)
+    assert all((json.loads(first[name])["step"] >= 30) == METHODS[name].from_the_start for name in NAMES)
 
 
 def test_the_table_has_what_the_runs_measured(comparison):
@@ -103,21 +97,34 @@ def test_the_page_needs_nothing_but_itself_and_has_every_plot_and_a_crop_of_ever
     page = parsed(html)
     for word in ("http", "<script", "<link", "url("):
         assert word not in html
-    assert html.count('role="img"') == 4 + len(NAMES) - 1
+    assert html.count('role="img"') == 2 + 4 + len(NAMES) - 1
     sources = [image.attrib["src"] for image in page.iter("img")]
     assert len(sources) == 2 + len(NAMES) and all(source.startswith("data:image/") for source in sources)
     labels = [row["label"] for row in table["methods"].values()]
     captions = [words(caption) for caption in page.iter("figcaption")]
     assert captions[:2] == ["Ground truth, whole view", "Ground truth"]
     assert [caption.rpartition(", ")[0] for caption in captions[2:]] == labels
-    numbers, sources_of = (rows(found) for found in page.iter("table"))
-    assert [line[0] for line in numbers] == ["method", *labels]
-    assert sources_of == [[row["label"], row["source"]] for row in table["methods"].values()]
+    numbers, *others, sources_of = (rows(found) for found in page.iter("table"))
+    assert all([line[0] for line in found] == ["method", *labels] for found in (numbers, *others)) and len(others) == 3
+    columns = ("label", "source", "deviations")
+    assert sources_of == [[" ".join(row[name].split()) for name in columns] for row in table["methods"].values()]
+    assert "its schedule and its step sizes" in words(page) and "30.89" in words(page)
+
+
+def test_the_first_picture_is_error_against_run_time_of_all_methods_and_of_the_start(comparison):
+    out, table, _ = comparison
+    page = parsed((out / "comparison.html").read_text(encoding="utf-8"))
+    first, second = [found for found in page.iter() if found.attrib.get("role") == "img"][:2]
+    labels = [row["label"] for row in table["methods"].values()]
+    for plot, words_of in ((first, "test PSNR, dB"), (second, "test FLIP")):
+        assert plot.attrib["aria-label"] == f"{words_of} against run time, min"
+        titles = [words(title) for title in plot.iter("title")]
+        assert all(any(title.startswith(f"{label}: {words_of}") for title in titles) for label in labels)
 
 
 def test_the_best_compact_method_is_bold(comparison):
     out, table, _ = comparison
-    (numbers, _) = parsed((out / "comparison.html").read_text(encoding="utf-8")).iter("table")
+    numbers = next(parsed((out / "comparison.html").read_text(encoding="utf-8")).iter("table"))
     column = rows(numbers)[0].index("PSNR (dB)")
     psnr = {name: row["data"]["tiny"]["runs"]["0"]["psnr"] for name, row in table["methods"].items()}
     best = max(NAMES[1:], key=lambda name: psnr[name])
@@ -234,11 +241,32 @@ def test_other_folders_and_data_are_refused(comparison, data, tmp_path):
         compare(config, [str(single)], tmp_path / "newer", [0], NAMES)
 
 
-def test_the_command_line_offers_all_methods_in_order():
-    assert [name for name in METHODS if name in OFFERED] == list(OFFERED)
-    assert [name for name in METHODS if name in ABLATION] == list(ABLATION)
-    assert set(METHODS) == {*OFFERED, *ABLATION}
+def test_the_command_line_offers_all_methods_in_order_and_sets_of_them():
+    assert list(METHODS) == list(ALL) and len(set(ALL)) == len(ALL)
     assert sorted(METHODS) == sorted(name for members in GROUPS.values() for name in members)
+    assert set(METHODS) == {*PUBLISHED, *EQUAL, *ABLATION}
+    assert chosen(["ours", "ablation", "3dgs"]) == [name for name in ALL if name in ABLATION]
+    assert chosen(["equal", "published"]) == [name for name in ALL if name in {*EQUAL, *PUBLISHED}]
+    with pytest.raises(ValueError, match="best"):
+        chosen(["ours", "best"])
+
+
+def test_every_rival_has_a_row_with_our_window_and_step_sizes_and_says_in_what_it_deviates():
+    ours = METHODS["ours"].recipe
+    for name in RIVALS:
+        equal, published = METHODS[name + "_equal"], METHODS[name]
+        assert equal.recipe.refinement == ours.refinement and equal.recipe.dog is None
+        if equal.recipe.pruning:
+            assert equal.recipe.pruning.stop == ours.pruning.stop  # type: ignore[union-attr]
+        assert "window and step sizes are ours" in equal.deviations and published.deviations in equal.deviations
+    assert all(METHODS[name].deviations for name in RIVALS if name not in ("opacity", "3dgs_capped"))
+
+
+def test_the_docs_have_every_rival_with_all_that_it_deviates_in():
+    text = (Path(__file__).parents[2] / "docs" / "compare.md").read_text(encoding="utf-8")
+    lines = {line.split("|")[1].strip(" `"): line for line in text.splitlines() if line.startswith("| `")}
+    for name in (*RIVALS, "paper", "released", "released_40k"):
+        assert METHODS[name].deviations in lines[name], name
 
 
 def test_a_worker_without_the_weights_of_lpips_says_so(comparison):

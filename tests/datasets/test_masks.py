@@ -1,6 +1,5 @@
 """Masks: what they hide has no gradient, is not learned and not measured."""
 
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,11 +12,6 @@ from mi_dogsplat.support.pictures import write_png
 from mi_dogsplat.training.photographs import Photographs
 from photographs import SHAPE, changed, config_of, image_of, left_half, planes_of, trained, write_masks
 from PIL import Image
-
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
 
 
 @pytest.mark.parametrize("options", [{}, {"exposure_steps": 60}, {"on_disk": True}])

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import tiny_data
 from happenings import records
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.runs.history import run_to_end
@@ -19,9 +18,8 @@ def assert_same_bits(state: dict[str, np.ndarray], expected: dict[str, np.ndarra
 
 @pytest.mark.usefixtures("ordered")
 @pytest.mark.parametrize("preset", ["ours", "paper", "released"])
-def test_the_same_seed_gives_the_same_bits(preset, tmp_path):
-    data = str(tiny_data.write_tiny_data(tmp_path))
-    config = TrainConfig(data, preset, steps=120, sh_degree=1, max_primitives=300, target=0.4, log_every=10)
+def test_the_same_seed_gives_the_same_bits(preset, data):
+    config = TrainConfig(str(data), preset, steps=120, sh_degree=1, max_primitives=300, target=0.4, log_every=10)
     runs = []
     for _ in range(2):
         trainer = Trainer(config, load_dataset(data, 1))
@@ -35,8 +33,8 @@ def test_the_same_seed_gives_the_same_bits(preset, tmp_path):
 
 
 @pytest.mark.usefixtures("ordered")
-def test_parameters_that_wait_for_their_sh_degree_train_as_if_adam_had_taken_them_along(tmp_path, monkeypatch):
-    dataset = load_dataset(str(tiny_data.write_tiny_data(tmp_path)))
+def test_parameters_that_wait_for_their_sh_degree_train_as_if_adam_had_taken_them_along(data, monkeypatch):
+    dataset = load_dataset(data)
     config = TrainConfig("", "3dgs", steps=60, sh_degree=1, max_primitives=300)
     waited, left_out = Trainer(config, dataset), []
     step = SplatOptimizer.step

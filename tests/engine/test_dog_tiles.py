@@ -1,21 +1,22 @@
-"""Where few primitives are DoG, the tiles that have none of them are blended by the kernel of a plain model."""
+"""Where few primitives are DoG, the tiles that have none of them are blended by the loop of a plain model."""
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from launches import kernels
-from mi_dogsplat.engine import tiles
+from launches import branches, launches, loop
+from mi_dogsplat.engine import isects
+from mi_dogsplat.engine.bands import PreparedView
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
-from mi_dogsplat.engine.view import PreparedView, prepare
+from mi_dogsplat.engine.view import prepare
 from mi_dogsplat.engine.walks.composite import composite
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import make_splats, random_splats, rounded, square_camera
 
 CAMERA = square_camera(64, 48)
-N = tiles.FEW_DOG
+N = isects.FEW_DOG
 llvm_only = pytest.mark.skipif(
     not (mi.variant() or "").startswith("llvm"), reason="on CUDA a branch that no lane takes costs little"
 )
@@ -31,6 +32,7 @@ def with_one_dog() -> Splats:
 
 def prepared() -> PreparedView:
     view = prepare(upload(with_one_dog()), DeviceCamera.upload(CAMERA), RasterOptions(sh_degree=0))
+    assert isinstance(view, PreparedView)
     dr.eval(view)
     return view
 
@@ -51,13 +53,13 @@ def test_the_tiles_of_a_dog_primitive_are_known():
 
 
 @llvm_only
-def test_a_kernel_for_each_kind_of_tile_draws_what_one_for_all_draws(monkeypatch):
+def test_a_loop_for_each_kind_of_tile_draws_what_one_for_all_draws(monkeypatch):
     split = prepared()
-    monkeypatch.setattr(tiles, "FEW_DOG", 2 * tiles.FEW_DOG)
+    monkeypatch.setattr(isects, "FEW_DOG", 2 * isects.FEW_DOG)
     whole = prepared()
     assert whole.lists.dog is None
     np.testing.assert_array_equal(image(split), image(whole))
     assert (image(split)[-1] < 1).any()
-    both, one = (kernels(lambda view=view: dr.eval(composite(view))) for view in (split, whole))
-    lanes = dr.width(split.lanes.tile)
-    assert [size for size, _ in both].count(lanes) == 2 and [size for size, _ in one].count(lanes) == 1
+    both, one = (loop(launches(lambda view=view: dr.eval(composite(view)))).code for view in (split, whole))
+    assert [code.count("Symbolic loop: composite") for code in (both, one)] == [2, 1]
+    assert len(branches(both)) == len(branches(one)) > 0

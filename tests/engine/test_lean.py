@@ -18,6 +18,7 @@ from changed_strategy import change_densification
 from launches import branches, instructions, kernels, launches, loop
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.arrays import array_types
+from mi_dogsplat.engine.bands import PreparedView
 from mi_dogsplat.engine.frozen import Frozen
 from mi_dogsplat.engine.geometry import Blocks, Grid
 from mi_dogsplat.engine.parameters import upload
@@ -196,6 +197,7 @@ def test_the_second_kernel_of_a_mixture_is_in_branches_that_packets_jump_over(ru
 def lanes_with_a_second_kernel(splats: Splats) -> tuple[int, int]:
     """Pseudo-Gaussians that lanes evaluate, counted as they do, and DoG primitives that are on the lists of lanes."""
     view = prepare(upload(splats), DeviceCamera.upload(CAMERA), RasterOptions(splats.sh_degree))
+    assert isinstance(view, PreparedView)
     evaluated = dr.zeros(array_types().UInt, 1)
     pseudo_row = Walk.pseudo_row
 
@@ -349,9 +351,8 @@ def test_the_adjoint_of_transmittance_is_paid_only_where_something_lies_behind()
 
 
 @pytest.fixture(scope="module")
-def datasets(tmp_path_factory):
-    folders = [tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"), alpha=alpha) for alpha in (False, True)]
-    return [load_dataset(folder) for folder in folders]
+def datasets(data, alpha_data):
+    return [load_dataset(folder) for folder in (data, alpha_data)]
 
 
 def trainer_of(dataset, **settings) -> Trainer:

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mi_dogsplat.engine.bands import PreparedView, WalkableView
 from mi_dogsplat.engine.geometry import Blocks
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
-from mi_dogsplat.engine.view import PreparedView, prepare, prepare_both
+from mi_dogsplat.engine.view import prepare, prepare_both
 from mi_dogsplat.engine.walks.composite import composite
 from splat_scenes import random_splats, rounded, tilted_camera
 
@@ -20,7 +21,7 @@ def camera() -> DeviceCamera:
     return DeviceCamera.upload(tilted_camera(70, 50))
 
 
-def planes(view: PreparedView) -> np.ndarray:
+def planes(view: WalkableView) -> np.ndarray:
     blended = composite(view)
     return np.stack([plane.numpy() for plane in [*blended.features, blended.T]])
 
@@ -47,6 +48,7 @@ def test_a_view_prepared_twice_is_the_picture_of_one_prepared_once(blocks):
 def test_lists_are_made_once_where_the_tiles_are_in_the_same_places():
     for blocks, shared in ((Blocks.of_backend, True), (overlapping, True), (flat, False)):
         pictured, other = prepare_both(upload(PARAMS), camera(), OPTIONS, blocks())
+        assert isinstance(pictured, PreparedView) and isinstance(other, PreparedView)
         assert (pictured.lists is other.lists) == shared and pictured.tables is other.tables
 
 

@@ -88,8 +88,7 @@ def test_spz_and_gltf_have_y_up_and_the_others_the_axes_of_the_model(capsys, mod
     assert spz.decode(tmp_path / "out.spz").n_splats == truth.n_splats
 
 
-def test_with_data_the_loss_is_against_its_photographs_too(capsys, model, tmp_path):
-    data = tiny_data.write_tiny_data(tmp_path / "data")
+def test_with_data_the_loss_is_against_its_photographs_too(capsys, model, data, tmp_path):
     command = ["export", model, "-o", tmp_path / "out.ply", "--data", data, "--dog", "drop"]
     status, printed, _ = run(capsys, *command)
     assert status == 0 and "of photographs" in printed and "without DoG (drop)" in printed

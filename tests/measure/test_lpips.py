@@ -13,7 +13,7 @@ from mi_dogsplat.support.arrays import read_arrays, write_arrays
 from mi_dogsplat.support.errors import DataError
 from scipy.signal import correlate2d
 from small_vgg import install, small_weights
-from tiny_data import cameras, truth, write_tiny_data
+from tiny_data import cameras, truth
 
 REAL = weights_path()  # before the tests hide it, see conftest.py
 SIZES = [(16, 16), (33, 18), (21, 210)]  # the last has more pixels than one matrix product takes
@@ -121,8 +121,7 @@ def test_views_are_measured_by_it_where_it_is_given(tmp_path):
     assert mean_metrics(results)["lpips"] == pytest.approx(lpips(np.clip(color, 0, 1), a), rel=1e-5)
 
 
-def test_eval_says_it_where_it_is_installed(tmp_path, monkeypatch, capsys):
-    data = write_tiny_data(tmp_path / "data")
+def test_eval_says_it_where_it_is_installed(data, tmp_path, monkeypatch, capsys):
     model = tmp_path / "model.ply"
     write_ply(model, truth())
     lines = []

@@ -116,18 +116,17 @@ def run(line: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory) -> Path:
+def trained(data, tmp_path_factory) -> Path:
     """A run folder of a tiny training."""
     top = tmp_path_factory.mktemp("trained")
-    data = tiny_data.write_tiny_data(top / "data")
     assert main(shortened(["train", str(data), "-o", str(top / "run")])) == 0
     return top / "run"
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch, trained) -> Path:
+def folder(tmp_path, monkeypatch, trained, alpha_data) -> Path:
     """What the pages name: photographs, models, scenes, cameras; it is the present folder."""
-    photos = tiny_data.write_tiny_data(tmp_path / "photos", alpha=True)
+    photos = Path(shutil.copytree(alpha_data, tmp_path / "photos"))
     content = json.loads((photos / "transforms.json").read_text())
     for i, frame in enumerate(content["frames"]):
         (photos / frame["file_path"]).rename(photos / "images" / f"{i:04d}.png")

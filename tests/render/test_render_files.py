@@ -34,11 +34,6 @@ def model(tmp_path_factory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
-
-
 def render(model, out, data=None, camera=None, aovs=None, **options) -> None:
     render_model(model, out, data, camera, aovs, PictureOptions(**options))
 

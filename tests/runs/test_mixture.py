@@ -128,9 +128,9 @@ def test_a_model_of_one_kind_leaves_the_background_of_the_other(tmp_path):
 
 
 @pytest.fixture
-def trained(tmp_path):
+def trained(data):
     """A trainer that was not trained, and its data."""
-    dataset = load_dataset(str(tiny_data.write_tiny_data(tmp_path / "data")), 1)
+    dataset = load_dataset(data)
     return Trainer(TrainConfig("data", steps=1, sh_degree=1), dataset), dataset
 
 

@@ -1,6 +1,7 @@
 """Runs in processes of their own that are killed, interrupted, and out of disk: what is left opens, and goes on."""
 
 import errno
+import functools
 import json
 import os
 import random
@@ -9,10 +10,12 @@ import signal
 import subprocess
 import sys
 import time
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import pytest
+from checkpoint_writer import write_for_ever
 from mi_dogsplat import read_ply
 from mi_dogsplat.report.run_folder import read_run
 from mi_dogsplat.runs.checkpoint import load_checkpoint
@@ -140,9 +143,15 @@ def test_ctrl_c_saves_and_ends_with_one_line_that_says_how_to_go_on(data, tmp_pa
     assert all(row["step"] <= step for row in read_run(out).history)
 
 
+@functools.cache
+def can_mount() -> bool:
+    """Whether this machine lets us mount a disk in a namespace of our own."""
+    return shutil.which("unshare") is not None and not run("unshare", "-rm", "true").returncode
+
+
 def in_a_mount(options: str, folder: Path, command: list[str]) -> subprocess.CompletedProcess:
     """Run a command that sees a memory disk at ``folder``; what is on it afterwards is copied to ``folder``.copy."""
-    if shutil.which("unshare") is None or run("unshare", "-rm", "true").returncode:
+    if not can_mount():
         pytest.skip("this machine does not let us mount a disk in a namespace of our own (unshare -rm)")
     folder.mkdir()
     script = 'mount -t tmpfs -o "$1" tmpfs "$2" || exit 99; f=$2; shift 2; "$@"; s=$?; cp -a "$f" "$f.copy"; exit $s'
@@ -189,18 +198,17 @@ def test_what_cannot_be_written_is_answered_with_what_helps(tmp_path, number, ch
 def test_a_file_is_whole_whenever_its_writer_is_killed(tmp_path):
     """Thousands of versions of a file, one after the other; 20 kills."""
     path, chance = tmp_path / "state.npz", random.Random(1)
-    script = (
-        "import sys; from pathlib import Path; import numpy as np\n"
-        "from mi_dogsplat.runs.checkpoint import save_checkpoint\n"
-        "for i in range(10**9): save_checkpoint(Path(sys.argv[1]), {'a': np.full(20_000, i), 'n': np.array(i)})\n"
-    )
+    writers = get_context("forkserver")  # one process imports all, and each writer begins as a copy of it
+    writers.set_forkserver_preload(["checkpoint_writer"])
     for _ in range(20):
         path.unlink(missing_ok=True)
-        process = subprocess.Popen([sys.executable, "-c", script, str(path)], cwd=ROOT)
-        while not path.exists() and process.poll() is None:
+        process = writers.Process(target=write_for_ever, args=(path,), daemon=True)
+        process.start()
+        while not path.exists() and process.is_alive():
             time.sleep(0.001)
         time.sleep(chance.uniform(0, 0.05))
         process.kill()
-        process.wait()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL
         state = load_checkpoint(path)
         assert (state["a"] == state["n"]).all() and np.size(state["a"]) == 20_000

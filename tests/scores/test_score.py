@@ -92,11 +92,19 @@ def test_leave_one_out_combines_the_same_energies_of_real_removals(background):
     assert_close(score(alone, splats, background), 0.3 * spatial(D) / np.linalg.norm(spatial(D)))
 
 
-def test_the_released_score_weights_pixels_by_the_band_pass_picture():
-    weights = [band_pass_weight(reference.render(SPLATS, camera, [1.0] * 3)[0]) for camera in CAMERAS]
+@pytest.mark.parametrize("background", [0.0, 1.0])
+def test_the_released_score_is_of_the_clamped_image_with_pixels_weighted_by_the_band_pass_picture(background):
+    splats = rounded(random_splats(40, seed=1, degree=1))
+    splats.sh_coeffs[::4, 0] *= 3  # much of the picture is too bright or too dark
+    pictures = [reference.render(splats, camera, [background] * 3)[0] for camera in CAMERAS]
+    assert all(((picture < 0) | (picture > 1)).mean() > 0.05 for picture in pictures)
+    weights = [band_pass_weight(np.clip(picture, 0, 1)) for picture in pictures]
     assert min(weight.max() for weight in weights) > 1.25
-    views = [weight * J for weight, J in zip(weights, footprints(background=1.0), strict=True)]
-    assert_close(score(ScoreRule("released"), background=1.0), spatial(views))
+    J = footprints(splats, background, clamped=True)
+    views = [weight * footprint for weight, footprint in zip(weights, J, strict=True)]
+    got, expected = score(ScoreRule("released"), splats, background), spatial(views)
+    assert_close(got, expected)
+    assert (spatial(footprints(splats, background)) > 1.1 * spatial(J)).any()  # it matters
 
 
 def test_the_band_pass_picture_follows_its_formula():

@@ -110,11 +110,6 @@ def test_looking_launches_one_kernel_and_compiles_none_as_the_count_changes():
 # --- in a run ---
 
 
-@pytest.fixture(scope="module")
-def data(tmp_path_factory):
-    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
-
-
 def config_of(data, **changes) -> TrainConfig:
     base: dict[str, Any] = {"preset": "3dgs", "steps": 60, "sh_degree": 1, "max_primitives": 100, "log_every": 10}
     return TrainConfig(str(data), **{**base, **changes})

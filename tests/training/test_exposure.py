@@ -1,22 +1,15 @@
 """Exposure and white balance of single photographs: maps, their gradients, their steps, what they take up."""
 
-from pathlib import Path
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-import tiny_data
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.training import exposure as exposure_module
 from mi_dogsplat.training.exposure import Exposure
 from photographs import SHAPE, changed, image_of, planes_of, trained
-
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
 
 
 def test_the_identity_changes_nothing_and_a_map_is_applied_as_a_matrix():

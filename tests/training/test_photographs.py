@@ -30,16 +30,6 @@ from photographs import SHAPE, changed, config_of, image_of, left_half, planes_o
 from PIL import Image
 
 
-@pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
-
-
-@pytest.fixture(scope="module")
-def alpha_data(tmp_path_factory) -> Path:
-    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("alpha"), alpha=True)
-
-
 def test_a_random_background_is_another_at_each_step_behind_render_and_photograph(alpha_data):
     dataset = load_dataset(alpha_data)
     photographs, rng = Photographs(dataset, 1.0, random=True), np.random.default_rng(0)

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 from mi_dogsplat.scores.score import ScoreRule
 from mi_dogsplat.support.errors import DataError
@@ -27,13 +28,18 @@ def test_the_papers_recipe_is_that_of_its_text():
     recipe = RECIPES["paper"]
     assert recipe.pruning == PruningRule(15_000, 25_000, 500, 2000, 0.95, "halving", None)
     assert recipe.score == ScoreRule("spatio-spectral", 1, 1, 1)
-    assert recipe.dog and (recipe.dog.start, recipe.dog.opacity, recipe.dog.scale) == (25_000, 0.5, 1.6)
+    assert recipe.dog and (recipe.dog.start, recipe.dog.opacity, recipe.dog.scale) == (25_000, 0.5, 0.6)
     assert recipe.dog.control and recipe.reference_steps == 30_000
+
+
+def test_all_factors_of_the_papers_pseudo_gaussians_start_below_1():
+    dog = RECIPES["paper"].dog
+    assert dog and 0 < dog.opacity < 1 and np.all(np.less([0.0], dog.scale) & np.less(dog.scale, 1.0))
 
 
 def test_the_released_recipe_is_that_of_the_authors_code():
     recipe = RECIPES["released"]
-    assert recipe.pruning == PruningRule(15_200, 25_200, 500, 2000, 0.99, "halving", 5)
+    assert recipe.pruning == PruningRule(15_700, 25_200, 500, 2000, 0.99, "halving", 5)
     assert recipe.score == ScoreRule("released")
     assert recipe.dog and (recipe.dog.start, recipe.dog.opacity, recipe.dog.scale) == (25_200, 0.5, 1.6)
     assert not recipe.dog.control and (recipe.reference_steps, recipe.position_steps) == (40_000, 30_000)
@@ -84,7 +90,7 @@ def test_a_recipe_that_does_not_prune_has_no_rest_and_one_without_score_cannot_p
         ("3dgs", None, 30_000),
         ("released", None, 40_000),
         ("paper", "m.ply", 15_000),
-        ("released", "m.ply", 24_800),
+        ("released", "m.ply", 24_300),
     ],
 )
 def test_the_preset_decides_on_the_steps_unless_they_are_given(preset, model, steps):

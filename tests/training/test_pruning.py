@@ -1,5 +1,6 @@
 """Pruning in training: who goes, what the history tells, and every phase in order up to the exact target."""
 
+import copy
 import dataclasses
 import json
 import re
@@ -148,11 +149,6 @@ def test_a_restored_window_goes_on_where_it_was():
 # --- in training ---
 
 
-@pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
-
-
 def config_of(data: Path, **changes) -> TrainConfig:
     base: dict[str, Any] = {"steps": STEPS, "sh_degree": 1, "log_every": 10, "max_primitives": 100, "target": 0.3}
     return TrainConfig(str(data), **(base | changes))
@@ -248,31 +244,56 @@ def test_prunes_compile_nothing_once_there_were_two(data):
     assert not [kernel for kernel in history if not kernel["cache_hit"] or kernel["cache_disk"]]
 
 
-@pytest.mark.parametrize("cut", [60, 75, 90, 110])
-def test_a_state_from_the_middle_of_the_window_goes_on_with_the_same_decisions(data, cut):
-    dataset = load_dataset(data)
-    first = Trainer(config_of(data, preset="paper"), dataset)
-    rows = run_to_end(first)
-    while first.step_count < cut:
-        next(rows)
-    again = Trainer(config_of(data, preset="paper"), dataset)
-    again.restore(first.state())
-    assert first.states["pruning"].begun and again.states["pruning"] == first.states["pruning"]
-    assert again.states["dogactivation"] == first.states["dogactivation"]
-    went_on, resumed = (rows_with(list(rest), *DECISIONS) for rest in (rows, run_to_end(again)))
+CUTS = (60, 75, 90, 110)
+
+
+@dataclasses.dataclass
+class CutRun:
+    """A run to its end, and its state, with what pruning and DoG know, after each of ``CUTS``."""
+
+    rows: list[dict]
+    n: int
+    states: dict[int, dict[str, np.ndarray]]
+    progress: dict[int, list[Any]]
+
+
+@pytest.fixture(scope="module")
+def cut_run(data) -> CutRun:
+    trainer, rows, states, progress = Trainer(config_of(data, preset="paper"), load_dataset(data)), [], {}, {}
+    for cut in (*CUTS, None):
+        rows += run_to_end(trainer, until=cut)
+        if cut:
+            states[cut] = trainer.state()
+            progress[cut] = copy.deepcopy([trainer.states[name] for name in ("pruning", "dogactivation")])
+    return CutRun(rows, trainer.optimizer.n, states, progress)
+
+
+@pytest.mark.parametrize("cut", CUTS)
+def test_a_state_from_the_middle_of_the_window_goes_on_with_the_same_decisions(data, cut_run, cut):
+    again = Trainer(config_of(data, preset="paper"), load_dataset(data))
+    again.restore(cut_run.states[cut])
+    assert cut_run.progress[cut][0].begun
+    assert [again.states[name] for name in ("pruning", "dogactivation")] == cut_run.progress[cut]
+    went_on = rows_with([row for row in cut_run.rows if row["step"] > cut], *DECISIONS)
+    resumed = rows_with(list(run_to_end(again)), *DECISIONS)
     if lanes_add_in_turn(mi.variant()):  # else a decision that hangs on the last bit of L1 may come a step later
         assert [(row["step"], row["n"]) for row in resumed] == [(row["step"], row["n"]) for row in went_on]
-    assert again.optimizer.n == first.optimizer.n
+    assert again.optimizer.n == cut_run.n
     assert bool(resumed) == (cut < 100)  # when the window closes and all become DoG
 
 
+@pytest.fixture(scope="module")
+def densified_start(data) -> tuple[int, dict[str, np.ndarray]]:
+    """Primitives and state of the recipe without pruning, after half of its steps."""
+    trainer = Trainer(config_of(data, preset="3dgs"), load_dataset(data))
+    while trainer.step_count < STEPS // 2:
+        trainer.step()
+    return trainer.optimizer.n, trainer.state()
+
+
 @pytest.mark.parametrize("preset", ["ours", "released"])
-def test_a_densified_start_of_another_recipe_is_pruned_at_once_and_to_the_target(data, preset):
-    dataset = load_dataset(data)
-    shared = Trainer(config_of(data, preset="3dgs"), dataset)
-    while shared.step_count < STEPS // 2:
-        shared.step()
-    n, state = shared.optimizer.n, shared.state()
+def test_a_densified_start_of_another_recipe_is_pruned_at_once_and_to_the_target(data, densified_start, preset):
+    dataset, (n, state) = load_dataset(data), densified_start
     for _ in range(2):  # a state can be restored again and again
         trainer = Trainer(config_of(data, preset=preset), dataset)
         trainer.restore(state)

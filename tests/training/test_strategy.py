@@ -10,7 +10,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-import tiny_data
 from happenings import records
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.runs import run
@@ -25,11 +24,6 @@ from mi_dogsplat.training.strategy.strategy import Seen, Strategy, Training
 from mi_dogsplat.training.train import Trainer
 
 STEPS = 30
-
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
 
 
 def config_of(data: Path, **changes) -> TrainConfig:

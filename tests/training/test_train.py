@@ -45,11 +45,6 @@ def rows_of(run: Path) -> list[dict]:
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    return tiny_data.write_tiny_data(tmp_path_factory.mktemp("data"))
-
-
-@pytest.fixture(scope="module")
 def trained(data, tmp_path_factory) -> tuple[Path, dict]:
     """(run folder, what ``train`` returned)."""
     out = tmp_path_factory.mktemp("runs") / "run"

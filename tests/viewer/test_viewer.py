@@ -44,8 +44,8 @@ def pose_of(camera) -> Pose:
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory):
-    return load_dataset(tiny_data.write_tiny_data(tmp_path_factory.mktemp("data")))
+def dataset(data):
+    return load_dataset(data)
 
 
 def uint8(image: np.ndarray) -> np.ndarray:
@@ -94,10 +94,10 @@ def test_the_sh_degree_is_limited():
     assert np.abs(uint8(truth) - flat).max() <= 1 and np.abs(full.astype(int) - flat).max() > 2
 
 
-def test_the_error_is_that_at_the_nearest_photograph(data):
+def test_the_error_is_that_at_the_nearest_photograph(dataset):
     wrong = tiny_data.truth()
     wrong.logit_opacities[:30] = -9
-    drawing, view = Drawing(wrong, 0.2, views=data.views), data.views[3]
+    drawing, view = Drawing(wrong, 0.2, views=dataset.views), dataset.views[3]
     assert drawing.choices == [MODEL, ERROR, PHOTOGRAPH]
     moved = Pose(pose_of(view.camera).wxyz, tuple(view.camera.position + 0.02), 0.7, 48 / 36)
     drawn = drawing.draw(moved, Settings(ERROR, 36, gain=3.0))
@@ -118,13 +118,13 @@ def test_what_a_new_model_does_not_have_is_drawn_as_the_model():
     assert np.array_equal(plain, drawing.draw(pose, Settings(MODEL, 36)).image) and not np.array_equal(plain, with_dog)
 
 
-def test_the_nearest_view_looks_the_same_way(data):
-    for view in data.views:
-        assert nearest_view(data.views, view.camera) is view
-    first = data.views[0]
+def test_the_nearest_view_looks_the_same_way(dataset):
+    for view in dataset.views:
+        assert nearest_view(dataset.views, view.camera) is view
+    first = dataset.views[0]
     turned = pose_of(first.camera)
     back = Pose((0, *turned.wxyz[1:]), turned.position, 0.7, 1).camera(36)
-    assert isinstance(nearest_view(data.views, back).name, str)
+    assert isinstance(nearest_view(dataset.views, back).name, str)
 
 
 def test_a_picture_is_fitted_whole_with_bars():
@@ -177,9 +177,9 @@ def test_a_file_is_read_again_when_it_changes_and_only_then(tmp_path):
         source.poll()
 
 
-def test_the_model_of_a_checkpoint_is_that_of_the_trainer(data):
+def test_the_model_of_a_checkpoint_is_that_of_the_trainer(dataset):
     config = TrainConfig("", steps=20, sh_degree=1, max_primitives=80, target=0.5)
-    trainer = Trainer(config, data)
+    trainer = Trainer(config, dataset)
     for _ in range(20):
         trainer.step()
     ours, theirs = splats_of_state(trainer.state()), trainer.optimizer.to_splats()
@@ -188,15 +188,15 @@ def test_the_model_of_a_checkpoint_is_that_of_the_trainer(data):
         assert np.array_equal(getattr(ours, name), getattr(theirs, name)), name
 
 
-def test_a_run_is_followed_from_checkpoint_to_checkpoint_to_its_model(data, tmp_path):
-    config = TrainConfig(str(data.path), preset="3dgs", steps=8, sh_degree=1, max_primitives=70)
+def test_a_run_is_followed_from_checkpoint_to_checkpoint_to_its_model(dataset, tmp_path):
+    config = TrainConfig(str(dataset.path), preset="3dgs", steps=8, sh_degree=1, max_primitives=70)
     run = tmp_path / "run"
     train(config, run)
     later = (run / "point_cloud.ply").stat().st_mtime_ns + 10**9
     source = Source(run)
     found = source.poll()
     assert found and found[1] == "point_cloud.ply" and source.config["steps"] == 8 and source.poll() is None
-    trainer = Trainer(config, data)
+    trainer = Trainer(config, dataset)
     save_checkpoint(run / CHECKPOINT, trainer.state())
     os.utime(run / CHECKPOINT, ns=(later, later))
     found = source.poll()

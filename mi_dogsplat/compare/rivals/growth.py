@@ -18,6 +18,30 @@ def progress(t: Training, rule: Densification) -> float:
     return 1.0 if last <= first else (t.step_count // rule.every - first) / (last - first)
 
 
+def removed(t: Training, rule: Densification) -> np.ndarray:
+    """[N] who is removed, as in 3DGS; never all."""
+    opacity = np.exp(-np.logaddexp(0, -t.optimizer.numpy("logit_opacities").astype(np.float64)))
+    remove = opacity < rule.min_opacity
+    if rule.removes_large(t.step_count):
+        remove |= largest_scales(t) > rule.max_world_scale * t.extent
+    if remove.all():
+        remove[np.argmax(opacity)] = False  # an empty model cannot recover
+    return remove
+
+
+def largest_scales(t: Training) -> np.ndarray:
+    """[N] world units."""
+    return np.exp(np.clip(t.optimizer.numpy("log_scales").max(1), -80, 80))
+
+
+def best(scores: np.ndarray, candidates: np.ndarray, count: int) -> np.ndarray:
+    """[N] the ``count`` candidates [N] of the largest scores, or all of them."""
+    rows = np.flatnonzero(candidates)
+    chosen = np.zeros(len(scores), bool)
+    chosen[rows[np.argsort(-scores[rows], kind="stable")[: max(0, count)]]] = True
+    return chosen
+
+
 def fill(t: Training, rule: Densification, budget: int, scores: Callable[[], np.ndarray]) -> Choice:
     """Remove as 3DGS does, then grow into the room that the budget leaves. What is split and cloned is as in 3DGS.
 
@@ -25,15 +49,5 @@ def fill(t: Training, rule: Densification, budget: int, scores: Callable[[], np.
         budget: primitives after this refinement.
         scores: [N] the largest grow first.
     """
-    largest = np.exp(np.clip(t.optimizer.numpy("log_scales").max(1), -80, 80))  # [N] world units
-    opacity = np.exp(-np.logaddexp(0, -t.optimizer.numpy("logit_opacities").astype(np.float64)))
-    remove = opacity < rule.min_opacity
-    if rule.removes_large(t.step_count):
-        remove |= largest > rule.max_world_scale * t.extent
-    if remove.all():
-        remove[np.argmax(opacity)] = False  # an empty model cannot recover
-    alive = np.flatnonzero(~remove)
-    room = max(0, budget - len(alive))
-    grow = np.zeros(len(remove), bool)
-    grow[alive[np.argsort(-scores()[alive], kind="stable")[:room]]] = True
-    return Choice(grow, largest <= rule.clone_scale * t.extent, remove)
+    remove, small = removed(t, rule), largest_scales(t) <= rule.clone_scale * t.extent
+    return Choice(best(scores(), ~remove, budget - int(np.sum(~remove))), small, remove)

@@ -6,10 +6,11 @@ two classes, of whose scores l is the difference; straight through, temperature 
     C = Σ c m α T,  T <- T (1 - m α),  loss + 5e-4 (mean m)²
 
 What is not drawn is not blended and its own parameters have no gradient, but m has: it learns what it would contribute.
-That derivative is exact here (``walks/score.py`` with a share). Every 1,000 steps those go that ten draws do not show;
-at step 25,000 those with the least probability, down to the budget, and all others exist from then on. In the paper
-masks are learned while it densifies, too; here from the densified start on, at first with a probability of 98 %. In a
-run of another length the step size of the scores changes inversely: they come as far.
+That derivative is exact here (``walks/score.py`` with a share). Masks are learned from the first step on, while it
+densifies, too; the scores of the two classes start at 10 and 1, so l at 9. Those that ten draws do not show go at each
+refinement, and every 1,000 steps after densification. At step 25,000 those with the least probability go, down to the
+budget, and all others exist from then on. In a run of another length the step size of the scores changes inversely:
+they come as far.
 """
 
 from __future__ import annotations
@@ -32,13 +33,19 @@ from ...scores.score import ScoreRule
 from ...training.events import Event
 from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
+from ...training.strategy.densify import Densification
 from ...training.strategy.prune import keep_best
 from ...training.strategy.scheduler import PruningRule
 from ...training.strategy.strategy import Seen, Strategy, Training
+from .step_sizes import OPACITY_OF_2023
 
-FROM, TO = 15_000, 25_000  # steps
+DEVIATIONS = (
+    "the number is chosen: at step 25,000 masks end with a cut to the budget, where the code learns them to the end "
+    "and its number is what is left; step sizes of the masks are those of 30,000 steps"
+)
+TO = 25_000  # step
 MASK = "mask_logits"
-START_LOGIT = 4.0
+START_LOGIT = 9.0
 RATE = 0.02  # of the difference of two scores that learn at 0.01 each
 WEIGHT = 5e-4  # of the squared mean
 DRAWS = 10
@@ -72,12 +79,14 @@ class Absent(Event):
 class MaskGaussian(Strategy[None]):
     """Draws masks from step ``start`` to the prune, at step ``stop``."""
 
-    start: int = FROM
+    start: int = 0
     stop: int = TO
     sweep_every: int = 1000  # steps
+    densified: int = Densification.stop  # step until which each refinement sweeps
 
     def scaled(self, factor: float) -> MaskGaussian:
-        return MaskGaussian(*(scaled_milestone(step, factor) for step in (self.start, self.stop, self.sweep_every)))
+        steps = (self.start, self.stop, self.sweep_every, self.densified)
+        return MaskGaussian(*(scaled_milestone(step, factor) for step in steps))
 
     def params(self, t: Training, state: None, params: dict) -> dict:
         """Those that are drawn; the others cannot be seen."""
@@ -106,7 +115,10 @@ class MaskGaussian(Strategy[None]):
 
     def after_step(self, t: Training, state: None) -> list[Event]:
         """Sweep out what is hardly ever drawn; the last time just before the prune."""
-        if MASK not in t.optimizer.learned or t.step_count > self.stop or t.step_count % self.sweep_every:
+        if MASK not in t.optimizer.learned or t.step_count > self.stop:
+            return []
+        every = min(Densification.every, self.sweep_every) if t.step_count < self.densified else self.sweep_every
+        if t.step_count % every:
             return []
         n = t.optimizer.n
         absent = t.rng.logistic(size=(DRAWS, n)).max(0) < -t.optimizer.numpy(MASK)
@@ -123,5 +135,7 @@ class MaskGaussian(Strategy[None]):
 
 
 RECIPE = Recipe(
-    pruning=PruningRule(TO, TO, division=(1.0,), rounds=1), score=ScoreRule("opacity"), also=(MaskGaussian(),)
+    pruning=PruningRule(TO, TO, division=(1.0,), rounds=1),
+    score=ScoreRule("opacity"),
+    also=(MaskGaussian(), OPACITY_OF_2023),
 )

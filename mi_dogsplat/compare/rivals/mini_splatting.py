@@ -3,8 +3,8 @@
 The importance of a primitive is Σ α T over all pixels of all training views (for indoor scenes; outdoors the authors
 divide by the projected area), and 0 if it has the largest weight of no pixel. At step 15,000 half of the primitives is
 drawn, without replacement, with probabilities in proportion to it: unlike a threshold that leaves geometry where all
-are unimportant. At step 20,000 the best are kept: 99 % of the mass in the paper, the budget here. The authors' own
-densification (blur split, depth reinitialisation) is not part of it: the start is everybody's.
+are unimportant. Then all of them begin anew (``reinitialize.py``). At step 20,000 the best are kept: 99 % of the mass
+in the paper, the budget here.
 """
 
 from __future__ import annotations
@@ -20,7 +20,14 @@ from ...scores.weights import weights
 from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
 from ...training.strategy.strategy import Strategy, Training
+from .reinitialize import RESTARTED, Reinitialize
+from .step_sizes import OPACITY_OF_2023
 
+DEVIATIONS = (
+    "no blur split and no points from depth while densifying, the start is everybody's; parts of the way to the "
+    "budget, where the code keeps a half and then 99 % of the mass; all SH degrees at once after the new beginning; "
+    "indoor importance, not divided by the area, for all captures"
+)
 
 @dataclass(frozen=True)
 class SummedWeight:
@@ -65,5 +72,6 @@ class DrawFirst(Strategy[Rounds]):
 RECIPE = Recipe(
     pruning=PruningRule(15_000, 20_000, check_every=5000, max_interval=5000, division=(0.3, 0.7), rounds=2),
     score=SummedWeight(),
-    also=(DrawFirst(),),
+    also=(DrawFirst(), Reinitialize(adam=20_000), OPACITY_OF_2023),
+    refinement=RESTARTED,
 )

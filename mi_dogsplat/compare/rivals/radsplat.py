@@ -16,6 +16,11 @@ from ...scores.weights import weights
 from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
 
+DEVIATIONS = (
+    "each prune goes half of the way to the budget (in log count), where the paper has a threshold; there is no public "
+    "code to check it with"
+)
+
 
 @dataclass(frozen=True)
 class LargestWeight:

@@ -19,8 +19,8 @@ from collections.abc import Sequence
 
 import drjit as dr
 
+from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
-from ..view import PreparedView
 from .pixels import planes_of
 from .walk import Meeting, Walk
 
@@ -40,7 +40,7 @@ def walked(names: Sequence[str], has_dog: bool) -> tuple[str, ...]:
     return tuple(name for name in WALKED if name in names and (has_dog or name != "dog_share"))
 
 
-def composite_aovs(view: PreparedView, names: tuple[str, ...], depths=None) -> list:
+def composite_aovs(view: WalkableView, names: tuple[str, ...], depths=None) -> list:
     """Planes [H*W] of the ``names``, in their order.
 
     Args:
@@ -49,11 +49,12 @@ def composite_aovs(view: PreparedView, names: tuple[str, ...], depths=None) -> l
 
     An index is a float, as channels of a film are: exact up to 2^24.
     """
-    return planes_of(_composite_aovs(view, names, depths), len(names))
+    planes = view.walked(lambda band, above: _composite_aovs(band, names, depths, above), [])
+    return planes_of(planes, len(names))
 
 
 @frozen
-def _composite_aovs(view: PreparedView, names: tuple[str, ...], depths) -> list:
+def _composite_aovs(view: PreparedView, names: tuple[str, ...], depths, above: list) -> list:
     walk = Walk(view)
     Float = walk.types.Float
     start = {key: value for name in names for key, value in STATE[name].items()}
@@ -88,4 +89,4 @@ def _composite_aovs(view: PreparedView, names: tuple[str, ...], depths) -> list:
     if "all" in start:
         pairs = zip(state["dog"], state["all"], strict=True)
         state["dog_share"] = [dr.select(whole > 0, part / whole, 0) for part, whole in pairs]
-    return walk.pixels.write([state[name] for name in names])
+    return walk.pixels.write([state[name] for name in names], above)

@@ -15,19 +15,19 @@ from __future__ import annotations
 import drjit as dr
 
 from ..arrays import array_types
+from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
-from ..view import PreparedView
 from .pixels import Planes, planes_of
 from .walk import Meeting, Walk
 
 
-def composite(view: PreparedView) -> Planes:
+def composite(view: WalkableView) -> Planes:
     """Blend."""
-    *features, T = planes_of(_composite(view), view.settings.n_features + 1)
+    *features, T = planes_of(view.walked(_composite, []), view.settings.n_features + 1)
     return Planes(features, T)
 
 
-def composite_over(view: PreparedView, background: float) -> list:
+def composite_over(view: WalkableView, background: float) -> list:
     """The planes of the features over a grey level."""
     blended = composite(view)
     level = dr.opaque(array_types().Float, background)
@@ -35,15 +35,16 @@ def composite_over(view: PreparedView, background: float) -> list:
 
 
 @frozen
-def _composite(view: PreparedView) -> list:
+def _composite(view: PreparedView, above: list) -> list:
     if view.lists.dog is None:
-        return _blended(Walk(view, blends_only=True), None)
+        return _blended(Walk(view, blends_only=True), above)
     # few tiles have a DoG primitive: the others do not pay for its branch
-    return _blended(Walk(view, dog=True, blends_only=True), _blended(Walk(view, dog=False, blends_only=True), None))
+    plain = _blended(Walk(view, dog=False, blends_only=True), above)
+    return _blended(Walk(view, dog=True, blends_only=True), plain)
 
 
-def _blended(walk: Walk, targets: list | None) -> list:
-    """Interleaved planes, new ones or those of ``targets``, in which the pixels that are walked are written."""
+def _blended(walk: Walk, written: list) -> list:
+    """Interleaved planes, new ones or those that are ``written`` already, but for the pixels that are walked."""
     features = range(walk.settings.n_features)
 
     def step(meeting: Meeting, T: list, C: list) -> None:
@@ -55,4 +56,4 @@ def _blended(walk: Walk, targets: list | None) -> list:
                 C[f][k] = dr.select(goes_on, dr.fma(weight, meeting.row.features[f], c), c)
 
     T, C = walk.run(step, [walk.pixels.zeros() for _ in features], "composite")
-    return walk.pixels.write([*C, [dr.abs(t) for t in T]], targets, walk.walked)
+    return walk.pixels.write([*C, [dr.abs(t) for t in T]], written, walk.walked)

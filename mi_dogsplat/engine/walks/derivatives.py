@@ -15,8 +15,8 @@ import drjit as dr
 import mitsuba as mi
 
 from ..arrays import if_stmt
+from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
-from ..view import PreparedView
 from .pixels import Planes, planes_of
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import ALPHA_MAX, Alphas, Meeting, Walk
@@ -31,7 +31,7 @@ class Projected(namedtuple("Projected", "x y ux uy vy lo")):
 N_PSEUDO = 4  # the last of these are the pseudo-Gaussian's own; its centre is that of the primary
 
 
-def composite_backward(view: PreparedView, blended: Planes, δ: Planes) -> tuple[list, list]:
+def composite_backward(view: WalkableView, blended: Planes, δ: Planes) -> tuple[list, list]:
     """Adjoints of the projected quantities, given those of the planes.
 
     Args:
@@ -42,13 +42,20 @@ def composite_backward(view: PreparedView, blended: Planes, δ: Planes) -> tuple
     pseudo-Gaussians, [M] each, nothing without DoG).
     """
     columns, dog_index = len(Projected._fields) + view.settings.n_features, view.tables.dog_index
-    δsplats, δpseudo = _composite_backward(view, blended, δ, lanes_add_in_turn(mi.variant()))
-    of_pseudo = [] if dog_index is None else columns_of(δpseudo, view.lists, N_PSEUDO, dog_index)
-    return columns_of(δsplats, view.lists, columns), of_pseudo
+    in_turn = lanes_add_in_turn(mi.variant())
+
+    def walk(band: PreparedView, above: tuple[list, list]) -> tuple[list, list]:
+        δsplats, δpseudo = _composite_backward(band, blended, δ, in_turn, *above)
+        of_pseudo = [] if dog_index is None else columns_of(δpseudo, band.lists, N_PSEUDO, dog_index)
+        return columns_of(δsplats, band.lists, columns), of_pseudo
+
+    return view.walked(walk, ([], []))
 
 
 @frozen
-def _composite_backward(view: PreparedView, blended: Planes, δplanes: Planes, in_turn: bool) -> tuple[list, list]:
+def _composite_backward(
+    view: PreparedView, blended: Planes, δplanes: Planes, in_turn: bool, above: list, pseudo_above: list
+) -> tuple[list, list]:
     walk, features = Walk(view), range(view.settings.n_features)
     rows = SlotRows(view.lists, len(Projected._fields) + len(features), in_turn)
     pseudo_rows = SlotRows(view.lists, N_PSEUDO, in_turn) if walk.has_dog else None
@@ -120,16 +127,17 @@ def _composite_backward(view: PreparedView, blended: Planes, δplanes: Planes, i
         rows.add(slot, [*δrow, *δf], meeting.active)
 
     walk.run(step, rest, "composite_backward")
-    return rows.sums(), pseudo_rows.sums(view.tables.dog_index) if pseudo_rows else []
+    return rows.sums(above=above), pseudo_rows.sums(view.tables.dog_index, pseudo_above) if pseudo_rows else []
 
 
-def composite_forward(view: PreparedView, δsplats: list, δpseudo: list) -> Planes:
+def composite_forward(view: WalkableView, δsplats: list, δpseudo: list) -> Planes:
     """Tangents of the planes, given those that ``composite_backward`` returns."""
-    *δfeatures, δT = planes_of(_composite_forward(view, δsplats, δpseudo), view.settings.n_features + 1)
+    planes = view.walked(lambda band, above: _composite_forward(band, δsplats, δpseudo, above), [])
+    *δfeatures, δT = planes_of(planes, view.settings.n_features + 1)
     return Planes(δfeatures, δT)
 
 
-def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list) -> list:
+def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above: list) -> list:
     walk, features, n = Walk(view), range(view.settings.n_features), len(Projected._fields)
 
     def tangents(values: list, meeting: Meeting, ux, uy, vy, δ: Projected) -> list:
@@ -169,4 +177,4 @@ def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list) -> li
 
     start = [walk.pixels.zeros() for _ in range(1 + len(features))]
     _, (δT, *δC) = walk.run(step, start, "composite_forward", unroll=False)
-    return walk.pixels.write([*δC, δT])
+    return walk.pixels.write([*δC, δT], above)

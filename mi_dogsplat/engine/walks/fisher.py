@@ -16,9 +16,9 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
+from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from ..geometry import Blocks
-from ..view import PreparedView
 from .derivatives import LN2
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import ALPHA_MAX, Meeting, Walk
@@ -33,19 +33,23 @@ def patch_blocks() -> Blocks:
     return replace(Blocks.of_backend(), width=4, height=4)
 
 
-def composite_fisher(view: PreparedView, image: list) -> list:
+def composite_fisher(view: WalkableView, image: list) -> list:
     """Sums over the patches of a view: Σ_c g_c[i] g_c[j] for ``PAIRS``, then s g_c[i] by channel, then s²; [N] each.
 
     Args:
         view: made with ``patch_blocks``.
         image: the 3 planes of the view [H*W], background included.
     """
-    found = _composite_fisher(view, image, lanes_add_in_turn(mi.variant()))
-    return columns_of(found, view.lists, COLUMNS)
+    in_turn = lanes_add_in_turn(mi.variant())
+
+    def walk(band: PreparedView, above: list) -> list:
+        return columns_of(_composite_fisher(band, image, in_turn, above), band.lists, COLUMNS)
+
+    return view.walked(walk, [])
 
 
 @frozen
-def _composite_fisher(view: PreparedView, image: list, in_turn: bool) -> list:
+def _composite_fisher(view: PreparedView, image: list, in_turn: bool, above: list) -> list:
     walk, rows = Walk(view), SlotRows(view.lists, COLUMNS, in_turn)
     Float = walk.types.Float
 
@@ -74,4 +78,4 @@ def _composite_fisher(view: PreparedView, image: list, in_turn: bool) -> list:
         rows.add(slot, [*products, s * s], meeting.active)
 
     walk.run(step, [walk.pixels.read(plane) for plane in image], "composite_fisher", unroll=False)
-    return rows.sums()
+    return rows.sums(above=above)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,19 +40,18 @@ class BlockPixels:
         """A value per pixel."""
         return [dr.gather(self.types.Float, plane, i, ok) for i, ok in zip(self.index, self.inside, strict=True)]
 
-    def write(self, planes: list[list], targets: list | None = None, where: Any = True) -> list:
+    def write(self, planes: list[list], above: Sequence = (), where: Any = True) -> list:
         """Planes, interleaved in fours: [H*W, 4] arrays, which ``planes_of`` takes apart.
+
+        ``above`` is what was returned for the bands above, to be written to (``bands.py``), or by another kernel;
+        where ``where`` is false it is left as it is.
 
         Four at a time cost a fourth of what single values do. Written pixel by pixel: Dr.Jit computes values in the
         order in which they are written, and so needs fewer at once.
-
-        Args:
-            targets: what another kernel has written, None: new arrays.
-            where: false in the lanes whose pixels are left as they are.
         """
         quads = [planes[k : k + 4] for k in range(0, len(planes), 4)]
         quads[-1] += [self.zeros()] * (4 - len(quads[-1]))
-        targets = targets or [dr.empty(self.types.Float, 4 * self.n_image) for _ in quads]
+        targets = list(above) or [dr.empty(self.types.Float, 4 * self.n_image) for _ in quads]
         for k, (index, ok) in enumerate(zip(self.index, self.inside, strict=True)):
             for target, quad in zip(targets, quads, strict=True):
                 four = self.types.Quad([values[k] for values in quad])

@@ -32,9 +32,9 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
+from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
 from ..geometry import Blocks
-from ..view import PreparedView
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import Meeting, Walk
 
@@ -46,6 +46,7 @@ class Sums:
     removal: F is D. Else F is J.
     energy: Σ F²
     weighted: ... Σ (w F)² instead, with a plane w
+    clamped: F is Σ m d o instead of J, with a plane m per channel: where the image is clamped, m is 0
     gradient: Σ |∇F|², ∇ the forward differences of neighbouring pixels that are both inside the image. That is the
         spectrum of F, continued by reflection, weighted by 4 sin²(ω_x/2) + 4 sin²(ω_y/2): |ω|² for small ω
     probes: that many columns Σ ξ F, with a plane ξ per column and channel of F
@@ -54,6 +55,7 @@ class Sums:
     removal: bool = False
     energy: bool = True
     weighted: bool = False
+    clamped: bool = False
     gradient: bool = False
     probes: int = 0
 
@@ -75,33 +77,44 @@ class Sums:
         return replace(blocks, width=blocks.width + 1, height=blocks.height + 1, overlap=1)
 
 
-def composite_score(view: PreparedView, sums: Sums, image: list, planes: list, share=None) -> list:
+def composite_score(view: WalkableView, sums: Sums, image: list, planes: list, share=None) -> list:
     """Sums over a view, per primitive.
 
     Args:
         view: made with ``sums.blocks``.
         image: the 3 planes of the view [H*W], background included.
-        planes: if ``sums.weighted``, w; then ξ of each probe, ``sums.channels`` planes each.
+        planes: if ``sums.weighted``, w; if ``sums.clamped``, m of the three channels; then ξ of each probe,
+            ``sums.channels`` planes each.
         share: [N], what is blended is share α, the image being made so: F is then D per share, that is the derivative
             of the image by the share, also where it is 0 (needs ``sums.removal``). None: 1 for all.
 
     Returns the columns, [N] each.
     """
-    found = _composite_score(view, sums, image, planes, share, lanes_add_in_turn(mi.variant()))
-    return columns_of(found, view.lists, sums.columns)
+    in_turn = lanes_add_in_turn(mi.variant())
+
+    def walk(band: PreparedView, above: list) -> list:
+        found = _composite_score(band, sums, image, planes, share, in_turn, above)
+        return columns_of(found, band.lists, sums.columns)
+
+    return view.walked(walk, [])
 
 
 @frozen
-def _composite_score(view: PreparedView, sums: Sums, image: list, planes: list, share, in_turn: bool) -> list:
+def _composite_score(
+    view: PreparedView, sums: Sums, image: list, planes: list, share, in_turn: bool, above: list
+) -> list:
     walk, rows = Walk(view), SlotRows(view.lists, sums.columns, in_turn)
     pixels, blocks, Float = walk.pixels, walk.blocks, walk.types.Float
     width, channels = blocks.width, range(sums.channels)
     own = [r * width + c for r in range(blocks.stride_y) for c in range(blocks.stride_x)]
     behind = [pixels.read(plane) for plane in image]
-    if not sums.removal:
-        behind = [[r + g + b for r, g, b in zip(*behind, strict=True)]]
     values = [pixels.read(plane) for plane in planes]
     weight2 = [w * w for w in values.pop(0)] if sums.weighted else None
+    shown = [values.pop(0) for _ in range(3)] if sums.clamped else None
+    if shown:
+        behind = [[m * b for m, b in zip(*planes, strict=True)] for planes in zip(shown, behind, strict=True)]
+    if not sums.removal:
+        behind = [[r + g + b for r, g, b in zip(*behind, strict=True)]]
     # ξ at the lane's own pixels, in the order in which F is listed
     probes = [[values[p * len(channels) + f][k] for f in channels for k in own] for p in range(sums.probes)]
 
@@ -131,7 +144,7 @@ def _composite_score(view: PreparedView, sums: Sums, image: list, planes: list, 
         slot = walk.slot(meeting)
         alpha = walk.alphas(meeting).values
         color, opacity = meeting.row.features, dr.exp2(meeting.row.kernel.lo)
-        color = color if sums.removal else [sum(color)]
+        summed = color if sums.removal else [sum(color)]
         blends = 1 if share is None else dr.gather(Float, share, meeting.splat, meeting.active)
         F = [[] for _ in channels]
         for k, a in enumerate(alpha):
@@ -139,14 +152,15 @@ def _composite_score(view: PreparedView, sums: Sums, image: list, planes: list, 
             weight, T_behind, goes_on = walk.advance(blended_alpha, T[k], meeting, k)
             weight = dr.select(goes_on, weight, 0)
             blended = goes_on & (a != 0)
+            colors = [sum(m[k] * c for m, c in zip(shown, color, strict=True))] if shown else summed
             for f in channels:
-                behind[f][k] = dr.fma(-weight, color[f], behind[f][k])
+                behind[f][k] = dr.fma(-weight, colors[f], behind[f][k])
                 hidden = walk.hidden(behind[f][k], a, blended_alpha)
-                d = dr.select(blended, dr.fma(T[k], color[f], -hidden), 0)
+                d = dr.select(blended, dr.fma(T[k], colors[f], -hidden), 0)
                 F[f].append((a if sums.removal else opacity) * d)
             T[k] = T_behind
         result = ([energy(F)] if sums.energy else []) + ([gradient_energy(F)] if sums.gradient else [])
         rows.add(slot, result + [correlation(probe, F) for probe in probes], meeting.active)
 
     walk.run(step, behind, "composite_score")
-    return rows.sums()
+    return rows.sums(above=above)

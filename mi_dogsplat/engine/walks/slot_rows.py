@@ -7,6 +7,7 @@ add with atomics: a row for each isect would need atomics as well, for the lanes
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -54,8 +55,11 @@ class SlotRows:
         padded = [*values, *[types.Float(0)] * (self.row_size - self.columns)]
         dr.scatter_add(self.values, types.Floats(padded), slot, active, mode=mode)
 
-    def sums(self, splat=None) -> list:
-        """The columns, summed over the slots of each primitive, or of the primitives ``splat``, for ``columns_of``."""
+    def sums(self, splat=None, above: Sequence = ()) -> list:
+        """The columns, summed over the slots of each primitive, or of the primitives ``splat``, for ``columns_of``.
+
+        ``above``: what this returned for the bands above, with which the addition begins (``bands.py``).
+        """
         types, lists = array_types(), self.lists
         if lists.one_slot_each:
             return [self.values]
@@ -66,7 +70,7 @@ class SlotRows:
             row = _columns_at(self.values, slot, self.columns, self.row_size)
             return slot + 1, [s + v for s, v in zip(sums, row, strict=True)]
 
-        start = slot, [types.Float(0)] * self.columns
+        start = slot, list(above) or [types.Float(0)] * self.columns
         return list(while_loop(start, lambda slot, sums: slot < end, body, "sum rows", ("slot", "sums"))[1])
 
 

@@ -23,9 +23,9 @@ from typing import Any
 import drjit as dr
 
 from ..arrays import array_types, if_stmt, while_loop
+from ..bands import PreparedView
 from ..project import NOT_DOG
 from ..tables import DEPTH_FEATURE, FIRST_FEATURE, KERNEL_COLUMNS, PSEUDO_COLUMNS, KernelRow, SplatRow, row_size
-from ..view import PreparedView
 from .exp2 import exp2
 from .lane_list import AheadList, LaneList
 from .pixels import BlockPixels

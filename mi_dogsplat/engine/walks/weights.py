@@ -14,13 +14,13 @@ import drjit as dr
 import mitsuba as mi
 
 from ..arrays import array_types
+from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
-from ..view import PreparedView
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import Meeting, Walk
 
 
-def composite_weights(view: PreparedView, plane) -> tuple[list, Any]:
+def composite_weights(view: WalkableView, plane) -> tuple[list, Any]:
     """((Σ α T, Σ T, number of pixels, Σ e α T), bits of the largest α T as UInt), [N] each.
 
     Floats that are not negative sort like their bits, and a maximum of integers is the same in any order.
@@ -28,13 +28,16 @@ def composite_weights(view: PreparedView, plane) -> tuple[list, Any]:
     Args:
         plane: e [H*W].
     """
-    largest = dr.zeros(array_types().UInt, dr.width(view.lists.slot_begin))
-    sums = _composite_weights(view, plane, largest, lanes_add_in_turn(mi.variant()))
-    return columns_of(sums, view.lists, 4), largest
+    largest, in_turn = dr.zeros(array_types().UInt, view.n_splats), lanes_add_in_turn(mi.variant())
+
+    def walk(band: PreparedView, above: list) -> list:
+        return columns_of(_composite_weights(band, plane, largest, in_turn, above), band.lists, 4)
+
+    return view.walked(walk, []), largest
 
 
 @frozen
-def _composite_weights(view: PreparedView, plane, largest, in_turn: bool) -> list:
+def _composite_weights(view: PreparedView, plane, largest, in_turn: bool, above: list) -> list:
     walk, rows = Walk(view), SlotRows(view.lists, 4, in_turn)
     Float, e = walk.types.Float, walk.pixels.read(plane)
 
@@ -56,4 +59,4 @@ def _composite_weights(view: PreparedView, plane, largest, in_turn: bool) -> lis
         dr.scatter_reduce(dr.ReduceOp.Max, largest, bits, meeting.splat, some, mode=dr.ReduceMode.Local)
 
     walk.run(step, [], "composite_weights")
-    return rows.sums()
+    return rows.sums(above=above)

@@ -39,6 +39,12 @@ class Growth(Protocol):
     def __call__(self, t: Training, rule: Densification, stats: DensifyStats) -> Choice: ...
 
 
+class Halves(Protocol):
+    """Where the halves of a split go and what they are: rows from ``first`` on, first those of one side."""
+
+    def __call__(self, optimizer: SplatOptimizer, first: int, rng: np.random.Generator) -> None: ...
+
+
 @dataclass(frozen=True)
 class Densification(Strategy[DensifyStats]):
     """Numbers of the recipe, for a run of 30,000 steps; ``scaled`` fits them to a shorter one."""
@@ -56,6 +62,7 @@ class Densification(Strategy[DensifyStats]):
     reset_opacity_to: float = 0.01
     max_primitives: int | None = None  # a cap that is never exceeded
     growth: Growth | None = None  # who grows, where that is not who has a large gradient
+    halves: Halves | None = None  # of a split, where they are not samples of the primitive
     batch_views: int = 1  # of a step
 
     def scaled(self, factor: float) -> Densification:
@@ -96,8 +103,8 @@ class Densification(Strategy[DensifyStats]):
         return t.step_count < self.stop
 
     def after_backward(self, t: Training, state: DensifyStats, seen: Seen) -> None:
-        if t.memory and seen.frame.lists:
-            t.memory.pairs = max(t.memory.pairs, dr.width(seen.frame.lists.splat_from_isect))
+        if t.memory and seen.frame.view:
+            t.memory.pairs = max(t.memory.pairs, seen.frame.view.n_isects)
         if seen.by_center and seen.frame.projection and t.step_count < self.stop:
             state.add(*seen.by_center, seen.frame.projection, seen.camera.width, seen.camera.height)
 
@@ -115,7 +122,7 @@ class Densification(Strategy[DensifyStats]):
                 choice = rule.growth(t, rule, state)
             else:
                 choice = by_gradient(rule, t.optimizer, state, t.step_count, t.extent)
-            done = grow_and_remove(t.optimizer, choice, rule.split_divisor, t.rng)
+            done = grow_and_remove(t.optimizer, choice, rule.split_divisor, t.rng, rule.halves)
             state.clear(t.optimizer.n)
             if t.memory:
                 t.memory.give_back(t.optimizer.n)
@@ -170,7 +177,11 @@ def by_gradient(
 
 
 def grow_and_remove(
-    optimizer: SplatOptimizer, choice: Choice, split_divisor: float, rng: np.random.Generator
+    optimizer: SplatOptimizer,
+    choice: Choice,
+    split_divisor: float,
+    rng: np.random.Generator,
+    halves: Halves | None = None,
 ) -> Densified:
     """Clone or split those that grow, of which there is one more each, and remove others, none of these."""
     grow, small, remove = choice
@@ -182,7 +193,8 @@ def grow_and_remove(
     if len(index) != n or len(clone) or len(split):
         optimizer.rearrange(index, fresh)
         if len(split):
-            _place_halves(optimizer, len(index) - 2 * len(split), rng, split_divisor)
+            first = len(index) - 2 * len(split)
+            halves(optimizer, first, rng) if halves else _place_halves(optimizer, first, rng, split_divisor)
     return Densified(len(clone), len(split), int(remove.sum()))
 
 

@@ -1,0 +1,123 @@
+"""Tables of paired differences, of equal bytes and equal time, and runs at more than one target."""
+
+import csv
+import json
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from mi_dogsplat.cli import main
+from mi_dogsplat.compare.nearest import nearest, tables_of_equals
+from mi_dogsplat.compare.overview import overview
+from mi_dogsplat.compare.pairs import interval, margin, paired, seconds_to, table_of_pairs
+from tiny_data import write_tiny_data
+
+
+def row(label: str, psnr: list[float], megabytes=1.0, seconds=10.0, **others) -> dict[str, Any]:
+    def numbers(value, size):
+        return {"psnr": value, "megabytes": size, "train_seconds": seconds}
+
+    runs = {str(seed): numbers(value, megabytes) for seed, value in enumerate(psnr)}
+    summary = {name: {"value": float(np.mean([run[name] for run in runs.values()]))} for name in runs["0"]}
+    known = {target: numbers(*pair) for target, pair in others.items()}
+    more = {target: {"summary": {k: {"value": v} for k, v in found.items()}} for target, found in known.items()}
+    return {"label": label, "runs": runs, "summary": summary, "others": more}
+
+
+def test_intervals_are_those_of_student_and_one_difference_has_none():
+    assert interval([0.5]) == (0.5, None)
+    mean, half = interval([0.1, 0.3, 0.8])
+    assert mean == pytest.approx(0.4)
+    assert half == pytest.approx(4.302653 * np.std([0.1, 0.3, 0.8], ddof=1) / np.sqrt(3), rel=1e-6)  # t(2, 97.5 %)
+
+
+def test_differences_are_of_equal_seeds():
+    rows = {"ours": row("ours", [30.0, 31.0, 32.0]), "paper": row("paper", [29.0, 30.1])}
+    assert paired(rows, "ours")["paper"][0] == pytest.approx(-0.95) and "ours" not in paired(rows, "ours")
+
+
+def write_history(folder, points):
+    folder.mkdir(parents=True)
+    lines = [json.dumps({"step": k, "seconds": t, "test_psnr": psnr}) for k, (t, psnr) in enumerate(points)]
+    (folder / "history.jsonl").write_text("\n".join(lines))
+
+
+def test_the_time_to_a_quality_is_that_of_the_first_measurement_and_never_is_said(tmp_path):
+    rows = {"paper": row("paper", [29.0]), "ours": row("ours", [30.0]), "dash": row("dash", [28.0])}
+    write_history(tmp_path / "seed_0/ours", [(10.0, 27.0), (20.0, 29.5), (30.0, 28.5), (40.0, 30.0)])
+    write_history(tmp_path / "seed_0/paper", [(10.0, 27.0), (50.0, 29.0)])
+    write_history(tmp_path / "seed_0/dash", [(10.0, 28.0)])
+    assert seconds_to(tmp_path / "seed_0/ours", 29.0) == 20.0
+    assert seconds_to(tmp_path / "seed_0/dash", 29.0) is None
+    table = table_of_pairs(tmp_path, rows)
+    assert table and (table["reference"], table["of"], table["level"]) == ("ours", "paper", "29.00 dB")
+    assert [line[-1] for line in table["rows"]] == ["50", "20", "never"]
+    assert [line[2] for line in table["rows"]] == ["one seed: no interval", "the reference", "one seed: no interval"]
+
+
+def test_beginnings_that_are_far_below_the_best_are_not_drawn(tmp_path):
+    rows = {"ours": row("ours", [30.0]), "mcmc": row("mcmc", [25.0])}
+    write_history(tmp_path / "seed_0/ours", [(60.0, 28.0), (120.0, 30.0)])
+    write_history(tmp_path / "seed_0/mcmc", [(30.0, 6.0), (60.0, 22.5), (120.0, 25.0)])
+    found = overview(tmp_path, rows, {"ours": 1, "mcmc": 2}, "test")
+    assert found and found[0] == "0" and len(found[1]) == 1  # no FLIP was measured
+    ticks = [float(text) for text in re.findall(r'text-anchor="end"[^>]+dy="4">([0-9.]+)<', found[1][0])]
+    assert min(ticks) >= 22 and max(ticks) <= 31
+    assert "mcmc: test PSNR, dB 25 after 2 min" in found[1][0]
+
+
+def test_a_difference_within_its_interval_is_a_tie(tmp_path):
+    psnrs = {"ours": [30.0, 31.0, 32.0], "a": [30.1, 30.9, 32.1], "b": [29.0, 30.1, 31.0]}
+    rows = {name: row(name, values) for name, values in psnrs.items()}
+    for name, one in rows.items():
+        for seed in one["runs"]:
+            write_history(tmp_path / f"seed_{seed}" / name, [(1.0, 1.0)])
+    table = table_of_pairs(tmp_path, rows)
+    assert table and [line[2] for line in table["rows"]] == ["the reference", "a tie", "worse"]
+
+
+def test_the_margin_is_told_by_its_parts_where_all_have_a_row():
+    psnrs = {"paper": 29.0, "ours": 30.5, "paper_equal": 30.0, "ours_published": 28.9}
+    rows = {name: row(name, [psnr]) for name, psnr in psnrs.items()}
+    words = margin(rows)
+    assert "all of it +1.50 dB" in words and "step sizes +1.00 dB" in words and "schedule -0.10 dB" in words
+    assert margin({name: found for name, found in rows.items() if name != "ours_published"}) == ""
+
+
+def test_the_nearest_run_is_that_of_the_nearest_ratio_and_nothing_is_interpolated():
+    ours = row("ours", [30.0], megabytes=2.0)
+    paper = row("paper", [29.0], megabytes=0.9, seconds=40.0, **{"0.2": (29.7, 1.9), "0.4": (29.9, 4.1)})
+    rows = {"ours": ours, "paper": paper}
+    assert nearest(paper, "megabytes", 2.0) == "0.2" and nearest(paper, "megabytes", 1.0) == ""
+    by_size, by_time = tables_of_equals(rows, "0.1")
+    assert by_size["rows"] == [["ours", "0.1", "2", "1.00", "30.00"], ["paper", "0.2", "1.9", "0.95", "29.70"]]
+    assert by_time["rows"][1][:4] == ["paper", "0.1", "40", "4.00"]
+
+
+def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path):
+    data = write_tiny_data(tmp_path / "tiny")
+    flags = "--steps 60 --sh-degree 1 --max-primitives 120 --target 0.25 --log-every 10".split()
+    only = ["--only", "3dgs", "opacity", "3dgs_capped", "released_40k", "--more-targets", "0.5"]
+    assert main(["compare", str(data), "-o", str(tmp_path / "out"), *only, *flags]) == 0
+    table = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    of = {name: found["data"]["tiny"] for name, found in table["methods"].items()}
+    assert set(of) == {"3dgs", "opacity", "3dgs_capped", "released_40k"} and not of["3dgs"]["others"]
+    n = of["3dgs"]["runs"]["0"]["n"]
+    assert of["opacity"]["runs"]["0"]["n"] == round(0.25 * n)
+    assert of["opacity"]["others"]["0.5"]["runs"]["0"]["n"] == round(0.5 * n)
+    with open(tmp_path / "out" / "comparison.csv", encoding="utf-8", newline="") as file:
+        names = [line["method"] for line in csv.DictReader(file)]
+    again = ("3dgs_capped", "opacity", "released_40k")
+    assert sorted(names) == sorted(["3dgs", *again, *(f"{name}@0.5" for name in again)])
+    history = (tmp_path / "out" / "tiny" / "seed_0" / "released_40k" / "history.jsonl").read_text().splitlines()
+    first, last = (json.loads(line)["step"] for line in (history[0], history[-1]))
+    assert 30 < first <= 40 and last == 80  # from the start of the others, a third more steps than they have
+    page = (tmp_path / "out" / "comparison.html").read_text(encoding="utf-8")
+    assert "Equal bytes" in page and "Equal time" in page
+
+
+@pytest.mark.parametrize("target", ["0", "1.5", "-3"])
+def test_targets_that_are_none_are_refused_in_one_line(tmp_path, capsys, target):
+    assert main(["compare", str(tmp_path), "-o", str(tmp_path / "out"), "--more-targets", target]) == 2
+    assert f"--more-targets: {float(target):g} is no target" in capsys.readouterr().err
