@@ -3,7 +3,8 @@
 Counted, not timed, with the lists and blocks of CUDA, on any backend. A warp takes as many steps as its longest lane.
 In a step it loads the rows of as many primitives as its lanes are at, and adds to as many in a derivative: an addition
 of Dr.Jit (1.5) first sums over the lanes that are at the same row, in rounds that halve the most crowded row. With a
-CUDA variant the instructions (PTX) of a step are counted too.
+CUDA variant the instructions (PTX) of a step are counted too. "Compared": with how many an isect is compared to find
+its place in its bucket (``engine/tile_buckets.py``), the mean of all.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from mi_dogsplat.engine.bands import PreparedView
 from mi_dogsplat.engine.geometry import Blocks
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.tile_buckets import DEPTHS
 from mi_dogsplat.engine.view import prepare
 from mi_dogsplat.engine.walks.composite import composite
 from mi_dogsplat.engine.walks.derivatives import composite_backward
@@ -55,6 +57,7 @@ class Counts:
     lane_rows: int = 0
     lane_rounds: int = 0
     tile_steps: int = 0
+    compared: float = 0.0
 
 
 def main(arguments: list[str]) -> None:
@@ -66,11 +69,12 @@ def main(arguments: list[str]) -> None:
     if variant.startswith("cuda"):
         instructions = per_step()
         print("instructions of a step: {} forward, {} in the derivative without its additions".format(*instructions))
-    print("| | isects | steps, lists of lanes | of tiles | rows in a step of lanes | rounds | forward | derivative |")
-    print("|---|---|---|---|---|---|---|---|")
+    columns = "isects|compared|steps, lists of lanes|of tiles|rows in a step of lanes|rounds|forward|derivative"
+    print(f"| | {columns.replace('|', ' | ')} |\n{'|---' * 9}|")
     for name, case in CASES.items():
         c = counts(*case())
-        cells = [f"{c.isects:,}", f"{c.lane_steps:,}", f"{c.tile_steps:,} ({c.tile_steps / c.lane_steps:.2f}x)"]
+        cells = [f"{c.isects:,}", f"{c.compared:.1f}", f"{c.lane_steps:,}"]
+        cells.append(f"{c.tile_steps:,} ({c.tile_steps / c.lane_steps:.2f}x)")
         cells += [f"{c.lane_rows / c.lane_steps:.1f}", f"{c.lane_rounds / c.lane_steps:.1f}"]
         cells += [f"{ratio:.2f}x" for ratio in instruction_ratios(c, *instructions)] if instructions else ["", ""]
         print(f"| {name} | {' | '.join(cells)} |")
@@ -119,12 +123,19 @@ def ptx_instructions(code: str) -> int:
 
 
 def counts(splats: Splats, camera: Camera) -> Counts:
-    view = prepare(upload(splats), DeviceCamera.upload(camera), RasterOptions(sh_degree=splats.sh_degree), BLOCKS)
+    params, device_camera = upload(splats), DeviceCamera.upload(camera)
+    degree = splats.sh_degree
+    view = prepare(params, device_camera, RasterOptions(sh_degree=degree), BLOCKS)
     assert isinstance(view, PreparedView)
+    depths = project(params, device_camera, sh_degree=degree).depth.numpy()
+    depth = depths[view.lists.splat_from_isect.numpy()]
     walked_to = ends_of_walks(view)
     words = view.lists.words.numpy().reshape(-1, BLOCKS.lanes_per_tile)
     begin, end = view.lists.begin.numpy(), view.lists.end.numpy()
-    found = Counts(isects=int((end - begin).sum()))
+    bits = depth.view(np.int32).astype(np.int64)
+    bucket = (bits - bits.min()) * DEPTHS // (int(np.ptp(bits)) + 1)
+    bucket += DEPTHS * np.repeat(np.arange(len(begin)), end - begin)
+    found = Counts(isects=len(bucket), compared=float(np.square(np.bincount(bucket)).sum() / len(bucket)))
     for tile in np.flatnonzero(end > begin):
         b, e = int(begin[tile]), int(end[tile])
         of_tile = words[tile + b // 32 : tile + (e - 1) // 32 + 1]

@@ -1,10 +1,10 @@
 """The lists of the tiles on CUDA: isects fall into buckets, and find their place in their bucket by comparing.
 
 A sort of Dr.Jit takes six launches for each digit of 8 bits on CUDA: 24 by depth and 12 by tile. Here there are five.
-A bucket is a tile and a range of depths, an eighth of an octave. Isects are counted in their buckets, the sum of these
-numbers says where each bucket begins, isects are written into their buckets in any order (atomics), and then each
-counts those of its bucket that come before it: a few, unless very many primitives in a tile have the same depth.
-So the lists are exact, and the same in every run.
+A bucket is a tile and a range of depths: of all depths that are seen, on nearly a logarithmic scale, a ``DEPTHS``-th.
+Isects are counted in their buckets, the sum of these numbers says where each bucket begins, isects are written into
+their buckets in any order (atomics), and then each counts those of its bucket that come before it: some, unless very
+many primitives in a tile have nearly the same depth. So the lists are exact, and the same in every run.
 
 A primitive's rows of tiles are shared out to ``ROWS_AT_ONCE`` lanes, so that none is alone with a primitive that covers
 the image.
@@ -18,14 +18,12 @@ from typing import Any
 
 import drjit as dr
 
-from .arrays import array_types, while_loop
+from .arrays import array_types, constant, while_loop
 from .footprints import Footprints
 from .geometry import Grid
 
 ROWS_AT_ONCE = 8  # lanes per primitive
 DEPTHS = 256  # buckets of a tile
-BUCKET_BITS = 20  # the lowest of a float32, in which depths of a bucket differ: an eighth of an octave
-FIRST_DEPTH = (127 - 6) << 3  # depths below 2^-6 and above 2^26 share the first and the last bucket
 
 
 @dataclass
@@ -44,18 +42,23 @@ class Buckets:
 
 
 def sort_into_buckets(footprints: Footprints, depth_bits: Any, grid: Grid, padded: int) -> Buckets | None:
-    """The isects of evaluated footprints by tile, then depth, then primitive; None where there is none.
+    """Isects by tile, then depth, then primitive; None where there is none.
 
-    Waits for the device once.
+    Evaluates the footprints with what is scheduled, and waits for the device once.
 
     Args:
         depth_bits: [N] bits of the depths.
         padded: ``masks`` gets a multiple of this as its length.
     """
     UInt = array_types().UInt
+    ends_of_depths = dr.zeros(UInt, 2)
+    for k, bits in enumerate((~depth_bits, depth_bits)):
+        seen = footprints.first < footprints.last
+        dr.scatter_reduce(dr.ReduceOp.Max, ends_of_depths, bits, k, seen, mode=dr.ReduceMode.Local)
+    dr.eval(depth_bits, footprints.kept(), ends_of_depths)
     # one too many, and each number one further than its bucket: the sums are where buckets begin, and last, their end
     numbers = dr.zeros(UInt, grid.n_tiles * DEPTHS + 1)
-    rows = _Rows(footprints, depth_bits)
+    rows = _Rows(footprints, depth_bits, ends_of_depths)
     rows.for_each_tile(lambda bucket, *_: dr.scatter_add(numbers, 1, bucket + 1), "count")
     ends = dr.cumsum(numbers)
     n_isects = int(ends[dr.width(ends) - 1])
@@ -74,14 +77,17 @@ def sort_into_buckets(footprints: Footprints, depth_bits: Any, grid: Grid, padde
 class _Rows:
     """Trace-time helper: every ``ROWS_AT_ONCE``-th row of tiles of a primitive, one lane each."""
 
-    def __init__(self, footprints: Footprints, depth_bits: Any):
+    def __init__(self, footprints: Footprints, depth_bits: Any, ends_of_depths: Any):
         types = array_types()
         self.UInt, self.Int = types.UInt, types.Int
         lane = dr.arange(self.UInt, dr.width(depth_bits) * ROWS_AT_ONCE)
         self.splat, self.first = lane // ROWS_AT_ONCE, self.Int(lane % ROWS_AT_ONCE)
         self.bits = dr.gather(self.UInt, depth_bits, self.splat)
         self.footprints = footprints.at(self.splat)
-        self.depth = dr.clip(self.Int(self.bits >> BUCKET_BITS) - FIRST_DEPTH, 0, DEPTHS - 1)
+        first = constant(self.UInt, 0)  # where a literal is gathered from, Dr.Jit copies it
+        flipped, farthest = dr.gather(types.UIntPair, ends_of_depths, first)
+        scale = DEPTHS / (types.Float(farthest - ~flipped) + 1)
+        self.depth = dr.minimum(self.Int(types.Float(self.bits - ~flipped) * scale), DEPTHS - 1)
 
     def for_each_tile(self, visit: Callable[[Any, Any, list], Any], label: str) -> None:
         """Call ``visit`` with the bucket of each isect, its column of tiles, and ``Footprints.block_columns`` there."""

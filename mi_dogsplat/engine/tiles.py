@@ -120,7 +120,7 @@ def _bucket_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLi
     UInt, lanes_per_tile = array_types().UInt, grid.blocks.lanes_per_tile
     slot_begin = dr.arange(UInt, dr.width(depth_bits))
     slot_end = slot_begin + 1
-    dr.eval(depth_bits, slot_begin, slot_end, footprints.kept())
+    dr.schedule(slot_begin, slot_end)
     buckets = sort_into_buckets(footprints, depth_bits, grid, WORD)
     if buckets is None:
         return _no_lists(dr.width(depth_bits), grid.n_tiles)
@@ -137,9 +137,9 @@ def _bucket_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLi
 
 def _no_lists(n: int, n_tiles: int) -> TileLists:
     """Where nothing is seen."""
-    UInt = array_types().UInt
-    begin, end, nowhere = dr.zeros(UInt, n_tiles), dr.zeros(UInt, n_tiles), dr.zeros(UInt, n)
-    return TileLists(dr.zeros(UInt, 1), begin, end, dr.zeros(UInt, 1), nowhere, nowhere, dr.zeros(UInt, 1))
+    types = array_types()
+    begin, end, nowhere, none = (dr.zeros(types.UInt, size) for size in (n_tiles, n_tiles, n, 1))
+    return TileLists(none, begin, end, none, nowhere, nowhere, none, one_slot_each=not types.is_llvm)
 
 
 def transpose_masks(lanes: Lanes, blocks: Blocks, masks: Any, begin: Any, end: Any, words: Any) -> None:
