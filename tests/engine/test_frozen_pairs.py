@@ -104,15 +104,25 @@ def weighted(order="a", **chosen) -> np.ndarray:
     return rows([*columns, largest])
 
 
-def pulled(width=9, height=5, dssim_weight=0.2, order="abc", target="xyz") -> np.ndarray:
+def picture(letters: str, width: int, height: int) -> np.ndarray:
+    return rows(planes(letters))[:, : width * height].T.reshape(height, width, 3)
+
+
+def target(width=9, height=5, letters="xyz") -> np.ndarray:
+    """A photograph as the loss compares with it."""
+    prepared = PhotometricLoss().target(picture(letters, width, height))
+    return np.concatenate([rows(part).ravel() for part in (prepared.rows, prepared.mean, prepared.mean_sq)])
+
+
+def pulled(width=9, height=5, dssim_weight=0.2, order="abc", letters="xyz") -> np.ndarray:
     """The loss and its gradient."""
-    n, loss = width * height, PhotometricLoss(dssim_weight)
-    image, truth = ([plane[:n] for plane in rows(planes(letters))] for letters in (order, target))
-    prepared = loss.target(np.stack(truth, axis=1).reshape(height, width, 3))
-    *values, gradient = loss.value_and_gradient([detached(device_array(plane)) for plane in image], prepared)
+    loss = PhotometricLoss(dssim_weight)
+    image = [detached(device_array(plane)) for plane in rows(planes(order))[:, : width * height]]
+    *values, gradient = loss.value_and_gradient(image, loss.target(picture(letters, width, height)))
     return np.concatenate([rows(values).ravel(), rows(gradient).ravel()])
 
 
+SIZES = ({}, *({"width": w, "height": h} for w, h in ((5, 9), (15, 3), (1, 1))))
 CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
     "_composite": (blended, OPTIONS),
     "_composite_backward": (adjoints, (*OPTIONS, *({"order": o} for o in ("aaaa", "abab", "abba", "abaa", "abbb")))),
@@ -122,8 +132,9 @@ CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
     "_composite_aovs": (found, (*OPTIONS[:-1], *({"names": (name,)} for name in ("median_depth", "index", "count")),
                                 {"names": ("index", "count")}, {"names": ("count", "dog_share")})),
     "_composite_fisher": (products, (*OPTIONS, {"order": "aba"}, {"order": "abb"}, {"order": "aab"})),
-    "_sums_and_gradient": (pulled, ({}, *({"width": w, "height": h} for w, h in ((5, 9), (15, 3), (1, 1))),
-                                    {"dssim_weight": 0}, {"dssim_weight": 1}, {"order": "aaa"}, {"target": "abc"})),
+    "_rows_and_moments": (target, (*SIZES, {"letters": "xxy"})),
+    "_sums_and_gradient": (pulled, (*SIZES, {"dssim_weight": 0}, {"dssim_weight": 1}, {"order": "aaa"},
+                                    {"letters": "abc"})),
     "_composite_weights": (weighted, (*OPTIONS, {"order": "b"})),
 }
 

@@ -51,13 +51,18 @@ N, WIDTH, HEIGHT = 200, 64, 48
 CAMERA = square_camera(WIDTH, HEIGHT)
 
 
-@pytest.fixture(autouse=True)
-def _as_in_a_new_process():
-    """What a frozen function launches depends on the calls before, of other tests too."""
-    for name in [name for name in sys.modules if name.startswith("mi_dogsplat.engine.")]:
+def forget_recordings() -> None:
+    """As in a new process: the calls before decide what a frozen function launches, and which equal expressions beside
+    it Dr.Jit takes for one."""
+    for name in [name for name in sys.modules if name.startswith("mi_dogsplat.")]:
         for value in list(vars(sys.modules[name]).values()):
             if isinstance(value, Frozen):
                 value.clear()
+
+
+@pytest.fixture(autouse=True)
+def _after_other_tests():
+    forget_recordings()
 
 
 def model(degree=0, dog_share=0.0, seed=0) -> Splats:
@@ -366,6 +371,7 @@ def trainer_of(dataset, **settings) -> Trainer:
 
 def step(trainer: Trainer) -> list[tuple[int, int]]:
     """Kernels of a training step, but for those that have a lane per isect, whose number changes."""
+    forget_recordings()
     n, blocks = trainer.optimizer.n, Blocks.of_backend()
     pixels = tiny_data.WIDTH * tiny_data.HEIGHT
     lanes = Grid(tiny_data.WIDTH, tiny_data.HEIGHT, blocks).n_tiles * blocks.lanes_per_tile
