@@ -24,14 +24,12 @@ from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import Densified
 from mi_dogsplat.training.train import Trainer
 from splat_scenes import random_splats, rounded
-from tiny_data import write_tiny_data
 
 
 @pytest.fixture(scope="module")
-def trainer_of(tmp_path_factory):
+def trainer_of(data):
     """Makes a trainer by a recipe, on tiny data, with a target of 90 primitives."""
-    folder = write_tiny_data(tmp_path_factory.mktemp("data"))
-    config = TrainConfig(str(folder), preset="3dgs", steps=60, sh_degree=1, target=90, log_every=10, test_every=10)
+    config = TrainConfig(str(data), preset="3dgs", steps=60, sh_degree=1, target=90, log_every=10, test_every=10)
 
     def make(recipe=None, steps=60, **settings):
         return Trainer(replace(config, steps=steps, **settings), load_dataset(config.data, 1), recipe)

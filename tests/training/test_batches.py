@@ -30,20 +30,10 @@ from mi_dogsplat.training.strategy.strategy import Seen, Strategy, Training, arr
 from mi_dogsplat.training.train import Trainer
 from PIL import Image
 from splat_scenes import SMOOTH_OPTIONS, assert_gradients_equal
-from tiny_data import HEIGHT, WIDTH, dog_model, write_tiny_data
+from tiny_data import HEIGHT, WIDTH, dog_model
 
 K = 3
 UNIT = 1e4  # gradients of a mean over pixels are small
-
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    return write_tiny_data(tmp_path_factory.mktemp("data"))
-
-
-@pytest.fixture(scope="module")
-def alpha_data(tmp_path_factory) -> Path:
-    return write_tiny_data(tmp_path_factory.mktemp("alpha"), alpha=True)
 
 
 def config_of(data: Path, **changes) -> TrainConfig:
