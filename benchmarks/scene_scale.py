@@ -33,7 +33,7 @@ def in_units(dataset: Dataset, scale: float) -> Dataset:
     def larger(view: View) -> View:
         w2c = view.camera.w2c.copy()
         w2c[:3, 3] *= scale
-        return replace(view, camera=replace(view.camera, w2c=w2c))
+        return View(view.name, replace(view.camera, w2c=w2c), view.image, view.straight)
 
     return replace(
         dataset,
