@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from .names import SUFFIX
 
 ERRORS = {"test_psnr": "PSNR, dB", "test_flip": "FLIP"}
 START = "start"  # the run folder of the densified start
+DECIBELS, TIMES = 8.0, 3.0  # below the best PSNR, of the best FLIP: what is worse is not drawn
 NAMED = ("3dgs", "paper", "ours")  # beside their ends; the others have a name to point at
 
 
@@ -43,9 +45,14 @@ def overview(
         for name, run in runs.items():
             kind = "dashed" if name.endswith(SUFFIX) else "line"
             ways[name] = _way(rows[name]["label"], run, column, kind, colors[name])
-        drawn = {name: way for name, way in ways.items() if len(way.x)}
+        best = max if column == "test_psnr" else min
+        level = best((best(way.y) for way in ways.values() if len(way.y)), default=0.0)
+        limit = level - DECIBELS if column == "test_psnr" else level * TIMES
+        drawn = {name: _upper(way, limit, column == "test_psnr") for name, way in ways.items()}
+        drawn = {name: way for name, way in drawn.items() if len(way.x)}
         if drawn:
             start = [_way("the densified start", read_run(begun), column, "faint", 0)] if begun.is_dir() else []
+            start = [_upper(way, limit, column == "test_psnr") for way in start]
             ends = [_end(way, words, name in NAMED) for name, way in drawn.items()]
             plots.append(line_plot([*start, *drawn.values(), *ends], "run time, min", words, legend=False, height=340))
     return (seed, plots) if plots else None
@@ -55,6 +62,12 @@ def _way(label: str, run: Run, column: str, kind: str, color: int) -> Series:
     values, minutes = run.column(column), run.column("seconds") / 60
     known = np.isfinite(values)
     return Series(label, minutes[known], values[known], kind, color)
+
+
+def _upper(way: Series, limit: float, above: bool) -> Series:
+    """What is on the good side of ``limit``."""
+    kept = way.y >= limit if above else way.y <= limit
+    return replace(way, x=way.x[kept], y=way.y[kept])
 
 
 def _end(way: Series, words: str, named: bool) -> Series:

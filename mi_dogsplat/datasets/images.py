@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,13 +25,14 @@ from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.memory import available_memory
 from ..support.wording import file_size
-from .dataset import DiskView, View
+from .dataset import ByteView, DiskView, View, held
 from .lens import Lens, Undistortion, undistortion
 
 EXIF_ORIENTATION = 274
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "PPM", "GIF")  # others start programs, or trust the file's name
 MAX_PIXELS_PER_BYTE = 100  # of a large image; the poorest JPEG has 50, a black PNG 340
 ALWAYS_READ = 1 << 24  # pixels
+JPEG = (".jpg", ".jpeg")  # neither alpha nor more than 8 bits: pixels that stay as they are take 3 bytes (``ByteView``)
 BYTES_KEPT, BYTES_READ = 12, 24  # per pixel: of a float32 image, and while one is decoded
 Image.init()  # makes all formats known: by itself Pillow does so when the first few have failed
 UNREADABLE = (
@@ -114,17 +115,30 @@ def load_views(
         return [view_of(source, size) for source, (size, _) in zip(sources, headers, strict=True)], any_alpha
 
     workers = min(8, usable_cores())
-    _require_memory(sources, downscale, workers)
+    as_in_file = downscale == 1 or prescaled
+    _require_memory(sources, downscale, as_in_file, workers)
     with ThreadPoolExecutor(workers) as pool:  # Pillow decodes without holding the GIL
-        views = list(pool.map(load, sources))
-    has_alpha = any(view.image.shape[2] == 4 and view.image[..., 3].min() < 1 for view in views)
-    return [replace(view, image=_with_channels(view.image, has_alpha)) for view in views], has_alpha
+        views = list(pool.map(lambda source: held(load(source)), sources))
+    has_alpha = any(_transparent(view) for view in views)
+
+    def with_channels(view: View) -> View:
+        if isinstance(view, ByteView) and not has_alpha:
+            return view
+        return held(View(view.name, view.camera, _with_channels(view.image, has_alpha), view.straight))
+
+    return [with_channels(view) for view in views], has_alpha
 
 
-def _require_memory(sources: Sequence[ViewSource], downscale: int, workers: int) -> None:
+def _transparent(view: View) -> bool:
+    return not isinstance(view, ByteView) and view.image.shape[2] == 4 and view.image[..., 3].min() < 1
+
+
+def _require_memory(sources: Sequence[ViewSource], downscale: int, as_in_file: bool, workers: int) -> None:
     """Raise ``DataError`` unless there is memory for the images: better than to be killed for it."""
     pixels = [source.camera.width * source.camera.height for source in sources]
-    needed = BYTES_KEPT * sum(pixels) / downscale**2 + BYTES_READ * workers * max(pixels, default=0)
+    as_bytes = [as_in_file and source.lens.straight and source.image_path.suffix.lower() in JPEG for source in sources]
+    kept = sum(n * (3 if small else BYTES_KEPT) for n, small in zip(pixels, as_bytes, strict=True))
+    needed = kept / downscale**2 + BYTES_READ * workers * max(pixels, default=0)
     free = available_memory()
     if free is not None and needed > free:
         problem = f"{len(pixels)} images need {file_size(needed)} of memory, and {file_size(free)} are free"

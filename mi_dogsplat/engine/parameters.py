@@ -20,12 +20,18 @@ ALIGNMENT = 64  # bytes; Dr.Jit compiles another kernel for memory that is less 
 
 def device_array(values: np.ndarray, dtype: Any = None) -> Any:
     """A flat array on the device, ``mi.Float`` unless told otherwise, that shares no memory with ``values``."""
-    flat = np.ravel(values).astype(np.uint32 if dtype is mi.UInt32 else np.float32)
+    kinds = {mi.UInt32: np.uint32, device_bytes(): np.uint8}
+    flat = np.ravel(values).astype(kinds.get(dtype, np.float32))
     buffer = np.empty(flat.nbytes + ALIGNMENT, np.uint8)
     start = -buffer.ctypes.data % ALIGNMENT
     aligned = buffer[start : start + flat.nbytes].view(flat.dtype)
     aligned[:] = flat
     return (dtype or mi.Float)(aligned)
+
+
+def device_bytes() -> Any:
+    """The type of arrays of bytes."""
+    return dr.uint8_array_t(mi.Float)
 
 
 def upload(splats: Splats) -> dict:

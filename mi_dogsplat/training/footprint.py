@@ -20,8 +20,10 @@ from ..support.wording import count, file_size
 from .events import MemoryFull
 
 BASE = 180e6  # Python, Mitsuba, LLVM, kernels
-TARGET = 60  # bytes per pixel of a training view: its planes on the device and what SSIM needs of them
-PER_FLOAT = 36  # bytes: value, two moments, gradient, what Adam is about to write; and the copy for a checkpoint
+TARGET = 40  # bytes per pixel of a training view: its planes on the device and what SSIM needs of them
+AT_WORK = 150  # bytes per pixel of the view that is rendered: planes, what the loss is made of, gradients
+TARGETS_SHARE = 0.25  # of the memory; if they need more, they are made when they are due, in a third of the loss's time
+PER_FLOAT = 30  # bytes: value, two moments, gradient, what Adam is about to write; then the copy for a checkpoint
 PER_PRIMITIVE = 400  # bytes: the projection and its derivative
 MOST_BANDS = 8  # in which a view is walked, by an estimate: more take longer, and less memory still
 ROWS_OF_BAND = 4  # of tiles, at least: bands of few rows differ in size
@@ -34,6 +36,7 @@ class Budget:
     """Memory for a training: ``total`` bytes, of which ``fixed`` do not depend on the primitives of ``floats`` floats.
 
     ``bands`` is how many a view may be walked in before primitives are refused for want of memory.
+    ``keep_targets`` is as in ``Photographs``.
     ``pairs`` is the largest number of pairs of tile and primitive that a view has had since the last refinement.
     """
 
@@ -41,6 +44,7 @@ class Budget:
     fixed: float
     floats: int
     bands: int = 1
+    keep_targets: bool = True
     pairs: int = 0
 
     def each(self, pairs_per_primitive: float) -> float:
@@ -94,7 +98,7 @@ def budget(memory: str | None, dataset: Dataset, sh_degree: int, on_disk: bool =
         memory: as ``TrainConfig.memory``; None is what the machine has to give now.
         on_disk: pictures are decoded when they are due, and weigh nothing.
     """
-    pictures = 0 if on_disk else sum(4 * view.image.size for view in dataset.views)
+    pictures = 0 if on_disk else sum(view.n_bytes for view in dataset.views)
     if memory is None and "cuda" in str(mi.variant()):
         return None
     if memory is None:
@@ -104,8 +108,13 @@ def budget(memory: str | None, dataset: Dataset, sh_degree: int, on_disk: bool =
         total = bytes_of(memory)
     if total is None:
         return None
-    pixels = 0 if on_disk else sum(view.camera.width * view.camera.height for view in dataset.train)
+    pixels = [view.camera.width * view.camera.height for view in dataset.train]
+    targets = 0 if on_disk else TARGET * sum(pixels)
+    keep = targets <= TARGETS_SHARE * total
+    if not keep:
+        targets = sum(view.n_bytes for view in dataset.train)
+    at_work = (AT_WORK + (0 if keep else TARGET)) * max(pixels)
     floats = 14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0)
     rows = min(view.camera.height for view in dataset.train) // Blocks.of_backend().tile_height
     bands = min(MOST_BANDS, max(1, rows // ROWS_OF_BAND))
-    return Budget(total, BASE + pictures + TARGET * pixels, floats, bands)
+    return Budget(total, BASE + pictures + targets + at_work, floats, bands, keep)

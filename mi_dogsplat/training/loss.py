@@ -56,7 +56,8 @@ class Grid:
 
 @dataclass
 class Target:
-    """A training image with what SSIM needs of it; made by ``PhotometricLoss.target``, once per image.
+    """A training image with what SSIM needs of it; made by ``PhotometricLoss``, once per image, or, where memory is
+    short, whenever it is due.
 
     ``rows`` (the image), ``mean`` = E[y] and ``mean_sq`` = E[y^2] are in the order of the lanes that read
     them; together they take three times the memory of the image in float32.
@@ -72,15 +73,7 @@ class Target:
     @staticmethod
     def of(y: Any, width: int, height: int, grid: Grid) -> Target:
         """``y``: the image as an evaluated array, planar, [3 H W]."""
-        Float: Any = type(y)
-        at = grid.along_y.indices(grid.along_y.columns, range(BLOCK))
-        rows = [dr.gather(Float, y, index, inside) for index, inside in at]
-        dr.eval(rows)
-        (values,) = grid.along_y.values_from_blocks([rows])
-        blurred = grid.along_y.store_transposed([blur(values), blur([v * v for v in values])])
-        mean, mean_sq = (blur(v) for v in grid.along_x.values(blurred, grid.along_y.transposed_stride))
-        dr.eval(mean, mean_sq)
-        return Target(width, height, grid, rows, mean, mean_sq)
+        return Target(width, height, grid, *_rows_and_moments(y, grid))
 
 
 class PhotometricLoss:
@@ -102,7 +95,7 @@ class PhotometricLoss:
         return Target.of(y, width, height, self._grid(width, height))
 
     def target_of_planes(self, planes: list[Any], width: int, height: int) -> Target:
-        """Prepare a training image that is on the device already, as three planes [H W]."""
+        """Prepare a training image that is on the device already, as three planes [H W] or one array [3 H W]."""
         grid = self._grid(width, height)
         return Target.of(self._joined(planes, grid), width, height, grid)
 
@@ -119,8 +112,9 @@ class PhotometricLoss:
         gradient is zero where that changed it. Raises ValueError if image and target differ in size.
         """
         joined = self._join(image, target, "value_and_gradient")
-        weights = (1 - self.dssim_weight, -self.dssim_weight, 1)
-        l1_scale, ssim_scale, scale = (constant(type(joined), w / target.grid.n_values) for w in weights)
+        weights = {"l1": 1 - self.dssim_weight, "ssim": -self.dssim_weight, "all": 1}
+        scales = [constant(type(joined), name, w / target.grid.n_values) for name, w in weights.items()]
+        l1_scale, ssim_scale, scale = scales
         l1_sum, ssim_sum, gradient = _sums_and_gradient(joined, target, l1_scale, ssim_scale)
         l1, dssim = l1_sum * scale, 1 - ssim_sum * scale
         if isinstance(image, (list, tuple)) and len(image) == 3:
@@ -162,6 +156,19 @@ class PhotometricLoss:
                 dr.scatter(joined, plane, at, mode=dr.ReduceMode.Permute)
         dr.eval(joined)
         return joined
+
+
+@frozen
+def _rows_and_moments(y: Any, grid: Grid) -> tuple[list, list, list]:
+    """``rows``, ``mean`` and ``mean_sq`` of a ``Target``."""
+    at = grid.along_y.indices(grid.along_y.columns, range(BLOCK))
+    rows = [dr.gather(type(y), y, index, inside) for index, inside in at]
+    dr.eval(rows)
+    (values,) = grid.along_y.values_from_blocks([rows])
+    blurred = grid.along_y.store_transposed([blur(values), blur([v * v for v in values])])
+    mean, mean_sq = (blur(v) for v in grid.along_x.values(blurred, grid.along_y.transposed_stride))
+    dr.eval(mean, mean_sq)
+    return rows, mean, mean_sq
 
 
 @frozen

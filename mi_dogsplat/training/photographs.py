@@ -11,11 +11,11 @@ import mitsuba as mi
 import numpy as np
 
 from ..datasets import Dataset
-from ..datasets.dataset import View
+from ..datasets.dataset import View, as_bytes
 from ..datasets.images import box_downscale
 from ..datasets.masks import Masks
 from ..engine.arrays import detached
-from ..engine.parameters import device_array
+from ..engine.parameters import device_array, device_bytes
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import Frame
 from ..render.picture import over_background
@@ -37,6 +37,7 @@ class Photographs:
         masks: folder of masks, named as the images.
         exposure_steps: steps over which a colour map per image is learned; None for none.
         on_disk: images are decoded when they are due.
+        keep_targets: what the loss needs of an image is kept, 36 bytes per pixel; else only the image is, 3 to 16.
 
     Raises ``DataError`` for masks that cannot be read, and for a random background without alpha.
     """
@@ -50,6 +51,7 @@ class Photographs:
         masks: str | None = None,
         exposure_steps: int | None = None,
         on_disk: bool = False,
+        keep_targets: bool = True,
     ):
         self.originals, self.background, self.near_clip = dataset.train, background, near_clip
         self.loss = PhotometricLoss()
@@ -59,7 +61,7 @@ class Photographs:
         self.color: list | None = None  # of the background, while it is random
         self.mask_folder = Masks(masks, dataset.train) if masks else None
         self.exposure = None if exposure_steps is None else Exposure(len(dataset.train), exposure_steps)
-        self._readers = ThreadPoolExecutor(1) if on_disk else None
+        self._readers, self.keep_targets = ThreadPoolExecutor(1) if on_disk else None, keep_targets
         self._show(dataset.train, 1)
 
     def shrink(self, factor: int) -> None:
@@ -131,10 +133,15 @@ class Photographs:
             prepared = self._prepared(self._read(view, upcoming), view)
         if isinstance(prepared, Target):
             return prepared
+        camera = self.views[view].camera
+        if not isinstance(prepared, list):
+            levels = dr.opaque(mi.Float, 255)  # divided by a literal, some levels would be off by a rounding
+            y = mi.Float(prepared) / levels if isinstance(prepared, device_bytes()) else prepared
+            return self.loss.target_of_planes([y], camera.width, camera.height)
         *colors, alpha = prepared
         behind = self.color or [dr.opaque(mi.Float, self.background)] * 3
         planes = [dr.fma(1 - alpha, level, c) for level, c in zip(behind, colors, strict=True)]
-        mask, camera = self.masks[view], self.views[view].camera
+        mask = self.masks[view]
         planes = planes if mask is None else [plane * mask for plane in planes]
         return self.loss.target_of_planes(planes, camera.width, camera.height)
 
@@ -148,10 +155,17 @@ class Photographs:
                 self._reading[k] = self._readers.submit(lambda k=k: self.views[k].image)
         return image
 
-    def _prepared(self, image: np.ndarray, view: int) -> Target | list:
-        """A target, or, behind which the background changes, its premultiplied planes and alpha."""
+    def _prepared(self, image: np.ndarray, view: int) -> Target | list | Any:
+        """A target, or the image that it is made of, bytes or floats [3 H W]; or, behind which the background changes,
+        premultiplied planes and alpha."""
         if self.random:
             return [device_array(np.ascontiguousarray(image[..., c])) for c in range(4)]
         truth = over_background(image, self.background)
         mask = self.masks[view]
-        return self.loss.target(truth if mask is None else truth * mask.numpy().reshape(*truth.shape[:2], 1))
+        truth = truth if mask is None else truth * mask.numpy().reshape(*truth.shape[:2], 1)
+        if self.keep_targets or self._readers:
+            return self.loss.target(truth)
+        pixels, planes = as_bytes(truth), (2, 0, 1)
+        if pixels is None:
+            return device_array(truth.transpose(planes))
+        return device_array(pixels.transpose(planes), device_bytes())

@@ -69,6 +69,7 @@ class Trainer:
         self.photographs = Photographs(
             dataset, self.background, config.near_clip, config.background == "random", config.masks,
             config.steps if config.exposure else None, config.data_on_disk,
+            self.memory is None or self.memory.keep_targets,
         )  # fmt: skip
         rates = LearningRates(
             self.extent, self.recipe.position_steps, refinement=self.recipe.refinement, batch_views=config.batch_views
@@ -219,6 +220,8 @@ class Trainer:
         Every value of a primitive is finite: what is broken is dropped first, which after a row with ``l1`` is nothing.
         """
         self.sieve.drop(self)
+        if self.memory:
+            self.memory.give_back(self.optimizer.n)  # for what is copied to the host
         parts = {"optimizer": self.optimizer.state(), "losses": self.losses.state()}
         parts |= {name: arrays_of(state) for name, state in self.states.items()}
         if self.photographs.exposure:

@@ -2,12 +2,14 @@
 
 import csv
 import json
+import re
 from typing import Any
 
 import numpy as np
 import pytest
 from mi_dogsplat.cli import main
 from mi_dogsplat.compare.nearest import nearest, tables_of_equals
+from mi_dogsplat.compare.overview import overview
 from mi_dogsplat.compare.pairs import interval, margin, paired, seconds_to, table_of_pairs
 from tiny_data import write_tiny_data
 
@@ -52,6 +54,17 @@ def test_the_time_to_a_quality_is_that_of_the_first_measurement_and_never_is_sai
     assert table and (table["reference"], table["of"], table["level"]) == ("ours", "paper", "29.00 dB")
     assert [line[-1] for line in table["rows"]] == ["50", "20", "never"]
     assert [line[2] for line in table["rows"]] == ["one seed: no interval", "the reference", "one seed: no interval"]
+
+
+def test_beginnings_that_are_far_below_the_best_are_not_drawn(tmp_path):
+    rows = {"ours": row("ours", [30.0]), "mcmc": row("mcmc", [25.0])}
+    write_history(tmp_path / "seed_0/ours", [(60.0, 28.0), (120.0, 30.0)])
+    write_history(tmp_path / "seed_0/mcmc", [(30.0, 6.0), (60.0, 22.5), (120.0, 25.0)])
+    found = overview(tmp_path, rows, {"ours": 1, "mcmc": 2}, "test")
+    assert found and found[0] == "0" and len(found[1]) == 1  # no FLIP was measured
+    ticks = [float(text) for text in re.findall(r'text-anchor="end"[^>]+dy="4">([0-9.]+)<', found[1][0])]
+    assert min(ticks) >= 22 and max(ticks) <= 31
+    assert "mcmc: test PSNR, dB 25 after 2 min" in found[1][0]
 
 
 def test_a_difference_within_its_interval_is_a_tie(tmp_path):

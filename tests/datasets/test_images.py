@@ -1,9 +1,10 @@
 """Images and folders of any data set: alpha, depths, sizes, what is missing, and how far cameras are apart."""
 
-
 import numpy as np
+import pytest
 from dataset_folders import HEIGHT, WIDTH, error_of, transforms_folder, write_images
 from mi_dogsplat.datasets import View, camera_extent, load_dataset
+from mi_dogsplat.datasets.dataset import ByteView, as_bytes, from_bytes, held
 from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.scene.cameras import Camera, opengl_c2w_to_opencv_w2c
 from PIL import Image
@@ -21,6 +22,37 @@ def test_alpha_is_premultiplied_and_dropped_where_every_image_is_opaque(tmp_path
     write_images(tmp_path / "images", ["r_0.png"], color=(255, 100, 0, 255))
     dataset = load_dataset(tmp_path)
     assert not dataset.has_alpha and dataset.test[0].image.shape[2] == 3
+
+
+def view_of(image: np.ndarray) -> View:
+    height, width = image.shape[:2]
+    return View("a", Camera(np.eye(4), 9, 9, width / 2, height / 2, width, height), image)
+
+
+def test_a_photograph_is_held_as_its_bytes_and_read_as_floats(tmp_path):
+    """The very floats that reading a file gives, in a quarter of the memory."""
+    pixels = np.arange(256 * 3).astype(np.uint8).reshape(16, 16, 3)
+    Image.fromarray(pixels).save(tmp_path / "a.png")
+    image = read_image(tmp_path / "a.png")
+    view = held(view_of(image))
+    assert isinstance(view, ByteView) and view.n_bytes == 16 * 16 * 3
+    assert view.image.dtype == np.float32
+    np.testing.assert_array_equal(view.image, image)
+    assert view_of(image).n_bytes == 4 * view.n_bytes
+
+
+@pytest.mark.parametrize("change", [lambda v: v * 0.999, lambda v: v + 1, lambda v: v - 0.5])
+def test_an_image_that_bytes_cannot_hold_stays_as_it_is(change):
+    levels = np.random.default_rng(0).integers(0, 256, (4, 4, 3)).astype(np.uint8)
+    view = view_of(change(from_bytes(levels)).astype(np.float32))
+    assert as_bytes(view.image) is None and held(view) is view
+
+
+def test_images_of_three_channels_get_an_alpha_beside_one_that_has_it(tmp_path):
+    transforms_folder(tmp_path)
+    write_images(tmp_path / "images", ["r_0.png"], color=(255, 100, 0, 128))
+    opaque = [view for view in load_dataset(tmp_path).views if view.image[..., 3].min() == 1]
+    assert opaque and all(view.image.shape[2] == 4 for view in opaque)
 
 
 def test_alpha_is_averaged_premultiplied_so_that_hidden_colour_does_not_leak(tmp_path):

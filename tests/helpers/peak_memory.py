@@ -1,5 +1,5 @@
-"""``python -m tests.helpers.peak_memory N WIDTH HEIGHT [MEMORY]``: train N primitives a little; prints what it took, and
-what was foreseen without bands.
+"""``python -m tests.helpers.peak_memory N WIDTH HEIGHT [MEMORY]``: train N primitives a little; prints what it took,
+and what was foreseen without bands.
 
 Random points and pictures, all SH degrees, a checkpoint. A process of its own: the peak is that of its whole life.
 """
@@ -41,7 +41,7 @@ for _ in range(4):
 budget = trainer.memory
 assert budget
 foreseen = budget.fixed + N * budget.each(0) + (LISTED + WALKED) * budget.pairs
-in_bands = trainer.options.isect_memory < (LISTED + WALKED) * budget.pairs
+in_bands = budget.for_pairs(N) < (LISTED + WALKED) * budget.pairs
 with tempfile.TemporaryDirectory() as folder:
     save_checkpoint(Path(folder) / "state.npz", trainer.state())
 print(json.dumps({"foreseen_mb": foreseen / 2**20, "peak_mb": peak_memory_mb(), "pairs": budget.pairs,

@@ -13,13 +13,15 @@ import pytest
 from happenings import records
 from mi_dogsplat.cli import main
 from mi_dogsplat.datasets import images, load_dataset
+from mi_dogsplat.engine.bands import BandedView
 from mi_dogsplat.runs import run
 from mi_dogsplat.support import memory
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.memory import available_memory, bytes_of, peak_memory_mb
+from mi_dogsplat.training import footprint
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import MemoryFull
-from mi_dogsplat.training.footprint import FIRST_PAIRS, MARGIN, Budget, budget
+from mi_dogsplat.training.footprint import FIRST_PAIRS, MARGIN, TARGET, Budget, budget
 from mi_dogsplat.training.train import Trainer
 
 ROOT = Path(__file__).parents[2]
@@ -123,6 +125,52 @@ def test_what_is_foreseen_is_what_it_takes(n, width, height):
     result = json.loads(subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout)
     assert result["foreseen_mb"] == pytest.approx(result["peak_mb"], rel=0.2), result
     assert result["pairs"] > n / 2
+
+
+@pytest.mark.slow
+def test_a_view_in_bands_stays_within_the_memory():
+    """A view that needs 950 MB otherwise (above)."""
+    command = [sys.executable, "-m", "tests.helpers.peak_memory", "50000", "1200", "900", "860M"]
+    result = json.loads(subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout)
+    assert result["in_bands"] and result["peak_mb"] * 2**20 < 860e6 < result["foreseen_mb"] * 2**20, result
+
+
+@pytest.mark.usefixtures("ordered")
+def test_a_training_has_the_same_bits_in_whatever_memory(data, monkeypatch):
+    """In bands, and with targets that are made when they are due."""
+
+    def trained() -> tuple[Trainer, dict]:
+        trainer = Trainer(config_of(data, steps=20, preset="ours"), load_dataset(data))
+        for _ in range(20):
+            trainer.step()
+        return trainer, {name: trainer.optimizer.numpy(name) for name in trainer.optimizer.adam}
+
+    ample, expected = trained()
+    assert ample.photographs.keep_targets
+    monkeypatch.setattr(Budget, "for_pairs", lambda self, n: 0.0)
+    monkeypatch.setattr(footprint, "TARGETS_SHARE", 0)
+    tight, values = trained()
+    assert isinstance(tight.render(tight.optimizer.params, 0)[1].view, BandedView)
+    assert not tight.photographs.keep_targets
+    assert expected.keys() == values.keys()
+    for name in expected:
+        np.testing.assert_array_equal(values[name], expected[name], err_msg=name)
+
+
+def test_targets_are_kept_where_they_are_a_small_part_of_the_memory(data):
+    dataset = load_dataset(data)
+    ample, tight = budget("1G", dataset, 1), budget("1M", dataset, 1)
+    assert ample and tight and ample.keep_targets and not tight.keep_targets
+    pixels = sum(view.camera.width * view.camera.height for view in dataset.train)
+    largest = max(view.camera.width * view.camera.height for view in dataset.train)
+    images = sum(view.n_bytes for view in dataset.train)
+    assert ample.fixed - tight.fixed == pytest.approx(TARGET * (pixels - largest) - images)
+
+
+def test_more_bands_leave_room_for_more_primitives():
+    whole, cut = (Budget(total=1e9, fixed=2e8, floats=62, bands=bands) for bands in (1, 8))
+    assert cut.most_primitives(100) > 2 * whole.most_primitives(100)
+    assert cut.for_pairs(100_000) == whole.for_pairs(100_000) > cut.for_pairs(200_000)
 
 
 def test_a_training_that_cannot_even_start_is_one_line(capsys, data, tmp_path):

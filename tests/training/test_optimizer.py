@@ -78,10 +78,10 @@ def test_position_steps_decay_log_linearly_and_scale_with_the_extent():
     assert RATES.at(0)["sh_rest"] == RATES.at(1000)["sh_rest"] == pytest.approx(2.5e-3 / 20)
 
 
-def test_refinement_raises_the_rates_from_its_start_and_lowers_all_but_those_of_positions_to_its_end():
+def test_refinement_raises_the_rates_from_its_start_and_lowers_all_but_those_of_positions_linearly_to_its_end():
     refined = replace(RATES, refinement=Refinement(start=600, gain=4.0, end_gain=0.25, means_gain=10.0))
     assert refined.at(599) == RATES.at(599)
-    for step, factor in ((600, 4.0), (800, 1.0), (1000, 0.25), (5000, 0.25)):
+    for step, factor in ((600, 4.0), (800, 2.125), (1000, 0.25), (5000, 0.25)):
         plain, got = RATES.at(step), refined.at(step)
         assert got["means"] == pytest.approx(10 * plain["means"])
         others = [name for name in plain if name != "means"]
