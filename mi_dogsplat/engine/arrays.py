@@ -48,9 +48,11 @@ def _of_variant(Float: Any) -> ArrayTypes:
 
 
 @lru_cache(maxsize=256)
-def constant(kind: Any, value: float) -> Any:
-    """A number of type ``kind`` that kernels read instead of holding it, on the device once: one memset in all, and one
-    kernel for all such numbers."""
+def constant(kind: Any, name: str, value: float) -> Any:
+    """A number of type ``kind`` that kernels read instead of holding it, on the device once: one memset in all.
+
+    What has another ``name`` is another variable, whatever its value: one for two numbers would be another kernel.
+    """
     return dr.opaque(kind, value)
 
 

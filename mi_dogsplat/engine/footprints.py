@@ -75,7 +75,9 @@ class Footprints:
             other.seen &= is_dog
             self.ellipses.append(other)
             extent_y = dr.maximum(extent_y, dr.select(other.seen, other.extent_y, -1))
-        self.tiles_x, self.tiles_y = (constant(self.types.Int, v) for v in (grid.tiles_x, grid.tiles_y))
+        Int = self.types.Int
+        self.tiles_x = constant(Int, "tiles_x", grid.tiles_x)
+        self.tiles_y = constant(Int, "tiles_y", grid.tiles_y)
         visible = detached(projection.visible) & (extent_y >= 0)
         top, bottom, b = self.y - extent_y, self.y + extent_y, self.blocks
         first, last = self._range(top, bottom, b.tile_height + b.overlap, b.tile_height, self.tiles_y)
@@ -90,7 +92,8 @@ class Footprints:
     def in_rows(self, rows: range) -> Footprints:
         """The same, of the tile rows ``rows`` alone."""
         band = copy.copy(self)
-        band.top, bottom = (constant(self.types.Int, row) for row in (rows.start, rows.stop))
+        band.top = constant(self.types.Int, "top", rows.start)
+        bottom = constant(self.types.Int, "bottom", rows.stop)
         band.first, band.last = dr.maximum(self.first, band.top), dr.minimum(self.last, bottom)
         return band
 

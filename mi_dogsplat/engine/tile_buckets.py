@@ -84,7 +84,7 @@ class _Rows:
         self.splat, self.first = lane // ROWS_AT_ONCE, self.Int(lane % ROWS_AT_ONCE)
         self.bits = dr.gather(self.UInt, depth_bits, self.splat)
         self.footprints = footprints.at(self.splat)
-        first = constant(self.UInt, 0)  # where a literal is gathered from, Dr.Jit copies it
+        first = constant(self.UInt, "first", 0)  # where a literal is gathered from, Dr.Jit copies it
         flipped, farthest = dr.gather(types.UIntPair, ends_of_depths, first)
         scale = DEPTHS / (types.Float(farthest - ~flipped) + 1)
         self.depth = dr.minimum(self.Int(types.Float(self.bits - ~flipped) * scale), DEPTHS - 1)

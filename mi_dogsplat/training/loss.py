@@ -112,8 +112,9 @@ class PhotometricLoss:
         gradient is zero where that changed it. Raises ValueError if image and target differ in size.
         """
         joined = self._join(image, target, "value_and_gradient")
-        weights = (1 - self.dssim_weight, -self.dssim_weight, 1)
-        l1_scale, ssim_scale, scale = (constant(type(joined), w / target.grid.n_values) for w in weights)
+        weights = {"l1": 1 - self.dssim_weight, "ssim": -self.dssim_weight, "all": 1}
+        scales = [constant(type(joined), name, w / target.grid.n_values) for name, w in weights.items()]
+        l1_scale, ssim_scale, scale = scales
         l1_sum, ssim_sum, gradient = _sums_and_gradient(joined, target, l1_scale, ssim_scale)
         l1, dssim = l1_sum * scale, 1 - ssim_sum * scale
         if isinstance(image, (list, tuple)) and len(image) == 3:

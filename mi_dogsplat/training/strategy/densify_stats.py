@@ -39,7 +39,7 @@ class DensifyStats:
         variance_x, variance_y = detached(k.variance_x), detached(k.variance_y)
         covariance = -detached(k.uy) / detached(k.ux) * variance_y  # ux : uy = yy : -xy
         x, y = detached(projection.x), detached(projection.y)
-        w, h = constant(Float, width), dr.opaque(Float, height)  # never the same variable: that is another kernel
+        w, h = constant(Float, "width", width), constant(Float, "height", height)
         mean, half_difference = 0.5 * (variance_x + variance_y), 0.5 * (variance_x - variance_y)
         variance = mean + dr.sqrt(dr.fma(half_difference, half_difference, covariance * covariance))
         radius = 3 * dr.sqrt(variance)  # 3 standard deviations along the major axis
