@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mi_dogsplat.engine.bands import PreparedView, WalkableView
+from mi_dogsplat.engine.arrays import array_types
+from mi_dogsplat.engine.bands import BandedView, PreparedView, WalkableView
 from mi_dogsplat.engine.geometry import Blocks
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
@@ -50,6 +51,12 @@ def test_lists_are_made_once_where_the_tiles_are_in_the_same_places():
         pictured, other = prepare_both(upload(PARAMS), camera(), OPTIONS, blocks())
         assert isinstance(pictured, PreparedView) and isinstance(other, PreparedView)
         assert (pictured.lists is other.lists) == shared and pictured.tables is other.tables
+
+
+def test_without_memory_a_view_is_in_bands_where_isects_have_sums_of_their_own():
+    view = prepare(upload(PARAMS), camera(), replace(OPTIONS, isect_memory=0))
+    assert isinstance(view, BandedView) == array_types().is_llvm
+    np.testing.assert_array_equal(planes(view), planes(prepare(upload(PARAMS), camera(), OPTIONS)))
 
 
 def test_a_choice_of_the_options_reaches_the_kernels():
