@@ -172,15 +172,34 @@ def compositor(n: int, sigma: float, blocks: Blocks) -> tuple[Callable[[], None]
 
 
 def steps_of(lists: TileLists, grid: Grid) -> int:
-    """Steps of all packets: in an empty word of its list a lane takes one for nothing."""
+    """Steps of all packets until their longest lists end, as ``AheadList`` walks them: a lane waits for the rest of an
+    iteration that empties the word that it is at and the next one."""
     words = lists.words.numpy().reshape(-1, grid.blocks.lanes_per_tile)
-    steps = 0
-    for tile, (begin, end) in enumerate(zip(lists.begin.numpy(), lists.end.numpy(), strict=True)):
-        if begin < end:
-            own = words[tile + begin // WORD : tile + (end - 1) // WORD + 1]
-            bits = np.unpackbits(np.ascontiguousarray(own).view(np.uint8), axis=1)
-            steps += np.maximum(bits.reshape(*own.shape, WORD).sum(2), 1).sum(0).max()
-    return int(steps)
+    counts = np.unpackbits(words.view(np.uint8).reshape(*words.shape, -1), axis=2).sum(2, dtype=int)
+    first, last = (v.numpy() // WORD for v in (lists.begin, lists.end + WORD - 1))
+    last = np.where(lists.end.numpy() > lists.begin.numpy(), last, first)
+    tiles = np.arange(grid.n_tiles)[:, None]
+
+    def count(group: np.ndarray) -> np.ndarray:  # of isects in a word of each lane, 0 behind the last one
+        inside = group < last[:, None]
+        at = np.where(inside, tiles + group, 0)
+        return np.where(inside, counts[at, np.arange(words.shape[1])], 0)
+
+    following = np.repeat(first[:, None], words.shape[1], 1)
+    bits, ahead = count(following), count(following + 1)
+    following = following + 2
+    iterations = np.zeros(grid.n_tiles, int)
+    while True:
+        busy = (bits + ahead > 0) | (following < last[:, None])
+        if not busy.any():
+            return int(iterations.sum() * grid.blocks.unroll)
+        iterations += busy.any(1)
+        for _ in range(grid.blocks.unroll):
+            bits, ahead = np.where(bits == 0, ahead, bits), np.where(bits == 0, 0, ahead)
+            bits = np.maximum(bits - 1, 0)
+        taken = (ahead == 0) & (following < last[:, None])
+        ahead = np.where(taken, count(following), ahead)
+        following = following + taken
 
 
 def history(run: Callable[[], None], times: int) -> list[dict[str, Any]]:

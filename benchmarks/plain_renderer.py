@@ -147,7 +147,8 @@ class Lane:
         tile, x, y = lanes.tile, lanes.x, lanes.y
         self.tile, self.lane = tile, dr.arange(self.UInt, dr.width(tile)) % grid.blocks.lanes_per_tile
         self.begin, end = dr.gather(self.UInt, lists.begin, tile), dr.gather(self.UInt, lists.end, tile)
-        self.last = dr.select(self.begin < end, (end - 1) // WORD + 1, 0)
+        self.end = dr.select(self.begin < end, end, 0)
+        self.last = (self.end + (WORD - 1)) // WORD
         self.x0, self.y0 = self.Float(x) + 0.5, self.Float(y) + 0.5
         if types.is_llvm:
             scratch = dr.alloc_local(self.Float, 2, value=self.Float(0))
@@ -171,16 +172,22 @@ class Lane:
     def start(self) -> tuple:
         return self.UInt(0), self.begin // WORD
 
-    def goes_on(self, at, T: list):
+    def more(self, at):
         bits, group = at
+        return (bits != 0) | (group < self.last)
+
+    def goes_on(self, at, T: list):
         signs: Any = reduce(and_, (dr.reinterpret_array(self.Int, t) for t in T))
-        return ((bits != 0) | (group < self.last)) & (signs >= 0)
+        return self.more(at) & (signs >= 0)
+
+    def word(self, group, active):
+        index = (self.tile + group) * self.grid.blocks.lanes_per_tile + self.lane
+        return dr.gather(self.UInt, self.lists.words, index, active)
 
     def next(self, at) -> tuple:
         bits, group = at
         refill = (bits == 0) & (group < self.last)
-        index = (self.tile + group) * self.grid.blocks.lanes_per_tile + self.lane
-        word = dr.gather(self.UInt, self.lists.words, index, refill)
+        word = self.word(group, refill)
         bits, group = dr.select(refill, word, bits), dr.select(refill, group + 1, group)
         return dr.fma(group - 1, WORD, dr.tzcnt(bits)), bits != 0, (bits & (bits - 1), group)
 
@@ -208,30 +215,56 @@ class Lane:
             first, right, down = first * down, right * s, down * t
         return values
 
-    def blend(self, value, T) -> tuple:
-        """(α, weight, T behind, whether it is blended)."""
+    def blend(self, value, T, light) -> tuple:
+        """(α, weight, T behind, the same as if the walk had not ended, whether it is blended)."""
         alpha = dr.select(value >= ALPHA_MIN, dr.minimum(value, ALPHA_MAX), 0)
-        weight = alpha * T
-        behind = T - weight
+        weight = alpha * light
+        behind = light - weight
         go = behind >= T_MIN
-        return alpha, weight, dr.select(go, behind, -dr.abs(T)), go
+        return alpha, weight, dr.select(go, behind, -dr.abs(T)), behind, go
+
+
+class AheadLane(Lane):
+    """The same with words that are read an iteration ahead (``engine/walks/lane_list.py``)."""
+
+    def start(self) -> tuple:
+        group = self.begin // WORD
+        word, first = self.word(group, group < self.last), group * WORD
+        return self.look_ahead((word, first, self.UInt(0), first + WORD))
+
+    def more(self, at):
+        bits, _, ahead, following = at
+        return ((bits | ahead) != 0) | (following < self.end)
+
+    def next(self, at) -> tuple:
+        bits, base, ahead, following = at
+        empty = bits == 0
+        bits = dr.select(empty, ahead, bits)
+        base = dr.select(empty, following - WORD, base)
+        return base + dr.tzcnt(bits), bits != 0, (bits & (bits - 1), base, dr.select(empty, 0, ahead), following)
+
+    def look_ahead(self, at) -> tuple:
+        bits, base, ahead, following = at
+        taken = (ahead == 0) & (following < self.end)
+        word = self.word(following // WORD, taken)
+        return bits, base, dr.select(taken, word, ahead), dr.select(taken, following + WORD, following)
 
 
 @frozen
 def composite(grid: Grid, lanes: Lanes, table, lists: TileLists) -> list:
-    lane = Lane(grid, lanes, table, lists)
+    lane = AheadLane(grid, lanes, table, lists)
 
     def body(at, T, C):
-        T, C = list(T), list(C)
+        T, C, light = list(T), list(C), list(T)
         for _ in range(lane.unroll):
             isect, active, at = lane.next(at)
             row, dx, dy = lane.fetch(isect, active)
             for k, value in enumerate(lane.gaussian(row, dx, dy)):
-                _, weight, T[k], go = lane.blend(value, T[k])
+                _, weight, T[k], light[k], go = lane.blend(value, T[k], light[k])
                 for c in range(3):
                     color = C[c * lane.pixels + k]
                     C[c * lane.pixels + k] = dr.select(go, dr.fma(weight, row[9 + c], color), color)
-        return at, T, C
+        return lane.look_ahead(at), T, C
 
     start = lane.start(), lane.start_T, [lane.Float(0)] * (3 * lane.pixels)
     _, T, C = while_loop(start, lambda at, T, C: lane.goes_on(at, T), body, "plain", ("at", "T", "C"))
@@ -274,7 +307,7 @@ def composite_backward(
             slot = dr.gather(lane.UInt, lists.slot_from_isect, isect, active)
             δp, δf, (ux, uy, vy) = [], [lane.Float(0)] * 3, row[2:5]
             for k, value in enumerate(lane.gaussian(row, dx, dy)):
-                alpha, weight, behind, go = lane.blend(value, T[k])
+                alpha, weight, behind, _, go = lane.blend(value, T[k], T[k])
                 weight = dr.select(go, weight, 0)
                 c = row[9] * δC[0][k]
                 for f in range(3):

@@ -73,13 +73,13 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
 
 
 def cases(args: argparse.Namespace) -> list[tuple[str, tuple[Splats, Camera]]]:
-    """Names, and models with the view that is rendered."""
+    """Names, and models with the view that is rendered; the largest last, for which there may be no time."""
     camera = front_camera(args.width)
     found = [(f"even, {camera.width}x{camera.height}", (even_model(n, camera), camera)) for n in args.primitives]
     if len(args.primitives) > 1 and (DATA / "fern").is_dir():
         found += [("fern's points", fern_points()), ("their opacities random", fern_opaque())]
         found += [("ten times as many", fern_points(10)), ("playbot", playbot())]
-    return found
+    return sorted(found, key=lambda case: case[1][0].n_splats)
 
 
 def _name(key: str) -> str:

@@ -40,9 +40,14 @@ def paired(rows: dict[str, Any], reference: str) -> dict[str, tuple[float, float
 
 
 def seconds_to(folder: Path, level: float) -> float | None:
-    """Run time at which the test PSNR of a run was first measured at ``level`` dB or above; None if it never was."""
+    """Run time at which a run was first measured at ``level`` dB or above with no more primitives than at its end.
+
+    None if it never was.
+    """
     run = read_run(folder)
-    reached = np.flatnonzero(run.column("test_psnr") >= level)
+    n = run.column("n")
+    final = n[np.isfinite(n)][-1:]
+    reached = np.flatnonzero((run.column("test_psnr") >= level) & (n <= final)) if len(final) else []
     return float(run.column("seconds")[reached[0]]) if len(reached) else None
 
 

@@ -17,6 +17,8 @@ from .footprints import Footprints
 from .geometry import Cutoffs, Grid
 from .project import Projection
 
+FEW_DOG = 500  # primitives for each that is DoG, from which on most tiles have none
+
 
 @dataclass
 class Isects:
@@ -28,22 +30,23 @@ class Isects:
     ends: Any  # UInt [N], running sum of the counts, by rank; it begins with what is ``blank``
     total: int  # with ``blank``
     blank: int = 0  # the first of them, which are nobody's
+    dog_row: Any = None  # UInt [N], that of the projection, where few primitives are DoG
 
     @staticmethod
-    def counted(footprints: Footprints, counts: Any, splat_from_rank: Any, blank: int = 0) -> Isects:
+    def counted(footprints: Footprints, counts: Any, splat_from_rank: Any, dog_row: Any, blank: int = 0) -> Isects:
         """Waits for the device, to learn the total."""
         ends = dr.cumsum(dr.gather(array_types().UInt, counts, splat_from_rank))
         if blank:
             ends += dr.opaque(array_types().UInt, blank)
         total = int(ends[dr.width(ends) - 1]) if dr.width(ends) else 0
-        return Isects(footprints, counts, splat_from_rank, ends, total, blank)
+        return Isects(footprints, counts, splat_from_rank, ends, total, blank, dog_row)
 
     def in_rows(self, rows: range, blank: int) -> Isects:
         """Those of the tile rows ``rows``, after some that are blank. Waits for the device."""
         footprints = self.footprints.in_rows(rows)
         counts = _counts(footprints)
         dr.eval(counts)
-        return Isects.counted(footprints, counts, self.splat_from_rank, blank)
+        return Isects.counted(footprints, counts, self.splat_from_rank, self.dog_row, blank)
 
     def per_row(self, n_rows: int) -> np.ndarray:
         """[n_rows] in each tile row of the image. Waits for the device."""
@@ -65,7 +68,15 @@ def count_isects(projection: Projection, grid: Grid, cutoffs: Cutoffs) -> Isects
     counts = _counts(footprints)
     key: Any = dr.select(counts > 0, depth_bits(projection), 0xFFFFFFFF)
     dr.eval(key, counts, footprints.kept())  # or the projection would be computed again where isects are emitted
-    return Isects.counted(footprints, counts, dr.argsort(key))
+    return Isects.counted(footprints, counts, dr.argsort(key), _few_dog(projection))
+
+
+def _few_dog(projection: Projection) -> Any:
+    """``Isects.dog_row``. The share of DoG decides and not the lists, whose length is another one in every view: what
+    is known of their tiles makes another kernel."""
+    if projection.pseudo is None or dr.width(projection.dog_index) * FEW_DOG > dr.width(projection.x):
+        return None
+    return detached(projection.dog_row)
 
 
 def depth_bits(projection: Projection) -> Any:

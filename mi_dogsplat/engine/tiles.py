@@ -19,7 +19,7 @@ from .drjit_internals import argsort_small
 from .footprints import Footprints
 from .geometry import Blocks, Cutoffs, Grid, Lanes
 from .isects import Isects, count_isects, depth_bits
-from .project import Projection
+from .project import NOT_DOG, Projection
 from .tile_buckets import sort_into_buckets
 
 WORD, AT_ONCE = 32, 8  # bits of a word, and how many masks are read at once
@@ -43,6 +43,7 @@ class TileLists:
     slot_end: mi.UInt32  # [N]
     words: mi.UInt32  # [tiles + isects / 32, lanes per tile]
     one_slot_each: bool = False  # a primitive's isects share one slot, which is its number
+    dog: mi.UInt32 | None = None  # [tiles], 1 where a primitive is DoG, 0 elsewhere; None where too many are
 
     @property
     def n_isects(self) -> int:
@@ -108,11 +109,21 @@ def list_isects(isects: Isects, blocks: Blocks, lanes: Lanes) -> TileLists:
     n_words = -(-n_isects // WORD)
     masks = dr.empty(UInt, n_words * WORD)  # read some at once; what is behind the last isect is nobody's
     dr.scatter(masks, mask, i, mode=dr.ReduceMode.Permute)
-    dr.eval(begin, end, splat_from_isect, masks)
+    dog = None if isects.dog_row is None else _dog_tiles(isects.dog_row, tile, splat_from_isect, n_tiles)
+    dr.eval(begin, end, splat_from_isect, masks, dog)
     words = dr.empty(UInt, (n_tiles + n_words) * blocks.lanes_per_tile)
     first, last = (dr.gather(UInt, ends, lanes.tile) for ends in (begin, end))
     transpose_masks(lanes, blocks, masks, first, last, words)
-    return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_end, words)
+    return TileLists(splat_from_isect, begin, end, slot_from_isect, slot_begin, slot_end, words, dog=dog)
+
+
+def _dog_tiles(dog_row: Any, tile_from_isect: Any, splat_from_isect: Any, n_tiles: int) -> Any:
+    """``TileLists.dog``."""
+    UInt = array_types().UInt
+    found = dr.zeros(UInt, n_tiles)
+    is_dog = dr.gather(UInt, dog_row, splat_from_isect) != NOT_DOG
+    dr.scatter(found, UInt(1), tile_from_isect, is_dog)
+    return found
 
 
 def _bucket_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLists:

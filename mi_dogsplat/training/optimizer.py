@@ -6,7 +6,7 @@ training forgets. And a gradient that is not finite, or whose square is not, cou
 second moment for ever, as a NaN in the parameter or an infinity that freezes it.
 
 Of K views of a step (``LearningRates.batch_views``) gradients add up on the parameters; a step takes their mean. Adam
-then remembers as many views as with one: β^K, and ε / √K, as the mean is that much smaller (Malladi et al. 2022).
+then remembers as many views as with one: β^K (Zhao et al. 2024), and ε / √K, as the mean is that much smaller.
 
 Arrays that cross between host and device are always copied, to aligned memory. On the CPU Dr.Jit would share
 memory with NumPy, and whether an array begins at a multiple of 64 bytes decides which kernel is compiled.

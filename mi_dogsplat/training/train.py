@@ -107,10 +107,10 @@ class Trainer:
         for strategy, state in parts:
             strategy.before_step(self, state)
         self.optimizer.schedule(self.step_count + self.recipe.first_step)
-        for seen in range(self.config.batch_views):
-            if seen:
+        for left in reversed(range(self.config.batch_views)):
+            self._learn_from(self._next_view(), parts, last=not left)
+            if left:
                 dr.eval([dr.grad(value) for value in self.optimizer.adam.values()])  # else one kernel for all views
-            self._learn_from(self._next_view(), parts)
         self.optimizer.step(unused=() if self.active_sh_degree else ("sh_rest",))
 
         self.step_count += 1
@@ -121,8 +121,8 @@ class Trainer:
             self.order = self.rng.permutation(len(self.photographs)).tolist()
         return self.order.pop()
 
-    def _learn_from(self, view: int, parts: list[tuple[Strategy[Any], Any]]) -> None:
-        """Render, loss, backward: the gradient of a view is added to that on the parameters."""
+    def _learn_from(self, view: int, parts: list[tuple[Strategy[Any], Any]], last: bool) -> None:
+        """Render, loss, backward: the gradient of a view, the ``last`` of its step or not, is added to the others'."""
         probe = None
         if any(strategy.collects(self, state) for strategy, state in parts):
             probe = [dr.zeros(mi.Float, self.optimizer.n) for _ in range(2)]
@@ -138,7 +138,7 @@ class Trainer:
         dr.enqueue(dr.ADMode.Backward, planes)
         dr.traverse(dr.ADMode.Backward)
         by_center = (dr.grad(probe[0]), dr.grad(probe[1])) if probe else None
-        seen = Seen(view, self.photographs.cameras[view], params, frame, planes, gradient, by_center)
+        seen = Seen(view, self.photographs.cameras[view], params, frame, planes, gradient, by_center, last)
         for strategy, state in parts:
             strategy.after_backward(self, state, seen)
         self.losses.add(l1, loss)

@@ -19,7 +19,7 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from .steps import ROOT
+from .steps import DEMO, DEMO_SIZE, ROOT
 from .unpack import MANIFEST
 
 PYTHON = "3.12"
@@ -81,9 +81,8 @@ def _fetch(folder: Path) -> Path:
 
 def _capture(folder: Path) -> Path:
     """The data of ``make demo``; what is complete of it is kept."""
-    words = "--alpha --elevations 12 65 --zoom 1.35 --size 256 256 --spp 121 --points 8000".split()
-    scene = str(ROOT / "scenes" / "demo_truth.xml")
-    subprocess.run([sys.executable, "-m", "mi_dogsplat", "capture", scene, "-o", str(folder), *words], check=True)
+    command = [sys.executable, "-m", "mi_dogsplat", "capture", *DEMO, *DEMO_SIZE, "-o", str(folder)]
+    subprocess.run(command, check=True)
     return folder
 
 

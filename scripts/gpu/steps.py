@@ -15,6 +15,9 @@ ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared"
 CHECKS = Path(os.environ.get("CUDA_STANDIN", SHARED / "tools" / "cuda_standin")) / "checks"
 LEFT_OUT = ("common", "frozen_minimal")  # what they share; and a defect of Dr.Jit itself
+# what the demo captures, and how large
+DEMO = (str(ROOT / "scenes" / "demo_truth.xml"), *"--alpha --elevations 12 65 --zoom 1.35 --points 8000".split())
+DEMO_SIZE = tuple("--size 256 256 --spp 121".split())
 CANNOT_TELL, WITHOUT_OPTIX = 2, 3  # exit status of a check, and of the probe
 # These load scenes throughout, and one of them ends its process where there is no OptiX.
 SCENES = ("tests/plugin", *(f"tests/engine/test_{name}.py" for name in ("aovs", "background", "derivatives")))
@@ -134,7 +137,7 @@ def _benchmark(setup: Setup, name: str, limit: float, *small: object) -> Step:
     command = _python("-m", "benchmarks", name, "--variant", "cuda_ad_rgb", "--json", file)
     command += map(str, small if setup.quick else ())
     title = {"renderers": "The same splats in several renderers", "device_memory": "Memory of the device"}[name]
-    return Step(name, title, command, limit, 30, lambda log: results.figures(file, log), alone=True)
+    return Step(name, title, command, limit, 30, lambda log: results.figures(file, log), alone=True, bounded=True)
 
 
 def _training(setup: Setup, optix: bool) -> list[Step]:
@@ -150,10 +153,9 @@ def _training(setup: Setup, optix: bool) -> list[Step]:
     command = _python("-m", "mi_dogsplat", "train", data, "-o", run, "--variant", "cuda_ad_rgb", *settings)
     command += ["--checkpoint-seconds", "30", *(["--resume"] if (run / "config.json").is_file() else [])]
 
-    views = ("--views", 6, "--size", 64, 64, "--spp", 4) if setup.quick else ("--size", 256, 256, "--spp", 121)
-    capture = _python("-m", "mi_dogsplat", "capture", ROOT / "scenes" / "demo_truth.xml", "-o", data, "--alpha", *views)
-    capture += map(str, ("--elevations", 12, 65, "--zoom", 1.35, "--points", 8000))
-    capture += ["--variant", "cuda_ad_rgb" if optix else "llvm_ad_rgb"]
+    size = ("--views", 6, "--size", 64, 64, "--spp", 4) if setup.quick else DEMO_SIZE
+    variant = "cuda_ad_rgb" if optix else "llvm_ad_rgb"
+    capture = _python("-m", "mi_dogsplat", "capture", *DEMO, *size, "-o", data, "--variant", variant)
     return [
         *([] if setup.data else [Step("capture", "Data to train on", capture, 150, 30)]),
         Step(

@@ -9,7 +9,6 @@ from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import camera_extent
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.learning_rates import LearningRates
-from tiny_data import write_tiny_data
 
 from benchmarks import scene_scale
 
@@ -17,8 +16,7 @@ ALIKE = 0.2  # dB; seeds differ by more
 
 
 @pytest.fixture(scope="module")
-def config(tmp_path_factory) -> TrainConfig:
-    data = write_tiny_data(tmp_path_factory.mktemp("data"))
+def config(data) -> TrainConfig:
     return TrainConfig(str(data), steps=200, sh_degree=1, max_primitives=100, target=40)
 
 

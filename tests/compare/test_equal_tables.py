@@ -39,13 +39,16 @@ def test_differences_are_of_equal_seeds():
 
 def write_history(folder, points):
     folder.mkdir(parents=True)
-    lines = [json.dumps({"step": k, "seconds": t, "test_psnr": psnr}) for k, (t, psnr) in enumerate(points)]
+    counts = [n[0] if n else 100 for _, _, *n in points]
+    rows = [{"step": k, "seconds": t, "test_psnr": psnr} for k, (t, psnr, *_) in enumerate(points)]
+    lines = [json.dumps(found | {"n": n}) for found, n in zip(rows, counts, strict=True)]
     (folder / "history.jsonl").write_text("\n".join(lines))
 
 
 def test_the_time_to_a_quality_is_that_of_the_first_measurement_and_never_is_said(tmp_path):
     rows = {"paper": row("paper", [29.0]), "ours": row("ours", [30.0]), "dash": row("dash", [28.0])}
-    write_history(tmp_path / "seed_0/ours", [(10.0, 27.0), (20.0, 29.5), (30.0, 28.5), (40.0, 30.0)])
+    pruned = [(5.0, 31.0, 1000), (10.0, 27.0), (20.0, 29.5), (30.0, 28.5), (40.0, 30.0)]  # 31 dB with ten times as many
+    write_history(tmp_path / "seed_0/ours", pruned)
     write_history(tmp_path / "seed_0/paper", [(10.0, 27.0), (50.0, 29.0)])
     write_history(tmp_path / "seed_0/dash", [(10.0, 28.0)])
     assert seconds_to(tmp_path / "seed_0/ours", 29.0) == 20.0

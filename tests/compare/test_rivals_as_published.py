@@ -24,14 +24,12 @@ from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import Densified
 from mi_dogsplat.training.train import Trainer
 from splat_scenes import random_splats, rounded
-from tiny_data import write_tiny_data
 
 
 @pytest.fixture(scope="module")
-def trainer_of(tmp_path_factory):
+def trainer_of(data):
     """Makes a trainer by a recipe, on tiny data, with a target of 90 primitives."""
-    folder = write_tiny_data(tmp_path_factory.mktemp("data"))
-    config = TrainConfig(str(folder), preset="3dgs", steps=60, sh_degree=1, target=90, log_every=10, test_every=10)
+    config = TrainConfig(str(data), preset="3dgs", steps=60, sh_degree=1, target=90, log_every=10, test_every=10)
 
     def make(recipe=None, steps=60, **settings):
         return Trainer(replace(config, steps=steps, **settings), load_dataset(config.data, 1), recipe)
@@ -203,7 +201,7 @@ def test_gaussianspa_has_its_penalty_in_every_50th_step_with_the_targets_from_be
         logits: Any = trainer.optimizer.params["logit_opacities"]
         dr.set_grad(logits, dr.zeros(mi.Float, trainer.optimizer.n))
         o = opacities(trainer)
-        rule.after_backward(trainer, None, None)  # type: ignore[arg-type]
+        rule.after_backward(trainer, None, SimpleNamespace(last=True))  # type: ignore[arg-type]
         if step == 2:
             z, u = np.where(o >= np.sort(o)[-20], o, 0), np.zeros(len(o))
         expected = np.zeros(len(o))
@@ -371,7 +369,7 @@ def test_natural_selection_steers_its_weight_meets_the_budget_and_lowers_the_ste
     assert state.began == pytest.approx(0.8 * np.sort(opacities(trainer))[-20], rel=1e-5)
     assert (dr.grad(logits).numpy() > 0).all()
     trainer.step_count = 300  # the opacity at the rank is far above its way
-    part.after_backward(trainer, state, SimpleNamespace())  # type: ignore[arg-type]
+    part.before_step(trainer, state)
     assert state.weight == pytest.approx(1.2 * 2e-4)
     faint = trainer.optimizer.numpy("logit_opacities")
     faint[25:] = -9

@@ -10,6 +10,8 @@ import drjit as dr
 import numpy as np
 import pytest
 from mi_dogsplat.compare.rivals import dash, mask_gaussian
+from mi_dogsplat.compare.rivals.gaussian_spa import GaussianSpa
+from mi_dogsplat.compare.rivals.gns import NaturalSelection
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.reference.gradients import gradients_tiled
@@ -24,24 +26,14 @@ from mi_dogsplat.training.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer import EPSILON, SplatOptimizer
 from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.strategy.densify import Densification
-from mi_dogsplat.training.strategy.strategy import Seen, Strategy, Training
+from mi_dogsplat.training.strategy.strategy import Seen, Strategy, Training, arrays_of
 from mi_dogsplat.training.train import Trainer
 from PIL import Image
 from splat_scenes import SMOOTH_OPTIONS, assert_gradients_equal
-from tiny_data import HEIGHT, WIDTH, dog_model, write_tiny_data
+from tiny_data import HEIGHT, WIDTH, dog_model
 
 K = 3
 UNIT = 1e4  # gradients of a mean over pixels are small
-
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory) -> Path:
-    return write_tiny_data(tmp_path_factory.mktemp("data"))
-
-
-@pytest.fixture(scope="module")
-def alpha_data(tmp_path_factory) -> Path:
-    return write_tiny_data(tmp_path_factory.mktemp("alpha"), alpha=True)
 
 
 def config_of(data: Path, **changes) -> TrainConfig:
@@ -287,7 +279,7 @@ class Count(Strategy[Calls]):
         state.hooks.append("before_step")
 
     def after_backward(self, t: Training, state: Calls, seen: Seen) -> None:
-        state.hooks.append("after_backward")
+        state.hooks.append("last" if seen.last else "after_backward")
         logits = t.optimizer.params["logit_opacities"]
         dr.set_grad(logits, dr.grad(logits) + 1)
 
@@ -301,9 +293,25 @@ def test_what_a_strategy_adds_to_each_view_counts_once(data, gradients):
     counted, plain = (Trainer(config_of(data, batch_views=K), dataset, r) for r in (recipe, RECIPES["3dgs"]))
     counted.step()
     plain.step()
-    assert counted.states["count"].hooks == ["before_step", *["after_backward"] * K, "after_step"]
+    assert counted.states["count"].hooks == ["before_step", *["after_backward"] * (K - 1), "last", "after_step"]
     added = gradients[0]["logit_opacities"] - gradients[1]["logit_opacities"]
     np.testing.assert_allclose(added, K, rtol=1e-5)  # of which the optimizer takes a Kth
+
+
+@pytest.mark.parametrize("strategy", [GaussianSpa(0, 60, every=2), NaturalSelection(0, 60, every=1, gentle=10)])
+def test_what_a_strategy_does_once_a_step_it_does_once_a_batch(data, gradients, strategy):
+    """Parameters stand still: steps of one view and of three leave the same behind."""
+    dataset, left = load_dataset(data), []
+    for views in (1, K):
+        trainer = Trainer(config_of(data, batch_views=views, target=30), dataset, RECIPES["3dgs"])
+        trainer.strategies, trainer.states = [strategy], {strategy.name: strategy.new_state(trainer)}
+        for _ in range(4):
+            trainer.step()
+        learned = {name: trainer.optimizer.numpy(name) for name in sorted(trainer.optimizer.learned)}
+        left.append(learned | arrays_of(trainer.states[strategy.name]))
+    assert left[0].keys() == left[1].keys() and any(np.any(values != 0) for values in left[0].values())
+    for name, values in left[0].items():
+        np.testing.assert_array_equal(left[1][name], values, err_msg=name)
 
 
 def test_a_batch_may_be_larger_than_the_data(data):

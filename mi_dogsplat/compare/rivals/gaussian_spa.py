@@ -74,7 +74,8 @@ class GaussianSpa(Strategy[None]):
         opacity = dr.rcp(1 + dr.exp(-dr.detach(logits)))
         pull = (opacity - dr.detach(params[SPARSE]) + dr.detach(params[DUAL])) * opacity * (1 - opacity)
         dr.set_grad(logits, dr.grad(logits) + pull * dr.opaque(mi.Float, self.rho))
-        self._project(t)
+        if seen.last:
+            self._project(t)
 
     def _project(self, t: Training) -> None:
         opacity, dual = opacities(t), t.optimizer.numpy(DUAL).astype(np.float64)

@@ -73,15 +73,19 @@ class NaturalSelection(Strategy[Pressure]):
     def before_step(self, t: Training, state: Pressure) -> None:
         large = self.presses(t, state) or 0 <= state.met <= t.step_count < state.met + self.gentle
         t.optimizer.rate_factors["logit_opacities"] = self.rate_factor if large else 1.0
+        if self._due_now(t, state):
+            self._steer(t, state)
 
     def after_backward(self, t: Training, state: Pressure, seen: Seen) -> None:
         """The gradient of the term, every so many steps."""
-        if not self.presses(t, state) or (t.step_count - self.start) % self.every:
+        if not self._due_now(t, state):
             return
-        self._steer(t, state)
         logits: Any = t.optimizer.params["logit_opacities"]
         held, weight = dr.detach(logits), dr.opaque(mi.Float, 2 * state.weight / t.optimizer.n)
         dr.set_grad(logits, dr.grad(logits) + weight * pull(held, t.step_count < self.start + self.gentle))
+
+    def _due_now(self, t: Training, state: Pressure) -> bool:
+        return self.presses(t, state) and (t.step_count - self.start) % self.every == 0
 
     def _steer(self, t: Training, state: Pressure) -> None:
         rank = np.sort(opacities(t))[max(0, t.optimizer.n - int(t.target))]

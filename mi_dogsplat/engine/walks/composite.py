@@ -36,7 +36,16 @@ def composite_over(view: WalkableView, background: float) -> list:
 
 @frozen
 def _composite(view: PreparedView, above: list) -> list:
-    walk, features = Walk(view), range(view.settings.n_features)
+    if view.lists.dog is None:
+        return _blended(Walk(view, blends_only=True), above)
+    # few tiles have a DoG primitive: the others do not pay for its branch
+    plain = _blended(Walk(view, dog=False, blends_only=True), above)
+    return _blended(Walk(view, dog=True, blends_only=True), plain)
+
+
+def _blended(walk: Walk, written: list) -> list:
+    """Interleaved planes, new ones or those that are ``written`` already, but for the pixels that are walked."""
+    features = range(walk.settings.n_features)
 
     def step(meeting: Meeting, T: list, C: list) -> None:
         alpha = walk.alphas(meeting).values
@@ -47,4 +56,4 @@ def _composite(view: PreparedView, above: list) -> list:
                 C[f][k] = dr.select(goes_on, dr.fma(weight, meeting.row.features[f], c), c)
 
     T, C = walk.run(step, [walk.pixels.zeros() for _ in features], "composite")
-    return walk.pixels.write([*C, [dr.abs(t) for t in T]], above)
+    return walk.pixels.write([*C, [dr.abs(t) for t in T]], written, walk.walked)

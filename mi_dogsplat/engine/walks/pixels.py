@@ -40,10 +40,11 @@ class BlockPixels:
         """A value per pixel."""
         return [dr.gather(self.types.Float, plane, i, ok) for i, ok in zip(self.index, self.inside, strict=True)]
 
-    def write(self, planes: list[list], above: Sequence = ()) -> list:
+    def write(self, planes: list[list], above: Sequence = (), where: Any = True) -> list:
         """Planes, interleaved in fours: [H*W, 4] arrays, which ``planes_of`` takes apart.
 
-        ``above`` is what was returned for the bands above, to be written to (``bands.py``).
+        ``above`` is what was returned for the bands above, to be written to (``bands.py``), or by another kernel;
+        where ``where`` is false it is left as it is.
 
         Four at a time cost a fourth of what single values do. Written pixel by pixel: Dr.Jit computes values in the
         order in which they are written, and so needs fewer at once.
@@ -54,7 +55,7 @@ class BlockPixels:
         for k, (index, ok) in enumerate(zip(self.index, self.inside, strict=True)):
             for target, quad in zip(targets, quads, strict=True):
                 four = self.types.Quad([values[k] for values in quad])
-                dr.scatter(target, four, index, ok, mode=dr.ReduceMode.Permute)
+                dr.scatter(target, four, index, ok & where, mode=dr.ReduceMode.Permute)
         return targets
 
 

@@ -26,8 +26,8 @@ from ..arrays import array_types, if_stmt, while_loop
 from ..bands import PreparedView
 from ..project import NOT_DOG
 from ..tables import DEPTH_FEATURE, FIRST_FEATURE, KERNEL_COLUMNS, PSEUDO_COLUMNS, KernelRow, SplatRow, row_size
-from ..tiles import WORD
 from .exp2 import exp2
+from .lane_list import AheadList, LaneList
 from .pixels import BlockPixels
 
 ALPHA_MAX = 0.99
@@ -61,24 +61,33 @@ class Alphas:
 class Walk:
     """Trace-time helper: one lane's block of pixels walking its tile's list."""
 
-    def __init__(self, view: PreparedView):
+    def __init__(self, view: PreparedView, dog: bool | None = None, blends_only: bool = False):
+        """
+        Args:
+            dog: walk those tiles alone that have a DoG primitive, or, False, those that have none, past kernels that
+                know no pseudo-Gaussian; for lists that know which these are.
+            blends_only: nothing is added up over lanes, so that they may meet an isect in any order.
+        """
         self.types = types = array_types()
         self.exp2: Callable[[Any], Any] = exp2 if types.is_llvm else dr.exp2
         self.grid, self.tables, self.lists, self.settings = view.grid, view.tables, view.lists, view.settings
-        self.row_size, self.has_dog = row_size(view.settings.n_features), view.tables.pseudo is not None
+        self.row_size = row_size(view.settings.n_features)
+        self.has_dog = view.tables.pseudo is not None and dog is not False
         # whether a negative α raises T; a model without DoG has none, and is not asked
         self.amplifies = view.settings.negative_transmittance or not self.has_dog
         self.blocks = view.grid.blocks
         tile = view.lanes.tile
-        begin, end = (dr.gather(types.UInt, ends, tile) for ends in (view.lists.begin, view.lists.end))
-        self.begin, self.tile = begin, tile
-        self.end_group = dr.select(begin < end, (end - 1) // WORD + 1, 0)
-        self.lane = dr.arange(types.UInt, dr.width(tile)) % self.blocks.lanes_per_tile
+        self.walked = True if dog is None else (dr.gather(types.UInt, view.lists.dog, tile) != 0) == dog
+        # past a branch, or with sums, what is held for the next steps costs more than it saves (docs/performance.md)
+        self.hurries = blends_only and not self.has_dog
+        its_list = AheadList if self.hurries else LaneList
+        self.list = its_list(view.lists, tile, self.blocks.lanes_per_tile, self.walked)
         self.x0, self.y0 = types.Float(view.lanes.x) + 0.5, types.Float(view.lanes.y) + 0.5
         if types.is_llvm:
             self._align_stack()
         self.pixels = BlockPixels(view.grid, view.lanes)
         self.stop_depth = None if self.tables.stop_depth is None else self.pixels.read(self.tables.stop_depth)
+        self.unended: list | None = None  # in a walk that hurries: T of this iteration as if it did not end
 
     def _align_stack(self) -> None:
         """Local memory that LLVM cannot optimise away, always 0, makes it align the stack to cache lines.
@@ -87,8 +96,8 @@ class Walk:
         """
         Float = self.types.Float
         scratch = dr.alloc_local(Float, 2, value=Float(0))
-        scratch[self.begin & 1] = Float(self.begin >> 31)
-        self.x0 = self.x0 + scratch[self.end_group & 1]
+        scratch[self.list.begin & 1] = Float(self.list.begin >> 31)
+        self.x0 = self.x0 + scratch[self.list.end_group & 1]
 
     # --- the walk ---
 
@@ -105,20 +114,20 @@ class Walk:
 
         def body(place, T, state):
             T, state = _copied(T), _copied(state)
+            if self.hurries and self.stop_depth is None:
+                self.unended = list(T)
             for _ in range(self.blocks.unroll if unroll else 1):
                 meeting, place = self._next(place)
                 step(meeting, T, state)
-            return place, T, state
+            return self.list.look_ahead(place), T, state
 
         # pixels beyond the border of the image are born dead, so that they end no walk late
         T = [dr.select(ok, self.types.Float(1), self.types.Float(-1)) for ok in self.pixels.inside]
-        # place in the list: (bits of the isects of the present word that are still to come, number of the next word)
-        start = (self.types.UInt(0), self.begin // WORD), T, state
+        start = self.list.start(), T, state
         return while_loop(start, self._goes_on, body, label, ("place", "T", "state"))[1:]
 
     def _goes_on(self, place, T: list, state: Any):
-        bits, group = place
-        return ((bits != 0) | (group < self.end_group)) & self._alive(T)
+        return self.list.goes_on(place) & self._alive(T)
 
     def _alive(self, T: list):
         """Some pixel still transmits: finished pixels carry -T, and so the sign is set in the bits that all share."""
@@ -126,23 +135,13 @@ class Walk:
         return bits >= 0
 
     def _next(self, place) -> tuple[Meeting, tuple]:
-        """The next primitive, and where the lane then is. An empty word costs a step without one.
-
-        Lanes that meet none get an empty kernel.
-        """
-        UInt = self.types.UInt
-        bits, group = place
-        refill = (bits == 0) & (group < self.end_group)
-        at = (self.tile + group) * self.blocks.lanes_per_tile + self.lane
-        word = dr.gather(UInt, self.lists.words, at, refill)
-        bits, group = dr.select(refill, word, bits), dr.select(refill, group + 1, group)
-        isect, active = dr.fma(group - 1, WORD, dr.tzcnt(bits)), bits != 0
-
-        splat = dr.gather(UInt, self.lists.splat_from_isect, isect, active)
+        """The next primitive, and where the lane then is. Lanes that meet none get an empty kernel."""
+        isect, active, place = self.list.next(place)
+        splat = dr.gather(self.types.UInt, self.lists.splat_from_isect, isect, active)
         columns = FIRST_FEATURE + self.settings.n_features
         row = SplatRow.of(self._floats(self.tables.splats, splat, self.row_size, columns, active))
         row.kernel = row.kernel._replace(lo=dr.select(active, row.kernel.lo, 2 * DEAD_PATCH))
-        return Meeting(isect, active, splat, row, self.x0 - row.x, self.y0 - row.y), (bits & (bits - 1), group)
+        return Meeting(isect, active, splat, row, self.x0 - row.x, self.y0 - row.y), place
 
     def _floats(self, table, row, row_size: int, columns: int, active=True) -> list:
         """The first ``columns`` floats of a row, eight and four at a time."""
@@ -219,13 +218,18 @@ class Walk:
     def advance(self, alpha, T, meeting: Meeting, k: int) -> tuple:
         """Walk past a primitive at pixel ``k`` of the block: (weight α T of the primitive, T behind it, or -T where the
         walk has ended, whether it goes on)."""
-        weight = alpha * T
-        behind = T - (weight if self.amplifies else dr.maximum(weight, 0))
+        # Where no α is negative, T goes on to fall below the limit behind an end. So the next primitive need not wait
+        # for the comparison: its weight is the same, or is not used.
+        light = T if self.unended is None else self.unended[k]
+        weight = alpha * light
+        behind = light - (weight if self.amplifies else dr.maximum(weight, 0))
         goes_on = behind >= self.settings.cutoffs.transmittance
         if self.has_dog and self.settings.negative_transmittance:  # T may rise
             goes_on &= behind <= MAX_T
         if self.stop_depth is not None:
             goes_on &= meeting.row.features[DEPTH_FEATURE] <= self.stop_depth[k]
+        if self.unended is not None:
+            self.unended[k] = behind
         return weight, dr.select(goes_on, behind, -dr.abs(T)), goes_on
 
     def hidden(self, behind, alpha, blended_alpha):

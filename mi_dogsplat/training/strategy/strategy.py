@@ -99,6 +99,7 @@ class Seen:
     planes: list  # the picture: three planes [H*W], background included
     gradient: list  # of the loss by these planes
     by_center: tuple[Any, Any] | None  # of the loss by the centres on screen, x, y [N]; where a strategy ``collects``
+    last: bool  # of the views of its step: what is due once a step, not with every view, waits for it
 
 
 @dataclass(frozen=True)

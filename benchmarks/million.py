@@ -1,0 +1,114 @@
+"""A million primitives at 1600x1066, all SH degrees: time and peak memory of forward, backward and a training step.
+
+``python -m benchmarks million``: a row for each amount of ``--memory``, in a process of its own, as the peak is that of
+its whole life: it has the state of Adam and two photographs, and writes a checkpoint. Points are random, in a cube that
+fills the view.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from mi_dogsplat.datasets import Dataset, View
+from mi_dogsplat.datasets.camera_paths import look_at
+from mi_dogsplat.engine.bands import BandedView
+from mi_dogsplat.engine.rasterize import rasterize
+from mi_dogsplat.runs.checkpoint import save_checkpoint
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.support.memory import peak_memory_mb
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.train import Trainer
+
+ALL_DEGREES = 4000  # step from which on the colours have all SH degrees
+
+
+def main(flags: Sequence[str]) -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks million", description=__doc__)
+    parser.add_argument("--memory", nargs="*", default=["64G", "5G", "4G"])
+    parser.add_argument("--primitives", type=int, default=1_000_000)
+    parser.add_argument("--size", type=int, nargs=2, default=(1600, 1066))
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--variant", default="llvm_ad_rgb")
+    parser.add_argument("--alone", action="store_true", help="the one amount in this process, as JSON")
+    args = parser.parse_args(flags)
+    mi.set_variant(args.variant)
+    if args.alone:
+        print(json.dumps(measured(args)))
+        return
+    print("| `--memory` | isects | bands | forward, s | forward + backward, s | training step, s | peak resident, MB |")
+    print("|---|---|---|---|---|---|---|")
+    for memory in args.memory:
+        command = [sys.executable, "-m", "benchmarks", "million", *flags, "--alone", "--memory", memory]
+        result = json.loads(subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout)
+        cells = [memory, f"{result['isects']:,}", str(result["bands"])]
+        cells += [f"{result[name]:.2f}" for name in ("forward", "both", "step")]
+        print("| " + " | ".join([*cells, f"{result['peak_mb']:,.0f}"]) + " |", flush=True)
+
+
+def measured(args: argparse.Namespace) -> dict[str, Any]:
+    """Of ``args.memory``, seconds and MB."""
+    config = TrainConfig("random", "3dgs", memory=args.memory[0], variant=args.variant)
+    trainer = Trainer(config, random_data(args.primitives, *args.size))
+    trainer.step_count = ALL_DEGREES
+    camera, options = trainer.photographs.cameras[0], trainer.options
+    adjoint = [dr.opaque(mi.Float, 1, camera.width * camera.height) for _ in range(3)]
+
+    def forward() -> None:
+        params = {name: dr.detach(value) for name, value in trainer.optimizer.params.items()}
+        dr.eval(rasterize(params, camera, options).colors)
+
+    def both() -> None:
+        params = trainer.optimizer.params
+        planes = rasterize(params, camera, options).colors
+        for plane, δ in zip(planes, adjoint, strict=True):
+            dr.set_grad(plane, δ)
+        dr.enqueue(dr.ADMode.Backward, planes)
+        dr.traverse(dr.ADMode.Backward)
+        dr.eval([dr.grad(value) for value in params.values()])
+        for value in params.values():
+            dr.clear_grad(value)
+
+    def step() -> None:
+        trainer.step()
+        dr.eval(trainer.optimizer.params)
+
+    times = {run.__name__: seconds(run, args.rounds) for run in (forward, both, step)}
+    with tempfile.TemporaryDirectory() as folder:
+        save_checkpoint(Path(folder) / "state.npz", trainer.state())
+    peak = peak_memory_mb() * 2**20 / 1e6
+    view = trainer.render(trainer.optimizer.params, 0)[1].view
+    bands = len(view.bands) if isinstance(view, BandedView) else 1
+    return times | {"peak_mb": peak, "isects": view.n_isects if view else 0, "bands": bands}
+
+
+def random_data(n: int, width: int, height: int) -> Dataset:
+    """Two views of noise, and points to start from."""
+    rng, views = np.random.default_rng(0), []
+    for name, x in (("left", -1.0), ("right", 1.0)):
+        w2c = look_at(3 * np.array([x, 0, 0.3]), np.zeros(3), "z")
+        camera = Camera(w2c, 1.1 * width, 1.1 * width, width / 2, height / 2, width, height)
+        views.append(View(name, camera, rng.random((height, width, 3), np.float32)))
+    points, colors = rng.uniform(-1, 1, (n, 3)).astype(np.float32), rng.random((n, 3), np.float32)
+    return Dataset(Path("random"), views, [], points, colors, False)
+
+
+def seconds(run: Callable[[], None], rounds: int) -> float:
+    """Median, kernels compiled."""
+    times = []
+    for _ in range(rounds + 2):
+        start = time.perf_counter()
+        run()
+        dr.sync_thread()
+        times.append(time.perf_counter() - start)
+    return float(np.median(times[2:]))
