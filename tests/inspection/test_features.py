@@ -101,15 +101,19 @@ def test_a_model_without_primitives_is_described_too(tmp_path):
 # --- costs ---
 
 
-def test_the_operations_per_pixel_are_those_of_the_compositor():
-    """But for what is done once per pixel of the image, less than a quarter."""
-    options = RasterOptions(0)
+def test_the_operations_per_pixel_are_those_of_the_compositor(monkeypatch):
+    """An image's kernel has so many more for each primitive that it takes at once, and others besides."""
+    options, blocks = RasterOptions(0), Blocks.of_backend()
     params, camera = upload(model(0)), DeviceCamera.upload(make_camera())
-    kernel = loop(launches(lambda: rasterize(params, camera, options).T.numpy()))
-    blocks = Blocks.of_backend()
+
+    def in_kernel(unroll: int) -> int:
+        monkeypatch.setattr(Blocks, "of_backend", lambda: dataclasses.replace(blocks, unroll=unroll))
+        return loop(launches(lambda: rasterize(params, camera, options).T.numpy())).operations
+
+    two, four = in_kernel(2), in_kernel(4)
     forward, backward = pair_operations(Settings(3), False, mi.variant())
-    counted = forward * blocks.width * blocks.height * blocks.unroll
-    assert 0.75 * kernel.operations < counted < kernel.operations
+    per_primitive = forward * blocks.width * blocks.height
+    assert four - two == pytest.approx(2 * per_primitive, rel=0.01) and 4 * per_primitive < four
     assert forward < backward
 
 
