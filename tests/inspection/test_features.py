@@ -110,8 +110,8 @@ def test_the_operations_per_pixel_are_those_of_the_compositor(monkeypatch):
         monkeypatch.setattr(Blocks, "of_backend", lambda: dataclasses.replace(blocks, unroll=unroll))
         return loop(launches(lambda: rasterize(params, camera, options).T.numpy())).operations
 
-    two, four = in_kernel(2), in_kernel(4)
     forward, backward = pair_operations(Settings(3), False, mi.variant())
+    two, four = in_kernel(2), in_kernel(4)
     per_primitive = forward * blocks.width * blocks.height
     assert four - two == pytest.approx(2 * per_primitive, rel=0.01) and 4 * per_primitive < four
     assert forward < backward
