@@ -221,7 +221,7 @@ def _opaque(path: Path) -> bool:
     """Whether an image with an alpha channel does without. Raises ``DataError``."""
     try:
         with open_image(path) as image:
-            return image.convert("RGBA").getextrema()[3] == (255, 255)
+            return image.convert("RGBA").getchannel("A").getextrema() == (255, 255)
     except UNREADABLE as error:
         raise _corrupt(path, error) from error
 

@@ -7,6 +7,7 @@ the AD graph as one custom operation.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -141,7 +142,8 @@ def rasterize(
     k, p = projection.kernels, projection.pseudo
     splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *features]
     pseudo = [] if p is None else [p.ux, p.uy, p.vy, p.lo]
-    planes, T = dr.custom(_Composite, _Fixed(view, blended), splats, pseudo)
+    composited: Any = dr.custom(_Composite, _Fixed(view, blended), splats, pseudo)
+    planes, T = composited
     if last and not recall:
         last.keep(key, list(params.values()), (view, Planes(detached(planes), detached(T))))
     colors, extra = planes[:3], planes[3:]

@@ -67,14 +67,14 @@ def curves(run: Run) -> Curves:
     return plots
 
 
-def _abscissas(run: Run) -> list[tuple[str, NDArray[np.float64]]]:
+def _abscissas(run: Run) -> list[tuple[str, NDArray[np.floating]]]:
     seconds = run.column("seconds")
     longest = float(np.max(np.nan_to_num(seconds), initial=0))
     unit, scale = ("s", 1) if longest < 180 else ("min", 60) if longest < 3 * 3600 else ("h", 3600)
     return [(f"run time, {unit}", seconds / scale), ("step", run.column("step"))]
 
 
-def event_lanes(run: Run, x: NDArray[np.float64]) -> list[Lane]:
+def event_lanes(run: Run, x: NDArray[np.floating]) -> list[Lane]:
     """One lane for every kind of event that occurs; ``x`` [rows] is where each history row stands."""
     places: dict[str, list[float]] = {name: [] for name in [*EVENT_LANES.values(), "other"]}
     for i, place in enumerate(x.tolist()):

@@ -33,8 +33,8 @@ class Series:
     """
 
     label: str
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
+    x: NDArray[np.floating]
+    y: NDArray[np.floating]
     kind: str = "line"
     color: int = 1
     notes: Sequence[Note] = ()
@@ -65,7 +65,7 @@ class Lane:
     """A row of ticks under the curves: when (``x`` [n]) something called ``label`` happened."""
 
     label: str
-    x: NDArray[np.float64]
+    x: NDArray[np.floating]
 
 
 @dataclass(frozen=True)

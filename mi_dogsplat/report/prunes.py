@@ -40,15 +40,15 @@ def prunes(run: Run) -> list[Prune]:
     return found
 
 
-def marks(run: Run, x: NDArray[np.float64]) -> list[Mark]:
+def marks(run: Run, x: NDArray[np.floating]) -> list[Mark]:
     """Every prune, by number, and the activation of the DoG; ``x`` [rows] is where each history row stands."""
     numbered = [Mark(str(i + 1), float(x[p.row])) for i, p in enumerate(prunes(run))]
     return numbered + [Mark("DoG", float(x[i])) for i in run.rows_with(DogActivated.kind)]
 
 
 def with_drops(
-    run: Run, x: NDArray[np.float64], n: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    run: Run, x: NDArray[np.floating], n: NDArray[np.floating]
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """The count ``n`` [rows] over ``x`` [rows] with the count before each prune put in: it falls at once."""
     found = prunes(run)
     rows = np.array([p.row for p in found], np.intp)

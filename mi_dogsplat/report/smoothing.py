@@ -9,7 +9,7 @@ SMOOTHED_FROM = 40  # rows; below, every row is visible by itself
 MAX_POINTS = 2000
 
 
-def running_mean(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
+def running_mean(values: NDArray[np.floating]) -> tuple[NDArray[np.floating], int]:
     """Centred mean over about 1/40 of the rows, gaps left out; and the number of rows it spans (1: none)."""
     rows = max(3, len(values) // 40 | 1) if len(values) >= SMOOTHED_FROM else 1
     present = np.isfinite(values)
@@ -18,7 +18,7 @@ def running_mean(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]
     return total / np.maximum(np.convolve(present, window, "same"), 1), rows
 
 
-def thinned(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def thinned(x: NDArray[np.floating], y: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """At most `MAX_POINTS` points: the lowest and highest of every run of neighbours, so no spike is lost."""
     if len(x) <= MAX_POINTS:
         return x, y

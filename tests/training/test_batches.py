@@ -170,7 +170,7 @@ def test_a_step_with_k_views_is_that_of_adam_in_float64_with_the_mean_and_the_sc
     assert rates.at(300) == {name: 2 * rate for name, rate in replace(rates, batch_views=1).at(300).items()}
     optimizer, rng = SplatOptimizer(dog_model(), rates), np.random.default_rng(5)
     optimizer.learn("mine", np.zeros(optimizer.n), 0.01)
-    value = {name: optimizer.numpy(name).ravel().astype(np.float64) for name in optimizer.adam}
+    value: dict[str, Any] = {name: optimizer.numpy(name).ravel().astype(np.float64) for name in optimizer.adam}
     m, v = ({name: np.zeros_like(x) for name, x in value.items()} for _ in range(2))
     beta_1, beta_2 = 0.9**4, 0.999**4
     for step in range(6):

@@ -1,6 +1,7 @@
 """Adam on splats: against a NumPy twin, as rows come and go, across checkpoints, without new kernels."""
 
 from dataclasses import replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -109,7 +110,7 @@ def test_what_no_render_has_read_yet_is_left_out_of_a_step_and_loses_no_bit_by_i
 
 def test_steps_agree_with_adam_in_float64():
     optimizer, rng = SplatOptimizer(random_model(7, 1, (0, 3)), RATES), np.random.default_rng(5)
-    value = {name: optimizer.numpy(name).ravel().astype(np.float64) for name in optimizer.adam}
+    value: dict[str, Any] = {name: optimizer.numpy(name).ravel().astype(np.float64) for name in optimizer.adam}
     m, v = ({name: np.zeros_like(x) for name, x in value.items()} for _ in range(2))
     for step in range(6):
         optimizer.schedule(100 * step)
