@@ -148,7 +148,7 @@ def filtered(images: np.ndarray, gamma_f: float) -> np.ndarray:
     """h * F of images [..., H, W], h the filter whose power is `power_weight`; periodic."""
     height, width = images.shape[-2:]
     spectrum = np.sqrt(power_weight(height, width, gamma_f)) * fourier(images)
-    return fourier(spectrum.conj()).conj().real / (height * width)
+    return np.real(fourier(spectrum.conj())) / (height * width)
 
 
 def probe_variance(images: np.ndarray, gamma_f: float) -> np.ndarray:
