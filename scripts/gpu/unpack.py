@@ -23,7 +23,7 @@ def main(bundle: Path, folder: Path) -> int:
     shutil.rmtree(folder, ignore_errors=True)
     try:
         with tarfile.open(bundle, "r:xz") as archive:
-            if sys.version_info >= (3, 12):
+            if hasattr(tarfile, "data_filter"):  # not in every release of 3.10 and 3.11
                 archive.extraction_filter = tarfile.data_filter
             archive.extractall(folder)
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
