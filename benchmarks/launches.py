@@ -20,6 +20,12 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from mi_dogsplat.datasets import Dataset, View
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.train import Trainer
+
+from .trainer_passes import passes
 
 WARM_UP = 6  # calls, in which frozen functions are recorded
 STAGES = {  # the innermost of these functions that is running, by file and name, has what is launched meanwhile
@@ -139,7 +145,7 @@ def main(arguments: list[str]) -> None:
     args = parser.parse_args(arguments)
     mi.set_variant(args.variant)
     width, height = args.size
-    for name, run in passes(args.primitives, width, height, args.dog).items():
+    for name, run in passes(trainer_of(args.primitives, width, height, args.dog)).items():
         watch = watched(run)
         print(f"\n# {name} ({args.variant}, {args.primitives:,} primitives, {width}x{height})")
         print(table(watch))
@@ -148,45 +154,8 @@ def main(arguments: list[str]) -> None:
                 print(f"{stage:20} {kind:10} {lanes:9,d} lanes {operations:6d} operations")
 
 
-def passes(n: int, width: int, height: int, dog: bool) -> dict[str, Callable[[], Any]]:
-    """Forward, forward and backward pass of a rasterisation, and a whole training step, all of SH degree 3."""
-    from mi_dogsplat.engine.rasterize import rasterize  # the variant is chosen by now
-
-    trainer = trainer_of(n, width, height, dog)
-    camera, options = trainer.photographs.cameras[0], trainer.options
-    rng = np.random.default_rng(0)
-    adjoint = [mi.Float(rng.normal(size=width * height).astype(np.float32)) for _ in range(3)]
-    dr.make_opaque(adjoint)
-
-    def forward() -> None:
-        params = {name: dr.detach(value) for name, value in trainer.optimizer.params.items()}
-        dr.eval(rasterize(params, camera, options).colors)
-
-    def both() -> None:
-        params = trainer.optimizer.params
-        planes = rasterize(params, camera, options).colors
-        for plane, δ in zip(planes, adjoint, strict=True):
-            dr.set_grad(plane, δ)
-        dr.enqueue(dr.ADMode.Backward, planes)
-        dr.traverse(dr.ADMode.Backward)
-        dr.eval([dr.grad(value) for value in params.values()])
-        for value in params.values():
-            dr.clear_grad(value)
-
-    def step() -> None:
-        trainer.step()
-        dr.eval()
-
-    return {"forward": forward, "forward + backward": both, "training step": step}
-
-
-def trainer_of(n: int, width: int, height: int, dog: bool) -> Any:
+def trainer_of(n: int, width: int, height: int, dog: bool) -> Trainer:
     """A training of ``n`` primitives in the middle of its densification, of random pictures."""
-    from mi_dogsplat.datasets.dataset import Dataset, View
-    from mi_dogsplat.scene.cameras import Camera
-    from mi_dogsplat.training.config import TrainConfig
-    from mi_dogsplat.training.train import Trainer
-
     rng = np.random.default_rng(0)
     camera = Camera(np.eye(4), width, width, width / 2, height / 2, width, height)
     image = rng.uniform(0, 1, (height, width, 3)).astype(np.float32)

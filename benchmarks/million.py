@@ -23,12 +23,13 @@ import numpy as np
 from mi_dogsplat.datasets import Dataset, View
 from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.engine.bands import BandedView
-from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.runs.checkpoint import save_checkpoint
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.support.memory import peak_memory_mb
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
+
+from .trainer_passes import passes
 
 ALL_DEGREES = 4000  # step from which on the colours have all SH degrees
 
@@ -52,7 +53,7 @@ def main(flags: Sequence[str]) -> None:
         command = [sys.executable, "-m", "benchmarks", "million", *flags, "--alone", "--memory", memory]
         result = json.loads(subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout)
         cells = [memory, f"{result['isects']:,}", str(result["bands"])]
-        cells += [f"{result[name]:.2f}" for name in ("forward", "both", "step")]
+        cells += [f"{result[name]:.2f}" for name in ("forward", "forward + backward", "training step")]
         print("| " + " | ".join([*cells, f"{result['peak_mb']:,.0f}"]) + " |", flush=True)
 
 
@@ -61,29 +62,7 @@ def measured(args: argparse.Namespace) -> dict[str, Any]:
     config = TrainConfig("random", "3dgs", memory=args.memory[0], variant=args.variant)
     trainer = Trainer(config, random_data(args.primitives, *args.size))
     trainer.step_count = ALL_DEGREES
-    camera, options = trainer.photographs.cameras[0], trainer.options
-    adjoint = [dr.opaque(mi.Float, 1, camera.width * camera.height) for _ in range(3)]
-
-    def forward() -> None:
-        params = {name: dr.detach(value) for name, value in trainer.optimizer.params.items()}
-        dr.eval(rasterize(params, camera, options).colors)
-
-    def both() -> None:
-        params = trainer.optimizer.params
-        planes = rasterize(params, camera, options).colors
-        for plane, δ in zip(planes, adjoint, strict=True):
-            dr.set_grad(plane, δ)
-        dr.enqueue(dr.ADMode.Backward, planes)
-        dr.traverse(dr.ADMode.Backward)
-        dr.eval([dr.grad(value) for value in params.values()])
-        for value in params.values():
-            dr.clear_grad(value)
-
-    def step() -> None:
-        trainer.step()
-        dr.eval(trainer.optimizer.params)
-
-    times = {run.__name__: seconds(run, args.rounds) for run in (forward, both, step)}
+    times = {name: seconds(run, args.rounds) for name, run in passes(trainer).items()}
     with tempfile.TemporaryDirectory() as folder:
         save_checkpoint(Path(folder) / "state.npz", trainer.state())
     peak = peak_memory_mb() * 2**20 / 1e6

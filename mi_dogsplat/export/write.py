@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..formats import compressed_ply, gltf, sog, spz
+from ..formats.packing import morton_order, turned_rub
 from ..measure.metrics import psnr
 from ..render.framing import NEAR_SHARE, cameras_around, robust_sphere
 from ..render.picture import background_color, over_background
@@ -18,9 +20,7 @@ from ..scene.ply import read_ply, write_ply
 from ..scene.splats import Array, Splats
 from ..support.errors import DataError
 from ..support.files import replacing
-from . import compressed_ply, gltf, sog, spz
 from .bake import baked
-from .packing import morton_order, turned_rub
 
 DOG_CHOICES = ("bake", "drop")
 

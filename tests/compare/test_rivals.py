@@ -1,6 +1,5 @@
 """Scores and mechanisms of the rivals against brute force: every primitive at every pixel, in float64."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,14 +18,12 @@ from mi_dogsplat.compare.rivals.mini_splatting import SummedWeight, sampling_key
 from mi_dogsplat.compare.rivals.pup import Sensitivity, fisher
 from mi_dogsplat.compare.rivals.radsplat import LargestWeight
 from mi_dogsplat.compare.rivals.taming import parabola
-from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.runs.history import run_to_end
-from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
 from splat_scenes import SMOOTH_OPTIONS, make_camera, make_splats, options, random_splats, rounded, tilted_camera
 
@@ -208,17 +205,6 @@ def test_gaussianspa_projects_on_the_nearest_sparse_vector():
     np.testing.assert_array_equal(got, best)
 
 
-@pytest.fixture(scope="module")
-def growing(data):
-    """Makes a trainer by a recipe, on tiny data, to grow to 90 primitives."""
-    config = TrainConfig(str(data), preset="3dgs", steps=60, sh_degree=1, target=90, log_every=10, test_every=10)
-
-    def make(recipe=None, steps=60, **settings):
-        return Trainer(replace(config, steps=steps, **settings), load_dataset(config.data, 1), recipe)
-
-    return make
-
-
 def test_taming_grows_along_the_parabola_of_the_paper():
     S, D, N = 1000, 9000, 145
     counts = [parabola(x / N, S, S + D) for x in range(N + 1)]
@@ -227,8 +213,8 @@ def test_taming_grows_along_the_parabola_of_the_paper():
 
 
 @pytest.mark.parametrize("recipe", [taming.RECIPE, dash.RECIPE])
-def test_growth_ends_densification_with_exactly_the_budget(growing, recipe):
-    trainer = growing(recipe)
+def test_growth_ends_densification_with_exactly_the_budget(trainer_of, recipe):
+    trainer = trainer_of(recipe)
     assert trainer.optimizer.n == 45
     rows = list(run_to_end(trainer))
     counts = [row["n"] for row in rows]
@@ -238,16 +224,16 @@ def test_growth_ends_densification_with_exactly_the_budget(growing, recipe):
     assert photographs.factor == 1 and photographs.cameras[0].width == trainer.dataset.train[0].camera.width
 
 
-def test_dash_begins_with_small_pictures(growing):
-    trainer = growing(dash.RECIPE)
+def test_dash_begins_with_small_pictures(trainer_of):
+    trainer = trainer_of(dash.RECIPE)
     trainer.step()
     photographs = trainer.photographs
     assert photographs.factor > 1
     assert photographs.cameras[0].width == trainer.dataset.train[0].camera.width // photographs.factor
 
 
-def test_dash_keeps_the_exposures_that_it_has_learned(growing):
-    trainer = growing(dash.RECIPE, exposure=True)
+def test_dash_keeps_the_exposures_that_it_has_learned(trainer_of):
+    trainer = trainer_of(dash.RECIPE, exposure=True)
     for _ in run_to_end(trainer):
         pass
     assert trainer.photographs.factor == 1 and sum(trainer.photographs.exposure.t) == 60
@@ -255,17 +241,17 @@ def test_dash_keeps_the_exposures_that_it_has_learned(growing):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["mask_gaussian", "lp_3dgs", "gaussian_spa"])
-def test_a_method_that_learns_more_goes_on_from_a_checkpoint_with_the_same_bits(growing, name):
+def test_a_method_that_learns_more_goes_on_from_a_checkpoint_with_the_same_bits(trainer_of, name):
     """The one that goes on from it is stopped within the window in which its numbers are learned."""
 
     def trainer() -> Trainer:
-        return growing(METHODS[name].recipe, 120, target=20)
+        return trainer_of(METHODS[name].recipe, 120, target=20)
 
     first, second = trainer(), trainer()
     while first.step_count < 79:
         first.step()
     state = first.state()
-    assert any(key.startswith("optimizer.") for key in state.keys() - growing().state().keys())
+    assert any(key.startswith("optimizer.") for key in state.keys() - trainer_of().state().keys())
     second.restore(state)
     for one in (first, second):
         while one.step_count < 120:

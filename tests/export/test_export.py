@@ -7,10 +7,10 @@ import pytest
 import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import read_ply, write_ply
-from mi_dogsplat.export import gltf, spz
 from mi_dogsplat.export.bake import RATIOS, baked, nearest_gaussians
-from mi_dogsplat.export.packing import turned_rub
 from mi_dogsplat.export.write import FORMATS, Loss, Views, export_model, losses, mean_psnr
+from mi_dogsplat.formats import gltf, spz
+from mi_dogsplat.formats.packing import turned_rub
 from mi_dogsplat.render.framing import cameras_around, robust_sphere
 from mi_dogsplat.scene.splats import Splats
 from scipy.integrate import dblquad

@@ -11,6 +11,7 @@ PACKAGE = Path(__file__).parents[2] / "mi_dogsplat"
 STATIONS = [
     {"support"},
     {"scene"},
+    {"formats"},
     {"datasets"},
     {"reference"},
     {"engine"},

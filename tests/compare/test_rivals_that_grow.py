@@ -1,4 +1,4 @@
-"""What rivals do beside their scores, by independent brute force: schedules, penalties, growth, new beginnings."""
+"""What rivals that grow to the budget do beside their scores, by independent brute force: allotment, steps, moves."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -10,36 +10,16 @@ import numpy as np
 import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.compare.methods import METHODS
-from mi_dogsplat.compare.rivals import dash, gaussian_spa, gns, improved_gs, mask_gaussian, mcmc, mini_splatting, taming
+from mi_dogsplat.compare.rivals import dash, gns, improved_gs, mcmc, taming
 from mi_dogsplat.compare.rivals.dash import LARGEST, Spectra, count_at
 from mi_dogsplat.compare.rivals.gns import pull
 from mi_dogsplat.compare.rivals.mcmc import displacement
 from mi_dogsplat.compare.rivals.taming import VIEWS, Taming, importance, saliency
-from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.runs.history import run_to_end
-from mi_dogsplat.training.adam import Entry
-from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import Densified
-from mi_dogsplat.training.train import Trainer
 from splat_scenes import random_splats, rounded
-
-
-@pytest.fixture(scope="module")
-def trainer_of(data):
-    """Makes a trainer by a recipe, on tiny data, with a target of 90 primitives."""
-    config = TrainConfig(str(data), preset="3dgs", steps=60, sh_degree=1, target=90, log_every=10, test_every=10)
-
-    def make(recipe=None, steps=60, **settings):
-        return Trainer(replace(config, steps=steps, **settings), load_dataset(config.data, 1), recipe)
-
-    return make
-
-
-def opacities(trainer) -> np.ndarray:
-    return 1 / (1 + np.exp(-trainer.optimizer.numpy("logit_opacities").astype(float)))
-
 
 # Taming-3DGS
 
@@ -57,7 +37,7 @@ def test_taming_adds_up_the_terms_of_brute_force(trainer_of):
     def scaled(values, weight):
         return weight * values / np.median(values[values > 0])
 
-    of_model = scaled(gradient, 25) + scaled(opacities(trainer), 100)
+    of_model = scaled(gradient, 25) + scaled(trainer.optimizer.to_splats().opacities, 100)
     of_model += scaled(np.exp(splats.log_scales.astype(float)).prod(1), 25)
     expected = np.zeros(n)
     for view in (dataset.train[int(k)] for k in chosen):
@@ -189,90 +169,6 @@ def test_dash_grows_by_a_fifth_at_most_before_its_last_refinement_and_holds_posi
         assert got == pytest.approx(expected, rel=0.01), step
 
 
-# GaussianSpa
-
-
-def test_gaussianspa_has_its_penalty_in_every_50th_step_with_the_targets_from_before_it(trainer_of):
-    rule = gaussian_spa.GaussianSpa(start=2, stop=12, every=4, rho=0.7)
-    trainer = trainer_of(replace(METHODS["3dgs"].recipe, also=()), 3000, target=20)
-    z = u = np.zeros(0)
-    for step in range(13):
-        trainer.step_count = step
-        logits: Any = trainer.optimizer.params["logit_opacities"]
-        dr.set_grad(logits, dr.zeros(mi.Float, trainer.optimizer.n))
-        o = opacities(trainer)
-        rule.after_backward(trainer, None, SimpleNamespace(last=True))  # type: ignore[arg-type]
-        if step == 2:
-            z, u = np.where(o >= np.sort(o)[-20], o, 0), np.zeros(len(o))
-        expected = np.zeros(len(o))
-        if step in (5, 9):
-            expected = 0.7 * (o - z + u) * o * (1 - o)
-            z = np.where(o + u >= np.sort(o + u)[-20], o + u, 0)
-            u = u + o - z
-        np.testing.assert_allclose(dr.grad(logits).numpy(), expected, rtol=1e-4, atol=1e-7)
-        moved = trainer.optimizer.numpy("logit_opacities") + 0.1 * np.sin(np.arange(len(o)) + step)
-        trainer.optimizer.assign("logit_opacities", moved)
-    np.testing.assert_allclose(trainer.optimizer.numpy(gaussian_spa.DUAL), u, atol=1e-5)
-
-
-# Mini-Splatting
-
-
-@pytest.mark.parametrize("name", ["mini_splatting", "gaussian_spa"])
-def test_after_the_first_simplification_points_begin_anew_with_an_optimizer_that_is_new(trainer_of, name):
-    trainer = trainer_of(METHODS[name].recipe, 300, target=20, max_primitives=120)
-    while trainer.step_count < 150:
-        trainer.step()
-    means, colors = trainer.optimizer.numpy("means"), trainer.optimizer.numpy("sh_dc")
-    assert 20 < len(means) < 90  # of 120 at most
-    part = next(s for s in trainer.strategies if s.name == "reinitialize")
-    part.before_step(trainer, None)
-    np.testing.assert_array_equal(trainer.optimizer.numpy("means"), means)
-    np.testing.assert_allclose(trainer.optimizer.numpy("sh_dc"), colors, atol=1e-6)
-    np.testing.assert_allclose(opacities(trainer), 0.1, rtol=1e-5)
-    distance = np.sort(np.linalg.norm(means[:, None].astype(float) - means, axis=2), axis=1)[:, 1:4]
-    scale = np.sqrt((distance**2).mean(1))
-    np.testing.assert_allclose(np.exp(trainer.optimizer.numpy("log_scales")), scale[:, None].repeat(3, 1), rtol=1e-3)
-    assert not trainer.optimizer.numpy("sh_rest").any()
-    for parameter in trainer.optimizer.adam:
-        entry = Entry.of(trainer.optimizer.adam, parameter)
-        assert entry.t[0] == 0 and not entry.m.numpy().any() and not entry.v.numpy().any()
-    trainer.step()
-    rate = Entry.of(trainer.optimizer.adam, "means").rate
-    assert rate == pytest.approx(trainer.extent * 1.6e-4 * 0.01 ** (5000 / 30_000), rel=1e-6)  # that of step 5,000
-    assert Entry.of(trainer.optimizer.adam, "logit_opacities").rate == pytest.approx(0.05)
-
-
-def test_mini_splattings_second_simplification_renews_the_optimizer_alone(trainer_of):
-    trainer = trainer_of(mini_splatting.RECIPE, 300, target=20, max_primitives=120)
-    while trainer.step_count < 200:
-        trainer.step()
-    scales = trainer.optimizer.numpy("log_scales")
-    assert trainer.optimizer.n == 20
-    part = next(s for s in trainer.strategies if s.name == "reinitialize")
-    part.before_step(trainer, None)
-    np.testing.assert_array_equal(trainer.optimizer.numpy("log_scales"), scales)
-    assert Entry.of(trainer.optimizer.adam, "means").t[0] == 0
-
-
-# MaskGaussian
-
-
-def test_masks_are_there_from_the_first_step_and_sweep_at_every_refinement(trainer_of):
-    recipe = METHODS["mask_gaussian"].recipe
-    assert METHODS["mask_gaussian"].whole and not METHODS["mask_gaussian"].from_the_start
-    trainer = trainer_of(recipe, 3000, target=20)
-    trainer.step()
-    logits = trainer.optimizer.numpy(mask_gaussian.MASK)
-    step = 10 * mask_gaussian.RATE  # a tenth of the recipe's steps
-    np.testing.assert_allclose(np.abs(logits - (10 - 1)), step, rtol=1e-3)
-    part = next(s for s in trainer.strategies if s.name == "maskgaussian")
-    for step, swept in ((100, True), (150, False), (1500, True), (1550, False), (1600, True), (2500, True)):
-        trainer.step_count = step
-        trainer.optimizer.assign(mask_gaussian.MASK, np.where(np.arange(trainer.optimizer.n) < 1, -60.0, 9.0))
-        assert bool(part.after_step(trainer, None)) == swept, step
-
-
 # 3DGS-MCMC
 
 
@@ -335,7 +231,8 @@ def test_mcmc_grows_by_a_twentieth_to_the_budget_and_then_relocates(trainer_of):
     trainer.optimizer.assign("logit_opacities", logits)
     trainer.step_count = part.every * (1 + part.start // part.every)
     event = part.after_step(trainer, None)[0]
-    assert event.record["moved"] >= 5 and trainer.optimizer.n == 90 and opacities(trainer).min() > 0.0049
+    assert event.record["moved"] >= 5 and trainer.optimizer.n == 90
+    assert trainer.optimizer.to_splats().opacities.min() > 0.0049
 
 
 # GNS and Improved-GS
@@ -366,7 +263,7 @@ def test_natural_selection_steers_its_weight_meets_the_budget_and_lowers_the_ste
     logits: Any = trainer.optimizer.params["logit_opacities"]
     dr.set_grad(logits, dr.zeros(mi.Float, trainer.optimizer.n))
     part.after_backward(trainer, state, SimpleNamespace())  # type: ignore[arg-type]
-    assert state.began == pytest.approx(0.8 * np.sort(opacities(trainer))[-20], rel=1e-5)
+    assert state.began == pytest.approx(0.8 * np.sort(trainer.optimizer.to_splats().opacities)[-20], rel=1e-5)
     assert (dr.grad(logits).numpy() > 0).all()
     trainer.step_count = 300  # the opacity at the rank is far above its way
     part.before_step(trainer, state)

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.engine.sh import C0
-from mi_dogsplat.export import compressed_ply, gltf, sog, spz
-from mi_dogsplat.export.packing import morton_order, turned_rub, unit_quats
-from mi_dogsplat.export.palette import codebook, nearest, palette
+from mi_dogsplat.formats import compressed_ply, gltf, sog, spz
+from mi_dogsplat.formats.packing import morton_order, turned_rub, unit_quats
+from mi_dogsplat.formats.palette import codebook, nearest, palette
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from PIL import Image
