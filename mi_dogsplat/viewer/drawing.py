@@ -54,7 +54,7 @@ class Drawing:
     def replace(self, splats: Splats) -> None:
         """Draw another model from now on."""
         self.splats = splats
-        self._params: dict[str, dict] = {}
+        self._params: dict[str, tuple[dict, int]] = {}  # and the SH degree of the part
 
     @property
     def choices(self) -> list[str]:
@@ -88,9 +88,11 @@ class Drawing:
     def _render(self, part: str, camera: Camera, settings: Settings) -> Array:
         """[H, W, 3] in 0..1."""
         if part not in self._params:
-            self._params[part] = upload(PARTS[part](self.splats))
-        options = RasterOptions(min(settings.sh_degree, self.splats.sh_degree), antialiased=self.antialiased)
-        return render_picture(self._params[part], camera, options, settings.background, self.near_clip).color
+            splats = PARTS[part](self.splats)
+            self._params[part] = upload(splats), splats.sh_degree
+        params, degree = self._params[part]
+        options = RasterOptions(min(settings.sh_degree, degree), antialiased=self.antialiased)
+        return render_picture(params, camera, options, settings.background, self.near_clip).color
 
 
 def nearest_view(views: Sequence[View], camera: Camera) -> View:
