@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mi_dogsplat import Splats, reference, write_ply
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG
-from mi_dogsplat.engine.transform import transformed
 from mi_dogsplat.scene.row_groups import SH
+from mi_dogsplat.scene.transform import transformed
 from splat_scenes import (
     assert_gradients_equal,
     axis_rotation,
