@@ -36,7 +36,7 @@ ABLATE_FLAGS = [
 ]
 METAVARS = {int: "N", float: "X", str: "NAME"}
 PRUNE_FLAGS = [
-    *("preset", "steps", "target", "batch_views", "downscale", "split", "background", "antialiased"),
+    *("preset", "steps", "target", "format", "batch_views", "downscale", "split", "background", "antialiased"),
     *("near_clip", "near_zone", "masks", "exposure", "data_on_disk", "seed", "variant", "log_every", "test_every"),
     *("memory", "checkpoint_seconds"),
 ]

@@ -20,6 +20,8 @@ TESTS = "steps between measurements of PSNR and FLIP on the test views; 0: eight
 MEASURED = "views that are measured: test; or validation, every 8th training view, no test view being read then"
 NEAR_ZONE = "remove primitives nearer than this to a training camera, world units; 0: none"
 BATCH = "views of a step, which takes the mean of their gradients; step sizes grow with the square root"
+FORMATS = ("ply", "spz", "sog")
+FORMAT = f"file to train for, of {', '.join(FORMATS)}: the last part of the training sees the model as it will be there"
 CHECKPOINTS = "time between checkpoints; longer where they would take a fiftieth of the time"
 
 
@@ -36,6 +38,7 @@ class TrainConfig:
         int, Setting("training steps; the whole schedule scales along (default: the preset's)", least=1)
     ] = FROM_RECIPE
     target: Annotated[float, Setting("primitives left after pruning: below 1 a ratio, else a count")] = 0.1
+    format: Annotated[str, Setting(FORMAT, choices=FORMATS)] = "ply"
     batch_views: Annotated[int, Setting(BATCH, least=1)] = 1
     downscale: Downscale = 1
     max_primitives: Annotated[int | None, Setting("never hold more primitives than this", least=1)] = None
