@@ -1,0 +1,123 @@
+"""Bytes of a model in the formats that a training can end in, and what each part of a primitive adds to them.
+
+A PLY file with rows for each SH degree holds what its primitives hold: its prices are those of the layout. SPZ and SOG
+compress, and how well depends on the model: their prices are measured, as differences between encodings of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from ..scene.ply import write_ply
+from ..scene.splats import MAX_SH_DEGREE, Splats
+from . import sog, spz
+from .packing import morton_order, turned_rub
+
+FLOAT, INDEX = 4, 4  # bytes
+VERTEX = 17 * FLOAT  # position, normal, constant colour, opacity, scales, rotation
+DOG_ROW = INDEX + 4 * FLOAT
+BLOCK = 1024  # primitives that are neighbours in the order of a file
+BLOCKS = 32  # of them, at most, are encoded to measure prices: for a larger model, spread over it
+
+
+@dataclass(frozen=True)
+class Prices:
+    """Bytes of a file by what it holds."""
+
+    fixed: float  # of the file
+    bands: tuple[float, float, float, float]  # of a primitive with the bands up to degree 0, 1, 2, 3
+    dog: float  # of a DoG row
+
+    def of(self, splats: Splats) -> float:
+        """Bytes of the file of a model, as far as prices tell."""
+        return self.fixed + float(np.take(self.bands, splats.sh_degrees).sum()) + self.dog * splats.n_dog
+
+    def scaled(self, factor: float) -> Prices:
+        """All but the fixed part times ``factor``."""
+        bands = tuple(factor * price for price in self.bands)
+        return Prices(self.fixed, bands, factor * self.dog)  # pyright: ignore[reportArgumentType] - as many as there were
+
+
+def _ply(splats: Splats) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "model.ply"
+        write_ply(path, splats, "rows")
+        return path.read_bytes()
+
+
+def _in_order(splats: Splats) -> Splats:
+    """Plain Gaussians of one SH degree, neighbours after neighbours."""
+    plain = splats.plain().uniform_sh()
+    return plain.select(morton_order(plain.means))
+
+
+ENCODERS: dict[str, Callable[[Splats], bytes]] = {
+    "ply": _ply,
+    "spz": lambda splats: spz.encode(turned_rub(_in_order(splats))),
+    "sog": lambda splats: sog.encode(_in_order(splats)),
+}
+
+
+def encoded(name: str, splats: Splats) -> bytes:
+    """The file of a model in one of ``ENCODERS``; primaries of DoG primitives alone where the format has no DoG."""
+    return ENCODERS[name](splats)
+
+
+def prices(name: str, splats: Splats) -> Prices:
+    """What the parts of a model cost in a format.
+
+    Raises ``ValueError`` for a model without primitives.
+    """
+    if splats.n_splats == 0:
+        raise ValueError("prices: the model is empty")
+    if name == "ply":
+        bands = (VERTEX, *(VERTEX + INDEX + 3 * FLOAT * ((d + 1) ** 2 - 1) for d in range(1, MAX_SH_DEGREE + 1)))
+        return Prices(_size(name, Splats.empty(0)), bands, DOG_ROW)
+    return _measured(name, splats)
+
+
+def _measured(name: str, splats: Splats) -> Prices:
+    """Differences between encodings of a sample.
+
+    A primitive of degree 0: of the sample and of a half of it, all without bands, which leaves the fixed part. A band:
+    of the primitives that have it, with and without it, spread over all of them. Where none has it, as the band below.
+    """
+    sample = _sample(splats)
+    flat = sample.uniform_sh(0)
+    whole, half = _size(name, flat), _size(name, _half(flat))
+    base = max(0.0, (whole - half) / (flat.n_splats - flat.n_splats // 2))
+    prices, degrees = [base], sample.sh_degrees
+    for degree in range(1, MAX_SH_DEGREE + 1):
+        have = sample.select(degrees >= degree)
+        added = 0.0
+        if have.n_splats:
+            added = (_size(name, have.uniform_sh(degree)) - _size(name, have.uniform_sh(degree - 1))) / have.n_splats
+        elif degree > 1:
+            added = prices[-1] - prices[-2]
+        prices.append(prices[-1] + max(0.0, added))
+    return Prices(max(0.0, whole - base * flat.n_splats), (prices[0], prices[1], prices[2], prices[3]), 0.0)
+
+
+def _size(name: str, splats: Splats) -> int:
+    return len(encoded(name, splats))
+
+
+def _sample(splats: Splats) -> Splats:
+    """Blocks of neighbours, spread over the model; all of a model that is no larger."""
+    order = morton_order(splats.means)
+    blocks = np.arange(len(order)) // BLOCK
+    count = int(blocks[-1]) + 1
+    if count <= BLOCKS:
+        return splats
+    chosen = np.linspace(0, count - 1, BLOCKS).astype(int)
+    return splats.select(order[np.isin(blocks, chosen)])
+
+
+def _half(splats: Splats) -> Splats:
+    """The half of the primitives that comes first in the order of a file."""
+    return splats.select(morton_order(splats.means)[: splats.n_splats // 2])
