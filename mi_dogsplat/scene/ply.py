@@ -168,7 +168,7 @@ def write_ply(path: str | Path, splats: Splats, layout: Literal["3dgs", "rows"] 
     data = [vertex.tobytes()]
 
     dog = np.concatenate([splats.dog_logit_opacities[:, None], splats.dog_log_scales], axis=1)  # [M, 4]
-    groups = [("dog", _DOG, splats.dog_index, dog)]
+    groups: list[tuple[str, tuple[str, ...], Array, Array]] = [("dog", _DOG, splats.dog_index, dog)]
     for degree, element in _SH_ELEMENTS.items():
         (name,) = SH[degree].names
         rest = _by_channel(getattr(splats, name))
