@@ -30,7 +30,7 @@ class Prices:
     """Bytes of a file by what it holds."""
 
     fixed: float  # of the file
-    bands: tuple[float, float, float, float]  # of a primitive with the bands up to degree 0, 1, 2, 3
+    bands: tuple[float, ...]  # of a primitive with the bands up to degree 0, 1, 2, 3
     dog: float  # of a DoG row
 
     def of(self, splats: Splats) -> float:
@@ -39,8 +39,7 @@ class Prices:
 
     def scaled(self, factor: float) -> Prices:
         """All but the fixed part times ``factor``."""
-        bands = tuple(factor * price for price in self.bands)
-        return Prices(self.fixed, bands, factor * self.dog)  # pyright: ignore[reportArgumentType] - as many as there were
+        return Prices(self.fixed, tuple(factor * price for price in self.bands), factor * self.dog)
 
 
 def _ply(splats: Splats) -> bytes:
@@ -68,6 +67,22 @@ def encoded(name: str, splats: Splats) -> bytes:
     return ENCODERS[name](splats)
 
 
+def by_part(name: str, splats: Splats) -> dict[str, int]:
+    """Bytes of the file of a model by what is in it, in order: what each part adds to a file with those before it.
+
+    ``primitives``: all but what follows; ``sh1``, ``sh2``, ``sh3``: the bands of that degree; ``dog``. Parts that add
+    nothing are left out.
+    """
+    degrees, flat = splats.sh_degrees, splats.plain()
+    sizes = {"primitives": _size(name, flat.uniform_sh(0))}
+    for degree in range(1, splats.sh_degree + 1):
+        sizes[f"sh{degree}"] = _size(name, flat.with_sh_degrees(np.minimum(degrees, degree)))
+    if splats.n_dog:
+        sizes["dog"] = _size(name, splats)
+    added = np.diff([0, *sizes.values()]).tolist()
+    return {part: size for part, size in zip(sizes, added, strict=True) if size}
+
+
 def prices(name: str, splats: Splats) -> Prices:
     """What the parts of a model cost in a format.
 
@@ -90,7 +105,7 @@ def _measured(name: str, splats: Splats) -> Prices:
     sample = _sample(splats)
     flat = sample.uniform_sh(0)
     whole, half = _size(name, flat), _size(name, _half(flat))
-    base = max(0.0, (whole - half) / (flat.n_splats - flat.n_splats // 2))
+    base = max(1.0, (whole - half) / (flat.n_splats - flat.n_splats // 2))
     prices, degrees = [base], sample.sh_degrees
     for degree in range(1, MAX_SH_DEGREE + 1):
         have = sample.select(degrees >= degree)
@@ -100,7 +115,7 @@ def _measured(name: str, splats: Splats) -> Prices:
         elif degree > 1:
             added = prices[-1] - prices[-2]
         prices.append(prices[-1] + max(0.0, added))
-    return Prices(max(0.0, whole - base * flat.n_splats), (prices[0], prices[1], prices[2], prices[3]), 0.0)
+    return Prices(max(0.0, whole - base * flat.n_splats), tuple(prices), 0.0)
 
 
 def _size(name: str, splats: Splats) -> int:

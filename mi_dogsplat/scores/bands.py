@@ -27,16 +27,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from ..engine.arrays import array_types, detached
+from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.parameters import device_array
-from ..engine.project import DeviceCamera
-from ..engine.sh import sh_basis
+from ..engine.sh import unit_basis
 from ..engine.view import prepare
 from ..engine.walks.color_products import composite_color_products
 from ..engine.walks.composite import composite_over
@@ -131,8 +131,8 @@ def bands(
     if n == 0:
         return Bands(x, [np.zeros(0)] * len(pairs), [])
     params = {name: dr.detach(value) for name, value in params.items()}
-    index = dr.arange(types.UInt, n)
-    means = [dr.gather(types.Float, detached(params["means"]), dr.fma(index, 3, axis)) for axis in range(3)]
+    index = dr.arange(mi.UInt32, n)
+    means = [dr.gather(mi.Float, params["means"], dr.fma(index, 3, axis)) for axis in range(3)]
     H = [dr.zeros(types.Float, n) for _ in pairs]
     b = [dr.zeros(types.Float, n) for _ in range(3 * k if photographs is not None else 0)]
     for v, camera in enumerate(cameras):
@@ -144,7 +144,8 @@ def bands(
             errors = [plane - detached(true) for plane, true in zip(picture, truth, strict=True)]
             dr.eval(errors)
         h, *g = composite_color_products(view, errors)
-        y = _basis(means, camera, SIZES.index(k))
+        direction = camera.offset(means) if camera.perspective else camera.rotation[2]
+        y = detached(unit_basis(direction, SIZES.index(k)))
         seen = h > 0
         for at, (i, j) in enumerate(pairs):
             H[at] = dr.select(seen, dr.fma(h * y[i], y[j], H[at]), H[at])
@@ -152,13 +153,3 @@ def bands(
             b[at] = dr.select(seen, dr.fma(2 * g[at % 3], y[at // 3], b[at]), b[at])
         dr.eval(H, b)
     return Bands(x, [column.numpy() for column in H], [column.numpy() for column in b])
-
-
-def _basis(means: list, camera: DeviceCamera, degree: int) -> list[Any]:
-    """Basis functions in the directions in which ``evaluate_sh`` asks for them."""
-    direction = [mean - detached(at) for mean, at in zip(means, camera.position, strict=True)]
-    if not camera.perspective:
-        direction = [detached(axis) for axis in camera.rotation[2]]
-    squared = sum(d * d for d in direction)
-    inverse = dr.rsqrt(dr.select(squared > 0, squared, 1))
-    return sh_basis(*(d * inverse for d in direction), degree)

@@ -1,6 +1,7 @@
 """What bands contribute, against brute force: pictures with coefficients changed, least squares over their pixels."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -41,7 +42,7 @@ def scene(degree: int, dog_share=0.3):
 def pictures(splats, sh_coeffs, background) -> np.ndarray:
     """[V, H, W, 3] in float64."""
     raw = {name: np.asarray(getattr(splats, name), np.float64) for name in vars(splats)}
-    model = SimpleNamespace(**raw | {"sh_coeffs": sh_coeffs, "dog_index": splats.dog_index})
+    model: Any = SimpleNamespace(**raw | {"sh_coeffs": sh_coeffs, "dog_index": splats.dog_index})
     return np.stack([reference.render(model, camera, [background] * 3)[0] for camera in CAMERAS])
 
 
