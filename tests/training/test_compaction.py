@@ -95,11 +95,6 @@ def test_a_size_that_the_model_does_not_reach_is_an_event_and_it_keeps_all_its_b
     assert trainer.optimizer.to_splats().sh_degree == 2 and not trainer.optimizer.to_splats().mixed_sh
 
 
-def test_a_size_for_which_nothing_is_left_is_one_line(data, tmp_path, capsys):
-    flags = ["--steps", "20", "--sh-degree", "1", "--target", "100B", "--format", "spz"]
-    assert_one_line(dogsplat(capsys, "train", data, "-o", tmp_path / "run", *flags)[:1] + ("",) + ("",), "")
-
-
 @pytest.mark.parametrize("flags", [["--target", "1MB"], ["--target", "1MB", "--format", "spz"]])
 def test_a_model_that_has_the_size_already_is_one_line(data, tmp_path, capsys, flags):
     write_ply(tmp_path / "model.ply", tiny_data.truth())
@@ -142,7 +137,7 @@ LOSSES = ([9, 5, 4, 1.0], [[4, 0], [0.1, 0], [0.1, 0], [0, 0.0]], [3, 0.01, 0, 0
         (1000, [0, 1, 2, 3], [1, 1, 1, 0], [0, 1]),  # all of it
         (485, [0, 1, 2, 3], [1, 0, 0, 0], [0]),  # bands and rows that hardly matter go first
         (385, [0, 1, 2], [1, 0, 0], [0]),  # then the last primitive
-        (275, [0, 1], [1, 0], [0]),
+        (285, [0, 1], [1, 0], [0]),
         (60, [], [], []),
     ],
 )

@@ -19,6 +19,7 @@ from ...scene.splats import Splats
 from ...support.errors import DataError
 from ..events import Allocated, Event, NotPruned, Pruned, Refined
 from ..optimizer import SplatOptimizer
+from ..sh_rows import bands_of
 from .options import Chosen, Options
 from .scheduler import Progress, PruningRule, PruningScheduler
 from .strategy import Strategy, Training
@@ -79,10 +80,11 @@ class Compaction(Strategy[Compacted]):
         self, t: Training, splats: Splats, size: int, budget: int, reason: str, l1: float | None = None
     ) -> list[Event]:
         l1 = t.training_l1() if l1 is None else l1
-        options = Options.of(t, splats)
-        chosen, after = self._fitting(splats, size, budget, options)
-        take(t.optimizer, options, chosen)
-        return [Pruned(splats.n_splats, len(chosen.kept), reason, l1), self._allocated(chosen, after, budget)]
+        model, kept, after = self._fitting(splats, size, budget, Options.of(t, splats))
+        take(t.optimizer, model, kept)
+        degrees = tuple(np.bincount(model.sh_degrees, minlength=4).tolist())
+        allocated = Allocated(after, budget, degrees, model.n_dog)
+        return [Pruned(splats.n_splats, model.n_splats, reason, l1), allocated]
 
     def end(self, t: Training, state: Compacted) -> list[Event]:
         """Leave out what can never be seen and, where the file is too large, what the model can do without best."""
@@ -91,10 +93,11 @@ class Compaction(Strategy[Compacted]):
         size = len(encoded(self.format, splats))
         return self._divide(t, splats, size, self.size, "the file has its size") if size > self.size else []
 
-    def _fitting(self, splats: Splats, size: int, budget: int, options: Options) -> tuple[Chosen, int]:
-        """A choice whose file has at most ``budget`` bytes, and those that it has; ``size``: of the file as it is.
+    def _fitting(self, splats: Splats, size: int, budget: int, options: Options) -> tuple[Splats, np.ndarray, int]:
+        """(model of a choice whose file has at most ``budget`` bytes, its rows, the bytes); ``size``: of all of it now.
 
-        Prices are estimates: what a file has too much comes off the next attempt, and a little more each time.
+        Prices are estimates: what a file has too much comes off the next attempt, and a little more each time, but no
+        more than a half of what the primitives may take.
         Raises ``DataError`` where nothing fits.
         """
         known = prices(self.format, splats)
@@ -104,15 +107,12 @@ class Compaction(Strategy[Compacted]):
             chosen = options.chosen(known, wanted)
             if not len(chosen.kept):
                 break
-            after = len(encoded(self.format, as_chosen(splats, options, chosen)))
+            model = as_chosen(splats, options, chosen)
+            after = len(encoded(self.format, model))
             if after <= budget:
-                return chosen, after
-            wanted -= (after - budget) * (1 + attempt / 4)
+                return model, chosen.kept, after
+            wanted = max(wanted - (after - budget) * (1 + attempt / 4), (wanted + known.fixed) / 2)
         raise DataError("--target", f"no primitive fits into {budget} bytes of {self.format}", "use a larger size")
-
-    @staticmethod
-    def _allocated(chosen: Chosen, size: int, budget: int) -> Allocated:
-        return Allocated(size, budget, tuple(np.bincount(chosen.degrees, minlength=4).tolist()), len(chosen.dog))
 
 
 def as_chosen(splats: Splats, options: Options, chosen: Chosen) -> Splats:
@@ -125,7 +125,12 @@ def as_chosen(splats: Splats, options: Options, chosen: Chosen) -> Splats:
     return replace(whole, **dog).with_sh_degrees(chosen.degrees)
 
 
-def take(optimizer: SplatOptimizer, options: Options, chosen: Chosen) -> None:
-    """``as_chosen`` in an optimizer, with the moments of what stays."""
-    optimizer.keep(chosen.kept)
-    optimizer.set_sh_degrees(chosen.degrees)
+def take(optimizer: SplatOptimizer, model: Splats, kept: np.ndarray) -> None:
+    """Make ``model``, of the rows ``kept`` with what was chosen, that of an optimizer; what stays keeps its moments."""
+    optimizer.keep(kept)
+    optimizer.set_sh_degrees(model.sh_degrees)
+    optimizer.assign("sh_dc", model.sh_coeffs[:, 0])
+    for name, values in bands_of(model).items():
+        optimizer.assign(name, values.reshape(len(values), -1))
+    if optimizer.n_dog != model.n_dog:
+        optimizer.set_dog(model.dog_index, model.dog_logit_opacities, model.dog_log_scales)
