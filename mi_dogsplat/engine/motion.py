@@ -13,6 +13,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..scene.row_groups import SH
 from .sh import read_rows, sh_basis, sh_basis_table
 
 
@@ -34,6 +35,12 @@ def moved(params: dict, to_world: mi.Transform4f) -> dict:
     size = dr.width(params["sh_coeffs"]) // (3 * n)
     if size > 1:
         result["sh_coeffs"] = _table(_turned(read_rows(params["sh_coeffs"], 3 * size, 3 * size, index), rotation))
+    for degree, group in SH.items():
+        if group.index in params:
+            (name,), size = group.names, 3 * ((degree + 1) ** 2 - 1)
+            row = dr.arange(mi.UInt32, dr.width(params[group.index]))
+            bands = read_rows(params[name], size, size, row)
+            result[name] = _table(_turned([mi.Float(0)] * 3 + bands, rotation)[3:])
     return result
 
 
