@@ -10,6 +10,7 @@ from typing import Any, NoReturn, Union, get_args, get_origin
 from ..check import PARTS
 from ..compare.names import ABLATION, ALL, PUBLISHED, SETS
 from ..datasets.capture_config import CaptureConfig
+from ..editing.clean_config import CleanConfig
 from ..render.picture_options import PictureOptions
 from ..support.settings import settings_of
 from ..training.config import TrainConfig
@@ -17,6 +18,7 @@ from .help import (
     ABLATE_EXAMPLES,
     CAPTURE_EXAMPLES,
     CHECK_EXAMPLES,
+    CLEAN_EXAMPLES,
     COMPARE_EXAMPLES,
     EPILOG,
     EVAL_EXAMPLES,
@@ -182,6 +184,14 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     p.add_argument("--dog", default="bake", metavar="HOW", help="DoG: bake (nearest Gaussians) or drop (default: bake)")
     p.add_argument("--data", metavar="DATA", help="measure the loss on its test views, against its photographs too")
     p.add_argument("--views", type=int, default=8, metavar="N", help="views to measure on; 0: none (default: 8)")
+    _add_picture_flags(p)
+
+    p = command("clean", "a model without what it does not need, or what you do not want", CLEAN_EXAMPLES)
+    p.add_argument("model", type=Path, metavar="MODEL", help="model .ply")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help="model .ply to write")
+    _add_settings(p, CleanConfig)
+    p.add_argument("--data", metavar="DATA", help="for --seen, --floaters, and PSNR on photographs before and after")
+    p.add_argument("--preview", type=Path, metavar="OUT.png", help="also write a picture of before and after")
     _add_picture_flags(p)
 
     p = command("view", "a model, or a run while it trains, in the browser", VIEW_EXAMPLES)
