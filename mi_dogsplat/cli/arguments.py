@@ -11,6 +11,7 @@ from ..check import PARTS
 from ..compare.names import ABLATION, ALL, PUBLISHED, SETS
 from ..datasets.capture_config import CaptureConfig
 from ..editing.clean_config import CleanConfig
+from ..editing.simplify_config import SimplifyConfig
 from ..render.picture_options import PictureOptions
 from ..support.settings import settings_of
 from ..training.config import TrainConfig
@@ -26,6 +27,7 @@ from .help import (
     INFO_EXAMPLES,
     PRUNE_EXAMPLES,
     RENDER_EXAMPLES,
+    SIMPLIFY_EXAMPLES,
     TRAIN_EXAMPLES,
     VIEW_EXAMPLES,
 )
@@ -78,7 +80,7 @@ def _add_settings(parser: argparse.ArgumentParser, kind: type, names: list[str] 
         metavar: Any = setting.metavar or METAVARS[value]
         text = " ".join(map(str, default)) if isinstance(default, tuple) else default
         options: dict[str, Any] = {"nargs": count, "metavar": tuple(metavar.split())} if count else {"metavar": metavar}
-        shown = setting.help + ("" if default is None else f" (default: {text})")
+        shown = (setting.help + ("" if default is None else f" (default: {text})")).replace("%", "%%")
         parser.add_argument(flag, type=value, default=default, help=shown, **options)
 
 
@@ -185,6 +187,13 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     p.add_argument("--data", metavar="DATA", help="measure the loss on its test views, against its photographs too")
     p.add_argument("--views", type=int, default=8, metavar="N", help="views to measure on; 0: none (default: 8)")
     _add_picture_flags(p)
+
+    p = command("simplify", "fewer primitives, without photographs", SIMPLIFY_EXAMPLES)
+    p.add_argument("model", type=Path, metavar="MODEL", help="model .ply")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help="model .ply to write")
+    _add_settings(p, SimplifyConfig)
+    _add_settings(p, PictureOptions, ["background", "antialiased", "near_clip"])
+    _add_settings(p, TrainConfig, ["variant"])
 
     p = command("clean", "a model without what it does not need, or what you do not want", CLEAN_EXAMPLES)
     p.add_argument("model", type=Path, metavar="MODEL", help="model .ply")

@@ -14,12 +14,13 @@ from typing import Any, TypeVar
 from ..compare.names import ABLATION, ALL, SETS, chosen
 from ..datasets.capture_config import CaptureConfig
 from ..editing.clean_config import CleanConfig
+from ..editing.simplify_config import SimplifyConfig
 from ..render.picture_options import PictureOptions
 from ..support.errors import DataError
 from ..support.settings import settings_of
 from ..support.variants import set_variant
 from ..training.config import TrainConfig
-from .printing import cleaned_lines, loss_table, metrics_line
+from .printing import cleaned_lines, loss_table, metrics_line, simplified_lines
 
 T = TypeVar("T")
 
@@ -163,6 +164,19 @@ def export(args: argparse.Namespace) -> None:
     print(_size_line(args.out, exported.n_splats, args.model))
 
 
+def simplify(args: argparse.Namespace) -> None:
+    """Merge primitives that are near and alike until few are left, and fit those to renders of the model."""
+    config, options = _given(SimplifyConfig, args), _given(PictureOptions, args)
+    set_variant(args.variant)
+    from ..editing.simplify import simplify_model
+    from .progress import Bar
+
+    with Bar("step") as bar:
+        simplified = simplify_model(args.model, args.out, config, options, bar.show)
+    print("\n".join(simplified_lines(simplified)))
+    print(_size_line(args.out, simplified.n_after, args.model))
+
+
 def clean(args: argparse.Namespace) -> None:
     """Take out of a model what no picture of it shows, which changes none, and what you do not want."""
     config, options = _given(CleanConfig, args), _given(PictureOptions, args)
@@ -223,5 +237,6 @@ def _say(line: str) -> None:
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
     "train": train, "prune": prune, "ablate": ablate, "compare": compare, "render": render, "eval": evaluate,
-    "capture": capture, "check": check, "export": export, "clean": clean, "view": view, "info": info
+    "capture": capture, "check": check, "export": export, "simplify": simplify, "clean": clean, "view": view,
+    "info": info
 }  # fmt: skip

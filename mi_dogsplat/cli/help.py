@@ -137,6 +137,18 @@ These formats know no negative lobes: a DoG primitive becomes the Gaussian neare
 (--dog drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the
 others the axes of the model.
 """
+SIMPLIFY_EXAMPLES = """
+Examples:
+  dogsplat simplify model.ply -o small.ply --target 10%       a tenth of its primitives, in minutes
+  dogsplat simplify model.ply -o small.ply --target 20 --steps 0
+                                                              so many, merged alone: in seconds
+  dogsplat simplify model.ply -o small.ply --target 5% --dog  with Differences of Gaussians
+
+For models without photographs, of any program; with photographs dogsplat prune knows better what matters.
+Cameras are placed around the model, and where there is room inside. They say how much of each primitive is
+seen, and the merged model is fitted to what they see of the old one. PSNR is measured from other places. The
+pictures have a grey background, so that nothing hides in it; --background black or white fits to that alone.
+"""
 CLEAN_EXAMPLES = """
 Examples:
   dogsplat clean model.ply -o lean.ply                       what no picture shows leaves: all keep their bits

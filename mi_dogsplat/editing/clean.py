@@ -115,9 +115,7 @@ def rules(
     return found
 
 
-def write_preview(
-    out: Path, before: Splats, after: Splats, data: str | Path | None, options: PictureOptions
-) -> None:
+def write_preview(out: Path, before: Splats, after: Splats, data: str | Path | None, options: PictureOptions) -> None:
     """Both models side by side, from the first test view of the data or a camera that frames the first one."""
     view = viewpoint(before, data, None, options)
     pictures = [

@@ -61,7 +61,7 @@ class Clusters:
         axes = Rotation.from_quat(quats).as_matrix() * scales[:, None]  # [N, 3, 3]
         given = absorbances if weights is None else np.asarray(weights, np.float64)
         coefficients = splats.sh_coeffs.astype(np.float64)
-        return Clusters(given, absorbances, splats.means.astype(np.float64), axes @ axes.mT, coefficients)
+        return Clusters(given, absorbances, splats.means.astype(np.float64), axes @ axes.swapaxes(1, 2), coefficients)
 
     def select(self, rows: Array) -> Clusters:
         """Those at an index or mask."""

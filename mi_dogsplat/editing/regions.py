@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 from scipy.spatial.transform import Rotation
 
 from ..scene.splats import Array, Splats
@@ -18,7 +18,8 @@ DEVIATIONS = 2.0  # how far a primitive reaches
 
 def in_box(splats: Splats, low: Sequence[float], high: Sequence[float]) -> Array:
     """[N] bool, centres within a box of the axes, its faces included."""
-    return ((splats.means >= np.asarray(low)) & (splats.means <= np.asarray(high))).all(axis=1)
+    within = (splats.means >= np.asarray(low)) & (splats.means <= np.asarray(high))  # [N, 3]
+    return np.all(within, axis=1)
 
 
 def in_sphere(splats: Splats, centre: Sequence[float], radius: float) -> Array:

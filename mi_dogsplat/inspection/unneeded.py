@@ -54,8 +54,10 @@ class Unneeded:
         ]
         for degree in SH:
             zero = ~self.invisible & (splats.sh_degrees >= degree) & (self.sh_degrees < degree)
-            kinds.append((f"zero bands of SH degree {degree}", zero, 3 * FLOAT * (2 * degree + 1) * np.ones(len(zero))))
-        return [f"{name}: {count(rows.sum())}, {file_size(sizes[rows].sum())}" for name, rows, sizes in kinds if rows.any()]
+            sizes = np.full(splats.n_splats, 3 * FLOAT * (2 * degree + 1))
+            kinds.append((f"zero bands of SH degree {degree}", zero, sizes))
+        there = [(name, rows.sum(), sizes[rows].sum()) for name, rows, sizes in kinds if rows.any()]
+        return [f"{name}: {count(number)}, {file_size(size)}" for name, number, size in there]
 
     def taken_out(self, splats: Splats, mixed_sh: bool = False) -> Splats:
         """The model without it.
@@ -96,8 +98,9 @@ def _opacities(logits: Array) -> Array:
 def _finite(splats: Splats) -> Array:
     """[N] whether the engine takes the parameters: all are finite, but opacities may be those of ±∞."""
     dense = (splats.means, splats.log_scales, splats.quats, splats.sh_coeffs)
-    finite = np.all([np.isfinite(v.reshape(len(v), -1)).all(axis=1) for v in dense], axis=0)
-    finite &= ~np.isnan(splats.logit_opacities)
+    finite = ~np.isnan(splats.logit_opacities)
+    for values in dense:
+        finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     finite[splats.dog_index] &= np.isfinite(splats.dog_log_scales).all(axis=1) & ~np.isnan(splats.dog_logit_opacities)
     for group in SH.values():
         (name,) = group.names

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from ..datasets.camera_paths import hemisphere, look_at
 from ..scene.cameras import Camera
@@ -51,8 +52,6 @@ def cameras_outside(splats: Splats, n: int, size: tuple[int, int], rng: np.rando
 
 def cameras_inside(splats: Splats, n: int, size: tuple[int, int], rng: np.random.Generator) -> list[Camera]:
     """At most ``n`` at free places near the core of a model, each looking at one of its primitives; maybe none."""
-    from scipy.spatial import cKDTree  # here: it is of the extras
-
     if n == 0:
         return []
     centre, radius = robust_sphere(splats)
