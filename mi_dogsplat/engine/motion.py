@@ -15,6 +15,7 @@ import numpy as np
 
 from ..scene.row_groups import SH
 from .sh import read_rows, sh_basis, sh_basis_table
+from .sh_groups import ROW_COEFFICIENTS
 
 
 def moved(params: dict, to_world: mi.Transform4f) -> dict:
@@ -37,10 +38,10 @@ def moved(params: dict, to_world: mi.Transform4f) -> dict:
         result["sh_coeffs"] = _table(_turned(read_rows(params["sh_coeffs"], 3 * size, 3 * size, index), rotation))
     for degree, group in SH.items():
         if group.index in params:
-            (name,), size = group.names, 3 * ((degree + 1) ** 2 - 1)
-            row = dr.arange(mi.UInt32, dr.width(params[group.index]))
-            bands = read_rows(params[name], size, size, row)
-            result[name] = _table(_turned([mi.Float(0)] * 3 + bands, rotation)[3:])
+            (name,), stride, used = group.names, 3 * ROW_COEFFICIENTS[degree], 3 * ((degree + 1) ** 2 - 1)
+            bands = read_rows(params[name], stride, used, dr.arange(mi.UInt32, dr.width(params[group.index])))
+            turned = _turned([mi.Float(0)] * 3 + bands, rotation)[3:]
+            result[name] = _table(turned + [mi.Float(0)] * (stride - used))
     return result
 
 

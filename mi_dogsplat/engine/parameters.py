@@ -11,7 +11,7 @@ import numpy as np
 from ..scene.row_groups import DOG, GROUPS, SH
 from ..scene.splats import DENSE, Splats
 from .project import NOT_DOG
-from .sh_groups import has_groups
+from .sh_groups import ROW_COEFFICIENTS, has_groups, padded_rows
 
 RAW = DENSE
 RAW_DOG = DOG.names
@@ -37,15 +37,20 @@ def device_bytes() -> Any:
 
 
 def upload(splats: Splats) -> dict:
-    """Arrays of the current variant; those of a group (``row_groups.py``) only when a primitive is in it."""
+    """Arrays of the current variant; those of a group (``row_groups.py``) only when a primitive is in it.
+
+    Rows of ``sh1_coeffs`` and ``sh3_coeffs`` are padded, see ``sh_groups.py``.
+    """
     params: dict = {name: device_array(getattr(splats, name)) for name in RAW}
-    for group in GROUPS:
-        index = getattr(splats, group.index)
-        if len(index):
-            params |= {name: device_array(getattr(splats, name)) for name in group.names}
-            params[group.index] = device_array(index, mi.UInt32)
     if splats.n_dog:
+        params |= {name: device_array(getattr(splats, name)) for name in RAW_DOG}
+        params["dog_index"] = device_array(splats.dog_index, mi.UInt32)
         params["dog_row"] = dog_rows(splats.dog_index, splats.n_splats)
+    for group in SH.values():
+        index, (name,) = getattr(splats, group.index), group.names
+        if len(index):
+            params[name] = device_array(padded_rows(getattr(splats, name)))
+            params[group.index] = device_array(index, mi.UInt32)
     return params
 
 
@@ -94,9 +99,9 @@ def _grouped(params: dict, n: int, size: int) -> dict:
     coeffs = params["sh_coeffs"]
     grouped = params | {"sh_coeffs": _sh_columns(coeffs, n, size, 0, 1)}
     if size > 1:
-        group = SH[(1, 4, 9, 16).index(size)]
-        grouped[group.index] = dr.arange(mi.UInt32, n)
-        grouped[group.names[0]] = _sh_columns(coeffs, n, size, 1, size)
+        degree = (1, 4, 9, 16).index(size)
+        grouped[SH[degree].index] = dr.arange(mi.UInt32, n)
+        grouped[SH[degree].names[0]] = _sh_columns(coeffs, n, size, 1, 1 + ROW_COEFFICIENTS[degree])
     return grouped
 
 
