@@ -141,6 +141,31 @@ These formats know no negative lobes: a DoG primitive becomes the Gaussian neare
 (--dog drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the
 others the axes of the model.
 """
+SIMPLIFY_EXAMPLES = """
+Examples:
+  dogsplat simplify model.ply -o small.ply --target 10%       a tenth of its primitives, in minutes
+  dogsplat simplify model.ply -o small.ply --target 20 --steps 0
+                                                              so many, merged alone: in seconds
+  dogsplat simplify model.ply -o small.ply --target 5% --dog  with Differences of Gaussians
+
+For models without photographs, of any program; with photographs dogsplat prune knows better what matters.
+Cameras are placed around the model, and where there is room inside. They say how much of each primitive is
+seen, and the merged model is fitted to what they see of the old one. PSNR is measured from other places. The
+pictures have a grey background, so that nothing hides in it; --background black or white fits to that alone.
+"""
+CLEAN_EXAMPLES = """
+Examples:
+  dogsplat clean model.ply -o lean.ply                       what no picture shows leaves: all keep their bits
+  dogsplat clean model.ply -o object.ply --sphere 0 0 0 1.5 --connected 1 --preview clean.png
+                                                             an object alone; and a picture to look at first
+  dogsplat clean model.ply -o lean.ply --data photos/ --seen --floaters
+                                                             what the photographs do not bear out
+
+Without flags: primitives of an opacity below 1/255, DoG that have faded, and SH bands that are zero. What the
+flags take out is counted, each primitive for the first reason that it has. --seen leaves every training view as
+it is. --floaters goes by the surfaces that the views show (docs/clean.md): look at the PSNR before and after,
+which --data adds.
+"""
 VIEW_EXAMPLES = """
 Examples:
   dogsplat view run/point_cloud.ply                     open the address that it prints in a browser
