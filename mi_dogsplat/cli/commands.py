@@ -8,17 +8,21 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 from ..compare.names import ABLATION, ALL, SETS, chosen
 from ..datasets.capture_config import CaptureConfig
+from ..editing.clean_config import CleanConfig
+from ..editing.simplify_config import SimplifyConfig
 from ..render.picture_options import PictureOptions
 from ..scene.drawing import Drawing, drawn_as
 from ..support.errors import DataError
 from ..support.settings import settings_of
 from ..support.variants import set_variant
 from ..training.config import TrainConfig
-from .printing import loss_table, metrics_line
+from ..training.target import target_bytes
+from .printing import cleaned_lines, loss_table, metrics_line, simplified_lines
 
 T = TypeVar("T")
 
@@ -77,6 +81,9 @@ def compare(args: argparse.Namespace) -> int:
         raise DataError("--only", f'"{error}" is unknown', f"use {', '.join((*SETS, *ALL))}") from None
     if args.workers < 0:
         raise DataError("--workers", f"{args.workers} is out of range", "use at least 0")
+    if target_bytes(args.target) is not None:
+        remedy = "compare and ablate take a ratio or a number of primitives"
+        raise DataError("--target", f"{args.target} is the size of a file", remedy)
     config = _config(args, preset="3dgs", data="")
     set_variant(config.variant)
     from ..compare.compare import compare as run_comparison
@@ -163,8 +170,32 @@ def export(args: argparse.Namespace) -> None:
     exported = export_model(args.model, args.out, args.dog, args.data, args.views, options, args.spz_version)
     for line in (*exported.left_out, *loss_table(exported)):
         print(line)
-    megabytes, before = (path.stat().st_size / 1e6 for path in (args.out, args.model))
-    print(f"{args.out}: {exported.n_splats:,} primitives, {megabytes:.2f} MB; {args.model.name} has {before:.2f} MB")
+    print(_size_line(args.out, exported.n_splats, args.model))
+
+
+def simplify(args: argparse.Namespace) -> None:
+    """Merge primitives that are near and alike until few are left, and fit those to renders of the model."""
+    config, options = _given(SimplifyConfig, args), _given(PictureOptions, args)
+    set_variant(args.variant)
+    from ..editing.simplify import simplify_model
+    from .progress import Bar
+
+    with Bar("step") as bar:
+        simplified = simplify_model(args.model, args.out, config, options, bar.show)
+    print("\n".join(simplified_lines(simplified)))
+    print(_size_line(args.out, simplified.n_after, args.model))
+
+
+def clean(args: argparse.Namespace) -> None:
+    """Take out of a model what no picture of it shows, which changes none, and what you do not want."""
+    config, options = _given(CleanConfig, args), _given(PictureOptions, args)
+    if args.data or args.preview:
+        set_variant(args.variant)
+    from ..editing.clean import clean_model
+
+    cleaned = clean_model(args.model, args.out, config, args.data, args.preview, options)
+    print("\n".join(cleaned_lines(cleaned)))
+    print(_size_line(args.out, cleaned.n_after, args.model))
 
 
 def view(args: argparse.Namespace) -> None:
@@ -203,11 +234,18 @@ def _given(kind: type[T], args: argparse.Namespace, **others: Any) -> T:
     return kind(**values | others)
 
 
+def _size_line(out: Path, n_splats: int, model: Path) -> str:
+    """What was written, beside what it was made of."""
+    megabytes, before = (path.stat().st_size / 1e6 for path in (out, model))
+    return f"{out}: {n_splats:,} primitives, {megabytes:.2f} MB; {model.name} has {before:.2f} MB"
+
+
 def _say(line: str) -> None:
     print(line, flush=True)
 
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
     "train": train, "prune": prune, "ablate": ablate, "compare": compare, "render": render, "eval": evaluate,
-    "capture": capture, "check": check, "export": export, "view": view, "info": info
+    "capture": capture, "check": check, "export": export, "simplify": simplify, "clean": clean, "view": view,
+    "info": info
 }  # fmt: skip

@@ -18,6 +18,8 @@ Examples:
   dogsplat train photos/ -o run --steps 7000 --downscale 2 --max-primitives 60000
                                                        minutes instead of hours, and a bounded size
   dogsplat train photos/ -o run --target 20000         a model of exactly so many primitives
+  dogsplat train photos/ -o run --target 2MB --format spz
+                                                       a file of at most so many bytes
   dogsplat train photos/ -o run --preset 3dgs          without pruning and DoG: the published baseline
   dogsplat train lego/ -o run --background white       images with alpha over white (as auto does)
   dogsplat train lego/ -o run --background random      another colour at each step: no splats hide in it
@@ -33,6 +35,8 @@ PRUNE_EXAMPLES = """
 Examples:
   dogsplat prune model.ply photos/ -o run                      a tenth of its primitives
   dogsplat prune model.ply photos/ -o run --target 20000 --steps 3500 --downscale 2
+  dogsplat prune model.ply photos/ -o run --target 2MB --format spz
+                                                               a file of at most so many bytes
   dogsplat prune model.ply photos/ -o run --preset released    as the authors' code does it
 
 The model may come from any trainer of 3D Gaussians. The schedule begins with its first prune, without
@@ -136,6 +140,31 @@ Examples:
 These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary
 (--dog drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the
 others the axes of the model.
+"""
+SIMPLIFY_EXAMPLES = """
+Examples:
+  dogsplat simplify model.ply -o small.ply --target 10%       a tenth of its primitives, in minutes
+  dogsplat simplify model.ply -o small.ply --target 20 --steps 0
+                                                              so many, merged alone: in seconds
+  dogsplat simplify model.ply -o small.ply --target 5% --dog  with Differences of Gaussians
+
+For models without photographs, of any program; with photographs dogsplat prune knows better what matters.
+Cameras are placed around the model, and where there is room inside. They say how much of each primitive is
+seen, and the merged model is fitted to what they see of the old one. PSNR is measured from other places. The
+pictures have a grey background, so that nothing hides in it; --background black or white fits to that alone.
+"""
+CLEAN_EXAMPLES = """
+Examples:
+  dogsplat clean model.ply -o lean.ply                       what no picture shows leaves: all keep their bits
+  dogsplat clean model.ply -o object.ply --sphere 0 0 0 1.5 --connected 1 --preview clean.png
+                                                             an object alone; and a picture to look at first
+  dogsplat clean model.ply -o lean.ply --data photos/ --seen --floaters
+                                                             what the photographs do not bear out
+
+Without flags: primitives of an opacity below 1/255, DoG that have faded, and SH bands that are zero. What the
+flags take out is counted, each primitive for the first reason that it has. --seen leaves every training view as
+it is. --floaters goes by the surfaces that the views show (docs/clean.md): look at the PSNR before and after,
+which --data adds.
 """
 VIEW_EXAMPLES = """
 Examples:

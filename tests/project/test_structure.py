@@ -26,6 +26,7 @@ STATIONS = [
     {"inspection"},
     {"check"},
     {"export"},
+    {"editing"},
     {"viewer"},
     {"cli"},
     {"demo"},
