@@ -63,7 +63,7 @@ def evaluate_groups(params: dict, camera: DeviceCamera, degree: int) -> list:
             index, coefficients = params[group.index], params[group.names[0]]
             stride = 3 * ROW_COEFFICIENTS[of_group]
             added = mi.Vector4f(*_of_rows(means, camera, index, coefficients, stride, used), 0)
-            dr.scatter_add(rows, added, index, mode=dr.ReduceMode.NoConflicts)
+            dr.scatter(rows, added, index)
     return read_rows(rows, 4, 3, dr.arange(mi.UInt32, n))
 
 
