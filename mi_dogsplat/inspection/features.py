@@ -21,6 +21,7 @@ from ..plugin.transfer import srgb_to_linear
 from ..scene.splats import MAX_SH_DEGREE, Splats
 from ..support.errors import DataError
 from ..support.wording import count
+from .unneeded import used_sh_degrees
 
 NEEDED, LEFT_OUT, UNUSED = "needed", "left out", "paid, not needed"
 PARAMETERS = 14  # of a Gaussian: centre 3, scales 3, quaternion 4, opacity, colour 3
@@ -76,7 +77,7 @@ def _dog_features(parts: list[Splats], negative_transmittance: bool) -> list[Fea
 
 
 def _sh_features(parts: list[Splats]) -> list[Feature]:
-    stored, used = max(s.sh_degree for s in parts), max(_used_degree(s) for s in parts)
+    stored, used = max(s.sh_degree for s in parts), max(int(used_sh_degrees(s).max(initial=0)) for s in parts)
     features = []
     for degree in range(1, MAX_SH_DEGREE + 1):
         if degree > stored:
@@ -85,7 +86,11 @@ def _sh_features(parts: list[Splats]) -> list[Feature]:
         with_it, without = (primitive_operations(RasterOptions(d), False, mi.variant()) for d in (degree, degree - 1))
         cost = f"each {_size(3 * (2 * degree + 1))}, {with_it - without:.0f} operations"
         zero = "" if degree <= used else "all of its coefficients are zero; "
-        features.append(Feature(f"SH degree {degree}", UNUSED if zero else NEEDED, zero + cost))
+        share = ""
+        if any(s.mixed_sh for s in parts):
+            n = sum(s.n_splats for s in parts)
+            share = f"{count(sum(int(np.sum(s.sh_degrees >= degree)) for s in parts))} of {count(n)} primitives; "
+        features.append(Feature(f"SH degree {degree}", UNUSED if zero else NEEDED, zero + share + cost))
     return features
 
 
@@ -174,12 +179,6 @@ def splat_scene(path: Path) -> mi.Scene | None:
     if not isinstance(scene, mi.Scene) or not isinstance(scene.integrator(), DogSplatIntegrator):
         return None
     return scene if any(isinstance(shape, DogShape) for shape in scene.shapes()) else None
-
-
-def _used_degree(splats: Splats) -> int:
-    """Highest degree with a coefficient that is not zero."""
-    bands = [splats.sh_coeffs[:, degree**2 : (degree + 1) ** 2] for degree in range(splats.sh_degree + 1)]
-    return max((degree for degree, band in enumerate(bands) if band.any()), default=0)
 
 
 def _size(parameters: int, indices: int = 0) -> str:
