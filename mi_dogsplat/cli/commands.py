@@ -16,10 +16,12 @@ from ..datasets.capture_config import CaptureConfig
 from ..editing.clean_config import CleanConfig
 from ..editing.simplify_config import SimplifyConfig
 from ..render.picture_options import PictureOptions
+from ..scene.drawing import Drawing, drawn_as
 from ..support.errors import DataError
 from ..support.settings import settings_of
 from ..support.variants import set_variant
 from ..training.config import TrainConfig
+from ..training.target import target_bytes
 from .printing import cleaned_lines, loss_table, metrics_line, simplified_lines
 
 T = TypeVar("T")
@@ -32,7 +34,11 @@ def train(args: argparse.Namespace) -> None:
 
 def prune(args: argparse.Namespace) -> None:
     """Prune a model to a target while refining it on its photographs, then add Differences of Gaussians."""
-    _run(_config(args, model=args.model), args)
+    from ..formats.read import read_model
+
+    drawn = drawn_as(Drawing(args.antialiased, args.near_clip), read_model(args.model).drawing)
+    how = {"antialiased": drawn.antialiased, "near_clip": drawn.near_clip}
+    _run(_config(args, model=args.model, **how), args)
 
 
 def _run(config: TrainConfig, args: argparse.Namespace) -> None:
@@ -75,6 +81,9 @@ def compare(args: argparse.Namespace) -> int:
         raise DataError("--only", f'"{error}" is unknown', f"use {', '.join((*SETS, *ALL))}") from None
     if args.workers < 0:
         raise DataError("--workers", f"{args.workers} is out of range", "use at least 0")
+    if target_bytes(args.target) is not None:
+        remedy = "compare and ablate take a ratio or a number of primitives"
+        raise DataError("--target", f"{args.target} is the size of a file", remedy)
     config = _config(args, preset="3dgs", data="")
     set_variant(config.variant)
     from ..compare.compare import compare as run_comparison
@@ -158,8 +167,8 @@ def export(args: argparse.Namespace) -> None:
     set_variant(args.variant)
     from ..export.write import export_model
 
-    exported = export_model(args.model, args.out, args.dog, args.data, args.views, options)
-    for line in loss_table(exported):
+    exported = export_model(args.model, args.out, args.dog, args.data, args.views, options, args.spz_version)
+    for line in (*exported.left_out, *loss_table(exported)):
         print(line)
     print(_size_line(args.out, exported.n_splats, args.model))
 
