@@ -9,6 +9,10 @@ from mi_dogsplat.editing.clean import clean_model
 from mi_dogsplat.editing.clean_config import CleanConfig
 from mi_dogsplat.editing.regions import in_box, largest_parts
 from mi_dogsplat.editing.views import evidence, seen
+from mi_dogsplat.formats.model import Model
+from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.formats.write import write_model
+from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from PIL import Image
@@ -148,3 +152,26 @@ def test_files_that_cannot_be_cleaned_are_one_line(capsys, model, tmp_path):
     assert_one_line(run(capsys, "clean", tmp_path / "empty.ply", "-o", out), "empty.ply", "the model is empty")
     with pytest.raises(DataError, match="would be lost"):
         clean_model(model, model)
+    assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "o.obj"), "o.obj")
+    assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "o.spz"), "o.spz", "no room for DoG")
+    assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "o.sog", "--mixed-sh"), "--mixed-sh", ".ply")
+
+
+def test_degrees_of_single_primitives_are_kept_or_made(capsys, tmp_path):
+    splats = tiny_data.truth()
+    splats.sh_coeffs[::3, 1:] = 0
+    write_ply(tmp_path / "m.ply", splats)
+    run(capsys, "clean", tmp_path / "m.ply", "-o", tmp_path / "rows.ply", "--mixed-sh")
+    run(capsys, "clean", tmp_path / "rows.ply", "-o", tmp_path / "again.ply")
+    run(capsys, "clean", tmp_path / "rows.ply", "-o", tmp_path / "m.spz")
+    for name in ("rows.ply", "again.ply"):
+        found = read_ply(tmp_path / name)
+        assert found.sh_degrees.tolist() == [0, 1, 1] * 20
+        assert np.array_equal(found.uniform_sh().sh_coeffs, splats.sh_coeffs)
+    assert read_model(tmp_path / "m.spz").splats.sh_degrees.tolist() == [1] * 60
+
+
+def test_what_the_file_says_is_kept_and_flags_come_first(capsys, tmp_path):
+    write_model(tmp_path / "m.ply", Model(tiny_data.truth(), Drawing(antialiased=True, up="z")))
+    run(capsys, "clean", tmp_path / "m.ply", "-o", tmp_path / "o.ply", "--near-clip", "0.3")
+    assert read_model(tmp_path / "o.ply").drawing == Drawing(antialiased=True, near_clip=0.3, up="z")

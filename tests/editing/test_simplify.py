@@ -5,12 +5,15 @@ import pytest
 import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import read_ply, write_ply
-from mi_dogsplat.editing.simplify import rendered, simplify_model
+from mi_dogsplat.editing.simplify import Look, rendered, simplify_model
 from mi_dogsplat.editing.simplify_config import SimplifyConfig
+from mi_dogsplat.formats.model import Model
+from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.picture_options import PictureOptions
+from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.training.fit import Drawing
 from splat_scenes import make_splats, rounded
 
 FAST = {"views": 8, "size": (40, 30)}
@@ -34,8 +37,8 @@ def model(tmp_path_factory):
 
 def quality(found: Splats, truth: Splats) -> float:
     """PSNR in dB from cameras of the tests' own."""
-    drawing, cameras = Drawing(0.5, 0.2), tiny_data.cameras()
-    pairs = zip(rendered(found, cameras, drawing), rendered(truth, cameras, drawing), strict=True)
+    look, cameras = Look(0.5, 0.2, False), tiny_data.cameras()
+    pairs = zip(rendered(found, cameras, look), rendered(truth, cameras, look), strict=True)
     return float(np.mean([psnr(a, b) for a, b in pairs]))
 
 
@@ -108,12 +111,13 @@ def test_what_is_not_needed_is_not_merged_into_what_is_seen(tmp_path):
         (["--target", "nan"], ["--target", "nan"]),
         (["--target", "few"], ["--target", "few"]),
         (["--target", "0.01%"], ["--target", "leaves none"]),
-        (["--target", "900"], ["--target", "not fewer than the 900"]),
+        (["--target", "900"], ["--target", "not below the 900"]),
         (["--steps", "-1"], ["--steps", "at least 0"]),
         (["--views", "1"], ["--views", "at least 2"]),
         (["--size", "8", "8"], ["--size", "too small"]),
         (["--dog", "--steps", "1"], ["--dog"]),
         (["--background", "green"], ["--background"]),
+        (["--target", "2MB"], ["--target", "2MB", "whole number"]),
     ],
     ids=lambda value: " ".join(value) if value[0][:2] == "--" else "",
 )
@@ -128,11 +132,22 @@ def test_files_that_cannot_be_simplified_are_one_line(capsys, model, tmp_path):
     assert_one_line(run(capsys, "simplify", model, "-o", model), "model.ply", "would be lost")
     write_ply(tmp_path / "empty.ply", Splats.empty(0))
     assert_one_line(run(capsys, "simplify", tmp_path / "empty.ply", "-o", out), "empty.ply", "the model is empty")
+    assert_one_line(run(capsys, "simplify", model, "-o", tmp_path / "o.obj"), "o.obj")
+    assert_one_line(run(capsys, "simplify", model, "-o", tmp_path / "o.spz", "--dog"), "--dog", "SPZ has no room")
 
 
 def test_options_choose_the_background():
-    from mi_dogsplat.editing.simplify import drawing_of
-
-    chosen = {name: drawing_of(surface(), PictureOptions(background=name)).background for name in ("black", "white")}
+    chosen = {name: Look.of(surface(), PictureOptions(background=name)).background for name in ("black", "white")}
     assert chosen == {"black": 0.0, "white": 1.0}
-    assert drawing_of(surface(), PictureOptions()).background == 0.5
+    assert Look.of(surface(), PictureOptions()).background == 0.5
+
+
+def test_every_format_comes_in_and_goes_out_and_what_the_file_says_is_kept(capsys, tmp_path):
+    said = Drawing(antialiased=True, near_clip=0.05, up="z")
+    write_model(tmp_path / "m.ply", Model(surface(), said))
+    for source, out in (("m.ply", "a.spz"), ("a.spz", "b.sog"), ("b.sog", "c.ply"), ("m.ply", "d.ply")):
+        flags = ["--target", "50%" if source != "m.ply" else "400", "--steps", "2", *FLAGS]
+        status, *_ = run(capsys, "simplify", tmp_path / source, "-o", tmp_path / out, *flags)
+        assert status == 0
+    assert [read_model(tmp_path / name).splats.n_splats for name in ("a.spz", "b.sog", "c.ply")] == [400, 200, 100]
+    assert read_model(tmp_path / "a.spz").drawing.antialiased and read_model(tmp_path / "d.ply").drawing == said
