@@ -13,6 +13,7 @@ from ..datasets.capture_config import CaptureConfig
 from ..editing.clean_config import CleanConfig
 from ..editing.simplify_config import SimplifyConfig
 from ..formats.table import FORMATS
+from ..poses.config import PosesConfig
 from ..render.picture_options import PictureOptions
 from ..support.settings import settings_of
 from ..training.config import TrainConfig
@@ -26,6 +27,7 @@ from .help import (
     EVAL_EXAMPLES,
     EXPORT_EXAMPLES,
     INFO_EXAMPLES,
+    POSES_EXAMPLES,
     PRUNE_EXAMPLES,
     RENDER_EXAMPLES,
     SIMPLIFY_EXAMPLES,
@@ -176,6 +178,11 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     p.add_argument("-o", "--out", type=Path, required=True, metavar="DATA", help="folder to write, or to go on with")
     _add_settings(p, CaptureConfig)
     _add_settings(p, TrainConfig, ["variant"])
+
+    p = command("poses", "photographs or a video into a training set", POSES_EXAMPLES)
+    p.add_argument("source", type=Path, metavar="INPUT", help="folder of images, or a video")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="DATA", help="folder to write, or to go on with")
+    _add_settings(p, PosesConfig)
 
     p = command("check", "numerics: error against float64 and run time, extreme inputs", CHECK_EXAMPLES)
     p.add_argument("model", type=Path, nargs="?", metavar="MODEL", help="model to measure as well")

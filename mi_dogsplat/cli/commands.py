@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,6 +16,7 @@ from ..compare.names import ABLATION, ALL, SETS, chosen
 from ..datasets.capture_config import CaptureConfig
 from ..editing.clean_config import CleanConfig
 from ..editing.simplify_config import SimplifyConfig
+from ..poses.config import PosesConfig
 from ..render.picture_options import PictureOptions
 from ..scene.drawing import Drawing, drawn_as
 from ..support.errors import DataError
@@ -28,8 +30,12 @@ T = TypeVar("T")
 
 
 def train(args: argparse.Namespace) -> None:
-    """Train a model on photographs and measure it on those held out."""
-    _run(_config(args), args)
+    """Train a model on photographs and measure it on those held out; poses are found first where there are none."""
+    config = _config(args)
+    posed = _posed(config, args.out)
+    if posed is not config:  # what was stopped before it had poses has nothing else to go on with
+        args.resume = args.resume and (args.out / "config.json").exists()
+    _run(posed, args)
 
 
 def prune(args: argparse.Namespace) -> None:
@@ -146,6 +152,42 @@ def capture(args: argparse.Namespace) -> int | None:
     return None
 
 
+def poses(args: argparse.Namespace) -> int | None:
+    """Find the poses of photographs or of a video by structure from motion, and write a COLMAP folder."""
+    config = _given(PosesConfig, args)
+    try:
+        _find_poses(args.source, args.out, config)
+    except KeyboardInterrupt:
+        print("dogsplat: stopped; the same command again goes on from here", file=sys.stderr)
+        return 130
+    print(args.out)
+    return None
+
+
+def _find_poses(source: Path, out: Path, config: PosesConfig) -> None:
+    """Bars while it goes on, then what was found."""
+    from ..poses.run import find_poses
+    from .progress import StageBars
+
+    with StageBars() as bars:
+        summary = find_poses(source, out, config, bars.show)
+    print("\n".join(summary.lines()), flush=True)
+
+
+def _posed(config: TrainConfig, run: Path) -> TrainConfig:
+    """The settings for data with poses: those given, or what is made of plain images or a video in the run's folder."""
+    from ..poses.input import needs_poses
+    from ..runs.run import POSED, prepare_folder
+
+    if not needs_poses(config.data):
+        return config
+    prepare_folder(run)
+    out = run / POSED
+    _say(f"{config.data} has no cameras: finding its poses, into {out}")
+    _find_poses(Path(config.data), out, PosesConfig(masks=config.masks, seed=config.seed))
+    return replace(config, data=str(out), masks=str(out / "masks") if (out / "masks").is_dir() else None)
+
+
 def check(args: argparse.Namespace) -> int:
     """How far the numbers can be trusted, and what each digit costs: numerics as one report."""
     options = _given(PictureOptions, args)
@@ -246,6 +288,6 @@ def _say(line: str) -> None:
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
     "train": train, "prune": prune, "ablate": ablate, "compare": compare, "render": render, "eval": evaluate,
-    "capture": capture, "check": check, "export": export, "simplify": simplify, "clean": clean, "view": view,
-    "info": info
+    "capture": capture, "poses": poses, "check": check, "export": export, "simplify": simplify, "clean": clean,
+    "view": view, "info": info
 }  # fmt: skip

@@ -7,7 +7,8 @@ A first run:
   dogsplat render run/point_cloud.ply -o view.png --data photos/ --camera 0001
 
 photos/ is a COLMAP folder (images/ and sparse/0), a folder with transforms.json (instant-ngp, nerfstudio) or
-transforms_train.json (NeRF synthetic), or a Mitsuba scene XML. run/report.html tells how it went.
+transforms_train.json (NeRF synthetic), or a Mitsuba scene XML; for plain images or a video poses are found
+first (dogsplat poses). run/report.html tells how it went.
 Exit codes: 0 done, 2 wrong use or bad input (one line says what to do); 1 where dogsplat check found a defect,
 or a run of dogsplat compare failed; 130 stopped by Ctrl-C, 143 by SIGTERM.
 """
@@ -26,6 +27,8 @@ Examples:
   dogsplat train photos/ -o run --masks masks/ --exposure
                                                        people painted out; automatic exposure taken out
   dogsplat train photos/ -o run --data-on-disk         more photographs than fit into memory
+  dogsplat train pictures/ -o run --downscale 4        images without cameras: their poses first, in run/posed
+  dogsplat train walk.mp4 -o run --downscale 4         a video: its frames and poses first
 
 Afterwards RUN holds point_cloud.ply (the model), report.html (open it in a browser), metrics.json,
 history.jsonl, config.json, and test/ with a render, the photograph and an error map per test view.
@@ -113,6 +116,20 @@ OpenGL poses). cameras.json is a list of camera files (see dogsplat render --hel
 like. Depth is along the view axis in world units, 0 where nothing is; with npy give nerfstudio
 --depth-unit-scale-factor 1. A capture that was stopped goes on where it was with the same command; --points
 alone may differ then.
+"""
+POSES_EXAMPLES = """
+Examples:
+  dogsplat poses pictures/ -o posed                    photographs of one scene, from a phone or a camera
+  dogsplat poses walk.mp4 -o filmed                    a video: sharp frames, as many as its motion asks for
+  dogsplat poses pictures/ -o straight --undistort     for programs that know no lenses
+  dogsplat poses pictures/ -o strong --lens OPENCV     a lens that bends lines much
+Then: dogsplat train posed/ -o run
+
+DATA becomes a COLMAP folder: images/ (upright, else as they are) and sparse/0, read by every trainer. Photographs of
+one device, size and focal length share a camera; EXIF gives its focal length. What is black in masks/ is not
+matched. The end says how many images have a pose, and what to do if they are few. Stopped, the same command
+goes on where it was. dogsplat train does all this by itself when its DATA are plain images or a video. Needs the
+extra mi_dogsplat[poses].
 """
 CHECK_EXAMPLES = """
 Examples:

@@ -13,6 +13,7 @@ STATIONS = [
     {"scene"},
     {"formats"},
     {"datasets"},
+    {"poses"},
     {"reference"},
     {"engine"},
     {"shape_dog", "plugin", "integrator"},
