@@ -21,8 +21,8 @@ ALL = frozenset(NAMES)
 class Format:
     """A format; readers and writers have the axes of the file, which ``turn`` takes from those of 3DGS PLY, or back.
 
-    carries: fields of ``Drawing`` that it can say. dog: it holds DoG primitives. sh_degree: the highest that it holds.
-    sorted: neighbours in the file should be neighbours in space.
+    carries: fields of ``Drawing`` that it can say. dog, mixed_sh: it holds DoG primitives, SH degrees of single ones.
+    sh_degree: the highest that it holds. sorted: neighbours in the file should be neighbours in space.
     """
 
     name: str
@@ -31,6 +31,7 @@ class Format:
     carries: frozenset[str] = frozenset()
     turn: Turn | None = None
     dog: bool = False
+    mixed_sh: bool = False
     sh_degree: int = 3
     sorted: bool = False
 
@@ -59,9 +60,10 @@ MIP = frozenset({"antialiased"})
 PLY = Format(
     "PLY",
     _read_ply,
-    lambda path, model: write_ply(path, model.splats, comments=comments_of(model.drawing)),
+    lambda path, model: write_ply(path, model.splats, "rows", comments_of(model.drawing)),
     ALL,
     dog=True,
+    mixed_sh=True,
 )
 COMPRESSED_PLY = Format(
     "compressed PLY",
