@@ -23,7 +23,7 @@ from .learning_rates import LearningRates, Refinement
 from .optimizer import SplatOptimizer
 from .photographs import Photographs
 
-GAINS = Refinement(start=0, gain=2.0, end_gain=0.1, means_gain=4.0)  # on the step sizes of 3DGS
+GAINS = Refinement(start=0, gain=2.0, end_gain=0.01, means_gain=1.0)  # on the step sizes of 3DGS: docs/export.md
 
 
 def fit(
