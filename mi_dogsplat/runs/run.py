@@ -15,12 +15,9 @@ import mitsuba as mi
 
 from ..datasets import Dataset, load_dataset
 from ..engine.geometry import Cutoffs
-from ..formats.model import Model
-from ..formats.write import write_model
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
 from ..report.run_folder import RECIPE, RENDER_MS, read_run
 from ..report.write import write_report
-from ..scene.drawing import Drawing
 from ..support.errors import DataError
 from ..support.files import PART, is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
@@ -33,6 +30,7 @@ from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, Checkpoints, load_checkpoint
 from .history import run_to_end
 from .mixture import write_mixture
+from .model_files import write_model_files
 from .stopping import Stopped, StopRequest
 
 HISTORY = "history.jsonl"
@@ -184,12 +182,11 @@ def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     config = trainer.config
     splats = trainer.optimizer.to_splats()
     splats = splats.select(splats.opacities >= ALPHA_MIN)
-    drawing = Drawing(config.antialiased, config.near_clip, linear=False)
-    write_model(out / "point_cloud.ply", Model(splats, drawing))
+    sizes = write_model_files(out, splats, config)
     metrics = _measure(trainer, dataset, out) | {
         "n": splats.n_splats,
         "n_dog": splats.n_dog,
-        "bytes": (out / "point_cloud.ply").stat().st_size,
+        **sizes,
         "train_seconds": trainer.seconds,
         "peak_memory_mb": peak_memory_mb(),
         "steps": config.steps,
