@@ -14,6 +14,7 @@ from happenings import records, rows_with
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.formats import spz
+from mi_dogsplat.formats.packing import RUB, turned
 from mi_dogsplat.formats.sizes import Prices, encoded, prices
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.splats import Splats
@@ -59,7 +60,7 @@ def test_a_run_ends_with_a_file_of_its_size_and_tells_its_parts(data, tmp_path, 
     if name == "ply":
         np.testing.assert_array_equal(np.bincount(splats.sh_degrees, minlength=4), allocated[-1]["degrees"])
     if name == "spz":
-        read = turned_rub(spz.decode(path))
+        read = turned(spz.decode(path), RUB)
         assert read.n_splats == metrics["n"] and read.sh_degree == max(np.flatnonzero(allocated[-1]["degrees"]))
 
 
