@@ -10,6 +10,7 @@ from typing import Any, NoReturn, Union, get_args, get_origin
 from ..check import PARTS
 from ..compare.names import ABLATION, ALL, PUBLISHED, SETS
 from ..datasets.capture_config import CaptureConfig
+from ..film.film_config import FilmConfig
 from ..render.picture_options import PictureOptions
 from ..support.settings import settings_of
 from ..training.config import TrainConfig
@@ -21,6 +22,7 @@ from .help import (
     EPILOG,
     EVAL_EXAMPLES,
     EXPORT_EXAMPLES,
+    FILM_EXAMPLES,
     INFO_EXAMPLES,
     PRUNE_EXAMPLES,
     RENDER_EXAMPLES,
@@ -183,6 +185,14 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     p.add_argument("--data", metavar="DATA", help="measure the loss on its test views, against its photographs too")
     p.add_argument("--views", type=int, default=8, metavar="N", help="views to measure on; 0: none (default: 8)")
     _add_picture_flags(p)
+
+    p = command("film", "a model along a camera path, to a video or pictures", FILM_EXAMPLES)
+    p.add_argument("model", type=Path, metavar="MODEL_or_RUN", help="model .ply or run folder")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".mp4, FOLDER, FOLDER/%%04d.exr")
+    p.add_argument("--data", metavar="DATA", help="data set whose cameras the path follows (default: that of the run)")
+    _add_settings(p, FilmConfig)
+    _add_settings(p, PictureOptions, ["background", "antialiased", "near_clip"])
+    _add_settings(p, TrainConfig, ["variant"])
 
     p = command("view", "a model, or a run while it trains, in the browser", VIEW_EXAMPLES)
     p.add_argument("model", type=Path, metavar="MODEL_or_RUN", help="model .ply or run folder")

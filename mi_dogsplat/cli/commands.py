@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 from ..compare.names import ABLATION, ALL, SETS, chosen
 from ..datasets.capture_config import CaptureConfig
+from ..film.film_config import FilmConfig
 from ..render.picture_options import PictureOptions
 from ..support.errors import DataError
 from ..support.settings import settings_of
@@ -162,6 +163,19 @@ def export(args: argparse.Namespace) -> None:
     print(f"{args.out}: {exported.n_splats:,} primitives, {megabytes:.2f} MB; {args.model.name} has {before:.2f} MB")
 
 
+def film(args: argparse.Namespace) -> None:
+    """Render a film of a model along a camera path, to a video or to numbered pictures."""
+    config, options = _given(FilmConfig, args), _given(PictureOptions, args)
+    set_variant(args.variant)
+    from ..film.make import make_film
+    from .progress import Bar
+
+    with Bar("frame") as bar:
+        made = make_film(args.model, args.out, args.data, config, options, bar.show)
+    width, height = made.size
+    print(f"{args.out}: {made.n_frames} frames of {width} x {height}, {made.n_frames / config.fps:.4g} s; {made.path}")
+
+
 def view(args: argparse.Namespace) -> None:
     """Show a model, or a run while it trains, in the browser."""
     options = _given(PictureOptions, args)
@@ -204,5 +218,5 @@ def _say(line: str) -> None:
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
     "train": train, "prune": prune, "ablate": ablate, "compare": compare, "render": render, "eval": evaluate,
-    "capture": capture, "check": check, "export": export, "view": view, "info": info
+    "capture": capture, "check": check, "export": export, "film": film, "view": view, "info": info
 }  # fmt: skip

@@ -6,7 +6,7 @@ from .arguments import build_parser
 from .commands import COMMANDS
 from .errors import one_line_errors, quiet_pipe
 
-EXTRAS = ("export", "view")  # of pyproject.toml, named as the commands that need them; the others need "train"
+EXTRAS = ("export", "film", "view")  # of pyproject.toml, named as the commands that need them; the others need "train"
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -25,6 +25,7 @@ STATIONS = [
     {"compare"},
     {"inspection"},
     {"check"},
+    {"film"},
     {"export"},
     {"viewer"},
     {"cli"},
