@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..film.subject import MODEL as RUN_MODEL
+from ..film.subject import read_subject
 from ..formats import compressed_ply, gltf, sog, spz
 from ..formats.packing import morton_order, turned_rub
 from ..measure.metrics import psnr
@@ -21,8 +23,10 @@ from ..scene.splats import Array, Splats
 from ..support.errors import DataError
 from ..support.files import replacing
 from .bake import baked
+from .web_page import Opening, opening_of, read_page, write_page
 
 DOG_CHOICES = ("bake", "drop")
+PAGE = ".html"
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,7 @@ FORMATS = {  # by the end of the file's name; the longer one first
     ".spz": Format(_bytes_of(spz.encode), spz.decode, rub=True),
     ".sog": Format(_bytes_of(sog.encode), sog.decode),
     ".glb": Format(_bytes_of(gltf.encode), gltf.decode, rub=True, sorted=False),
+    PAGE: Format(lambda path, plain: write_page(path, plain, opening_of(plain, path.stem)), read_page),
 }
 
 
@@ -130,7 +135,7 @@ def export_model(
     if splats.n_splats == 0:
         raise DataError(model, "the model is empty", "export one that has primitives")
     plain = plain_gaussians(splats, dog)
-    write(out, plain)
+    write(out, plain, _opening(model, splats, data, options) if out.name.lower().endswith(PAGE) else None)
     if not views:
         return Exported(plain.n_splats, 0, [])
     seen = _views(splats, data, views, options)
@@ -140,12 +145,25 @@ def export_model(
     return Exported(plain.n_splats, len(seen.cameras), losses(stages, seen))
 
 
-def write(out: Path, plain: Splats) -> None:
-    """Write a model of plain Gaussians, in the axes of 3DGS PLY, in the format of the name. Raises ``DataError``."""
+def write(out: Path, plain: Splats, opening: Opening | None = None) -> None:
+    """Write a model of plain Gaussians, in the axes of 3DGS PLY, in the format of the name. Raises ``DataError``.
+
+    ``opening``: how a page shows it at first; None: framed whole.
+    """
     chosen = format_of(out)
     if chosen.sorted:
         plain = plain.select(morton_order(plain.means))
-    chosen.write(out, turned_rub(plain) if chosen.rub else plain)
+    if opening:
+        write_page(out, plain, opening)
+    else:
+        chosen.write(out, turned_rub(plain) if chosen.rub else plain)
+
+
+def _opening(model: Path, splats: Splats, data: str | Path | None, options: PictureOptions) -> Opening:
+    """How a page shows a model at first: as it was photographed, where that is known."""
+    subject = read_subject(model, data, options)
+    title = model.resolve().parent.name if model.name == RUN_MODEL else model.stem
+    return opening_of(splats, title, subject.cameras, background=subject.background, antialiased=subject.antialiased)
 
 
 def losses(stages: dict[str, Splats], views: Views) -> list[Loss]:
