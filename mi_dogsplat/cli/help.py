@@ -132,10 +132,13 @@ Examples:
   dogsplat export run/point_cloud.ply -o model.glb                    glTF (KHR_gaussian_splatting); lossless
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
                                                                       any 3DGS viewer; measured on photographs
+  dogsplat export run/point_cloud.ply -o model.html --data photos/ --views 0
+                                                                      a page with a viewer, to send to somebody
 
 These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary
 (--dog drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the
-others the axes of the model.
+others the axes of the model. A page (.html, 0.8 MB and the model) needs a browser and no network, and opens
+with the first photograph of the data.
 """
 FILM_EXAMPLES = """
 Examples:

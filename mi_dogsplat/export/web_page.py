@@ -11,8 +11,7 @@ import base64
 import html
 import json
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -20,17 +19,20 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from ..engine.transform import transformed
-from ..film.orbit import upright
-from ..formats import sog
-from ..render.framing import automatic_camera, likely_up, robust_sphere
-from ..scene.cameras import Camera
-from ..scene.splats import Splats
+from ..film.subject import Subject
+from ..formats.model import Model
+from ..formats.read import read_model
+from ..formats.write import write_model
+from ..render.framing import automatic_camera, robust_sphere
+from ..scene.drawing import drawn_as
+from ..scene.transform import transformed
 from ..support.errors import DataError
 from ..support.files import replacing
 from ..support.versions import versions
 from ..training.initialize import region_of_interest
 
+PAGE = ".html"
+BUNDLE = "model.sog"
 VIEWER = files("mi_dogsplat.export") / "vendor" / "supersplat_viewer"
 VIEWER_FROM_SOG = np.diag([-1.0, -1.0, 1.0])  # half a turn about z, which the viewer gives every model
 UP_OF_SOG = np.array([0.0, -1.0, 0.0])
@@ -46,8 +48,7 @@ class Opening:
         up: vertical [3].
         tangents: of half the angles of view that have to be seen, across and up.
         background: grey level, 0..1.
-        antialiased: as in ``RasterOptions``.
-        n_dog: primitives that were DoG and are baked.
+        n_dog: primitives that were DoG; dog: what became of them, "bake" or "drop".
     """
 
     title: str
@@ -56,57 +57,58 @@ class Opening:
     up: np.ndarray
     tangents: tuple[float, float]
     background: float = 0.0
-    antialiased: bool = False
     n_dog: int = 0
+    dog: str = "bake"
 
 
-def opening_of(splats: Splats, title: str, cameras: Sequence[Camera] = (), **others) -> Opening:
-    """From the first of the cameras that took the photographs, or framed whole; ``others`` as in ``Opening``."""
-    centre = robust_sphere(splats)[0]
+def opening_of(subject: Subject, title: str, dog: str = "bake") -> Opening:
+    """From the first of the cameras that took the photographs, or framed whole; ``dog``: as in ``Opening``."""
+    splats, cameras = subject.model.splats, subject.cameras
     camera = cameras[0] if cameras else automatic_camera(splats)
-    up = upright(cameras) if cameras else likely_up(splats)
+    centre = robust_sphere(splats)[0]
     middles = [region_of_interest(cameras)[0], centre] if cameras else [centre]
     forward = camera.w2c[2, :3]
     depths = [float(forward @ (middle - camera.position)) for middle in middles]
     depth = next((depth for depth in depths if depth > 0), 1.0)  # visitors turn about a point that far away
     tangents = 0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy
     target = camera.position + depth * forward
-    return Opening(title, camera.position, target, up, tangents, n_dog=splats.n_dog, **others)
+    return Opening(title, camera.position, target, subject.up, tangents, subject.background, splats.n_dog, dog)
 
 
-def write_page(out: Path, plain: Splats, opening: Opening) -> None:
-    """Write a model of plain Gaussians as a page. Raises ``DataError``."""
+def write_page(out: Path, model: Model, opening: Opening) -> list[str]:
+    """Write a model of plain Gaussians as a page; returns a line for each thing that it has no room for.
+
+    Raises ``DataError``.
+    """
     turn = rotation_between(opening.up, UP_OF_SOG)
     matrix = np.eye(4)
     matrix[:3, :3] = turn
-    model = sog.encode(transformed(plain, matrix))
+    turned = Model(transformed(model.splats, matrix), replace(model.drawing, up="-y"))
+    with TemporaryDirectory() as folder:
+        lost = write_model(Path(folder) / BUNDLE, turned)
+        bundle = (Path(folder) / BUNDLE).read_bytes()
+    if drawn_as(model.drawing).linear:
+        lost.append("the viewer of the page takes linear colours for sRGB, and shows them too dark")
     seen = VIEWER_FROM_SOG @ turn
     scene = {
         "position": (seen @ opening.position).tolist(),
         "target": (seen @ opening.target).tolist(),
         "tangents": opening.tangents,
         "background": [opening.background] * 3,
-        "antialiased": opening.antialiased,
+        "antialiased": drawn_as(model.drawing).antialiased,
         "turned_by": turn.tolist(),
     }
-    baked = f" ({opening.n_dog:,} of them Differences of Gaussians, baked)" if opening.n_dog else ""
-    about = "Drag to turn, scroll to come nearer. Made by mi_dogsplat; shown by SuperSplat Viewer."
-    if opening.n_dog:
-        about = (
-            "Web viewers know no negative lobes: each Difference of Gaussians is shown as the Gaussian nearest to it, "
-            f"so this is not quite the model. {about}"
-        )
     parts = {
         "version": versions()["mi_dogsplat"],
         "title": html.escape(opening.title),
-        "caption": html.escape(f"{opening.title}: {plain.n_splats:,} Gaussians{baked}"),
-        "about": html.escape(about),
+        "caption": html.escape(f"{opening.title}: {model.splats.n_splats:,} Gaussians{_of_dog(opening)}"),
+        "about": html.escape(_about(opening)),
         "background": f"rgb({', '.join([str(round(255 * opening.background))] * 3)})",
         "viewer": _vendored("VERSION").decode().strip(),
         "license": _vendored("LICENSE").decode(),
         "viewer_css": _vendored("viewer.css").decode(),
         "viewer_js": base64.b64encode(_vendored("viewer.js.gz")).decode(),
-        "model": base64.b64encode(model).decode(),
+        "model": base64.b64encode(bundle).decode(),
         "scene": json.dumps(scene),
     }
     template = Template((files("mi_dogsplat.export") / "web_page.html").read_text(encoding="utf-8"))
@@ -117,21 +119,21 @@ def write_page(out: Path, plain: Splats, opening: Opening) -> None:
     except OSError as error:
         problem = f"cannot be written ({error.strerror or error})"
         raise DataError(out, problem, "check that the folder exists and is writable") from error
+    return lost
 
 
-def read_page(path: Path) -> Splats:
+def read_page(path: Path) -> Model:
     """The model in a page of ours, in its own axes. Raises ``DataError``."""
     text = path.read_text(encoding="utf-8", errors="replace")
     scene, model = (re.search(rf'<script type="[^"]*" id="{id_}">([^<]*)</script>', text) for id_ in ("scene", "model"))
     if not scene or not model:
         raise DataError(path, "is no page with a model of ours", "export it again")
     with TemporaryDirectory() as folder:
-        bundle = Path(folder) / "model.sog"
-        bundle.write_bytes(base64.b64decode(model[1]))
-        splats = sog.decode(bundle)
+        (Path(folder) / BUNDLE).write_bytes(base64.b64decode(model[1]))
+        read = read_model(Path(folder) / BUNDLE)
     back = np.eye(4)
     back[:3, :3] = np.array(json.loads(scene[1])["turned_by"]).T
-    return transformed(splats, back)
+    return replace(read, splats=transformed(read.splats, back), drawing=replace(read.drawing, up=None))
 
 
 def rotation_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -146,6 +148,22 @@ def rotation_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     x, y, z = axis
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + skew + skew @ skew / (1 + cosine)
+
+
+def _of_dog(opening: Opening) -> str:
+    if not opening.n_dog:
+        return ""
+    became = {"bake": "baked", "drop": "without their negative lobes"}[opening.dog]
+    return f" ({opening.n_dog:,} of them Differences of Gaussians, {became})"
+
+
+def _about(opening: Opening) -> str:
+    about = "Drag to turn, scroll to come nearer. Made by mi_dogsplat; shown by SuperSplat Viewer."
+    if not opening.n_dog:
+        return about
+    shown = {"bake": "the Gaussian nearest to it", "drop": "its primary Gaussian alone"}[opening.dog]
+    difference = f"each Difference of Gaussians is shown as {shown}, so this is not quite the model."
+    return f"Web viewers know no negative lobes: {difference} {about}"
 
 
 def _vendored(name: str) -> bytes:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ..render.framing import likely_up
 from ..render.picture_options import PictureOptions
 from ..render.render_files import picture_of
 from ..runs.stopping import Stopped, StopRequest
@@ -21,7 +20,7 @@ from .data_path import cameras_path
 from .exposure import exposed
 from .film_config import FilmConfig
 from .key_frames import key_frames_path
-from .orbit import around_cameras, around_model, orbit, stand_all_around, upright
+from .orbit import around_cameras, around_model, orbit, stand_all_around
 from .pictures import NumberedPictures
 from .subject import Subject, read_subject
 from .video import SUFFIX, require_even, write_video
@@ -53,7 +52,7 @@ def make_film(
         out: a video ``.mp4``; or pictures: a folder, or a name with a number such as ``frames/%04d.exr``.
         data: the data set whose cameras the path follows or stands on.
         config: the path, and how its pictures become a film.
-        options: how the model is drawn; what a run was trained with comes first.
+        options: how the model is drawn; what they do not say, the run or the file of the model does.
         progress: gets the number of finished frames, that of all, and the path in words.
 
     Needs a Mitsuba variant. A film that is stopped (Ctrl-C, SIGTERM) leaves no file; of numbered pictures the whole
@@ -64,15 +63,20 @@ def make_film(
     if out.is_dir() and pictures is None:
         raise DataError(out, "is a folder", "name a file in it")
     subject = read_subject(model, data, options)
-    path = _path(subject, data, config)
+    path = _path(subject, config)
     size = config.size or _even(path.size or DEFAULT_SIZE)
     seconds = config.seconds or path.seconds or DEFAULT_SECONDS
     n = max(1, round(seconds * config.fps))
     if n > MOST_FRAMES:
         raise DataError("--seconds", f"{seconds:g} s are {n:,} frames", f"use at most {MOST_FRAMES:,}")
     what = f"{path.what}: {n} frames of {size[0]} x {size[1]}"
+    drawn = subject.drawn
     picture = picture_of(
-        subject.splats, subject.background, subject.near_clip, antialiased=subject.antialiased
+        subject.model.splats,
+        subject.background,
+        drawn.near_clip,
+        antialiased=drawn.antialiased,
+        linear=drawn.linear,
     )
     moments = path.moments(n, config.shutter, config.samples if config.shutter else 1)  # [n, samples]
     alpha = pictures is not None and pictures.alpha
@@ -127,17 +131,18 @@ def _pictures(
             progress(number + 1)
 
 
-def _path(subject: Subject, data: str | Path | None, config: FilmConfig) -> CameraPath:
+def _path(subject: Subject, config: FilmConfig) -> CameraPath:
     """Raises ``DataError``."""
-    cameras = subject.cameras
+    cameras, up = subject.cameras, subject.up
     if config.path.lower().endswith(".json"):
-        up = upright(cameras) if cameras else likely_up(subject.splats)
         return key_frames_path(Path(config.path), up, config.fov)
     if config.path == "cameras" and not cameras:
         raise DataError("--path", "no data set tells where the cameras are", "add --data DATA, or use --path orbit")
-    if config.path == "cameras" or (config.path == "auto" and cameras and not stand_all_around(cameras)):
+    if config.path == "cameras" or (config.path == "auto" and cameras and not stand_all_around(cameras, up)):
         return cameras_path(cameras, config)
-    return orbit(around_cameras(cameras, config.fov) if cameras else around_model(subject.splats, config.fov), config)
+    if cameras:
+        return orbit(around_cameras(cameras, up, config.fov), config)
+    return orbit(around_model(subject.model.splats, up, config.fov), config)
 
 
 def _even(size: tuple[int, int]) -> tuple[int, int]:
@@ -146,7 +151,7 @@ def _even(size: tuple[int, int]) -> tuple[int, int]:
 
 def _settings(subject: Subject, config: FilmConfig, n: int, size: tuple[int, int]) -> dict[str, Any]:
     """What decides on the pictures."""
-    arrays = (getattr(subject.splats, name) for name in subject.splats.__dataclass_fields__)
+    arrays = (np.asarray(getattr(subject.model.splats, name)) for name in subject.model.splats.__dataclass_fields__)
     digest = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
-    drawn = {name: getattr(subject, name) for name in ("background", "near_clip", "antialiased")}
+    drawn = {"background": subject.background, **dataclasses.asdict(subject.drawn)}
     return {"model_sha256": digest, "frames": n, **dataclasses.asdict(config), "size": size, **drawn}

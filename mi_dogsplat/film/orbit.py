@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..datasets.camera_paths import look_at
-from ..render.framing import AUTOMATIC_FOV, ELEVATION, automatic_camera, likely_up, robust_sphere
+from ..render.framing import AUTOMATIC_FOV, ELEVATION, automatic_camera, robust_sphere
 from ..scene.cameras import Camera, inverse_rigid
 from ..scene.splats import Splats
 from ..training.initialize import region_of_interest
@@ -35,17 +35,17 @@ class Surroundings:
     focal: float
 
 
-def around_model(splats: Splats, fov: float | None) -> Surroundings:
-    """A view of the whole core of a model."""
+def around_model(splats: Splats, up: np.ndarray, fov: float | None) -> Surroundings:
+    """A view of the whole core of a model; ``up`` [3] is its vertical."""
     centre, radius = robust_sphere(splats)
     start = automatic_camera(splats).position - centre
     half = math.radians(AUTOMATIC_FOV if fov is None else fov) / 2
-    return Surroundings(centre, start, likely_up(splats), radius / math.sin(half), ELEVATION, 0.5 / math.tan(half))
+    return Surroundings(centre, start, up, radius / math.sin(half), ELEVATION, 0.5 / math.tan(half))
 
 
-def around_cameras(cameras: Sequence[Camera], fov: float | None) -> Surroundings:
+def around_cameras(cameras: Sequence[Camera], up: np.ndarray, fov: float | None) -> Surroundings:
     """The circle that the cameras of a data set stand on, as nearly as they do: from there a model was learnt."""
-    centre, up = region_of_interest(cameras)[0], upright(cameras)
+    centre = region_of_interest(cameras)[0]
     offsets = np.array([camera.position for camera in cameras]) - centre  # [V, 3]
     distances = np.linalg.norm(offsets, axis=1)  # [V]
     rises = np.degrees(np.arcsin(np.clip(offsets @ up / np.maximum(distances, 1e-30), -1, 1)))
@@ -69,16 +69,8 @@ def orbit(around: Surroundings, config: FilmConfig) -> CameraPath:
     return CameraPath(at, True, f"an orbit, {math.degrees(elevation):.0f} degrees above the horizon")
 
 
-def upright(cameras: Sequence[Camera]) -> np.ndarray:
-    """The mean upward direction [3] of pictures: people hold cameras level, or turned to both sides alike."""
-    mean = -np.mean([camera.w2c[1, :3] for camera in cameras], axis=0)
-    length = float(np.linalg.norm(mean))
-    return mean / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
-
-
-def stand_all_around(cameras: Sequence[Camera]) -> bool:
+def stand_all_around(cameras: Sequence[Camera], up: np.ndarray) -> bool:
     """Whether cameras form a ring around what they look at, without a gap wider than ``LARGEST_GAP``."""
-    up = upright(cameras)
     offsets = np.array([camera.position for camera in cameras]) - region_of_interest(cameras)[0]  # [V, 3]
     east, north = _horizontal(up, offsets[0])
     azimuths = np.sort(np.degrees(np.arctan2(offsets @ north, offsets @ east)))

@@ -11,8 +11,9 @@ from mi_dogsplat.film.camera_path import CameraPath, focal_of_camera, focal_of_f
 from mi_dogsplat.film.data_path import cameras_path, walk
 from mi_dogsplat.film.film_config import FilmConfig
 from mi_dogsplat.film.key_frames import key_frames_path
-from mi_dogsplat.film.orbit import around_cameras, around_model, orbit, stand_all_around, upright
-from mi_dogsplat.render.framing import automatic_camera, robust_sphere
+from mi_dogsplat.film.orbit import around_cameras, around_model, orbit, stand_all_around
+from mi_dogsplat.film.subject import upright
+from mi_dogsplat.render.framing import automatic_camera, likely_up, robust_sphere
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.support.errors import DataError
@@ -37,7 +38,7 @@ def row_of_cameras(n: int = 12, trembling: float = 0.0) -> list[Camera]:
 
 @pytest.mark.parametrize("closed", [True, False])
 def test_a_film_of_a_closed_path_leaves_out_the_end_that_is_its_beginning(closed):
-    path = CameraPath(orbit(around_model(tiny_data.truth(), None), FilmConfig()).at, closed, "")
+    path = CameraPath(orbit(around_model(tiny_data.truth(), Z, None), FilmConfig()).at, closed, "")
     moments = path.moments(5)
     assert moments.shape == (5, 1)
     np.testing.assert_allclose(moments[:, 0], np.arange(5) / (5 if closed else 4))
@@ -60,8 +61,8 @@ def test_the_moments_of_an_exposure_spread_over_the_open_shutter():
 def test_an_orbit_is_a_level_circle_that_looks_at_the_model(elevation):
     model = tiny_data.truth()
     centre, radius = robust_sphere(model)
-    path = orbit(around_model(model, 50), FilmConfig(elevation=elevation))
-    around = around_model(model, 50)
+    path = orbit(around_model(model, Z, 50), FilmConfig(elevation=elevation))
+    around = around_model(model, Z, 50)
     shares = np.linspace(0, 1, 37)
     offsets = positions(path, shares) - centre
     np.testing.assert_allclose(offsets[0], offsets[-1], atol=1e-12)
@@ -81,13 +82,13 @@ def test_an_orbit_is_a_level_circle_that_looks_at_the_model(elevation):
 
 def test_an_orbit_begins_where_the_model_is_framed_from():
     model = tiny_data.truth()
-    first = orbit(around_model(model, None), FilmConfig()).at(0).c2w
+    first = orbit(around_model(model, likely_up(model), None), FilmConfig()).at(0).c2w
     np.testing.assert_allclose(first, automatic_camera(model).c2w, atol=1e-9)
 
 
 def test_an_orbit_of_a_data_set_stands_on_the_ring_of_its_cameras():
     cameras = [c for i, c in enumerate(tiny_data.cameras(16)) if i % 2]  # one height
-    around = around_cameras(cameras, None)
+    around = around_cameras(cameras, upright(cameras), None)
     np.testing.assert_allclose(around.centre, 0, atol=1e-9)
     np.testing.assert_allclose(around.up, Z, atol=1e-9)
     path = orbit(around, FilmConfig())
@@ -98,8 +99,8 @@ def test_an_orbit_of_a_data_set_stands_on_the_ring_of_its_cameras():
 
 def test_cameras_on_one_side_are_no_ring():
     ring = tiny_data.cameras(12)
-    assert stand_all_around(ring) and not stand_all_around(ring[:7])
-    assert not stand_all_around(row_of_cameras())
+    assert stand_all_around(ring, Z) and not stand_all_around(ring[:7], Z)
+    assert not stand_all_around(row_of_cameras(), Z)
     np.testing.assert_allclose(upright(ring), Z, atol=1e-9)
 
 

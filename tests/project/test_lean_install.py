@@ -15,7 +15,7 @@ from mi_dogsplat import write_ply
 from PIL import Image
 
 ROOT = Path(__file__).parents[2]
-MODULES = {"pillow": "PIL", "flip-evaluator": "flip_evaluator"}
+MODULES = {"pillow": "PIL", "zstandard": "zstandard", "flip-evaluator": "flip_evaluator"}
 MODULES |= {name: name for name in ("av", "scipy", "tqdm", "viser", "jinja2", "markupsafe", "filelock", "psutil")}
 HIDDEN = sorted(MODULES.values())
 
