@@ -15,12 +15,10 @@ import mitsuba as mi
 
 from ..datasets import Dataset, load_dataset
 from ..engine.geometry import Cutoffs
-from ..formats.model import Model
-from ..formats.write import write_model
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
+from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import RECIPE, RENDER_MS, read_run
 from ..report.write import write_report
-from ..scene.drawing import Drawing
 from ..support.errors import DataError
 from ..support.files import PART, is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
@@ -33,9 +31,11 @@ from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, Checkpoints, load_checkpoint
 from .history import run_to_end
 from .mixture import write_mixture
+from .model_files import write_model_files
 from .stopping import Stopped, StopRequest
 
 HISTORY = "history.jsonl"
+POSED = "posed"  # poses of plain images, which the run has found first
 FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)  # somebody else's folder, or one that is read-only
 ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
 
@@ -44,7 +44,7 @@ def prepare_folder(out: Path) -> None:
     """Make the run folder. Raises ``DataError`` if something else is in its place or it cannot be written."""
     if out.exists() and not out.is_dir():
         raise DataError(out, "is a file", "name a folder for the run")
-    ours = any((out / name).exists() for name in ("config.json", "metrics.json"))
+    ours = any((out / name).exists() for name in ("config.json", "metrics.json", f"{POSED}/{POSES}"))
     try:
         if out.is_dir() and not is_empty(out) and not ours:
             raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier run")
@@ -184,12 +184,11 @@ def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     config = trainer.config
     splats = trainer.optimizer.to_splats()
     splats = splats.select(splats.opacities >= ALPHA_MIN)
-    drawing = Drawing(config.antialiased, config.near_clip, linear=False)
-    write_model(out / "point_cloud.ply", Model(splats, drawing))
+    sizes = write_model_files(out, splats, config)
     metrics = _measure(trainer, dataset, out) | {
         "n": splats.n_splats,
         "n_dog": splats.n_dog,
-        "bytes": (out / "point_cloud.ply").stat().st_size,
+        **sizes,
         "train_seconds": trainer.seconds,
         "peak_memory_mb": peak_memory_mb(),
         "steps": config.steps,

@@ -17,7 +17,7 @@ import foreign_model
 import numpy as np
 from dataset_folders import colmap_folder, transforms_folder
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.datasets.capture import SETTINGS, require_same
+from mi_dogsplat.datasets.capture import SETTINGS
 from mi_dogsplat.datasets.colmap_files import read_cameras, read_images, read_points
 from mi_dogsplat.datasets.given_cameras import listed_shots
 from mi_dogsplat.datasets.images import image_size, read_image
@@ -35,6 +35,7 @@ from mi_dogsplat.scene.cameras import OPENCV_FROM_OPENGL
 from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.resumable import require_same
 from mi_dogsplat.training.events import DogActivated, Pruned, row_of
 from PIL import Image
 from ply_files import dog_columns, random_splats, to_bytes, vertex_columns
@@ -107,7 +108,7 @@ def make_targets(root: Path | None = None) -> dict[str, Target]:
     add("camera_list", "list.json", [json.dumps([camera(), {"name": "b", **camera()}]).encode()],
         lambda path: listed_shots(path, 1.0, 1))  # fmt: skip
     settings = {"scene": "a.xml", "scene_sha256": "0" * 64, "path": "orbit", "views": 4, "size": [64, 64], "seed": 0}
-    add("capture", SETTINGS, [json.dumps(settings).encode()], lambda path: require_same(path.parent, settings))
+    add("capture", SETTINGS, [json.dumps(settings).encode()], lambda path: require_same(path, settings))
     for name, content in RUN.items():
         stem = name.split(".")[0].replace("test/", "")
         folder = add(f"run_{stem}", name, [content], _look_at_run)
