@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -97,9 +97,9 @@ FORMATS = {  # by the end of the file's name; the longer one first
 }
 
 
-def format_to_write(path: Path) -> Format:
-    """The format that the name of a file asks for. Raises ``DataError``."""
+def format_to_write(path: Path, others: Sequence[str] = ()) -> Format:
+    """The format that the name of a file asks for. Raises ``DataError``, which lists ``others`` too."""
     for suffix, chosen in FORMATS.items():
         if path.name.lower().endswith(suffix):
             return chosen
-    raise DataError(path, "no known format", f"name a file that ends in {', '.join(FORMATS)}")
+    raise DataError(path, "no known format", f"name a file that ends in {', '.join((*FORMATS, *others))}")
