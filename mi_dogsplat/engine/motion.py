@@ -13,7 +13,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .sh import read_rows, sh_basis, sh_basis_table
+from ..scene.sh_basis import sh_basis, sh_basis_table
+from .sh import read_rows
 
 
 def moved(params: dict, to_world: mi.Transform4f) -> dict:

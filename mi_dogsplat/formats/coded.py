@@ -18,7 +18,9 @@ def _spz(extents: Extents, steps: Steps) -> FileGrids:
     """Positions are multiples of a power of two. Grids are even, as y and z change their signs (RUB)."""
     reach = max(np.abs(extents.low).max(), np.abs(extents.high).max(), 2.0**-10)
     bits = min(np.ceil(-np.log2(steps.position * extents.small)), np.floor(MOST_BITS - np.log2(reach)))
-    bounds = [(np.floor(low * 2**bits), np.ceil(high * 2**bits)) for low, high in zip(extents.low, extents.high)]
+    bounds = [
+        (np.floor(low * 2**bits), np.ceil(high * 2**bits)) for low, high in zip(extents.low, extents.high, strict=True)
+    ]
     x, y, z = (Grid.of(np.arange(low, high + 1) / 2**bits) for low, high in bounds)
     step = 4 * steps.rotation  # of 511: as far as in SOG
     return FileGrids(
@@ -39,7 +41,7 @@ def _sog(extents: Extents, steps: Steps) -> FileGrids:
     codes = np.append(np.arange(0, 65535, 2**bits), 65535)  # both ends: what encodes it finds them as bounds
     logs = [a + (b - a) * codes / 65535 for a, b in zip(low, high, strict=True)]
     x, y, z = (Grid.of(np.sign(log) * np.expm1(np.abs(log))) for log in logs)
-    middle = (np.arange(0, 256, steps.rotation) + steps.rotation // 2)
+    middle = np.arange(0, 256, steps.rotation) + steps.rotation // 2
     return FileGrids(
         means=(x, y, z),
         log_scales=_codebook(extents.log_scales, steps.log_scale / 16),

@@ -11,6 +11,7 @@ elements, files without normals (gsplat), SH degree 0..3, and the method authors
 from __future__ import annotations
 
 import stat
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,11 @@ _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
 
 def read_ply(path: str | Path) -> Splats:
     """Read a model. Raises ``DataError`` for whatever is not one; memory stays in proportion to the file."""
+    return read_ply_and_comments(path)[0]
+
+
+def read_ply_and_comments(path: str | Path) -> tuple[Splats, list[str]]:
+    """Read a model, and the comments of its header. Raises as ``read_ply`` does."""
     path = Path(path)
     try:
         status = path.stat()
@@ -40,7 +46,8 @@ def read_ply(path: str | Path) -> Splats:
             kind = "a folder" if stat.S_ISDIR(status.st_mode) else "not a regular file"
             raise DataError(path, f"this is {kind}", "give the path of a PLY file")
         with path.open("rb") as file:
-            return _read_model(TableReader(path, file, status.st_size))
+            reader = TableReader(path, file, status.st_size)
+            return _read_model(reader), reader.comments
     except OSError as e:
         raise DataError(path, f"cannot be read ({e.strerror})", "check the path and its permissions") from e
 
@@ -100,8 +107,10 @@ def _read_dog(reader: TableReader, tables: dict[str, Array], n_splats: int) -> t
     return index, reader.columns(table, "dog", _DOG)[order]
 
 
-def write_ply(path: str | Path, splats: Splats) -> None:
+def write_ply(path: str | Path, splats: Splats, comments: Sequence[str] = ()) -> None:
     """Write a model; ``read_ply`` gives back the same bits. The old file stays until the new one is complete.
+
+    ``comments``: lines for the header, such as ``drawing.comments_of`` makes.
 
     Raises ``DataError`` when the place cannot be written, or a value is not finite (nobody could read it).
     """
@@ -124,7 +133,8 @@ def write_ply(path: str | Path, splats: Splats) -> None:
     check_finite(path, names, vertex, remedy)
     check_finite(path, _DOG, dog, remedy)
 
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {n}"]
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
+    header += [f"element vertex {n}"]
     header += [f"property float {name}" for name in names]
     if splats.n_dog:
         header += [f"element dog {splats.n_dog}", "property uint index"]

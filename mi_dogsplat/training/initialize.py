@@ -9,9 +9,9 @@ import numpy as np
 from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from ..datasets import Dataset
-from ..engine.sh import C0
+from ..formats.read import read_model
 from ..scene.cameras import Camera
-from ..scene.ply import read_ply
+from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .config import TrainConfig
@@ -100,11 +100,14 @@ def random_splats(cameras: Sequence[Camera], count: int, rng: np.random.Generato
 
 
 def model_to_prune(path: str, target: float) -> Splats:
-    """Read a model. Raises ``DataError`` if it cannot be read, or cannot be pruned to ``target``.
+    """Read a model of any format. Raises ``DataError`` if it cannot be read, or cannot be pruned to ``target``.
 
     Quaternions are brought to length 1, which changes no picture: a training step of one turns by step / length.
     """
-    splats = read_ply(path)
+    model = read_model(path)
+    splats = model.splats
+    if model.drawing.linear:
+        raise DataError(path, "its colours are linear radiance", "training knows display-referred sRGB only")
     if splats.n_splats < 2:
         raise DataError(path, f"holds {splats.n_splats} primitives", "pruning needs at least 2")
     try:

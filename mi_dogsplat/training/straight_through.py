@@ -7,6 +7,8 @@ another value of the grid.
 
 from __future__ import annotations
 
+from typing import Any, cast
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -58,7 +60,7 @@ class StraightThrough:
 
     def _means(self, flat: mi.Float) -> mi.Float:
         axes = dr.unravel(mi.Point3f, flat)
-        return dr.ravel(mi.Point3f(*(grid(x) for grid, x in zip(self.means, axes, strict=True))))
+        return _flat(mi.Point3f(*(grid(x) for grid, x in zip(self.means, axes, strict=True))))
 
     def _quats(self, flat: mi.Float) -> mi.Float:
         """``smallest_three``, their grid, and the largest component with its sign."""
@@ -70,11 +72,15 @@ class StraightThrough:
             more = dr.abs(q[k]) > largest
             largest, rest = dr.select(more, dr.abs(q[k]), largest), dr.select(more, k, rest)
         found = [dr.select(rest == k, 0, self.three(x)) for k, x in enumerate(q)]
-        left = dr.sqrt(dr.maximum(0, 1 - sum(dr.square(x) for x in found)))
-        return dr.ravel(mi.Vector4f(*(dr.select(rest == k, dr.copysign(left, q[k]), found[k]) for k in range(4))))
+        left = dr.sqrt(dr.maximum(mi.Float(0), 1 - dr.squared_norm(mi.Vector4f(*found))))
+        return _flat(mi.Vector4f(*(dr.select(rest == k, dr.copysign(left, q[k]), found[k]) for k in range(4))))
 
     def _sh_rest(self, width: int) -> mi.Float:
         i = dr.arange(mi.UInt32, width)
         row = i // dr.opaque(mi.UInt32, self.row_size)
         label = dr.gather(mi.UInt32, self.labels, row)
         return dr.gather(mi.Float, self.entries, dr.fma(label, self.row_size, i - row * self.row_size))
+
+
+def _flat(rows: Any) -> mi.Float:
+    return cast(mi.Float, dr.ravel(rows))

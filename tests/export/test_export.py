@@ -8,9 +8,10 @@ import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.export.bake import RATIOS, baked, nearest_gaussians
-from mi_dogsplat.export.write import FORMATS, Loss, Views, export_model, losses, mean_psnr
+from mi_dogsplat.export.write import Loss, Views, export_model, losses, mean_psnr
 from mi_dogsplat.formats import gltf, spz
-from mi_dogsplat.formats.packing import turned_rub
+from mi_dogsplat.formats.packing import LUF, turned
+from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.render.framing import cameras_around, robust_sphere
 from mi_dogsplat.scene.splats import Splats
 from scipy.integrate import dblquad
@@ -67,7 +68,10 @@ def test_baking_keeps_more_of_the_picture_than_dropping_or_lowering_the_peak(f_a
 def test_every_format_is_written_measured_and_close_to_the_baked_model(capsys, model, tmp_path, suffix):
     out = tmp_path / f"out{suffix}"
     status, printed, _ = run(capsys, "export", model, "-o", out, "--views", "2", "--near-clip", "0.05")
+    said = {".spz": ["near_clip 0.05"], ".splat": ["near_clip 0.05", "SH degree 0"]}.get(suffix, [])
     lines = printed.splitlines()
+    assert all(words in line for words, line in zip(said, lines, strict=False)), printed
+    lines = lines[len(said) :]
     assert status == 0 and "of the model" in lines[0] and "photographs" not in lines[0], printed
     assert [line.split("  ")[1] for line in lines[1:4]] == ["as it is", "without DoG (bake)", "read from the file"]
     without, read = (float(line.split()[-2]) for line in lines[2:4])
@@ -82,9 +86,10 @@ def test_spz_and_gltf_have_y_up_and_the_others_the_axes_of_the_model(capsys, mod
     truth = baked(read_ply(model))
     middle = truth.means.mean(axis=0)
     for suffix, chosen in FORMATS.items():
-        sign = [1, -1, -1] if suffix in (".spz", ".glb") else [1, 1, 1]
-        assert chosen.read(tmp_path / f"out{suffix}").means.mean(axis=0) == pytest.approx(middle * sign, abs=2e-3)
-    assert gltf.decode(tmp_path / "out.glb").means == pytest.approx(turned_rub(truth).means)
+        sign = {".spz": [1, -1, -1], ".glb": [-1, -1, 1], ".gltf": [-1, -1, 1]}.get(suffix, [1, 1, 1])
+        found = chosen.read(tmp_path / f"out{suffix}").splats
+        assert found.means.mean(axis=0) == pytest.approx(middle * sign, abs=2e-3)
+    assert gltf.decode(tmp_path / "out.glb").means == pytest.approx(turned(truth, LUF).means)
     assert spz.decode(tmp_path / "out.spz").n_splats == truth.n_splats
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ...engine.sh import C0
+from ...scene.sh_basis import C0
 from ...training.initialize import splats_from_points
 from ...training.learning_rates import Refinement
 from ...training.milestones import scaled_milestone

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...engine.geometry import Cutoffs
 from ...engine.project import NOT_DOG
-from ...engine.sh import C0
+from ...scene.sh_basis import C0
 from ..optimizer import DOG_ROW_SIZE, SplatOptimizer
 
 MAX_SH = 1 / (Cutoffs().alpha * C0)  # 904; trained models stay below 10

@@ -43,7 +43,7 @@ class Tables:
     weights: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        self.on_device: tuple[bytes, StraightThrough] | None = None
+        self.on_device: tuple[np.ndarray, StraightThrough] | None = None  # and the labels that it is made of
 
     @property
     def palette(self) -> Palette | None:
@@ -73,13 +73,13 @@ class Quantisation(Strategy[Tables]):
     def params(self, t: Training, state: Tables, params: dict) -> dict:
         if state.palette is None:
             return params
-        if state.on_device is None:
-            state.on_device = StraightThrough(self._grids(state), state.palette)
-        return state.on_device(params)
+        if state.on_device is None or state.on_device[0] is not state.labels:
+            state.on_device = state.labels, StraightThrough(self._grids(state), state.palette)
+        return state.on_device[1](params)
 
     def rearranged(self, state: Tables, index: np.ndarray, fresh: np.ndarray) -> None:
         if state.palette is not None:
-            state.labels, state.weights, state.on_device = state.labels[index], state.weights[index], None
+            state.labels, state.weights = state.labels[index], state.weights[index]
 
     def after_step(self, t: Training, state: Tables) -> list[Event]:
         if t.step_count < t.steps or state.palette is None:
@@ -104,7 +104,7 @@ class Quantisation(Strategy[Tables]):
 
     def _follow(self, t: Training, state: Tables) -> None:
         splats = t.optimizer.to_splats()
-        state.extents, state.on_device = Extents.of(splats).numbers, None
+        state.extents = Extents.of(splats).numbers
         new = self._grids(state).palette(splats, self.steps.entries, state.weights, state.palette)
         state.entries, state.labels = new.entries, new.labels
 

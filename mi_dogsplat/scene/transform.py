@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..scene.splats import Splats
-from .sh import sh_basis_table
+from .sh_basis import sh_basis_table
+from .splats import Splats
 
 
 def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
