@@ -107,6 +107,6 @@ def _webp(pixels: Array) -> bytes:
 
     buffer = io.BytesIO()
     # exact: else colours under an alpha of 0 would be lost
-    Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, "WEBP", lossless=True, quality=100, method=6, exact=True)
+    Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, "WEBP", lossless=True, quality=100, exact=True)
     return buffer.getvalue()
 

@@ -20,7 +20,8 @@ from ..straight_through import StraightThrough
 from .strategy import Strategy, Training
 
 SHARE = 0.2  # of the run
-ROUNDS = 20
+ROUNDS = 15
+SETTLED = 0.25  # of that part, in which the tables stay as they are: what is trained then is what the file says
 LEAST_WEIGHT = 1e-3  # of what no view sees
 
 
@@ -62,12 +63,13 @@ class Quantisation(Strategy[Tables]):
         return Tables()
 
     def before_step(self, t: Training, state: Tables) -> None:
-        start = t.steps - max(1, round(SHARE * t.steps))
-        if t.step_count < start:
+        done = t.step_count - (t.steps - max(1, round(SHARE * t.steps)))
+        if done < 0:
             return
         if state.palette is None:
             self._begin(t, state)
-        if (t.step_count - start) % max(1, (t.steps - start) // ROUNDS) == 0:
+        moving = (1 - SETTLED) * SHARE * t.steps
+        if done <= moving and done % max(1, round(moving / ROUNDS)) == 0:
             self._follow(t, state)
 
     def params(self, t: Training, state: Tables, params: dict) -> dict:
@@ -84,7 +86,6 @@ class Quantisation(Strategy[Tables]):
     def after_step(self, t: Training, state: Tables) -> list[Event]:
         if t.step_count < t.steps or state.palette is None:
             return []
-        self._follow(t, state)
         splats = self._grids(state).snap(t.optimizer.to_splats(), state.palette)
         for name in ("means", "log_scales", "quats", "logit_opacities"):
             t.optimizer.assign(name, getattr(splats, name))
