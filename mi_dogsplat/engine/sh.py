@@ -14,6 +14,14 @@ import mitsuba as mi
 from ..scene.sh_basis import sh_basis
 
 
+def unit_basis(direction: list, degree: int) -> list:
+    """``sh_basis`` at directions of any length; one that has none counts as any."""
+    x, y, z = direction
+    norm2 = x * x + y * y + z * z
+    inv = dr.rsqrt(dr.select(norm2 > 0, norm2, 1))  # a primitive on the camera centre has no direction
+    return sh_basis(x * inv, y * inv, z * inv, degree)
+
+
 def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Bool, degree: int) -> list:
     """SH(direction) + 0.5 of visible primitives, three channels of [N]; where negative it is shown as 0.
 
@@ -25,10 +33,7 @@ def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Boo
 
     Raises ``ValueError`` if fewer coefficients are stored than ``degree`` needs.
     """
-    x, y, z = direction
-    norm2 = x * x + y * y + z * z
-    inv = dr.rsqrt(dr.select(norm2 > 0, norm2, 1))  # a primitive on the camera centre has no direction: any will do
-    basis = sh_basis(x * inv, y * inv, z * inv, degree)
+    basis = unit_basis(direction, degree)
     n, used = dr.width(index), 3 * len(basis)
     separate = "sh_dc" in params
     coefficients = read_rows(params["sh_dc"], 3, 3, index, visible) if separate else []

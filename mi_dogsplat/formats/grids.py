@@ -27,13 +27,13 @@ SMALL = 10  # per cent of the primitives that are smaller than what steps of pos
 class Steps:
     """How far the values of each grid are apart."""
 
-    position: float = 1 / 8  # at most, in middle scales of a primitive that is small (``Extents.small``)
-    log_scale: int = 2  # sixteenths
-    rotation: int = 3  # 1 / (127.5 √2); odd, as SOG has no zero
-    opacity: int = 5  # 255ths; a divisor of 255
-    color: int = 2  # of f_dc: 1 / 38.25 in SPZ, 1 / 40 in SOG
+    position: float = 1 / 16  # at most, in middle scales of a primitive that is small (``Extents.small``)
+    log_scale: int = 1  # sixteenths
+    rotation: int = 1  # 1 / (127.5 √2); odd, as SOG has no zero
+    opacity: int = 3  # 255ths; a divisor of 255
+    color: int = 1  # of f_dc: 1 / 38.25 in SPZ, 1 / 40 in SOG
     sh: int = 4  # 128ths
-    entries: float = 1 / 8  # of the palette, for each primitive
+    entries: float = 1 / 4  # of the palette, for each primitive
 
 
 @dataclass(frozen=True)
@@ -98,10 +98,11 @@ class Grid:
 
 @dataclass(frozen=True)
 class Palette:
-    """``entries`` [P, K - 1, 3] of SH without the first coefficient, and the ``labels`` [N] of the primitives."""
+    """SH without the first coefficient; primitives of different degrees share no entry."""
 
-    entries: Array
-    labels: Array
+    entries: Array  # [P, K - 1, 3], zero above the degree of
+    degrees: Array  # [P] its primitives
+    labels: Array  # [N] entry of each primitive
 
 
 @dataclass(frozen=True)
@@ -124,24 +125,35 @@ class FileGrids:
             weights: [N] how much an error of each primitive's colour counts, positive; None: all alike.
             before: the palette to go on from, with labels of as many primitives.
         """
-        n, k = splats.n_splats, splats.sh_coeffs.shape[1] - 1
-        if not k:
-            return Palette(np.zeros((1, 0, 3), np.float32), np.zeros(n, np.int64))
-        rest, w = splats.sh_coeffs[:, 1:].reshape(n, -1), np.ones(n) if weights is None else weights
-        entries = before.entries.reshape(-1, 3 * k) if before else palette(rest, max(1, round(share * n)), w)[1]
-        labels, entries = lloyd(rest, entries, w, LLOYD_ROUNDS)
-        return Palette(self.sh_rest.snap(entries.reshape(-1, k, 3)), labels)
+        degrees, whole = splats.sh_degrees, splats.uniform_sh().sh_coeffs[:, 1:]
+        w = np.ones(len(whole)) if weights is None else weights
+        found, of_entries, labels = [], [], np.zeros(len(whole), np.int64)
+        for degree in np.unique(degrees):
+            rows, used = np.flatnonzero(degrees == degree), (degree + 1) ** 2 - 1
+            rest, nearest, entries = whole[rows, :used].reshape(len(rows), 3 * used), 0, np.zeros((1, 0), np.float32)
+            if used:
+                if before and degree in before.degrees:
+                    entries = before.entries[before.degrees == degree, :used].reshape(-1, 3 * used)
+                else:
+                    entries = palette(rest, max(1, round(share * len(rows))), w[rows])[1]
+                nearest, entries = lloyd(rest, entries, w[rows], LLOYD_ROUNDS)
+            labels[rows] = nearest + len(of_entries)
+            of_entries += [degree] * len(entries)
+            on_grid = self.sh_rest.snap(entries.reshape(len(entries), used, 3))
+            found.append(np.pad(on_grid, ((0, 0), (0, whole.shape[1] - used), (0, 0))))
+        return Palette(np.concatenate(found), np.array(of_entries), labels)
 
     def snap(self, splats: Splats, colors: Palette) -> Splats:
         """A model of plain Gaussians as its file will say it."""
-        splats = nearest_to_identity(splats)
-        largest, three = smallest_three(splats.quats.astype(np.float64))
+        turned = nearest_to_identity(splats)
+        largest, three = smallest_three(turned.quats.astype(np.float64))
         means = [grid.snap(x) for grid, x in zip(self.means, splats.means.T, strict=True)]
         dc = self.sh_dc.snap(splats.sh_coeffs[:, :1])
-        return Splats(
+        whole = Splats(
             means=np.stack(means, axis=1),
-            log_scales=self.log_scales.snap(splats.log_scales),
+            log_scales=self.log_scales.snap(turned.log_scales),
             quats=from_smallest_three(largest, self.three.snap(three)),
             logit_opacities=self.logit_opacities.snap(splats.logit_opacities),
             sh_coeffs=np.concatenate([dc, colors.entries[colors.labels]], axis=1),
         )
+        return whole.with_sh_degrees(splats.sh_degrees) if splats.mixed_sh else whole

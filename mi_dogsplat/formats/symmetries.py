@@ -1,13 +1,14 @@
 """The 24 ways to write down an ellipsoid: axes may be named in any order and turned round.
 
 R S S Rᵀ stays what it is when R becomes R G and the scales are reordered with it, G one of the rotations of a cube.
-Of the 24 quaternions the one nearest to the identity is taken. Its w is at least 0.85 and all others within ±0.36, so
+Of the 24 quaternions the one nearest to the identity is taken. Its w is at least 0.85 and all others within ±0.39, so
 that the index of the largest is always the same and the other codes are few: log2(24) = 4.6 bits less each.
 """
 
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,13 +44,8 @@ def nearest_to_identity(splats: Splats) -> Splats:
     best = np.abs(turned[..., 3]).argmax(axis=1)  # [N]
     chosen = np.take_along_axis(turned, best[:, None, None], axis=1)[:, 0]
     chosen *= np.where(chosen[:, 3:] < 0, -1, 1)
-    return Splats(
-        means=splats.means,
-        log_scales=np.take_along_axis(splats.log_scales, CUBE_AXES[best], axis=1),
-        quats=chosen,
-        logit_opacities=splats.logit_opacities,
-        sh_coeffs=splats.sh_coeffs,
-    )
+    scales = np.take_along_axis(splats.log_scales, CUBE_AXES[best], axis=1)
+    return replace(splats, log_scales=scales, quats=chosen)
 
 
 def _product(a: Array, b: Array) -> Array:

@@ -57,7 +57,13 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 MIP = frozenset({"antialiased"})
-PLY = Format("PLY", _read_ply, lambda path, m: write_ply(path, m.splats, comments_of(m.drawing)), ALL, dog=True)
+PLY = Format(
+    "PLY",
+    _read_ply,
+    lambda path, model: write_ply(path, model.splats, comments=comments_of(model.drawing)),
+    ALL,
+    dog=True,
+)
 COMPRESSED_PLY = Format(
     "compressed PLY",
     compressed_ply.read,

@@ -37,6 +37,8 @@ def write_model(path: str | Path, model: Model | Splats, spz_version: int = SPZ_
     if spz_version not in SPZ_VERSIONS:
         raise DataError(path, f"SPZ {spz_version} is not written", f"use version {' or '.join(map(str, SPZ_VERSIONS))}")
     lost = what_is_lost(chosen, model)
+    if not chosen.dog:
+        splats = splats.uniform_sh()  # PLY alone has rows of their own for bands
     if chosen.order:
         splats = splats.select(chosen.order(splats))
     if chosen.turn:
@@ -57,4 +59,3 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     if model.splats.sh_degree > chosen.sh_degree:
         lost.append(f"{chosen.name} has no view-dependent colour above SH degree {chosen.sh_degree}")
     return lost
-

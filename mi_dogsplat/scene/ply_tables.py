@@ -17,7 +17,7 @@ from typing import BinaryIO, NoReturn
 import numpy as np
 
 from ..support.errors import DataError
-from .splats import Array
+from .row_groups import Array
 
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",

@@ -7,6 +7,7 @@ another value of the grid.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any, cast
 
 import drjit as dr
@@ -14,7 +15,9 @@ import mitsuba as mi
 import numpy as np
 
 from ..engine.parameters import device_array
+from ..engine.sh_groups import padded_rows
 from ..formats.grids import FileGrids, Grid, Palette
+from ..scene.row_groups import SH
 
 
 class DeviceGrid:
@@ -32,16 +35,36 @@ class DeviceGrid:
         return dr.gather(mi.Float, self.values, mi.UInt32(index))
 
 
+class BandRows:
+    """The rows of an array of bands as entries of a palette: of all primitives, or of those of a degree."""
+
+    def __init__(self, palette: Palette, name: str):
+        degree = {group.names[0]: degree for degree, group in SH.items()}.get(name)
+        if degree is None:  # all K coefficients, the first of them unused
+            entries, labels = np.pad(palette.entries, ((0, 0), (1, 0), (0, 0))), palette.labels
+        else:
+            entries = padded_rows(palette.entries[:, : (degree + 1) ** 2 - 1])
+            labels = palette.labels[palette.degrees[palette.labels] == degree]
+        self.row_size, self.width = entries[0].size, entries[0].size * len(labels)
+        self.entries, self.labels = dr.detach(device_array(entries)), device_array(labels, mi.UInt32)
+
+    def __call__(self) -> mi.Float:
+        """The array, row-major."""
+        i = dr.arange(mi.UInt32, self.width)
+        row = i // dr.opaque(mi.UInt32, self.row_size)
+        label = dr.gather(mi.UInt32, self.labels, row)
+        return dr.gather(mi.Float, self.entries, dr.fma(label, self.row_size, i - row * self.row_size))
+
+
 class StraightThrough:
     """What is rendered instead of the parameters of the optimizer."""
 
-    def __init__(self, grids: FileGrids, palette: Palette):
+    def __init__(self, grids: FileGrids, palette: Palette, bands: Collection[str]):
+        """``bands``: which arrays the parameters have for them (``SplatOptimizer.bands``)."""
         self.means = [DeviceGrid(grid) for grid in grids.means]
         self.flat = {name: DeviceGrid(getattr(grids, name)) for name in ("log_scales", "logit_opacities", "sh_dc")}
         self.three = DeviceGrid(grids.three)
-        self.entries = dr.detach(device_array(np.pad(palette.entries, ((0, 0), (1, 0), (0, 0)))))  # rows as ``sh_rest``
-        self.row_size = palette.entries[0].size + 3
-        self.labels = device_array(palette.labels, mi.UInt32)
+        self.bands = {name: BandRows(palette, name) for name in bands}
 
     def __call__(self, params: dict) -> dict:
         """The parameters with the numbers of the file; gradients go to those that are given.
@@ -53,8 +76,7 @@ class StraightThrough:
         snapped = {name: grid(raw[name]) for name, grid in self.flat.items()}
         snapped["means"] = self._means(raw["means"])
         snapped["quats"] = self._quats(raw["quats"])
-        if "sh_rest" in params:
-            snapped["sh_rest"] = self._sh_rest(dr.width(params["sh_rest"]))
+        snapped |= {name: rows() for name, rows in self.bands.items()}
         dr.eval(snapped)
         return params | {name: dr.replace_grad(value, params[name]) for name, value in snapped.items()}
 
@@ -74,12 +96,6 @@ class StraightThrough:
         found = [dr.select(rest == k, 0, self.three(x)) for k, x in enumerate(q)]
         left = dr.sqrt(dr.maximum(mi.Float(0), 1 - dr.squared_norm(mi.Vector4f(*found))))
         return _flat(mi.Vector4f(*(dr.select(rest == k, dr.copysign(left, q[k]), found[k]) for k in range(4))))
-
-    def _sh_rest(self, width: int) -> mi.Float:
-        i = dr.arange(mi.UInt32, width)
-        row = i // dr.opaque(mi.UInt32, self.row_size)
-        label = dr.gather(mi.UInt32, self.labels, row)
-        return dr.gather(mi.Float, self.entries, dr.fma(label, self.row_size, i - row * self.row_size))
 
 
 def _flat(rows: Any) -> mi.Float:

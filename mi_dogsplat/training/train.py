@@ -111,7 +111,7 @@ class Trainer:
             self._learn_from(self._next_view(), parts, last=not left)
             if left:
                 dr.eval([dr.grad(value) for value in self.optimizer.adam.values()])  # else one kernel for all views
-        self.optimizer.step(unused=() if self.active_sh_degree else ("sh_rest",))
+        self.optimizer.step(unused=() if self.active_sh_degree else self.optimizer.bands)
 
         self.step_count += 1
         return [event for strategy, state in parts for event in strategy.after_step(self, state)]

@@ -13,6 +13,7 @@ from ..runs.checkpoint import CHECKPOINT, load_checkpoint
 from ..scene.drawing import Drawing
 from ..scene.splats import Splats
 from ..support.errors import DataError
+from ..training.sh_rows import sh_arrays
 
 MODEL_FILE = "point_cloud.ply"
 RAW = ("means", "log_scales", "quats", "logit_opacities")
@@ -66,10 +67,8 @@ def splats_of_state(state: Mapping[str, np.ndarray]) -> Splats:
     part = {name.removeprefix("optimizer."): values for name, values in state.items() if name.startswith("optimizer.")}
     n = part["logit_opacities"].size
     arrays = {name: part[name].reshape(n, -1) if name != "logit_opacities" else part[name] for name in RAW}
-    sh = part["sh_dc"].reshape(n, 1, 3)
-    if "sh_rest" in part:
-        sh = np.concatenate([sh, part["sh_rest"].reshape(n, -1, 3)[:, 1:]], axis=1)
+    arrays |= sh_arrays(part["sh_dc"].reshape(n, 3), part, part)
     if m := part["dog_index"].size:
         arrays |= {"dog_index": part["dog_index"], "dog_logit_opacities": part["dog_logit_opacities"]}
         arrays["dog_log_scales"] = part["dog_log_scales"].reshape(m, 3)
-    return Splats(sh_coeffs=sh, **arrays)
+    return Splats(**arrays)

@@ -1,8 +1,8 @@
 """A model whose files in ``foreign`` another program wrote: ``splat-transform`` of PlayCanvas (MIT).
 
 Of ``write_ply("f.ply", model())``. Version 2.7.1: ``splat-transform --spz-version 3 f.ply model.spz``,
-``--spz-version 4 f.ply model_4.spz``, ``f.ply model.glb``. Version 3.7.0: ``-g cpu f.ply model.sog``,
-``f.ply model.compressed.ply``.
+``--spz-version 4 f.ply model_4.spz``, ``f.ply model.glb``. Version 3.7.0:
+``-g cpu f.ply model.sog``, ``f.ply model.compressed.ply``.
 """
 
 from pathlib import Path

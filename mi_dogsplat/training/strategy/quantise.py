@@ -16,6 +16,8 @@ from ...formats.grids import Extents, FileGrids, Palette, Steps
 from ...formats.symmetries import nearest_to_identity
 from ...scores.weights import weights
 from ..events import Event
+from ..optimizer import SplatOptimizer
+from ..sh_rows import bands_of
 from ..straight_through import StraightThrough
 from .strategy import Strategy, Training
 
@@ -40,6 +42,7 @@ class Tables:
 
     extents: np.ndarray = field(default_factory=lambda: np.zeros(0))  # ``Extents.numbers``
     entries: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3), np.float32))
+    degrees: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     labels: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     weights: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
@@ -49,7 +52,11 @@ class Tables:
     @property
     def palette(self) -> Palette | None:
         """None before it begins."""
-        return Palette(self.entries, self.labels) if len(self.labels) else None
+        return Palette(self.entries, self.degrees, self.labels) if len(self.labels) else None
+
+    def fits(self, optimizer: SplatOptimizer) -> bool:
+        """Whether bands are still those that the palette was made for."""
+        return np.array_equal(self.degrees[self.labels], optimizer.sh_degrees)
 
 
 @dataclass(frozen=True)
@@ -69,14 +76,14 @@ class Quantisation(Strategy[Tables]):
         if state.palette is None:
             self._begin(t, state)
         moving = (1 - SETTLED) * SHARE * t.steps
-        if done <= moving and done % max(1, round(moving / ROUNDS)) == 0:
+        if not state.fits(t.optimizer) or (done <= moving and done % max(1, round(moving / ROUNDS)) == 0):
             self._follow(t, state)
 
     def params(self, t: Training, state: Tables, params: dict) -> dict:
         if state.palette is None:
             return params
         if state.on_device is None or state.on_device[0] is not state.labels:
-            state.on_device = state.labels, StraightThrough(self._grids(state), state.palette)
+            state.on_device = state.labels, StraightThrough(self._grids(state), state.palette, t.optimizer.bands)
         return state.on_device[1](params)
 
     def rearranged(self, state: Tables, index: np.ndarray, fresh: np.ndarray) -> None:
@@ -87,11 +94,9 @@ class Quantisation(Strategy[Tables]):
         if t.step_count < t.steps or state.palette is None:
             return []
         splats = self._grids(state).snap(t.optimizer.to_splats(), state.palette)
-        for name in ("means", "log_scales", "quats", "logit_opacities"):
-            t.optimizer.assign(name, getattr(splats, name))
-        t.optimizer.assign("sh_dc", splats.sh_coeffs[:, 0])
-        if splats.sh_degree:
-            t.optimizer.assign("sh_rest", splats.sh_coeffs.reshape(t.optimizer.n, -1))
+        arrays = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities")}
+        for name, values in (arrays | {"sh_dc": splats.sh_coeffs[:, 0]} | bands_of(splats)).items():
+            t.optimizer.assign(name, values.reshape(t.optimizer.numpy(name).shape))
         return [Quantised(self.format, len(state.entries))]
 
     def _begin(self, t: Training, state: Tables) -> None:
@@ -106,8 +111,9 @@ class Quantisation(Strategy[Tables]):
     def _follow(self, t: Training, state: Tables) -> None:
         splats = t.optimizer.to_splats()
         state.extents = Extents.of(splats).numbers
-        new = self._grids(state).palette(splats, self.steps.entries, state.weights, state.palette)
-        state.entries, state.labels = new.entries, new.labels
+        before = state.palette if state.fits(t.optimizer) else None
+        new = self._grids(state).palette(splats, self.steps.entries, state.weights, before)
+        state.entries, state.degrees, state.labels = new.entries, new.degrees, new.labels
 
     def _grids(self, state: Tables) -> FileGrids:
         return CODED[self.format](Extents.from_numbers(state.extents), self.steps)
