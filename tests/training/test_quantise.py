@@ -17,16 +17,18 @@ from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.events import Quantised
 from mi_dogsplat.training.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer import SplatOptimizer
 from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.straight_through import DeviceGrid, StraightThrough
-from mi_dogsplat.training.strategy.quantise import SHARE, Quantisation, Quantised
+from mi_dogsplat.training.strategy.quantise import SHARE, Quantisation
 from mi_dogsplat.training.train import Trainer
 from splat_scenes import random_splats, rounded
 
 ULP = 2.0**-24  # of a number from 0.5 to 1, as the largest component of a quaternion is
 STEPS = 60
+LONG = 400
 
 
 def tables(name: str, model: Splats) -> tuple[FileGrids, Palette]:
@@ -140,8 +142,8 @@ def test_a_run_that_sees_its_file_loses_less_than_one_that_is_rounded_at_the_end
     """The coarser the grids, the plainer: scales in steps of a half."""
     dataset, steps = load_dataset(data), replace(Steps(), log_scale=8, rotation=15)
     recipe = replace(RECIPES["3dgs"], quantisation=Quantisation("sog", steps))
-    seen = trained(Trainer(config_of(data, format="ply"), dataset, recipe))
-    plain = trained(Trainer(config_of(data, format="ply"), dataset))
+    seen = trained(Trainer(config_of(data, format="ply", steps=LONG), dataset, recipe), LONG)
+    plain = trained(Trainer(config_of(data, format="ply", steps=LONG), dataset), LONG)
     rounded_at_the_end = snapped("sog", plain.optimizer.to_splats(), steps)
     errors = []
     for model in (seen.optimizer.to_splats(), rounded_at_the_end, plain.optimizer.to_splats()):
