@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, cast
 
 import drjit as dr
@@ -10,9 +11,10 @@ import numpy as np
 
 from .engine.motion import moved
 from .engine.parameters import RAW, RAW_DOG, device_array, dog_rows
-from .engine.transform import decompose_similarity, transformed
-from .scene.ply import read_ply
+from .formats.model import Model
+from .formats.read import read_model
 from .scene.splats import Splats
+from .scene.transform import decompose_similarity, transformed
 
 
 class DogShape(mi.Mesh):
@@ -25,7 +27,8 @@ class DogShape(mi.Mesh):
 
      * - filename
        - |string|
-       - 3DGS model (PLY), optionally with a second element ``dog`` for DoG primitives.
+       - Model: PLY (with a second element ``dog`` for DoG primitives), compressed PLY, SPZ, SOG, glTF or .splat. The
+         integrator draws it as its file says, unless it is told otherwise.
 
      * - means, log_scales, quats, logit_opacities, sh_coeffs
        - |tensor|
@@ -78,20 +81,23 @@ class DogShape(mi.Mesh):
             )
         try:
             if given:
-                splats = Splats(**{name: _to_numpy(props[name]) for name in given})
+                model = Model(Splats(**{name: _to_numpy(props[name]) for name in given}))
                 self.source = "tensors"
             else:
                 resolver = cast(Any, mi.file_resolver)()
                 self.source = str(resolver.resolve(props["filename"]))
-                splats = read_ply(self.source)
+                model = read_model(self.source)
             matrix = np.array(props.get("to_world", mi.ScalarTransform4f()).matrix, dtype=np.float64)
-            splats = transformed(splats, matrix)
+            splats = transformed(model.splats, matrix)
         except TypeError:
             missing = [name for name in RAW if name not in given]
             raise RuntimeError(f'dog: missing tensors {", ".join(missing)}') from None
         except (ValueError, OSError) as error:
             raise RuntimeError(f"dog: {error}") from None
         self._assign(splats)
+        self.drawing = model.drawing
+        if self.drawing.near_clip is not None:  # in units of the file
+            self.drawing = replace(self.drawing, near_clip=self.drawing.near_clip * decompose_similarity(matrix)[1])
         self.to_world, self._moves = mi.Transform4f(), False
 
     def _assign(self, splats: Splats):

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from ..compare.names import ABLATION, ALL, SETS, chosen
 from ..datasets.capture_config import CaptureConfig
 from ..render.picture_options import PictureOptions
+from ..scene.drawing import Drawing, drawn_as
 from ..support.errors import DataError
 from ..support.settings import settings_of
 from ..support.variants import set_variant
@@ -30,7 +31,11 @@ def train(args: argparse.Namespace) -> None:
 
 def prune(args: argparse.Namespace) -> None:
     """Prune a model to a target while refining it on its photographs, then add Differences of Gaussians."""
-    _run(_config(args, model=args.model), args)
+    from ..formats.read import read_model
+
+    drawn = drawn_as(Drawing(args.antialiased, args.near_clip), read_model(args.model).drawing)
+    how = {"antialiased": drawn.antialiased, "near_clip": drawn.near_clip}
+    _run(_config(args, model=args.model, **how), args)
 
 
 def _run(config: TrainConfig, args: argparse.Namespace) -> None:
@@ -159,8 +164,8 @@ def export(args: argparse.Namespace) -> None:
     set_variant(args.variant)
     from ..export.write import export_model
 
-    exported = export_model(args.model, args.out, args.dog, args.data, args.views, options)
-    for line in loss_table(exported):
+    exported = export_model(args.model, args.out, args.dog, args.data, args.views, options, args.spz_version)
+    for line in (*exported.left_out, *loss_table(exported)):
         print(line)
     megabytes, before = (path.stat().st_size / 1e6 for path in (args.out, args.model))
     print(f"{args.out}: {exported.n_splats:,} primitives, {megabytes:.2f} MB; {args.model.name} has {before:.2f} MB")

@@ -14,7 +14,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..scene.row_groups import SH
-from .sh import read_rows, sh_basis, sh_basis_table
+from ..scene.sh_basis import sh_basis, sh_basis_table
+from .sh import read_rows
 from .sh_groups import ROW_COEFFICIENTS
 
 

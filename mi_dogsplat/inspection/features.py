@@ -93,7 +93,7 @@ def choices_of_a_render() -> list[Feature]:
     """What no model asks for by itself."""
     return [
         Feature("background", LEFT_OUT, "black, unless --background or an emitter of the scene asks for another"),
-        Feature("antialiasing", LEFT_OUT, "unless --antialiased asks for it"),
+        Feature("antialiasing", LEFT_OUT, "unless its file or --antialiased asks for it"),
         Feature("depth", LEFT_OUT, "unless an .exr or the aovs of a scene ask for it"),
         Feature("other AOVs", LEFT_OUT, "unless --aovs or the aovs of a scene ask for them"),
         DERIVATIVES,
@@ -109,6 +109,7 @@ def scene_features(scene: mi.Scene) -> list[Feature]:
 
     integrator: Any = scene.integrator()  # to the stubs of Mitsuba any integrator is just that
     variant = mi.variant()
+    drawn = integrator.drawn_as(scene)
     parts = [shape.to_splats() for shape in scene.shapes() if isinstance(shape, DogShape)]
     features = model_features(parts, integrator.negative_transmittance)
 
@@ -128,11 +129,11 @@ def scene_features(scene: mi.Scene) -> list[Feature]:
     pixel = mi.Float([0.2, 0.4])
     per_pixel = operations(lambda: np.array(srgb_to_linear([pixel] * 3))) / 2
     conversion = f"srgb_primitives; {per_pixel:.0f} operations per pixel of the image"
-    features.append(feature("sRGB conversion", integrator.srgb_primitives, conversion, "srgb_primitives is false"))
+    features.append(feature("sRGB conversion", not drawn.linear, conversion, "srgb_primitives is false"))
 
     each = [primitive_operations(RasterOptions(0, antialiased=on), False, variant) for on in (True, False)]
     filtering = f"antialiased; each {each[0] - each[1]:.0f} operations"
-    features.append(feature("antialiasing", integrator.antialiased, filtering, "antialiased is false"))
+    features.append(feature("antialiasing", drawn.antialiased, filtering, "antialiased is false"))
 
     for name, planes in (("depth", 1), ("normal", 3)):
         more = _difference(*(pair_operations(Settings(n), False, variant) for n in (3 + planes, 3)))

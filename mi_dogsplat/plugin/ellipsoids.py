@@ -12,9 +12,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..engine.transform import transformed
-from ..scene.ply import read_ply
+from ..formats.read import read_model
 from ..scene.splats import Splats
+from ..scene.transform import transformed
 
 EXTENT = 3.0  # standard deviations, the default of Mitsuba; a Gaussian is 1.1 % of its peak there
 MIN_OPACITY = 1 / 255  # fainter primitives are not drawn by ``dogsplat`` either
@@ -67,7 +67,7 @@ def _splats(model: Splats | str | Path | mi.Shape) -> Splats:
     if isinstance(model, Splats):
         return model
     if isinstance(model, (str, Path)):
-        return read_ply(model)
+        return read_model(model).splats
     if hasattr(model, "to_splats"):  # not isinstance: the class of the shape is another one in every variant
         return model.to_splats()  # pyright: ignore[reportAttributeAccessIssue]
     raise ValueError(f'to_ellipsoids: a model is Splats, a path or a shape "dog", this is {type(model).__name__}')

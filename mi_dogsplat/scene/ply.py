@@ -17,6 +17,7 @@ elements, files without normals (gsplat), SH degree 0..3, and the method authors
 from __future__ import annotations
 
 import stat
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -43,6 +44,11 @@ _SH_ELEMENTS = {degree: f"sh{degree}" for degree in SH}
 
 def read_ply(path: str | Path) -> Splats:
     """Read a model. Raises ``DataError`` for whatever is not one; memory stays in proportion to the file."""
+    return read_ply_and_comments(path)[0]
+
+
+def read_ply_and_comments(path: str | Path) -> tuple[Splats, list[str]]:
+    """Read a model, and the comments of its header. Raises as ``read_ply`` does."""
     path = Path(path)
     try:
         status = path.stat()
@@ -50,7 +56,8 @@ def read_ply(path: str | Path) -> Splats:
             kind = "a folder" if stat.S_ISDIR(status.st_mode) else "not a regular file"
             raise DataError(path, f"this is {kind}", "give the path of a PLY file")
         with path.open("rb") as file:
-            return _read_model(TableReader(path, file, status.st_size))
+            reader = TableReader(path, file, status.st_size)
+            return _read_model(reader), reader.comments
     except OSError as e:
         raise DataError(path, f"cannot be read ({e.strerror})", "check the path and its permissions") from e
 
@@ -135,7 +142,9 @@ def _read_index(reader: TableReader, table: Array, element: str, n_splats: int, 
     return index, order
 
 
-def write_ply(path: str | Path, splats: Splats, layout: Literal["3dgs", "rows"] = "3dgs") -> None:
+def write_ply(
+    path: str | Path, splats: Splats, layout: Literal["3dgs", "rows"] = "3dgs", comments: Sequence[str] = ()
+) -> None:
     """Write a model; ``read_ply`` gives back the same bits. The old file stays until the new one is complete.
 
     Args:
@@ -143,6 +152,7 @@ def write_ply(path: str | Path, splats: Splats, layout: Literal["3dgs", "rows"] 
             of the highest one, which every program reads; the degrees are not in the file. "rows": no primitive has
             more than its own; programs that do not know the further elements show the model without its
             view-dependent colour. A uniform model is the same file in both.
+        comments: lines for the header, such as ``drawing.comments_of`` makes.
 
     Raises ``DataError`` when the place cannot be written, or a value is not finite (nobody could read it).
     """
@@ -163,7 +173,8 @@ def write_ply(path: str | Path, splats: Splats, layout: Literal["3dgs", "rows"] 
     ]
     vertex = np.concatenate(columns, axis=1, dtype="<f4")  # [N, len(names)]
     check_finite(path, names, vertex, _NOT_WRITTEN)
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {n}"]
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
+    header += [f"element vertex {n}"]
     header += [f"property float {name}" for name in names]
     data = [vertex.tobytes()]
 

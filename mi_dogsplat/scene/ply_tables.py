@@ -55,6 +55,7 @@ class TableReader:
 
     def __init__(self, path: Path, file: BinaryIO, size: int):
         self.path, self.file, self.size = path, file, size
+        self.comments: list[str] = []  # of the header, once it is read
 
     def fail(self, problem: str, remedy: str = _DAMAGED) -> NoReturn:
         raise DataError(self.path, problem, remedy)
@@ -113,7 +114,9 @@ class TableReader:
                 self.fail('the header has no "end_header" line')
             words = [w.decode("ascii", "backslashreplace") for w in line.split()]
             match words:
-                case [] | ["comment" | "obj_info", *_]:
+                case ["comment", *rest]:
+                    self.comments.append(" ".join(rest))
+                case [] | ["obj_info", *_]:
                     continue
                 case ["end_header"]:
                     break

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from ..datasets import Dataset
-from ..engine.sh import C0
-from ..formats.sizes import encoded
+from ..formats.read import read_model
+from ..formats.sizes import FileKind
 from ..scene.cameras import Camera
-from ..scene.ply import read_ply
+from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.wording import file_size
@@ -103,7 +103,7 @@ def random_splats(cameras: Sequence[Camera], count: int, rng: np.random.Generato
 
 
 def model_to_prune(path: str, target: float | str, format: str = "ply") -> Splats:
-    """Read a model. Raises ``DataError`` if it cannot be read, or cannot be pruned to ``target``.
+    """Read a model of any format. Raises ``DataError`` if it cannot be read, or cannot be pruned to ``target``.
 
     Args:
         path: of the model.
@@ -112,13 +112,16 @@ def model_to_prune(path: str, target: float | str, format: str = "ply") -> Splat
 
     Quaternions are brought to length 1, which changes no picture: a training step of one turns by step / length.
     """
-    splats = read_ply(path)
+    model = read_model(path)
+    splats = model.splats
+    if model.drawing.linear:
+        raise DataError(path, "its colours are linear radiance", "training knows display-referred sRGB only")
     if splats.n_splats < 2:
         raise DataError(path, f"holds {splats.n_splats} primitives", "pruning needs at least 2")
     try:
         if (most := target_bytes(target)) is None:
             target_count(float(target), splats.n_splats)
-        elif (size := len(encoded(format, splats))) <= most:
+        elif (size := FileKind(format).size(splats)) <= most:
             raise ValueError(f"{target} is not below the {file_size(size)} that the model takes as {format}")
     except ValueError as error:
         raise DataError("--target", str(error), f"choose another one for {path}") from None

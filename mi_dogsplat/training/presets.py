@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..formats.sizes import FileKind
 from ..scores.score import Score, ScoreRule
 from .learning_rates import Refinement
 from .milestones import scaled_milestone
@@ -81,12 +82,12 @@ class Recipe:
             first_step=start,
         )
 
-    def strategies(self, sieve: Sieve, size: tuple[int, str] | None = None) -> list[Strategy[Any]]:
+    def strategies(self, sieve: Sieve, size: tuple[int, FileKind] | None = None) -> list[Strategy[Any]]:
         """The parts of the training, in the order in which they act.
 
         Args:
             sieve: what leaves without being pruned.
-            size: bytes of the file to end with, and its format; None: a number of primitives.
+            size: bytes of the file to end with, and what kind of file; None: a number of primitives.
 
         Raises ``ValueError`` where two of them have one name.
         """

@@ -47,8 +47,15 @@ class Drawn:
 class Drawing:
     """Draws a model that can be replaced; parts of it go to the device when they are first asked for."""
 
-    def __init__(self, splats: Splats, near_clip: float, antialiased: bool = False, views: Sequence[View] = ()):
-        self.near_clip, self.antialiased, self.views = near_clip, antialiased, list(views)
+    def __init__(
+        self,
+        splats: Splats,
+        near_clip: float,
+        antialiased: bool = False,
+        views: Sequence[View] = (),
+        linear: bool = False,
+    ):
+        self.near_clip, self.antialiased, self.linear, self.views = near_clip, antialiased, linear, list(views)
         self.replace(splats)
 
     def replace(self, splats: Splats) -> None:
@@ -90,7 +97,8 @@ class Drawing:
         if part not in self._params:
             self._params[part] = upload(PARTS[part](self.splats))
         options = RasterOptions(min(settings.sh_degree, self.splats.sh_degree), antialiased=self.antialiased)
-        return render_picture(self._params[part], camera, options, settings.background, self.near_clip).color
+        how = settings.background, self.near_clip
+        return render_picture(self._params[part], camera, options, *how, linear=self.linear).color
 
 
 def nearest_view(views: Sequence[View], camera: Camera) -> View:

@@ -12,9 +12,9 @@ from mi_dogsplat.engine.parameters import concatenate, upload
 from mi_dogsplat.engine.project import DeviceCamera, project
 from mi_dogsplat.engine.rasterize import Frame, rasterize
 from mi_dogsplat.engine.sh_groups import padded_rows
-from mi_dogsplat.engine.transform import transformed
 from mi_dogsplat.scene.row_groups import SH
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.scene.transform import transformed
 from splat_scenes import (
     SMOOTH_OPTIONS,
     assert_gradients_equal,

@@ -259,7 +259,7 @@ def test_what_cannot_be_listed_is_one_line(tmp_path):
     write_run(tmp_path, preset="best")
     for path, words in (
         (tmp_path / "s.xml", "Mitsuba cannot load it"),
-        (tmp_path / "notes.txt", "a model .ply, a run folder, or a data set"),
+        (tmp_path / "notes.txt", "a run folder, or a data set"),
         (tmp_path / "missing.ply", "no such file"),
         (tmp_path, 'preset "best" is unknown'),
     ):

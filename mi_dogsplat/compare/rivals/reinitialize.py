@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...engine.sh import C0
+from ...scene.sh_basis import C0
 from ...training.initialize import splats_from_points
 from ...training.learning_rates import Refinement
 from ...training.milestones import scaled_milestone

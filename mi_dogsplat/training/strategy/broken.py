@@ -18,7 +18,7 @@ import numpy as np
 
 from ...engine.geometry import Cutoffs
 from ...engine.project import NOT_DOG
-from ...engine.sh import C0
+from ...scene.sh_basis import C0
 from ..dog_rows import DOG_ROW_SIZE
 from ..optimizer import SplatOptimizer
 from ..sh_rows import SH_INDEX

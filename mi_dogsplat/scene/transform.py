@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..scene.row_groups import SH
-from ..scene.splats import Splats
-from .sh import sh_basis_table
+from .row_groups import SH
+from .sh_basis import sh_basis_table
+from .splats import Splats
 
 
 def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
