@@ -9,7 +9,7 @@ from ..scene.drawing import DrawnAs
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .model import Model
-from .packing import morton_order, turned
+from .packing import turned
 from .spz_container import rewrapped
 from .table import SPZ, Format, format_to_write, write_bytes
 
@@ -37,8 +37,10 @@ def write_model(path: str | Path, model: Model | Splats, spz_version: int = SPZ_
     if spz_version not in SPZ_VERSIONS:
         raise DataError(path, f"SPZ {spz_version} is not written", f"use version {' or '.join(map(str, SPZ_VERSIONS))}")
     lost = what_is_lost(chosen, model)
-    if chosen.sorted:
-        splats = splats.select(morton_order(splats.means))
+    if not chosen.dog:
+        splats = splats.uniform_sh()  # PLY alone has rows of their own for bands
+    if chosen.order:
+        splats = splats.select(chosen.order(splats))
     if chosen.turn:
         splats = turned(splats, chosen.turn)
     chosen.write(path, replace(model, splats=splats))
@@ -57,4 +59,3 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     if model.splats.sh_degree > chosen.sh_degree:
         lost.append(f"{chosen.name} has no view-dependent colour above SH degree {chosen.sh_degree}")
     return lost
-

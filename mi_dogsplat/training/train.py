@@ -53,9 +53,7 @@ class Trainer:
 
     def __init__(self, config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None):
         self.config, self.dataset = config, dataset
-        recipe = recipe or RECIPES[config.preset]
-        if config.format != "ply":
-            recipe = replace(recipe, dog=None)  # which no other format holds
+        recipe = (recipe or RECIPES[config.preset]).for_format(config.format)
         bounds = {"max_primitives": config.max_primitives, "max_world_scale": config.max_world_scale}
         density = replace(recipe.densification, **bounds, batch_views=config.batch_views)
         recipe = replace(recipe, densification=density)
