@@ -82,7 +82,7 @@ def _add_settings(parser: argparse.ArgumentParser, kind: type, names: list[str] 
         metavar: Any = setting.metavar or METAVARS[value]
         text = " ".join(map(str, default)) if isinstance(default, tuple) else default
         options: dict[str, Any] = {"nargs": count, "metavar": tuple(metavar.split())} if count else {"metavar": metavar}
-        shown = setting.help + ("" if default is None else f" (default: {text})")
+        shown = setting.help.replace("%", "%%") + ("" if default is None else f" (default: {text})")
         parser.add_argument(flag, type=value, default=default, help=shown, **options)
 
 

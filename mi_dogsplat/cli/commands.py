@@ -18,6 +18,7 @@ from ..support.errors import DataError
 from ..support.settings import settings_of
 from ..support.variants import set_variant
 from ..training.config import TrainConfig
+from ..training.target import target_bytes
 from .printing import loss_table, metrics_line
 
 T = TypeVar("T")
@@ -77,6 +78,9 @@ def compare(args: argparse.Namespace) -> int:
         raise DataError("--only", f'"{error}" is unknown', f"use {', '.join((*SETS, *ALL))}") from None
     if args.workers < 0:
         raise DataError("--workers", f"{args.workers} is out of range", "use at least 0")
+    if target_bytes(args.target) is not None:
+        remedy = "compare and ablate take a ratio or a number of primitives"
+        raise DataError("--target", f"{args.target} is the size of a file", remedy)
     config = _config(args, preset="3dgs", data="")
     set_variant(config.variant)
     from ..compare.compare import compare as run_comparison

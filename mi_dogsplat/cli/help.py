@@ -18,6 +18,8 @@ Examples:
   dogsplat train photos/ -o run --steps 7000 --downscale 2 --max-primitives 60000
                                                        minutes instead of hours, and a bounded size
   dogsplat train photos/ -o run --target 20000         a model of exactly so many primitives
+  dogsplat train photos/ -o run --target 2MB --format spz
+                                                       a file of at most so many bytes
   dogsplat train photos/ -o run --preset 3dgs          without pruning and DoG: the published baseline
   dogsplat train lego/ -o run --background white       images with alpha over white (as auto does)
   dogsplat train lego/ -o run --background random      another colour at each step: no splats hide in it
@@ -33,6 +35,8 @@ PRUNE_EXAMPLES = """
 Examples:
   dogsplat prune model.ply photos/ -o run                      a tenth of its primitives
   dogsplat prune model.ply photos/ -o run --target 20000 --steps 3500 --downscale 2
+  dogsplat prune model.ply photos/ -o run --target 2MB --format spz
+                                                               a file of at most so many bytes
   dogsplat prune model.ply photos/ -o run --preset released    as the authors' code does it
 
 The model may come from any trainer of 3D Gaussians. The schedule begins with its first prune, without

@@ -15,8 +15,6 @@ import mitsuba as mi
 
 from ..datasets import Dataset, load_dataset
 from ..engine.geometry import Cutoffs
-from ..formats.model import Model
-from ..formats.write import write_model
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
 from ..report.run_folder import RECIPE, RENDER_MS, read_run
 from ..report.write import write_report
@@ -33,6 +31,7 @@ from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, Checkpoints, load_checkpoint
 from .history import run_to_end
 from .mixture import write_mixture
+from .model_files import write_model_files
 from .stopping import Stopped, StopRequest
 
 HISTORY = "history.jsonl"
@@ -103,7 +102,8 @@ def train(
     """
     out = Path(out)
     if config.model is not None:
-        model_to_prune(config.model, config.target)  # what is wrong with it shows before the data set takes its time
+        # what is wrong with it shows before the data set takes its time
+        model_to_prune(config.model, config.target, config.format)
     dataset = _dataset_of(config)
     trainer = Trainer(config, dataset, recipe)
     if start:
@@ -185,11 +185,11 @@ def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     splats = trainer.optimizer.to_splats()
     splats = splats.select(splats.opacities >= ALPHA_MIN)
     drawing = Drawing(config.antialiased, config.near_clip, linear=False)
-    write_model(out / "point_cloud.ply", Model(splats, drawing))
+    sizes = write_model_files(out, splats, config, drawing)
     metrics = _measure(trainer, dataset, out) | {
         "n": splats.n_splats,
         "n_dog": splats.n_dog,
-        "bytes": (out / "point_cloud.ply").stat().st_size,
+        **sizes,
         "train_seconds": trainer.seconds,
         "peak_memory_mb": peak_memory_mb(),
         "steps": config.steps,

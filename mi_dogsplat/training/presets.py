@@ -10,9 +10,11 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..formats.sizes import FileKind
 from ..scores.score import Score, ScoreRule
 from .learning_rates import Refinement
 from .milestones import scaled_milestone
+from .strategy.compaction import Compaction
 from .strategy.densify import Densification
 from .strategy.dog_control import DogActivation, DogControl, DogRule
 from .strategy.prune import Pruning
@@ -86,14 +88,21 @@ class Recipe:
             first_step=start,
         )
 
-    def strategies(self, sieve: Sieve) -> list[Strategy[Any]]:
+    def strategies(self, sieve: Sieve, size: tuple[int, FileKind] | None = None) -> list[Strategy[Any]]:
         """The parts of the training, in the order in which they act.
+
+        Args:
+            sieve: what leaves without being pruned.
+            size: bytes of the file to end with, and what kind of file; None: a number of primitives.
 
         Raises ``ValueError`` where two of them have one name.
         """
         parts: list[Strategy[Any]] = [DogControl(self.dog)] if self.dog and self.dog.control else []
         parts += [sieve, self.densification, ShRamp(self.sh_every), *self.also]
-        parts += [Pruning(self.pruning, self.score)] if self.pruning and self.score else []
+        if self.pruning and size:
+            parts += [Compaction(self.pruning, *size)]
+        elif self.pruning and self.score:
+            parts += [Pruning(self.pruning, self.score)]
         parts += [DogActivation(self.dog)] if self.dog else []
         parts += [self.quantisation] if self.quantisation else []
         names = [part.name for part in parts]

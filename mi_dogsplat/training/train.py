@@ -23,8 +23,10 @@ from ..datasets.dataset import View, camera_extent
 from ..engine.arrays import array_types
 from ..engine.options import RasterOptions
 from ..engine.rasterize import Frame, rasterize
+from ..formats.sizes import FileKind
 from ..measure.metrics import flip, psnr
 from ..render.picture import Picture, background_color, over_background, render_picture
+from ..scene.drawing import Drawing
 from ..scores.score import Score
 from .config import TrainConfig
 from .events import Event
@@ -59,7 +61,7 @@ class Trainer:
         self.background = background_color(config.background, dataset.has_alpha)
         self.extent = camera_extent(dataset.train)
         share = recipe.start_share
-        limit = config.max_primitives if share is None else max(1, int(share * config.target))
+        limit = config.max_primitives if share is None else max(1, int(share * float(config.target)))
         splats = initial_splats(config, dataset, limit)
         self.n_start = splats.n_splats
         self.memory = budget(config.memory, dataset, splats.sh_degree, config.data_on_disk)
@@ -75,12 +77,14 @@ class Trainer:
             self.extent, self.recipe.position_steps, refinement=self.recipe.refinement, batch_views=config.batch_views
         )
         self.optimizer = SplatOptimizer(splats, rates)
-        self.steps, self.target = config.steps, config.target
+        self.steps, self.target = config.steps, 0.0 if config.target_bytes else float(config.target)
         self.step_count, self.seconds = 0, 0.0
         self.order: list[int] = []  # of the views that are still to come in this turn, from its end
         self.losses = LossMeans()
         self.sieve = Sieve(config.near_zone)
-        self.strategies = self.recipe.strategies(self.sieve)
+        kind = FileKind(config.format, Drawing(config.antialiased, config.near_clip, linear=False))
+        size = None if config.target_bytes is None else (config.target_bytes, kind)
+        self.strategies = self.recipe.strategies(self.sieve, size)
         self.states: dict[str, Any] = {strategy.name: strategy.new_state(self) for strategy in self.strategies}
         self.optimizer.followers += [partial(s.rearranged, state) for s, state in self._parts()]
 
@@ -146,6 +150,10 @@ class Trainer:
     def begin(self) -> list[Event]:
         """What is due before the first step, as for a model that exists."""
         return [event for strategy, state in self._parts() for event in strategy.begin(self, state)]
+
+    def end(self) -> list[Event]:
+        """What is due after the last step."""
+        return [event for strategy, state in self._parts() for event in strategy.end(self, state)]
 
     def render(self, params: dict, view: int, probe: list | None = None) -> tuple[list, Frame]:
         """Planes of a training view over the background, and the frame they come from."""
