@@ -13,9 +13,8 @@ from command_line import run as dogsplat
 from happenings import records, rows_with
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.formats import spz
-from mi_dogsplat.formats.packing import RUB, turned
-from mi_dogsplat.formats.sizes import Prices, encoded, prices
+from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.formats.sizes import Prices
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.bands import Bands
@@ -60,7 +59,7 @@ def test_a_run_ends_with_a_file_of_its_size_and_tells_its_parts(data, tmp_path, 
     if name == "ply":
         np.testing.assert_array_equal(np.bincount(splats.sh_degrees, minlength=4), allocated[-1]["degrees"])
     if name == "spz":
-        read = turned(spz.decode(path), RUB)
+        read = read_model(path).splats
         assert read.n_splats == metrics["n"] and read.sh_degree == max(np.flatnonzero(allocated[-1]["degrees"]))
 
 
@@ -160,11 +159,6 @@ def test_the_model_of_a_choice_has_what_was_chosen():
     assert result.sh_degrees.tolist() == [1, 0, 0] and result.dog_index.tolist() == [0]
     assert result.dog_logit_opacities.tolist() == [0.0]
     np.testing.assert_array_equal(result.uniform_sh().sh_coeffs[0], splats.uniform_sh().sh_coeffs[0])
-
-
-def test_prices_are_of_the_file_of_that_choice():
-    splats = four()
-    assert prices("ply", splats).of(splats) == pytest.approx(len(encoded("ply", splats)), abs=900)  # but for the header
 
 
 def test_a_file_into_which_nothing_fits_is_refused(data):

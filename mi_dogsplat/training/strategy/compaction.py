@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...engine.geometry import Cutoffs
-from ...formats.sizes import encoded, prices
+from ...formats.sizes import FileKind, prices
 from ...scene.row_groups import DOG
 from ...scene.splats import Splats
 from ...support.errors import DataError
@@ -36,11 +36,11 @@ class Compacted(Progress):
 
 @dataclass(frozen=True)
 class Compaction(Strategy[Compacted]):
-    """The window of a run that ends with a file of ``size`` bytes, in a format of ``formats/sizes.py``."""
+    """The window of a run that ends with a file of ``size`` bytes."""
 
     rule: PruningRule
     size: int
-    format: str
+    kind: FileKind
 
     def new_state(self, t: Training) -> Compacted:
         return Compacted()
@@ -57,7 +57,7 @@ class Compaction(Strategy[Compacted]):
         if not self.due(t, state):
             return []
         splats = t.optimizer.to_splats()
-        size = len(encoded(self.format, splats))
+        size = self.kind.size(splats)
         if self._settles(t, state):
             state.settled = True
             return self._divide(t, splats, size, self.size, "the rest of the run refines") if size > self.size else []
@@ -90,7 +90,7 @@ class Compaction(Strategy[Compacted]):
         """Leave out what can never be seen and, where the file is too large, what the model can do without best."""
         t.optimizer.keep(np.flatnonzero(t.optimizer.to_splats().opacities >= Cutoffs().alpha))
         splats = t.optimizer.to_splats()
-        size = len(encoded(self.format, splats))
+        size = self.kind.size(splats)
         return self._divide(t, splats, size, self.size, "the file has its size") if size > self.size else []
 
     def _fitting(self, splats: Splats, size: int, budget: int, options: Options) -> tuple[Splats, np.ndarray, int]:
@@ -100,7 +100,7 @@ class Compaction(Strategy[Compacted]):
         more than a half of what the primitives may take.
         Raises ``DataError`` where nothing fits.
         """
-        known = prices(self.format, splats)
+        known = prices(self.kind, splats)
         known = known.scaled((size - known.fixed) / (known.of(splats) - known.fixed))
         wanted = float(budget)
         for attempt in range(ATTEMPTS):
@@ -108,11 +108,11 @@ class Compaction(Strategy[Compacted]):
             if not len(chosen.kept):
                 break
             model = as_chosen(splats, options, chosen)
-            after = len(encoded(self.format, model))
+            after = self.kind.size(model)
             if after <= budget:
                 return model, chosen.kept, after
             wanted = max(wanted - (after - budget) * (1 + attempt / 4), (wanted + known.fixed) / 2)
-        raise DataError("--target", f"no primitive fits into {budget} bytes of {self.format}", "use a larger size")
+        raise DataError("--target", f"no primitive fits into {budget} bytes of {self.kind.name}", "use a larger size")
 
 
 def as_chosen(splats: Splats, options: Options, chosen: Chosen) -> Splats:
