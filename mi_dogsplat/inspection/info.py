@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..formats.read import format_of, is_model_name, read_model
-from ..formats.sizes import by_part
+from ..formats.sizes import FileKind, by_part
 from ..render.framing import CORE, robust_sphere
 from ..report.run_folder import read_run
 from ..scene.drawing import Drawing
@@ -76,7 +76,7 @@ def describe_model(path: Path) -> list[str]:
         _line("size", file_size(size) + (f", {size / n:.0f} bytes per primitive" if n else "")),
     ]
     if splats.mixed_sh:
-        parts = (f"{name} {file_size(part)}" for name, part in by_part("ply", splats).items())
+        parts = (f"{name} {file_size(part)}" for name, part in by_part(FileKind("ply", model.drawing), splats).items())
         lines.append(_line("bytes of", ", ".join(parts)))
     lines += [_line("drawn", _drawn(model.drawing))] if model.drawing.said() else []
     lines += [_line("not read", text) for text in model.left_out]
