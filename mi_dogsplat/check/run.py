@@ -98,7 +98,7 @@ def _model_scene(
 ) -> Scene:
     """The model, seen as ``render_files.render_model`` would see it."""
     read = read_model(model)
-    splats = read.splats
+    splats = read.splats.uniform_sh()  # one array of colours, whose errors are told
     if splats.n_splats == 0:
         raise DataError(model, "holds no primitives", "check a model that has some")
     view = viewpoint(splats, data, camera, options, read.drawing)

@@ -176,7 +176,7 @@ def _sh_degrees(splats: Splats) -> str:
     if not splats.mixed_sh:
         return f"{splats.sh_degree}"
     degrees, counts = np.unique(splats.sh_degrees, return_counts=True)
-    return ", ".join(f"{degree} of {count(int(k))}" for degree, k in zip(degrees, counts, strict=True))
+    return ", ".join(f"{degree}: {count(int(k))}" for degree, k in zip(degrees, counts, strict=True))
 
 
 def _drawn(drawing: Drawing) -> str:
