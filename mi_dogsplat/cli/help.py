@@ -154,9 +154,9 @@ Examples:
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
                                                                       any 3DGS viewer; measured on photographs
 
-These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary
-(--dog drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the
-others the axes of the model.
+MODEL may have any of these formats. But for .ply (--dog keep) they know no negative lobes: a DoG primitive
+becomes the Gaussian nearest to it, or its primary (--dog drop). The file is read back, and the loss of both
+steps is printed. .spz, .glb and .gltf have y up, the others the axes of the model.
 """
 SIMPLIFY_EXAMPLES = """
 Examples:

@@ -11,7 +11,7 @@ from ..support.errors import DataError
 from .model import Model
 from .packing import morton_order, turned
 from .spz_container import rewrapped
-from .table import PLY, SPZ, Format, format_to_write, write_bytes
+from .table import SPZ, Format, format_to_write, write_bytes
 
 SPZ_VERSIONS = (3, 4)  # that are written
 
@@ -34,7 +34,7 @@ def write_model(
     path = Path(path)
     chosen = format_to_write(path)
     model = model if isinstance(model, Model) else Model(model)
-    splats = model.splats if chosen is PLY else model.splats.uniform_sh()  # the others know one degree for all
+    splats = model.splats
     if splats.n_dog and not chosen.dog:
         problem = f"{chosen.name} has no room for DoG, the model has {splats.n_dog} of them"
         raise DataError(path, problem, "bake them first, as dogsplat export does, or write a .ply")
