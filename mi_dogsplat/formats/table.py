@@ -70,6 +70,7 @@ COMPRESSED_PLY = Format(
     compressed_ply.read,
     _written(lambda model: compressed_ply.encode(model.splats, comments_of(model.drawing))),
     ALL,
+    dog=True,
     sorted=True,
 )
 SPZ = Format(

@@ -37,7 +37,7 @@ def test_without_flags_all_views_keep_their_bits(capsys, model, tmp_path):
     lines = printed.splitlines()
     assert status == 0 and lines[0] == "60 primitives, taken out:"
     assert lines[1].startswith("  not needed, invisible primitives: 6, ")
-    assert lines[2].startswith("  not needed, faded DoG: 4, ")
+    assert lines[2].startswith("  not needed, DoG without effect: 4, ")
     assert lines[3].startswith("  not needed, zero bands of SH degree 1: 54, ")
     assert lines[4].startswith(f"{tmp_path / 'lean.ply'}: 54 primitives, 0.00 MB; model.ply has 0.01 MB")
     before, after = read_ply(model), read_ply(tmp_path / "lean.ply")
