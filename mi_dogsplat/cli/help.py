@@ -154,7 +154,7 @@ Examples:
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
                                                                       any 3DGS viewer; measured on photographs
   dogsplat export run/point_cloud.ply -o model.html --data photos/ --views 0
-                                                                      a page with a viewer, to send to somebody
+                                                                      a page with a viewer, to send around
 
 MODEL may have any of these formats. Those that know no negative lobes get the Gaussian nearest to a DoG
 primitive, or its primary (--dog drop); --dog keep is for .ply and .compressed.ply. The file is read back, and
