@@ -53,10 +53,17 @@ def _sog(extents: Extents, steps: Steps) -> FileGrids:
 
 
 CODED: dict[str, Callable[[Extents, Steps], FileGrids]] = {"spz": _spz, "sog": _sog}
+STEPS = {"spz": Steps(rotation=3, color=2), "sog": Steps()}  # SPZ packs worse
 
 
-def snapped(name: str, splats: Splats, steps: Steps = Steps(), weights: Array | None = None) -> Splats:  # noqa: B008
-    """A model of plain Gaussians as a small file of a format of ``CODED`` holds it; ``weights``: of its primitives."""
+def snapped(name: str, splats: Splats, steps: Steps | None = None, weights: Array | None = None) -> Splats:
+    """A model of plain Gaussians as a small file of a format of ``CODED`` holds it.
+
+    Args:
+        steps: None: those of ``STEPS``.
+        weights: [N] as ``FileGrids.palette`` takes them.
+    """
+    steps = steps or STEPS[name]
     grids = CODED[name](Extents.of(splats), steps)
     return grids.snap(splats, grids.palette(splats, steps.entries, weights))
 

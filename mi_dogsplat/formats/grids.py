@@ -27,7 +27,7 @@ SMALL = 10  # per cent of the primitives that are smaller than what steps of pos
 class Steps:
     """How far the values of each grid are apart."""
 
-    position: float = 1 / 16  # at most, in middle scales of a primitive that is small (``Extents.small``)
+    position: float = 1 / 8  # at most, in middle scales of a primitive that is small (``Extents.small``)
     log_scale: int = 1  # sixteenths
     rotation: int = 1  # 1 / (127.5 √2); odd, as SOG has no zero
     opacity: int = 3  # 255ths; a divisor of 255

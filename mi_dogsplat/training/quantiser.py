@@ -14,7 +14,7 @@ import numpy as np
 
 from ..engine.options import RasterOptions
 from ..engine.project import DeviceCamera
-from ..formats.coded import CODED
+from ..formats.coded import CODED, STEPS
 from ..formats.grids import Extents, FileGrids, Palette, Steps
 from ..formats.symmetries import nearest_to_identity
 from ..scores.weights import weights
@@ -56,7 +56,7 @@ class Quantiser:
     """Straight-through quantisation for a format of ``CODED``."""
 
     format: str
-    steps: Steps = Steps()
+    steps: Steps | None = None  # those of ``formats/coded.STEPS``
 
     def before_step(
         self,
@@ -76,7 +76,7 @@ class Quantiser:
             splats = optimizer.to_splats()
             tables.extents = Extents.of(splats).numbers
             before = tables.palette if kept_bands else None
-            new = self._grids(tables).palette(splats, self.steps.entries, tables.weights, before)
+            new = self._grids(tables).palette(splats, self._steps.entries, tables.weights, before)
             tables.entries, tables.degrees, tables.labels = new.entries, new.degrees, new.labels
 
     def params(self, tables: Tables, params: dict, bands: Sequence[str]) -> dict:
@@ -107,5 +107,9 @@ class Quantiser:
         found = weights(optimizer.params, list(cameras), options).total
         tables.weights = np.maximum(found, LEAST_WEIGHT)
 
+    @property
+    def _steps(self) -> Steps:
+        return self.steps or STEPS[self.format]
+
     def _grids(self, tables: Tables) -> FileGrids:
-        return CODED[self.format](Extents.from_numbers(tables.extents), self.steps)
+        return CODED[self.format](Extents.from_numbers(tables.extents), self._steps)
