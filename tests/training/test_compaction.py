@@ -159,6 +159,16 @@ def test_a_degree_does_not_rise():
     assert options.chosen(PRICES, 1e9).degrees.tolist() == [1, 1, 1, 0]
 
 
+def test_at_the_end_whole_primitives_go_and_the_outermost_stay():
+    splats = four()
+    splats.means[:] = [[0, 0, 0.5], [1, 1, 1], [-1, 0, 2], [0.5, -3, 0]]  # the first is in the middle
+    options = options_of(*LOSSES, splats).of_whole_primitives(splats.means)
+    everything = options.chosen(PRICES, 1e9)
+    assert everything.degrees.tolist() == [1, 1, 1, 0] and everything.dog.tolist() == [0, 1]
+    fewer = options.chosen(PRICES, 10 + 100 + 150 + 170)
+    assert fewer.kept.tolist() == [1, 2, 3] and fewer.degrees.tolist() == [1, 1, 0] and fewer.dog.tolist() == [0]
+
+
 def test_the_model_of_a_choice_has_what_was_chosen():
     splats, options = four(), options_of(*LOSSES, four())
     result = as_chosen(splats, options, options.chosen(PRICES, 385))
