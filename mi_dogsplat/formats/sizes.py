@@ -15,6 +15,7 @@ import numpy as np
 from ..scene.drawing import Drawing, comments_of
 from ..scene.ply import write_ply
 from ..scene.splats import MAX_SH_DEGREE, Splats
+from .coded import CODED, snapped
 from .model import Model
 from .packing import morton_order
 from .write import write_model
@@ -50,9 +51,12 @@ class FileKind:
 
     name: str
     drawing: Drawing = Drawing()
+    to_come: bool = False  # files are those of models as they will be when a training ends, on the grids of the format
 
     def encoded(self, splats: Splats) -> bytes:
         """The file of a model; its primaries alone where the format has no DoG."""
+        if self.to_come and self.name in CODED and splats.n_splats:
+            splats = snapped(self.name, splats.plain(), rounds=0)
         with TemporaryDirectory() as folder:
             path = Path(folder) / f"model.{self.name}"
             if self.name == "ply":

@@ -116,12 +116,15 @@ def model_to_prune(path: str, target: float | str, format: str = "ply") -> Splat
     splats = model.splats
     if model.drawing.linear:
         raise DataError(path, "its colours are linear radiance", "training knows display-referred sRGB only")
+    if splats.n_dog and format != "ply":
+        problem = f"holds {splats.n_dog} DoG primitives, which {format} does not know"
+        raise DataError(path, problem, "make plain Gaussians of them first: dogsplat export MODEL -o plain.ply")
     if splats.n_splats < 2:
         raise DataError(path, f"holds {splats.n_splats} primitives", "pruning needs at least 2")
     try:
         if (most := target_bytes(target)) is None:
             target_count(float(target), splats.n_splats)
-        elif (size := FileKind(format).size(splats)) <= most:
+        elif (size := FileKind(format, to_come=True).size(splats)) <= most:
             raise ValueError(f"{target} is not below the {file_size(size)} that the model takes as {format}")
     except ValueError as error:
         raise DataError("--target", str(error), f"choose another one for {path}") from None

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...engine.geometry import Cutoffs
+from ...formats.coded import CODED
 from ...formats.sizes import FileKind, prices
 from ...scene.row_groups import DOG
 from ...scene.splats import Splats
@@ -20,11 +21,12 @@ from ...support.errors import DataError
 from ..events import Allocated, Event, NotPruned, Pruned, Refined
 from ..optimizer import SplatOptimizer
 from ..sh_rows import bands_of
-from .options import Chosen, Options
+from .options import REMOVAL, Chosen, Options
 from .scheduler import Progress, PruningRule, PruningScheduler
 from .strategy import Strategy, Training
 
 ATTEMPTS = 12  # to meet a size
+FIXED = 2000  # bytes of a file that do not depend on its primitives, about
 
 
 @dataclass
@@ -90,8 +92,28 @@ class Compaction(Strategy[Compacted]):
         """Leave out what can never be seen and, where the file is too large, what the model can do without best."""
         t.optimizer.keep(np.flatnonzero(t.optimizer.to_splats().opacities >= Cutoffs().alpha))
         splats = t.optimizer.to_splats()
+        if self.kind.name in CODED:
+            return self._trimmed(t, splats)
         size = self.kind.size(splats)
         return self._divide(t, splats, size, self.size, "the file has its size") if size > self.size else []
+
+    def _trimmed(self, t: Training, splats: Splats) -> list[Event]:
+        """Of a model that is on the grids of its file what is needed least goes, and nothing else changes."""
+        kind, count = replace(self.kind, to_come=False), splats.n_splats
+        if (size := kind.size(splats)) <= self.size:
+            return []
+        importance = t.importance(REMOVAL)
+        importance[np.concatenate([splats.means.argmin(axis=0), splats.means.argmax(axis=0)])] = np.inf  # SOG's bounds
+        order = np.argsort(-importance, kind="stable")
+        for _ in range(ATTEMPTS):
+            count = int(count * (self.size - FIXED) / max(size - FIXED, 1)) - 1
+            if count < 1:
+                break
+            kept = np.sort(order[:count])
+            if (size := kind.size(splats.select(kept))) <= self.size:
+                t.optimizer.keep(kept)
+                return [Pruned(splats.n_splats, count, "the file has its size", t.training_l1())]
+        raise DataError("--target", f"no primitive fits into {self.size} bytes of {kind.name}", "use a larger size")
 
     def _fitting(self, splats: Splats, size: int, budget: int, options: Options) -> tuple[Splats, np.ndarray, int]:
         """(model of a choice whose file has at most ``budget`` bytes, its rows, the bytes); ``size``: of all of it now.
