@@ -10,7 +10,11 @@ from typing import Any, NoReturn, Union, get_args, get_origin
 from ..check import PARTS
 from ..compare.names import ABLATION, ALL, PUBLISHED, SETS
 from ..datasets.capture_config import CaptureConfig
+from ..editing.clean_config import CleanConfig
+from ..editing.simplify_config import SimplifyConfig
+from ..film.film_config import FilmConfig
 from ..formats.table import FORMATS
+from ..poses.config import PosesConfig
 from ..render.picture_options import PictureOptions
 from ..support.settings import settings_of
 from ..training.config import TrainConfig
@@ -18,13 +22,17 @@ from .help import (
     ABLATE_EXAMPLES,
     CAPTURE_EXAMPLES,
     CHECK_EXAMPLES,
+    CLEAN_EXAMPLES,
     COMPARE_EXAMPLES,
     EPILOG,
     EVAL_EXAMPLES,
     EXPORT_EXAMPLES,
+    FILM_EXAMPLES,
     INFO_EXAMPLES,
+    POSES_EXAMPLES,
     PRUNE_EXAMPLES,
     RENDER_EXAMPLES,
+    SIMPLIFY_EXAMPLES,
     TRAIN_EXAMPLES,
     VIEW_EXAMPLES,
 )
@@ -82,7 +90,7 @@ def _add_settings(parser: argparse.ArgumentParser, kind: type, names: list[str] 
         metavar: Any = setting.metavar or METAVARS[value]
         text = " ".join(map(str, default)) if isinstance(default, tuple) else default
         options: dict[str, Any] = {"nargs": count, "metavar": tuple(metavar.split())} if count else {"metavar": metavar}
-        shown = setting.help.replace("%", "%%") + ("" if default is None else f" (default: {text})")
+        shown = (setting.help + ("" if default is None else f" (default: {text})")).replace("%", "%%")
         parser.add_argument(flag, type=value, default=default, help=shown, **options)
 
 
@@ -173,6 +181,11 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     _add_settings(p, CaptureConfig)
     _add_settings(p, TrainConfig, ["variant"])
 
+    p = command("poses", "photographs or a video into a training set", POSES_EXAMPLES)
+    p.add_argument("source", type=Path, metavar="INPUT", help="folder of images, or a video")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="DATA", help="folder to write, or to go on with")
+    _add_settings(p, PosesConfig)
+
     p = command("check", "numerics: error against float64 and run time, extreme inputs", CHECK_EXAMPLES)
     p.add_argument("model", type=Path, nargs="?", metavar="MODEL", help="model to measure as well")
     p.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder for check.html and check.json")
@@ -185,11 +198,34 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
 
     p = command("export", "a model in the format of another program", EXPORT_EXAMPLES)
     p.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
-    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join(FORMATS))
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join((*FORMATS, ".html")))
     p.add_argument("--dog", default="bake", metavar="HOW", help=DOG_HELP)
     p.add_argument("--spz-version", type=int, default=3, metavar="N", help="of an .spz: 3 or 4 (default: 3)")
     p.add_argument("--data", metavar="DATA", help="measure the loss on its test views, against its photographs too")
     p.add_argument("--views", type=int, default=8, metavar="N", help="views to measure on; 0: none (default: 8)")
+    _add_picture_flags(p)
+
+    p = command("film", "a model along a camera path, to a video or pictures", FILM_EXAMPLES)
+    p.add_argument("model", type=Path, metavar="MODEL_or_RUN", help=f"{MODEL_HELP}; or run folder")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".mp4, FOLDER, FOLDER/%%04d.exr")
+    p.add_argument("--data", metavar="DATA", help="data set whose cameras the path follows (default: that of the run)")
+    _add_settings(p, FilmConfig)
+    _add_settings(p, PictureOptions, ["background", "antialiased", "near_clip", "linear"])
+    _add_settings(p, TrainConfig, ["variant"])
+
+    p = command("simplify", "fewer primitives, without photographs", SIMPLIFY_EXAMPLES)
+    p.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join(FORMATS))
+    _add_settings(p, SimplifyConfig)
+    _add_settings(p, PictureOptions, ["background", "antialiased", "near_clip"])
+    _add_settings(p, TrainConfig, ["variant"])
+
+    p = command("clean", "a model without what it does not need, or what you do not want", CLEAN_EXAMPLES)
+    p.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join(FORMATS))
+    _add_settings(p, CleanConfig)
+    p.add_argument("--data", metavar="DATA", help="for --seen, --floaters, and PSNR on photographs before and after")
+    p.add_argument("--preview", type=Path, metavar="OUT.png", help="also write a picture of before and after")
     _add_picture_flags(p)
 
     p = command("view", "a model, or a run while it trains, in the browser", VIEW_EXAMPLES)

@@ -8,10 +8,16 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 from ..compare.names import ABLATION, ALL, SETS, chosen
 from ..datasets.capture_config import CaptureConfig
+from ..editing.clean_config import CleanConfig
+from ..editing.simplify_config import SimplifyConfig
+from ..film.film_config import FilmConfig
+from ..poses.config import PosesConfig
 from ..render.picture_options import PictureOptions
 from ..scene.drawing import Drawing, drawn_as
 from ..support.errors import DataError
@@ -19,14 +25,18 @@ from ..support.settings import settings_of
 from ..support.variants import set_variant
 from ..training.config import TrainConfig
 from ..training.target import target_bytes
-from .printing import loss_table, metrics_line
+from .printing import cleaned_lines, loss_table, metrics_line, simplified_lines
 
 T = TypeVar("T")
 
 
 def train(args: argparse.Namespace) -> None:
-    """Train a model on photographs and measure it on those held out."""
-    _run(_config(args), args)
+    """Train a model on photographs and measure it on those held out; poses are found first where there are none."""
+    config = _config(args)
+    posed = _posed(config, args.out)
+    if posed is not config:  # what was stopped before it had poses has nothing else to go on with
+        args.resume = args.resume and (args.out / "config.json").exists()
+    _run(posed, args)
 
 
 def prune(args: argparse.Namespace) -> None:
@@ -143,6 +153,42 @@ def capture(args: argparse.Namespace) -> int | None:
     return None
 
 
+def poses(args: argparse.Namespace) -> int | None:
+    """Find the poses of photographs or of a video by structure from motion, and write a COLMAP folder."""
+    config = _given(PosesConfig, args)
+    try:
+        _find_poses(args.source, args.out, config)
+    except KeyboardInterrupt:
+        print("dogsplat: stopped; the same command again goes on from here", file=sys.stderr)
+        return 130
+    print(args.out)
+    return None
+
+
+def _find_poses(source: Path, out: Path, config: PosesConfig) -> None:
+    """Bars while it goes on, then what was found."""
+    from ..poses.run import find_poses
+    from .progress import StageBars
+
+    with StageBars() as bars:
+        summary = find_poses(source, out, config, bars.show)
+    print("\n".join(summary.lines()), flush=True)
+
+
+def _posed(config: TrainConfig, run: Path) -> TrainConfig:
+    """The settings for data with poses: those given, or what is made of plain images or a video in the run's folder."""
+    from ..poses.input import needs_poses
+    from ..runs.run import POSED, prepare_folder
+
+    if not needs_poses(config.data):
+        return config
+    prepare_folder(run)
+    out = run / POSED
+    _say(f"{config.data} has no cameras: finding its poses, into {out}")
+    _find_poses(Path(config.data), out, PosesConfig(masks=config.masks, seed=config.seed))
+    return replace(config, data=str(out), masks=str(out / "masks") if (out / "masks").is_dir() else None)
+
+
 def check(args: argparse.Namespace) -> int:
     """How far the numbers can be trusted, and what each digit costs: numerics as one report."""
     options = _given(PictureOptions, args)
@@ -167,8 +213,45 @@ def export(args: argparse.Namespace) -> None:
     exported = export_model(args.model, args.out, args.dog, args.data, args.views, options, args.spz_version)
     for line in (*exported.left_out, *loss_table(exported)):
         print(line)
-    megabytes, before = (path.stat().st_size / 1e6 for path in (args.out, args.model))
-    print(f"{args.out}: {exported.n_splats:,} primitives, {megabytes:.2f} MB; {args.model.name} has {before:.2f} MB")
+    print(_size_line(args.out, exported.n_splats, args.model))
+
+
+def simplify(args: argparse.Namespace) -> None:
+    """Merge primitives that are near and alike until few are left, and fit those to renders of the model."""
+    config, options = _given(SimplifyConfig, args), _given(PictureOptions, args)
+    set_variant(args.variant)
+    from ..editing.simplify import simplify_model
+    from .progress import Bar
+
+    with Bar("step") as bar:
+        simplified = simplify_model(args.model, args.out, config, options, bar.show)
+    print("\n".join(simplified_lines(simplified)))
+    print(_size_line(args.out, simplified.n_after, args.model))
+
+
+def clean(args: argparse.Namespace) -> None:
+    """Take out of a model what no picture of it shows, which changes none, and what you do not want."""
+    config, options = _given(CleanConfig, args), _given(PictureOptions, args)
+    if args.data or args.preview:
+        set_variant(args.variant)
+    from ..editing.clean import clean_model
+
+    cleaned = clean_model(args.model, args.out, config, args.data, args.preview, options)
+    print("\n".join(cleaned_lines(cleaned)))
+    print(_size_line(args.out, cleaned.n_after, args.model))
+
+
+def film(args: argparse.Namespace) -> None:
+    """Render a film of a model along a camera path, to a video or to numbered pictures."""
+    config, options = _given(FilmConfig, args), _given(PictureOptions, args)
+    set_variant(args.variant)
+    from ..film.make import make_film
+    from .progress import Bar
+
+    with Bar("frame") as bar:
+        made = make_film(args.model, args.out, args.data, config, options, bar.show)
+    width, height = made.size
+    print(f"{args.out}: {made.n_frames} frames of {width} x {height}, {made.n_frames / config.fps:.4g} s; {made.path}")
 
 
 def view(args: argparse.Namespace) -> None:
@@ -207,11 +290,18 @@ def _given(kind: type[T], args: argparse.Namespace, **others: Any) -> T:
     return kind(**values | others)
 
 
+def _size_line(out: Path, n_splats: int, model: Path) -> str:
+    """What was written, beside what it was made of."""
+    megabytes, before = (path.stat().st_size / 1e6 for path in (out, model))
+    return f"{out}: {n_splats:,} primitives, {megabytes:.2f} MB; {model.name} has {before:.2f} MB"
+
+
 def _say(line: str) -> None:
     print(line, flush=True)
 
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
     "train": train, "prune": prune, "ablate": ablate, "compare": compare, "render": render, "eval": evaluate,
-    "capture": capture, "check": check, "export": export, "view": view, "info": info
+    "capture": capture, "poses": poses, "check": check, "export": export, "simplify": simplify, "clean": clean,
+    "film": film, "view": view, "info": info
 }  # fmt: skip

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from ..runs.stopping import Stopped
 from ..support.errors import DataError
 
+EXTRA_OF = {"pycolmap": "poses", "av": "poses"}  # packages that commands of another extra may need
+
 
 def quiet_pipe(run: Callable[[], int]) -> int:
     """The status of ``run``, or that of SIGPIPE where nobody reads any more, as in ``dogsplat info FILE | head -1``."""
@@ -35,6 +37,7 @@ def one_line_errors(run: Callable[[], int | None], extra: str = "train", program
     except ModuleNotFoundError as error:
         if error.name is None or error.name.startswith("mi_dogsplat"):
             raise
+        extra = EXTRA_OF.get(error.name, extra)
         status, line = 2, f"this needs the package {error.name}: pip install 'mi_dogsplat[{extra}]'"
     except Stopped as stop:
         status, line = 128 + stop.signal_number, str(stop)

@@ -7,7 +7,8 @@ A first run:
   dogsplat render run/point_cloud.ply -o view.png --data photos/ --camera 0001
 
 photos/ is a COLMAP folder (images/ and sparse/0), a folder with transforms.json (instant-ngp, nerfstudio) or
-transforms_train.json (NeRF synthetic), or a Mitsuba scene XML. run/report.html tells how it went.
+transforms_train.json (NeRF synthetic), or a Mitsuba scene XML; for plain images or a video poses are found
+first (dogsplat poses). run/report.html tells how it went.
 Exit codes: 0 done, 2 wrong use or bad input (one line says what to do); 1 where dogsplat check found a defect,
 or a run of dogsplat compare failed; 130 stopped by Ctrl-C, 143 by SIGTERM.
 """
@@ -26,6 +27,8 @@ Examples:
   dogsplat train photos/ -o run --masks masks/ --exposure
                                                        people painted out; automatic exposure taken out
   dogsplat train photos/ -o run --data-on-disk         more photographs than fit into memory
+  dogsplat train pictures/ -o run --downscale 4        images without cameras: their poses first, in run/posed
+  dogsplat train walk.mp4 -o run --downscale 4         a video: its frames and poses first
 
 Afterwards RUN holds point_cloud.ply (the model), report.html (open it in a browser), metrics.json,
 history.jsonl, config.json, and test/ with a render, the photograph and an error map per test view.
@@ -114,6 +117,20 @@ like. Depth is along the view axis in world units, 0 where nothing is; with npy 
 --depth-unit-scale-factor 1. A capture that was stopped goes on where it was with the same command; --points
 alone may differ then.
 """
+POSES_EXAMPLES = """
+Examples:
+  dogsplat poses pictures/ -o posed                    photographs of one scene, from a phone or a camera
+  dogsplat poses walk.mp4 -o filmed                    a video: sharp frames, as many as its motion asks for
+  dogsplat poses pictures/ -o straight --undistort     for programs that know no lenses
+  dogsplat poses pictures/ -o strong --lens OPENCV     a lens that bends lines much
+Then: dogsplat train posed/ -o run
+
+DATA becomes a COLMAP folder: images/ (upright, else as they are) and sparse/0, read by every trainer.
+Photographs of one device, size and focal length share a camera; EXIF gives its focal length. What is black in
+masks/ is not matched. The end says how many images have a pose, and what to do if they are few. Stopped, the
+same command goes on where it was. dogsplat train does all this by itself when its DATA are plain images or a
+video. Needs the extra mi_dogsplat[poses].
+"""
 CHECK_EXAMPLES = """
 Examples:
   dogsplat check -o checked                              scenes made here, and stability cases
@@ -136,10 +153,53 @@ Examples:
   dogsplat export run/point_cloud.ply -o model.glb                    glTF (KHR_gaussian_splatting); lossless
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
                                                                       any 3DGS viewer; measured on photographs
+  dogsplat export run/point_cloud.ply -o model.html --data photos/ --views 0
+                                                                      a page with a viewer, to send to somebody
 
 These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary
 (--dog drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the
-others the axes of the model.
+others the axes of the model. A page (.html, 0.8 MB and the model) needs a browser and no network, and opens
+with the first photograph of the data.
+"""
+FILM_EXAMPLES = """
+Examples:
+  dogsplat film run/ -o film.mp4                                  what suits the data of the run
+  dogsplat film run/point_cloud.ply -o film.mp4 --seconds 6 --elevation 35 --size 1920 1080
+                                                                  one turn around the model
+  dogsplat film run/ -o film.mp4 --path cameras --smoothing 4     the way of the photographer, smoothed
+  dogsplat film run/point_cloud.ply -o film.mp4 --path keys.json --shutter 0.5
+                                                                  through key frames, with motion blur
+  dogsplat film run/point_cloud.ply -o frames/                    numbered pictures, frames/0000.png and on
+  dogsplat film run/point_cloud.ply -o frames_exr/%04d.exr        linear colour with alpha, for compositing
+
+Key frames: {"keys": [{"time": 0, "position": [3, 0, 1], "look_at": [0, 0, 0], "fov": 40}, ...], "loop": false,
+"up": [0, 0, 1]}, or a list of camera files (docs/film.md). A film that is stopped leaves no file; of numbered
+pictures the whole ones stay, and the same command goes on after them.
+"""
+SIMPLIFY_EXAMPLES = """
+Examples:
+  dogsplat simplify model.ply -o small.ply --target 10%       a tenth of its primitives, in minutes
+  dogsplat simplify model.ply -o small.ply --target 20 --steps 0
+                                                              so many, merged alone: in seconds
+  dogsplat simplify model.ply -o small.ply --target 5% --dog  with Differences of Gaussians
+
+For models without photographs, of any program; with photographs dogsplat prune knows better what matters.
+Cameras are placed around the model, and where there is room inside. They say how much of each primitive is
+seen, and the merged model is fitted to what they see of the old one. PSNR is measured from other places. The
+pictures have a grey background, so that nothing hides in it; --background black or white fits to that alone.
+"""
+CLEAN_EXAMPLES = """
+Examples:
+  dogsplat clean model.ply -o lean.ply                       what no picture shows leaves: all keep their bits
+  dogsplat clean model.ply -o object.ply --sphere 0 0 0 1.5 --connected 1 --preview clean.png
+                                                             an object alone; and a picture to look at first
+  dogsplat clean model.ply -o lean.ply --data photos/ --seen --floaters
+                                                             what the photographs do not bear out
+
+Without flags: primitives of an opacity below 1/255, DoG that have faded, and SH bands that are zero. What the
+flags take out is counted, each primitive for the first reason that it has. --seen leaves every training view as
+it is. --floaters goes by the surfaces that the views show (docs/clean.md): look at the PSNR before and after,
+which --data adds.
 """
 VIEW_EXAMPLES = """
 Examples:

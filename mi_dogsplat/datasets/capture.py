@@ -20,8 +20,9 @@ import numpy as np
 
 from ..scene.cameras import OPENCV_FROM_OPENGL, Camera
 from ..support.errors import DataError
-from ..support.files import read_json, replacing
+from ..support.files import replacing
 from ..support.pictures import write_exr, write_png
+from ..support.resumable import begin
 from .camera_paths import Shot, circling_shots
 from .capture_config import CaptureConfig
 from .dataset import TEST_EVERY
@@ -66,7 +67,7 @@ def capture(
     if "scalar" in (mi.variant() or ""):
         raise DataError(scene_path, f"{mi.variant()} renders no arrays", 'call mi.set_variant("llvm_ad_rgb") first')
     plan = _plan(scene_path, config)
-    _prepare_folder(out, _settings(scene_path, config))
+    begin(out / SETTINGS, _settings(scene_path, config), "capture", FREE)
     n = len(plan.shots)
     progress(0, n, plan.framing)
     for i, shot in enumerate(plan.shots):
@@ -122,37 +123,6 @@ def _settings(scene_path: Path, config: CaptureConfig) -> dict[str, Any]:
     files = {"scene": scene_path} | ({"cameras": Path(config.path)} if config.path.endswith(".json") else {})
     digests = {f"{name}_sha256": hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}
     return json.loads(json.dumps({"scene": str(scene_path), **digests, **dataclasses.asdict(config)}))
-
-
-def _prepare_folder(out: Path, settings: dict[str, Any]) -> None:
-    """Make the folder with its settings, or find the same ones there. Raises ``DataError``."""
-    file = out / SETTINGS
-    if out.exists() and not out.is_dir():
-        raise DataError(out, "is a file", "name a folder for the data set")
-    if file.exists():
-        require_same(out, settings)
-    elif out.is_dir() and any(out.iterdir()):
-        raise DataError(out, "is a folder with other contents", "name a new folder, or that of an earlier capture")
-    try:
-        with replacing(file) as part:
-            part.write_text(json.dumps(settings, indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
-
-
-def require_same(out: Path, settings: dict[str, Any]) -> None:
-    """Raise ``DataError`` unless the pictures in the folder were made with these settings."""
-    remedy = "remove the folder, or name another"
-    before = read_json(out / SETTINGS, remedy)
-    if not isinstance(before, dict):
-        raise DataError(out / SETTINGS, "is not a JSON object", remedy)
-    changed = [name for name in settings if name not in FREE and before.get(name) != settings[name]]
-    if changed:
-        name = changed[0]
-        what = f"{name} was {before.get(name)} and is {settings[name]} now"
-        if name.endswith("_sha256"):
-            what = f"the file of the {name.removesuffix('_sha256')} has changed since it was begun"
-        raise DataError(out, what, "go on with the same settings, name another folder, or remove this one")
 
 
 def _image_path(out: Path, shot: Shot) -> Path:

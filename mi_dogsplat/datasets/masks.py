@@ -30,15 +30,9 @@ class Masks:
         folder = Path(folder)
         if not folder.is_dir():
             raise DataError(folder, "no such folder", "give a folder with a mask per image")
-        self.paths: dict[str, Path] = {}  # by the name of the view
-        for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES):
-            image = path.relative_to(folder)
-            if Path(image.stem).suffix.lower() in SUFFIXES:
-                image = image.with_suffix("")
-            self.paths.setdefault(view_name(str(image)), path)
+        self.paths = mask_files(folder)
         if not any(view.name in self.paths for view in views):
-            remedy = f"name them as the images, like {views[0].name}.png"
-            raise DataError(folder, "has no mask for any of the images", remedy)
+            raise no_mask(folder, views[0].name)
 
     def of(self, view: View) -> np.ndarray | None:
         """The mask of a view, float32 [H, W]: 1 where a pixel counts, else 0; None where it counts whole.
@@ -56,6 +50,22 @@ class Masks:
         if k > 1 and grey.shape[0] // k == camera.height and grey.shape[1] // k == camera.width:
             grey = box_downscale(grey[..., None], k)[..., 0]
         return (_resized(grey, camera.width, camera.height) >= USED).astype(np.float32)
+
+
+def mask_files(folder: Path) -> dict[str, Path]:
+    """The masks of a folder, by the names of the views that they are of."""
+    paths: dict[str, Path] = {}
+    for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES):
+        image = path.relative_to(folder)
+        if Path(image.stem).suffix.lower() in SUFFIXES:
+            image = image.with_suffix("")
+        paths.setdefault(view_name(str(image)), path)
+    return paths
+
+
+def no_mask(folder: Path, view: str) -> DataError:
+    """The error of a folder without a mask for any of the views, one of which is named."""
+    return DataError(folder, "has no mask for any of the images", f"name them as the images, like {view}.png")
 
 
 def _resized(grey: np.ndarray, width: int, height: int) -> np.ndarray:

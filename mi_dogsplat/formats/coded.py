@@ -69,6 +69,8 @@ def snapped(
         steps: None: those of ``STEPS``.
         weights, rounds: as ``FileGrids.palette`` takes them.
     """
+    if splats.n_splats == 0:
+        return splats
     steps = steps or STEPS[name]
     grids = CODED[name](Extents.of(splats), steps)
     return grids.snap(splats, grids.palette(splats, steps.entries, weights, rounds=rounds))

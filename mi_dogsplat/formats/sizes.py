@@ -25,7 +25,7 @@ FLOAT, INDEX = 4, 4  # bytes
 VERTEX = 17 * FLOAT  # position, normal, constant colour, opacity, scales, rotation
 DOG_ROW = INDEX + 4 * FLOAT
 BLOCK = 1024  # primitives that are neighbours in the order of a file
-BLOCKS = 32  # of them, at most, are encoded to measure prices: for a larger model, spread over it
+BLOCKS = 12  # of them, at most, are encoded to measure prices: for a larger model, spread over it
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,9 @@ class FileKind:
 
     name: str
     drawing: Drawing = Drawing()
-    to_come: bool = False  # files are those of models as they will be when a training ends, on the grids of the format
 
     def encoded(self, splats: Splats) -> bytes:
         """The file of a model; its primaries alone where the format has no DoG."""
-        if self.to_come and self.name in CODED and splats.n_splats:
-            splats = snapped(self.name, splats.plain(), rounds=0)
         with TemporaryDirectory() as folder:
             path = Path(folder) / f"model.{self.name}"
             if self.name == "ply":
@@ -68,6 +65,10 @@ class FileKind:
     def size(self, splats: Splats) -> int:
         """Its bytes."""
         return len(self.encoded(splats))
+
+    def foreseen(self, splats: Splats) -> Splats:
+        """A model in training as its end will leave it: on the grids of the format (``coded.py``), where it has any."""
+        return snapped(self.name, splats.plain(), rounds=0) if self.name in CODED else splats
 
 
 def by_part(kind: FileKind, splats: Splats) -> dict[str, int]:
@@ -100,21 +101,25 @@ def prices(kind: FileKind, splats: Splats) -> Prices:
 
 
 def _measured(kind: FileKind, splats: Splats) -> Prices:
-    """Differences between encodings of a sample.
+    """Differences between encodings of a sample, on the grids of the format.
 
     A primitive of degree 0: of the sample and of a half of it, all without bands, which leaves the fixed part. A band:
     of the primitives that have it, with and without it, spread over all of them. Where none has it, as the band below.
     """
     sample = _sample(splats)
+
+    def size(splats: Splats) -> int:
+        return kind.size(kind.foreseen(splats))
+
     flat = sample.uniform_sh(0)
-    whole, half = kind.size(flat), kind.size(_half(flat))
+    whole, half = size(flat), size(_half(flat))
     base = max(1.0, (whole - half) / (flat.n_splats - flat.n_splats // 2))
     prices, degrees = [base], sample.sh_degrees
     for degree in range(1, MAX_SH_DEGREE + 1):
         have = sample.select(degrees >= degree)
         added = 0.0
         if have.n_splats:
-            added = (kind.size(have.uniform_sh(degree)) - kind.size(have.uniform_sh(degree - 1))) / have.n_splats
+            added = (size(have.uniform_sh(degree)) - size(have.uniform_sh(degree - 1))) / have.n_splats
         elif degree > 1:
             added = prices[-1] - prices[-2]
         prices.append(prices[-1] + max(0.0, added))

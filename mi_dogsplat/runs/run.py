@@ -16,6 +16,7 @@ import mitsuba as mi
 from ..datasets import Dataset, load_dataset
 from ..engine.geometry import Cutoffs
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
+from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import RECIPE, RENDER_MS, read_run
 from ..report.write import write_report
 from ..scene.drawing import Drawing
@@ -35,6 +36,7 @@ from .model_files import write_model_files
 from .stopping import Stopped, StopRequest
 
 HISTORY = "history.jsonl"
+POSED = "posed"  # poses of plain images, which the run has found first
 FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)  # somebody else's folder, or one that is read-only
 ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
 
@@ -43,7 +45,7 @@ def prepare_folder(out: Path) -> None:
     """Make the run folder. Raises ``DataError`` if something else is in its place or it cannot be written."""
     if out.exists() and not out.is_dir():
         raise DataError(out, "is a file", "name a folder for the run")
-    ours = any((out / name).exists() for name in ("config.json", "metrics.json"))
+    ours = any((out / name).exists() for name in ("config.json", "metrics.json", f"{POSED}/{POSES}"))
     try:
         if out.is_dir() and not is_empty(out) and not ours:
             raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier run")

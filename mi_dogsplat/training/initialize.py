@@ -124,7 +124,7 @@ def model_to_prune(path: str, target: float | str, format: str = "ply") -> Splat
     try:
         if (most := target_bytes(target)) is None:
             target_count(float(target), splats.n_splats)
-        elif (size := FileKind(format, to_come=True).size(splats)) <= most:
+        elif (size := (kind := FileKind(format)).size(kind.foreseen(splats))) <= most:
             raise ValueError(f"{target} is not below the {file_size(size)} that the model takes as {format}")
     except ValueError as error:
         raise DataError("--target", str(error), f"choose another one for {path}") from None

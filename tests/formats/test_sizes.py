@@ -1,5 +1,7 @@
 """Bytes by what a primitive holds, against files."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from mi_dogsplat import write_ply
@@ -33,17 +35,18 @@ def test_prices_of_compressed_files_come_near_to_them_and_bands_cost(name):
     splats = model(dog_share=0)
     known = prices(FileKind(name), splats)
     assert all(more > less > 0 for less, more in zip(known.bands, known.bands[1:], strict=False))
-    assert known.of(splats) == pytest.approx(FileKind(name).size(splats), rel=0.2)
+    kind = FileKind(name)
+    assert known.of(splats) == pytest.approx(kind.size(kind.foreseen(splats)), rel=0.2)
     assert known.dog == 0
 
 
 def test_prices_follow_what_compresses():
-    """Coefficients of a few different values take fewer bytes than any."""
-    splats = model(dog_share=0)
-    coarse = splats.uniform_sh()
-    coarse.sh_coeffs[:, 1:] = np.round(coarse.sh_coeffs[:, 1:] * 4) / 4
-    fine, rounded_off = prices(FileKind("spz"), splats.uniform_sh()), prices(FileKind("spz"), coarse)
-    assert rounded_off.bands[3] - rounded_off.bands[0] < 0.6 * (fine.bands[3] - fine.bands[0])
+    """Bands that are nearly alike take fewer bytes than others."""
+    splats = model(dog_share=0).uniform_sh()
+    alike = dataclasses.replace(splats, sh_coeffs=splats.sh_coeffs * np.array([1, *[0.02] * 15])[:, None])
+    strong, faint = (prices(FileKind("spz"), s) for s in (splats, alike))
+    assert faint.bands[3] - faint.bands[0] < 0.5 * (strong.bands[3] - strong.bands[0])
+    assert faint.bands[0] == pytest.approx(strong.bands[0], rel=0.05)
 
 
 def test_of_a_large_model_a_sample_is_encoded(monkeypatch):
@@ -56,7 +59,7 @@ def test_of_a_large_model_a_sample_is_encoded(monkeypatch):
     monkeypatch.setattr(FileKind, "encoded", lambda kind, s: largest.append(s.n_splats) or encoded(kind, s))
     sampled = prices(FileKind("spz"), splats)
     assert max(largest) == 800
-    np.testing.assert_allclose(sampled.bands, whole.bands, rtol=0.1)
+    np.testing.assert_allclose(sampled.bands, whole.bands, rtol=0.25)  # as small a sample compresses worse
 
 
 def test_bands_that_nobody_has_cost_no_less_than_those_below():

@@ -1,0 +1,34 @@
+"""pycolmap and its database: images, cameras, features and matches, in one file that survives being killed (SQLite)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ..support.errors import DataError
+
+
+def pycolmap_module(gpu: bool) -> Any:
+    """pycolmap, which keeps quiet. Raises ``DataError`` where a GPU is asked for and it has been built without."""
+    import pycolmap  # here: of the extra "poses", and it takes half a second
+
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value  # what is wrong is said here, in one line
+    if gpu and not pycolmap.has_cuda:
+        remedy = "install one with CUDA (pip install pycolmap-cuda12), or leave --gpu out"
+        raise DataError("--gpu", f"pycolmap {pycolmap.__version__} is built without CUDA", remedy)
+    return pycolmap
+
+
+@contextmanager
+def opened(pycolmap: Any, path: Path) -> Iterator[Any]:
+    """The database, closed afterwards. Raises ``DataError`` where the file is none."""
+    try:
+        database = pycolmap.Database.open(str(path))
+    except (RuntimeError, ValueError) as error:
+        raise DataError(path, "cannot be read as COLMAP's database", "remove it, and begin anew") from error
+    try:
+        yield database
+    finally:
+        database.close()

@@ -1,0 +1,33 @@
+"""All settings of structure from motion; ``poses.json`` in the data set's folder holds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from ..support.settings import Setting, check_settings
+
+SETTINGS = "poses.json"
+LENSES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE")  # lens.py reads them all
+FREE = ("gpu", "source")  # may change from one start to the next
+LENS = "lens of each camera, a model of COLMAP's: " + ", ".join(LENSES)
+FRAMES = "frames to take of a video (default: as many as its motion asks for, at most 300)"
+MASKS = "folder of masks, named as the images: nothing black is matched (default: INPUT/masks where there is one)"
+UNDISTORT = "write images of a pinhole, for programs that know no lenses; else they keep their pixels and their lens"
+SIZE = "longest side of the images in which features are sought; larger ones are shrunk for that"
+
+
+@dataclass(frozen=True)
+class PosesConfig:
+    """What stands beside a field's type is the help text of its flag. Raises ``DataError`` that names the flag."""
+
+    lens: Annotated[str, Setting(LENS, "MODEL", choices=LENSES)] = "SIMPLE_RADIAL"
+    frames: Annotated[int | None, Setting(FRAMES, least=2)] = None
+    masks: Annotated[str | None, Setting(MASKS, "DIR")] = None
+    undistort: Annotated[bool, Setting(UNDISTORT)] = False
+    feature_size: Annotated[int, Setting(SIZE, least=64)] = 2000
+    seed: Annotated[int, Setting("seed of every random choice", least=0, most=2**31 - 1)] = 0
+    gpu: Annotated[bool, Setting("find and match features on a GPU (needs a pycolmap with CUDA)")] = False
+
+    def __post_init__(self) -> None:
+        check_settings(self)

@@ -1,0 +1,73 @@
+"""What a camera wrote into a photograph: which device it is, its focal length, and how it was held."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from PIL import ExifTags, Image
+
+DIAGONAL_35MM = math.hypot(36, 24)  # mm; CIPA DC-008 compares fields of view by the diagonal
+SAME_SHAPE = 0.02  # relative difference of the ratios of two sizes that are of one picture
+DEVICE = (ExifTags.Base.Make, ExifTags.Base.Model, ExifTags.Base.LensModel, ExifTags.Base.FocalLength)
+TURNS = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}  # by the value of the tag; 1 is upright
+MM_PER_UNIT = {2: 25.4, 3: 10.0}  # FocalPlaneResolutionUnit: inch, centimetre
+
+
+@dataclass(frozen=True)
+class Exif:
+    """``device``: equal for photographs of one camera at one focal length; ``focal`` in pixels, None if unknown.
+
+    ``turn``: what is to be done to the pixels before they are shown, None for nothing.
+    """
+
+    device: str
+    focal: float | None
+    turn: Image.Transpose | None
+
+
+def read_exif(image: Image.Image) -> Exif:
+    """The tags of an image that has been opened. What makes no sense is taken as absent."""
+    try:
+        top = image.getexif()
+        more = top.get_ifd(ExifTags.IFD.Exif)
+    except (OSError, ValueError, SyntaxError, TypeError, KeyError):
+        return Exif("", None, None)
+    tags = {**top, **more}
+    names = [str(tags.get(tag, "")).strip("\0 ") for tag in DEVICE]
+    turn = TURNS.get(tags.get(ExifTags.Base.Orientation, 1))
+    return Exif(" ".join(filter(None, names)), _focal(tags, image.size), turn)
+
+
+def _focal(tags: dict[int, Any], size: tuple[int, int]) -> float | None:
+    """Focal length in pixels of a picture of this size; None where the tags do not say, or it has been cropped."""
+    taken = [_number(tags.get(tag)) for tag in (ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight)]
+    width, height = taken if all(taken) else size
+    if abs(math.log((max(width, height) / min(width, height)) / (max(size) / min(size)))) > SAME_SHAPE:
+        return None
+    if equivalent := _number(tags.get(ExifTags.Base.FocalLengthIn35mmFilm)):
+        return equivalent / DIAGONAL_35MM * math.hypot(*size)
+    focal, density = (_number(tags.get(t)) for t in (ExifTags.Base.FocalLength, ExifTags.Base.FocalPlaneXResolution))
+    unit = MM_PER_UNIT.get(tags.get(ExifTags.Base.FocalPlaneResolutionUnit, 2), 0.0)
+    if focal and density and unit:
+        pixels = focal * density / unit * max(size) / max(width, height)
+        return pixels if 0.1 < pixels / max(size) < 100 else None
+    return None
+
+
+def _number(value: Any) -> float:
+    """A positive number, or 0."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return 0.0
+    return number if 0 < number < math.inf else 0.0

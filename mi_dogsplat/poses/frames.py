@@ -1,0 +1,49 @@
+"""A video becomes photographs: it is read once to choose frames, and once more to write those chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from PIL import Image
+
+from ..support.errors import DataError
+from ..support.files import read_json, replacing, write_json
+from .frame_choice import SMALL, FrameMark, Odometer, choose
+from .input import FEWEST
+from .photographs import QUALITY, Photograph
+from .video import grey_of, read_frames, upright_rgb
+
+CHOICE = "frames.json"
+
+
+def take_frames(
+    video: Path, choice: Path, folder: Path, n: int | None, progress: Callable[[int, int], None]
+) -> list[Photograph]:
+    """Write the chosen frames into ``folder`` unless they are there.
+
+    The file ``choice`` keeps which they are, so that a second start need not read the video to choose again. ``n``: see
+    ``choose``. Raises ``DataError`` for what cannot be read, and for a video in which nothing moves.
+    """
+    if not choice.is_file():
+        marks: list[FrameMark] = []
+        odometer = Odometer()
+        for index, frame in read_frames(video):
+            marks.append(odometer.mark(index, grey_of(frame, SMALL)))
+            progress(len(marks), 0)
+        write_json(choice, choose(marks, n))
+    chosen: list[int] = read_json(choice, "remove the file")
+    if len(chosen) < FEWEST:
+        raise DataError(video, "nothing moves in it", "walk around what you film: depth shows in views from elsewhere")
+    names = {index: f"frame_{index:06d}.jpg" for index in chosen}
+    missing = {index for index, name in names.items() if not (folder / name).is_file()}
+    for index, frame in read_frames(video) if missing else ():
+        if index in missing:
+            with replacing(folder / names[index]) as part:
+                Image.fromarray(upright_rgb(frame)).save(part, "JPEG", **QUALITY)
+            progress(chosen.index(index) + 1, len(chosen))
+        if index == chosen[-1]:
+            break
+    with Image.open(folder / names[chosen[0]]) as image:
+        width, height = image.size
+    return [Photograph(name, width, height, "video", None) for name in names.values()]

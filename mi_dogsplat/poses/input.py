@@ -1,0 +1,83 @@
+"""What structure from motion starts from: a folder of photographs, or a video; told apart by names alone."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from ..datasets.colmap import find_model
+from ..datasets.masks import SUFFIXES
+from ..datasets.transforms import find_transforms
+from ..support.errors import DataError
+
+VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg")
+PHONES = (".heic", ".heif", ".avif")  # Pillow reads none of the first two, and of no capture are there the third
+RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".srw", ".pef")
+FEWEST = 2
+
+
+def is_video(path: Path) -> bool:
+    """A file that is called like a video."""
+    return path.suffix.lower() in VIDEOS and path.is_file()
+
+
+def needs_poses(path: str | Path) -> bool:
+    """Whether a path is a video, or a folder of images without any cameras that a reader would find."""
+    path = Path(path)
+    if not path.is_dir():
+        return is_video(path)
+    if find_model(path) or find_transforms(path):
+        return False
+    return bool(_files(path, (*SUFFIXES, *PHONES, *RAW)))
+
+
+def find_photographs(folder: Path, out: Path) -> dict[str, Path]:
+    """Images of a folder and of those below it, by their names in there, sorted.
+
+    Left out: what lies in ``out``, in folders called ``masks``, in hidden ones; and all but ``images`` where there is
+    such a folder, as others beside it hold smaller copies. Raises ``DataError`` where there are fewer than two, and
+    for images that cannot be read here: leaving out a part of a capture would not be noticed.
+    """
+    top = folder / "images" if (folder / "images").is_dir() else folder
+    others = [path for path in _files(top, (*PHONES, *RAW)) if not path.is_relative_to(out)]
+    found = [path for path in _files(top, SUFFIXES) if not path.is_relative_to(out)]
+    stems = {path.with_suffix("") for path in found}  # a camera may write both
+    if unread := [path for path in others if path.with_suffix("") not in stems]:
+        kind = "raw" if unread[0].suffix.lower() in RAW else unread[0].suffix[1:].upper()
+        problem = f"{kind} images cannot be read here ({len(unread)} of {len(unread) + len(found)} are such)"
+        raise DataError(unread[0], problem, "export them as JPEG or PNG, in the size in which they were taken")
+    if len(found) < FEWEST:
+        videos = _files(top, VIDEOS)
+        remedy = f"name the video itself: {videos[0]}" if videos else "give at least two that overlap, better 20 to 200"
+        n = "no image" if not found else "a single image"
+        raise DataError(folder, f"has {n}, and depth shows in several alone", remedy)
+    return {path.relative_to(top).as_posix(): path for path in found}
+
+
+def mask_folder(source: Path, given: str | None) -> Path | None:
+    """The folder of masks that was given, or the one beside the images; None without one. Raises ``DataError``."""
+    if given is None:
+        return source / "masks" if (source / "masks").is_dir() else None
+    if not Path(given).is_dir():
+        raise DataError(given, "no such folder", "give a folder with a mask per image")
+    return Path(given)
+
+
+def require_input(path: Path) -> None:
+    """Raise ``DataError`` for what is neither a folder nor a video."""
+    if not path.exists():
+        raise DataError(path, "no such file or folder", "check the path")
+    if path.is_dir():
+        return
+    if not is_video(path):
+        one = "a single image" if path.suffix.lower() in SUFFIXES else "neither a folder of images nor a video"
+        raise DataError(path, f"is {one}", f"give a folder of images, or a video ({', '.join(VIDEOS[:5])})")
+
+
+def _files(top: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    """Files with one of the suffixes, of whatever case, sorted; none of ``masks`` nor of hidden folders."""
+    found = []
+    for folder, names, files in os.walk(top):
+        names[:] = [name for name in names if name != "masks" and name[0] != "."]
+        found += [Path(folder, file) for file in files if Path(file).suffix.lower() in suffixes and file[0] != "."]
+    return sorted(found)

@@ -1,0 +1,82 @@
+"""The model as a COLMAP folder, with the lens of the photographs or without; it appears whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from ..datasets.colmap import read_sources
+from ..datasets.images import read_image
+from ..datasets.lens import Undistortion, undistortion
+from ..support.errors import DataError
+from ..support.files import replacing
+
+QUALITY = {"quality": 98, "subsampling": 0}  # of undistorted JPEG
+PART = "sparse.part"
+
+
+def write_model(model: Any, target: Path) -> None:
+    """Write ``cameras.bin``, ``images.bin`` and ``points3D.bin`` (and COLMAP's ``rigs``, ``frames``) as ``target``."""
+    top = target.parent.with_name(PART)
+    shutil.rmtree(top, ignore_errors=True)
+    (top / target.name).mkdir(parents=True)
+    model.write_binary(str(top / target.name))
+    os.replace(top, target.parent)
+
+
+def undistort(
+    pycolmap: Any, distorted: Path, out: Path, progress: Callable[[int, int], None]
+) -> Any:
+    """Write the images of the COLMAP folder ``distorted`` as those of a pinhole, and its masks; the model of these.
+
+    Images are resampled as by the readers of our data sets (``lens.py``). Raises ``DataError``.
+    """
+    model = distorted / "sparse" / "0"
+    sources, images = read_sources(model, distorted / "images")
+    straight = {}
+    for number, (source, image) in enumerate(zip(sources, images, strict=True), 1):
+        try:
+            straight[image.name] = undistortion(source.camera, source.lens)
+        except ValueError as error:
+            raise DataError(source.image_path, str(error), "use another --lens") from error
+        _resample(source.image_path, out / "images" / image.name, straight[image.name])
+        mask = Path("masks", f"{image.name}.png")
+        if (distorted / mask).is_file():
+            _resample(distorted / mask, out / mask, straight[image.name])
+        progress(number, len(sources))
+    return _pinhole(pycolmap, pycolmap.Reconstruction(str(model)), straight)
+
+
+def _resample(source: Path, target: Path, how: Undistortion) -> None:
+    if target.is_file():
+        return
+    pixels = np.rint(np.clip(how.image(read_image(source)), 0, 1) * 255).astype(np.uint8)
+    with replacing(target) as part:
+        image = Image.fromarray(pixels)
+        if target.suffix.lower() in (".jpg", ".jpeg"):
+            image.save(part, "JPEG", **QUALITY)
+        else:
+            image.save(part, "PNG")
+
+
+def _pinhole(pycolmap: Any, model: Any, straight: dict[str, Undistortion]) -> Any:
+    """The model with pinhole cameras, and its observations where these see them."""
+    for image in model.images.values():
+        how = straight.get(image.name)
+        if how is None:
+            continue
+        pixels = how.points(np.array([point.xy for point in image.points2D]).reshape(-1, 2))
+        for point, xy in zip(image.points2D, pixels, strict=True):
+            point.xy = xy
+    of_camera = {image.camera_id: straight[image.name] for image in model.images.values() if image.name in straight}
+    for camera_id, how in of_camera.items():
+        camera, c = model.cameras[camera_id], how.camera
+        camera.model, camera.width, camera.height = pycolmap.CameraModelId.PINHOLE, c.width, c.height
+        camera.params = [c.fx, c.fy, c.cx, c.cy]
+    return model

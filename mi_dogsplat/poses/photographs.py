@@ -1,0 +1,123 @@
+"""Photographs as structure from motion takes them: upright, readable, each with its camera; and their masks."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ..datasets.dataset import require_unique_names, view_name
+from ..datasets.images import UNREADABLE, open_image, read_image
+from ..datasets.masks import mask_files, no_mask
+from ..support.cores import usable_cores
+from ..support.errors import DataError
+from ..support.files import replacing
+from .exif import read_exif
+
+AS_THEY_ARE = {"JPEG": "RGB L", "PNG": "RGB L RGBA"}  # modes that every tool reads; the file is copied
+QUALITY = {"quality": 95, "subsampling": 0}  # of JPEG where pixels were turned
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """``name`` in the folder of images. Photographs with one ``camera`` share focal length and lens.
+
+    ``focal`` in pixels, None if the file does not say; ``turn`` made the pixels of the file upright, None if they were.
+    """
+
+    name: str
+    width: int
+    height: int
+    camera: str
+    focal: float | None
+    turn: Image.Transpose | None = None
+
+
+def prepare(sources: Mapping[str, Path], folder: Path, progress: Callable[[int, int], None]) -> list[Photograph]:
+    """Write each image into ``folder``, turned as its EXIF says, unless it is there; in the order of the names.
+
+    Files are copied as they are, but what has to be turned, or is no plain JPEG or PNG; white space in their names
+    becomes ``_``, as COLMAP's text files have it between names. Raises ``DataError`` for a file that cannot be decoded.
+    """
+    require_unique_names(folder, [view_name(_solid(name)) for name in sources])
+    made: list[Photograph] = []
+    with ThreadPoolExecutor(min(8, usable_cores())) as pool:  # Pillow decodes without holding the GIL
+        for photograph in pool.map(lambda item: _prepared(item[0], item[1], folder), sources.items()):
+            made.append(photograph)
+            progress(len(made), len(sources))
+    return made
+
+
+def _prepared(name: str, source: Path, folder: Path) -> Photograph:
+    try:
+        with open_image(source) as image:
+            exif, kind = read_exif(image), image.format or ""
+            copied = exif.turn is None and image.mode in AS_THEY_ARE.get(kind, "").split()
+            target = folder / _solid(name)
+            if not copied and kind != "JPEG":
+                target = target.with_suffix(".png")
+            if not target.is_file():
+                if copied:
+                    image.load()  # all of it: what is cut off shows now
+                    with replacing(target) as part:
+                        shutil.copyfile(source, part)
+                else:
+                    _write(_upright(image, source, exif.turn), target, kind)
+        with open_image(target) as image:
+            width, height = image.size
+    except UNREADABLE as error:
+        if isinstance(error, DataError) or (isinstance(error, OSError) and error.filename not in (None, str(source))):
+            raise
+        raise DataError(source, f"cannot be read as an image ({error})", "replace the file or remove it") from error
+    name = target.relative_to(folder).as_posix()
+    return Photograph(name, width, height, f"{exif.device} {width}x{height}".strip(), exif.focal, exif.turn)
+
+
+def _solid(name: str) -> str:
+    return re.sub(r"\s", "_", name)
+
+
+def _upright(image: Image.Image, source: Path, turn: Image.Transpose | None) -> Image.Image:
+    if image.mode.startswith("I"):  # 16-bit grey
+        image = Image.fromarray(np.rint(read_image(source) * 255).astype(np.uint8))
+    upright = image if turn is None else image.transpose(turn)
+    return upright.convert("RGBA" if "A" in upright.getbands() or "transparency" in upright.info else "RGB")
+
+
+def _write(image: Image.Image, target: Path, kind: str) -> None:
+    with replacing(target) as part:
+        if kind == "JPEG":
+            image.save(part, "JPEG", **QUALITY)
+        else:
+            image.save(part, "PNG")
+
+
+def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> int:
+    """Write ``<image>.png`` into ``folder`` for each photograph that has a mask, in its size; returns how many.
+
+    These names are COLMAP's and ``Masks``' own. Raises ``DataError`` if there is a mask for none, or one is unreadable.
+    """
+    paths = {_solid(name): path for name, path in mask_files(source).items()}
+    masked = [photograph for photograph in photographs if view_name(photograph.name) in paths]
+    if not masked:
+        raise no_mask(source, view_name(photographs[0].name))
+    for photograph in masked:
+        target, path = folder / f"{photograph.name}.png", paths[view_name(photograph.name)]
+        if target.is_file():
+            continue
+        try:
+            with open_image(path) as image:
+                grey = image.convert("L")
+        except UNREADABLE as error:
+            raise DataError(path, f"cannot be read as an image ({error})", "replace the file or remove it") from error
+        if (grey.width > grey.height) != (photograph.width > photograph.height) and photograph.turn:
+            grey = grey.transpose(photograph.turn)  # painted on the pixels as the file has them
+        grey = grey.resize((photograph.width, photograph.height))
+        _write(grey.point(lambda value: 255 if value >= 128 else 0), target, "PNG")
+    return len(masked)

@@ -1,0 +1,79 @@
+"""Video files, by PyAV, whose wheel holds ffmpeg: frames one after the other, upright.
+
+A damaged packet is left out, as players do. Files only: no playlist, no address is followed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..support.errors import DataError
+
+FORMATS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,asf,flv,ogg"
+OPTIONS = {"protocol_whitelist": "file", "format_whitelist": FORMATS}
+REMEDY = "export it again, as .mp4 with H.264, or give the frames as a folder of images"
+MAX_DAMAGED = 0.1  # of the packets of a video that can be used
+
+
+def require_av() -> None:
+    """Raise ``ModuleNotFoundError`` where PyAV is not installed, before anything is written."""
+    import av  # noqa: F401
+
+
+def read_frames(path: Path) -> Iterator[tuple[int, Any]]:
+    """(index, ``av.VideoFrame``) of each frame that can be decoded, in the order in which they are shown.
+
+    Raises ``DataError`` for what is no video, and at the end if more than a tenth of it was damaged.
+    """
+    import av
+    from av import logging
+    from av.error import EOFError as EndOfFile
+    from av.error import FFmpegError, InvalidDataError
+
+    logging.set_level(logging.PANIC)  # what is damaged is told in one line, here
+    index = damaged = 0
+    try:
+        with av.open(str(path), options=OPTIONS) as container:
+            if not container.streams.video:
+                raise DataError(path, "holds no pictures, only sound", "give a video")
+            stream = container.streams.video[0]
+            stream.thread_type = "AUTO"
+            packets = container.demux(stream)
+            while True:
+                try:
+                    packet = next(packets)
+                    frames = packet.decode()
+                except StopIteration:
+                    break
+                except InvalidDataError:
+                    damaged += 1
+                    if damaged > max(10, index):
+                        break
+                    continue
+                except EndOfFile:
+                    break
+                for frame in frames:
+                    yield index, frame
+                    index += 1
+    except FFmpegError as error:
+        raise DataError(path, f"cannot be read as a video ({error.strerror})", REMEDY) from error
+    if index == 0 or damaged > MAX_DAMAGED * index:
+        problem = f"is damaged: {index} frames could be decoded, {damaged} packets could not"
+        raise DataError(path, problem, REMEDY)
+
+
+def grey_of(frame: Any, longest: int) -> np.ndarray:
+    """Luma [H, W] in 0..1, float32, shrunk to this longest side; as it lies in the file, which may be turned."""
+    scale = min(1.0, longest / max(frame.width, frame.height))
+    size = {"width": max(16, round(frame.width * scale)), "height": max(16, round(frame.height * scale))}
+    return frame.reformat(**size, format="gray", interpolation="AREA").to_ndarray().astype(np.float32) / 255
+
+
+def upright_rgb(frame: Any) -> np.ndarray:
+    """uint8 [H, W, 3], turned as the file says that it was held."""
+    quarters = round(frame.rotation / 90)  # counterclockwise
+    return np.ascontiguousarray(np.rot90(frame.to_ndarray(format="rgb24"), quarters))

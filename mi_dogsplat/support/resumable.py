@@ -1,0 +1,46 @@
+"""A folder that is filled step by step, and can be gone on with: a file in it says with which settings it was begun."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from .errors import DataError
+from .files import is_empty, read_json, write_json
+
+
+def begin(file: Path, settings: dict[str, Any], kind: str, free: Sequence[str] = ()) -> None:
+    """Make the folder of ``file`` and write the settings there, or find the same ones.
+
+    ``kind`` is what fills such a folder, a word for the error. ``free``: see ``require_same``. Raises ``DataError``.
+    """
+    out = file.parent
+    if out.exists() and not out.is_dir():
+        raise DataError(out, "is a file", "name a folder for the data set")
+    if file.exists():
+        require_same(file, settings, free)
+    elif out.is_dir() and not is_empty(out):
+        raise DataError(out, "is a folder with other contents", f"name a new folder, or that of an earlier {kind}")
+    try:
+        write_json(file, settings)
+    except OSError as error:
+        raise DataError(out, error.strerror or str(error), "name a folder that can be written") from None
+
+
+def require_same(file: Path, settings: dict[str, Any], free: Sequence[str] = ()) -> None:
+    """Raise ``DataError`` unless the folder was begun with these settings, but for those that are ``free`` to change.
+
+    A setting whose name ends in ``_sha256`` is the digest of a file.
+    """
+    remedy = "remove the folder, or name another"
+    before = read_json(file, remedy)
+    if not isinstance(before, dict):
+        raise DataError(file, "is not a JSON object", remedy)
+    changed = [name for name in settings if name not in free and before.get(name) != settings[name]]
+    if changed:
+        name = changed[0]
+        what = f"{name} was {before.get(name)} and is {settings[name]} now"
+        if name.endswith("_sha256"):
+            what = f"the file of the {name.removesuffix('_sha256')} has changed since it was begun"
+        raise DataError(file.parent, what, "go on with the same settings, name another folder, or remove this one")
