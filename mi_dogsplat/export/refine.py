@@ -40,23 +40,27 @@ class Goal:
     drawing: Drawing
     gains: Refinement
 
-    @staticmethod
-    def of_data(model: Splats, dataset: Dataset, most: int, options: PictureOptions, drawn: DrawnAs) -> Goal:
-        """At most about ``most`` training views: photographs, or renders of a model of linear radiance."""
-        views = dataset.train[:: -(-len(dataset.train) // most)]
-        cameras = [view.camera for view in views]
-        drawing = Drawing(background_color(options.background, dataset.has_alpha), drawn.near_clip, drawn.antialiased)
-        if drawn.linear:
-            return Goal(cameras, _renders(model, cameras, drawing), drawing, BY_DATA)
-        return Goal(cameras, [over_background(view.image, drawing.background) for view in views], drawing, BY_DATA)
 
-    @staticmethod
-    def of_renders(model: Splats, most: int, drawn: DrawnAs) -> Goal:
-        """Renders of the model, at most ``most``, from where there may be something to see."""
-        near_clip = min(drawn.near_clip, NEAR * robust_sphere(model)[1])
-        drawing = Drawing(GREY, near_clip, drawn.antialiased)
-        cameras = vantage_cameras(model, min(N_VANTAGES, most), VANTAGE_SIZE)
-        return Goal(cameras, _renders(model, cameras, drawing), drawing, BY_RENDERS)
+def goal_of(model: Splats, dataset: Dataset | None, most: int, options: PictureOptions, drawn: DrawnAs) -> Goal:
+    """The photographs of a data set, or renders of the model, from at most ``most`` views."""
+    return by_data(model, dataset, most, options, drawn) if dataset else by_renders(model, most, drawn)
+
+
+def by_data(model: Splats, dataset: Dataset, most: int, options: PictureOptions, drawn: DrawnAs) -> Goal:
+    """Photographs of at most ``most`` training views; for a model of linear radiance renders from there."""
+    views = dataset.train[:: -(-len(dataset.train) // most)]
+    cameras = [view.camera for view in views]
+    drawing = Drawing(background_color(options.background, dataset.has_alpha), drawn.near_clip, drawn.antialiased)
+    if drawn.linear:
+        return Goal(cameras, _renders(model, cameras, drawing), drawing, BY_DATA)
+    return Goal(cameras, [over_background(view.image, drawing.background) for view in views], drawing, BY_DATA)
+
+
+def by_renders(model: Splats, most: int, drawn: DrawnAs) -> Goal:
+    """Renders of the model, at most ``most``, from where there may be something to see."""
+    drawing = Drawing(GREY, min(drawn.near_clip, NEAR * robust_sphere(model)[1]), drawn.antialiased)
+    cameras = vantage_cameras(model, min(N_VANTAGES, most), VANTAGE_SIZE)
+    return Goal(cameras, _renders(model, cameras, drawing), drawing, BY_RENDERS)
 
 
 def refined(baked: Splats, goal: Goal, steps: int, show: Callable[[int, int], None] | None = None) -> Splats:

@@ -10,8 +10,11 @@ from pathlib import Path
 import mitsuba as mi
 
 from ..datasets.dataset import Dataset
+from ..film.subject import MODEL as RUN_MODEL
+from ..film.subject import read_subject
+from ..formats.model import Model
 from ..formats.read import read_model
-from ..formats.table import format_to_write
+from ..formats.table import SOG, format_to_write
 from ..formats.write import SPZ_VERSIONS, write_model
 from ..render.picture_options import PictureOptions
 from ..scene.drawing import drawn_as
@@ -19,7 +22,8 @@ from ..scene.splats import Splats
 from ..support.errors import DataError
 from .bake import baked
 from .losses import Loss, losses, views_of
-from .refine import STEPS, Goal, refined
+from .refine import STEPS, goal_of, refined
+from .web_page import PAGE, opening_of, read_page, write_page
 
 DOG_CHOICES = ("bake", "drop", "keep")
 
@@ -59,9 +63,10 @@ def export_model(
 
     Args:
         model: the model, of any format.
-        out: ends in one of ``formats.table.FORMATS``.
+        out: ends in one of ``formats.table.FORMATS``, or in .html: a page with a viewer inside.
         dog: what becomes of DoG, one of ``DOG_CHOICES`` (``plain_gaussians``); keep: only where the format knows them.
-        data: a data set to refine on and to compare with, on its test views; None: on views from around the model.
+        data: a data set: it is refined on its training views, compared with on its test views, and a page opens from
+            one; None: views from around the model.
         views: at most so many; 0 measures nothing.
         options: how the pictures are drawn; what they do not say, the model's file does.
         spz_version: of an SPZ file.
@@ -72,7 +77,8 @@ def export_model(
     Measuring and refining need a Mitsuba variant. Raises ``DataError``.
     """
     model, out = Path(model), Path(out)
-    chosen = format_to_write(out)
+    page = out.name.lower().endswith(PAGE)
+    chosen = SOG if page else format_to_write(out, (PAGE,))
     if dog not in DOG_CHOICES or (dog == "keep" and not chosen.dog):
         problem = f'"{dog}" is unknown' if dog not in DOG_CHOICES else f"{chosen.name} has no room for DoG to keep"
         raise DataError("--dog", problem, "use bake or drop")
@@ -90,25 +96,35 @@ def export_model(
     stages = {"as it is": splats}
     plain = plain_gaussians(splats, dog)
     taken_out = splats.n_dog > 0 and not plain.n_dog
-    steps = _steps(refine, dog, taken_out)
+    steps, drawn, seconds = _steps(refine, dog, taken_out), drawn_as(drawing), None
     dataset = _loaded(data, options) if steps or views else None
-    drawn = drawn_as(drawing)
     if taken_out:
         stages[f"without DoG ({dog})"] = plain
-    start, seconds = time.perf_counter(), None
     if steps:
-        goal = (
-            Goal.of_data(splats, dataset, steps, options, drawn) if dataset else Goal.of_renders(splats, steps, drawn)
-        )
+        start = time.perf_counter()
+        goal = goal_of(splats, dataset, steps, options, drawn)
         plain = stages[f"refined, {steps} steps"] = refined(plain, goal, steps, show)
         seconds = time.perf_counter() - start
     left_out = [f"{model.name}: {line}" for line in read.left_out]
-    left_out += write_model(out, replace(read, splats=plain, drawing=drawing), spz_version)
+    written = replace(read, splats=plain, drawing=drawing)
+    if page:
+        left_out += _write_page(model, out, written, dog, data, options)
+    else:
+        left_out += write_model(out, written, spz_version)
     if not views:
         return Exported(plain.n_splats, 0, [], left_out, seconds)
     seen = views_of(splats, dataset, views, options, drawn)
-    stages["read from the file"] = read_model(out).splats
+    stages["read from the file"] = (read_page(out) if page else read_model(out)).splats
     return Exported(plain.n_splats, len(seen.cameras), losses(stages, seen), left_out, seconds)
+
+
+def _write_page(
+    model: Path, out: Path, written: Model, dog: str, data: str | Path | None, options: PictureOptions
+) -> list[str]:
+    """A page that opens as the model was photographed, where that is known; what is left out."""
+    subject = read_subject(model, data, options)
+    title = model.resolve().parent.name if model.name == RUN_MODEL else model.stem
+    return write_page(out, written, opening_of(subject, title, dog))
 
 
 def _steps(refine: int | None, dog: str, taken_out: bool) -> int:

@@ -11,7 +11,7 @@ from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.export.bake import baked
 from mi_dogsplat.export.losses import Views, mean_psnr
-from mi_dogsplat.export.refine import BY_DATA, GREY, STEPS, Goal, refined
+from mi_dogsplat.export.refine import BY_DATA, GREY, STEPS, Goal, by_data, by_renders, refined
 from mi_dogsplat.export.write import export_model
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.drawing import DrawnAs
@@ -33,7 +33,7 @@ def goal_of_cameras() -> Goal:
     return Goal(cameras, Views(cameras, [], 0.0, 0.05, False).pictures(MODEL), Drawing(0.0, 0.05), BY_DATA)
 
 
-@pytest.mark.parametrize("goal, gain", [(goal_of_cameras, 0.6), (lambda: Goal.of_renders(MODEL, 60, USUAL), 0.25)])
+@pytest.mark.parametrize("goal, gain", [(goal_of_cameras, 0.6), (lambda: by_renders(MODEL, 60, USUAL), 0.25)])
 def test_refined_gaussians_are_nearer_to_the_model_where_nothing_was_fitted(goal, gain):
     """Views of others: from cameras among which they are, and from those that are made up."""
     views = Views(tiny_data.cameras(5), [], 0.0, 0.05, False)
@@ -45,7 +45,7 @@ def test_refined_gaussians_are_nearer_to_the_model_where_nothing_was_fitted(goal
 
 
 def test_without_data_the_goal_is_what_the_model_shows_on_grey():
-    goal = Goal.of_renders(MODEL, 6, replace(USUAL, antialiased=True))
+    goal = by_renders(MODEL, 6, replace(USUAL, antialiased=True))
     assert len(goal.cameras) == len(goal.pictures) == 6 and goal.drawing.antialiased
     assert goal.drawing.near_clip <= 0.05 and goal.drawing.background == GREY
     views = Views(goal.cameras, [], GREY, goal.drawing.near_clip, True)
@@ -54,17 +54,17 @@ def test_without_data_the_goal_is_what_the_model_shows_on_grey():
 
 def test_with_data_the_goal_is_its_training_photographs(data, alpha_data):
     dataset = load_dataset(data)
-    goal = Goal.of_data(MODEL, dataset, 100, PictureOptions(), USUAL)
+    goal = by_data(MODEL, dataset, 100, PictureOptions(), USUAL)
     assert [c is view.camera for c, view in zip(goal.cameras, dataset.train, strict=True)]
     assert all(np.array_equal(a, view.image) for a, view in zip(goal.pictures, dataset.train, strict=True))
-    assert len(Goal.of_data(MODEL, dataset, 3, PictureOptions(), USUAL).cameras) == 3
-    white = Goal.of_data(MODEL, load_dataset(alpha_data), 100, PictureOptions(), USUAL)
+    assert len(by_data(MODEL, dataset, 3, PictureOptions(), USUAL).cameras) == 3
+    white = by_data(MODEL, load_dataset(alpha_data), 100, PictureOptions(), USUAL)
     assert white.drawing.background == 1 and white.pictures[0].shape[-1] == 3
 
 
 def test_a_model_of_linear_radiance_is_fitted_to_its_own_pictures_in_linear_radiance(data):
     dataset = load_dataset(data)
-    goal = Goal.of_data(MODEL, dataset, 100, PictureOptions(), replace(USUAL, linear=True))
+    goal = by_data(MODEL, dataset, 100, PictureOptions(), replace(USUAL, linear=True))
     shown = Views(goal.cameras, [], 0.0, 0.05, False, linear=True).pictures(MODEL)
     assert len(goal.pictures) == len(dataset.train)
     for linear, srgb in zip(goal.pictures, shown, strict=True):
