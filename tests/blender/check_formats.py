@@ -53,6 +53,25 @@ def test_ply_and_spz_need_no_package():
     assert read_model(REFERENCES / "dog.ply", never)[1] == Said()
 
 
+def test_colours_by_sh_degree_are_filled_up_with_zeros():
+    rows, padded = read_ply(REFERENCES / "rows.ply"), read_ply(REFERENCES / "padded.ply")
+    assert rows.sh_degree == 3 and rows.is_dog.any()
+    for name, values in vars(padded).items():
+        assert np.array_equal(getattr(rows, name), values), name
+    obj = load(REFERENCES / "rows.ply")
+    assert len(obj.data.vertices) == 150
+
+
+@pytest.mark.parametrize("element", ["sh1", "sh3"])
+def test_colours_of_primitives_that_are_not_there_are_refused(element, tmp_path):
+    data = (REFERENCES / "rows.ply").read_bytes()
+    header, body = data.split(b"end_header\n", 1)
+    fewer = header.replace(b"element vertex 150", b"element vertex 2").replace(b"element dog", b"element other")
+    (tmp_path / "bad.ply").write_bytes(fewer.replace(element.encode(), b"sh2x") + b"end_header\n" + body)
+    with pytest.raises(FileError, match='"sh[123]" does not name different primitives of 0 to 1'):
+        read_ply(tmp_path / "bad.ply")
+
+
 @pytest.mark.parametrize("name", ["plain.spz", "plain.glb", "plain.sog", "plain.splat", "plain.compressed.ply"])
 def test_every_format_is_imported(name, command):
     obj = load(REFERENCES / name)
