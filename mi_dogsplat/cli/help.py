@@ -149,6 +149,8 @@ EXPORT_EXAMPLES = """
 Examples:
   dogsplat export run/point_cloud.ply -o model.spz                    Niantic, Babylon, Spark; small
   dogsplat export run/point_cloud.ply -o model.sog                    PlayCanvas, SuperSplat; small
+  dogsplat export run/point_cloud.ply -o model.sog --small --data photos/ --downscale 2
+                                                                      a third of that, refined for it
   dogsplat export run/point_cloud.ply -o model.compressed.ply         the same; a quarter of a PLY
   dogsplat export run/point_cloud.ply -o model.glb                    glTF (KHR_gaussian_splatting); lossless
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
@@ -162,8 +164,8 @@ These formats know no negative lobes: a DoG primitive becomes the Gaussian neare
 (--dog drop). The baked model is refined on the photographs of --data, or on renders of the model, which takes
 10 to 100 ms a step on a CPU (--refine 0: not at all). A .ply keeps DoG with --dog keep, and so does a
 .compressed.ply, for our own commands. The file is read back, and the loss of each stage is printed. .spz and
-.glb have y up, the others the axes of the model. A page (.html, 0.8 MB and the model) needs a browser and no network, and opens
-with the first photograph of the data.
+.glb have y up, the others the axes of the model. A page (.html, 0.8 MB and the model) needs a browser and no
+network, and opens with the first photograph of the data.
 """
 FILM_EXAMPLES = """
 Examples:
