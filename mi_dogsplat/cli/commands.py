@@ -213,7 +213,7 @@ def export(args: argparse.Namespace) -> None:
 
     with Bar("step", "refining") as bar:
         which = args.dog, args.data, args.views, options, args.spz_version, args.refine
-        exported = export_model(args.model, args.out, *which, bar.show)
+        exported = export_model(args.model, args.out, *which, bar.show, args.small)
     for line in (*exported.left_out, *loss_table(exported)):
         print(line)
     print(_size_line(args.out, exported.n_splats, args.model))

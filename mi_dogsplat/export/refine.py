@@ -22,6 +22,7 @@ from ..scene.drawing import DrawnAs
 from ..scene.splats import Array, Splats
 from ..training.fit import Drawing, fit
 from ..training.learning_rates import Refinement
+from ..training.quantiser import Quantiser
 
 STEPS = 300
 BY_DATA = Refinement(start=0, gain=2.0, end_gain=0.01, means_gain=1.0)  # on the step sizes of 3DGS
@@ -63,8 +64,19 @@ def by_renders(model: Splats, most: int, drawn: DrawnAs) -> Goal:
     return Goal(cameras, _renders(model, cameras, drawing), drawing, BY_RENDERS)
 
 
-def refined(baked: Splats, goal: Goal, steps: int, show: Callable[[int, int], None] | None = None) -> Splats:
-    """Baked Gaussians after ``steps`` steps towards a goal; ``show`` is called with the steps done, and all of them."""
+def refined(
+    baked: Splats,
+    goal: Goal,
+    steps: int,
+    show: Callable[[int, int], None] | None = None,
+    small: str | None = None,
+) -> Splats:
+    """Gaussians after ``steps`` steps towards a goal.
+
+    Args:
+        show: called with the steps done, and all of them.
+        small: format of ``formats/coded.py`` on whose grids they are to be; None: as they are.
+    """
     return fit(
         baked,
         goal.cameras,
@@ -72,6 +84,7 @@ def refined(baked: Splats, goal: Goal, steps: int, show: Callable[[int, int], No
         steps,
         goal.drawing,
         goal.gains,
+        quantiser=Quantiser(small) if small else None,
         after_step=(lambda step, _: show(step, steps)) if show else None,
     )
 

@@ -12,6 +12,7 @@ import mitsuba as mi
 from ..datasets.dataset import Dataset
 from ..film.subject import MODEL as RUN_MODEL
 from ..film.subject import read_subject
+from ..formats.coded import snapped
 from ..formats.model import Model
 from ..formats.read import read_model
 from ..formats.table import SOG, format_to_write
@@ -25,6 +26,7 @@ from .losses import Loss, losses, views_of
 from .refine import STEPS, goal_of, refined
 from .web_page import PAGE, opening_of, read_page, write_page
 
+SMALL = {"SPZ": "spz", "SOG": "sog"}  # of the formats that have coarse grids, their names there
 DOG_CHOICES = ("bake", "drop", "keep")
 
 
@@ -38,7 +40,7 @@ class Exported:
     """``n_splats``: primitives that were written; ``losses``: stage by stage, over ``n_views`` views.
 
     ``left_out``: a line for each thing that did not get into the file, or out of the one that was read.
-    ``refine_seconds``: what making up for DoG took; None where nothing was done.
+    ``refine_seconds``: what the steps towards pictures took; None where nothing was done.
     """
 
     n_splats: int
@@ -58,6 +60,7 @@ def export_model(
     spz_version: int = SPZ_VERSIONS[0],
     refine: int | None = None,
     show: Callable[[int, int], None] | None = None,
+    small: bool = False,
 ) -> Exported:
     """Write a model file in the format that the name of ``out`` asks for, and measure what is lost.
 
@@ -73,6 +76,7 @@ def export_model(
         refine: steps that make up for DoG that were taken out (``refine.py``); None: ``STEPS`` where they were baked
             and a Mitsuba variant is set.
         show: called with the steps of it that are done, and how many there are.
+        small: coarse grids and a palette, for which the model is refined too (docs/quantisation.md); SPZ and SOG.
 
     Measuring and refining need a Mitsuba variant. Raises ``DataError``.
     """
@@ -82,6 +86,8 @@ def export_model(
     if dog not in DOG_CHOICES or (dog == "keep" and not chosen.dog):
         problem = f'"{dog}" is unknown' if dog not in DOG_CHOICES else f"{chosen.name} has no room for DoG to keep"
         raise DataError("--dog", problem, "use bake or drop")
+    if small and chosen.name not in SMALL:
+        raise DataError("--small", f"{chosen.name} has no codes that compress", "name a file that ends in .spz or .sog")
     if views < 0:
         raise DataError("--views", f"{views} is too small", "use at least 0")
     read = read_model(model)
@@ -96,15 +102,18 @@ def export_model(
     stages = {"as it is": splats}
     plain = plain_gaussians(splats, dog)
     taken_out = splats.n_dog > 0 and not plain.n_dog
-    steps, drawn, seconds = _steps(refine, dog, taken_out), drawn_as(drawing), None
+    steps, drawn, seconds = _steps(refine, dog, taken_out, small), drawn_as(drawing), None
+    grids = SMALL[chosen.name] if small else None
     dataset = _loaded(data, options) if steps or views else None
     if taken_out:
         stages[f"without DoG ({dog})"] = plain
     if steps:
         start = time.perf_counter()
         goal = goal_of(splats, dataset, steps, options, drawn)
-        plain = stages[f"refined, {steps} steps"] = refined(plain, goal, steps, show)
+        plain = stages[f"refined, {steps} steps"] = refined(plain, goal, steps, show, grids)
         seconds = time.perf_counter() - start
+    elif grids:
+        plain = stages["on the grids of a small file"] = snapped(grids, plain)
     left_out = [f"{model.name}: {line}" for line in read.left_out]
     written = replace(read, splats=plain, drawing=drawing)
     if page:
@@ -127,13 +136,13 @@ def _write_page(
     return write_page(out, written, opening_of(subject, title, dog))
 
 
-def _steps(refine: int | None, dog: str, taken_out: bool) -> int:
+def _steps(refine: int | None, dog: str, taken_out: bool, small: bool) -> int:
     """Of the refinement; raises ``DataError`` where it is asked for and has nothing to make up for."""
     if refine is None:
-        return STEPS if taken_out and dog == "bake" and mi.variant() else 0
+        return STEPS if (small or (taken_out and dog == "bake")) and mi.variant() else 0
     if refine < 0:
         raise DataError("--refine", f"{refine} is too small", "use at least 0")
-    if refine and not taken_out:
+    if refine and not taken_out and not small:
         raise DataError("--refine", "no DoG is taken out that could be made up for", "leave it out")
     return refine
 

@@ -53,7 +53,7 @@ def _sog(extents: Extents, steps: Steps) -> FileGrids:
 
 
 CODED: dict[str, Callable[[Extents, Steps], FileGrids]] = {"spz": _spz, "sog": _sog}
-STEPS = {"spz": Steps(rotation=3, color=2, entries=0.3), "sog": Steps(entries=0.375)}  # SPZ packs worse
+STEPS = {"spz": Steps(rotation=3), "sog": Steps(entries=0.375)}  # SPZ packs worse
 
 
 def snapped(

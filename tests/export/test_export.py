@@ -153,6 +153,7 @@ def test_cameras_around_a_model_all_see_its_middle():
 
 
 def test_bad_input_is_one_line_and_nothing_is_left_behind(capsys, model, tmp_path):
+    assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.glb", "--small"), "--small", "glTF", ".spz")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.obj"), "out.obj", ".spz")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz", "--dog", "keep"), "--dog", "bake")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz", "--views", "-1"), "--views")

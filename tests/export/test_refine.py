@@ -89,6 +89,21 @@ def test_dropped_dog_are_refined_on_demand_only_and_kept_ones_stay(model, tmp_pa
     assert np.array_equal(read_ply(tmp_path / "kept.ply").dog_log_scales, MODEL.dog_log_scales)
 
 
+@pytest.mark.parametrize("suffix", [".spz", ".sog"])
+def test_small_files_are_refined_for_their_grids(model, tmp_path, suffix):
+    export_model(model, tmp_path / f"usual{suffix}", views=0, refine=0)
+    steps = []
+    stages = export_model(model, tmp_path / f"small{suffix}", views=2, small=True, refine=20,
+                          show=lambda done, of: steps.append(done)).losses  # fmt: skip
+    rounded = export_model(model, tmp_path / f"rounded{suffix}", views=2, small=True, refine=0).losses
+    assert [stages[2].stage, rounded[2].stage] == ["refined, 20 steps", "on the grids of a small file"]
+    assert steps == list(range(1, 21))
+    for losses in (stages, rounded):  # the file says what was refined
+        assert losses[3].of_model == pytest.approx(losses[2].of_model, abs=1e-3)
+    usual, small = ((tmp_path / f"{name}{suffix}").stat().st_size for name in ("usual", "small"))
+    assert small < 0.9 * usual
+
+
 def test_baked_ones_are_refined_by_default_where_that_can_be_computed(capsys, model, tmp_path, monkeypatch):
     monkeypatch.setattr(write, "STEPS", 3)
     status, printed, _ = run(capsys, "export", model, "-o", tmp_path / "out.spz", "--views", "1")
