@@ -38,6 +38,8 @@ from .help import (
 )
 
 DATA_HELP = settings_of(TrainConfig)["data"][1].help
+REFINE_HELP = "steps that make up for DoG, on a CPU 10 to 100 ms each; 0: none (default: 300 where they are baked)"
+SMALL_HELP = "SPZ, SOG: coarse grids and a palette, half the bytes; refined to lose little (default: 300 steps)"
 DOG_HELP = "DoG: bake (nearest Gaussians), drop, or keep where the format knows them (default: bake)"
 ABLATE_FLAGS = [
     *("steps", "target", "downscale", "max_primitives", "max_world_scale", "split", "sh_degree"),
@@ -201,7 +203,9 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
     p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join((*FORMATS, ".html")))
     p.add_argument("--dog", default="bake", metavar="HOW", help=DOG_HELP)
     p.add_argument("--spz-version", type=int, default=3, metavar="N", help="of an .spz: 3 or 4 (default: 3)")
-    p.add_argument("--data", metavar="DATA", help="measure the loss on its test views, against its photographs too")
+    p.add_argument("--small", action="store_true", help=SMALL_HELP)
+    p.add_argument("--refine", type=int, metavar="STEPS", help=REFINE_HELP)
+    p.add_argument("--data", metavar="DATA", help="refine on its photographs, and measure the loss on its test views")
     p.add_argument("--views", type=int, default=8, metavar="N", help="views to measure on; 0: none (default: 8)")
     _add_picture_flags(p)
 

@@ -209,8 +209,11 @@ def export(args: argparse.Namespace) -> None:
     options = _given(PictureOptions, args)
     set_variant(args.variant)
     from ..export.write import export_model
+    from .progress import Bar
 
-    exported = export_model(args.model, args.out, args.dog, args.data, args.views, options, args.spz_version)
+    with Bar("step", "refining") as bar:
+        which = args.dog, args.data, args.views, options, args.spz_version, args.refine
+        exported = export_model(args.model, args.out, *which, bar.show, args.small)
     for line in (*exported.left_out, *loss_table(exported)):
         print(line)
     print(_size_line(args.out, exported.n_splats, args.model))

@@ -149,17 +149,23 @@ EXPORT_EXAMPLES = """
 Examples:
   dogsplat export run/point_cloud.ply -o model.spz                    Niantic, Babylon, Spark; small
   dogsplat export run/point_cloud.ply -o model.sog                    PlayCanvas, SuperSplat; small
+  dogsplat export run/point_cloud.ply -o model.sog --small --data photos/ --downscale 2
+                                                                      a third of that, refined for it
   dogsplat export run/point_cloud.ply -o model.compressed.ply         the same; a quarter of a PLY
   dogsplat export run/point_cloud.ply -o model.glb                    glTF (KHR_gaussian_splatting); lossless
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
                                                                       any 3DGS viewer; measured on photographs
+  dogsplat export run/point_cloud.ply -o small.compressed.ply --dog keep
+                                                                      with DoG, in five bytes each
   dogsplat export run/point_cloud.ply -o model.html --data photos/ --views 0
                                                                       a page with a viewer, to send around
 
 MODEL may have any of these formats. Those that know no negative lobes get the Gaussian nearest to a DoG
-primitive, or its primary (--dog drop); --dog keep is for .ply and .compressed.ply. The file is read back, and
-the loss of both steps is printed. .spz, .glb and .gltf have y up, the others the axes of the model. A page
-(.html, 0.8 MB and the model) needs a browser and no network, and opens with the first photograph of the data.
+primitive, or its primary (--dog drop); --dog keep is for .ply and .compressed.ply. The baked model is refined
+on the photographs of --data, or on renders of the model, which takes 10 to 100 ms a step on a CPU (with
+--refine 0 it is not). The file is read back, and the loss of each stage is printed. .spz, .glb and .gltf have y
+up, the others the axes of the model. A page (.html, 0.8 MB and the model) needs a browser and no network, and opens
+with the first photograph of the data.
 """
 FILM_EXAMPLES = """
 Examples:

@@ -31,7 +31,7 @@ def loss_table(exported: Exported) -> list[str]:
         if loss.of_photographs is not None:
             columns.append(f"{loss.of_photographs:6.2f} dB")
         lines.append(f"  {loss.stage:24s}" + "       ".join(columns).rstrip())
-    return lines
+    return lines + ([] if exported.refine_seconds is None else [f"refining took {exported.refine_seconds:.0f} s"])
 
 
 def cleaned_lines(cleaned: Cleaned) -> list[str]:

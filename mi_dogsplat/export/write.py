@@ -2,48 +2,32 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
+import mitsuba as mi
 
+from ..datasets.dataset import Dataset
 from ..film.subject import MODEL as RUN_MODEL
 from ..film.subject import read_subject
+from ..formats.coded import snapped
 from ..formats.model import Model
 from ..formats.read import read_model
 from ..formats.table import SOG, format_to_write
 from ..formats.write import SPZ_VERSIONS, write_model
-from ..measure.metrics import psnr
-from ..render.framing import NEAR_SHARE, cameras_around, robust_sphere
-from ..render.picture import background_color, over_background
 from ..render.picture_options import PictureOptions
-from ..render.render_files import picture_of
-from ..scene.cameras import Camera
-from ..scene.drawing import DrawnAs, drawn_as
-from ..scene.splats import Array, Splats
+from ..scene.drawing import drawn_as
+from ..scene.splats import Splats
 from ..support.errors import DataError
 from .bake import baked
+from .losses import Loss, losses, views_of
+from .refine import STEPS, goal_of, refined
 from .web_page import PAGE, opening_of, read_page, write_page
 
+SMALL = {"SPZ": "spz", "SOG": "sog"}  # of the formats that have coarse grids, their names there
 DOG_CHOICES = ("bake", "drop", "keep")
-
-
-@dataclass(frozen=True)
-class Views:
-    """From where a loss is measured: cameras, and photographs [H, W, 3] if there are any."""
-
-    cameras: list[Camera]
-    photographs: list[Array]
-    background: float
-    near_clip: float
-    antialiased: bool
-    linear: bool = False
-
-    def pictures(self, splats: Splats) -> list[Array]:
-        """[H, W, 3] of each view."""
-        how = self.background, self.near_clip
-        picture = picture_of(splats, *how, antialiased=self.antialiased, linear=self.linear)
-        return [picture(camera).color for camera in self.cameras]
 
 
 def plain_gaussians(splats: Splats, dog: str) -> Splats:
@@ -52,28 +36,18 @@ def plain_gaussians(splats: Splats, dog: str) -> Splats:
 
 
 @dataclass(frozen=True)
-class Loss:
-    """What a model has become on its way into a file, and its mean PSNR in dB; None where there is nothing to compare.
-
-    ``of_model``: against pictures of the model as it was; ``of_photographs``: against the photographs of the data.
-    """
-
-    stage: str
-    of_model: float | None
-    of_photographs: float | None
-
-
-@dataclass(frozen=True)
 class Exported:
     """``n_splats``: primitives that were written; ``losses``: stage by stage, over ``n_views`` views.
 
     ``left_out``: a line for each thing that did not get into the file, or out of the one that was read.
+    ``refine_seconds``: what the steps towards pictures took; None where nothing was done.
     """
 
     n_splats: int
     n_views: int
     losses: list[Loss]
     left_out: list[str] = field(default_factory=list)
+    refine_seconds: float | None = None
 
 
 def export_model(
@@ -84,6 +58,9 @@ def export_model(
     views: int = 8,
     options: PictureOptions = PictureOptions(),
     spz_version: int = SPZ_VERSIONS[0],
+    refine: int | None = None,
+    show: Callable[[int, int], None] | None = None,
+    small: bool = False,
 ) -> Exported:
     """Write a model file in the format that the name of ``out`` asks for, and measure what is lost.
 
@@ -91,12 +68,17 @@ def export_model(
         model: the model, of any format.
         out: ends in one of ``formats.table.FORMATS``, or in .html: a page with a viewer inside.
         dog: what becomes of DoG, one of ``DOG_CHOICES`` (``plain_gaussians``); keep: only where the format knows them.
-        data: a data set to compare with on its test views, from which a page opens; None: views from around the model.
+        data: a data set: it is refined on its training views, compared with on its test views, and a page opens from
+            one; None: views from around the model.
         views: at most so many; 0 measures nothing.
         options: how the pictures are drawn; what they do not say, the model's file does.
         spz_version: of an SPZ file.
+        refine: steps that make up for DoG that were taken out (``refine.py``); None: ``STEPS`` where they were baked
+            and a Mitsuba variant is set.
+        show: called with the steps of it that are done, and how many there are.
+        small: coarse grids and a palette, for which the model is refined too (docs/quantisation.md); SPZ and SOG.
 
-    Measuring needs a Mitsuba variant. Raises ``DataError``.
+    Measuring and refining need a Mitsuba variant. Raises ``DataError``.
     """
     model, out = Path(model), Path(out)
     page = out.name.lower().endswith(PAGE)
@@ -104,6 +86,8 @@ def export_model(
     if dog not in DOG_CHOICES or (dog == "keep" and not chosen.dog):
         problem = f'"{dog}" is unknown' if dog not in DOG_CHOICES else f"{chosen.name} has no room for DoG to keep"
         raise DataError("--dog", problem, "use bake or drop")
+    if small and chosen.name not in SMALL:
+        raise DataError("--small", f"{chosen.name} has no codes that compress", "name a file that ends in .spz or .sog")
     if views < 0:
         raise DataError("--views", f"{views} is too small", "use at least 0")
     read = read_model(model)
@@ -113,7 +97,23 @@ def export_model(
         raise DataError(out, "is the model itself, which would be lost", "name another file")
     if splats.n_splats == 0:
         raise DataError(model, "the model is empty", "export one that has primitives")
+    if not out.parent.is_dir():  # said before what takes long
+        raise DataError(out, "cannot be written (there is no such folder)", "make it, or name another one")
+    stages = {"as it is": splats}
     plain = plain_gaussians(splats, dog)
+    taken_out = splats.n_dog > 0 and not plain.n_dog
+    steps, drawn, seconds = _steps(refine, dog, taken_out, small), drawn_as(drawing), None
+    grids = SMALL[chosen.name] if small else None
+    dataset = _loaded(data, options) if steps or views else None
+    if taken_out:
+        stages[f"without DoG ({dog})"] = plain
+    if steps:
+        start = time.perf_counter()
+        goal = goal_of(splats, dataset, steps, options, drawn)
+        plain = stages[f"refined, {steps} steps"] = refined(plain, goal, steps, show, grids)
+        seconds = time.perf_counter() - start
+    elif grids:
+        plain = stages["on the grids of a small file"] = snapped(grids, plain)
     left_out = [f"{model.name}: {line}" for line in read.left_out]
     written = replace(read, splats=plain, drawing=drawing)
     if page:
@@ -121,13 +121,10 @@ def export_model(
     else:
         left_out += write_model(out, written, spz_version)
     if not views:
-        return Exported(plain.n_splats, 0, [], left_out)
-    seen = _views(splats, data, views, options, drawn_as(drawing))
-    stages = {"as it is": splats}
-    if splats.n_dog and not plain.n_dog:
-        stages[f"without DoG ({dog})"] = plain
+        return Exported(plain.n_splats, 0, [], left_out, seconds)
+    seen = views_of(splats, dataset, views, options, drawn)
     stages["read from the file"] = (read_page(out) if page else read_model(out)).splats
-    return Exported(plain.n_splats, len(seen.cameras), losses(stages, seen), left_out)
+    return Exported(plain.n_splats, len(seen.cameras), losses(stages, seen), left_out, seconds)
 
 
 def _write_page(
@@ -139,33 +136,20 @@ def _write_page(
     return write_page(out, written, opening_of(subject, title, dog))
 
 
-def losses(stages: dict[str, Splats], views: Views) -> list[Loss]:
-    """Of each stage, against the first one and against the photographs."""
-    reference = views.pictures(next(iter(stages.values())))
-    found = []
-    for number, (name, splats) in enumerate(stages.items()):
-        pictures = views.pictures(splats) if number else reference
-        of_photographs = mean_psnr(pictures, views.photographs) if views.photographs else None
-        found.append(Loss(name, mean_psnr(pictures, reference) if number else None, of_photographs))
-    return found
+def _steps(refine: int | None, dog: str, taken_out: bool, small: bool) -> int:
+    """Of the refinement; raises ``DataError`` where it is asked for and has nothing to make up for."""
+    if refine is None:
+        return STEPS if (small or (taken_out and dog == "bake")) and mi.variant() else 0
+    if refine < 0:
+        raise DataError("--refine", f"{refine} is too small", "use at least 0")
+    if refine and not taken_out and not small:
+        raise DataError("--refine", "no DoG is taken out that could be made up for", "leave it out")
+    return refine
 
 
-def mean_psnr(pictures: list[Array], truth: list[Array]) -> float:
-    """Mean over pairs of pictures, in dB."""
-    return float(np.mean([psnr(a, b) for a, b in zip(pictures, truth, strict=True)]))
-
-
-def _views(splats: Splats, data: str | Path | None, count: int, options: PictureOptions, drawn: DrawnAs) -> Views:
-    how = drawn.antialiased, drawn.linear
+def _loaded(data: str | Path | None, options: PictureOptions) -> Dataset | None:
     if not data:
-        near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
-        background = background_color(options.background, False)
-        return Views(cameras_around(splats, count), [], background, near_clip, *how)
+        return None
     from ..datasets import load_dataset  # here: it needs the extra "train"
 
-    dataset = load_dataset(data, options.downscale)
-    background = background_color(options.background, dataset.has_alpha)
-    held_out = dataset.test or dataset.train
-    views = held_out[:: -(-len(held_out) // count)]
-    photographs = [over_background(view.image, background) for view in views]
-    return Views([view.camera for view in views], photographs, background, drawn.near_clip, *how)
+    return load_dataset(data, options.downscale)

@@ -20,6 +20,7 @@ from .palette import lloyd, palette
 from .symmetries import nearest_to_identity
 
 LLOYD_ROUNDS = 3  # more gain little
+MOST_ENTRIES = 8192  # of a palette: every vector is compared with every entry
 SMALL = 10  # per cent of the primitives that are smaller than what steps of positions are measured by
 
 
@@ -27,7 +28,7 @@ SMALL = 10  # per cent of the primitives that are smaller than what steps of pos
 class Steps:
     """How far the values of each grid are apart."""
 
-    position: float = 1 / 16  # at most, in middle scales of a primitive that is small (``Extents.small``)
+    position: float = 1 / 8  # at most, in middle scales of a primitive that is small (``Extents.small``)
     log_scale: int = 1  # sixteenths
     rotation: int = 1  # 1 / (127.5 √2); odd, as SOG has no zero
     opacity: int = 3  # 255ths; a divisor of 255
@@ -117,13 +118,19 @@ class FileGrids:
     sh_rest: Grid
 
     def palette(
-        self, splats: Splats, share: float, weights: Array | None = None, before: Palette | None = None
+        self,
+        splats: Splats,
+        share: float,
+        weights: Array | None = None,
+        before: Palette | None = None,
+        rounds: int = LLOYD_ROUNDS,
     ) -> Palette:
         """A palette of ``share`` entries for each primitive.
 
         Args:
             weights: [N] how much an error of each primitive's colour counts, positive; None: all alike.
-            before: the palette to go on from, with labels of as many primitives.
+            before: the palette to go on from.
+            rounds: of Lloyd's algorithm; 0 is fast and as good for an estimate of a file's size.
         """
         degrees, whole = splats.sh_degrees, splats.uniform_sh().sh_coeffs[:, 1:]
         w = np.ones(len(whole)) if weights is None else weights
@@ -135,8 +142,10 @@ class FileGrids:
                 if before and degree in before.degrees:
                     entries = before.entries[before.degrees == degree, :used].reshape(-1, 3 * used)
                 else:
-                    entries = palette(rest, max(1, round(share * len(rows))), w[rows])[1]
-                nearest, entries = lloyd(rest, entries, w[rows], LLOYD_ROUNDS)
+                    size = int(np.clip(round(share * len(rows)), 1, MOST_ENTRIES))
+                    nearest, entries = palette(rest, size, w[rows])
+                if before or rounds:
+                    nearest, entries = lloyd(rest, entries, w[rows], rounds)
             labels[rows] = nearest + len(of_entries)
             of_entries += [degree] * len(entries)
             on_grid = self.sh_rest.snap(entries.reshape(len(entries), used, 3))

@@ -84,9 +84,10 @@ def by_color(splats: Splats) -> Array:
     A stream of bytes with repetitions compresses them to nothing. Beside that, and else, neighbours in space.
     """
     order, n = in_space(splats), splats.n_splats
-    rest = np.ascontiguousarray(splats.sh_coeffs[:, 1:].reshape(n, -1))
+    rest = splats.sh_coeffs[:, 1:]
     if not rest.size:
         return order
+    rest = np.ascontiguousarray(rest.reshape(n, -1))
     entries, labels = np.unique(rest, axis=0, return_inverse=True)
     labels = labels.reshape(n)  # NumPy 2.0 has a column
     return order if len(entries) > n / 2 else order[np.argsort(labels[order], kind="stable")]

@@ -109,4 +109,3 @@ def _webp(pixels: Array) -> bytes:
     # exact: else colours under an alpha of 0 would be lost
     Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, "WEBP", lossless=True, quality=100, exact=True)
     return buffer.getvalue()
-

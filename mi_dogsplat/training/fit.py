@@ -23,6 +23,7 @@ from .footprint import budget
 from .learning_rates import LearningRates, Refinement
 from .optimizer import SplatOptimizer
 from .photographs import Photographs
+from .quantiser import Quantiser, Tables
 
 GAINS = Refinement(start=0, gain=2.0, end_gain=0.1, means_gain=4.0)  # on the step sizes of 3DGS
 
@@ -44,6 +45,7 @@ def fit(
     drawing: Drawing = Drawing(),
     gains: Refinement = GAINS,
     seed: int = 0,
+    quantiser: Quantiser | None = None,
     after_step: Callable[[int, float], None] | None = None,
 ) -> Splats:
     """The model after ``steps`` steps of Adam towards the pictures; the same bits in every run on a CPU.
@@ -55,6 +57,7 @@ def fit(
         drawing: how the pictures were drawn.
         gains: factors on the step sizes, as after pruning (``Refinement``), over ``steps``.
         seed: of the order.
+        quantiser: the model is fitted, and returned, as its file will have it, without what can never be seen.
         after_step: called with the number of steps done and the loss, for which it waits.
 
     Needs a Mitsuba variant. Raises ``ValueError`` for no primitive, no picture, or pictures of other sizes than the
@@ -74,11 +77,18 @@ def fit(
     options = RasterOptions(sh_degree=splats.sh_degree, antialiased=drawing.antialiased)
     order: list[int] = []
     rng = np.random.default_rng(seed)
+    tables = Tables()
+    if quantiser:
+        optimizer.followers.append(lambda index, fresh: tables.rearrange(index))
     for step in range(steps):
         optimizer.schedule(step)
         order = order or rng.permutation(len(views)).tolist()
         view = order.pop()
-        planes = shown.over_background(rasterize(optimizer.params, shown.cameras[view], options))
+        params = optimizer.params
+        if quantiser:
+            quantiser.before_step(tables, optimizer, shown.cameras, options, step, steps)
+            params = quantiser.params(tables, optimizer.params, optimizer.bands)
+        planes = shown.over_background(rasterize(params, shown.cameras[view], options))
         _, loss, gradient = shown.compare(planes, view, step)
         for plane, δ in zip(planes, gradient, strict=True):
             dr.set_grad(plane, mi.Float(δ))
@@ -87,4 +97,6 @@ def fit(
         optimizer.step()
         if after_step:
             after_step(step + 1, float(loss[0]))
+    if quantiser:
+        quantiser.settle(tables, optimizer)
     return optimizer.to_splats()

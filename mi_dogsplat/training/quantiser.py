@@ -12,10 +12,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..engine.geometry import Cutoffs
 from ..engine.options import RasterOptions
 from ..engine.project import DeviceCamera
-from ..formats.coded import CODED
-from ..formats.grids import Extents, FileGrids, Palette, Steps
+from ..formats.coded import CODED, STEPS
+from ..formats.grids import LLOYD_ROUNDS, Extents, FileGrids, Palette, Steps
 from ..formats.symmetries import nearest_to_identity
 from ..scores.weights import weights
 from .optimizer import SplatOptimizer
@@ -56,7 +57,7 @@ class Quantiser:
     """Straight-through quantisation for a format of ``CODED``."""
 
     format: str
-    steps: Steps = Steps()
+    steps: Steps | None = None  # those of ``formats/coded.STEPS``
 
     def before_step(
         self,
@@ -76,7 +77,8 @@ class Quantiser:
             splats = optimizer.to_splats()
             tables.extents = Extents.of(splats).numbers
             before = tables.palette if kept_bands else None
-            new = self._grids(tables).palette(splats, self.steps.entries, tables.weights, before)
+            rounds = 1 if before else LLOYD_ROUNDS
+            new = self._grids(tables).palette(splats, self._steps.entries, tables.weights, before, rounds)
             tables.entries, tables.degrees, tables.labels = new.entries, new.degrees, new.labels
 
     def params(self, tables: Tables, params: dict, bands: Sequence[str]) -> dict:
@@ -88,10 +90,17 @@ class Quantiser:
         return tables.on_device[1](params)
 
     def settle(self, tables: Tables, optimizer: SplatOptimizer) -> None:
-        """Make the model that of its file."""
+        """Make the model that of its file, without primitives that can never be seen.
+
+        SOG's positions lie between those that are outermost now: they are rounded anew, by less than a step.
+        """
         if tables.palette is None:
             return
-        splats = self._grids(tables).snap(optimizer.to_splats(), tables.palette)
+        opacities = self._grids(tables).logit_opacities.snap(optimizer.numpy("logit_opacities"))
+        optimizer.keep(np.flatnonzero(1 / (1 + np.exp(-opacities.astype(np.float64))) >= Cutoffs().alpha))
+        splats = optimizer.to_splats()
+        tables.extents = Extents.of(splats).numbers
+        splats = self._grids(tables).snap(splats, tables.palette)
         arrays = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities")}
         for name, values in (arrays | {"sh_dc": splats.sh_coeffs[:, 0]} | bands_of(splats)).items():
             optimizer.assign(name, values.reshape(optimizer.numpy(name).shape))
@@ -107,5 +116,9 @@ class Quantiser:
         found = weights(optimizer.params, list(cameras), options).total
         tables.weights = np.maximum(found, LEAST_WEIGHT)
 
+    @property
+    def _steps(self) -> Steps:
+        return self.steps or STEPS[self.format]
+
     def _grids(self, tables: Tables) -> FileGrids:
-        return CODED[self.format](Extents.from_numbers(tables.extents), self.steps)
+        return CODED[self.format](Extents.from_numbers(tables.extents), self._steps)

@@ -8,7 +8,8 @@ import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.export.bake import RATIOS, baked, nearest_gaussians
-from mi_dogsplat.export.write import Loss, Views, export_model, losses, mean_psnr
+from mi_dogsplat.export.losses import Loss, Views, losses, mean_psnr
+from mi_dogsplat.export.write import export_model
 from mi_dogsplat.formats import gltf, spz
 from mi_dogsplat.formats.packing import LUF, turned
 from mi_dogsplat.formats.table import FORMATS
@@ -90,7 +91,7 @@ def test_baking_keeps_more_of_the_picture_than_dropping_or_lowering_the_peak(f_a
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_every_format_is_written_measured_and_close_to_the_baked_model(capsys, model, tmp_path, suffix):
     out = tmp_path / f"out{suffix}"
-    status, printed, _ = run(capsys, "export", model, "-o", out, "--views", "2", "--near-clip", "0.05")
+    status, printed, _ = run(capsys, "export", model, "-o", out, "--views", "2", "--near-clip", "0.05", "--refine", "0")
     said = {".spz": ["near_clip 0.05"], ".splat": ["near_clip 0.05", "SH degree 0"]}.get(suffix, [])
     lines = printed.splitlines()
     assert all(words in line for words, line in zip(said, lines, strict=False)), printed
@@ -105,7 +106,7 @@ def test_every_format_is_written_measured_and_close_to_the_baked_model(capsys, m
 
 def test_spz_and_gltf_have_y_up_and_the_others_the_axes_of_the_model(capsys, model, tmp_path):
     for suffix in FORMATS:
-        assert run(capsys, "export", model, "-o", tmp_path / f"out{suffix}", "--views", "0")[0] == 0
+        assert run(capsys, "export", model, "-o", tmp_path / f"out{suffix}", "--views", "0", "--refine", "0")[0] == 0
     truth = baked(read_ply(model))
     middle = truth.means.mean(axis=0)
     for suffix, chosen in FORMATS.items():
@@ -136,11 +137,11 @@ def test_the_table_shows_no_loss_where_there_is_none():
 
 
 def test_an_export_says_what_it_wrote_and_measures_nothing_when_no_view_is_asked_for(model, tmp_path):
-    exported = export_model(model, tmp_path / "out.spz", views=3)
+    exported = export_model(model, tmp_path / "out.spz", views=3, refine=0)
     assert (exported.n_splats, exported.n_views) == (tiny_data.N_TRUTH, 3)
     assert [loss.stage for loss in exported.losses] == ["as it is", "without DoG (bake)", "read from the file"]
     assert exported.losses[0].of_model is None and all(loss.of_photographs is None for loss in exported.losses)
-    assert export_model(str(model), str(tmp_path / "out.ply"), views=0).losses == []
+    assert export_model(str(model), str(tmp_path / "out.ply"), views=0, refine=0).losses == []
 
 
 def test_cameras_around_a_model_all_see_its_middle():
@@ -152,9 +153,13 @@ def test_cameras_around_a_model_all_see_its_middle():
 
 
 def test_bad_input_is_one_line_and_nothing_is_left_behind(capsys, model, tmp_path):
+    assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.glb", "--small"), "--small", "glTF", ".spz")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.obj"), "out.obj", ".spz")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz", "--dog", "keep"), "--dog", "bake")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz", "--views", "-1"), "--views")
+    refusals = {("--refine", "-1"): "too small", ("--refine", "9", "--dog", "keep"): "no DoG is taken out"}
+    for flags, problem in refusals.items():
+        assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.ply", *flags), "--refine", problem)
     assert_one_line(run(capsys, "export", tmp_path / "no.ply", "-o", tmp_path / "out.spz"), "no.ply")
     write_ply(tmp_path / "empty.ply", Splats.empty(1))
     assert_one_line(run(capsys, "export", tmp_path / "empty.ply", "-o", tmp_path / "out.glb"), "empty.ply", "empty")

@@ -52,7 +52,7 @@ def model(tmp_path) -> Path:
 @pytest.fixture
 def page(model, tmp_path, capsys) -> Path:
     out = tmp_path / "page.html"
-    assert run(capsys, "export", model, "-o", out, "--views", "0")[0] == 0
+    assert run(capsys, "export", model, "-o", out, "--views", "0", "--refine", "0")[0] == 0
     return out
 
 
@@ -111,7 +111,7 @@ def test_the_model_is_read_back_from_a_page_in_its_own_axes(tmp_path, up):
 
 
 def test_the_export_is_measured_from_the_page(model, data, tmp_path, capsys):
-    status, out, _ = run(capsys, "export", model, "-o", tmp_path / "p.html", "--data", data)
+    status, out, _ = run(capsys, "export", model, "-o", tmp_path / "p.html", "--data", data, "--refine", "0")
     lines = out.splitlines()
     assert status == 0 and lines[3].startswith("  read from the file")
     without, read = (float(re.findall(r"([\d.]+) dB", line)[0]) for line in lines[2:4])
@@ -134,13 +134,13 @@ def test_the_rotation_between_directions_is_a_rotation_and_the_smallest(a, b):
 
 
 def test_a_page_opens_with_the_first_photograph_or_the_whole_model(model, data, tmp_path, capsys):
-    run(capsys, "export", model, "-o", tmp_path / "p.html", "--data", data, "--views", "0")
+    run(capsys, "export", model, "-o", tmp_path / "p.html", "--data", data, "--views", "0", "--refine", "0")
     first = tiny_data.cameras()[0]
     camera = shown_camera(tmp_path / "p.html", first.width, first.height)
     np.testing.assert_allclose(camera.position, first.position, atol=1e-6)
     np.testing.assert_allclose(camera.w2c, first.w2c, atol=0.02)  # upright is the mean of all cameras
     np.testing.assert_allclose(camera.K, first.K, rtol=1e-9)
-    run(capsys, "export", model, "-o", tmp_path / "q.html", "--views", "0")
+    run(capsys, "export", model, "-o", tmp_path / "q.html", "--views", "0", "--refine", "0")
     whole = automatic_camera(tiny_data.dog_model())
     camera = shown_camera(tmp_path / "q.html", whole.width, whole.height)
     np.testing.assert_allclose(camera.w2c, whole.w2c, atol=1e-6)

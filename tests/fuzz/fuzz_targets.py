@@ -91,8 +91,6 @@ def make_targets(root: Path | None = None) -> dict[str, Target]:
     with zipfile.ZipFile(io.BytesIO(model_seeds(root)["sog"][0])) as bundle:
         bundle.extractall(folder)
     targets["sog_meta"].seeds = [(folder / "meta.json").read_bytes()]
-    with_rows = [encode(random_splats(300, 0, dog_index)) for dog_index in ((), (9, 10, 299))]
-    add("compressed_ply", "model.compressed.ply", with_rows, read_model)
     add("point_ply", "points.ply", point_ply_seeds(), read_point_ply)
     model = root / "colmap" / "sparse" / "0"
     colmap_folder(root / "colmap", text=False)
@@ -158,6 +156,7 @@ def model_seeds(root: Path) -> dict[str, list[bytes]]:
     for path in foreign_model.FOLDER.iterdir():
         if path.suffix != ".sog":  # large
             seeds[path.name.split(".", 1)[1]].append(path.read_bytes())
+    seeds["compressed.ply"].append(encode(random_splats(300, 0, (9, 10, 299))))
     seeds["glb"].append(gltf_of_spz(seeds["spz"][0]))
     del seeds["ply"]  # a target of its own
     return seeds

@@ -96,7 +96,7 @@ class Compaction(Strategy[Compacted]):
         """Give the model what gains most within ``budget``; ``size`` are the bytes of its file as it is."""
         options = Options.of(t, splats)
         if ended and self.kind.name != "ply":
-            options = options.of_whole_primitives()
+            options = options.of_whole_primitives(splats.means)
         model, kept, after = self._fitting(splats, size, budget, options, ended)
         take(t.optimizer, model, kept)
         allocated = Allocated(after, budget, tuple(np.bincount(model.sh_degrees, minlength=4).tolist()), model.n_dog)

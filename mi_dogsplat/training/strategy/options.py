@@ -23,6 +23,7 @@ from .strategy import Training
 REMOVAL = ScoreRule("leave-one-out", spectral_weight=0.0)
 DOG = ScoreRule("leave-dog-out", spectral_weight=0.0)
 DEGREES = MAX_SH_DEGREE + 1
+NEVER = 1e6  # times as much as the primitive that matters most
 
 
 @dataclass(frozen=True)
@@ -61,11 +62,17 @@ class Options:
         without_dog = energy(DOG) if splats.n_dog else np.zeros(splats.n_splats)
         return cls(energy(REMOVAL), found.losses(), without_dog, splats.sh_degrees, is_dog, found)
 
-    def of_whole_primitives(self) -> Options:
-        """The same, when a primitive can only go or stay as it is."""
+    def of_whole_primitives(self, means: np.ndarray) -> Options:
+        """The same, when a primitive can only go or stay as it is; those that are outermost are the last to go.
+
+        They are the bounds between which SOG has its positions. ``means``: [N, 3].
+        """
+        removal = self.removal.copy()
+        removal[np.concatenate([means.argmin(axis=0), means.argmax(axis=0)])] = NEVER * max(removal.max(), 1.0)
         whole = np.arange(self.by_degree.shape[1]) == self.degrees[:, None]
         return replace(
             self,
+            removal=removal,
             by_degree=np.where(whole, self.by_degree, np.inf),
             without_dog=np.where(self.is_dog, np.inf, self.without_dog),
         )

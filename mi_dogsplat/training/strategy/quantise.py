@@ -22,7 +22,7 @@ class Quantisation(Strategy[Tables]):
     """Straight-through quantisation for a format of ``formats/coded.py``."""
 
     format: str
-    steps: Steps = Steps()
+    steps: Steps | None = None  # those of ``formats/coded.STEPS``
 
     @property
     def quantiser(self) -> Quantiser:

@@ -1,0 +1,77 @@
+"""What a model loses on its way into a file: pictures of each stage, against the model and against photographs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..datasets.dataset import Dataset
+from ..measure.metrics import psnr
+from ..render.framing import NEAR_SHARE, cameras_around, robust_sphere
+from ..render.picture import background_color, over_background
+from ..render.picture_options import PictureOptions
+from ..render.render_files import picture_of
+from ..scene.cameras import Camera
+from ..scene.drawing import DrawnAs
+from ..scene.splats import Array, Splats
+
+
+@dataclass(frozen=True)
+class Views:
+    """From where a loss is measured: cameras, and photographs [H, W, 3] if there are any."""
+
+    cameras: list[Camera]
+    photographs: list[Array]
+    background: float
+    near_clip: float
+    antialiased: bool
+    linear: bool = False
+
+    def pictures(self, splats: Splats) -> list[Array]:
+        """[H, W, 3] of each view."""
+        how = self.background, self.near_clip
+        picture = picture_of(splats, *how, antialiased=self.antialiased, linear=self.linear)
+        return [picture(camera).color for camera in self.cameras]
+
+
+@dataclass(frozen=True)
+class Loss:
+    """What a model has become on its way into a file, and its mean PSNR in dB; None where there is nothing to compare.
+
+    ``of_model``: against pictures of the model as it was; ``of_photographs``: against the photographs of the data.
+    """
+
+    stage: str
+    of_model: float | None
+    of_photographs: float | None
+
+
+def views_of(splats: Splats, dataset: Dataset | None, count: int, options: PictureOptions, drawn: DrawnAs) -> Views:
+    """At most ``count`` test views of a data set, training views where it has none; else views from around a model."""
+    how = drawn.antialiased, drawn.linear
+    if dataset is None:
+        near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
+        background = background_color(options.background, False)
+        return Views(cameras_around(splats, count), [], background, near_clip, *how)
+    background = background_color(options.background, dataset.has_alpha)
+    held_out = dataset.test or dataset.train
+    views = held_out[:: -(-len(held_out) // count)]
+    photographs = [over_background(view.image, background) for view in views]
+    return Views([view.camera for view in views], photographs, background, drawn.near_clip, *how)
+
+
+def losses(stages: dict[str, Splats], views: Views) -> list[Loss]:
+    """Of each stage, against the first one and against the photographs."""
+    reference = views.pictures(next(iter(stages.values())))
+    found = []
+    for number, (name, splats) in enumerate(stages.items()):
+        pictures = views.pictures(splats) if number else reference
+        of_photographs = mean_psnr(pictures, views.photographs) if views.photographs else None
+        found.append(Loss(name, mean_psnr(pictures, reference) if number else None, of_photographs))
+    return found
+
+
+def mean_psnr(pictures: list[Array], truth: list[Array]) -> float:
+    """Mean over pairs of pictures, in dB."""
+    return float(np.mean([psnr(a, b) for a, b in zip(pictures, truth, strict=True)]))

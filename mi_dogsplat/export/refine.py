@@ -1,0 +1,95 @@
+"""Baked Gaussians brought back to what they stand for, by some hundred steps towards pictures.
+
+With a data set these are its photographs, from its training views: so the export loses least of what counts, and may
+gain a little on the model. Without one they are renders of the DoG model itself, from around it and from free places
+inside (``render/vantages.py``). Such views need not be like those that the model was trained for, so that the steps are
+a quarter as large. Which pictures and which steps: docs/export.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from ..datasets.dataset import Dataset
+from ..render.framing import robust_sphere
+from ..render.picture import background_color, over_background
+from ..render.picture_options import PictureOptions
+from ..render.render_files import picture_of
+from ..render.vantages import vantage_cameras
+from ..scene.cameras import Camera
+from ..scene.drawing import DrawnAs
+from ..scene.splats import Array, Splats
+from ..training.fit import Drawing, fit
+from ..training.learning_rates import Refinement
+from ..training.quantiser import Quantiser
+
+STEPS = 300
+BY_DATA = Refinement(start=0, gain=2.0, end_gain=0.01, means_gain=1.0)  # on the step sizes of 3DGS
+BY_RENDERS = Refinement(start=0, gain=0.5, end_gain=0.01, means_gain=0.25)
+N_VANTAGES, VANTAGE_SIZE = 48, (400, 300)  # renders without a data set, pixels
+GREY = 0.5  # behind them: black hides what is missing in the dark, white in the bright
+NEAR = 0.01  # of the radius of the model: near clip, where the usual one is farther
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What baked Gaussians are brought to: pictures [H, W, 3], how they are drawn, and by what steps."""
+
+    cameras: list[Camera]
+    pictures: Sequence[Array]
+    drawing: Drawing
+    gains: Refinement
+
+
+def goal_of(model: Splats, dataset: Dataset | None, most: int, options: PictureOptions, drawn: DrawnAs) -> Goal:
+    """The photographs of a data set, or renders of the model, from at most ``most`` views."""
+    return by_data(model, dataset, most, options, drawn) if dataset else by_renders(model, most, drawn)
+
+
+def by_data(model: Splats, dataset: Dataset, most: int, options: PictureOptions, drawn: DrawnAs) -> Goal:
+    """Photographs of at most ``most`` training views; for a model of linear radiance renders from there."""
+    views = dataset.train[:: -(-len(dataset.train) // most)]
+    cameras = [view.camera for view in views]
+    drawing = Drawing(background_color(options.background, dataset.has_alpha), drawn.near_clip, drawn.antialiased)
+    if drawn.linear:
+        return Goal(cameras, _renders(model, cameras, drawing), drawing, BY_DATA)
+    return Goal(cameras, [over_background(view.image, drawing.background) for view in views], drawing, BY_DATA)
+
+
+def by_renders(model: Splats, most: int, drawn: DrawnAs) -> Goal:
+    """Renders of the model, at most ``most``, from where there may be something to see."""
+    drawing = Drawing(GREY, min(drawn.near_clip, NEAR * robust_sphere(model)[1]), drawn.antialiased)
+    cameras = vantage_cameras(model, min(N_VANTAGES, most), VANTAGE_SIZE)
+    return Goal(cameras, _renders(model, cameras, drawing), drawing, BY_RENDERS)
+
+
+def refined(
+    baked: Splats,
+    goal: Goal,
+    steps: int,
+    show: Callable[[int, int], None] | None = None,
+    small: str | None = None,
+) -> Splats:
+    """Gaussians after ``steps`` steps towards a goal.
+
+    Args:
+        show: called with the steps done, and all of them.
+        small: format of ``formats/coded.py`` on whose grids they are to be; None: as they are.
+    """
+    return fit(
+        baked,
+        goal.cameras,
+        goal.pictures,
+        steps,
+        goal.drawing,
+        goal.gains,
+        quantiser=Quantiser(small) if small else None,
+        after_step=(lambda step, _: show(step, steps)) if show else None,
+    )
+
+
+def _renders(model: Splats, cameras: list[Camera], drawing: Drawing) -> list[Array]:
+    """[H, W, 3] from each camera, in the model's own colours, linear or not."""
+    picture = picture_of(model, drawing.background, drawing.near_clip, antialiased=drawing.antialiased)
+    return [picture(camera).color for camera in cameras]
