@@ -116,9 +116,8 @@ def model_to_prune(path: str, target: float | str, format: str = "ply") -> Splat
     splats = model.splats
     if model.drawing.linear:
         raise DataError(path, "its colours are linear radiance", "training knows display-referred sRGB only")
-    if splats.n_dog and format != "ply":
-        problem = f"holds {splats.n_dog} DoG primitives, which {format} does not know"
-        raise DataError(path, problem, "make plain Gaussians of them first: dogsplat export MODEL -o plain.ply")
+    if format != "ply":
+        splats = splats.plain()  # no other format holds DoG; the training makes up for it
     if splats.n_splats < 2:
         raise DataError(path, f"holds {splats.n_splats} primitives", "pruning needs at least 2")
     try:

@@ -90,7 +90,7 @@ def shortened(argv: list[str]) -> list[str]:
     if "--target" in argv:
         at = argv.index("--target") + 1
         target = checked_target(argv[at])
-        size = "1kB" if "spz" in argv else "3kB"
+        size = "700B" if "spz" in argv else "3kB"  # the whole model has 1 kB there
         argv[at] = size if target_bytes(target) else "20" if float(target) > 1 else argv[at]
     return argv
 

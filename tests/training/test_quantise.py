@@ -173,3 +173,24 @@ def test_primitives_that_leave_take_their_labels_along(data):
     trainer.step()
     assert trainer.optimizer.n == len(keep)
     assert Quantised("sog", 3).text == "quantised for sog: palette of 3"
+
+
+@pytest.mark.parametrize("name", CODED)
+def test_bands_that_are_not_there_stay_zero(data, name, tmp_path):
+    """Primitives of degree 0 and 1 mixed, set as compaction sets them, before and while the file is seen."""
+    trainer = trained(Trainer(config_of(data, format=name), load_dataset(data)), 40)
+    degrees = np.arange(trainer.optimizer.n) % 2
+    trainer.optimizer.set_sh_degrees(degrees)
+    shape = trainer.optimizer.numpy("sh1_coeffs").shape
+    trainer.optimizer.assign("sh1_coeffs", np.random.default_rng(0).normal(size=shape) * 0.3)  # none rounds to zero
+    trained(trainer, 55)
+    assert np.array_equal(trainer.optimizer.sh_degrees, degrees)
+    degrees = np.where(np.arange(len(degrees)) % 3, degrees, 0)
+    trainer.optimizer.set_sh_degrees(degrees)
+    trained(trainer)
+    model = trainer.optimizer.to_splats()
+    assert model.mixed_sh and np.bincount(model.sh_degrees)[1] <= (degrees == 1).sum()
+    write_model(tmp_path / f"model.{name}", model)
+    back = read_model(tmp_path / f"model.{name}").splats
+    has_bands = np.abs(back.sh_coeffs[:, 1:]).max(axis=(1, 2)) > 0
+    assert has_bands.sum() == (model.sh_degrees == 1).sum() > 0
