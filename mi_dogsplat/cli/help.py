@@ -156,14 +156,14 @@ Examples:
   dogsplat export run/point_cloud.ply -o small.compressed.ply --dog keep
                                                                       with DoG, in five bytes each
   dogsplat export run/point_cloud.ply -o model.html --data photos/ --views 0
-                                                                      a page with a viewer, to send to somebody
+                                                                      a page with a viewer, to send around
 
-These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary
-(--dog drop). The baked model is refined on the photographs of --data, or on renders of the model, which takes
-10 to 100 ms a step on a CPU (--refine 0: not at all). A .ply keeps DoG with --dog keep, and so does a
-.compressed.ply, for our own commands. The file is read back, and the loss of each stage is printed. .spz and
-.glb have y up, the others the axes of the model. A page (.html, 0.8 MB and the model) needs a browser and no
-network, and opens with the first photograph of the data.
+MODEL may have any of these formats. Those that know no negative lobes get the Gaussian nearest to a DoG
+primitive, or its primary (--dog drop); --dog keep is for .ply and .compressed.ply. What was baked is
+refined on the photographs of --data, or on renders, 10 to 100 ms a step on a CPU (--refine 0: not at all). The
+file is read back, and the loss of each stage is printed.
+.spz, .glb and .gltf have y up, the others the axes of the model. A page
+(.html, 0.8 MB and the model) needs a browser and no network, and opens with the first photograph of the data.
 """
 FILM_EXAMPLES = """
 Examples:
