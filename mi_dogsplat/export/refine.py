@@ -20,7 +20,7 @@ from ..render.vantages import vantage_cameras
 from ..scene.cameras import Camera
 from ..scene.drawing import DrawnAs
 from ..scene.splats import Array, Splats
-from ..training.fit import Drawing, fit
+from ..training.fit import Look, fit
 from ..training.learning_rates import Refinement
 from ..training.quantiser import Quantiser
 
@@ -38,7 +38,7 @@ class Goal:
 
     cameras: list[Camera]
     pictures: Sequence[Array]
-    drawing: Drawing
+    look: Look
     gains: Refinement
 
 
@@ -51,17 +51,17 @@ def by_data(model: Splats, dataset: Dataset, most: int, options: PictureOptions,
     """Photographs of at most ``most`` training views; for a model of linear radiance renders from there."""
     views = dataset.train[:: -(-len(dataset.train) // most)]
     cameras = [view.camera for view in views]
-    drawing = Drawing(background_color(options.background, dataset.has_alpha), drawn.near_clip, drawn.antialiased)
+    look = Look(background_color(options.background, dataset.has_alpha), drawn.near_clip, drawn.antialiased)
     if drawn.linear:
-        return Goal(cameras, _renders(model, cameras, drawing), drawing, BY_DATA)
-    return Goal(cameras, [over_background(view.image, drawing.background) for view in views], drawing, BY_DATA)
+        return Goal(cameras, _renders(model, cameras, look), look, BY_DATA)
+    return Goal(cameras, [over_background(view.image, look.background) for view in views], look, BY_DATA)
 
 
 def by_renders(model: Splats, most: int, drawn: DrawnAs) -> Goal:
     """Renders of the model, at most ``most``, from where there may be something to see."""
-    drawing = Drawing(GREY, min(drawn.near_clip, NEAR * robust_sphere(model)[1]), drawn.antialiased)
+    look = Look(GREY, min(drawn.near_clip, NEAR * robust_sphere(model)[1]), drawn.antialiased)
     cameras = vantage_cameras(model, min(N_VANTAGES, most), VANTAGE_SIZE)
-    return Goal(cameras, _renders(model, cameras, drawing), drawing, BY_RENDERS)
+    return Goal(cameras, _renders(model, cameras, look), look, BY_RENDERS)
 
 
 def refined(
@@ -82,14 +82,14 @@ def refined(
         goal.cameras,
         goal.pictures,
         steps,
-        goal.drawing,
+        goal.look,
         goal.gains,
         quantiser=Quantiser(small) if small else None,
         after_step=(lambda step, _: show(step, steps)) if show else None,
     )
 
 
-def _renders(model: Splats, cameras: list[Camera], drawing: Drawing) -> list[Array]:
+def _renders(model: Splats, cameras: list[Camera], look: Look) -> list[Array]:
     """[H, W, 3] from each camera, in the model's own colours, linear or not."""
-    picture = picture_of(model, drawing.background, drawing.near_clip, antialiased=drawing.antialiased)
+    picture = picture_of(model, look.background, look.near_clip, antialiased=look.antialiased)
     return [picture(camera).color for camera in cameras]

@@ -29,7 +29,7 @@ GAINS = Refinement(start=0, gain=2.0, end_gain=0.1, means_gain=4.0)  # on the st
 
 
 @dataclass(frozen=True)
-class Drawing:
+class Look:
     """How the pictures show the model."""
 
     background: float = 0.0  # grey level, 0..1
@@ -42,7 +42,7 @@ def fit(
     cameras: Sequence[Camera],
     pictures: Sequence[Array],
     steps: int,
-    drawing: Drawing = Drawing(),
+    look: Look = Look(),
     gains: Refinement = GAINS,
     seed: int = 0,
     quantiser: Quantiser | None = None,
@@ -54,7 +54,7 @@ def fit(
         splats: the start, of N >= 1 primitives; DoG rows are fitted along.
         cameras, pictures: as many of each, [H, W, 3] display-referred, seen in a random order, turn by turn.
         steps: of one picture each.
-        drawing: how the pictures were drawn.
+        look: how the pictures were drawn.
         gains: factors on the step sizes, as after pruning (``Refinement``), over ``steps``.
         seed: of the order.
         quantiser: the model is fitted, and returned, as its file will have it, without what can never be seen.
@@ -72,9 +72,9 @@ def fit(
     dataset = Dataset(Path(), views, [], *no_points(), has_alpha=False)
     memory = budget(None, dataset, splats.sh_degree)
     keep_targets = memory is None or memory.keep_targets
-    shown = Photographs(dataset, drawing.background, drawing.near_clip, keep_targets=keep_targets)
+    shown = Photographs(dataset, look.background, look.near_clip, keep_targets=keep_targets)
     optimizer = SplatOptimizer(splats, LearningRates(camera_extent(views), steps, refinement=gains))
-    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=drawing.antialiased)
+    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=look.antialiased)
     order: list[int] = []
     rng = np.random.default_rng(seed)
     tables = Tables()

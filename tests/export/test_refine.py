@@ -11,12 +11,11 @@ from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.export.bake import baked
 from mi_dogsplat.export.losses import Views, mean_psnr
-from mi_dogsplat.export.refine import BY_DATA, GREY, STEPS, Goal, by_data, by_renders, refined
+from mi_dogsplat.export.refine import BY_DATA, GREY, STEPS, Goal, Look, by_data, by_renders, refined
 from mi_dogsplat.export.write import export_model
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.support.srgb import linear_to_srgb
-from mi_dogsplat.training.fit import Drawing
 
 MODEL = tiny_data.dog_model(0.8, 0.6)
 USUAL = DrawnAs(near_clip=0.05)
@@ -30,7 +29,7 @@ def model(tmp_path):
 
 def goal_of_cameras() -> Goal:
     cameras = tiny_data.cameras(8)
-    return Goal(cameras, Views(cameras, [], 0.0, 0.05, False).pictures(MODEL), Drawing(0.0, 0.05), BY_DATA)
+    return Goal(cameras, Views(cameras, [], 0.0, 0.05, False).pictures(MODEL), Look(0.0, 0.05), BY_DATA)
 
 
 @pytest.mark.parametrize("goal, gain", [(goal_of_cameras, 0.6), (lambda: by_renders(MODEL, 60, USUAL), 0.25)])
@@ -46,9 +45,9 @@ def test_refined_gaussians_are_nearer_to_the_model_where_nothing_was_fitted(goal
 
 def test_without_data_the_goal_is_what_the_model_shows_on_grey():
     goal = by_renders(MODEL, 6, replace(USUAL, antialiased=True))
-    assert len(goal.cameras) == len(goal.pictures) == 6 and goal.drawing.antialiased
-    assert goal.drawing.near_clip <= 0.05 and goal.drawing.background == GREY
-    views = Views(goal.cameras, [], GREY, goal.drawing.near_clip, True)
+    assert len(goal.cameras) == len(goal.pictures) == 6 and goal.look.antialiased
+    assert goal.look.near_clip <= 0.05 and goal.look.background == GREY
+    views = Views(goal.cameras, [], GREY, goal.look.near_clip, True)
     assert all(np.array_equal(a, b) for a, b in zip(views.pictures(MODEL), goal.pictures, strict=True))
 
 
@@ -59,7 +58,7 @@ def test_with_data_the_goal_is_its_training_photographs(data, alpha_data):
     assert all(np.array_equal(a, view.image) for a, view in zip(goal.pictures, dataset.train, strict=True))
     assert len(by_data(MODEL, dataset, 3, PictureOptions(), USUAL).cameras) == 3
     white = by_data(MODEL, load_dataset(alpha_data), 100, PictureOptions(), USUAL)
-    assert white.drawing.background == 1 and white.pictures[0].shape[-1] == 3
+    assert white.look.background == 1 and white.pictures[0].shape[-1] == 3
 
 
 def test_a_model_of_linear_radiance_is_fitted_to_its_own_pictures_in_linear_radiance(data):
