@@ -21,7 +21,7 @@ class SimplifyConfig:
     """Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed."""
 
     target: Annotated[str | float, Setting(TARGET, "X")] = "10%"
-    steps: Annotated[int, Setting(STEPS, least=0)] = 2000
+    steps: Annotated[int, Setting(STEPS, least=0)] = 1000
     views: Annotated[int, Setting(VIEWS, least=2)] = 96
     size: Annotated[tuple[int, int], Setting(SIZE, "W H")] = (400, 300)
     dog: Annotated[bool, Setting(DOG)] = False
