@@ -12,6 +12,7 @@ from ..compare.names import ABLATION, ALL, PUBLISHED, SETS
 from ..datasets.capture_config import CaptureConfig
 from ..editing.clean_config import CleanConfig
 from ..editing.simplify_config import SimplifyConfig
+from ..film.film_config import FilmConfig
 from ..formats.table import FORMATS
 from ..poses.config import PosesConfig
 from ..render.picture_options import PictureOptions
@@ -26,6 +27,7 @@ from .help import (
     EPILOG,
     EVAL_EXAMPLES,
     EXPORT_EXAMPLES,
+    FILM_EXAMPLES,
     INFO_EXAMPLES,
     POSES_EXAMPLES,
     PRUNE_EXAMPLES,
@@ -196,12 +198,20 @@ def build_parser(descriptions: dict[str, str]) -> argparse.ArgumentParser:
 
     p = command("export", "a model in the format of another program", EXPORT_EXAMPLES)
     p.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
-    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join(FORMATS))
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join((*FORMATS, ".html")))
     p.add_argument("--dog", default="bake", metavar="HOW", help=DOG_HELP)
     p.add_argument("--spz-version", type=int, default=3, metavar="N", help="of an .spz: 3 or 4 (default: 3)")
     p.add_argument("--data", metavar="DATA", help="measure the loss on its test views, against its photographs too")
     p.add_argument("--views", type=int, default=8, metavar="N", help="views to measure on; 0: none (default: 8)")
     _add_picture_flags(p)
+
+    p = command("film", "a model along a camera path, to a video or pictures", FILM_EXAMPLES)
+    p.add_argument("model", type=Path, metavar="MODEL_or_RUN", help=f"{MODEL_HELP}; or run folder")
+    p.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".mp4, FOLDER, FOLDER/%%04d.exr")
+    p.add_argument("--data", metavar="DATA", help="data set whose cameras the path follows (default: that of the run)")
+    _add_settings(p, FilmConfig)
+    _add_settings(p, PictureOptions, ["background", "antialiased", "near_clip", "linear"])
+    _add_settings(p, TrainConfig, ["variant"])
 
     p = command("simplify", "fewer primitives, without photographs", SIMPLIFY_EXAMPLES)
     p.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)

@@ -16,6 +16,7 @@ from ..compare.names import ABLATION, ALL, SETS, chosen
 from ..datasets.capture_config import CaptureConfig
 from ..editing.clean_config import CleanConfig
 from ..editing.simplify_config import SimplifyConfig
+from ..film.film_config import FilmConfig
 from ..poses.config import PosesConfig
 from ..render.picture_options import PictureOptions
 from ..scene.drawing import Drawing, drawn_as
@@ -240,6 +241,19 @@ def clean(args: argparse.Namespace) -> None:
     print(_size_line(args.out, cleaned.n_after, args.model))
 
 
+def film(args: argparse.Namespace) -> None:
+    """Render a film of a model along a camera path, to a video or to numbered pictures."""
+    config, options = _given(FilmConfig, args), _given(PictureOptions, args)
+    set_variant(args.variant)
+    from ..film.make import make_film
+    from .progress import Bar
+
+    with Bar("frame") as bar:
+        made = make_film(args.model, args.out, args.data, config, options, bar.show)
+    width, height = made.size
+    print(f"{args.out}: {made.n_frames} frames of {width} x {height}, {made.n_frames / config.fps:.4g} s; {made.path}")
+
+
 def view(args: argparse.Namespace) -> None:
     """Show a model, or a run while it trains, in the browser."""
     options = _given(PictureOptions, args)
@@ -289,5 +303,5 @@ def _say(line: str) -> None:
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
     "train": train, "prune": prune, "ablate": ablate, "compare": compare, "render": render, "eval": evaluate,
     "capture": capture, "poses": poses, "check": check, "export": export, "simplify": simplify, "clean": clean,
-    "view": view, "info": info
+    "film": film, "view": view, "info": info
 }  # fmt: skip

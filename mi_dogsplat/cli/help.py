@@ -125,11 +125,11 @@ Examples:
   dogsplat poses pictures/ -o strong --lens OPENCV     a lens that bends lines much
 Then: dogsplat train posed/ -o run
 
-DATA becomes a COLMAP folder: images/ (upright, else as they are) and sparse/0, read by every trainer. Photographs of
-one device, size and focal length share a camera; EXIF gives its focal length. What is black in masks/ is not
-matched. The end says how many images have a pose, and what to do if they are few. Stopped, the same command
-goes on where it was. dogsplat train does all this by itself when its DATA are plain images or a video. Needs the
-extra mi_dogsplat[poses].
+DATA becomes a COLMAP folder: images/ (upright, else as they are) and sparse/0, read by every trainer.
+Photographs of one device, size and focal length share a camera; EXIF gives its focal length. What is black in
+masks/ is not matched. The end says how many images have a pose, and what to do if they are few. Stopped, the
+same command goes on where it was. dogsplat train does all this by itself when its DATA are plain images or a
+video. Needs the extra mi_dogsplat[poses].
 """
 CHECK_EXAMPLES = """
 Examples:
@@ -153,10 +153,28 @@ Examples:
   dogsplat export run/point_cloud.ply -o model.glb                    glTF (KHR_gaussian_splatting); lossless
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
                                                                       any 3DGS viewer; measured on photographs
+  dogsplat export run/point_cloud.ply -o model.html --data photos/ --views 0
+                                                                      a page with a viewer, to send to somebody
 
 These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary
 (--dog drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the
-others the axes of the model.
+others the axes of the model. A page (.html, 0.8 MB and the model) needs a browser and no network, and opens
+with the first photograph of the data.
+"""
+FILM_EXAMPLES = """
+Examples:
+  dogsplat film run/ -o film.mp4                                  what suits the data of the run
+  dogsplat film run/point_cloud.ply -o film.mp4 --seconds 6 --elevation 35 --size 1920 1080
+                                                                  one turn around the model
+  dogsplat film run/ -o film.mp4 --path cameras --smoothing 4     the way of the photographer, smoothed
+  dogsplat film run/point_cloud.ply -o film.mp4 --path keys.json --shutter 0.5
+                                                                  through key frames, with motion blur
+  dogsplat film run/point_cloud.ply -o frames/                    numbered pictures, frames/0000.png and on
+  dogsplat film run/point_cloud.ply -o frames_exr/%04d.exr        linear colour with alpha, for compositing
+
+Key frames: {"keys": [{"time": 0, "position": [3, 0, 1], "look_at": [0, 0, 0], "fov": 40}, ...], "loop": false,
+"up": [0, 0, 1]}, or a list of camera files (docs/film.md). A film that is stopped leaves no file; of numbered
+pictures the whole ones stay, and the same command goes on after them.
 """
 SIMPLIFY_EXAMPLES = """
 Examples:

@@ -7,8 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ..film.subject import MODEL as RUN_MODEL
+from ..film.subject import read_subject
+from ..formats.model import Model
 from ..formats.read import read_model
-from ..formats.table import format_to_write
+from ..formats.table import SOG, format_to_write
 from ..formats.write import SPZ_VERSIONS, write_model
 from ..measure.metrics import psnr
 from ..render.framing import NEAR_SHARE, cameras_around, robust_sphere
@@ -20,6 +23,7 @@ from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.splats import Array, Splats
 from ..support.errors import DataError
 from .bake import baked
+from .web_page import PAGE, opening_of, read_page, write_page
 
 DOG_CHOICES = ("bake", "drop", "keep")
 
@@ -85,9 +89,9 @@ def export_model(
 
     Args:
         model: the model, of any format.
-        out: ends in one of ``formats.table.FORMATS``.
+        out: ends in one of ``formats.table.FORMATS``, or in .html: a page with a viewer inside.
         dog: what becomes of DoG, one of ``DOG_CHOICES`` (``plain_gaussians``); keep: only where the format knows them.
-        data: a data set to compare with on its test views; None: on views from around the model.
+        data: a data set to compare with on its test views, from which a page opens; None: views from around the model.
         views: at most so many; 0 measures nothing.
         options: how the pictures are drawn; what they do not say, the model's file does.
         spz_version: of an SPZ file.
@@ -95,7 +99,8 @@ def export_model(
     Measuring needs a Mitsuba variant. Raises ``DataError``.
     """
     model, out = Path(model), Path(out)
-    chosen = format_to_write(out)
+    page = out.name.lower().endswith(PAGE)
+    chosen = SOG if page else format_to_write(out, (PAGE,))
     if dog not in DOG_CHOICES or (dog == "keep" and not chosen.dog):
         problem = f'"{dog}" is unknown' if dog not in DOG_CHOICES else f"{chosen.name} has no room for DoG to keep"
         raise DataError("--dog", problem, "use bake or drop")
@@ -110,15 +115,28 @@ def export_model(
         raise DataError(model, "the model is empty", "export one that has primitives")
     plain = plain_gaussians(splats, dog)
     left_out = [f"{model.name}: {line}" for line in read.left_out]
-    left_out += write_model(out, replace(read, splats=plain, drawing=drawing), spz_version)
+    written = replace(read, splats=plain, drawing=drawing)
+    if page:
+        left_out += _write_page(model, out, written, dog, data, options)
+    else:
+        left_out += write_model(out, written, spz_version)
     if not views:
         return Exported(plain.n_splats, 0, [], left_out)
     seen = _views(splats, data, views, options, drawn_as(drawing))
     stages = {"as it is": splats}
     if splats.n_dog and not plain.n_dog:
         stages[f"without DoG ({dog})"] = plain
-    stages["read from the file"] = read_model(out).splats
+    stages["read from the file"] = (read_page(out) if page else read_model(out)).splats
     return Exported(plain.n_splats, len(seen.cameras), losses(stages, seen), left_out)
+
+
+def _write_page(
+    model: Path, out: Path, written: Model, dog: str, data: str | Path | None, options: PictureOptions
+) -> list[str]:
+    """A page that opens as the model was photographed, where that is known; what is left out."""
+    subject = read_subject(model, data, options)
+    title = model.resolve().parent.name if model.name == RUN_MODEL else model.stem
+    return write_page(out, written, opening_of(subject, title, dog))
 
 
 def losses(stages: dict[str, Splats], views: Views) -> list[Loss]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..scene.splats import Splats
 from ..support.errors import DataError
+from ..support.files import parse_json
 from . import gltf_container, sog_read, spz_container
 from .model import Model
 from .packing import turned
@@ -28,7 +29,8 @@ def read_model(path: str | Path) -> Model:
     path = Path(path)
     try:
         chosen = format_of(path)
-        model = chosen.read(path)
+        with np.errstate(all="ignore"):  # what is not finite is found below
+            model = chosen.read(path)
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
     _check_finite(path, model.splats)
@@ -67,9 +69,18 @@ def _by_content(path: Path, head: bytes) -> Format | None:
         return SPZ
     if head[:4] == ZIP:
         return SOG
-    if head.lstrip()[:1] == b"{":
-        return GLB if b'"asset"' in head or path.suffix.lower() == ".gltf" else SOG
+    if head.lstrip()[:1] == b"{" and path.suffix.lower() != ".gltf":
+        return SOG if path.name.lower() == sog_read.META or _has_means(path) else GLB
     return None
+
+
+def _has_means(path: Path) -> bool:
+    """Whether a JSON is that of SOG; whoever reads it says what is wrong with one that is broken."""
+    try:
+        content = parse_json(path.read_text(encoding="utf-8"))
+    except ValueError:
+        return False
+    return isinstance(content, dict) and "means" in content
 
 
 def _check_finite(path: Path, splats: Splats) -> None:

@@ -36,7 +36,7 @@ def read(path: Path) -> Model:
     except DataError:
         raise
     except ImportError:
-        raise DataError(path, "SOG needs the package Pillow", "pip install pillow") from None
+        raise DataError(path, "SOG needs the package Pillow", "pip install 'mi_dogsplat[export]'") from None
     except (
         OSError, EOFError, zipfile.BadZipFile, KeyError, ValueError, IndexError, TypeError, AttributeError,
         NotImplementedError, RuntimeError, OverflowError, SyntaxError,  # of zipfile and Pillow
@@ -101,14 +101,13 @@ def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
         table = _numbers(meta["shN"]["codebook"])
         sh = np.concatenate([sh, table[entry[label[:, 0] + 256 * label[:, 1]]].reshape(n, rest, 3)], axis=1)
     wxyz = from_smallest_three(quats[:, 3].astype(np.int64) - FIRST_TAG, (quats[:, :3] / 127.5 - 1) / SQRT2)
-    with np.errstate(over="ignore", invalid="ignore"):  # who reads a model looks for what is not finite
-        splats = Splats(
-            means=np.sign(logs) * np.expm1(np.abs(logs)),
-            log_scales=_numbers(meta["scales"]["codebook"])[pixels("scales")[:, :3]],
-            quats=wxyz[:, [1, 2, 3, 0]],
-            logit_opacities=logits(sh0[:, 3] / 255),
-            sh_coeffs=sh,
-        )
+    splats = Splats(
+        means=np.sign(logs) * np.expm1(np.abs(logs)),
+        log_scales=_numbers(meta["scales"]["codebook"])[pixels("scales")[:, :3]],
+        quats=wxyz[:, [1, 2, 3, 0]],
+        logit_opacities=logits(sh0[:, 3] / 255),
+        sh_coeffs=sh,
+    )
     antialias = value_of("antialiased", meta.get("antialias"))
     return Model(splats, drawing_of_extras(meta.get("extras")).over(Drawing(antialias)))
 

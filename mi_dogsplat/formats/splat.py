@@ -43,8 +43,7 @@ def read(path: Path) -> Model:
         raise DataError(path, problem, "the file is damaged: copy or export it again")
     rows = np.frombuffer(data, ROW)
     rgba = rows["rgba"] / 255.0
-    with np.errstate(invalid="ignore"):  # who reads a model looks for what is not finite
-        log_scales = np.log(np.maximum(rows["scales"].astype(np.float64), SMALLEST_SCALE))
+    log_scales = np.log(np.maximum(rows["scales"].astype(np.float64), SMALLEST_SCALE))
     quats = (rows["quats"].astype(np.float64) - MIDDLE) / MIDDLE
     splats = Splats(
         means=rows["means"],

@@ -129,6 +129,6 @@ def _zstandard(path: Path) -> Any:
     try:
         import zstandard  # here: version 4 alone needs it
     except ImportError:
-        remedy = "pip install zstandard, or use version 3"
+        remedy = "pip install 'mi_dogsplat[export]', or use version 3"
         raise DataError(path, "SPZ 4 needs the package zstandard", remedy) from None
     return zstandard

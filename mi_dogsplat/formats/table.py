@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,8 +21,8 @@ ALL = frozenset(NAMES)
 class Format:
     """A format; readers and writers have the axes of the file, which ``turn`` takes from those of 3DGS PLY, or back.
 
-    carries: fields of ``Drawing`` that it can say. dog: it holds DoG primitives. sh_degree: the highest that it holds.
-    sorted: neighbours in the file should be neighbours in space.
+    carries: fields of ``Drawing`` that it can say. dog, mixed_sh: it holds DoG primitives, SH degrees of single ones.
+    sh_degree: the highest that it holds. sorted: neighbours in the file should be neighbours in space.
     """
 
     name: str
@@ -31,6 +31,7 @@ class Format:
     carries: frozenset[str] = frozenset()
     turn: Turn | None = None
     dog: bool = False
+    mixed_sh: bool = False
     sh_degree: int = 3
     sorted: bool = False
 
@@ -59,15 +60,17 @@ MIP = frozenset({"antialiased"})
 PLY = Format(
     "PLY",
     _read_ply,
-    lambda path, model: write_ply(path, model.splats, comments=comments_of(model.drawing)),
+    lambda path, model: write_ply(path, model.splats, "rows", comments_of(model.drawing)),
     ALL,
     dog=True,
+    mixed_sh=True,
 )
 COMPRESSED_PLY = Format(
     "compressed PLY",
     compressed_ply.read,
     _written(lambda model: compressed_ply.encode(model.splats, comments_of(model.drawing))),
     ALL,
+    dog=True,
     sorted=True,
 )
 SPZ = Format(
@@ -94,9 +97,9 @@ FORMATS = {  # by the end of the file's name; the longer one first
 }
 
 
-def format_to_write(path: Path) -> Format:
-    """The format that the name of a file asks for. Raises ``DataError``."""
+def format_to_write(path: Path, others: Sequence[str] = ()) -> Format:
+    """The format that the name of a file asks for. Raises ``DataError``, which lists ``others`` too."""
     for suffix, chosen in FORMATS.items():
         if path.name.lower().endswith(suffix):
             return chosen
-    raise DataError(path, "no known format", f"name a file that ends in {', '.join(FORMATS)}")
+    raise DataError(path, "no known format", f"name a file that ends in {', '.join((*FORMATS, *others))}")

@@ -16,13 +16,17 @@ from .table import PLY, SPZ, Format, format_to_write, write_bytes
 SPZ_VERSIONS = (3, 4)  # that are written
 
 
-def write_model(path: str | Path, model: Model | Splats, spz_version: int = SPZ_VERSIONS[0]) -> list[str]:
+def write_model(
+    path: str | Path, model: Model | Splats, spz_version: int = SPZ_VERSIONS[0], sh_rows: bool = False
+) -> list[str]:
     """Write a model in the axes of 3DGS PLY; returns a line for each thing that the format has no room for.
 
     Args:
         path: its end names the format, one of ``FORMATS``.
         model: with how it is to be drawn, or primitives alone.
         spz_version: of an SPZ file, one of ``SPZ_VERSIONS``.
+        sh_rows: keep the SH degrees of single primitives where the format can, the layout "rows" of ``write_ply``; else
+            all get the coefficients of the highest, as all programs read them.
 
     Raises ``DataError`` when the format or place cannot be written, and for DoG primitives where it knows none
     (``export.bake.baked`` makes plain Gaussians of them).
@@ -37,6 +41,8 @@ def write_model(path: str | Path, model: Model | Splats, spz_version: int = SPZ_
     if spz_version not in SPZ_VERSIONS:
         raise DataError(path, f"SPZ {spz_version} is not written", f"use version {' or '.join(map(str, SPZ_VERSIONS))}")
     lost = what_is_lost(chosen, model)
+    if not (sh_rows and chosen.mixed_sh):
+        splats = splats.uniform_sh()
     if chosen.sorted:
         splats = splats.select(morton_order(splats.means))
     if chosen.turn:

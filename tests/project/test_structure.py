@@ -26,6 +26,7 @@ STATIONS = [
     {"compare"},
     {"inspection"},
     {"check"},
+    {"film"},
     {"export"},
     {"editing"},
     {"viewer"},
