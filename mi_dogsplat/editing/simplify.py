@@ -122,7 +122,7 @@ def simplify_model(
 def cameras_of(splats: Splats, config: SimplifyConfig, n: int, seed: int) -> list[Camera]:
     """``n`` cameras, of which every third has twice the size: what is fitted at one size alone is worse at others."""
     width, height = config.size
-    cameras = vantage_cameras(splats, n, config.size, seed)
+    cameras = vantage_cameras(splats, n, config.size, seed, config.inside)
     return [camera.resized(2 * width, 2 * height) if k % 3 == 2 else camera for k, camera in enumerate(cameras)]
 
 
@@ -136,11 +136,16 @@ def merged(splats: Splats, target: int, cameras: list[Camera], look: Look) -> Sp
     """``target`` plain Gaussians, merged by how much of each primitive the cameras see (Σ α T over all pixels)."""
     plain = baked(splats) if splats.n_dog else splats
     needed = Unneeded.of(plain).taken_out(plain).uniform_sh()
-    devices = [DeviceCamera.upload(camera, look.near_clip) for camera in cameras]
-    how = RasterOptions(sh_degree=needed.sh_degree, antialiased=look.antialiased)
-    seen = weights(upload(needed), devices, how).total
+    seen = amounts_seen(needed, cameras, look)
     seen = np.maximum(seen, LEAST_WEIGHT * (seen.mean() or 1.0))
     return merge(needed, target, RESOLUTION * robust_sphere(needed)[1], seen)
+
+
+def amounts_seen(splats: Splats, cameras: list[Camera], look: Look) -> Array:
+    """[N] Σ α T over all pixels of all cameras."""
+    devices = [DeviceCamera.upload(camera, look.near_clip) for camera in cameras]
+    how = RasterOptions(sh_degree=splats.sh_degree, antialiased=look.antialiased)
+    return weights(upload(splats), devices, how).total
 
 
 def fitted(

@@ -114,6 +114,7 @@ def test_what_is_not_needed_is_not_merged_into_what_is_seen(tmp_path):
         (["--target", "900"], ["--target", "not below the 900"]),
         (["--steps", "-1"], ["--steps", "at least 0"]),
         (["--views", "1"], ["--views", "at least 2"]),
+        (["--inside", "2"], ["--inside", "0 to 1"]),
         (["--size", "8", "8"], ["--size", "too small"]),
         (["--dog", "--steps", "1"], ["--dog"]),
         (["--background", "green"], ["--background"]),
