@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.editing.simplify import Look, amounts_seen, cameras_of, fitted, rendered, simplify_model
+from mi_dogsplat.editing.simplify import amounts_seen, cameras_of, fitted, look_of, rendered, simplify_model
 from mi_dogsplat.editing.simplify_config import SimplifyConfig
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.measure.metrics import psnr
@@ -33,7 +33,7 @@ def quality(truth: Splats) -> Callable[[Splats], list[float]]:
     """What measures a model: mean PSNR in dB from around over black and over grey, and from inside over grey."""
     around = cameras_around(truth, VIEWS)
     inside = cameras_inside(truth, VIEWS, AUTOMATIC_SIZE, np.random.default_rng(SEED))
-    black, grey = (Look.of(truth, PictureOptions(background=name)) for name in ("black", "auto"))
+    black, grey = (look_of(truth, PictureOptions(background=name)) for name in ("black", "auto"))
     kinds = [(around, black), (around, grey), (inside, grey)]
     true = [rendered(truth, *kind) for kind in kinds]
 
@@ -81,7 +81,7 @@ def _other_starts(
 ) -> None:
     """What the same fit makes of the primitives that are seen most, and of what another program has merged."""
     truth, config = read_model(model).splats, SimplifyConfig(target=f"{percent:g}%", steps=steps)
-    look = Look.of(truth, PictureOptions())
+    look = look_of(truth, PictureOptions())
     cameras = cameras_of(truth, config, config.views, config.seed)
     most = np.argsort(-amounts_seen(truth, cameras, look), kind="stable")[: config.count(truth.n_splats)]
     starts = {"seen most": truth.select(np.sort(most))}

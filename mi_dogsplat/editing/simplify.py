@@ -28,6 +28,7 @@ from ..scene.splats import Array, Splats
 from ..scores.weights import weights
 from ..support.errors import DataError
 from ..training.fit import GAINS, fit
+from ..training.fit import Drawing as Look
 from ..training.strategy.dog_control import DogRule
 from .merge import merge
 from .simplify_config import SimplifyConfig
@@ -53,22 +54,6 @@ class Simplified:
     """None without a fit"""
     left_out: list[str]
     """a line for each thing that the formats have no room for"""
-
-
-@dataclass(frozen=True)
-class Look:
-    """How all pictures are drawn that are compared; colours are those of the model, linear or not."""
-
-    background: float
-    near_clip: float
-    antialiased: bool
-
-    @staticmethod
-    def of(splats: Splats, options: PictureOptions, drawing: Drawing = Drawing()) -> Look:
-        """From near; options come before what the model's file says."""
-        background = {"black": 0.0, "white": 1.0}.get(options.background, GREY)
-        drawn = drawn_as(options.drawing, drawing)
-        return Look(background, min(drawn.near_clip, NEAR * robust_sphere(splats)[1]), drawn.antialiased)
 
 
 def simplify_model(
@@ -100,7 +85,7 @@ def simplify_model(
     if out.exists() and out.samefile(model):
         raise DataError(out, "is the model itself, which would be lost", "name another file")
     target = config.count(splats.n_splats)
-    look = Look.of(splats, options, read.drawing)
+    look = look_of(splats, options, read.drawing)
     others = cameras_of(splats, config, HELD_OUT, config.seed + 1)
     truth = rendered(splats, others, look)
 
@@ -117,6 +102,16 @@ def simplify_model(
     left_out += write_model(out, replace(read, splats=found, drawing=options.drawing.over(read.drawing)))
     after = quality(found) if config.steps else None
     return Simplified(splats.n_splats, found.n_splats, found.n_dog, len(others), quality(start), after, left_out)
+
+
+def look_of(splats: Splats, options: PictureOptions, said: Drawing = Drawing()) -> Look:
+    """How all pictures of a model are drawn that are compared, from near; options come before what its file says.
+
+    Colours are compared as the model has them, linear or not.
+    """
+    background = {"black": 0.0, "white": 1.0}.get(options.background, GREY)
+    drawn = drawn_as(options.drawing, said)
+    return Look(background, min(drawn.near_clip, NEAR * robust_sphere(splats)[1]), drawn.antialiased)
 
 
 def cameras_of(splats: Splats, config: SimplifyConfig, n: int, seed: int) -> list[Camera]:
@@ -166,7 +161,7 @@ def fitted(
             if show:
                 show(first + step, config.steps)
 
-        return fit(model, cameras, pictures, n, **vars(look), gains=gains, seed=config.seed, after_step=tell)
+        return fit(model, cameras, pictures, n, look, gains, config.seed, tell)
 
     if not config.dog:
         return after(0, config.steps, start, GAINS.gain, GAINS.end_gain)
