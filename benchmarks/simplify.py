@@ -3,7 +3,7 @@
 The cameras are not those of the fit: around the model as ``cameras_around`` places them, and inside with another seed.
 Results of another program are files FOLDER/MODEL_PERCENT.ply, as splat-transform writes them:
 
-    npx @playcanvas/splat-transform -g cpu playbot.ply -F 10% others/playbot_10.ply
+    npx @playcanvas/splat-transform@2.7.1 -g cpu playbot.ply -F 10% others/playbot_10.ply
 """
 
 from __future__ import annotations
