@@ -3,7 +3,7 @@
 The cameras are not those of the fit: around the model as ``cameras_around`` places them, and inside with another seed.
 Results of another program are files FOLDER/MODEL_PERCENT.ply, as splat-transform writes them:
 
-    npx @playcanvas/splat-transform -g cpu playbot.ply -F 10% others/playbot_10.ply
+    npx @playcanvas/splat-transform@2.7.1 -g cpu playbot.ply -F 10% others/playbot_10.ply
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.editing.simplify import Look, rendered, simplify_model
+from mi_dogsplat.editing.simplify import amounts_seen, cameras_of, fitted, look_of, rendered, simplify_model
 from mi_dogsplat.editing.simplify_config import SimplifyConfig
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.measure.metrics import psnr
@@ -33,7 +33,7 @@ def quality(truth: Splats) -> Callable[[Splats], list[float]]:
     """What measures a model: mean PSNR in dB from around over black and over grey, and from inside over grey."""
     around = cameras_around(truth, VIEWS)
     inside = cameras_inside(truth, VIEWS, AUTOMATIC_SIZE, np.random.default_rng(SEED))
-    black, grey = (Look.of(truth, PictureOptions(background=name)) for name in ("black", "auto"))
+    black, grey = (look_of(truth, PictureOptions(background=name)) for name in ("black", "auto"))
     kinds = [(around, black), (around, grey), (inside, grey)]
     true = [rendered(truth, *kind) for kind in kinds]
 
@@ -53,6 +53,7 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--percent", nargs="+", type=float, default=[10, 5, 2])
     parser.add_argument("--steps", type=int, default=SimplifyConfig().steps)
     parser.add_argument("--others", type=Path, metavar="FOLDER", help="results of another program")
+    parser.add_argument("--starts", action="store_true", help="also fit the other results, and what weighs most")
     parser.add_argument("--variant", default="llvm_ad_rgb")
     args = parser.parse_args(argv)
     mi.set_variant(args.variant)
@@ -65,12 +66,30 @@ def main(argv: list[str]) -> None:
             others = args.others and args.others / f"{model.stem}_{percent:g}.ply"
             if others and others.exists():
                 _row(model, percent, "the other program", measured(read_model(others).splats), None)
+            if args.starts:
+                _other_starts(model, percent, args.steps, others, measured)
             for how, (steps, dog) in ways.items():
                 with TemporaryDirectory() as folder:
                     start, out = time.perf_counter(), Path(folder) / "out.ply"
                     simplify_model(model, out, SimplifyConfig(target=f"{percent:g}%", steps=steps, dog=dog))
                     seconds = time.perf_counter() - start
                     _row(model, percent, how, measured(read_model(out).splats), seconds)
+
+
+def _other_starts(
+    model: Path, percent: float, steps: int, others: Path | None, measured: Callable[[Splats], list[float]]
+) -> None:
+    """What the same fit makes of the primitives that are seen most, and of what another program has merged."""
+    truth, config = read_model(model).splats, SimplifyConfig(target=f"{percent:g}%", steps=steps)
+    look = look_of(truth, PictureOptions())
+    cameras = cameras_of(truth, config, config.views, config.seed)
+    most = np.argsort(-amounts_seen(truth, cameras, look), kind="stable")[: config.count(truth.n_splats)]
+    starts = {"seen most": truth.select(np.sort(most))}
+    if others and others.exists():
+        starts["the other program"] = read_model(others).splats
+    for name, start in starts.items():
+        _row(model, percent, name, measured(start), None)
+        _row(model, percent, f"{name}, fitted", measured(fitted(start, truth, cameras, look, config)), None)
 
 
 def _row(model: Path, percent: float, how: str, quality: list[float], seconds: float | None) -> None:

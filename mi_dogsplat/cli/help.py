@@ -202,10 +202,10 @@ Examples:
   dogsplat clean model.ply -o lean.ply --data photos/ --seen --floaters
                                                              what the photographs do not bear out
 
-Without flags: primitives of an opacity below 1/255, DoG that have faded, and SH bands that are zero. What the
-flags take out is counted, each primitive for the first reason that it has. --seen leaves every training view as
-it is. --floaters goes by the surfaces that the views show (docs/clean.md): look at the PSNR before and after,
-which --data adds.
+Without flags: primitives of an opacity below 1/255, DoG without effect, and SH bands that are zero. What the
+flags take out is counted, each primitive for the first reason that it has. --seen leaves every training view
+as it is. --floaters goes by the surfaces that the views show (docs/clean.md): look at the PSNR before and
+after, which --data adds.
 """
 VIEW_EXAMPLES = """
 Examples:

@@ -102,7 +102,7 @@ def clean_model(
     if preview:
         write_preview(Path(preview), read, after, data, options)
     found = [(reason, number) for reason, number in taken_out if number]
-    return Cleaned(splats.n_splats, after.n_splats, found, unneeded.described(kept), quality, left_out)
+    return Cleaned(splats.n_splats, after.n_splats, found, unneeded.described(kept, config.mixed_sh), quality, left_out)
 
 
 def rules(splats: Splats, config: CleanConfig, cameras: Sequence[Camera], drawn: DrawnAs) -> list[tuple[str, Array]]:

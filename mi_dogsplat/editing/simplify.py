@@ -28,6 +28,7 @@ from ..scene.splats import Array, Splats
 from ..scores.weights import weights
 from ..support.errors import DataError
 from ..training.fit import GAINS, fit
+from ..training.fit import Drawing as Look
 from ..training.strategy.dog_control import DogRule
 from .merge import merge
 from .simplify_config import SimplifyConfig
@@ -53,22 +54,6 @@ class Simplified:
     """None without a fit"""
     left_out: list[str]
     """a line for each thing that the formats have no room for"""
-
-
-@dataclass(frozen=True)
-class Look:
-    """How all pictures are drawn that are compared; colours are those of the model, linear or not."""
-
-    background: float
-    near_clip: float
-    antialiased: bool
-
-    @staticmethod
-    def of(splats: Splats, options: PictureOptions, drawing: Drawing = Drawing()) -> Look:
-        """From near; options come before what the model's file says."""
-        background = {"black": 0.0, "white": 1.0}.get(options.background, GREY)
-        drawn = drawn_as(options.drawing, drawing)
-        return Look(background, min(drawn.near_clip, NEAR * robust_sphere(splats)[1]), drawn.antialiased)
 
 
 def simplify_model(
@@ -100,7 +85,7 @@ def simplify_model(
     if out.exists() and out.samefile(model):
         raise DataError(out, "is the model itself, which would be lost", "name another file")
     target = config.count(splats.n_splats)
-    look = Look.of(splats, options, read.drawing)
+    look = look_of(splats, options, read.drawing)
     others = cameras_of(splats, config, HELD_OUT, config.seed + 1)
     truth = rendered(splats, others, look)
 
@@ -119,10 +104,20 @@ def simplify_model(
     return Simplified(splats.n_splats, found.n_splats, found.n_dog, len(others), quality(start), after, left_out)
 
 
+def look_of(splats: Splats, options: PictureOptions, said: Drawing = Drawing()) -> Look:
+    """How all pictures of a model are drawn that are compared, from near; options come before what its file says.
+
+    Colours are compared as the model has them, linear or not.
+    """
+    background = {"black": 0.0, "white": 1.0}.get(options.background, GREY)
+    drawn = drawn_as(options.drawing, said)
+    return Look(background, min(drawn.near_clip, NEAR * robust_sphere(splats)[1]), drawn.antialiased)
+
+
 def cameras_of(splats: Splats, config: SimplifyConfig, n: int, seed: int) -> list[Camera]:
     """``n`` cameras, of which every third has twice the size: what is fitted at one size alone is worse at others."""
     width, height = config.size
-    cameras = vantage_cameras(splats, n, config.size, seed)
+    cameras = vantage_cameras(splats, n, config.size, seed, config.inside)
     return [camera.resized(2 * width, 2 * height) if k % 3 == 2 else camera for k, camera in enumerate(cameras)]
 
 
@@ -136,11 +131,16 @@ def merged(splats: Splats, target: int, cameras: list[Camera], look: Look) -> Sp
     """``target`` plain Gaussians, merged by how much of each primitive the cameras see (Σ α T over all pixels)."""
     plain = baked(splats) if splats.n_dog else splats
     needed = Unneeded.of(plain).taken_out(plain).uniform_sh()
-    devices = [DeviceCamera.upload(camera, look.near_clip) for camera in cameras]
-    how = RasterOptions(sh_degree=needed.sh_degree, antialiased=look.antialiased)
-    seen = weights(upload(needed), devices, how).total
+    seen = amounts_seen(needed, cameras, look)
     seen = np.maximum(seen, LEAST_WEIGHT * (seen.mean() or 1.0))
     return merge(needed, target, RESOLUTION * robust_sphere(needed)[1], seen)
+
+
+def amounts_seen(splats: Splats, cameras: list[Camera], look: Look) -> Array:
+    """[N] Σ α T over all pixels of all cameras."""
+    devices = [DeviceCamera.upload(camera, look.near_clip) for camera in cameras]
+    how = RasterOptions(sh_degree=splats.sh_degree, antialiased=look.antialiased)
+    return weights(upload(splats), devices, how).total
 
 
 def fitted(
@@ -161,7 +161,7 @@ def fitted(
             if show:
                 show(first + step, config.steps)
 
-        return fit(model, cameras, pictures, n, **vars(look), gains=gains, seed=config.seed, after_step=tell)
+        return fit(model, cameras, pictures, n, look, gains, config.seed, tell)
 
     if not config.dog:
         return after(0, config.steps, start, GAINS.gain, GAINS.end_gain)

@@ -13,6 +13,7 @@ TARGET = "primitives that are left: a ratio (0.1, 10%) or a count (20000)"
 STEPS = "of the fit to renders of the model; 0: merge alone, which takes seconds"
 VIEWS = "renders to fit to, from around the model and from within"
 SIZE = "width and height of these renders, in pixels; every third has twice as many"
+INSIDE = "share of these views from free places within the model; 1 for a room"
 DOG = "end with Differences of Gaussians, fitted in the second half of the steps"
 
 
@@ -21,9 +22,10 @@ class SimplifyConfig:
     """Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed."""
 
     target: Annotated[str | float, Setting(TARGET, "X")] = "10%"
-    steps: Annotated[int, Setting(STEPS, least=0)] = 2000
+    steps: Annotated[int, Setting(STEPS, least=0)] = 1000
     views: Annotated[int, Setting(VIEWS, least=2)] = 96
     size: Annotated[tuple[int, int], Setting(SIZE, "W H")] = (400, 300)
+    inside: Annotated[float, Setting(INSIDE, least=0, most=1)] = 0.5
     dog: Annotated[bool, Setting(DOG)] = False
     seed: Annotated[int, Setting("seed of the places of cameras, and of their order", least=0, most=2**31 - 1)] = 0
 

@@ -17,8 +17,8 @@ from ..scores.weights import weights
 from .regions import deviations_along
 
 FREE_VIEWS = 3  # at least so many views look through a place that is free
-SUPPORT = 0.25  # of the views that say something about a place; fewer have a surface there
-DEPTH_SHARE = 0.05  # of the depth of a surface: what lies so near in front of it belongs to it
+SUPPORT = 0.1  # of the views that say something about a place; fewer have a surface there
+DEPTH_SHARE = 0.15  # of the depth of a surface: what lies so near in front of it belongs to it
 DEVIATIONS = 3.0  # of a primitive along the ray, likewise
 
 
@@ -47,7 +47,7 @@ def evidence(splats: Splats, cameras: Sequence[Camera], near_clip: float, antial
 
     The surface of a pixel is where half of the light is left (the AOV ``median_depth``); a pixel that is never half
     covered has none, and tells nothing. A primitive is looked up at the pixel of its centre. It is on the surface
-    where it lies within 5 % of its depth or three of its own standard deviations, free where it is nearer, and
+    where it lies within 15 % of its depth or three of its own standard deviations, free where it is nearer, and
     hidden where it is farther, which tells nothing either.
     """
     picture = picture_of(splats, 0.0, near_clip, antialiased=antialiased, aovs=("median_depth",))

@@ -45,15 +45,22 @@ class Unneeded:
         faded = (peaks < FADED) & ~invisible[splats.dog_index]
         return Unneeded(invisible, faded, used_sh_degrees(splats))
 
-    def described(self, splats: Splats) -> list[str]:
+    def degrees_left(self, splats: Splats, mixed_sh: bool) -> Array:
+        """[N] SH degree of each primitive without its zero bands: its own one, or the same for all (``taken_out``)."""
+        if mixed_sh or splats.mixed_sh:
+            return self.sh_degrees
+        return np.full(splats.n_splats, self.sh_degrees[~self.invisible].max(initial=0))
+
+    def described(self, splats: Splats, mixed_sh: bool = True) -> list[str]:
         """A line for each kind that there is: how many, and how many bytes they take in float32."""
+        left = self.degrees_left(splats, mixed_sh)
         bands = 3 * FLOAT * ((splats.sh_degrees + 1) ** 2 - 1)  # [N] bytes above the constant band
         kinds = [
             ("invisible primitives", self.invisible, GAUSSIAN + bands),
             ("DoG without effect", self.faded_dog, np.full(splats.n_dog, DOG_ROW)),
         ]
         for degree in SH:
-            zero = ~self.invisible & (splats.sh_degrees >= degree) & (self.sh_degrees < degree)
+            zero = ~self.invisible & (splats.sh_degrees >= degree) & (left < degree)
             sizes = np.full(splats.n_splats, 3 * FLOAT * (2 * degree + 1))
             kinds.append((f"zero bands of SH degree {degree}", zero, sizes))
         there = [(name, rows.sum(), sizes[rows].sum()) for name, rows, sizes in kinds if rows.any()]
@@ -68,10 +75,7 @@ class Unneeded:
         """
         rows = {name: getattr(splats, name)[~self.faded_dog] for name in (DOG.index, *DOG.names)}
         lean = replace(splats, **rows).select(~self.invisible)
-        degrees = self.sh_degrees[~self.invisible]
-        if mixed_sh or splats.mixed_sh:
-            return lean.with_sh_degrees(degrees)
-        return lean.uniform_sh(int(degrees.max(initial=0)))
+        return lean.with_sh_degrees(self.degrees_left(splats, mixed_sh)[~self.invisible])
 
 
 def used_sh_degrees(splats: Splats) -> Array:

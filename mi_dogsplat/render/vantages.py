@@ -25,16 +25,19 @@ SUPPORT = 32  # primitives nearest to a place that are looked at
 TRIALS = 40  # places tried for each camera
 
 
-def vantage_cameras(splats: Splats, n: int, size: tuple[int, int], seed: int = 0) -> list[Camera]:
-    """``n`` cameras, half of them around a model and half inside, as far as there is a free place.
+def vantage_cameras(
+    splats: Splats, n: int, size: tuple[int, int], seed: int = 0, share_inside: float = 0.5
+) -> list[Camera]:
+    """``n`` cameras around a model and, as far as there are free places, a share of them inside.
 
     Args:
         splats: at least one primitive.
         size: width and height in pixels.
         seed: of the places; other seeds give other views.
+        share_inside: 0..1.
     """
     rng = np.random.default_rng(seed)
-    inside = cameras_inside(splats, n // 2, size, rng)
+    inside = cameras_inside(splats, round(share_inside * n), size, rng)
     return [*cameras_outside(splats, n - len(inside), size, rng), *inside]
 
 

@@ -5,7 +5,7 @@ import pytest
 import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import read_ply, write_ply
-from mi_dogsplat.editing.simplify import Look, rendered, simplify_model
+from mi_dogsplat.editing.simplify import look_of, rendered, simplify_model
 from mi_dogsplat.editing.simplify_config import SimplifyConfig
 from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.read import read_model
@@ -14,6 +14,7 @@ from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.fit import Drawing as Look
 from splat_scenes import make_splats, rounded
 
 FAST = {"views": 8, "size": (40, 30)}
@@ -114,6 +115,7 @@ def test_what_is_not_needed_is_not_merged_into_what_is_seen(tmp_path):
         (["--target", "900"], ["--target", "not below the 900"]),
         (["--steps", "-1"], ["--steps", "at least 0"]),
         (["--views", "1"], ["--views", "at least 2"]),
+        (["--inside", "2"], ["--inside", "0 to 1"]),
         (["--size", "8", "8"], ["--size", "too small"]),
         (["--dog", "--steps", "1"], ["--dog"]),
         (["--background", "green"], ["--background"]),
@@ -137,9 +139,9 @@ def test_files_that_cannot_be_simplified_are_one_line(capsys, model, tmp_path):
 
 
 def test_options_choose_the_background():
-    chosen = {name: Look.of(surface(), PictureOptions(background=name)).background for name in ("black", "white")}
+    chosen = {name: look_of(surface(), PictureOptions(background=name)).background for name in ("black", "white")}
     assert chosen == {"black": 0.0, "white": 1.0}
-    assert Look.of(surface(), PictureOptions()).background == 0.5
+    assert look_of(surface(), PictureOptions()).background == 0.5
 
 
 def test_every_format_comes_in_and_goes_out_and_what_the_file_says_is_kept(capsys, tmp_path):

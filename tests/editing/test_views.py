@@ -55,10 +55,10 @@ def test_what_is_seen_changes_a_view_where_it_is_missing():
 
 def test_what_hangs_in_the_air_before_a_surface_floats():
     """A ball within a cloud of dust: what most cameras see the ball through floats."""
-    splats = rounded(make_splats(np.concatenate([sphere(600) * 0.6, sphere(40) * 0.85]), 0.06, 0.3))
+    splats = rounded(make_splats(np.concatenate([sphere(600) * 0.8, sphere(40) * 1.3]), 0.07, 0.3))
     splats.logit_opacities[:600] = 4
     splats.log_scales[600:] = np.log(0.02)
-    cameras = tiny_data.cameras(24)
+    cameras = tiny_data.cameras(72)
     told = evidence(splats, cameras, 0.2, False)
     before_the_ball = np.zeros(40, int)  # views, from the geometry alone: a ray to the dust goes on to hit the ball
     for camera in cameras:
@@ -66,11 +66,13 @@ def test_what_hangs_in_the_air_before_a_surface_floats():
         distances = np.linalg.norm(offsets, axis=1)
         along = -(offsets / distances[:, None]) @ camera.position
         miss = np.sqrt(camera.position @ camera.position - along**2)
-        before_the_ball += (miss < 0.5) & (distances < along - 0.3)
+        hit = along - np.sqrt(np.maximum(0.8**2 - miss**2, 0))
+        before_the_ball += (miss < 0.7) & (distances < 0.8 * hit)
     assert not told.floats[:600].any()
-    assert (told.on[600:] <= 3).all(), "beside the ball, as deep as its edge"
-    assert (told.free[600:] >= before_the_ball).all()
-    assert told.floats[600:][before_the_ball >= FREE_VIEWS].all() and (before_the_ball >= FREE_VIEWS).sum() >= 4
+    clearly = before_the_ball >= FREE_VIEWS
+    assert (told.free[600:] >= before_the_ball).all() and clearly.sum() >= 4
+    alone = told.on[600:] == 0  # some are as deep as the edge of the ball, where they are seen beside it
+    assert told.floats[600:][clearly & alone].all() and (clearly & alone).sum() >= 4
 
 
 def test_a_lone_surface_has_nothing_that_floats_and_a_hidden_place_tells_nothing():

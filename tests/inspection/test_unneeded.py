@@ -115,6 +115,9 @@ def test_each_kind_is_named_with_its_number_and_bytes():
     ]
     lean = found.taken_out(splats)
     assert Unneeded.of(lean).described(lean) == []
+    lean.sh_coeffs[::2, 1:] = 0
+    assert Unneeded.of(lean).described(lean, mixed_sh=False) == []
+    assert Unneeded.of(lean).described(lean) == ["zero bands of SH degree 1: 32, 1.15 kB"]
 
 
 def test_a_model_may_be_empty_and_stay_so():

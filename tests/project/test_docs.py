@@ -36,6 +36,7 @@ WRAPPED = 120  # characters of a line that is no table and no picture
 SHORT = {
     "train": {"--steps": "14", "--max-primitives": "80", "--sh-degree": "1"},
     "prune": {"--steps": "4"},
+    "simplify": {"--steps": "4", "--views": "4", "--size": "24 18"},
     "capture": {"--spp": "1", "--views": "4", "--test": "1", "--size": "24 18", "--points": "100"},
 }
 RUN_ELSEWHERE = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat.render.framing import likely_up, robust_sphere
-from mi_dogsplat.render.vantages import CLEARANCE, DEVIATIONS, cameras_inside, cameras_outside, vantage_cameras
+from mi_dogsplat.render.vantages import CLEARANCE, DEVIATIONS, REACH, cameras_inside, cameras_outside, vantage_cameras
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import make_splats, rounded
 
@@ -59,6 +59,14 @@ def test_where_nothing_is_free_all_cameras_are_around(monkeypatch):
     outside = vantage_cameras(solid, 12, SIZE)
     assert len(outside) == 12
     assert len({round(float(np.linalg.norm(c.position)), 1) for c in outside}) <= 2
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
+def test_a_share_of_them_is_inside(share):
+    centre, radius = robust_sphere(room())
+    found = vantage_cameras(room(), 8, SIZE, share_inside=share)
+    near = [np.linalg.norm(camera.position - centre) <= REACH * radius for camera in found]
+    assert len(found) == 8 and sum(near) == 8 * share
 
 
 def test_a_seed_gives_its_cameras_and_another_one_others():
