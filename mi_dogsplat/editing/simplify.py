@@ -27,8 +27,7 @@ from ..scene.drawing import Drawing, drawn_as
 from ..scene.splats import Array, Splats
 from ..scores.weights import weights
 from ..support.errors import DataError
-from ..training.fit import GAINS, fit
-from ..training.fit import Drawing as Look
+from ..training.fit import GAINS, Look, fit
 from ..training.strategy.dog_control import DogRule
 from .merge import merge
 from .simplify_config import SimplifyConfig
@@ -161,7 +160,7 @@ def fitted(
             if show:
                 show(first + step, config.steps)
 
-        return fit(model, cameras, pictures, n, look, gains, config.seed, tell)
+        return fit(model, cameras, pictures, n, look, gains, config.seed, after_step=tell)
 
     if not config.dog:
         return after(0, config.steps, start, GAINS.gain, GAINS.end_gain)

@@ -14,7 +14,7 @@ from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.training.fit import Drawing as Look
+from mi_dogsplat.training.fit import Look
 from splat_scenes import make_splats, rounded
 
 FAST = {"views": 8, "size": (40, 30)}
