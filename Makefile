@@ -6,7 +6,7 @@ FOR_DEMO := $(VENV)/.installed-for-demo
 INSTALLED := $(VENV)/.installed
 BLENDER := .venv-blender
 
-.PHONY: demo test test-cuda gpu gpu-bundle lint bench gallery api setup llvm lpips wheel blender addon clean
+.PHONY: demo test test-cuda gpu gpu-bundle lint bench gallery api setup llvm lpips web-viewer wheel blender addon clean
 .DEFAULT_GOAL := demo
 
 # The main job on generated data: training, compact model, report, pictures.
@@ -53,6 +53,10 @@ api: setup
 # The weights of LPIPS (59 MB), in the user's cache: dogsplat compare and eval have it then.
 lpips: setup
 	$(PY) -m scripts.lpips_weights
+
+# The web viewer of dogsplat export -o model.html, from npm; made once for each version of it.
+web-viewer:
+	@scripts/vendor_viewer.sh
 
 # Wheel and sdist, in dist/, tried in an empty environment of each Python.
 WHEEL_PYTHONS ?= $(PYTHON)

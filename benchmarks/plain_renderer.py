@@ -30,13 +30,14 @@ from mi_dogsplat.engine.project import (
     rows,
     softplus,
 )
-from mi_dogsplat.engine.sh import C0, read_rows
+from mi_dogsplat.engine.sh import read_rows
 from mi_dogsplat.engine.tiles import WORD, TileLists, tiles
 from mi_dogsplat.engine.walks.derivatives import LN2
 from mi_dogsplat.engine.walks.exp2 import exp2
 from mi_dogsplat.engine.walks.pixels import planes_of
 from mi_dogsplat.engine.walks.slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from mi_dogsplat.engine.walks.walk import ALPHA_MAX, DEAD_PATCH
+from mi_dogsplat.scene.sh_basis import C0
 
 ALPHA_MIN, T_MIN = 1 / 255, 1e-4
 ROW = 16  # x y ux uy vy lo q s t, colour, padding

@@ -22,10 +22,10 @@ from mi_dogsplat.datasets import Dataset, View
 from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
-from mi_dogsplat.engine.sh import C0
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import Dropped, Event

@@ -12,10 +12,12 @@ from .engine import aovs
 from .engine.parameters import concatenate
 from .engine.rasterize import Frame, LastFrame, RasterOptions, rasterize
 from .plugin import background, surfaces
+from .plugin.agreement import agreed
 from .plugin.film import Filter, develop, has_alpha, normalized, side_by_side
 from .plugin.samples import Sample, samples
 from .plugin.sensor import Look, SensorReader
 from .plugin.transfer import linear_to_srgb, srgb_to_linear
+from .scene.drawing import Drawing, DrawnAs
 from .shape_dog import DogShape
 
 
@@ -30,15 +32,17 @@ class DogSplatIntegrator(ADIntegrator):
      * - srgb_primitives
        - |bool|
        - The primitives hold display-referred sRGB colours, as models trained from photographs do: the blended image
-         is converted to linear radiance for the film. (Default: true)
+         is converted to linear radiance for the film. (Default: as the files of the shapes say, else true)
 
      * - antialiased
        - |bool|
-       - Scale opacities by the area that the screen-space low-pass filter adds. (Default: false)
+       - Scale opacities by the area that the screen-space low-pass filter adds. (Default: as the files of the shapes
+         say, else false)
 
      * - near_clip
        - |float|
-       - Primitives whose centre is nearer than this to the camera plane are dropped. (Default: 0.2, as in 3DGS)
+       - Primitives whose centre is nearer than this to the camera plane are dropped. (Default: as the files of the
+         shapes say, else 0.2, as in 3DGS)
 
      * - hide_emitters
        - |bool|
@@ -89,9 +93,8 @@ class DogSplatIntegrator(ADIntegrator):
 
     def __init__(self, props: Any):
         super().__init__(props)
-        self.srgb_primitives = props.get("srgb_primitives", True)
-        self.antialiased = props.get("antialiased", False)
-        self.near_clip = props.get("near_clip", 0.2)
+        linear = not props["srgb_primitives"] if "srgb_primitives" in props else None
+        self.drawing = Drawing(props.get("antialiased"), props.get("near_clip"), linear)
         self.hide_emitters = props.get("hide_emitters", False)
         self.negative_transmittance = props.get("negative_transmittance", True)
         objects = [props[name] for name in props.keys() if props.type(name) == mi.Properties.Type.Object]
@@ -104,11 +107,15 @@ class DogSplatIntegrator(ADIntegrator):
             self.aovs = aovs.read_names(props.get("aovs", ""))
         except ValueError as error:
             raise RuntimeError(f"dogsplat: {error}") from None
-        if self.near_clip < 0:
-            raise RuntimeError(f'dogsplat: "near_clip" is {self.near_clip}, it must not be negative')
+        if self.drawing.near_clip is not None and self.drawing.near_clip < 0:
+            raise RuntimeError(f'dogsplat: "near_clip" is {self.drawing.near_clip}, it must not be negative')
 
     def aov_names(self) -> list[str]:
         return aovs.channel_names(self.aovs)
+
+    def drawn_as(self, scene: mi.Scene) -> DrawnAs:
+        """How it draws the ``dog`` shapes of a scene. Raises ``RuntimeError`` where their files disagree."""
+        return agreed(self.drawing, _dog_shapes(scene))
 
     def sample(self, *args, **kwargs):
         """What an integrator that this one is nested in calls, for rays that are no longer those of an image."""
@@ -186,19 +193,22 @@ class DogSplatIntegrator(ADIntegrator):
 
     def _pass(self, scene: mi.Scene, sensor: mi.Sensor, sample: Sample, border: int = 0, derivative=False) -> list:
         """Planes of the film's channels at the samples of one pass; ``derivative`` as in ``_image``."""
-        views = self._sensors.views(sensor, self.near_clip)
+        drawn = self.drawn_as(scene)
+        views = self._sensors.views(sensor, drawn.near_clip)
         looks = [view.through(sample, border) for view in views]
-        images = [self._planes(scene, sensor.film(), look, derivative, len(views) == 1) for look in looks]
+        images = [self._planes(scene, sensor.film(), look, drawn, derivative, len(views) == 1) for look in looks]
         return side_by_side(images, looks[0].camera.width, looks[0].camera.height)
 
-    def _planes(self, scene: mi.Scene, film: mi.Film, look: Look, derivative: bool, alone: bool) -> list[mi.Float]:
-        shapes = [shape for shape in scene.shapes() if isinstance(shape, DogShape)]
+    def _planes(
+        self, scene: mi.Scene, film: mi.Film, look: Look, drawn: DrawnAs, derivative: bool, alone: bool
+    ) -> list[mi.Float]:
+        shapes = _dog_shapes(scene)
         if not shapes:
             raise RuntimeError('dogsplat: the scene has no shape of type "dog"')
         params, sh_size = concatenate([s.parameters for s in shapes], [s.sh_size for s in shapes])
         options = RasterOptions(
             sh_degree=(1, 4, 9, 16).index(sh_size),
-            antialiased=self.antialiased,
+            antialiased=drawn.antialiased,
             negative_transmittance=self.negative_transmittance,
         )
         options = aovs.options_for(self.aovs, options)
@@ -214,35 +224,38 @@ class DogSplatIntegrator(ADIntegrator):
         stop_depth = seen.depth if seen else None
         frame = rasterize(params, look.camera, options, None, last, derivative and alone, stop_depth)
         if seen:
-            frame = seen.behind(frame, self._encoded(seen.colors))
+            frame = seen.behind(frame, _encoded(seen.colors, drawn))
 
-        colors = self._over_background(frame, scene, look)
+        colors = self._over_background(frame, scene, look, drawn)
         alpha = [1 - frame.T] if has_alpha(film) else []
         extra = dict(zip(self.aov_names(), aovs.channels(self.aovs, frame, derivative), strict=True))
         if seen and "median_depth.Z" in extra:
             extra["median_depth.Z"] = seen.median_depth(extra["median_depth.Z"])
         return [*colors, *alpha, *extra.values()]
 
-    def _over_background(self, frame: Frame, scene: mi.Scene, look: Look) -> list:
+    def _over_background(self, frame: Frame, scene: mi.Scene, look: Look, drawn: DrawnAs) -> list:
         """Film radiance per channel: splats over the environment emitter, blended in the primitives' colour space."""
         colors = frame.colors
         environment = scene.environment()
         if environment is not None and not self.hide_emitters:
-            behind = self._encoded(background.radiance(environment, look.rays()))
+            behind = _encoded(background.radiance(environment, look.rays()), drawn)
             colors = [dr.fma(frame.T, b, c) for c, b in zip(colors, behind, strict=True)]
-        if self.srgb_primitives:
+        if not drawn.linear:
             colors = srgb_to_linear(colors)
         return [mi.luminance(mi.Color3f(colors))] * 3 if mi.is_monochromatic else colors
 
-    def _encoded(self, radiance: list[mi.Float]) -> list[mi.Float]:
-        """Radiance in the primitives' colour space."""
-        return linear_to_srgb(radiance) if self.srgb_primitives else radiance
-
     def to_string(self) -> str:
-        return (
-            f"DogSplatIntegrator[\n  srgb_primitives = {self.srgb_primitives},\n  antialiased = {self.antialiased},\n"
-            f"  near_clip = {self.near_clip},\n  aovs = {self.aovs}\n]"
-        )
+        said = "".join(f"  {name} = {value},\n" for name, value in self.drawing.said().items())
+        return f"DogSplatIntegrator[\n{said}  aovs = {self.aovs}\n]"
+
+
+def _dog_shapes(scene: mi.Scene) -> list[DogShape]:
+    return [shape for shape in scene.shapes() if isinstance(shape, DogShape)]
+
+
+def _encoded(radiance: list[mi.Float], drawn: DrawnAs) -> list[mi.Float]:
+    """Radiance in the primitives' colour space."""
+    return radiance if drawn.linear else linear_to_srgb(radiance)
 
 
 def _sensor(scene: mi.Scene, sensor: mi.Sensor | int) -> mi.Sensor:

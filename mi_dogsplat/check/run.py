@@ -10,9 +10,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..formats.read import read_model
 from ..render.picture_options import PictureOptions
 from ..render.render_files import viewpoint
-from ..scene.ply import read_ply
 from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import replacing, write_json
@@ -97,11 +97,12 @@ def _model_scene(
     model: Path, data: str | Path | None, camera: str | Path | None, width: int, options: PictureOptions
 ) -> Scene:
     """The model, seen as ``render_files.render_model`` would see it."""
-    splats = read_ply(model)
+    read = read_model(model)
+    splats = read.splats
     if splats.n_splats == 0:
         raise DataError(model, "holds no primitives", "check a model that has some")
-    view = viewpoint(splats, data, camera, options)
-    others = {"background": view.background, "near_clip": view.near_clip, "antialiased": options.antialiased}
+    view = viewpoint(splats, data, camera, options, read.drawing)
+    others = {"background": view.background, "near_clip": view.near_clip, "antialiased": view.antialiased}
     return model_scene(model.name, splats, view.camera, width, **others)
 
 

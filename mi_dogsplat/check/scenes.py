@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.sh import C0
 from ..scene.cameras import Camera
+from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 
 ASPECT = 4 / 3

@@ -14,13 +14,18 @@ from typing import Any, TypeVar
 
 from ..compare.names import ABLATION, ALL, SETS, chosen
 from ..datasets.capture_config import CaptureConfig
+from ..editing.clean_config import CleanConfig
+from ..editing.simplify_config import SimplifyConfig
+from ..film.film_config import FilmConfig
 from ..poses.config import PosesConfig
 from ..render.picture_options import PictureOptions
+from ..scene.drawing import Drawing, drawn_as
 from ..support.errors import DataError
 from ..support.settings import settings_of
 from ..support.variants import set_variant
 from ..training.config import TrainConfig
-from .printing import loss_table, metrics_line
+from ..training.target import target_bytes
+from .printing import cleaned_lines, loss_table, metrics_line, simplified_lines
 
 T = TypeVar("T")
 
@@ -36,7 +41,11 @@ def train(args: argparse.Namespace) -> None:
 
 def prune(args: argparse.Namespace) -> None:
     """Prune a model to a target while refining it on its photographs, then add Differences of Gaussians."""
-    _run(_config(args, model=args.model), args)
+    from ..formats.read import read_model
+
+    drawn = drawn_as(Drawing(args.antialiased, args.near_clip), read_model(args.model).drawing)
+    how = {"antialiased": drawn.antialiased, "near_clip": drawn.near_clip}
+    _run(_config(args, model=args.model, **how), args)
 
 
 def _run(config: TrainConfig, args: argparse.Namespace) -> None:
@@ -79,6 +88,9 @@ def compare(args: argparse.Namespace) -> int:
         raise DataError("--only", f'"{error}" is unknown', f"use {', '.join((*SETS, *ALL))}") from None
     if args.workers < 0:
         raise DataError("--workers", f"{args.workers} is out of range", "use at least 0")
+    if target_bytes(args.target) is not None:
+        remedy = "compare and ablate take a ratio or a number of primitives"
+        raise DataError("--target", f"{args.target} is the size of a file", remedy)
     config = _config(args, preset="3dgs", data="")
     set_variant(config.variant)
     from ..compare.compare import compare as run_comparison
@@ -198,11 +210,48 @@ def export(args: argparse.Namespace) -> None:
     set_variant(args.variant)
     from ..export.write import export_model
 
-    exported = export_model(args.model, args.out, args.dog, args.data, args.views, options)
-    for line in loss_table(exported):
+    exported = export_model(args.model, args.out, args.dog, args.data, args.views, options, args.spz_version)
+    for line in (*exported.left_out, *loss_table(exported)):
         print(line)
-    megabytes, before = (path.stat().st_size / 1e6 for path in (args.out, args.model))
-    print(f"{args.out}: {exported.n_splats:,} primitives, {megabytes:.2f} MB; {args.model.name} has {before:.2f} MB")
+    print(_size_line(args.out, exported.n_splats, args.model))
+
+
+def simplify(args: argparse.Namespace) -> None:
+    """Merge primitives that are near and alike until few are left, and fit those to renders of the model."""
+    config, options = _given(SimplifyConfig, args), _given(PictureOptions, args)
+    set_variant(args.variant)
+    from ..editing.simplify import simplify_model
+    from .progress import Bar
+
+    with Bar("step") as bar:
+        simplified = simplify_model(args.model, args.out, config, options, bar.show)
+    print("\n".join(simplified_lines(simplified)))
+    print(_size_line(args.out, simplified.n_after, args.model))
+
+
+def clean(args: argparse.Namespace) -> None:
+    """Take out of a model what no picture of it shows, which changes none, and what you do not want."""
+    config, options = _given(CleanConfig, args), _given(PictureOptions, args)
+    if args.data or args.preview:
+        set_variant(args.variant)
+    from ..editing.clean import clean_model
+
+    cleaned = clean_model(args.model, args.out, config, args.data, args.preview, options)
+    print("\n".join(cleaned_lines(cleaned)))
+    print(_size_line(args.out, cleaned.n_after, args.model))
+
+
+def film(args: argparse.Namespace) -> None:
+    """Render a film of a model along a camera path, to a video or to numbered pictures."""
+    config, options = _given(FilmConfig, args), _given(PictureOptions, args)
+    set_variant(args.variant)
+    from ..film.make import make_film
+    from .progress import Bar
+
+    with Bar("frame") as bar:
+        made = make_film(args.model, args.out, args.data, config, options, bar.show)
+    width, height = made.size
+    print(f"{args.out}: {made.n_frames} frames of {width} x {height}, {made.n_frames / config.fps:.4g} s; {made.path}")
 
 
 def view(args: argparse.Namespace) -> None:
@@ -241,11 +290,18 @@ def _given(kind: type[T], args: argparse.Namespace, **others: Any) -> T:
     return kind(**values | others)
 
 
+def _size_line(out: Path, n_splats: int, model: Path) -> str:
+    """What was written, beside what it was made of."""
+    megabytes, before = (path.stat().st_size / 1e6 for path in (out, model))
+    return f"{out}: {n_splats:,} primitives, {megabytes:.2f} MB; {model.name} has {before:.2f} MB"
+
+
 def _say(line: str) -> None:
     print(line, flush=True)
 
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], int | None]] = {
     "train": train, "prune": prune, "ablate": ablate, "compare": compare, "render": render, "eval": evaluate,
-    "capture": capture, "poses": poses, "check": check, "export": export, "view": view, "info": info
+    "capture": capture, "poses": poses, "check": check, "export": export, "simplify": simplify, "clean": clean,
+    "film": film, "view": view, "info": info
 }  # fmt: skip

@@ -19,6 +19,8 @@ Examples:
   dogsplat train photos/ -o run --steps 7000 --downscale 2 --max-primitives 60000
                                                        minutes instead of hours, and a bounded size
   dogsplat train photos/ -o run --target 20000         a model of exactly so many primitives
+  dogsplat train photos/ -o run --target 2MB --format spz
+                                                       a file of at most so many bytes
   dogsplat train photos/ -o run --preset 3dgs          without pruning and DoG: the published baseline
   dogsplat train lego/ -o run --background white       images with alpha over white (as auto does)
   dogsplat train lego/ -o run --background random      another colour at each step: no splats hide in it
@@ -36,6 +38,8 @@ PRUNE_EXAMPLES = """
 Examples:
   dogsplat prune model.ply photos/ -o run                      a tenth of its primitives
   dogsplat prune model.ply photos/ -o run --target 20000 --steps 3500 --downscale 2
+  dogsplat prune model.ply photos/ -o run --target 2MB --format spz
+                                                               a file of at most so many bytes
   dogsplat prune model.ply photos/ -o run --preset released    as the authors' code does it
 
 The model may come from any trainer of 3D Gaussians. The schedule begins with its first prune, without
@@ -151,10 +155,53 @@ Examples:
   dogsplat export run/point_cloud.ply -o model.glb                    glTF (KHR_gaussian_splatting); lossless
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
                                                                       any 3DGS viewer; measured on photographs
+  dogsplat export run/point_cloud.ply -o model.html --data photos/ --views 0
+                                                                      a page with a viewer, to send to somebody
 
 These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary
 (--dog drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the
-others the axes of the model.
+others the axes of the model. A page (.html, 0.8 MB and the model) needs a browser and no network, and opens
+with the first photograph of the data.
+"""
+FILM_EXAMPLES = """
+Examples:
+  dogsplat film run/ -o film.mp4                                  what suits the data of the run
+  dogsplat film run/point_cloud.ply -o film.mp4 --seconds 6 --elevation 35 --size 1920 1080
+                                                                  one turn around the model
+  dogsplat film run/ -o film.mp4 --path cameras --smoothing 4     the way of the photographer, smoothed
+  dogsplat film run/point_cloud.ply -o film.mp4 --path keys.json --shutter 0.5
+                                                                  through key frames, with motion blur
+  dogsplat film run/point_cloud.ply -o frames/                    numbered pictures, frames/0000.png and on
+  dogsplat film run/point_cloud.ply -o frames_exr/%04d.exr        linear colour with alpha, for compositing
+
+Key frames: {"keys": [{"time": 0, "position": [3, 0, 1], "look_at": [0, 0, 0], "fov": 40}, ...], "loop": false,
+"up": [0, 0, 1]}, or a list of camera files (docs/film.md). A film that is stopped leaves no file; of numbered
+pictures the whole ones stay, and the same command goes on after them.
+"""
+SIMPLIFY_EXAMPLES = """
+Examples:
+  dogsplat simplify model.ply -o small.ply --target 10%       a tenth of its primitives, in minutes
+  dogsplat simplify model.ply -o small.ply --target 20 --steps 0
+                                                              so many, merged alone: in seconds
+  dogsplat simplify model.ply -o small.ply --target 5% --dog  with Differences of Gaussians
+
+For models without photographs, of any program; with photographs dogsplat prune knows better what matters.
+Cameras are placed around the model, and where there is room inside. They say how much of each primitive is
+seen, and the merged model is fitted to what they see of the old one. PSNR is measured from other places. The
+pictures have a grey background, so that nothing hides in it; --background black or white fits to that alone.
+"""
+CLEAN_EXAMPLES = """
+Examples:
+  dogsplat clean model.ply -o lean.ply                       what no picture shows leaves: all keep their bits
+  dogsplat clean model.ply -o object.ply --sphere 0 0 0 1.5 --connected 1 --preview clean.png
+                                                             an object alone; and a picture to look at first
+  dogsplat clean model.ply -o lean.ply --data photos/ --seen --floaters
+                                                             what the photographs do not bear out
+
+Without flags: primitives of an opacity below 1/255, DoG that have faded, and SH bands that are zero. What the
+flags take out is counted, each primitive for the first reason that it has. --seen leaves every training view as
+it is. --floaters goes by the surfaces that the views show (docs/clean.md): look at the PSNR before and after,
+which --data adds.
 """
 VIEW_EXAMPLES = """
 Examples:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ..editing.clean import Cleaned
+    from ..editing.simplify import Simplified
     from ..export.write import Exported
 
 METRICS = {
@@ -30,3 +32,21 @@ def loss_table(exported: Exported) -> list[str]:
             columns.append(f"{loss.of_photographs:6.2f} dB")
         lines.append(f"  {loss.stage:24s}" + "       ".join(columns).rstrip())
     return lines
+
+
+def cleaned_lines(cleaned: Cleaned) -> list[str]:
+    """What was taken out, and what that did to the pictures if there is a data set."""
+    lines = [f"  {reason}: {number:,}" for reason, number in cleaned.taken_out]
+    lines += [f"  not needed, {line}" for line in cleaned.unneeded]
+    if cleaned.psnr:
+        before, after = cleaned.psnr
+        lines.append(f"  PSNR {before:.2f} dB before, {after:.2f} dB after ({after - before:+.2f})")
+    first = f"{cleaned.n_before:,} primitives, taken out:" + ("" if lines else " nothing")
+    return [first, *lines, *cleaned.left_out]
+
+
+def simplified_lines(simplified: Simplified) -> list[str]:
+    """How near the smaller model is to the one that it was made of."""
+    lines = [*simplified.left_out, f"PSNR of the model, over {simplified.n_views} views that nothing was fitted to"]
+    stages = {"merged": simplified.merged, "fitted": simplified.fitted}
+    return lines + [f"  {stage:24s}{value:6.2f} dB" for stage, value in stages.items() if value is not None]

@@ -14,6 +14,7 @@ from ..datasets import Dataset
 from ..datasets.dataset import View
 from ..engine.parameters import upload
 from ..engine.rasterize import RasterOptions
+from ..formats.read import read_model
 from ..measure.evaluate import render_milliseconds_in_turn
 from ..render.picture import Picture, background_color, render_picture
 from ..report.run_folder import DOG_PROFILE, RECIPE, RENDER_MS
@@ -21,7 +22,6 @@ from ..report.write import write_report
 from ..runs.checkpoint import CHECKPOINT
 from ..runs.mixture import write_comparison
 from ..runs.run import train, train_until
-from ..scene.ply import read_ply
 from ..support.files import write_json
 from ..training.config import TrainConfig
 from ..training.presets import RECIPES
@@ -83,7 +83,7 @@ def draw_in_turn(dataset: Dataset, config: TrainConfig, folders: Sequence[Path])
 
 def _drawing(folder: Path, config: TrainConfig, background: float) -> Callable[[View], Picture]:
     """Renders views of the model in a run folder."""
-    splats = read_ply(folder / "point_cloud.ply")
+    splats = read_model(folder / "point_cloud.ply").splats
     options, params = RasterOptions(splats.sh_degree, config.antialiased), upload(splats)
     return lambda view: render_picture(params, view.camera, options, background, config.near_clip)
 

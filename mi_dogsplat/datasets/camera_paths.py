@@ -78,10 +78,10 @@ def up_vector(up: str) -> np.ndarray:
     return np.eye(3)["xyz".index(up[-1])] * (-1 if up[0] == "-" else 1)
 
 
-def look_at(position: np.ndarray, target: np.ndarray, up: str) -> np.ndarray:
-    """OpenCV world-to-camera [4, 4] of a camera that looks at ``target``, with the axis ``up`` upright."""
+def look_at(position: np.ndarray, target: np.ndarray, up: str | np.ndarray) -> np.ndarray:
+    """OpenCV world-to-camera [4, 4] of a camera that looks at ``target``; ``up``, an axis or vector [3], is upright."""
     forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, up_vector(up))
+    right = np.cross(forward, up_vector(up) if isinstance(up, str) else up)
     right /= np.linalg.norm(right)
     down = np.cross(forward, right)
     c2w = np.eye(4)

@@ -13,7 +13,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .sh import read_rows, sh_basis, sh_basis_table
+from ..scene.row_groups import SH
+from ..scene.sh_basis import sh_basis, sh_basis_table
+from .sh import read_rows
+from .sh_groups import ROW_COEFFICIENTS
 
 
 def moved(params: dict, to_world: mi.Transform4f) -> dict:
@@ -34,6 +37,12 @@ def moved(params: dict, to_world: mi.Transform4f) -> dict:
     size = dr.width(params["sh_coeffs"]) // (3 * n)
     if size > 1:
         result["sh_coeffs"] = _table(_turned(read_rows(params["sh_coeffs"], 3 * size, 3 * size, index), rotation))
+    for degree, group in SH.items():
+        if group.index in params:
+            (name,), stride, used = group.names, 3 * ROW_COEFFICIENTS[degree], 3 * ((degree + 1) ** 2 - 1)
+            bands = read_rows(params[name], stride, used, dr.arange(mi.UInt32, dr.width(params[group.index])))
+            turned = _turned([mi.Float(0)] * 3 + bands, rotation)[3:]
+            result[name] = _table(turned + [mi.Float(0)] * (stride - used))
     return result
 
 

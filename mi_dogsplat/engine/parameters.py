@@ -8,11 +8,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..scene.splats import Splats
+from ..scene.row_groups import DOG, GROUPS, SH
+from ..scene.splats import DENSE, Splats
 from .project import NOT_DOG
+from .sh_groups import ROW_COEFFICIENTS, has_groups, padded_rows
 
-RAW = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
-RAW_DOG = ("dog_logit_opacities", "dog_log_scales")
+RAW = DENSE
+RAW_DOG = DOG.names
 
 
 ALIGNMENT = 64  # bytes; Dr.Jit compiles another kernel for memory that is less aligned
@@ -35,12 +37,20 @@ def device_bytes() -> Any:
 
 
 def upload(splats: Splats) -> dict:
-    """Arrays of the current variant; the DoG entries only when there is a DoG primitive."""
-    names = RAW + RAW_DOG if splats.n_dog else RAW
-    params: dict = {name: device_array(getattr(splats, name)) for name in names}
+    """Arrays of the current variant; those of a group (``row_groups.py``) only when a primitive is in it.
+
+    Rows of ``sh1_coeffs`` and ``sh3_coeffs`` are padded, see ``sh_groups.py``.
+    """
+    params: dict = {name: device_array(getattr(splats, name)) for name in RAW}
     if splats.n_dog:
+        params |= {name: device_array(getattr(splats, name)) for name in RAW_DOG}
         params["dog_index"] = device_array(splats.dog_index, mi.UInt32)
         params["dog_row"] = dog_rows(splats.dog_index, splats.n_splats)
+    for group in SH.values():
+        index, (name,) = getattr(splats, group.index), group.names
+        if len(index):
+            params[name] = device_array(padded_rows(getattr(splats, name)))
+            params[group.index] = device_array(index, mi.UInt32)
     return params
 
 
@@ -56,7 +66,8 @@ def concatenate(parts: list[dict], sh_sizes: list[int]) -> tuple[dict, int]:
 
     Args:
         parts: parameters as ``upload`` makes them.
-        sh_sizes: number of SH coefficients of each; smaller ones are padded with zeros.
+        sh_sizes: number of SH coefficients of each, of a mixed model those of its highest degree. Smaller ones are
+            padded with zeros; but beside a mixed model each of the others becomes a group of its degree.
 
     Returns: (parameters, number of SH coefficients).
     """
@@ -64,25 +75,41 @@ def concatenate(parts: list[dict], sh_sizes: list[int]) -> tuple[dict, int]:
     parts, sh_sizes = [parts[k] for k in filled], [sh_sizes[k] for k in filled]
     if len(parts) == 1:
         return parts[0], sh_sizes[0]
-    counts = [dr.width(p["logit_opacities"]) for p in parts]
-    size = max(sh_sizes)
-    joined: dict = {name: dr.concat([p[name] for p in parts]) for name in RAW if name != "sh_coeffs"}
-    joined["sh_coeffs"] = dr.concat(
-        [_pad_sh(p["sh_coeffs"], n, k, size) for p, n, k in zip(parts, counts, sh_sizes, strict=True)]
-    )
-    with_dog = [(p, first) for p, first in zip(parts, np.cumsum([0, *counts[:-1]]), strict=True) if "dog_index" in p]
-    if with_dog:
-        for name in RAW_DOG:
-            joined[name] = dr.concat([p[name] for p, _ in with_dog])
-        index = np.concatenate([p["dog_index"].numpy() + int(first) for p, first in with_dog])
-        joined["dog_index"] = device_array(index, mi.UInt32)
-        joined["dog_row"] = dog_rows(index, sum(counts))
+    counts, size = [dr.width(p["logit_opacities"]) for p in parts], max(sh_sizes)
+    of_parts = list(zip(parts, counts, sh_sizes, strict=True))
+    if any(has_groups(p) for p in parts):
+        parts = [p if has_groups(p) else _grouped(p, n, k) for p, n, k in of_parts]
+    else:
+        parts = [p | {"sh_coeffs": _sh_columns(p["sh_coeffs"], n, k, 0, size)} for p, n, k in of_parts]
+    joined: dict = {name: dr.concat([p[name] for p in parts]) for name in RAW}
+    first_rows = np.cumsum([0, *counts[:-1]])
+    for group in GROUPS:
+        having = [(p, int(first)) for p, first in zip(parts, first_rows, strict=True) if group.index in p]
+        if having:
+            joined |= {name: dr.concat([p[name] for p, _ in having]) for name in group.names}
+            index = np.concatenate([p[group.index].numpy() + first for p, first in having])
+            joined[group.index] = device_array(index, mi.UInt32)
+            if group is DOG:
+                joined["dog_row"] = dog_rows(index, sum(counts))
     return joined, size
 
 
-def _pad_sh(coeffs: mi.Float, n: int, stored: int, size: int) -> mi.Float:
-    if stored == size:
+def _grouped(params: dict, n: int, size: int) -> dict:
+    """A uniform model of ``n`` primitives as a mixed one, in which they are all in the group of its degree."""
+    coeffs = params["sh_coeffs"]
+    grouped = params | {"sh_coeffs": _sh_columns(coeffs, n, size, 0, 1)}
+    if size > 1:
+        degree = (1, 4, 9, 16).index(size)
+        grouped[SH[degree].index] = dr.arange(mi.UInt32, n)
+        grouped[SH[degree].names[0]] = _sh_columns(coeffs, n, size, 1, 1 + ROW_COEFFICIENTS[degree])
+    return grouped
+
+
+def _sh_columns(coeffs: mi.Float, n: int, stored: int, start: int, stop: int) -> mi.Float:
+    """Coefficients ``start`` to ``stop`` - 1 of [n, stored, 3]; zeros beyond those."""
+    if (start, stop) == (0, stored):
         return coeffs
-    i = dr.arange(mi.UInt32, n * size * 3)
-    row, column = i // (size * 3), i % (size * 3)
+    size = 3 * (stop - start)
+    i = dr.arange(mi.UInt32, n * size)
+    row, column = i // size, i % size + 3 * start
     return dr.gather(mi.Float, coeffs, dr.fma(row, stored * 3, column), column < stored * 3)

@@ -16,79 +16,19 @@ with the square of their length in pixels, not with the length.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
-from ..scene.cameras import Camera
+from .device_camera import DeviceCamera
 from .sh import evaluate_sh, read_rows
+from .sh_groups import evaluate_groups, has_groups
 
 LOW_PASS = 0.3  # px², added to the diagonal of Σ' so that no primitive falls between the pixels
 LOG2_E = 1.4426950408889634
 MAX_AXIS = 1e8  # px; a longer axis of a kernel is cut to this, which changes no pixel and keeps squares in range
 NOT_DOG = 0xFFFFFFFF  # row of a primitive without a pseudo-Gaussian
-
-
-@dataclass
-class DeviceCamera:
-    """A camera as opaque JIT scalars: one compiled kernel serves every camera and every image size.
-
-    It is a pinhole, or, if not ``perspective``, sees along parallel rays; ``fx`` and ``fy`` are then in pixels per
-    world unit and the limits mean nothing.
-    """
-
-    rotation: list  # W, 3 x 3
-    position: list  # camera centre in world space, 3
-    position_rest: list  # what float32 rounded off it
-    fx: mi.Float
-    fy: mi.Float
-    cx: mi.Float
-    cy: mi.Float
-    limits: list  # x/z and y/z are clamped to [-left, right] x [-top, bottom] in J
-    near_clip: mi.Float
-    far_clip: mi.Float
-    width: int
-    height: int
-    numbers: tuple  # all of the above on the host
-    perspective: bool = True
-
-    @staticmethod
-    def upload(
-        camera: Camera,
-        near_clip: float = 0.2,
-        far_clip: float = math.inf,
-        film: tuple[float, float, float, float] | None = None,
-        perspective: bool = True,
-    ) -> DeviceCamera:
-        """Host camera to device.
-
-        ``film`` is the rectangle (left, top, right, bottom), in pixels of the camera, outside of which J is clamped:
-        the whole image, of which the camera may see a crop window only. None: the camera's image.
-        """
-        x0, y0, x1, y1 = film or (0, 0, camera.width, camera.height)
-        position = camera.position.astype(np.float32).astype(np.float64)
-        margin_x, margin_y = 0.15 * (x1 - x0) / camera.fx, 0.15 * (y1 - y0) / camera.fy
-        numbers = [
-            *camera.w2c[:3, :3].ravel(), *position, *(camera.position - position),
-            camera.fx, camera.fy, camera.cx, camera.cy,
-            (camera.cx - x0) / camera.fx + margin_x, (x1 - camera.cx) / camera.fx + margin_x,
-            (camera.cy - y0) / camera.fy + margin_y, (y1 - camera.cy) / camera.fy + margin_y,
-            near_clip, far_clip,
-        ]  # fmt: skip
-        numbers = tuple(float(x) for x in numbers)
-        packed = mi.Float(numbers)
-        v = [dr.gather(mi.Float, packed, k) for k in range(len(numbers))]
-        dr.eval(v)  # one launch makes them opaque
-        fx, fy, cx, cy, *limits, near, far = v[15:]
-        return DeviceCamera(
-            rotation=[v[0:3], v[3:6], v[6:9]], position=v[9:12], position_rest=v[12:15],
-            fx=fx, fy=fy, cx=cx, cy=cy, limits=limits, near_clip=near, far_clip=far,
-            width=camera.width, height=camera.height, perspective=perspective,
-            numbers=(*numbers, camera.width, camera.height, perspective),
-        )  # fmt: skip
 
 
 @dataclass
@@ -186,7 +126,8 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
 
     Args:
         params: raw parameters as flat row-major ``mi.Float`` arrays, keys as in ``mi.traverse`` of the ``dog`` shape;
-            ``dog_row`` [N] and ``dog_index`` [M] are present when a primitive is DoG.
+            ``dog_row`` [N] and ``dog_index`` [M] are present when a primitive is DoG, groups of SH degrees where
+            primitives have degrees of their own (see ``evaluate_groups``).
         camera: the view.
         sh_degree: highest degree evaluated (at most the degree stored).
         antialiased: scale opacities by the area that the low-pass filter adds (Mip-Splatting's 2D filter).
@@ -195,13 +136,9 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     index = dr.arange(mi.UInt32, n)
     W = camera.rotation
 
-    # from the camera centre, before anything is multiplied: far from the origin W μ + t would cancel
-    offset = zip(rows(params["means"], 3, index), camera.position, camera.position_rest, strict=True)
-    direction = [(mean - position) - rest for mean, position, rest in offset]
-    px, py, depth = (
-        dr.fma(W[r][0], direction[0], dr.fma(W[r][1], direction[1], W[r][2] * direction[2])) for r in range(3)
-    )
-    visible = (depth > camera.near_clip) & (depth < camera.far_clip)  # neither of them infinite or NaN
+    direction = camera.offset(rows(params["means"], 3, index))
+    px, py, depth = (camera.turned(direction, axis) for axis in range(3))
+    visible = camera.in_range(depth)
     if camera.perspective:
         inv_z = dr.rcp(dr.select(visible, depth, 1))
         u, v = px * inv_z, py * inv_z  # tangents of the viewing angles
@@ -250,7 +187,13 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
         dr.eval(pseudo, usable)  # for the same reason
         visible &= (dog_row == NOT_DOG) | dr.gather(mi.Bool, usable, dog_row, dog_row != NOT_DOG)
 
-    radiance = evaluate_sh(params, direction, index, visible, sh_degree)
+    mixed = has_groups(params)
+    radiance = evaluate_sh(params, direction, index, visible, 0 if mixed else sh_degree)
+    if mixed and sh_degree:
+        of_bands = evaluate_groups(params, camera, sh_degree)
+        radiance = [color + more for color, more in zip(radiance, of_bands, strict=True)]
+        if dr.grad_enabled(radiance):
+            dr.schedule(radiance)  # or groups would wait for its sign, which takes all of the projection again
     visible &= _all_finite(radiance)
     colors = [dr.maximum(value, 0) for value in radiance]
     return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index)

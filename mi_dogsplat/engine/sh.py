@@ -10,43 +10,16 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
-C0 = 0.28209479177387814  # 1 / (2 sqrt(pi)); colour = 0.5 + C0 * DC
-
-
-def sh_basis(x: Any, y: Any, z: Any, degree: int) -> list:
-    """Basis functions at unit directions, (degree + 1)² of them, ordered l² + l + m; the first is a plain number."""
-    basis: list = [C0]
-    if degree >= 1:
-        c1 = 0.4886025119029199
-        basis += [-c1 * y, c1 * z, -c1 * x]
-    xx, yy, zz = x * x, y * y, z * z
-    if degree >= 2:
-        basis += [
-            1.0925484305920792 * (x * y),
-            -1.0925484305920792 * (y * z),
-            0.31539156525252005 * (2 * zz - xx - yy),
-            -1.0925484305920792 * (x * z),
-            0.5462742152960396 * (xx - yy),
-        ]
-    if degree >= 3:
-        basis += [
-            -0.5900435899266435 * y * (3 * xx - yy),
-            2.890611442640554 * (x * y) * z,
-            -0.4570457994644658 * y * (4 * zz - xx - yy),
-            0.3731763325901154 * z * (2 * zz - 3 * xx - 3 * yy),
-            -0.4570457994644658 * x * (4 * zz - xx - yy),
-            1.445305721320277 * z * (xx - yy),
-            -0.5900435899266435 * x * (xx - 3 * yy),
-        ]
-    return basis
+from ..scene.sh_basis import sh_basis
 
 
-def sh_basis_table(directions: np.ndarray, degree: int) -> np.ndarray:
-    """The same on the host: [n, 3] float64 unit directions to [n, (degree + 1)²]."""
-    x, y, z = directions.T
-    return np.stack([np.broadcast_to(b, len(directions)) for b in sh_basis(x, y, z, degree)], axis=1)
+def unit_basis(direction: list, degree: int) -> list:
+    """``sh_basis`` at directions of any length; one that has none counts as any."""
+    x, y, z = direction
+    norm2 = x * x + y * y + z * z
+    inv = dr.rsqrt(dr.select(norm2 > 0, norm2, 1))  # a primitive on the camera centre has no direction
+    return sh_basis(x * inv, y * inv, z * inv, degree)
 
 
 def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Bool, degree: int) -> list:
@@ -60,10 +33,7 @@ def evaluate_sh(params: dict, direction: list, index: mi.UInt32, visible: mi.Boo
 
     Raises ``ValueError`` if fewer coefficients are stored than ``degree`` needs.
     """
-    x, y, z = direction
-    norm2 = x * x + y * y + z * z
-    inv = dr.rsqrt(dr.select(norm2 > 0, norm2, 1))  # a primitive on the camera centre has no direction: any will do
-    basis = sh_basis(x * inv, y * inv, z * inv, degree)
+    basis = unit_basis(direction, degree)
     n, used = dr.width(index), 3 * len(basis)
     separate = "sh_dc" in params
     coefficients = read_rows(params["sh_dc"], 3, 3, index, visible) if separate else []

@@ -2,50 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from ..formats import compressed_ply, gltf, sog, spz
-from ..formats.packing import morton_order, turned_rub
+from ..film.subject import MODEL as RUN_MODEL
+from ..film.subject import read_subject
+from ..formats.model import Model
+from ..formats.read import read_model
+from ..formats.table import SOG, format_to_write
+from ..formats.write import SPZ_VERSIONS, write_model
 from ..measure.metrics import psnr
 from ..render.framing import NEAR_SHARE, cameras_around, robust_sphere
 from ..render.picture import background_color, over_background
 from ..render.picture_options import PictureOptions
 from ..render.render_files import picture_of
 from ..scene.cameras import Camera
-from ..scene.ply import read_ply, write_ply
+from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.splats import Array, Splats
 from ..support.errors import DataError
-from ..support.files import replacing
 from .bake import baked
+from .web_page import PAGE, opening_of, read_page, write_page
 
-DOG_CHOICES = ("bake", "drop")
-
-
-@dataclass(frozen=True)
-class Format:
-    """How a model of plain Gaussians becomes a file, and back; ``rub``: with y up, unlike PLY; ``sorted``: in space."""
-
-    write: Callable[[Path, Splats], None]
-    read: Callable[[Path], Splats]
-    rub: bool = False
-    sorted: bool = True
-
-
-def _bytes_of(encode: Callable[[Splats], bytes]) -> Callable[[Path, Splats], None]:
-    return lambda path, splats: _write_bytes(path, encode(splats))
-
-
-FORMATS = {  # by the end of the file's name; the longer one first
-    ".compressed.ply": Format(_bytes_of(compressed_ply.encode), compressed_ply.decode),
-    ".ply": Format(write_ply, read_ply, sorted=False),
-    ".spz": Format(_bytes_of(spz.encode), spz.decode, rub=True),
-    ".sog": Format(_bytes_of(sog.encode), sog.decode),
-    ".glb": Format(_bytes_of(gltf.encode), gltf.decode, rub=True, sorted=False),
-}
+DOG_CHOICES = ("bake", "drop", "keep")
 
 
 @dataclass(frozen=True)
@@ -57,24 +37,18 @@ class Views:
     background: float
     near_clip: float
     antialiased: bool
+    linear: bool = False
 
     def pictures(self, splats: Splats) -> list[Array]:
         """[H, W, 3] of each view."""
-        picture = picture_of(splats, self.background, self.near_clip, antialiased=self.antialiased)
+        how = self.background, self.near_clip
+        picture = picture_of(splats, *how, antialiased=self.antialiased, linear=self.linear)
         return [picture(camera).color for camera in self.cameras]
-
-
-def format_of(out: Path) -> Format:
-    """The format that the name of a file asks for. Raises ``DataError``."""
-    for suffix, chosen in FORMATS.items():
-        if out.name.lower().endswith(suffix):
-            return chosen
-    raise DataError(out, "no known format", f"name a file that ends in {', '.join(FORMATS)}")
 
 
 def plain_gaussians(splats: Splats, dog: str) -> Splats:
     """The model without DoG, by a rule of ``DOG_CHOICES``: its nearest Gaussians, or its primaries alone."""
-    return baked(splats) if dog == "bake" else splats.plain()
+    return {"bake": baked, "drop": Splats.plain, "keep": lambda splats: splats}[dog](splats)
 
 
 @dataclass(frozen=True)
@@ -91,11 +65,15 @@ class Loss:
 
 @dataclass(frozen=True)
 class Exported:
-    """``n_splats``: primitives that were written; ``losses``: stage by stage, over ``n_views`` views."""
+    """``n_splats``: primitives that were written; ``losses``: stage by stage, over ``n_views`` views.
+
+    ``left_out``: a line for each thing that did not get into the file, or out of the one that was read.
+    """
 
     n_splats: int
     n_views: int
     losses: list[Loss]
+    left_out: list[str] = field(default_factory=list)
 
 
 def export_model(
@@ -105,47 +83,60 @@ def export_model(
     data: str | Path | None = None,
     views: int = 8,
     options: PictureOptions = PictureOptions(),
+    spz_version: int = SPZ_VERSIONS[0],
 ) -> Exported:
     """Write a model file in the format that the name of ``out`` asks for, and measure what is lost.
 
     Args:
-        model: the model.
-        out: ends in one of ``FORMATS``.
-        dog: what becomes of DoG, one of ``DOG_CHOICES`` (``plain_gaussians``).
-        data: a data set to compare with on its test views; None: on views from around the model.
+        model: the model, of any format.
+        out: ends in one of ``formats.table.FORMATS``, or in .html: a page with a viewer inside.
+        dog: what becomes of DoG, one of ``DOG_CHOICES`` (``plain_gaussians``); keep: only where the format knows them.
+        data: a data set to compare with on its test views, from which a page opens; None: views from around the model.
         views: at most so many; 0 measures nothing.
-        options: how the pictures are drawn.
+        options: how the pictures are drawn; what they do not say, the model's file does.
+        spz_version: of an SPZ file.
 
     Measuring needs a Mitsuba variant. Raises ``DataError``.
     """
     model, out = Path(model), Path(out)
-    chosen = format_of(out)
-    if dog not in DOG_CHOICES:
-        raise DataError("--dog", f'"{dog}" is unknown', f"use {' or '.join(DOG_CHOICES)}")
+    page = out.name.lower().endswith(PAGE)
+    chosen = SOG if page else format_to_write(out, (PAGE,))
+    if dog not in DOG_CHOICES or (dog == "keep" and not chosen.dog):
+        problem = f'"{dog}" is unknown' if dog not in DOG_CHOICES else f"{chosen.name} has no room for DoG to keep"
+        raise DataError("--dog", problem, "use bake or drop")
     if views < 0:
         raise DataError("--views", f"{views} is too small", "use at least 0")
-    splats = read_ply(model)
+    read = read_model(model)
+    splats = read.splats
+    drawing = options.drawing.over(read.drawing)
     if out.exists() and out.samefile(model):
         raise DataError(out, "is the model itself, which would be lost", "name another file")
     if splats.n_splats == 0:
         raise DataError(model, "the model is empty", "export one that has primitives")
     plain = plain_gaussians(splats, dog)
-    write(out, plain)
+    left_out = [f"{model.name}: {line}" for line in read.left_out]
+    written = replace(read, splats=plain, drawing=drawing)
+    if page:
+        left_out += _write_page(model, out, written, dog, data, options)
+    else:
+        left_out += write_model(out, written, spz_version)
     if not views:
-        return Exported(plain.n_splats, 0, [])
-    seen = _views(splats, data, views, options)
-    stages = {"as it is": splats, f"without DoG ({dog})": plain} if splats.n_dog else {"as it is": splats}
-    read = chosen.read(out)
-    stages["read from the file"] = turned_rub(read) if chosen.rub else read
-    return Exported(plain.n_splats, len(seen.cameras), losses(stages, seen))
+        return Exported(plain.n_splats, 0, [], left_out)
+    seen = _views(splats, data, views, options, drawn_as(drawing))
+    stages = {"as it is": splats}
+    if splats.n_dog and not plain.n_dog:
+        stages[f"without DoG ({dog})"] = plain
+    stages["read from the file"] = (read_page(out) if page else read_model(out)).splats
+    return Exported(plain.n_splats, len(seen.cameras), losses(stages, seen), left_out)
 
 
-def write(out: Path, plain: Splats) -> None:
-    """Write a model of plain Gaussians, in the axes of 3DGS PLY, in the format of the name. Raises ``DataError``."""
-    chosen = format_of(out)
-    if chosen.sorted:
-        plain = plain.select(morton_order(plain.means))
-    chosen.write(out, turned_rub(plain) if chosen.rub else plain)
+def _write_page(
+    model: Path, out: Path, written: Model, dog: str, data: str | Path | None, options: PictureOptions
+) -> list[str]:
+    """A page that opens as the model was photographed, where that is known; what is left out."""
+    subject = read_subject(model, data, options)
+    title = model.resolve().parent.name if model.name == RUN_MODEL else model.stem
+    return write_page(out, written, opening_of(subject, title, dog))
 
 
 def losses(stages: dict[str, Splats], views: Views) -> list[Loss]:
@@ -164,11 +155,12 @@ def mean_psnr(pictures: list[Array], truth: list[Array]) -> float:
     return float(np.mean([psnr(a, b) for a, b in zip(pictures, truth, strict=True)]))
 
 
-def _views(splats: Splats, data: str | Path | None, count: int, options: PictureOptions) -> Views:
+def _views(splats: Splats, data: str | Path | None, count: int, options: PictureOptions, drawn: DrawnAs) -> Views:
+    how = drawn.antialiased, drawn.linear
     if not data:
-        near_clip = min(options.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
+        near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
         background = background_color(options.background, False)
-        return Views(cameras_around(splats, count), [], background, near_clip, options.antialiased)
+        return Views(cameras_around(splats, count), [], background, near_clip, *how)
     from ..datasets import load_dataset  # here: it needs the extra "train"
 
     dataset = load_dataset(data, options.downscale)
@@ -176,13 +168,4 @@ def _views(splats: Splats, data: str | Path | None, count: int, options: Picture
     held_out = dataset.test or dataset.train
     views = held_out[:: -(-len(held_out) // count)]
     photographs = [over_background(view.image, background) for view in views]
-    return Views([view.camera for view in views], photographs, background, options.near_clip, options.antialiased)
-
-
-def _write_bytes(path: Path, content: bytes) -> None:
-    try:
-        with replacing(path) as part:
-            part.write_bytes(content)
-    except OSError as error:
-        problem = f"cannot be written ({error.strerror or error})"
-        raise DataError(path, problem, "check that the folder exists and is writable") from error
+    return Views([view.camera for view in views], photographs, background, drawn.near_clip, *how)

@@ -4,18 +4,23 @@
 lies between them: position and log scale with 11, 10 and 11 bits per axis, the rotation as the smallest three of
 (w, x, y, z) with 10 bits each and the index of the largest in the two upper bits, and colour and opacity with 8 bits
 each. ``sh`` holds a byte per coefficient from -4 to 4, channel-major. Axes and order of bands are those of 3DGS PLY.
+What makes primitives DoG is our own and follows the last element (``dog_trailer.py``).
 
 Layout: developer.playcanvas.com (PLY format), github.com/playcanvas/splat-transform (MIT).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from ..scene.drawing import drawing_of
 from ..scene.ply_tables import TableReader
 from ..scene.splats import Array, Splats
+from . import dog_trailer
+from .model import Model
 from .packing import SQRT2, from_smallest_three, logits, smallest_three, unit_quats
 
 CHUNK = 256
@@ -30,8 +35,11 @@ BITS_OF_COLOR = ((24, 8), (16, 8), (8, 8))
 BITS_OF_ROTATION = ((20, 10), (10, 10), (0, 10))
 
 
-def encode(splats: Splats) -> bytes:
-    """The file of a model of plain Gaussians, best in an order of neighbours: they share bounds."""
+def encode(splats: Splats, comments: Sequence[str] = ()) -> bytes:
+    """The file of a model, best in an order of neighbours: they share bounds.
+
+    ``comments``: lines for the header.
+    """
     n = splats.n_splats
     colors = splats.sh_coeffs[:, 0].astype(np.float64) * C0 + 0.5
     scales = np.clip(splats.log_scales.astype(np.float64), -MAX_LOG_SCALE, MAX_LOG_SCALE)
@@ -49,48 +57,66 @@ def encode(splats: Splats) -> bytes:
     rest = splats.sh_coeffs[:, 1:].transpose(0, 2, 1).reshape(n, -1)  # [N, 3 (K - 1)] channel-major
     sh = np.clip(np.floor((rest / SH_RANGE + 0.5) * 256), 0, 255).astype(np.uint8)
     chunks = np.concatenate(bounds, axis=1)  # [chunks, 18]
-    header = ["ply", "format binary_little_endian 1.0", f"element chunk {len(chunks)}"]
+    about_dog, trailer = dog_trailer.encode(splats)
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in (*comments, *about_dog))]
+    header += [f"element chunk {len(chunks)}"]
     header += [f"property float {name}" for name in COLUMNS]
     header += [f"element vertex {n}", *(f"property uint {name}" for name in WORDS)]
     if sh.shape[1]:
         header += [f"element sh {n}", *(f"property uchar f_rest_{i}" for i in range(sh.shape[1]))]
     vertex = np.stack([positions, rotations, packed_scales, packed_colors], axis=1)  # [N, 4]
     text = "\n".join([*header, "end_header\n"]).encode()
-    return text + chunks.astype("<f4").tobytes() + vertex.astype("<u4").tobytes() + sh.tobytes()
+    return text + chunks.astype("<f4").tobytes() + vertex.astype("<u4").tobytes() + sh.tobytes() + trailer
 
 
 def decode(path: Path) -> Splats:
     """The model in a file. Raises ``DataError``."""
+    return read(path).splats
+
+
+def read(path: Path) -> Model:
+    """The content of a file. Raises ``DataError``."""
     with path.open("rb") as file:
         reader = TableReader(path, file, path.stat().st_size)
-        tables = reader.tables({"chunk", "vertex", "sh"})
-    if "chunk" not in tables or WORDS[0] not in (tables["vertex"].dtype.names or ()):
+        tables = reader.tables({"chunk", "vertex", "sh"}, trailer=True)
+        trailer = reader.trailer()
+    vertex = tables.get("vertex", np.zeros(0))
+    if "chunk" not in tables or not set(WORDS) <= set(vertex.dtype.names or ()):
         reader.fail("no chunks of packed primitives", "give a compressed PLY")
-    chunks = np.stack([tables["chunk"][name] for name in COLUMNS], axis=1).astype(np.float64).reshape(-1, 3, 2, 3)
-    vertex = tables["vertex"]
+    if any(vertex.dtype[name].kind not in "iu" for name in WORDS):
+        reader.fail("its packed words are no integers", "export it again")
+    if missing := [name for name in COLUMNS if name not in (tables["chunk"].dtype.names or ())]:
+        reader.fail(f'its chunks have no property "{missing[0]}"', "export it again")
     n = len(vertex)
+    if len(tables["chunk"]) * CHUNK < n or len(tables.get("sh", vertex)) != n:
+        reader.fail(f"its chunks or spherical harmonics are too few for {n} primitives")
+    chunks = reader.columns(tables["chunk"], "chunk", tuple(COLUMNS)).astype(np.float64).reshape(-1, 3, 2, 3)
     bounds = chunks[np.arange(n) // CHUNK]  # [N, what, min or max, axis]
 
     def between(what: int, word: str, layout: tuple) -> Array:
-        share = _unpacked(vertex[word], layout)
+        share = _unpacked(vertex[word].astype(np.uint32), layout)
         return bounds[:, what, 0] * (1 - share) + bounds[:, what, 1] * share
 
     colors = between(2, "packed_color", BITS_OF_COLOR)
-    rotation = vertex["packed_rotation"]
+    rotation = vertex["packed_rotation"].astype(np.uint32)
     three = (_unpacked(rotation, BITS_OF_ROTATION) - 0.5) * SQRT2
     sh = ((colors - 0.5) / C0)[:, None]  # [N, 1, 3]
     if "sh" in tables:
         raw = np.stack([tables["sh"][name] for name in tables["sh"].dtype.names or ()], axis=1)  # [N, 3 (K - 1)]
         middle = np.where(raw == 0, 0, np.where(raw == 255, 1, (raw + 0.5) / 256))
         rest = (middle - 0.5) * SH_RANGE
+        if rest.shape[1] not in (0, 9, 24, 45):
+            reader.fail(f"{rest.shape[1]} properties of spherical harmonics, but degree 0, 1, 2, 3 has 0, 9, 24, 45")
         sh = np.concatenate([sh, rest.reshape(n, 3, -1).transpose(0, 2, 1)], axis=1)
-    return Splats(
+    splats = Splats(
         means=between(0, "packed_position", BITS_OF_POSITION),
         log_scales=between(1, "packed_scale", BITS_OF_POSITION),
         quats=from_smallest_three(rotation >> 30, three)[:, [1, 2, 3, 0]],
-        logit_opacities=logits(_unpacked(vertex["packed_color"], ((0, 8),))[:, 0]),
+        logit_opacities=logits(_unpacked(vertex["packed_color"].astype(np.uint32), ((0, 8),))[:, 0]),
         sh_coeffs=sh,
+        **dog_trailer.decode(reader, trailer, n),
     )
+    return Model(splats, drawing_of(reader.comments))
 
 
 def _bounds(values: Array) -> tuple[Array, Array]:

@@ -1,25 +1,24 @@
-"""glTF 2.0, binary (.glb), with the extension KHR_gaussian_splatting (ratified by Khronos): float32 throughout.
+"""glTF 2.0 (.glb, .gltf) with the extension KHR_gaussian_splatting (ratified by Khronos), written as float32.
 
 A mesh of points with the attributes POSITION, ROTATION (x, y, z, w), SCALE (standard deviations), OPACITY (0..1) and
-SH_DEGREE_l_COEF_n (red, green, blue), in glTF's axes: y up, what the cameras look at faces z. The signs of the SH basis
-are those of 3DGS. COLOR_0 is for programs that know points only. Own code: a JSON before a block of numbers.
+SH_DEGREE_l_COEF_n (red, green, blue), in glTF's axes: x left, y up, z forward. The signs of the SH basis are those of
+3DGS. COLOR_0 is for programs that know points only. How the model is drawn is in ``extras`` of the primitive, linear
+colours in ``colorSpace`` too.
 """
 
 from __future__ import annotations
 
-import json
-import struct
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..scene.drawing import EXTRAS, Drawing
 from ..scene.splats import Array, Splats
-from ..support.errors import DataError
-from .packing import logits, unit_quats
+from .gltf_container import glb, gltf
+from .gltf_read import DISPLAY, LINEAR, NAME, read
+from .packing import unit_quats
 
-NAME = "KHR_gaussian_splatting"
-MAGIC, VERSION, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
 FLOAT, BYTE, ARRAY_BUFFER, POINTS = 5126, 5121, 34962, 0
 KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 C0 = 0.28209479177387814
@@ -35,17 +34,17 @@ def attributes(splats: Splats) -> dict[str, Array]:
         f"{NAME}:SCALE": splats.scales,
         f"{NAME}:OPACITY": splats.opacities[:, None],
     }
-    return found | {name: splats.sh_coeffs[:, k] for k, name in enumerate(_sh_names(splats.sh_degree))}
+    return found | {name: splats.sh_coeffs[:, k] for k, name in enumerate(sh_names(splats.sh_degree))}
 
 
-def encode(splats: Splats) -> bytes:
-    """The file of a model of plain Gaussians that is in RUB axes."""
+def encode(splats: Splats, drawing: Drawing = Drawing(), binary: bool = True) -> bytes:
+    """The file of a model of plain Gaussians that is in LUF axes; ``binary``: .glb, else .gltf."""
     views: list[dict[str, Any]] = []
     accessors: list[dict[str, Any]] = []
-    binary, indices = b"", {}
+    parts, at, indices = [], 0, {}
     for name, values in attributes(splats).items():
         raw = values.tobytes()  # of rows of 4 bytes or more: always aligned
-        views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(raw), "target": ARRAY_BUFFER})
+        views.append({"buffer": 0, "byteOffset": at, "byteLength": len(raw), "target": ARRAY_BUFFER})
         component = BYTE if values.dtype == np.uint8 else FLOAT
         accessor: dict[str, Any] = {"bufferView": len(accessors), "componentType": component, "count": len(values)}
         accessor["type"] = KINDS[values.shape[1]]
@@ -55,54 +54,32 @@ def encode(splats: Splats) -> bytes:
             accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         indices[name] = len(accessors)
         accessors.append(accessor)
-        binary += raw
-    how = {"kernel": "ellipse", "colorSpace": "srgb_rec709_display"}
+        parts.append(raw)
+        at += len(raw)
+    how: dict[str, Any] = {"kernel": "ellipse", "colorSpace": LINEAR if drawing.linear else DISPLAY}
     how |= {"sortingMethod": "cameraDistance", "projection": "perspective"}
+    primitive: dict[str, Any] = {"attributes": indices, "mode": POINTS, "extensions": {NAME: how}}
+    if said := drawing.said():
+        primitive["extras"] = {EXTRAS: said}
     content = {
         "asset": {"version": "2.0", "generator": "mi_dogsplat"},
         "extensionsUsed": [NAME],
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": indices, "mode": POINTS, "extensions": {NAME: how}}]}],
+        "meshes": [{"primitives": [primitive]}],
         "accessors": accessors,
         "bufferViews": views,
-        "buffers": [{"byteLength": len(binary)}],
+        "buffers": [{"byteLength": at}],
     }
-    text = json.dumps(content, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    chunks = struct.pack("<II", len(text), JSON_CHUNK) + text + struct.pack("<II", len(binary), BINARY_CHUNK) + binary
-    return struct.pack("<III", MAGIC, VERSION, 12 + len(chunks)) + chunks
+    return (glb if binary else gltf)(content, b"".join(parts))
 
 
 def decode(path: Path) -> Splats:
-    """The first primitive of the first mesh in a file that ``encode`` made, in RUB axes. Raises ``DataError``."""
-    data = path.read_bytes()
-    try:
-        magic, version, _, length, _ = struct.unpack_from("<IIIII", data)
-        content = json.loads(data[20 : 20 + length])
-        if (magic, version) != (MAGIC, VERSION):
-            raise ValueError("no binary glTF 2")
-        indices = content["meshes"][0]["primitives"][0]["attributes"]
-        binary = data[28 + length :]
-
-        def values(name: str) -> Array:
-            accessor = content["accessors"][indices[name]]
-            width = {kind: n for n, kind in KINDS.items()}[accessor["type"]]
-            offset = content["bufferViews"][accessor["bufferView"]]["byteOffset"]
-            return np.frombuffer(binary, "<f4", accessor["count"] * width, offset).reshape(-1, width)
-
-        degree = next(d for d in (3, 2, 1, 0) if f"{NAME}:SH_DEGREE_{d}_COEF_0" in indices)
-        return Splats(
-            means=values("POSITION"),
-            log_scales=np.log(values(f"{NAME}:SCALE").astype(np.float64)),
-            quats=values(f"{NAME}:ROTATION"),
-            logit_opacities=logits(values(f"{NAME}:OPACITY")[:, 0]),
-            sh_coeffs=np.stack([values(name) for name in _sh_names(degree)], axis=1),
-        )
-    except (struct.error, ValueError, KeyError, IndexError) as error:
-        raise DataError(path, f"is no .glb of Gaussians ({error})", "export it again") from error
+    """The model in a file, in LUF axes. Raises ``DataError``."""
+    return read(path).splats
 
 
-def _sh_names(degree: int) -> list[str]:
+def sh_names(degree: int) -> list[str]:
+    """Attributes of the coefficients, in the order of 3DGS."""
     return [f"{NAME}:SH_DEGREE_{d}_COEF_{n}" for d in range(degree + 1) for n in range(2 * d + 1)]

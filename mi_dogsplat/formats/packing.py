@@ -14,22 +14,22 @@ SQRT2 = np.sqrt(2.0)
 OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # components beside the one left out, in order
 MORTON_BITS = 10  # per axis: 2^30 cells are finer than any sorting needs
 SMALLEST_OPACITY = 1e-6  # of a logit that is finite, where 8 bits say 0 or 1
-# Signs of the 16 coefficients when y and z change their sign: that of each basis function, in the order of 3DGS.
-RUB_SIGNS_OF_SH = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)
+# Half turns from RDF (x right, y down, z forward), the axes of 3DGS PLY and of COLMAP's cameras: signs of x, y and z,
+# and of the 16 basis functions of SH, in the order of 3DGS.
+RUB = (1, -1, -1), (1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1)  # right, up, back: SPZ
+LUF = (-1, -1, 1), (1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1)  # left, up, forward: glTF
+Turn = tuple[tuple[int, ...], tuple[int, ...]]
 
 
-def turned_rub(splats: Splats) -> Splats:
-    """A model of plain Gaussians from RDF axes (x right, y down, z forward) to RUB (right, up, back), or back.
-
-    Half a turn about x. Models in 3DGS PLY files are taken as RDF, the axes of COLMAP's cameras. It only changes
-    signs, so that it loses nothing.
-    """
+def turned(splats: Splats, turn: Turn) -> Splats:
+    """A model of plain Gaussians by half a turn, ``RUB`` or ``LUF``; again, and it is as it was. It loses nothing."""
+    axes, bands = (np.array(signs, np.float32) for signs in turn)
     return Splats(
-        means=splats.means * np.array([1, -1, -1], np.float32),
+        means=splats.means * axes,
         log_scales=splats.log_scales,
-        quats=splats.quats * np.array([1, -1, -1, 1], np.float32),  # of D R D, D the turn: the axes of a like ellipsoid
+        quats=splats.quats * np.append(axes, np.float32(1)),  # of D R D, D the turn: the axes of a like ellipsoid
         logit_opacities=splats.logit_opacities,
-        sh_coeffs=splats.sh_coeffs * RUB_SIGNS_OF_SH[: splats.sh_coeffs.shape[1], None],
+        sh_coeffs=splats.sh_coeffs * bands[: splats.sh_coeffs.shape[1], None],
     )
 
 

@@ -20,18 +20,17 @@ from typing import Any
 
 import numpy as np
 
+from ..scene.drawing import EXTRAS, Drawing
 from ..scene.splats import Array, Splats
-from ..support.errors import DataError
-from .packing import SQRT2, from_smallest_three, logits, smallest_three, unit_quats
+from .packing import SQRT2, smallest_three, unit_quats
 from .palette import codebook, nearest, palette
+from .sog_read import FIRST_TAG, PER_ROW, read
 
-FIRST_TAG = 252
-PER_ROW = 64  # entries of the palette
 MAX_PALETTE = 65536
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of the files in the ZIP: the same model gives the same bytes
 
 
-def encode(splats: Splats) -> bytes:
+def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     """The file of a model of plain Gaussians, best in an order of neighbours: pictures of it are smaller."""
     n = splats.n_splats
     files: dict[str, bytes] = {}
@@ -55,6 +54,10 @@ def encode(splats: Splats) -> bytes:
     sh0 = np.concatenate([nearest(dc, splats.sh_coeffs[:, 0]), _bytes(splats.opacities[:, None])], axis=1)
     scales = store("scales.webp", nearest(sizes, splats.log_scales))
     meta: dict[str, Any] = {"version": 2, "asset": {"generator": "mi_dogsplat"}, "count": n, "means": means}
+    if drawing.antialiased is not None:
+        meta["antialias"] = drawing.antialiased
+    if said := drawing.said():
+        meta["extras"] = {EXTRAS: said}
     meta["scales"] = {"codebook": sizes.tolist(), "files": [scales]}
     meta["quats"] = {"files": [store("quats.webp", quats)]}
     meta["sh0"] = {"codebook": dc.tolist(), "files": [store("sh0.webp", sh0)]}
@@ -78,36 +81,8 @@ def encode(splats: Splats) -> bytes:
 
 
 def decode(path: Path) -> Splats:
-    """The model in a bundle. Raises ``DataError``."""
-    try:
-        with zipfile.ZipFile(path) as bundle:
-            meta = json.loads(bundle.read("meta.json"))
-
-            def pixels(part: str, which: int = 0) -> Array:
-                picture = _pixels(bundle.read(meta[part]["files"][which]))
-                return picture.reshape(-1, picture.shape[2])[: meta["count"]]
-
-            dc = np.array(meta["sh0"]["codebook"])
-            low, high = np.array(meta["means"]["mins"]), np.array(meta["means"]["maxs"])
-            steps = pixels("means", 0)[:, :3] + 256.0 * pixels("means", 1)[:, :3]
-            logs = low + (high - low) * steps / 65535
-            quats, sh0 = pixels("quats"), pixels("sh0")
-            sh = dc[sh0[:, :3]][:, None]  # [N, 1, 3]
-            if "shN" in meta:
-                entry = _pixels(bundle.read(meta["shN"]["files"][0]))[..., :3]  # [rows, PER_ROW (K - 1), 3]
-                entry = entry.reshape(len(entry) * PER_ROW, -1, 3)
-                label = pixels("shN", 1).astype(np.int64)
-                sh = np.concatenate([sh, np.array(meta["shN"]["codebook"])[entry[label[:, 0] + 256 * label[:, 1]]]], 1)
-            wxyz = from_smallest_three(quats[:, 3].astype(np.int64) - FIRST_TAG, (quats[:, :3] / 127.5 - 1) / SQRT2)
-            return Splats(
-                means=np.sign(logs) * np.expm1(np.abs(logs)),
-                log_scales=np.array(meta["scales"]["codebook"])[pixels("scales")[:, :3]],
-                quats=wxyz[:, [1, 2, 3, 0]],
-                logit_opacities=logits(sh0[:, 3] / 255),
-                sh_coeffs=sh,
-            )
-    except (OSError, zipfile.BadZipFile, KeyError, ValueError, IndexError) as error:
-        raise DataError(path, f"is no SOG bundle ({error})", "export it again") from error
+    """The model in a bundle, or in the folder of a meta.json. Raises ``DataError``."""
+    return read(path).splats
 
 
 def palette_size(n: int) -> int:
@@ -127,9 +102,3 @@ def _webp(pixels: Array) -> bytes:
     Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, "WEBP", lossless=True, quality=100, exact=True)
     return buffer.getvalue()
 
-
-def _pixels(data: bytes) -> Array:
-    from PIL import Image
-
-    with Image.open(io.BytesIO(data)) as picture:
-        return np.asarray(picture.convert("RGBA"))  # an opaque one may have lost its alpha

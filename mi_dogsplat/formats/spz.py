@@ -1,4 +1,4 @@
-"""SPZ, version 3 (Niantic): a gzip stream of quantised attributes, one after the other, in RUB axes.
+"""SPZ (Niantic), version 3: a gzip stream of quantised attributes, one after the other, in RUB axes; 2 and 4 are read.
 
 ====================  =====================================================================================
 positions             24-bit fixed point, little-endian; the header tells how many bits are the fraction
@@ -10,29 +10,32 @@ SH of degree 1 to 3   8 bits of 128 f_rest + 128, in the order of coefficients, 
 ====================  =====================================================================================
 
 The reference encoder rounds SH further, to 5 and 4 bits, which compresses better but costs a compact model 1.5 dB
-(docs/export.md): not done here. Version 3 is what readers have in common: 4 came later, 2 has coarser rotations.
+(docs/export.md): not done here. Version 3 is what readers have in common: 4 came later (``spz_container.py``), 2 has
+coarser rotations, x, y and z of 8 bits each.
 
-Specification: the README of github.com/nianticlabs/spz (MIT). Own code: no package of it installs everywhere by pip.
+Specification: the README of github.com/nianticlabs/spz (MIT). Own code: what was looked at, see
+docs/export.md.
 """
 
 from __future__ import annotations
 
 import gzip
 import math
-import struct
 from pathlib import Path
 
 import numpy as np
 
+from ..scene.drawing import Drawing
 from ..scene.splats import Array, Splats
-from ..support.errors import DataError
+from .model import Model
 from .packing import SQRT2, from_smallest_three, logits, smallest_three, unit_quats
+from .spz_container import EXTENSIONS, HEADER, MAGIC, Payload, unwrapped
 
-MAGIC, VERSION = 0x5053474E, 3
-HEADER = struct.Struct("<IIIBBBB")  # magic, version, primitives, SH degree, fraction bits, flags, reserved
+VERSION = 3  # that is written
 ANTIALIASED = 1  # flag
 FRACTION_BITS = 12  # of a position, as in the reference encoder: a quarter of a millimetre where a unit is a metre
 COLOR_SCALE = 0.15
+MAX_SH_SIZE = 16  # coefficients of degree 3
 MAGNITUDES = 511  # of a component of a quaternion, 9 bits
 
 
@@ -61,35 +64,48 @@ def encode(splats: Splats, antialiased: bool = False) -> bytes:
 
 
 def decode(path: Path) -> Splats:
-    """The model in a file of version 3, in RUB axes. Raises ``DataError``."""
-    try:
-        data = gzip.decompress(path.read_bytes())
-        magic, version, n, degree, bits, _, _ = HEADER.unpack_from(data)
-    except (OSError, EOFError, struct.error) as error:
-        raise DataError(path, f"is no gzip stream of an SPZ file ({error})", "export it again") from error
-    sizes = {"positions": 9, "opacities": 1, "colors": 3, "scales": 3, "rotations": 4}
-    sizes["sh"] = 3 * ((degree + 1) ** 2 - 1)
-    if (magic, version) != (MAGIC, VERSION) or degree > 3 or len(data) != HEADER.size + n * sum(sizes.values()):
-        raise DataError(path, f"is no SPZ file of version {VERSION}, or damaged", "export it again")
-    raw, offset = {}, HEADER.size
-    for name, size in sizes.items():
-        raw[name] = np.frombuffer(data, np.uint8, n * size, offset).reshape(n, size)
-        offset += n * size
+    """The model in a file, in RUB axes. Raises ``DataError``."""
+    return read(path).splats
+
+
+def read(path: Path) -> Model:
+    """The content of a file of version 2, 3 or 4, in RUB axes. Raises ``DataError``."""
+    return content_of(path, path.read_bytes())
+
+
+def content_of(path: Path, data: bytes) -> Model:
+    """What ``read`` returns of these bytes; ``path`` is for its errors."""
+    payload = unwrapped(path, data)
+    n = payload.n
+    raw = {name: np.frombuffer(part, np.uint8).reshape(n, -1) for name, part in payload.attributes.items() if part}
+    empty = np.zeros((n, 0), np.uint8)
     fixed = np.zeros((n, 3, 4), np.uint8)
-    fixed[..., 1:] = raw["positions"].reshape(n, 3, 3)
-    positions = (fixed.view("<i4")[..., 0] >> 8) / 2.0**bits  # the shift spreads the sign
-    packed = raw["rotations"].copy().view("<u4")  # [N, 1]
+    fixed[..., 1:] = raw.get("positions", empty).reshape(n, 3, 3)
+    sh = raw.get("sh", empty).reshape(n, (payload.degree + 1) ** 2 - 1, 3)[:, : MAX_SH_SIZE - 1]
+    splats = Splats(
+        means=(fixed.view("<i4")[..., 0] >> 8) / 2.0**payload.fraction_bits,  # the shift spreads the sign
+        log_scales=raw.get("scales", empty).reshape(n, 3) / 16 - 10,
+        quats=_rotations(payload),
+        logit_opacities=logits(raw.get("opacities", empty).reshape(n) / 255),
+        sh_coeffs=np.concatenate(
+            [(raw.get("colors", empty).reshape(n, 1, 3) / 255 - 0.5) / COLOR_SCALE, (sh - 128.0) / 128], axis=1
+        ),
+    )
+    left_out = ["spherical harmonics of degree 4"] if payload.degree > 3 else []
+    left_out += ["records of extensions"] if payload.flags & EXTENSIONS else []
+    return Model(splats, Drawing(antialiased=bool(payload.flags & ANTIALIASED)), tuple(left_out))
+
+
+def _rotations(payload: Payload) -> Array:
+    """Unit quaternions [N, 4]; version 2 has x, y and z of those with w >= 0, 8 bits each."""
+    raw = payload.attributes["rotations"]
+    if payload.version == 2:
+        xyz = np.frombuffer(raw, np.uint8).reshape(-1, 3) / 127.5 - 1
+        return np.concatenate([xyz, np.sqrt(np.maximum(0, 1 - (xyz**2).sum(axis=1, keepdims=True)))], axis=1)
+    packed = np.frombuffer(raw, "<u4")[:, None]  # [N, 1]
     parts = (packed >> np.array([20, 10, 0], np.uint32)) & 1023  # [N, 3]
     three = np.where(parts >> 9, -1, 1) * (parts & MAGNITUDES) / (MAGNITUDES * SQRT2)
-    sh = np.concatenate([(raw["colors"][:, None] / 255 - 0.5) / COLOR_SCALE,
-                         (raw["sh"].reshape(n, -1, 3) - 128.0) / 128], axis=1)  # fmt: skip
-    return Splats(
-        means=positions,
-        log_scales=raw["scales"] / 16 - 10,
-        quats=from_smallest_three(packed[:, 0] >> 30, three),
-        logit_opacities=logits(raw["opacities"][:, 0] / 255),
-        sh_coeffs=sh,
-    )
+    return from_smallest_three(packed[:, 0] >> 30, three)
 
 
 def fraction_bits(means: Array) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..scene.ply import read_ply
+from ..formats.read import read_model
 from .features import choices_of_a_render, model_features, scene_features, splat_scene
 from .info import kind_of
 from .training_features import dataset_features, run_features
@@ -20,7 +20,7 @@ def describe_features(path: str | Path) -> list[str]:
     path = Path(path)
     kind = kind_of(path)
     if kind == "model":
-        found = model_features([read_ply(path)]) + choices_of_a_render()
+        found = model_features([read_model(path).splats]) + choices_of_a_render()
     elif kind == "run":
         found = run_features(path)
     else:

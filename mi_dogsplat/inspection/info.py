@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..formats.read import format_of, is_model_name, read_model
 from ..render.framing import CORE, robust_sphere
 from ..report.run_folder import read_run
-from ..scene.ply import read_ply
+from ..scene.drawing import Drawing
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.wording import count, duration, file_size, finite, fixed
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
     from ..datasets import Dataset
 
 ACCEPTED = (
-    "give a model .ply, a run folder, or a data set: a COLMAP folder, a folder with transforms.json or "
-    "transforms_train.json, or a Mitsuba scene .xml"
+    "give a model (.ply .spz .sog .glb .gltf .splat), a run folder, or a data set: a COLMAP folder, a folder with "
+    "transforms.json or transforms_train.json, or a Mitsuba scene .xml"
 )
 RUN_FILES = ("config.json", "history.jsonl", "metrics.json")
 SCENE_SPP = 4  # enough to see that the sensors of a Mitsuba scene see something
@@ -44,7 +45,7 @@ def kind_of(path: Path) -> str:
     """``model``, ``run`` or ``data``, by names alone. Raises ``DataError`` for all else."""
     if not path.exists():
         raise DataError(path, "no such file or folder", ACCEPTED)
-    if path.is_file() and path.suffix.lower() == ".ply":
+    if path.is_file() and is_model_name(path):
         return "model"
     if path.is_dir() and any((path / name).is_file() for name in RUN_FILES):
         return "run"
@@ -62,15 +63,19 @@ def _is_dataset(folder: Path) -> bool:
 
 def describe_model(path: Path) -> list[str]:
     """Counts, ranges and problems of a model."""
-    splats = read_ply(path)
+    model = read_model(path)
+    splats = model.splats
     size = path.stat().st_size
     n, m = splats.n_splats, splats.n_dog
     lines = [
         f"{path}: model",
+        _line("format", format_of(path).name),
         _line("primitives", f"{count(n)}, {count(m)} of them DoG"),
         _line("SH degree", f"{splats.sh_degree}"),
         _line("size", file_size(size) + (f", {size / n:.0f} bytes per primitive" if n else "")),
     ]
+    lines += [_line("drawn", _drawn(model.drawing))] if model.drawing.said() else []
+    lines += [_line("not read", text) for text in model.left_out]
     if n:
         centre, radius = robust_sphere(splats)
         lines.append(_line("centre, radius", f"({_numbers(centre)}), {radius:.4g}: the median; {CORE:.0%} lie within"))
@@ -161,6 +166,13 @@ def describe_dataset(path: Path) -> list[str]:
     if check.reprojection_px is not None:
         lines.append(_line("reprojection", f"{check.reprojection_px:.2f} px (median) at full size"))
     return lines
+
+
+def _drawn(drawing: Drawing) -> str:
+    """``antialiased, near clip 0.2``."""
+    words = [name if value is True else f"not {name}" for name, value in drawing.said().items() if type(value) is bool]
+    named = [f"{name.replace('_', ' ')} {value}" for name, value in drawing.said().items() if type(value) is not bool]
+    return ", ".join(words + named)
 
 
 def _line(name: str, value: str) -> str:

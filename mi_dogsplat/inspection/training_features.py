@@ -6,8 +6,8 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+from ..formats.read import read_model
 from ..report.run_folder import read_run
-from ..scene.ply import read_ply
 from ..support.errors import DataError
 from ..support.wording import count
 from ..training.config import TrainConfig
@@ -45,7 +45,7 @@ def run_features(path: Path) -> list[Feature]:
     config: dict[str, Any] = defaults | run.config
     recipe = (run.recipe or {}).get("recipe") or dataclasses.asdict(_recipe(path, config))
     model = path / "point_cloud.ply"
-    features = model_features([read_ply(model)]) if model.is_file() else []
+    features = model_features([read_model(model).splats]) if model.is_file() else []
     return features + _recipe_features(recipe, config) + _image_features(config)
 
 

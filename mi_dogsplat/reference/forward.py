@@ -21,6 +21,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from .mixed_sh import group_names, padded_sh, sh_groups
+
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
     from ..scene.splats import Splats
@@ -115,9 +117,9 @@ def _extents(cov2d: np.ndarray, opacities: np.ndarray) -> np.ndarray:
     return np.sqrt(t[:, None] * cov2d[:, [0, 2]])
 
 
-def _finite_parameters(splats: Splats, basis: np.ndarray) -> np.ndarray:
-    """[N] no parameter in use is NaN or infinite; logit opacities may be infinite."""
-    raw = [splats.means, splats.log_scales, splats.quats, splats.sh_coeffs[:, : basis.shape[1]]]
+def _finite_parameters(splats: Splats, sh: np.ndarray) -> np.ndarray:
+    """[N] no parameter in use is NaN or infinite, `sh` those of the colour; logit opacities may be infinite."""
+    raw = [splats.means, splats.log_scales, splats.quats, sh]
     finite = np.logical_and.reduce([np.isfinite(r).all(axis=tuple(range(1, r.ndim))) for r in raw])
     finite &= ~np.isnan(splats.logit_opacities)
     dog = np.asarray(splats.dog_index, np.int64)
@@ -132,7 +134,7 @@ def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialias
 
     Raises ValueError if `sh_degree` exceeds what the primitives have.
     """
-    means, sh = np.asarray(splats.means, np.float64), np.asarray(splats.sh_coeffs, np.float64)
+    means, sh = np.asarray(splats.means, np.float64), padded_sh(splats)
     scales = np.exp(np.asarray(splats.log_scales, np.float64))
     n, degree = len(means), int(np.sqrt(sh.shape[1])) - 1
     if sh_degree is not None and sh_degree > degree:
@@ -168,12 +170,13 @@ def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialias
     dirs = means + W.T @ t  # from the camera centre -W^T t, world space
     dirs /= np.linalg.norm(dirs, axis=1, keepdims=True)
     basis = sh_basis(dirs, degree)  # [N, K]
-    colors = np.maximum(0, np.einsum("nk,nkc->nc", basis, sh[:, :basis.shape[1]]) + 0.5)
+    sh = sh[:, :basis.shape[1]]
+    colors = np.maximum(0, np.einsum("nk,nkc->nc", basis, sh) + 0.5)
 
     extents = np.maximum(_extents(cov2d, opacities), _extents(pseudo_cov2d, pseudo_opacities))
     rows = [means2d, z, cov2d, conics, opacities, colors, pseudo_cov2d, pseudo_conics,
             pseudo_opacities, extents]
-    visible = (z > near_clip) & np.isfinite(np.column_stack(rows)).all(axis=1) & _finite_parameters(splats, basis)
+    visible = (z > near_clip) & np.isfinite(np.column_stack(rows)).all(axis=1) & _finite_parameters(splats, sh)
     for row in rows:
         row[~visible] = 0
     return Projection(visible, means2d, z, cov2d, conics, opacities, colors, dog & visible, pseudo_cov2d,
@@ -283,25 +286,26 @@ def render(splats: Splats, camera: Camera, background: Sequence[float] | np.ndar
 
 
 def loss_gradients(splats: Splats, camera: Camera, adjoint: np.ndarray, *,
-                   keys: Sequence[str] = RAW_PARAMETERS, eps: float = 1e-5,
+                   keys: Sequence[str] | None = None, eps: float = 1e-5,
                    background: Sequence[float] | np.ndarray = (0, 0, 0), smooth: bool = True,
                    **options) -> dict[str, np.ndarray]:
-    """Central differences of sum(adjoint [H, W, 3] * image) by every entry of the raw parameters in `keys`.
+    """Central differences of sum(adjoint [H, W, 3] * image) by every entry of the raw parameters in `keys`, or of all.
 
     Perturbs in float64, one entry at a time: two renders each, for small scenes. `options` go to `render`.
     """
     if np.shape(adjoint) != (camera.height, camera.width, 3):
         raise ValueError(f"loss_gradients: adjoint has the shape {np.shape(adjoint)}, the image "
                          f"{(camera.height, camera.width, 3)}; both need to be equal")
-    raw = {name: np.array(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
+    raw = {name: np.array(getattr(splats, name), np.float64) for name in RAW_PARAMETERS + group_names(splats)}
+    indices = {f"sh{degree}_index": index for degree, index in sh_groups(splats).items()}
     # Not a `Splats`, which is float32: too coarse for these steps.
-    perturbed = cast("Splats", SimpleNamespace(**raw, dog_index=splats.dog_index))
+    perturbed = cast("Splats", SimpleNamespace(**raw, **indices, dog_index=splats.dog_index))
 
     def loss() -> float:
         return float(np.sum(adjoint * render(perturbed, camera, background, smooth=smooth, **options)[0]))
 
     gradients = {}
-    for key in keys:
+    for key in raw if keys is None else keys:
         gradients[key] = np.zeros_like(raw[key])
         for index in np.ndindex(raw[key].shape):
             value = raw[key][index]

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .forward import LOW_PASS, MIN_ANTIALIAS_RATIO, RAW_PARAMETERS, Projection, rotations, sh_basis, sigmoid
+from .mixed_sh import padded_sh, unpadded_sh
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -35,6 +36,7 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
     """
     p, seen = projection, np.flatnonzero(projection.visible)  # [n]
     raw = {name: np.asarray(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
+    raw["sh_coeffs"] = padded_sh(splats)
     δ = {name: np.zeros_like(values) for name, values in raw.items()}
 
     n_coeffs = raw["sh_coeffs"].shape[1] if sh_degree is None else (sh_degree + 1) ** 2
@@ -76,7 +78,7 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
     δslopes = focal * (δmeans2d - np.where(inside, δJW @ W[2], 0) / z)
     δz = -((δfocal_by_z * focal / z + δslopes * slopes) / z).sum(1, keepdims=True)
     δ["means"][seen] += np.concatenate([δslopes / z, δz], axis=1) @ W
-    return δ
+    return δ | unpadded_sh(δ["sh_coeffs"], splats)
 
 
 def _symmetric(rows: np.ndarray) -> np.ndarray:

@@ -74,7 +74,11 @@ def cameras_around(splats: Splats, n: int) -> list[Camera]:
     from ..datasets.camera_paths import circling_shots  # here: data sets need the extra "train"
 
     centre, radius = robust_sphere(splats)
-    axis = likely_up(splats)
-    up = ("-" if axis.sum() < 0 else "") + "xyz"[int(np.argmax(abs(axis)))]
+    up = up_name(likely_up(splats))
     config = CaptureConfig(size=AUTOMATIC_SIZE, fov=AUTOMATIC_FOV, up=up, elevations=ELEVATIONS_AROUND)
     return [shot.camera for shot in circling_shots(config, n, centre, radius, up)]
+
+
+def up_name(axis: np.ndarray) -> str:
+    """An axis direction [3] as ``x``, ``-x``, ``y``, ..."""
+    return ("-" if axis.sum() < 0 else "") + "xyz"[int(np.argmax(abs(axis)))]

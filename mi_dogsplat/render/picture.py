@@ -12,6 +12,7 @@ from ..engine.aovs import channel_names, channels
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import RasterOptions, rasterize
 from ..scene.cameras import Camera
+from ..support.srgb import linear_to_srgb
 
 
 def background_color(background: str, has_alpha: bool) -> float:
@@ -37,11 +38,13 @@ def render_picture(
     near_clip: float = 0.2,
     aovs: Sequence[str] = (),
     film: tuple[float, float, float, float] | None = None,
+    linear: bool = False,
 ) -> Picture:
     """Render parameters (as ``upload`` makes them) from a camera over a grey ``background``, 0..1.
 
     ``aovs`` are names as in ``aovs.py``, whose needs are among the ``options``. ``film``: the whole image where the
-    camera sees a part of it (``DeviceCamera.upload``).
+    camera sees a part of it (``DeviceCamera.upload``). ``linear``: the primitives hold linear radiance, which is
+    blended as such and shown as sRGB.
     """
     detached = {name: dr.detach(value) for name, value in params.items()}
     frame = rasterize(detached, DeviceCamera.upload(camera, near_clip, film=film), options)
@@ -53,6 +56,8 @@ def render_picture(
     if frame.depth is not None:
         blended = frame.depth.numpy().reshape(shape)
         depth = np.divide(blended, alpha, out=np.zeros(shape, np.float32), where=alpha > 0)
+    if linear:
+        color = linear_to_srgb(color)
     extra = [plane.numpy().reshape(shape) for plane in channels(aovs, frame)]
     return Picture(np.clip(color, 0, 1), alpha, depth, dict(zip(channel_names(aovs), extra, strict=True)))
 

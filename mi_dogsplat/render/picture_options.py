@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
+from ..scene.drawing import Drawing
 from ..support.settings import Setting, check_settings
 
 BACKGROUNDS = ("black", "white", "auto", "random")
@@ -12,23 +13,32 @@ BEHIND = "black, white, auto: white for images with alpha, else black; random: a
 
 Downscale = Annotated[int, Setting("shrink the images by this whole factor, once, at load", least=1)]
 Background = Annotated[str, Setting(BEHIND, choices=BACKGROUNDS)]
-Antialiased = Annotated[bool, Setting("compensate opacities for the screen-space low-pass filter")]
-NearClip = Annotated[
-    float, Setting("primitives nearer to the camera plane are dropped, world units", least=0, most=1e30)
-]
+MIP = "compensate opacities for the screen-space low-pass filter"
+NEAR = "primitives nearer to the camera plane are dropped, world units"
+Antialiased = Annotated[bool, Setting(MIP)]
+NearClip = Annotated[float, Setting(NEAR, least=0, most=1e30)]
+FILE = "(default: as the file says)"
 
 
 @dataclass(frozen=True)
 class PictureOptions:
     """What all pictures of a model have in common; a background of ``random`` is that of ``auto`` outside of training.
 
+    None is for what the file of the model says, and for what is usual where it says nothing (``drawn_as``).
+
     Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed.
     """
 
     downscale: Downscale = 1
     background: Background = "auto"
-    antialiased: Antialiased = False
-    near_clip: NearClip = 0.2
+    antialiased: Annotated[bool | None, Setting(f"{MIP} {FILE}")] = None
+    near_clip: Annotated[float | None, Setting(f"{NEAR} {FILE}", least=0, most=1e30)] = None
+    linear: Annotated[bool | None, Setting(f"its colours are linear radiance, not sRGB {FILE}")] = None
 
     def __post_init__(self) -> None:
         check_settings(self)
+
+    @property
+    def drawing(self) -> Drawing:
+        """What these options say."""
+        return Drawing(self.antialiased, self.near_clip, self.linear)

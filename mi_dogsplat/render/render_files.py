@@ -13,9 +13,10 @@ import numpy as np
 from ..engine.aovs import options_for, read_names
 from ..engine.parameters import upload
 from ..engine.rasterize import RasterOptions
+from ..formats.read import read_model
 from ..scene.camera_file import read_camera
 from ..scene.cameras import Camera
-from ..scene.ply import read_ply
+from ..scene.drawing import Drawing, drawn_as
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.files import replacing
@@ -36,6 +37,8 @@ class Viewpoint:
     camera: Camera
     near_clip: float  # world units
     background: float  # grey level, 0..1
+    antialiased: bool = False
+    linear: bool = False  # colours of the primitives are linear radiance
 
 
 def viewpoint(
@@ -43,6 +46,7 @@ def viewpoint(
     data: str | Path | None = None,
     camera: str | Path | None = None,
     options: PictureOptions = PictureOptions(),
+    drawing: Drawing = Drawing(),
 ) -> Viewpoint:
     """Where a model is looked at from.
 
@@ -52,18 +56,27 @@ def viewpoint(
         camera: the name of one of its views, or a camera file (``camera_file.py``); None is the first test view of the
             data, or without data a camera that frames the model.
         options: ``downscale`` shrinks the picture; ``near_clip`` is smaller where a model is framed and small itself.
+        drawing: what the file of the model says, for what the options do not say.
 
     Raises ``DataError``.
     """
     found, has_alpha = _camera(splats, data, camera, options.downscale)
-    near_clip = options.near_clip
+    drawn = drawn_as(options.drawing, drawing)
+    near_clip = drawn.near_clip
     if not (camera or data):
         near_clip = min(near_clip, NEAR_SHARE * robust_sphere(splats)[1])
-    return Viewpoint(found, near_clip, background_color(options.background, has_alpha))
+    background = background_color(options.background, has_alpha)
+    return Viewpoint(found, near_clip, background, drawn.antialiased, drawn.linear)
 
 
 def picture_of(
-    splats: Splats, background: float, near_clip: float, *, antialiased: bool = False, aovs: Sequence[str] = ()
+    splats: Splats,
+    background: float,
+    near_clip: float,
+    *,
+    antialiased: bool = False,
+    linear: bool = False,
+    aovs: Sequence[str] = (),
 ) -> Callable[[Camera], Picture]:
     """Renderer of a model, which may be empty and is uploaded once.
 
@@ -71,11 +84,12 @@ def picture_of(
         background: grey level behind, 0..1.
         near_clip: world units.
         antialiased: as in ``RasterOptions``.
+        linear: as in ``render_picture``.
         aovs: names as in ``aovs.py``, which the pictures carry.
     """
     params = upload(splats)
     options = options_for(aovs, RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased))
-    return lambda camera: render_picture(params, camera, options, background, near_clip, aovs)
+    return lambda camera: render_picture(params, camera, options, background, near_clip, aovs, linear=linear)
 
 
 def render_model(
@@ -96,17 +110,18 @@ def render_model(
         out: ends in one of ``SUFFIXES``.
         data, camera: from where it is seen (``viewpoint``).
         aovs: channels of an OpenEXR file, separated by commas (``aovs.py``); None is depth.
-        options: how it is drawn.
+        options: how it is drawn; what they do not say, the file of the model does.
 
     Needs a Mitsuba variant. Raises ``DataError``.
     """
     model, out = Path(model), Path(out)
     require_suffix(out)
     names = _aovs(out, aovs)
-    splats = read_ply(model)
-    view, suffix = viewpoint(splats, data, camera, options), out.suffix.lower()
+    read = read_model(model)
+    view, suffix = viewpoint(read.splats, data, camera, options, read.drawing), out.suffix.lower()
     background = view.background if suffix == ".png" else 0.0
-    picture = picture_of(splats, background, view.near_clip, antialiased=options.antialiased, aovs=names)(view.camera)
+    how = {"antialiased": view.antialiased, "linear": view.linear}
+    picture = picture_of(read.splats, background, view.near_clip, **how, aovs=names)(view.camera)
     if suffix == ".npz":
         _write(out, lambda: _write_arrays(out, picture))
     elif suffix == ".exr":

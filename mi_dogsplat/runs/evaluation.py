@@ -6,12 +6,13 @@ from pathlib import Path
 
 from ..datasets import load_dataset
 from ..datasets.masks import Masks
+from ..formats.read import read_model
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics
 from ..measure.lpips import Lpips
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
 from ..render.render_files import picture_of
-from ..scene.ply import read_ply
+from ..scene.drawing import drawn_as
 from ..support.errors import DataError
 from ..support.files import write_json
 from .run import prepare_folder
@@ -35,11 +36,12 @@ def evaluate_model(
         masks: folder of masks, named as the images; black pixels do not count.
         color_correct: also measure PSNR after each view's best colour map.
         data_on_disk: decode images when they are due.
-        options: how the model is drawn; ``downscale`` shrinks the photographs.
+        options: how the model is drawn, where its file is not to say so; ``downscale`` shrinks the photographs.
 
     LPIPS is measured where its weights are installed. Needs a Mitsuba variant. Raises ``DataError``.
     """
-    splats = read_ply(model)
+    read = read_model(model)
+    splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
     dataset = load_dataset(data, options.downscale, on_disk=data_on_disk)
     background = background_color(options.background, dataset.has_alpha)
     folder = Path(out) if out else None
@@ -48,7 +50,8 @@ def evaluate_model(
             raise DataError(folder, "is a training run with metrics of its own", "name another folder")
         prepare_folder(folder)
     aovs = ("depth",) if folder else ()
-    picture = picture_of(splats, background, options.near_clip, antialiased=options.antialiased, aovs=aovs)
+    how = {"antialiased": drawn.antialiased, "linear": drawn.linear}
+    picture = picture_of(splats, background, drawn.near_clip, **how, aovs=aovs)
     some = dataset.test or dataset.train
     mask_folder = Masks(masks, [*dataset.train, *dataset.test]) if masks else None
     measure = Measure(mask_folder, color_correct, Lpips.installed(view.camera for view in some))

@@ -58,8 +58,10 @@ def _count_seconds(trainer: Trainer, since: float) -> None:
 
 
 def _happenings(trainer: Trainer, until: int) -> Iterator[list[Event]]:
-    """What happens before the first step, if anything does; then at every step."""
+    """What happens before the first step and after the last of the run, if anything does, and at every step."""
     if due := trainer.begin():
         yield due
     while trainer.step_count < until:
         yield trainer.step()
+    if trainer.step_count == trainer.config.steps and (due := trainer.end()):
+        yield due

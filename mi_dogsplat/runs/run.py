@@ -19,18 +19,19 @@ from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_mil
 from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import RECIPE, RENDER_MS, read_run
 from ..report.write import write_report
-from ..scene.ply import write_ply
 from ..support.errors import DataError
 from ..support.files import PART, is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
 from ..support.memory import peak_memory_mb
 from ..support.versions import versions
 from ..training.config import FREE, TrainConfig
+from ..training.initialize import model_to_prune
 from ..training.presets import Recipe
 from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, Checkpoints, load_checkpoint
 from .history import run_to_end
 from .mixture import write_mixture
+from .model_files import write_model_files
 from .stopping import Stopped, StopRequest
 
 HISTORY = "history.jsonl"
@@ -101,6 +102,8 @@ def train(
     checkpoint.
     """
     out = Path(out)
+    if config.model is not None:
+        model_to_prune(config.model, config.target)  # what is wrong with it shows before the data set takes its time
     dataset = _dataset_of(config)
     trainer = Trainer(config, dataset, recipe)
     if start:
@@ -181,11 +184,11 @@ def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     config = trainer.config
     splats = trainer.optimizer.to_splats()
     splats = splats.select(splats.opacities >= ALPHA_MIN)
-    write_ply(out / "point_cloud.ply", splats)
+    sizes = write_model_files(out, splats, config)
     metrics = _measure(trainer, dataset, out) | {
         "n": splats.n_splats,
         "n_dog": splats.n_dog,
-        "bytes": (out / "point_cloud.ply").stat().st_size,
+        **sizes,
         "train_seconds": trainer.seconds,
         "peak_memory_mb": peak_memory_mb(),
         "steps": config.steps,

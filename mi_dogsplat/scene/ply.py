@@ -1,9 +1,15 @@
-"""Models as PLY files: 3DGS columns in the element ``vertex``, DoG data in a second element ``dog``.
+"""Models as PLY files: 3DGS columns in the element ``vertex``, what only some primitives have in elements after it.
 
 Layout written: binary little-endian; ``vertex`` in INRIA's column order (x y z nx ny nz f_dc_* f_rest_*
 opacity scale_* rot_*), so that other 3DGS tools and Mitsuba's ``ellipsoids`` open it; then ``dog`` (uint
 index, float dog_opacity, float dog_scale_0..2), one row per DoG primitive, absent in a model without DoG. All
-values are raw. Read as well: ASCII, big-endian, any scalar types, columns in any order, extra columns and
+values are raw.
+
+A model whose primitives have SH degrees of their own is padded with zeros to the highest one, or, in the layout
+"rows", written with f_dc_* alone in ``vertex``, and after ``dog`` an element ``sh1``, ``sh2``, ``sh3`` for each degree
+that there is (uint index, float f_rest_*, channel-major as in ``vertex``), one row per primitive of that degree.
+
+Read as well: ASCII, big-endian, any scalar types, columns in any order, extra columns and
 elements, files without normals (gsplat), SH degree 0..3, and the method authors' layout (dog_* as columns of
 ``vertex``: all are DoG).
 """
@@ -11,14 +17,17 @@ elements, files without normals (gsplat), SH degree 0..3, and the method authors
 from __future__ import annotations
 
 import stat
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from ..support.errors import DataError
 from ..support.files import replacing
 from .ply_tables import NOT_3DGS, TableReader, check_finite
-from .splats import Array, Splats
+from .row_groups import SH, Array, in_several
+from .splats import Splats
 
 _POSITION = ("x", "y", "z")
 _NORMAL = ("nx", "ny", "nz")
@@ -29,10 +38,17 @@ _XYZW_FROM_WXYZ = [1, 2, 3, 0]
 _WXYZ_FROM_XYZW = [3, 0, 1, 2]
 _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
+_NOT_WRITTEN = "nothing was written; remove those primitives or train with smaller steps"
+_SH_ELEMENTS = {degree: f"sh{degree}" for degree in SH}
 
 
 def read_ply(path: str | Path) -> Splats:
     """Read a model. Raises ``DataError`` for whatever is not one; memory stays in proportion to the file."""
+    return read_ply_and_comments(path)[0]
+
+
+def read_ply_and_comments(path: str | Path) -> tuple[Splats, list[str]]:
+    """Read a model, and the comments of its header. Raises as ``read_ply`` does."""
     path = Path(path)
     try:
         status = path.stat()
@@ -40,13 +56,14 @@ def read_ply(path: str | Path) -> Splats:
             kind = "a folder" if stat.S_ISDIR(status.st_mode) else "not a regular file"
             raise DataError(path, f"this is {kind}", "give the path of a PLY file")
         with path.open("rb") as file:
-            return _read_model(TableReader(path, file, status.st_size))
+            reader = TableReader(path, file, status.st_size)
+            return _read_model(reader), reader.comments
     except OSError as e:
         raise DataError(path, f"cannot be read ({e.strerror})", "check the path and its permissions") from e
 
 
 def _read_model(reader: TableReader) -> Splats:
-    tables = reader.tables({"vertex", "dog"})
+    tables = reader.tables({"vertex", "dog", *_SH_ELEMENTS.values()})
     if "vertex" not in tables:
         reader.fail('there is no element "vertex"', NOT_3DGS)
     vertex = tables["vertex"]
@@ -56,8 +73,7 @@ def _read_model(reader: TableReader) -> Splats:
 
     means = reader.columns(vertex, "vertex", _POSITION)  # [N, 3]
     dc = reader.columns(vertex, "vertex", _DC)  # [N, 3]
-    rest = reader.columns(vertex, "vertex", _rest_names(n_rest))  # [N, 3 (K-1)] channel-major
-    rest = rest.reshape(len(rest), 3, n_rest // 3).transpose(0, 2, 1)  # [N, K-1, 3]
+    rest = _by_coefficient(reader.columns(vertex, "vertex", _rest_names(n_rest)))  # [N, K-1, 3]
     logit_opacities = reader.columns(vertex, "vertex", ("opacity",))[:, 0]  # [N]
     log_scales = reader.columns(vertex, "vertex", _SCALE)  # [N, 3]
     quats = reader.columns(vertex, "vertex", _ROTATION)[:, _XYZW_FROM_WXYZ]  # [N, 4]
@@ -71,6 +87,7 @@ def _read_model(reader: TableReader) -> Splats:
         dog_index=dog_index,
         dog_logit_opacities=dog[:, 0],
         dog_log_scales=dog[:, 1:],
+        **_read_sh_groups(reader, tables, len(means), n_rest),
     )
 
 
@@ -84,55 +101,113 @@ def _read_dog(reader: TableReader, tables: dict[str, Array], n_splats: int) -> t
 
     if inside_vertex:
         reader.fail('DoG data both in the element "vertex" and in the element "dog"', "keep one of the two")
-    table = tables["dog"]
-    reader.columns(table, "dog", ("index",))  # it is there and finite; float32 would round it
+    index, order = _read_index(reader, tables["dog"], "dog", n_splats, "DoG primitive")
+    return index, reader.columns(tables["dog"], "dog", _DOG)[order]
+
+
+def _read_sh_groups(reader: TableReader, tables: dict[str, Array], n_splats: int, n_rest: int) -> dict[str, Array]:
+    """The arrays of the groups of SH degrees that are there."""
+    groups: dict[str, Array] = {}
+    for degree, element in _SH_ELEMENTS.items():
+        if element not in tables:
+            continue
+        if n_rest:
+            remedy = "keep f_rest_* in one of the two"
+            reader.fail(f'view-dependent colour both in the element "vertex" and in the element "{element}"', remedy)
+        index, order = _read_index(reader, tables[element], element, n_splats, f"primitive of degree {degree}")
+        rest = reader.columns(tables[element], element, _rest_names(_N_REST[degree]))
+        (name,) = SH[degree].names
+        groups |= {SH[degree].index: index, name: _by_coefficient(rest)[order]}
+    indices = [values for name, values in groups.items() if name.endswith("_index")]
+    if indices and (twice := in_several(indices)) is not None:
+        remedy = "write the model again: a primitive has one degree"
+        reader.fail(f"more than one of the elements sh1, sh2, sh3 names primitive {twice}", remedy)
+    return groups
+
+
+def _read_index(reader: TableReader, table: Array, element: str, n_splats: int, row: str) -> tuple[Array, Array]:
+    """(the column ``index`` [M] of an element, sorted, the rows in that order); ``row`` is what a row stands for."""
+    reader.columns(table, element, ("index",))  # it is there and finite; float32 would round it
     index = table["index"].astype(np.float64)  # [M] any 32-bit integer is exact
-    remedy = "write the DoG data again, one row per DoG primitive"
+    remedy = f"write the {'DoG' if element == 'dog' else 'SH'} data again, one row per {row}"
     bad = np.flatnonzero((index < 0) | (index >= n_splats) | (index != np.floor(index)))
     if bad.size:
-        where = f'row {bad[0]} of the element "dog" has index {index[bad[0]]:.10g}'
+        where = f'row {bad[0]} of the element "{element}" has index {index[bad[0]]:.10g}'
         reader.fail(f"{where}, but the model has {n_splats} primitives (0 to {n_splats - 1})", remedy)
     order = np.argsort(index, kind="stable")
     index = index[order].astype(np.uint32)
     repeated = np.flatnonzero(index[1:] == index[:-1])
     if repeated.size:
-        reader.fail(f'the element "dog" names primitive {index[repeated[0]]} more than once', remedy)
-    return index, reader.columns(table, "dog", _DOG)[order]
+        reader.fail(f'the element "{element}" names primitive {index[repeated[0]]} more than once', remedy)
+    return index, order
 
 
-def write_ply(path: str | Path, splats: Splats) -> None:
+def write_ply(
+    path: str | Path, splats: Splats, layout: Literal["3dgs", "rows"] = "3dgs", comments: Sequence[str] = ()
+) -> None:
     """Write a model; ``read_ply`` gives back the same bits. The old file stays until the new one is complete.
+
+    Args:
+        layout: of a model whose primitives have SH degrees of their own. "3dgs": every primitive gets the coefficients
+            of the highest one, which every program reads; the degrees are not in the file. "rows": no primitive has
+            more than its own; programs that do not know the further elements show the model without its
+            view-dependent colour. A uniform model is the same file in both.
+        comments: lines for the header, such as ``drawing.comments_of`` makes.
 
     Raises ``DataError`` when the place cannot be written, or a value is not finite (nobody could read it).
     """
     path = Path(path)
+    if layout == "3dgs":
+        splats = splats.uniform_sh()
     n = splats.n_splats
-    n_rest = _N_REST[splats.sh_degree]
-    names = (*_POSITION, *_NORMAL, *_DC, *_rest_names(n_rest), "opacity", *_SCALE, *_ROTATION)
+    rest = _by_channel(splats.sh_coeffs[:, 1:])
+    names = (*_POSITION, *_NORMAL, *_DC, *_rest_names(rest.shape[1]), "opacity", *_SCALE, *_ROTATION)
     columns = [
         splats.means,
         np.zeros((n, 3)),
         splats.sh_coeffs[:, 0],
-        splats.sh_coeffs[:, 1:].transpose(0, 2, 1).reshape(n, n_rest),  # channel-major
+        rest,
         splats.logit_opacities[:, None],
         splats.log_scales,
         splats.quats[:, _WXYZ_FROM_XYZW],
     ]
     vertex = np.concatenate(columns, axis=1, dtype="<f4")  # [N, len(names)]
-    dog = np.concatenate([splats.dog_logit_opacities[:, None], splats.dog_log_scales], axis=1)  # [M, 4]
-    remedy = "nothing was written; remove those primitives or train with smaller steps"
-    check_finite(path, names, vertex, remedy)
-    check_finite(path, _DOG, dog, remedy)
-
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {n}"]
+    check_finite(path, names, vertex, _NOT_WRITTEN)
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
+    header += [f"element vertex {n}"]
     header += [f"property float {name}" for name in names]
-    if splats.n_dog:
-        header += [f"element dog {splats.n_dog}", "property uint index"]
-        header += [f"property float {name}" for name in _DOG]
-    dog_rows = np.empty(splats.n_dog, [("index", "<u4"), ("values", "<f4", 4)])  # [M]
-    dog_rows["index"] = splats.dog_index
-    dog_rows["values"] = dog
-    _replace(path, "\n".join([*header, "end_header\n"]).encode(), vertex.tobytes(), dog_rows.tobytes())
+    data = [vertex.tobytes()]
+
+    dog = np.concatenate([splats.dog_logit_opacities[:, None], splats.dog_log_scales], axis=1)  # [M, 4]
+    groups: list[tuple[str, tuple[str, ...], Array, Array]] = [("dog", _DOG, splats.dog_index, dog)]
+    for degree, element in _SH_ELEMENTS.items():
+        (name,) = SH[degree].names
+        rest = _by_channel(getattr(splats, name))
+        groups.append((element, _rest_names(_N_REST[degree]), getattr(splats, SH[degree].index), rest))
+    for element, names, index, values in groups:
+        if len(index):
+            check_finite(path, names, values, _NOT_WRITTEN)
+            header += [f"element {element} {len(index)}", "property uint index"]
+            header += [f"property float {name}" for name in names]
+            data.append(_rows(index, values))
+    _replace(path, "\n".join([*header, "end_header\n"]).encode(), *data)
+
+
+def _rows(index: Array, values: Array) -> bytes:
+    """The rows of a group: an index [M] with values [M, columns]."""
+    rows = np.empty(len(index), [("index", "<u4"), ("values", "<f4", values.shape[1])])
+    rows["index"], rows["values"] = index, values
+    return rows.tobytes()
+
+
+def _by_coefficient(rest: Array) -> Array:
+    """Columns f_rest_* [n, 3 (K-1)], channel-major, as SH coefficients [n, K-1, 3]."""
+    return rest.reshape(len(rest), 3, rest.shape[1] // 3).transpose(0, 2, 1)
+
+
+def _by_channel(coeffs: Array) -> Array:
+    """SH coefficients [n, K-1, 3] as columns f_rest_* [n, 3 (K-1)]."""
+    return coeffs.transpose(0, 2, 1).reshape(len(coeffs), 3 * coeffs.shape[1])
 
 
 def _rest_names(n_rest: int) -> tuple[str, ...]:

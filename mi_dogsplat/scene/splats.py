@@ -1,20 +1,22 @@
 """The model: raw parameters of all primitives as NumPy arrays.
 
 Raw values are what is stored, trained and written; properties without ``log_``/``logit_`` are activated.
-The DoG part is sparse: row ``j`` of the ``dog_*`` arrays belongs to primitive ``dog_index[j]``, every other
-primitive is a plain Gaussian and pays nothing for it.
+Some parts are sparse (``row_groups.py``): row ``j`` of the ``dog_*`` arrays belongs to primitive ``dog_index[j]``,
+every other primitive is a plain Gaussian and pays nothing for it. So it is with colour: a model is uniform, all
+primitives of one SH degree, or mixed, with a group for each degree above 0.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-MAX_SH_DEGREE = 3
-Array = NDArray[Any]
+from .row_groups import DOG, GROUPS, MAX_SH_DEGREE, SH, Array, checked_index, in_several, selected
+
+DENSE = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
+"""Arrays with a row for every primitive."""
 
 
 def _no_rows(*shape: int, dtype: type = np.float32):
@@ -25,8 +27,8 @@ def _no_rows(*shape: int, dtype: type = np.float32):
 class Splats:
     """N Gaussian primitives, M of which are Differences of Gaussians.
 
-    Arrays become contiguous float32 (``dog_index``: uint32) and their shapes are checked once, here. Raises
-    ``ValueError`` that names both sides of a mismatch. Of the values only ``dog_index`` is looked at.
+    Arrays become contiguous float32 (indices: uint32) and their shapes are checked once, here. Raises ``ValueError``
+    that names both sides of a mismatch. Of the values only the indices are looked at.
     """
 
     means: Array
@@ -38,17 +40,29 @@ class Splats:
     logit_opacities: Array
     """[N]"""
     sh_coeffs: Array
-    """[N, K, 3] with K = (degree + 1)^2"""
+    """[N, K, 3] with K = (degree + 1)^2: what every primitive has; K is 1 in a mixed model"""
     dog_index: Array = _no_rows(dtype=np.uint32)
     """[M] strictly increasing"""
     dog_logit_opacities: Array = _no_rows()
     """[M] logit of f_a: the pseudo-Gaussian has opacity f_a * opacity"""
     dog_log_scales: Array = _no_rows(3)
     """[M, 3] log of F: the pseudo-Gaussian has scales F * scales"""
+    sh1_index: Array = _no_rows(dtype=np.uint32)
+    """[M1] strictly increasing: the primitives of degree 1, in a mixed model"""
+    sh1_coeffs: Array = _no_rows(3, 3)
+    """[M1, 3, 3] their coefficients without the constant one"""
+    sh2_index: Array = _no_rows(dtype=np.uint32)
+    """[M2] of degree 2"""
+    sh2_coeffs: Array = _no_rows(8, 3)
+    """[M2, 8, 3]"""
+    sh3_index: Array = _no_rows(dtype=np.uint32)
+    """[M3] of degree 3"""
+    sh3_coeffs: Array = _no_rows(15, 3)
+    """[M3, 15, 3]"""
 
     def __post_init__(self):
         for name in self.__dataclass_fields__:
-            if name != "dog_index":
+            if not name.endswith("_index"):
                 setattr(self, name, np.ascontiguousarray(getattr(self, name), dtype=np.float32))
 
         if self.means.ndim != 2 or self.means.shape[1] != 3:
@@ -62,10 +76,20 @@ class Splats:
         for name, tail in rows.items():
             self._check(name, (n, *tail), '"means"', n)
 
-        self.dog_index = _as_dog_index(self.dog_index, n)
-        m = self.n_dog
-        for name, tail in {"dog_logit_opacities": (), "dog_log_scales": (3,)}.items():
-            self._check(name, (m, *tail), '"dog_index"', m)
+        for group in GROUPS:
+            index = checked_index(group.index, getattr(self, group.index), n)
+            setattr(self, group.index, index)
+            for name, tail in group.arrays.items():
+                self._check(name, (len(index), *tail), f'"{group.index}"', len(index))
+        self._check_sh_groups(k)
+
+    def _check_sh_groups(self, k: int):
+        indices = [getattr(self, group.index) for group in SH.values()]
+        if k > 1 and self.mixed_sh:
+            raise ValueError(f'Splats: "sh_coeffs" has {k} coefficients; beside groups of SH degrees it has 1')
+        if (twice := in_several(indices)) is not None:
+            names = ", ".join(f'"{group.index}"' for group in SH.values())
+            raise ValueError(f"Splats: primitive {twice} is in more than one of {names}; it has one degree")
 
     def _check(self, name: str, expected: tuple[int, ...], other: str, other_rows: int):
         shape = getattr(self, name).shape
@@ -101,8 +125,22 @@ class Splats:
 
     @property
     def sh_degree(self) -> int:
-        """Degree of the spherical harmonics, 0..3."""
-        return (1, 4, 9, 16).index(self.sh_coeffs.shape[1])
+        """The highest degree of spherical harmonics that a primitive has, 0..3."""
+        of_groups = [degree for degree, group in SH.items() if len(getattr(self, group.index))]
+        return max([(1, 4, 9, 16).index(self.sh_coeffs.shape[1]), *of_groups])
+
+    @property
+    def mixed_sh(self) -> bool:
+        """Whether primitives have degrees of their own, in groups."""
+        return any(len(getattr(self, group.index)) for group in SH.values())
+
+    @property
+    def sh_degrees(self) -> Array:
+        """[N] int, the degree of each primitive."""
+        degrees = np.full(self.n_splats, (1, 4, 9, 16).index(self.sh_coeffs.shape[1]))
+        for degree, group in SH.items():
+            degrees[getattr(self, group.index)] = degree
+        return degrees
 
     @property
     def scales(self) -> Array:
@@ -125,7 +163,7 @@ class Splats:
         return _exp(self.dog_log_scales)
 
     def select(self, which: ArrayLike) -> Splats:
-        """The primitives ``which``, a mask [N] or indices in any order (repeats allowed); DoG rows go along.
+        """The primitives ``which``, a mask [N] or indices in any order (repeats allowed); rows of groups go along.
 
         Raises ``ValueError`` for a mask of another length, ``IndexError`` for an index out of range.
         """
@@ -136,26 +174,59 @@ class Splats:
             raise ValueError(f'Splats.select: mask {list(chosen.shape)}, "means" has {self.n_splats} rows')
         old_from_new = np.arange(self.n_splats)[chosen]  # [N'] plain indices, whatever came in
 
-        dog_row_from_splat = np.full(self.n_splats, -1)
-        dog_row_from_splat[self.dog_index] = np.arange(self.n_dog)
-        dog_row_from_new = dog_row_from_splat[old_from_new]  # [N'] or -1
-        dog_index = np.flatnonzero(dog_row_from_new >= 0)  # [M'] increasing by construction
-        dog_rows = dog_row_from_new[dog_index]
-        return Splats(
-            means=self.means[old_from_new],
-            log_scales=self.log_scales[old_from_new],
-            quats=self.quats[old_from_new],
-            logit_opacities=self.logit_opacities[old_from_new],
-            sh_coeffs=self.sh_coeffs[old_from_new],
-            dog_index=dog_index,
-            dog_logit_opacities=self.dog_logit_opacities[dog_rows],
-            dog_log_scales=self.dog_log_scales[dog_rows],
-        )
+        arrays = {name: getattr(self, name)[old_from_new] for name in DENSE}
+        for group in GROUPS:
+            index, rows = selected(getattr(self, group.index), self.n_splats, old_from_new)
+            arrays |= {group.index: index, **{name: getattr(self, name)[rows] for name in group.arrays}}
+        return Splats(**arrays)
 
     def plain(self) -> Splats:
         """All N primitives as plain Gaussians: the primaries, without what their pseudo-Gaussians subtract."""
-        names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
-        return Splats(**{name: getattr(self, name).copy() for name in names})
+        of_dog = (DOG.index, *DOG.names)
+        return Splats(**{name: values.copy() for name, values in vars(self).items() if name not in of_dog})
+
+    def uniform_sh(self, degree: int | None = None) -> Splats:
+        """The model with one SH degree for all primitives, itself if that is what it is; what is missing is zero.
+
+        Args:
+            degree: 0..3; coefficients above are dropped. None: ``sh_degree``, with which nothing changes in pictures.
+        """
+        degree = self.sh_degree if degree is None else _checked_degree(degree, "uniform_sh")
+        if not self.mixed_sh and degree == self.sh_degree:
+            return self
+        k = (degree + 1) ** 2
+        padded = np.zeros((self.n_splats, k, 3), np.float32)
+        of_all = self.sh_coeffs[:, :k]
+        padded[:, : of_all.shape[1]] = of_all
+        without: dict[str, Array] = {}
+        for group in SH.values():
+            (name,) = group.names
+            index, coeffs = getattr(self, group.index), getattr(self, name)
+            padded[index, 1 : 1 + coeffs.shape[1]] = coeffs[:, : k - 1]
+            without |= {group.index: index[:0], name: coeffs[:0]}
+        return replace(self, sh_coeffs=padded, **without)
+
+    def with_sh_degrees(self, degrees: ArrayLike) -> Splats:
+        """The model with a degree for each primitive; coefficients above it are dropped, missing ones are zero.
+
+        Args:
+            degrees: [N] 0..3. If they are all equal the result is uniform, else it is mixed.
+
+        Raises ``ValueError`` for another number of degrees, or for what is no degree.
+        """
+        chosen = np.asarray(degrees)
+        if chosen.shape != (self.n_splats,):
+            shape = list(chosen.shape)
+            raise ValueError(f'Splats.with_sh_degrees: degrees {shape}, "means" has {self.n_splats} rows')
+        highest = max((_checked_degree(degree, "with_sh_degrees") for degree in np.unique(chosen)), default=0)
+        if not len(chosen) or np.all(chosen == highest):
+            return self.uniform_sh(highest if len(chosen) else None)
+        whole = self.uniform_sh(highest)
+        groups: dict[str, Array] = {}
+        for degree in range(1, highest + 1):
+            index, (name,) = np.flatnonzero(chosen == degree), SH[degree].names
+            groups |= {SH[degree].index: index, name: whole.sh_coeffs[index, 1 : (degree + 1) ** 2]}
+        return replace(whole, sh_coeffs=whole.sh_coeffs[:, :1], **groups)
 
     def only_dog(self) -> Splats:
         """The M primitives that are DoG, alone."""
@@ -168,18 +239,10 @@ class Splats:
         return self.select(is_gaussian)
 
 
-def _as_dog_index(index: ArrayLike, n_splats: int) -> Array:
-    """``index`` as uint32 [M]; raises ``ValueError`` unless it increases strictly within 0..n_splats-1."""
-    index = np.asarray(index)
-    if index.ndim != 1 or (index.size and index.dtype.kind not in "iu"):
-        raise ValueError(f'Splats: "dog_index" is {index.dtype} {list(index.shape)}, expected integers [M]')
-    if index.size:
-        low, high = int(index.min()), int(index.max())
-        if low < 0 or high >= n_splats:
-            raise ValueError(f'Splats: "dog_index" spans {low} to {high}, "means" has {n_splats} rows')
-        if np.any(index[1:] <= index[:-1]):
-            raise ValueError('Splats: "dog_index" is not strictly increasing; sort it, each primitive once')
-    return np.ascontiguousarray(index, dtype=np.uint32)
+def _checked_degree(degree: float, method: str) -> int:
+    if degree not in range(MAX_SH_DEGREE + 1):
+        raise ValueError(f"Splats.{method}: an SH degree is {degree}, expected 0..{MAX_SH_DEGREE}")
+    return int(degree)
 
 
 def _exp(x: Array) -> Array:

@@ -1,8 +1,8 @@
 """Importance of primitives, the order in which pruning removes them (method paper, Sec. 3.2).
 
 All rules but "opacity" sum over the training views and pixels what a primitive's footprint image F contributes
-(``walks/score.py``: J, the derivative of the summed image by the kernel's value, or D, the change of the image if the
-primitive is removed):
+(``walks/score.py``: J, the derivative of the summed image by the kernel's value, D, the change of the image if the
+primitive is removed, or P, if a DoG primitive becomes its primary):
 
     U_i = Σ F_i²                         spatial
     Uf_i = Σ_ω w(ω) |F̂_i(ω)|² / (H W)     spectral, w(ω) = (|ω| / ω_corner)^γ; w = 1 would give U_i (Parseval)
@@ -34,7 +34,7 @@ from ..engine.view import prepare_both
 from ..engine.walks.composite import composite_over
 from ..engine.walks.score import Sums, composite_score
 
-KINDS = ("opacity", "spatio-spectral", "released", "leave-one-out")
+KINDS = ("opacity", "spatio-spectral", "released", "leave-one-out", "leave-dog-out")
 CORNER = float(np.sqrt(0.5))  # cycles per pixel, the highest frequency of an image
 LUMA = (0.299, 0.587, 0.114)  # Rec. 601
 BAND_GAIN, BAND_MAX = 0.1, 3.0  # of the released code's band-pass picture
@@ -52,7 +52,7 @@ class Score(Protocol):
 class ScoreRule:
     """Which score, and its numbers. Raises ``ValueError`` for numbers that mean nothing."""
 
-    kind: str = "spatio-spectral"  # (F = J), leave-one-out (F = D), released (see below), opacity
+    kind: str = "spatio-spectral"  # (F = J), leave-one-out (F = D), leave-dog-out (F = P), released, opacity
     spatial_weight: float = 1.0  # λ_s
     spectral_weight: float = 1.0  # λ_f
     gamma_f: float = 1.0  # γ, of the spectral part
@@ -83,6 +83,7 @@ class ScoreRule:
         spectral = self.spectral_weight > 0
         return Sums(
             removal=self.kind == "leave-one-out",
+            degeneration=self.kind == "leave-dog-out",
             energy=self.spatial_weight > 0,
             gradient=spectral and self.probes == 0,
             probes=self.probes if spectral else 0,

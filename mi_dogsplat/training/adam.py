@@ -6,12 +6,15 @@ the version that is installed.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+
+from ..engine.parameters import device_array
 
 CHECKED_WITH = "1.5"  # version of Dr.Jit
 
@@ -57,6 +60,35 @@ class Entry:
         dr.eval(value, m, v)
         dr.enable_grad(value)
         return replace(self, value=value, m=m, v=v)
+
+
+def gather(adam: mi.ad.Adam, name: str, rows: np.ndarray, fresh: np.ndarray, size: int) -> None:
+    """Rows of a parameter as ``Entry.gathered`` has them; it is dropped when none is left."""
+    if len(rows):
+        Entry.of(adam, name).gathered(rows, fresh, size).put(adam, name)
+    else:
+        forget(adam, name)
+
+
+def saved_entry(adam: mi.ad.Adam, name: str) -> dict[str, np.ndarray]:
+    """A parameter on the host: its values under its name, moments ``.m`` and ``.v``, steps ``.t``, rate ``.rate``."""
+    e = Entry.of(adam, name)
+    numbers = {"t": np.array(e.t[0], np.uint32), "rate": np.array(e.rate)}
+    arrays = {name: to_host(e.value), f"{name}.m": to_host(e.m), f"{name}.v": to_host(e.v)}
+    return arrays | {f"{name}.{key}": value for key, value in numbers.items()}
+
+
+def restore_entry(adam: mi.ad.Adam, name: str, saved: Mapping[str, np.ndarray]) -> None:
+    """Take over what ``saved_entry`` gave."""
+    adam[name] = device_array(saved[name])  # registers the parameter
+    entry, (m, v) = Entry.of(adam, name), (device_array(saved[f"{name}.{moment}"]) for moment in "mv")
+    t, rate = type(entry.t)(int(saved[f"{name}.t"])), float(saved[f"{name}.rate"])
+    replace(entry, t=t, rate=rate, m=m, v=v).put(adam, name)
+
+
+def to_host(array: Any) -> np.ndarray:
+    """A flat host copy."""
+    return np.array(dr.detach(array).numpy())
 
 
 def forget(adam: mi.ad.Adam, name: str) -> None:

@@ -10,8 +10,10 @@ from ..render.picture_options import Antialiased, Background, Downscale, NearCli
 from ..support.memory import bytes_of
 from ..support.settings import Setting, check_settings, refuse
 from .presets import RECIPES
+from .target import REMEDY, checked_target, target_bytes
 
 FROM_RECIPE: Any = None  # a default that the preset decides on when the configuration is made
+PRUNING_PRESETS = "use " + " or ".join(name for name in RECIPES if RECIPES[name].pruning)
 FREE = ("checkpoint_seconds", "memory")  # may change from one start of a run to the next, as no result depends on them
 PRESETS = "recipe: ours; paper or released (the method as printed, as in its code); 3dgs (baseline)"
 WORLD_SCALE = "remove larger primitives, times the camera extent (default: the preset's)"
@@ -20,6 +22,9 @@ TESTS = "steps between measurements of PSNR and FLIP on the test views; 0: eight
 MEASURED = "views that are measured: test; or validation, every 8th training view, no test view being read then"
 NEAR_ZONE = "remove primitives nearer than this to a training camera, world units; 0: none"
 BATCH = "views of a step, which takes the mean of their gradients; step sizes grow with the square root"
+FORMATS = ("ply", "spz", "sog")
+FORMAT = f"file to train for, of {', '.join(FORMATS)}: the last part of the training sees the model as it will be there"
+TARGET = "what is left after pruning: a ratio (0.1, 10%), a count of primitives (20000), or the size of the file (2MB)"
 CHECKPOINTS = "time between checkpoints; longer where they would take a fiftieth of the time"
 
 
@@ -35,7 +40,8 @@ class TrainConfig:
     steps: Annotated[
         int, Setting("training steps; the whole schedule scales along (default: the preset's)", least=1)
     ] = FROM_RECIPE
-    target: Annotated[float, Setting("primitives left after pruning: below 1 a ratio, else a count")] = 0.1
+    target: Annotated[str | float, Setting(TARGET, metavar="X")] = 0.1
+    format: Annotated[str, Setting(FORMAT, choices=FORMATS)] = "ply"
     batch_views: Annotated[int, Setting(BATCH, least=1)] = 1
     downscale: Downscale = 1
     max_primitives: Annotated[int | None, Setting("never hold more primitives than this", least=1)] = None
@@ -72,9 +78,22 @@ class TrainConfig:
                 bytes_of(self.memory)
             except ValueError as error:
                 refuse("memory", str(error), "use a number with K, M, G or T, as 8G")
-        if not (0 < self.target < 1 or (self.target >= 1 and float(self.target).is_integer())):
-            refuse("target", f"{self.target:g} is no target", "use a ratio below 1 or a whole number of primitives")
-        if self.max_primitives is not None and self.target >= self.max_primitives:
+        self._check_target()
+
+    @property
+    def target_bytes(self) -> int | None:
+        """Of the file that the training is to end with; None where the target is a ratio or a count."""
+        return target_bytes(self.target)
+
+    def _check_target(self) -> None:
+        try:
+            object.__setattr__(self, "target", checked_target(self.target))
+        except ValueError as error:
+            refuse("target", str(error), REMEDY)
+        if self.target_bytes is not None:
+            if not RECIPES[self.preset].pruning:
+                refuse("target", f'{self.target} needs pruning, and "{self.preset}" does not', PRUNING_PRESETS)
+        elif self.max_primitives is not None and float(self.target) >= self.max_primitives:
             problem = f"{self.target:g} primitives are not fewer than --max-primitives {self.max_primitives}"
             refuse("target", problem, "use a smaller target or a larger cap")
 
@@ -82,8 +101,7 @@ class TrainConfig:
         recipe = RECIPES[self.preset]
         if self.model is not None:
             if not recipe.pruning:
-                pruning = " or ".join(name for name in RECIPES if RECIPES[name].pruning)
-                refuse("preset", f'"{self.preset}" does not prune', f"use {pruning}")
+                refuse("preset", f'"{self.preset}" does not prune', PRUNING_PRESETS)
             recipe = recipe.from_pruning()
         if self.steps is None:
             object.__setattr__(self, "steps", recipe.reference_steps)

@@ -8,6 +8,9 @@ import numpy as np
 
 from ..engine.parameters import device_array, dog_rows
 from ..engine.project import NOT_DOG
+from ..scene.row_groups import row_of_splats
+
+DOG_ROW_SIZE = {"dog_logit_opacities": 1, "dog_log_scales": 3}
 
 
 class DogRows:
@@ -40,6 +43,4 @@ class DogRows:
 
     def of_splats(self) -> np.ndarray:
         """[N] row of each primitive, or -1."""
-        rows = np.full(self.n, -1)
-        rows[self.index] = np.arange(len(self.index))
-        return rows
+        return row_of_splats(self.index, self.n)

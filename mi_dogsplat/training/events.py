@@ -115,6 +115,21 @@ class Pruned(Event):
 
 
 @dataclass(frozen=True)
+class Allocated(Event):
+    """The bytes of the file were divided anew: it has ``bytes`` of the ``budget``.
+
+    ``degrees``: how many have SH degree 0, 1, 2, 3; ``dog``: how many are DoG.
+    """
+
+    kind, words = "allocated", "{bytes} of {budget} bytes: SH degrees {degrees}, {dog} DoG"
+    columns = MappingProxyType({"file_bytes": "bytes"})
+    bytes: int
+    budget: int
+    degrees: tuple[int, ...]
+    dog: int
+
+
+@dataclass(frozen=True)
 class DogActivated(Event):
     """All ``count`` primitives became DoG; ``psnr_before``: mean over the test views before, None without any."""
 

@@ -9,13 +9,16 @@ import numpy as np
 from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from ..datasets import Dataset
-from ..engine.sh import C0
+from ..formats.read import read_model
+from ..formats.sizes import encoded
 from ..scene.cameras import Camera
-from ..scene.ply import read_ply
+from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..support.errors import DataError
+from ..support.wording import file_size
 from .config import TrainConfig
 from .strategy.scheduler import target_count
+from .target import target_bytes
 
 INITIAL_OPACITY = 0.1
 NEIGHBOURS = 3
@@ -99,16 +102,27 @@ def random_splats(cameras: Sequence[Camera], count: int, rng: np.random.Generato
     return splats_from_points(chosen, rng.uniform(0.4, 0.6, (count, 3)), sh_degree)
 
 
-def model_to_prune(path: str, target: float) -> Splats:
-    """Read a model. Raises ``DataError`` if it cannot be read, or cannot be pruned to ``target``.
+def model_to_prune(path: str, target: float | str, format: str = "ply") -> Splats:
+    """Read a model of any format. Raises ``DataError`` if it cannot be read, or cannot be pruned to ``target``.
+
+    Args:
+        path: of the model.
+        target: as in ``TrainConfig``.
+        format: of the file that a size is of.
 
     Quaternions are brought to length 1, which changes no picture: a training step of one turns by step / length.
     """
-    splats = read_ply(path)
+    model = read_model(path)
+    splats = model.splats
+    if model.drawing.linear:
+        raise DataError(path, "its colours are linear radiance", "training knows display-referred sRGB only")
     if splats.n_splats < 2:
         raise DataError(path, f"holds {splats.n_splats} primitives", "pruning needs at least 2")
     try:
-        target_count(target, splats.n_splats)
+        if (most := target_bytes(target)) is None:
+            target_count(float(target), splats.n_splats)
+        elif (size := len(encoded(format, splats))) <= most:
+            raise ValueError(f"{target} is not below the {file_size(size)} that the model takes as {format}")
     except ValueError as error:
         raise DataError("--target", str(error), f"choose another one for {path}") from None
     length = np.linalg.norm(splats.quats.astype(np.float64), axis=1, keepdims=True)
@@ -122,7 +136,7 @@ def initial_splats(config: TrainConfig, dataset: Dataset, limit: int | None) -> 
     Of points and random primitives there are ``limit`` at most.
     """
     if config.model is not None:
-        return model_to_prune(config.model, config.target)
+        return model_to_prune(config.model, config.target, config.format)
     if len(dataset.points):
         splats = splats_from_points(dataset.points, dataset.point_colors, config.sh_degree)
         if limit is not None and splats.n_splats > limit:

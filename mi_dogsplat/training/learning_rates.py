@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from ..engine.parameters import RAW_DOG
 from .milestones import scaled_milestone
+from .sh_rows import SH_INDEX
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class LearningRates:
     quats: float = 1e-3
     logit_opacities: float = 0.025
     sh_dc: float = 2.5e-3
-    sh_rest: float = 2.5e-3 / 20
+    sh_rest: float = 2.5e-3 / 20  # and of the groups of a mixed model
     dog_logit_opacities: float = 0.025
     dog_log_scales: float = 5e-3
     refinement: Refinement | None = None
@@ -70,4 +71,5 @@ class LearningRates:
         rates = {"means": means} | {name: getattr(self, name) for name in names}
         if self.refinement:
             rates = {name: r * self.refinement.factor(name, step, self.total_steps) for name, r in rates.items()}
+        rates |= dict.fromkeys(SH_INDEX, rates["sh_rest"])
         return {name: rate * self.batch_gain for name, rate in rates.items()}

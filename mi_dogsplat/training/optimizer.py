@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -24,13 +23,15 @@ import mitsuba as mi
 import numpy as np
 
 from ..engine.parameters import RAW_DOG, device_array
+from ..scene.row_groups import SH
 from ..scene.splats import Splats
-from .adam import Entry, forget, step_without
-from .dog_rows import DogRows
+from .adam import Entry, forget, gather, step_without, to_host
+from .dog_rows import DOG_ROW_SIZE, DogRows
 from .learning_rates import LearningRates
+from .optimizer_state import restore_parameters, saved_parameters
+from .sh_rows import SH_INDEX, ShRows, bands_of, row_sizes, sh_arrays
 
 ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}
-DOG_ROW_SIZE = {"dog_logit_opacities": 1, "dog_log_scales": 3}
 MAX_GRADIENT = 1e18  # its square is a float32
 BETA_1, BETA_2 = 0.9, 0.999
 EPSILON = 1e-15  # of Adam, as in 3DGS: gradients far below move nothing
@@ -40,7 +41,8 @@ class SplatOptimizer:
     """Parameters by name as flat row-major arrays attached to the AD graph, and Adam on them.
 
     ``sh_coeffs`` is held as ``sh_dc`` and ``sh_rest`` because their step sizes differ (see ``evaluate_sh``);
-    ``sh_rest`` is absent at degree 0; else its rows hold all K coefficients, the first of them unused.
+    ``sh_rest`` is absent at degree 0; else its rows hold all K coefficients, the first of them unused. In a mixed model
+    groups of rows take its place (``sh_rows.py``).
     """
 
     def __init__(self, splats: Splats, learning_rates: LearningRates):
@@ -53,9 +55,9 @@ class SplatOptimizer:
         self.row_size = dict(ROW_SIZE)
         values = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities")}
         values["sh_dc"] = splats.sh_coeffs[:, 0]
-        if splats.sh_degree > 0:
-            values["sh_rest"] = splats.sh_coeffs
-            self.row_size["sh_rest"] = 3 * splats.sh_coeffs.shape[1]
+        bands = bands_of(splats)
+        values |= bands
+        self.row_size |= row_sizes(bands, splats.n_splats)
         if splats.n_dog:
             values |= {name: getattr(splats, name) for name in RAW_DOG}
             self.row_size |= DOG_ROW_SIZE
@@ -63,6 +65,7 @@ class SplatOptimizer:
         adam: dict[str, Any] = {"beta_1": BETA_1**views, "beta_2": BETA_2**views, "epsilon": EPSILON / gain}
         self.adam = mi.ad.Adam(lr=0.0, params={name: device_array(v) for name, v in values.items()}, **adam)
         self._dog = DogRows(splats.dog_index, splats.n_splats)
+        self._sh = ShRows.of(splats, chosen=False)
         self.schedule(0)
 
     @property
@@ -73,7 +76,20 @@ class SplatOptimizer:
     @property
     def sh_degree(self) -> int:
         """Highest degree of the view-dependent colour."""
-        return math.isqrt(self.row_size["sh_rest"] // 3) - 1 if "sh_rest" in self.row_size else 0
+        return math.isqrt(self.row_size["sh_rest"] // 3) - 1 if "sh_rest" in self.row_size else self._sh.degree
+
+    @property
+    def bands(self) -> tuple[str, ...]:
+        """Names of the parameters that hold view-dependent colour."""
+        return tuple(name for name in self.adam if name == "sh_rest" or name in SH_INDEX)
+
+    @property
+    def sh_degrees(self) -> np.ndarray:
+        """[N] int, the degree of each primitive."""
+        degrees = np.full(self.n, 0 if self._sh.indices else self.sh_degree)
+        for degree, group in SH.items():
+            degrees[self._sh.indices.get(group.index, [])] = degree
+        return degrees
 
     @property
     def n_dog(self) -> int:
@@ -89,7 +105,7 @@ class SplatOptimizer:
     @property
     def params(self) -> dict:
         """Arrays for ``rasterize``; gradients accumulate on them."""
-        return dict(self.adam.items()) | self._dog.params
+        return dict(self.adam.items()) | self._dog.params | self._sh.params
 
     def schedule(self, step: int) -> None:
         """Set the step sizes for a step.
@@ -99,7 +115,10 @@ class SplatOptimizer:
         """
         gain = self.learning_rates.batch_gain
         rates = self.learning_rates.at(step) | {name: rate * gain for name, rate in self.other_rates.items()}
-        self.adam.set_learning_rate({name: rates[name] * self.rate_factors.get(name, 1.0) for name in self.adam})
+        factors = self.rate_factors
+        if "sh_rest" in factors:
+            factors = dict.fromkeys(SH_INDEX, factors["sh_rest"]) | factors
+        self.adam.set_learning_rate({name: rates[name] * factors.get(name, 1.0) for name in self.adam})
 
     def learn(self, name: str, values: np.ndarray, rate: float) -> None:
         """Train one more number per primitive, which moves along with it; renders know nothing of it.
@@ -137,7 +156,7 @@ class SplatOptimizer:
 
     def numpy(self, name: str) -> np.ndarray:
         """Copy of a parameter on the host, [N] or [N, row size]."""
-        flat = _host(dr.detach(self.adam[name]))
+        flat = to_host(self.adam[name])
         return flat if self.row_size[name] == 1 else flat.reshape(-1, self.row_size[name])
 
     def assign(self, name: str, values: np.ndarray, rows: np.ndarray | None = None) -> None:
@@ -195,6 +214,20 @@ class SplatOptimizer:
             self._gather_dog(keep)
             self._dog = DogRows(self._dog.index[keep], self.n)
 
+    def set_sh_degrees(self, degrees: np.ndarray) -> None:
+        """Give each primitive an SH degree; bands that it keeps keep their moments, bands that are new are zero.
+
+        Args:
+            degrees: [N] 0..3. If they are all equal the model is uniform from then on, else it is mixed.
+
+        Raises ``ValueError`` for another number of degrees, or for what is no degree.
+        """
+        rate, before = self.learning_rates.at(0)["sh_rest"], self.bands
+        self._sh, sizes = self._sh.regrouped(self.adam, before, self.n, degrees, rate)
+        for name in before:
+            del self.row_size[name]
+        self.row_size |= sizes
+
     def rearrange(self, index: np.ndarray, fresh: np.ndarray) -> None:
         """Make row r a copy of the old row ``index[r]``: the one place where the number of rows changes.
 
@@ -207,8 +240,12 @@ class SplatOptimizer:
             raise ValueError("SplatOptimizer.rearrange: no primitive would be left")
         self._sweep()
         dog_row_of_new = np.where(fresh, -1, self._dog.of_splats()[index])
+        self._sh, rows = self._sh.rearranged(index, self.n)
         for name in [name for name in self.adam if name not in DOG_ROW_SIZE]:
-            self._gather(name, index, fresh)
+            if name in rows:
+                self._gather(name, rows[name], fresh[self._sh.primitives(name)])
+            else:
+                self._gather(name, index, fresh)
         self._gather_dog(dog_row_of_new[dog_row_of_new >= 0])
         self._dog = DogRows(np.flatnonzero(dog_row_of_new >= 0), len(index))
         for follow in self.followers:
@@ -223,61 +260,26 @@ class SplatOptimizer:
             self._gather(name, rows, np.zeros(len(rows), bool))
 
     def _gather(self, name: str, rows: np.ndarray, fresh: np.ndarray) -> None:
-        if len(rows) == 0:
-            forget(self.adam, name)
-            return
-        Entry.of(self.adam, name).gathered(rows, fresh, self.row_size[name]).put(self.adam, name)
+        gather(self.adam, name, rows, fresh, self.row_size[name])
 
     def to_splats(self) -> Splats:
         """The model on the host."""
-        n = self.n
-        sh = self.numpy("sh_dc").reshape(n, 1, 3)
-        if "sh_rest" in self.adam:
-            sh = np.concatenate([sh, self.numpy("sh_rest").reshape(n, -1, 3)[:, 1:]], axis=1)
         arrays = {name: self.numpy(name) for name in ("means", "log_scales", "quats", "logit_opacities")}
+        arrays |= sh_arrays(self.numpy("sh_dc"), {name: self.numpy(name) for name in self.bands}, self._sh.indices)
         if self.n_dog:
             arrays |= {"dog_index": self.dog_index} | {name: self.numpy(name) for name in RAW_DOG}
-        return Splats(sh_coeffs=sh, **arrays)
+        return Splats(**arrays)
 
     def state(self) -> dict[str, np.ndarray]:
         """What ``restore`` needs to go on with the same bits: values, both moments, step counts, rates."""
         self._sweep()
-        saved: dict[str, Any] = {"dog_index": self.dog_index.copy()}
-        for name in self.adam:
-            e = Entry.of(self.adam, name)
-            saved[name], saved[f"{name}.m"], saved[f"{name}.v"] = _host(dr.detach(e.value)), _host(e.m), _host(e.v)
-            saved[f"{name}.t"] = np.array(e.t[0], np.uint32)
-            saved[f"{name}.rate"] = np.array(self.other_rates.get(name, e.rate))
-        return saved
+        rows = {"dog_index": self.dog_index.copy()} | self._sh.state()
+        return rows | saved_parameters(self.adam, self.other_rates)
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
         """Take over the ``state()`` of an optimizer, whatever its number of primitives.
 
         Raises ``ValueError`` when it is incomplete, of another SH degree, or has a value that is not finite.
         """
-        not_finite = [name for name, values in saved.items() if not np.isfinite(values).all()]
-        if not_finite:
-            raise ValueError(f"SplatOptimizer.restore: {not_finite[0]} of the state is not finite")
-        names = [name for name in self.row_size if not name.startswith("dog_")]
-        n = np.size(saved.get("logit_opacities", ()))
-        wrong = [name for name in names if np.size(saved.get(name, ())) != n * self.row_size[name]]
-        if n == 0 or wrong or ("sh_rest" in saved) != ("sh_rest" in names):
-            problem = f"{wrong or 'sh_rest'} of the state does not fit this SH degree"
-            raise ValueError(f"SplatOptimizer.restore: {problem}")
-        known = {**self.row_size, **DOG_ROW_SIZE}
-        learned = [name for name in saved if f"{name}.rate" in saved and name not in known]
-        self.other_rates = {name: float(saved[f"{name}.rate"]) for name in learned}
-        self.row_size |= DOG_ROW_SIZE | dict.fromkeys(learned, 1)
-        for name in list(self.adam):
-            forget(self.adam, name)
-        for name in [name for name in self.row_size if name in saved]:
-            self.adam[name] = device_array(saved[name])  # registers the parameter
-            entry, (m, v) = Entry.of(self.adam, name), (device_array(saved[f"{name}.{moment}"]) for moment in "mv")
-            t, rate = type(entry.t)(int(saved[f"{name}.t"])), float(saved[f"{name}.rate"])
-            replace(entry, t=t, rate=rate, m=m, v=v).put(self.adam, name)
-        self._dog = DogRows(saved["dog_index"], self.n)
-
-
-def _host(array: Any) -> np.ndarray:
-    """A flat host copy."""
-    return np.array(array.numpy())
+        self.other_rates = restore_parameters(self.adam, self.row_size, self.bands, saved)
+        self._dog, self._sh = DogRows(saved["dog_index"], self.n), ShRows.of_state(saved)

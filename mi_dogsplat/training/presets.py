@@ -13,6 +13,7 @@ from typing import Any
 from ..scores.score import Score, ScoreRule
 from .learning_rates import Refinement
 from .milestones import scaled_milestone
+from .strategy.compaction import Compaction
 from .strategy.densify import Densification
 from .strategy.dog_control import DogActivation, DogControl, DogRule
 from .strategy.prune import Pruning
@@ -80,14 +81,21 @@ class Recipe:
             first_step=start,
         )
 
-    def strategies(self, sieve: Sieve) -> list[Strategy[Any]]:
+    def strategies(self, sieve: Sieve, size: tuple[int, str] | None = None) -> list[Strategy[Any]]:
         """The parts of the training, in the order in which they act.
+
+        Args:
+            sieve: what leaves without being pruned.
+            size: bytes of the file to end with, and its format; None: a number of primitives.
 
         Raises ``ValueError`` where two of them have one name.
         """
         parts: list[Strategy[Any]] = [DogControl(self.dog)] if self.dog and self.dog.control else []
         parts += [sieve, self.densification, ShRamp(self.sh_every), *self.also]
-        parts += [Pruning(self.pruning, self.score)] if self.pruning and self.score else []
+        if self.pruning and size:
+            parts += [Compaction(self.pruning, *size)]
+        elif self.pruning and self.score:
+            parts += [Pruning(self.pruning, self.score)]
         parts += [DogActivation(self.dog)] if self.dog else []
         names = [part.name for part in parts]
         if twice := [name for name in names if names.count(name) > 1]:

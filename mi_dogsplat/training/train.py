@@ -52,6 +52,8 @@ class Trainer:
     def __init__(self, config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None):
         self.config, self.dataset = config, dataset
         recipe = recipe or RECIPES[config.preset]
+        if config.format != "ply":
+            recipe = replace(recipe, dog=None)  # which no other format holds
         bounds = {"max_primitives": config.max_primitives, "max_world_scale": config.max_world_scale}
         density = replace(recipe.densification, **bounds, batch_views=config.batch_views)
         recipe = replace(recipe, densification=density)
@@ -59,7 +61,7 @@ class Trainer:
         self.background = background_color(config.background, dataset.has_alpha)
         self.extent = camera_extent(dataset.train)
         share = recipe.start_share
-        limit = config.max_primitives if share is None else max(1, int(share * config.target))
+        limit = config.max_primitives if share is None else max(1, int(share * float(config.target)))
         splats = initial_splats(config, dataset, limit)
         self.n_start = splats.n_splats
         self.memory = budget(config.memory, dataset, splats.sh_degree, config.data_on_disk)
@@ -75,12 +77,13 @@ class Trainer:
             self.extent, self.recipe.position_steps, refinement=self.recipe.refinement, batch_views=config.batch_views
         )
         self.optimizer = SplatOptimizer(splats, rates)
-        self.steps, self.target = config.steps, config.target
+        self.steps, self.target = config.steps, 0.0 if config.target_bytes else float(config.target)
         self.step_count, self.seconds = 0, 0.0
         self.order: list[int] = []  # of the views that are still to come in this turn, from its end
         self.losses = LossMeans()
         self.sieve = Sieve(config.near_zone)
-        self.strategies = self.recipe.strategies(self.sieve)
+        size = None if config.target_bytes is None else (config.target_bytes, config.format)
+        self.strategies = self.recipe.strategies(self.sieve, size)
         self.states: dict[str, Any] = {strategy.name: strategy.new_state(self) for strategy in self.strategies}
         self.optimizer.followers += [partial(s.rearranged, state) for s, state in self._parts()]
 
@@ -111,7 +114,7 @@ class Trainer:
             self._learn_from(self._next_view(), parts, last=not left)
             if left:
                 dr.eval([dr.grad(value) for value in self.optimizer.adam.values()])  # else one kernel for all views
-        self.optimizer.step(unused=() if self.active_sh_degree else ("sh_rest",))
+        self.optimizer.step(unused=() if self.active_sh_degree else self.optimizer.bands)
 
         self.step_count += 1
         return [event for strategy, state in parts for event in strategy.after_step(self, state)]
@@ -146,6 +149,10 @@ class Trainer:
     def begin(self) -> list[Event]:
         """What is due before the first step, as for a model that exists."""
         return [event for strategy, state in self._parts() for event in strategy.begin(self, state)]
+
+    def end(self) -> list[Event]:
+        """What is due after the last step."""
+        return [event for strategy, state in self._parts() for event in strategy.end(self, state)]
 
     def render(self, params: dict, view: int, probe: list | None = None) -> tuple[list, Frame]:
         """Planes of a training view over the background, and the frame they come from."""

@@ -24,6 +24,7 @@ from ..render.framing import NEAR_SHARE, automatic_camera, likely_up, robust_sph
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
 from ..scene.cameras import Camera
+from ..scene.drawing import drawn_as
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .drawing import Drawing
@@ -44,7 +45,7 @@ class Server:
         source: the model; it is polled while the viewer runs.
         dataset: its photographs, if there are any.
         background: grey level of ``BACKGROUNDS``.
-        near_clip, antialiased: as the model was trained; near_clip is smaller where a model without data is small.
+        options: how to draw it, before what the source says; near_clip is smaller where a model without data is small.
     """
 
     def __init__(
@@ -52,8 +53,7 @@ class Server:
         source: Source,
         dataset: Dataset | None = None,
         background: float = 0.0,
-        near_clip: float = 0.2,
-        antialiased: bool = False,
+        options: PictureOptions = PictureOptions(),
         host: str = "127.0.0.1",
         port: int = 8080,
     ):
@@ -65,9 +65,9 @@ class Server:
         splats, self.what = found
         self.source = source
         views = [*dataset.test, *dataset.train] if dataset else []
-        if not views:
-            near_clip = min(near_clip, NEAR_SHARE * robust_sphere(splats)[1])
-        self.drawing = Drawing(splats, near_clip, antialiased, views)
+        drawn = drawn_as(options.drawing, source.drawing)
+        near_clip = drawn.near_clip if views else min(drawn.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
+        self.drawing = Drawing(splats, near_clip, drawn.antialiased, views, drawn.linear)
         self.settings = Settings(background=background, sh_degree=splats.sh_degree)
         self.visitors: dict[int, tuple[Any, Pace]] = {}
         self._running, self._polled = True, time.monotonic()
@@ -195,7 +195,7 @@ def serve(
         model: the model or run; of a run that still trains, its newest checkpoint.
         data: photographs to compare with; None: those of the run.
         host, port: where it listens.
-        options: how it is drawn; what a run was trained with comes first.
+        options: how it is drawn; what they do not say, the run or the file of the model does.
         show: told in one line where to look.
 
     Needs a Mitsuba variant, which belongs to the calling thread. Raises ``DataError``.
@@ -207,8 +207,7 @@ def serve(
     dataset = _dataset(data, config, options.downscale)
     has_alpha = dataset is not None and dataset.has_alpha
     background = background_color(config.get("background", options.background), has_alpha)
-    near_clip, antialiased = (config.get(name, getattr(options, name)) for name in ("near_clip", "antialiased"))
-    server = Server(source, dataset, background, near_clip, antialiased, host, port)
+    server = Server(source, dataset, background, options, host, port)
     show(f"{server.url} shows {model}; Ctrl-C ends it")
     try:
         server.serve()

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ..formats.read import read_model
 from ..report.run_folder import read_run
 from ..runs.checkpoint import CHECKPOINT, load_checkpoint
-from ..scene.ply import read_ply
+from ..scene.drawing import Drawing
 from ..scene.splats import Splats
 from ..support.errors import DataError
+from ..training.sh_rows import sh_arrays
 
 MODEL_FILE = "point_cloud.ply"
 RAW = ("means", "log_scales", "quats", "logit_opacities")
@@ -24,6 +26,8 @@ class Source:
         self.path = path
         self.is_run = path.is_dir()
         self.config = read_run(path).config if self.is_run else {}
+        said = {name: self.config[name] for name in ("antialiased", "near_clip") if name in self.config}
+        self.drawing = Drawing(**said)  # what the run, or a file once it is read, says
         self._seen: tuple = ()
 
     def poll(self) -> tuple[Splats, str] | None:
@@ -39,7 +43,9 @@ class Source:
             of = f" of {steps:,}" if isinstance(steps, int) else ""
             found = splats_of_state(state), f"step {int(state['step']):,}{of}"
         else:
-            found = read_ply(file), file.name
+            model = read_model(file)
+            self.drawing = self.drawing.over(model.drawing)
+            found = model.splats, file.name
         self._seen = signature
         return found
 
@@ -47,7 +53,7 @@ class Source:
         """The file to read: of a run the younger of checkpoint and model."""
         if not self.is_run:
             if not self.path.is_file():
-                raise DataError(self.path, "no such file or folder", "give a model .ply or a run folder")
+                raise DataError(self.path, "no such file or folder", "give a model or a run folder")
             return self.path
         files = [file for name in (CHECKPOINT, MODEL_FILE) if (file := self.path / name).is_file()]
         if not files:
@@ -61,10 +67,8 @@ def splats_of_state(state: Mapping[str, np.ndarray]) -> Splats:
     part = {name.removeprefix("optimizer."): values for name, values in state.items() if name.startswith("optimizer.")}
     n = part["logit_opacities"].size
     arrays = {name: part[name].reshape(n, -1) if name != "logit_opacities" else part[name] for name in RAW}
-    sh = part["sh_dc"].reshape(n, 1, 3)
-    if "sh_rest" in part:
-        sh = np.concatenate([sh, part["sh_rest"].reshape(n, -1, 3)[:, 1:]], axis=1)
+    arrays |= sh_arrays(part["sh_dc"].reshape(n, 3), part, part)
     if m := part["dog_index"].size:
         arrays |= {"dog_index": part["dog_index"], "dog_logit_opacities": part["dog_logit_opacities"]}
         arrays["dog_log_scales"] = part["dog_log_scales"].reshape(m, 3)
-    return Splats(sh_coeffs=sh, **arrays)
+    return Splats(**arrays)

@@ -10,8 +10,8 @@ from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import device_array, upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
-from mi_dogsplat.engine.sh import C0
 from mi_dogsplat.reference.forward import render
+from mi_dogsplat.scene.sh_basis import C0
 
 from benchmarks import stiffness
 

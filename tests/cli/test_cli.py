@@ -18,8 +18,8 @@ from mi_dogsplat.cli.arguments import build_parser
 from mi_dogsplat.scene.camera_file import write_camera
 from PIL import Image
 
-COMMANDS = ("train", "prune", "ablate", "compare", "render", "eval", "capture", "poses", "info", "check", "export")
-COMMANDS += ("view",)
+COMMANDS = ("train", "prune", "ablate", "compare", "render", "eval", "capture", "info", "check", "export", "view")
+COMMANDS += ("clean", "film", "poses", "simplify")
 SMALL = ["--preset", "3dgs", "--steps", "12", "--sh-degree", "1", "--max-primitives", "80", "--variant", "llvm_ad_rgb"]
 
 
@@ -215,8 +215,13 @@ def test_argparse_stops_at_the_command_line():
         (["--test-every", "-1"], ["--test-every", "at least 0"]),
         (["--initial-primitives", "0"], ["--initial-primitives", "at least 1"]),
         (["--preset", "best"], ["--preset", "best", "ours or paper or released or 3dgs"]),
+        (["--format", "obj"], ["--format", "obj", "ply or spz or sog"]),
         (["--target", "0"], ["--target", "ratio", "whole number"]),
         (["--target", "2.5"], ["--target", "2.5"]),
+        (["--target", "100%"], ["--target", "100%", "a ratio below 1 (0.1, 10%)"]),
+        (["--target", "0MB"], ["--target", "0MB", "the size of the file (2MB)"]),
+        (["--target", "2MX"], ["--target", "2MX", "the size of the file (2MB)"]),
+        (["--target", "2MB", "--preset", "3dgs"], ["--target", "2MB", "3dgs", "use ours or paper or released"]),
         (["--target", "300", "--max-primitives", "300"], ["--target", "300", "--max-primitives"]),
         (["--background", "green"], ["--background", "green", "black or white or auto"]),
         (["--variant", "scalar_rgb"], ["--variant", "scalar_rgb", "llvm_ad_rgb"]),

@@ -8,9 +8,10 @@ import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.export.bake import RATIOS, baked, nearest_gaussians
-from mi_dogsplat.export.write import FORMATS, Loss, Views, export_model, losses, mean_psnr
+from mi_dogsplat.export.write import Loss, Views, export_model, losses, mean_psnr
 from mi_dogsplat.formats import gltf, spz
-from mi_dogsplat.formats.packing import turned_rub
+from mi_dogsplat.formats.packing import LUF, turned
+from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.render.framing import cameras_around, robust_sphere
 from mi_dogsplat.scene.splats import Splats
 from scipy.integrate import dblquad
@@ -34,13 +35,36 @@ def test_a_baked_gaussian_is_the_nearest_in_the_picture_of_a_round_dog(f_a, F):
         return dblquad(lambda r, _: r * profile(r) ** 2, 0, 1, 0, 12, epsabs=1e-6)[0]
 
     best = minimize(distance, [1.0, 1 - f_a], method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-7}).x
-    ratios, factors = nearest_gaussians(np.array([f_a], np.float32), np.full((1, 3), F, np.float32))
+    ratios, factors = nearest_gaussians(np.array([f_a], np.float32), np.full((1, 3), F, np.float32), np.ones((1, 3)))
     assert ratios[0] == pytest.approx([best[0]] * 3, rel=2 * (RATIOS[1] / RATIOS[0] - 1))
     assert factors[0] == pytest.approx(best[1], rel=0.02)
 
 
+@pytest.mark.parametrize("f_a, F, scales", [(0.4, [0.5, 1.3, 0.8], [1, 0.5, 0.2]), (0.6, [0.4, 0.4, 2], [2, 2, 0.1])])
+def test_a_baked_gaussian_is_the_nearest_in_views_along_the_axes_by_their_areas(f_a, F, scales):
+    """Oracle: squared differences in the three views, summed over a grid, minimised over three scales and the peak."""
+    line = np.linspace(-12, 12, 241)
+
+    def distance(x):
+        total = 0.0
+        for j, k in ((0, 1), (0, 2), (1, 2)):
+            square = lambda r, j=j, k=k: (line[:, None] / r[j]) ** 2 + (line / r[k]) ** 2  # noqa: E731
+            dog = np.exp(-square(np.ones(3)) / 2) - f_a * np.exp(-square(F) / 2)
+            total += scales[j] * scales[k] * np.square(x[3] * np.exp(-square(x) / 2) - dog).sum()
+        return total
+
+    options = {"xatol": 1e-4, "fatol": 1e-9, "maxiter": 4000, "maxfev": 4000}
+    best = minimize(distance, [1.0, 1, 1, 1 - f_a], method="Nelder-Mead", options=options).x
+    ratios, factors = nearest_gaussians(*(np.array([x], np.float32) for x in (f_a, F, scales)))
+    assert ratios[0] == pytest.approx(best[:3], rel=2 * (RATIOS[1] / RATIOS[0] - 1))
+    assert factors[0] == pytest.approx(best[3], rel=0.02)
+    assert distance([*ratios[0], factors[0]]) < 1.005 * distance(best)
+
+
 def test_a_weak_dog_stays_as_it_is_and_plain_gaussians_are_untouched():
-    ratios, factors = nearest_gaussians(np.array([1e-6], np.float32), np.array([[0.5, 1.5, 2]], np.float32))
+    ratios, factors = nearest_gaussians(
+        np.array([1e-6], np.float32), np.array([[0.5, 1.5, 2]], np.float32), np.ones((1, 3))
+    )
     assert ratios[0] == pytest.approx([1, 1, 1], rel=0.01) and factors[0] == pytest.approx(1, rel=0.02)
     model = tiny_data.dog_model()
     plain = baked(model)
@@ -67,7 +91,10 @@ def test_baking_keeps_more_of_the_picture_than_dropping_or_lowering_the_peak(f_a
 def test_every_format_is_written_measured_and_close_to_the_baked_model(capsys, model, tmp_path, suffix):
     out = tmp_path / f"out{suffix}"
     status, printed, _ = run(capsys, "export", model, "-o", out, "--views", "2", "--near-clip", "0.05")
+    said = {".spz": ["near_clip 0.05"], ".splat": ["near_clip 0.05", "SH degree 0"]}.get(suffix, [])
     lines = printed.splitlines()
+    assert all(words in line for words, line in zip(said, lines, strict=False)), printed
+    lines = lines[len(said) :]
     assert status == 0 and "of the model" in lines[0] and "photographs" not in lines[0], printed
     assert [line.split("  ")[1] for line in lines[1:4]] == ["as it is", "without DoG (bake)", "read from the file"]
     without, read = (float(line.split()[-2]) for line in lines[2:4])
@@ -82,9 +109,10 @@ def test_spz_and_gltf_have_y_up_and_the_others_the_axes_of_the_model(capsys, mod
     truth = baked(read_ply(model))
     middle = truth.means.mean(axis=0)
     for suffix, chosen in FORMATS.items():
-        sign = [1, -1, -1] if suffix in (".spz", ".glb") else [1, 1, 1]
-        assert chosen.read(tmp_path / f"out{suffix}").means.mean(axis=0) == pytest.approx(middle * sign, abs=2e-3)
-    assert gltf.decode(tmp_path / "out.glb").means == pytest.approx(turned_rub(truth).means)
+        sign = {".spz": [1, -1, -1], ".glb": [-1, -1, 1], ".gltf": [-1, -1, 1]}.get(suffix, [1, 1, 1])
+        found = chosen.read(tmp_path / f"out{suffix}").splats
+        assert found.means.mean(axis=0) == pytest.approx(middle * sign, abs=2e-3)
+    assert gltf.decode(tmp_path / "out.glb").means == pytest.approx(turned(truth, LUF).means)
     assert spz.decode(tmp_path / "out.spz").n_splats == truth.n_splats
 
 

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import foreign_model
 import numpy as np
 from dataset_folders import colmap_folder, transforms_folder
 from mi_dogsplat.datasets import load_dataset
@@ -21,11 +22,18 @@ from mi_dogsplat.datasets.colmap_files import read_cameras, read_images, read_po
 from mi_dogsplat.datasets.given_cameras import listed_shots
 from mi_dogsplat.datasets.images import image_size, read_image
 from mi_dogsplat.datasets.point_ply import read_point_ply, write_point_ply
+from mi_dogsplat.formats.compressed_ply import encode
+from mi_dogsplat.formats.gltf_container import glb
+from mi_dogsplat.formats.model import Model
+from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.formats.table import FORMATS
+from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.inspection.info import describe_run
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
 from mi_dogsplat.scene.camera_file import read_camera
 from mi_dogsplat.scene.cameras import OPENCV_FROM_OPENGL
+from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.resumable import require_same
@@ -77,6 +85,14 @@ def make_targets(root: Path | None = None) -> dict[str, Target]:
         return folder
 
     add("ply", "model.ply", ply_seeds(), read_ply)
+    for name, seeds in model_seeds(root).items():
+        add(name, f"model.{name}" if name != "unknown" else "model", seeds, read_model)
+    folder = add("sog_meta", "meta.json", [], read_model)
+    with zipfile.ZipFile(io.BytesIO(model_seeds(root)["sog"][0])) as bundle:
+        bundle.extractall(folder)
+    targets["sog_meta"].seeds = [(folder / "meta.json").read_bytes()]
+    with_rows = [encode(random_splats(300, 0, dog_index)) for dog_index in ((), (9, 10, 299))]
+    add("compressed_ply", "model.compressed.ply", with_rows, read_model)
     add("point_ply", "points.ply", point_ply_seeds(), read_point_ply)
     model = root / "colmap" / "sparse" / "0"
     colmap_folder(root / "colmap", text=False)
@@ -125,6 +141,36 @@ def ply_seeds() -> list[bytes]:
         plain = random_splats(4, 0, ())
         seeds.append(to_bytes({"vertex": vertex_columns(plain)}, file_format, {"x": "double", "opacity": "double"}))
     return seeds
+
+
+def model_seeds(root: Path) -> dict[str, list[bytes]]:
+    """Files of small models by the end of their names, as they are written and as others write them."""
+    seeds: dict[str, list[bytes]] = {"unknown": []}
+    for suffix in FORMATS:
+        path = root / f"seed{suffix}"
+        seeds[suffix[1:]] = []
+        for sh_degree in (0, 1):
+            for version in (3, 4) if suffix == ".spz" else (3,):
+                model = Model(random_splats(5, sh_degree, ()), Drawing(True, 0.1, False, "-y", 2.0))
+                write_model(path, model, version)
+                seeds[suffix[1:]].append(path.read_bytes())
+        seeds["unknown"] += seeds[suffix[1:]][:1]
+    for path in foreign_model.FOLDER.iterdir():
+        if path.suffix != ".sog":  # large
+            seeds[path.name.split(".", 1)[1]].append(path.read_bytes())
+    seeds["glb"].append(gltf_of_spz(seeds["spz"][0]))
+    del seeds["ply"]  # a target of its own
+    return seeds
+
+
+def gltf_of_spz(data: bytes) -> bytes:
+    """A .glb whose primitive is compressed as SPZ, in a node that moves it."""
+    inner = {"KHR_gaussian_splatting_compression_spz_2": {"bufferView": 0}}
+    primitive = {"attributes": {}, "mode": 0, "extensions": {"KHR_gaussian_splatting": {"extensions": inner}}}
+    content = {"asset": {"version": "2.0"}, "meshes": [{"primitives": [primitive]}]}
+    content |= {"nodes": [{"mesh": 0, "rotation": [0, 0, 1, 0], "scale": [2, 2, 2]}, {"children": [0]}]}
+    content |= {"buffers": [{"byteLength": len(data)}], "bufferViews": [{"buffer": 0, "byteLength": len(data)}]}
+    return glb(content, data)
 
 
 def point_ply_seeds() -> list[bytes]:

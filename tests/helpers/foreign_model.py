@@ -1,8 +1,8 @@
-"""A model whose files in ``tests/foreign`` another program wrote: ``splat-transform`` 3.7.0 of PlayCanvas (MIT).
+"""A model whose files in ``foreign`` another program wrote: ``splat-transform`` of PlayCanvas (MIT).
 
-Made with ``write_ply("f.ply", model())`` and ``splat-transform --spz-version 3 f.ply model.spz``,
-``splat-transform -g cpu f.ply model.sog``, ``splat-transform f.ply model.compressed.ply``.
-It writes numbers to SPZ as they are; the specification has them in RUB axes.
+Of ``write_ply("f.ply", model())``. Version 2.7.1: ``splat-transform --spz-version 3 f.ply model.spz``,
+``--spz-version 4 f.ply model_4.spz``, ``f.ply model.glb``. Version 3.7.0:
+``-g cpu f.ply model.sog``, ``f.ply model.compressed.ply``.
 """
 
 from pathlib import Path
@@ -11,6 +11,7 @@ import numpy as np
 from mi_dogsplat.scene.splats import Splats
 
 FOLDER = Path(__file__).parent / "foreign"
+FILES = ("model.compressed.ply", "model.glb", "model.sog", "model.spz", "model_4.spz")
 N = 12
 
 

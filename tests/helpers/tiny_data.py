@@ -8,9 +8,9 @@ from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.datasets.point_ply import write_point_ply
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
-from mi_dogsplat.engine.sh import C0
 from mi_dogsplat.render.picture import Picture, premultiplied, render_picture
 from mi_dogsplat.scene.cameras import OPENCV_FROM_OPENGL, Camera
+from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.pictures import write_png
 

@@ -165,7 +165,7 @@ def test_a_mitsuba_scene_is_a_data_set(tmp_path):
 def test_anything_else_is_answered_with_what_is_accepted(tmp_path):
     (tmp_path / "notes.txt").write_text("hello")
     for path in (tmp_path, tmp_path / "notes.txt", tmp_path / "missing"):
-        with pytest.raises(DataError, match="a model .ply, a run folder, or a data set") as caught:
+        with pytest.raises(DataError, match="a run folder, or a data set") as caught:
             describe(path)
         assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from mi_dogsplat import Splats, read_ply, reference, write_ply
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG
-from mi_dogsplat.engine.transform import transformed
+from mi_dogsplat.scene.transform import transformed
 from splat_scenes import axis_rotation, dog_dict, make_splats, random_splats, rounded, scalar_transform
 
 MODEL = rounded(random_splats(12, seed=1, degree=2))

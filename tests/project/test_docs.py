@@ -25,6 +25,7 @@ from mi_dogsplat.cli import main
 from mi_dogsplat.cli.arguments import build_parser
 from mi_dogsplat.cli.commands import COMMANDS
 from mi_dogsplat.scene.camera_file import write_camera
+from mi_dogsplat.training.target import checked_target, target_bytes
 from PIL import Image
 
 ROOT = Path(__file__).parents[2]
@@ -86,8 +87,10 @@ def shortened(argv: list[str]) -> list[str]:
             argv[at:at] = value.split()
         else:
             argv += [flag, *value.split()]
-    if "--target" in argv and float(argv[argv.index("--target") + 1]) > 1:
-        argv[argv.index("--target") + 1] = "20"
+    if "--target" in argv:
+        at = argv.index("--target") + 1
+        target = checked_target(argv[at])
+        argv[at] = "3kB" if target_bytes(target) else "20" if float(target) > 1 else argv[at]
     return argv
 
 

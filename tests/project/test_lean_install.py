@@ -15,7 +15,7 @@ from mi_dogsplat import write_ply
 from PIL import Image
 
 ROOT = Path(__file__).parents[2]
-MODULES = {"pillow": "PIL", "flip-evaluator": "flip_evaluator"}
+MODULES = {"pillow": "PIL", "zstandard": "zstandard", "flip-evaluator": "flip_evaluator"}
 MODULES |= {name: name for name in ("scipy", "tqdm", "viser", "jinja2", "markupsafe", "filelock", "psutil")}
 MODULES |= {name: name for name in ("pycolmap", "av")}
 HIDDEN = sorted(MODULES.values())
@@ -77,7 +77,7 @@ def requirements(name: str) -> set[str]:
 
 def test_the_core_needs_mitsuba_numpy_and_openexr_only():
     assert requirements("dependencies") == {"mitsuba", "numpy", "OpenEXR"}
-    for extra in ("train", "export", "view"):
+    for extra in ("train", "export", "film", "view"):
         assert requirements(extra) <= set(MODULES)  # else they are not hidden here
 
 
@@ -127,6 +127,7 @@ def test_a_model_and_a_run_are_described_without_extras(model, tmp_path, flags):
         ["render", "{model}", "-o", "{out}.png", "--data", "{data}"],
         ["info", "{data}"],
         ["export", "{model}", "-o", "{out}.spz"],
+        ["film", "{model}", "-o", "{out}.mp4"],
         ["view", "{model}"],
     ],
     ids=lambda argv: argv[0],
@@ -136,7 +137,7 @@ def test_a_missing_extra_is_one_line_that_says_what_to_install(model, tmp_path, 
     names = {"data": data, "model": model, "out": tmp_path / "out"}
     done = core(COMMAND, *(word.format(**names) for word in argv))
     assert done.returncode == 2 and done.stdout == "", done
-    extra = argv[0] if argv[0] in ("export", "view") else "train"
+    extra = argv[0] if argv[0] in ("export", "film", "view") else "train"
     assert re.fullmatch(rf"dogsplat: this needs the package \w+: pip install 'mi_dogsplat\[{extra}\]'\n", done.stderr)
     assert not list(tmp_path.glob("out*"))
 

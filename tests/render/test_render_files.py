@@ -126,9 +126,9 @@ def test_aovs_that_cannot_be_written_are_refused(model, tmp_path, name, aovs, me
 def test_depth_is_blended_for_files_that_hold_it_only(model, tmp_path, monkeypatch, name, depth):
     asked = []
 
-    def recorded(params, camera, options, *others):
+    def recorded(params, camera, options, *others, **named):
         asked.append(options.depth)
-        return render_picture(params, camera, options, *others)
+        return render_picture(params, camera, options, *others, **named)
 
     monkeypatch.setattr("mi_dogsplat.render.render_files.render_picture", recorded)
     render(model, tmp_path / name)

@@ -93,6 +93,28 @@ def test_leave_one_out_combines_the_same_energies_of_real_removals(background):
 
 
 @pytest.mark.parametrize("background", [0.0, 1.0])
+def test_leave_dog_out_is_the_energy_of_pictures_with_the_primary_alone(background):
+    splats = rounded(random_splats(15, seed=7, degree=0))
+    views = []
+    for camera in CAMERAS:
+        image = reference.render(splats, camera, [background] * 3)[0]
+        footprints = np.zeros((15, 3, camera.height, camera.width))
+        for row, i in enumerate(splats.dog_index):
+            others = np.delete(np.arange(splats.n_dog), row)
+            names = "dog_index", "dog_logit_opacities", "dog_log_scales"
+            dog = {name: getattr(splats, name)[others] for name in names}
+            plain = reference.render(dataclasses.replace(splats, **dog), camera, [background] * 3)[0]
+            footprints[i] = np.moveaxis(image - plain, -1, 0)
+        views.append(footprints)
+    rule = ScoreRule("leave-dog-out", spectral_weight=0)
+    on_device = [DeviceCamera.upload(camera) for camera in CAMERAS]
+    U, _ = energies(rule, upload(splats), on_device, options(splats), background, 0)
+    assert_close(U, spatial(views))
+    gaussians = np.setdiff1d(np.arange(15), splats.dog_index)
+    assert not U[gaussians].any() and (U[splats.dog_index] > 0).sum() > 3
+
+
+@pytest.mark.parametrize("background", [0.0, 1.0])
 def test_the_released_score_is_of_the_clamped_image_with_pixels_weighted_by_the_band_pass_picture(background):
     splats = rounded(random_splats(40, seed=1, degree=1))
     splats.sh_coeffs[::4, 0] *= 3  # much of the picture is too bright or too dark

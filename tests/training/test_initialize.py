@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from mi_dogsplat.engine.sh import C0
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.training.initialize import MIN_SQUARED_DISTANCE, random_splats, region_of_interest, splats_from_points
 
 

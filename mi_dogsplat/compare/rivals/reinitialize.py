@@ -10,7 +10,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ...engine.sh import C0
+import numpy as np
+
+from ...scene.sh_basis import C0
 from ...training.initialize import splats_from_points
 from ...training.learning_rates import Refinement
 from ...training.milestones import scaled_milestone
@@ -26,8 +28,8 @@ def reinitialize(optimizer: SplatOptimizer) -> None:
     splats = splats_from_points(optimizer.numpy("means"), optimizer.numpy("sh_dc") * C0 + 0.5, optimizer.sh_degree)
     for name in ("log_scales", "quats", "logit_opacities"):
         optimizer.assign(name, getattr(splats, name))
-    if optimizer.sh_degree:
-        optimizer.assign("sh_rest", splats.sh_coeffs.reshape(splats.n_splats, -1) * 0)
+    for name in optimizer.bands:
+        optimizer.assign(name, np.zeros(()))
     optimizer.restart()
 
 

@@ -10,8 +10,9 @@ Notation as in ``composite.py``; for primitive i, at a pixel,
                Splat defines it: not limited where o times that value exceeds .99, 0 where |α| < 1/255 or the walk
                had ended before. Of a DoG primitive: by the value of the primary kernel
     D = α d    the image minus the image without the primitive, per channel
+    P = (α - α⁺) d, with α⁺ = min(.99, 2^p): the image minus the image in which a DoG primitive is its primary alone
 
-J and D are footprint images, one or three channels F each, and a pass adds up sums over their pixels.
+J, D and P are footprint images, of one channel F (J) or three, and a pass adds up sums over their pixels.
 
 Without a primitive some walks would end later; D puts the background there. That errs by up to T_end / (1 - α), where
 T_end is what the walk left: little, unless the primitive is nearly opaque itself. Measured against real removals on a
@@ -44,6 +45,7 @@ class Sums:
     """Which sums over the pixels of the footprint images F a pass adds up, each a column of the result, in this order.
 
     removal: F is D. Else F is J.
+    degeneration: F is P
     energy: Σ F²
     weighted: ... Σ (w F)² instead, with a plane w
     clamped: F is Σ m d o instead of J, with a plane m per channel: where the image is clamped, m is 0
@@ -53,6 +55,7 @@ class Sums:
     """
 
     removal: bool = False
+    degeneration: bool = False
     energy: bool = True
     weighted: bool = False
     clamped: bool = False
@@ -62,7 +65,7 @@ class Sums:
     @property
     def channels(self) -> int:
         """Of F."""
-        return 3 if self.removal else 1
+        return 3 if self.removal or self.degeneration else 1
 
     @property
     def columns(self) -> int:
@@ -113,7 +116,7 @@ def _composite_score(
     shown = [values.pop(0) for _ in range(3)] if sums.clamped else None
     if shown:
         behind = [[m * b for m, b in zip(*planes, strict=True)] for planes in zip(shown, behind, strict=True)]
-    if not sums.removal:
+    if sums.channels == 1:
         behind = [[r + g + b for r, g, b in zip(*behind, strict=True)]]
     # ξ at the lane's own pixels, in the order in which F is listed
     probes = [[values[p * len(channels) + f][k] for f in channels for k in own] for p in range(sums.probes)]
@@ -142,22 +145,26 @@ def _composite_score(
 
     def step(meeting: Meeting, T: list, behind: list) -> None:
         slot = walk.slot(meeting)
-        alpha = walk.alphas(meeting).values
+        alphas = walk.alphas(meeting)
+        alpha = alphas.values
+        changes = alpha
+        if sums.degeneration:
+            changes = [a - p for a, p in zip(alpha, walk.primary_alphas(alphas.primary), strict=True)]
         color, opacity = meeting.row.features, dr.exp2(meeting.row.kernel.lo)
-        summed = color if sums.removal else [sum(color)]
+        summed = [sum(color)] if sums.channels == 1 else color
         blends = 1 if share is None else dr.gather(Float, share, meeting.splat, meeting.active)
         F = [[] for _ in channels]
         for k, a in enumerate(alpha):
             blended_alpha = a * blends
             weight, T_behind, goes_on = walk.advance(blended_alpha, T[k], meeting, k)
             weight = dr.select(goes_on, weight, 0)
-            blended = goes_on & (a != 0)
+            blended = goes_on & (changes[k] != 0)
             colors = [sum(m[k] * c for m, c in zip(shown, color, strict=True))] if shown else summed
             for f in channels:
                 behind[f][k] = dr.fma(-weight, colors[f], behind[f][k])
                 hidden = walk.hidden(behind[f][k], a, blended_alpha)
                 d = dr.select(blended, dr.fma(T[k], colors[f], -hidden), 0)
-                F[f].append((a if sums.removal else opacity) * d)
+                F[f].append((opacity if sums.channels == 1 else changes[k]) * d)
             T[k] = T_behind
         result = ([energy(F)] if sums.energy else []) + ([gradient_energy(F)] if sums.gradient else [])
         rows.add(slot, result + [correlation(probe, F) for probe in probes], meeting.active)

@@ -170,14 +170,17 @@ class Walk:
         """α, and what it is made of."""
         primary, cutoff = self._kernel(meeting.row.kernel, meeting.dx, meeting.dy), self.settings.cutoffs.alpha
         if not self.has_dog:
-            alpha = [dr.select(v >= cutoff, dr.minimum(v, ALPHA_MAX), 0) for v in primary]
-            return Alphas(alpha, primary, None, None, None)
+            return Alphas(self.primary_alphas(primary), primary, None, None, None)
         pseudo, dog_row, is_dog = self._pseudo_kernel(meeting)
         alpha = []
         for v, v_p in zip(primary, pseudo, strict=True):
             a = dr.minimum(v, ALPHA_MAX) - dr.minimum(v_p, ALPHA_MAX)
             alpha.append(dr.select(dr.abs(a) >= cutoff, a, 0))
         return Alphas(alpha, primary, pseudo, dog_row, is_dog)
+
+    def primary_alphas(self, primary: list) -> list:
+        """α of a primitive without a pseudo-Gaussian, from its ``Alphas.primary``."""
+        return [dr.select(v >= self.settings.cutoffs.alpha, dr.minimum(v, ALPHA_MAX), 0) for v in primary]
 
     def _kernel(self, kernel: KernelRow, dx, dy) -> list:
         """2^p at the pixels of the block, row by row."""

@@ -18,8 +18,10 @@ import numpy as np
 
 from ...engine.geometry import Cutoffs
 from ...engine.project import NOT_DOG
-from ...engine.sh import C0
-from ..optimizer import DOG_ROW_SIZE, SplatOptimizer
+from ...scene.sh_basis import C0
+from ..dog_rows import DOG_ROW_SIZE
+from ..optimizer import SplatOptimizer
+from ..sh_rows import SH_INDEX
 
 MAX_SH = 1 / (Cutoffs().alpha * C0)  # 904; trained models stay below 10
 MAX_SCALE = 1e4  # times the extent of the cameras; trained models stay below 10
@@ -28,24 +30,36 @@ MAX_SCALE = 1e4  # times the extent of the cameras; trained models stay below 10
 def broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
     """[N] whether a primitive, or its pseudo-Gaussian, has a value that is not finite or beyond the limits above.
 
-    One kernel, one wait for the device.
+    One kernel, one wait for the device; in a mixed model one more for each group.
 
     Args:
         extent: radius of the camera positions, world units.
     """
-    splat = dr.arange(mi.UInt32, optimizer.n)
-    row = optimizer.params.get("dog_row", dr.full(mi.UInt32, NOT_DOG, 1))
-    limits = {"log_scales": math.log(MAX_SCALE * extent), "sh_dc": MAX_SH, "sh_rest": MAX_SH}
-    sound = dr.full(mi.Bool, True, optimizer.n)
+    params, splat = optimizer.params, dr.arange(mi.UInt32, optimizer.n)
+    row = params.get("dog_row", dr.full(mi.UInt32, NOT_DOG, 1))
+    limits = {"log_scales": math.log(MAX_SCALE * extent), **dict.fromkeys(("sh_dc", "sh_rest", *SH_INDEX), MAX_SH)}
+    sound, of_groups = dr.full(mi.Bool, True, optimizer.n), []
     for name, values in optimizer.adam.items():
-        of_dog = name in DOG_ROW_SIZE
-        index, active = (row, row != NOT_DOG) if of_dog else (splat, True)
+        if name in DOG_ROW_SIZE:
+            index, active = row, row != NOT_DOG
+        elif name in SH_INDEX:
+            index, active = dr.arange(mi.UInt32, dr.width(params[SH_INDEX[name]])), True
+        else:
+            index, active = splat, True
+        fine = mi.Bool(True)
         for k in range(optimizer.row_size[name]):
             value = dr.gather(mi.Float, dr.detach(values), dr.fma(index, optimizer.row_size[name], k), active)
-            sound &= dr.isfinite(value)
+            fine &= dr.isfinite(value)
             if name in limits:
-                sound &= (value if name == "log_scales" else dr.abs(value)) <= dr.opaque(mi.Float, limits[name])
-    return ~sound.numpy()
+                fine &= (value if name == "log_scales" else dr.abs(value)) <= dr.opaque(mi.Float, limits[name])
+        if name in SH_INDEX:
+            of_groups.append((params[SH_INDEX[name]], fine))
+        else:
+            sound &= fine
+    mask = ~sound.numpy()
+    for index, fine in of_groups:
+        mask[index.numpy()[~fine.numpy()]] = True
+    return mask
 
 
 def drop_broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:

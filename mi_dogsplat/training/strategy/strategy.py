@@ -11,7 +11,8 @@ A step of the loop, with the hooks in it:
 
 With ``--batch-views K`` all from the view to ``after_backward`` comes K times in a step. Gradients add up meanwhile,
 and Adam takes a Kth of the sum: what a strategy adds for each view counts once. Each hook is called for all strategies
-in their order in the recipe. ``begin`` comes once before the first step, also of a run that goes on from a checkpoint.
+in their order in the recipe. ``begin`` comes once before the first step, also of a run that goes on from a checkpoint;
+``end`` after the last one of the run.
 A strategy of your own stands in ``Recipe.also``, between the control of density and pruning:
 
     @dataclass(frozen=True)
@@ -143,6 +144,10 @@ class Strategy(Generic[S]):
 
     def after_step(self, t: Training, state: S) -> list[Event]:
         """Change the primitives; the step counts as done. Returns what happened."""
+        return []
+
+    def end(self, t: Training, state: S) -> list[Event]:
+        """What is due after the last step of the run; once more where the run is resumed there."""
         return []
 
     def scores(self, t: Training, state: S, rest: Callable[[], np.ndarray]) -> np.ndarray:

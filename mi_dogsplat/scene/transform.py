@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from ..scene.splats import Splats
-from .sh import sh_basis_table
+from .row_groups import SH
+from .sh_basis import sh_basis_table
+from .splats import Splats
 
 
 def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
@@ -65,13 +68,19 @@ def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
     if np.array_equal(np.asarray(matrix, dtype=np.float64), np.eye(4)):
         return splats
     turn = sh_rotation(rotation, splats.sh_degree)
-    return Splats(
+
+    def turned(coeffs: np.ndarray, first: int) -> np.ndarray:
+        """Rows of the coefficients from ``first`` on."""
+        own = slice(first, first + coeffs.shape[1])
+        return np.einsum("ij,njc->nic", turn[own, own], coeffs.astype(np.float64))
+
+    groups = [group for group in SH.values() if len(getattr(splats, group.index))]
+    of_groups = {name: turned(getattr(splats, name), 1) for group in groups for name in group.names}
+    return replace(
+        splats,
         means=splats.means.astype(np.float64) @ (scale * rotation).T + translation,
         log_scales=splats.log_scales + np.log(scale),
         quats=quaternion_product(quaternion_from_rotation(rotation), splats.quats.astype(np.float64)),
-        logit_opacities=splats.logit_opacities,
-        sh_coeffs=np.einsum("ij,njc->nic", turn, splats.sh_coeffs.astype(np.float64)),
-        dog_index=splats.dog_index,
-        dog_logit_opacities=splats.dog_logit_opacities,
-        dog_log_scales=splats.dog_log_scales,
+        sh_coeffs=turned(splats.sh_coeffs, 0),
+        **of_groups,
     )

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.engine.sh import sh_basis_table
-from mi_dogsplat.engine.transform import (
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.sh_basis import sh_basis_table
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.scene.transform import (
     decompose_similarity,
     quaternion_from_rotation,
     quaternion_product,
     sh_rotation,
     transformed,
 )
-from mi_dogsplat.scene.cameras import Camera
-from mi_dogsplat.scene.splats import Splats
 from splat_scenes import axis_rotation, image_of, random_splats, rasterized, rounded, tilted_camera
 
 ROTATION = axis_rotation([1, -2, 0.7], 2.1)[0]

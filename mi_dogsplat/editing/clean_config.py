@@ -1,0 +1,54 @@
+"""What ``dogsplat clean`` takes out beside what is not needed; what stands beside a field's type is its flag's help."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+from ..support.settings import Setting, check_settings, refuse
+
+BOX = "keep what is within a box: its lowest and its highest corner"
+SPHERE = "keep what is within a sphere: its centre and radius"
+MIN_OPACITY = "take out primitives of a lower opacity"
+MAX_SCALE = "take out primitives with a larger scale, in world units"
+CONNECTED = "keep the N largest parts that hang together"
+SEEN = "take out what no training view of --data sees"
+FLOATERS = "take out what floats in space that the training views of --data look through"
+MIXED_SH = "let each primitive have the SH degree that it needs, which other programs do not read"
+
+
+@dataclass(frozen=True)
+class CleanConfig:
+    """Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed."""
+
+    box: Annotated[tuple[float, float, float, float, float, float] | None, Setting(BOX, "X0 Y0 Z0 X1 Y1 Z1")] = None
+    sphere: Annotated[tuple[float, float, float, float] | None, Setting(SPHERE, "X Y Z R")] = None
+    min_opacity: Annotated[float | None, Setting(MIN_OPACITY, least=0, most=1)] = None
+    max_scale: Annotated[float | None, Setting(MAX_SCALE, least=1e-30, most=1e30)] = None
+    connected: Annotated[int | None, Setting(CONNECTED, least=1)] = None
+    seen: Annotated[bool, Setting(SEEN)] = False
+    floaters: Annotated[bool, Setting(FLOATERS)] = False
+    mixed_sh: Annotated[bool, Setting(MIXED_SH)] = False
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        for name in ("box", "sphere"):
+            if (numbers := getattr(self, name)) and not all(map(math.isfinite, numbers)):
+                refuse(name, f"{_listed(numbers)} is no place", "use finite numbers")
+        if self.box:
+            wrong = [axis for axis, low, high in zip("xyz", self.box[:3], self.box[3:], strict=True) if low > high]
+            if wrong:
+                remedy = "give its lowest corner first, then its highest"
+                refuse("box", f"{_listed(self.box)} is inverted along {', '.join(wrong)}", remedy)
+        if self.sphere and self.sphere[3] <= 0:
+            refuse("sphere", f"a radius of {self.sphere[3]:g} holds nothing", "use a radius above 0")
+
+    @property
+    def needs_data(self) -> str:
+        """The flag that asks for training views; empty if none does."""
+        return "--seen" if self.seen else "--floaters" if self.floaters else ""
+
+
+def _listed(numbers: tuple[float, ...]) -> str:
+    return " ".join(f"{number:g}" for number in numbers)

@@ -1,0 +1,185 @@
+"""A model of fewer primitives, without photographs: merged, then fitted to renders; behind ``dogsplat simplify``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..engine.device_camera import DeviceCamera
+from ..engine.options import RasterOptions
+from ..engine.parameters import upload
+from ..export.bake import baked
+from ..formats.read import read_model
+from ..formats.table import format_to_write
+from ..formats.write import write_model
+from ..inspection.unneeded import Unneeded
+from ..measure.metrics import psnr
+from ..render.framing import robust_sphere
+from ..render.picture_options import PictureOptions
+from ..render.render_files import picture_of
+from ..render.vantages import vantage_cameras
+from ..scene.cameras import Camera
+from ..scene.drawing import Drawing, drawn_as
+from ..scene.splats import Array, Splats
+from ..scores.weights import weights
+from ..support.errors import DataError
+from ..training.fit import GAINS, fit
+from ..training.strategy.dog_control import DogRule
+from .merge import merge
+from .simplify_config import SimplifyConfig
+
+RESOLUTION = 1e-3  # of the radius of a model, below which shapes are alike
+NEAR = 0.01  # of the radius: near clip, where the usual one is farther
+LEAST_WEIGHT = 1e-3  # of the mean weight: of what no view sees, and some other might
+GREY = 0.5  # behind the pictures: black hides what is missing in the dark, white in the bright
+HELD_OUT = 16  # views that nothing was fitted to, to measure on
+DOG = DogRule(opacity=0.05, scale=0.6)  # where they start, as in the preset ours
+
+
+@dataclass(frozen=True)
+class Simplified:
+    """What came of it: numbers of primitives, and PSNR in dB against the model on views that nothing was fitted to."""
+
+    n_before: int
+    n_after: int
+    n_dog: int
+    n_views: int
+    merged: float
+    fitted: float | None
+    """None without a fit"""
+    left_out: list[str]
+    """a line for each thing that the formats have no room for"""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How all pictures are drawn that are compared; colours are those of the model, linear or not."""
+
+    background: float
+    near_clip: float
+    antialiased: bool
+
+    @staticmethod
+    def of(splats: Splats, options: PictureOptions, drawing: Drawing = Drawing()) -> Look:
+        """From near; options come before what the model's file says."""
+        background = {"black": 0.0, "white": 1.0}.get(options.background, GREY)
+        drawn = drawn_as(options.drawing, drawing)
+        return Look(background, min(drawn.near_clip, NEAR * robust_sphere(splats)[1]), drawn.antialiased)
+
+
+def simplify_model(
+    model: str | Path,
+    out: str | Path,
+    config: SimplifyConfig = SimplifyConfig(),
+    options: PictureOptions = PictureOptions(),
+    show: Callable[[int, int], None] | None = None,
+) -> Simplified:
+    """Write a model file with fewer primitives.
+
+    Args:
+        model: the model, of any format.
+        out: the file to write, in the format of its name.
+        config: how.
+        options: how pictures are drawn. A background of ``auto`` or ``random`` is grey, on which all shows.
+        show: called with the steps that are done, and how many there are.
+
+    Needs a Mitsuba variant. Raises ``DataError``.
+    """
+    model, out = Path(model), Path(out)
+    chosen = format_to_write(out)
+    if config.dog and not chosen.dog:
+        raise DataError("--dog", f"{chosen.name} has no room for DoG", "write a .ply, or leave it out")
+    read = read_model(model)
+    splats = read.splats
+    if splats.n_splats == 0:
+        raise DataError(model, "the model is empty", "simplify one that has primitives")
+    if out.exists() and out.samefile(model):
+        raise DataError(out, "is the model itself, which would be lost", "name another file")
+    target = config.count(splats.n_splats)
+    look = Look.of(splats, options, read.drawing)
+    others = cameras_of(splats, config, HELD_OUT, config.seed + 1)
+    truth = rendered(splats, others, look)
+
+    def quality(found: Splats) -> float:
+        pairs = zip(rendered(found, others, look), truth, strict=True)
+        return float(np.mean([psnr(picture, true) for picture, true in pairs]))
+
+    cameras = cameras_of(splats, config, config.views, config.seed)
+    start = merged(splats, target, cameras, look)
+    if start.n_splats > target:
+        raise DataError(model, f"{start.n_splats} primitives could not be merged any further", "use a larger --target")
+    found = fitted(start, splats, cameras, look, config, show) if config.steps else start
+    left_out = [f"{model.name}: {line}" for line in read.left_out]
+    left_out += write_model(out, replace(read, splats=found, drawing=options.drawing.over(read.drawing)))
+    after = quality(found) if config.steps else None
+    return Simplified(splats.n_splats, found.n_splats, found.n_dog, len(others), quality(start), after, left_out)
+
+
+def cameras_of(splats: Splats, config: SimplifyConfig, n: int, seed: int) -> list[Camera]:
+    """``n`` cameras, of which every third has twice the size: what is fitted at one size alone is worse at others."""
+    width, height = config.size
+    cameras = vantage_cameras(splats, n, config.size, seed)
+    return [camera.resized(2 * width, 2 * height) if k % 3 == 2 else camera for k, camera in enumerate(cameras)]
+
+
+def rendered(splats: Splats, cameras: list[Camera], look: Look) -> list[Array]:
+    """[H, W, 3] from each camera."""
+    picture = picture_of(splats, look.background, look.near_clip, antialiased=look.antialiased)
+    return [picture(camera).color for camera in cameras]
+
+
+def merged(splats: Splats, target: int, cameras: list[Camera], look: Look) -> Splats:
+    """``target`` plain Gaussians, merged by how much of each primitive the cameras see (Σ α T over all pixels)."""
+    plain = baked(splats) if splats.n_dog else splats
+    needed = Unneeded.of(plain).taken_out(plain).uniform_sh()
+    devices = [DeviceCamera.upload(camera, look.near_clip) for camera in cameras]
+    how = RasterOptions(sh_degree=needed.sh_degree, antialiased=look.antialiased)
+    seen = weights(upload(needed), devices, how).total
+    seen = np.maximum(seen, LEAST_WEIGHT * (seen.mean() or 1.0))
+    return merge(needed, target, RESOLUTION * robust_sphere(needed)[1], seen)
+
+
+def fitted(
+    start: Splats,
+    splats: Splats,
+    cameras: list[Camera],
+    look: Look,
+    config: SimplifyConfig,
+    show: Callable[[int, int], None] | None = None,
+) -> Splats:
+    """The ``start`` after steps towards pictures of ``splats``; with DoG, if asked for, from half of them on."""
+    pictures = rendered(splats, cameras, look)
+
+    def after(first: int, n: int, model: Splats, gain: float, end: float) -> Splats:
+        gains = replace(GAINS, gain=gain, end_gain=end)
+
+        def tell(step: int, _: float) -> None:
+            if show:
+                show(first + step, config.steps)
+
+        return fit(model, cameras, pictures, n, **vars(look), gains=gains, seed=config.seed, after_step=tell)
+
+    if not config.dog:
+        return after(0, config.steps, start, GAINS.gain, GAINS.end_gain)
+    half, middle = config.steps // 2, (GAINS.gain + GAINS.end_gain) / 2
+    plain = after(0, half, start, GAINS.gain, middle)
+    return without_faded(after(half, config.steps - half, with_dog(plain), middle, GAINS.end_gain))
+
+
+def with_dog(plain: Splats) -> Splats:
+    """Every primitive a Difference of Gaussians, at a weak start."""
+    n, scale = plain.n_splats, math.log(float(np.mean(DOG.scale)))
+    logits = np.full(n, math.log(DOG.opacity / (1 - DOG.opacity)))
+    rows = {"dog_logit_opacities": logits, "dog_log_scales": np.full((n, 3), scale)}
+    return replace(plain, dog_index=np.arange(n), **rows)
+
+
+def without_faded(splats: Splats) -> Splats:
+    """Those that a pixel can show stay DoG (``DogRule.min_opacity``)."""
+    stay = splats.dog_opacities * splats.opacities[splats.dog_index] >= DOG.min_opacity
+    names = ("dog_index", "dog_logit_opacities", "dog_log_scales")
+    return replace(splats, **{name: getattr(splats, name)[stay] for name in names})

@@ -1,0 +1,170 @@
+"""A model as one page of HTML with a viewer inside, to send to somebody: it needs a browser, and no network.
+
+The viewer is SuperSplat Viewer (PlayCanvas, MIT), kept in ``vendor/`` and made again by ``scripts/vendor_viewer.sh``.
+The model is in the page as a SOG bundle. The viewer has y up and shows what a SOG file calls -y there, so the model is
+turned first; the page says by which rotation.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import re
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from ..film.subject import Subject
+from ..formats.model import Model
+from ..formats.read import read_model
+from ..formats.write import write_model
+from ..render.framing import automatic_camera, robust_sphere
+from ..scene.drawing import drawn_as
+from ..scene.transform import transformed
+from ..support.errors import DataError
+from ..support.files import replacing
+from ..support.versions import versions
+from ..training.initialize import region_of_interest
+
+PAGE = ".html"
+BUNDLE = "model.sog"
+VIEWER = files("mi_dogsplat.export") / "vendor" / "supersplat_viewer"
+VIEWER_FROM_SOG = np.diag([-1.0, -1.0, 1.0])  # half a turn about z, which the viewer gives every model
+UP_OF_SOG = np.array([0.0, -1.0, 0.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Opening:
+    """How a page shows a model at first.
+
+    Args:
+        title: names it.
+        position, target: of the camera, [3] each, in the axes of the model.
+        up: vertical [3].
+        tangents: of half the angles of view that have to be seen, across and up.
+        background: grey level, 0..1.
+        n_dog: primitives that were DoG; dog: what became of them, "bake" or "drop".
+    """
+
+    title: str
+    position: np.ndarray
+    target: np.ndarray
+    up: np.ndarray
+    tangents: tuple[float, float]
+    background: float = 0.0
+    n_dog: int = 0
+    dog: str = "bake"
+
+
+def opening_of(subject: Subject, title: str, dog: str = "bake") -> Opening:
+    """From the first of the cameras that took the photographs, or framed whole; ``dog``: as in ``Opening``."""
+    splats, cameras = subject.model.splats, subject.cameras
+    camera = cameras[0] if cameras else automatic_camera(splats)
+    centre = robust_sphere(splats)[0]
+    middles = [region_of_interest(cameras)[0], centre] if cameras else [centre]
+    forward = camera.w2c[2, :3]
+    depths = [float(forward @ (middle - camera.position)) for middle in middles]
+    depth = next((depth for depth in depths if depth > 0), 1.0)  # visitors turn about a point that far away
+    tangents = 0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy
+    target = camera.position + depth * forward
+    return Opening(title, camera.position, target, subject.up, tangents, subject.background, splats.n_dog, dog)
+
+
+def write_page(out: Path, model: Model, opening: Opening) -> list[str]:
+    """Write a model of plain Gaussians as a page; returns a line for each thing that it has no room for.
+
+    Raises ``DataError``.
+    """
+    turn = rotation_between(opening.up, UP_OF_SOG)
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn
+    turned = Model(transformed(model.splats, matrix), replace(model.drawing, up="-y"))
+    with TemporaryDirectory() as folder:
+        lost = write_model(Path(folder) / BUNDLE, turned)
+        bundle = (Path(folder) / BUNDLE).read_bytes()
+    if drawn_as(model.drawing).linear:
+        lost.append("the viewer of the page takes linear colours for sRGB, and shows them too dark")
+    seen = VIEWER_FROM_SOG @ turn
+    scene = {
+        "position": (seen @ opening.position).tolist(),
+        "target": (seen @ opening.target).tolist(),
+        "tangents": opening.tangents,
+        "background": [opening.background] * 3,
+        "antialiased": drawn_as(model.drawing).antialiased,
+        "turned_by": turn.tolist(),
+    }
+    parts = {
+        "version": versions()["mi_dogsplat"],
+        "title": html.escape(opening.title),
+        "caption": html.escape(f"{opening.title}: {model.splats.n_splats:,} Gaussians{_of_dog(opening)}"),
+        "about": html.escape(_about(opening)),
+        "background": f"rgb({', '.join([str(round(255 * opening.background))] * 3)})",
+        "viewer": _vendored("VERSION").decode().strip(),
+        "license": _vendored("LICENSE").decode(),
+        "viewer_css": _vendored("viewer.css").decode(),
+        "viewer_js": base64.b64encode(_vendored("viewer.js.gz")).decode(),
+        "model": base64.b64encode(bundle).decode(),
+        "scene": json.dumps(scene),
+    }
+    template = Template((files("mi_dogsplat.export") / "web_page.html").read_text(encoding="utf-8"))
+    page = template.substitute(parts)
+    try:
+        with replacing(out) as part:
+            part.write_text(page, encoding="utf-8")
+    except OSError as error:
+        problem = f"cannot be written ({error.strerror or error})"
+        raise DataError(out, problem, "check that the folder exists and is writable") from error
+    return lost
+
+
+def read_page(path: Path) -> Model:
+    """The model in a page of ours, in its own axes. Raises ``DataError``."""
+    text = path.read_text(encoding="utf-8", errors="replace")
+    scene, model = (re.search(rf'<script type="[^"]*" id="{id_}">([^<]*)</script>', text) for id_ in ("scene", "model"))
+    if not scene or not model:
+        raise DataError(path, "is no page with a model of ours", "export it again")
+    with TemporaryDirectory() as folder:
+        (Path(folder) / BUNDLE).write_bytes(base64.b64decode(model[1]))
+        read = read_model(Path(folder) / BUNDLE)
+    back = np.eye(4)
+    back[:3, :3] = np.array(json.loads(scene[1])["turned_by"]).T
+    return replace(read, splats=transformed(read.splats, back), drawing=replace(read.drawing, up=None))
+
+
+def rotation_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The smallest rotation [3, 3] that takes the direction ``a`` [3] to ``b`` [3] (Rodrigues)."""
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    axis, cosine = np.cross(a, b), float(a @ b)
+    if cosine < -1 + 1e-12:  # half a turn, about any axis across
+        across = np.eye(3)[int(np.argmin(np.abs(a)))]
+        across -= (across @ a) * a
+        across /= np.linalg.norm(across)
+        return 2 * np.outer(across, across) - np.eye(3)
+    x, y, z = axis
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + skew + skew @ skew / (1 + cosine)
+
+
+def _of_dog(opening: Opening) -> str:
+    if not opening.n_dog:
+        return ""
+    became = {"bake": "baked", "drop": "without their negative lobes"}[opening.dog]
+    return f" ({opening.n_dog:,} of them Differences of Gaussians, {became})"
+
+
+def _about(opening: Opening) -> str:
+    about = "Drag to turn, scroll to come nearer. Made by mi_dogsplat; shown by SuperSplat Viewer."
+    if not opening.n_dog:
+        return about
+    shown = {"bake": "the Gaussian nearest to it", "drop": "its primary Gaussian alone"}[opening.dog]
+    difference = f"each Difference of Gaussians is shown as {shown}, so this is not quite the model."
+    return f"Web viewers know no negative lobes: {difference} {about}"
+
+
+def _vendored(name: str) -> bytes:
+    return (VIEWER / name).read_bytes()

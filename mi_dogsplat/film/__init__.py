@@ -1,0 +1,1 @@
+"""Films of a model: along a camera path, to a video or to numbered pictures."""

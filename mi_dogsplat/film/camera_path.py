@@ -1,0 +1,67 @@
+"""What a film follows: a camera for each moment, whatever it comes from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..scene.cameras import Camera, inverse_rigid
+
+DEFAULT_SIZE = (1280, 720)  # pixels
+DEFAULT_SECONDS = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """A pose and a lens without pixels: ``c2w`` [4, 4], OpenCV axes; ``focal`` over the shorter side of the picture."""
+
+    c2w: np.ndarray
+    focal: float
+
+    def camera(self, width: int, height: int) -> Camera:
+        """The camera of a picture of this size, its principal point in the middle."""
+        focal = self.focal * min(width, height)
+        return Camera(inverse_rigid(self.c2w), focal, focal, width / 2, height / 2, width, height)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPath:
+    """A way through the scene.
+
+    Args:
+        at: the lens at a share 0..1 of the way.
+        closed: 1 is where 0 is, so that the film can be shown in a loop.
+        what: the way in words.
+        seconds: how long it takes, if it says so.
+        size: width and height of the pictures, if it says so.
+    """
+
+    at: Callable[[float], Lens]
+    closed: bool
+    what: str
+    seconds: float | None = None
+    size: tuple[int, int] | None = None
+
+    def moments(self, n: int, shutter: float = 0.0, samples: int = 1) -> np.ndarray:
+        """Shares of the way [n, samples] at which the ``n`` frames of a film are exposed.
+
+        A closed way has its last frame one step before the first one, an open one ends at its end. ``shutter`` is the
+        share of a step over which the samples spread, around the frame's own moment.
+        """
+        steps = n if self.closed else max(n - 1, 1)
+        offsets = ((np.arange(samples) + 0.5) / samples - 0.5) * shutter  # [samples]
+        shares = (np.arange(n)[:, None] + offsets) / steps  # [n, samples]
+        return shares % 1.0 if self.closed else np.clip(shares, 0, 1)
+
+
+def focal_of_fov(degrees: float) -> float:
+    """Focal length over the shorter side of the picture, from the field of view of that side."""
+    return 0.5 / math.tan(math.radians(degrees) / 2)
+
+
+def focal_of_camera(camera: Camera) -> float:
+    """Focal length over the shorter side of the picture."""
+    return math.sqrt(camera.fx * camera.fy) / min(camera.width, camera.height)

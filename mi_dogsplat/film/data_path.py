@@ -1,0 +1,116 @@
+"""The way that a photographer went, without the trembling: the cameras of a data set in order, smoothed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..scene.cameras import Camera
+from .camera_path import CameraPath, Lens, focal_of_camera, focal_of_fov
+from .film_config import FilmConfig
+from .splines import rotation_curve, vector_curve
+
+DETOUR = 2.0  # the order of the names is that of the photographer unless it makes the way so much longer
+REACH = 4.0  # standard deviations of smoothing
+SWEEPS = 20  # of a tour, each of which tries to reverse every part of it
+
+
+def cameras_path(cameras: Sequence[Camera], config: FilmConfig) -> CameraPath:
+    """A path along cameras that are given in the order of their names, at an even pace."""
+    order = walk(steps_between(cameras))
+    ordered = [cameras[i] for i in order]
+    positions = np.array([camera.position for camera in ordered])  # [V, 3]
+    rotations = np.array([camera.c2w[:3, :3] for camera in ordered])  # [V, 3, 3]
+    focals = np.log([focal_of_camera(camera) for camera in ordered])  # [V]
+    if config.smoothing:
+        positions, rotations, focals = _smoothed(positions, rotations, focals, config.smoothing)
+    between = steps_between_poses(positions, rotations)
+    lengths = between[np.arange(len(order) - 1), np.arange(1, len(order))]
+    moving = np.concatenate([[True], lengths > 1e-9])  # cameras at one place are one key
+    times = np.concatenate([[0.0], np.cumsum(lengths)])[moving]
+    end = times[-1] or 1.0
+    places = vector_curve(times / end, positions[moving])
+    turns = rotation_curve(times / end, rotations[moving])
+    zooms = vector_curve(times / end, focals[moving, None])
+
+    def at(share: float) -> Lens:
+        c2w = np.eye(4)
+        c2w[:3, :3], c2w[:3, 3] = turns(share), places(share)
+        return Lens(c2w, float(np.exp(zooms(share)[0])) if config.fov is None else focal_of_fov(config.fov))
+
+    first = ordered[0]
+    return CameraPath(at, False, f"along {len(cameras)} cameras", size=(first.width, first.height))
+
+
+def steps_between(cameras: Sequence[Camera]) -> np.ndarray:
+    """``steps_between_poses`` of cameras, [V, V]."""
+    rotations = np.array([camera.c2w[:3, :3] for camera in cameras])  # [V, 3, 3]
+    return steps_between_poses(np.array([camera.position for camera in cameras]), rotations)
+
+
+def steps_between_poses(positions: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+    """How far poses, [V, 3] and [V, 3, 3], are from each other, [V, V]: distance over the largest one, plus radians."""
+    distances = np.linalg.norm(positions[:, None] - positions, axis=2)  # [V, V]
+    traces = np.einsum("aij,bij->ab", rotations, rotations)
+    angles = np.arccos(np.clip((traces - 1) / 2, -1, 1))
+    angles[np.arange(len(angles)), np.arange(len(angles))] = 0
+    return distances / (distances.max() or 1.0) + angles
+
+
+def walk(steps: np.ndarray) -> np.ndarray:
+    """An order [V] in which to visit what is ``steps`` [V, V] apart: as given, or a far shorter one if there is one.
+
+    Photographs of a walk are named in its order; those of a scattered capture are not. The other order is a tour from
+    neighbour to neighbour, improved by reversing parts of it (2-opt; Croes 1958).
+    """
+    given = np.arange(len(steps))
+    tour = _without_crossings(_from_neighbour_to_neighbour(steps), steps)
+    return tour if _length(tour, steps) * DETOUR < _length(given, steps) else given
+
+
+def _from_neighbour_to_neighbour(steps: np.ndarray) -> np.ndarray:
+    left = np.ones(len(steps), bool)
+    order = [0]
+    for _ in range(len(steps) - 1):
+        left[order[-1]] = False
+        order.append(int(np.argmin(np.where(left, steps[order[-1]], np.inf))))
+    return np.array(order)
+
+
+def _without_crossings(order: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """The order after reversing every part whose reversal makes it shorter; its first one stays."""
+    n = len(order)
+    for _ in range(SWEEPS):
+        before = _length(order, steps)
+        for i in range(1, n - 1):
+            ends = np.arange(i + 1, n)
+            a, b, c = order[i - 1], order[i], order[ends]
+            after = np.append(order[i + 2 :], -1)  # of each end; the last has none
+            leaving = np.where(after >= 0, steps[c, after], 0)
+            arriving = np.where(after >= 0, steps[b, after], 0)
+            gains = steps[a, b] + leaving - steps[a, c] - arriving
+            best = int(np.argmax(gains))
+            if gains[best] > 1e-12:
+                order[i : ends[best] + 1] = order[i : ends[best] + 1][::-1].copy()
+        if _length(order, steps) > before - 1e-9:
+            break
+    return order
+
+
+def _length(order: np.ndarray, steps: np.ndarray) -> float:
+    return float(steps[order[:-1], order[1:]].sum())
+
+
+def _smoothed(
+    positions: np.ndarray, rotations: np.ndarray, focals: np.ndarray, deviation: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gaussian means over neighbours in the order; rotations in the sense of Markley et al. 2007."""
+    n = len(positions)
+    away = np.arange(n)[:, None] - np.arange(n)  # [V, V]
+    weights = np.where(abs(away) <= REACH * deviation, np.exp(-0.5 * (away / deviation) ** 2), 0)
+    weights /= weights.sum(axis=1, keepdims=True)
+    turns = Rotation.from_matrix(rotations)
+    turned = np.array([turns.mean(row).as_matrix() for row in weights])  # [V, 3, 3]
+    return weights @ positions, turned, weights @ focals

@@ -1,0 +1,50 @@
+"""All settings of a film."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Annotated
+
+from ..support.settings import Setting, check_settings, refuse
+
+PATHS = ("auto", "orbit", "cameras")
+ONLY_FOR = {"elevation": "orbit", "zoom": "orbit", "smoothing": "cameras"}  # flags of one path
+PATH = "orbit, cameras (those of the data, smoothed), a JSON file of key frames, or auto: what suits the data"
+SECONDS = "length of the film (default: 10, or what the key frames say)"
+SIZE = "width and height in pixels (default: 1280 720, or as the cameras have it)"
+FOV = "field of view of the shorter side, in degrees (default: 40, or that of the cameras)"
+ELEVATION = "of an orbit above the horizon, in degrees (default: 25, or as the photographs were taken)"
+SMOOTHING = "of --path cameras: standard deviation, in cameras; at 0 the path leads through each"
+
+
+@dataclass(frozen=True)
+class FilmConfig:
+    """Where the camera goes, and how its pictures become a film.
+
+    Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed.
+    """
+
+    path: Annotated[str, Setting(PATH, "NAME_or_JSON")] = "auto"
+    seconds: Annotated[float | None, Setting(SECONDS, "S", least=1e-3, most=86_400)] = None
+    fps: Annotated[int, Setting("frames in a second", least=1, most=240)] = 30
+    size: Annotated[tuple[int, int] | None, Setting(SIZE, "W H")] = None
+    fov: Annotated[float | None, Setting(FOV, "DEGREES", least=0.1, most=170)] = None
+    elevation: Annotated[float | None, Setting(ELEVATION, "DEGREES", least=-89, most=89)] = None
+    zoom: Annotated[float, Setting("of an orbit: at 2 it is half as wide", least=1e-3, most=1e3)] = 1.0
+    smoothing: Annotated[float, Setting(SMOOTHING, least=0, most=1e3)] = 2.0
+    shutter: Annotated[
+        float, Setting("motion blur: share of a frame's time that the shutter is open, 0: none", least=0, most=1)
+    ] = 0.0
+    samples: Annotated[int, Setting("pictures that the blur of a frame is the mean of", least=2, most=1024)] = 8
+    crf: Annotated[int, Setting("quality of the video: 0 is lossless, 51 the worst", least=0, most=51)] = 18
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        if self.path not in PATHS and not self.path.lower().endswith(".json"):
+            refuse("path", f'"{self.path}" is unknown', f"use {', '.join(PATHS)}, or a .json file of key frames")
+        if self.size and not 1 <= min(self.size) <= max(self.size) <= 16_384:
+            refuse("size", f"{self.size[0]} x {self.size[1]} is out of range", "use 1 to 16384 pixels")
+        defaults = {field.name: field.default for field in fields(self)}
+        for name, path in ONLY_FOR.items():
+            if self.path not in ("auto", path) and getattr(self, name) != defaults[name]:
+                refuse(name, f"is not for --path {self.path}", f"leave it out, or use --path {path}")

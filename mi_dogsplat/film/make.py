@@ -1,0 +1,157 @@
+"""From a model and a camera path to a film; behind ``dogsplat film``."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..render.picture_options import PictureOptions
+from ..render.render_files import picture_of
+from ..runs.stopping import Stopped, StopRequest
+from ..support.errors import DataError
+from .camera_path import DEFAULT_SECONDS, DEFAULT_SIZE, CameraPath
+from .data_path import cameras_path
+from .exposure import exposed
+from .film_config import FilmConfig
+from .key_frames import key_frames_path
+from .orbit import around_cameras, around_model, orbit, stand_all_around
+from .pictures import NumberedPictures
+from .subject import Subject, read_subject
+from .video import SUFFIX, require_even, write_video
+
+MOST_FRAMES = 1_000_000
+
+
+@dataclass(frozen=True)
+class Film:
+    """What was made: ``n_frames`` of a size, along ``path`` in words."""
+
+    n_frames: int
+    size: tuple[int, int]
+    path: str
+
+
+def make_film(
+    model: str | Path,
+    out: str | Path,
+    data: str | Path | None = None,
+    config: FilmConfig = FilmConfig(),  # noqa: B008, it is immutable
+    options: PictureOptions = PictureOptions(),
+    progress: Callable[[int, int, str], None] = lambda done, n, what: None,
+) -> Film:
+    """Render a film of a model.
+
+    Args:
+        model: a model file, or a run folder, which knows its data and how it was trained.
+        out: a video ``.mp4``; or pictures: a folder, or a name with a number such as ``frames/%04d.exr``.
+        data: the data set whose cameras the path follows or stands on.
+        config: the path, and how its pictures become a film.
+        options: how the model is drawn; what they do not say, the run or the file of the model does.
+        progress: gets the number of finished frames, that of all, and the path in words.
+
+    Needs a Mitsuba variant. A film that is stopped (Ctrl-C, SIGTERM) leaves no file; of numbered pictures the whole
+    ones stay, and the same call goes on after them. Raises ``DataError``; ``Stopped`` when asked to stop.
+    """
+    model, out = Path(model), Path(out)
+    pictures = None if out.suffix.lower() == SUFFIX else NumberedPictures(out)
+    if out.is_dir() and pictures is None:
+        raise DataError(out, "is a folder", "name a file in it")
+    subject = read_subject(model, data, options)
+    path = _path(subject, config)
+    size = config.size or _even(path.size or DEFAULT_SIZE)
+    seconds = config.seconds or path.seconds or DEFAULT_SECONDS
+    n = max(1, round(seconds * config.fps))
+    if n > MOST_FRAMES:
+        raise DataError("--seconds", f"{seconds:g} s are {n:,} frames", f"use at most {MOST_FRAMES:,}")
+    what = f"{path.what}: {n} frames of {size[0]} x {size[1]}"
+    drawn = subject.drawn
+    picture = picture_of(
+        subject.model.splats,
+        subject.background,
+        drawn.near_clip,
+        antialiased=drawn.antialiased,
+        linear=drawn.linear,
+    )
+    moments = path.moments(n, config.shutter, config.samples if config.shutter else 1)  # [n, samples]
+    alpha = pictures is not None and pictures.alpha
+
+    def frame(number: int) -> np.ndarray:
+        cameras = [path.at(float(share)).camera(*size) for share in moments[number]]
+        return exposed(picture, cameras, subject.background, alpha)
+
+    try:
+        if pictures is None:
+            require_even(out, size)
+            _video(out, frame, n, size, config, lambda done: progress(done, n, what))
+        else:
+            pictures.begin(_settings(subject, config, n, size))
+            _pictures(pictures, frame, n, lambda done: progress(done, n, what))
+    except OSError as error:
+        problem = f"cannot be written ({error.strerror or error})"
+        raise DataError(out, problem, "check that the folder exists and is writable") from error
+    return Film(n, size, path.what)
+
+
+def _video(
+    out: Path,
+    frame: Callable[[int], np.ndarray],
+    n: int,
+    size: tuple[int, int],
+    config: FilmConfig,
+    progress: Callable[[int], None],
+) -> None:
+    with StopRequest() as stop:
+
+        def frames() -> Iterator[np.ndarray]:
+            for number in range(n):
+                if stop.signal_number:
+                    raise Stopped(f"stopped after {number} of {n} frames; there is no {out}", stop.signal_number)
+                yield frame(number)
+                progress(number + 1)
+
+        write_video(out, frames(), size, config.fps, config.crf)
+
+
+def _pictures(
+    pictures: NumberedPictures, frame: Callable[[int], np.ndarray], n: int, progress: Callable[[int], None]
+) -> None:
+    with StopRequest() as stop:
+        for number in range(n):
+            if stop.signal_number:
+                line = f"stopped after {number} of {n} frames; the same command again goes on from there"
+                raise Stopped(line, stop.signal_number)
+            if not pictures.has(number):
+                pictures.write(number, frame(number))
+            progress(number + 1)
+
+
+def _path(subject: Subject, config: FilmConfig) -> CameraPath:
+    """Raises ``DataError``."""
+    cameras, up = subject.cameras, subject.up
+    if config.path.lower().endswith(".json"):
+        return key_frames_path(Path(config.path), up, config.fov)
+    if config.path == "cameras" and not cameras:
+        raise DataError("--path", "no data set tells where the cameras are", "add --data DATA, or use --path orbit")
+    if config.path == "cameras" or (config.path == "auto" and cameras and not stand_all_around(cameras, up)):
+        return cameras_path(cameras, config)
+    if cameras:
+        return orbit(around_cameras(cameras, up, config.fov), config)
+    return orbit(around_model(subject.model.splats, up, config.fov), config)
+
+
+def _even(size: tuple[int, int]) -> tuple[int, int]:
+    return max(2, size[0] // 2 * 2), max(2, size[1] // 2 * 2)
+
+
+def _settings(subject: Subject, config: FilmConfig, n: int, size: tuple[int, int]) -> dict[str, Any]:
+    """What decides on the pictures."""
+    arrays = (np.asarray(getattr(subject.model.splats, name)) for name in subject.model.splats.__dataclass_fields__)
+    digest = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
+    drawn = {"background": subject.background, **dataclasses.asdict(subject.drawn)}
+    return {"model_sha256": digest, "frames": n, **dataclasses.asdict(config), "size": size, **drawn}

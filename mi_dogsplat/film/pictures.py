@@ -1,0 +1,70 @@
+"""A film as numbered pictures in a folder, which can be stopped and continued.
+
+``film.json`` beside them holds what decides on the pictures, so that pictures of two films are never mixed.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..support.errors import DataError
+from ..support.files import is_empty, read_json, remove_parts, write_json
+from ..support.pictures import write_exr, write_png
+
+SUFFIXES = (".png", ".exr")
+SETTINGS = "film.json"
+DEFAULT_NAME = "%04d.png"
+NUMBER = re.compile(r"%(0\d)?d")
+
+
+class NumberedPictures:
+    """The pictures of ``out``: a folder, or a name in one such as ``%04d.exr``. Raises ``DataError``."""
+
+    def __init__(self, out: Path):
+        named = out.suffix != ""
+        self.folder, self._pattern = (out.parent, out.name) if named else (out, DEFAULT_NAME)
+        suffix = Path(self._pattern).suffix.lower()
+        if suffix not in SUFFIXES or self._pattern.count("%") != 1 or not NUMBER.search(self._pattern):
+            remedy = "name a video .mp4, a folder, or pictures with a number as frames/%04d.png or frames/%04d.exr"
+            raise DataError(out, "is no film", remedy)
+        if named and out.is_dir():
+            raise DataError(out, "is a folder", "name pictures in it")
+        if self.folder.exists() and not self.folder.is_dir():
+            raise DataError(self.folder, "is a file", "name a folder for the pictures")
+        self.alpha = suffix == ".exr"
+
+    def file(self, number: int) -> Path:
+        """That of a frame, counted from 0."""
+        return self.folder / (self._pattern % number)
+
+    def begin(self, settings: Mapping[str, Any]) -> None:
+        """Make the folder, or find one of the same ``settings``. Raises ``DataError`` for any other."""
+        settings = json.loads(json.dumps({**settings, "pictures": self._pattern}))
+        file = self.folder / SETTINGS
+        if file.is_file():
+            remedy = "name another folder, or remove this one"
+            before = read_json(file, remedy)
+            changed = [k for k in settings if not isinstance(before, dict) or before.get(k) != settings[k]]
+            if changed:
+                raise DataError(self.folder, f"holds frames of another film (its {changed[0]} differs)", remedy)
+            remove_parts(self.folder)
+        elif self.folder.is_dir() and not is_empty(self.folder):
+            raise DataError(self.folder, "is a folder with other contents", "name a new folder, or that of a film")
+        write_json(file, settings)
+
+    def has(self, number: int) -> bool:
+        """Whether a frame is there; a picture appears whole or not at all."""
+        return self.file(number).is_file()
+
+    def write(self, number: int, image: np.ndarray) -> None:
+        """One frame: [H, W, 3] to PNG, premultiplied [H, W, 4] to OpenEXR. Raises ``OSError``."""
+        if self.alpha:
+            write_exr(self.file(number), {"color": image})
+        else:
+            write_png(self.file(number), image)

@@ -1,0 +1,77 @@
+"""What is filmed: a model, and what is known of how it was photographed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..datasets import load_dataset
+from ..datasets.camera_paths import up_vector
+from ..formats.model import Model
+from ..formats.read import read_model
+from ..render.framing import NEAR_SHARE, likely_up, robust_sphere
+from ..render.picture import background_color
+from ..render.picture_options import PictureOptions
+from ..report.run_folder import read_run
+from ..scene.cameras import Camera
+from ..scene.drawing import Drawing, DrawnAs, drawn_as
+from ..support.errors import DataError
+
+MODEL = "point_cloud.ply"  # of a run folder
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """The model, the cameras of its data in the order of their names (maybe none), and how it is drawn."""
+
+    model: Model
+    cameras: list[Camera]
+    background: float
+    drawn: DrawnAs
+
+    @property
+    def up(self) -> np.ndarray:
+        """The vertical [3]: as the model's file says, as its photographs were held, or a guess."""
+        if self.model.drawing.up:
+            return up_vector(self.model.drawing.up)
+        return upright(self.cameras) if self.cameras else likely_up(self.model.splats)
+
+
+def upright(cameras: list[Camera]) -> np.ndarray:
+    """The mean upward direction [3] of pictures: people hold cameras level, or turned to both sides alike."""
+    mean = -np.mean([camera.w2c[1, :3] for camera in cameras], axis=0)
+    length = float(np.linalg.norm(mean))
+    return mean / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+
+
+def read_subject(model: Path, data: str | Path | None, options: PictureOptions) -> Subject:
+    """A model file, or a run folder, which knows its data and how it was trained.
+
+    Args:
+        data: the data set; None: that of the run, if it is still there.
+        options: how the model is drawn; what they do not say, the run or the file of the model does.
+
+    Raises ``DataError``.
+    """
+    trained: dict[str, Any] = {}
+    if model.is_dir():
+        trained = read_run(model).config
+        model = model / MODEL
+        if not model.is_file():
+            raise DataError(model, "no such file", "give a run folder that is complete, or a model")
+        own = trained.get("data")
+        data = data or (own if own and Path(own).exists() else None)
+    read = read_model(model)
+    dataset = load_dataset(data, on_disk=True) if data else None
+    views = sorted(dataset.views, key=lambda view: view.name) if dataset else []
+    said_by_run = Drawing(trained.get("antialiased"), trained.get("near_clip"))
+    drawn = drawn_as(options.drawing, said_by_run, read.drawing)
+    if not views:
+        near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(read.splats)[1])
+        drawn = DrawnAs(drawn.antialiased, near_clip, drawn.linear)
+    chosen = options.background if options.background != "auto" else trained.get("background", "auto")
+    background = background_color(chosen, dataset is not None and dataset.has_alpha)
+    return Subject(read, [view.camera for view in views], background, drawn)

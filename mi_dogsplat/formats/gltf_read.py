@@ -1,0 +1,138 @@
+"""Reading glTF with Gaussians: all primitives of the scene that have the extension, moved by their nodes.
+
+Compressed ones, by KHR_gaussian_splatting_compression_spz_2, hold an SPZ file in a buffer view.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..scene.drawing import Drawing, drawing_of_extras
+from ..scene.splats import Array, Splats
+from ..scene.transform import transformed
+from ..support.errors import DataError
+from .gltf_container import Container, matrix_of
+from .limits import FREE, RATIO
+from .model import Model
+from .packing import LUF, RUB, logits, turned
+from .spz import content_of
+
+NAME = "KHR_gaussian_splatting"
+SPZ = ("KHR_gaussian_splatting_compression_spz_2", "KHR_gaussian_splatting_compression_spz")
+LINEAR, DISPLAY = "lin_rec709_display", "srgb_rec709_display"
+MAX_DEPTH = 64  # of nodes in nodes
+SMALLEST_SCALE = 1e-30
+
+
+def read(path: Path) -> Model:
+    """The Gaussians of a file, in LUF axes. Raises ``DataError``."""
+    container = Container.open(path)
+    try:
+        found = list(_models(container))
+        if not found:
+            raise DataError(path, f"holds no primitive with {NAME}", "export it as Gaussians")
+        drawing = Drawing()
+        for model in reversed(found):
+            drawing = model.drawing.over(drawing)
+        left_out = tuple(dict.fromkeys(line for model in found for line in model.left_out))
+        return Model(_concatenated([model.splats for model in found]), drawing, left_out)
+    except DataError:
+        raise
+    except (struct.error, ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError) as error:
+        problem = f"is no glTF of Gaussians ({type(error).__name__}: {error})"
+        raise DataError(path, problem, "the file is damaged: copy or export it again") from error
+
+
+def _models(container: Container) -> Iterator[Model]:
+    """The model of each primitive, where its node has it."""
+    content = container.content
+    left = FREE + RATIO * container.path.stat().st_size  # bytes: nodes may name a mesh again and again
+    for node, matrix in _nodes(content):
+        for primitive in content["meshes"][node["mesh"]]["primitives"]:
+            extension = (primitive.get("extensions") or {}).get(NAME)
+            if extension is None:
+                continue
+            model = _of_primitive(container, primitive, extension)
+            left -= model.splats.means.nbytes
+            if left < 0:
+                raise ValueError("its nodes repeat more primitives than it has bytes for")
+            yield replace(model, splats=transformed(model.splats, matrix))
+
+
+def _nodes(content: Any) -> Iterator[tuple[Any, Array]]:
+    """Nodes with a mesh and their matrices [4, 4] in the world; without a scene, all nodes that no other has."""
+    nodes = content.get("nodes", [])
+    scenes = content.get("scenes")
+    children = {child for node in nodes for child in node.get("children", [])}
+    roots = scenes[content.get("scene", 0)]["nodes"] if scenes else set(range(len(nodes))) - children
+    waiting = [(root, np.eye(4), 0) for root in roots]
+    visits = 0
+    while waiting:
+        index, above, depth = waiting.pop(0)
+        visits += 1
+        if depth > MAX_DEPTH or visits > len(nodes):
+            raise ValueError("its nodes are no trees")
+        matrix = above @ matrix_of(nodes[index])
+        if "mesh" in nodes[index]:
+            yield nodes[index], matrix
+        waiting += [(child, matrix, depth + 1) for child in nodes[index].get("children", [])]
+
+
+def _of_primitive(container: Container, primitive: Any, extension: Any) -> Model:
+    drawing = _drawing(primitive, extension)
+    inner = extension.get("extensions") or {}
+    compressed = next((inner[name] for name in SPZ if name in inner), None)
+    if compressed is not None:
+        model = content_of(container.path, container.view(compressed["bufferView"]))
+        splats = turned(turned(model.splats, RUB), LUF)
+        return replace(model, splats=splats, drawing=drawing.over(model.drawing))
+    values = {name: container.accessor(index) for name, index in primitive["attributes"].items()}
+    scales = values[f"{NAME}:SCALE"].astype(np.float64)
+    if scales.min(initial=1) < 0:
+        raise ValueError("a scale is negative")
+    left_out = () if extension.get("kernel", "ellipse") == "ellipse" else (f"its kernel {extension['kernel']}",)
+    splats = Splats(
+        means=values["POSITION"],
+        log_scales=np.log(np.maximum(scales, SMALLEST_SCALE)),
+        quats=values[f"{NAME}:ROTATION"],
+        logit_opacities=logits(values[f"{NAME}:OPACITY"][:, 0]),
+        sh_coeffs=np.stack([values[name] for name in _sh_names(values)], axis=1),
+    )
+    return Model(splats, drawing, left_out)
+
+
+def _sh_names(values: dict[str, Array]) -> list[str]:
+    """Attributes of the coefficients, of the degrees that are there whole."""
+    names: list[str] = []
+    for degree in range(4):
+        band = [f"{NAME}:SH_DEGREE_{degree}_COEF_{n}" for n in range(2 * degree + 1)]
+        if degree and not all(name in values for name in band):
+            break
+        names += band
+    return names
+
+
+def _drawing(primitive: Any, extension: Any) -> Drawing:
+    """What is said on the drawing: by ``colorSpace``, and before it by our ``extras``."""
+    linear = {LINEAR: True, DISPLAY: False}.get(str(extension.get("colorSpace")))
+    return drawing_of_extras(primitive.get("extras")).over(Drawing(linear=linear))
+
+
+def _concatenated(parts: list[Splats]) -> Splats:
+    """One model of several of plain Gaussians; lower degrees are filled up with zeros."""
+    k = max(splats.sh_coeffs.shape[1] for splats in parts)
+    return Splats(
+        means=np.concatenate([splats.means for splats in parts]),
+        log_scales=np.concatenate([splats.log_scales for splats in parts]),
+        quats=np.concatenate([splats.quats for splats in parts]),
+        logit_opacities=np.concatenate([splats.logit_opacities for splats in parts]),
+        sh_coeffs=np.concatenate(
+            [np.pad(sh, ((0, 0), (0, k - sh.shape[1]), (0, 0))) for sh in (splats.sh_coeffs for splats in parts)]
+        ),
+    )

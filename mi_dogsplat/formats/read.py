@@ -1,0 +1,92 @@
+"""Reading a model, in whatever format: what a file is, its first bytes say, and its name where they do not."""
+
+from __future__ import annotations
+
+import stat
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..scene.splats import Splats
+from ..support.errors import DataError
+from ..support.files import parse_json
+from . import gltf_container, sog_read, spz_container
+from .model import Model
+from .packing import turned
+from .table import COMPRESSED_PLY, FORMATS, GLB, PLY, SOG, SPLAT, SPZ, Format
+
+HEAD = 4096  # bytes that are looked at first
+ZIP = b"PK\x03\x04"
+MODEL_NAMES = f"a model ({' '.join(FORMATS)}, or the {sog_read.META} of SOG)"
+
+
+def read_model(path: str | Path) -> Model:
+    """Read a model of any format in ``FORMATS``, in the axes of 3DGS PLY, and how it is to be drawn.
+
+    Raises ``DataError`` for whatever is no model; memory stays in proportion to the file.
+    """
+    path = Path(path)
+    try:
+        chosen = format_of(path)
+        with np.errstate(all="ignore"):  # what is not finite is found below
+            model = chosen.read(path)
+    except OSError as error:
+        raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
+    _check_finite(path, model.splats)
+    return model if chosen.turn is None else replace(model, splats=turned(model.splats, chosen.turn))
+
+
+def is_model_name(path: Path) -> bool:
+    """Whether a name is that of a model, of whatever format."""
+    return path.name.lower() == sog_read.META or any(path.name.lower().endswith(suffix) for suffix in FORMATS)
+
+
+def format_of(path: Path) -> Format:
+    """What a file is, by its content first. Raises ``DataError`` and ``OSError``."""
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):  # opening a pipe would wait for ever
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "not a regular file"
+        raise DataError(path, f"this is {kind}", f"give the path of {MODEL_NAMES}")
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    if found := _by_content(path, head):
+        return found
+    if path.suffix.lower() == ".splat":  # has no first bytes of its own
+        return SPLAT
+    for suffix, chosen in FORMATS.items():  # its reader knows best what is wrong
+        if path.name.lower().endswith(suffix):
+            return PLY if chosen is COMPRESSED_PLY else chosen
+    raise DataError(path, "is no model of a known format", f"give {MODEL_NAMES}")
+
+
+def _by_content(path: Path, head: bytes) -> Format | None:
+    if head[:4] in (b"ply\n", b"ply\r"):
+        return COMPRESSED_PLY if b"packed_position" in head else PLY
+    if head[:4] == gltf_container.MAGIC.to_bytes(4, "little"):
+        return GLB
+    if head[:2] == spz_container.GZIP or head[:4] == spz_container.NGSP:
+        return SPZ
+    if head[:4] == ZIP:
+        return SOG
+    if head.lstrip()[:1] == b"{" and path.suffix.lower() != ".gltf":
+        return SOG if path.name.lower() == sog_read.META or _has_means(path) else GLB
+    return None
+
+
+def _has_means(path: Path) -> bool:
+    """Whether a JSON is that of SOG; whoever reads it says what is wrong with one that is broken."""
+    try:
+        content = parse_json(path.read_text(encoding="utf-8"))
+    except ValueError:
+        return False
+    return isinstance(content, dict) and "means" in content
+
+
+def _check_finite(path: Path, splats: Splats) -> None:
+    for name in ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs"):
+        values = getattr(splats, name)
+        bad = np.argwhere(~np.isfinite(values))
+        if len(bad):
+            problem = f"{len(bad)} values of {name} are not finite, first in primitive {bad[0][0]}"
+            raise DataError(path, problem, "the file is damaged: copy or export it again")

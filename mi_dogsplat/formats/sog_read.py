@@ -1,0 +1,127 @@
+"""Reading SOG: a bundle (.sog) or a folder of pictures beside their meta.json; ``sog.py`` tells the layout."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..scene.drawing import Drawing, drawing_of_extras, value_of
+from ..scene.splats import Array, Splats
+from ..support.errors import DataError
+from ..support.files import parse_json
+from .limits import require_proportion
+from .model import Model
+from .packing import SQRT2, from_smallest_three, logits
+
+FIRST_TAG = 252
+PER_ROW = 64  # entries of the palette
+META = "meta.json"
+SH_SIZES = (0, 3, 8, 15)  # coefficients by ``bands``, without the first
+
+
+def read(path: Path) -> Model:
+    """The content of a bundle, or of the folder of a meta.json. Raises ``DataError``."""
+    try:
+        if zipfile.is_zipfile(path):
+            with zipfile.ZipFile(path) as bundle:
+                return _read(path, path.stat().st_size, lambda name: _unpacked(path, bundle, name))
+        files = _Folder(path)
+        return _read(path, files.size(), files.content)
+    except DataError:
+        raise
+    except ImportError:
+        raise DataError(path, "SOG needs the package Pillow", "pip install 'mi_dogsplat[export]'") from None
+    except (
+        OSError, EOFError, zipfile.BadZipFile, KeyError, ValueError, IndexError, TypeError, AttributeError,
+        NotImplementedError, RuntimeError, OverflowError, SyntaxError,  # of zipfile and Pillow
+    ) as error:  # fmt: skip
+        problem = f"is no SOG model ({type(error).__name__}: {error})"
+        raise DataError(path, problem, "the file is damaged: copy or export it again") from error
+
+
+def _unpacked(path: Path, bundle: zipfile.ZipFile, name: str) -> bytes:
+    info = bundle.getinfo(name)
+    require_proportion(path, info.file_size, info.compress_size)
+    return bundle.read(info)
+
+
+@dataclass
+class _Folder:
+    """The files beside a meta.json."""
+
+    meta: Path
+
+    def content(self, name: str) -> bytes:
+        if name == META:
+            return self.meta.read_bytes()
+        if Path(name).name != name:
+            raise ValueError(f'"{name}" is no name of a file beside it')
+        return (self.meta.parent / name).read_bytes()
+
+    def size(self) -> int:
+        return sum(file.stat().st_size for file in self.meta.parent.glob("*.*") if file.is_file())
+
+
+def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
+    meta = parse_json(content(META).decode())
+    if meta.get("version") != 2:
+        raise DataError(path, f"is SOG of version {meta.get('version', 1)}", "convert it to version 2")
+    n = meta["count"]
+    if not isinstance(n, int) or isinstance(n, bool) or n < 0:
+        raise ValueError(f'"count" is {n}')
+
+    def picture(part: str, which: int = 0) -> Array:
+        """[H, W, 4]"""
+        return _pixels(path, size, content(meta[part]["files"][which]))
+
+    def pixels(part: str, which: int = 0) -> Array:
+        """[N, 4]"""
+        found = picture(part, which).reshape(-1, 4)
+        if len(found) < n:
+            raise ValueError(f'{n} primitives, but a picture of "{part}" has {len(found)} pixels')
+        return found[:n]
+
+    low, high = (_numbers(meta["means"][end], 3) for end in ("mins", "maxs"))
+    logs = low + (high - low) * (pixels("means", 0)[:, :3] + 256.0 * pixels("means", 1)[:, :3]) / 65535
+    quats, sh0 = pixels("quats"), pixels("sh0")
+    if n and quats[:, 3].min() < FIRST_TAG:
+        raise ValueError("a quaternion names no component as its largest")
+    sh = _numbers(meta["sh0"]["codebook"])[sh0[:, :3]][:, None]  # [N, 1, 3]
+    if "shN" in meta:
+        rest = SH_SIZES[meta["shN"].get("bands", 3)]
+        entry = picture("shN")[..., :3]  # [rows, PER_ROW (K - 1), 3]
+        entry = entry.reshape(-1, rest, 3) if entry.shape[1] == PER_ROW * rest else entry[:0]
+        label = pixels("shN", 1).astype(np.int64)
+        table = _numbers(meta["shN"]["codebook"])
+        sh = np.concatenate([sh, table[entry[label[:, 0] + 256 * label[:, 1]]].reshape(n, rest, 3)], axis=1)
+    wxyz = from_smallest_three(quats[:, 3].astype(np.int64) - FIRST_TAG, (quats[:, :3] / 127.5 - 1) / SQRT2)
+    splats = Splats(
+        means=np.sign(logs) * np.expm1(np.abs(logs)),
+        log_scales=_numbers(meta["scales"]["codebook"])[pixels("scales")[:, :3]],
+        quats=wxyz[:, [1, 2, 3, 0]],
+        logit_opacities=logits(sh0[:, 3] / 255),
+        sh_coeffs=sh,
+    )
+    antialias = value_of("antialiased", meta.get("antialias"))
+    return Model(splats, drawing_of_extras(meta.get("extras")).over(Drawing(antialias)))
+
+
+def _numbers(values: Any, count: int | None = None) -> Array:
+    found = np.array(values, np.float64)
+    if found.ndim != 1 or (count and len(found) != count):
+        raise ValueError(f"a list of {count or ''} numbers expected, found {str(values)[:40]}")
+    return found
+
+
+def _pixels(path: Path, size: int, data: bytes) -> Array:
+    from PIL import Image
+
+    with Image.open(io.BytesIO(data)) as picture:
+        require_proportion(path, picture.width * picture.height * 4, size)
+        return np.asarray(picture.convert("RGBA"))  # an opaque one may have lost its alpha

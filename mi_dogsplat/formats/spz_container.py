@@ -1,0 +1,134 @@
+"""What an SPZ file is wrapped in: one gzip stream up to version 3, a Zstandard stream for each attribute in version 4.
+
+Version 4: a header of 32 bytes, records of extensions, and from ``table`` on a table of two 64-bit sizes a stream,
+compressed and not, before the streams themselves. Attributes are the same bytes in the same order as in version 3.
+
+Specification: the README of github.com/nianticlabs/spz (MIT).
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..support.errors import DataError
+from .limits import require_proportion
+
+MAGIC = 0x5053474E
+HEADER = struct.Struct("<IIIBBBB")  # magic, version, primitives, SH degree, fraction bits, flags, streams
+TABLE = struct.Struct("<I12x")  # of version 4, after the header: offset of the table
+SIZES = struct.Struct("<QQ")
+EXTENSIONS = 2  # flag: records of extensions follow
+MAX_DEGREE = 4
+GZIP, NGSP = b"\x1f\x8b", b"NGSP"
+ATTRIBUTES = ("positions", "opacities", "colors", "scales", "rotations", "sh")
+LEVEL = 12  # of Zstandard, as the reference encoder's
+AGAIN = "the file is damaged: copy or export it again"
+
+
+@dataclass(frozen=True)
+class Payload:
+    """Header and attributes of a file, by the names in ``ATTRIBUTES``."""
+
+    version: int
+    n: int
+    degree: int
+    fraction_bits: int
+    flags: int
+    attributes: dict[str, bytes]
+
+
+def attribute_sizes(version: int, degree: int) -> dict[str, int]:
+    """Bytes of each attribute, for a primitive."""
+    return dict(zip(ATTRIBUTES, (9, 1, 3, 3, 3 if version == 2 else 4, 3 * ((degree + 1) ** 2 - 1)), strict=True))
+
+
+def unwrapped(path: Path, data: bytes) -> Payload:
+    """The payload of a file of version 2, 3 or 4. Raises ``DataError``."""
+    if data[:4] == NGSP:
+        return _streams(path, data)
+    if data[:2] != GZIP:
+        raise DataError(path, "is no SPZ file: it begins neither with gzip nor with NGSP", AGAIN)
+    try:
+        inflate = zlib.decompressobj(16 + zlib.MAX_WBITS)
+        head = inflate.decompress(data, HEADER.size)
+        magic, version, n, degree, bits, flags, _ = HEADER.unpack(head)
+        _check(path, magic, version, degree, (2, 3))
+        sizes = attribute_sizes(version, degree)
+        need = n * sum(sizes.values())
+        require_proportion(path, need, len(data))
+        body = inflate.decompress(inflate.unconsumed_tail, need) if need else b""
+    except (zlib.error, struct.error) as error:
+        raise DataError(path, f"its gzip stream holds no SPZ data ({error})", AGAIN) from error
+    if len(body) != need:
+        raise DataError(path, f"{n} primitives need {need} bytes, the gzip stream has {len(body)}", AGAIN)
+    attributes, at = {}, 0
+    for name, size in sizes.items():
+        attributes[name] = body[at : at + n * size]
+        at += n * size
+    return Payload(version, n, degree, bits, flags, attributes)
+
+
+def rewrapped(path: Path, data: bytes) -> bytes:
+    """A file of version 3 as one of version 4. Raises ``DataError``, also where the package zstandard is missing."""
+    payload, zstandard = unwrapped(path, data), _zstandard(path)
+    packer = zstandard.ZstdCompressor(level=LEVEL)
+    raw = [content for content in payload.attributes.values() if content]
+    streams = [packer.compress(content) for content in raw]
+    header = HEADER.pack(MAGIC, 4, payload.n, payload.degree, payload.fraction_bits, payload.flags, len(streams))
+    table = b"".join(SIZES.pack(len(stream), len(content)) for stream, content in zip(streams, raw, strict=True))
+    return header + TABLE.pack(HEADER.size + TABLE.size) + table + b"".join(streams)
+
+
+def _streams(path: Path, data: bytes) -> Payload:
+    try:
+        magic, version, n, degree, bits, flags, count = HEADER.unpack_from(data)
+        (at,) = TABLE.unpack_from(data, HEADER.size)
+        _check(path, magic, version, degree, (4,))
+        sizes = [SIZES.unpack_from(data, at + i * SIZES.size) for i in range(count)]
+    except struct.error as error:
+        raise DataError(path, f"ends within its header ({error})", AGAIN) from error
+    at += count * SIZES.size
+    wanted = [(name, n * size) for name, size in attribute_sizes(version, degree).items()]
+    missing = len(wanted) - count
+    if missing == 1 and not wanted[-1][1]:  # no stream for no spherical harmonics
+        wanted.pop()
+        missing = 0
+    if missing > 0 or at + sum(packed for packed, _ in sizes) > len(data):
+        raise DataError(path, f"its table of {count} streams does not fit its {len(data)} bytes", AGAIN)
+    require_proportion(path, sum(need for _, need in wanted), len(data))
+    zstandard, attributes = _zstandard(path), {"sh": b""}
+    for (name, need), (packed, unpacked) in zip(wanted, sizes, strict=False):  # others come after those known here
+        stream = data[at : at + packed]
+        at += packed
+        if unpacked != need:
+            raise DataError(path, f"{n} primitives need {need} bytes of {name}, the table has {unpacked}", AGAIN)
+        try:
+            content = zstandard.ZstdDecompressor().stream_reader(stream).read(need + 1) if need else b""
+        except zstandard.ZstdError as error:
+            raise DataError(path, f"its stream of {name} cannot be unpacked ({error})", AGAIN) from error
+        if len(content) != need:
+            raise DataError(path, f"{n} primitives need {need} bytes of {name}, the stream has {len(content)}", AGAIN)
+        attributes[name] = content
+    return Payload(version, n, degree, bits, flags, attributes)
+
+
+def _check(path: Path, magic: int, version: int, degree: int, versions: tuple[int, ...]) -> None:
+    if magic != MAGIC:
+        raise DataError(path, "is no SPZ file: its header does not begin with NGSP", AGAIN)
+    if version not in versions:
+        raise DataError(path, f"is SPZ of version {version}", "convert it to version 2, 3 or 4")
+    if degree > MAX_DEGREE:
+        raise DataError(path, f"has spherical harmonics of degree {degree}, there are 0 to {MAX_DEGREE}", AGAIN)
+
+
+def _zstandard(path: Path) -> Any:
+    try:
+        import zstandard  # here: version 4 alone needs it
+    except ImportError:
+        remedy = "pip install 'mi_dogsplat[export]', or use version 3"
+        raise DataError(path, "SPZ 4 needs the package zstandard", remedy) from None
+    return zstandard

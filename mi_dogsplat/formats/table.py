@@ -1,0 +1,105 @@
+"""The formats by name: how each is read and written, and what of a model it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..scene.drawing import NAMES, comments_of, drawing_of
+from ..scene.ply import read_ply_and_comments, write_ply
+from ..support.errors import DataError
+from ..support.files import replacing
+from . import compressed_ply, gltf, sog, splat, spz
+from .model import Model
+from .packing import LUF, RUB, Turn
+
+ALL = frozenset(NAMES)
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format; readers and writers have the axes of the file, which ``turn`` takes from those of 3DGS PLY, or back.
+
+    carries: fields of ``Drawing`` that it can say. dog, mixed_sh: it holds DoG primitives, SH degrees of single ones.
+    sh_degree: the highest that it holds. sorted: neighbours in the file should be neighbours in space.
+    """
+
+    name: str
+    read: Callable[[Path], Model]
+    write: Callable[[Path, Model], None]
+    carries: frozenset[str] = frozenset()
+    turn: Turn | None = None
+    dog: bool = False
+    mixed_sh: bool = False
+    sh_degree: int = 3
+    sorted: bool = False
+
+
+def _read_ply(path: Path) -> Model:
+    splats, comments = read_ply_and_comments(path)
+    return Model(splats, drawing_of(comments))
+
+
+def _written(encode: Callable[[Model], bytes]) -> Callable[[Path, Model], None]:
+    return lambda path, model: write_bytes(path, encode(model))
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Make ``content`` that of ``path``, or leave everything as it was. Raises ``DataError``."""
+    try:
+        path.parent.stat()  # a folder that is missing is a typing error: none is made
+        with replacing(path) as part:
+            part.write_bytes(content)
+    except OSError as error:
+        problem = f"cannot be written ({error.strerror or error})"
+        raise DataError(path, problem, "check that the folder exists and is writable") from error
+
+
+MIP = frozenset({"antialiased"})
+PLY = Format(
+    "PLY",
+    _read_ply,
+    lambda path, model: write_ply(path, model.splats, "rows", comments_of(model.drawing)),
+    ALL,
+    dog=True,
+    mixed_sh=True,
+)
+COMPRESSED_PLY = Format(
+    "compressed PLY",
+    compressed_ply.read,
+    _written(lambda model: compressed_ply.encode(model.splats, comments_of(model.drawing))),
+    ALL,
+    dog=True,
+    sorted=True,
+)
+SPZ = Format(
+    "SPZ",
+    spz.read,
+    _written(lambda model: spz.encode(model.splats, bool(model.drawing.antialiased))),
+    MIP,
+    RUB,
+    sorted=True,
+)
+SOG = Format("SOG", sog.read, _written(lambda model: sog.encode(model.splats, model.drawing)), ALL, sorted=True)
+GLB = Format("glTF", gltf.read, _written(lambda model: gltf.encode(model.splats, model.drawing)), ALL, LUF)
+GLTF = Format("glTF", gltf.read, _written(lambda model: gltf.encode(model.splats, model.drawing, False)), ALL, LUF)
+SPLAT = Format(".splat", splat.read, _written(lambda model: splat.encode(model.splats)), sh_degree=0)
+
+FORMATS = {  # by the end of the file's name; the longer one first
+    ".compressed.ply": COMPRESSED_PLY,
+    ".ply": PLY,
+    ".spz": SPZ,
+    ".sog": SOG,
+    ".glb": GLB,
+    ".gltf": GLTF,
+    ".splat": SPLAT,
+}
+
+
+def format_to_write(path: Path, others: Sequence[str] = ()) -> Format:
+    """The format that the name of a file asks for. Raises ``DataError``, which lists ``others`` too."""
+    for suffix, chosen in FORMATS.items():
+        if path.name.lower().endswith(suffix):
+            return chosen
+    raise DataError(path, "no known format", f"name a file that ends in {', '.join((*FORMATS, *others))}")

@@ -1,0 +1,66 @@
+"""Writing a model, in the format that its name asks for."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from ..scene.drawing import DrawnAs
+from ..scene.splats import Splats
+from ..support.errors import DataError
+from .model import Model
+from .packing import morton_order, turned
+from .spz_container import rewrapped
+from .table import PLY, SPZ, Format, format_to_write, write_bytes
+
+SPZ_VERSIONS = (3, 4)  # that are written
+
+
+def write_model(
+    path: str | Path, model: Model | Splats, spz_version: int = SPZ_VERSIONS[0], sh_rows: bool = False
+) -> list[str]:
+    """Write a model in the axes of 3DGS PLY; returns a line for each thing that the format has no room for.
+
+    Args:
+        path: its end names the format, one of ``FORMATS``.
+        model: with how it is to be drawn, or primitives alone.
+        spz_version: of an SPZ file, one of ``SPZ_VERSIONS``.
+        sh_rows: keep the SH degrees of single primitives where the format can, the layout "rows" of ``write_ply``; else
+            all get the coefficients of the highest, as all programs read them.
+
+    Raises ``DataError`` when the format or place cannot be written, and for DoG primitives where it knows none
+    (``export.bake.baked`` makes plain Gaussians of them).
+    """
+    path = Path(path)
+    chosen = format_to_write(path)
+    model = model if isinstance(model, Model) else Model(model)
+    splats = model.splats if chosen is PLY else model.splats.uniform_sh()  # the others know one degree for all
+    if splats.n_dog and not chosen.dog:
+        problem = f"{chosen.name} has no room for DoG, the model has {splats.n_dog} of them"
+        raise DataError(path, problem, "bake them first, as dogsplat export does, or write a .ply")
+    if spz_version not in SPZ_VERSIONS:
+        raise DataError(path, f"SPZ {spz_version} is not written", f"use version {' or '.join(map(str, SPZ_VERSIONS))}")
+    lost = what_is_lost(chosen, model)
+    if not (sh_rows and chosen.mixed_sh):
+        splats = splats.uniform_sh()
+    if chosen.sorted:
+        splats = splats.select(morton_order(splats.means))
+    if chosen.turn:
+        splats = turned(splats, chosen.turn)
+    chosen.write(path, replace(model, splats=splats))
+    if chosen is SPZ and spz_version == 4:
+        write_bytes(path, rewrapped(path, path.read_bytes()))
+    return lost
+
+
+def what_is_lost(chosen: Format, model: Model) -> list[str]:
+    """Lines about what a format has no room for, beside rounding."""
+    said, lost = model.drawing.said(), []
+    unsaid = {name: value for name, value in said.items() if name not in chosen.carries}
+    usual = asdict(DrawnAs()) | {"scale": 1.0}  # what readers take where a file is silent
+    if unusual := [f"{name} {value}" for name, value in unsaid.items() if value != usual.get(name)]:
+        lost.append(f"{chosen.name} cannot say how it is drawn: {', '.join(unusual)}; give it by hand")
+    if model.splats.sh_degree > chosen.sh_degree:
+        lost.append(f"{chosen.name} has no view-dependent colour above SH degree {chosen.sh_degree}")
+    return lost
+

@@ -1,0 +1,108 @@
+"""What a model holds that no picture of it shows; without it every picture has the same bits.
+
+invisible   a primitive whose opacity is below 1/255, the smallest α that is blended, or with a parameter that is not
+            finite: it enters no list of a tile.
+faded DoG   a pseudo-Gaussian whose peak f_a o is below 2^-33. Its primary is blended where 2^p is at least 1/255, and
+            there float32 has a spacing of 2^-31 or more: 2^p - 2^p' rounds to 2^p. Elsewhere α is ignored, as without.
+zero SH     the highest bands of primitives whose every coefficient is 0: they add 0 to a colour. Where a model of one
+            degree becomes one of several, sums are made in another order, and pictures are equal to rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..engine.geometry import Cutoffs
+from ..scene.row_groups import DOG, SH
+from ..scene.splats import Array, Splats
+from ..support.wording import count, file_size
+
+LEAST_ALPHA = Cutoffs().alpha * (1 - 1e-4)  # below the cutoff by more than the rounding of the engine's opacity
+FADED = 2.0**-33  # of f_a o; half of what could round, for the same reason
+FLOAT = 4  # bytes
+GAUSSIAN, DOG_ROW = 14 * FLOAT, 5 * FLOAT  # bytes of a primitive of SH degree 0, and of a row that makes it DoG
+
+
+@dataclass(frozen=True)
+class Unneeded:
+    """What can leave, of a model of N primitives with M rows of DoG."""
+
+    invisible: Array
+    """[N] bool"""
+    faded_dog: Array
+    """[M] bool, of primitives that are visible"""
+    sh_degrees: Array
+    """[N] the highest degree with a coefficient that is not zero"""
+
+    @staticmethod
+    def of(splats: Splats) -> Unneeded:
+        """Found from the parameters alone."""
+        opacities = _opacities(splats.logit_opacities)  # [N]
+        invisible = ~_finite(splats) | (opacities < LEAST_ALPHA)
+        peaks = _opacities(splats.dog_logit_opacities) * opacities[splats.dog_index]  # [M]
+        faded = (peaks < FADED) & ~invisible[splats.dog_index]
+        return Unneeded(invisible, faded, used_sh_degrees(splats))
+
+    def described(self, splats: Splats) -> list[str]:
+        """A line for each kind that there is: how many, and how many bytes they take in float32."""
+        bands = 3 * FLOAT * ((splats.sh_degrees + 1) ** 2 - 1)  # [N] bytes above the constant band
+        kinds = [
+            ("invisible primitives", self.invisible, GAUSSIAN + bands),
+            ("DoG without effect", self.faded_dog, np.full(splats.n_dog, DOG_ROW)),
+        ]
+        for degree in SH:
+            zero = ~self.invisible & (splats.sh_degrees >= degree) & (self.sh_degrees < degree)
+            sizes = np.full(splats.n_splats, 3 * FLOAT * (2 * degree + 1))
+            kinds.append((f"zero bands of SH degree {degree}", zero, sizes))
+        there = [(name, rows.sum(), sizes[rows].sum()) for name, rows, sizes in kinds if rows.any()]
+        return [f"{name}: {count(number)}, {file_size(size)}" for name, number, size in there]
+
+    def taken_out(self, splats: Splats, mixed_sh: bool = False) -> Splats:
+        """The model without it.
+
+        Args:
+            splats: what it was found in.
+            mixed_sh: a model of one SH degree may become one of several; else it keeps one that all can do with.
+        """
+        rows = {name: getattr(splats, name)[~self.faded_dog] for name in (DOG.index, *DOG.names)}
+        lean = replace(splats, **rows).select(~self.invisible)
+        degrees = self.sh_degrees[~self.invisible]
+        if mixed_sh or splats.mixed_sh:
+            return lean.with_sh_degrees(degrees)
+        return lean.uniform_sh(int(degrees.max(initial=0)))
+
+
+def used_sh_degrees(splats: Splats) -> Array:
+    """[N] highest degree of each primitive with a coefficient that is not zero."""
+    used = np.zeros(splats.n_splats, int)
+    for degree in range(1, splats.sh_degree + 1):
+        if not splats.mixed_sh:
+            band = splats.sh_coeffs[:, degree**2 : (degree + 1) ** 2]  # [N, 2 degree + 1, 3]
+            used[band.any(axis=(1, 2))] = degree
+            continue
+        for group in SH.values():
+            (name,) = group.names
+            band = getattr(splats, name)[:, degree**2 - 1 : (degree + 1) ** 2 - 1]
+            used[getattr(splats, group.index)[band.any(axis=(1, 2))]] = degree
+    return used
+
+
+def _opacities(logits: Array) -> Array:
+    """Sigmoid in float64; of ±∞ it is 0 or 1."""
+    with np.errstate(over="ignore"):
+        return 1 / (1 + np.exp(-logits.astype(np.float64)))
+
+
+def _finite(splats: Splats) -> Array:
+    """[N] whether the engine takes the parameters: all are finite, but opacities may be those of ±∞."""
+    dense = (splats.means, splats.log_scales, splats.quats, splats.sh_coeffs)
+    finite = ~np.isnan(splats.logit_opacities)
+    for values in dense:
+        finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+    finite[splats.dog_index] &= np.isfinite(splats.dog_log_scales).all(axis=1) & ~np.isnan(splats.dog_logit_opacities)
+    for group in SH.values():
+        (name,) = group.names
+        finite[getattr(splats, group.index)] &= np.isfinite(getattr(splats, name)).all(axis=(1, 2))
+    return finite

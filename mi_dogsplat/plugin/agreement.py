@@ -1,0 +1,27 @@
+"""How the shapes of a scene are drawn: as the integrator says, and where it says nothing, as their files do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from ..scene.drawing import Drawing, DrawnAs, drawn_as
+
+PROPERTIES = {"antialiased": "antialiased", "near_clip": "near_clip", "linear": "srgb_primitives"}  # of the integrator
+
+
+def agreed(own: Drawing, shapes: Iterable[Any]) -> DrawnAs:
+    """What is decided for ``dog`` shapes that are drawn together.
+
+    own: what the integrator was told. Raises ``RuntimeError`` where it was told nothing and two files disagree.
+    """
+    said: dict[str, tuple[Any, str]] = {}
+    for shape in shapes:
+        for name, value in shape.drawing.said().items():
+            other, source = said.setdefault(name, (value, shape.source))
+            if name in PROPERTIES and other != value and getattr(own, name) is None:
+                raise RuntimeError(
+                    f"dogsplat: {source} is to be drawn with {name} {other}, {shape.source} with {value}; "
+                    f'set "{PROPERTIES[name]}" of the integrator'
+                )
+    return drawn_as(own, Drawing(**{name: value for name, (value, _) in said.items()}))

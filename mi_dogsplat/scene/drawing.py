@@ -1,0 +1,116 @@
+"""What a model's file says on how it is to be drawn: it travels with the model from format to format.
+
+In PLY files it is lines of the header, ``comment dogsplat NAME VALUE`` with the names of the fields below, and
+``comment SplatRenderMode: mip`` or ``default`` (Brush, gsplat). Brush's ``Vertical axis: y`` and Postshot's
+``antialiased 1`` are read as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+EXTRAS = "dogsplat"  # our name in extras, and in comments
+AXES = ("x", "y", "z", "-x", "-y", "-z")
+RENDER_MODES = {"mip": True, "default": False}
+BRUSH_UP = {"x": "x", "y": "-y", "z": "-z"}  # what Brush means by its vertical axis
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How a model is to be drawn; None where its file says nothing."""
+
+    antialiased: bool | None = None
+    """opacities are compensated for the screen-space low-pass filter (Mip-Splatting)"""
+    near_clip: float | None = None
+    """primitives nearer to the camera plane are dropped, units of the model"""
+    linear: bool | None = None
+    """colours are linear radiance (Rec. 709), not display-referred sRGB"""
+    up: str | None = None
+    """axis of the model that is up, of ``AXES``"""
+    scale: float | None = None
+    """metres of a unit of the model"""
+
+    def over(self, other: Drawing) -> Drawing:
+        """What this says, and ``other`` where this says nothing."""
+        return replace(other, **self.said())
+
+    def said(self) -> dict[str, Any]:
+        """What is said, by the names of the fields."""
+        return {name: value for name in NAMES if (value := getattr(self, name)) is not None}
+
+
+@dataclass(frozen=True)
+class DrawnAs:
+    """How a model is drawn, decided; the defaults are what is usual where nobody says anything."""
+
+    antialiased: bool = False
+    near_clip: float = 0.2
+    linear: bool = False
+
+
+def drawn_as(*said: Drawing) -> DrawnAs:
+    """What is decided by several that have a say, the first before the second."""
+    decided = Drawing()
+    for drawing in said:
+        decided = decided.over(drawing)
+    known = {field.name for field in fields(DrawnAs)}
+    return DrawnAs(**{name: value for name, value in decided.said().items() if name in known})
+
+
+NAMES = tuple(field.name for field in fields(Drawing))
+FLAGS = {"true": True, "false": False, "1": True, "0": False}
+
+
+def comments_of(drawing: Drawing) -> list[str]:
+    """Comments of a PLY header that say the same; the values are read back exactly."""
+    lines = [f"{EXTRAS} {name} {_text(value)}" for name, value in drawing.said().items()]
+    modes = [name for name, on in RENDER_MODES.items() if on == drawing.antialiased]
+    return lines + [f"SplatRenderMode: {name}" for name in modes]
+
+
+def drawing_of(comments: Iterable[str]) -> Drawing:
+    """What the comments of a PLY header say; ours come first, what makes no sense is passed over."""
+    ours: dict[str, Any] = {}
+    others: dict[str, Any] = {}
+    for comment in comments:
+        match comment.split():
+            case ["dogsplat", name, text] if name in NAMES:
+                value = value_of(name, text)
+                if value is not None:
+                    ours[name] = value
+            case ["antialiased", "0" | "1" as text]:  # Postshot
+                others["antialiased"] = FLAGS[text]
+            case ["SplatRenderMode:", mode] if mode in RENDER_MODES:
+                others["antialiased"] = RENDER_MODES[mode]
+            case ["Vertical", "axis:", axis] if axis.lower() in BRUSH_UP:
+                others["up"] = BRUSH_UP[axis.lower()]
+    return Drawing(**others | ours)
+
+
+def drawing_of_extras(extras: Any) -> Drawing:
+    """What the ``extras`` of a glTF or SOG file say under our name; what makes no sense is passed over."""
+    ours = extras.get(EXTRAS) if isinstance(extras, dict) else None
+    if not isinstance(ours, dict):
+        return Drawing()
+    return Drawing(**{name: value_of(name, ours[name]) for name in NAMES if name in ours})
+
+
+def value_of(name: str, value: Any) -> Any:
+    """A field's value from what a foreign file has under its name; None for what makes no sense."""
+    if name in ("antialiased", "linear"):
+        return value if isinstance(value, bool) else FLAGS.get(str(value).lower())
+    if name == "up":
+        return value if value in AXES else None
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        return None
+    usable = math.isfinite(number) and (number > 0 if name == "scale" else number >= 0)
+    return number if usable else None
+
+
+def _text(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

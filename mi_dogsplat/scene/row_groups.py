@@ -1,0 +1,75 @@
+"""Groups of rows that only some primitives have: an index [M], and arrays with a row for each entry of it.
+
+Row ``j`` of a group's arrays belongs to primitive ``index[j]``; every other primitive pays nothing for the group. A
+group of its own is what makes a primitive DoG, and what each degree of view-dependent colour takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+MAX_SH_DEGREE = 3
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class RowGroup:
+    """Names of a group's arrays, which are those of a model, of its parameters on the device and in an optimizer."""
+
+    index: str
+    """[M] strictly increasing"""
+    arrays: Mapping[str, tuple[int, ...]]
+    """name to the shape of a row"""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the arrays with values."""
+        return tuple(self.arrays)
+
+
+DOG = RowGroup("dog_index", {"dog_logit_opacities": (), "dog_log_scales": (3,)})
+SH = {
+    degree: RowGroup(f"sh{degree}_index", {f"sh{degree}_coeffs": ((degree + 1) ** 2 - 1, 3)})
+    for degree in range(1, MAX_SH_DEGREE + 1)
+}
+GROUPS = (DOG, *SH.values())
+
+
+def checked_index(name: str, index: ArrayLike, n_splats: int) -> Array:
+    """``index`` as uint32 [M]; raises ``ValueError`` unless it increases strictly within 0..n_splats-1."""
+    index = np.asarray(index)
+    if index.ndim != 1 or (index.size and index.dtype.kind not in "iu"):
+        raise ValueError(f'Splats: "{name}" is {index.dtype} {list(index.shape)}, expected integers [M]')
+    if index.size:
+        low, high = int(index.min()), int(index.max())
+        if low < 0 or high >= n_splats:
+            raise ValueError(f'Splats: "{name}" spans {low} to {high}, "means" has {n_splats} rows')
+        if np.any(index[1:] <= index[:-1]):
+            raise ValueError(f'Splats: "{name}" is not strictly increasing; sort it, each primitive once')
+    return np.ascontiguousarray(index, dtype=np.uint32)
+
+
+def in_several(indices: Iterable[Array]) -> int | None:
+    """A primitive that more than one index names, the first one; None if there is none."""
+    named, times = np.unique(np.concatenate(list(indices)), return_counts=True)
+    several = named[times > 1]
+    return int(several[0]) if several.size else None
+
+
+def row_of_splats(index: Array, n_splats: int) -> Array:
+    """[N] row of each primitive in a group, or -1."""
+    rows = np.full(n_splats, -1)
+    rows[index] = np.arange(len(index))
+    return rows
+
+
+def selected(index: Array, n_splats: int, old_from_new: Array) -> tuple[Array, Array]:
+    """A group after a selection of primitives [N'], repeats allowed: (its index [M'], the old row of each row [M'])."""
+    rows = row_of_splats(index, n_splats)[old_from_new]  # [N'] or -1
+    new_index = np.flatnonzero(rows >= 0)  # increasing by construction
+    return new_index, rows[new_index]

@@ -1,0 +1,90 @@
+"""A model fitted to pictures from given cameras: the photographs of a data set, or renders of another model.
+
+The steps of a training and nothing else: rows stay the same in number and order, and no strategy acts. For models that
+stand in for others, as without DoG, or with fewer primitives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..datasets.dataset import Dataset, View, camera_extent, no_points
+from ..engine.options import RasterOptions
+from ..engine.rasterize import rasterize
+from ..scene.cameras import Camera
+from ..scene.splats import Array, Splats
+from .footprint import budget
+from .learning_rates import LearningRates, Refinement
+from .optimizer import SplatOptimizer
+from .photographs import Photographs
+
+GAINS = Refinement(start=0, gain=2.0, end_gain=0.1, means_gain=4.0)  # on the step sizes of 3DGS
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How the pictures show the model."""
+
+    background: float = 0.0  # grey level, 0..1
+    near_clip: float = 0.2  # world units
+    antialiased: bool = False
+
+
+def fit(
+    splats: Splats,
+    cameras: Sequence[Camera],
+    pictures: Sequence[Array],
+    steps: int,
+    drawing: Drawing = Drawing(),
+    gains: Refinement = GAINS,
+    seed: int = 0,
+    after_step: Callable[[int, float], None] | None = None,
+) -> Splats:
+    """The model after ``steps`` steps of Adam towards the pictures; the same bits in every run on a CPU.
+
+    Args:
+        splats: the start, of N >= 1 primitives; DoG rows are fitted along.
+        cameras, pictures: as many of each, [H, W, 3] display-referred, seen in a random order, turn by turn.
+        steps: of one picture each.
+        drawing: how the pictures were drawn.
+        gains: factors on the step sizes, as after pruning (``Refinement``), over ``steps``.
+        seed: of the order.
+        after_step: called with the number of steps done and the loss, for which it waits.
+
+    Needs a Mitsuba variant. Raises ``ValueError`` for no primitive, no picture, or pictures of other sizes than the
+    cameras'.
+    """
+    if len(cameras) != len(pictures) or not cameras:
+        raise ValueError(f"fit: {len(cameras)} cameras, {len(pictures)} pictures; one of each is needed, or more")
+    for camera, picture in zip(cameras, pictures, strict=True):
+        if picture.shape != (camera.height, camera.width, 3):
+            raise ValueError(f"fit: a picture {picture.shape} of a camera {camera.width}x{camera.height}")
+    views = [View(str(k), camera, image) for k, (camera, image) in enumerate(zip(cameras, pictures, strict=True))]
+    dataset = Dataset(Path(), views, [], *no_points(), has_alpha=False)
+    memory = budget(None, dataset, splats.sh_degree)
+    keep_targets = memory is None or memory.keep_targets
+    shown = Photographs(dataset, drawing.background, drawing.near_clip, keep_targets=keep_targets)
+    optimizer = SplatOptimizer(splats, LearningRates(camera_extent(views), steps, refinement=gains))
+    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=drawing.antialiased)
+    order: list[int] = []
+    rng = np.random.default_rng(seed)
+    for step in range(steps):
+        optimizer.schedule(step)
+        order = order or rng.permutation(len(views)).tolist()
+        view = order.pop()
+        planes = shown.over_background(rasterize(optimizer.params, shown.cameras[view], options))
+        _, loss, gradient = shown.compare(planes, view, step)
+        for plane, δ in zip(planes, gradient, strict=True):
+            dr.set_grad(plane, mi.Float(δ))
+        dr.enqueue(dr.ADMode.Backward, planes)
+        dr.traverse(dr.ADMode.Backward)
+        optimizer.step()
+        if after_step:
+            after_step(step + 1, float(loss[0]))
+    return optimizer.to_splats()

@@ -1,0 +1,262 @@
+"""``dogsplat film``: what the files hold, that nothing is half-written, and what is said of bad input."""
+
+import itertools
+import json
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+import tiny_data
+from command_line import assert_one_line, run
+from mi_dogsplat import write_ply
+from mi_dogsplat.film.film_config import FilmConfig
+from mi_dogsplat.film.make import make_film
+from mi_dogsplat.film.video import write_video
+from mi_dogsplat.render.picture_options import PictureOptions
+from mi_dogsplat.runs.stopping import Stopped
+from mi_dogsplat.scene.camera_file import write_camera
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.srgb import linear_to_srgb, srgb_to_linear
+from PIL import Image
+
+SHORT = FilmConfig(seconds=0.5, fps=8, size=(64, 48))
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "model.ply"
+    write_ply(path, tiny_data.truth())
+    return path
+
+
+@pytest.fixture
+def keys(tmp_path) -> Path:
+    """Four cameras of the tiny data as key frames."""
+    listed = []
+    for camera in tiny_data.cameras()[:4]:
+        write_camera(tmp_path / "camera.json", camera)
+        listed.append(json.loads((tmp_path / "camera.json").read_text()))
+    (tmp_path / "keys.json").write_text(json.dumps(listed))
+    (tmp_path / "camera.json").unlink()
+    return tmp_path / "keys.json"
+
+
+def read_png(path: Path) -> np.ndarray:
+    return np.asarray(Image.open(path)).astype(np.float64) / 255
+
+
+def decoded(path: Path) -> tuple[list[np.ndarray], dict]:
+    """Frames [H, W, 3] in 0..1, and what the stream says of itself."""
+    import av
+    from av.video.reformatter import Colorspace
+
+    with av.open(str(path)) as file:
+        stream = file.streams.video[0]
+        context = stream.codec_context
+        says = {
+            "codec": context.name, "format": context.pix_fmt, "rate": stream.average_rate, "frames": stream.frames,
+            "tags": [int(context.color_range), int(context.color_primaries), int(context.color_trc),
+                     int(context.colorspace)],
+        }  # fmt: skip
+        # the matrix by name: older versions of PyAV decode with that of BT.601 whatever the file says
+        converted = (frame.reformat(format="rgb24", src_colorspace=Colorspace.ITU709) for frame in file.decode(stream))
+        return [frame.to_ndarray() / 255.0 for frame in converted], says
+
+
+# --- pictures ---
+
+
+def test_numbered_pictures_are_the_renders_of_the_key_frames(model, keys, tmp_path):
+    config = FilmConfig(path=str(keys), seconds=4, fps=1)
+    film = make_film(model, tmp_path / "frames", config=config)
+    assert (film.n_frames, film.size) == (4, (48, 36))
+    assert sorted(p.name for p in (tmp_path / "frames").iterdir()) == [*(f"000{i}.png" for i in range(4)), "film.json"]
+    for i, camera in enumerate(tiny_data.cameras()[:4]):
+        expected = tiny_data.picture(tiny_data.truth(), camera).color
+        assert abs(read_png(tmp_path / "frames" / f"000{i}.png") - expected).max() <= 0.51 / 255 + 1e-4
+
+
+@pytest.mark.parametrize(("seconds", "fps", "count"), [(0.5, 8, 4), (0.1, 30, 3), (0.01, 30, 1), (1.0, 7, 7)])
+def test_a_film_has_so_many_frames_as_its_time_says(model, tmp_path, seconds, fps, count):
+    film = make_film(model, tmp_path / "f.mp4", config=FilmConfig(seconds=seconds, fps=fps, size=(16, 16)))
+    frames, says = decoded(tmp_path / "f.mp4")
+    assert film.n_frames == len(frames) == says["frames"] == count and says["rate"] == fps
+
+
+def test_an_exr_holds_premultiplied_linear_colour_with_alpha(model, keys, tmp_path):
+    config = FilmConfig(path=str(keys), seconds=4, fps=1)
+    make_film(model, tmp_path / "f" / "f_%03d.exr", config=config, options=PictureOptions(background="white"))
+    file = OpenEXR.File(str(tmp_path / "f" / "f_002.exr")).channels()["RGBA"].pixels
+    expected = tiny_data.picture(tiny_data.truth(), tiny_data.cameras()[2])
+    np.testing.assert_allclose(file[..., :3], srgb_to_linear(expected.color), atol=1e-4)
+    np.testing.assert_allclose(file[..., 3], expected.alpha, atol=1e-4)
+
+
+def test_motion_blur_is_the_mean_of_linear_light(model, tmp_path):
+    """Of the pictures at its moments, which a film with as many more frames in a second has."""
+    blurred = FilmConfig(seconds=1, fps=3, size=(48, 36), shutter=1.0, samples=2)
+    make_film(model, tmp_path / "blur", config=blurred)
+    make_film(model, tmp_path / "fine", config=FilmConfig(seconds=1, fps=12, size=(48, 36)))
+    for number in range(3):  # moments at -1/4 and 1/4 of a frame: frames 4 n - 1 and 4 n + 1 of the fine film
+        parts = [read_png(tmp_path / "fine" / f"{(4 * number + k) % 12:04d}.png") for k in (-1, 1)]
+        expected = linear_to_srgb(np.mean([srgb_to_linear(part) for part in parts], axis=0))
+        difference = abs(read_png(tmp_path / "blur" / f"{number:04d}.png") - expected)
+        assert difference.max() < 0.03 and difference.mean() < 0.004  # rounding to 8 bits, which is coarse in the dark
+        assert abs(np.mean(parts, axis=0) - expected).max() > 0.05  # the mean of display values is another
+
+
+# --- videos ---
+
+
+def test_the_video_shows_the_frames_within_the_error_of_its_codec(model, tmp_path):
+    make_film(model, tmp_path / "frames", config=SHORT)
+    make_film(model, tmp_path / "film.mp4", config=SHORT)
+    frames, says = decoded(tmp_path / "film.mp4")
+    assert says["codec"] == "h264" and says["format"] == "yuv420p"
+    assert says["tags"] == [1, 1, 1, 1]  # limited range; BT.709 primaries, transfer and matrix
+    for number, frame in enumerate(frames):
+        truth = read_png(tmp_path / "frames" / f"{number:04d}.png")
+        assert abs(frame - truth).mean() < 0.02
+        others = [abs(frame - read_png(tmp_path / "frames" / f"{k:04d}.png")).mean() for k in range(4)]
+        assert int(np.argmin(others)) == number
+
+
+@pytest.mark.parametrize("color", [(0, 0, 0), (1, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0.2, 0.5, 0.8)])
+def test_colours_come_back_from_a_video(tmp_path, color):
+    """A wrong matrix (that of BT.601) would be off by a twentieth in green, a wrong range by as much in black."""
+    image = np.broadcast_to(np.array(color, np.float32), (32, 48, 3))
+    write_video(tmp_path / "c.mp4", [image] * 2, (48, 32), 24, 10)
+    frames, _ = decoded(tmp_path / "c.mp4")
+    assert abs(frames[1].mean(axis=(0, 1)) - color).max() < 0.015
+
+
+def test_a_lower_crf_is_nearer_to_the_truth_and_larger(model, tmp_path):
+    sizes = []
+    for crf in (5, 45):
+        make_film(model, tmp_path / f"{crf}.mp4", config=FilmConfig(seconds=0.5, fps=8, size=(64, 48), crf=crf))
+        sizes.append((tmp_path / f"{crf}.mp4").stat().st_size)
+    assert sizes[0] > 2 * sizes[1]
+
+
+# --- runs and data ---
+
+
+def test_a_run_folder_knows_its_data_and_how_it_is_drawn(model, data, tmp_path, capsys):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "point_cloud.ply").write_bytes(model.read_bytes())
+    (folder / "config.json").write_text(json.dumps({"data": str(data), "background": "white", "near_clip": 0.01}))
+    status, out, _ = run(
+        capsys, "film", folder, "-o", tmp_path / "f", "--path", "cameras", "--smoothing", 0, "--seconds", 1, "--fps", 2
+    )
+    assert status == 0 and "2 frames of 48 x 36, 1 s; along 8 cameras" in out
+    expected = tiny_data.picture(tiny_data.truth(), tiny_data.cameras()[0], background=1.0).color
+    assert abs(read_png(tmp_path / "f" / "0000.png") - expected).max() < 1.5 / 255
+    film = make_film(folder, tmp_path / "g", config=SHORT)
+    assert film.path.startswith("an orbit")  # the cameras of the tiny data stand all around
+    (folder / "config.json").write_text(json.dumps({"data": str(tmp_path / "gone")}))
+    assert make_film(folder, tmp_path / "h", config=SHORT).path.startswith("an orbit")
+
+
+def test_photographs_of_one_side_are_followed(model, tmp_path, monkeypatch):
+    some = tiny_data.cameras(16)[:5]
+    monkeypatch.setattr(tiny_data, "cameras", lambda n: some)
+    one_side = tiny_data.write_tiny_data(tmp_path / "data", n=5)
+    assert make_film(model, tmp_path / "f", one_side, SHORT).path == "along 5 cameras"
+
+
+# --- stopping ---
+
+
+def test_a_film_that_is_stopped_leaves_no_video(model, tmp_path):
+    def stop(done: int, n: int, what: str) -> None:
+        if done == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(Stopped, match="stopped after 2 of 4 frames; there is no .*film.mp4"):
+        make_film(model, tmp_path / "film.mp4", config=SHORT, progress=stop)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_pictures_go_on_where_they_were_stopped(model, tmp_path):
+    def stop(done: int, n: int, what: str) -> None:
+        if done == 2:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    with pytest.raises(Stopped, match="stopped after 2 of 4 frames; the same command again goes on") as stopped:
+        make_film(model, tmp_path / "f", config=SHORT, progress=stop)
+    assert stopped.value.signal_number == signal.SIGTERM
+    times = {p: p.stat().st_mtime_ns for p in (tmp_path / "f").glob("*.png")}
+    assert sorted(p.name for p in times) == ["0000.png", "0001.png"]
+    make_film(model, tmp_path / "f", config=SHORT)
+    make_film(model, tmp_path / "whole", config=SHORT)
+    assert times == {p: p.stat().st_mtime_ns for p in times}  # not rendered again
+    for number in range(4):
+        pair = [(tmp_path / name / f"{number:04d}.png").read_bytes() for name in ("f", "whole")]
+        assert pair[0] == pair[1]
+
+
+def test_frames_of_two_films_are_not_mixed(model, tmp_path):
+    make_film(model, tmp_path / "f", config=SHORT)
+    with pytest.raises(DataError, match="frames of another film .its fps differs.; name another folder"):
+        make_film(model, tmp_path / "f", config=FilmConfig(seconds=0.5, fps=9, size=(64, 48)))
+    other = tmp_path / "other.ply"
+    write_ply(other, tiny_data.truth(seed=1))
+    with pytest.raises(DataError, match="its model_sha256 differs"):
+        make_film(other, tmp_path / "f", config=SHORT)
+
+
+# --- the command line ---
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["-o", "{}/film.avi"], ["film.avi: is no film", "name a video .mp4"]),
+        (["-o", "{}/f.png"], ["f.png: is no film", "%04d.png"]),
+        (["-o", "{}/%d_%d.png"], ["is no film"]),
+        (["-o", "{}/f.mp4", "--size", "31", "20"], ["31 x 20 has an odd side", "--size 32 20"]),
+        (["-o", "{}/f.mp4", "--path", "spiral"], ['--path: "spiral" is unknown', "orbit, cameras"]),
+        (["-o", "{}/f.mp4", "--path", "cameras"], ["--path: no data set", "--data DATA"]),
+        (["-o", "{}/f.mp4", "--path", "{}/none.json"], ["none.json: cannot be read"]),
+        (["-o", "{}/f.mp4", "--fps", "0"], ["--fps: 0 is out of range"]),
+        (["-o", "{}/f.mp4", "--seconds", "nan"], ["--seconds: nan is out of range"]),
+        (["-o", "{}/f.mp4", "--seconds", "80000", "--fps", "200"], ["--seconds: 80000 s are 16,000,000 frames"]),
+        (["-o", "{}/f.mp4", "--size", "0", "20"], ["--size: 0 x 20 is out of range"]),
+        (["-o", "{}/f.mp4", "--path", "orbit", "--smoothing", "1"], ["--smoothing: is not for --path orbit"]),
+        (["-o", "{}/f.mp4", "--path", "k.json", "--zoom", "3"], ["--zoom: is not for --path k.json"]),
+        (["-o", "{}/f.mp4", "--crf", "60"], ["--crf: 60 is out of range"]),
+        (["-o", "{}/f.mp4", "--shutter", "1.5"], ["--shutter: 1.5 is out of range"]),
+        (["-o", "{}/f.mp4", "--data", "{}/none"], ["none: no such file or folder"]),
+        (["-o", "{}/file/f.mp4"], ["cannot be written"]),
+        (["-o", "{}/full"], ["full: is a folder with other contents"]),
+        (["-o", "{}/folder.mp4"], ["folder.mp4: is a folder"]),
+    ],
+    ids=itertools.count(),
+)
+def test_bad_input_is_one_line(model, tmp_path, capsys, flags, words):
+    (tmp_path / "file").write_text("")
+    for name in ("full/x", "folder.mp4"):
+        (tmp_path / name).mkdir(parents=True)
+    before = sorted(tmp_path.rglob("*"))
+    assert_one_line(run(capsys, "film", model, *(flag.replace("{}", str(tmp_path)) for flag in flags)), *words)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_run_without_a_model_is_named(tmp_path, capsys):
+    assert_one_line(run(capsys, "film", tmp_path, "-o", tmp_path / "f.mp4"), "point_cloud.ply: no such file")
+    assert_one_line(run(capsys, "film", tmp_path / "no.ply", "-o", tmp_path / "f.mp4"), "no.ply")
+
+
+def test_a_lens_keeps_its_view_of_the_shorter_side_whatever_the_size(model, tmp_path):
+    """A portrait and a landscape of the same path show the model equally large."""
+    seen = {}
+    for size in ((64, 32), (32, 64)):
+        make_film(model, tmp_path / f"{size[0]}", config=FilmConfig(seconds=0.1, fps=10, size=size))
+        seen[size] = read_png(tmp_path / f"{size[0]}" / "0000.png")
+    wide, tall = seen[64, 32][:, 16:48], seen[32, 64][16:48]
+    assert wide.max() > 0.2
+    np.testing.assert_allclose(wide, tall, atol=1.5 / 255)

@@ -1,0 +1,243 @@
+"""Camera paths: orbits close and look at their middle, paths along cameras keep near them, key frames are met."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tiny_data
+from mi_dogsplat.datasets.camera_paths import look_at
+from mi_dogsplat.film.camera_path import CameraPath, focal_of_camera, focal_of_fov
+from mi_dogsplat.film.data_path import cameras_path, walk
+from mi_dogsplat.film.film_config import FilmConfig
+from mi_dogsplat.film.key_frames import key_frames_path
+from mi_dogsplat.film.orbit import around_cameras, around_model, orbit, stand_all_around
+from mi_dogsplat.film.subject import upright
+from mi_dogsplat.render.framing import automatic_camera, likely_up, robust_sphere
+from mi_dogsplat.scene.camera_file import write_camera
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.support.errors import DataError
+from scipy.spatial.transform import Rotation
+
+Z = np.array([0.0, 0.0, 1.0])
+
+
+def positions(path: CameraPath, shares) -> np.ndarray:
+    return np.array([path.at(share).c2w[:3, 3] for share in shares])
+
+
+def row_of_cameras(n: int = 12, trembling: float = 0.0) -> list[Camera]:
+    """Cameras along a line in x that look along y, each off its place at random."""
+    rng = np.random.default_rng(5)
+    places = np.stack([np.linspace(-2, 2, n), np.full(n, -5.0), np.zeros(n)], 1) + trembling * rng.normal(size=(n, 3))
+    return [Camera(look_at(place, place + (0, 5, 0), "z"), 60, 60, 24, 18, 48, 36) for place in places]
+
+
+# --- moments ---
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_film_of_a_closed_path_leaves_out_the_end_that_is_its_beginning(closed):
+    path = CameraPath(orbit(around_model(tiny_data.truth(), Z, None), FilmConfig()).at, closed, "")
+    moments = path.moments(5)
+    assert moments.shape == (5, 1)
+    np.testing.assert_allclose(moments[:, 0], np.arange(5) / (5 if closed else 4))
+    assert path.moments(1).tolist() == [[0.0]]
+
+
+def test_the_moments_of_an_exposure_spread_over_the_open_shutter():
+    path = CameraPath(lambda share: None, True, "")  # pyright: ignore[reportArgumentType]
+    moments = path.moments(10, shutter=0.5, samples=4)
+    np.testing.assert_allclose(moments[3], (3 + 0.5 * np.array([-0.375, -0.125, 0.125, 0.375])) / 10)
+    assert moments.min() >= 0 and moments.max() < 1  # before the first frame is after the last one
+    ends = CameraPath(path.at, False, "").moments(10, shutter=0.5, samples=4)
+    assert ends.min() == 0 and ends.max() == 1
+
+
+# --- orbits ---
+
+
+@pytest.mark.parametrize("elevation", [-30.0, 0.0, 70.0])
+def test_an_orbit_is_a_level_circle_that_looks_at_the_model(elevation):
+    model = tiny_data.truth()
+    centre, radius = robust_sphere(model)
+    path = orbit(around_model(model, Z, 50), FilmConfig(elevation=elevation))
+    around = around_model(model, Z, 50)
+    shares = np.linspace(0, 1, 37)
+    offsets = positions(path, shares) - centre
+    np.testing.assert_allclose(offsets[0], offsets[-1], atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), radius / np.sin(np.radians(25)), rtol=1e-12)
+    np.testing.assert_allclose(offsets @ around.up, around.distance * np.sin(np.radians(elevation)), atol=1e-12)
+    steps = np.linalg.norm(np.diff(offsets, axis=0), axis=1)
+    np.testing.assert_allclose(steps, steps[0])
+    for share in shares:
+        camera = path.at(share).camera(320, 200)
+        pixel, depth = camera.project(centre)
+        np.testing.assert_allclose(pixel, [[160, 100]], atol=1e-9)
+        assert depth > 0 and -camera.w2c[1, :3] @ around.up > 0 and abs(camera.w2c[0, :3] @ around.up) < 1e-12
+        down, forward = camera.w2c[1, :3], camera.w2c[2, :3]
+        rim = centre + radius * (down * np.cos(np.radians(25)) - forward * np.sin(np.radians(25)))
+        assert camera.project(rim)[0][0, 1] == pytest.approx(200)  # the sphere just fits the shorter side
+
+
+def test_an_orbit_begins_where_the_model_is_framed_from():
+    model = tiny_data.truth()
+    first = orbit(around_model(model, likely_up(model), None), FilmConfig()).at(0).c2w
+    np.testing.assert_allclose(first, automatic_camera(model).c2w, atol=1e-9)
+
+
+def test_an_orbit_of_a_data_set_stands_on_the_ring_of_its_cameras():
+    cameras = [c for i, c in enumerate(tiny_data.cameras(16)) if i % 2]  # one height
+    around = around_cameras(cameras, upright(cameras), None)
+    np.testing.assert_allclose(around.centre, 0, atol=1e-9)
+    np.testing.assert_allclose(around.up, Z, atol=1e-9)
+    path = orbit(around, FilmConfig())
+    np.testing.assert_allclose(positions(path, np.arange(8) / 8), [c.position for c in cameras], atol=1e-9)
+    assert path.at(0.3).focal == pytest.approx(focal_of_camera(cameras[0]))
+    np.testing.assert_allclose(positions(orbit(around, FilmConfig(zoom=2)), [0.0]) * 2, positions(path, [0.0]))
+
+
+def test_cameras_on_one_side_are_no_ring():
+    ring = tiny_data.cameras(12)
+    assert stand_all_around(ring, Z) and not stand_all_around(ring[:7], Z)
+    assert not stand_all_around(row_of_cameras(), Z)
+    np.testing.assert_allclose(upright(ring), Z, atol=1e-9)
+
+
+# --- along cameras ---
+
+
+def test_without_smoothing_the_path_leads_through_every_camera():
+    cameras = tiny_data.cameras(9)
+    path = cameras_path(cameras, FilmConfig(path="cameras", smoothing=0))
+    fine = [path.at(share).c2w for share in np.linspace(0, 1, 4001)]
+    for camera in cameras:
+        away = min(abs(c2w - camera.c2w).max() for c2w in fine)
+        assert away < 5e-3
+    np.testing.assert_allclose(path.at(0).c2w, cameras[0].c2w, atol=1e-9)
+    np.testing.assert_allclose(path.at(1).c2w, cameras[-1].c2w, atol=1e-9)
+    assert path.size == (48, 36)
+
+
+def test_smoothing_takes_the_trembling_out():
+    shares = np.linspace(0.1, 0.9, 200)
+    steady, trembling = row_of_cameras(40), row_of_cameras(40, 0.1)
+    rough = positions(cameras_path(trembling, FilmConfig(smoothing=0)), shares)
+    smooth = positions(cameras_path(trembling, FilmConfig(smoothing=3)), shares)
+    line = np.linspace(-2, 2, 40)
+    assert abs(smooth[:, 1:] - (-5, 0)).max() < 0.5 * abs(rough[:, 1:] - (-5, 0)).max()
+    assert line[0] < smooth[0, 0] < smooth[-1, 0] < line[-1] and (np.diff(smooth[:, 0]) > 0).all()
+    exact = cameras_path(steady, FilmConfig(smoothing=3))
+    np.testing.assert_allclose(positions(exact, shares)[:, 1:], np.tile([-5, 0], (200, 1)), atol=1e-9)
+
+
+def test_the_path_is_taken_at_an_even_pace():
+    path = cameras_path(tiny_data.cameras(24)[::2], FilmConfig(smoothing=0))
+    steps = np.linalg.norm(np.diff(positions(path, np.linspace(0, 1, 200)), axis=0), axis=1)
+    assert steps.max() < 1.1 * steps.min()
+
+
+def test_scattered_cameras_are_visited_along_a_short_tour():
+    rng = np.random.default_rng(0)
+    line = np.arange(30.0)
+    apart = abs(line[:, None] - line)
+    assert walk(apart).tolist() == list(range(30))  # in order already
+    mixed = np.concatenate([[0], 1 + rng.permutation(29)])
+    order = walk(apart[np.ix_(mixed, mixed)])
+    assert sorted(order) == list(range(30)) and mixed[order].tolist() == list(range(30))
+
+
+def test_cameras_at_one_place_make_a_film_that_stands_still():
+    camera = tiny_data.cameras()[0]
+    for cameras in ([camera], [camera] * 3):
+        path = cameras_path(cameras, FilmConfig())
+        np.testing.assert_allclose(path.at(0.5).c2w, camera.c2w, atol=1e-7)  # a mean of quaternions is that exact
+
+
+# --- key frames ---
+
+
+def keys_file(tmp_path: Path, content) -> Path:
+    path = tmp_path / "keys.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_every_kind_of_key_is_met_at_its_time(tmp_path):
+    camera = tiny_data.cameras()[3]
+    write_camera(tmp_path / "camera.json", camera)
+    turn = Rotation.from_euler("xyz", [0.3, -0.2, 2.0])
+    keys = [
+        {"time": 1, "position": [3, 0, 1], "look_at": [0, 0, 0], "fov": 50},
+        {"time": 2.5, "position": [2, 2, 2], "rotation": turn.as_quat().tolist()},
+        {"time": 4, **json.loads((tmp_path / "camera.json").read_text())},
+    ]
+    path = key_frames_path(keys_file(tmp_path, {"keys": keys}), Z, None)
+    assert not path.closed and path.seconds == 3
+    first, second, third = (path.at(share) for share in (0, 0.5, 1))
+    assert first.camera(64, 48).project([0, 0, 0])[0][0] == pytest.approx([32, 24])
+    np.testing.assert_allclose(second.c2w[:3, :3], turn.as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(second.c2w[:3, 3], [2, 2, 2], atol=1e-9)
+    assert first.focal == pytest.approx(second.focal) == focal_of_fov(50)  # kept where a key says none
+    np.testing.assert_allclose(third.c2w, camera.c2w, atol=1e-9)
+    np.testing.assert_allclose(third.camera(48, 36).K, camera.K)
+
+
+def test_between_keys_that_look_at_points_the_camera_looks_at_points_between(tmp_path):
+    keys = [{"position": [3, 0, 1], "look_at": [0, 0, 0]}, {"position": [0, 3, 1], "look_at": [0, 0, 0]},
+            {"position": [-3, 0, 2], "look_at": [0, 0, 0]}]  # fmt: skip
+    path = key_frames_path(keys_file(tmp_path, keys), Z, 35)
+    assert path.seconds is None
+    for share in np.linspace(0, 1, 23):
+        camera = path.at(share).camera(100, 60)
+        assert camera.project([0, 0, 0])[0][0] == pytest.approx([50, 30], abs=1e-9)
+        assert path.at(share).focal == pytest.approx(focal_of_fov(35))
+
+
+def test_a_loop_returns_within_the_mean_time_between_keys(tmp_path):
+    keys = [{"time": t, "position": [np.cos(t), np.sin(t), 1], "look_at": [0, 0, 0]} for t in (0, 2, 4)]
+    path = key_frames_path(keys_file(tmp_path, {"keys": keys, "loop": True}), Z, None)
+    assert path.closed and path.seconds == 6
+    np.testing.assert_allclose(path.at(0).c2w, path.at(1).c2w, atol=1e-9)
+    np.testing.assert_allclose(path.at(1 / 3).c2w[:3, 3], [np.cos(2), np.sin(2), 1], atol=1e-9)
+
+
+def test_the_upright_direction_of_the_file_wins(tmp_path):
+    key = {"position": [3, 0, 0], "look_at": [0, 0, 0]}
+    for up in ([0, 2, 0], [0, 0, -1]):
+        lens = key_frames_path(keys_file(tmp_path, {"keys": [key], "up": up}), Z, None).at(0.7)
+        np.testing.assert_allclose(-lens.c2w[:3, 1], np.array(up) / np.linalg.norm(up), atol=1e-12)
+
+
+GOOD = {"position": [3, 0, 0], "look_at": [0, 0, 0]}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ([], "has no list of keys"),
+        ({"keys": 3}, "has no list of keys"),
+        ([7], "key 0: is not a JSON object"),
+        ([{**GOOD, "position": [1, 2]}], 'key 0: "position" is not 3 numbers'),
+        ([{"look_at": [0, 0, 0]}], 'key 0: lacks "position"'),
+        ([GOOD, {"position": [0, 0, 1]}], 'key 1: needs "look_at" or "rotation"'),
+        ([{**GOOD, "rotation": [0, 0, 0, 1]}], "one of them"),
+        ([{**GOOD, "look_at": [3, 0, 0]}], "at the position itself"),
+        ([{**GOOD, "look_at": [3, 0, 9]}], "straight above"),
+        ([{"position": [0, 0, 0], "rotation": [0, 0, 0, 0]}], "no unit quaternion"),
+        ([{**GOOD, "fov": 180}], '"fov" is 180'),
+        ([{**GOOD, "time": "soon"}], "key 0:"),
+        ([{**GOOD, "time": float("nan")}], '"time" is not finite'),
+        ([{**GOOD, "time": 1}, GOOD], 'key 1 lacks "time"'),
+        ([{**GOOD, "time": 1}, {**GOOD, "time": 1}], "key 1 is not later"),
+        ({"keys": [GOOD], "up": [0, 0, 0]}, '"up" has no direction'),
+        ({"keys": [GOOD], "up": "z"}, '"up" is not 3 numbers'),
+        ({"keys": [GOOD], "loop": "yes"}, '"loop" is'),
+        ([{"w2c": np.eye(4).tolist()}], 'key 0: lacks "fx"'),
+    ],
+)
+def test_what_is_no_key_is_named(tmp_path, content, words):
+    path = keys_file(tmp_path, content)
+    with pytest.raises(DataError) as error:
+        key_frames_path(path, Z, None)
+    assert words in str(error.value) and str(error.value).startswith(str(path)) and "\n" not in str(error.value)

@@ -1,0 +1,109 @@
+"""glTF of other programs: nodes that move, buffers outside, other types of numbers, primitives compressed as SPZ."""
+
+import base64
+import json
+
+import foreign_model
+import numpy as np
+import pytest
+from fuzz_targets import gltf_of_spz
+from mi_dogsplat import Drawing, Model, read_model, write_model
+from mi_dogsplat.formats.gltf_container import glb, matrix_of
+from mi_dogsplat.formats.packing import LUF, turned
+from mi_dogsplat.scene.transform import transformed
+from mi_dogsplat.support.errors import DataError
+from scipy.spatial.transform import Rotation
+
+NAME = "KHR_gaussian_splatting"
+
+
+@pytest.fixture
+def content(tmp_path):
+    """The JSON of a .gltf that holds its buffer, and that buffer."""
+    write_model(tmp_path / "a.gltf", Model(foreign_model.model(), Drawing(antialiased=True)))
+    found = json.loads((tmp_path / "a.gltf").read_text())
+    return found, base64.b64decode(found["buffers"][0]["uri"].partition(",")[2])
+
+
+def test_nodes_move_what_they_hold(tmp_path, content):
+    found, binary = content
+    turn = Rotation.from_euler("xyz", [20, -50, 110], degrees=True)
+    outer = {"children": [1], "rotation": turn.as_quat().tolist(), "translation": [1, 2, 3], "scale": [2, 2, 2]}
+    column_major = [0, 0.5, 0, 0, -0.5, 0, 0, 0, 0, 0, 0.5, 0, 4, 5, 6, 1]
+    found["nodes"] = [outer, {"mesh": 0, "matrix": column_major}, {"mesh": 0}]
+    found["scenes"] = [{"nodes": [0, 2]}]
+    (tmp_path / "b.glb").write_bytes(glb(found, binary))
+    both = read_model(tmp_path / "b.glb").splats
+    first, second = both.select(np.arange(12, 24)), both.select(np.arange(12))  # nodes of a level one after the other
+    if not np.allclose(second.means, foreign_model.model().means):
+        first, second = second, first
+    assert np.array_equal(second.sh_coeffs, foreign_model.model().sh_coeffs)
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = 2 * turn.as_matrix(), (1, 2, 3)
+    inner = np.array([[0, -0.5, 0, 4], [0.5, 0, 0, 5], [0, 0, 0.5, 6], [0, 0, 0, 1]])
+    assert matrix_of(found["nodes"][1]) == pytest.approx(inner)
+    expected = turned(transformed(turned(foreign_model.model(), LUF), matrix @ inner), LUF)
+    for name in ("means", "log_scales", "sh_coeffs"):
+        assert getattr(first, name) == pytest.approx(getattr(expected, name), abs=1e-5), name
+
+
+def test_a_buffer_may_lie_beside_the_file(tmp_path, content):
+    found, binary = content
+    found["buffers"][0]["uri"] = "my%20data.bin"
+    (tmp_path / "my data.bin").write_bytes(binary)
+    (tmp_path / "b.gltf").write_text(json.dumps(found))
+    read = read_model(tmp_path / "b.gltf")
+    assert np.array_equal(read.splats.means, foreign_model.model().means) and read.drawing.antialiased
+
+
+def test_integers_and_rows_with_gaps_are_read(tmp_path, content):
+    found, binary = content
+    opacity = found["meshes"][0]["primitives"][0]["attributes"][f"{NAME}:OPACITY"]
+    bytes_of = np.round(foreign_model.model().opacities * 255).astype(np.uint8)
+    gaps = np.zeros((12, 4), np.uint8)
+    gaps[:, 0] = bytes_of
+    found["accessors"][opacity] |= {"componentType": 5121, "normalized": True}
+    view = found["bufferViews"][found["accessors"][opacity]["bufferView"]]
+    view |= {"byteOffset": len(binary), "byteLength": 48, "byteStride": 4}
+    found["buffers"] = [{"byteLength": len(binary) + 48}]
+    (tmp_path / "b.glb").write_bytes(glb(found, binary + gaps.tobytes()))
+    assert read_model(tmp_path / "b.glb").splats.opacities == pytest.approx(bytes_of / 255, abs=1e-6)
+
+
+def test_a_primitive_compressed_as_spz_is_moved_by_its_node(tmp_path):
+    write_model(tmp_path / "a.spz", Model(foreign_model.model(), Drawing(antialiased=True)))
+    alone = read_model(tmp_path / "a.spz")
+    (tmp_path / "b.glb").write_bytes(gltf_of_spz((tmp_path / "a.spz").read_bytes()))
+    read = read_model(tmp_path / "b.glb")
+    assert read.drawing.antialiased is True
+    assert read.splats.means == pytest.approx(alone.splats.means * [-2, -2, 2], abs=1e-5)  # half a turn about z, twice
+    assert read.splats.log_scales == pytest.approx(alone.splats.log_scales + np.log(2), abs=1e-5)
+
+
+def test_linear_colours_are_said_in_the_color_space(tmp_path, content):
+    found, binary = content
+    primitive = found["meshes"][0]["primitives"][0]
+    assert primitive["extensions"][NAME]["colorSpace"] == "srgb_rec709_display"
+    del primitive["extras"]
+    primitive["extensions"][NAME] |= {"colorSpace": "lin_rec709_display", "kernel": "cone"}
+    (tmp_path / "b.glb").write_bytes(glb(found | {"buffers": [{"byteLength": len(binary)}]}, binary))
+    read = read_model(tmp_path / "b.glb")
+    assert read.drawing == Drawing(linear=True) and read.left_out == ("its kernel cone",)
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda c: c["accessors"][0].update(count=13), "does not fit"),
+    (lambda c: c["accessors"][0].update(count=-1), "whole number"),
+    (lambda c: c["accessors"][0].update(sparse={}), "sparse"),
+    (lambda c: c["bufferViews"][0].update(byteLength=10**6), "ends at"),
+    (lambda c: c["nodes"][0].update(children=[0]), "no trees"),
+    (lambda c: c["nodes"][0].update(scale=[1, 2, 1]), "shears"),
+    (lambda c: c.update(scenes=[{"nodes": [7]}]), "IndexError"),
+])  # fmt: skip
+def test_what_does_not_fit_together_is_refused(tmp_path, content, change, words):
+    found, binary = content
+    found["buffers"] = [{"byteLength": len(binary)}]
+    change(found)
+    (tmp_path / "b.glb").write_bytes(glb(found, binary))
+    with pytest.raises(DataError, match=words):
+        read_model(tmp_path / "b.glb")

@@ -1,0 +1,238 @@
+"""Reading and writing a model of any format: the axes, what travels with it, what a file is, and bad files."""
+
+import gzip
+import json
+import struct
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import foreign_model
+import numpy as np
+import pytest
+from mi_dogsplat import Drawing, Model, Splats, read_model, write_model, write_ply
+from mi_dogsplat.formats.packing import unit_quats
+from mi_dogsplat.formats.table import FORMATS
+from mi_dogsplat.scene.drawing import AXES, comments_of, drawing_of
+from mi_dogsplat.support.errors import DataError
+from ply_files import random_splats, to_bytes, vertex_columns
+from scipy.spatial.transform import Rotation
+
+EVERYTHING = Drawing(antialiased=True, near_clip=0.0625, linear=True, up="-y", scale=2.5)
+LOSSLESS = (".ply", ".glb", ".gltf")
+
+
+def written(path: Path, model: Model | Splats, **how) -> Path:
+    write_model(path, model, **how)
+    return path
+
+
+def nearest(back: Splats, model: Splats) -> Splats:
+    """The primitives of ``model`` in the order of ``back``."""
+    distance = np.abs(back.means[:, None] - model.means[None]).max(axis=-1)  # [N, N]
+    assert distance.min(axis=1).max() < 0.01 and len(set(distance.argmin(axis=1))) == model.n_splats
+    return model.select(distance.argmin(axis=1))
+
+
+def covariances(model: Splats) -> np.ndarray:
+    """[N, 3, 3]: several quaternions are one ellipsoid."""
+    axes = Rotation.from_quat(unit_quats(model)).as_matrix() * np.exp(model.log_scales)[:, None]
+    return axes @ axes.transpose(0, 2, 1)
+
+
+# --- what is read is what was written ---
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_every_format_gives_the_model_back_in_its_own_axes(tmp_path, suffix, degree):
+    full = foreign_model.model()
+    model = replace(full, sh_coeffs=np.pad(full.sh_coeffs, ((0, 0), (0, 7), (0, 0)))[:, : (degree + 1) ** 2])
+    back = read_model(written(tmp_path / f"a{suffix}", model)).splats
+    assert back.sh_degree == (0 if suffix == ".splat" else degree)
+    model = nearest(back, model)
+    exact = 1e-5 if suffix in LOSSLESS else 0.05
+    largest = np.exp(2 * model.log_scales.max(axis=1))[:, None, None]
+    assert covariances(back) / largest == pytest.approx(covariances(model) / largest, abs=1.5 * exact, rel=exact)
+    assert back.opacities == pytest.approx(model.opacities, abs=0.003)
+    kept = slice(1) if suffix in (".splat", ".sog") else slice(None)  # a palette has fewer entries than primitives
+    assert back.sh_coeffs[:, kept] == pytest.approx(model.sh_coeffs[:, kept], abs=exact)
+
+
+def test_ply_and_gltf_keep_every_bit_of_what_they_hold_raw(tmp_path):
+    model = foreign_model.model()
+    for suffix in LOSSLESS:
+        back = read_model(written(tmp_path / f"a{suffix}", model)).splats
+        assert np.array_equal(back.means, model.means) and np.array_equal(back.sh_coeffs, model.sh_coeffs)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_what_a_format_can_say_of_the_drawing_travels_and_the_rest_is_named_in_one_line(tmp_path, suffix):
+    lost = write_model(tmp_path / f"a{suffix}", Model(foreign_model.model(), EVERYTHING))
+    carries = FORMATS[suffix].carries
+    kept = {name: value for name, value in EVERYTHING.said().items() if name in carries}
+    assert read_model(tmp_path / f"a{suffix}").drawing == Drawing(**kept)
+    missing = [name for name in EVERYTHING.said() if name not in carries]
+    assert all(any(f"{name} " in line for line in lost) for name in missing) and all("\n" not in line for line in lost)
+    assert bool(lost) == bool(missing or suffix == ".splat")
+    assert len(carries) >= 1 or suffix == ".splat"
+
+
+def test_a_format_that_cannot_say_what_is_usual_loses_nothing(tmp_path):
+    usual = Drawing(antialiased=False, near_clip=0.2, linear=False, scale=1.0)
+    assert write_model(tmp_path / "a.spz", Model(foreign_model.model(), usual)) == []
+
+
+def test_not_antialiased_is_told_from_nothing_said(tmp_path):
+    model = foreign_model.model()
+    for suffix in (".ply", ".sog", ".glb", ".compressed.ply"):
+        assert read_model(written(tmp_path / f"a{suffix}", model)).drawing.antialiased is None
+        assert read_model(written(tmp_path / f"a{suffix}", Model(model, Drawing(False)))).drawing.antialiased is False
+
+
+@pytest.mark.parametrize("suffix", [suffix for suffix in FORMATS if not FORMATS[suffix].dog])
+def test_dog_is_never_lost_in_silence(tmp_path, suffix):
+    with pytest.raises(DataError, match="DoG.*bake"):
+        write_model(tmp_path / f"a{suffix}", random_splats(5, 1, (1,)))
+    assert not list(tmp_path.iterdir())
+
+
+def test_dog_and_drawing_are_in_one_ply(tmp_path):
+    model = random_splats(5, 1, (1, 3))
+    back = read_model(written(tmp_path / "a.ply", Model(model, EVERYTHING)))
+    assert back.splats.n_dog == 2 and back.drawing == EVERYTHING
+    assert np.array_equal(back.splats.dog_log_scales, model.dog_log_scales)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_sh_degrees_of_single_primitives_are_filled_up_unless_rows_are_asked_for(tmp_path, suffix):
+    full = foreign_model.model()
+    model = full.with_sh_degrees(np.arange(12) % 3)
+    back = read_model(written(tmp_path / f"a{suffix}", model)).splats
+    assert not back.mixed_sh and back.sh_degree == (0 if suffix == ".splat" else 2)
+    if suffix in LOSSLESS:
+        assert np.array_equal(back.sh_coeffs, model.uniform_sh().sh_coeffs)
+    back = read_model(written(tmp_path / f"b{suffix}", model, sh_rows=True)).splats
+    assert back.mixed_sh == (suffix == ".ply")
+    if suffix == ".ply":
+        assert np.array_equal(back.sh_degrees, model.sh_degrees)
+
+
+# --- comments of PLY ---
+
+
+@pytest.mark.parametrize("up", [*AXES, None])
+@pytest.mark.parametrize("antialiased", [True, False, None])
+def test_comments_say_what_they_were_made_of(up, antialiased):
+    drawing = Drawing(antialiased=antialiased, near_clip=1 / 3, up=up)
+    assert drawing_of(comments_of(drawing)) == drawing
+
+
+@pytest.mark.parametrize(("comments", "expected"), [
+    (["Exported from Brush", "Vertical axis: y", "SH degree: 2", "SplatRenderMode: mip"], Drawing(True, up="-y")),
+    (["Vertical axis: Z", "SplatRenderMode: default"], Drawing(False, up="-z")),
+    (["antialiased 1"], Drawing(True)),
+    (["dogsplat antialiased false", "SplatRenderMode: mip"], Drawing(False)),
+    (["SplatRenderMode: mip", "dogsplat antialiased maybe"], Drawing(True)),
+    (["dogsplat near_clip nan", "dogsplat near_clip -1", "dogsplat scale 0", "dogsplat up w"], Drawing()),
+    (["dogsplat near_clip 0", "dogsplat up", "dogsplat", "antialiased 2", "by dogsplat"], Drawing(None, 0.0)),
+])  # fmt: skip
+def test_comments_of_other_programs_are_understood_and_nonsense_is_passed_over(tmp_path, comments, expected):
+    assert drawing_of(comments) == expected
+    write_ply(tmp_path / "a.ply", foreign_model.model(), comments=comments)
+    assert read_model(tmp_path / "a.ply").drawing == expected
+
+
+@pytest.mark.parametrize("file_format", ["binary_little_endian", "binary_big_endian", "ascii"])
+def test_dialects_of_ply_are_read(tmp_path, file_format):
+    model = random_splats(6, 2, ())
+    columns = vertex_columns(model)  # in any order, with columns of others, without normals
+    shuffled = {name: columns[name] for name in sorted(columns, reverse=True)} | {"confidence": np.ones(6)}
+    header, data = to_bytes({"vertex": shuffled}, file_format).split(b"end_header\n", 1)
+    (tmp_path / "a.ply").write_bytes(header + b"comment SplatRenderMode: mip\nend_header\n" + data)
+    read = read_model(tmp_path / "a.ply")
+    assert read.splats.sh_coeffs == pytest.approx(model.sh_coeffs) and read.drawing == Drawing(antialiased=True)
+
+
+# --- what a file is ---
+
+
+@pytest.mark.parametrize("suffix", [suffix for suffix in FORMATS if suffix != ".splat"])
+def test_content_tells_a_format_before_the_name_does(tmp_path, suffix):
+    path = written(tmp_path / f"a{suffix}", foreign_model.model())
+    expected = read_model(path).splats
+    for name in ("model", "model.bin", "model.splat", "model.ply"):
+        assert np.array_equal(read_model(path.rename(tmp_path / name)).splats.means, expected.means)
+        path = tmp_path / name
+
+
+def test_an_unbundled_sog_is_read_from_its_meta(tmp_path):
+    with zipfile.ZipFile(foreign_model.FOLDER / "model.sog") as bundle:
+        bundle.extractall(tmp_path)
+    bundled = read_model(foreign_model.FOLDER / "model.sog").splats
+    assert np.array_equal(read_model(tmp_path / "meta.json").splats.means, bundled.means)
+    meta = (tmp_path / "meta.json").read_text()
+    (tmp_path / "meta.json").write_text(meta.replace("sh0.webp", "../sh0.webp"))
+    with pytest.raises(DataError, match="no name of a file beside it"):
+        read_model(tmp_path / "meta.json")
+    (tmp_path / "meta.json").write_text(meta)
+    (tmp_path / "quats.webp").unlink()
+    with pytest.raises(DataError, match=r"meta.json.*quats.webp"):
+        read_model(tmp_path / "meta.json")
+
+
+# --- bad files ---
+
+
+def test_what_is_no_model_is_refused_in_one_line_that_says_what_to_do(tmp_path):
+    files = {"empty.ply": b"", "notes.txt": b"hello there", "short.splat": b"x" * 33, "a.spz": b"something else",
+             "a.sog": b"PK\x03\x04 but no more", "a.glb": b"glTF\x02\0\0\0", "a.gltf": b"{}", "meta.json": b"[]",
+             "b.sog": b"{}", "deep.gltf": b'{"asset":' * 3000}  # fmt: skip
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    for path in (*(tmp_path / name for name in files), tmp_path, tmp_path / "missing.spz"):
+        with pytest.raises(DataError, match=path.name) as caught:
+            read_model(path)
+        assert "; " in str(caught.value) and len(str(caught.value).splitlines()) == 1
+    for name in ("a.obj", "a"):
+        with pytest.raises(DataError, match=r"\.spz.*\.splat"):
+            write_model(tmp_path / name, foreign_model.model())
+    with pytest.raises(DataError, match="cannot be written"):
+        write_model(tmp_path / "no folder" / "a.spz", foreign_model.model())
+
+
+def test_a_small_file_cannot_claim_much_memory(tmp_path):
+    header = struct.pack("<IIIBBBB", 0x5053474E, 3, 40_000_000, 3, 12, 0, 0)
+    (tmp_path / "bomb.spz").write_bytes(gzip.compress(header + bytes(1000)))
+    streams = struct.pack("<IIIBBBBI12x", 0x5053474E, 4, 2**32 - 1, 3, 12, 0, 6, 32) + struct.pack("<QQ", 9, 9) * 6
+    (tmp_path / "bomb4.spz").write_bytes(streams + bytes(60))
+    with zipfile.ZipFile(tmp_path / "bomb.sog", "w", zipfile.ZIP_DEFLATED) as bundle:
+        bundle.writestr("meta.json", b" " * 20_000_000 + b"{}")
+    for name in ("bomb.spz", "bomb4.spz", "bomb.sog"):
+        with pytest.raises(DataError, match=f"{name}.*which no model compresses to"):
+            read_model(tmp_path / name)
+
+
+def test_values_that_are_not_finite_are_refused_with_their_place(tmp_path):
+    path = written(tmp_path / "a.splat", foreign_model.model())
+    data = bytearray(path.read_bytes())
+    data[32 * 3 : 32 * 3 + 4] = struct.pack("<f", np.nan)
+    path.write_bytes(data)
+    with pytest.raises(DataError, match="means are not finite, first in primitive 3"):
+        read_model(path)
+
+
+def test_a_gltf_names_what_it_lacks(tmp_path):
+    path = written(tmp_path / "a.gltf", foreign_model.model())
+    content = json.loads(path.read_text())
+    without = json.loads(path.read_text())
+    del without["meshes"][0]["primitives"][0]["extensions"]
+    path.write_text(json.dumps(without))
+    with pytest.raises(DataError, match="holds no primitive with KHR_gaussian_splatting"):
+        read_model(path)
+    for uri, words in (("https://example.org/a.bin", "no file beside it"), ("../a.bin", "no file beside it"),
+                       ("a.bin", "cannot be read")):  # fmt: skip
+        content["buffers"][0]["uri"] = uri
+        path.write_text(json.dumps(content))
+        with pytest.raises(DataError, match=words):
+            read_model(path)

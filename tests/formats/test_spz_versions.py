@@ -1,0 +1,94 @@
+"""SPZ of versions 2, 3 and 4, byte by byte."""
+
+import gzip
+import struct
+
+import foreign_model
+import numpy as np
+import pytest
+import zstandard
+from mi_dogsplat import Drawing, Model, read_model, write_model
+from mi_dogsplat.formats import spz
+from mi_dogsplat.formats.packing import RUB, turned, unit_quats
+from mi_dogsplat.support.errors import DataError
+
+HEADER = struct.Struct("<IIIBBBB")
+N = foreign_model.N
+
+
+def version_3(path) -> tuple[tuple, bytes]:
+    """Header and attributes of the model as we write it."""
+    write_model(path, foreign_model.model())
+    data = gzip.decompress(path.read_bytes())
+    return HEADER.unpack_from(data), data[HEADER.size :]
+
+
+def test_version_2_has_three_bytes_for_a_rotation(tmp_path):
+    _, body = version_3(tmp_path / "a.spz")
+    expected = spz.decode(tmp_path / "a.spz")
+    quats = unit_quats(expected)
+    xyz = quats[:, :3] * np.where(quats[:, 3:] < 0, -1, 1)
+    rotations = np.round(xyz * 127.5 + 127.5).astype(np.uint8).tobytes()
+    at = N * 16
+    data = HEADER.pack(0x5053474E, 2, N, 2, 12, 1, 0) + body[:at] + rotations + body[at + N * 4 :]
+    (tmp_path / "b.spz").write_bytes(gzip.compress(data))
+    model = read_model(tmp_path / "b.spz")
+    assert model.drawing == Drawing(antialiased=True)
+    found = turned(model.splats, RUB)
+    for name in ("means", "log_scales", "sh_coeffs", "logit_opacities"):
+        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+    assert np.abs(found.quats[:, :3] - xyz).max() <= 0.5 / 127.5 + 1e-6 and found.quats[:, 3].min() >= 0
+    assert np.linalg.norm(found.quats, axis=1) == pytest.approx(np.ones(N), abs=0.01)
+
+
+def test_version_4_holds_the_bytes_of_version_3_in_streams(tmp_path):
+    header, body = version_3(tmp_path / "a.spz")
+    write_model(tmp_path / "b.spz", Model(foreign_model.model(), Drawing(antialiased=True)), spz_version=4)
+    data = (tmp_path / "b.spz").read_bytes()
+    assert HEADER.unpack_from(data) == (0x5053474E, 4, N, 2, header[4], 1, 6)
+    assert struct.unpack_from("<I12s", data, 16) == (32, bytes(12))
+    at, content = 32 + 6 * 16, b""
+    for i in range(6):
+        packed, unpacked = struct.unpack_from("<QQ", data, 32 + i * 16)
+        stream = zstandard.ZstdDecompressor().decompress(data[at : at + packed])
+        assert len(stream) == unpacked
+        content, at = content + stream, at + packed
+    assert content == body and at == len(data)
+    a, b = read_model(tmp_path / "a.spz"), read_model(tmp_path / "b.spz")
+    assert np.array_equal(a.splats.quats, b.splats.quats) and b.drawing.antialiased and not a.drawing.antialiased
+
+
+def test_degree_4_and_extensions_are_left_out_and_said(tmp_path):
+    header, body = version_3(tmp_path / "a.spz")
+    at = N * 20
+    rest = np.frombuffer(body[at:], np.uint8).reshape(N, 8, 3)
+    more = np.concatenate([rest, np.full((N, 16, 3), 200, np.uint8)], axis=1)
+    data = HEADER.pack(*header[:3], 4, header[4], 2, 0) + body[:at] + more.tobytes()
+    (tmp_path / "b.spz").write_bytes(gzip.compress(data + b"records"))
+    model = read_model(tmp_path / "b.spz")
+    assert model.splats.sh_degree == 3 and model.splats.sh_coeffs[:, 9:] == pytest.approx(0.5625 * np.sign(
+        model.splats.sh_coeffs[:, 9:]))  # fmt: skip
+    assert model.splats.sh_coeffs[:, :9] == pytest.approx(read_model(tmp_path / "a.spz").splats.sh_coeffs)
+    assert model.left_out == ("spherical harmonics of degree 4", "records of extensions")
+
+
+def test_what_does_not_fit_is_refused(tmp_path):
+    header, body = version_3(tmp_path / "a.spz")
+    path = tmp_path / "b.spz"
+    for version, degree, data, words in (
+        (1, 2, body, "version 1"), (3, 5, body, "degree 5"), (3, 3, body, "primitives need"), (3, 2, body[:-1], "need"),
+    ):  # fmt: skip
+        path.write_bytes(gzip.compress(HEADER.pack(header[0], version, N, degree, 12, 0, 0) + data))
+        with pytest.raises(DataError, match=words):
+            read_model(path)
+    write_model(tmp_path / "a.spz", foreign_model.model(), spz_version=4)
+    data = (tmp_path / "a.spz").read_bytes()
+    for broken, words in (
+        (data[:20], "header"), (data[:-1], "does not fit"), (data[:15] + b"\5" + data[16:], "5 streams"),
+        (data[:40] + b"\1" + data[41:], "positions"), (data[:130] + b"\xff" * 20 + data[150:], "positions"),
+    ):  # fmt: skip
+        path.write_bytes(broken)
+        with pytest.raises(DataError, match=words):
+            read_model(path)
+    with pytest.raises(DataError, match="use version 3 or 4"):
+        write_model(path, foreign_model.model(), spz_version=2)
