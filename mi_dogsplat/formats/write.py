@@ -9,9 +9,9 @@ from ..scene.drawing import DrawnAs
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .model import Model
-from .packing import morton_order, turned
+from .packing import turned
 from .spz_container import rewrapped
-from .table import PLY, SPZ, Format, format_to_write, write_bytes
+from .table import SPZ, Format, format_to_write, write_bytes
 
 SPZ_VERSIONS = (3, 4)  # that are written
 
@@ -34,7 +34,7 @@ def write_model(
     path = Path(path)
     chosen = format_to_write(path)
     model = model if isinstance(model, Model) else Model(model)
-    splats = model.splats if chosen is PLY else model.splats.uniform_sh()  # the others know one degree for all
+    splats = model.splats
     if splats.n_dog and not chosen.dog:
         problem = f"{chosen.name} has no room for DoG, the model has {splats.n_dog} of them"
         raise DataError(path, problem, "bake them first, as dogsplat export does, or write a .ply")
@@ -43,8 +43,8 @@ def write_model(
     lost = what_is_lost(chosen, model)
     if not (sh_rows and chosen.mixed_sh):
         splats = splats.uniform_sh()
-    if chosen.sorted:
-        splats = splats.select(morton_order(splats.means))
+    if chosen.order:
+        splats = splats.select(chosen.order(splats))
     if chosen.turn:
         splats = turned(splats, chosen.turn)
     chosen.write(path, replace(model, splats=splats))
@@ -63,4 +63,3 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     if model.splats.sh_degree > chosen.sh_degree:
         lost.append(f"{chosen.name} has no view-dependent colour above SH degree {chosen.sh_degree}")
     return lost
-
