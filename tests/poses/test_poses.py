@@ -6,7 +6,6 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 import pytest
 from command_line import assert_one_line, run
 from mi_dogsplat.datasets import check_cameras, load_dataset
@@ -26,9 +25,11 @@ from shared_folder import contents
 from benchmarks.filmed_scene import arc, picture, textured_room, write_video
 from benchmarks.pose_error import alignment, pose_error
 
+pycolmap = pytest.importorskip("pycolmap", reason="needs pycolmap: pip install 'mi_dogsplat[poses]'")
+
 
 def mixed_folder(folder: Path, room: Path) -> Path:
-    """The pictures of the room as a phone may leave them: two turned on their sides with a tag, two of half the size in
+    """The pictures of the room as a phone may leave them: two turned on their sides with a tag, two shrunk in
     a folder of their own; a mask for one, and a file that is none of all this."""
     for path in sorted((room / "pictures").iterdir()):
         image, number = Image.open(path), int(path.stem[-1])

@@ -1,7 +1,6 @@
 """Which way is up, where the origin is, and how long a unit."""
 
 import numpy as np
-import pycolmap
 import pytest
 from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.poses.config import PosesConfig
@@ -9,6 +8,7 @@ from mi_dogsplat.poses.world import Scale, place, upright
 from mi_dogsplat.scene.cameras import inverse_rigid
 from mi_dogsplat.support.errors import DataError
 
+pycolmap = pytest.importorskip("pycolmap", reason="needs pycolmap: pip install 'mi_dogsplat[poses]'")
 TILT = pycolmap.Rotation3d(np.array([0.3, -0.5, 0.2, 0.8])).matrix()  # of the world that structure from motion gives
 
 
@@ -55,12 +55,12 @@ def test_a_single_direction_straight_down_is_still_a_rotation():
     assert np.allclose(rotation @ rotation.T, np.eye(3)) and np.linalg.det(rotation) == pytest.approx(1)
 
 
-def model() -> pycolmap.Reconstruction:
+def model():
     options = pycolmap.SyntheticDatasetOptions(num_rigs=1, num_frames_per_rig=6, num_points3D=50)
     return pycolmap.synthesize_dataset(options)
 
 
-def positions(reconstruction: pycolmap.Reconstruction) -> dict[str, np.ndarray]:
+def positions(reconstruction) -> dict[str, np.ndarray]:
     return {image.name: image.projection_center() for image in reconstruction.images.values()}
 
 
