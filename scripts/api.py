@@ -13,10 +13,10 @@ import pdoc
 # what is for callers; the rest is read in the source
 MODULES = [
     "mi_dogsplat", "mi_dogsplat.integrator", "mi_dogsplat.shape_dog", "mi_dogsplat.scene", "mi_dogsplat.datasets",
-    "mi_dogsplat.engine", "mi_dogsplat.reference", "mi_dogsplat.training", "mi_dogsplat.scores",
-    "mi_dogsplat.render", "mi_dogsplat.runs", "mi_dogsplat.measure.evaluate", "mi_dogsplat.measure.metrics",
-    "mi_dogsplat.inspection", "mi_dogsplat.export.write", "mi_dogsplat.editing", "mi_dogsplat.viewer.server",
-    "mi_dogsplat.check.run",
+    "mi_dogsplat.poses.run", "mi_dogsplat.engine", "mi_dogsplat.reference", "mi_dogsplat.training",
+    "mi_dogsplat.scores", "mi_dogsplat.render", "mi_dogsplat.runs", "mi_dogsplat.measure.evaluate",
+    "mi_dogsplat.measure.metrics", "mi_dogsplat.inspection", "mi_dogsplat.export.write", "mi_dogsplat.editing",
+    "mi_dogsplat.viewer.server", "mi_dogsplat.check.run",
 ]  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from ..runs.stopping import Stopped
 from ..support.errors import DataError
 
-EXTRA_OF = {"pycolmap": "poses", "av": "poses"}  # packages that commands of another extra may need
+EXTRA_OF = {"pycolmap": "poses", "av": "poses"}  # what a training needs for plain images and videos only
 
 
 def quiet_pipe(run: Callable[[], int]) -> int:
@@ -37,7 +37,7 @@ def one_line_errors(run: Callable[[], int | None], extra: str = "train", program
     except ModuleNotFoundError as error:
         if error.name is None or error.name.startswith("mi_dogsplat"):
             raise
-        extra = EXTRA_OF.get(error.name, extra)
+        extra = EXTRA_OF.get(error.name, extra) if extra == "train" else extra
         status, line = 2, f"this needs the package {error.name}: pip install 'mi_dogsplat[{extra}]'"
     except Stopped as stop:
         status, line = 128 + stop.signal_number, str(stop)

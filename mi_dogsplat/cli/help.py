@@ -123,13 +123,15 @@ Examples:
   dogsplat poses walk.mp4 -o filmed                    a video: sharp frames, as many as its motion asks for
   dogsplat poses pictures/ -o straight --undistort     for programs that know no lenses
   dogsplat poses pictures/ -o strong --lens OPENCV     a lens that bends lines much
+  dogsplat poses pictures/ -o metres --scale IMG_1.jpg IMG_9.jpg 2.5
+                                                       in metres: these two were taken 2.5 m apart
 Then: dogsplat train posed/ -o run
 
-DATA becomes a COLMAP folder: images/ (upright, else as they are) and sparse/0, read by every trainer.
-Photographs of one device, size and focal length share a camera; EXIF gives its focal length. What is black in
-masks/ is not matched. The end says how many images have a pose, and what to do if they are few. Stopped, the
-same command goes on where it was. dogsplat train does all this by itself when its DATA are plain images or a
-video. Needs the extra mi_dogsplat[poses].
+DATA becomes a COLMAP folder: images/ (upright, else as they are) and sparse/0, which every trainer reads.
+Up is -y, and the origin is in the middle of the points. Photographs of one device, size and focal length
+share a camera; EXIF gives its focal length. What is black in masks/ is not matched. The end says how many
+images have a pose, and what to do if they are few. Stopped, the same command goes on where it was. dogsplat
+train does all this by itself when its DATA are plain images or a video. Needs the extra mi_dogsplat[poses].
 """
 CHECK_EXAMPLES = """
 Examples:

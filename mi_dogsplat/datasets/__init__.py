@@ -44,6 +44,6 @@ def load_dataset(
             path,
             f"not a known data set: no cameras and images (.bin or .txt) in {folders}, no transforms.json, "
             "no transforms_train.json",
-            "give a folder with one of these, a folder of images, a video, or a Mitsuba scene as .xml file",
+            "give a folder with one of these (dogsplat poses makes it of plain images), or a Mitsuba scene as .xml",
         )
     return load_transforms(transforms, downscale, on_disk, split)

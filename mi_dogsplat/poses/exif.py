@@ -20,6 +20,7 @@ TURNS = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }  # by the value of the tag; 1 is upright
+QUARTER_TURNS = tuple(TURNS[value] for value in (5, 6, 7, 8))  # which exchange width and height
 MM_PER_UNIT = {2: 25.4, 3: 10.0}  # FocalPlaneResolutionUnit: inch, centimetre
 
 

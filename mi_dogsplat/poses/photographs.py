@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from ..datasets.masks import mask_files, no_mask
 from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import replacing
-from .exif import read_exif
+from .exif import QUARTER_TURNS, read_exif
 
 AS_THEY_ARE = {"JPEG": "RGB L", "PNG": "RGB L RGBA"}  # modes that every tool reads; the file is copied
 QUALITY = {"quality": 95, "subsampling": 0}  # of JPEG where pixels were turned
@@ -55,28 +56,36 @@ def prepare(sources: Mapping[str, Path], folder: Path, progress: Callable[[int, 
 
 
 def _prepared(name: str, source: Path, folder: Path) -> Photograph:
+    with _readable(source) as image:
+        exif, kind = read_exif(image), image.format or ""
+        copied = exif.turn is None and image.mode in AS_THEY_ARE.get(kind, "").split()
+        target = folder / _solid(name)
+        if not copied and kind != "JPEG":
+            target = target.with_suffix(".png")
+        missing = not target.is_file()
+        if missing:
+            image.load()  # all of it: what is cut off shows now
+        upright = _upright(image, source, exif.turn) if missing and not copied else None
+        width, height = image.size[::-1] if exif.turn in QUARTER_TURNS else image.size
+    if upright:
+        _write(upright, target, kind)
+    elif missing:
+        with replacing(target) as part:
+            shutil.copyfile(source, part)
+    camera = f"{exif.device} {width}x{height}".strip()
+    return Photograph(target.relative_to(folder).as_posix(), width, height, camera, exif.focal, exif.turn)
+
+
+@contextmanager
+def _readable(source: Path) -> Iterator[Image.Image]:
+    """The image of a file. What is raised of reading it becomes a ``DataError``."""
     try:
         with open_image(source) as image:
-            exif, kind = read_exif(image), image.format or ""
-            copied = exif.turn is None and image.mode in AS_THEY_ARE.get(kind, "").split()
-            target = folder / _solid(name)
-            if not copied and kind != "JPEG":
-                target = target.with_suffix(".png")
-            if not target.is_file():
-                if copied:
-                    image.load()  # all of it: what is cut off shows now
-                    with replacing(target) as part:
-                        shutil.copyfile(source, part)
-                else:
-                    _write(_upright(image, source, exif.turn), target, kind)
-        with open_image(target) as image:
-            width, height = image.size
+            yield image
     except UNREADABLE as error:
-        if isinstance(error, DataError) or (isinstance(error, OSError) and error.filename not in (None, str(source))):
+        if isinstance(error, DataError):
             raise
         raise DataError(source, f"cannot be read as an image ({error})", "replace the file or remove it") from error
-    name = target.relative_to(folder).as_posix()
-    return Photograph(name, width, height, f"{exif.device} {width}x{height}".strip(), exif.focal, exif.turn)
 
 
 def _solid(name: str) -> str:
@@ -111,13 +120,11 @@ def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> 
         target, path = folder / f"{photograph.name}.png", paths[view_name(photograph.name)]
         if target.is_file():
             continue
-        try:
-            with open_image(path) as image:
-                grey = image.convert("L")
-        except UNREADABLE as error:
-            raise DataError(path, f"cannot be read as an image ({error})", "replace the file or remove it") from error
+        with _readable(path) as image:
+            grey = image.convert("L")
         if (grey.width > grey.height) != (photograph.width > photograph.height) and photograph.turn:
             grey = grey.transpose(photograph.turn)  # painted on the pixels as the file has them
         grey = grey.resize((photograph.width, photograph.height))
-        _write(grey.point(lambda value: 255 if value >= 128 else 0), target, "PNG")
+        used = np.asarray(grey) >= 128
+        _write(Image.fromarray(np.where(used, 255, 0).astype(np.uint8)), target, "PNG")
     return len(masked)

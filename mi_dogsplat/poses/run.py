@@ -35,6 +35,7 @@ from .output import undistort, write_model
 from .photographs import prepare, prepare_masks
 from .summary import Summary, camera_line, field_of_view
 from .video import require_av
+from .world import Scale, place
 
 SUMMARY = "summary.json"
 DATABASE, SECONDS = "work/database.db", "work/seconds.json"
@@ -104,7 +105,8 @@ def _settings(source: Path, files: list[Path], config: PosesConfig) -> dict[str,
     """What decides on the poses: the flags, and the files by their names and sizes."""
     listed = json.dumps([[file.name, file.stat().st_size] for file in files]).encode()
     digest = hashlib.sha256(listed).hexdigest()
-    return {"source": str(source), "source_sha256": digest, **dataclasses.asdict(config)}
+    settings = {"source": str(source), "source_sha256": digest, **dataclasses.asdict(config)}
+    return json.loads(json.dumps(settings))  # as they are read again
 
 
 def _reconstruct(
@@ -130,6 +132,7 @@ def _reconstruct(
         models = reconstruct(pycolmap, database, images, len(photographs), config, progress)
     if not models:
         raise _nothing_found(source, evidence)
+    place(pycolmap, models[0], Scale(*config.scale[:2], config.length) if config.scale else None)
     names = [{image.name for image in model.images.values() if image.has_pose} for model in models]
     others = tuple(n for n in (len(more - names[0]) for more in names[1:]) if n)
     error = float(models[0].compute_mean_reprojection_error())

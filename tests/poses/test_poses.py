@@ -6,7 +6,6 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 import pytest
 from command_line import assert_one_line, run
 from mi_dogsplat.datasets import check_cameras, load_dataset
@@ -24,11 +23,13 @@ from posed_room import SIZE, N, filmed, found_cameras, photographed
 from shared_folder import contents
 
 from benchmarks.filmed_scene import arc, picture, textured_room, write_video
-from benchmarks.pose_error import pose_error
+from benchmarks.pose_error import alignment, pose_error
+
+pycolmap = pytest.importorskip("pycolmap", reason="needs pycolmap: pip install 'mi_dogsplat[poses]'")
 
 
 def mixed_folder(folder: Path, room: Path) -> Path:
-    """The pictures of the room as a phone may leave them: two turned on their sides with a tag, two of half the size in
+    """The pictures of the room as a phone may leave them: two turned on their sides with a tag, two shrunk in
     a folder of their own; a mask for one, and a file that is none of all this."""
     for path in sorted((room / "pictures").iterdir()):
         image, number = Image.open(path), int(path.stem[-1])
@@ -75,6 +76,8 @@ def test_mixed_sizes_and_orientations_all_get_their_pose(posed):
     error = pose_error(exact(), cameras)
     assert error.n == N and error.largest_position < 0.01 and error.angle < 0.2
     assert {camera.width for camera in cameras.values()} == {SIZE[0], SIZE[0] * 3 // 4}
+    up = alignment(exact(), cameras).rotation @ [0, -1, 0]
+    assert np.degrees(np.arccos(up[2])) < 3
     assert abs(cameras["view_0"].fx / photographed()["view 0"].fx - 1) < 0.02
     assert summary.n_registered == summary.n_images == N and not summary.without_pose and not summary.advice
     assert len(summary.cameras) == 2
@@ -197,7 +200,10 @@ def test_undistorted_from_the_command_line(room, tmp_path, capsys):
     three.mkdir()
     for path in sorted((room / "pictures").iterdir())[2:5]:
         shutil.copy(path, three)
-    status, out, err = run(capsys, "poses", three, "-o", tmp_path / "out", "--undistort")
+    apart = "--scale", "view_2.png", "view_4", "1.5"
+    status, out, err = run(capsys, "poses", three, "-o", tmp_path / "out", "--undistort", *apart)
+    cameras = found_cameras(tmp_path / "out")
+    assert np.linalg.norm(cameras["view_2"].position - cameras["view_4"].position) == pytest.approx(1.5)
     assert status == 0 and "3 of 3 images have a pose" in out and out.endswith(f"{tmp_path / 'out'}\n"), err
     assert "undistortion" in out and (tmp_path / "out" / "distorted" / "sparse" / "0").is_dir()
     assert pycolmap.Reconstruction(str(tmp_path / "out" / "sparse" / "0")).cameras[1].model_name == "PINHOLE"
