@@ -125,11 +125,11 @@ Examples:
   dogsplat poses pictures/ -o strong --lens OPENCV     a lens that bends lines much
 Then: dogsplat train posed/ -o run
 
-DATA becomes a COLMAP folder: images/ (upright, else as they are) and sparse/0, read by every trainer. Photographs of
-one device, size and focal length share a camera; EXIF gives its focal length. What is black in masks/ is not
-matched. The end says how many images have a pose, and what to do if they are few. Stopped, the same command
-goes on where it was. dogsplat train does all this by itself when its DATA are plain images or a video. Needs the
-extra mi_dogsplat[poses].
+DATA becomes a COLMAP folder: images/ (upright, else as they are) and sparse/0, read by every trainer.
+Photographs of one device, size and focal length share a camera; EXIF gives its focal length. What is black in
+masks/ is not matched. The end says how many images have a pose, and what to do if they are few. Stopped, the
+same command goes on where it was. dogsplat train does all this by itself when its DATA are plain images or a
+video. Needs the extra mi_dogsplat[poses].
 """
 CHECK_EXAMPLES = """
 Examples:
@@ -154,7 +154,7 @@ Examples:
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
                                                                       any 3DGS viewer; measured on photographs
   dogsplat export run/point_cloud.ply -o model.html --data photos/ --views 0
-                                                                      a page with a viewer, to send to somebody
+                                                                      a page with a viewer, to send by mail
 
 These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary
 (--dog drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the
@@ -172,9 +172,9 @@ Examples:
   dogsplat film run/point_cloud.ply -o frames/                    numbered pictures, frames/0000.png and on
   dogsplat film run/point_cloud.ply -o frames_exr/%04d.exr        linear colour with alpha, for compositing
 
-Key frames: {"keys": [{"time": 0, "position": [3, 0, 1], "look_at": [0, 0, 0], "fov": 40}, ...], "loop": false,
-"up": [0, 0, 1]}, or a list of camera files (docs/film.md). A film that is stopped leaves no file; of numbered
-pictures the whole ones stay, and the same command goes on after them.
+Key frames: {"keys": [{"time": 0, "position": [3, 0, 1], "look_at": [0, 0, 0], "fov": 40}, ...],
+"loop": false, "up": [0, 0, 1]}, or a list of camera files (docs/film.md). A film that is stopped leaves no
+file; of numbered pictures the whole ones stay, and the same command goes on after them.
 """
 SIMPLIFY_EXAMPLES = """
 Examples:
@@ -197,9 +197,9 @@ Examples:
                                                              what the photographs do not bear out
 
 Without flags: primitives of an opacity below 1/255, DoG that have faded, and SH bands that are zero. What the
-flags take out is counted, each primitive for the first reason that it has. --seen leaves every training view as
-it is. --floaters goes by the surfaces that the views show (docs/clean.md): look at the PSNR before and after,
-which --data adds.
+flags take out is counted, each primitive for the first reason that it has. --seen leaves every training view
+as it is. --floaters goes by the surfaces that the views show (docs/clean.md): look at the PSNR before and
+after, which --data adds.
 """
 VIEW_EXAMPLES = """
 Examples:
