@@ -18,6 +18,7 @@ import numpy as np
 from mi_dogsplat import reference
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG
 from mi_dogsplat.scene.cameras import Camera, camera_to_mitsuba, opencv_w2c_to_mitsuba_c2w
+from mi_dogsplat.scene.row_groups import GROUPS
 from mi_dogsplat.scene.splats import Splats
 from scipy.spatial.transform import Rotation
 
@@ -77,10 +78,11 @@ def broad_splats() -> Splats:
 
 def dog_dict(splats: Splats, **others: Any) -> dict[str, Any]:
     """The shape as a dict for ``mi.load_dict``, its parameters given as tensors."""
-    names = RAW + (RAW_DOG if splats.n_dog else ())
+    groups = [group for group in GROUPS if len(getattr(splats, group.index))]
+    names = [*RAW, *(name for group in groups for name in group.names)]
     tensor_of_integers: Any = mi.TensorXu
-    index = {"dog_index": tensor_of_integers(splats.dog_index)} if splats.n_dog else {}
-    return {"type": "dog", **{name: mi.TensorXf(getattr(splats, name)) for name in names}, **index, **others}
+    indices = {group.index: tensor_of_integers(getattr(splats, group.index)) for group in groups}
+    return {"type": "dog", **{name: mi.TensorXf(getattr(splats, name)) for name in names}, **indices, **others}
 
 
 def smooth_sky() -> np.ndarray:

@@ -22,3 +22,9 @@ class DogSplatPreferences(bpy.types.AddonPreferences):
     def draw(self, context: bpy.types.Context) -> None:
         """One field."""
         self.layout.prop(self, "command")
+
+
+def command_of(context: bpy.types.Context) -> str:
+    """The command in the preferences; empty where the add-on is not enabled as such."""
+    addon = context.preferences.addons.get(ADDON)
+    return addon.preferences.command if addon and addon.preferences else ""

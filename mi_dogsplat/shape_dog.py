@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, cast
 
@@ -10,9 +11,11 @@ import mitsuba as mi
 import numpy as np
 
 from .engine.motion import moved
-from .engine.parameters import RAW, RAW_DOG, device_array, dog_rows
+from .engine.parameters import RAW, device_array, dog_rows
+from .engine.sh_groups import padded_on_device
 from .formats.model import Model
 from .formats.read import read_model
+from .scene.row_groups import DOG, GROUPS, SH, RowGroup, in_several
 from .scene.splats import Splats
 from .scene.transform import decompose_similarity, transformed
 
@@ -41,6 +44,13 @@ class DogShape(mi.Mesh):
          factors F [M, 3]. Absent for a model of plain Gaussians.
        - |exposed|, |differentiable| (not the index)
 
+     * - sh1_index, sh1_coeffs, sh2_index, sh2_coeffs, sh3_index, sh3_coeffs
+       - |tensor|
+       - Primitives with SH degrees of their own, beside sh_coeffs with K = 1: those of degree 1, 2 and 3, their rows
+         [M1], [M2], [M3] and their coefficients without the constant one [M1, 3, 3], [M2, 8, 3], [M3, 15, 3]. Absent
+         where all primitives have one degree.
+       - |exposed|, |differentiable| (not the indices)
+
      * - to_world
        - |transform|
        - Rotation, uniform scale and translation; turns the spherical harmonics too. What is given is applied once at
@@ -61,7 +71,7 @@ class DogShape(mi.Mesh):
         }
     """
 
-    # raw parameters, as the names in ``RAW`` and ``RAW_DOG``
+    # raw parameters, as the names in ``RAW``; those of ``GROUPS`` where a primitive is in one
     means: mi.TensorXf
     log_scales: mi.TensorXf
     quats: mi.TensorXf
@@ -69,11 +79,19 @@ class DogShape(mi.Mesh):
     sh_coeffs: mi.TensorXf
     dog_logit_opacities: mi.TensorXf
     dog_log_scales: mi.TensorXf
+    sh1_coeffs: mi.TensorXf
+    sh2_coeffs: mi.TensorXf
+    sh3_coeffs: mi.TensorXf
+    dog_index: mi.UInt32
+    sh1_index: mi.UInt32
+    sh2_index: mi.UInt32
+    sh3_index: mi.UInt32
 
     def __init__(self, props: Any):
         _start_as_a_point(self)
         self.set_id(props.id())
-        given = [name for name in (*RAW, "dog_index", *RAW_DOG) if name in props]
+        of_groups = [name for group in GROUPS for name in (group.index, *group.names)]
+        given = [name for name in (*RAW, *of_groups) if name in props]
         if ("filename" in props) == bool(given):
             raise RuntimeError(
                 'dog: specify either "filename" or the tensors "means", "log_scales", "quats", "logit_opacities" and '
@@ -103,18 +121,19 @@ class DogShape(mi.Mesh):
     def _assign(self, splats: Splats):
         for name in RAW:
             setattr(self, name, _tensor(getattr(splats, name)))
-        self.has_dog = splats.n_dog > 0
-        if self.has_dog:
-            for name in RAW_DOG:
+        self.groups = [group for group in GROUPS if len(getattr(splats, group.index))]
+        for group in self.groups:
+            for name in group.names:
                 setattr(self, name, _tensor(getattr(splats, name)))
-            self.dog_index = device_array(splats.dog_index, mi.UInt32)
+            setattr(self, group.index, device_array(getattr(splats, group.index), mi.UInt32))
+        if splats.n_dog:
             self._dog_row = dog_rows(splats.dog_index, splats.n_splats)
 
     def traverse(self, callback: mi.TraversalCallback):
-        for name in RAW + (RAW_DOG if self.has_dog else ()):
+        for name in (*RAW, *(name for group in self.groups for name in group.names)):
             callback.put(name, getattr(self, name), mi.ParamFlags.Differentiable)
-        if self.has_dog:
-            callback.put("dog_index", self.dog_index, mi.ParamFlags.NonDifferentiable)
+        for group in self.groups:
+            callback.put(group.index, getattr(self, group.index), mi.ParamFlags.NonDifferentiable)
         callback.put("to_world", self.to_world, mi.ParamFlags.Differentiable)
 
     def parameters_changed(self, keys: list[str] = []):  # noqa: B006 (signature of Mitsuba)
@@ -130,18 +149,29 @@ class DogShape(mi.Mesh):
             self._moves = True
         rows = {"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": (), "sh_coeffs": (k, 3)}
         self._check_rows(rows, n, "means")
-        if not self.has_dog:
-            return
-        self._check_rows({"dog_logit_opacities": (), "dog_log_scales": (3,)}, dr.width(self.dog_index), "dog_index")
-        if not keys or "dog_index" in keys or "means" in keys:
-            index = self.dog_index.numpy()
+        changed = [g for g in self.groups if not keys or g.index in keys or "means" in keys]
+        for group in self.groups:
+            self._check_rows(group.arrays, dr.width(getattr(self, group.index)), group.index)
+        for group in changed:
+            index = getattr(self, group.index).numpy()
             if index.size and int(index.max()) >= n:
-                raise RuntimeError(f'dog: "dog_index" names primitive {int(index.max())}, "means" has {n} rows')
+                raise RuntimeError(f'dog: "{group.index}" names primitive {int(index.max())}, "means" has {n} rows')
             if np.any(index[1:] <= index[:-1]):
-                raise RuntimeError('dog: "dog_index" is not strictly increasing; sort it, each primitive once')
-            self._dog_row = dog_rows(index, n)
+                raise RuntimeError(f'dog: "{group.index}" is not strictly increasing; sort it, each primitive once')
+            if group is DOG:
+                self._dog_row = dog_rows(index, n)
+        if any(group is not DOG for group in self.groups) and (changed or "sh_coeffs" in keys):
+            self._check_sh_groups(k)
 
-    def _check_rows(self, rows: dict, n: int, like: str):
+    def _check_sh_groups(self, k: int):
+        """Raise unless a primitive has one degree."""
+        indices = [getattr(self, group.index).numpy() for group in self.groups if group is not DOG]
+        if k > 1 and any(len(index) for index in indices):
+            raise RuntimeError(f'dog: "sh_coeffs" has {k} coefficients; beside groups of SH degrees it has 1')
+        if (twice := in_several(indices)) is not None:
+            raise RuntimeError(f'dog: primitive {twice} is in several of "sh1_index", "sh2_index", "sh3_index"')
+
+    def _check_rows(self, rows: Mapping, n: int, like: str):
         """Raise unless every tensor in ``rows`` (name to the shape of a row) has ``n`` rows, as ``like`` has."""
         for name, tail in rows.items():
             shape = tuple(getattr(self, name).shape)
@@ -152,26 +182,36 @@ class DogShape(mi.Mesh):
     def parameters(self) -> dict:
         """Flat arrays for ``rasterize``, attached to the AD graph wherever the tensors are."""
         params = {name: getattr(self, name).array for name in RAW}
-        if self.has_dog and dr.width(self.dog_index):
-            params |= {name: getattr(self, name).array for name in RAW_DOG}
-            params["dog_index"], params["dog_row"] = self.dog_index, self._dog_row
+        for group in self._in_use():
+            params |= {name: getattr(self, name).array for name in group.names}
+            params[group.index] = getattr(self, group.index)
+            if group is DOG:
+                params["dog_row"] = self._dog_row
+        for degree, group in SH.items():
+            if group.index in params:
+                (name,) = group.names
+                params[name] = padded_on_device(params[name], degree)
         return moved(params, self.to_world) if self._moves else params
 
     def _matrix(self) -> np.ndarray:
         """The parameter ``to_world`` on the host."""
         return np.array(dr.detach(self.to_world.matrix), dtype=np.float64).reshape(4, 4)
 
+    def _in_use(self) -> list[RowGroup]:
+        """Groups that have a row; one that has been emptied may get rows again."""
+        return [group for group in self.groups if dr.width(getattr(self, group.index))]
+
     @property
     def sh_size(self) -> int:
-        """Number of SH coefficients per channel."""
-        return self.sh_coeffs.shape[1]
+        """Number of SH coefficients per channel, of the highest degree that a primitive has."""
+        in_use = self._in_use()
+        return max([self.sh_coeffs.shape[1], *((d + 1) ** 2 for d, group in SH.items() if group in in_use)])
 
     def to_splats(self) -> Splats:
         """The current parameters as a model on the host, e.g. for ``write_ply``."""
-        names = RAW + RAW_DOG if self.has_dog else RAW
+        names = [*RAW, *(name for group in self.groups for name in group.names)]
         arrays = {name: _to_numpy(dr.detach(getattr(self, name))) for name in names}
-        if self.has_dog:
-            arrays["dog_index"] = self.dog_index.numpy()
+        arrays |= {group.index: getattr(self, group.index).numpy() for group in self.groups}
         splats = Splats(**arrays)
         return transformed(splats, self._matrix()) if self._moves else splats
 
@@ -186,8 +226,10 @@ class DogShape(mi.Mesh):
         return box
 
     def to_string(self) -> str:
-        m = self.dog_index if self.has_dog else []
-        return f"DogShape[\n  source = {self.source},\n  primitives = {self.means.shape[0]},\n  dog = {len(m)}\n]"
+        lines = [f"source = {self.source}", f"primitives = {self.means.shape[0]}"]
+        lines.append(f"dog = {len(self.dog_index) if DOG in self.groups else 0}")
+        lines += [f"{group.index} = {len(getattr(self, group.index))}" for group in self.groups if group is not DOG]
+        return "DogShape[\n  " + ",\n  ".join(lines) + "\n]"
 
 
 def _start_as_a_point(mesh: Any) -> None:

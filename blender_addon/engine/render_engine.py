@@ -11,7 +11,7 @@ from ..files.model import Model, concatenate
 from ..nodes.modifier import get_input, splat_modifier
 from ..objects.attributes import is_splats
 from ..objects.export_operators import model_of
-from ..preferences import ADDON
+from ..preferences import command_of
 from .renderers import Cancelled, RendererError, Settings, choose_renderer
 
 ENGINE = "DOGSPLAT"
@@ -36,7 +36,7 @@ class DogSplatEngine(bpy.types.RenderEngine):
         try:
             model, settings = self._gather(depsgraph)
             camera = camera_numbers(scene, scene.camera.evaluated_get(depsgraph))
-            renderer = choose_renderer(_command_of_preferences())
+            renderer = choose_renderer(command_of(bpy.context))
             self.update_stats("", f"{model.n_splats:,} splats, {renderer.name}")
             picture = renderer.render(model, camera, settings, self.test_break, self.update_progress)
         except Cancelled:
@@ -97,13 +97,6 @@ class DogSplatEngine(bpy.types.RenderEngine):
             if target is not None:
                 target.rect.foreach_set(np.ascontiguousarray(values[::-1], np.float32).ravel())
         self.end_result(result)
-
-
-def _command_of_preferences() -> str:
-    addon = bpy.context.preferences.addons.get(ADDON)
-    return addon.preferences.command if addon and addon.preferences else ""
-
-
 def _world_color(scene: bpy.types.Scene) -> np.ndarray:
     """Linear colour [3] behind the splats: the Background node of the world, or the colour of the world."""
     world = scene.world

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from ..cameras.camera import Camera
+from ..files.errors import FileError
 from ..files.model import Model
 from ..files.ply import write_ply
 
@@ -86,6 +87,18 @@ class InProcess:
             progress((top + rows) / camera.height)
         return dict(zip(("color", "alpha", "depth"), map(np.concatenate, zip(*bands, strict=True)), strict=True))
 
+    def convert(self, path: Path, out: Path) -> None:
+        """A model of any format as a PLY, with DoG and comments. Raises ``FileError`` and ``RendererError``."""
+        try:
+            from mi_dogsplat.formats.read import read_model
+            from mi_dogsplat.formats.write import write_model
+        except (ImportError, RuntimeError) as error:
+            raise RendererError(f"mi_dogsplat cannot be used here ({' '.join(str(error).split())})") from error
+        try:
+            write_model(out, read_model(path))
+        except ValueError as error:  # DataError, which names the file in one line
+            raise _file_error(path, str(error)) from error
+
 
 @dataclass(frozen=True)
 class Command:
@@ -113,6 +126,17 @@ class Command:
             with np.load(folder / "picture.npz") as file:
                 return {key: file[key] for key in ("color", "alpha", "depth")}
 
+    def convert(self, path: Path, out: Path) -> None:
+        """As that of ``InProcess``."""
+        words = [*self.words, "export", str(path), "-o", str(out), "--dog", "keep", "--views", "0"]
+        try:
+            done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")
+        except OSError as error:
+            raise RendererError(f"{self.name} cannot be started ({error.strerror})") from error
+        if done.returncode:
+            lines = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
+            raise _file_error(path, lines[-1].removeprefix("dogsplat: "))
+
     def _run(self, arguments: list[str], log: Path, cancelled: Callable[[], bool],
              progress: Callable[[float], None]) -> None:  # fmt: skip
         with log.open("w") as output:
@@ -139,6 +163,21 @@ class Command:
         if process.returncode:
             lines = log.read_text(errors="replace").strip().splitlines() or [f"exit status {process.returncode}"]
             raise RendererError(f"{self.name}: {lines[-1]}")
+
+
+def _file_error(path: Path, line: str) -> FileError:
+    """Of a line of the package: file, problem, remedy."""
+    problem, _, remedy = line.removeprefix(f"{path}: ").rpartition("; ")
+    return FileError(path, problem or line, remedy)
+
+
+def converted(command: str, path: Path, out: Path) -> None:
+    """Make a PLY of a model that the add-on cannot read by itself. Raises ``FileError``."""
+    try:
+        choose_renderer(command).convert(path, out)
+    except RendererError as error:
+        remedy = "install the package mi_dogsplat[export] and name its command in the preferences, or convert it to PLY"
+        raise FileError(path, f"only the package reads this format, and {error}", remedy) from error
 
 
 def choose_renderer(command: str = "") -> InProcess | Command:

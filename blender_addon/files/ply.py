@@ -51,7 +51,7 @@ def read_ply(path: str | Path) -> Model:
         raise FileError(path, f"{n_rest} properties f_rest_*, but SH degree 0, 1, 2, 3 has 0, 9, 24, 45", _NOT_3DGS)
 
     means = _columns(path, vertex, _POSITION)
-    rest = _columns(path, vertex, _rest_names(n_rest)).reshape(-1, 3, n_rest // 3)  # channel-major
+    rest = _columns(path, vertex, _rest_names(n_rest)).reshape(len(means), 3, n_rest // 3)  # channel-major
     is_dog, dog = _dog_columns(path, tables, len(means))
     return Model(
         means=means,
@@ -63,6 +63,16 @@ def read_ply(path: str | Path) -> Model:
         dog_logit_opacities=dog[:, 0],
         dog_log_scales=dog[:, 1:],
     )
+
+
+def read_comments(path: str | Path) -> list[str]:
+    """The comments of a header that ``read_ply`` accepts."""
+    comments = []
+    with Path(path).open("rb") as file:
+        while (line := file.readline(1 << 16).split()) not in ([], [b"end_header"]):
+            if line[0] == b"comment":
+                comments.append(b" ".join(line[1:]).decode("ascii", "replace"))
+    return comments
 
 
 def write_ply(path: str | Path, model: Model) -> None:

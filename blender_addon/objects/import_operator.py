@@ -2,38 +2,45 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 
+from ..engine.renderers import converted
 from ..files.errors import FileError
 from ..files.model import Model, importance, sigmoid
-from ..files.ply import read_ply
+from ..files.read import EXTENSIONS, read_model
 from ..nodes.modifier import add_modifier, set_input
 from ..nodes.tree import SHOW
+from ..preferences import command_of
 from .attributes import write_attributes
 from .conventions import DOG_COUNT, UP_AXES, conversion, remember
 
+UP_DESCRIPTION = "Which axis of the file is up; unless set here, as the file says"
 CONVENTION = "3DGS PLY: raw values, quaternions w x y z, positions in coordinates of the file"
 
 
 class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
-    """Import 3D Gaussian and Difference-of-Gaussians models (PLY)"""
+    """Import 3D Gaussian and Difference-of-Gaussians models (PLY and SPZ; with the package SOG, glTF and others too)"""
 
     bl_idname = "import_scene.dogsplat"
     bl_label = "Import DoG Splat"
     bl_options = {"REGISTER", "UNDO", "PRESET"}
 
     filename_ext = ".ply"
-    filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})
+    filter_glob: StringProperty(default=";".join(f"*{end}" for end in EXTENSIONS), options={"HIDDEN"})
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
     directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
 
-    up_axis: EnumProperty(name="Up Axis", items=UP_AXES, default="Z", description="Which axis of the file is up")
-    scale: FloatProperty(name="Scale", default=1.0, min=1e-6, soft_max=100.0)
+    up_axis: EnumProperty(name="Up Axis", items=UP_AXES, default="Z", description=UP_DESCRIPTION)
+    scale: FloatProperty(
+        name="Scale", default=1.0, min=1e-6, soft_max=100.0, description="Unless set here, as the file says"
+    )
     sh_degree: IntProperty(
         name="SH Degree",
         default=3,
@@ -62,7 +69,9 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         ("POINTS", "Points", "A point cloud: opaque and fast"),
     ))  # fmt: skip
     antialiased: BoolProperty(
-        name="Antialiased", default=False, description="For models that were trained with antialiasing"
+        name="Antialiased",
+        default=False,
+        description="For models that were trained with antialiasing; unless set here, as the file says",
     )
 
     prepare_viewports: BoolProperty(
@@ -80,29 +89,39 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         names = [file.name for file in self.files if file.name]
         paths = [Path(self.directory) / name for name in names] or [Path(self.filepath)]
         try:
-            models = [(path, self._reduced(path, read_ply(path))) for path in paths]
+            read = [(path, *read_model(path, partial(converted, command_of(context)))) for path in paths]
+            models = [(path, self._reduced(path, model), said) for path, model, said in read]
         except FileError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
         bpy.ops.object.select_all(action="DESELECT")
-        for path, model in models:
-            obj = build_object(context, path, model, conversion(self.up_axis, self.scale))
+        for path, model, said in models:
+            up_axis, scale = self._choice("up_axis", said.up), self._choice("scale", said.scale)
+            obj = build_object(context, path, model, conversion(up_axis, scale))
             modifier = obj.modifiers[-1]
             set_input(modifier, "Show As", self.show_as.capitalize())
             set_input(modifier, "SH Degree", self.sh_degree)
             set_input(modifier, "DoG", self.use_dog)
-            set_input(modifier, "Linear Colors", self.color_mode == "LINEAR")
-            set_input(modifier, "Antialiased", self.antialiased)
+            set_input(modifier, "Linear Colors", self.color_mode == "LINEAR" and not said.linear)
+            set_input(modifier, "Antialiased", self._choice("antialiased", said.antialiased))
+            if said.near_clip is not None:
+                set_input(modifier, "Near Clip", said.near_clip * scale)
             obj.select_set(True)
             context.view_layer.objects.active = obj
         if self.prepare_viewports:
             _prepare_viewports(context)
-        total = sum(model.n_splats for _, model in models)
-        dog = sum(int(model.is_dog.sum()) for _, model in models)
+        total = sum(model.n_splats for _, model, _ in models)
+        dog = sum(int(model.is_dog.sum()) for _, model, _ in models)
         self.report({"INFO"}, f"{total:,} splats imported, {dog:,} of them DoG")
         return {"FINISHED"}
+
+    def _choice(self, name: str, said: Any) -> Any:
+        """An option as it is set here, else as the file says, else its default."""
+        if said is None or self.properties.is_property_set(name, ghost=False):
+            return getattr(self, name)
+        return said
 
     def _reduced(self, path: Path, model: Model) -> Model:
         """Without what the options leave out, the order kept."""
@@ -152,7 +171,7 @@ class DOGSPLAT_FH_model(bpy.types.FileHandler):
     bl_idname = "DOGSPLAT_FH_model"
     bl_label = "DoG Splat"
     bl_import_operator = "import_scene.dogsplat"
-    bl_file_extensions = ".ply"
+    bl_file_extensions = ";".join(EXTENSIONS)
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:

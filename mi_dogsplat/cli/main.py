@@ -6,7 +6,8 @@ from .arguments import build_parser
 from .commands import COMMANDS
 from .errors import one_line_errors, quiet_pipe
 
-EXTRAS = ("export", "film", "view")  # of pyproject.toml, named as the commands that need them; the others need "train"
+# of pyproject.toml, named as the commands that need them; the others need "train"
+EXTRAS = ("export", "film", "poses", "view")
 
 
 def main(argv: list[str] | None = None) -> int:

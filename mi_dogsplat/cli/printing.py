@@ -41,11 +41,12 @@ def cleaned_lines(cleaned: Cleaned) -> list[str]:
     if cleaned.psnr:
         before, after = cleaned.psnr
         lines.append(f"  PSNR {before:.2f} dB before, {after:.2f} dB after ({after - before:+.2f})")
-    return [f"{cleaned.n_before:,} primitives, taken out:" + ("" if lines else " nothing"), *lines]
+    first = f"{cleaned.n_before:,} primitives, taken out:" + ("" if lines else " nothing")
+    return [first, *lines, *cleaned.left_out]
 
 
 def simplified_lines(simplified: Simplified) -> list[str]:
     """How near the smaller model is to the one that it was made of."""
-    lines = [f"PSNR of the model, over {simplified.n_views} views that nothing was fitted to"]
+    lines = [*simplified.left_out, f"PSNR of the model, over {simplified.n_views} views that nothing was fitted to"]
     stages = {"merged": simplified.merged, "fitted": simplified.fitted}
     return lines + [f"  {stage:24s}{value:6.2f} dB" for stage, value in stages.items() if value is not None]

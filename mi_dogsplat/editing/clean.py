@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..formats.model import Model
+from ..formats.read import read_model
+from ..formats.table import PLY, format_to_write
+from ..formats.write import write_model
 from ..inspection.unneeded import Unneeded
 from ..measure.metrics import psnr
 from ..render.picture import background_color, over_background
 from ..render.picture_options import PictureOptions
 from ..render.render_files import picture_of, viewpoint
 from ..scene.cameras import Camera
-from ..scene.ply import read_ply, write_ply
+from ..scene.drawing import DrawnAs, comments_of, drawn_as
+from ..scene.ply import write_ply
 from ..scene.splats import Array, Splats
 from ..support.errors import DataError
 from ..support.pictures import write_png
@@ -39,6 +44,8 @@ class Cleaned:
     """a line for each kind of what is not needed, of all that was wanted"""
     psnr: tuple[float, float] | None
     """dB on the photographs of the data, before and after; None without data"""
+    left_out: list[str]
+    """a line for each thing that the formats have no room for"""
 
 
 def clean_model(
@@ -52,12 +59,12 @@ def clean_model(
     """Write a model file anew, without what ``unneeded.py`` finds and what ``config`` does not want.
 
     Args:
-        model: the model.
-        out: the file to write.
+        model: the model, of any format.
+        out: the file to write, in the format of its name.
         config: what is not wanted.
         data: a data set, for ``seen``, ``floaters``, and the PSNR before and after.
         preview: a .png to write, of the model before and after.
-        options: how pictures are drawn.
+        options: how pictures are drawn; what they do not say, the model's file does.
 
     Pictures need a Mitsuba variant. Raises ``DataError``.
     """
@@ -66,7 +73,10 @@ def clean_model(
         raise DataError(config.needs_data, "needs the views of a training", "add --data DATA")
     if preview and Path(preview).suffix.lower() != ".png":
         raise DataError(preview, "no known picture format", "name a file that ends in .png")
-    splats = read_ply(model)
+    if format_to_write(out) is not PLY and config.mixed_sh:
+        raise DataError("--mixed-sh", "only PLY has SH degrees of single primitives", "name a file that ends in .ply")
+    read = read_model(model)
+    splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
     if splats.n_splats == 0:
         raise DataError(model, "the model is empty", "clean one that has primitives")
     if out.exists() and out.samefile(model):
@@ -74,7 +84,7 @@ def clean_model(
     dataset = _dataset(data, options)
     cameras = [view.camera for view in dataset.train] if dataset else []
     wanted, taken_out = np.ones(splats.n_splats, bool), []
-    for reason, keep in rules(splats, config, cameras, options):
+    for reason, keep in rules(splats, config, cameras, drawn):
         taken_out.append((reason, int((wanted & ~keep).sum())))
         wanted &= keep
     if config.connected:  # of what is left: a crop may cut a part off
@@ -86,17 +96,16 @@ def clean_model(
     after = unneeded.taken_out(kept, config.mixed_sh)
     if after.n_splats == 0:
         raise DataError(model, "no primitive would be left", "take out less")
-    write_ply(out, after)
-    quality = _quality(dataset, splats, after, options) if dataset else None
+    left_out = [f"{model.name}: {line}" for line in read.left_out]
+    left_out += _write(out, replace(read, splats=after, drawing=options.drawing.over(read.drawing)))
+    quality = _quality(dataset, splats, after, options.background, drawn) if dataset else None
     if preview:
-        write_preview(Path(preview), splats, after, data, options)
+        write_preview(Path(preview), read, after, data, options)
     found = [(reason, number) for reason, number in taken_out if number]
-    return Cleaned(splats.n_splats, after.n_splats, found, unneeded.described(kept), quality)
+    return Cleaned(splats.n_splats, after.n_splats, found, unneeded.described(kept), quality, left_out)
 
 
-def rules(
-    splats: Splats, config: CleanConfig, cameras: Sequence[Camera], options: PictureOptions
-) -> list[tuple[str, Array]]:
+def rules(splats: Splats, config: CleanConfig, cameras: Sequence[Camera], drawn: DrawnAs) -> list[tuple[str, Array]]:
     """Why primitives leave, and which of them stay [N], rule by rule; parts are looked for later, in what is left."""
     found = []
     if config.box:
@@ -108,21 +117,30 @@ def rules(
     if config.max_scale is not None:
         found.append(("too large", splats.scales.max(axis=1) <= config.max_scale))
     if config.seen:
-        found.append(("never seen", seen(splats, cameras, options.near_clip, options.antialiased)))
+        found.append(("never seen", seen(splats, cameras, drawn.near_clip, drawn.antialiased)))
     if config.floaters:
-        floats = evidence(splats, cameras, options.near_clip, options.antialiased).floats
+        floats = evidence(splats, cameras, drawn.near_clip, drawn.antialiased).floats
         found.append(("floaters", ~floats))
     return found
 
 
-def write_preview(out: Path, before: Splats, after: Splats, data: str | Path | None, options: PictureOptions) -> None:
+def write_preview(out: Path, before: Model, after: Splats, data: str | Path | None, options: PictureOptions) -> None:
     """Both models side by side, from the first test view of the data or a camera that frames the first one."""
-    view = viewpoint(before, data, None, options)
+    view = viewpoint(before.splats, data, None, options, before.drawing)
+    look = view.background, view.near_clip
     pictures = [
-        picture_of(splats, view.background, view.near_clip, antialiased=options.antialiased)(view.camera).color
-        for splats in (before, after)
+        picture_of(splats, *look, antialiased=view.antialiased, linear=view.linear)(view.camera).color
+        for splats in (before.splats, after)
     ]
     write_png(out, np.concatenate(pictures, axis=1))
+
+
+def _write(out: Path, model: Model) -> list[str]:
+    """Write; degrees of single primitives stay theirs where the format has them. Lines about what is lost."""
+    if model.splats.mixed_sh and format_to_write(out) is PLY:
+        write_ply(out, model.splats, "rows", comments_of(model.drawing))
+        return []
+    return write_model(out, model)
 
 
 def _dataset(data: str | Path | None, options: PictureOptions) -> Dataset | None:
@@ -133,13 +151,16 @@ def _dataset(data: str | Path | None, options: PictureOptions) -> Dataset | None
     return load_dataset(data, options.downscale)
 
 
-def _quality(dataset: Dataset, before: Splats, after: Splats, options: PictureOptions) -> tuple[float, float]:
+def _quality(
+    dataset: Dataset, before: Splats, after: Splats, background_name: str, drawn: DrawnAs
+) -> tuple[float, float]:
     """Mean PSNR of two models on the test views, or on all views without a split."""
-    background = background_color(options.background, dataset.has_alpha)
+    background = background_color(background_name, dataset.has_alpha)
     views = dataset.test or dataset.train
 
     def mean(splats: Splats) -> float:
-        picture = picture_of(splats, background, options.near_clip, antialiased=options.antialiased)
+        look = background, drawn.near_clip
+        picture = picture_of(splats, *look, antialiased=drawn.antialiased, linear=drawn.linear)
         found = [psnr(picture(view.camera).color, over_background(view.image, background)) for view in views]
         return float(np.mean(found))
 

@@ -13,6 +13,9 @@ from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.parameters import upload
 from ..export.bake import baked
+from ..formats.read import read_model
+from ..formats.table import format_to_write
+from ..formats.write import write_model
 from ..inspection.unneeded import Unneeded
 from ..measure.metrics import psnr
 from ..render.framing import robust_sphere
@@ -20,11 +23,11 @@ from ..render.picture_options import PictureOptions
 from ..render.render_files import picture_of
 from ..render.vantages import vantage_cameras
 from ..scene.cameras import Camera
-from ..scene.ply import read_ply, write_ply
+from ..scene.drawing import Drawing, drawn_as
 from ..scene.splats import Array, Splats
 from ..scores.weights import weights
 from ..support.errors import DataError
-from ..training.fit import GAINS, Drawing, fit
+from ..training.fit import GAINS, fit
 from ..training.strategy.dog_control import DogRule
 from .merge import merge
 from .simplify_config import SimplifyConfig
@@ -48,6 +51,24 @@ class Simplified:
     merged: float
     fitted: float | None
     """None without a fit"""
+    left_out: list[str]
+    """a line for each thing that the formats have no room for"""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How all pictures are drawn that are compared; colours are those of the model, linear or not."""
+
+    background: float
+    near_clip: float
+    antialiased: bool
+
+    @staticmethod
+    def of(splats: Splats, options: PictureOptions, drawing: Drawing = Drawing()) -> Look:
+        """From near; options come before what the model's file says."""
+        background = {"black": 0.0, "white": 1.0}.get(options.background, GREY)
+        drawn = drawn_as(options.drawing, drawing)
+        return Look(background, min(drawn.near_clip, NEAR * robust_sphere(splats)[1]), drawn.antialiased)
 
 
 def simplify_model(
@@ -60,8 +81,8 @@ def simplify_model(
     """Write a model file with fewer primitives.
 
     Args:
-        model: the model.
-        out: the file to write.
+        model: the model, of any format.
+        out: the file to write, in the format of its name.
         config: how.
         options: how pictures are drawn. A background of ``auto`` or ``random`` is grey, on which all shows.
         show: called with the steps that are done, and how many there are.
@@ -69,48 +90,54 @@ def simplify_model(
     Needs a Mitsuba variant. Raises ``DataError``.
     """
     model, out = Path(model), Path(out)
-    splats = read_ply(model)
+    chosen = format_to_write(out)
+    if config.dog and not chosen.dog:
+        raise DataError("--dog", f"{chosen.name} has no room for DoG", "write a .ply, or leave it out")
+    read = read_model(model)
+    splats = read.splats
     if splats.n_splats == 0:
         raise DataError(model, "the model is empty", "simplify one that has primitives")
     if out.exists() and out.samefile(model):
         raise DataError(out, "is the model itself, which would be lost", "name another file")
     target = config.count(splats.n_splats)
-    drawing = drawing_of(splats, options)
-    others = vantage_cameras(splats, HELD_OUT, config.size, config.seed + 1)
-    truth = rendered(splats, others, drawing)
+    look = Look.of(splats, options, read.drawing)
+    others = cameras_of(splats, config, HELD_OUT, config.seed + 1)
+    truth = rendered(splats, others, look)
 
     def quality(found: Splats) -> float:
-        pairs = zip(rendered(found, others, drawing), truth, strict=True)
+        pairs = zip(rendered(found, others, look), truth, strict=True)
         return float(np.mean([psnr(picture, true) for picture, true in pairs]))
 
-    cameras = vantage_cameras(splats, config.views, config.size, config.seed)
-    start = merged(splats, target, cameras, drawing)
+    cameras = cameras_of(splats, config, config.views, config.seed)
+    start = merged(splats, target, cameras, look)
     if start.n_splats > target:
         raise DataError(model, f"{start.n_splats} primitives could not be merged any further", "use a larger --target")
-    found = fitted(start, splats, cameras, drawing, config, show) if config.steps else start
-    write_ply(out, found)
+    found = fitted(start, splats, cameras, look, config, show) if config.steps else start
+    left_out = [f"{model.name}: {line}" for line in read.left_out]
+    left_out += write_model(out, replace(read, splats=found, drawing=options.drawing.over(read.drawing)))
     after = quality(found) if config.steps else None
-    return Simplified(splats.n_splats, found.n_splats, found.n_dog, len(others), quality(start), after)
+    return Simplified(splats.n_splats, found.n_splats, found.n_dog, len(others), quality(start), after, left_out)
 
 
-def drawing_of(splats: Splats, options: PictureOptions) -> Drawing:
-    """How the pictures of a model are drawn from near."""
-    background = {"black": 0.0, "white": 1.0}.get(options.background, GREY)
-    return Drawing(background, min(options.near_clip, NEAR * robust_sphere(splats)[1]), options.antialiased)
+def cameras_of(splats: Splats, config: SimplifyConfig, n: int, seed: int) -> list[Camera]:
+    """``n`` cameras, of which every third has twice the size: what is fitted at one size alone is worse at others."""
+    width, height = config.size
+    cameras = vantage_cameras(splats, n, config.size, seed)
+    return [camera.resized(2 * width, 2 * height) if k % 3 == 2 else camera for k, camera in enumerate(cameras)]
 
 
-def rendered(splats: Splats, cameras: list[Camera], drawing: Drawing) -> list[Array]:
+def rendered(splats: Splats, cameras: list[Camera], look: Look) -> list[Array]:
     """[H, W, 3] from each camera."""
-    picture = picture_of(splats, drawing.background, drawing.near_clip, antialiased=drawing.antialiased)
+    picture = picture_of(splats, look.background, look.near_clip, antialiased=look.antialiased)
     return [picture(camera).color for camera in cameras]
 
 
-def merged(splats: Splats, target: int, cameras: list[Camera], drawing: Drawing) -> Splats:
+def merged(splats: Splats, target: int, cameras: list[Camera], look: Look) -> Splats:
     """``target`` plain Gaussians, merged by how much of each primitive the cameras see (Σ α T over all pixels)."""
     plain = baked(splats) if splats.n_dog else splats
     needed = Unneeded.of(plain).taken_out(plain).uniform_sh()
-    devices = [DeviceCamera.upload(camera, drawing.near_clip) for camera in cameras]
-    how = RasterOptions(sh_degree=needed.sh_degree, antialiased=drawing.antialiased)
+    devices = [DeviceCamera.upload(camera, look.near_clip) for camera in cameras]
+    how = RasterOptions(sh_degree=needed.sh_degree, antialiased=look.antialiased)
     seen = weights(upload(needed), devices, how).total
     seen = np.maximum(seen, LEAST_WEIGHT * (seen.mean() or 1.0))
     return merge(needed, target, RESOLUTION * robust_sphere(needed)[1], seen)
@@ -120,12 +147,12 @@ def fitted(
     start: Splats,
     splats: Splats,
     cameras: list[Camera],
-    drawing: Drawing,
+    look: Look,
     config: SimplifyConfig,
     show: Callable[[int, int], None] | None = None,
 ) -> Splats:
     """The ``start`` after steps towards pictures of ``splats``; with DoG, if asked for, from half of them on."""
-    pictures = rendered(splats, cameras, drawing)
+    pictures = rendered(splats, cameras, look)
 
     def after(first: int, n: int, model: Splats, gain: float, end: float) -> Splats:
         gains = replace(GAINS, gain=gain, end_gain=end)
@@ -134,7 +161,7 @@ def fitted(
             if show:
                 show(first + step, config.steps)
 
-        return fit(model, cameras, pictures, n, drawing, gains, config.seed, tell)
+        return fit(model, cameras, pictures, n, **vars(look), gains=gains, seed=config.seed, after_step=tell)
 
     if not config.dog:
         return after(0, config.steps, start, GAINS.gain, GAINS.end_gain)

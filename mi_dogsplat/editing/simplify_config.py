@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import Annotated
 
 from ..support.settings import Setting, check_settings, refuse
+from ..training.strategy.scheduler import target_count
+from ..training.target import checked_target, target_bytes
 
 TARGET = "primitives that are left: a ratio (0.1, 10%) or a count (20000)"
 STEPS = "of the fit to renders of the model; 0: merge alone, which takes seconds"
 VIEWS = "renders to fit to, from around the model and from within"
-SIZE = "width and height of these renders, in pixels"
+SIZE = "width and height of these renders, in pixels; every third has twice as many"
 DOG = "end with Differences of Gaussians, fitted in the second half of the steps"
 
 
@@ -19,7 +20,7 @@ DOG = "end with Differences of Gaussians, fitted in the second half of the steps
 class SimplifyConfig:
     """Raises ``DataError`` (a ``ValueError``) that names the flag, its value and what is allowed."""
 
-    target: Annotated[str, Setting(TARGET, "X")] = "10%"
+    target: Annotated[str | float, Setting(TARGET, "X")] = "10%"
     steps: Annotated[int, Setting(STEPS, least=0)] = 2000
     views: Annotated[int, Setting(VIEWS, least=2)] = 96
     size: Annotated[tuple[int, int], Setting(SIZE, "W H")] = (400, 300)
@@ -30,26 +31,22 @@ class SimplifyConfig:
         check_settings(self)
         if min(self.size) < 16:
             refuse("size", f"{self.size[0]} x {self.size[1]} is too small", "use at least 16 x 16")
-        if self._target() is None:
-            refuse("target", f"{self.target} is no target", "use a ratio below 1 (0.1, 10%) or a whole number")
+        self._number()
         if self.dog and self.steps < 2:
             refuse("dog", f"{self.steps} steps fit none", "use --steps 2 or more")
 
     def count(self, n: int) -> int:
         """How many primitives the target is of ``n``. Raises ``DataError`` for none, or not fewer."""
-        number = self._target() or 0
-        count = int(number) if number >= 1 else round(number * n)
-        if count < 1:
-            refuse("target", f"{self.target} of {n} primitives leaves none", "use a larger one")
-        if count >= n:
-            refuse("target", f"{count} primitives are not fewer than the {n} that there are", "use a smaller one")
-        return count
+        try:
+            return target_count(self._number(), n)
+        except ValueError as error:
+            refuse("target", str(error), "use one that leaves some, and fewer than there are")
 
-    def _target(self) -> float | None:
-        """A ratio below 1, or a whole number; None for what is neither."""
-        if not (found := re.fullmatch(r"(\d+\.?\d*|\.\d+)(%?)", str(self.target))):
-            return None
-        number = float(found[1]) / (100 if found[2] else 1)
-        if 0 < number < 1 or (not found[2] and number >= 1 and number.is_integer()):
-            return number
-        return None
+    def _number(self) -> float:
+        """A ratio below 1, or a whole number. Raises ``DataError``."""
+        try:
+            if target_bytes(target := checked_target(self.target)) is None:
+                return float(target)
+        except ValueError:
+            pass
+        refuse("target", f"{self.target} is no target", "use a ratio below 1 (0.1, 10%) or a whole number (20000)")

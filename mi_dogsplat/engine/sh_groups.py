@@ -25,6 +25,17 @@ def padded_rows(coefficients: np.ndarray) -> np.ndarray:
     return np.pad(coefficients, ((0, 0), (0, -k % 4), (0, 0)))
 
 
+def padded_on_device(coefficients: mi.Float, degree: int) -> mi.Float:
+    """The same of a flat array [M, 3/8/15, 3] of a group. Differentiable."""
+    stored, wide = 3 * ((degree + 1) ** 2 - 1), 3 * ROW_COEFFICIENTS[degree]
+    if stored == wide:
+        return coefficients
+    i = dr.arange(mi.UInt32, dr.width(coefficients) // stored * wide)
+    row, column = i // wide, i % wide
+    mode = dr.ReduceMode.NoConflicts
+    return dr.gather(mi.Float, coefficients, dr.fma(row, stored, column), column < stored, mode=mode)
+
+
 def has_groups(params: dict) -> bool:
     """Whether primitives have SH degrees of their own."""
     return any(group.index in params for group in SH.values())
@@ -52,7 +63,7 @@ def evaluate_groups(params: dict, camera: DeviceCamera, degree: int) -> list:
             index, coefficients = params[group.index], params[group.names[0]]
             stride = 3 * ROW_COEFFICIENTS[of_group]
             added = mi.Vector4f(*_of_rows(means, camera, index, coefficients, stride, used), 0)
-            dr.scatter_add(rows, added, index, mode=dr.ReduceMode.NoConflicts)
+            dr.scatter(rows, added, index)
     return read_rows(rows, 4, 3, dr.arange(mi.UInt32, n))
 
 

@@ -71,3 +71,22 @@ def morton_order(means: Array) -> Array:
     bits = (cells.astype(np.int64)[..., None] >> np.arange(MORTON_BITS)) & 1  # [N, 3, MORTON_BITS]
     weights = 1 << (3 * np.arange(MORTON_BITS) + np.arange(3)[:, None])  # [3, MORTON_BITS]
     return np.argsort((bits * weights).sum(axis=(1, 2)), kind="stable")
+
+
+def in_space(splats: Splats) -> Array:
+    """``morton_order`` of a model."""
+    return morton_order(splats.means)
+
+
+def by_color(splats: Splats) -> Array:
+    """Order [N] in which equal SH coefficients, all but the first, follow each other, if they are mostly of a palette.
+
+    A stream of bytes with repetitions compresses them to nothing. Beside that, and else, neighbours in space.
+    """
+    order, n = in_space(splats), splats.n_splats
+    rest = np.ascontiguousarray(splats.sh_coeffs[:, 1:].reshape(n, -1))
+    if not rest.size:
+        return order
+    entries, labels = np.unique(rest, axis=0, return_inverse=True)
+    labels = labels.reshape(n)  # NumPy 2.0 has a column
+    return order if len(entries) > n / 2 else order[np.argsort(labels[order], kind="stable")]

@@ -9,6 +9,7 @@ import numpy as np
 from ..scene.splats import Array
 
 LLOYD_STEPS = 30
+ROWS = 4096  # vectors compared with all entries at a time, which bounds the memory
 BINS = 128  # of the first guess: few, so that each holds enough values for a density
 
 
@@ -41,19 +42,26 @@ def nearest(table: Array, values: Array) -> Array:
     return np.searchsorted((table[1:] + table[:-1]) / 2, values)
 
 
-def palette(vectors: Array, size: int) -> tuple[Array, Array]:
+def palette(vectors: Array, size: int, weights: Array | None = None) -> tuple[Array, Array]:
     """Labels [N] and at most ``size`` centroids float32 [P, D] of vectors [N, D].
+
+    Args:
+        weights: [N] of the vectors in sums of squared errors, positive; None: all alike.
 
     Always the cell with the largest sum of squared errors is cut in two, across the axis along which it is widest, at
     its mean (a tree-structured vector quantiser). It is deterministic, and its work is N D log P.
     """
     values = np.asarray(vectors, np.float64)
+    w = np.ones(len(values)) if weights is None else np.asarray(weights, np.float64)  # [N]
     labels = np.zeros(len(values), np.int64)
     cells: list[tuple[float, int, int, Array]] = []  # (- squared error, label, axis, rows)
 
+    def mean(rows: Array) -> Array:
+        return (w[rows, None] * values[rows]).sum(axis=0) / w[rows].sum()  # [D]
+
     def put(label: int, rows: Array) -> None:
-        inside = values[rows]
-        errors = np.square(inside - inside.mean(axis=0)).sum(axis=0)  # [D]
+        inside, weight = values[rows], w[rows, None]
+        errors = (weight * np.square(inside - mean(rows))).sum(axis=0)  # [D]
         labels[rows] = label
         heapq.heappush(cells, (-float(errors.sum()), label, int(errors.argmax()), rows))
 
@@ -61,12 +69,34 @@ def palette(vectors: Array, size: int) -> tuple[Array, Array]:
         put(0, np.arange(len(values)))
     while cells and len(cells) < size and cells[0][0] < 0:
         _, label, axis, rows = heapq.heappop(cells)
-        low = values[rows, axis] < values[rows, axis].mean()
-        if not low.any():  # rounding: all alike along every axis
+        low = values[rows, axis] < mean(rows)[axis]
+        if low.all() or not low.any():  # rounding: all alike along every axis
             heapq.heappush(cells, (0.0, label, axis, rows))
             continue
         put(label, rows[low])
         put(len(cells), rows[~low])
-    counts = np.bincount(labels, minlength=len(cells))
-    sums = np.stack([np.bincount(labels, column, len(cells)) for column in values.T], axis=1)  # [P, D]
-    return labels, (sums / np.maximum(counts, 1)[:, None]).astype(np.float32)
+    total = np.bincount(labels, w, len(cells))
+    sums = np.stack([np.bincount(labels, w * column, len(cells)) for column in values.T], axis=1)  # [P, D]
+    return labels, (sums / np.where(total > 0, total, 1)[:, None]).astype(np.float32)
+
+
+def lloyd(vectors: Array, entries: Array, weights: Array, rounds: int) -> tuple[Array, Array]:
+    """Labels [N] of the nearest entries and the entries float32 [P, D], after so many rounds of Lloyd's algorithm.
+
+    Args:
+        vectors, weights: as ``palette`` takes them.
+        entries: [P, D] to begin with, as ``palette`` returns them. What is nearest to no vector stays where it is.
+    """
+    for _ in range(rounds):
+        labels = _nearest_entries(vectors, entries)
+        total = np.bincount(labels, weights, len(entries))[:, None]  # [P, 1]
+        sums = np.stack([np.bincount(labels, weights * column, len(entries)) for column in vectors.T], axis=1)
+        entries = np.where(total > 0, sums / np.where(total > 0, total, 1), entries).astype(np.float32)
+    return _nearest_entries(vectors, entries), entries
+
+
+def _nearest_entries(vectors: Array, entries: Array) -> Array:
+    """[N] index of the entry nearest to each vector."""
+    half = np.square(entries).sum(axis=1) / 2  # [P]
+    blocks = (vectors[start : start + ROWS] for start in range(0, len(vectors), ROWS))
+    return np.concatenate([(half - block @ entries.T).argmin(axis=1) for block in blocks])

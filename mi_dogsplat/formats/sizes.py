@@ -6,23 +6,26 @@ compress, and how well depends on the model: their prices are measured, as diffe
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from ..scene.drawing import Drawing, comments_of
 from ..scene.ply import write_ply
 from ..scene.splats import MAX_SH_DEGREE, Splats
-from . import sog, spz
-from .packing import RUB, morton_order, turned
+from .coded import CODED, snapped
+from .model import Model
+from .packing import morton_order
+from .write import write_model
 
+KINDS = ("ply", "spz", "sog")
 FLOAT, INDEX = 4, 4  # bytes
 VERTEX = 17 * FLOAT  # position, normal, constant colour, opacity, scales, rotation
 DOG_ROW = INDEX + 4 * FLOAT
 BLOCK = 1024  # primitives that are neighbours in the order of a file
-BLOCKS = 32  # of them, at most, are encoded to measure prices: for a larger model, spread over it
+BLOCKS = 12  # of them, at most, are encoded to measure prices: for a larger model, spread over it
 
 
 @dataclass(frozen=True)
@@ -42,84 +45,85 @@ class Prices:
         return Prices(self.fixed, tuple(factor * price for price in self.bands), factor * self.dog)
 
 
-def _ply(splats: Splats) -> bytes:
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "model.ply"
-        write_ply(path, splats, "rows")
-        return path.read_bytes()
+@dataclass(frozen=True)
+class FileKind:
+    """A format that a training can end in, of ``KINDS``, and how the file says that its model is drawn."""
+
+    name: str
+    drawing: Drawing = Drawing()
+
+    def encoded(self, splats: Splats) -> bytes:
+        """The file of a model; its primaries alone where the format has no DoG."""
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / f"model.{self.name}"
+            if self.name == "ply":
+                write_ply(path, splats, "rows", comments_of(self.drawing))
+            else:
+                write_model(path, Model(splats.plain().uniform_sh(), self.drawing))
+            return path.read_bytes()
+
+    def size(self, splats: Splats) -> int:
+        """Its bytes."""
+        return len(self.encoded(splats))
+
+    def foreseen(self, splats: Splats) -> Splats:
+        """A model in training as its end will leave it: on the grids of the format (``coded.py``), where it has any."""
+        return snapped(self.name, splats.plain()) if self.name in CODED else splats
 
 
-def _in_order(splats: Splats) -> Splats:
-    """Plain Gaussians of one SH degree, neighbours after neighbours."""
-    plain = splats.plain().uniform_sh()
-    return plain.select(morton_order(plain.means))
-
-
-ENCODERS: dict[str, Callable[[Splats], bytes]] = {
-    "ply": _ply,
-    "spz": lambda splats: spz.encode(turned(_in_order(splats), RUB)),
-    "sog": lambda splats: sog.encode(_in_order(splats)),
-}
-
-
-def encoded(name: str, splats: Splats) -> bytes:
-    """The file of a model in one of ``ENCODERS``; primaries of DoG primitives alone where the format has no DoG."""
-    return ENCODERS[name](splats)
-
-
-def by_part(name: str, splats: Splats) -> dict[str, int]:
+def by_part(kind: FileKind, splats: Splats) -> dict[str, int]:
     """Bytes of the file of a model by what is in it, in order: what each part adds to a file with those before it.
 
     ``primitives``: all but what follows; ``sh1``, ``sh2``, ``sh3``: the bands of that degree; ``dog``. Parts that add
     nothing are left out.
     """
     degrees, flat = splats.sh_degrees, splats.plain()
-    sizes = {"primitives": _size(name, flat.uniform_sh(0))}
+    sizes = {"primitives": kind.size(flat.uniform_sh(0))}
     for degree in range(1, splats.sh_degree + 1):
-        sizes[f"sh{degree}"] = _size(name, flat.with_sh_degrees(np.minimum(degrees, degree)))
+        sizes[f"sh{degree}"] = kind.size(flat.with_sh_degrees(np.minimum(degrees, degree)))
     if splats.n_dog:
-        sizes["dog"] = _size(name, splats)
+        sizes["dog"] = kind.size(splats)
     added = np.diff([0, *sizes.values()]).tolist()
     return {part: size for part, size in zip(sizes, added, strict=True) if size}
 
 
-def prices(name: str, splats: Splats) -> Prices:
+def prices(kind: FileKind, splats: Splats) -> Prices:
     """What the parts of a model cost in a format.
 
     Raises ``ValueError`` for a model without primitives.
     """
     if splats.n_splats == 0:
         raise ValueError("prices: the model is empty")
-    if name == "ply":
+    if kind.name == "ply":
         bands = (VERTEX, *(VERTEX + INDEX + 3 * FLOAT * ((d + 1) ** 2 - 1) for d in range(1, MAX_SH_DEGREE + 1)))
-        return Prices(_size(name, Splats.empty(0)), bands, DOG_ROW)
-    return _measured(name, splats)
+        return Prices(kind.size(Splats.empty(0)), bands, DOG_ROW)
+    return _measured(kind, splats)
 
 
-def _measured(name: str, splats: Splats) -> Prices:
-    """Differences between encodings of a sample.
+def _measured(kind: FileKind, splats: Splats) -> Prices:
+    """Differences between encodings of a sample, on the grids of the format.
 
     A primitive of degree 0: of the sample and of a half of it, all without bands, which leaves the fixed part. A band:
     of the primitives that have it, with and without it, spread over all of them. Where none has it, as the band below.
     """
     sample = _sample(splats)
+
+    def size(splats: Splats) -> int:
+        return kind.size(kind.foreseen(splats))
+
     flat = sample.uniform_sh(0)
-    whole, half = _size(name, flat), _size(name, _half(flat))
+    whole, half = size(flat), size(_half(flat))
     base = max(1.0, (whole - half) / (flat.n_splats - flat.n_splats // 2))
     prices, degrees = [base], sample.sh_degrees
     for degree in range(1, MAX_SH_DEGREE + 1):
         have = sample.select(degrees >= degree)
         added = 0.0
         if have.n_splats:
-            added = (_size(name, have.uniform_sh(degree)) - _size(name, have.uniform_sh(degree - 1))) / have.n_splats
+            added = (size(have.uniform_sh(degree)) - size(have.uniform_sh(degree - 1))) / have.n_splats
         elif degree > 1:
             added = prices[-1] - prices[-2]
         prices.append(prices[-1] + max(0.0, added))
     return Prices(max(0.0, whole - base * flat.n_splats), tuple(prices), 0.0)
-
-
-def _size(name: str, splats: Splats) -> int:
-    return len(encoded(name, splats))
 
 
 def _sample(splats: Splats) -> Splats:

@@ -58,19 +58,22 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
         meta["antialias"] = drawing.antialiased
     if said := drawing.said():
         meta["extras"] = {EXTRAS: said}
-    meta["scales"] = {"codebook": sizes.tolist(), "files": [scales]}
+    meta["scales"] = {"codebook": _short(sizes), "files": [scales]}
     meta["quats"] = {"files": [store("quats.webp", quats)]}
-    meta["sh0"] = {"codebook": dc.tolist(), "files": [store("sh0.webp", sh0)]}
+    meta["sh0"] = {"codebook": _short(dc), "files": [store("sh0.webp", sh0)]}
     if splats.sh_degree:
         rest = splats.sh_coeffs[:, 1:].reshape(n, -1)  # [N, 3 (K - 1)] red, green, blue of one coefficient in turn
         labels, centroids = palette(rest, palette_size(n))
         table = codebook(centroids)
-        rows = math.ceil(len(centroids) / PER_ROW)
+        entries = nearest(table, centroids)  # [P, 3 (K - 1)]
+        order = np.lexsort(entries.T[::-1])  # like ones are neighbours
+        labels = np.argsort(order)[labels]
+        rows = math.ceil(len(entries) / PER_ROW)
         pixels = np.zeros((rows * PER_ROW, rest.shape[1]), np.uint8)
-        pixels[: len(centroids)] = nearest(table, centroids)
+        pixels[: len(entries)] = entries[order]
         files["shN_centroids.webp"] = _webp(pixels.reshape(rows, -1, 3))
         index = store("shN_labels.webp", np.stack([labels & 255, labels >> 8, 0 * labels], axis=1))
-        meta["shN"] = {"count": len(centroids), "bands": splats.sh_degree, "codebook": table.tolist()}
+        meta["shN"] = {"count": len(centroids), "bands": splats.sh_degree, "codebook": _short(table)}
         meta["shN"]["files"] = ["shN_centroids.webp", index]
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as bundle:
@@ -92,6 +95,11 @@ def palette_size(n: int) -> int:
 
 def _bytes(shares: Array) -> Array:
     return np.round(np.clip(shares, 0, 1) * 255).astype(np.uint8)
+
+
+def _short(values: Array) -> list[float]:
+    """float32 as the shortest decimals that are read as the same float32."""
+    return [float(str(value)) for value in values]
 
 
 def _webp(pixels: Array) -> bytes:

@@ -8,11 +8,12 @@ from pathlib import Path
 
 from ..scene.drawing import NAMES, comments_of, drawing_of
 from ..scene.ply import read_ply_and_comments, write_ply
+from ..scene.splats import Array, Splats
 from ..support.errors import DataError
 from ..support.files import replacing
 from . import compressed_ply, gltf, sog, splat, spz
 from .model import Model
-from .packing import LUF, RUB, Turn
+from .packing import LUF, RUB, Turn, by_color, in_space
 
 ALL = frozenset(NAMES)
 
@@ -21,8 +22,8 @@ ALL = frozenset(NAMES)
 class Format:
     """A format; readers and writers have the axes of the file, which ``turn`` takes from those of 3DGS PLY, or back.
 
-    carries: fields of ``Drawing`` that it can say. dog: it holds DoG primitives. sh_degree: the highest that it holds.
-    sorted: neighbours in the file should be neighbours in space.
+    carries: fields of ``Drawing`` that it can say. dog, mixed_sh: it holds DoG primitives, SH degrees of single ones.
+    sh_degree: the highest that it holds. order: in which primitives compress best; None: it does not matter.
     """
 
     name: str
@@ -31,8 +32,9 @@ class Format:
     carries: frozenset[str] = frozenset()
     turn: Turn | None = None
     dog: bool = False
+    mixed_sh: bool = False
     sh_degree: int = 3
-    sorted: bool = False
+    order: Callable[[Splats], Array] | None = None
 
 
 def _read_ply(path: Path) -> Model:
@@ -59,16 +61,18 @@ MIP = frozenset({"antialiased"})
 PLY = Format(
     "PLY",
     _read_ply,
-    lambda path, model: write_ply(path, model.splats, comments=comments_of(model.drawing)),
+    lambda path, model: write_ply(path, model.splats, "rows", comments_of(model.drawing)),
     ALL,
     dog=True,
+    mixed_sh=True,
 )
 COMPRESSED_PLY = Format(
     "compressed PLY",
     compressed_ply.read,
     _written(lambda model: compressed_ply.encode(model.splats, comments_of(model.drawing))),
     ALL,
-    sorted=True,
+    dog=True,
+    order=in_space,
 )
 SPZ = Format(
     "SPZ",
@@ -76,9 +80,9 @@ SPZ = Format(
     _written(lambda model: spz.encode(model.splats, bool(model.drawing.antialiased))),
     MIP,
     RUB,
-    sorted=True,
+    order=by_color,
 )
-SOG = Format("SOG", sog.read, _written(lambda model: sog.encode(model.splats, model.drawing)), ALL, sorted=True)
+SOG = Format("SOG", sog.read, _written(lambda model: sog.encode(model.splats, model.drawing)), ALL, order=in_space)
 GLB = Format("glTF", gltf.read, _written(lambda model: gltf.encode(model.splats, model.drawing)), ALL, LUF)
 GLTF = Format("glTF", gltf.read, _written(lambda model: gltf.encode(model.splats, model.drawing, False)), ALL, LUF)
 SPLAT = Format(".splat", splat.read, _written(lambda model: splat.encode(model.splats)), sh_degree=0)

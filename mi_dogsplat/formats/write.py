@@ -9,20 +9,24 @@ from ..scene.drawing import DrawnAs
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .model import Model
-from .packing import morton_order, turned
+from .packing import turned
 from .spz_container import rewrapped
 from .table import SPZ, Format, format_to_write, write_bytes
 
 SPZ_VERSIONS = (3, 4)  # that are written
 
 
-def write_model(path: str | Path, model: Model | Splats, spz_version: int = SPZ_VERSIONS[0]) -> list[str]:
+def write_model(
+    path: str | Path, model: Model | Splats, spz_version: int = SPZ_VERSIONS[0], sh_rows: bool = False
+) -> list[str]:
     """Write a model in the axes of 3DGS PLY; returns a line for each thing that the format has no room for.
 
     Args:
         path: its end names the format, one of ``FORMATS``.
         model: with how it is to be drawn, or primitives alone.
         spz_version: of an SPZ file, one of ``SPZ_VERSIONS``.
+        sh_rows: keep the SH degrees of single primitives where the format can, the layout "rows" of ``write_ply``; else
+            all get the coefficients of the highest, as all programs read them.
 
     Raises ``DataError`` when the format or place cannot be written, and for DoG primitives where it knows none
     (``export.bake.baked`` makes plain Gaussians of them).
@@ -37,8 +41,10 @@ def write_model(path: str | Path, model: Model | Splats, spz_version: int = SPZ_
     if spz_version not in SPZ_VERSIONS:
         raise DataError(path, f"SPZ {spz_version} is not written", f"use version {' or '.join(map(str, SPZ_VERSIONS))}")
     lost = what_is_lost(chosen, model)
-    if chosen.sorted:
-        splats = splats.select(morton_order(splats.means))
+    if not (sh_rows and chosen.mixed_sh):
+        splats = splats.uniform_sh()
+    if chosen.order:
+        splats = splats.select(chosen.order(splats))
     if chosen.turn:
         splats = turned(splats, chosen.turn)
     chosen.write(path, replace(model, splats=splats))
@@ -57,4 +63,3 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     if model.splats.sh_degree > chosen.sh_degree:
         lost.append(f"{chosen.name} has no view-dependent colour above SH degree {chosen.sh_degree}")
     return lost
-

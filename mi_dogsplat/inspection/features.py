@@ -20,12 +20,14 @@ from ..engine.walks.aovs import WALKED, walked
 from ..plugin.transfer import srgb_to_linear
 from ..scene.splats import MAX_SH_DEGREE, Splats
 from ..support.errors import DataError
-from ..support.wording import count
+from ..support.wording import count, file_size
+from .unneeded import Unneeded, used_sh_degrees
 
 NEEDED, LEFT_OUT, UNUSED = "needed", "left out", "paid, not needed"
 PARAMETERS = 14  # of a Gaussian: centre 3, scales 3, quaternion 4, opacity, colour 3
 DOG_PARAMETERS = 4  # opacity, scales 3
 FLOAT = 4  # bytes, of an index too
+CLEAN = "dogsplat clean takes them out"
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,8 @@ def model_features(parts: list[Splats], negative_transmittance: bool = True) -> 
     pair = pair_operations(Settings(3), False, variant)
     cost = f"each {_size(PARAMETERS)}, {operations_each:.0f} operations; per pixel {_sum(pair)}"
     gaussians = Feature("Gaussians", NEEDED, f"{count(n)} primitives; {cost}")
-    return [gaussians, *_dog_features(parts, negative_transmittance), *_sh_features(parts)]
+    features = [gaussians, *_dog_features(parts, negative_transmittance), *_sh_features(parts)]
+    return features + [Feature(name, UNUSED, f"{rest}; {CLEAN}") for name, rest in _unneeded_rows(parts)]
 
 
 def _dog_features(parts: list[Splats], negative_transmittance: bool) -> list[Feature]:
@@ -76,15 +79,21 @@ def _dog_features(parts: list[Splats], negative_transmittance: bool) -> list[Fea
 
 
 def _sh_features(parts: list[Splats]) -> list[Feature]:
-    stored, used = max(s.sh_degree for s in parts), max(_used_degree(s) for s in parts)
+    stored, used = np.hstack([(s.sh_degrees, used_sh_degrees(s)) for s in parts])  # [N] degree of each primitive
     features = []
     for degree in range(1, MAX_SH_DEGREE + 1):
-        if degree > stored:
-            features.append(Feature(f"SH degree {degree}", LEFT_OUT, f"the model has degree {stored}"))
+        if degree > stored.max(initial=0):
+            reason = f"the model has degree {stored.max(initial=0)}"
+            features.append(Feature(f"SH degree {degree}", LEFT_OUT, reason))
             continue
         with_it, without = (primitive_operations(RasterOptions(d), False, mi.variant()) for d in (degree, degree - 1))
         cost = f"each {_size(3 * (2 * degree + 1))}, {with_it - without:.0f} operations"
-        zero = "" if degree <= used else "all of its coefficients are zero; "
+        zeros = int(((stored >= degree) & (used < degree)).sum())
+        zero, wasted = "", file_size(FLOAT * 3 * (2 * degree + 1) * zeros)
+        if degree > used.max(initial=0):
+            zero = f"all of its coefficients are zero, {wasted}; {CLEAN}; "
+        elif zeros:
+            cost += f"; zero in {count(zeros)} primitives, {wasted}: dogsplat clean --mixed-sh takes them out"
         features.append(Feature(f"SH degree {degree}", UNUSED if zero else NEEDED, zero + cost))
     return features
 
@@ -176,10 +185,10 @@ def splat_scene(path: Path) -> mi.Scene | None:
     return scene if any(isinstance(shape, DogShape) for shape in scene.shapes()) else None
 
 
-def _used_degree(splats: Splats) -> int:
-    """Highest degree with a coefficient that is not zero."""
-    bands = [splats.sh_coeffs[:, degree**2 : (degree + 1) ** 2] for degree in range(splats.sh_degree + 1)]
-    return max((degree for degree, band in enumerate(bands) if band.any()), default=0)
+def _unneeded_rows(parts: list[Splats]) -> list[tuple[str, str]]:
+    """Names of primitives and DoG rows that no picture shows, and how many there are and take how many bytes."""
+    found = [line.partition(": ") for s in parts for line in Unneeded.of(s).described(s)]
+    return [(name, rest) for name, _, rest in found if not name.startswith("zero")]  # bands are lines of their own
 
 
 def _size(parameters: int, indices: int = 0) -> str:

@@ -50,7 +50,7 @@ class Unneeded:
         bands = 3 * FLOAT * ((splats.sh_degrees + 1) ** 2 - 1)  # [N] bytes above the constant band
         kinds = [
             ("invisible primitives", self.invisible, GAUSSIAN + bands),
-            ("faded DoG", self.faded_dog, np.full(splats.n_dog, DOG_ROW)),
+            ("DoG without effect", self.faded_dog, np.full(splats.n_dog, DOG_ROW)),
         ]
         for degree in SH:
             zero = ~self.invisible & (splats.sh_degrees >= degree) & (self.sh_degrees < degree)

@@ -49,7 +49,7 @@ def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None
         splats = transformed(splats, np.array(getattr(to_world, "matrix", to_world), dtype=np.float64))
     drawn = _drawn(splats)
     _report(n_dog, int(np.count_nonzero(~drawn)), splats.n_splats)
-    splats = splats.plain().select(drawn)
+    splats = splats.plain().select(drawn).uniform_sh()
     if splats.n_splats == 0:
         raise ValueError("to_ellipsoids: the model has no primitive that can be seen; Mitsuba needs one")
     return {
@@ -76,7 +76,7 @@ def _splats(model: Splats | str | Path | mi.Shape) -> Splats:
 def _drawn(splats: Splats) -> np.ndarray:
     """[N] whether a primitive shows at all; a positive part may, though its pseudo-Gaussian is broken."""
     finite = np.isfinite(splats.opacities) & (splats.opacities >= MIN_OPACITY)
-    for values in (splats.means, splats.scales, splats.quats, splats.sh_coeffs):
+    for values in (splats.means, splats.scales, splats.quats, splats.uniform_sh().sh_coeffs):
         finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     return finite
 

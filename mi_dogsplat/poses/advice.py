@@ -11,57 +11,83 @@ FEW_MATCHES = 40  # with the image that fits best
 ROTATING, STILL = 0.8, 0.5  # shares of pairs
 EXPLAINED = 0.4  # share of matches
 COMPLETE = 0.9  # share of images with a pose
-LARGE_ERROR = 1.5  # pixels
+LARGE_ERROR = 1.2  # pixels
+NARROW, WIDE = 15, 110  # degrees along the longer side: beyond, few lenses that are no fisheyes are
+
+
+TAKE_MORE = "take more, so that each shows two thirds of what the one before shows"
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What is wrong, and what to do about it."""
+
+    problem: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.problem}; {self.remedy}"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of the model that was kept: ``others`` are the sizes of those that it does not connect to; ``error`` in pixels of
-    the images in which features were sought."""
+    """Of the model that was kept: ``others`` are the numbers of images in those that it does not connect to; ``error``
+    in pixels of the images in which features were sought; ``guessed``: fields of view in degrees, along the longer
+    side, of cameras about whose focal length the files said nothing."""
 
     n_images: int
     n_registered: int
     others: tuple[int, ...]
     error: float
+    guessed: tuple[float, ...] = ()
 
 
-def advice(evidence: Evidence, outcome: Outcome) -> list[str]:
-    """A sentence for each thing that is wrong: what it is, and what to do; the most likely cause first."""
+def hopeless(evidence: Evidence) -> bool:
+    """Whether no model can come of it: nothing fits together, or nothing has a depth."""
+    return evidence.matches < 1 or _turns_only(evidence)
+
+
+def advice_on_capture(evidence: Evidence) -> list[Advice]:
+    """What is wrong with a capture; the most likely cause first."""
     found = []
     if evidence.features < FEW_FEATURES:
-        found.append(
-            f"too few features ({evidence.features:.0f} in an image): surfaces without texture, or images that are "
-            "blurred, dark or small; use sharp images at full size, more light, or put patterned things into the scene"
-        )
+        what = f"too few features ({evidence.features:.0f} in an image)"
+        what += ": surfaces have no texture, or images are blurred, dark or small"
+        found.append(Advice(what, "use sharp images at full size, more light, or put patterned things into the scene"))
     elif evidence.matches < FEW_MATCHES:
-        found.append(
-            f"images hardly overlap ({evidence.matches:.0f} common features with the best neighbour): take more, so "
-            "that each shows two thirds of what the one before shows"
-        )
-    if evidence.n_pairs and evidence.rotating > ROTATING:
-        found.append(
-            f"the camera turns but is not carried ({evidence.rotating:.0%} of the pairs are explained by a rotation): "
-            "no depth can be seen from one place; walk sideways or around the scene"
-        )
+        what = f"images hardly overlap ({evidence.matches:.0f} features in common with the best neighbour)"
+        found.append(Advice(what, TAKE_MORE))
+    if _turns_only(evidence):
+        what = f"the camera turns but is not carried (a rotation explains {evidence.rotating:.0%} of the pairs)"
+        what += ": from one place no depth can be seen"
+        found.append(Advice(what, "walk sideways or around the scene"))
     if evidence.n_pairs and evidence.still > STILL:
-        found.append(
-            f"a part of the image stands still while the rest moves ({evidence.still:.0%} of the pairs): the "
-            "background of a turntable, or a frame; paint it black in --masks"
-        )
+        what = f"a part of the image stands still while the rest moves ({evidence.still:.0%} of the pairs)"
+        what += ": the background of a turntable, or a frame"
+        found.append(Advice(what, "paint it black in --masks"))
     if evidence.n_pairs and evidence.explained < EXPLAINED:
-        found.append(
-            f"much of what is seen moves by itself (one motion explains {evidence.explained:.0%} of the matches): "
-            "mask people, cars or water with --masks, or film when they are away"
-        )
-    if 0 < outcome.n_registered < COMPLETE * outcome.n_images:
-        parts = f", the rest in groups of {', '.join(map(str, outcome.others))}" if outcome.others else ""
-        found.append(
-            f"only {outcome.n_registered} of {outcome.n_images} images have a pose{parts}: take more images between "
-            "those that have one and those that do not, or leave these out"
-        )
-    if outcome.n_registered and outcome.error > LARGE_ERROR:
-        found.append(
-            f"the reprojection error is large ({outcome.error:.2f} px): the lens may be stronger than its model "
-            "(try --lens OPENCV), frames may be blurred, or the camera's shutter rolls (move more slowly)"
-        )
+        what = f"much of what is seen moves by itself (one motion explains {evidence.explained:.0%} of the matches)"
+        found.append(Advice(what, "mask people, cars or water with --masks, or come back when they are away"))
     return found
+
+
+def advice_on_model(outcome: Outcome) -> list[Advice]:
+    """What is wrong with a model."""
+    found = []
+    if outcome.n_registered < COMPLETE * outcome.n_images:
+        what = f"only {outcome.n_registered} of {outcome.n_images} images have a pose"
+        if outcome.others:
+            what += f", others form groups of {', '.join(map(str, outcome.others))}"
+        found.append(Advice(what, "take more images between these and the rest, or leave the rest out"))
+    if outcome.error > LARGE_ERROR:
+        what = f"the reprojection error is large ({outcome.error:.2f} px): the lens bends more than its model does, "
+        what += "images are blurred, or the shutter rolls"
+        found.append(Advice(what, "try --lens OPENCV, or move more slowly"))
+    if unlikely := [angle for angle in outcome.guessed if not NARROW < angle < WIDE]:
+        what = f"a camera comes out {unlikely[0]:.0f}° wide, which is unlikely: its focal length was not to be found"
+        found.append(Advice(what, "take images from more sides, or ones whose EXIF has the focal length"))
+    return found
+
+
+def _turns_only(evidence: Evidence) -> bool:
+    return evidence.n_pairs > 0 and evidence.rotating > ROTATING

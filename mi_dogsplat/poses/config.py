@@ -25,7 +25,7 @@ class PosesConfig:
     frames: Annotated[int | None, Setting(FRAMES, least=2)] = None
     masks: Annotated[str | None, Setting(MASKS, "DIR")] = None
     undistort: Annotated[bool, Setting(UNDISTORT)] = False
-    feature_size: Annotated[int, Setting(SIZE, least=64)] = 1600
+    feature_size: Annotated[int, Setting(SIZE, least=64)] = 2000
     seed: Annotated[int, Setting("seed of every random choice", least=0, most=2**31 - 1)] = 0
     gpu: Annotated[bool, Setting("find and match features on a GPU (needs a pycolmap with CUDA)")] = False
 

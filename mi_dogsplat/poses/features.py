@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..support.cores import usable_cores
+from ..support.errors import DataError
 from .colmap_database import opened
 from .config import PosesConfig
 from .photographs import Photograph
@@ -24,27 +25,38 @@ def extract(
     config: PosesConfig,
     progress: Callable[[int, int], None],
 ) -> None:
-    """Fill the database with cameras, images and features; images that have features are left as they are."""
+    """Fill the database with cameras, images and features; images that have features are left as they are.
+
+    Raises ``DataError`` for an image that pycolmap does not take.
+    """
     cameras = _cameras(pycolmap, database, photographs, config.lens)
-    with opened(pycolmap, database) as content:
-        done = {image.name for image in content.read_all_images() if content.exists_descriptors(image.image_id)}
     options = pycolmap.FeatureExtractionOptions(num_threads=usable_cores(), use_gpu=config.gpu)
     options.max_image_size = config.feature_size
-    reader = pycolmap.ImageReaderOptions(camera_model=config.lens)
-    if masks:
-        reader.mask_path = str(masks)
+    done = _names_with_features(pycolmap, database)
     progress(len(done), len(photographs))
-    for name, camera in cameras.items():
-        missing = [p.name for p in photographs if p.camera == name and p.name not in done]
-        reader.existing_camera_id = camera
+    groups: dict[tuple[str, bool], list[str]] = {}  # pycolmap wants a mask for each image of a call, or none
+    for p in photographs:
+        if p.name not in done:
+            groups.setdefault((p.camera, masks is not None and (masks / f"{p.name}.png").is_file()), []).append(p.name)
+    for (camera, masked), names in groups.items():
+        reader = pycolmap.ImageReaderOptions(camera_model=config.lens, existing_camera_id=cameras[camera])
+        if masked:
+            reader.mask_path = str(masks)
         batch = BATCH * usable_cores()
-        for at in range(0, len(missing), batch):
+        for at in range(0, len(names), batch):
             pycolmap.extract_features(
-                str(database), str(folder), missing[at : at + batch],
+                str(database), str(folder), names[at : at + batch],
                 reader_options=reader, extraction_options=options, device=device(pycolmap, config.gpu),
             )  # fmt: skip
-            done |= set(missing[at : at + batch])
+            done |= set(names[at : at + batch])
             progress(len(done), len(photographs))
+    if left_out := sorted(done - _names_with_features(pycolmap, database)):
+        raise DataError(folder / left_out[0], "pycolmap finds no features in it", "look at the image, or remove it")
+
+
+def _names_with_features(pycolmap: Any, database: Path) -> set[str]:
+    with opened(pycolmap, database) as content:
+        return {image.name for image in content.read_all_images() if content.exists_descriptors(image.image_id)}
 
 
 def device(pycolmap: Any, gpu: bool) -> Any:

@@ -15,11 +15,11 @@ import numpy as np
 
 SMALL = 320  # longest side of the pictures that are compared
 BLOCK = 64  # pixels of a block; a shift is below half of it
-STEP = 0.04  # of the longest side: motion between two frames that are taken
-FAR = 8.0  # pixels: shifts are measured from one frame up to here, so that slow ones are not lost in rounding
+STEP = 0.03  # of the longest side: motion between two frames that are taken
+FAR = 3.0  # pixels: shifts are measured from one frame up to here, so that slow ones are not lost in rounding
 FLAT = 2 / 255  # standard deviation below which a block shows nothing
 CERTAIN = 0.1  # height of a peak that is no noise: of 4,096 random values the highest is about 0.06
-MOST, LEAST = 300, 24
+MOST, LEAST = 300, 60
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,10 +22,10 @@ from ..support.errors import DataError
 from ..support.files import read_json, remove_parts, write_json
 from ..support.locks import locked
 from ..support.resumable import begin
-from .advice import Outcome, advice
+from .advice import TAKE_MORE, Advice, Outcome, advice_on_capture, advice_on_model, hopeless
 from .colmap_database import pycolmap_module
 from .config import FREE, SETTINGS, PosesConfig
-from .evidence import gather
+from .evidence import Evidence, gather
 from .features import extract
 from .frames import CHOICE, take_frames
 from .input import find_photographs, is_video, mask_folder, require_input
@@ -34,12 +33,11 @@ from .mapping import reconstruct
 from .matching import match
 from .output import undistort, write_model
 from .photographs import prepare, prepare_masks
-from .summary import Summary
+from .summary import Summary, camera_line, field_of_view
 from .video import require_av
 
 SUMMARY = "summary.json"
 DATABASE, SECONDS = "work/database.db", "work/seconds.json"
-MORE = "take more images, each of which shows two thirds of what the one before shows"
 Progress = Callable[[str, int, int], None]
 
 
@@ -125,30 +123,39 @@ def _reconstruct(
         extract(pycolmap, database, images, top / "masks" if n_masks else None, photographs, config, progress)
     with stages.of("matching") as progress:
         match(pycolmap, database, not sources, config, progress)
+    evidence = gather(pycolmap, database)
+    if hopeless(evidence):
+        raise _nothing_found(source, evidence)
     with stages.of("mapping") as progress:
         models = reconstruct(pycolmap, database, images, len(photographs), config, progress)
-    evidence = gather(pycolmap, database)
     if not models:
-        reasons = advice(evidence, Outcome(len(photographs), 0, (), 0.0)) or ["no pair of images is a start; " + MORE]
-        problem, remedy = reasons[0].rsplit("; ", 1)
-        raise DataError(source, f"no poses found: {problem}", remedy)
+        raise _nothing_found(source, evidence)
     names = [{image.name for image in model.images.values() if image.has_pose} for model in models]
     others = tuple(n for n in (len(more - names[0]) for more in names[1:]) if n)
     error = float(models[0].compute_mean_reprojection_error())
+    shrunk = min(1.0, config.feature_size / max(max(p.width, p.height) for p in photographs))
+    cameras = [camera for _, camera in sorted(models[0].cameras.items())]
+    guessed = [field_of_view(camera) for camera in cameras if not camera.has_prior_focal_length]
+    outcome = Outcome(len(photographs), len(names[0]), others, error * shrunk, tuple(guessed))
     summary = Summary(
         n_images=len(photographs),
         n_registered=len(names[0]),
         n_points=models[0].num_points3D(),
         error=error,
         observations=float(models[0].compute_mean_observations_per_reg_image()),
-        cameras=[_camera_line(camera) for _, camera in sorted(models[0].cameras.items())],
+        cameras=[camera_line(camera) for camera in cameras],
         n_masks=n_masks,
         without_pose=[p.name for p in photographs if p.name not in names[0]],
-        advice=advice(evidence, Outcome(len(photographs), len(names[0]), others, error)),
+        advice=[str(a) for a in advice_on_capture(evidence) + advice_on_model(outcome)],
         seconds=stages.seconds,
     )
     write_json(out / SUMMARY, dataclasses.asdict(summary))
     write_model(models[0], _model_folder(top))
+
+
+def _nothing_found(source: Path, evidence: Evidence) -> DataError:
+    reason = [*advice_on_capture(evidence), Advice("no two images are far enough apart to begin with", TAKE_MORE)][0]
+    return DataError(source, f"no poses found: {reason.problem}", reason.remedy)
 
 
 def _undistort(pycolmap: Any, top: Path, out: Path, stages: Stages) -> None:
@@ -165,11 +172,3 @@ def _summary(out: Path) -> Summary:
         return Summary(**read_json(out / SUMMARY, remedy))
     except TypeError as error:
         raise DataError(out / SUMMARY, f"is no summary ({error})", remedy) from error
-
-
-def _camera_line(camera: Any) -> str:
-    """``SIMPLE_RADIAL 4032x3024, focal length 3021 px (65° wide), -0.012``."""
-    wide = math.degrees(2 * math.atan(camera.width / 2 / camera.mean_focal_length()))
-    numbers = [f"{camera.params[i]:.3g}" for i in camera.extra_params_idxs()]
-    size = f"{camera.width}x{camera.height}, focal length {camera.mean_focal_length():.0f} px ({wide:.0f}° wide)"
-    return ", ".join([f"{camera.model_name} {size}", *([f"lens {' '.join(numbers)}"] if numbers else [])])

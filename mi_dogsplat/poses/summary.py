@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 from ..support.wording import count, duration
 
@@ -41,3 +43,17 @@ class Summary:
         lines += [f"warning: {sentence}" for sentence in self.advice]
         stages = ", ".join(f"{name} {duration(seconds)}" for name, seconds in self.seconds.items())
         return [*lines, f"time: {stages}"]
+
+
+def camera_line(camera: Any) -> str:
+    """``SIMPLE_RADIAL 4032x3024, focal length 3021 px (67° wide), lens -0.012`` of a camera of pycolmap's."""
+    focal, lens = camera.mean_focal_length(), [f"{camera.params[i]:.3g}" for i in camera.extra_params_idxs()]
+    size = f"{camera.model_name} {camera.width}x{camera.height}"
+    line = f"{size}, focal length {focal:.0f} px ({field_of_view(camera):.0f}° wide)"
+    return line + (f", lens {' '.join(lens)}" if lens else "")
+
+
+def field_of_view(camera: Any) -> float:
+    """Along the longer side, in degrees, by the focal length alone."""
+    half = max(camera.width, camera.height) / 2 / camera.mean_focal_length()
+    return math.degrees(2 * (half if "FISHEYE" in camera.model_name else math.atan(half)))

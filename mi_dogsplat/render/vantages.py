@@ -59,8 +59,8 @@ def cameras_inside(splats: Splats, n: int, size: tuple[int, int], rng: np.random
     means = splats.means.astype(np.float64)
     longest = splats.scales.max(axis=1).astype(np.float64)  # [N]
     steps = rng.normal(size=(TRIALS * n, 3))
-    steps *= (REACH * radius * rng.uniform(size=len(steps)) ** (1 / 3) / np.linalg.norm(steps, axis=1))[:, None]
-    places = centre + steps  # [trials, 3] even in the ball
+    steps *= (REACH * radius * rng.uniform(size=len(steps)) / np.linalg.norm(steps, axis=1))[:, None]
+    places = centre + steps  # [trials, 3] evenly far from the centre: in a ball most places are near its surface
     distances, near = cKDTree(means).query(places, min(SUPPORT, len(means)))
     distances, near = distances.reshape(len(places), -1), near.reshape(len(places), -1)
     clear = (distances - DEVIATIONS * longest[near]).min(axis=1) > CLEARANCE * radius

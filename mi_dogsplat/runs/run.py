@@ -19,6 +19,7 @@ from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_mil
 from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import RECIPE, RENDER_MS, read_run
 from ..report.write import write_report
+from ..scene.drawing import Drawing
 from ..support.errors import DataError
 from ..support.files import PART, is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
@@ -103,7 +104,8 @@ def train(
     """
     out = Path(out)
     if config.model is not None:
-        model_to_prune(config.model, config.target)  # what is wrong with it shows before the data set takes its time
+        # what is wrong with it shows before the data set takes its time
+        model_to_prune(config.model, config.target, config.format)
     dataset = _dataset_of(config)
     trainer = Trainer(config, dataset, recipe)
     if start:
@@ -184,7 +186,8 @@ def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     config = trainer.config
     splats = trainer.optimizer.to_splats()
     splats = splats.select(splats.opacities >= ALPHA_MIN)
-    sizes = write_model_files(out, splats, config)
+    drawing = Drawing(config.antialiased, config.near_clip, linear=False)
+    sizes = write_model_files(out, splats, config, drawing)
     metrics = _measure(trainer, dataset, out) | {
         "n": splats.n_splats,
         "n_dog": splats.n_dog,

@@ -60,14 +60,15 @@ class TableReader:
     def fail(self, problem: str, remedy: str = _DAMAGED) -> NoReturn:
         raise DataError(self.path, problem, remedy)
 
-    def tables(self, wanted: set[str]) -> dict[str, Array]:
+    def tables(self, wanted: set[str], trailer: bool = False) -> dict[str, Array]:
         """Those elements of ``wanted`` that exist, as structured arrays [count].
 
         Data after the last wanted element is not read, but when every element has a fixed size the file must
-        end where the last one does: a damaged count would otherwise go unnoticed.
+        end where the last one does: a damaged count would otherwise go unnoticed. With ``trailer`` something may
+        follow in a binary file, for ``trailer()``.
         """
         file_format, elements = self._header()
-        last = max((i for i, e in enumerate(elements) if e.name in wanted), default=-1)
+        last = max((i for i, e in enumerate(elements) if trailer or e.name in wanted), default=-1)
         for element in elements[: last + 1]:
             if element.has_list:
                 self.fail(f"element {_quote(element.name)} has a list property", NOT_3DGS)
@@ -81,9 +82,13 @@ class TableReader:
             self.fail(f"the header promises {promise} = {need} bytes or more, but only {left} bytes follow")
         if file_format == "ascii":
             return self._ascii(fixed, wanted, all_fixed)
-        if all_fixed and need < left:
+        if all_fixed and need < left and not trailer:
             self.fail(f"{left - need} bytes of data are left over after the last element")
         return self._binary(elements[: last + 1], wanted, _BYTE_ORDERS[file_format])
+
+    def trailer(self) -> bytes:
+        """What follows the last element, once the tables are read."""
+        return self.file.read()
 
     def columns(self, table: Array, element: str, names: tuple[str, ...]) -> Array:
         """Columns of a table by name as float32 [count, len(names)], all of them there and finite."""

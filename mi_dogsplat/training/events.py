@@ -137,3 +137,12 @@ class DogActivated(Event):
     columns = MappingProxyType({"psnr_before": "psnr_before"})
     count: int
     psnr_before: float | None = None
+
+
+@dataclass(frozen=True)
+class Quantised(Event):
+    """The model became what its file holds; ``entries`` of the palette."""
+
+    kind, words = "quantised", "quantised for {format}: palette of {entries}"
+    format: str
+    entries: int

@@ -7,6 +7,7 @@ stand in for others, as without DoG, or with fewer primitives.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import drjit as dr
@@ -26,15 +27,21 @@ from .photographs import Photographs
 GAINS = Refinement(start=0, gain=2.0, end_gain=0.1, means_gain=4.0)  # on the step sizes of 3DGS
 
 
+@dataclass(frozen=True)
+class Drawing:
+    """How the pictures show the model."""
+
+    background: float = 0.0  # grey level, 0..1
+    near_clip: float = 0.2  # world units
+    antialiased: bool = False
+
+
 def fit(
     splats: Splats,
     cameras: Sequence[Camera],
     pictures: Sequence[Array],
     steps: int,
-    *,
-    background: float = 0.0,
-    near_clip: float = 0.2,
-    antialiased: bool = False,
+    drawing: Drawing = Drawing(),
     gains: Refinement = GAINS,
     seed: int = 0,
     after_step: Callable[[int, float], None] | None = None,
@@ -45,9 +52,7 @@ def fit(
         splats: the start, of N >= 1 primitives; DoG rows are fitted along.
         cameras, pictures: as many of each, [H, W, 3] display-referred, seen in a random order, turn by turn.
         steps: of one picture each.
-        background: grey level behind the model in the pictures, 0..1.
-        near_clip: with which they were drawn, world units.
-        antialiased: whether opacities were compensated for the low-pass filter (``RasterOptions``).
+        drawing: how the pictures were drawn.
         gains: factors on the step sizes, as after pruning (``Refinement``), over ``steps``.
         seed: of the order.
         after_step: called with the number of steps done and the loss, for which it waits.
@@ -64,9 +69,9 @@ def fit(
     dataset = Dataset(Path(), views, [], *no_points(), has_alpha=False)
     memory = budget(None, dataset, splats.sh_degree)
     keep_targets = memory is None or memory.keep_targets
-    shown = Photographs(dataset, background, near_clip, keep_targets=keep_targets)
+    shown = Photographs(dataset, drawing.background, drawing.near_clip, keep_targets=keep_targets)
     optimizer = SplatOptimizer(splats, LearningRates(camera_extent(views), steps, refinement=gains))
-    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased)
+    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=drawing.antialiased)
     order: list[int] = []
     rng = np.random.default_rng(seed)
     for step in range(steps):

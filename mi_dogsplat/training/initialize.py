@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from ..datasets import Dataset
 from ..formats.read import read_model
-from ..formats.sizes import encoded
+from ..formats.sizes import FileKind
 from ..scene.cameras import Camera
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
@@ -121,7 +121,7 @@ def model_to_prune(path: str, target: float | str, format: str = "ply") -> Splat
     try:
         if (most := target_bytes(target)) is None:
             target_count(float(target), splats.n_splats)
-        elif (size := len(encoded(format, splats))) <= most:
+        elif (size := (kind := FileKind(format)).size(kind.foreseen(splats))) <= most:
             raise ValueError(f"{target} is not below the {file_size(size)} that the model takes as {format}")
     except ValueError as error:
         raise DataError("--target", str(error), f"choose another one for {path}") from None

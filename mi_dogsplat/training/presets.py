@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..formats.sizes import FileKind
 from ..scores.score import Score, ScoreRule
 from .learning_rates import Refinement
 from .milestones import scaled_milestone
@@ -17,6 +18,7 @@ from .strategy.compaction import Compaction
 from .strategy.densify import Densification
 from .strategy.dog_control import DogActivation, DogControl, DogRule
 from .strategy.prune import Pruning
+from .strategy.quantise import Quantisation
 from .strategy.scheduler import PruningRule
 from .strategy.sh_ramp import ShRamp
 from .strategy.sieve import Sieve
@@ -40,6 +42,7 @@ class Recipe:
     refinement: Refinement | None = None  # larger step sizes from some step on
     first_step: int = 0  # of the schedule, where training starts: later for a model that exists
     also: tuple[Strategy[Any], ...] = ()  # of your own, between the control of density and pruning
+    quantisation: Quantisation | None = None  # of the last part, for a file that is no PLY
     start_share: float | None = None  # of the target, a count, that training starts with at most: for one that grows
 
     def __post_init__(self) -> None:
@@ -63,6 +66,10 @@ class Recipe:
             **milestones,
         )
 
+    def for_format(self, name: str) -> Recipe:
+        """The recipe of a model that ends in a file of that format: only PLY holds DoG, and numbers as they are."""
+        return self if name == "ply" else replace(self, dog=None, quantisation=Quantisation(name))
+
     def from_pruning(self) -> Recipe:
         """What is left of the recipe for a model that exists: from the first check on, without densification.
 
@@ -81,12 +88,12 @@ class Recipe:
             first_step=start,
         )
 
-    def strategies(self, sieve: Sieve, size: tuple[int, str] | None = None) -> list[Strategy[Any]]:
+    def strategies(self, sieve: Sieve, size: tuple[int, FileKind] | None = None) -> list[Strategy[Any]]:
         """The parts of the training, in the order in which they act.
 
         Args:
             sieve: what leaves without being pruned.
-            size: bytes of the file to end with, and its format; None: a number of primitives.
+            size: bytes of the file to end with, and what kind of file; None: a number of primitives.
 
         Raises ``ValueError`` where two of them have one name.
         """
@@ -97,6 +104,7 @@ class Recipe:
         elif self.pruning and self.score:
             parts += [Pruning(self.pruning, self.score)]
         parts += [DogActivation(self.dog)] if self.dog else []
+        parts += [self.quantisation] if self.quantisation else []
         names = [part.name for part in parts]
         if twice := [name for name in names if names.count(name) > 1]:
             raise ValueError(f'Recipe: two strategies have the name "{twice[0]}"')

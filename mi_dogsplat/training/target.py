@@ -26,7 +26,7 @@ def checked_target(target: float | str) -> float | str:
         number = number / 100 if number < 100 else 0.0
     if 0 < number < 1 or (number >= 1 and number.is_integer()):  # NaN is neither
         return number
-    raise ValueError(f'"{text}" is no target')
+    raise ValueError(f"{text} is no target")
 
 
 def target_bytes(target: float | str) -> int | None:

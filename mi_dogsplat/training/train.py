@@ -23,8 +23,10 @@ from ..datasets.dataset import View, camera_extent
 from ..engine.arrays import array_types
 from ..engine.options import RasterOptions
 from ..engine.rasterize import Frame, rasterize
+from ..formats.sizes import FileKind
 from ..measure.metrics import flip, psnr
 from ..render.picture import Picture, background_color, over_background, render_picture
+from ..scene.drawing import Drawing
 from ..scores.score import Score
 from .config import TrainConfig
 from .events import Event
@@ -51,9 +53,7 @@ class Trainer:
 
     def __init__(self, config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None):
         self.config, self.dataset = config, dataset
-        recipe = recipe or RECIPES[config.preset]
-        if config.format != "ply":
-            recipe = replace(recipe, dog=None)  # which no other format holds
+        recipe = (recipe or RECIPES[config.preset]).for_format(config.format)
         bounds = {"max_primitives": config.max_primitives, "max_world_scale": config.max_world_scale}
         density = replace(recipe.densification, **bounds, batch_views=config.batch_views)
         recipe = replace(recipe, densification=density)
@@ -82,7 +82,8 @@ class Trainer:
         self.order: list[int] = []  # of the views that are still to come in this turn, from its end
         self.losses = LossMeans()
         self.sieve = Sieve(config.near_zone)
-        size = None if config.target_bytes is None else (config.target_bytes, config.format)
+        kind = FileKind(config.format, Drawing(config.antialiased, config.near_clip, linear=False))
+        size = None if config.target_bytes is None else (config.target_bytes, kind)
         self.strategies = self.recipe.strategies(self.sieve, size)
         self.states: dict[str, Any] = {strategy.name: strategy.new_state(self) for strategy in self.strategies}
         self.optimizer.followers += [partial(s.rearranged, state) for s, state in self._parts()]

@@ -61,7 +61,7 @@ class Drawing:
     def replace(self, splats: Splats) -> None:
         """Draw another model from now on."""
         self.splats = splats
-        self._params: dict[str, dict] = {}
+        self._params: dict[str, tuple[dict, int]] = {}  # and the SH degree of the part
 
     @property
     def choices(self) -> list[str]:
@@ -95,10 +95,12 @@ class Drawing:
     def _render(self, part: str, camera: Camera, settings: Settings) -> Array:
         """[H, W, 3] in 0..1."""
         if part not in self._params:
-            self._params[part] = upload(PARTS[part](self.splats))
-        options = RasterOptions(min(settings.sh_degree, self.splats.sh_degree), antialiased=self.antialiased)
+            splats = PARTS[part](self.splats)
+            self._params[part] = upload(splats), splats.sh_degree
+        params, degree = self._params[part]
+        options = RasterOptions(min(settings.sh_degree, degree), antialiased=self.antialiased)
         how = settings.background, self.near_clip
-        return render_picture(self._params[part], camera, options, *how, linear=self.linear).color
+        return render_picture(params, camera, options, *how, linear=self.linear).color
 
 
 def nearest_view(views: Sequence[View], camera: Camera) -> View:

@@ -47,7 +47,8 @@ def test_candidates_are_the_nearest():
 @pytest.mark.parametrize("most", [1, 7, 20])
 def test_the_cheapest_pairs_are_chosen_each_end_once(most):
     """Oracle: again and again the cheapest pair of those whose ends are both left."""
-    first, second, costs = candidate_pairs(Clusters.of(splats(40)), RESOLUTION)
+    all_first, all_second, costs = candidate_pairs(Clusters.of(splats(40)), RESOLUTION)
+    first, second = all_first.tolist(), all_second.tolist()
     left, expected = set(range(40)), []
     while len(expected) < most:
         free = [p for p in range(len(costs)) if {first[p], second[p]} <= left]
@@ -55,7 +56,7 @@ def test_the_cheapest_pairs_are_chosen_each_end_once(most):
             break
         expected.append(min(free, key=lambda p: costs[p]))
         left -= {first[expected[-1]], second[expected[-1]]}
-    assert cheapest_disjoint(first, second, costs, most).tolist() == expected
+    assert cheapest_disjoint(all_first, all_second, costs, most).tolist() == expected
     assert len(expected) >= min(most, 13)
 
 
@@ -64,7 +65,7 @@ def test_of_equal_costs_the_first_pair_is_taken():
     assert cheapest_disjoint(first, second, np.ones(3), 3).tolist() == [0]
 
 
-def test_the_cost_bounds_the_divergence_from_below_and_above():
+def test_the_cost_is_above_the_divergence():
     """Oracle: the Kullback-Leibler divergence of the mixture from its merged Gaussian, by quadrature along a line."""
     x = np.linspace(-12, 12, 4001)
 
@@ -78,9 +79,7 @@ def test_the_cost_bounds_the_divergence_from_below_and_above():
         mean = (1 - weight) * distance
         mixture = weight * bump(0, 1) + (1 - weight) * bump(distance, 1)
         one = bump(mean, np.sqrt(1 + weight * (1 - weight) * distance**2))
-        divergence = np.trapezoid(mixture * np.log(mixture / one), x) if hasattr(np, "trapezoid") else None
-        if divergence is None:  # NumPy below 2
-            divergence = np.trapz(mixture * np.log(mixture / one), x)
+        divergence = (mixture * np.log(mixture / one)).sum() * (x[1] - x[0])
         assert 0 < divergence < cost
 
 
@@ -137,6 +136,7 @@ def test_colours_do_not_bleed_over_an_edge():
 
 def test_what_is_seen_more_stays_finer():
     x = np.linspace(-1, 1, 200)
-    line = rounded(make_splats(np.stack([x, 0 * x, 0 * x], 1), 0.01, 0.9, np.random.default_rng(0).uniform(size=(200, 3))))
+    colors = np.random.default_rng(0).uniform(size=(200, 3))
+    line = rounded(make_splats(np.stack([x, 0 * x, 0 * x], 1), 0.01, 0.9, colors))
     few = merge(line, 40, RESOLUTION, np.where(x < 0, 100.0, 1.0))
     assert (few.means[:, 0] < 0).sum() > 3 * (few.means[:, 0] > 0).sum()

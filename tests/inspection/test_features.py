@@ -266,3 +266,25 @@ def test_what_cannot_be_listed_is_one_line(tmp_path):
         with pytest.raises(DataError, match=words) as caught:
             describe_features(path)
         assert "\n" not in str(caught.value)
+
+
+def test_what_no_picture_shows_is_named_with_its_number_and_bytes(tmp_path):
+    splats = model(degree=2, dog_share=0.5)
+    splats.logit_opacities[:] = 1
+    splats.logit_opacities[:7] = -9
+    splats.dog_logit_opacities[-3:] = -40
+    splats.sh_coeffs[10:20, 4:] = 0
+    write_ply(tmp_path / "m.ply", splats)
+    found = read(describe_features(tmp_path / "m.ply"))
+    assert found["invisible primitives"] == ("paid, not needed", "7, 1.06 kB; dogsplat clean takes them out")
+    assert found["DoG without effect"] == ("paid, not needed", "3, 60 bytes; dogsplat clean takes them out")
+    state, reason = found["SH degree 2"]
+    assert state == "needed" and "zero in 10 primitives, 600 bytes: dogsplat clean --mixed-sh" in reason
+    assert "zero" not in found["SH degree 1"][1]
+
+
+def test_a_mixed_model_uses_the_degrees_of_its_groups():
+    degrees = np.arange(40) % 3
+    features = {f.name: f for f in model_features([model(degree=2).with_sh_degrees(degrees)])}
+    assert [features[f"SH degree {d}"].state for d in (1, 2, 3)] == ["needed", "needed", "left out"]
+    assert "zero" not in features["SH degree 1"].reason

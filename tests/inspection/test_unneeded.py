@@ -110,7 +110,7 @@ def test_each_kind_is_named_with_its_number_and_bytes():
     found = Unneeded.of(splats)
     assert found.described(splats) == [
         f"invisible primitives: 16, {16 * (14 + 24) * 4 / 1000:.3g} kB",
-        f"faded DoG: {found.faded_dog.sum()}, {found.faded_dog.sum() * 20} bytes",
+        f"DoG without effect: {found.faded_dog.sum()}, {found.faded_dog.sum() * 20} bytes",
         f"zero bands of SH degree 2: 64, {64 * 15 * 4 / 1000:.3g} kB",
     ]
     lean = found.taken_out(splats)

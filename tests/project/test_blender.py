@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mi_dogsplat import Drawing, Model, read_model, write_model
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
@@ -66,6 +67,10 @@ def references(tmp_path_factory) -> Path:
     dog = rounded(random_splats(150, seed=3))
     reference(folder, "dog", dog, camera)
     reference(folder, "plain", dog.plain(), camera)
+    for suffix in (".spz", ".glb", ".sog", ".splat", ".compressed.ply"):
+        write_model(folder / f"plain{suffix}", Model(dog.plain(), Drawing(antialiased=True)))
+    write_model(folder / "says.ply", Model(dog, Drawing(True, 0.05, False, "-y", 2.0)))
+    np.savez(folder / "spz.npz", **vars(read_model(folder / "plain.spz").splats))
     reference(folder, "square", dog, square_camera(96, 64, 90.0))
     if SHARED.is_dir():
         playbot = read_ply(SHARED / "models" / "playbot_lod2_sh2.ply")

@@ -42,6 +42,7 @@ SHORT = {
 RUN_ELSEWHERE = {
     **{"ablate": "test_ablate.py", "check": "test_check.py", "compare": "test_compare.py", "view": "test_viewer.py"},
     "--resume": "test_resume.py",
+    **{word: "test_poses.py" for word in ("poses", "pictures/", "walk.mp4", "posed/")},
 }
 PARSER = build_parser({name: "" for name in COMMANDS})
 CAPTURED = ("sensors", "cameras.json")  # --path of views that are given, which know no --views

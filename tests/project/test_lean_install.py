@@ -16,15 +16,16 @@ from PIL import Image
 
 ROOT = Path(__file__).parents[2]
 MODULES = {"pillow": "PIL", "zstandard": "zstandard", "flip-evaluator": "flip_evaluator"}
-MODULES |= {name: name for name in ("av", "scipy", "tqdm", "viser", "jinja2", "markupsafe", "filelock", "psutil")}
+MODULES |= {name: name for name in ("scipy", "tqdm", "viser", "jinja2", "markupsafe", "filelock", "psutil")}
+MODULES |= {name: name for name in ("pycolmap", "av")}
 HIDDEN = sorted(MODULES.values())
 
-WITHOUT_EXTRAS = f"""
+WITHOUT = """
 import sys
 
 class Missing:
     def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in {HIDDEN}:
+        if name.split(".")[0] in {hidden}:
             raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 
 sys.meta_path.insert(0, Missing())
@@ -42,9 +43,9 @@ assert image.shape == (12, 16, 3) and image.max() > 0.1
 """
 
 
-def core(code: str, *argv) -> subprocess.CompletedProcess:
-    """Run Python as if only the core was installed."""
-    command = [sys.executable, "-W", "error", "-c", WITHOUT_EXTRAS + code, *map(str, argv)]
+def core(code: str, *argv, hidden: list[str] = HIDDEN) -> subprocess.CompletedProcess:
+    """Run Python as if only the core was installed, or all but what is hidden."""
+    command = [sys.executable, "-W", "error", "-c", WITHOUT.format(hidden=hidden) + code, *map(str, argv)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
 
 
@@ -139,6 +140,21 @@ def test_a_missing_extra_is_one_line_that_says_what_to_install(model, tmp_path, 
     extra = argv[0] if argv[0] in ("export", "film", "view") else "train"
     assert re.fullmatch(rf"dogsplat: this needs the package \w+: pip install 'mi_dogsplat\[{extra}\]'\n", done.stderr)
     assert not list(tmp_path.glob("out*"))
+
+
+@pytest.mark.parametrize("argv", [["poses", "{data}"], ["train", "{data}"], ["poses", "{video}"]], ids=lambda a: a[0])
+def test_without_the_extra_poses_only_what_needs_it_is_refused(tmp_path, argv):
+    data, video = tmp_path / "pictures", tmp_path / "walk.mp4"
+    data.mkdir()
+    for k in range(2):
+        Image.new("RGB", (8, 8)).save(data / f"{k}.png")
+    video.write_bytes(b"")
+    hidden = ["av"] if argv[1] == "{video}" else ["pycolmap"]
+    command = [word.format(data=data, video=video) for word in argv] + ["-o", str(tmp_path / "out")]
+    done = core(COMMAND, *command, hidden=hidden)
+    line = f"dogsplat: this needs the package {hidden[0]}: pip install 'mi_dogsplat[poses]'\n"
+    assert done.returncode == 2 and done.stderr == line, done
+    assert not list((tmp_path / "out").rglob("*.json"))
 
 
 POSIX = {"fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "posix", "syslog"}  # modules that Windows lacks

@@ -1,7 +1,6 @@
 """A model fitted to pictures from given cameras: it comes nearer to them, as they were drawn, and forgets nothing."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,19 +9,18 @@ from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.training.fit import fit
+from mi_dogsplat.training.fit import Drawing, fit
 
 CAMERAS = tiny_data.cameras(4)
-PLAIN = {"background": 0.0, "near_clip": 0.2, "antialiased": False}
-OTHER = {"background": 1.0, "near_clip": 0.05, "antialiased": True}
+PLAIN = Drawing()
 
 
-def pictures(splats: Splats, drawing: dict[str, Any] = PLAIN) -> list[np.ndarray]:
-    options, params = RasterOptions(sh_degree=splats.sh_degree, antialiased=drawing["antialiased"]), upload(splats)
-    return [render_picture(params, c, options, drawing["background"], drawing["near_clip"]).color for c in CAMERAS]
+def pictures(splats: Splats, drawing: Drawing = PLAIN) -> list[np.ndarray]:
+    options, params = RasterOptions(sh_degree=splats.sh_degree, antialiased=drawing.antialiased), upload(splats)
+    return [render_picture(params, c, options, drawing.background, drawing.near_clip).color for c in CAMERAS]
 
 
-def error(splats: Splats, truth: list[np.ndarray], drawing: dict[str, Any] = PLAIN) -> float:
+def error(splats: Splats, truth: list[np.ndarray], drawing: Drawing = PLAIN) -> float:
     return float(np.mean([np.square(a - b).mean() for a, b in zip(pictures(splats, drawing), truth, strict=True)]))
 
 
@@ -36,11 +34,11 @@ def disturbed(splats: Splats) -> Splats:
     )
 
 
-@pytest.mark.parametrize("drawing", [PLAIN, OTHER])
+@pytest.mark.parametrize("drawing", [PLAIN, Drawing(1.0, 0.05, True)])
 @pytest.mark.parametrize("truth", [tiny_data.truth(), tiny_data.dog_model()], ids=["plain", "DoG"])
 def test_a_disturbed_model_comes_back_to_its_pictures(truth, drawing):
     images, start, losses = pictures(truth, drawing), disturbed(truth), []
-    found = fit(start, CAMERAS, images, 150, **drawing, after_step=lambda _, loss: losses.append(loss))
+    found = fit(start, CAMERAS, images, 150, drawing, after_step=lambda _, loss: losses.append(loss))
     assert error(found, images, drawing) < 0.2 * error(start, images, drawing)
     assert len(losses) == 150 and np.mean(losses[-20:]) < 0.5 * np.mean(losses[:20])
     assert found.n_splats == truth.n_splats and np.array_equal(found.dog_index, truth.dog_index)
@@ -49,17 +47,17 @@ def test_a_disturbed_model_comes_back_to_its_pictures(truth, drawing):
 
 def test_the_drawing_is_that_of_the_pictures():
     """What shows its own pictures has no loss at its first step; drawn in another way it has."""
-    truth, drawing = tiny_data.truth(), OTHER | {"near_clip": 2.9}
+    truth, drawing = tiny_data.truth(), Drawing(1.0, 2.9, True)
     images = pictures(truth, drawing)
 
-    def first_loss(how: dict[str, Any]) -> float:
+    def first_loss(how: Drawing) -> float:
         losses = []
-        fit(truth, CAMERAS, images, 1, **how, after_step=lambda _, loss: losses.append(loss))
+        fit(truth, CAMERAS, images, 1, how, after_step=lambda _, loss: losses.append(loss))
         return losses[0]
 
     assert first_loss(drawing) < 1e-4
     for change in ({"background": 0.0}, {"near_clip": 0.1}, {"antialiased": False}):
-        assert first_loss(drawing | change) > 1e-3, change
+        assert first_loss(replace(drawing, **change)) > 1e-3, change
 
 
 def test_a_fit_is_the_same_again_and_leaves_its_start_alone(ordered):

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...engine.geometry import Cutoffs
-from ...formats.sizes import encoded, prices
+from ...formats.sizes import FileKind, prices
 from ...scene.row_groups import DOG
 from ...scene.splats import Splats
 from ...support.errors import DataError
@@ -25,6 +25,7 @@ from .scheduler import Progress, PruningRule, PruningScheduler
 from .strategy import Strategy, Training
 
 ATTEMPTS = 12  # to meet a size
+FULL = 0.98  # of what a file may have
 
 
 @dataclass
@@ -36,11 +37,11 @@ class Compacted(Progress):
 
 @dataclass(frozen=True)
 class Compaction(Strategy[Compacted]):
-    """The window of a run that ends with a file of ``size`` bytes, in a format of ``formats/sizes.py``."""
+    """The window of a run that ends with a file of ``size`` bytes."""
 
     rule: PruningRule
     size: int
-    format: str
+    kind: FileKind
 
     def new_state(self, t: Training) -> Compacted:
         return Compacted()
@@ -57,10 +58,11 @@ class Compaction(Strategy[Compacted]):
         if not self.due(t, state):
             return []
         splats = t.optimizer.to_splats()
-        size = len(encoded(self.format, splats))
+        size = self.kind.size(self.kind.foreseen(splats))
         if self._settles(t, state):
             state.settled = True
-            return self._divide(t, splats, size, self.size, "the rest of the run refines") if size > self.size else []
+            reason = "the rest of the run refines"
+            return self._divide(t, splats, size, self.size, reason, t.training_l1()) if size > self.size else []
         scheduler = PruningScheduler(self.rule, state)
         if size <= self.size and not state.begun:
             state.finished = True
@@ -73,46 +75,62 @@ class Compaction(Strategy[Compacted]):
             return [Refined(decision.reason, measured)]
         return self._divide(t, splats, size, decision.keep, decision.reason, measured)
 
+    def end(self, t: Training, state: Compacted) -> list[Event]:
+        """Leave out what can never be seen and, where the file is too large, what the model can do without best.
+
+        Numbers are on the grids of the file by now: primitives go, and none changes.
+        """
+        t.optimizer.keep(np.flatnonzero(t.optimizer.to_splats().opacities >= Cutoffs().alpha))
+        splats = t.optimizer.to_splats()
+        size = self.kind.size(splats)
+        if size <= self.size:
+            return []
+        return self._divide(t, splats, size, self.size, "the file has its size", t.training_l1(), ended=True)
+
     def _settles(self, t: Training, state: Compacted) -> bool:
         return state.finished and not state.settled and 2 * t.step_count >= t.steps + self.rule.stop
 
     def _divide(
-        self, t: Training, splats: Splats, size: int, budget: int, reason: str, l1: float | None = None
+        self, t: Training, splats: Splats, size: int, budget: int, reason: str, l1: float, ended: bool = False
     ) -> list[Event]:
-        l1 = t.training_l1() if l1 is None else l1
-        model, kept, after = self._fitting(splats, size, budget, Options.of(t, splats))
+        """Give the model what gains most within ``budget``; ``size`` are the bytes of its file as it is."""
+        options = Options.of(t, splats)
+        if ended and self.kind.name != "ply":
+            options = options.of_whole_primitives()
+        model, kept, after = self._fitting(splats, size, budget, options, ended)
         take(t.optimizer, model, kept)
-        degrees = tuple(np.bincount(model.sh_degrees, minlength=4).tolist())
-        allocated = Allocated(after, budget, degrees, model.n_dog)
+        allocated = Allocated(after, budget, tuple(np.bincount(model.sh_degrees, minlength=4).tolist()), model.n_dog)
         return [Pruned(splats.n_splats, model.n_splats, reason, l1), allocated]
 
-    def end(self, t: Training, state: Compacted) -> list[Event]:
-        """Leave out what can never be seen and, where the file is too large, what the model can do without best."""
-        t.optimizer.keep(np.flatnonzero(t.optimizer.to_splats().opacities >= Cutoffs().alpha))
-        splats = t.optimizer.to_splats()
-        size = len(encoded(self.format, splats))
-        return self._divide(t, splats, size, self.size, "the file has its size") if size > self.size else []
+    def _fitting(
+        self, splats: Splats, size: int, budget: int, options: Options, ended: bool
+    ) -> tuple[Splats, np.ndarray, int]:
+        """(model of a choice whose file has at most ``budget`` bytes, its rows, the bytes).
 
-    def _fitting(self, splats: Splats, size: int, budget: int, options: Options) -> tuple[Splats, np.ndarray, int]:
-        """(model of a choice whose file has at most ``budget`` bytes, its rows, the bytes); ``size``: of all of it now.
-
-        Prices are estimates: what a file has too much comes off the next attempt, and a little more each time, but no
-        more than a half of what the primitives may take.
-        Raises ``DataError`` where nothing fits.
+        Prices are estimates. What a file has too much, or has room for, changes the budget of the next attempt, until
+        it is full. Raises ``DataError`` where nothing fits.
         """
-        known = prices(self.format, splats)
+        known = prices(self.kind, splats)
         known = known.scaled((size - known.fixed) / (known.of(splats) - known.fixed))
-        wanted = float(budget)
-        for attempt in range(ATTEMPTS):
-            chosen = options.chosen(known, wanted)
-            if not len(chosen.kept):
-                break
-            model = as_chosen(splats, options, chosen)
-            after = len(encoded(self.format, model))
-            if after <= budget:
-                return model, chosen.kept, after
-            wanted = max(wanted - (after - budget) * (1 + attempt / 4), (wanted + known.fixed) / 2)
-        raise DataError("--target", f"no primitive fits into {budget} bytes of {self.format}", "use a larger size")
+        wanted, low, high, best = float(budget), known.fixed, np.inf, None
+        for _ in range(ATTEMPTS):
+            chosen, after = options.chosen(known, wanted), 0
+            if len(chosen.kept):
+                model = as_chosen(splats, options, chosen)
+                after = self.kind.size(model if ended else self.kind.foreseen(model))
+            if after > budget:
+                high = wanted
+            else:
+                low = wanted
+                best = (model, chosen.kept, after) if len(chosen.kept) else best
+            if best and (best[2] >= FULL * budget or len(best[1]) == splats.n_splats):
+                return best
+            guess = wanted + (budget - after) * (1.2 if after > budget else 1)
+            wanted = guess if low < guess < high else (low + min(high, 2 * wanted)) / 2
+        if best:
+            return best
+        problem = f"no primitive fits into {budget} bytes of {self.kind.name}"
+        raise DataError("--target", problem, "use a larger size")
 
 
 def as_chosen(splats: Splats, options: Options, chosen: Chosen) -> Splats:

@@ -8,7 +8,7 @@ by the pictures with the primary alone. What an option is worth is the loss of a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,6 +60,15 @@ class Options:
         is_dog[splats.dog_index] = True
         without_dog = energy(DOG) if splats.n_dog else np.zeros(splats.n_splats)
         return cls(energy(REMOVAL), found.losses(), without_dog, splats.sh_degrees, is_dog, found)
+
+    def of_whole_primitives(self) -> Options:
+        """The same, when a primitive can only go or stay as it is."""
+        whole = np.arange(self.by_degree.shape[1]) == self.degrees[:, None]
+        return replace(
+            self,
+            by_degree=np.where(whole, self.by_degree, np.inf),
+            without_dog=np.where(self.is_dog, np.inf, self.without_dog),
+        )
 
     def chosen(self, prices: Prices, budget: float) -> Chosen:
         """What gains most for its bytes in a file of at most ``budget`` bytes, as far as prices tell."""

@@ -1,0 +1,78 @@
+"""Models of every format: PLY and SPZ by readers of our own, all others by the package, which makes a PLY of them."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from .errors import FileError
+from .model import Model
+from .ply import read_comments, read_ply
+from .spz import GZIP, read_spz
+
+EXTENSIONS = (".ply", ".spz", ".sog", ".glb", ".gltf", ".splat", ".json")  # .json: the meta.json of SOG
+RENDER_MODES = {"mip": True, "default": False}
+UP_AXES = ("Z", "-Z", "Y", "-Y")
+Converter = Callable[[Path, Path], None]  # any model to a PLY, DoG and comments kept; raises ``FileError``
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a file says on how its model is to be drawn; None where it says nothing."""
+
+    antialiased: bool | None = None
+    near_clip: float | None = None
+    linear: bool | None = None
+    up: str | None = None  # of ``UP_AXES``
+    scale: float | None = None
+
+
+def read_model(path: str | Path, convert: Converter) -> tuple[Model, Said]:
+    """Read a model of any format. Raises ``FileError``; ``convert`` is asked for what is neither PLY nor SPZ 2 or 3."""
+    path = Path(path)
+    if path.is_dir():
+        raise FileError(path, "this is a folder", "give the path of a model")
+    try:
+        with path.open("rb") as file:
+            head = file.read(4096)
+    except OSError as error:
+        raise FileError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
+    if head[:2] == GZIP:
+        model, antialiased = read_spz(path)
+        return model, Said(antialiased=antialiased)
+    is_ply, packed = head[:3] == b"ply", b"packed_position" in head
+    if (is_ply and not packed) or (path.suffix.lower() == ".ply" and not is_ply):  # its reader knows what is wrong
+        return read_ply(path), said_in(read_comments(path))
+    with tempfile.TemporaryDirectory(prefix="dogsplat_") as folder:
+        plain = Path(folder) / "model.ply"
+        convert(path, plain)
+        return read_ply(plain), said_in(read_comments(plain))
+
+
+def said_in(comments: list[str]) -> Said:
+    """What the comments of a PLY header say; ours come before those of others, nonsense is passed over."""
+    ours: dict[str, object] = {}
+    others: dict[str, object] = {}
+    for comment in comments:
+        match comment.split():
+            case ["dogsplat", "antialiased" | "linear" as name, "true" | "false" as value]:
+                ours[name] = value == "true"
+            case ["dogsplat", "up", axis] if axis.upper() in UP_AXES:
+                ours["up"] = axis.upper()
+            case ["dogsplat", "near_clip" | "scale" as name, number] if _positive(number, name == "near_clip"):
+                ours[name] = float(number)
+            case ["SplatRenderMode:", mode] if mode in RENDER_MODES:
+                others["antialiased"] = RENDER_MODES[mode]
+            case ["Vertical", "axis:", axis] if axis.lower() in ("y", "z"):  # of Brush, which means down
+                others["up"] = f"-{axis.upper()}"
+    return Said(**others | ours)  # type: ignore[arg-type]
+
+
+def _positive(text: str, or_zero: bool) -> bool:
+    try:
+        number = float(text)
+    except ValueError:
+        return False
+    return 0 < number < float("inf") or (or_zero and number == 0)

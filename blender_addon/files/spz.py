@@ -1,0 +1,85 @@
+"""Models as SPZ files (Niantic), versions 2 and 3: one gzip stream of quantised attributes.
+
+The same format as ``mi_dogsplat.formats.spz``, which documents it; this copy keeps the add-on free of other packages.
+Version 4 needs Zstandard, and so the package.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from .errors import FileError
+from .model import Model, logit
+
+GZIP = b"\x1f\x8b"
+ANTIALIASED = 1  # flag
+_HEADER = struct.Struct("<IIIBBBB")  # magic, version, splats, SH degree, fraction bits, flags, reserved
+_MAGIC = 0x5053474E
+_MOST = 64  # times the bytes of the file: no model is compressed to less
+_OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # components beside the largest
+# SPZ is in axes right, up, back; files of 3DGS are in right, down, forward. Signs of the basis functions of SH:
+_SIGNS = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1])
+_AGAIN = "copy or export the file again"
+
+
+def read_spz(path: str | Path) -> tuple[Model, bool]:
+    """Read a model in the axes of 3DGS PLY, and whether it is antialiased. Raises ``FileError``."""
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+        inflate = zlib.decompressobj(16 + zlib.MAX_WBITS)
+        magic, version, n, degree, bits, flags, _ = _HEADER.unpack(inflate.decompress(data, _HEADER.size))
+        if magic != _MAGIC or version not in (2, 3) or degree > 4:
+            raise FileError(path, f"not SPZ of version 2 or 3, but {version}", "convert it, or install the package")
+        sizes = (9, 1, 3, 3, 3 if version == 2 else 4, 3 * ((degree + 1) ** 2 - 1))
+        need = n * sum(sizes)
+        if need > (4 << 20) + _MOST * len(data):
+            raise FileError(path, f"{len(data)} bytes cannot hold {n} splats", _AGAIN)
+        body = inflate.decompress(inflate.unconsumed_tail, need) if need else b""
+    except OSError as error:
+        raise FileError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
+    except (zlib.error, struct.error) as error:
+        raise FileError(path, f"no gzip stream of an SPZ file ({error})", _AGAIN) from error
+    if len(body) != need:
+        raise FileError(path, f"{n} splats need {need} bytes, the file has {len(body)}", _AGAIN)
+    ends = np.cumsum([0, *sizes]) * n
+    parts = [np.frombuffer(body[a:b], np.uint8) for a, b in zip(ends, ends[1:], strict=False)]
+    positions, opacities, colors, scales, rotations, rest = parts
+    fixed = np.zeros((n, 3, 4), np.uint8)
+    fixed[..., 1:] = positions.reshape(n, 3, 3)
+    sh = np.concatenate([(colors.reshape(n, 1, 3) / 255 - 0.5) / 0.15,
+                         (rest.reshape(n, (degree + 1) ** 2 - 1, 3)[:, :15] - 128.0) / 128], axis=1)  # fmt: skip
+    quats = _first_three(rotations) if version == 2 else _smallest_three(rotations)
+    model = Model(
+        means=((fixed.view("<i4")[..., 0] >> 8) / 2.0**bits * [1, -1, -1]).astype(np.float32),
+        log_scales=(scales.reshape(n, 3) / 16 - 10).astype(np.float32),
+        quats=(quats[:, [3, 0, 1, 2]] * [1, 1, -1, -1]).astype(np.float32),
+        logit_opacities=logit(np.clip(opacities / 255, 1e-6, 1 - 1e-6)),
+        sh_coeffs=(sh * _SIGNS[: sh.shape[1], None]).astype(np.float32),
+        is_dog=np.zeros(n, bool),
+        dog_logit_opacities=np.zeros(n, np.float32),
+        dog_log_scales=np.zeros((n, 3), np.float32),
+    )
+    return model, bool(flags & ANTIALIASED)
+
+
+def _first_three(raw: np.ndarray) -> np.ndarray:
+    """Quaternions [N, 4] (x, y, z, w) of which x, y and z are stored, with w >= 0."""
+    xyz = raw.reshape(-1, 3) / 127.5 - 1
+    return np.concatenate([xyz, np.sqrt(np.maximum(0, 1 - (xyz**2).sum(axis=1, keepdims=True)))], axis=1)
+
+
+def _smallest_three(raw: np.ndarray) -> np.ndarray:
+    """Quaternions [N, 4] (x, y, z, w) without their largest component, whose index is on top."""
+    words = raw.view("<u4")[:, None]
+    parts = (words >> np.array([20, 10, 0], np.uint32)) & 1023
+    three = np.where(parts >> 9, -1, 1) * (parts & 511) / (511 * np.sqrt(2))
+    largest = (words >> 30).astype(np.int64)  # [N, 1]
+    quats = np.zeros((len(words), 4))
+    np.put_along_axis(quats, _OTHERS[largest[:, 0]], three, axis=1)
+    np.put_along_axis(quats, largest, np.sqrt(np.maximum(0, 1 - (three**2).sum(axis=1, keepdims=True))), axis=1)
+    return quats

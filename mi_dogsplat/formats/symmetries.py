@@ -1,0 +1,61 @@
+"""The 24 ways to write down an ellipsoid: axes may be named in any order and turned round.
+
+R S S Rᵀ stays what it is when R becomes R G and the scales are reordered with it, G one of the rotations of a cube.
+Of the 24 quaternions the one nearest to the identity is taken. Its w is at least 0.85 and all others within ±0.39, so
+that the index of the largest is always the same and the other codes are few: log2(24) = 4.6 bits less each.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+
+from ..scene.splats import Array, Splats
+from .packing import unit_quats
+
+
+def _cube_rotations() -> tuple[Array, Array]:
+    """Quaternions [24, 4] (x, y, z, w) of the rotations of a cube, and the axis [24, 3] that each axis comes from."""
+    half = [np.array(q) / 2 for q in itertools.product((-1.0, 1), repeat=4) if q[3] > 0]
+    units = list(np.eye(4))
+    edges = []
+    for i, j in itertools.combinations(range(4), 2):
+        for sign in (-1.0, 1.0):
+            q = np.zeros(4)
+            q[j], q[i] = 1, sign
+            edges.append(q / np.sqrt(2))
+    quats = np.array([*units, *half, *edges])  # [24, 4]
+    x, y, z, w = quats.T
+    first = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)], axis=1)  # where x goes
+    second = np.stack([2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)], axis=1)
+    third = np.stack([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)], axis=1)
+    return quats, np.stack([np.abs(column).argmax(axis=1) for column in (first, second, third)], axis=1)
+
+
+CUBE_QUATS, CUBE_AXES = _cube_rotations()
+
+
+def nearest_to_identity(splats: Splats) -> Splats:
+    """The same ellipsoids, each with the unit quaternion, w positive, that turns least; scales reordered."""
+    quats = unit_quats(splats)
+    turned = _product(quats[:, None], CUBE_QUATS[None])  # [N, 24, 4]
+    best = np.abs(turned[..., 3]).argmax(axis=1)  # [N]
+    chosen = np.take_along_axis(turned, best[:, None, None], axis=1)[:, 0]
+    chosen *= np.where(chosen[:, 3:] < 0, -1, 1)
+    scales = np.take_along_axis(splats.log_scales, CUBE_AXES[best], axis=1)
+    return replace(splats, log_scales=scales, quats=chosen)
+
+
+def _product(a: Array, b: Array) -> Array:
+    """a b of quaternions [..., 4]: the rotation b, then a."""
+    ax, ay, az, aw = np.moveaxis(a, -1, 0)
+    bx, by, bz, bw = np.moveaxis(b, -1, 0)
+    parts = (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+    return np.stack(parts, axis=-1)

@@ -1,0 +1,111 @@
+"""An optimizer whose model is seen as its file will have it: which grids and which palette, and when they follow it.
+
+Grids and palette follow the model in rounds: in each, every entry of the palette becomes the mean of the primitives
+that are nearest to it, by how much they weigh in the training views (Σ α T over all pixels). Then they stay as they
+are, and what is trained is what the file says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..engine.options import RasterOptions
+from ..engine.project import DeviceCamera
+from ..formats.coded import CODED
+from ..formats.grids import Extents, FileGrids, Palette, Steps
+from ..formats.symmetries import nearest_to_identity
+from ..scores.weights import weights
+from .optimizer import SplatOptimizer
+from .sh_rows import bands_of
+from .straight_through import StraightThrough
+
+ROUNDS = 15
+SETTLED = 0.25  # of all steps, at the end, in which grids and palette stay as they are
+LEAST_WEIGHT = 1e-3  # of what no view sees
+
+
+@dataclass
+class Tables:
+    """What the numbers are rounded to; empty before ``Quantiser.before_step``."""
+
+    extents: np.ndarray = field(default_factory=lambda: np.zeros(0))  # ``Extents.numbers``
+    entries: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3), np.float32))  # of the palette
+    degrees: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    labels: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    weights: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        self.on_device: tuple[np.ndarray, StraightThrough] | None = None  # and the labels that it is made of
+
+    @property
+    def palette(self) -> Palette | None:
+        """None before it begins."""
+        return Palette(self.entries, self.degrees, self.labels) if len(self.labels) else None
+
+    def rearrange(self, index: np.ndarray) -> None:
+        """Primitive r is a copy of the old one ``index[r]`` now."""
+        if len(self.labels):
+            self.labels, self.weights = self.labels[index], self.weights[index]
+
+
+@dataclass(frozen=True)
+class Quantiser:
+    """Straight-through quantisation for a format of ``CODED``."""
+
+    format: str
+    steps: Steps = Steps()
+
+    def before_step(
+        self,
+        tables: Tables,
+        optimizer: SplatOptimizer,
+        cameras: Sequence[DeviceCamera],
+        options: RasterOptions,
+        step: int,
+        of: int,
+    ) -> None:
+        """Make the tables where they are due before a step, 0..``of`` - 1, of those that see the file."""
+        if tables.palette is None:
+            self._begin(tables, optimizer, cameras, options)
+        kept_bands = np.array_equal(tables.degrees[tables.labels], optimizer.sh_degrees)
+        moving = (1 - SETTLED) * of
+        if not kept_bands or (step <= moving and step % max(1, round(moving / ROUNDS)) == 0):
+            splats = optimizer.to_splats()
+            tables.extents = Extents.of(splats).numbers
+            before = tables.palette if kept_bands else None
+            new = self._grids(tables).palette(splats, self.steps.entries, tables.weights, before)
+            tables.entries, tables.degrees, tables.labels = new.entries, new.degrees, new.labels
+
+    def params(self, tables: Tables, params: dict, bands: Sequence[str]) -> dict:
+        """What is rendered instead of the parameters of an optimizer with these ``bands``."""
+        if tables.palette is None:
+            return params
+        if tables.on_device is None or tables.on_device[0] is not tables.labels:
+            tables.on_device = tables.labels, StraightThrough(self._grids(tables), tables.palette, bands)
+        return tables.on_device[1](params)
+
+    def settle(self, tables: Tables, optimizer: SplatOptimizer) -> None:
+        """Make the model that of its file."""
+        if tables.palette is None:
+            return
+        splats = self._grids(tables).snap(optimizer.to_splats(), tables.palette)
+        arrays = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities")}
+        for name, values in (arrays | {"sh_dc": splats.sh_coeffs[:, 0]} | bands_of(splats)).items():
+            optimizer.assign(name, values.reshape(optimizer.numpy(name).shape))
+
+    def _begin(
+        self, tables: Tables, optimizer: SplatOptimizer, cameras: Sequence[DeviceCamera], options: RasterOptions
+    ) -> None:
+        """Of the ways to write a rotation down take the shortest: the moments of the others mean nothing then."""
+        splats = nearest_to_identity(optimizer.to_splats())
+        for name in ("log_scales", "quats"):
+            optimizer.assign(name, getattr(splats, name))
+            optimizer.reset_moments(name)
+        found = weights(optimizer.params, list(cameras), options).total
+        tables.weights = np.maximum(found, LEAST_WEIGHT)
+
+    def _grids(self, tables: Tables) -> FileGrids:
+        return CODED[self.format](Extents.from_numbers(tables.extents), self.steps)

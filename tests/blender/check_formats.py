@@ -1,0 +1,106 @@
+"""Models of every format: SPZ by the reader of the add-on, others by the package; drawn as their files say."""
+
+import json
+import os
+import shlex
+import shutil
+
+import bpy
+import numpy as np
+import pytest
+from conftest import REFERENCES, load
+
+from blender_addon.engine import renderers
+from blender_addon.files.errors import FileError
+from blender_addon.files.ply import read_ply
+from blender_addon.files.read import EXTENSIONS, Said, read_model, said_in
+from blender_addon.files.spz import read_spz
+from blender_addon.nodes.modifier import get_input, splat_modifier
+from blender_addon.objects import import_operator
+
+COMMAND = shlex.join(json.loads(os.environ["DOGSPLAT_COMMAND"]))
+
+
+def never(path, out):
+    raise AssertionError(f"{path} needs no package")
+
+
+def of(obj, *names):
+    return [get_input(splat_modifier(obj), name) for name in names]
+
+
+@pytest.fixture
+def command(monkeypatch):
+    """The command of the package, as if the preferences named it."""
+    monkeypatch.setattr(import_operator, "command_of", lambda context: COMMAND)
+
+
+def test_spz_is_read_without_the_package_and_gives_its_numbers():
+    found, antialiased = read_spz(REFERENCES / "plain.spz")
+    with np.load(REFERENCES / "spz.npz") as file:
+        expected = dict(file)
+    assert antialiased and found.n_splats == len(expected["means"]) == 150 and not found.is_dog.any()
+    for name in ("means", "log_scales", "logit_opacities", "sh_coeffs"):
+        assert np.allclose(getattr(found, name), expected[name], atol=1e-5), name
+    cosine = np.abs((found.quats * expected["quats"][:, [3, 0, 1, 2]]).sum(axis=1))
+    assert cosine.min() > 1 - 1e-6
+
+
+def test_ply_and_spz_need_no_package():
+    assert read_model(REFERENCES / "plain.spz", never)[1] == Said(antialiased=True)
+    model, said = read_model(REFERENCES / "says.ply", never)
+    assert model.is_dog.any() and said == Said(True, 0.05, False, "-Y", 2.0)
+    assert read_model(REFERENCES / "dog.ply", never)[1] == Said()
+
+
+@pytest.mark.parametrize("name", ["plain.spz", "plain.glb", "plain.sog", "plain.splat", "plain.compressed.ply"])
+def test_every_format_is_imported(name, command):
+    obj = load(REFERENCES / name)
+    assert len(obj.data.vertices) == 150 and obj["dogsplat_source"].endswith(name)
+    assert of(obj, "Antialiased") == [name != "plain.splat"]
+    means = np.empty(450, np.float32)
+    obj.data.attributes["position"].data.foreach_get("vector", means)
+    raw = read_ply(REFERENCES / "plain.ply")
+    distance = np.abs(means.reshape(-1, 1, 3) - raw.means).max(axis=-1)
+    assert distance.min(axis=0).max() < 0.01
+
+
+def test_what_the_file_says_is_taken_unless_the_option_is_set():
+    obj = load(REFERENCES / "says.ply")
+    assert of(obj, "Antialiased", "Near Clip") == [True, pytest.approx(0.1)]  # 0.05 times the scale
+    turned = load(REFERENCES / "dog.ply", up_axis="-Y", scale=2.0)
+    assert np.allclose(obj.matrix_world, turned.matrix_world)
+    told = load(REFERENCES / "says.ply", antialiased=False, up_axis="Z", scale=1.0)
+    assert of(told, "Antialiased") == [False] and np.allclose(told.matrix_world, np.eye(4))
+
+
+def test_comments_that_make_no_sense_are_passed_over():
+    assert said_in(["dogsplat near_clip nan", "dogsplat scale 0", "dogsplat up x", "dogsplat", "hello"]) == Said()
+    assert said_in(["Vertical axis: y", "SplatRenderMode: mip"]) == Said(antialiased=True, up="-Y")
+    assert said_in(["SplatRenderMode: mip", "dogsplat antialiased false"]) == Said(antialiased=False)
+
+
+def test_without_the_package_a_line_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(renderers.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(RuntimeError, match="plain.glb: only the package reads this format.*pip install"):
+        load(REFERENCES / "plain.glb")
+    load(REFERENCES / "plain.spz")
+
+
+def test_a_broken_file_is_one_line_that_names_it(tmp_path, command):
+    data = (REFERENCES / "plain.spz").read_bytes()
+    contents = {"a.spz": data[:100], "b.spz": data[:2], "c.spz": b"\x1f\x8b" + bytes(50), "d.glb": b"glTF and no more"}
+    for name, content in contents.items():
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(RuntimeError, match=name) as caught:
+            load(tmp_path / name)
+        assert str(tmp_path) in str(caught.value) and len(str(caught.value).strip().splitlines()) == 1
+    with pytest.raises(FileError, match="this is a folder"):
+        read_model(tmp_path, never)
+
+
+def test_the_file_selector_and_drag_and_drop_take_all():
+    assert import_operator.DOGSPLAT_FH_model.bl_file_extensions == ";".join(EXTENSIONS)
+    glob = bpy.ops.import_scene.dogsplat.get_rna_type().properties["filter_glob"].default
+    assert glob == ";".join(f"*{extension}" for extension in EXTENSIONS)

@@ -1,0 +1,177 @@
+"""``dogsplat clean``: what leaves is what was asked for, the rest keeps its bits, and bad input is one line."""
+
+import numpy as np
+import pytest
+import tiny_data
+from command_line import assert_one_line, run
+from mi_dogsplat import read_ply, write_ply
+from mi_dogsplat.editing.clean import clean_model
+from mi_dogsplat.editing.clean_config import CleanConfig
+from mi_dogsplat.editing.regions import in_box, largest_parts
+from mi_dogsplat.editing.views import evidence, seen
+from mi_dogsplat.formats.model import Model
+from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.formats.write import write_model
+from mi_dogsplat.scene.drawing import Drawing
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.errors import DataError
+from PIL import Image
+
+
+def wasteful() -> Splats:
+    model = tiny_data.dog_model()
+    model.logit_opacities[:6] = -9
+    model.dog_logit_opacities[10:14] = -40
+    model.sh_coeffs[:, 1:] = 0
+    return model
+
+
+@pytest.fixture
+def model(tmp_path):
+    write_ply(tmp_path / "model.ply", wasteful())
+    return tmp_path / "model.ply"
+
+
+def test_without_flags_all_views_keep_their_bits(capsys, model, tmp_path):
+    status, printed, _ = run(capsys, "clean", model, "-o", tmp_path / "lean.ply")
+    lines = printed.splitlines()
+    assert status == 0 and lines[0] == "60 primitives, taken out:"
+    assert lines[1].startswith("  not needed, invisible primitives: 6, ")
+    assert lines[2].startswith("  not needed, DoG without effect: 4, ")
+    assert lines[3].startswith("  not needed, zero bands of SH degree 1: 54, ")
+    assert lines[4].startswith(f"{tmp_path / 'lean.ply'}: 54 primitives, 0.00 MB; model.ply has 0.01 MB")
+    before, after = read_ply(model), read_ply(tmp_path / "lean.ply")
+    assert after.sh_degree == 0 and after.n_dog == before.n_dog - 3 - 4
+    for camera in tiny_data.cameras():
+        pictures = [tiny_data.picture(s, camera) if s.sh_degree else bare(s, camera) for s in (before, after)]
+        assert np.array_equal(pictures[0].color, pictures[1].color)
+
+
+def bare(splats, camera):
+    from mi_dogsplat.render.render_files import picture_of
+
+    return picture_of(splats, 0.0, 0.2)(camera)
+
+
+def test_a_clean_model_stays_as_it_is(capsys, tmp_path):
+    write_ply(tmp_path / "m.ply", tiny_data.dog_model())
+    status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", "-o", tmp_path / "same.ply")
+    assert status == 0 and printed.startswith("60 primitives, taken out: nothing\n")
+    assert (tmp_path / "same.ply").read_bytes() == (tmp_path / "m.ply").read_bytes()
+
+
+def test_each_rule_takes_out_what_it_says(model, tmp_path):
+    splats, out = wasteful(), tmp_path / "o.ply"
+
+    def left(**flags) -> np.ndarray:
+        clean_model(model, out, CleanConfig(**flags))
+        return read_ply(out).means
+
+    visible = splats.opacities > 0.1
+    radius = np.linalg.norm(splats.means - (0.1, 0, 0), axis=1)
+    expected = {
+        "box": ({"box": (-0.5, -0.5, -1, 0.2, 0.5, 1)}, in_box(splats, (-0.5, -0.5, -1), (0.2, 0.5, 1))),
+        "sphere": ({"sphere": (0.1, 0, 0, 0.5)}, radius <= 0.5),
+        "opacity": ({"min_opacity": 0.8}, splats.opacities >= 0.8),
+        "scale": ({"max_scale": 0.15}, splats.scales.max(axis=1) <= 0.15),
+        "both": ({"min_opacity": 0.8, "max_scale": 0.15}, (splats.opacities >= 0.8) & (splats.scales.max(1) <= 0.15)),
+    }
+    for name, (flags, keep) in expected.items():
+        assert 0 < keep.sum() < 60, name
+        assert np.array_equal(left(**flags), splats.means[keep & visible]), name
+
+
+def test_parts_are_looked_for_in_what_the_crop_leaves(model, tmp_path):
+    splats = wasteful()
+    keep = in_box(splats, (-1, -1, -1), (0.0, 1, 1))
+    part = largest_parts(splats.select(keep), 1)
+    clean_model(model, tmp_path / "o.ply", CleanConfig(box=(-1, -1, -1, 0, 1, 1), connected=1))
+    found = read_ply(tmp_path / "o.ply")
+    kept = splats.select(keep).select(part)
+    assert np.array_equal(found.means, kept.means[kept.opacities > 0.1])
+
+
+def test_the_training_views_say_what_is_seen_and_what_floats(capsys, data, tmp_path):
+    splats = tiny_data.truth()
+    splats.means[:5] += (0, 0, 50)
+    write_ply(tmp_path / "m.ply", splats)
+    flags = ["--data", data, "--seen", "--floaters", "--preview", tmp_path / "p.png"]
+    status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", "-o", tmp_path / "o.ply", *flags)
+    cameras = tiny_data.cameras()[1:]  # the first is for testing
+    stays = seen(splats, cameras, 0.2, False) & ~evidence(splats, cameras, 0.2, False).floats
+    assert status == 0 and "  never seen: 5\n" in printed and "PSNR" in printed
+    assert np.array_equal(read_ply(tmp_path / "o.ply").means, splats.means[stays])
+    with Image.open(tmp_path / "p.png") as preview:
+        assert preview.size == (2 * tiny_data.WIDTH, tiny_data.HEIGHT)
+
+
+def test_psnr_is_that_of_eval(capsys, data, model, tmp_path):
+    flags = ["--data", data, "--max-scale", "0.15"]
+    _, printed, _ = run(capsys, "clean", model, "-o", tmp_path / "o.ply", *flags)
+    for path, word in ((model, "before"), (tmp_path / "o.ply", "after")):
+        _, measured, _ = run(capsys, "eval", path, data)
+        assert measured.splitlines()[-1].split("PSNR ")[1].split("  ")[0] + f" {word}" in printed
+
+
+def test_a_preview_shows_before_and_after_from_one_camera(capsys, model, tmp_path):
+    run(capsys, "clean", model, "-o", tmp_path / "o.ply", "--sphere", 0, 0, 0, 0.4, "--preview", tmp_path / "p.png")
+    picture = np.asarray(Image.open(tmp_path / "p.png"), int)
+    assert picture.shape == (600, 1600, 3)
+    before, after = picture[:, :800], picture[:, 800:]
+    assert (before.max(2) > 30).sum() > 1.5 * (after.max(2) > 30).sum() > 0
+
+
+@pytest.mark.parametrize(
+    "flags, words",
+    [
+        (["--box", 0, 0, 0, 1, -1, 1], ["--box", "0 0 0 1 -1 1", "inverted along y", "lowest corner first"]),
+        (["--box", 0, 0, 0, 1, "nan", 1], ["--box", "nan", "finite"]),
+        (["--box", 0, 0, 0], ["--box"]),
+        (["--sphere", 0, 0, 0, 0], ["--sphere", "radius of 0", "above 0"]),
+        (["--sphere", 0, 0, "inf", 1], ["--sphere", "finite"]),
+        (["--min-opacity", 2], ["--min-opacity", "0 to 1"]),
+        (["--max-scale", 0], ["--max-scale"]),
+        (["--connected", 0], ["--connected", "at least 1"]),
+        (["--seen"], ["--seen", "add --data DATA"]),
+        (["--floaters"], ["--floaters", "add --data DATA"]),
+        (["--preview", "p.jpg"], ["p.jpg", ".png"]),
+        (["--box", 7, 7, 7, 8, 8, 8], ["model.ply", "no primitive would be left", "take out less"]),
+    ],
+    ids=lambda value: " ".join(map(str, value)) if str(value[0])[:2] == "--" else "",
+)
+def test_wrong_use_is_one_line_and_writes_nothing(capsys, model, tmp_path, flags, words):
+    assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "o.ply", *flags), *words)
+    assert not (tmp_path / "o.ply").exists()
+
+
+def test_files_that_cannot_be_cleaned_are_one_line(capsys, model, tmp_path):
+    out = tmp_path / "o.ply"
+    assert_one_line(run(capsys, "clean", tmp_path / "none.ply", "-o", out), "none.ply")
+    assert_one_line(run(capsys, "clean", model, "-o", model), "model.ply", "would be lost")
+    write_ply(tmp_path / "empty.ply", Splats.empty(0))
+    assert_one_line(run(capsys, "clean", tmp_path / "empty.ply", "-o", out), "empty.ply", "the model is empty")
+    with pytest.raises(DataError, match="would be lost"):
+        clean_model(model, model)
+    assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "o.obj"), "o.obj")
+    assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "o.spz"), "o.spz", "no room for DoG")
+    assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "o.sog", "--mixed-sh"), "--mixed-sh", ".ply")
+
+
+def test_degrees_of_single_primitives_are_kept_or_made(capsys, tmp_path):
+    splats = tiny_data.truth()
+    splats.sh_coeffs[::3, 1:] = 0
+    write_ply(tmp_path / "m.ply", splats)
+    run(capsys, "clean", tmp_path / "m.ply", "-o", tmp_path / "rows.ply", "--mixed-sh")
+    run(capsys, "clean", tmp_path / "rows.ply", "-o", tmp_path / "again.ply")
+    run(capsys, "clean", tmp_path / "rows.ply", "-o", tmp_path / "m.spz")
+    for name in ("rows.ply", "again.ply"):
+        found = read_ply(tmp_path / name)
+        assert found.sh_degrees.tolist() == [0, 1, 1] * 20
+        assert np.array_equal(found.uniform_sh().sh_coeffs, splats.sh_coeffs)
+    assert read_model(tmp_path / "m.spz").splats.sh_degrees.tolist() == [1] * 60
+
+
+def test_what_the_file_says_is_kept_and_flags_come_first(capsys, tmp_path):
+    write_model(tmp_path / "m.ply", Model(tiny_data.truth(), Drawing(antialiased=True, up="z")))
+    run(capsys, "clean", tmp_path / "m.ply", "-o", tmp_path / "o.ply", "--near-clip", "0.3")
+    assert read_model(tmp_path / "o.ply").drawing == Drawing(antialiased=True, near_clip=0.3, up="z")

@@ -1,0 +1,153 @@
+"""``dogsplat simplify``: so many primitives as asked for, nearer to the model the more is done; bad input in a line."""
+
+import numpy as np
+import pytest
+import tiny_data
+from command_line import assert_one_line, run
+from mi_dogsplat import read_ply, write_ply
+from mi_dogsplat.editing.simplify import Look, rendered, simplify_model
+from mi_dogsplat.editing.simplify_config import SimplifyConfig
+from mi_dogsplat.formats.model import Model
+from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.formats.write import write_model
+from mi_dogsplat.measure.metrics import psnr
+from mi_dogsplat.render.picture_options import PictureOptions
+from mi_dogsplat.scene.drawing import Drawing
+from mi_dogsplat.scene.splats import Splats
+from splat_scenes import make_splats, rounded
+
+FAST = {"views": 8, "size": (40, 30)}
+FLAGS = ["--views", "8", "--size", "40", "30"]
+
+
+def surface(n=900) -> Splats:
+    """A striped ball of small discs."""
+    k = np.arange(n) + 0.5
+    z, angle = 1 - 2 * k / n, np.pi * (1 + 5**0.5) * k
+    points = np.stack([np.sqrt(1 - z * z) * np.cos(angle), np.sqrt(1 - z * z) * np.sin(angle), z], 1)
+    return rounded(make_splats(points * 0.7, 0.03, 0.9, np.where(np.sin(9 * z)[:, None] > 0, [1, 0.2, 0], [0, 0.4, 1])))
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    path = tmp_path_factory.mktemp("model") / "model.ply"
+    write_ply(path, surface())
+    return path
+
+
+def quality(found: Splats, truth: Splats) -> float:
+    """PSNR in dB from cameras of the tests' own."""
+    look, cameras = Look(0.5, 0.2, False), tiny_data.cameras()
+    pairs = zip(rendered(found, cameras, look), rendered(truth, cameras, look), strict=True)
+    return float(np.mean([psnr(a, b) for a, b in pairs]))
+
+
+@pytest.mark.parametrize("target, n", [("10%", 90), ("0.05", 45), ("20", 20), ("12.5%", 112)])
+def test_a_target_is_a_ratio_or_a_count(model, tmp_path, target, n):
+    found = simplify_model(model, tmp_path / "o.ply", SimplifyConfig(target=target, steps=0, **FAST))
+    assert found.n_after == n == read_ply(tmp_path / "o.ply").n_splats
+    assert found.n_before == 900 and found.fitted is None
+
+
+def test_merging_keeps_more_than_leaving_out_and_the_fit_more_than_merging(model, tmp_path):
+    truth = surface()
+    simplify_model(model, tmp_path / "merged.ply", SimplifyConfig(target="60", steps=0, **FAST))
+    told = simplify_model(model, tmp_path / "fitted.ply", SimplifyConfig(target="60", steps=150, **FAST))
+    every = truth.select(np.arange(0, 900, 15))
+    merged, fitted = (quality(read_ply(tmp_path / name), truth) for name in ("merged.ply", "fitted.ply"))
+    assert quality(every, truth) + 3 < merged < fitted - 1
+    assert told.fitted is not None and told.merged < told.fitted
+
+
+def test_the_same_model_comes_of_the_same_seed(ordered, model, tmp_path):
+    config = SimplifyConfig(target="30", steps=6, **FAST)
+    for name in ("a.ply", "b.ply"):
+        simplify_model(model, tmp_path / name, config)
+    assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
+
+
+def test_the_command_says_how_near_it_is_and_shows_its_steps(capsys, model, tmp_path):
+    flags = ["--target", "5%", "--steps", "4", *FLAGS]
+    status, printed, bar = run(capsys, "simplify", model, "-o", tmp_path / "o.ply", *flags)
+    lines = printed.splitlines()
+    assert status == 0 and "4/4" in bar
+    assert lines[0] == "PSNR of the model, over 16 views that nothing was fitted to"
+    assert lines[1].startswith("  merged ") and lines[2].startswith("  fitted ") and lines[1].endswith(" dB")
+    assert lines[3].startswith(f"{tmp_path / 'o.ply'}: 45 primitives, ")
+
+
+def test_dog_are_fitted_if_asked_for_and_a_dog_model_may_come_in(capsys, tmp_path):
+    write_ply(tmp_path / "dog.ply", tiny_data.dog_model())
+    for flags, dog in (([], False), (["--dog"], True)):
+        argv = ["simplify", tmp_path / "dog.ply", "-o", tmp_path / "o.ply", "--target", "20", "--steps", "6"]
+        status, *_ = run(capsys, *argv, *FLAGS, *flags)
+        found = read_ply(tmp_path / "o.ply")
+        assert status == 0 and found.n_splats == 20 and bool(found.n_dog) == dog
+
+
+def test_what_is_not_needed_is_not_merged_into_what_is_seen(tmp_path):
+    """Invisible primitives of another colour change nothing."""
+    seen = surface()
+    hidden = seen.select(np.arange(0, 900, 2))
+    hidden.logit_opacities[:], hidden.sh_coeffs[:] = -9, 5
+    names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
+    both = Splats(**{name: np.concatenate([getattr(seen, name), getattr(hidden, name)]) for name in names})
+    for name, model in (("seen", seen), ("both", both)):
+        write_ply(tmp_path / f"{name}.ply", model)
+        config = SimplifyConfig(target="50", steps=0, **FAST)
+        simplify_model(tmp_path / f"{name}.ply", tmp_path / f"{name}_few.ply", config)
+    few = read_ply(tmp_path / "both_few.ply")
+    assert few.n_splats == 50 and few.sh_coeffs.max() < 4
+    assert quality(few, seen) > quality(read_ply(tmp_path / "seen_few.ply"), seen) - 1
+
+
+@pytest.mark.parametrize(
+    "flags, words",
+    [
+        (["--target", "0"], ["--target", "0 is no target", "10%"]),
+        (["--target", "100%"], ["--target", "100%"]),
+        (["--target", "-5"], ["--target"]),
+        (["--target", "2.5"], ["--target", "2.5"]),
+        (["--target", "nan"], ["--target", "nan"]),
+        (["--target", "few"], ["--target", "few"]),
+        (["--target", "0.01%"], ["--target", "leaves none"]),
+        (["--target", "900"], ["--target", "not below the 900"]),
+        (["--steps", "-1"], ["--steps", "at least 0"]),
+        (["--views", "1"], ["--views", "at least 2"]),
+        (["--size", "8", "8"], ["--size", "too small"]),
+        (["--dog", "--steps", "1"], ["--dog"]),
+        (["--background", "green"], ["--background"]),
+        (["--target", "2MB"], ["--target", "2MB", "whole number"]),
+    ],
+    ids=lambda value: " ".join(value) if value[0][:2] == "--" else "",
+)
+def test_wrong_use_is_one_line_and_writes_nothing(capsys, model, tmp_path, flags, words):
+    assert_one_line(run(capsys, "simplify", model, "-o", tmp_path / "o.ply", *flags), *words)
+    assert not (tmp_path / "o.ply").exists()
+
+
+def test_files_that_cannot_be_simplified_are_one_line(capsys, model, tmp_path):
+    out = tmp_path / "o.ply"
+    assert_one_line(run(capsys, "simplify", tmp_path / "none.ply", "-o", out), "none.ply")
+    assert_one_line(run(capsys, "simplify", model, "-o", model), "model.ply", "would be lost")
+    write_ply(tmp_path / "empty.ply", Splats.empty(0))
+    assert_one_line(run(capsys, "simplify", tmp_path / "empty.ply", "-o", out), "empty.ply", "the model is empty")
+    assert_one_line(run(capsys, "simplify", model, "-o", tmp_path / "o.obj"), "o.obj")
+    assert_one_line(run(capsys, "simplify", model, "-o", tmp_path / "o.spz", "--dog"), "--dog", "SPZ has no room")
+
+
+def test_options_choose_the_background():
+    chosen = {name: Look.of(surface(), PictureOptions(background=name)).background for name in ("black", "white")}
+    assert chosen == {"black": 0.0, "white": 1.0}
+    assert Look.of(surface(), PictureOptions()).background == 0.5
+
+
+def test_every_format_comes_in_and_goes_out_and_what_the_file_says_is_kept(capsys, tmp_path):
+    said = Drawing(antialiased=True, near_clip=0.05, up="z")
+    write_model(tmp_path / "m.ply", Model(surface(), said))
+    for source, out in (("m.ply", "a.spz"), ("a.spz", "b.sog"), ("b.sog", "c.ply"), ("m.ply", "d.ply")):
+        flags = ["--target", "50%" if source != "m.ply" else "400", "--steps", "2", *FLAGS]
+        status, *_ = run(capsys, "simplify", tmp_path / source, "-o", tmp_path / out, *flags)
+        assert status == 0
+    assert [read_model(tmp_path / name).splats.n_splats for name in ("a.spz", "b.sog", "c.ply")] == [400, 200, 100]
+    assert read_model(tmp_path / "a.spz").drawing.antialiased and read_model(tmp_path / "d.ply").drawing == said

@@ -1,0 +1,139 @@
+"""Coarse grids of SPZ and SOG: what is on them is read back from a file as it is, and the file is small."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mi_dogsplat.formats.coded import CODED, snapped
+from mi_dogsplat.formats.grids import Extents, Grid, Steps
+from mi_dogsplat.formats.packing import by_color, in_space, unit_quats
+from mi_dogsplat.formats.palette import lloyd, palette
+from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.formats.symmetries import nearest_to_identity
+from mi_dogsplat.formats.write import write_model
+from mi_dogsplat.scene.splats import Splats
+from splat_scenes import random_splats, rounded
+
+NAMES = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
+ULP = 2.0**-24  # of a number from 0.5 to 1, as the largest component of a quaternion is
+
+
+def model_of(degree: int = 2, n: int = 600) -> Splats:
+    return rounded(random_splats(n, seed=degree, degree=degree, dog_share=0))
+
+
+def rows(model: Splats) -> np.ndarray:
+    """[N, numbers] sorted: files have orders of their own."""
+    table = np.concatenate([getattr(model, name).reshape(model.n_splats, -1) for name in NAMES], axis=1)
+    return table[np.lexsort(table[:, :3].T)]
+
+
+def covariances(model: Splats) -> np.ndarray:
+    """[N, 3, 3] float64."""
+    x, y, z, w = unit_quats(model).T
+    turn = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                     [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                     [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])  # fmt: skip
+    axes = np.moveaxis(turn, -1, 0) * np.exp(model.log_scales.astype(np.float64))[:, None]
+    return axes @ np.swapaxes(axes, 1, 2)
+
+
+@pytest.mark.parametrize("steps", [Steps(), Steps(1 / 32, 1, 1, 1, 1, 1, 1 / 2), Steps(1 / 2, 4, 9, 15, 4, 8, 1 / 16)])
+@pytest.mark.parametrize("degree", [0, 1, 3])
+@pytest.mark.parametrize("name", CODED)
+def test_a_file_says_exactly_what_is_on_its_grids(name, degree, steps, tmp_path):
+    model = snapped(name, model_of(degree), steps)
+    write_model(tmp_path / f"model.{name}", model)
+    assert rows(read_model(tmp_path / f"model.{name}").splats) == pytest.approx(rows(model), rel=0, abs=ULP)
+    back = read_model(tmp_path / f"model.{name}").splats
+    for values in set(NAMES) - {"quats"}:
+        assert set(getattr(back, values).ravel()) <= set(getattr(model, values).ravel()), values
+
+
+@pytest.mark.parametrize("name", CODED)
+def test_what_is_on_the_grids_is_as_near_as_their_steps_say(name):
+    model, steps = nearest_to_identity(model_of(0)), Steps()
+    found = snapped(name, model, steps)
+    small = np.percentile(np.sort(model.log_scales, axis=1)[:, 1], 10)
+    room = 1 + np.abs(model.means).max() if name == "sog" else 1.0
+    assert np.abs(found.means - model.means).max() <= steps.position * np.exp(small) * room
+    assert np.abs(found.log_scales - model.log_scales).max() <= steps.log_scale / 32 + 1e-6
+    assert np.abs(found.opacities - model.opacities).max() <= steps.opacity / 255 / 2 + 1e-6
+    assert np.abs(found.sh_coeffs - model.sh_coeffs).max() <= steps.color / 38.25 / 2 + 1e-6
+    assert np.abs(found.quats[:, :3] - model.quats[:, :3]).max() <= steps.rotation / 127.5 / np.sqrt(2) / 2 + 1e-6
+
+
+@pytest.mark.parametrize("name", CODED)
+def test_coarser_steps_and_smaller_palettes_make_smaller_files(name, tmp_path):
+    model, fine = model_of(3), Steps(1 / 64, 1, 1, 1, 1, 1, 1)
+
+    def size(steps: Steps | None) -> int:
+        write_model(tmp_path / f"m.{name}", snapped(name, model, steps) if steps else model)
+        return (tmp_path / f"m.{name}").stat().st_size
+
+    coarser = {"position": 1 / 2, "log_scale": 4, "rotation": 5, "opacity": 5, "color": 4, "sh": 16, "entries": 1 / 8}
+    sizes = {what: size(replace(fine, **{what: value})) for what, value in coarser.items()}
+    assert {what for what, found in sizes.items() if found >= size(fine)} == set()
+    assert size(Steps()) < 0.55 * size(None)
+
+
+def test_a_grid_takes_the_nearest_of_its_values_and_the_ends_beyond():
+    grid = Grid.of(np.array([-1.0, 0, 0.5, 4]))
+    assert grid.snap(np.array([-9, -0.6, -0.4, 0.2, 0.3, 2.2, 2.3, 99])).tolist() == [-1, -1, 0, 0, 0.5, 0.5, 4, 4]
+
+
+@pytest.mark.parametrize("name", CODED)
+def test_codebooks_and_tables_have_room_for_any_model(name):
+    wide = model_of(1)
+    wide.log_scales[0], wide.log_scales[1], wide.sh_coeffs[0] = -60, 30, 40
+    wide.means[0] = 1e5
+    grids = CODED[name](Extents.of(wide), Steps())
+    assert max(len(grid.values) for grid in grids.means) < 2**22
+    assert all(len(grid.values) <= 256 for grid in (grids.log_scales, grids.three, grids.sh_dc, grids.sh_rest))
+    assert np.isfinite(grids.snap(wide, grids.palette(wide, 1 / 8)).means).all()
+
+
+def test_the_numbers_of_extents_bring_them_back():
+    extents = Extents.of(model_of(1))
+    assert Extents.from_numbers(extents.numbers).numbers.tolist() == extents.numbers.tolist()
+
+
+def test_the_nearest_to_the_identity_of_24_forms_is_the_same_ellipsoid():
+    model = model_of(0)
+    found = nearest_to_identity(model)
+    truth = covariances(model)
+    assert np.abs(covariances(found) - truth).max() < 1e-6 * np.abs(truth).max()
+    assert found.quats[:, 3].min() > 0.85 and np.abs(found.quats[:, :3]).max() < 0.383  # sin(π/8)
+    assert nearest_to_identity(found).quats == pytest.approx(found.quats, abs=1e-6)
+
+
+def test_rounds_of_lloyd_lower_the_weighted_error_and_keep_entries_that_nobody_uses():
+    rng = np.random.default_rng(0)
+    vectors, weights = rng.normal(size=(900, 6)).astype(np.float32), rng.uniform(0.1, 5, 900)
+    labels, entries = palette(vectors, 30, weights)
+
+    def error(labels, entries):
+        return (weights * np.square(vectors - entries[labels]).sum(axis=1)).sum()
+
+    errors = [error(labels, entries)] + [error(*lloyd(vectors, entries, weights, k)) for k in (1, 2, 4)]
+    assert np.all(np.diff(errors) < 0)
+    lonely = np.concatenate([entries, np.full((1, 6), 99, np.float32)])
+    assert lloyd(vectors, lonely, weights, 2)[1][-1].tolist() == [99] * 6
+
+
+def test_heavy_vectors_get_the_entries():
+    rng = np.random.default_rng(0)
+    vectors = rng.normal(size=(400, 4))
+    weights = np.where(np.arange(400) < 40, 1e4, 1.0)
+    labels, entries = palette(vectors, 40, weights)
+    error = np.square(vectors - entries[labels]).sum(axis=1)
+    assert error[:40].mean() < 0.2 * error[40:].mean()
+
+
+def test_rows_of_one_palette_entry_follow_each_other_and_others_are_sorted_in_space():
+    model = model_of(1)
+    assert by_color(model).tolist() == in_space(model).tolist()
+    few = snapped("spz", model)
+    sh = few.select(by_color(few)).sh_coeffs[:, 1:].reshape(few.n_splats, -1)
+    changes = np.any(sh[1:] != sh[:-1], axis=1).sum()
+    assert sorted(by_color(few)) == list(range(few.n_splats)) and changes == len(np.unique(sh, axis=0)) - 1

@@ -1,0 +1,60 @@
+"""Which files are taken for a capture, by their names."""
+
+from pathlib import Path
+
+import pytest
+from mi_dogsplat.poses.input import find_photographs, mask_folder, needs_poses, require_input
+from mi_dogsplat.support.errors import DataError
+
+
+def touch(top: Path, *names: str) -> Path:
+    for name in names:
+        (top / name).parent.mkdir(parents=True, exist_ok=True)
+        (top / name).write_bytes(b"")
+    return top
+
+
+def test_images_are_found_below_a_folder_but_not_masks_copies_hidden_files_and_results(tmp_path):
+    touch(tmp_path, "b.JPG", "a.png", "left/1.jpeg", "x.txt")
+    touch(tmp_path, "masks/a.png", ".thumbs/a.png", "._a.png", "out/images/a.png")
+    assert list(find_photographs(tmp_path, tmp_path / "out")) == ["a.png", "b.JPG", "left/1.jpeg"]
+    assert mask_folder(tmp_path, None) == tmp_path / "masks"
+    touch(tmp_path, "images/c.png", "images/d.png", "images_4/c.png")
+    assert list(find_photographs(tmp_path, tmp_path / "out")) == ["c.png", "d.png"]
+
+
+def test_raw_files_beside_their_jpeg_do_not_count_others_are_refused(tmp_path):
+    touch(tmp_path, "1.jpg", "1.dng", "2.jpg", "2.DNG")
+    assert list(find_photographs(tmp_path, tmp_path / "out")) == ["1.jpg", "2.jpg"]
+    touch(tmp_path, "3.dng")
+    with pytest.raises(DataError, match=r"3.dng: raw images cannot be read here \(1 of 3"):
+        find_photographs(tmp_path, tmp_path / "out")
+
+
+def test_a_folder_with_a_video_alone_says_which(tmp_path):
+    touch(tmp_path, "walk.MOV")
+    with pytest.raises(DataError, match="name the video itself: .*walk.MOV"):
+        find_photographs(tmp_path, tmp_path / "out")
+
+
+def test_what_has_cameras_needs_no_poses(tmp_path):
+    plain = touch(tmp_path / "plain", "1.jpg")
+    assert needs_poses(plain) and needs_poses(str(plain))
+    assert not needs_poses(touch(tmp_path / "nerf", "1.jpg", "transforms.json"))
+    assert not needs_poses(touch(tmp_path / "colmap", "images/1.jpg", "sparse/0/cameras.bin", "sparse/0/images.bin"))
+    assert needs_poses(touch(tmp_path / "phone", "1.heic"))  # so that it is told what to do
+    assert needs_poses(touch(tmp_path, "walk.mp4") / "walk.mp4")
+    for other in ("scene.xml", "notes.txt", "nothing"):
+        assert not needs_poses(tmp_path / other)
+    assert not needs_poses(touch(tmp_path / "texts", "a.txt"))
+
+
+def test_masks_that_were_given_must_be_there(tmp_path):
+    with pytest.raises(DataError, match="no such folder"):
+        mask_folder(tmp_path, str(tmp_path / "masks"))
+    assert mask_folder(tmp_path, None) is None
+
+
+def test_a_folder_called_like_a_video_is_a_folder(tmp_path):
+    require_input(touch(tmp_path / "walk.mp4", "1.jpg", "2.jpg"))
+    assert needs_poses(tmp_path / "walk.mp4")

@@ -1,0 +1,125 @@
+"""Which pairs of images are matched, and what the matches say about a capture."""
+
+import numpy as np
+import pytest
+from mi_dogsplat.poses.advice import Outcome, advice_on_capture, advice_on_model, hopeless
+from mi_dogsplat.poses.evidence import CARRIED, Evidence, translation_shares
+from mi_dogsplat.poses.matching import ALIKE, BESIDE, LOOPS, WINDOW, pairs_of_many, pairs_of_video
+from mi_dogsplat.poses.retrieval import nearest, similarities
+
+SIZE = 640, 480
+GOOD = Evidence(features=3000, matches=800, n_pairs=300, explained=0.8, rotating=0.01, still=0.01)
+WHOLE = Outcome(100, 100, (), 0.6)
+
+
+def places(n: int, per_place: int, seed: int = 0) -> list[np.ndarray]:
+    """Descriptors of ``n`` images; image i shows place i // ``per_place``, with noise and some clutter of its own."""
+    rng = np.random.default_rng(seed)
+    own = [rng.integers(0, 120, (150, 128)) for _ in range(-(-n // per_place))]
+    return [
+        np.concatenate([own[i // per_place] + rng.integers(0, 20, (150, 128)), rng.integers(0, 120, (50, 128))])
+        for i in range(n)
+    ]
+
+
+def test_images_of_one_place_look_most_alike():
+    similarity = similarities(places(24, 4), seed=0)
+    for i, row in enumerate(similarity):
+        alike = {int(j) for j in np.argsort(-row) if j != i and j // 4 == i // 4}
+        assert {int(j) for j in np.argsort(-row)[:4]} - {i} == alike
+    assert (similarities(places(24, 4), seed=0) == similarity).all()
+
+
+def test_an_image_without_features_is_like_none():
+    descriptors = [*places(6, 3), np.zeros((0, 128), np.uint8)]
+    similarity = similarities(descriptors, seed=0)
+    assert np.isfinite(similarity).all() and (similarity[6] == 0).all()
+    assert similarities([np.zeros((0, 128), np.uint8)] * 3, seed=0).shape == (3, 3)
+
+
+def test_frames_are_matched_with_their_neighbours_with_far_ones_and_where_a_loop_closes():
+    n = 200
+    similarity = np.eye(n)
+    similarity[3, 190] = similarity[190, 3] = 0.9
+    pairs = pairs_of_video(similarity)
+    assert (3, 190) in pairs and (0, WINDOW) in pairs and (0, 64) in pairs
+    assert all(i < j for i, j in pairs) and len(set(pairs)) == len(pairs) < n * (WINDOW + LOOPS + 5)
+
+
+def test_many_photographs_are_matched_with_those_that_look_alike():
+    n = 300
+    similarity = np.random.default_rng(0).random((n, n))
+    similarity = similarity + similarity.T
+    pairs = set(pairs_of_many(similarity))
+    assert {(i, i + BESIDE) for i in range(n - BESIDE)} <= pairs
+    assert nearest(similarity, ALIKE) <= pairs and len(pairs) < n * (ALIKE + BESIDE)
+
+
+def homography(rotation: np.ndarray, t_over_d: np.ndarray, normal: np.ndarray, focal: float) -> np.ndarray:
+    """Of a plane with this normal at distance 1, in the first camera's axes (Hartley and Zisserman, 13.2)."""
+    K = np.array([[focal, 0, SIZE[0] / 2], [0, focal, SIZE[1] / 2], [0, 0, 1]])
+    return K @ (rotation - np.outer(t_over_d, normal)) @ np.linalg.inv(K)
+
+
+def motion_of(H: np.ndarray) -> float:
+    x, y = np.meshgrid(np.linspace(0, SIZE[0], 20), np.linspace(0, SIZE[1], 20))
+    points = np.stack([x.ravel(), y.ravel(), np.ones(400)])
+    there = H @ points
+    return float(np.median(np.linalg.norm(there[:2] / there[2] - points[:2], axis=0))) / SIZE[0]
+
+
+def turned(angle: float) -> np.ndarray:
+    return np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+
+
+def rotating(Hs: list[np.ndarray]) -> float:
+    """Share of the pairs that one focal length makes rotations."""
+    shares = np.array([translation_shares(H, [SIZE, SIZE], motion_of(H)) for H in Hs])
+    return float((shares < CARRIED).mean(axis=0).max())
+
+
+@pytest.mark.parametrize("focal", [400.0, 600.0, 1100.0])
+def test_rotations_are_seen_as_such_whatever_the_focal_length(focal):
+    angles = (0.05, 0.1, -0.15, 0.2, 0.4)
+    Hs = [3 * homography(turned(a), np.zeros(3), np.array([0, 0, 1]), focal) for a in angles]  # of whatever scale
+    assert rotating(Hs) == 1
+
+
+@pytest.mark.parametrize("normal", [(0, 0, 1), (0.5, 0, 0.866)])
+@pytest.mark.parametrize("t", [(0.1, 0, 0), (0, 0.1, 0.02), (0, 0, 0.2), (0.3, 0, 0.1)])
+def test_a_plane_that_is_passed_is_no_rotation(t, normal):
+    Hs = [homography(turned(angle), np.array(t), np.array(normal), 600.0) for angle in (0, 0.05, -0.1, 0.1, 0.2, -0.2)]
+    assert rotating(Hs) < 0.5
+
+
+def test_a_good_capture_gets_no_advice():
+    assert not advice_on_capture(GOOD) and not advice_on_model(WHOLE) and not hopeless(GOOD)
+
+
+@pytest.mark.parametrize(
+    "changed, word",
+    [
+        ({"features": 80.0}, "too few features"),
+        ({"matches": 12.0}, "hardly overlap"),
+        ({"rotating": 0.95}, "turns but is not"),
+        ({"still": 0.7}, "stands still"),
+        ({"explained": 0.2}, "moves by itself"),
+    ],
+)
+def test_each_defect_of_a_capture_has_its_sentence(changed, word):
+    (advice,) = advice_on_capture(Evidence(**(vars(GOOD) | changed)))
+    assert word in str(advice) and str(advice).count("; ") == 1
+    assert hopeless(Evidence(**(vars(GOOD) | changed))) == (word == "turns but is not")
+
+
+def test_where_no_pair_moves_nothing_is_said_about_motion():
+    assert not advice_on_capture(Evidence(3000, 800, 0, 0.0, 0.0, 0.0))
+
+
+def test_each_defect_of_a_model_has_its_sentence():
+    (few,) = advice_on_model(Outcome(100, 60, (25, 10), 0.6))
+    assert "only 60 of 100 images have a pose, others form groups of 25, 10" in str(few)
+    (coarse,) = advice_on_model(Outcome(100, 100, (), 2.5))
+    (odd,) = advice_on_model(Outcome(100, 100, (), 0.6, (60.0, 121.0)))
+    assert "121° wide" in str(odd) and "EXIF" in str(odd)
+    assert "2.50 px" in str(coarse) and "--lens OPENCV" in str(coarse)

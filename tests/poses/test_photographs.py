@@ -1,0 +1,137 @@
+"""Photographs are copied as they are, or turned as their EXIF says; it also says which device took them, and how."""
+
+import numpy as np
+import pytest
+from mi_dogsplat.poses.exif import read_exif
+from mi_dogsplat.poses.photographs import prepare, prepare_masks
+from mi_dogsplat.support.errors import DataError
+from PIL import Image
+
+WIDTH, HEIGHT = 60, 40
+ORIENTATION, MAKE, MODEL, EXIF = 0x0112, 0x010F, 0x0110, 0x8769
+FOCAL, FOCAL_35MM, TAKEN_WIDTH, TAKEN_HEIGHT, DENSITY, UNIT = 0x920A, 0xA405, 0xA002, 0xA003, 0xA20E, 0xA210
+# what undoes each value of the tag, by the definition of EXIF 2.32: where row 0 and column 0 of the file are shown
+SHOWN = {
+    1: lambda p: p, 2: lambda p: p[:, ::-1], 3: lambda p: p[::-1, ::-1], 4: lambda p: p[::-1],
+    5: lambda p: p.swapaxes(0, 1), 6: lambda p: np.rot90(p, -1), 7: lambda p: np.rot90(p, 2).swapaxes(0, 1),
+    8: lambda p: np.rot90(p, 1),
+}  # fmt: skip
+
+
+def pixels() -> np.ndarray:
+    """Blocks of random colours, no two sides of which are alike."""
+    return np.kron(np.random.default_rng(0).integers(0, 256, (4, 6, 3)), np.ones((10, 10, 1))).astype(np.uint8)
+
+
+def tags(orientation: int = 1) -> Image.Exif:
+    exif = Image.Exif()
+    exif[ORIENTATION] = orientation
+    return exif
+
+
+def prepared(folder, out):
+    sources = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
+    return prepare(sources, out, lambda done, n: None)
+
+
+@pytest.mark.parametrize("orientation", SHOWN)
+def test_pixels_are_turned_as_the_tag_says(tmp_path, orientation):
+    (tmp_path / "in").mkdir()
+    Image.fromarray(pixels()).save(tmp_path / "in" / "a.png", exif=tags(orientation))
+    photograph = prepared(tmp_path / "in", tmp_path / "out")[0]
+    with Image.open(tmp_path / "out" / "a.png") as image:
+        assert image.getexif().get(ORIENTATION, 1) == 1
+        np.testing.assert_array_equal(np.asarray(image), SHOWN[orientation](pixels()))
+        assert image.size == (photograph.width, photograph.height)
+
+
+def test_what_every_tool_reads_is_copied_to_the_byte_and_the_rest_becomes_png(tmp_path):
+    folder = tmp_path / "in"
+    (folder / "left side").mkdir(parents=True)
+    Image.fromarray(pixels()).save(folder / "a.jpg", quality=90, exif=tags())
+    Image.fromarray(pixels()).save(folder / "left side" / "b 1.png")
+    Image.fromarray(pixels()).save(folder / "c.webp", lossless=True)
+    Image.fromarray((pixels()[..., 0].astype(np.uint16) << 8) + 255).save(folder / "d.tif")
+    made = prepared(folder, tmp_path / "out")
+    assert [p.name for p in made] == ["a.jpg", "c.png", "d.png", "left_side/b_1.png"]
+    assert (tmp_path / "out" / "a.jpg").read_bytes() == (folder / "a.jpg").read_bytes()
+    assert (tmp_path / "out/left_side/b_1.png").read_bytes() == (folder / "left side/b 1.png").read_bytes()
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "out" / "c.png")), pixels())
+    grey = np.asarray(Image.open(tmp_path / "out" / "d.png"))
+    assert np.abs(grey[..., 0].astype(int) - pixels()[..., 0]).max() <= 1
+
+
+def test_a_second_start_writes_nothing_again(tmp_path):
+    (tmp_path / "in").mkdir()
+    Image.fromarray(pixels()).save(tmp_path / "in" / "a.jpg", exif=tags(6))
+    first = prepared(tmp_path / "in", tmp_path / "out")
+    before = (tmp_path / "out" / "a.jpg").stat().st_mtime_ns
+    assert prepared(tmp_path / "in", tmp_path / "out") == first
+    assert (tmp_path / "out" / "a.jpg").stat().st_mtime_ns == before
+
+
+def test_a_file_that_is_cut_off_and_two_of_one_name_are_errors(tmp_path):
+    (tmp_path / "in").mkdir()
+    Image.fromarray(pixels()).save(tmp_path / "in" / "a.jpg")
+    data = (tmp_path / "in" / "a.jpg").read_bytes()
+    (tmp_path / "in" / "a.jpg").write_bytes(data[: len(data) // 2])
+    with pytest.raises(DataError, match="a.jpg: cannot be read as an image .*; replace the file or remove it"):
+        prepared(tmp_path / "in", tmp_path / "out")
+    assert not (tmp_path / "out" / "a.jpg").exists()
+    (tmp_path / "in" / "a.jpg").write_bytes(data)
+    Image.fromarray(pixels()).save(tmp_path / "in" / "a.png")
+    with pytest.raises(DataError, match='two views have the name "a"'):
+        prepared(tmp_path / "in", tmp_path / "out")
+
+
+def exif_of(inner: dict, size=(4000, 3000), tags: dict | None = None):
+    image = Image.new("RGB", size)
+    exif = Image.Exif()
+    exif.update(tags or {})
+    exif.get_ifd(EXIF).update(inner)
+    image.getexif = lambda: exif  # as of a file with these tags
+    return read_exif(image)
+
+
+def test_the_focal_length_is_that_of_the_equivalent_by_the_diagonal():
+    """26 mm of 35 mm film are a phone's main camera: 79.5° along the diagonal (CIPA DC-008)."""
+    focal = exif_of({FOCAL_35MM: 26}).focal
+    assert focal and abs(2 * np.degrees(np.arctan(2500 / focal)) - 79.5) < 0.1
+    assert exif_of({FOCAL_35MM: 26}, size=(2000, 1500)).focal == pytest.approx(focal / 2)
+
+
+def test_the_focal_length_of_a_sensor_whose_pixels_per_inch_are_known():
+    inner = {FOCAL: 50.0, DENSITY: 4000 / (36 / 25.4), UNIT: 2, TAKEN_WIDTH: 4000, TAKEN_HEIGHT: 3000}
+    assert exif_of(inner).focal == pytest.approx(50 / 36 * 4000)
+    assert exif_of(inner, size=(1000, 750)).focal == pytest.approx(50 / 36 * 1000)
+
+
+CROPPED = {FOCAL_35MM: 26, TAKEN_WIDTH: 4000, TAKEN_HEIGHT: 2000}
+
+
+@pytest.mark.parametrize("inner", [{}, {FOCAL_35MM: 0}, {FOCAL: 50.0}, {FOCAL_35MM: "?"}, CROPPED])
+def test_no_focal_length_is_taken_from_no_tag_from_nonsense_or_of_a_cropped_picture(inner):
+    assert exif_of(inner).focal is None
+
+
+def test_devices_differ_by_make_model_and_focal_length():
+    cases = ((4.0, "A"), (9.0, "A"), (4.0, "B"))
+    names = [exif_of({FOCAL: mm}, tags={MAKE: "Acme\0", MODEL: model}).device for mm, model in cases]
+    assert len(set(names)) == 3 and names[0] == "Acme A 4.0"
+
+
+def test_a_mask_painted_on_the_pixels_of_the_file_is_turned_along(tmp_path):
+    (tmp_path / "in").mkdir()
+    (tmp_path / "masks").mkdir()
+    Image.fromarray(pixels()).save(tmp_path / "in" / "a b.jpg", exif=tags(6))
+    mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    mask[:, : WIDTH // 3] = 0
+    Image.fromarray(mask).save(tmp_path / "masks" / "a b.png")
+    photographs = prepared(tmp_path / "in", tmp_path / "out")
+    assert prepare_masks(tmp_path / "masks", photographs, tmp_path / "made") == 1
+    made = np.asarray(Image.open(tmp_path / "made" / "a_b.jpg.png"))
+    np.testing.assert_array_equal(made, np.rot90(mask, -1))
+    Image.fromarray(mask).save(tmp_path / "masks" / "other.png")
+    (tmp_path / "masks" / "a b.png").unlink()
+    with pytest.raises(DataError, match="has no mask for any of the images; name them as the images, like a_b.png"):
+        prepare_masks(tmp_path / "masks", photographs, tmp_path / "made")

@@ -1,0 +1,320 @@
+"""From pictures and a video of a room to poses, against the exact ones; interrupted, changed, and of bad captures."""
+
+import dataclasses
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from command_line import assert_one_line, run
+from mi_dogsplat.datasets import check_cameras, load_dataset
+from mi_dogsplat.datasets.colmap import read_sources
+from mi_dogsplat.datasets.masks import Masks
+from mi_dogsplat.poses import run as module
+from mi_dogsplat.poses.config import PosesConfig
+from mi_dogsplat.poses.output import undistort, write_model
+from mi_dogsplat.poses.run import find_poses, is_done
+from mi_dogsplat.poses.summary import Summary
+from mi_dogsplat.scene.cameras import Camera, inverse_rigid
+from mi_dogsplat.support.errors import DataError
+from PIL import Image
+from posed_room import SIZE, N, filmed, found_cameras, photographed
+from shared_folder import contents
+
+from benchmarks.filmed_scene import arc, picture, textured_room, write_video
+from benchmarks.pose_error import pose_error
+
+
+def mixed_folder(folder: Path, room: Path) -> Path:
+    """The pictures of the room as a phone may leave them: two turned on their sides with a tag, two of half the size in
+    a folder of their own; a mask for one, and a file that is none of all this."""
+    for path in sorted((room / "pictures").iterdir()):
+        image, number = Image.open(path), int(path.stem[-1])
+        exif = Image.Exif()
+        if number in (2, 3):  # stored lying, to be turned clockwise
+            image = image.transpose(Image.Transpose.ROTATE_90)
+            exif[0x0112] = 6
+        if number in (5, 6):
+            image = image.resize((SIZE[0] * 3 // 4, SIZE[1] * 3 // 4), Image.Resampling.BOX)
+        inner = "small" if number in (5, 6) else ""
+        (folder / inner).mkdir(parents=True, exist_ok=True)
+        image.save(folder / inner / f"{path.stem}.jpg", quality=95, subsampling=0, exif=exif)
+    (folder / "masks").mkdir()
+    mask = np.full((SIZE[1], SIZE[0]), 255, np.uint8)
+    mask[:, : SIZE[0] // 3] = 0
+    Image.fromarray(mask).save(folder / "masks" / "view 0.png")
+    (folder / "notes.txt").write_text("Tuesday, cloudy")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def source(room, tmp_path_factory) -> Path:
+    return mixed_folder(tmp_path_factory.mktemp("source") / "pictures", room)
+
+
+@pytest.fixture(scope="module")
+def posed(source, tmp_path_factory) -> tuple[Path, Summary, list]:
+    """(folder, summary, what was told of the progress)"""
+    out, told = tmp_path_factory.mktemp("posed") / "out", []
+    return out, find_poses(source, out, PosesConfig(), lambda *row: told.append(row)), told
+
+
+def exact() -> dict[str, Camera]:
+    cameras = {name.replace(" ", "_"): camera for name, camera in photographed().items()}
+    return {f"small_{name}" if name[-1] in "56" else name: camera for name, camera in cameras.items()}
+
+
+# --- poses ---
+
+
+def test_mixed_sizes_and_orientations_all_get_their_pose(posed):
+    out, summary, _ = posed
+    cameras = found_cameras(out)
+    error = pose_error(exact(), cameras)
+    assert error.n == N and error.largest_position < 0.01 and error.angle < 0.2
+    assert {camera.width for camera in cameras.values()} == {SIZE[0], SIZE[0] * 3 // 4}
+    assert abs(cameras["view_0"].fx / photographed()["view 0"].fx - 1) < 0.02
+    assert summary.n_registered == summary.n_images == N and not summary.without_pose and not summary.advice
+    assert len(summary.cameras) == 2
+
+
+def test_our_reader_and_pycolmap_take_the_folder(posed):
+    out, summary, _ = posed
+    dataset = load_dataset(out)
+    check = check_cameras(dataset)
+    assert len(dataset.views) == N and check.n_points == summary.n_points > 500
+    assert check.reprojection_px is not None and check.color_difference is not None
+    assert check.in_front == 1 and check.reprojection_px < 1 and check.color_difference < 0.1
+    assert pycolmap.Reconstruction(str(out / "sparse" / "0")).num_reg_images() == N
+
+
+def test_nothing_is_matched_under_a_mask_which_comes_along_for_the_training(posed):
+    out, summary, _ = posed
+    dataset = load_dataset(out)
+    assert summary.n_masks == 1
+    seen = dataset.observations["view_0"].pixels[:, 0]
+    assert len(seen) > 100 and seen.min() > SIZE[0] // 3 - 2
+    view = next(view for view in dataset.views if view.name == "view_0")
+    mask = Masks(out / "masks", dataset.views).of(view)
+    assert mask is not None and abs(mask.mean() - 2 / 3) < 0.02
+
+
+def test_each_stage_tells_how_far_it_is(posed):
+    _, summary, told = posed
+    stages = [stage for stage, _, _ in told]
+    assert list(dict.fromkeys(stages)) == ["images", "features", "matching", "mapping"] == list(summary.seconds)
+    last = {stage: (done, n) for stage, done, n in told}
+    assert last == {"images": (N, N), "features": (N, N), "matching": (28, 28), "mapping": (N, N)}
+
+
+def test_the_summary_says_it_in_words(posed):
+    text = "\n".join(posed[1].lines())
+    assert f"{N} of {N} images have a pose" in text and "reprojection error" in text and "SIMPLE_RADIAL 320x240" in text
+
+
+# --- interrupted ---
+
+
+class Killed(Exception):
+    pass
+
+
+@pytest.mark.parametrize("stage", ["images", "features", "matching", "mapping"])
+def test_what_was_stopped_is_no_data_set_and_goes_on_where_it_was(source, posed, tmp_path, stage):
+    def stop(now: str, done: int, n: int) -> None:
+        if now == stage and done:
+            raise Killed
+
+    out, told = tmp_path / "out", []
+    if stage in ("matching", "mapping"):  # the features are those of another start
+        shutil.copytree(posed[0], out)
+        shutil.rmtree(out / "sparse")
+        (out / "summary.json").unlink()
+    with pytest.raises(Killed):
+        find_poses(source, out, PosesConfig(), stop)
+    assert not is_done(out) and not list(out.rglob("*.part"))
+    with pytest.raises(DataError):
+        load_dataset(out)
+    if stage in ("matching", "mapping"):
+        summary = find_poses(source, out, PosesConfig(), lambda *row: told.append(row))
+        assert summary.n_registered == N and told[-1] == ("mapping", N, N)
+        first = {name: next(done for now, done, _ in told if now == name) for name in ("features", "matching")}
+        assert first == {"features": N, "matching": 28}
+
+
+def test_a_second_start_does_nothing_again(source, posed):
+    out, summary, _ = posed
+    before, told = contents(out), []
+    assert find_poses(source, out, PosesConfig(), lambda *row: told.append(row)) == summary
+    assert not told and contents(out) == before
+
+
+def test_other_settings_and_other_images_are_not_mixed_with_the_earlier(source, posed, tmp_path):
+    out = posed[0]
+    with pytest.raises(DataError, match="lens was SIMPLE_RADIAL and is OPENCV now"):
+        find_poses(source, out, PosesConfig(lens="OPENCV"))
+    fewer = shutil.copytree(source, tmp_path / "fewer")
+    (fewer / "view 0.jpg").unlink()
+    with pytest.raises(DataError, match="the file of the source has changed"):
+        find_poses(fewer, out, PosesConfig())
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "thesis.tex").write_text("")
+    with pytest.raises(DataError, match="other contents"):
+        find_poses(source, tmp_path / "thesis", PosesConfig())
+
+
+# --- a lens ---
+
+
+def test_without_its_lens_every_point_is_where_the_pinhole_sees_it(posed, tmp_path):
+    bent, out = tmp_path / "bent", tmp_path / "out"
+    shutil.copytree(posed[0] / "images", bent / "images")
+    shutil.copytree(posed[0] / "masks", bent / "masks")
+    model = pycolmap.Reconstruction(str(posed[0] / "sparse" / "0"))
+    for camera in model.cameras.values():  # as if the lens had been this one, and the points exact
+        camera.params = [*camera.params[:3], -0.15]
+    for image in model.images.values():
+        for point in image.points2D:
+            if point.has_point3D():
+                point.xy = image.project_point(model.point3D(point.point3D_id).xyz)
+    write_model(model, bent / "sparse" / "0")
+    write_model(undistort(pycolmap, bent, out, lambda done, n: None), out / "sparse" / "0")
+    assert {source.lens.straight for source in read_sources(out / "sparse" / "0", out / "images")[0]} == {True}
+    straight, by_us = load_dataset(out), load_dataset(bent)
+    check = check_cameras(straight)
+    assert check.reprojection_px is not None and check.reprojection_px < 0.01
+    for a, b in zip(straight.views, by_us.views, strict=True):
+        assert a.image.shape == b.image.shape and np.abs(a.image - b.image).mean() < 0.01
+    masked = next(view for view in straight.views if view.name == "view_0")
+    mask = Masks(out / "masks", straight.views).of(masked)
+    assert mask is not None and mask.shape == masked.image.shape[:2] and 0.5 < mask.mean() < 0.8
+
+
+def test_undistorted_from_the_command_line(room, tmp_path, capsys):
+    three = tmp_path / "three"
+    three.mkdir()
+    for path in sorted((room / "pictures").iterdir())[2:5]:
+        shutil.copy(path, three)
+    status, out, err = run(capsys, "poses", three, "-o", tmp_path / "out", "--undistort")
+    assert status == 0 and "3 of 3 images have a pose" in out and out.endswith(f"{tmp_path / 'out'}\n"), err
+    assert "undistortion" in out and (tmp_path / "out" / "distorted" / "sparse" / "0").is_dir()
+    assert pycolmap.Reconstruction(str(tmp_path / "out" / "sparse" / "0")).cameras[1].model_name == "PINHOLE"
+
+
+# --- a video ---
+
+
+def test_a_video_gives_sharp_frames_with_their_poses(room, tmp_path):
+    out = tmp_path / "out"
+    summary = find_poses(room / "walk.mp4", out, PosesConfig(frames=8))
+    assert summary.n_registered == summary.n_images == 8
+    error = pose_error(filmed(), found_cameras(out))
+    assert error.n == 8 and error.largest_position < 0.03 and error.angle < 0.3
+
+
+# --- bad captures, each in one line ---
+
+
+def folder_of(folder: Path, pictures: list[np.ndarray]) -> Path:
+    folder.mkdir()
+    for k, pixels in enumerate(pictures):
+        Image.fromarray(pixels).save(folder / f"{k}.png")
+    return folder
+
+
+def test_a_camera_that_only_turns_is_told_to_walk(tmp_path, capsys):
+    scene, base, pictures = textured_room(), arc(1, *SIZE)[0], []
+    for angle in np.linspace(-0.3, 0.3, 5):
+        turn = np.eye(4)
+        turn[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+        camera = dataclasses.replace(base, w2c=inverse_rigid(base.c2w @ turn))
+        pictures.append(picture(scene, [camera], 4))
+    turning = folder_of(tmp_path / "turning", pictures)
+    result = run(capsys, "poses", turning, "-o", tmp_path / "out")
+    line = result[2].splitlines()[-1]
+    assert result[0] == 2 and line.startswith(f"dogsplat: {turning}: no poses found: the camera turns but"), line
+    assert line.endswith("; walk sideways or around the scene")
+
+
+def test_a_background_that_stands_still_is_told_to_be_masked(pixels, tmp_path):
+    still = [p.copy() for p in pixels[2:6]]
+    for p in still:
+        p[:, :110] = pixels[0][:, :110]
+    try:
+        told = "\n".join(find_poses(folder_of(tmp_path / "in", still), tmp_path / "out", PosesConfig()).lines())
+    except DataError as error:
+        told = str(error)
+    assert "stands still while the rest moves (100% of the pairs)" in told and "--masks" in told
+
+
+def test_pictures_without_texture_are_told_so(tmp_path):
+    grey = folder_of(tmp_path / "in", [np.full((90, 120, 3), 99, np.uint8)] * 3)
+    with pytest.raises(DataError, match="too few features") as raised:
+        find_poses(grey, tmp_path / "out", PosesConfig())
+    assert "\n" not in str(raised.value) and "patterned" in str(raised.value)
+
+
+def test_what_is_no_capture_is_one_line(tmp_path, capsys, pixels):
+    empty, single, phone, broken = (tmp_path / name for name in ("empty", "single", "phone", "broken"))
+    empty.mkdir()
+    folder_of(single, pixels[:1])
+    folder_of(phone, pixels[:2])
+    (phone / "IMG_1.HEIC").write_bytes(b"")
+    folder_of(broken, pixels[:3])
+    data = (broken / "1.png").read_bytes()
+    (broken / "1.png").write_bytes(data[: len(data) // 2])
+    text, video, nothing = tmp_path / "notes.txt", tmp_path / "walk.mp4", tmp_path / "nothing"
+    text.write_text("Tuesday, cloudy")
+    video.write_bytes(b"\0" * 5000)
+    for path, *words in (
+        (empty, "has no image"),
+        (single, "has a single image", "20 to 200"),
+        (single / "0.png", "is a single image", "give a folder"),
+        (phone, "HEIC", "export them as JPEG"),
+        (text, "is neither a folder of images nor a video"),
+        (nothing, "no such file"),
+        (broken, "1.png", "cannot be read as an image"),
+        (video, "cannot be read as a video", "export it again"),
+    ):
+        status, out, err = run(capsys, "poses", path, "-o", tmp_path / "out")
+        assert status == 2 and err.splitlines()[-1].startswith("dogsplat: ") and "Traceback" not in err, err
+        assert all(word in err.splitlines()[-1] for word in words), err
+        shutil.rmtree(tmp_path / "out", ignore_errors=True)
+
+
+def test_a_video_in_which_nothing_moves_is_one_line(tmp_path, pixels):
+    write_video(tmp_path / "still.mp4", [pixels[0]] * 20)
+    with pytest.raises(DataError, match="nothing moves in it; walk around"):
+        find_poses(tmp_path / "still.mp4", tmp_path / "out", PosesConfig())
+
+
+def test_a_gpu_that_pycolmap_was_built_without_is_one_line(source, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(pycolmap, "has_cuda", False)
+    result = run(capsys, "poses", source, "-o", tmp_path / "out", "--gpu")
+    assert_one_line(result, "--gpu: pycolmap", "built without CUDA", "leave --gpu out")
+    assert not (tmp_path / "out").exists()
+
+
+# --- straight to a model ---
+
+
+def test_train_finds_poses_of_plain_images_first(source, posed, tmp_path, capsys, monkeypatch):
+    given = []
+
+    def find(source: Path, out: Path, config: PosesConfig, progress) -> Summary:
+        given.append(config)
+        shutil.copytree(posed[0], out, dirs_exist_ok=True)
+        return posed[1]
+
+    monkeypatch.setattr(module, "find_poses", find)
+    tiny = ("--steps", 14, "--max-primitives", 80, "--sh-degree", 0, "--downscale", 4, "--preset", "3dgs")
+    status, out, err = run(capsys, "train", source, "-o", tmp_path / "run", *tiny, "--seed", 3)
+    assert status == 0 and f"{source} has no cameras: finding its poses, into {tmp_path / 'run' / 'posed'}" in out, err
+    assert given == [PosesConfig(seed=3)] and f"{N} of {N} images have a pose" in out
+    config = json.loads((tmp_path / "run" / "config.json").read_text())
+    assert config["data"] == str(tmp_path / "run" / "posed") and config["masks"] == str(tmp_path / "run/posed/masks")
+    assert (tmp_path / "run" / "metrics.json").exists()
+    status, _, err = run(capsys, "train", source, "-o", tmp_path / "run", *tiny, "--seed", 3, "--resume")
+    assert status == 0, err

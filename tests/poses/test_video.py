@@ -1,0 +1,143 @@
+"""Videos: which frames are taken, how they are turned, and what is no video."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mi_dogsplat.poses.frame_choice import LEAST, FrameMark, Odometer, choose, sharpness, shift
+from mi_dogsplat.poses.frames import take_frames
+from mi_dogsplat.poses.video import grey_of, read_frames, upright_rgb
+from mi_dogsplat.support.errors import DataError
+from PIL import Image
+from scipy.ndimage import gaussian_filter
+from scipy.ndimage import shift as moved
+
+from benchmarks.filmed_scene import write_video
+
+WIDTH, HEIGHT = 160, 96
+# matrix of a track in the header "tkhd": a b u, c d v, x y w
+IDENTITY = struct.pack(">9i", 1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30)
+CLOCKWISE = struct.pack(">9i", 0, 1 << 16, 0, -1 << 16, 0, 0, 0, 0, 1 << 30)
+
+
+def texture(seed: int = 0, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
+    """Grey [H, W] in 0..1."""
+    noise = gaussian_filter(np.random.default_rng(seed).normal(size=(height, width)), 1.5)
+    return np.clip(0.5 + 1.5 * noise, 0, 1)
+
+
+def panned(offsets: list[float]) -> list[np.ndarray]:
+    """Frames uint8 [H, W, 3] of a window that moves to the right by these pixels."""
+    wide = texture(width=WIDTH + 400)
+    frames = [moved(wide, (0, -x), order=1)[:, 100 : 100 + WIDTH] for x in offsets]
+    return [np.repeat(np.rint(255 * frame).astype(np.uint8)[..., None], 3, -1) for frame in frames]
+
+
+# --- motion and sharpness ---
+
+
+@pytest.mark.parametrize("dy, dx", [(0, 0), (3, 0), (0, -5), (4, 7)])
+def test_the_shift_of_two_pictures_is_found_at_any_exposure(dy, dx):
+    big = texture(height=HEIGHT + 40, width=WIDTH + 40)
+    a, b = big[20:-20, 20:-20], big[20 + dy : 20 + dy + HEIGHT, 20 + dx : 20 + dx + WIDTH]
+    assert shift(a, 0.4 * b + 0.1) == pytest.approx(np.hypot(dy, dx))
+
+
+def test_pictures_that_have_nothing_in_common_are_far_apart_and_empty_ones_do_not_move():
+    assert shift(texture(0), texture(1)) == 32
+    assert shift(np.full((HEIGHT, WIDTH), 0.5), np.full((HEIGHT, WIDTH), 0.9)) == 0
+
+
+def test_motion_below_a_pixel_per_frame_is_not_lost():
+    odometer, wide = Odometer(), texture(width=WIDTH + 60)
+    marks = [odometer.mark(k, moved(wide, (0, -0.3 * k), order=1)[:, 10 : 10 + WIDTH]) for k in range(100)]
+    assert marks[-1].travelled * WIDTH == pytest.approx(0.3 * 99, abs=2)
+
+
+def test_blur_lowers_sharpness_and_exposure_does_not():
+    picture = texture()
+    assert sharpness(gaussian_filter(picture, 1.5)) < 0.7 * sharpness(picture)
+    assert sharpness(0.4 * picture) == pytest.approx(sharpness(picture), rel=0.01)
+
+
+def test_of_each_bucket_of_motion_the_sharpest_is_taken():
+    marks = [FrameMark(k, 0.01 * k, 2.0 if k % 10 == 7 else 1.0) for k in range(100)]
+    assert choose(marks, 10) == list(range(7, 100, 10))
+
+
+def test_a_camera_that_rests_gives_one_frame_and_one_that_moves_more_gives_more():
+    def frames(travelled) -> int:
+        return len(choose([FrameMark(k, x, 1.0) for k, x in enumerate(travelled)]))
+
+    assert frames(np.zeros(500)) == 1
+    half = np.concatenate([np.linspace(0, 4, 200), np.full(800, 4)])
+    assert frames(half) == frames(np.linspace(0, 4, 200)) == 134
+    assert frames(np.linspace(0, 3, 2000)) == 100 and frames(np.linspace(0, 0.2, 2000)) == LEAST
+    assert frames(np.linspace(0, 100, 20_000)) == 300
+
+
+# --- files ---
+
+
+def taken(video: Path, out: Path, n: int | None = None) -> list[str]:
+    return [p.name for p in take_frames(video, out / "frames.json", out / "images", n, lambda done, of: None)]
+
+
+def test_resting_and_blurred_frames_are_left_out(tmp_path):
+    frames = panned([*np.arange(0, 60, 2.0), *[60.0] * 30, *np.arange(60, 120, 2.0)])
+    for k in range(0, len(frames), 2):
+        frames[k] = np.rint(gaussian_filter(frames[k].astype(float), (0, 3, 0))).astype(np.uint8)
+    write_video(tmp_path / "walk.mp4", frames)
+    names = taken(tmp_path / "walk.mp4", tmp_path, 12)
+    numbers = [int(name[6:12]) for name in names]
+    assert 10 <= len(numbers) <= 12 and sum(31 <= n < 60 for n in numbers) <= 1
+    assert all(n % 2 for n in numbers)
+    with Image.open(tmp_path / "images" / names[0]) as image:
+        assert np.abs(np.asarray(image, float) - frames[numbers[0]]).mean() < 5
+
+
+def test_frames_that_are_missing_are_taken_from_the_same_places(tmp_path, monkeypatch):
+    write_video(tmp_path / "walk.mp4", panned(list(np.arange(0, 90, 3.0))))
+    names = taken(tmp_path / "walk.mp4", tmp_path, 5)
+    before = (tmp_path / "images" / names[2]).read_bytes()
+    (tmp_path / "images" / names[2]).unlink()
+    monkeypatch.setattr("mi_dogsplat.poses.frames.choose", None)  # the choice is kept
+    assert taken(tmp_path / "walk.mp4", tmp_path, 5) == names
+    assert (tmp_path / "images" / names[2]).read_bytes() == before
+
+
+def test_a_phone_held_upright_gives_upright_frames(tmp_path):
+    frame = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    frame[: HEIGHT // 2, : WIDTH // 2] = 255  # top left in the file, top right when it is turned clockwise
+    write_video(tmp_path / "a.mp4", [frame] * 3)
+    data = (tmp_path / "a.mp4").read_bytes()
+    at = data.index(IDENTITY, data.index(b"tkhd"))
+    (tmp_path / "b.mp4").write_bytes(data[:at] + CLOCKWISE + data[at + len(CLOCKWISE) :])
+    _, upright = next(iter(read_frames(tmp_path / "b.mp4")))
+    picture = upright_rgb(upright)
+    assert picture.shape == (WIDTH, HEIGHT, 3)
+    assert picture[: WIDTH // 2, HEIGHT // 2 :].min() > 200 and picture[WIDTH // 2 :].max() < 50
+    assert grey_of(upright, 40).shape == (24, 40)
+
+
+def test_what_is_damaged_in_the_middle_is_left_out_and_what_is_damaged_much_is_refused(tmp_path):
+    frames = panned(list(np.arange(0, 120, 1.0)))
+    write_video(tmp_path / "whole.mkv", frames)
+    data = bytearray((tmp_path / "whole.mkv").read_bytes())
+    assert len(list(read_frames(tmp_path / "whole.mkv"))) == len(frames)
+    (tmp_path / "cut.mkv").write_bytes(data[: len(data) * 2 // 3])
+    assert 40 < len(list(read_frames(tmp_path / "cut.mkv"))) < len(frames)
+    (tmp_path / "head.mkv").write_bytes(data[:600])
+    with pytest.raises(DataError, match="head.mkv"):
+        list(read_frames(tmp_path / "head.mkv"))
+
+
+def test_a_playlist_called_like_a_video_is_not_followed(tmp_path):
+    write_video(tmp_path / "secret.mp4", panned([0.0, 1.0, 2.0]))
+    (tmp_path / "walk.mp4").write_text("#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nsecret.mp4\n#EXT-X-ENDLIST\n")
+    with pytest.raises(DataError, match="cannot be read as a video"):
+        list(read_frames(tmp_path / "walk.mp4"))
+    (tmp_path / "list.mp4").write_text("ffconcat version 1.0\nfile secret.mp4\n")
+    with pytest.raises(DataError, match="cannot be read as a video"):
+        list(read_frames(tmp_path / "list.mp4"))
