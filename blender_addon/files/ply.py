@@ -1,5 +1,6 @@
 """Models as PLY files: 3DGS columns in the element ``vertex``, DoG data in a second element ``dog``.
 
+Colours of primitives that have SH degrees of their own, in the elements ``sh1`` to ``sh3``, are filled up with zeros.
 The same format as ``mi_dogsplat.scene.ply``, which documents it; this copy keeps the add-on free of other packages.
 """
 
@@ -22,6 +23,7 @@ _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")  # w, x, y, z
 _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
+_ELEMENTS = ("vertex", "dog", "sh1", "sh2", "sh3")
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
     "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
@@ -51,14 +53,14 @@ def read_ply(path: str | Path) -> Model:
         raise FileError(path, f"{n_rest} properties f_rest_*, but SH degree 0, 1, 2, 3 has 0, 9, 24, 45", _NOT_3DGS)
 
     means = _columns(path, vertex, _POSITION)
-    rest = _columns(path, vertex, _rest_names(n_rest)).reshape(len(means), 3, n_rest // 3)  # channel-major
+    rest = _rest_columns(path, tables, n_rest)
     is_dog, dog = _dog_columns(path, tables, len(means))
     return Model(
         means=means,
         log_scales=_columns(path, vertex, _SCALE),
         quats=_columns(path, vertex, _ROTATION),
         logit_opacities=_columns(path, vertex, ("opacity",))[:, 0],
-        sh_coeffs=np.concatenate([_columns(path, vertex, _DC)[:, None], rest.transpose(0, 2, 1)], axis=1),
+        sh_coeffs=np.concatenate([_columns(path, vertex, _DC)[:, None], rest], axis=1),
         is_dog=is_dog,
         dog_logit_opacities=dog[:, 0],
         dog_log_scales=dog[:, 1:],
@@ -140,20 +142,44 @@ def _dog_columns(path: Path, tables: dict[str, np.ndarray], n: int) -> tuple[np.
             return np.ones(n, bool), _columns(path, tables["vertex"], _DOG)
         return np.zeros(n, bool), np.zeros((n, 4), np.float32)
     table = tables["dog"]
-    _columns(path, table, ("index",))
-    index = table["index"].astype(np.int64)  # [M] float32 would round it
-    if len(index) and not (index.min() >= 0 and index.max() < n and len(np.unique(index)) == len(index)):
-        raise FileError(path, f'the element "dog" does not name different primitives of 0 to {n - 1}', _DAMAGED)
+    index = _index(path, table, "dog", n)
     is_dog, dog = np.zeros(n, bool), np.zeros((n, 4), np.float32)
     is_dog[index] = True
     dog[index] = _columns(path, table, _DOG)
     return is_dog, dog
 
 
+def _rest_columns(path: Path, tables: dict[str, np.ndarray], n_rest: int) -> np.ndarray:
+    """SH coefficients [N, K - 1, 3] above the constant one, from ``vertex`` or from the elements for each degree."""
+    vertex, degrees = tables["vertex"], [degree for degree in (1, 2, 3) if f"sh{degree}" in tables]
+    if not degrees:
+        columns = _columns(path, vertex, _rest_names(n_rest))
+        return columns.reshape(len(vertex), 3, n_rest // 3).transpose(0, 2, 1)  # channel-major in the file
+    if n_rest:
+        problem = f'view-dependent colour both in the element "vertex" and in the element "sh{degrees[0]}"'
+        raise FileError(path, problem, "keep f_rest_* in one of the two")
+    rest = np.zeros((len(vertex), _N_REST[degrees[-1]] // 3, 3), np.float32)
+    for degree in degrees:
+        table, k = tables[f"sh{degree}"], _N_REST[degree] // 3
+        columns = _columns(path, table, _rest_names(3 * k))
+        index = _index(path, table, f"sh{degree}", len(vertex))
+        rest[index, :k] = columns.reshape(len(table), 3, k).transpose(0, 2, 1)
+    return rest
+
+
+def _index(path: Path, table: np.ndarray, element: str, n: int) -> np.ndarray:
+    """The column ``index`` [M]: different primitives."""
+    _columns(path, table, ("index",))
+    index = table["index"].astype(np.int64)  # float32 would round it
+    if len(index) and not (index.min() >= 0 and index.max() < n and len(np.unique(index)) == len(index)):
+        raise FileError(path, f'the element "{element}" does not name different primitives of 0 to {n - 1}', _DAMAGED)
+    return index
+
+
 def _tables(path: Path, file: BinaryIO) -> dict[str, np.ndarray]:
-    """The elements ``vertex`` and ``dog`` as structured arrays; elements after the last of them are not read."""
+    """Those of ``_ELEMENTS`` that there are as structured arrays; elements after the last of them are not read."""
     byte_order, elements = _header(path, file)
-    last = max((i for i, (name, _, _) in enumerate(elements) if name in ("vertex", "dog")), default=-1)
+    last = max((i for i, (name, _, _) in enumerate(elements) if name in _ELEMENTS), default=-1)
     words = file.read().split() if byte_order == "=" else []
     tables, at = {}, 0
     for name, count, properties in elements[: last + 1]:
@@ -173,7 +199,7 @@ def _tables(path: Path, file: BinaryIO) -> dict[str, np.ndarray]:
         if len(data) != count * dtype.itemsize:
             raise FileError(path, f'the file ends inside of element "{name}"', _DAMAGED)
         tables[name] = np.frombuffer(data, dtype) if data else np.zeros(0, dtype)
-    return {name: table for name, table in tables.items() if name in ("vertex", "dog")}
+    return {name: table for name, table in tables.items() if name in _ELEMENTS}
 
 
 def _header(path: Path, file: BinaryIO) -> tuple[str, list[tuple[str, int, dict[str, str]]]]:

@@ -154,12 +154,12 @@ Examples:
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2
                                                                       any 3DGS viewer; measured on photographs
   dogsplat export run/point_cloud.ply -o model.html --data photos/ --views 0
-                                                                      a page with a viewer, to send by mail
+                                                                      a page with a viewer, to send around
 
-These formats know no negative lobes: a DoG primitive becomes the Gaussian nearest to it, or its primary
-(--dog drop). The file is read back, and the loss of both steps is printed. .spz and .glb have y up, the
-others the axes of the model. A page (.html, 0.8 MB and the model) needs a browser and no network, and opens
-with the first photograph of the data.
+MODEL may have any of these formats. Those that know no negative lobes get the Gaussian nearest to a DoG
+primitive, or its primary (--dog drop); --dog keep is for .ply and .compressed.ply. The file is read back, and
+the loss of both steps is printed. .spz, .glb and .gltf have y up, the others the axes of the model. A page
+(.html, 0.8 MB and the model) needs a browser and no network, and opens with the first photograph of the data.
 """
 FILM_EXAMPLES = """
 Examples:

@@ -85,8 +85,8 @@ def _has_means(path: Path) -> bool:
 
 def _check_finite(path: Path, splats: Splats) -> None:
     for name in ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs"):
-        values = getattr(splats, name)
-        bad = np.argwhere(~np.isfinite(values))
-        if len(bad):
+        finite = np.isfinite(getattr(splats, name))
+        if not finite.all():
+            bad = np.argwhere(~finite)
             problem = f"{len(bad)} values of {name} are not finite, first in primitive {bad[0][0]}"
             raise DataError(path, problem, "the file is damaged: copy or export it again")

@@ -94,7 +94,9 @@ def _sh_features(parts: list[Splats]) -> list[Feature]:
             zero = f"all of its coefficients are zero, {wasted}; {CLEAN}; "
         elif zeros:
             cost += f"; zero in {count(zeros)} primitives, {wasted}: dogsplat clean --mixed-sh takes them out"
-        features.append(Feature(f"SH degree {degree}", UNUSED if zero else NEEDED, zero + cost))
+        having = int((stored >= degree).sum())
+        share = f"{count(having)} of {count(len(stored))} primitives; " if any(s.mixed_sh for s in parts) else ""
+        features.append(Feature(f"SH degree {degree}", UNUSED if zero else NEEDED, zero + share + cost))
     return features
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..formats.read import format_of, is_model_name, read_model
+from ..formats.sizes import FileKind, by_part
 from ..render.framing import CORE, robust_sphere
 from ..report.run_folder import read_run
 from ..scene.drawing import Drawing
@@ -71,9 +72,12 @@ def describe_model(path: Path) -> list[str]:
         f"{path}: model",
         _line("format", format_of(path).name),
         _line("primitives", f"{count(n)}, {count(m)} of them DoG"),
-        _line("SH degree", f"{splats.sh_degree}"),
+        _line("SH degree", _sh_degrees(splats)),
         _line("size", file_size(size) + (f", {size / n:.0f} bytes per primitive" if n else "")),
     ]
+    if splats.mixed_sh:
+        parts = (f"{name} {file_size(part)}" for name, part in by_part(FileKind("ply", model.drawing), splats).items())
+        lines.append(_line("bytes of", ", ".join(parts)))
     lines += [_line("drawn", _drawn(model.drawing))] if model.drawing.said() else []
     lines += [_line("not read", text) for text in model.left_out]
     if n:
@@ -166,6 +170,13 @@ def describe_dataset(path: Path) -> list[str]:
     if check.reprojection_px is not None:
         lines.append(_line("reprojection", f"{check.reprojection_px:.2f} px (median) at full size"))
     return lines
+
+
+def _sh_degrees(splats: Splats) -> str:
+    if not splats.mixed_sh:
+        return f"{splats.sh_degree}"
+    degrees, counts = np.unique(splats.sh_degrees, return_counts=True)
+    return ", ".join(f"{degree} of {count(int(k))}" for degree, k in zip(degrees, counts, strict=True))
 
 
 def _drawn(drawing: Drawing) -> str:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ..datasets.camera_paths import up_vector
 from ..datasets.capture_config import CaptureConfig
 from ..scene.cameras import Camera, inverse_rigid
 from ..scene.splats import Splats
@@ -51,10 +52,18 @@ def likely_up(splats: Splats) -> np.ndarray:
     return np.eye(3)[axis] * np.sign(skew[axis])
 
 
-def automatic_camera(splats: Splats) -> Camera:
-    """A camera that frames the core of a model, for when nobody says where to look from."""
+def vertical(splats: Splats, up_axis: str | None) -> np.ndarray:
+    """The vertical [3] that a file names (``Drawing.up``), else the likely one."""
+    return up_vector(up_axis) if up_axis else likely_up(splats)
+
+
+def automatic_camera(splats: Splats, up_axis: str | None = None) -> Camera:
+    """A camera that frames the core of a model, for when nobody says where to look from.
+
+    ``up_axis``: what stands upright, as in ``Drawing.up``; None: a guess.
+    """
     centre, radius = robust_sphere(splats)
-    up = likely_up(splats)
+    up = vertical(splats, up_axis)
     sideways = np.roll(abs(up), 1) + 1.5 * np.roll(abs(up), 2)  # [3] horizontal, off both axes
     elevation = math.radians(ELEVATION)
     offset = math.sin(elevation) * up - math.cos(elevation) * sideways / np.linalg.norm(sideways)

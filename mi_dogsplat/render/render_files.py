@@ -60,7 +60,7 @@ def viewpoint(
 
     Raises ``DataError``.
     """
-    found, has_alpha = _camera(splats, data, camera, options.downscale)
+    found, has_alpha = _camera(splats, data, camera, options.downscale, drawing.up)
     drawn = drawn_as(options.drawing, drawing)
     near_clip = drawn.near_clip
     if not (camera or data):
@@ -199,7 +199,7 @@ def _aovs(out: Path, aovs: str | None) -> list[str]:
 
 
 def _camera(
-    splats: Splats, data: str | Path | None, camera: str | Path | None, downscale: int
+    splats: Splats, data: str | Path | None, camera: str | Path | None, downscale: int, up_axis: str | None
 ) -> tuple[Camera, bool]:
     """The camera to render from, and whether the images of its data set have alpha."""
     if camera and Path(camera).suffix.lower() == ".json":
@@ -208,7 +208,7 @@ def _camera(
         if camera:
             remedy = "add --data DATA whose view it is, or name a camera file"
             raise DataError("--camera", f'"{camera}" is no .json file', remedy)
-        return _downscaled(automatic_camera(splats), downscale), False
+        return _downscaled(automatic_camera(splats, up_axis), downscale), False
     from ..datasets import load_dataset  # here: it needs the extra "train", a model alone does not
 
     dataset = load_dataset(data, downscale)

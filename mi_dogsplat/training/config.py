@@ -68,7 +68,7 @@ class TrainConfig:
     ] = None
     checkpoint_seconds: Annotated[float, Setting(CHECKPOINTS, least=0)] = 60.0
     model: Annotated[
-        str | None, Setting("start from this model .ply, of whatever SH degree, at the pruning of the recipe")
+        str | None, Setting("start from this model, of whatever format and SH degree, at the pruning of the recipe")
     ] = None
 
     def __post_init__(self) -> None:

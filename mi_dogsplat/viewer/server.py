@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..datasets.dataset import Dataset
-from ..render.framing import NEAR_SHARE, automatic_camera, likely_up, robust_sphere
+from ..render.framing import NEAR_SHARE, automatic_camera, robust_sphere, vertical
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
 from ..scene.cameras import Camera
@@ -75,7 +75,7 @@ class Server:
         with redirect_stdout(io.StringIO()):  # its banner; ours is a line
             self.viser = viser.ViserServer(host=host, port=port, label="dogsplat", verbose=False)
         self.url = f"http://{self.viser.get_host()}:{self.viser.get_port()}"
-        self._start_at(views[0].camera if views else automatic_camera(splats), splats)
+        self._start_at(views[0].camera if views else automatic_camera(splats, source.drawing.up), splats)
         self._make_panel()
         self.viser.on_client_connect(self._arrived)
         self.viser.on_client_disconnect(self._left)
@@ -85,7 +85,7 @@ class Server:
         initial, centre = self.viser.initial_camera, robust_sphere(splats)[0]
         forward = camera.w2c[2, :3]
         distance = max(float(forward @ (centre - camera.position)), 1e-3)
-        ups = [-view.camera.w2c[1, :3] for view in self.drawing.views] or [likely_up(splats)]
+        ups = [-view.camera.w2c[1, :3] for view in self.drawing.views] or [vertical(splats, self.source.drawing.up)]
         up = np.mean(ups, axis=0)
         self.viser.scene.set_up_direction(tuple(up / np.linalg.norm(up)))
         initial.position = tuple(camera.position)

@@ -1,5 +1,6 @@
 """Models of every format: SPZ by the reader of the add-on, others by the package; drawn as their files say."""
 
+import gzip
 import json
 import os
 import shlex
@@ -53,6 +54,25 @@ def test_ply_and_spz_need_no_package():
     assert read_model(REFERENCES / "dog.ply", never)[1] == Said()
 
 
+def test_colours_by_sh_degree_are_filled_up_with_zeros():
+    rows, padded = read_ply(REFERENCES / "rows.ply"), read_ply(REFERENCES / "padded.ply")
+    assert rows.sh_degree == 3 and rows.is_dog.any()
+    for name, values in vars(padded).items():
+        assert np.array_equal(getattr(rows, name), values), name
+    obj = load(REFERENCES / "rows.ply")
+    assert len(obj.data.vertices) == 150
+
+
+@pytest.mark.parametrize("element", ["sh1", "sh3"])
+def test_colours_of_primitives_that_are_not_there_are_refused(element, tmp_path):
+    data = (REFERENCES / "rows.ply").read_bytes()
+    header, body = data.split(b"end_header\n", 1)
+    fewer = header.replace(b"element vertex 150", b"element vertex 2").replace(b"element dog", b"element other")
+    (tmp_path / "bad.ply").write_bytes(fewer.replace(element.encode(), b"sh2x") + b"end_header\n" + body)
+    with pytest.raises(FileError, match='"sh[123]" does not name different primitives of 0 to 1'):
+        read_ply(tmp_path / "bad.ply")
+
+
 @pytest.mark.parametrize("name", ["plain.spz", "plain.glb", "plain.sog", "plain.splat", "plain.compressed.ply"])
 def test_every_format_is_imported(name, command):
     obj = load(REFERENCES / name)
@@ -98,6 +118,25 @@ def test_a_broken_file_is_one_line_that_names_it(tmp_path, command):
         assert str(tmp_path) in str(caught.value) and len(str(caught.value).strip().splitlines()) == 1
     with pytest.raises(FileError, match="this is a folder"):
         read_model(tmp_path, never)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_damaged_spz_is_read_or_refused_in_one_line(tmp_path, version):
+    raw = bytearray(gzip.decompress((REFERENCES / "plain.spz").read_bytes()))
+    raw[4] = version
+    chance, refused = np.random.default_rng(version), 0
+    for _ in range(300):
+        damaged = bytearray(raw)
+        for at in chance.integers(0, 24, 2):  # the header and a little more
+            damaged[at] = chance.choice([0, 1, 2, 3, 4, 127, 255, damaged[at]])
+        data = gzip.compress(bytes(damaged[: chance.choice([8, 16, 500, len(raw)])]))
+        (tmp_path / "a.spz").write_bytes(data[: chance.choice([len(data), len(data), 12])])
+        try:
+            read_spz(tmp_path / "a.spz")
+        except FileError as error:
+            refused += 1
+            assert "a.spz" in str(error) and len(str(error).splitlines()) == 1
+    assert refused > 100
 
 
 def test_the_file_selector_and_drag_and_drop_take_all():

@@ -9,6 +9,8 @@ import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import Drawing, Model, read_model, to_ellipsoids, write_model
 from mi_dogsplat.formats.table import FORMATS
+from mi_dogsplat.render.framing import robust_sphere
+from mi_dogsplat.render.render_files import viewpoint
 from mi_dogsplat.viewer.source import Source
 from PIL import Image
 
@@ -93,6 +95,15 @@ def test_linear_colours_are_shown_as_srgb(capsys, data, tmp_path):
     plain, linear = (np.load(tmp_path / f"{name}.npz")["color"] for name in "ab")
     expected = np.where(plain <= 0.0031308, 12.92 * plain, 1.055 * np.maximum(plain, 1e-9) ** (1 / 2.4) - 0.055)
     assert np.abs(linear - expected).max() < 1e-5 and np.abs(linear - plain).max() > 0.1
+
+
+def test_a_view_that_nobody_names_stands_upright_as_the_file_says(tmp_path):
+    for up, vector in (("z", (0, 0, 1)), ("-y", (0, -1, 0)), ("x", (1, 0, 0))):
+        write_model(tmp_path / "a.ply", Model(tiny_data.truth(), Drawing(up=up)))
+        read = read_model(tmp_path / "a.ply")
+        camera = viewpoint(read.splats, drawing=read.drawing).camera
+        pixels, depth = camera.project(robust_sphere(read.splats)[0] + 0.1 * np.array([vector, np.zeros(3)]))
+        assert depth.min() > 0 and abs(pixels[0, 0] - pixels[1, 0]) < 0.01 and pixels[0, 1] < pixels[1, 1] - 10
 
 
 def test_export_says_in_a_line_what_the_format_cannot_carry(capsys, models, tmp_path):

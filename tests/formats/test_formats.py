@@ -214,7 +214,9 @@ def test_sog_by_hand(tmp_path):
 
 @pytest.mark.parametrize("name", foreign_model.FILES)
 def test_files_that_another_program_wrote_are_read(name):
-    model, back = foreign_model.model(), read_model(foreign_model.FOLDER / name).splats
+    model, read = foreign_model.model(), read_model(foreign_model.FOLDER / name)
+    back = read.splats
+    assert bool(read.drawing.antialiased) == ("mip" in name)
     assert back.n_splats == model.n_splats and back.sh_degree == 2
     distance = np.abs(back.means[:, None] - model.means[None]).max(axis=-1)  # [N, N]: it may sort
     assert distance.min(axis=1).max() < 0.01

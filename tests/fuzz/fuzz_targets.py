@@ -154,7 +154,7 @@ def model_seeds(root: Path) -> dict[str, list[bytes]]:
                 model = Model(random_splats(5, sh_degree, ()), Drawing(True, 0.1, False, "-y", 2.0))
                 write_model(path, model, version)
                 seeds[suffix[1:]].append(path.read_bytes())
-        seeds["unknown"] += seeds[suffix[1:]][:1]
+        seeds["unknown"] += seeds[suffix[1:]][:1] if suffix != ".splat" else []  # has no first bytes of its own
     for path in foreign_model.FOLDER.iterdir():
         if path.suffix != ".sog":  # large
             seeds[path.name.split(".", 1)[1]].append(path.read_bytes())

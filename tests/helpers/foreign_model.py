@@ -2,7 +2,8 @@
 
 Of ``write_ply("f.ply", model())``. Version 2.7.1: ``splat-transform --spz-version 3 f.ply model.spz``,
 ``--spz-version 4 f.ply model_4.spz``, ``f.ply model.glb``. Version 3.7.0:
-``-g cpu f.ply model.sog``, ``f.ply model.compressed.ply``.
+``-g cpu f.ply model.sog``, ``f.ply model.compressed.ply``, and ``f.ply model_mip.compressed.ply`` with the comment
+``SplatRenderMode: mip`` in the header of ``f.ply``.
 """
 
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 from mi_dogsplat.scene.splats import Splats
 
 FOLDER = Path(__file__).parent / "foreign"
-FILES = ("model.compressed.ply", "model.glb", "model.sog", "model.spz", "model_4.spz")
+FILES = ("model.compressed.ply", "model_mip.compressed.ply", "model.glb", "model.sog", "model.spz", "model_4.spz")
 N = 12
 
 

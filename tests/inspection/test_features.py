@@ -93,6 +93,15 @@ def test_degrees_whose_coefficients_are_all_zero_are_paid_without_need():
     assert found["SH degree 2"] == found["SH degree 3"] == "paid, not needed"
 
 
+def test_a_degree_that_some_primitives_have_is_needed_by_these():
+    splats = model(degree=3).with_sh_degrees(np.repeat([0, 1, 3], [10, 20, 10]))
+    found = read([str(f) for f in model_features([splats])])
+    assert found["SH degree 1"][1].startswith("30 of 40 primitives; each 9 parameters")
+    assert found["SH degree 3"][0] == "needed" and found["SH degree 3"][1].startswith("10 of 40 primitives; ")
+    splats.sh3_coeffs[:, 8:] = 0
+    assert states(model_features([splats]))["SH degree 3"] == "paid, not needed"
+
+
 def test_a_model_without_primitives_is_described_too(tmp_path):
     write_ply(tmp_path / "m.ply", Splats.empty(0))
     assert "left out: 0 of 0 primitives" in "\n".join(describe_features(tmp_path / "m.ply"))

@@ -50,6 +50,15 @@ def test_a_model_is_described_by_its_counts_and_ranges(tmp_path):
     assert lines[-1] == "problems: none found"
 
 
+def test_a_mixed_model_is_counted_by_sh_degree_and_its_bytes_by_part(tmp_path):
+    splats = healthy().with_sh_degrees(np.repeat([0, 1], [150, 50]))
+    write_ply(tmp_path / "m.ply", splats, "rows")
+    lines = describe(tmp_path / "m.ply")
+    assert value_of(lines, "SH degree") == "0 of 150, 1 of 50"
+    names = [part.split()[0] for part in value_of(lines, "bytes of").split(", ")]
+    assert names == ["primitives", "sh1", "dog"]
+
+
 def test_a_model_without_dog_says_nothing_about_it(tmp_path):
     write_ply(tmp_path / "m.ply", tiny_data.truth())
     assert not any(line.startswith("  DoG") for line in describe(tmp_path / "m.ply"))

@@ -70,6 +70,9 @@ def references(tmp_path_factory) -> Path:
     for suffix in (".spz", ".glb", ".sog", ".splat", ".compressed.ply"):
         write_model(folder / f"plain{suffix}", Model(dog.plain(), Drawing(antialiased=True)))
     write_model(folder / "says.ply", Model(dog, Drawing(True, 0.05, False, "-y", 2.0)))
+    mixed = dog.with_sh_degrees(np.arange(150) % 4)
+    write_ply(folder / "rows.ply", mixed, "rows")
+    write_ply(folder / "padded.ply", mixed)
     np.savez(folder / "spz.npz", **vars(read_model(folder / "plain.spz").splats))
     reference(folder, "square", dog, square_camera(96, 64, 90.0))
     if SHARED.is_dir():

@@ -34,6 +34,15 @@ def with_dog(rows, types=None, **changes) -> bytes:
     return to_bytes(elements, types={"index": "int"} | (types or {}))
 
 
+def with_sh_rows() -> bytes:
+    """A model whose primitives have SH degrees of their own: two of degree 1, one of degree 2."""
+    tables = {"vertex": vertex_columns(random_splats(sh_degree=0, dog_index=()))}
+    for element, index, columns in (("sh1", [0, 4], 9), ("sh2", [5], 24)):
+        rest = {f"f_rest_{i}": np.full(len(index), 0.1 * i) for i in range(columns)}
+        tables[element] = {"index": np.array(index)} | rest
+    return to_bytes(tables, types={"index": "uint"})
+
+
 ALL_DOG = random_splats(dog_index=range(7))
 NOT_FINITE = np.array([0, 1, np.nan, 2, -np.inf, 3, 4])
 BAD_FILES = {
@@ -131,6 +140,7 @@ SEEDS = [
     plain(),
     with_dog([0, 2, 6]),
     to_bytes({"vertex": vertex_columns(random_splats(n=2, sh_degree=0, dog_index=()))}, "ascii"),
+    with_sh_rows(),
 ]
 
 
@@ -167,6 +177,7 @@ def damaged(draw) -> bytes:
 @example(data=SEEDS[0])
 @example(data=SEEDS[1])
 @example(data=SEEDS[2])
+@example(data=SEEDS[3])
 def test_a_damaged_file_gives_a_valid_model_or_one_clear_error(tmp_path, data):
     path = write(tmp_path, data)
     try:

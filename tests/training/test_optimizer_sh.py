@@ -220,7 +220,7 @@ def test_a_primitive_whose_own_bands_are_broken_is_found(value):
 
 def test_nothing_is_compiled_after_warm_up_as_rows_of_groups_come_and_go():
     optimizer = SplatOptimizer(uniform().select(np.arange(50) % N), RATES)
-    optimizer.set_sh_degrees(np.arange(50) % 4)
+    optimizer.set_sh_degrees(np.resize([0, 0, 1, 3, 0], 50))  # no group as long as another array: one kernel for both
 
     def round_of(n: int, first: int):
         optimizer.rearrange(np.arange(n) % optimizer.n, np.arange(n) >= optimizer.n)
