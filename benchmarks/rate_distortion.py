@@ -35,6 +35,7 @@ from mi_dogsplat.report.plot import Series, line_plot
 from mi_dogsplat.report.points import Note
 from mi_dogsplat.runs.checkpoint import CHECKPOINT, load_checkpoint
 from mi_dogsplat.runs.run import train
+from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.support.files import replacing, write_json
 from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
@@ -120,7 +121,7 @@ def _seconds(run: Path) -> float:
 def measured(file: File, dataset: Dataset, background: float) -> dict:
     """What a file has and gives, by the names of ``COLUMNS``."""
     splats = read_model(file.path).splats
-    picture = picture_of(splats, background, near_clip=TrainConfig.near_clip)
+    picture = picture_of(splats, background, near_clip=DrawnAs().near_clip)
     found = mean_metrics(evaluate_views(lambda view: picture(view.camera), dataset.test, background))
     size = file.path.stat().st_size
     row = {"curve": file.curve, "run": file.run, "file": file.path.name, "n": splats.n_splats, "n_dog": splats.n_dog}

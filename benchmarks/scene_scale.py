@@ -18,6 +18,7 @@ import mitsuba as mi
 from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.runs.history import run_to_end
+from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.train import Trainer
@@ -48,7 +49,7 @@ def trained(config: TrainConfig, dataset: Dataset, scale: float = 1.0, gain: flo
     recipe = RECIPES["ours"]
     assert recipe.refinement
     recipe = replace(recipe, refinement=replace(recipe.refinement, means_gain=gain))
-    trainer = Trainer(replace(config, near_clip=scale * config.near_clip), in_units(dataset, scale), recipe)
+    trainer = Trainer(replace(config, near_clip=scale * DrawnAs().near_clip), in_units(dataset, scale), recipe)
     return list(run_to_end(trainer))[-1]
 
 

@@ -6,6 +6,7 @@ import bpy
 
 from . import panel, preferences
 from .cameras import operators as camera_operators
+from .cameras import path_operator
 from .engine import exact_settings
 from .engine import render_engine as engine
 from .objects import export_operators, import_operator
@@ -16,6 +17,7 @@ CLASSES = (
     import_operator.DOGSPLAT_FH_model,
     camera_operators.DOGSPLAT_OT_import_cameras,
     camera_operators.DOGSPLAT_OT_look_through,
+    path_operator.DOGSPLAT_OT_export_path,
     export_operators.DOGSPLAT_OT_export,
     export_operators.DOGSPLAT_OT_apply_transform,
     exact_settings.DOGSPLAT_OT_exact_settings,

@@ -92,5 +92,6 @@ def import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 def export_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
-    """Entry of File > Export."""
+    """Entries of File > Export."""
     self.layout.operator("export_scene.dogsplat", text="DoG Splat (.ply)")
+    self.layout.operator("export_scene.dogsplat_path", text="DoG Splat Camera Path (.json, for dogsplat film)")

@@ -19,7 +19,7 @@ from ..editing.simplify_config import SimplifyConfig
 from ..film.film_config import FilmConfig
 from ..poses.config import PosesConfig
 from ..render.picture_options import PictureOptions
-from ..scene.drawing import Drawing, drawn_as
+from ..scene.drawing import Drawing
 from ..support.errors import DataError
 from ..support.settings import settings_of
 from ..support.variants import set_variant
@@ -43,8 +43,8 @@ def prune(args: argparse.Namespace) -> None:
     """Prune a model to a target while refining it on its photographs, then add Differences of Gaussians."""
     from ..formats.read import read_model
 
-    drawn = drawn_as(Drawing(args.antialiased, args.near_clip), read_model(args.model).drawing)
-    how = {"antialiased": drawn.antialiased, "near_clip": drawn.near_clip}
+    said = Drawing(args.antialiased, args.near_clip).over(read_model(args.model).drawing)
+    how = {"antialiased": bool(said.antialiased), "near_clip": said.near_clip}
     _run(_config(args, model=args.model, **how), args)
 
 

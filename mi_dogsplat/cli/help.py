@@ -180,9 +180,9 @@ Examples:
   dogsplat film run/point_cloud.ply -o frames/                    numbered pictures, frames/0000.png and on
   dogsplat film run/point_cloud.ply -o frames_exr/%04d.exr        linear colour with alpha, for compositing
 
-Key frames: {"keys": [{"time": 0, "position": [3, 0, 1], "look_at": [0, 0, 0], "fov": 40}, ...], "loop": false,
-"up": [0, 0, 1]}, or a list of camera files (docs/film.md). A film that is stopped leaves no file; of numbered
-pictures the whole ones stay, and the same command goes on after them.
+Key frames: {"keys": [{"time": 0, "position": [3, 0, 1], "look_at": [0, 0, 0], "fov": 40}, ...],
+"loop": false, "up": [0, 0, 1]}, or a list of camera files (docs/film.md). A film that is stopped leaves no
+file; of numbered pictures the whole ones stay, and the same command goes on after them.
 """
 SIMPLIFY_EXAMPLES = """
 Examples:

@@ -22,6 +22,7 @@ from ..report.write import write_report
 from ..runs.checkpoint import CHECKPOINT
 from ..runs.mixture import write_comparison
 from ..runs.run import train, train_until
+from ..scene.drawing import Drawing, drawn_as
 from ..support.files import write_json
 from ..training.config import TrainConfig
 from ..training.presets import RECIPES
@@ -83,9 +84,10 @@ def draw_in_turn(dataset: Dataset, config: TrainConfig, folders: Sequence[Path])
 
 def _drawing(folder: Path, config: TrainConfig, background: float) -> Callable[[View], Picture]:
     """Renders views of the model in a run folder."""
-    splats = read_model(folder / "point_cloud.ply").splats
-    options, params = RasterOptions(splats.sh_degree, config.antialiased), upload(splats)
-    return lambda view: render_picture(params, view.camera, options, background, config.near_clip)
+    model = read_model(folder / "point_cloud.ply")
+    drawn = drawn_as(Drawing(config.antialiased, config.near_clip), model.drawing)
+    options, params = RasterOptions(model.splats.sh_degree, drawn.antialiased), upload(model.splats)
+    return lambda view: render_picture(params, view.camera, options, background, drawn.near_clip)
 
 
 def _compare_without_dog(

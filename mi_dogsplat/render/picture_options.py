@@ -16,7 +16,6 @@ Background = Annotated[str, Setting(BEHIND, choices=BACKGROUNDS)]
 MIP = "compensate opacities for the screen-space low-pass filter"
 NEAR = "primitives nearer to the camera plane are dropped, world units"
 Antialiased = Annotated[bool, Setting(MIP)]
-NearClip = Annotated[float, Setting(NEAR, least=0, most=1e30)]
 FILE = "(default: as the file says)"
 
 

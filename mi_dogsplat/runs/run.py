@@ -186,7 +186,7 @@ def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     config = trainer.config
     splats = trainer.optimizer.to_splats()
     splats = splats.select(splats.opacities >= ALPHA_MIN)
-    drawing = Drawing(config.antialiased, config.near_clip, linear=False)
+    drawing = Drawing(config.antialiased, trainer.near_clip, linear=False)
     sizes = write_model_files(out, splats, config, drawing)
     metrics = _measure(trainer, dataset, out) | {
         "n": splats.n_splats,
@@ -247,7 +247,7 @@ def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
         lambda view: trainer.picture(view, depth=True), dataset.test, trainer.background, out / "test", measure
     )
     if trainer.optimizer.n_dog and views:
-        how = trainer.options, trainer.background, trainer.config.near_clip
+        how = trainer.options, trainer.background, trainer.near_clip
         write_mixture(trainer.optimizer.to_splats(), dataset.test, views, out / "test", *how)
     some = dataset.train[:: max(1, len(dataset.train) // 8)]
     return {

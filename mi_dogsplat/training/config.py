@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from ..datasets.dataset import SPLITS
-from ..render.picture_options import Antialiased, Background, Downscale, NearClip
+from ..render.picture_options import NEAR, Antialiased, Background, Downscale
 from ..support.memory import bytes_of
 from ..support.settings import Setting, check_settings, refuse
 from .presets import RECIPES
@@ -20,6 +20,7 @@ WORLD_SCALE = "remove larger primitives, times the camera extent (default: the p
 VARIANT = "Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb"
 TESTS = "steps between measurements of PSNR and FLIP on the test views; 0: eight times a run"
 MEASURED = "views that are measured: test; or validation, every 8th training view, no test view being read then"
+USUAL_NEAR = "(default: 0.2, or a sixteenth of the camera extent where that is less)"
 NEAR_ZONE = "remove primitives nearer than this to a training camera, world units; 0: none"
 BATCH = "views of a step, which takes the mean of their gradients; step sizes grow with the square root"
 FORMATS = ("ply", "spz", "sog")
@@ -50,7 +51,7 @@ class TrainConfig:
     sh_degree: Annotated[int, Setting("highest degree of view-dependent colour, 0 to 3", least=0, most=3)] = 3
     background: Background = "auto"
     antialiased: Antialiased = False
-    near_clip: NearClip = 0.2
+    near_clip: Annotated[float | None, Setting(f"{NEAR} {USUAL_NEAR}", least=0, most=1e30)] = None
     near_zone: Annotated[float, Setting(NEAR_ZONE, least=0, most=1e30)] = 0.0
     masks: Annotated[str | None, Setting("folder of masks, named as the images: black pixels do not count")] = None
     exposure: Annotated[bool, Setting("learn a colour transform per training image (no test view gets one)")] = False

@@ -23,6 +23,7 @@ from .target import target_bytes
 INITIAL_OPACITY = 0.1
 NEIGHBOURS = 3
 MIN_SQUARED_DISTANCE = 1e-7  # world units squared, the recipe's floor for coincident points
+MIN_SHARE = 0.01  # of the median squared distance: the floor where units are so small that it is below
 MAX_CAMERAS = 32  # that vote on where random primitives go
 
 
@@ -35,7 +36,8 @@ def splats_from_points(points: np.ndarray, colors: np.ndarray, sh_degree: int) -
         sh_degree: 0..3; the view-dependent part starts at zero.
 
     scale = sqrt(mean squared distance to the 3 nearest neighbours, or as many as there are), 1 for a lone
-    point; opacity 0.1. Raises ``ValueError`` unless there is one colour per point.
+    point, with a floor for points that coincide; opacity 0.1. Raises ``ValueError`` unless there is one colour
+    per point.
     """
     points, colors = np.asarray(points, np.float64), np.asarray(colors, np.float64)
     if points.shape != (len(points), 3) or colors.shape != points.shape:
@@ -48,7 +50,9 @@ def splats_from_points(points: np.ndarray, colors: np.ndarray, sh_degree: int) -
     if n > 1:
         nearest = cKDTree(points).query(points, k=min(NEIGHBOURS + 1, n))[0]  # [P, <= 4] the first is itself
         distances = nearest[:, 1:]
-        scales = np.sqrt(np.maximum(np.mean(distances**2, axis=1), MIN_SQUARED_DISTANCE))
+        squared = np.mean(distances**2, axis=1)  # [P]
+        least = MIN_SHARE * float(np.median(squared)) or MIN_SQUARED_DISTANCE
+        scales = np.sqrt(np.maximum(squared, min(least, MIN_SQUARED_DISTANCE)))
     sh_coeffs = np.zeros((n, (sh_degree + 1) ** 2, 3))
     sh_coeffs[:, 0] = (colors - 0.5) / C0
     return Splats(

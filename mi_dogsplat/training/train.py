@@ -26,7 +26,7 @@ from ..engine.rasterize import Frame, rasterize
 from ..formats.sizes import FileKind
 from ..measure.metrics import flip, psnr
 from ..render.picture import Picture, background_color, over_background, render_picture
-from ..scene.drawing import Drawing
+from ..scene.drawing import Drawing, DrawnAs
 from ..scores.score import Score
 from .config import TrainConfig
 from .events import Event
@@ -41,6 +41,7 @@ from .strategy.sh_ramp import ShRamp
 from .strategy.sieve import Sieve
 from .strategy.strategy import Seen, Strategy, arrays_of, restore_fields
 
+NEAR_SHARE = 1 / 16  # of the camera extent: the near clip of captures in small units
 FORMAT = 2  # of the state; another one is that of an earlier version
 
 
@@ -52,7 +53,7 @@ class Trainer:
     """
 
     def __init__(self, config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None):
-        self.config, self.dataset = config, dataset
+        self.dataset = dataset
         recipe = (recipe or RECIPES[config.preset]).for_format(config.format)
         bounds = {"max_primitives": config.max_primitives, "max_world_scale": config.max_world_scale}
         density = replace(recipe.densification, **bounds, batch_views=config.batch_views)
@@ -60,6 +61,9 @@ class Trainer:
         self.recipe = (recipe if config.model is None else recipe.from_pruning()).scaled(config.steps)
         self.background = background_color(config.background, dataset.has_alpha)
         self.extent = camera_extent(dataset.train)
+        usual = min(DrawnAs().near_clip, NEAR_SHARE * self.extent)
+        self.near_clip = usual if config.near_clip is None else config.near_clip
+        self.config = config = replace(config, near_clip=self.near_clip)
         share = recipe.start_share
         limit = config.max_primitives if share is None else max(1, int(share * float(config.target)))
         splats = initial_splats(config, dataset, limit)
@@ -69,7 +73,7 @@ class Trainer:
             self.memory.require(config.data, splats.n_splats)
         self.rng = np.random.default_rng(config.seed)
         self.photographs = Photographs(
-            dataset, self.background, config.near_clip, config.background == "random", config.masks,
+            dataset, self.background, self.near_clip, config.background == "random", config.masks,
             config.steps if config.exposure else None, config.data_on_disk,
             self.memory is None or self.memory.keep_targets,
         )  # fmt: skip
@@ -82,7 +86,7 @@ class Trainer:
         self.order: list[int] = []  # of the views that are still to come in this turn, from its end
         self.losses = LossMeans()
         self.sieve = Sieve(config.near_zone)
-        kind = FileKind(config.format, Drawing(config.antialiased, config.near_clip, linear=False))
+        kind = FileKind(config.format, Drawing(config.antialiased, self.near_clip, linear=False))
         size = None if config.target_bytes is None else (config.target_bytes, kind)
         self.strategies = self.recipe.strategies(self.sieve, size)
         self.states: dict[str, Any] = {strategy.name: strategy.new_state(self) for strategy in self.strategies}
@@ -220,7 +224,7 @@ class Trainer:
     def picture(self, view: View, depth: bool = False) -> Picture:
         """The current model seen from a view."""
         options = replace(self.options, depth=depth)
-        return render_picture(self.optimizer.params, view.camera, options, self.background, self.config.near_clip)
+        return render_picture(self.optimizer.params, view.camera, options, self.background, self.near_clip)
 
     def state(self) -> dict[str, np.ndarray]:
         """Everything that ``restore`` needs to go on as if nothing had happened.

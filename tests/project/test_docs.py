@@ -37,6 +37,7 @@ SHORT = {
     "train": {"--steps": "14", "--max-primitives": "80", "--sh-degree": "1"},
     "prune": {"--steps": "4"},
     "simplify": {"--steps": "4", "--views": "4", "--size": "24 18"},
+    "film": {"--seconds": "0.2", "--fps": "10", "--size": "32 24", "--samples": "2"},
     "capture": {"--spp": "1", "--views": "4", "--test": "1", "--size": "24 18", "--points": "100"},
 }
 RUN_ELSEWHERE = {
@@ -151,6 +152,8 @@ def folder(tmp_path, monkeypatch, trained, alpha_data) -> Path:
     write_camera(tmp_path / "cameras.json", camera)
     listed = json.loads((tmp_path / "cameras.json").read_text())
     (tmp_path / "cameras.json").write_text(json.dumps([listed | {"name": "front"}]))
+    keys = [{"time": 3 * i, "position": [3 - i, i, 1], "look_at": [0, 0, 0]} for i in range(3)]
+    (tmp_path / "keys.json").write_text(json.dumps({"keys": keys}))
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     sensor = '<sensor type="perspective"><transform name="to_world"><lookat origin="0,-4,1" target="0,0,0" up="0,0,1"/>'
     sensor += '</transform><film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="18"/>'
@@ -166,11 +169,12 @@ def fresh_outputs(lines: list[str], folder: Path) -> None:
     """Folders that commands write must not hold something else already."""
     for line in lines:
         words = shlex.split(line)
-        if "-o" in words and words[1] in ("train", "prune", "capture"):
+        if "-o" in words and words[1] in ("train", "prune", "capture", "film"):
             out = folder / words[words.index("-o") + 1]
+            out = out.parent if out.suffix == ".exr" else out
             if out.is_symlink():
                 out.unlink()
-            elif words[1] == "capture" and out.exists():  # another capture, of other settings
+            elif words[1] in ("capture", "film") and out.is_dir():  # another one, of other settings
                 shutil.rmtree(out)
 
 

@@ -1,0 +1,75 @@
+"""File > Export > DoG Splat Camera Path: the animated camera as key frames for ``dogsplat film --path``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import IntProperty, StringProperty
+from bpy_extras.io_utils import ExportHelper
+
+from ..objects.attributes import is_splats
+from .objects import camera_numbers
+
+PINHOLE = ("fx", "fy", "cx", "cy", "width", "height")
+
+
+class DOGSPLAT_OT_export_path(bpy.types.Operator, ExportHelper):
+    """Export the scene's camera, frame by frame, in the coordinates of the model: for dogsplat film --path"""
+
+    bl_idname = "export_scene.dogsplat_path"
+    bl_label = "Export DoG Splat Camera Path"
+    bl_options = {"PRESET"}
+
+    filename_ext = ".json"
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+    step: IntProperty(name="Step", default=1, min=1, soft_max=24, description="Frames from one key to the next")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """There is a camera to follow."""
+        return context.scene.camera is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """One key for each step of the scene's frames, the last one too; the scene is left at its frame."""
+        scene, model = context.scene, _model(context)
+        last, before = scene.frame_end, scene.frame_current
+        frames = sorted({*range(scene.frame_start, last + 1, self.step), last})
+        rate = scene.render.fps / scene.render.fps_base
+        try:
+            keys = []
+            for frame in frames:
+                scene.frame_set(frame)
+                matrix = np.array(model.matrix_world if model else np.eye(4), np.float64)
+                keys.append({"time": (frame - frames[0]) / rate, **_key(scene, matrix)})
+            Path(self.filepath).write_text(json.dumps({"keys": keys}, indent=1) + "\n", encoding="utf-8")
+        except (ValueError, OSError) as error:
+            self.report({"ERROR"}, " ".join(str(error).split()))
+            return {"CANCELLED"}
+        finally:
+            scene.frame_set(before)
+        self.report({"INFO"}, f"{len(keys)} key frames exported")
+        return {"FINISHED"}
+
+
+def _model(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The splats that the path is for: the active ones, else the only ones of the scene."""
+    active = context.view_layer.objects.active
+    if active is not None and is_splats(active):
+        return active
+    found = [obj for obj in context.scene.objects if is_splats(obj)]
+    return found[0] if len(found) == 1 else None
+
+
+def _key(scene: bpy.types.Scene, matrix: np.ndarray) -> dict[str, Any]:
+    """The camera as in a camera file; ``matrix`` [4, 4] goes from coordinates of the model to Blender's."""
+    camera = camera_numbers(scene, scene.camera)
+    scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
+    if scale <= 0 or not np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, scale**2 * np.eye(3), atol=1e-4 * scale**2):
+        raise ValueError("the model is mirrored, sheared or scaled unevenly: no camera sees that; apply its transform")
+    w2c = camera.w2c @ matrix
+    w2c[:3] /= scale
+    return {"w2c": w2c.tolist(), **{name: getattr(camera, name) for name in PINHOLE}}

@@ -1,0 +1,78 @@
+"""The exported camera path: its keys see the model as Blender's camera does, and ``dogsplat film`` takes it."""
+
+import json
+import os
+import subprocess
+
+import bpy
+import numpy as np
+import pytest
+from bpy_extras.object_utils import world_to_camera_view
+from conftest import load
+from mathutils import Euler, Matrix, Vector
+
+from blender_addon.objects.attributes import read_attributes
+
+FRAMES = 1, 9
+PLACED = Matrix.Translation((0.5, -1.0, 2.0)) @ Euler((0.3, 0.2, 1.0)).to_matrix().to_4x4() @ Matrix.Scale(1.7, 4)
+
+
+@pytest.fixture
+def animated(scene, model):
+    """A model that is moved, turned and scaled, and a camera that goes past it."""
+    splats = load(model)
+    splats.matrix_world = PLACED
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    scene.frame_start, scene.frame_end = FRAMES
+    scene.render.fps, scene.render.resolution_x, scene.render.resolution_y = 8, 64, 48
+    for frame, angle in zip(FRAMES, (0.0, 0.7), strict=True):
+        camera.location = PLACED @ Vector((8 * np.sin(angle), -8 * np.cos(angle), 1.0))
+        camera.rotation_euler = (PLACED.translation - camera.location).to_track_quat("-Z", "Y").to_euler()
+        camera.keyframe_insert("location", frame=frame)
+        camera.keyframe_insert("rotation_euler", frame=frame)
+    scene.frame_set(4)
+    return splats
+
+
+def exported(tmp_path, **options) -> list[dict]:
+    path = tmp_path / "keys.json"
+    assert bpy.ops.export_scene.dogsplat_path(filepath=str(path), **options) == {"FINISHED"}
+    return json.loads(path.read_text())["keys"]
+
+
+def test_every_key_sees_the_model_as_the_camera_does(scene, animated, tmp_path):
+    keys = exported(tmp_path)
+    assert [key["time"] for key in keys] == [k / 8 for k in range(9)] and scene.frame_current == 4
+    points = read_attributes(animated.data).means[:20].astype(np.float64)
+    for frame, key in enumerate(keys, FRAMES[0]):
+        scene.frame_set(frame)
+        w2c = np.array(key["w2c"])
+        np.testing.assert_allclose(w2c[:3, :3] @ w2c[:3, :3].T, np.eye(3), atol=1e-5)
+        local = points @ w2c[:3, :3].T + w2c[:3, 3]
+        pixels = local[:, :2] / local[:, 2:] * (key["fx"], key["fy"]) + (key["cx"], key["cy"])
+        seen = [world_to_camera_view(scene, scene.camera, animated.matrix_world @ Vector(p)) for p in points]
+        expected = np.array([(s.x * key["width"], (1 - s.y) * key["height"]) for s in seen])
+        np.testing.assert_allclose(pixels, expected, atol=1e-2)
+
+
+def test_steps_end_with_the_last_frame(animated, tmp_path):
+    assert [key["time"] for key in exported(tmp_path, step=3)] == [0, 3 / 8, 6 / 8, 1]
+
+
+def test_the_film_of_a_path_is_made(animated, model, tmp_path):
+    exported(tmp_path)
+    command = [*json.loads(os.environ["DOGSPLAT_COMMAND"]), "film", str(model), "-o", str(tmp_path / "frames")]
+    command += ["--path", str(tmp_path / "keys.json"), "--fps", "3"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "3 frames of 64 x 48, 1 s; through 9 key frames" in done.stdout
+
+
+def test_what_no_camera_can_see_is_refused(animated, tmp_path):
+    animated.scale = (1, 1, -1)
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match="mirrored, sheared or scaled unevenly"):
+        bpy.ops.export_scene.dogsplat_path(filepath=str(tmp_path / "keys.json"))
+    assert not list(tmp_path.iterdir()) and bpy.context.scene.frame_current == 4
