@@ -18,6 +18,7 @@ from mi_dogsplat.engine.parameters import device_array, upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.view import prepare, prepare_both
 from mi_dogsplat.engine.walks.aovs import composite_aovs, walked
+from mi_dogsplat.engine.walks.color_products import composite_color_products
 from mi_dogsplat.engine.walks.composite import composite, composite_over
 from mi_dogsplat.engine.walks.derivatives import composite_backward
 from mi_dogsplat.engine.walks.fisher import composite_fisher, patch_blocks
@@ -104,6 +105,10 @@ def weighted(order="a", **chosen) -> np.ndarray:
     return rows([*columns, largest])
 
 
+def of_colors(order="ab", **chosen) -> np.ndarray:
+    return rows(composite_color_products(view_of(**chosen), planes(order)))
+
+
 def picture(letters: str, width: int, height: int) -> np.ndarray:
     return rows(planes(letters))[:, : width * height].T.reshape(height, width, 3)
 
@@ -135,6 +140,7 @@ CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
     "_rows_and_moments": (target, (*SIZES, {"letters": "xxy"})),
     "_sums_and_gradient": (pulled, (*SIZES, {"dssim_weight": 0}, {"dssim_weight": 1}, {"order": "aaa"},
                                     {"letters": "abc"})),
+    "_color_products": (of_colors, (*OPTIONS, *({"order": o} for o in ("", "a", "ba", "aa")))),
     "_composite_weights": (weighted, (*OPTIONS, {"order": "b"})),
 }
 
