@@ -29,10 +29,10 @@ Examples:
 
 MODEL may have any of these formats. Those that know no negative lobes get the Gaussian nearest to a DoG
 primitive, or its primary (--dog drop); --dog keep is for .ply and .compressed.ply. The baked model is refined
-on the photographs of --data, or on renders, 10 to 100 ms a step on a CPU (--refine 0: not at all). The file is
-read back, and the loss of each stage is printed. .spz, .glb and .gltf have y up, the others the axes of the
-model. A page (.html, 0.8 MB and the model) needs a browser and no network, and opens with the first photograph
-of the data.
+on the photographs of --data, or on renders, 10 to 100 ms a step on a CPU (--refine 0: not at all). The file
+is read back, and the loss of each stage is printed. .spz, .glb and .gltf have y up, the others the axes of
+the model. A page (.html, 0.8 MB and the model) needs a browser and no network, and opens with the first
+photograph of the data.
 """
 
 REFINE_HELP = "steps that make up for DoG, on a CPU 10 to 100 ms each; 0: none (default: 300 where they are baked)"
