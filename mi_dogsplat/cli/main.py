@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from .arguments import build_parser
 from .commands import COMMANDS
 from .errors import one_line_errors, quiet_pipe
+from .parser import build_parser
 
 # of pyproject.toml, named as the commands that need them; the others need "train"
 EXTRAS = ("export", "film", "poses", "view")
@@ -14,8 +14,8 @@ def main(argv: list[str] | None = None) -> int:
     """Entry point; returns the exit status."""
 
     def run() -> int:
-        args = build_parser({name: command.__doc__ or "" for name, command in COMMANDS.items()}).parse_args(argv)
+        args = build_parser().parse_args(argv)
         extra = args.command if args.command in EXTRAS else "train"
-        return one_line_errors(lambda: COMMANDS[args.command](args), extra)
+        return one_line_errors(lambda: COMMANDS[args.command].run(args), extra)
 
     return quiet_pipe(run)

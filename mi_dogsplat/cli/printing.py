@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -50,3 +51,14 @@ def simplified_lines(simplified: Simplified) -> list[str]:
     lines = [*simplified.left_out, f"PSNR of the model, over {simplified.n_views} views that nothing was fitted to"]
     stages = {"merged": simplified.merged, "fitted": simplified.fitted}
     return lines + [f"  {stage:24s}{value:6.2f} dB" for stage, value in stages.items() if value is not None]
+
+
+def size_line(out: Path, n_splats: int, model: Path) -> str:
+    """What was written, beside what it was made of."""
+    megabytes, before = (path.stat().st_size / 1e6 for path in (out, model))
+    return f"{out}: {n_splats:,} primitives, {megabytes:.2f} MB; {model.name} has {before:.2f} MB"
+
+
+def say(line: str) -> None:
+    """Print it at once, also where a program reads it."""
+    print(line, flush=True)

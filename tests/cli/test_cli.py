@@ -14,7 +14,7 @@ from command_line import assert_one_line, run
 from happenings import records
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.cli import main
-from mi_dogsplat.cli.arguments import build_parser
+from mi_dogsplat.cli.parser import build_parser
 from mi_dogsplat.scene.camera_file import write_camera
 from PIL import Image
 
@@ -170,7 +170,7 @@ def test_the_help_of_a_command_shows_examples_that_parse(capsys, command, monkey
     assert len(lines) >= 2
     for line in lines:
         example = line.split("  ")[0].split()  # what follows two spaces is a remark
-        assert build_parser(dict.fromkeys(COMMANDS, "")).parse_args(example[1:]).command == command
+        assert build_parser().parse_args(example[1:]).command == command
     for line in text.splitlines():
         assert len(line) <= 110
 
@@ -191,7 +191,8 @@ def test_the_version_names_what_results_depend_on(capsys):
 def test_argparse_stops_at_the_command_line():
     package = Path(__file__).parents[2] / "mi_dogsplat"
     found = {path.relative_to(package) for path in package.rglob("*.py") if "argparse" in path.read_text("utf-8")}
-    assert found == {Path("cli/arguments.py"), Path("cli/commands.py"), Path("demo/__main__.py")}
+    shared = {Path("cli/parser.py"), Path("cli/flags.py"), Path("demo/__main__.py")}
+    assert found == shared | {Path(f"cli/commands/{name}.py") for name in ("__init__", *COMMANDS)}
 
 
 # --- wrong use ---

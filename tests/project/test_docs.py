@@ -20,10 +20,9 @@ import mitsuba as mi
 import pytest
 import tiny_data
 from mi_dogsplat import write_ply
-from mi_dogsplat.cli import help as help_texts
 from mi_dogsplat.cli import main
-from mi_dogsplat.cli.arguments import build_parser
 from mi_dogsplat.cli.commands import COMMANDS
+from mi_dogsplat.cli.parser import EPILOG, build_parser
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.training.target import checked_target, target_bytes
 from PIL import Image
@@ -45,7 +44,7 @@ RUN_ELSEWHERE = {
     "--resume": "test_resume.py",
     **{word: "test_poses.py" for word in ("poses", "pictures/", "walk.mp4", "posed/")},
 }
-PARSER = build_parser({name: "" for name in COMMANDS})
+PARSER = build_parser()
 CAPTURED = ("sensors", "cameras.json")  # --path of views that are given, which know no --views
 
 
@@ -73,7 +72,7 @@ def help_examples(text: str) -> list[str]:
     return [line.strip() for line in found]
 
 
-HELP = {name: text for name, text in vars(help_texts).items() if isinstance(text, str) and name[0] != "_"}
+HELP = {"dogsplat": EPILOG, **{name: command.EXAMPLES for name, command in COMMANDS.items()}}
 EXAMPLES = {name: lines for name, text in HELP.items() if (lines := help_examples(text))}
 
 

@@ -1,0 +1,84 @@
+"""The command ``dogsplat compare``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from ...compare.names import ALL, PUBLISHED, SETS, chosen
+from ...support.errors import DataError
+from ...support.variants import set_variant
+from ...training.config import TrainConfig
+from ...training.target import target_bytes
+from ..flags import DATA_HELP, add_settings, training_config
+from ..printing import say
+
+SUMMARY = "several methods under one budget, in one table"
+EXAMPLES = """
+Examples:
+  dogsplat compare photos/ -o compared --steps 7000 --downscale 2 --max-primitives 40000
+  dogsplat compare fox/ fern/ lego/ -o compared --seeds 0 1 2 --only 3dgs speedy_splat ours
+                                                       three data sets, three seeds, three methods
+  dogsplat compare photos/ -o compared --only published equal
+                                                       all, also with our window and step sizes
+  dogsplat compare photos/ -o compared --only paper ours --more-targets 0.05 0.2
+                                                       tables of equal bytes and equal time, too
+  dogsplat compare fox/ fern/ -o compared --workers 2  two runs at a time, on this machine
+  dogsplat compare fox/ fern/ -o compared --cluster tcp://10.0.0.7:8786
+                                                       on the workers of a Dask cluster (docs/compare.md)
+All methods of a seed have one renderer, one densified start, one number of steps and of primitives; 3dgs is
+the baseline at 100 %. DIR/comparison.html has the tables, plots and pictures, comparison.csv and .tex the
+numbers; they are rewritten as runs finish, and each run is a run folder under DIR/DATA/seed_N/. What is
+complete is not repeated. A run that fails is named, and stops no other. --workers and --cluster need the
+extra mi_dogsplat[cluster].
+"""
+
+TRAINING_FLAGS = [
+    *("steps", "target", "downscale", "max_primitives", "max_world_scale", "split", "sh_degree"),
+    *("background", "antialiased", "near_clip", "initial_primitives", "variant", "log_every", "test_every", "memory"),
+    "checkpoint_seconds",
+]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Give its parser what it is called with."""
+    parser.add_argument("data", nargs="+", metavar="DATA", help=DATA_HELP)
+    parser.add_argument(
+        "-o", "--out", type=Path, required=True, metavar="DIR", help="folder to write, or to go on with"
+    )
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0], metavar="N", help="random seeds (default: 0)")
+    methods = f"of {' '.join(ALL)}, or sets: {' '.join(SETS)} (default: published)"
+    parser.add_argument("--only", nargs="+", default=list(PUBLISHED), metavar="NAME", help=methods)
+    more = "targets beside --target, for the tables of equal bytes and time"
+    parser.add_argument("--more-targets", type=float, nargs="+", default=[], metavar="X", help=more)
+    parser.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler, as tcp://10.0.0.7:8786")
+    parser.add_argument(
+        "--workers", type=int, default=0, metavar="N", help="runs at a time, on this machine (default: 0: no Dask)"
+    )
+    add_settings(parser, TrainConfig, TRAINING_FLAGS)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train several compact methods from one densified start per data set and seed, to one budget; tabulate them."""
+    try:
+        methods = chosen(args.only)
+    except ValueError as error:
+        raise DataError("--only", f'"{error}" is unknown', f"use {', '.join((*SETS, *ALL))}") from None
+    if args.workers < 0:
+        raise DataError("--workers", f"{args.workers} is out of range", "use at least 0")
+    if target_bytes(args.target) is not None:
+        remedy = "compare and ablate take a ratio or a number of primitives"
+        raise DataError("--target", f"{args.target} is the size of a file", remedy)
+    config = training_config(args, preset="3dgs", data="")
+    set_variant(config.variant)
+    from ...compare.compare import compare as run_comparison
+
+    if wrong := [x for x in args.more_targets if not (0 < x < 1 or (x >= 1 and x.is_integer()))]:
+        raise DataError("--more-targets", f"{wrong[0]:g} is no target", "use ratios below 1 or whole numbers")
+    where, means = (args.data, args.out, args.seeds, methods), (args.cluster, args.workers, args.more_targets)
+    table = run_comparison(config, *where, *means, say)
+    print(args.out / "comparison.html")
+    for name, error in table["failed"].items():
+        print(f"dogsplat: {name} has failed: {error}", file=sys.stderr)
+    return 1 if table["failed"] else 0

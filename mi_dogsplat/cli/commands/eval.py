@@ -1,0 +1,44 @@
+"""The command ``dogsplat eval``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ...render.picture_options import PictureOptions
+from ...support.variants import set_variant
+from ..flags import DATA_HELP, MODEL_HELP, add_picture_flags, given_settings
+from ..printing import metrics_line
+
+SUMMARY = "metrics of a model on the test split"
+EXAMPLES = """
+Examples:
+  dogsplat eval run/point_cloud.ply photos/ --downscale 2
+  dogsplat eval run/point_cloud.ply photos/ --downscale 2 -o measured/   also writes pictures and metrics.json
+  dogsplat eval run/point_cloud.ply photos/ --masks masks/ --color-correct
+                                                       white pixels; and PSNR after colour correction
+
+Use the --downscale that the model was trained with, else the numbers say little about it.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Give its parser what it is called with."""
+    parser.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
+    parser.add_argument("data", metavar="DATA", help=DATA_HELP)
+    parser.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json")
+    parser.add_argument("--color-correct", action="store_true", help="also PSNR after each view's best colour map")
+    add_picture_flags(parser, "masks", "data_on_disk")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Metrics of a model on the test views of a data set (all views without a split); LPIPS where it is installed."""
+    options = given_settings(PictureOptions, args)
+    set_variant(args.variant)
+    from ...measure.evaluate import mean_metrics
+    from ...runs.evaluation import evaluate_model
+
+    more = args.masks, args.color_correct, args.data_on_disk
+    views = evaluate_model(args.model, args.data, args.out, *more, options)
+    for name, values in {**views, "mean": mean_metrics(views)}.items():
+        print(f"{name:24s}{metrics_line(values)}")

@@ -1,0 +1,54 @@
+"""The command ``dogsplat film``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ...film.film_config import FilmConfig
+from ...render.picture_options import PictureOptions
+from ...support.variants import set_variant
+from ...training.config import TrainConfig
+from ..flags import MODEL_HELP, add_settings, given_settings
+
+SUMMARY = "a model along a camera path, to a video or pictures"
+EXAMPLES = """
+Examples:
+  dogsplat film run/ -o film.mp4                                  what suits the data of the run
+  dogsplat film run/point_cloud.ply -o film.mp4 --seconds 6 --elevation 35 --size 1920 1080
+                                                                  one turn around the model
+  dogsplat film run/ -o film.mp4 --path cameras --smoothing 4     the way of the photographer, smoothed
+  dogsplat film run/point_cloud.ply -o film.mp4 --path keys.json --shutter 0.5
+                                                                  through key frames, with motion blur
+  dogsplat film run/point_cloud.ply -o frames/                    numbered pictures, frames/0000.png and on
+  dogsplat film run/point_cloud.ply -o frames_exr/%04d.exr        linear colour with alpha, for compositing
+
+Key frames: {"keys": [{"time": 0, "position": [3, 0, 1], "look_at": [0, 0, 0], "fov": 40}, ...],
+"loop": false, "up": [0, 0, 1]}, or a list of camera files (docs/film.md). A film that is stopped leaves no
+file; of numbered pictures the whole ones stay, and the same command goes on after them.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Give its parser what it is called with."""
+    parser.add_argument("model", type=Path, metavar="MODEL_or_RUN", help=f"{MODEL_HELP}; or run folder")
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=".mp4, FOLDER, FOLDER/%%04d.exr")
+    parser.add_argument(
+        "--data", metavar="DATA", help="data set whose cameras the path follows (default: that of the run)"
+    )
+    add_settings(parser, FilmConfig)
+    add_settings(parser, PictureOptions, ["background", "antialiased", "near_clip", "linear"])
+    add_settings(parser, TrainConfig, ["variant"])
+
+
+def run(args: argparse.Namespace) -> None:
+    """Render a film of a model along a camera path, to a video or to numbered pictures."""
+    config, options = given_settings(FilmConfig, args), given_settings(PictureOptions, args)
+    set_variant(args.variant)
+    from ...film.make import make_film
+    from ..progress import Bar
+
+    with Bar("frame") as bar:
+        made = make_film(args.model, args.out, args.data, config, options, bar.show)
+    width, height = made.size
+    print(f"{args.out}: {made.n_frames} frames of {width} x {height}, {made.n_frames / config.fps:.4g} s; {made.path}")

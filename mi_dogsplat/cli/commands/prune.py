@@ -1,0 +1,51 @@
+"""The command ``dogsplat prune``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ...render.picture_options import PictureOptions
+from ...scene.drawing import Drawing
+from ...training.config import TrainConfig
+from ..flags import DATA_HELP, MODEL_HELP, add_settings, training_config
+from ..training_run import run_training
+
+SUMMARY = "a smaller model of one that exists"
+EXAMPLES = """
+Examples:
+  dogsplat prune model.ply photos/ -o run                      a tenth of its primitives
+  dogsplat prune model.ply photos/ -o run --target 20000 --steps 3500 --downscale 2
+  dogsplat prune model.ply photos/ -o run --target 2MB --format spz
+                                                               a file of at most so many bytes
+  dogsplat prune model.ply photos/ -o run --preset released    as the authors' code does it
+
+The model may come from any trainer of 3D Gaussians. The schedule begins with its first prune, without
+densification; --steps counts from there (default: what the preset's schedule has left). RUN is filled as by
+dogsplat train; its history names every decision to prune or to refine, with the reason.
+"""
+
+TRAINING_FLAGS = [
+    *("preset", "steps", "target", "format", "batch_views", "downscale", "split", "background"),
+    *("near_zone", "masks", "exposure", "data_on_disk", "seed", "variant", "log_every", "test_every"),
+    *("memory", "checkpoint_seconds"),
+]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Give its parser what it is called with."""
+    parser.add_argument("model", metavar="MODEL", help=MODEL_HELP)
+    parser.add_argument("data", metavar="DATA", help=DATA_HELP)
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
+    add_settings(parser, TrainConfig, TRAINING_FLAGS)
+    add_settings(parser, PictureOptions, ["antialiased", "near_clip"])
+    parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Prune a model to a target while refining it on its photographs, then add Differences of Gaussians."""
+    from ...formats.read import read_model
+
+    said = Drawing(args.antialiased, args.near_clip).over(read_model(args.model).drawing)
+    how = {"antialiased": bool(said.antialiased), "near_clip": said.near_clip}
+    run_training(training_config(args, model=args.model, **how), args.out, args.resume)

@@ -1,0 +1,56 @@
+"""The command ``dogsplat render``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ...render.picture_options import PictureOptions
+from ...support.errors import DataError
+from ...support.variants import set_variant
+from ..flags import MODEL_HELP, add_picture_flags, add_view_flags, given_settings
+
+SUMMARY = "a model or Mitsuba scene to a picture"
+EXAMPLES = """
+Examples:
+  dogsplat render run/point_cloud.ply -o view.png                     a view that frames the model
+  dogsplat render run/point_cloud.ply -o view.png --data photos/      the first test view of the data
+  dogsplat render run/point_cloud.ply -o view.exr --data photos/ --camera 0001
+                                                                      a view by its name
+  dogsplat render run/point_cloud.ply -o view.png --camera camera.json
+  dogsplat render run/point_cloud.ply -o view.exr --aovs depth,normal,index
+                                                                      channels depth.Z, normal.X, ... index.I
+  dogsplat render scene.xml -o view.exr                               first sensor of a Mitsuba scene
+
+A camera file holds {"w2c": 4x4 world to camera (x right, y down, z forward), "fx": pixels, "fy", "cx",
+"cy", "width", "height"}; fy, cx and cy may be left out. A .png shows colours over the background; an .exr
+holds linear colour, premultiplied with alpha, and depth, or what --aovs lists: depth, median_depth, normal
+(in world space), index (of the primitive that contributes most, or -1), count (of contributions), and
+dog_share (of the contributions).
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Give its parser what it is called with."""
+    parser.add_argument("model", type=Path, metavar="MODEL_or_SCENE", help=f"{MODEL_HELP}; or Mitsuba scene .xml")
+    parser.add_argument(
+        "-o", "--out", type=Path, required=True, metavar="OUT", help=".png; .exr or .npz with alpha, depth"
+    )
+    add_view_flags(parser)
+    parser.add_argument("--aovs", metavar="NAMES", help="channels of an .exr beside colour and alpha (default: depth)")
+    add_picture_flags(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Render a model from a view of a data set or from a camera file, or a Mitsuba scene as it stands."""
+    options = given_settings(PictureOptions, args)
+    set_variant(args.variant)
+    from ...render.render_files import render_model, render_scene
+
+    if args.model.suffix.lower() == ".xml":
+        if args.aovs is not None:
+            raise DataError("--aovs", "a scene names its own", 'set the property "aovs" of its integrator')
+        render_scene(args.model, args.out)
+    else:
+        render_model(args.model, args.out, args.data, args.camera, args.aovs, options)
+    print(args.out)

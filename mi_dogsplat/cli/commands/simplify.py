@@ -1,0 +1,50 @@
+"""The command ``dogsplat simplify``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ...editing.simplify_config import SimplifyConfig
+from ...formats.table import FORMATS
+from ...render.picture_options import PictureOptions
+from ...support.variants import set_variant
+from ...training.config import TrainConfig
+from ..flags import MODEL_HELP, add_settings, given_settings
+from ..printing import simplified_lines, size_line
+
+SUMMARY = "fewer primitives, without photographs"
+EXAMPLES = """
+Examples:
+  dogsplat simplify model.ply -o small.ply --target 10%       a tenth of its primitives, in minutes
+  dogsplat simplify model.ply -o small.ply --target 20 --steps 0
+                                                              so many, merged alone: in seconds
+  dogsplat simplify model.ply -o small.ply --target 5% --dog  with Differences of Gaussians
+
+For models without photographs, of any program; with photographs dogsplat prune knows better what matters.
+Cameras are placed around the model, and where there is room inside. They say how much of each primitive is
+seen, and the merged model is fitted to what they see of the old one. PSNR is measured from other places. The
+pictures have a grey background, so that nothing hides in it; --background black or white fits to that alone.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Give its parser what it is called with."""
+    parser.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join(FORMATS))
+    add_settings(parser, SimplifyConfig)
+    add_settings(parser, PictureOptions, ["background", "antialiased", "near_clip"])
+    add_settings(parser, TrainConfig, ["variant"])
+
+
+def run(args: argparse.Namespace) -> None:
+    """Merge primitives that are near and alike until few are left, and fit those to renders of the model."""
+    config, options = given_settings(SimplifyConfig, args), given_settings(PictureOptions, args)
+    set_variant(args.variant)
+    from ...editing.simplify import simplify_model
+    from ..progress import Bar
+
+    with Bar("step") as bar:
+        simplified = simplify_model(args.model, args.out, config, options, bar.show)
+    print("\n".join(simplified_lines(simplified)))
+    print(size_line(args.out, simplified.n_after, args.model))

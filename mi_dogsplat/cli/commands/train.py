@@ -1,0 +1,69 @@
+"""The command ``dogsplat train``."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from ...poses.config import PosesConfig
+from ...support.settings import settings_of
+from ...training.config import TrainConfig
+from ..flags import DATA_HELP, add_settings, training_config
+from ..pose_search import search_poses
+from ..printing import say
+from ..training_run import run_training
+
+SUMMARY = "photographs to a model"
+EXAMPLES = """
+Examples:
+  dogsplat train photos/ -o run                        the full schedule, a tenth of the primitives
+  dogsplat train photos/ -o run --steps 7000 --downscale 2 --max-primitives 60000
+                                                       minutes instead of hours, and a bounded size
+  dogsplat train photos/ -o run --target 20000         a model of exactly so many primitives
+  dogsplat train photos/ -o run --target 2MB --format spz
+                                                       a file of at most so many bytes
+  dogsplat train photos/ -o run --preset 3dgs          without pruning and DoG: the published baseline
+  dogsplat train lego/ -o run --background white       images with alpha over white (as auto does)
+  dogsplat train lego/ -o run --background random      another colour at each step: no splats hide in it
+  dogsplat train photos/ -o run --masks masks/ --exposure
+                                                       people painted out; automatic exposure taken out
+  dogsplat train photos/ -o run --data-on-disk         more photographs than fit into memory
+  dogsplat train pictures/ -o run --downscale 4        images without cameras: their poses first, in run/posed
+  dogsplat train walk.mp4 -o run --downscale 4         a video: its frames and poses first
+
+Afterwards RUN holds point_cloud.ply (the model), report.html (open it in a browser), metrics.json,
+history.jsonl, config.json, and test/ with a render, the photograph and an error map per test view.
+Ctrl-C saves a checkpoint and stops; the same command with --resume goes on there, also after a crash.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Give its parser what it is called with."""
+    parser.add_argument("data", metavar="DATA", help=DATA_HELP)
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
+    add_settings(parser, TrainConfig, [name for name in settings_of(TrainConfig) if name not in ("data", "model")])
+    parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Train a model on photographs and measure it on those held out; poses are found first where there are none."""
+    config = training_config(args)
+    posed, resume = _posed(config, args.out), args.resume
+    if posed is not config:  # what was stopped before it had poses has nothing else to go on with
+        resume = resume and (args.out / "config.json").exists()
+    run_training(posed, args.out, resume)
+
+
+def _posed(config: TrainConfig, run: Path) -> TrainConfig:
+    """The settings for data with poses: those given, or what is made of plain images or a video in the run's folder."""
+    from ...poses.input import needs_poses
+    from ...runs.run import POSED, prepare_folder
+
+    if not needs_poses(config.data):
+        return config
+    prepare_folder(run)
+    out = run / POSED
+    say(f"{config.data} has no cameras: finding its poses, into {out}")
+    search_poses(Path(config.data), out, PosesConfig(masks=config.masks, seed=config.seed))
+    return replace(config, data=str(out), masks=str(out / "masks") if (out / "masks").is_dir() else None)

@@ -1,0 +1,74 @@
+"""Flags that several commands share, and settings as flags: from the class to its flags, from the arguments to it."""
+
+from __future__ import annotations
+
+import argparse
+import types
+from typing import Any, TypeVar, Union, get_args, get_origin
+
+from ..render.picture_options import PictureOptions
+from ..support.settings import settings_of
+from ..training.config import TrainConfig
+
+T = TypeVar("T")
+
+DATA_HELP = settings_of(TrainConfig)["data"][1].help
+MODEL_HELP = "model: .ply .spz .sog .glb .gltf .splat, or meta.json of SOG"
+METAVARS = {int: "N", float: "X", str: "NAME"}
+
+
+def add_settings(parser: argparse.ArgumentParser, kind: type, names: list[str] | None = None) -> None:
+    """A flag per setting of a class (``settings_of``), of all or of those that are named."""
+    for name, (hint, setting) in settings_of(kind).items():
+        if names is not None and name not in names:
+            continue
+        flag, default = "--" + name.replace("_", "-"), getattr(kind, name)
+        if hint is bool:
+            parser.add_argument(flag, action="store_true", help=setting.help)
+            continue
+        if _parsed(hint)[0] is bool:  # with None, for what somebody else says
+            parser.add_argument(flag, action=argparse.BooleanOptionalAction, help=setting.help)
+            continue
+        value, count = _parsed(hint)
+        metavar: Any = setting.metavar or METAVARS[value]
+        text = " ".join(map(str, default)) if isinstance(default, tuple) else default
+        options: dict[str, Any] = {"nargs": count, "metavar": tuple(metavar.split())} if count else {"metavar": metavar}
+        shown = (setting.help + ("" if default is None else f" (default: {text})")).replace("%", "%%")
+        parser.add_argument(flag, type=value, default=default, help=shown, **options)
+
+
+def _parsed(hint: Any) -> tuple[type, int]:
+    """How a type is read from words: (that of each word, how many there are; 0 if it is no tuple)."""
+    if get_origin(hint) in (Union, types.UnionType):  # with None
+        hint = get_args(hint)[0]
+    return (get_args(hint)[0], len(get_args(hint))) if get_origin(hint) is tuple else (hint, 0)
+
+
+def add_picture_flags(parser: argparse.ArgumentParser, *others: str) -> None:
+    """How a model is drawn, and ``others`` of a training."""
+    add_settings(parser, PictureOptions)
+    add_settings(parser, TrainConfig, [*others, "variant"])
+
+
+def add_view_flags(parser: argparse.ArgumentParser) -> None:
+    """From where a model is seen."""
+    parser.add_argument("--data", metavar="DATA", help="data set whose views --camera names")
+    parser.add_argument("--camera", metavar="NAME_or_JSON", help="a view of DATA by name, or a camera JSON file")
+
+
+def given_settings(kind: type[T], args: argparse.Namespace, **others: Any) -> T:
+    """Settings from the arguments that are called as they are, and from ``others``.
+
+    Checked by the class, which raises a ``DataError`` that names the flag.
+    """
+    given = {name: value for name, value in vars(args).items() if name in settings_of(kind)}
+    values = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+    return kind(**values | others)
+
+
+def training_config(args: argparse.Namespace, **others: Any) -> TrainConfig:
+    """The settings of a training among the arguments.
+
+    ``model`` is the model of ``prune`` only: other commands have arguments of that name.
+    """
+    return given_settings(TrainConfig, args, **{"model": None, **others})

@@ -1,0 +1,31 @@
+"""A training as the commands show it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..support.variants import set_variant
+from ..training.config import TrainConfig
+from .printing import metrics_line
+
+
+def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
+    """Fill the run folder ``out`` while a bar shows how far it is, then print what came of it."""
+    set_variant(config.variant)
+    from ..runs.run import train
+    from .progress import Bar
+
+    with Bar("step") as bar:
+
+        def show(row: dict) -> None:
+            figures = {}
+            if "l1" in row:
+                figures = {"l1": f"{row['l1']:.4f}", "n": row["n"]}
+                figures |= {"psnr": f"{row['test_psnr']:.2f}"} if "test_psnr" in row else {}
+            bar.show(row["step"], config.steps, **figures)
+
+        metrics = train(config, out, show, resume)
+    split = "test views:" if metrics["test"] else "training views (there is no test split):"
+    print(split, metrics_line(metrics["test"] or metrics["train"]))
+    size, seconds = metrics["bytes"] / 1e6, metrics["train_seconds"]
+    print(f"{metrics['n']:,} primitives, {size:.1f} MB, {seconds:.0f} s; {out / 'report.html'}")
