@@ -42,13 +42,18 @@ from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.strategy.scheduler import target_count
 
 MEASURES = {"psnr": "PSNR, dB", "ssim": "SSIM", "flip": "FLIP"}
+AXES = {"bytes": ("file, MB", 1e-6), "n": ("primitives", 1.0)}
+PLOTS = (("bytes", "psnr"), ("n", "psnr"), ("bytes", "ssim"), ("bytes", "flip"))
 EXPORTS = {"spz": ".spz", "sog": ".sog", "compressed PLY": ".compressed.ply"}
 COLUMNS = ("curve", "run", "file", "n", "n_dog", "bytes", "bytes_each", *MEASURES, "render_ms", "train_seconds")
-PAGE = """{% extends "report/templates/base.html" %}{% block body %}<h1>{{ title }}</h1>
-<p>Test views of {{ data }}; every file is read back. A point is a file.</p>
-{% for plot in plots %}<figure>{{ plot }}</figure>{% endfor %}
-<table><tr>{% for name in columns %}<th>{{ name }}</th>{% endfor %}</tr>
-{% for row in rows %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>{% endfor %}</table>{% endblock %}"""
+PAGE = """{% extends "report/templates/base.html" %}{% from "report/templates/parts.html" import plots as drawn %}
+{% block body %}<h1>{{ title }}</h1>
+<p>Views of {{ data }} that are not trained on; every file is read back.
+A point is a file; a curve has its name at its end.</p>
+{{ drawn(plots) }}
+<div class="scroll"><table><tr>{% for name in columns %}<th>{{ name }}</th>{% endfor %}</tr>
+{% for row in rows %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>{% endfor %}</table></div>
+{% endblock %}"""
 
 
 @dataclass(frozen=True)
@@ -132,18 +137,19 @@ def measured(file: File, dataset: Dataset, background: float) -> dict:
 
 
 def plots(rows: list[dict]) -> list[str]:
-    """Each measure against bytes; one curve for each name."""
+    """Each measure against bytes, and PSNR against what a render pays for; one curve for each name."""
     names = list(dict.fromkeys(row["curve"] for row in rows))
     drawn = []
-    for measure, words in MEASURES.items():
-        series = []
+    for quantity, measure in PLOTS:
+        (unit, factor), words, series = AXES[quantity], MEASURES[measure], []
         for k, name in enumerate(names):
-            own = sorted((row for row in rows if row["curve"] == name), key=lambda row: row["bytes"])
-            x, y = np.array([row["bytes"] / 1e6 for row in own]), np.array([row[measure] for row in own])
+            own = sorted((row for row in rows if row["curve"] == name), key=lambda row: row[quantity])
+            x, y = np.array([row[quantity] * factor for row in own]), np.array([row[measure] for row in own])
             color = k % 7 + 1
-            notes = [Note(f"{name}: {row['run']}, {row[measure]} at {row['bytes'] / 1e6:.3g} MB", "") for row in own]
-            series += [Series(name, x, y, "line", color), Series("", x, y, "points", color, notes)]
-        drawn.append(line_plot(series, "file, MB", f"test {words}", log_x=True, height=300))
+            told = [f"{name}: {row['run']}, {row[measure]} at {row[quantity] * factor:,.4g}" for row in own]
+            notes = [Note(text, name if text is told[-1] else "") for text in told]
+            series += [Series(name, x, y, "line", color), Series(name, x, y, "points", color, notes)]
+        drawn.append(line_plot(series, unit, words, log_x=True, legend=False, height=300))
     return drawn
 
 
