@@ -111,10 +111,11 @@ def test_what_runs_aside_has_ended_before_something_is_timed(session):
 
 def test_a_step_leaves_the_time_that_those_behind_it_need_at_least(tmp_path):
     known = {"machine": MACHINE, "command": "", "commit": "", "steps": {}}
-    session = Session(tmp_path, tmp_path, time.time() + 22, known, {})
+    # a half of what "last" needs at least is more than "long" can take: 4 s, and GRACE where it does not hear SIGINT
+    session = Session(tmp_path, tmp_path, time.time() + 44, known, {})
     waiting = python("import time; time.sleep(600)", name="long", limit=600, bounded=True)
     never = python("1", name="never", least=1000)  # nothing is kept for what does not fit at all
-    session.run([waiting, never, python("1", name="last", least=20)], True)
+    session.run([waiting, never, python("1", name="last", least=40)], True)
     assert outcomes(session) == {"long": "stopped", "never": "not run", "last": "passed"}
 
 
