@@ -16,8 +16,9 @@ from tempfile import TemporaryDirectory
 
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.editing.simplify import amounts_seen, cameras_of, fitted, look_of, rendered, simplify_model
+from mi_dogsplat.editing.simplify import amounts_seen, cameras_of, fitted, look_of, simplify_model
 from mi_dogsplat.editing.simplify_config import SimplifyConfig
+from mi_dogsplat.export.refine import rendered
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.framing import AUTOMATIC_SIZE, cameras_around

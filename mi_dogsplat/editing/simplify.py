@@ -13,6 +13,7 @@ from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.parameters import upload
 from ..export.bake import baked
+from ..export.refine import GREY, look_from_near, rendered
 from ..formats.read import read_model
 from ..formats.table import format_to_write
 from ..formats.write import write_model
@@ -20,7 +21,6 @@ from ..inspection.unneeded import Unneeded
 from ..measure.metrics import psnr
 from ..render.framing import robust_sphere
 from ..render.picture_options import PictureOptions
-from ..render.render_files import picture_of
 from ..render.vantages import vantage_cameras
 from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, drawn_as
@@ -33,9 +33,7 @@ from .merge import merge
 from .simplify_config import SimplifyConfig
 
 RESOLUTION = 1e-3  # of the radius of a model, below which shapes are alike
-NEAR = 0.01  # of the radius: near clip, where the usual one is farther
 LEAST_WEIGHT = 1e-3  # of the mean weight: of what no view sees, and some other might
-GREY = 0.5  # behind the pictures: black hides what is missing in the dark, white in the bright
 HELD_OUT = 16  # views that nothing was fitted to, to measure on
 DOG = DogRule(opacity=0.05, scale=0.6)  # where they start, as in the preset ours
 
@@ -109,8 +107,7 @@ def look_of(splats: Splats, options: PictureOptions, said: Drawing = Drawing()) 
     Colours are compared as the model has them, linear or not.
     """
     background = {"black": 0.0, "white": 1.0}.get(options.background, GREY)
-    drawn = drawn_as(options.drawing, said)
-    return Look(background, min(drawn.near_clip, NEAR * robust_sphere(splats)[1]), drawn.antialiased)
+    return look_from_near(splats, drawn_as(options.drawing, said), background)
 
 
 def cameras_of(splats: Splats, config: SimplifyConfig, n: int, seed: int) -> list[Camera]:
@@ -118,12 +115,6 @@ def cameras_of(splats: Splats, config: SimplifyConfig, n: int, seed: int) -> lis
     width, height = config.size
     cameras = vantage_cameras(splats, n, config.size, seed, config.inside)
     return [camera.resized(2 * width, 2 * height) if k % 3 == 2 else camera for k, camera in enumerate(cameras)]
-
-
-def rendered(splats: Splats, cameras: list[Camera], look: Look) -> list[Array]:
-    """[H, W, 3] from each camera."""
-    picture = picture_of(splats, look.background, look.near_clip, antialiased=look.antialiased)
-    return [picture(camera).color for camera in cameras]
 
 
 def merged(splats: Splats, target: int, cameras: list[Camera], look: Look) -> Splats:

@@ -53,15 +53,26 @@ def by_data(model: Splats, dataset: Dataset, most: int, options: PictureOptions,
     cameras = [view.camera for view in views]
     look = Look(background_color(options.background, dataset.has_alpha), drawn.near_clip, drawn.antialiased)
     if drawn.linear:
-        return Goal(cameras, _renders(model, cameras, look), look, BY_DATA)
+        return Goal(cameras, rendered(model, cameras, look), look, BY_DATA)
     return Goal(cameras, [over_background(view.image, look.background) for view in views], look, BY_DATA)
 
 
 def by_renders(model: Splats, most: int, drawn: DrawnAs) -> Goal:
     """Renders of the model, at most ``most``, from where there may be something to see."""
-    look = Look(GREY, min(drawn.near_clip, NEAR * robust_sphere(model)[1]), drawn.antialiased)
+    look = look_from_near(model, drawn)
     cameras = vantage_cameras(model, min(N_VANTAGES, most), VANTAGE_SIZE)
-    return Goal(cameras, _renders(model, cameras, look), look, BY_RENDERS)
+    return Goal(cameras, rendered(model, cameras, look), look, BY_RENDERS)
+
+
+def look_from_near(model: Splats, drawn: DrawnAs, background: float = GREY) -> Look:
+    """How a model is drawn from places of our own, which may be near to it."""
+    return Look(background, min(drawn.near_clip, NEAR * robust_sphere(model)[1]), drawn.antialiased)
+
+
+def rendered(model: Splats, cameras: list[Camera], look: Look) -> list[Array]:
+    """[H, W, 3] from each camera, in the model's own colours, linear or not."""
+    picture = picture_of(model, look.background, look.near_clip, antialiased=look.antialiased)
+    return [picture(camera).color for camera in cameras]
 
 
 def refined(
@@ -87,9 +98,3 @@ def refined(
         quantiser=Quantiser(small) if small else None,
         after_step=(lambda step, _: show(step, steps)) if show else None,
     )
-
-
-def _renders(model: Splats, cameras: list[Camera], look: Look) -> list[Array]:
-    """[H, W, 3] from each camera, in the model's own colours, linear or not."""
-    picture = picture_of(model, look.background, look.near_clip, antialiased=look.antialiased)
-    return [picture(camera).color for camera in cameras]

@@ -5,8 +5,9 @@ import pytest
 import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import read_ply, write_ply
-from mi_dogsplat.editing.simplify import look_of, rendered, simplify_model
+from mi_dogsplat.editing.simplify import look_of, simplify_model
 from mi_dogsplat.editing.simplify_config import SimplifyConfig
+from mi_dogsplat.export.refine import rendered
 from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.write import write_model
