@@ -10,12 +10,15 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..files.model import Model, logit, normalized, positive_log, sigmoid
+from ..files.model import Model, importance, logit, normalized, positive_log, sigmoid
 
 SCALE, ROTATION, BASE, SH = "scale", "rotation", "radiance:base", "radiance:sh_{}"
 OPACITY_FACTOR, SCALE_FACTOR = "dog:opacity_factor", "dog:scale_factor"
 RAW_LOGITS = "dog:raw_logits"  # logit opacity, logit of the opacity factor, 0
 RAW_SCALE, RAW_ROTATION, RAW_FACTOR = "dog:raw_scale", "dog:raw_rotation", "dog:raw_factor"
+RAW_POSITION = "dog:raw_position"  # where the splat's other attributes were right; see ``following.py``
+RANK = "dog:rank"  # 0 for the most important splat, below 1 for the least, so that a share is a prefix
+ERASE, TINT, PAINT_INDEX = "Erase", "Tint", "paint:index"  # painted; which part of the stand-in is the splat's
 _FIELDS = {
     "FLOAT": ("value", ()), "FLOAT_VECTOR": ("vector", (3,)), "FLOAT_COLOR": ("color", (4,)),
     "QUATERNION": ("value", (4,)),
@@ -23,9 +26,13 @@ _FIELDS = {
 
 
 def write_attributes(mesh: bpy.types.Mesh, model: Model) -> None:
-    """Fill an empty mesh with a vertex per primitive."""
-    mesh.vertices.add(model.n_splats)
+    """Fill an empty mesh with a vertex per primitive, or give those that it has other values; the rest stays."""
+    if not mesh.vertices:
+        mesh.vertices.add(model.n_splats)
     mesh.attributes["position"].data.foreach_set("vector", model.means.ravel())
+    _put(mesh, RAW_POSITION, "FLOAT_VECTOR", model.means)
+    if RANK not in mesh.attributes:
+        _put(mesh, RANK, "FLOAT", importance_ranks(model))
     base, values = _activated(model)
     _put(mesh, BASE, "FLOAT_COLOR", base)
     for name, (kind, array) in values.items():
@@ -35,6 +42,13 @@ def write_attributes(mesh: bpy.types.Mesh, model: Model) -> None:
     for name, array in _raw(model).items():
         _put(mesh, name, "FLOAT_COLOR" if array.shape[1] == 4 else "FLOAT_VECTOR", array)
     mesh.update()
+
+
+def importance_ranks(model: Model) -> np.ndarray:
+    """[N] in [0, 1): the share of the primitives that are more important."""
+    ranks = np.empty(model.n_splats, np.float32)
+    ranks[np.argsort(-importance(model), kind="stable")] = np.arange(model.n_splats) / max(model.n_splats, 1)
+    return ranks
 
 
 def is_splats(obj: bpy.types.Object | None) -> bool:
@@ -122,7 +136,7 @@ def _raw(model: Model) -> dict[str, np.ndarray]:
 
 
 def _put(mesh: bpy.types.Mesh, name: str, kind: str, values: np.ndarray) -> None:
-    attribute = mesh.attributes.new(name, kind, "POINT")
+    attribute = mesh.attributes.get(name) or mesh.attributes.new(name, kind, "POINT")
     attribute.data.foreach_set(_FIELDS[kind][0], np.ascontiguousarray(values, np.float32).ravel())
 
 
