@@ -6,11 +6,11 @@ from typing import Any
 
 import bpy
 
+from ..objects.attributes import SCALE
 from .builder import Tree, Value, new_group, wrap
 from .fields import importance, opacity
 from .geometry import choose, delete, describe, remove, sort, store, switch
 from .groups import GEOMETRY, cached_group, finish_group, named_attribute
-from ..objects.attributes import SCALE
 
 NAME = "DoG Splat Limits"
 ORDERS = ("Importance", "Opacity")

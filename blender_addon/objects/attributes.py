@@ -21,7 +21,7 @@ RANK = "dog:rank"  # 0 for the most important splat, below 1 for the least, so t
 ERASE, TINT, PAINT_INDEX = "Erase", "Tint", "paint:index"  # painted; which part of the stand-in is the splat's
 _FIELDS = {
     "FLOAT": ("value", ()), "FLOAT_VECTOR": ("vector", (3,)), "FLOAT_COLOR": ("color", (4,)),
-    "QUATERNION": ("value", (4,)),
+    "QUATERNION": ("value", (4,)), "INT": ("value", ()), "BYTE_COLOR": ("color", (4,)),
 }  # fmt: skip
 
 
@@ -30,17 +30,17 @@ def write_attributes(mesh: bpy.types.Mesh, model: Model) -> None:
     if not mesh.vertices:
         mesh.vertices.add(model.n_splats)
     mesh.attributes["position"].data.foreach_set("vector", model.means.ravel())
-    _put(mesh, RAW_POSITION, "FLOAT_VECTOR", model.means)
+    put_column(mesh, RAW_POSITION, model.means)
     if RANK not in mesh.attributes:
-        _put(mesh, RANK, "FLOAT", importance_ranks(model))
+        put_column(mesh, RANK, importance_ranks(model))
     base, values = _activated(model)
-    _put(mesh, BASE, "FLOAT_COLOR", base)
+    put_column(mesh, BASE, base)
     for name, (kind, array) in values.items():
-        _put(mesh, name, kind, array)
+        put_column(mesh, name, array, kind)
     for k in range(1, model.sh_coeffs.shape[1]):
-        _put(mesh, SH.format(k - 1), "FLOAT_VECTOR", model.sh_coeffs[:, k])
+        put_column(mesh, SH.format(k - 1), model.sh_coeffs[:, k])
     for name, array in _raw(model).items():
-        _put(mesh, name, "FLOAT_COLOR" if array.shape[1] == 4 else "FLOAT_VECTOR", array)
+        put_column(mesh, name, array)
     mesh.update()
 
 
@@ -61,15 +61,15 @@ def read_attributes(mesh: bpy.types.Mesh) -> Model:
 
     Raises ``ValueError`` that names an attribute that is missing.
     """
-    base = _get(mesh, BASE, 4)
+    base = get_column(mesh, BASE, 4)
     degree = next(d for d in (3, 2, 1, 0) if d == 0 or SH.format((d + 1) ** 2 - 2) in mesh.attributes)
-    bands = [base[:, :3], *(_get(mesh, SH.format(k), 3) for k in range((degree + 1) ** 2 - 1))]
+    bands = [base[:, :3], *(get_column(mesh, SH.format(k), 3) for k in range((degree + 1) ** 2 - 1))]
     has_dog = OPACITY_FACTOR in mesh.attributes
-    factor = _get(mesh, OPACITY_FACTOR, 1)[:, 0] if has_dog else np.zeros(len(base), np.float32)
-    scale_factor = _get(mesh, SCALE_FACTOR, 3) if has_dog else np.ones((len(base), 3), np.float32)
-    scale, rotation = _get(mesh, SCALE, 3), _get(mesh, ROTATION, 4)
+    factor = get_column(mesh, OPACITY_FACTOR, 1)[:, 0] if has_dog else np.zeros(len(base), np.float32)
+    scale_factor = get_column(mesh, SCALE_FACTOR, 3) if has_dog else np.ones((len(base), 3), np.float32)
+    scale, rotation = get_column(mesh, SCALE, 3), get_column(mesh, ROTATION, 4)
     edited = Model(
-        means=_get(mesh, "position", 3),
+        means=get_column(mesh, "position", 3),
         log_scales=positive_log(scale),
         quats=rotation,
         logit_opacities=logit(base[:, 3]),
@@ -80,16 +80,16 @@ def read_attributes(mesh: bpy.types.Mesh) -> Model:
     )
     if not all(name in mesh.attributes for name in (RAW_LOGITS, RAW_SCALE, RAW_ROTATION, RAW_FACTOR)):
         return edited
-    logits = _get(mesh, RAW_LOGITS, 3)
+    logits = get_column(mesh, RAW_LOGITS, 3)
     kept = Model(
         means=edited.means,
-        log_scales=_get(mesh, RAW_SCALE, 3),
-        quats=_get(mesh, RAW_ROTATION, 4),
+        log_scales=get_column(mesh, RAW_SCALE, 3),
+        quats=get_column(mesh, RAW_ROTATION, 4),
         logit_opacities=logits[:, 0],
         sh_coeffs=edited.sh_coeffs,
         is_dog=edited.is_dog,
         dog_logit_opacities=logits[:, 1],
-        dog_log_scales=_get(mesh, RAW_FACTOR, 3),
+        dog_log_scales=get_column(mesh, RAW_FACTOR, 3),
     )
     kept_base, shown = _activated(kept)
 
@@ -111,6 +111,20 @@ def read_attributes(mesh: bpy.types.Mesh) -> Model:
         dog_logit_opacities=choose("dog_logit_opacities", untouched(factor, shown[OPACITY_FACTOR][1])),
         dog_log_scales=choose("dog_log_scales", untouched(scale_factor, shown[SCALE_FACTOR][1])),
     )
+
+
+def get_positions(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray] | None:
+    """Positions at which the other attributes were right, and those of now, [N, 3]; None for models of before."""
+    if RAW_POSITION not in mesh.attributes:
+        return None
+    return get_column(mesh, RAW_POSITION, 3), get_column(mesh, "position", 3)
+
+
+def put_positions(mesh: bpy.types.Mesh, positions: np.ndarray) -> None:
+    """Move the splats of a mesh, whose other attributes are right there."""
+    mesh.attributes["position"].data.foreach_set("vector", positions.ravel())
+    put_column(mesh, RAW_POSITION, positions)
+    mesh.update()
 
 
 def _activated(model: Model) -> tuple[np.ndarray, dict[str, tuple[str, np.ndarray]]]:
@@ -135,19 +149,24 @@ def _raw(model: Model) -> dict[str, np.ndarray]:
     return {name: array.astype(np.float32) for name, array in values.items()}
 
 
-def _put(mesh: bpy.types.Mesh, name: str, kind: str, values: np.ndarray) -> None:
+def put_column(mesh: bpy.types.Mesh, name: str, values: np.ndarray, kind: str | None = None) -> None:
+    """Store an attribute of the points, [N, width] or [N]; by default a float, vector or colour by its width."""
+    width = 1 if values.ndim == 1 else values.shape[1]
+    whole = np.issubdtype(values.dtype, np.integer)
+    kind = kind or ("INT" if whole else {1: "FLOAT", 3: "FLOAT_VECTOR", 4: "FLOAT_COLOR"}[width])
     attribute = mesh.attributes.get(name) or mesh.attributes.new(name, kind, "POINT")
-    attribute.data.foreach_set(_FIELDS[kind][0], np.ascontiguousarray(values, np.float32).ravel())
+    values = np.ascontiguousarray(values, np.int32 if whole else np.float32)
+    attribute.data.foreach_set(_FIELDS[kind][0], values.ravel())
 
 
-def _get(mesh: bpy.types.Mesh, name: str, width: int) -> np.ndarray:
-    """[N, width] float32."""
+def get_column(mesh: bpy.types.Mesh, name: str, width: int) -> np.ndarray:
+    """An attribute of the points, [N, width]. Raises ``ValueError`` where there is none of that kind."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.domain != "POINT" or attribute.data_type not in _FIELDS:
         raise ValueError(f'the mesh "{mesh.name}" has no usable attribute "{name}"; import the model again')
     field, shape = _FIELDS[attribute.data_type]
     if (shape or (1,)) != (width,):
         raise ValueError(f'attribute "{name}" of "{mesh.name}" is {attribute.data_type}; import the model again')
-    values = np.empty(len(mesh.vertices) * width, np.float32)
+    values = np.empty(len(mesh.vertices) * width, np.int32 if attribute.data_type == "INT" else np.float32)
     attribute.data.foreach_get(field, values)
     return values.reshape(-1, width)

@@ -37,18 +37,18 @@ def edited_mesh(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.ty
 
 @contextmanager
 def _not_drawn(evaluated: bpy.types.Object) -> Iterator[None]:
-    """Leave the drawing modifier out of the evaluations meanwhile.
+    """Leave the drawing modifier and those after it out of the evaluations meanwhile.
 
     Only the evaluated copy of the object is told so, which nothing else sees: Blender evaluates the modifiers anew for
     a mesh that shall have all of its data layers.
     """
     drawing = splat_modifier(evaluated)
-    if drawing is None:
-        yield
-        return
-    shown = drawing.show_viewport, drawing.show_render
-    drawing.show_viewport = drawing.show_render = False
+    place = len(evaluated.modifiers) if drawing is None else evaluated.modifiers.find(drawing.name)
+    left_out = [(m, m.show_viewport, m.show_render) for m in evaluated.modifiers[place:]]
+    for modifier, _, _ in left_out:
+        modifier.show_viewport = modifier.show_render = False
     try:
         yield
     finally:
-        drawing.show_viewport, drawing.show_render = shown
+        for modifier, in_viewport, in_render in left_out:
+            modifier.show_viewport, modifier.show_render = in_viewport, in_render
