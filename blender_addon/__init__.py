@@ -11,6 +11,7 @@ from .editing import apply_operator, join_operator, live_operators, paint_operat
 from .engine import exact_settings
 from .engine import render_engine as engine
 from .objects import export_operators, following, import_operator
+from .viewport import handlers
 
 CLASSES = (
     preferences.DogSplatPreferences,
@@ -47,10 +48,12 @@ def register() -> None:
     for menu, draw in panel.OBJECT_MENUS:
         getattr(bpy.types, menu).append(draw)
     bpy.app.handlers.depsgraph_update_post.append(following.follow)
+    handlers.register()
 
 
 def unregister() -> None:
     """The same backwards."""
+    handlers.unregister()
     bpy.app.handlers.depsgraph_update_post.remove(following.follow)
     for menu, draw in reversed(panel.OBJECT_MENUS):
         getattr(bpy.types, menu).remove(draw)

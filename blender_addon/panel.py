@@ -37,7 +37,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         obj = context.object
         if is_splats(obj):
             self._model(context, obj)
-            self._viewport(context.space_data)
+            self._viewport(context.scene, context.space_data)
         row = layout.row(align=True)
         row.operator("import_scene.dogsplat", text="Import", icon="IMPORT")
         row.operator("export_scene.dogsplat", text="Export", icon="EXPORT")
@@ -62,14 +62,16 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         column = layout.column()
         for name in (name for name in SHOWN if has_input(modifier, name)):
             column.prop(*input_property(modifier, name), text=name)
-        if context.scene.camera is None:
-            layout.label(text="Colours need an active camera", icon="INFO")
+        if context.scene.camera is None and not context.scene.dogsplat_follow_view:
+            layout.label(text="Colours need an active camera, or Follow View", icon="INFO")
         elif obj.get(DOG_COUNT) and "EEVEE" in context.scene.render.engine:
             layout.label(text="EEVEE: no negative lobes", icon="INFO")
 
-    def _viewport(self, space: bpy.types.SpaceView3D) -> None:
-        """What hides the splats in a viewport as Blender opens it."""
+    def _viewport(self, scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> None:
+        """What a moving viewport shows, and what hides the splats in one as Blender opens it."""
         layout = self.layout
+        layout.prop(scene, "dogsplat_moving_count")
+        layout.prop(scene, "dogsplat_follow_view")
         if space.shading.type in ("SOLID", "WIREFRAME"):
             layout.label(text="Solid shading has no colours", icon="INFO")
             layout.prop_enum(space.shading, "type", "MATERIAL", text="Material Preview")

@@ -1,4 +1,4 @@
-"""What artists do to objects: apply transforms, turn a part, join, separate, duplicate, instance, append, link, undo."""
+"""What artists do to objects: apply transforms, turn parts, join, separate, duplicate, instance, append, link, undo."""
 
 import bpy
 import numpy as np

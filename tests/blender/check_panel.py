@@ -12,7 +12,7 @@ from blender_addon.engine.render_engine import ENGINE
 from blender_addon.nodes.modifier import input_property, splat_modifier
 from blender_addon.panel import SHOWN, DOGSPLAT_PT_panel, DOGSPLAT_PT_render, export_menu, import_menu
 
-NO_CAMERA = "Colours need an active camera"
+NO_CAMERA = "Colours need an active camera, or Follow View"
 
 
 class Layout:

@@ -1,0 +1,70 @@
+"""Tells moving viewports from resting ones, and the models what to show in each.
+
+A viewport that is drawn tells its view. Nothing may be changed while drawing, so a timer does it: as long as views
+come that differ, models show a share of their splats; a little after the last one they show all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import bpy
+
+from ..nodes.modifier import get_input, has_input, set_input, splat_modifier
+from ..objects.attributes import is_splats
+from .view import View, view_inputs
+
+REST = 0.25  # seconds without another view
+INTERVAL = 0.03  # of the timer
+
+
+class Watcher:
+    """The state of the viewport that moved last."""
+
+    def __init__(self) -> None:
+        self.view: View | None = None
+        self.changed = float("-inf")
+
+    def see(self, view: View, now: float) -> bool:
+        """Note the view that is drawn; whether it is another one, so that the timer is needed."""
+        if view == self.view:
+            return False
+        self.view, self.changed = view, now
+        return True
+
+    def tick(self, scene: bpy.types.Scene, now: float) -> float | None:
+        """Bring the models of a scene up to date; seconds until the next time, None at rest."""
+        moving = now - self.changed < REST
+        count = scene.dogsplat_moving_count if moving else 0
+        show(scene, count, self.view if scene.dogsplat_follow_view else None)
+        return INTERVAL if moving else None
+
+
+def show(scene: bpy.types.Scene, count: int, view: View | None) -> None:
+    """Let the models of a scene show their ``count`` most important splats (0: all), made for a view or the camera."""
+    models = list(drawn_models(scene))
+    total = sum(len(obj.data.vertices) for obj, _ in models)
+    share = min(1.0, count / total) if count and total else 1.0
+    for obj, modifier in models:
+        inputs = {"Moving Share": share, **(view_inputs(view, obj) if view is not None else {"View": False})}
+        changed = [name for name, value in inputs.items() if not _same(get_input(modifier, name), value)]
+        for name in changed:
+            set_input(modifier, name, inputs[name])
+        if changed:
+            obj.update_tag()
+
+
+def drawn_models(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, bpy.types.Modifier]]:
+    """Models of this file that a viewport can show, with the modifiers that draw them."""
+    for obj in scene.objects:
+        if is_splats(obj) and obj.library is None and not obj.hide_viewport:
+            modifier = splat_modifier(obj)
+            if modifier is not None and has_input(modifier, "View"):  # trees of older versions have none
+                yield obj, modifier
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(b, Iterable):
+        return all(abs(x - y) <= 1e-6 * max(1.0, abs(y)) for x, y in zip(a, b, strict=True))
+    return abs(a - b) <= 1e-6
