@@ -1,4 +1,4 @@
-"""Where Blender calls the watcher: at each drawing of a viewport, by a timer, and when a file is read, saved or undone."""
+"""Where Blender calls the watcher: at each drawing of a viewport, by a timer, after undo, and with files."""
 
 from __future__ import annotations
 

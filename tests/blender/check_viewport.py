@@ -1,4 +1,4 @@
-"""Viewports: a share while they move, and quads and colours made for the view. Only the drawing itself needs a window."""
+"""Viewports: a share while they move, quads and colours made for the view; the drawing itself would need a window."""
 
 from types import SimpleNamespace
 
@@ -22,9 +22,9 @@ SIZE = 96, 64
 
 def view_of_camera(scene):
     """The view of a region of that size that looks through the camera."""
-    camera = scene.camera
-    projection = camera.calc_matrix_camera(bpy.context.evaluated_depsgraph_get(), x=SIZE[0], y=SIZE[1],
-                                           scale_x=scene.render.pixel_aspect_x, scale_y=scene.render.pixel_aspect_y)  # fmt: skip
+    camera, render, depsgraph = scene.camera, scene.render, bpy.context.evaluated_depsgraph_get()
+    aspect = {"scale_x": render.pixel_aspect_x, "scale_y": render.pixel_aspect_y}
+    projection = camera.calc_matrix_camera(depsgraph, x=SIZE[0], y=SIZE[1], **aspect)
     space = SimpleNamespace(view_matrix=camera.matrix_world.inverted(), window_matrix=projection, is_perspective=True)
     return view_of(space, *SIZE)
 
