@@ -1,11 +1,11 @@
 """Frames per second of a viewport that orbits a model, in Blender's window: the table in docs/blender.md.
 
     xvfb-run -a -s "-screen 0 1600x1000x24" blender --window-geometry 0 0 1600 1000 --factory-startup \\
-        --python scripts/blender_orbit.py -- MODEL.ply [COUNT …]
+        --python scripts/blender_orbit.py -- MODEL.ply [SHOW:COUNT:FOLLOW …]
 
-For each COUNT of splats while moving (0: all), without and with "Follow View": seconds of the wall and of the processor
-for each redraw, while a timer turns the view by two degrees after each, and the same of the first redraw at rest. The
-add-on's own handlers do what they do for a person.
+SHOW is a way to show ("Automatic", "Points", …, or "Nothing" for an empty viewport), COUNT the splats while moving (0:
+all), FOLLOW 1 with "Follow View". Each line has the seconds of the wall and of the processor for a redraw, while a
+timer turns the view by two degrees after each. The add-on's own handlers do what they do for a person.
 """
 
 from __future__ import annotations
@@ -50,9 +50,15 @@ def settled() -> Iterator[float]:
         yield 3.0
 
 
-def orbit(count: int, follow: bool) -> Iterator[float]:
+def orbit(show: str, count: int, follow: bool) -> Iterator[float]:
     """Turn the view and print what a redraw takes."""
-    scene, (area, space) = bpy.context.scene, viewport()
+    from blender_addon.nodes.modifier import set_input, splat_modifier
+
+    scene, (area, space), obj = bpy.context.scene, viewport(), bpy.context.view_layer.objects.active
+    obj.hide_viewport = show == "Nothing"
+    if show != "Nothing":
+        set_input(splat_modifier(obj), "Show As", show)
+        obj.update_tag()
     scene.dogsplat_moving_count, scene.dogsplat_follow_view = count, follow
     yield from settled()
     start, first = time.perf_counter(), len(DRAWN)
@@ -65,11 +71,11 @@ def orbit(count: int, follow: bool) -> Iterator[float]:
             yield 0.0
     taken = [(b[0] - a[0], b[1] - a[1]) for a, b in itertools.pairwise(DRAWN[first:])]
     wall, cpu = (statistics.median(column) for column in zip(*taken, strict=True))
-    print(f"moving {count or 'all'}, follow {follow}: {len(taken)} redraws, median {wall:.3f} s of the wall "
+    print(f"{show}, {count or 'all'} moving, follow {follow}: {len(taken)} redraws, median {wall:.3f} s of the wall "
           f"({1 / wall:.1f}/s), {cpu:.3f} s of the processor", flush=True)  # fmt: skip
 
 
-def steps(model: str, counts: list[int]) -> Iterator[float]:
+def steps(model: str, orbits: list[str]) -> Iterator[float]:
     """Import, then every orbit."""
     yield 2.0
     area, space = viewport()
@@ -81,9 +87,8 @@ def steps(model: str, counts: list[int]) -> Iterator[float]:
     space.shading.type, space.overlay.show_overlays = "MATERIAL", False
     print(f"Blender {bpy.app.version_string}, {len(bpy.context.object.data.vertices):,} splats, viewport "
           f"{region.width}x{region.height}, {len(os.sched_getaffinity(0))} cores", flush=True)  # fmt: skip
-    for follow in (True, False):
-        for count in counts:
-            yield from orbit(count, follow)
+    for show, count, follow in (text.split(":") for text in orbits):
+        yield from orbit(show, int(count), follow == "1")
 
 
 def tick() -> float | None:
@@ -102,7 +107,7 @@ if __name__ == "__main__":
     import addon_utils
 
     addon_utils.enable("blender_addon")
-    MODEL, *COUNTS = sys.argv[sys.argv.index("--") + 1 :]
+    MODEL, *ORBITS = sys.argv[sys.argv.index("--") + 1 :]
     bpy.types.SpaceView3D.draw_handler_add(note, (), "WINDOW", "POST_PIXEL")
-    RUNNING = steps(MODEL, [int(count) for count in COUNTS] or [20_000, 0])
+    RUNNING = steps(MODEL, ORBITS or ["Automatic:20000:1", "Automatic:20000:0"])
     bpy.app.timers.register(tick, first_interval=1, persistent=True)

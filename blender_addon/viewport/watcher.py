@@ -16,6 +16,7 @@ from ..objects.attributes import is_splats
 from .view import View, view_inputs
 
 REST = 0.25  # seconds without another view
+TICKS = 3  # of the timer without another view: a drawing may take longer than REST
 INTERVAL = 0.03  # of the timer
 
 
@@ -25,17 +26,19 @@ class Watcher:
     def __init__(self) -> None:
         self.view: View | None = None
         self.changed = float("-inf")
+        self.ticks = TICKS
 
     def see(self, view: View, now: float) -> bool:
         """Note the view that is drawn; whether it is another one, so that the timer is needed."""
         if view == self.view:
             return False
-        self.view, self.changed = view, now
+        self.view, self.changed, self.ticks = view, now, 0
         return True
 
     def tick(self, scene: bpy.types.Scene, now: float) -> float | None:
         """Bring the models of a scene up to date; seconds until the next time, None at rest."""
-        moving = now - self.changed < REST
+        self.ticks += 1
+        moving = now - self.changed < REST or self.ticks < TICKS
         count = scene.dogsplat_moving_count if moving else 0
         show(scene, count, self.view if scene.dogsplat_follow_view else None)
         return INTERVAL if moving else None

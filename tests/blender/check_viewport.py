@@ -102,7 +102,10 @@ def test_a_moving_view_shows_the_most_important_splats_and_a_resting_one_all(sce
     assert get_input(modifier, "Moving Share") == pytest.approx(0.2)
     assert 60 < len(drawn(obj)) <= 4 * 30
     assert_equal(shown(obj), raw)  # what is exported and rendered is not what moves
-    assert watcher.tick(scene, now=10.1 + REST) is None
+    watcher.see(view._replace(size=(2, 2)), now=11.0)
+    assert watcher.tick(scene, now=15.0) is not None  # it took so long to draw
+    assert watcher.tick(scene, now=15.1) is not None and get_input(modifier, "Moving Share") < 1
+    assert watcher.tick(scene, now=15.1 + REST) is None
     assert get_input(modifier, "Moving Share") == 1 and len(drawn(obj)) == everything
     scene.dogsplat_moving_count = 0
     watcher.see(view._replace(size=(1, 1)), now=20.0)
