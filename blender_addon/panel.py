@@ -70,7 +70,9 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
     def _viewport(self, scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> None:
         """What a moving viewport shows, and what hides the splats in one as Blender opens it."""
         layout = self.layout
-        layout.prop(scene, "dogsplat_moving_count")
+        layout.prop(scene, "dogsplat_moving")
+        if scene.dogsplat_moving != "ALL":
+            layout.prop(scene, "dogsplat_moving_count")
         layout.prop(scene, "dogsplat_follow_view")
         if space.shading.type in ("SOLID", "WIREFRAME"):
             layout.label(text="Solid shading has no colours", icon="INFO")

@@ -1,11 +1,13 @@
 """Frames per second of a viewport that orbits a model, in Blender's window: the table in docs/blender.md.
 
     xvfb-run -a -s "-screen 0 1600x1000x24" blender --window-geometry 0 0 1600 1000 --factory-startup \\
-        --python scripts/blender_orbit.py -- MODEL.ply [SHOW:COUNT:FOLLOW …]
+        --python scripts/blender_orbit.py -- MODEL.ply [SHOW:MOVING:COUNT:FOLLOW …]
 
-SHOW is a way to show ("Automatic", "Points", …, or "Nothing" for an empty viewport), COUNT the splats while moving (0:
-all), FOLLOW 1 with "Follow View". Each line has the seconds of the wall and of the processor for a redraw, while a
-timer turns the view by two degrees after each. The add-on's own handlers do what they do for a person.
+SHOW is a way to show ("Automatic", "Points", …, or "Nothing" for an empty viewport), MOVING that of "While Moving"
+("POINTS", "SHARE", "ALL"), COUNT the splats while moving, FOLLOW 1 with "Follow View". Each line has the seconds of the
+wall and of the processor for a redraw, while a timer turns the view by two degrees after each. The add-on's own
+handlers do what they do for a person. Without a window (the Python that has bpy) it times what a moved view costs
+before anything is drawn: the evaluation of the nodes.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
-from mathutils import Quaternion
+from mathutils import Matrix, Quaternion
 
 SECONDS = 20.0  # of each orbit
 FEWEST, MOST = 4, 60  # redraws of it
@@ -50,7 +52,7 @@ def settled() -> Iterator[float]:
         yield 3.0
 
 
-def orbit(show: str, count: int, follow: bool) -> Iterator[float]:
+def orbit(show: str, moving: str, count: int, follow: bool) -> Iterator[float]:
     """Turn the view and print what a redraw takes."""
     from blender_addon.nodes.modifier import set_input, splat_modifier
 
@@ -59,7 +61,7 @@ def orbit(show: str, count: int, follow: bool) -> Iterator[float]:
     if show != "Nothing":
         set_input(splat_modifier(obj), "Show As", show)
         obj.update_tag()
-    scene.dogsplat_moving_count, scene.dogsplat_follow_view = count, follow
+    scene.dogsplat_moving, scene.dogsplat_moving_count, scene.dogsplat_follow_view = moving, count, follow
     yield from settled()
     start, first = time.perf_counter(), len(DRAWN)
     turn = Quaternion((0, 0, 1), math.radians(2))
@@ -71,7 +73,7 @@ def orbit(show: str, count: int, follow: bool) -> Iterator[float]:
             yield 0.0
     taken = [(b[0] - a[0], b[1] - a[1]) for a, b in itertools.pairwise(DRAWN[first:])]
     wall, cpu = (statistics.median(column) for column in zip(*taken, strict=True))
-    print(f"{show}, {count or 'all'} moving, follow {follow}: {len(taken)} redraws, median {wall:.3f} s of the wall "
+    print(f"{show}, moving {moving} {count}, follow {follow}: {len(taken)} redraws, median {wall:.3f} s of the wall "
           f"({1 / wall:.1f}/s), {cpu:.3f} s of the processor", flush=True)  # fmt: skip
 
 
@@ -87,8 +89,36 @@ def steps(model: str, orbits: list[str]) -> Iterator[float]:
     space.shading.type, space.overlay.show_overlays = "MATERIAL", False
     print(f"Blender {bpy.app.version_string}, {len(bpy.context.object.data.vertices):,} splats, viewport "
           f"{region.width}x{region.height}, {len(os.sched_getaffinity(0))} cores", flush=True)  # fmt: skip
-    for show, count, follow in (text.split(":") for text in orbits):
-        yield from orbit(show, int(count), follow == "1")
+    for show, moving, count, follow in (text.split(":") for text in orbits):
+        yield from orbit(show, moving, int(count), follow == "1")
+
+
+def evaluations(model: str, orbits: list[str]) -> None:
+    """The median time in which the nodes are evaluated for another view."""
+    from blender_addon.nodes.modifier import set_input, splat_modifier
+    from blender_addon.viewport.handlers import while_moving
+    from blender_addon.viewport.view import View
+    from blender_addon.viewport.watcher import show_models
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    addon_utils.enable("blender_addon")
+    bpy.ops.import_scene.dogsplat(filepath=model)
+    obj, scene = bpy.context.object, bpy.context.scene
+    for way, scene.dogsplat_moving, count, follow in (text.split(":") for text in orbits):
+        scene.dogsplat_moving_count = int(count)
+        set_input(splat_modifier(obj), "Show As", way)
+        taken = []
+        for k in range(11):
+            pose = Quaternion((0, 0, 1), math.radians(2 * k)).to_matrix().to_4x4() @ Matrix.Translation((0, 0, 4))
+            view = View(tuple(map(tuple, pose)), (900.0, 900.0), (655.5, 439.0), (1311, 878))
+            show_models(scene, while_moving(scene, ""), view if follow == "1" else None)
+            obj.update_tag()
+            start = time.perf_counter(), time.process_time()
+            bpy.context.view_layer.update()
+            taken.append((time.perf_counter() - start[0], time.process_time() - start[1]))
+        wall, cpu = (statistics.median(column) for column in zip(*taken, strict=True))
+        print(f"{way}, moving {scene.dogsplat_moving} {count}, follow {follow}: nodes {wall:.3f} s of the wall, "
+              f"{cpu:.3f} s of the processor")  # fmt: skip
 
 
 def tick() -> float | None:
@@ -108,6 +138,10 @@ if __name__ == "__main__":
 
     addon_utils.enable("blender_addon")
     MODEL, *ORBITS = sys.argv[sys.argv.index("--") + 1 :]
+    ORBITS = ORBITS or [f"Automatic:{way}:20000:{follow}" for follow in (0, 1) for way in ("POINTS", "SHARE", "ALL")]
+    if bpy.app.background:
+        evaluations(MODEL, ORBITS)
+        sys.exit()
     bpy.types.SpaceView3D.draw_handler_add(note, (), "WINDOW", "POST_PIXEL")
-    RUNNING = steps(MODEL, ORBITS or ["Automatic:20000:1", "Automatic:20000:0"])
+    RUNNING = steps(MODEL, ORBITS)
     bpy.app.timers.register(tick, first_interval=1, persistent=True)

@@ -46,16 +46,17 @@ from .material import (
 NAME = "DoG Splat"
 SHOW = ("Automatic", "Quads", "Ellipsoids", "Points")
 CAMERA_INPUTS = ("Focal X", "Focal Y", "Center X", "Center Y", "Width", "Height")  # driven, pixels
-VIEW_INPUTS = ("Moving Share", "View", "View Location", "View Rotation", "View Focal", "View Center", "View Size")
+VIEW_INPUTS = ("Moving Share", "Moving Points", "View", "View Location", "View Rotation", "View Focal", "View Center",
+               "View Size")  # fmt: skip
 SPHERE_RADIUS = 1 / 0.9339  # of an icosphere with 80 faces that holds the unit sphere
 CORNER = "splat:corner"
 INPUTS = {
     "Geometry": "NodeSocketGeometry", "Show As": "NodeSocketMenu", "SH Degree": "NodeSocketInt",
     "DoG": "NodeSocketBool", "Linear Colors": "NodeSocketBool", "Antialiased": "NodeSocketBool",
     "Near Clip": "NodeSocketFloat", **dict.fromkeys(CAMERA_INPUTS, "NodeSocketFloat"),
-    "Viewport Share": "NodeSocketFloat", "Moving Share": "NodeSocketFloat", "View": "NodeSocketBool",
-    "View Location": "NodeSocketVector", "View Rotation": "NodeSocketRotation",
-    **dict.fromkeys(VIEW_INPUTS[4:], "NodeSocketVector"),
+    "Viewport Share": "NodeSocketFloat", "Moving Share": "NodeSocketFloat", "Moving Points": "NodeSocketBool",
+    "View": "NodeSocketBool", "View Location": "NodeSocketVector", "View Rotation": "NodeSocketRotation",
+    **dict.fromkeys(VIEW_INPUTS[5:], "NodeSocketVector"),
 }  # fmt: skip
 
 
@@ -65,7 +66,7 @@ def splat_tree() -> bpy.types.NodeTree:
         return existing
     tree, inputs, exit_node = new_group(NAME, GEOMETRY, INPUTS, {"Geometry": "NodeSocketGeometry"})
     geometry, show, degree, dog, linear, antialiased, near, fx, fy, cx, cy, width, height, *of_view = inputs
-    share, moving_share, view, *view_numbers = of_view
+    share, moving_share, moving_points, view, *view_numbers = of_view
     in_viewport = wrap(tree, tree.node("GeometryNodeIsViewport").outputs[0])
     of_camera = (*camera_pose(tree), tree.combine(fx, fy), tree.combine(cx, cy), tree.combine(width, height))
     kinds = ("VECTOR", "ROTATION", "VECTOR", "VECTOR", "VECTOR")
@@ -84,8 +85,11 @@ def splat_tree() -> bpy.types.NodeTree:
     quads = _quads(tree, points, frame, splat, near, antialiased)
     ellipsoids = _ellipsoids(tree, points, frame, splat, near)
     automatic = switch(tree, "GEOMETRY", in_viewport * (1.0 - view) > 0.5, quads, ellipsoids)
-    ways = (automatic, quads, ellipsoids, _points(tree, points, splat))
-    tree.plug(exit_node.inputs[0], choose(tree, "GEOMETRY", show, dict(zip(SHOW, ways, strict=True))))
+    as_points = _points(tree, points, splat)
+    ways = (automatic, quads, ellipsoids, as_points)
+    chosen = choose(tree, "GEOMETRY", show, dict(zip(SHOW, ways, strict=True)))
+    result = switch(tree, "GEOMETRY", in_viewport * moving_points > 0.5, chosen, as_points)
+    tree.plug(exit_node.inputs[0], result)
     _describe(tree.tree)
     return finish_group(tree, NAME)
 

@@ -6,34 +6,55 @@ import time
 from typing import Any
 
 import bpy
+import gpu
 from bpy.app.handlers import persistent
-from bpy.props import BoolProperty, IntProperty
+from bpy.props import BoolProperty, EnumProperty, IntProperty
 
 from .view import view_of
-from .watcher import INTERVAL, Watcher, show
+from .watcher import INTERVAL, Shown, Watcher
 
-MOVING_COUNT = IntProperty(
-    name="Splats While Moving",
-    default=20_000,
-    min=0,
-    description="Viewports that move show so many splats, the most important ones; 0: all",
+SOFTWARE = ("llvmpipe", "softpipe", "swr", "swiftshader", "basic render driver")
+WAYS = (
+    ("AUTOMATIC", "Automatic", "Points where a processor draws, else the most important splats"),
+    ("POINTS", "Points", "The most important splats as points, in coarse pixels: for processors"),
+    ("SHARE", "Most Important", "The most important splats, as they are shown"),
+    ("ALL", "All", "All splats"),
 )
-FOLLOW_VIEW = BoolProperty(
-    name="Follow View",
-    default=False,
-    description="Make colours, and the quads of Automatic, for the viewport that moved last instead of the camera; "
-    "renders stay with the camera",
-    update=lambda scene, context: show(scene, 0, WATCHER.view if scene.dogsplat_follow_view else None),
-)
+PROPERTIES = {
+    "dogsplat_moving": EnumProperty(
+        name="While Moving", items=WAYS, default="AUTOMATIC", description="What a viewport shows that moves"
+    ),
+    "dogsplat_moving_count": IntProperty(
+        name="Splats While Moving",
+        default=20_000,
+        min=1,
+        description="A viewport that moves shows so many splats, the most important ones",
+    ),
+    "dogsplat_follow_view": BoolProperty(
+        name="Follow View",
+        default=False,
+        description="Make colours, and the quads of Automatic, for the viewport that moved last instead of the "
+        "camera; renders stay with the camera",
+        update=lambda scene, context: WATCHER.show(scene, Shown()),
+    ),
+}
 WATCHER = Watcher()
 _DRAWING: list[Any] = []
+
+
+def while_moving(scene: bpy.types.Scene, renderer: str) -> Shown:
+    """What a scene shows while a viewport moves that ``renderer`` draws (as OpenGL names it)."""
+    way = scene.dogsplat_moving
+    if way == "AUTOMATIC":
+        way = "POINTS" if any(name in renderer.lower() for name in SOFTWARE) else "SHARE"
+    return Shown() if way == "ALL" else Shown(scene.dogsplat_moving_count, way == "POINTS")
 
 
 def _drawn() -> None:
     """A viewport is drawn."""
     context = bpy.context
     scene, space, region = context.scene, context.region_data, context.region
-    if space is None or not (scene.dogsplat_moving_count or scene.dogsplat_follow_view):
+    if space is None or (scene.dogsplat_moving == "ALL" and not scene.dogsplat_follow_view):
         return
     if WATCHER.see(view_of(space, region.width, region.height), time.monotonic()) and not _ticking():
         bpy.app.timers.register(_tick, first_interval=INTERVAL)
@@ -44,14 +65,15 @@ def _ticking() -> bool:
 
 
 def _tick() -> float | None:
-    return WATCHER.tick(bpy.context.scene, time.monotonic())
+    scene = bpy.context.scene
+    return WATCHER.tick(scene, time.monotonic(), while_moving(scene, gpu.platform.renderer_get()))
 
 
 @persistent
 def settle(*_: Any) -> None:
     """No file is saved, and none comes back, with splats left out."""
     for scene in bpy.data.scenes:
-        show(scene, 0, WATCHER.view if scene.dogsplat_follow_view else None)
+        WATCHER.show(scene, Shown())
 
 
 def _hooks() -> tuple[Any, ...]:
@@ -61,8 +83,8 @@ def _hooks() -> tuple[Any, ...]:
 
 def register() -> None:
     """Settings of scenes, the handlers, and the callback of viewports."""
-    bpy.types.Scene.dogsplat_moving_count = MOVING_COUNT
-    bpy.types.Scene.dogsplat_follow_view = FOLLOW_VIEW
+    for name, kind in PROPERTIES.items():
+        setattr(bpy.types.Scene, name, kind)
     for hook in _hooks():
         hook.append(settle)
     _DRAWING.append(bpy.types.SpaceView3D.draw_handler_add(_drawn, (), "WINDOW", "PRE_VIEW"))
@@ -75,4 +97,5 @@ def unregister() -> None:
         bpy.app.timers.unregister(_tick)
     for hook in _hooks():
         hook.remove(settle)
-    del bpy.types.Scene.dogsplat_follow_view, bpy.types.Scene.dogsplat_moving_count
+    for name in PROPERTIES:
+        delattr(bpy.types.Scene, name)

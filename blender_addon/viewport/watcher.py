@@ -7,7 +7,7 @@ come that differ, models show a share of their splats; a little after the last o
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 
@@ -18,6 +18,14 @@ from .view import View, view_inputs
 REST = 0.25  # seconds without another view
 TICKS = 3  # of the timer without another view: a drawing may take longer than REST
 INTERVAL = 0.03  # of the timer
+COARSE = "4"  # pixels of the window to a drawn one, along each axis
+
+
+class Shown(NamedTuple):
+    """What viewports show: so many splats (0: all), as points and in coarse pixels where drawing is slow."""
+
+    count: int = 0
+    points: bool = False
 
 
 class Watcher:
@@ -27,6 +35,7 @@ class Watcher:
         self.view: View | None = None
         self.changed = float("-inf")
         self.ticks = TICKS
+        self._pixels: tuple[bpy.types.Scene, str] | None = None  # the scene that is coarse, and its own setting
 
     def see(self, view: View, now: float) -> bool:
         """Note the view that is drawn; whether it is another one, so that the timer is needed."""
@@ -35,22 +44,32 @@ class Watcher:
         self.view, self.changed, self.ticks = view, now, 0
         return True
 
-    def tick(self, scene: bpy.types.Scene, now: float) -> float | None:
+    def tick(self, scene: bpy.types.Scene, now: float, while_moving: Shown) -> float | None:
         """Bring the models of a scene up to date; seconds until the next time, None at rest."""
         self.ticks += 1
         moving = now - self.changed < REST or self.ticks < TICKS
-        count = scene.dogsplat_moving_count if moving else 0
-        show(scene, count, self.view if scene.dogsplat_follow_view else None)
+        self.show(scene, while_moving if moving else Shown())
         return INTERVAL if moving else None
 
+    def show(self, scene: bpy.types.Scene, shown: Shown) -> None:
+        """Let a scene show that, made for the view where it follows it, else for the camera."""
+        if not shown.points and self._pixels is not None:
+            coarse, own = self._pixels
+            coarse.render.preview_pixel_size, self._pixels = own, None
+        elif shown.points and self._pixels is None:
+            self._pixels = scene, scene.render.preview_pixel_size
+            scene.render.preview_pixel_size = COARSE
+        show_models(scene, shown, self.view if scene.dogsplat_follow_view else None)
 
-def show(scene: bpy.types.Scene, count: int, view: View | None) -> None:
-    """Let the models of a scene show their ``count`` most important splats (0: all), made for a view or the camera."""
+
+def show_models(scene: bpy.types.Scene, shown: Shown, view: View | None) -> None:
+    """Let the models of a scene show their most important splats, made for a view or the camera."""
     models = list(drawn_models(scene))
     total = sum(len(obj.data.vertices) for obj, _ in models)
-    share = min(1.0, count / total) if count and total else 1.0
+    share = min(1.0, shown.count / total) if shown.count and total else 1.0
     for obj, modifier in models:
-        inputs = {"Moving Share": share, **(view_inputs(view, obj) if view is not None else {"View": False})}
+        inputs = {"Moving Share": share, "Moving Points": shown.points}
+        inputs |= view_inputs(view, obj) if view is not None else {"View": False}
         changed = [name for name, value in inputs.items() if not _same(get_input(modifier, name), value)]
         for name in changed:
             set_input(modifier, name, inputs[name])

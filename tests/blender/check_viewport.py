@@ -13,9 +13,9 @@ from mathutils import Matrix, Vector
 from blender_addon.files.model import importance
 from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import RANK, get_column, read_attributes
-from blender_addon.viewport.handlers import WATCHER
+from blender_addon.viewport.handlers import WATCHER, while_moving
 from blender_addon.viewport.view import view_of
-from blender_addon.viewport.watcher import REST, Watcher, show
+from blender_addon.viewport.watcher import REST, Shown, Watcher, show_models
 
 SIZE = 96, 64
 
@@ -82,7 +82,7 @@ def test_quads_and_colors_made_for_a_view_are_those_of_a_camera_there(scene, mod
     scene.camera.location.x += 5
     bpy.context.view_layer.update()
     assert not np.allclose(drawn(obj)[:20], of_camera[:20], atol=1e-2)
-    show(scene, 0, view)
+    show_models(scene, Shown(), view)
     found = drawn(obj)
     assert len(found) == len(of_camera) > 400 and np.allclose(found, of_camera, atol=1e-4)
     set_input(splat_modifier(obj), "Show As", "Automatic")
@@ -95,30 +95,47 @@ def test_a_moving_view_shows_the_most_important_splats_and_a_resting_one_all(sce
     raw, modifier = read_attributes(obj.data), splat_modifier(obj)
     set_input(modifier, "Show As", "Quads")
     everything = len(drawn(obj))
-    scene.dogsplat_moving_count = 30
-    watcher, view = Watcher(), view_of_camera(scene)
+    watcher, view, few = Watcher(), view_of_camera(scene), Shown(count=30)
     assert watcher.see(view, now=10.0) and not watcher.see(view, now=10.1)
-    assert watcher.tick(scene, now=10.1) is not None
+    assert watcher.tick(scene, 10.1, few) is not None
     assert get_input(modifier, "Moving Share") == pytest.approx(0.2)
     assert 60 < len(drawn(obj)) <= 4 * 30
     assert_equal(shown(obj), raw)  # what is exported and rendered is not what moves
     watcher.see(view._replace(size=(2, 2)), now=11.0)
-    assert watcher.tick(scene, now=15.0) is not None  # it took so long to draw
-    assert watcher.tick(scene, now=15.1) is not None and get_input(modifier, "Moving Share") < 1
-    assert watcher.tick(scene, now=15.1 + REST) is None
+    assert watcher.tick(scene, 15.0, few) is not None  # it took so long to draw
+    assert watcher.tick(scene, 15.1, few) is not None and get_input(modifier, "Moving Share") < 1
+    assert watcher.tick(scene, 15.1 + REST, few) is None
     assert get_input(modifier, "Moving Share") == 1 and len(drawn(obj)) == everything
-    scene.dogsplat_moving_count = 0
-    watcher.see(view._replace(size=(1, 1)), now=20.0)
-    assert watcher.tick(scene, now=20.1) is not None and get_input(modifier, "Moving Share") == 1
+
+
+def test_where_a_processor_draws_a_moving_view_shows_points_in_coarse_pixels(scene, model):
+    obj = load(model)
+    scene.dogsplat_moving_count, scene.render.preview_pixel_size = 30, "2"
+    points = while_moving(scene, "llvmpipe (LLVM 19.1.7, 256 bits)")
+    assert points == (30, True) and while_moving(scene, "NVIDIA GeForce RTX 4070/PCIe/SSE2") == (30, False)
+    watcher = Watcher()
+    watcher.show(scene, points)
+    watcher.show(scene, points)
+    obj.update_tag()
+    bpy.context.view_layer.update()
+    instances = [i for i in bpy.context.evaluated_depsgraph_get().object_instances if i.is_instance]
+    assert len(instances) <= 1 and scene.render.preview_pixel_size == "4"
+    watcher.show(scene, Shown())
+    bpy.context.view_layer.update()
+    instances = [i for i in bpy.context.evaluated_depsgraph_get().object_instances if i.is_instance]
+    assert len(instances) > 100 and scene.render.preview_pixel_size == "2"
+    scene.dogsplat_moving = "ALL"
+    assert while_moving(scene, "llvmpipe") == (0, False)
 
 
 def test_a_file_saved_while_a_view_moves_has_all_splats(scene, model, tmp_path):
     obj = load(model)
-    show(scene, 30, None)
+    WATCHER.show(scene, Shown(30, True))
     assert get_input(splat_modifier(obj), "Moving Share") < 1
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
     assert get_input(splat_modifier(bpy.data.objects["dog"]), "Moving Share") == 1
+    assert bpy.context.scene.render.preview_pixel_size == "AUTO"
 
 
 def test_following_is_switched_on_and_off_at_once(scene, model, monkeypatch):
