@@ -4,10 +4,12 @@ import bpy
 import numpy as np
 import pytest
 from check_export import export
+from check_render import place_camera
 from conftest import load
 from mathutils import Euler, Matrix
 
 from blender_addon.editing.stand_in import stand_in_of
+from blender_addon.engine import render_engine
 from blender_addon.files.model import Model, importance, sigmoid
 from blender_addon.files.ply import read_ply
 from blender_addon.files.transform import C0
@@ -195,6 +197,30 @@ def test_exports_write_what_is_shown_and_if_asked_what_is_hidden(model, tmp_path
     assert_equal(found.select(np.arange(3, found.n_splats)), raw.select(np.flatnonzero(keep)[3:]))
     assert not np.array_equal(found.sh_coeffs[:3], raw.sh_coeffs[keep][:3])
     assert_equal(export(tmp_path / "all.ply", hidden=True), raw)
+
+
+def test_the_engine_renders_what_is_shown(scene, model, monkeypatch):
+    place_camera(scene, "dog")
+    obj, raw = load(model), read_ply(model)
+    _, target = cropped(obj, "SPHERE")
+    keep = INSIDE["SPHERE"](local(obj, target, raw.means))
+    given = []
+
+    class Renderer:
+        name = "none"
+
+        def render(self, splats, camera, *rest):
+            given.append(splats)
+            size = camera.height, camera.width
+            return {"color": np.zeros((*size, 3)), "alpha": np.zeros(size), "depth": np.zeros(size)}
+
+    monkeypatch.setattr(render_engine, "choose_renderer", lambda command: Renderer())
+    scene.render.engine = render_engine.ENGINE
+    bpy.ops.render.render()
+    assert_equal(given[0], raw.select(keep))
+    edit_modifiers(obj)[0].show_render = False
+    bpy.ops.render.render()
+    assert_equal(given[1], raw)
 
 
 def test_everything_hidden_is_said(model, tmp_path):
