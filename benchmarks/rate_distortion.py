@@ -87,7 +87,8 @@ def main(flags: Sequence[str]) -> None:
         print(rows[-1], flush=True)
         _write(args.out, args.data, rows)
     times = render_milliseconds_in_turn(pictures, dataset.test)
-    _write(args.out, args.data, [row | {"render_ms": round(times[path], 2)} for path, row in zip(times, rows, strict=True)])
+    timed = [row | {"render_ms": round(ms, 2)} for row, ms in zip(rows, times.values(), strict=True)]
+    _write(args.out, args.data, timed)
 
 
 def _files(base: TrainConfig, args: argparse.Namespace) -> Iterator[File]:
