@@ -72,7 +72,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         layout = self.layout
         layout.prop(scene, "dogsplat_moving")
         if scene.dogsplat_moving != "ALL":
-            layout.prop(scene, "dogsplat_moving_count")
+            layout.prop(scene, "dogsplat_moving_count", text="Splats")
         layout.prop(scene, "dogsplat_follow_view")
         if space.shading.type in ("SOLID", "WIREFRAME"):
             layout.label(text="Solid shading has no colours", icon="INFO")
