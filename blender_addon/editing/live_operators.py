@@ -10,7 +10,7 @@ from mathutils import Matrix, Vector
 from ..nodes.crop import SHAPES, crop_tree
 from ..nodes.limits import limits_tree
 from ..nodes.modifier import add_edit_modifier, set_input
-from ..objects.attributes import get_positions, is_splats
+from ..objects.attributes import get_column, is_splats
 
 SHARE = 0.96  # of the splats along each axis that a new crop object holds: floaters are outside
 
@@ -22,7 +22,7 @@ def can_edit(obj: bpy.types.Object | None) -> bool:
 
 class DOGSPLAT_OT_add_crop(bpy.types.Operator):
     """Keep the splats inside of a new object, which can be moved and animated; nothing is deleted.
-    Mesh takes another selected mesh as it is"""
+    Mesh takes another selected mesh, as a wire frame that renders do not show"""
 
     bl_idname = "dogsplat.add_crop"
     bl_label = "Add Crop"
@@ -71,10 +71,7 @@ def _crop_object(obj: bpy.types.Object, shape: str) -> bpy.types.Object:
     else:
         target = bpy.data.objects.new(name, None)
         target.empty_display_type, target.empty_display_size = {"BOX": "CUBE", "SPHERE": "SPHERE"}[shape], 1.0
-    positions = np.array([vertex.co for vertex in obj.data.vertices[:1]])
-    if (found := get_positions(obj.data)) is not None:
-        positions = found[1]
-    low, high = np.quantile(positions, [(1 - SHARE) / 2, (1 + SHARE) / 2], axis=0)
+    low, high = np.quantile(get_column(obj.data, "position", 3), [(1 - SHARE) / 2, (1 + SHARE) / 2], axis=0)
     half = np.maximum((high - low) / 2, 1e-6)
     if shape == "SPHERE":
         half[:] = np.linalg.norm(half)

@@ -76,17 +76,25 @@ def settle(*_: Any) -> None:
         WATCHER.show(scene, Shown())
 
 
-def _hooks() -> tuple[Any, ...]:
+@persistent
+def loaded(*_: Any) -> None:
+    """Another file: what it was left with is its own."""
+    WATCHER.forget()
+    settle()
+
+
+def _hooks() -> tuple[tuple[Any, Any], ...]:
     handlers = bpy.app.handlers
-    return handlers.load_post, handlers.save_pre, handlers.undo_post, handlers.redo_post
+    changing = handlers.save_pre, handlers.undo_post, handlers.redo_post
+    return (handlers.load_post, loaded), *((hook, settle) for hook in changing)
 
 
 def register() -> None:
     """Settings of scenes, the handlers, and the callback of viewports."""
     for name, kind in PROPERTIES.items():
         setattr(bpy.types.Scene, name, kind)
-    for hook in _hooks():
-        hook.append(settle)
+    for hook, function in _hooks():
+        hook.append(function)
     _DRAWING.append(bpy.types.SpaceView3D.draw_handler_add(_drawn, (), "WINDOW", "PRE_VIEW"))
 
 
@@ -95,7 +103,7 @@ def unregister() -> None:
     bpy.types.SpaceView3D.draw_handler_remove(_DRAWING.pop(), "WINDOW")
     if _ticking():
         bpy.app.timers.unregister(_tick)
-    for hook in _hooks():
-        hook.remove(settle)
+    for hook, function in _hooks():
+        hook.remove(function)
     for name in PROPERTIES:
         delattr(bpy.types.Scene, name)

@@ -35,7 +35,7 @@ class Watcher:
         self.view: View | None = None
         self.changed = float("-inf")
         self.ticks = TICKS
-        self._pixels: tuple[bpy.types.Scene, str] | None = None  # the scene that is coarse, and its own setting
+        self._pixels: tuple[str, str] | None = None  # name of the scene that is coarse, and its own setting
 
     def see(self, view: View, now: float) -> bool:
         """Note the view that is drawn; whether it is another one, so that the timer is needed."""
@@ -54,12 +54,18 @@ class Watcher:
     def show(self, scene: bpy.types.Scene, shown: Shown) -> None:
         """Let a scene show that, made for the view where it follows it, else for the camera."""
         if not shown.points and self._pixels is not None:
-            coarse, own = self._pixels
-            coarse.render.preview_pixel_size, self._pixels = own, None
+            name, own = self._pixels
+            self._pixels = None
+            if (coarse := bpy.data.scenes.get(name)) is not None:
+                coarse.render.preview_pixel_size = own
         elif shown.points and self._pixels is None:
-            self._pixels = scene, scene.render.preview_pixel_size
+            self._pixels = scene.name, scene.render.preview_pixel_size
             scene.render.preview_pixel_size = COARSE
         show_models(scene, shown, self.view if scene.dogsplat_follow_view else None)
+
+    def forget(self) -> None:
+        """Another file was read: its viewports have not been drawn yet, and its settings are its own."""
+        self.view, self._pixels = None, None
 
 
 def show_models(scene: bpy.types.Scene, shown: Shown, view: View | None) -> None:

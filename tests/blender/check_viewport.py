@@ -136,6 +136,12 @@ def test_a_file_saved_while_a_view_moves_has_all_splats(scene, model, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
     assert get_input(splat_modifier(bpy.data.objects["dog"]), "Moving Share") == 1
     assert bpy.context.scene.render.preview_pixel_size == "AUTO"
+    WATCHER.show(bpy.context.scene, Shown(30, True))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))  # in the middle of a movement
+    WATCHER.show(bpy.context.scene, Shown(30, True))
+    assert bpy.context.scene.render.preview_pixel_size == "4"
+    WATCHER.show(bpy.context.scene, Shown())
+    assert bpy.context.scene.render.preview_pixel_size == "AUTO"
 
 
 def test_following_is_switched_on_and_off_at_once(scene, model, monkeypatch):
