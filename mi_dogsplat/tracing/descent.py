@@ -31,6 +31,7 @@ class Children:
 
 
 def inverse_direction(d: list) -> list:
+    """1 / d, finite along every axis."""
     largest = dr.maximum(dr.maximum(abs(d[0]), abs(d[1])), abs(d[2])) * SMALLEST_DIRECTION
     return [dr.rcp(dr.select(abs(x) > largest, x, largest)) for x in d]
 
