@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 from mi_dogsplat.engine.arrays import array_types, detached, while_loop
 from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.options import RasterOptions
-from mi_dogsplat.engine.parameters import device_array, upload
+from mi_dogsplat.engine.parameters import RAW, device_array, upload
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.engine.sh import unit_basis
 from mi_dogsplat.formats.read import read_model
@@ -148,6 +149,33 @@ def image(colors: Any) -> np.ndarray:
     return np.clip(np.stack([c.numpy() for c in colors], -1)[None], 0, 1)
 
 
+def other_costs(splats: Splats, ray: mi.Ray3f, rounds: int) -> None:
+    """Of derivatives, and of models whose primitives are all DoG; times are those of the tree and of the rays."""
+    options, params = TraceOptions(splats.sh_degree), upload(splats)
+    attached = {name: params[name] + 0 for name in RAW}
+    dr.enable_grad(attached)
+
+    def with_derivatives() -> None:
+        dr.clear_grad(attached)
+        colors, T = SplatTracer(params | attached, options).gather(ray)
+        dr.backward(dr.sum(sum(colors) + T))
+        dr.eval([dr.grad(value) for value in attached.values()])
+
+    def of(params: dict) -> Callable[[], None]:
+        return evaluated(lambda: SplatTracer(params, options).gather(ray))
+
+    n = splats.n_splats
+    runs = {"gather": of(params), "gather, with reverse-mode derivatives": with_derivatives}
+    for F in (0.6, 1.6):
+        dog = replace(splats, dog_index=np.arange(n, dtype=np.uint32), dog_logit_opacities=np.zeros(n),
+                      dog_log_scales=np.full((n, 3), np.log(F)))
+        runs[f"gather, all primitives DoG, f_a .5, F {F}"] = of(upload(dog))
+    times = medians(runs, rounds, dict.fromkeys(runs, 1))
+    for name, time in times.items():
+        print(f"{name}: {time:.0f} ms, {time / times['gather']:.1f} of plain")
+    print()
+
+
 def build_times(splats: Splats) -> None:
     params, options = upload(splats), TraceOptions(splats.sh_degree)
     built: list = []
@@ -183,3 +211,4 @@ def main(argv: Sequence[str] = ()) -> None:
                 same = f"{psnr(image(found), truth):.1f}" if len(found) == 3 else ""
                 print(f"| {name} | {key} | {time:.0f} | {base / time:.1f} | {same} |", flush=True)
         print()
+        other_costs(splats, floor_rays(splats, args.rays), args.rounds)
