@@ -4,7 +4,7 @@ Notation (3DGRT, Moenne-Loccoz et al. 2024; method paper, Sec. 3)
     μ, R, s     centre, rotation, scales of a primitive
     M           sqrt(log2(e) / 2) S⁻¹ Rᵀ: takes an offset from μ to where all kernels are 2^-|x|²
     lo          log2 of the opacity; a kernel is 2^(lo - |M (x - μ)|²)
-    F, f_a      of a DoG primitive: its pseudo-Gaussian has M_p = F⁻¹ M and lo_p = lo + log2 f_a
+    F, f_a      of a DoG primitive: its pseudo-Gaussian has F⁻¹ M for M, and lo_p = lo + log2 f_a
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ MAX_LOG_SCALE = 27.0  # scales are kept within e^±27, so that squares of what i
 
 @dataclass
 class Primitives:
-    """Columns of N primitives; of their pseudo-Gaussians, where there are any, one row per DoG primitive."""
+    """Columns of N primitives; of their pseudo-Gaussians, where there are any, a row per DoG primitive."""
 
     to_kernel: list  # M, nine columns, row-major
     mean: list  # three
     lo: mi.Float
     sh: mi.Float  # [N, K, 3] of one degree, flat
     usable: mi.Bool  # everything finite (but for logit opacities)
-    inverse_factors: list  # F⁻¹, three columns of [M]; empty without DoG
-    pseudo_lo: mi.Float | None  # [M]
+    pseudo: list  # F⁻¹ and lo_p, four columns of [M]; empty without DoG
     dog_row: mi.UInt32 | None  # [N] row of the pseudo-Gaussian or NOT_DOG
+    dog_index: mi.UInt32 | None  # [M] its inverse
 
-    def differentiable(self) -> list:
-        """All that has derivatives, in the order of ``primitive_adjoints``."""
-        pseudo = [] if self.pseudo_lo is None else [*self.inverse_factors, self.pseudo_lo]
-        return [*self.to_kernel, *self.mean, self.lo, self.sh, *pseudo]
+    @property
+    def kernel(self) -> list:
+        """M, μ and lo, 13 columns."""
+        return [*self.to_kernel, *self.mean, self.lo]
 
 
 def primitives_of(params: dict, sh_degree: int) -> Primitives:
@@ -51,25 +51,34 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     quats, log_scales = read_rows(params["quats"], 4, 4, index), rows(params["log_scales"], 3, index)
     mean = rows(params["means"], 3, index)
     R = rotation_matrix(quats)
-    inverse = [(0.5 * LOG2_E) ** 0.5 * dr.exp(-dr.clip(s, -MAX_LOG_SCALE, MAX_LOG_SCALE)) for s in log_scales]
+    inverse = [(0.5 * LOG2_E) ** 0.5 * _exp_minus(s) for s in log_scales]
     to_kernel = [inverse[k] * R[c][k] for k in range(3) for c in range(3)]
     lo = -LOG2_E * softplus(-params["logit_opacities"])
-    usable = ~dr.isnan(lo)
-    for value in (*mean, *log_scales, *quats):
-        usable &= dr.isfinite(value)
+    sh = uniform_sh(params, sh_degree)
+    size = dr.width(sh) // n
+    usable = _finite([*mean, *log_scales, *quats, dr.block_sum(dr.detach(sh) * 0, size)]) & ~dr.isnan(lo)
+    if "dog_index" not in params:
+        return Primitives(to_kernel, mean, lo, sh, usable, [], None, None)
 
-    inverse_factors, pseudo_lo, dog_row = [], None, None
-    if "dog_index" in params:
-        dog_row, m = params["dog_row"], dr.arange(mi.UInt32, dr.width(params["dog_index"]))
-        log_factors = rows(params["dog_log_scales"], 3, m)
-        inverse_factors = [dr.exp(-dr.clip(f, -MAX_LOG_SCALE, MAX_LOG_SCALE)) for f in log_factors]
-        of_primary = dr.gather(mi.Float, lo, params["dog_index"], mode=dr.ReduceMode.NoConflicts)
-        pseudo_lo = of_primary - LOG2_E * softplus(-params["dog_logit_opacities"])
-        finite = ~dr.isnan(pseudo_lo)
-        for value in log_factors:
-            finite &= dr.isfinite(value)
-        usable &= (dog_row == NOT_DOG) | dr.gather(mi.Bool, finite, dog_row, dog_row != NOT_DOG)
-    return Primitives(to_kernel, mean, lo, uniform_sh(params, sh_degree), usable, inverse_factors, pseudo_lo, dog_row)
+    dog_row, dog_index = params["dog_row"], params["dog_index"]
+    log_factors = rows(params["dog_log_scales"], 3, dr.arange(mi.UInt32, dr.width(dog_index)))
+    of_primary = dr.gather(mi.Float, lo, dog_index, mode=dr.ReduceMode.NoConflicts)
+    pseudo_lo = of_primary - LOG2_E * softplus(-params["dog_logit_opacities"])
+    finite = _finite(log_factors) & ~dr.isnan(pseudo_lo)
+    usable &= (dog_row == NOT_DOG) | dr.gather(mi.Bool, finite, dog_row, dog_row != NOT_DOG)
+    pseudo = [*(_exp_minus(f) for f in log_factors), pseudo_lo]
+    return Primitives(to_kernel, mean, lo, sh, usable, pseudo, dog_row, dog_index)
+
+
+def _exp_minus(x: mi.Float) -> mi.Float:
+    return dr.exp(-dr.clip(x, -MAX_LOG_SCALE, MAX_LOG_SCALE))
+
+
+def _finite(values: list) -> mi.Bool:
+    finite = dr.isfinite(values[0])
+    for value in values[1:]:
+        finite &= dr.isfinite(value)
+    return finite
 
 
 def uniform_sh(params: dict, degree: int) -> mi.Float:
@@ -79,19 +88,18 @@ def uniform_sh(params: dict, degree: int) -> mi.Float:
     if not has_groups(params):
         if stored < size:
             raise ValueError(f"SH degree {degree} needs {size} coefficients per channel, sh_coeffs has {stored}")
-        return _columns(params["sh_coeffs"], n, stored, size)
+        return params["sh_coeffs"] if stored == size else _columns(params["sh_coeffs"], n, stored, size)
     highest = max(of_group for of_group, group in SH.items() if group.index in params)
     if highest < degree:
         raise ValueError(f"SH degree {degree} needs a group of it, the highest one is of degree {highest}")
     sh = _columns(params["sh_coeffs"], n, 1, size)
     for of_group, group in SH.items():
         if group.index in params and degree:
-            used, stride = min(of_group, degree), 3 * ROW_COEFFICIENTS[of_group]
-            count = 3 * ((used + 1) ** 2 - 1)
+            count = 3 * ((min(of_group, degree) + 1) ** 2 - 1)
             i = dr.arange(mi.UInt32, dr.width(params[group.index]) * count)
             row, column = i // count, i % count
-            mode = dr.ReduceMode.NoConflicts
-            values = dr.gather(mi.Float, params[group.names[0]], dr.fma(row, stride, column), mode=mode)
+            at = dr.fma(row, 3 * ROW_COEFFICIENTS[of_group], column)
+            values = dr.gather(mi.Float, params[group.names[0]], at, mode=dr.ReduceMode.NoConflicts)
             into = dr.fma(dr.gather(mi.UInt32, params[group.index], row), 3 * size, column + 3)
             dr.scatter(sh, values, into, mode=dr.ReduceMode.Permute)
     return sh
@@ -101,4 +109,5 @@ def _columns(coeffs: mi.Float, n: int, stored: int, size: int) -> mi.Float:
     """The first ``size`` coefficients of [n, stored, 3]; zeros beyond those."""
     i = dr.arange(mi.UInt32, n * 3 * size)
     row, column = i // (3 * size), i % (3 * size)
-    return dr.gather(mi.Float, coeffs, dr.fma(row, 3 * stored, column), column < 3 * stored)
+    mode = dr.ReduceMode.NoConflicts
+    return dr.gather(mi.Float, coeffs, dr.fma(row, 3 * stored, column), column < 3 * stored, mode=mode)
