@@ -16,8 +16,25 @@ from .splat_integrator import Drawn, SplatIntegrator, dog_shapes
 from .surfaces import Surfaces
 from .transfer import emitted
 
-UNLIMITED = 2**31 - 1
 SURE = 0.1  # share of a pixel from which on its path is traced for sure; what less is seen of is traced less often
+
+
+class LatestTracer:
+    """The tracer of the latest parameters, which all passes of a render share.
+
+    They are compared by the identity of their JIT variables, which are immutable and kept alive here.
+    """
+
+    def __init__(self) -> None:
+        self._key: tuple = ()
+        self._params: dict = {}
+        self._tracer: SplatTracer | None = None
+
+    def of(self, params: dict, options: TraceOptions) -> SplatTracer:
+        key = (options, *((name, value.index) for name, value in params.items()))
+        if self._tracer is None or key != self._key:
+            self._key, self._params, self._tracer = key, params, SplatTracer(params, options)
+        return self._tracer
 
 
 class DogPathIntegrator(SplatIntegrator):
@@ -28,14 +45,9 @@ class DogPathIntegrator(SplatIntegrator):
 
     def __init__(self, props: Any):
         super().__init__(props)
-        max_depth, self.rr_depth = int(props.get("max_depth", 6)), int(props.get("rr_depth", 5))
-        if max_depth < -1:
-            raise RuntimeError(f'dogpath: "max_depth" is {max_depth}, it must be -1 (no limit) or more')
-        if self.rr_depth < 1:
-            raise RuntimeError(f'dogpath: "rr_depth" is {self.rr_depth}, it must be 1 or more')
+        self._tracer = LatestTracer()
         if any(props.type(name) == mi.Properties.Type.Object for name in props.keys()):
             raise RuntimeError("dogpath: it nests no integrator, it traces the paths itself; remove what is nested")
-        self.max_depth = UNLIMITED if max_depth == -1 else max_depth
 
     def sees_surfaces(self, scene: mi.Scene) -> bool:
         return len(scene.shapes()) > len(dog_shapes(scene))
@@ -54,7 +66,7 @@ class DogPathIntegrator(SplatIntegrator):
         options = TraceOptions(drawn.options.sh_degree, self.negative_transmittance)
 
         def trace(params: dict, replay: Replay | None) -> Any:
-            tracer = SplatTracer(params, options)
+            tracer = SplatTracer(params, options) if replay else self._tracer.of(params, options)
             return LightPaths(scene, tracer, limits, drawn.linear, seen.seed).radiance(seen.ray, probability, replay)
 
         behind = radiance(trace, drawn.params, drawn.derivative)

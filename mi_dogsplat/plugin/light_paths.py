@@ -152,7 +152,7 @@ class LightPaths:
         before = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
         before.p, before.n = lanes.o, lanes.n
         ds = mi.DirectionSample3f(scene, si, before)
-        seen = ~self.limits.hide_environment | si.is_valid() if depth == 0 else mi.Bool(True)
+        seen = si.is_valid() if depth == 0 and self.limits.hide_environment else mi.Bool(True)
         mis = mis_weight(lanes.pdf, scene.pdf_emitter_direction(before, ds, ~lanes.delta))
         with dr.resume_grad(when=attached):
             Le = β * dr.detach(mis) * ds.emitter.eval(si, seen)

@@ -24,8 +24,17 @@ from .transfer import linear_to_srgb, srgb_to_linear
 
 
 @dataclass
+class SplattedModel:
+    """The primitives of all shapes of a scene, which the passes of a render share, and how they are drawn."""
+
+    params: dict
+    sh_degree: int
+    drawn_as: DrawnAs
+
+
+@dataclass
 class Drawn:
-    """What a pass draws: the primitives of all shapes, and how; ``derivative``: wanted for its graph only."""
+    """What a pass draws; ``derivative``: wanted for its graph only."""
 
     scene: Any  # mi.Scene
     look: Look
@@ -133,9 +142,11 @@ class SplatIntegrator(ADIntegrator):
         weights = sum(spreader.spread([], sample)[0] for sample in passes)
         adjoints = [dr.select(weights != 0, dr.grad(plane) / weights, 0) for plane in planes]
         dr.eval(adjoints)
+        model = self._model(scene)
         for sample in passes:
             with dr.isolate_grad():  # what all passes share is derived once, at the end
-                sums = spreader.spread(self._pass(scene, sensor, sample, spreader.border, derivative=True), sample)
+                values = self._pass(scene, model, sensor, sample, spreader.border, derivative=True)
+                sums = spreader.spread(values, sample)
                 _backward(sums[:-1], adjoints)
 
     def _image(self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, derivative=False) -> Any:
@@ -143,13 +154,14 @@ class SplatIntegrator(ADIntegrator):
 
         ``derivative``: wanted for its graph only, after a primal pass; the film is left as it is.
         """
-        passes, film = self._passes(scene, sensor, seed, spp), sensor.film()
+        passes, film, model = self._passes(scene, sensor, seed, spp), sensor.film(), self._model(scene)
         if len(passes) == 1:
-            planes = self._pass(scene, sensor, passes[0], derivative=derivative)
+            planes = self._pass(scene, model, sensor, passes[0], derivative=derivative)
         else:
             spreader, sums = Filter(film), []
             for done, sample in enumerate(passes, 1):
-                new = spreader.spread(self._pass(scene, sensor, sample, spreader.border, derivative), sample)
+                values = self._pass(scene, model, sensor, sample, spreader.border, derivative)
+                new = spreader.spread(values, sample)
                 sums = [a + b for a, b in zip(sums, new, strict=True)] if sums else new
                 dr.eval(sums)
                 if self.on_pass:
@@ -166,12 +178,14 @@ class SplatIntegrator(ADIntegrator):
             raise RuntimeError(f'{self.name}: the AOV "index" has no mean over {spp} samples per pixel; use spp=1')
         return samples(spp, int(seed[0]) if dr.is_array_v(seed) else seed)
 
-    def _pass(self, scene: mi.Scene, sensor: mi.Sensor, sample: Sample, border: int = 0, derivative=False) -> list:
+    def _pass(
+        self, scene: mi.Scene, model: SplattedModel, sensor: mi.Sensor, sample: Sample, border: int = 0,
+        derivative: bool = False,
+    ) -> list[mi.Float]:  # fmt: skip
         """Planes of the film's channels at the samples of one pass; ``derivative`` as in ``_image``."""
-        drawn_as = self.drawn_as(scene)
-        views = self._sensors.views(sensor, drawn_as.near_clip)
+        views = self._sensors.views(sensor, model.drawn_as.near_clip)
         looks = [view.through(sample, border) for view in views]
-        images = [self._planes(scene, sensor.film(), look, drawn_as, derivative, len(views) == 1) for look in looks]
+        images = [self._planes(scene, model, sensor.film(), look, derivative, len(views) == 1) for look in looks]
         return side_by_side(images, looks[0].camera.width, looks[0].camera.height)
 
     # --- a view of a pass ---
@@ -180,15 +194,19 @@ class SplatIntegrator(ADIntegrator):
         """How it draws the ``dog`` shapes of a scene. Raises ``RuntimeError`` where their files disagree."""
         return agreed(self.drawing, dog_shapes(scene))
 
-    def _planes(
-        self, scene: mi.Scene, film: mi.Film, look: Look, drawn_as: DrawnAs, derivative: bool, alone: bool
-    ) -> list[mi.Float]:
+    def _model(self, scene: mi.Scene) -> SplattedModel:
         shapes = dog_shapes(scene)
         if not shapes:
             raise RuntimeError(f'{self.name}: the scene has no shape of type "dog"')
         params, sh_size = concatenate([s.parameters for s in shapes], [s.sh_size for s in shapes])
+        return SplattedModel(params, (1, 4, 9, 16).index(sh_size), self.drawn_as(scene))
+
+    def _planes(
+        self, scene: mi.Scene, model: SplattedModel, film: mi.Film, look: Look, derivative: bool, alone: bool
+    ) -> list[mi.Float]:
+        params, drawn_as = model.params, model.drawn_as
         options = RasterOptions(
-            sh_degree=(1, 4, 9, 16).index(sh_size),
+            sh_degree=model.sh_degree,
             antialiased=drawn_as.antialiased,
             negative_transmittance=self.negative_transmittance,
         )
