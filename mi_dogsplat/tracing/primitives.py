@@ -55,8 +55,8 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     to_kernel = [inverse[k] * R[c][k] for k in range(3) for c in range(3)]
     lo = -LOG2_E * softplus(-params["logit_opacities"])
     sh = uniform_sh(params, sh_degree)
-    size = dr.width(sh) // n
-    usable = _finite([*mean, *log_scales, *quats, dr.block_sum(dr.detach(sh) * 0, size)]) & ~dr.isnan(lo)
+    broken = dr.block_sum(dr.select(dr.isfinite(dr.detach(sh)), mi.Float(0), mi.Float(1)), dr.width(sh) // n)
+    usable = _finite([*mean, *log_scales, *quats]) & ~dr.isnan(lo) & (broken == 0)
     if "dog_index" not in params:
         return Primitives(to_kernel, mean, lo, sh, usable, [], None, None)
 

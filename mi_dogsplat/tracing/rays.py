@@ -50,13 +50,14 @@ def rays_of(ray: mi.Ray3f, active: Any, tree: Tree) -> Rays:
     o, d, maxt = list(detached(ray.o)), list(detached(ray.d)), detached(ray.maxt)
     width = max(dr.width(ray), dr.width(active))
     active = detached(mi.Bool(active))
+    active = active & (dr.zeros(types.UInt, width) == 0)
     if dr.flag(dr.JitFlag.SymbolicScope) or width < FEW:
-        active = active & (dr.zeros(types.UInt, width) == 0)
         return Rays(_line(o, d, maxt), active, None, width)
     dr.eval(o, d, maxt, active)
-    index = dr.compress(active & (dr.arange(types.UInt, width) >= 0))
-    if dr.width(index):
-        index = dr.gather(types.UInt, index, _in_order_of_cells(_line(*_of(index, o, d, maxt)), tree))
+    index: Any = dr.compress(active)
+    if not dr.width(index):
+        return Rays(_line(o, d, maxt), active, None, width)
+    index = dr.gather(types.UInt, index, _in_order_of_cells(_line(*_of(index, o, d, maxt)), tree))
     line = _line(*_of(index, o, d, maxt))
     dr.eval(line.o, line.d, line.maxt)
     return Rays(line, dr.full(dr.mask_t(types.Float), True, dr.width(index)), index, width)
