@@ -9,7 +9,8 @@ import mitsuba as mi
 
 from .engine.rasterize import Frame
 from .plugin import surfaces
-from .plugin.splat_integrator import Drawn, SplatIntegrator, dog_shapes
+from .plugin.drawn import Drawn
+from .plugin.splat_integrator import SplatIntegrator, dog_shapes
 from .plugin.surfaces import Surfaces
 
 
@@ -68,8 +69,9 @@ class DogSplatIntegrator(SplatIntegrator):
 
     **Surfaces.** A primitive is seen if its centre is nearer than the surface at that pixel. Splats neither cast
     shadows on surfaces nor show in their reflections, what is seen through a transparent surface has no splats, and
-    derivatives take surfaces as constant. In AOVs a surface is opaque and the last of all: alpha is 1, depths and
-    normal count it in; the other AOVs are those of the primitives in front of it.
+    derivatives take surfaces as constant: for all of this there is the integrator ``dogpath``. In AOVs a surface is
+    opaque and the last of all: alpha is 1, depths and normal count it in; the other AOVs are those of the primitives in
+    front of it.
 
     **Clipping.** The near clip of the sensor holds as well as that of the integrator; primitives whose centre is beyond
     its far clip are dropped, unless that is 10,000, the default of Mitsuba.

@@ -152,7 +152,7 @@ class LightPaths:
         before = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
         before.p, before.n = lanes.o, lanes.n
         ds = mi.DirectionSample3f(scene, si, before)
-        seen = si.is_valid() if depth == 0 and self.limits.hide_environment else mi.Bool(True)
+        seen: Any = si.is_valid() if depth == 0 and self.limits.hide_environment else mi.Bool(True)
         mis = mis_weight(lanes.pdf, scene.pdf_emitter_direction(before, ds, ~lanes.delta))
         with dr.resume_grad(when=attached):
             Le = β * dr.detach(mis) * ds.emitter.eval(si, seen)
@@ -203,9 +203,10 @@ class LightPaths:
 
     def _random(self, sample: Any, depth: int) -> Any:
         """Numbers of their own for each sample at a vertex."""
-        seed = dr.opaque(mi.UInt32, (self.seed + (depth + 1) * STREAM) % 2**32)
+        seed: Any = dr.opaque(mi.UInt32, (self.seed + (depth + 1) * STREAM) % 2**32)
         state, sequence = mi.sample_tea_32(sample, seed)
-        return mi.PCG32(1, mi.UInt64(state), mi.UInt64(sequence))
+        generator: Any = mi.PCG32
+        return generator(1, mi.UInt64(state), mi.UInt64(sequence))
 
 
 def _next_2d(random: Any) -> Any:

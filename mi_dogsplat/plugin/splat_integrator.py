@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -16,40 +15,11 @@ from ..scene.drawing import Drawing, DrawnAs
 from ..shape_dog import DogShape
 from . import background, surfaces
 from .agreement import agreed
+from .drawn import Drawn, SplattedModel
 from .film import Filter, develop, has_alpha, normalized, side_by_side
 from .samples import Sample, samples
 from .sensor import Look, SensorReader
 from .surfaces import Surfaces
-from .transfer import linear_to_srgb, srgb_to_linear
-
-
-@dataclass
-class SplattedModel:
-    """The primitives of all shapes of a scene, which the passes of a render share, and how they are drawn."""
-
-    params: dict
-    sh_degree: int
-    drawn_as: DrawnAs
-
-
-@dataclass
-class Drawn:
-    """What a pass draws; ``derivative``: wanted for its graph only."""
-
-    scene: Any  # mi.Scene
-    look: Look
-    params: dict
-    options: RasterOptions
-    linear: bool  # colours of primitives, not sRGB
-    derivative: bool
-
-    def encoded(self, radiance: list) -> list:
-        """Radiance in the primitives' colour space."""
-        return radiance if self.linear else linear_to_srgb(radiance)
-
-    def decoded(self, colors: list) -> list:
-        """Colours of the primitives' space as radiance."""
-        return colors if self.linear else srgb_to_linear(colors)
 
 
 class SplatIntegrator(ADIntegrator):
@@ -217,6 +187,7 @@ class SplatIntegrator(ADIntegrator):
         last = None if seen else self._last  # it does not know depths from before
         stop_depth = seen.depth if seen else None
         frame = rasterize(params, look.camera, drawn.options, None, last, derivative and alone, stop_depth)
+        colors: list
         if seen:
             colors = self.over_surfaces(frame, seen, drawn)
             frame = seen.behind(frame)

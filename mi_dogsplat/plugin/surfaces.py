@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..engine.arrays import while_loop
 from ..engine.rasterize import Frame
 from .sensor import Look
 
@@ -89,4 +90,4 @@ def _behind_emitters(scene: Any, ray: Any) -> Any:
         si, active = at_emitter(o, active)
         return dr.select(active, si.spawn_ray(ray.d).o, o), active
 
-    return dr.while_loop((ray.o, mi.Bool(True)), lambda o, active: active, step, label="hidden emitters")[0]
+    return while_loop((ray.o, mi.Bool(True)), lambda o, active: active, step, "hidden emitters")[0]

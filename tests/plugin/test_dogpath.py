@@ -228,7 +228,7 @@ def test_a_moved_shape_and_two_shapes_are_mirrored_where_they_are():
     two = render(parts[0], {**mirror, "more": dog_dict(parts[1])})
     np.testing.assert_allclose(two, whole, atol=1e-5)
     away = rounded(splats)
-    away.means[:] -= np.float32([0.25, 0.5, -1])
+    away.means[:] -= np.asarray([0.25, 0.5, -1], np.float32)
     scene: Any = scene_of(away, CAMERA, extra=mirror, type="dogpath")
     params: Any = mi.traverse(scene)
     params["splats.to_world"] = mi.Transform4f(T4().translate([0.25, 0.5, -1]))

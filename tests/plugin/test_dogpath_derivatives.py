@@ -15,7 +15,8 @@ from mi_dogsplat.tracing.options import TraceOptions
 from splat_scenes import make_splats, rounded, scene_of
 
 CAMERA = Camera(np.eye(4), 9.0, 9.0, 3.0, 2.5, 6, 5)
-SEED, SPP = 5, 2
+SEED: Any = 5
+SPP = 2
 T4 = mi.ScalarTransform4f
 # two behind the camera, for the mirror; two in front of the wall, one of them in the view and before the other
 SPLATS = make_splats([[0.3, 0, -1.0], [-0.4, 0.2, -1.5], [1.5, 0, 2.2], [0, 0, 2.2]], 0.4, [0.6, 0.5, 0.7, 0.5],
