@@ -19,7 +19,7 @@ from benchmarks.lit_scenes import INDOORS, LIGHT, SCENES, loaded, of_meshes, pic
 
 from .panels import labelled, write_rows
 
-WIDTH, HEIGHT, SPP = 480, 360, 256  # of a panel
+WIDTH, HEIGHT, SPP = 360, 270, 48  # of a panel
 STUDIO = (128, 256)  # pixels of the environment map
 
 
