@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.engine.arrays import array_types, detached, while_loop
-from mi_dogsplat.engine.parameters import device_array, upload
+from mi_dogsplat.engine.device_camera import DeviceCamera
+from mi_dogsplat.engine.options import RasterOptions
+from mi_dogsplat.engine.parameters import RAW, device_array, upload
+from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.engine.sh import unit_basis
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.measure.metrics import psnr
@@ -117,6 +121,22 @@ def contestants(splats: Splats, ray: mi.Ray3f) -> dict[str, Callable[[], list]]:
     }
 
 
+def beside_splatting(splats: Splats) -> None:
+    """The rays through the pixel centres of a picture against the picture, as it is and at four times its size."""
+    for factor in (1, 4):
+        camera = automatic_camera(splats).resized(400 * factor, 300 * factor)
+        y, x = np.mgrid[: camera.height, : camera.width] + 0.5
+        directions = ray_directions(camera, np.stack([x.ravel(), y.ravel()], 1))
+        ray = ray_of(np.broadcast_to(camera.position, directions.shape), directions)
+        params = upload(splats)
+        traced, T = SplatTracer(params, TraceOptions(splats.sh_degree)).gather(ray)
+        frame = rasterize(params, DeviceCamera.upload(camera, 0), RasterOptions(splats.sh_degree))
+        error, of_colors = np.abs(T.numpy() - frame.T.numpy()).mean(), psnr(image(traced), image(frame.colors))
+        size = f"{camera.width}x{camera.height}"
+        print(f"through pixel centres, beside splats at {size}: PSNR {of_colors:.1f}, transmittance {error:.4f} apart")
+    print()
+
+
 def evaluated(run: Callable[[], Any]) -> Callable[[], None]:
     def evaluate() -> None:
         dr.eval(run())
@@ -124,9 +144,36 @@ def evaluated(run: Callable[[], Any]) -> Callable[[], None]:
     return evaluate
 
 
-def image(colors: list) -> np.ndarray:
+def image(colors: Any) -> np.ndarray:
     """[1, P, 3], what can be shown of it."""
     return np.clip(np.stack([c.numpy() for c in colors], -1)[None], 0, 1)
+
+
+def other_costs(splats: Splats, ray: mi.Ray3f, rounds: int) -> None:
+    """Of derivatives, and of models whose primitives are all DoG; times are those of the tree and of the rays."""
+    options, params = TraceOptions(splats.sh_degree), upload(splats)
+    attached = {name: params[name] + 0 for name in RAW}
+    dr.enable_grad(attached)
+
+    def with_derivatives() -> None:
+        dr.clear_grad(attached)
+        colors, T = SplatTracer(params | attached, options).gather(ray)
+        dr.backward(dr.sum(sum(colors) + T))
+        dr.eval([dr.grad(value) for value in attached.values()])
+
+    def of(params: dict) -> Callable[[], None]:
+        return evaluated(lambda: SplatTracer(params, options).gather(ray))
+
+    n = splats.n_splats
+    runs = {"gather": of(params), "gather, with reverse-mode derivatives": with_derivatives}
+    for F in (0.6, 1.6):
+        dog = replace(splats, dog_index=np.arange(n, dtype=np.uint32), dog_logit_opacities=np.zeros(n),
+                      dog_log_scales=np.full((n, 3), np.log(F)))
+        runs[f"gather, all primitives DoG, f_a .5, F {F}"] = of(upload(dog))
+    times = medians(runs, rounds, dict.fromkeys(runs, 1))
+    for name, time in times.items():
+        print(f"{name}: {time:.0f} ms, {time / times['gather']:.1f} of plain")
+    print()
 
 
 def build_times(splats: Splats) -> None:
@@ -152,6 +199,7 @@ def main(argv: Sequence[str] = ()) -> None:
         splats = read_model(path).splats
         print(f"## {path.stem}: {splats.n_splats:,} primitives, SH degree {splats.sh_degree}\n")
         build_times(splats)
+        beside_splatting(splats)
         print("| rays | what | ms | times as fast | PSNR to volprim_rf_basic |\n|---|---|---|---|---|")
         for name, make in {"coherent": camera_rays, "incoherent": floor_rays}.items():
             ray = make(splats, args.rays)
@@ -163,3 +211,4 @@ def main(argv: Sequence[str] = ()) -> None:
                 same = f"{psnr(image(found), truth):.1f}" if len(found) == 3 else ""
                 print(f"| {name} | {key} | {time:.0f} | {base / time:.1f} | {same} |", flush=True)
         print()
+        other_costs(splats, floor_rays(splats, args.rays), args.rounds)

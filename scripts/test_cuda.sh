@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The tests of engine, tracing, scores, training and pruning in cuda_ad_rgb, without a GPU: on a stand-in for the driver of CUDA,
-# which runs on the CPU what Dr.Jit generates.
+# The tests of engine, tracing, scores, training and pruning in cuda_ad_rgb, without a GPU: on a stand-in for the driver
+# of CUDA, which runs on the CPU what Dr.Jit generates.
 # Usage: [CUDA_STANDIN=FOLDER] scripts/test_cuda.sh PYTHON [PYTEST_ARGUMENT...]. CUDA_STANDIN: where the stand-in is, by
 # default ../shared/tools/cuda_standin. Says in one line why, and ends well, where it cannot run.
 set -euo pipefail

@@ -52,10 +52,14 @@ class Adjoints:
 
     def add_colors(self, met: Meeting, δcolors: list, basis: list, active: Any) -> None:
         """Of three channels of radiance."""
-        at = met.splat * self.tree.sh_row
-        for k, b in enumerate(basis):
-            for channel, δ in enumerate(δcolors):
-                dr.scatter_add(self.sh, b * δ, at + 3 * k + channel, active, mode=dr.ReduceMode.Local)
+        Float, Quad = array_types().Float, array_types().Quad
+        values, stride = [b * δ for b in basis for δ in δcolors], self.tree.sh_row
+        size = 1 if stride % 4 else 4  # whole rows of four at once
+        values += [Float(0)] * (-len(values) % size)
+        for first in range(0, len(values), size):
+            part = Quad(*values[first : first + 4]) if size == 4 else values[first]
+            at = dr.fma(met.splat, stride // size, first // size)
+            dr.scatter_add(self.sh, part, at, active, mode=dr.ReduceMode.Local)
 
     def of_columns(self) -> tuple[list, Any, list]:
         """(of ``Primitives.kernel``, of ``sh``, of ``pseudo``)"""

@@ -29,8 +29,8 @@ class Children:
     right_first: Any
 
 
-
 def inverse_direction(d: list) -> list:
+    """1 / d, finite along every axis."""
     largest = dr.maximum(dr.maximum(abs(d[0]), abs(d[1])), abs(d[2])) * SMALLEST_DIRECTION
     return [dr.rcp(dr.select(abs(x) > largest, x, largest)) for x in d]
 

@@ -61,6 +61,7 @@ class Line:
 
 
 def dot(a: list, b: list) -> Any:
+    """Of two lists of three."""
     return dr.fma(a[0], b[0], dr.fma(a[1], b[1], a[2] * b[2]))
 
 

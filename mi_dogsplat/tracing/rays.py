@@ -46,6 +46,7 @@ class Rays:
 
 
 def rays_of(ray: mi.Ray3f, active: Any, tree: Tree) -> Rays:
+    """``ray`` in the lanes that are ``active``, detached; in order where there are many and no symbolic loop."""
     types = array_types()
     o, d, maxt = list(detached(ray.o)), list(detached(ray.d)), detached(ray.maxt)
     width = max(dr.width(ray), dr.width(active))

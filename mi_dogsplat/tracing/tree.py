@@ -92,7 +92,7 @@ def leaf_order(centre: list, n: int) -> Any:
     types = array_types()
     depth = max(1, (n - 1).bit_length())
     place = dr.arange(types.UInt, 1 << depth)
-    order = dr.select(place < constant(types.UInt, "leaves in use", n), place, NONE)
+    order = dr.select(place < dr.opaque(types.UInt, n), place, NONE)
     for level in range(depth):
         order = _sorted_in_nodes(order, centre, level, depth)
     return order

@@ -99,6 +99,7 @@ def visit_in_order(walk: Walk, state: tuple, visit: Visit) -> tuple:
 
 
 def key_type() -> Any:
+    """Integers of 64 bits."""
     return dr.uint64_array_t(array_types().Float)
 
 

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from mi_dogsplat.engine.arrays import while_loop
 from mi_dogsplat.engine.geometry import SMOOTH
+from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.reference import rays as twin
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.tracing.options import TraceOptions
 from mi_dogsplat.tracing.rays import FEW
+from mi_dogsplat.tracing.tracer import SplatTracer
 from mi_dogsplat.tracing.visits import BUFFER
 from ray_sets import RaySet, gathered, random_rays, ray_set, tracer_of
 from splat_scenes import axis_rotation, make_splats, random_splats, rounded
@@ -190,10 +193,6 @@ def test_primitives_with_degrees_of_their_own():
 
 def test_more_degrees_than_there_are():
     splats = rounded(random_splats(5, degree=1))
-    from mi_dogsplat.engine.parameters import upload
-    from mi_dogsplat.tracing.options import TraceOptions
-    from mi_dogsplat.tracing.tracer import SplatTracer
-
     with pytest.raises(ValueError, match="SH degree 2 needs 9 coefficients"):
         SplatTracer(upload(splats), TraceOptions(2))
 
