@@ -230,6 +230,6 @@ def _sensor(scene: mi.Scene, sensor: mi.Sensor | int) -> mi.Sensor:
 def _backward(values: list, adjoints: list) -> None:
     """Accumulate the gradients of all that ``values`` depend on."""
     for value, adjoint in zip(values, adjoints, strict=True):
-        dr.set_grad(value, adjoint)
+        dr.accum_grad(value, adjoint)  # two of them may be one variable, as the channels are in variants with one
     dr.enqueue(dr.ADMode.Backward, values)
     dr.traverse(dr.ADMode.Backward)

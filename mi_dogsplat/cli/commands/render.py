@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import nullcontext
-from importlib.util import find_spec
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from ...render.picture_options import PictureOptions
@@ -57,10 +56,18 @@ def run(args: argparse.Namespace) -> None:
     if args.model.suffix.lower() == ".xml":
         if args.aovs is not None:
             raise DataError("--aovs", "a scene names its own", 'set the property "aovs" of its integrator')
-        with Bar("sample") if find_spec("tqdm") else nullcontext() as bar:  # of the extra "train"
+        with _bar() as bar:
             render_scene(args.model, args.out, args.spp, bar.show if bar else None)
     else:
         if args.spp:
             raise DataError("--spp", "a model alone is drawn with one sample", "make a scene .xml for more")
         render_model(args.model, args.out, args.data, args.camera, args.aovs, options)
     print(args.out)
+
+
+def _bar() -> AbstractContextManager[Bar | None]:
+    """That of samples; nothing where tqdm is not installed, which rendering does not need."""
+    try:
+        return Bar("sample")
+    except ImportError:
+        return nullcontext()
