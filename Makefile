@@ -43,6 +43,7 @@ gallery: setup
 	$(PY) -m mi_dogsplat render scenes/still_life_on_table.xml -o docs/pictures/still_life_on_table.png
 	$(PY) -m scripts.aov_picture
 	$(PY) -m scripts.mitsuba_pictures
+	$(PY) -m scripts.light_pictures
 	$(PY) -m scripts.film_picture
 	$(PY) -m benchmarks ellipsoids --picture
 	$(PY) -m mi_dogsplat.demo -o demo/gallery --picture docs/pictures/demo.png

@@ -130,14 +130,26 @@ def render_model(
         _write(out, lambda: write_png(out, picture.color))
 
 
-def render_scene(path: str | Path, out: str | Path) -> None:
+def render_scene(
+    path: str | Path, out: str | Path, spp: int = 0, on_pass: Callable[[int, int], None] | None = None
+) -> None:
     """Render the first sensor of a Mitsuba scene with the scene's own integrator.
 
     OpenEXR holds linear radiance and every channel of the film, PNG the colour as sRGB. Raises ``DataError``,
     also for what Mitsuba has to say about the scene.
+
+    Args:
+        path: the scene, .xml.
+        out: the picture.
+        spp: samples per pixel; 0 is what the scene says.
+        on_pass: called with the number of samples that each pixel has, and that of all, by integrators that splat.
     """
+    from ..plugin.splat_integrator import SplatIntegrator  # of the active variant
+
     path, out = Path(path), Path(out)
     require_suffix(out)
+    if spp < 0:
+        raise DataError("--spp", f"{spp} samples per pixel are not possible", "give 1 or more")
     if not path.is_file():
         raise DataError(path, "no such file", "give a model .ply or a Mitsuba scene .xml")
     try:
@@ -146,7 +158,10 @@ def render_scene(path: str | Path, out: str | Path) -> None:
             raise RuntimeError("its root is no scene")
         if not scene.sensors():
             raise RuntimeError("it has no sensor")
-        mi.render(scene)
+        integrator = scene.integrator()
+        if isinstance(integrator, SplatIntegrator):
+            integrator.on_pass = on_pass
+        mi.render(scene, spp=spp)
         bitmap = scene.sensors()[0].film().bitmap()
     except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
         raise DataError(path, f"Mitsuba cannot render it ({_gist(error)})", "correct the scene") from error
