@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from .engine.passes import SETTINGS
 from .engine.render_engine import ENGINE
 from .nodes.modifier import input_property, splat_modifier
 from .objects.attributes import is_splats
@@ -79,10 +80,34 @@ class DOGSPLAT_PT_render(bpy.types.Panel):
         return context.engine == ENGINE
 
     def draw(self, context: bpy.types.Context) -> None:
-        """How the picture is handed to the view transform."""
+        """What is sent, and how the picture is handed to the view transform."""
+        layout, settings = self.layout, context.scene.dogsplat
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(settings, "send")
+        if settings.send == "SCENE":
+            layout.prop(settings, "samples")
+            layout.prop(settings, "bounces")
+        layout.prop(context.scene, "dogsplat_colors", text="Colors of Splats Only")
+
+
+class DOGSPLAT_PT_passes(bpy.types.Panel):
+    """The passes of our engine, where those of every engine are: the properties of the view layer."""
+
+    bl_label = "Passes"
+    bl_idname = "DOGSPLAT_PT_passes"
+    bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "view_layer"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Our engine is chosen."""
+        return context.engine == ENGINE
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Beside Combined and Alpha, which are always there."""
         layout = self.layout
         layout.use_property_split, layout.use_property_decorate = True, False
-        layout.prop(context.scene, "dogsplat_colors")
+        for name in SETTINGS.values():
+            layout.prop(context.view_layer, name)
 
 
 def import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:

@@ -14,27 +14,42 @@ from conftest import REFERENCES, load
 from blender_addon.cameras.objects import camera_numbers
 from blender_addon.engine import render_engine as engine
 from blender_addon.engine import renderers
-from blender_addon.engine.renderers import Cancelled, Command, InProcess, RendererError, Settings, choose_renderer
-from blender_addon.files.ply import read_ply
+from blender_addon.engine.renderers import Command, InProcess, choose_renderer, close_renderers
+from blender_addon.engine.served import Cancelled, RendererError
 from blender_addon.nodes.modifier import set_input, splat_modifier
 
 COMMAND = tuple(json.loads(os.environ["DOGSPLAT_COMMAND"]))
-SETTINGS = Settings(0.2, False)
 
 
 def never():
     return False
 
 
-@pytest.fixture
-def by_command(monkeypatch):
-    monkeypatch.setattr(engine, "choose_renderer", lambda command: Command(COMMAND))
+def nothing(_):
+    pass
+
+
+@pytest.fixture(scope="module")
+def command():
+    """The process that all tests of this file share, as the frames of a film do."""
+    renderer = Command(COMMAND)
+    yield renderer
+    renderer.close()
 
 
 @pytest.fixture
-def camera(scene):
+def by_command(monkeypatch, command):
+    monkeypatch.setattr(engine, "choose_renderer", lambda words: command)
+    return command
+
+
+@pytest.fixture
+def request_of_dog(scene):
+    """What the engine asks for to draw the reference."""
     place_camera(scene, "dog")
-    return camera_numbers(scene, scene.camera)
+    camera = camera_numbers(scene, scene.camera)
+    numbers = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    return {"model": str(REFERENCES / "dog.ply"), "camera": {"w2c": camera.w2c.tolist(), **numbers}}
 
 
 def reference(name="dog"):
@@ -97,47 +112,79 @@ def test_a_moved_and_hidden_model(scene, by_command, tmp_path):
     assert psnr(rendered(scene, engine.ENGINE, tmp_path), reference()["color"]) > 50
 
 
-def test_in_this_process(camera):
+@pytest.fixture(params=["command", "process"])
+def renderer(request, command):
+    """Both of them."""
+    if request.param == "command":
+        return command
     pytest.importorskip("mitsuba", reason="mitsuba is not installed beside bpy")
+    return InProcess()
+
+
+def test_both_renderers_make_the_picture_and_tell_how_far_they_are(request_of_dog, renderer):
     progress = []
-    picture = InProcess().render(read_ply(REFERENCES / "dog.ply"), camera, SETTINGS, never, progress.append)
+    picture = renderer.render(request_of_dog, never, progress.append, nothing)
     assert np.abs(picture["color"] - reference()["color"]).max() < 1e-3
     assert np.abs(picture["alpha"] - reference()["alpha"]).max() < 1e-3
     assert progress == sorted(progress) and progress[-1] == 1
 
 
-def test_bands_are_parts_of_one_picture(camera, monkeypatch):
+def test_bands_are_parts_of_one_picture(request_of_dog, monkeypatch):
     pytest.importorskip("mitsuba", reason="mitsuba is not installed beside bpy")
-    model = read_ply(REFERENCES / "dog.ply")
-    monkeypatch.setattr(renderers, "BAND_ROWS", 16)
-    picture = InProcess().render(model, camera, SETTINGS, never, lambda share: None)
-    assert np.abs(picture["color"] - reference()["color"]).max() < 1e-3
+    import mi_dogsplat  # noqa: F401  (before what needs its LLVM)
+    import mitsuba as mi
 
+    mi.set_variant("llvm_ad_rgb")
+    from mi_dogsplat.requests import answer
 
-def test_through_the_command(camera):
+    monkeypatch.setattr(answer, "BAND_ROWS", 16)
     progress = []
-    picture = Command(COMMAND).render(read_ply(REFERENCES / "dog.ply"), camera, SETTINGS, never, progress.append)
-    assert np.abs(picture["color"] - reference()["color"]).max() < 1e-3
-    assert progress == sorted(progress) and 0 < progress[-1] < 1
+    picture = InProcess().render(request_of_dog, never, progress.append, nothing)
+    assert np.abs(picture["color"] - reference()["color"]).max() < 1e-3 and len(progress) == 4
 
 
-def test_cancelling_stops_the_command(camera):
+def test_one_process_serves_all_frames_until_it_is_cancelled(request_of_dog, command):
+    command.render(request_of_dog, never, nothing, nothing)
+    first = command.process_id
+    command.render(request_of_dog, never, nothing, nothing)
+    assert command.process_id == first
+    with pytest.raises(Cancelled):
+        command.render(request_of_dog, lambda: True, nothing, nothing)
+    assert command.process_id is None
+    command.render(request_of_dog, never, nothing, nothing)
+    assert command.process_id not in (None, first)
+
+
+def test_what_the_package_refuses_does_not_end_its_process(request_of_dog, command):
+    with pytest.raises(RendererError, match="none.ply: cannot be read") as caught:
+        command.render({**request_of_dog, "model": "none.ply"}, never, nothing, nothing)
+    assert "\n" not in str(caught.value)
+    command.render(request_of_dog, never, nothing, nothing)
+
+
+def test_cancelling_stops_a_process_that_does_not_answer(request_of_dog):
     sleeper = Command((sys.executable, "-c", "import time; time.sleep(600)"))
     with pytest.raises(Cancelled):
-        sleeper.render(read_ply(REFERENCES / "dog.ply"), camera, SETTINGS, lambda: True, lambda share: None)
+        sleeper.render(request_of_dog, lambda: True, nothing, nothing)
+    sleeper.close()
 
 
-def test_cancelling_stops_between_bands(camera):
+def test_cancelling_stops_in_this_process(request_of_dog):
     pytest.importorskip("mitsuba", reason="mitsuba is not installed beside bpy")
     with pytest.raises(Cancelled):
-        InProcess().render(read_ply(REFERENCES / "dog.ply"), camera, SETTINGS, lambda: True, lambda share: None)
+        InProcess().render(request_of_dog, lambda: True, nothing, nothing)
 
 
-def test_what_the_command_complains_about_is_shown_in_one_line(camera):
-    failing = Command((sys.executable, "-c", "import sys; sys.exit('dogsplat: model.ply: broken; mend it')"))
-    with pytest.raises(RendererError, match="model.ply: broken; mend it") as caught:
-        failing.render(read_ply(REFERENCES / "dog.ply"), camera, SETTINGS, never, lambda share: None)
+@pytest.mark.parametrize("script, message", [
+    ("import sys; sys.exit('dogsplat: model.ply: broken; mend it')", "model.ply: broken; mend it"),
+    ("print('hello'); import sys; sys.stdin.read()", "update the package"),
+])  # fmt: skip
+def test_what_the_command_complains_about_is_shown_in_one_line(request_of_dog, script, message):
+    failing = Command((sys.executable, "-c", script))
+    with pytest.raises(RendererError, match=message) as caught:
+        failing.render(request_of_dog, never, nothing, nothing)
     assert "\n" not in str(caught.value)
+    failing.close()
 
 
 def test_without_mitsuba_the_message_says_what_to_install(monkeypatch):
@@ -147,6 +194,15 @@ def test_without_mitsuba_the_message_says_what_to_install(monkeypatch):
         choose_renderer()
     with pytest.raises(RendererError, match='"/no/such".*correct or clear'):
         choose_renderer("/no/such")
+
+
+def test_a_renderer_stays_for_the_next_frame():
+    first = choose_renderer(sys.executable)
+    assert choose_renderer(sys.executable) is first and first.folder.is_dir()
+    close_renderers()
+    assert not first.folder.exists()
+    assert choose_renderer(sys.executable) is not first
+    close_renderers()
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,17 @@ import pytest
 from check_render import place_camera
 from conftest import load
 
+from blender_addon.engine.passes import SETTINGS
 from blender_addon.engine.render_engine import ENGINE
 from blender_addon.nodes.modifier import input_property, splat_modifier
-from blender_addon.panel import SHOWN, DOGSPLAT_PT_panel, DOGSPLAT_PT_render, export_menu, import_menu
+from blender_addon.panel import (
+    SHOWN,
+    DOGSPLAT_PT_panel,
+    DOGSPLAT_PT_passes,
+    DOGSPLAT_PT_render,
+    export_menu,
+    import_menu,
+)
 
 NO_CAMERA = "Colours need an active camera"
 
@@ -92,7 +100,14 @@ def test_the_panel_says_what_hides_colors_and_lobes(scene, model):
 def test_the_render_properties_have_the_settings_of_the_engine_alone(scene):
     layout = Layout()
     DOGSPLAT_PT_render.draw(SimpleNamespace(layout=layout), bpy.context)
-    assert layout.drawn == ["dogsplat_colors"]
+    assert layout.drawn == ["send", "samples", "bounces", "Colors of Splats Only"]
+    scene.dogsplat.send = "SPLATS"
+    layout.drawn.clear()
+    DOGSPLAT_PT_render.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert layout.drawn == ["send", "Colors of Splats Only"]
+    layout.drawn.clear()
+    DOGSPLAT_PT_passes.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert layout.drawn == list(SETTINGS.values())
     assert not DOGSPLAT_PT_render.poll(SimpleNamespace(engine="CYCLES"))
     scene.render.engine = ENGINE
     assert DOGSPLAT_PT_render.poll(bpy.context)

@@ -19,6 +19,7 @@ STATIONS = [
     {"shape_dog", "plugin", "integrator"},
     {"scores"},
     {"render"},
+    {"requests"},
     {"measure"},
     {"training"},
     {"report"},
