@@ -6,7 +6,7 @@ import bpy
 
 from . import panel, preferences
 from .cameras import operators as camera_operators
-from .cameras import path_operator
+from .cameras import path_import_operator, path_operator
 from .engine import exact_settings, renderers
 from .engine import render_engine as engine
 from .engine import settings as engine_settings
@@ -19,6 +19,7 @@ CLASSES = (
     camera_operators.DOGSPLAT_OT_import_cameras,
     camera_operators.DOGSPLAT_OT_look_through,
     path_operator.DOGSPLAT_OT_export_path,
+    path_import_operator.DOGSPLAT_OT_import_path,
     export_operators.DOGSPLAT_OT_export,
     export_operators.DOGSPLAT_OT_apply_transform,
     exact_settings.DOGSPLAT_OT_exact_settings,

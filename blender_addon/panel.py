@@ -114,6 +114,7 @@ def import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Entries of File > Import."""
     self.layout.operator("import_scene.dogsplat", text="DoG Splat (.ply)")
     self.layout.operator("import_scene.dogsplat_cameras", text="DoG Splat Cameras (COLMAP, transforms.json, run)")
+    self.layout.operator("import_scene.dogsplat_path", text="DoG Splat Camera Path (.json, of dogsplat film)")
 
 
 def export_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:

@@ -26,6 +26,7 @@ MISSING = (
     "Mitsuba is not there: install the package with \"pip install 'mi_dogsplat[train]'\" in any Python "
     "and name its command dogsplat in the preferences of this add-on"
 )
+IDLE_SECONDS = 600  # after which a process ends that no frame has come to
 Picture = dict[str, np.ndarray]  # color [H, W, 3], alpha [H, W] and passes, as mi_dogsplat.requests has them
 Request = dict[str, Any]
 Cancel = Callable[[], bool]
@@ -103,7 +104,7 @@ class Command:
     def render(self, request: Request, cancelled: Cancel, progress: Progress, preview: Preview) -> Picture:
         """The picture, through files. Raises ``Cancelled``, which ends the process, and ``RendererError``."""
         if self._served is None or not self._served.lives():
-            self._served = Served([*self.words, "serve"], self.name, self.folder / "log.txt")
+            self._served = Served([*self.words, "serve", "--idle", str(IDLE_SECONDS)], self.name, self.folder / "log.txt")
         try:
             for share, out in self._served.answers({**request, "out": str(self.folder / "picture.npz")}, cancelled):
                 progress(share)

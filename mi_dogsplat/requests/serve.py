@@ -8,8 +8,10 @@ but the last, with ``"picture": "frame.npz"`` where a picture of what is done so
 from __future__ import annotations
 
 import json
+import queue
+import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +33,23 @@ def serve(lines: Iterable[str], tell: Callable[[dict[str, Any]], None]) -> None:
             _one(answerer, line, tell)
         except DataError as error:
             tell({"error": str(error)})
+
+
+def lines_until_idle(stream: Iterable[str], seconds: float) -> Iterator[str]:
+    """The lines of a stream until its end, or until none has come for so long."""
+    waiting: queue.Queue[str | None] = queue.Queue()
+
+    def pump() -> None:
+        for line in stream:
+            waiting.put(line)
+        waiting.put(None)
+
+    threading.Thread(target=pump, daemon=True).start()
+    try:
+        while (line := waiting.get(timeout=seconds)) is not None:
+            yield line
+    except queue.Empty:
+        return
 
 
 def _one(answerer: Answerer, line: str, tell: Callable[[dict[str, Any]], None]) -> None:

@@ -123,7 +123,7 @@ def test_the_menu_of_the_modifier_names_the_ways_to_show(model):
     assert items == [("Automatic", 0), ("Quads", 1), ("Ellipsoids", 2), ("Points", 3)]
 
 
-@pytest.mark.parametrize("menu, count", [(import_menu, 2), (export_menu, 2)])
+@pytest.mark.parametrize("menu, count", [(import_menu, 3), (export_menu, 2)])
 def test_menus(menu, count):
     layout = Layout()
     menu(SimpleNamespace(layout=layout), bpy.context)

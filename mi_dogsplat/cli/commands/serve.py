@@ -23,12 +23,15 @@ docs/blender.md. It ends with its input.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
     parser.add_argument("--variant", default="auto", help="Mitsuba variant (default: %(default)s)")
+    parser.add_argument(
+        "--idle", type=float, metavar="SECONDS", help="end when no request has come for so long (default: never)"
+    )
 
 
 def run(args: argparse.Namespace) -> None:
     """Answer requests for pictures, one line of JSON each, until standard input ends."""
     set_variant(args.variant)
-    from ...requests.serve import serve
+    from ...requests.serve import lines_until_idle, serve
 
     sys.stdout.flush()
     with os.fdopen(os.dup(1), "w", encoding="utf-8") as answers:
@@ -37,4 +40,4 @@ def run(args: argparse.Namespace) -> None:
         def tell(said: dict) -> None:
             print(json.dumps(said), file=answers, flush=True)
 
-        serve(sys.stdin, tell)
+        serve(lines_until_idle(sys.stdin, args.idle) if args.idle else sys.stdin, tell)
