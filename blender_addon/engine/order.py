@@ -98,7 +98,11 @@ def _gather(depsgraph: bpy.types.Depsgraph) -> _Splats:
 
 
 def _write_model(folder: Path, model: Model) -> Path:
-    """A file that is named by its content, so that the renderer knows it again in the next frame."""
-    new = folder / "model.ply"
-    write_ply(new, model)
-    return new.replace(folder / f"model_{hashlib.sha1(new.read_bytes()).hexdigest()}.ply")
+    """A file that is named by its content: the renderer knows it again in the next frame, which writes none."""
+    content = hashlib.sha1()
+    for array in vars(model).values():
+        content.update(np.ascontiguousarray(array))
+    path = folder / f"model_{content.hexdigest()}.ply"
+    if not path.exists():
+        write_ply(path, model)
+    return path

@@ -104,7 +104,8 @@ class Command:
     def render(self, request: Request, cancelled: Cancel, progress: Progress, preview: Preview) -> Picture:
         """The picture, through files. Raises ``Cancelled``, which ends the process, and ``RendererError``."""
         if self._served is None or not self._served.lives():
-            self._served = Served([*self.words, "serve", "--idle", str(IDLE_SECONDS)], self.name, self.folder / "log.txt")
+            words = [*self.words, "serve", "--idle", str(IDLE_SECONDS)]
+            self._served = Served(words, self.name, self.folder / "log.txt")
         try:
             for share, out in self._served.answers({**request, "out": str(self.folder / "picture.npz")}, cancelled):
                 progress(share)

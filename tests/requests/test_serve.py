@@ -56,10 +56,8 @@ def camera_json():
 
 
 def answered(request) -> dict:
-    picture = None
-    for _, picture in Answerer().answer(read_request(request)):
-        pass
-    assert picture is not None
+    (*_, (share, picture)) = Answerer().answer(read_request(request))
+    assert share == 1 and picture is not None
     return picture
 
 
