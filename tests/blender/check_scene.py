@@ -228,6 +228,7 @@ def test_splats_stand_in_the_scene(scene, tmp_path):
     assert (np.abs(before - behind).max(-1) > 0.1).mean() > 0.2
     scene.dogsplat.send = "SPLATS"
     splats.hide_render = False
-    alone = picture(scene, engine.ENGINE, tmp_path)  # over black; a blue wall changes neither red nor green
+    alone = picture(scene, engine.ENGINE, tmp_path)
+    # Over black; a blue wall has neither red nor green. The two are blended in different colour spaces.
     assert alone[..., :2].std() > 0.1
-    assert np.abs(blocks(before) - blocks(alone))[..., :2].mean() < 0.02
+    assert np.corrcoef(blocks(before)[..., :2].ravel(), blocks(alone)[..., :2].ravel())[0, 1] > 0.95
