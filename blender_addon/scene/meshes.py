@@ -41,7 +41,7 @@ class Part:
 
     def back(self) -> Part:
         """A sheet just behind this one that looks the other way; nothing for a body, whose back nobody sees."""
-        sides = np.round(self.positions, 6).view([("", self.positions.dtype)] * 3).reshape(-1, 3)
+        sides = np.ascontiguousarray(np.round(self.positions, 6)).view([("", self.positions.dtype)] * 3).reshape(-1, 3)
         _, corner = np.unique(sides, return_inverse=True)
         corner = corner.reshape(-1, 3)
         edges = np.sort(np.concatenate([corner[:, k] for k in ([0, 1], [1, 2], [2, 0])]), axis=1)

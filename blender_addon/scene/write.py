@@ -22,6 +22,7 @@ from .world import is_plain, world_light
 
 WITH_FACES = ("MESH", "CURVE", "SURFACE", "META", "FONT")
 Kind = tuple[int, tuple[str, ...]]  # geometry and materials: what is the same is stored once
+LAMP = "light_"  # begins the id of a lamp
 WITHOUT = ("VOLUME", "POINTCLOUD", "CURVES", "GREASEPENCIL", "GPENCIL")
 
 
@@ -54,10 +55,11 @@ def has_surroundings(depsgraph: bpy.types.Depsgraph) -> bool:
 
 @dataclass
 class Written:
-    """names: of the objects, by their numbers. shines: a material emits light. files: in the folder of the scene."""
+    """names: of the objects, by their numbers. hide_lamps: no camera sees lamps, and nothing else that shines would be
+    hidden with them. files: in the folder of the scene."""
 
     names: list[str]
-    shines: bool
+    hide_lamps: bool
     files: set[str]
     notes: list[str]
 
@@ -77,12 +79,13 @@ def write_scene(depsgraph: bpy.types.Depsgraph, camera: Camera, path: Path, firs
     size = _radius(found, camera)
     for number, (obj, world) in enumerate(found.lights):
         if emitter := light(export, obj, world, size):
-            described[f"light_{number}"] = emitter
+            described[f"{LAMP}{number}"] = emitter
     if emitter := world_light(export, scene.world):
         described["world"] = emitter
     path.write_text(json.dumps(described), encoding="utf-8")
+    are_shapes = any("emitter" in plugin for name, plugin in described.items() if name.startswith(LAMP))
     shines = any(look.radiance for look in looks.values())
-    return Written(names, shines, export.files, export.notes)
+    return Written(names, are_shapes and not shines, export.files, export.notes)
 
 
 def _gather(export: Export, depsgraph: bpy.types.Depsgraph) -> Gathered:
@@ -110,7 +113,7 @@ def _material_of(body: Placed, part: Part) -> bpy.types.Material | None:
 
 
 def _material_id(material: bpy.types.Material | None) -> str:
-    return f"material_{material.name}".replace(".", "_") if material else "material_none"
+    return f"material_{material.as_pointer():x}" if material else "material_none"
 
 
 def _materials(export: Export, found: Gathered) -> dict[str, Surface]:

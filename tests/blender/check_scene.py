@@ -25,6 +25,7 @@ from surroundings import (
     sphere,
 )  # fmt: skip
 
+from blender_addon.cameras.objects import camera_numbers
 from blender_addon.engine import render_engine as engine
 from blender_addon.engine.renderers import Command
 from blender_addon.scene.write import write_scene
@@ -106,6 +107,13 @@ def test_textures_and_the_world_are_turned_as_in_cycles(scene, tmp_path):
     assert np.corrcoef(mitsuba.ravel(), cycles.ravel())[0, 1] > 0.98
 
 
+def test_pixels_need_not_be_square(scene, tmp_path):
+    textured(scene)
+    scene.render.pixel_aspect_y = 1.5
+    cycles, mitsuba = both(scene, tmp_path)
+    assert np.abs(blocks(mitsuba) - blocks(cycles)).mean() < 0.02
+
+
 def test_a_lens_blurs_what_is_out_of_focus_as_in_cycles(scene, tmp_path):
     lens = textured(scene).data
     lens.dof.use_dof, lens.dof.focus_distance, lens.dof.aperture_fstop = True, 3.0, 0.05
@@ -176,15 +184,8 @@ def test_bodies_are_where_cycles_has_them(scene, tmp_path):
 
 def written(scene, tmp_path):
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    numbers = engine_camera(scene)
-    result = write_scene(depsgraph, numbers, tmp_path / "scene.json", 0)
+    result = write_scene(depsgraph, camera_numbers(scene, scene.camera), tmp_path / "scene.json", 0)
     return result, json.loads((tmp_path / "scene.json").read_text())
-
-
-def engine_camera(scene):
-    from blender_addon.cameras.objects import camera_numbers
-
-    return camera_numbers(scene, scene.camera)
 
 
 def test_what_has_no_counterpart_is_drawn_in_its_viewport_colour_and_said(scene, tmp_path):
@@ -205,7 +206,11 @@ def test_geometry_that_is_repeated_is_written_once(scene, tmp_path):
         copy = bpy.data.objects.new(f"copy {k}", first.data)
         copy.location.x = k
         scene.collection.objects.link(copy)
+    lamp = light(scene, "POINT", energy=1, shadow_soft_size=0.1)
     result, described = written(scene, tmp_path)
+    assert result.hide_lamps
+    lamp.data.shadow_soft_size = 0
+    assert not written(scene, tmp_path)[0].hide_lamps
     kinds = [value["type"] for value in described.values()]
     assert kinds.count("shapegroup") == 1 and kinds.count("instance") == 4 and len(result.files) == 1
     assert result.names == [first.name, "copy 0", "copy 1", "copy 2"]
