@@ -46,10 +46,9 @@ class Gathered:
 
 
 def has_surroundings(depsgraph: bpy.types.Depsgraph) -> bool:
-    """Whether a scene has more than splats over a world of one colour."""
-    types = (*WITH_FACES, "LIGHT")
+    """Whether a scene has more than splats over a world of one colour; a lamp lights no splats."""
     return not is_plain(depsgraph.scene.world) or any(
-        obj.type in types and not is_splats(obj.original) for obj in depsgraph.objects
+        obj.type in WITH_FACES and not is_splats(obj.original) for obj in depsgraph.objects
     )
 
 

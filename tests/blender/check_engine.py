@@ -141,6 +141,26 @@ def test_passes_of_a_scene(scene, by_command, tmp_path):
     assert written == ids and header[key.replace("manifest", "name")] == f"{layer.name}.CryptoObject"
 
 
+def test_what_is_done_so_far_is_shown_and_then_the_picture(scene, monkeypatch, tmp_path):
+    """Blender takes one result after the other, and keeps the last."""
+    place_camera(scene, "square")
+    load(REFERENCES / "square.ply")
+    picture, shown = dict(reference("square")), []
+
+    class Gradual:
+        name, folder = "gradual", tmp_path
+
+        def render(self, request, cancelled, progress, preview):
+            for factor in (0.0, 0.5):
+                preview({**picture, "color": factor * picture["color"]})
+                shown.append(factor)
+            return picture
+
+    monkeypatch.setattr(engine, "choose_renderer", lambda words: Gradual())
+    scene.view_settings.view_transform, scene.dogsplat_colors = "Raw", "DISPLAY"
+    assert np.abs(rendered(scene, engine.ENGINE, tmp_path) - picture["color"]).max() < 1e-5 and len(shown) == 2
+
+
 @pytest.mark.parametrize("text, expected", [("", 0), ("hello", 0x248BFA47), ("hello, world", 0x149BBB7F)])
 def test_murmur3_is_that_of_its_author(text, expected):
     """Values of the reference implementation, seed 0."""
