@@ -48,7 +48,7 @@ class Gathered:
 def has_surroundings(depsgraph: bpy.types.Depsgraph) -> bool:
     """Whether a scene has more than splats over a world of one colour; a lamp lights no splats."""
     return not is_plain(depsgraph.scene.world) or any(
-        obj.type in WITH_FACES and not is_splats(obj.original) for obj in depsgraph.objects
+        instance.object.type in WITH_FACES and not _is_of_splats(instance) for instance in depsgraph.object_instances
     )
 
 
@@ -87,11 +87,17 @@ def write_scene(depsgraph: bpy.types.Depsgraph, camera: Camera, path: Path, firs
     return Written(names, are_shapes and not shines, export.files, export.notes)
 
 
+def _is_of_splats(instance: bpy.types.DepsgraphObjectInstance) -> bool:
+    """Whether it is splats, or what their nodes draw them with."""
+    parent = instance.parent
+    return is_splats(instance.object.original) or bool(parent and is_splats(parent.original))
+
+
 def _gather(export: Export, depsgraph: bpy.types.Depsgraph) -> Gathered:
     found = Gathered()
     for instance in depsgraph.object_instances:
-        obj, parent = instance.object, instance.parent
-        if not instance.show_self or is_splats(obj.original) or (parent and is_splats(parent.original)):
+        obj = instance.object
+        if not instance.show_self or _is_of_splats(instance):
             continue
         world = np.array(instance.matrix_world, np.float64)
         if obj.type == "LIGHT":
