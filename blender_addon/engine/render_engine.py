@@ -40,7 +40,7 @@ class DogSplatEngine(bpy.types.RenderEngine):
             )
         except Cancelled:
             return
-        except (ValueError, RendererError) as error:
+        except (ValueError, OSError, RendererError) as error:
             self.report({"ERROR"}, str(error))
             self.error_set(str(error))
             return

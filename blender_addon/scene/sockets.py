@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -113,9 +114,10 @@ def _constant(node: bpy.types.Node) -> float | tuple[float, ...] | None:
 
 
 def active_tree(owner: Any) -> bpy.types.NodeTree | None:
-    """The nodes of a material, world or light, where they are in use; from Blender 5.0 on those of materials are."""
-    always = bpy.app.version >= (5, 0) and not isinstance(owner, bpy.types.Light)
-    return owner.node_tree if owner.node_tree and (always or owner.use_nodes) else None
+    """The nodes of a material, world or light, where they are in use; in newer Blenders they always are."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of what is always true there
+        return owner.node_tree if owner.node_tree and getattr(owner, "use_nodes", True) else None
 
 
 def output_of(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
