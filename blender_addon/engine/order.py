@@ -15,8 +15,7 @@ from ..cameras.objects import camera_numbers
 from ..files.model import Model, concatenate
 from ..files.ply import write_ply
 from ..nodes.modifier import get_input, splat_modifier
-from ..objects.attributes import is_splats
-from ..objects.export_operators import model_of
+from ..objects.placed import placed_model, placed_splats
 from ..scene.write import has_surroundings, write_scene
 
 NEAR_CLIP = 0.2  # where no model of the scene has a modifier that says otherwise
@@ -83,17 +82,15 @@ def square(camera: Camera) -> Camera:
 def _gather(depsgraph: bpy.types.Depsgraph) -> _Splats:
     """In the space of the world."""
     found = _Splats()
-    for obj in depsgraph.objects:
-        if not is_splats(obj.original):
-            continue
-        model = model_of(obj.original, np.array(obj.matrix_world @ obj.original.matrix_world.inverted()))
-        if modifier := splat_modifier(obj.original):
+    for obj, matrix in placed_splats(depsgraph):
+        model = placed_model(obj, depsgraph, matrix)
+        if modifier := splat_modifier(obj):
             model = model.with_degree(min(get_input(modifier, "SH Degree"), model.sh_degree))
             model.is_dog = model.is_dog & bool(get_input(modifier, "DoG"))
             found.near.append(get_input(modifier, "Near Clip"))
             found.antialiased |= bool(get_input(modifier, "Antialiased"))
         found.models.append(model)
-        found.names.append(obj.original.name)
+        found.names.append(obj.name)
     return found
 
 
