@@ -6,10 +6,11 @@ import bpy
 
 from . import panel, preferences
 from .cameras import operators as camera_operators
-from .cameras import path_operator
+from .cameras import path_import_operator, path_operator
 from .editing import apply_operator, join_operator, live_operators, paint_operators, transform_operator
-from .engine import exact_settings
+from .engine import exact_settings, renderers
 from .engine import render_engine as engine
+from .engine import settings as engine_settings
 from .objects import export_operators, following, import_operator
 from .viewport import handlers
 
@@ -20,6 +21,7 @@ CLASSES = (
     camera_operators.DOGSPLAT_OT_import_cameras,
     camera_operators.DOGSPLAT_OT_look_through,
     path_operator.DOGSPLAT_OT_export_path,
+    path_import_operator.DOGSPLAT_OT_import_path,
     export_operators.DOGSPLAT_OT_export,
     live_operators.DOGSPLAT_OT_add_crop,
     live_operators.DOGSPLAT_OT_add_limits,
@@ -29,10 +31,12 @@ CLASSES = (
     join_operator.DOGSPLAT_OT_join,
     transform_operator.DOGSPLAT_OT_apply_transform,
     exact_settings.DOGSPLAT_OT_exact_settings,
+    engine_settings.DogSplatRenderSettings,
     engine.DogSplatEngine,
     panel.DOGSPLAT_PT_panel,
     panel.DOGSPLAT_PT_edit,
     panel.DOGSPLAT_PT_render,
+    panel.DOGSPLAT_PT_passes,
 )
 
 
@@ -40,7 +44,8 @@ def register() -> None:
     """Called by Blender when the extension is enabled."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
-    bpy.types.Scene.dogsplat_colors = engine.COLORS
+    bpy.types.Scene.dogsplat_colors = engine_settings.COLORS
+    bpy.types.Scene.dogsplat = bpy.props.PointerProperty(type=engine_settings.DogSplatRenderSettings)
     for blender_panel in engine.panels_for_all_engines():
         blender_panel.COMPAT_ENGINES.add(engine.ENGINE)
     bpy.types.TOPBAR_MT_file_import.append(panel.import_menu)
@@ -61,6 +66,7 @@ def unregister() -> None:
     bpy.types.TOPBAR_MT_file_import.remove(panel.import_menu)
     for blender_panel in engine.panels_for_all_engines():
         blender_panel.COMPAT_ENGINES.discard(engine.ENGINE)
-    del bpy.types.Scene.dogsplat_colors
+    renderers.close_renderers()
+    del bpy.types.Scene.dogsplat_colors, bpy.types.Scene.dogsplat
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -7,6 +7,7 @@ import bpy
 from .editing.live_operators import can_edit
 from .editing.paint_operators import painted_model
 from .editing.stand_in import stand_in_of
+from .engine.passes import SETTINGS
 from .engine.render_engine import ENGINE
 from .nodes.crop import NAME as CROP
 from .nodes.limits import NAME as LIMITS
@@ -93,10 +94,34 @@ class DOGSPLAT_PT_render(bpy.types.Panel):
         return context.engine == ENGINE
 
     def draw(self, context: bpy.types.Context) -> None:
-        """How the picture is handed to the view transform."""
+        """What is sent, and how the picture is handed to the view transform."""
+        layout, settings = self.layout, context.scene.dogsplat
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(settings, "send")
+        if settings.send == "SCENE":
+            layout.prop(settings, "samples")
+            layout.prop(settings, "bounces")
+        layout.prop(context.scene, "dogsplat_colors", text="Colors of Splats Only")
+
+
+class DOGSPLAT_PT_passes(bpy.types.Panel):
+    """The passes of our engine, where those of every engine are: the properties of the view layer."""
+
+    bl_label = "Passes"
+    bl_idname = "DOGSPLAT_PT_passes"
+    bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "view_layer"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Our engine is chosen."""
+        return context.engine == ENGINE
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Beside Combined and Alpha, which are always there."""
         layout = self.layout
         layout.use_property_split, layout.use_property_decorate = True, False
-        layout.prop(context.scene, "dogsplat_colors")
+        for name in SETTINGS.values():
+            layout.prop(context.view_layer, name)
 
 
 class DOGSPLAT_PT_edit(bpy.types.Panel):
@@ -138,6 +163,7 @@ def import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Entries of File > Import."""
     self.layout.operator("import_scene.dogsplat", text="DoG Splat (.ply)")
     self.layout.operator("import_scene.dogsplat_cameras", text="DoG Splat Cameras (COLMAP, transforms.json, run)")
+    self.layout.operator("import_scene.dogsplat_path", text="DoG Splat Camera Path (.json, of dogsplat film)")
 
 
 def export_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:

@@ -18,7 +18,7 @@ from ..scene.camera_file import read_camera
 from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, drawn_as
 from ..scene.splats import Splats
-from ..support.errors import DataError
+from ..support.errors import DataError, gist
 from ..support.files import replacing
 from ..support.pictures import write_channels, write_exr, write_png
 from ..support.srgb import linear_to_srgb
@@ -164,7 +164,7 @@ def render_scene(
         mi.render(scene, spp=spp)
         bitmap = scene.sensors()[0].film().bitmap()
     except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
-        raise DataError(path, f"Mitsuba cannot render it ({_gist(error)})", "correct the scene") from error
+        raise DataError(path, f"Mitsuba cannot render it ({gist(error)})", "correct the scene") from error
     if out.suffix.lower() == ".npz":
         raise DataError(out, "arrays hold pictures of models only", "name a file that ends in .png or .exr")
     if out.suffix.lower() == ".exr":
@@ -186,17 +186,6 @@ def require_suffix(out: Path) -> None:
         raise DataError(out, "no known picture format", f"name a file that ends in {', '.join(SUFFIXES)}")
     if out.is_dir():
         raise DataError(out, "is a folder", "name a file in it")
-
-
-def _gist(error: BaseException) -> str:
-    """What went wrong first, in Mitsuba's words but without the Python traceback that it quotes."""
-    while error.__cause__ or error.__context__:  # Dr.Jit wraps errors of a render in "see above"
-        error = error.__cause__ or error.__context__ or error
-    lines = str(error).strip().splitlines() or [type(error).__name__]
-    traceback = next((i for i, line in enumerate(lines) if "Traceback (most recent call last)" in line), None)
-    if traceback is None:
-        return " ".join(lines)
-    return " ".join([*lines[:traceback], lines[traceback].split("Traceback")[0], lines[-1]])
 
 
 def _aovs(out: Path, aovs: str | None) -> list[str]:

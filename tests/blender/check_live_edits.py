@@ -1,5 +1,7 @@
 """Crop, limits and painting: live, nothing lost, and what they show is what is exported and rendered."""
 
+from pathlib import Path
+
 import bpy
 import numpy as np
 import pytest
@@ -199,7 +201,7 @@ def test_exports_write_what_is_shown_and_if_asked_what_is_hidden(model, tmp_path
     assert_equal(export(tmp_path / "all.ply", hidden=True), raw)
 
 
-def test_the_engine_renders_what_is_shown(scene, model, monkeypatch):
+def test_the_engine_renders_what_is_shown(scene, model, monkeypatch, tmp_path):
     place_camera(scene, "dog")
     obj, raw = load(model), read_ply(model)
     _, target = cropped(obj, "SPHERE")
@@ -207,12 +209,12 @@ def test_the_engine_renders_what_is_shown(scene, model, monkeypatch):
     given = []
 
     class Renderer:
-        name = "none"
+        name, folder = "none", tmp_path
 
-        def render(self, splats, camera, *rest):
-            given.append(splats)
-            size = camera.height, camera.width
-            return {"color": np.zeros((*size, 3)), "alpha": np.zeros(size), "depth": np.zeros(size)}
+        def render(self, request, *rest):
+            given.append(read_ply(Path(request["model"])))
+            size = request["camera"]["height"], request["camera"]["width"]
+            return {"color": np.zeros((*size, 3)), "alpha": np.zeros(size)}
 
     monkeypatch.setattr(render_engine, "choose_renderer", lambda command: Renderer())
     scene.render.engine = render_engine.ENGINE

@@ -8,6 +8,7 @@ import pytest
 from check_render import place_camera
 from conftest import load
 
+from blender_addon.engine.passes import SETTINGS
 from blender_addon.engine.render_engine import ENGINE
 from blender_addon.nodes.modifier import input_property, splat_modifier
 from blender_addon.panel import (
@@ -15,6 +16,7 @@ from blender_addon.panel import (
     SHOWN,
     DOGSPLAT_PT_edit,
     DOGSPLAT_PT_panel,
+    DOGSPLAT_PT_passes,
     DOGSPLAT_PT_render,
     apply_menu,
     export_menu,
@@ -107,7 +109,14 @@ def test_the_panel_says_what_hides_colors_and_lobes(scene, model):
 def test_the_render_properties_have_the_settings_of_the_engine_alone(scene):
     layout = Layout()
     DOGSPLAT_PT_render.draw(SimpleNamespace(layout=layout), bpy.context)
-    assert layout.drawn == ["dogsplat_colors"]
+    assert layout.drawn == ["send", "samples", "bounces", "Colors of Splats Only"]
+    scene.dogsplat.send = "SPLATS"
+    layout.drawn.clear()
+    DOGSPLAT_PT_render.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert layout.drawn == ["send", "Colors of Splats Only"]
+    layout.drawn.clear()
+    DOGSPLAT_PT_passes.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert layout.drawn == list(SETTINGS.values())
     assert not DOGSPLAT_PT_render.poll(SimpleNamespace(engine="CYCLES"))
     scene.render.engine = ENGINE
     assert DOGSPLAT_PT_render.poll(bpy.context)
@@ -136,7 +145,7 @@ def test_the_panel_of_edits_has_the_sliders_of_every_modifier(model):
     assert "dogsplat.finish_painting" in layout.drawn
 
 
-@pytest.mark.parametrize("menu, count", [(import_menu, 2), (export_menu, 2), (apply_menu, 2), (object_menu, 1)])
+@pytest.mark.parametrize("menu, count", [(import_menu, 3), (export_menu, 2), (apply_menu, 2), (object_menu, 1)])
 def test_menus(model, menu, count):
     load(model)
     layout = Layout()

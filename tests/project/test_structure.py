@@ -20,6 +20,7 @@ STATIONS = [
     {"shape_dog", "plugin", "integrator"},
     {"scores"},
     {"render"},
+    {"requests"},
     {"measure"},
     {"training"},
     {"report"},
