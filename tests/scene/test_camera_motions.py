@@ -1,0 +1,93 @@
+"""Six numbers as a motion of a camera, the gradient by them, and what all cameras have in common."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import tiny_data
+from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, moved_w2c, without_common
+from mi_dogsplat.scene.cameras import inverse_rigid
+from scipy.spatial.transform import Rotation
+
+EXTENT = 3.3
+GIVEN: Any = np.array([camera.w2c for camera in tiny_data.cameras()])
+
+
+def motion_matrix(motion: np.ndarray) -> np.ndarray:
+    """M of the module's docstring, by scipy."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = Rotation.from_rotvec(motion[:3]).as_matrix(), EXTENT * motion[3:]
+    return matrix
+
+
+@pytest.mark.parametrize("size", [0, 1e-9, 1e-4, 0.02, 0.5, 2])
+def test_a_motion_acts_on_the_right_of_camera_to_world(size):
+    motions = size * np.random.default_rng(0).normal(size=(len(GIVEN), 6))
+    moved = moved_w2c(GIVEN, motions, EXTENT)
+    for given, got, motion in zip(GIVEN, moved, motions, strict=True):
+        np.testing.assert_allclose(inverse_rigid(got), inverse_rigid(given) @ motion_matrix(motion), atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [0, 1e-7, 1e-3, 0.3, 1.5])
+def test_the_gradient_by_a_motion_is_that_of_differences_though_it_is_found_by_a_further_motion(size):
+    rng = np.random.default_rng(1)
+    motions, weights = size * rng.normal(size=(len(GIVEN), 6)), rng.normal(size=(len(GIVEN), 4, 4))
+
+    def f(w2c: np.ndarray) -> np.ndarray:
+        return np.sin(weights * w2c).sum(axis=(1, 2))  # [V]
+
+    def difference(of_step: Any, step: float = 1e-6) -> np.ndarray:
+        return np.stack([(f(of_step(step * e)) - f(of_step(-step * e))) / (2 * step) for e in np.eye(6)], -1)
+
+    def further(step: np.ndarray) -> np.ndarray:
+        result = []
+        for w2c in moved_w2c(GIVEN, motions, EXTENT):
+            c2w = inverse_rigid(w2c)
+            c2w[:3, :3] = c2w[:3, :3] @ Rotation.from_rotvec(step[:3]).as_matrix()
+            c2w[:3, 3] += step[3:]
+            result.append(inverse_rigid(c2w))
+        return np.array(result)
+
+    got = motion_gradient(GIVEN, motions, EXTENT, difference(further))
+    expected = difference(lambda step: moved_w2c(GIVEN, motions + step, EXTENT))
+    np.testing.assert_allclose(got, expected, atol=2e-8)
+
+
+def motions_of_a_world(size: float) -> np.ndarray:
+    """Of the cameras, [V, 6], when the world is turned, shifted and scaled by ``size``."""
+    rng = np.random.default_rng(2)
+    turn, shift = Rotation.from_rotvec(size * rng.normal(size=3)).as_matrix(), size * rng.normal(size=3)
+    motions = []
+    for w2c in GIVEN:
+        c2w = inverse_rigid(w2c)
+        after = c2w.copy()
+        after[:3, :3], after[:3, 3] = turn @ c2w[:3, :3], (1 + size) * turn @ c2w[:3, 3] + shift
+        M = inverse_rigid(c2w) @ after
+        motions.append([*Rotation.from_matrix(M[:3, :3]).as_rotvec(), *M[:3, 3] / EXTENT])
+    return np.array(motions)
+
+
+def test_a_motion_and_scaling_of_the_world_is_taken_out_to_first_order():
+    basis = common_motions(GIVEN, EXTENT)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(7), atol=1e-12)
+    left = [np.abs(without_common(motions_of_a_world(size), basis)).max() for size in (0.02, 0.01)]
+    assert left[1] < 0.02 * np.abs(motions_of_a_world(0.01)).max()
+    assert left[0] / left[1] == pytest.approx(4, rel=0.1)  # what is left is of second order
+
+
+def test_what_single_cameras_do_stays_but_for_their_mean():
+    basis, motions = common_motions(GIVEN, EXTENT), np.zeros((len(GIVEN), 6))
+    motions[3] = 0.01, 0, 0, 0, 0.02, 0
+    left = without_common(motions, basis)
+    np.testing.assert_allclose(without_common(left, basis), left, atol=1e-15)
+    np.testing.assert_allclose(basis.T @ left.ravel(), 0, atol=1e-15)
+    assert np.linalg.norm(left[3]) > 0.7 * np.linalg.norm(motions[3])
+    assert np.linalg.norm(left[3]) > 3 * np.linalg.norm(np.delete(left, 3, axis=0), axis=1).max()
+
+
+def test_cameras_at_one_place_have_no_scale_and_a_single_one_nothing_of_its_own():
+    turns = np.random.default_rng(0).normal(size=(3, 6)) * (1, 1, 1, 0, 0, 0)
+    turned = moved_w2c(GIVEN[:1].repeat(3, 0), turns, EXTENT)
+    assert common_motions(turned, EXTENT).shape == (18, 6)
+    alone = common_motions(GIVEN[:1], EXTENT)
+    np.testing.assert_allclose(without_common(np.ones((1, 6)), alone), 0, atol=1e-12)
