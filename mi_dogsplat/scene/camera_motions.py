@@ -11,8 +11,14 @@ cameras (``camera_extent``), shifts that centre, both along the camera's own axe
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from .cameras import Camera
+
+FEWEST_POINTS = 10  # for what a motion does to a picture
+DAMPING = 0.1  # of the diagonal of Σ, as in CamP
 SMALL = 1e-6  # radians, below which sin φ / φ, (1 - cos φ) / φ² and (φ - sin φ) / φ³ are their limits
 RANK = 1e-9  # of the largest singular value: a common motion that moves no camera, as a scale of cameras at one place
 
@@ -39,6 +45,41 @@ def motion_gradient(w2c: np.ndarray, motions: np.ndarray, extent: float, by_pose
     by_turn = by_pose[:, :3] + first[:, None] * turned + second[:, None] * np.cross(ω, turned)  # of J transposed
     by_shift = extent * np.einsum("vij,vj->vi", w2c[:, :3, :3], by_pose[:, 3:])
     return np.concatenate([by_turn, by_shift], axis=1)
+
+
+def picture_units(cameras: Sequence[Camera], points: np.ndarray, extent: float) -> np.ndarray:
+    """Matrices [V, 6, 6] from steps in the picture to motions: a unit moves what a camera sees by its longer side.
+
+    As the preconditioner of CamP (Park et al. 2023): the inverse root of Σ = mean of Jᵀ J, where J [2, 6] is how the
+    picture of one of the ``points`` [P, 3] moves with the six numbers. A turn and a shift that look alike are told
+    apart, and a shift of a camera that is far from everything is as long as it has to be. Cameras that see too few
+    points get the mean Σ of the others.
+    """
+    sums = np.array([_picture_motion(camera, points, extent) for camera in cameras])  # [V, 6, 6]
+    known = np.isfinite(sums).all(axis=(1, 2))
+    usual = sums[known].mean(axis=0) if known.any() else np.eye(6)
+    sums[~known] = usual
+    diagonal = np.einsum("vii->vi", sums)
+    damped = sums + np.eye(6) * (DAMPING * diagonal + 1e-12 * diagonal.max(axis=1, keepdims=True))[:, None]
+    sizes, axes = np.linalg.eigh(damped)
+    return np.einsum("vij,vj,vkj->vik", axes, 1 / np.sqrt(sizes), axes)
+
+
+def _picture_motion(camera: Camera, points: np.ndarray, extent: float) -> np.ndarray:
+    """Mean of Jᵀ J [6, 6] over the points that the camera sees; NaN where these are too few."""
+    pixels, depth = camera.project(points)
+    inside = (depth > 0) & (pixels > 0).all(axis=1) & (pixels < (camera.width, camera.height)).all(axis=1)
+    if inside.sum() < FEWEST_POINTS:
+        return np.full((6, 6), np.nan)
+    x, y, z = (points[inside] @ camera.w2c[:3, :3].T + camera.w2c[:3, 3]).T  # [P] each
+    zero, side = np.zeros_like(z), max(camera.width, camera.height)
+    across = camera.fx / side * np.stack([1 / z, zero, -x / z**2], -1)  # [P, 3], by the point in camera space
+    down = camera.fy / side * np.stack([zero, 1 / z, -y / z**2], -1)
+    local = np.stack([x, y, z], -1)
+    # a camera that turns by ω and shifts by τ sees a point at local + local x ω - e τ
+    rows = [np.concatenate([np.cross(of_point, local), -extent * of_point], -1) for of_point in (across, down)]
+    J = np.concatenate(rows)  # [2 P, 6]
+    return 2 * J.T @ J / len(J)
 
 
 def common_motions(w2c: np.ndarray, extent: float) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Poses of the training views: their gradient, their steps, what is found again, what is kept, what it costs."""
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,22 +10,24 @@ import numpy as np
 import pytest
 import tiny_data
 from launches import launches
-from mi_dogsplat.datasets import Dataset, load_dataset
-from mi_dogsplat.datasets.dataset import seen_by
+from mi_dogsplat.datasets import Dataset, camera_extent, load_dataset
+from mi_dogsplat.datasets.dataset import View, seen_by
 from mi_dogsplat.engine.arrays import detached
 from mi_dogsplat.engine.parameters import device_array
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.runs import run
-from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, moved_w2c
+from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, moved_w2c, without_common
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training import train as train_module
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.strategy.densify import Densification
 from mi_dogsplat.training.strategy.pose_refinement import PoseRefinement, Poses
-from mi_dogsplat.training.strategy.strategy import arrays_of
+from mi_dogsplat.training.strategy.strategy import Seen, Strategy, Training, arrays_of
 from mi_dogsplat.training.train import Trainer
 from splat_scenes import SMOOTH_OPTIONS
 
-from benchmarks.pose_error import pose_error
+from benchmarks.pose_error import PoseError, pose_error
 from benchmarks.refine_poses import perturbed
 
 VIEWS = 7  # of the tiny data, for training
@@ -71,7 +73,7 @@ def test_the_gradient_is_that_of_differences_of_the_loss(data, at_once, monkeypa
         return float(trainer.photographs.compare(planes, view, 0)[1][0])
 
     motion = state.motions[view]
-    assert np.abs(motion).min() > 1e-5
+    assert np.linalg.norm(motion[:3]) > 1e-4 < np.linalg.norm(motion[3:])
     directions = rng.normal(size=(6, 6))
     step = 3e-4
     expected = [(loss(motion + step * d) - loss(motion - step * d)) / (2 * step) for d in directions]
@@ -87,10 +89,11 @@ def test_the_gradient_is_that_of_differences_of_the_loss(data, at_once, monkeypa
 
 def test_a_step_is_adams_of_all_views_together_with_a_pull_and_nothing_in_common(data):
     """Oracle: Kingma and Ba 2015, Alg. 1; Loshchilov and Hutter 2019, Alg. 2."""
-    rule = PoseRefinement(start=0, rate=0.02, end_rate=0.005, pull=0.03)
+    rule = PoseRefinement(start=0, reach=0.2, fall=0.25, pull=0.03)
     trainer = Trainer(config_of(data), load_dataset(data))
     state, rng = rule.new_state(trainer), np.random.default_rng(0)
     basis = common_motions(state.given, trainer.extent)
+    rate = 0.2 / sum(0.25 ** (k / 1000) for k in range(1000)) * 1000 / (60 / VIEWS)
     x, m, v = np.zeros(6 * VIEWS), np.zeros(6 * VIEWS), np.zeros(6 * VIEWS)
     for t in range(1, 5):
         trainer.step_count = 10 * t
@@ -101,9 +104,9 @@ def test_a_step_is_adams_of_all_views_together_with_a_pull_and_nothing_in_common
         m, v = rule.beta_1 * m + (1 - rule.beta_1) * g, rule.beta_2 * v + (1 - rule.beta_2) * g * g
         fall = 0.25 ** (10 * t / 60)
         adam = (m / (1 - rule.beta_1**t)) / (np.sqrt(v / (1 - rule.beta_2**t)) + 1e-15)
-        x = x - fall * (0.02 * adam + 0.03 * x)
+        x = x - fall * (rate * adam + 0.03 * x)
         x = x - basis @ (basis.T @ x)
-        np.testing.assert_allclose(state.motions.ravel(), x, atol=1e-12)
+        np.testing.assert_allclose(state.motions.ravel(), x, rtol=2e-3, atol=1e-9)
         assert state.seen == 0 and state.turns == t and not state.gradient.numpy().any()
     expected = moved_w2c(state.given, state.motions, trainer.extent)
     for k, view in enumerate(trainer.photographs.originals):
@@ -112,26 +115,59 @@ def test_a_step_is_adams_of_all_views_together_with_a_pull_and_nothing_in_common
     np.testing.assert_allclose(trainer.photographs.positions, positions)
 
 
-def exact(dataset: Dataset) -> dict:
-    return {view.name: view.camera for view in dataset.train}
+@dataclass(frozen=True)
+class Frozen(Strategy[None]):
+    """The model stays as it is."""
+
+    def after_backward(self, t: Training, state: None, seen: Seen) -> None:
+        for value in t.optimizer.params.values():
+            dr.clear_grad(value)
 
 
-def test_poses_that_were_perturbed_are_found_again(data, at_once):
-    """Their errors fall to less than a third, and the picture error with them; without refinement nothing moves."""
+def from_truth(data: Path, wrong: Dataset, *strategies: Strategy, steps: int) -> Trainer:
+    """Trained from the model that the photographs were made of, without densification."""
+    recipe = replace(RECIPES["3dgs"], densification=Densification(start=0, stop=0), sh_every=0, also=strategies)
+    trainer, model = Trainer(config_of(data, steps=steps), wrong, recipe), tiny_data.truth()
+    for name in ("means", "log_scales", "quats", "logit_opacities"):
+        trainer.optimizer.assign(name, getattr(model, name))
+    trainer.optimizer.assign("sh_dc", model.sh_coeffs[:, 0])
+    trainer.optimizer.assign("sh_rest", model.sh_coeffs.reshape(model.n_splats, -1))
+    return stepped(trainer, steps)
+
+
+def errors(given: Dataset, views: list[View]) -> PoseError:
+    exact, found = ({view.name: view.camera for view in some} for some in (given.train, views))
+    return pose_error(exact, found)
+
+
+def test_poses_that_were_perturbed_are_found_again_by_a_model_that_is_right(data, at_once):
+    """To a tenth of their errors: what they have in common, which a frozen model sees, is left out of the noise."""
     given = load_dataset(data)
-    wrong = perturbed(given, 0.02, seed=1)
-    before = pose_error(exact(given), exact(wrong))
-    config = config_of(data, steps=350)
-    refined, fixed = (stepped(Trainer(c, wrong), 350) for c in (config, replace(config, refine_poses=False)))
-    found = {view.name: view.camera for view in refined.photographs.originals}
-    after = pose_error(exact(given), found)
-    assert before.angle > 0.5 and before.position > 0.01
-    assert after.angle < before.angle / 3 and after.position < before.position / 3
-    assert refined.training_l1() < 0.7 * fixed.training_l1()
-    assert all(a is b for a, b in zip(fixed.photographs.originals, wrong.train, strict=True))
+    w2c = np.array([view.camera.w2c for view in given.train])
+    extent = camera_extent(given.train)
+    noise = np.random.default_rng(0).normal(scale=0.01, size=(VIEWS, 6))
+    moved = moved_w2c(w2c, without_common(noise, common_motions(w2c, extent)), extent)
+    train = [seen_by(v, replace(v.camera, w2c=at)) for v, at in zip(given.train, moved, strict=True)]
+    wrong = replace(given, train=train)
+    trainer = from_truth(data, wrong, Frozen(), steps=25 * VIEWS)
+    before, after = errors(given, wrong.train), errors(given, trainer.photographs.originals)
+    assert before.angle > 0.3 and before.position > 0.005
+    assert after.angle < before.angle / 10 and after.position < before.position / 10
+    np.testing.assert_allclose(trainer.optimizer.numpy("means"), tiny_data.truth().means, atol=1e-6)
+
+
+def test_poses_and_model_are_found_together(data, at_once):
+    """Angles to less than two thirds; the pictures fit better, and nothing that all motions share is in them."""
+    given = load_dataset(data)
+    wrong = perturbed(given, 0.01, seed=1)
+    refined = from_truth(data, wrong, steps=25 * VIEWS)
+    before, after = errors(given, wrong.train), errors(given, refined.photographs.originals)
+    assert after.angle < before.angle * 2 / 3 and after.position < before.position
     state = poses_of(refined)
     common = common_motions(state.given, refined.extent).T @ state.motions.ravel()
     assert np.abs(common).max() < 1e-12 < 1e-3 < np.abs(state.motions).max()
+    fixed = stepped(Trainer(config_of(data, refine_poses=False), wrong), 2 * VIEWS)
+    assert all(a is b for a, b in zip(fixed.photographs.originals, wrong.train, strict=True))
 
 
 def test_a_run_that_goes_on_has_the_bits_of_one_that_was_not_stopped(data, at_once, ordered):
@@ -186,9 +222,7 @@ def test_a_run_leaves_the_refined_poses_as_a_data_set_and_tells_how_far_cameras_
     for before, after in zip(given.train, refined.train, strict=True):
         np.testing.assert_array_equal(after.image, before.image)
         shift = np.linalg.norm(after.camera.position - before.camera.position)
-        extent = 1.1 * max(np.linalg.norm(v.camera.position - np.mean([w.camera.position for w in given.train], 0))
-                           for v in given.train)
-        assert shift / extent == pytest.approx(moved[before.name]["shift"], rel=1e-6)
+        assert shift / camera_extent(given.train) == pytest.approx(moved[before.name]["shift"], rel=1e-6)
     for before, after in zip(given.test, refined.test, strict=True):
         np.testing.assert_allclose(after.camera.w2c, before.camera.w2c, atol=1e-12)
     assert metrics["test"]["aligned_psnr"] >= metrics["test"]["psnr"]
