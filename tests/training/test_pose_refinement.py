@@ -11,12 +11,18 @@ import pytest
 import tiny_data
 from launches import launches
 from mi_dogsplat.datasets import Dataset, camera_extent, load_dataset
+from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.datasets.dataset import View, seen_by
 from mi_dogsplat.engine.arrays import detached
-from mi_dogsplat.engine.parameters import device_array
+from mi_dogsplat.engine.parameters import device_array, upload
+from mi_dogsplat.engine.rasterize import RasterOptions
+from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.runs import run
-from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, moved_w2c, without_common
+from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, moved_w2c, picture_units, without_common
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.sh_basis import C0
+from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training import train as train_module
 from mi_dogsplat.training.config import TrainConfig
@@ -28,7 +34,6 @@ from mi_dogsplat.training.train import Trainer
 from splat_scenes import SMOOTH_OPTIONS
 
 from benchmarks.pose_error import PoseError, pose_error
-from benchmarks.refine_poses import perturbed
 
 VIEWS = 7  # of the tiny data, for training
 
@@ -75,7 +80,7 @@ def test_the_gradient_is_that_of_differences_of_the_loss(data, at_once, monkeypa
     motion = state.motions[view]
     assert np.linalg.norm(motion[:3]) > 1e-4 < np.linalg.norm(motion[3:])
     directions = rng.normal(size=(6, 6))
-    step = 3e-4
+    step = 3e-5
     expected = [(loss(motion + step * d) - loss(motion - step * d)) / (2 * step) for d in directions]
     loss(motion)  # moves it back
     before = np.array(state.gradient.numpy(), np.float64).reshape(-1, 6)
@@ -93,18 +98,21 @@ def test_a_step_is_adams_of_all_views_together_with_a_pull_and_nothing_in_common
     trainer = Trainer(config_of(data), load_dataset(data))
     state, rng = rule.new_state(trainer), np.random.default_rng(0)
     basis = common_motions(state.given, trainer.extent)
+    cameras = [view.camera for view in trainer.dataset.train]
+    units = picture_units(cameras, trainer.optimizer.numpy("means"), trainer.extent)
     rate = 0.2 / sum(0.25 ** (k / 1000) for k in range(1000)) * 1000 / (60 / VIEWS)
     x, m, v = np.zeros(6 * VIEWS), np.zeros(6 * VIEWS), np.zeros(6 * VIEWS)
     for t in range(1, 5):
         trainer.step_count = 10 * t
         by_pose = rng.normal(size=(VIEWS, 6)).astype(np.float32)
-        g = motion_gradient(state.given, state.motions, trainer.extent, by_pose).ravel()
+        by_motion = motion_gradient(state.given, state.motions, trainer.extent, by_pose)
+        g = (units @ by_motion[..., None]).ravel()
         state.gradient, state.seen = detached(device_array(by_pose)), VIEWS
         rule.after_step(trainer, state)
         m, v = rule.beta_1 * m + (1 - rule.beta_1) * g, rule.beta_2 * v + (1 - rule.beta_2) * g * g
         fall = 0.25 ** (10 * t / 60)
         adam = (m / (1 - rule.beta_1**t)) / (np.sqrt(v / (1 - rule.beta_2**t)) + 1e-15)
-        x = x - fall * (rate * adam + 0.03 * x)
+        x = x - fall * (rate * (units @ adam.reshape(-1, 6, 1)).ravel() + 0.03 * x)
         x = x - basis @ (basis.T @ x)
         np.testing.assert_allclose(state.motions.ravel(), x, rtol=2e-3, atol=1e-9)
         assert state.seen == 0 and state.turns == t and not state.gradient.numpy().any()
@@ -124,50 +132,67 @@ class Frozen(Strategy[None]):
             dr.clear_grad(value)
 
 
-def from_truth(data: Path, wrong: Dataset, *strategies: Strategy, steps: int) -> Trainer:
+@pytest.fixture(scope="module")
+def room() -> tuple[Splats, Dataset]:
+    """A model all around and at all depths, so that turns and shifts look different, and its pictures."""
+    rng, n = np.random.default_rng(0), 120
+    z = rng.uniform(1, 6, n)
+    model = Splats(
+        means=np.column_stack([rng.uniform(-1, 1, (n, 2)) * (0.6 + z[:, None]), z]),
+        log_scales=np.log(rng.uniform(0.06, 0.15, (n, 3)) * z[:, None]),
+        quats=rng.normal(size=(n, 4)),
+        logit_opacities=rng.uniform(1, 4, n),
+        sh_coeffs=(rng.uniform(0.05, 0.95, (n, 1, 3)) - 0.5) / C0,
+    )
+    views, (width, height) = [], (48, 36)
+    for k in range(9):
+        x, y = k // 3 - 1, k % 3 - 1
+        w2c = look_at(np.array([1.2 * x, y, 0.8 * (k % 2) - 1.9]), np.array([0.3 * y, 0.3 * x, 3.0]), "-y")
+        camera = Camera(w2c, width / 2, width / 2, width / 2, height / 2, width, height)
+        image = render_picture(upload(model), camera, RasterOptions(sh_degree=0)).color
+        views.append(View(str(k), camera, image.astype(np.float32)))
+    colors = 0.5 + C0 * model.sh_coeffs[:, 0]
+    return model, Dataset(Path("room"), views, [], model.means, colors.astype(np.float32), False)
+
+
+def found(room: tuple[Splats, Dataset], wrong: Dataset, *strategies: Strategy, steps: int = 250) -> Trainer:
     """Trained from the model that the photographs were made of, without densification."""
-    recipe = replace(RECIPES["3dgs"], densification=Densification(start=0, stop=0), sh_every=0, also=strategies)
-    trainer, model = Trainer(config_of(data, steps=steps), wrong, recipe), tiny_data.truth()
+    recipe = replace(RECIPES["3dgs"], densification=Densification(start=0, stop=0), also=strategies)
+    config = config_of(Path("room"), steps=steps, sh_degree=0, max_primitives=None)
+    trainer, model = Trainer(config, wrong, recipe), room[0]
     for name in ("means", "log_scales", "quats", "logit_opacities"):
         trainer.optimizer.assign(name, getattr(model, name))
     trainer.optimizer.assign("sh_dc", model.sh_coeffs[:, 0])
-    trainer.optimizer.assign("sh_rest", model.sh_coeffs.reshape(model.n_splats, -1))
     return stepped(trainer, steps)
 
 
 def errors(given: Dataset, views: list[View]) -> PoseError:
-    exact, found = ({view.name: view.camera for view in some} for some in (given.train, views))
-    return pose_error(exact, found)
+    exact, seen = ({view.name: view.camera for view in some} for some in (given.train, views))
+    return pose_error(exact, seen)
 
 
-def test_poses_that_were_perturbed_are_found_again_by_a_model_that_is_right(data, at_once):
-    """To a tenth of their errors: what they have in common, which a frozen model sees, is left out of the noise."""
-    given = load_dataset(data)
-    w2c = np.array([view.camera.w2c for view in given.train])
-    extent = camera_extent(given.train)
-    noise = np.random.default_rng(0).normal(scale=0.01, size=(VIEWS, 6))
-    moved = moved_w2c(w2c, without_common(noise, common_motions(w2c, extent)), extent)
+@pytest.mark.parametrize("strategies", [(), (Frozen(),)], ids=["together with the model", "by a model that is right"])
+def test_poses_that_were_perturbed_are_found_again(room, at_once, strategies):
+    """Errors of 0.7 degrees and 1.2 % of the extent fall to a third of that at most."""
+    given = room[1]
+    w2c, extent = np.array([view.camera.w2c for view in given.train]), camera_extent(given.train)
+    noise = np.random.default_rng(0).normal(scale=0.01, size=(len(w2c), 6))
+    moved = moved_w2c(w2c, without_common(noise, common_motions(w2c, extent)), extent)  # a frozen model sees the rest
     train = [seen_by(v, replace(v.camera, w2c=at)) for v, at in zip(given.train, moved, strict=True)]
     wrong = replace(given, train=train)
-    trainer = from_truth(data, wrong, Frozen(), steps=25 * VIEWS)
+    trainer = found(room, wrong, *strategies)
     before, after = errors(given, wrong.train), errors(given, trainer.photographs.originals)
-    assert before.angle > 0.3 and before.position > 0.005
-    assert after.angle < before.angle / 10 and after.position < before.position / 10
-    np.testing.assert_allclose(trainer.optimizer.numpy("means"), tiny_data.truth().means, atol=1e-6)
-
-
-def test_poses_and_model_are_found_together(data, at_once):
-    """Angles to less than two thirds; the pictures fit better, and nothing that all motions share is in them."""
-    given = load_dataset(data)
-    wrong = perturbed(given, 0.01, seed=1)
-    refined = from_truth(data, wrong, steps=25 * VIEWS)
-    before, after = errors(given, wrong.train), errors(given, refined.photographs.originals)
-    assert after.angle < before.angle * 2 / 3 and after.position < before.position
-    state = poses_of(refined)
-    common = common_motions(state.given, refined.extent).T @ state.motions.ravel()
+    assert before.angle > 0.7 and before.position > 0.011
+    assert after.angle < before.angle / 3 and after.position < before.position / 3
+    state = poses_of(trainer)
+    common = common_motions(state.given, trainer.extent).T @ state.motions.ravel()
     assert np.abs(common).max() < 1e-12 < 1e-3 < np.abs(state.motions).max()
-    fixed = stepped(Trainer(config_of(data, refine_poses=False), wrong), 2 * VIEWS)
-    assert all(a is b for a, b in zip(fixed.photographs.originals, wrong.train, strict=True))
+
+
+def test_without_the_option_no_camera_moves(data):
+    dataset = load_dataset(data)
+    trainer = stepped(Trainer(config_of(data, refine_poses=False), dataset), 2 * VIEWS)
+    assert all(a is b for a, b in zip(trainer.photographs.originals, dataset.train, strict=True))
 
 
 def test_a_run_that_goes_on_has_the_bits_of_one_that_was_not_stopped(data, at_once, ordered):
