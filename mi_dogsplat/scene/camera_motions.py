@@ -47,13 +47,13 @@ def motion_gradient(w2c: np.ndarray, motions: np.ndarray, extent: float, by_pose
     return np.concatenate([by_turn, by_shift], axis=1)
 
 
-def picture_units(cameras: Sequence[Camera], points: np.ndarray, extent: float) -> np.ndarray:
-    """Matrices [V, 6, 6] from steps in the picture to motions: a unit moves what a camera sees by its longer side.
+def preconditioners(cameras: Sequence[Camera], points: np.ndarray, extent: float) -> np.ndarray:
+    """Matrices [V, 6, 6] from gradients by motions to motions that change the picture as the gradient asks for.
 
-    As the preconditioner of CamP (Park et al. 2023): the inverse root of Σ = mean of Jᵀ J, where J [2, 6] is how the
-    picture of one of the ``points`` [P, 3] moves with the six numbers. A turn and a shift that look alike are told
-    apart, and a shift of a camera that is far from everything is as long as it has to be. Cameras that see too few
-    points get the mean Σ of the others.
+    As in CamP (Park et al. 2023): the inverse of Σ = mean of Jᵀ J, where J [2, 6] is how the picture of one of the
+    ``points`` [P, 3] moves with the six numbers, in units of its longer side. A turn and a shift that look alike are
+    told apart, and a shift of a camera that is far from everything is as long as it has to be. Cameras that see too
+    few points get the mean Σ of the others.
     """
     sums = np.array([_picture_motion(camera, points, extent) for camera in cameras])  # [V, 6, 6]
     known = np.isfinite(sums).all(axis=(1, 2))
@@ -61,8 +61,7 @@ def picture_units(cameras: Sequence[Camera], points: np.ndarray, extent: float) 
     sums[~known] = usual
     diagonal = np.einsum("vii->vi", sums)
     damped = sums + np.eye(6) * (DAMPING * diagonal + 1e-12 * diagonal.max(axis=1, keepdims=True))[:, None]
-    sizes, axes = np.linalg.eigh(damped)
-    return np.einsum("vij,vj,vkj->vik", axes, 1 / np.sqrt(sizes), axes)
+    return np.linalg.inv(damped)
 
 
 def _picture_motion(camera: Camera, points: np.ndarray, extent: float) -> np.ndarray:

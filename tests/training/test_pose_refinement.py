@@ -19,7 +19,7 @@ from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.runs import run
-from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, moved_w2c, picture_units, without_common
+from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, moved_w2c, preconditioners, without_common
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
@@ -80,8 +80,9 @@ def test_the_gradient_is_that_of_differences_of_the_loss(data, at_once, monkeypa
     motion = state.motions[view]
     assert np.linalg.norm(motion[:3]) > 1e-4 < np.linalg.norm(motion[3:])
     directions = rng.normal(size=(6, 6))
-    step = 3e-5
-    expected = [(loss(motion + step * d) - loss(motion - step * d)) / (2 * step) for d in directions]
+    # an image jumps where primitives change their order: of three lengths one at most meets that
+    slopes = [[(loss(motion + h * d) - loss(motion - h * d)) / (2 * h) for d in directions] for h in (1e-4, 3e-5, 1e-5)]
+    expected = np.median(slopes, axis=0)
     loss(motion)  # moves it back
     before = np.array(state.gradient.numpy(), np.float64).reshape(-1, 6)
     trainer.step()
@@ -92,29 +93,31 @@ def test_the_gradient_is_that_of_differences_of_the_loss(data, at_once, monkeypa
     np.testing.assert_allclose(got, expected, atol=0.05 * np.abs(expected).max())
 
 
-def test_a_step_is_adams_of_all_views_together_with_a_pull_and_nothing_in_common(data):
-    """Oracle: Kingma and Ba 2015, Alg. 1; Loshchilov and Hutter 2019, Alg. 2."""
-    rule = PoseRefinement(start=0, reach=0.2, fall=0.25, pull=0.03)
+def test_a_step_follows_the_mean_gradient_in_units_of_the_picture_with_a_pull_and_nothing_in_common(data):
+    rule = PoseRefinement(start=0, reach=0.04, fall=0.25, pull=0.03, quiet=0.1, memory=0.7)
     trainer = Trainer(config_of(data), load_dataset(data))
     state, rng = rule.new_state(trainer), np.random.default_rng(0)
     basis = common_motions(state.given, trainer.extent)
-    cameras = [view.camera for view in trainer.dataset.train]
-    units = picture_units(cameras, trainer.optimizer.numpy("means"), trainer.extent)
-    rate = 0.2 / sum(0.25 ** (k / 1000) for k in range(1000)) * 1000 / (60 / VIEWS)
-    x, m, v = np.zeros(6 * VIEWS), np.zeros(6 * VIEWS), np.zeros(6 * VIEWS)
+    views = trainer.dataset.train
+    scales = preconditioners([view.camera for view in views], trainer.optimizer.numpy("means"), trainer.extent)
+    by_axis = [[np.abs(np.diff(view.image, axis=axis)).mean() for axis in (0, 1)] for view in views]
+    slopes = tiny_data.WIDTH * np.mean(by_axis, axis=1)
+    sum_of_falls = sum(0.25 ** (k / 1000) for k in range(1000)) / 1000 * (60 / VIEWS)
+    x, seen, weights = np.zeros(6 * VIEWS), np.zeros((VIEWS, 6)), 0.0
     for t in range(1, 5):
         trainer.step_count = 10 * t
-        by_pose = rng.normal(size=(VIEWS, 6)).astype(np.float32)
-        by_motion = motion_gradient(state.given, state.motions, trainer.extent, by_pose)
-        g = (units @ by_motion[..., None]).ravel()
+        by_pose = (1.5e-2 * rng.normal(size=(VIEWS, 6))).astype(np.float32)
+        gradient = motion_gradient(state.given, x.reshape(VIEWS, 6), trainer.extent, by_pose)
         state.gradient, state.seen = detached(device_array(by_pose)), VIEWS
         rule.after_step(trainer, state)
-        m, v = rule.beta_1 * m + (1 - rule.beta_1) * g, rule.beta_2 * v + (1 - rule.beta_2) * g * g
-        fall = 0.25 ** (10 * t / 60)
-        adam = (m / (1 - rule.beta_1**t)) / (np.sqrt(v / (1 - rule.beta_2**t)) + 1e-15)
-        x = x - fall * (rate * (units @ adam.reshape(-1, 6, 1)).ravel() + 0.03 * x)
+        seen, weights = 0.7 * seen + gradient, 0.7 * weights + 1
+        asked = (scales @ (seen / weights)[..., None])[..., 0] / slopes[:, None]  # [V, 6]
+        loud = np.array([np.sqrt(g @ a / slope) for g, a, slope in zip(seen / weights, asked, slopes, strict=True)])
+        assert loud.min() < 0.1 < loud.max()  # some views ask for nothing
+        step = 0.04 / sum_of_falls * (np.maximum(1 - 0.1 / loud, 0)[:, None] * asked).ravel()
+        x = x - 0.25 ** (10 * t / 60) * (step + 0.03 * x)
         x = x - basis @ (basis.T @ x)
-        np.testing.assert_allclose(state.motions.ravel(), x, rtol=2e-3, atol=1e-9)
+        np.testing.assert_allclose(state.motions.ravel(), x, rtol=2e-3, atol=1e-6)
         assert state.seen == 0 and state.turns == t and not state.gradient.numpy().any()
     expected = moved_w2c(state.given, state.motions, trainer.extent)
     for k, view in enumerate(trainer.photographs.originals):
