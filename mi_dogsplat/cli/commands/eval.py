@@ -18,7 +18,7 @@ Examples:
   dogsplat eval run/point_cloud.ply photos/ --masks masks/ --color-correct
                                                        white pixels; and PSNR after colour correction
   dogsplat eval run/point_cloud.ply photos/ --align-poses
-                                                       and PSNR with each test pose moved to where the model fits
+                                                       and PSNR from where each test view fits best
 
 Use the --downscale that the model was trained with, else the numbers say little about it.
 """
