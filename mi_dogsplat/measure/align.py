@@ -1,7 +1,7 @@
 """The pose from which a model fits a photograph best: what test views are aligned by, the model being fixed.
 
 Where poses are refined in training, those of the test views keep the errors that they came with, and the model may have
-moved along with the training views. So the literature (BARF, Lin et al. 2021; nerfstudio) also measures test views from
+moved along with the training views. So BARF (Lin et al. 2021) also measures test views from
 the pose that fits them best, beside their own. It is another figure and has another name, ``aligned_psnr``: the test
 photograph has been looked at.
 
