@@ -13,6 +13,7 @@ from ..datasets.dataset import View
 from ..datasets.masks import Masks
 from ..render.picture import Picture, over_background, premultiplied
 from ..support.pictures import heat_map, write_exr, write_png
+from .align import aligned
 from .lpips import Lpips
 from .metrics import color_corrected, evaluate, flip, masked, psnr
 from .timing import milliseconds_in_turn
@@ -27,11 +28,14 @@ class Measure:
     Args:
         masks: pixels that they paint black do not count; views that are black everywhere are left out.
         color_correct: adds ``cc_psnr``, after the best affine map of colours: the exposure of a test view is unknown.
+        align_extent: adds ``aligned_psnr``, from the pose near that of the view that fits best (``align.py``), in units
+            of this extent of the cameras; None does not.
         lpips: adds the metric of this name, which takes seconds per view.
     """
 
     masks: Masks | None = None
     color_correct: bool = False
+    align_extent: float | None = None
     lpips: Lpips | None = None
 
 
@@ -62,6 +66,9 @@ def evaluate_views(
         metrics = results[view.name] = evaluate(rendered.color, truth, view.name, mask)
         if measure.color_correct:
             metrics["cc_psnr"] = psnr(color_corrected(rendered.color, truth, mask), truth, mask)
+        if measure.align_extent is not None:
+            best = picture(aligned(picture, view, background, measure.align_extent, mask)).color
+            metrics["aligned_psnr"] = psnr(best, truth, mask)
         if measure.lpips is not None:
             metrics["lpips"] = measure.lpips(np.clip(masked(rendered.color, truth, mask), 0, 1), truth, mask)
         if out is not None:

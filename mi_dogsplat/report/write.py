@@ -14,6 +14,7 @@ from ..support.files import replacing
 from ..support.wording import count, file_size, finite, fixed
 from .curves import curves
 from .mixture import mixture
+from .moved import moved
 from .page import TEMPLATES
 from .prunes import prunes, refinements
 from .run_folder import Run, read_run
@@ -52,6 +53,7 @@ def report_page(run: Run) -> str:
         prunes=prunes(run),
         refinements=refinements(run),
         mixture=mixture(run),
+        moved=moved(run),
         views=found,
         shares=shares(found),
         sheets=[sheet(view, run.path / "test") for view in shown(found)],
