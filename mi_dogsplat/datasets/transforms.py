@@ -24,7 +24,7 @@ from .images import ViewSource, image_size, is_file, load_views, require_files
 from .lens import Lens
 from .point_ply import read_point_ply
 
-EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp")
+EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp", ".exr")
 LENSES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 UNDISTORT = "undistort the images first (for instance with COLMAP's image_undistorter)"
