@@ -12,8 +12,11 @@ import flip_evaluator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..support.srgb import luminance
 from .metrics import PSNR_CAP, masked
 
+SHOWN_AS_085 = 2.1189  # by ACES as FLIP has it: (0.9036 x² + 0.018 x) / (0.8748 x² + 0.354 x + 0.14)
+MOST_STOPS = 30
 MU = 5000.0  # of the curve, as HDR reconstruction has it since Kalantari and Ramamoorthi 2017
 
 
@@ -38,14 +41,26 @@ def psnr_mu(radiance: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None
 def hdr_flip(radiance: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None) -> float:
     """HDR-FLIP (Andersson et al. 2021): of each pixel the largest FLIP error over all exposures that show something.
 
-    The exposures are those that the library finds from the truth; 67 pixels per degree, tone mapping by ACES.
+    67 pixels per degree, tone mapping by ACES. The exposures are those of the paper, of pixels that have any light; the
+    library's own would be infinite, which ends the process, where half of the picture is black.
     """
     a, b = _light(masked(radiance, truth, mask), truth)
-    unit = float(np.median(b[b > 0])) if (b > 0).any() else 1.0  # exposures are searched for in a range
-    test, reference = (np.ascontiguousarray(x / unit, np.float32) for x in (a, b))
-    error, _, _ = flip_evaluator.evaluate(reference, test, "HDR", applyMagma=False, computeMeanError=False)
+    low, high = _exposures(luminance(b))
+    unit = 2.0**low  # so that float32 holds all
+    test, reference = (np.ascontiguousarray(x * unit, np.float32) for x in (a, b))
+    steps = {"startExposure": 0.0, "stopExposure": high - low, "numExposures": max(2, math.ceil(high - low))}
+    error, _, _ = flip_evaluator.evaluate(reference, test, "HDR", True, False, False, steps)
     error = np.asarray(error)[..., 0]
     return float(np.mean(error if mask is None else error[np.asarray(mask) > 0], dtype=np.float64))
+
+
+def _exposures(luminances: NDArray[np.float64]) -> tuple[float, float]:
+    """Stops at which the brightest pixel, and the median of those with light, are shown as 0.85; at most 30 apart."""
+    lights = luminances[luminances > 0]
+    if not len(lights):
+        return 0.0, 1.0
+    low, high = (math.log2(SHOWN_AS_085 / float(x)) for x in (lights.max(), np.median(lights)))
+    return low, min(high, low + MOST_STOPS)
 
 
 def _light(radiance: ArrayLike, truth: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
