@@ -12,7 +12,7 @@ import numpy as np
 from mi_dogsplat.datasets.camera_paths import Shot, look_at
 from mi_dogsplat.datasets.traced_view import render_shot
 from mi_dogsplat.scene.cameras import Camera
-from mi_dogsplat.support.srgb import linear_to_srgb, srgb_to_linear
+from mi_dogsplat.support.srgb import linear_to_srgb
 
 TEXELS = 256
 
@@ -62,7 +62,7 @@ def picture(scene: Any, cameras: Sequence[Camera], spp: int, exposure: float = 1
     """sRGB uint8 [H, W, 3]: the mean light of an exposure during which the camera passes through ``cameras``."""
     shots = [Shot("", camera, 0.01, 100.0) for camera in cameras]
     seen = [render_shot(mi, scene, shot, spp, seed + k, False) for k, shot in enumerate(shots)]
-    light = np.mean([srgb_to_linear(image) for image in seen], axis=0)
+    light = np.mean(seen, axis=0)
     return np.rint(np.clip(linear_to_srgb(exposure * light), 0, 1) * 255).astype(np.uint8)
 
 

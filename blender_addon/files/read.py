@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from .errors import FileError
 from .model import Model
 from .ply import read_comments, read_ply
-from .spz import GZIP, read_spz
+from .spz import GZIP, gzip_comments, read_spz
+from .transform import C0
 
 EXTENSIONS = (".ply", ".spz", ".sog", ".glb", ".gltf", ".splat", ".json")  # .json: the meta.json of SOG
 RENDER_MODES = {"mip": True, "default": False}
@@ -41,7 +44,8 @@ def read_model(path: str | Path, convert: Converter) -> tuple[Model, Said]:
         raise FileError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
     if head[:2] == GZIP:
         model, antialiased = read_spz(path)
-        return model, Said(antialiased=antialiased)
+        comments = gzip_comments(head)
+        return _in_radiance(model, comments), replace(said_in(comments), antialiased=antialiased)
     is_ply, packed = head[:3] == b"ply", b"packed_position" in head
     if (is_ply and not packed) or (path.suffix.lower() == ".ply" and not is_ply):  # its reader knows what is wrong
         return read_ply(path), said_in(read_comments(path))
@@ -68,6 +72,16 @@ def said_in(comments: list[str]) -> Said:
             case ["Vertical", "axis:", axis] if axis.lower() in ("y", "z"):  # of Brush, which means down
                 others["up"] = f"-{axis.upper()}"
     return Said(**others | ours)  # type: ignore[arg-type]
+
+
+def _in_radiance(model: Model, comments: list[str]) -> Model:
+    """A linear model of an SPZ file, whose colours are in units of the radiance that is white."""
+    whites = [comment.split()[2] for comment in comments if comment.startswith("dogsplat white ")]
+    if whites and _positive(whites[0], or_zero=False):
+        white = float(whites[0])
+        model.sh_coeffs *= np.float32(white)
+        model.sh_coeffs[:, 0] += 0.5 * (white - 1) / C0
+    return model
 
 
 def _positive(text: str, or_zero: bool) -> bool:

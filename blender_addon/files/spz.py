@@ -26,6 +26,16 @@ _SIGNS = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1])
 _AGAIN = "copy or export the file again"
 
 
+def gzip_comments(head: bytes) -> list[str]:
+    """Lines of the comment in the header of a gzip stream (RFC 1952), where a linear model says that it is."""
+    at = 10
+    if head[3] & 4:
+        at += 2 + int.from_bytes(head[at : at + 2], "little")
+    if head[3] & 8:
+        at = head.find(b"\0", at) + 1
+    return head[at : head.find(b"\0", at)].decode("latin-1").splitlines() if head[3] & 16 else []
+
+
 def read_spz(path: str | Path) -> tuple[Model, bool]:
     """Read a model in the axes of 3DGS PLY, and whether it is antialiased. Raises ``FileError``."""
     path = Path(path)

@@ -87,7 +87,8 @@ def _drawing(folder: Path, config: TrainConfig, background: float) -> Callable[[
     model = read_model(folder / "point_cloud.ply")
     drawn = drawn_as(Drawing(config.antialiased, config.near_clip), model.drawing)
     options, params = RasterOptions(model.splats.sh_degree, drawn.antialiased), upload(model.splats)
-    return lambda view: render_picture(params, view.camera, options, background, drawn.near_clip)
+    how = {"linear": drawn.linear, "white": drawn.white}
+    return lambda view: render_picture(params, view.camera, options, background, drawn.near_clip, **how)
 
 
 def _compare_without_dog(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..support.errors import DataError
+from .auto_exposure import auto_exposed
 from .check import CameraCheck, check_cameras
 from .dataset import Dataset, Observations, View, camera_extent
 
@@ -19,8 +20,9 @@ def load_dataset(
     ``path`` is a folder with a COLMAP model (preferred where both exist), a folder with ``transforms.json``
     or ``transforms_train.json``, such a file itself, or a Mitsuba scene XML, whose sensors are rendered at
     ``spp`` samples. ``on_disk``: images are decoded whenever they are asked for (``DiskView``). ``split``:
-    "test", or "validation", which leaves the test views unread (``held_out``). Raises ``DataError`` for
-    anything that cannot be used; see ``check_cameras`` for the last test.
+    "test", or "validation", which leaves the test views unread (``held_out``). OpenEXR images are linear radiance, and
+    get the ``white`` of ``auto_exposed``. Raises ``DataError`` for anything that cannot be used; see ``check_cameras``
+    for the last test.
     """
     from .colmap import MODEL_FOLDERS, find_model, load_colmap  # here: photographs need the extra "train"
     from .mitsuba_scene import load_mitsuba_scene
@@ -34,9 +36,9 @@ def load_dataset(
     if path.is_file() and path.suffix == ".xml":
         return load_mitsuba_scene(path, downscale, spp, split)
     if path.is_file() and path.suffix == ".json":
-        return load_transforms(path, downscale, on_disk, split)
+        return auto_exposed(load_transforms(path, downscale, on_disk, split))
     if path.is_dir() and find_model(path):
-        return load_colmap(path, downscale, on_disk, split)
+        return auto_exposed(load_colmap(path, downscale, on_disk, split))
     transforms = find_transforms(path) if path.is_dir() else None
     if transforms is None:
         folders = ", ".join(MODEL_FOLDERS)
@@ -46,4 +48,4 @@ def load_dataset(
             "no transforms_train.json",
             "give a folder with one of these (dogsplat poses makes it of plain images), or a Mitsuba scene as .xml",
         )
-    return load_transforms(transforms, downscale, on_disk, split)
+    return auto_exposed(load_transforms(transforms, downscale, on_disk, split))

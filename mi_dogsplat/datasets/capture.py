@@ -1,8 +1,8 @@
 """Makes a data set out of a Mitsuba scene: exact cameras, their renders, and surface points to start from.
 
-The folder holds ``capture.json`` (the settings, written first), ``images/*.png``, ``depth/`` if asked for,
-``points.ply``, and last ``transforms.json``, which nerfstudio reads too. An interrupted capture is no data set yet;
-the same command again goes on where it stopped, and gives the same files.
+The folder holds ``capture.json`` (the settings, written first), ``images/*.png``, or ``*.exr`` with linear radiance,
+``depth/`` if asked for, ``points.ply``, and last ``transforms.json``, which nerfstudio reads too. An interrupted
+capture is no data set yet; the same command again goes on where it stopped, and gives the same files.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ import numpy as np
 from ..scene.cameras import OPENCV_FROM_OPENGL, Camera
 from ..support.errors import DataError
 from ..support.files import replacing
-from ..support.pictures import write_exr, write_png
+from ..support.pictures import write_exr, write_png, write_radiance
 from ..support.resumable import begin
+from ..support.srgb import displayed, luminance
+from .auto_exposure import white_of_lights
 from .camera_paths import Shot, circling_shots
 from .capture_config import CaptureConfig
 from .dataset import TEST_EVERY
@@ -30,7 +32,7 @@ from .given_cameras import auto_up, listed_shots, sensor_shots
 from .images import read_image
 from .point_ply import write_point_ply
 from .scene_file import framing_sphere, load_scene
-from .traced_view import depth_of, first_surfaces, render_shot
+from .traced_view import as_srgb, depth_of, first_surfaces, render_shot
 
 SETTINGS = "capture.json"
 FREE = ("scene", "points")  # settings that may change from one start to the next, as no picture depends on them
@@ -122,11 +124,14 @@ def _settings(scene_path: Path, config: CaptureConfig) -> dict[str, Any]:
     """What decides on the pictures: the flags, and the contents of the scene's file and of the list of cameras."""
     files = {"scene": scene_path} | ({"cameras": Path(config.path)} if config.path.endswith(".json") else {})
     digests = {f"{name}_sha256": hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}
-    return json.loads(json.dumps({"scene": str(scene_path), **digests, **dataclasses.asdict(config)}))
+    flags = dataclasses.asdict(config)
+    if not config.hdr:
+        del flags["hdr"]  # captures of earlier versions, which know of none, can be gone on with
+    return json.loads(json.dumps({"scene": str(scene_path), **digests, **flags}))
 
 
-def _image_path(out: Path, shot: Shot) -> Path:
-    return out / "images" / f"{shot.name}.png"
+def _image_name(shot: Shot, config: CaptureConfig) -> str:
+    return f"images/{shot.name}.{'exr' if config.hdr else 'png'}"
 
 
 def _is_done(out: Path, shot: Shot, config: CaptureConfig) -> bool:
@@ -134,7 +139,7 @@ def _is_done(out: Path, shot: Shot, config: CaptureConfig) -> bool:
     if config.depth != "none" and not (out / _depth_name(shot, config)).is_file():
         return False
     try:
-        return read_image(_image_path(out, shot)).shape[:2] == (shot.camera.height, shot.camera.width)
+        return read_image(out / _image_name(shot, config)).shape[:2] == (shot.camera.height, shot.camera.width)
     except DataError:
         return False
 
@@ -155,7 +160,10 @@ def _capture_view(mi: Any, plan: Plan, i: int, scene_path: Path, out: Path, conf
         else:
             with replacing(path) as part, part.open("wb") as file:
                 np.save(file, depth)
-    write_png(_image_path(out, shot), image)
+    if config.hdr:
+        write_radiance(out / _image_name(shot, config), image)
+    else:
+        write_png(out / _image_name(shot, config), as_srgb(image))
 
 
 def _depth_name(shot: Shot, config: CaptureConfig) -> str:
@@ -163,7 +171,10 @@ def _depth_name(shot: Shot, config: CaptureConfig) -> str:
 
 
 def _write_points(mi: Any, plan: Plan, scene_path: Path, out: Path, config: CaptureConfig) -> None:
-    """Write ``points.ply``: what random pixels of the training views see, in the colours of their pictures."""
+    """Write ``points.ply``: what random pixels of the training views see, in the colours of their pictures.
+
+    Of linear pictures they are what a screen shows of them.
+    """
     train = [i for i in range(len(plan.shots)) if i not in plan.tests]
     most = POINTS_FACTOR * math.ceil(config.points / len(train))
     points, colors = [], []
@@ -172,7 +183,7 @@ def _write_points(mi: Any, plan: Plan, scene_path: Path, out: Path, config: Capt
         positions, found = first_surfaces(mi, plan.scene, shot, plan.hidden_emitters)  # [H, W, 3], [H, W]
         pixels = np.argwhere(found)  # [P, 2] row, column
         pixels = np.random.default_rng([config.seed, i]).permutation(pixels)[:most]
-        image = read_image(_image_path(out, shot))  # [H, W, 3 or 4] premultiplied
+        image = read_image(out / _image_name(shot, config))  # [H, W, 3 or 4] premultiplied
         shown = image[pixels[:, 0], pixels[:, 1]]  # [P, 3 or 4]
         points.append(positions[pixels[:, 0], pixels[:, 1]])
         colors.append(shown[:, :3] / np.maximum(shown[:, 3:], 1e-3) if config.alpha else shown)
@@ -180,6 +191,8 @@ def _write_points(mi: Any, plan: Plan, scene_path: Path, out: Path, config: Capt
     if not len(all_points):
         raise DataError(scene_path, "no camera sees a surface", "check where the cameras stand, or use --points 0")
     kept = np.random.default_rng(config.seed).permutation(len(all_points))[: config.points]
+    if config.hdr:
+        all_colors = displayed(all_colors, white_of_lights(luminance(all_colors)))
     write_point_ply(out / "points.ply", all_points[kept], all_colors[kept])
 
 
@@ -191,7 +204,7 @@ def _transforms(plan: Plan, config: CaptureConfig) -> dict[str, Any]:
     for shot, own in zip(plan.shots, intrinsics, strict=True):
         pose = (shot.camera.c2w @ OPENCV_FROM_OPENGL).tolist()
         depth = {} if config.depth == "none" else {"depth_file_path": _depth_name(shot, config)}
-        files = {"file_path": f"images/{shot.name}.png", **depth}
+        files = {"file_path": _image_name(shot, config), **depth}
         frames.append({**files, **({} if shared else own), "transform_matrix": pose})
     train = [frame["file_path"] for i, frame in enumerate(frames) if i not in plan.tests]
     test = [frame["file_path"] for i, frame in enumerate(frames) if i in plan.tests]

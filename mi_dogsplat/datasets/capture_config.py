@@ -19,6 +19,7 @@ VERTICAL = "vertical axis: x, y, z, -x, -y, -z (as --up=-y), or auto: that of th
 BAND = "lowest and highest, degrees (default: orbit 12 65, hemisphere 0 90)"
 CENTER = "what an orbit looks at (default: the middle of the shapes)"
 ALPHA = "transparent background; lamps and environment are hidden from the cameras"
+HDR = "write linear radiance as OpenEXR (half floats), for a model that is linear"
 DEPTH = "also write depth, along the view axis: exr (float32, Blender) or npy (nerfstudio)"
 
 
@@ -49,6 +50,7 @@ class CaptureConfig:
     ] = None
     downscale: Annotated[int, Setting("divide the size of sensors or of a file's cameras by this", "K", least=1)] = 1
     alpha: Annotated[bool, Setting(ALPHA)] = False
+    hdr: Annotated[bool, Setting(HDR)] = False
     depth: Annotated[str, Setting(DEPTH, "FORMAT", choices=DEPTHS)] = "none"
     points: Annotated[
         int, Setting("initial points on the surfaces, as many as the cameras see; 0: none", least=0)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
-from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -26,15 +26,17 @@ T = TypeVar("T")
 class View:
     """One image and its camera.
 
-    ``image`` is float32 [H, W, 3], or [H, W, 4] premultiplied: display-referred sRGB values in 0..1. ``name``
-    is unique within its data set and usable as a file name. ``straight``: how the lens of the photograph was taken out
-    of it; None where it had none.
+    ``image`` is float32 [H, W, 3], or [H, W, 4] premultiplied: display-referred sRGB values in 0..1, or linear radiance
+    where there is a ``white``: the radiance that a screen shows as white, which exposes the image. ``name`` is unique
+    within its data set and usable as a file name. ``straight``: how the lens of the photograph was taken out of it;
+    None where it had none.
     """
 
     name: str
     camera: Camera
     image: np.ndarray
     straight: Undistortion | None = None
+    white: float | None = None
 
     @property
     def n_bytes(self) -> int:
@@ -47,7 +49,7 @@ class ByteView(View):
 
     def __init__(self, view: View, pixels: np.ndarray):
         """``pixels``: what ``as_bytes`` made of the image of ``view``."""
-        for field_name in ("name", "camera", "straight"):
+        for field_name in ("name", "camera", "straight", "white"):
             object.__setattr__(self, field_name, getattr(view, field_name))
         object.__setattr__(self, "_pixels", pixels)
 
@@ -63,7 +65,7 @@ class ByteView(View):
 
 def seen_by(view: View, camera: Camera) -> View:
     """The same picture, taken by another camera; it is held, or read, as before."""
-    other = copy(view)
+    other = copy.copy(view)
     object.__setattr__(other, "camera", camera)
     return other
 
@@ -89,8 +91,16 @@ def from_bytes(pixels: np.ndarray) -> np.ndarray:
 class DiskView(View):
     """A view whose image stays on disk: ``image`` is decoded whenever it is asked for, and may raise ``DataError``."""
 
-    def __init__(self, name: str, camera: Camera, read: Callable[[], np.ndarray], straight: Undistortion | None = None):
-        for field_name, value in (("name", name), ("camera", camera), ("_read", read), ("straight", straight)):
+    def __init__(
+        self,
+        name: str,
+        camera: Camera,
+        read: Callable[[], np.ndarray],
+        straight: Undistortion | None = None,
+        white: float | None = None,
+    ):
+        fields = {"name": name, "camera": camera, "_read": read, "straight": straight, "white": white}
+        for field_name, value in fields.items():
             object.__setattr__(self, field_name, value)
 
     @property
@@ -133,6 +143,22 @@ class Dataset:
     def views(self) -> list[View]:
         """All views, train first."""
         return self.train + self.test
+
+    @property
+    def white(self) -> float | None:
+        """That of all views; None where they are display-referred."""
+        return self.train[0].white
+
+    def exposed(self, white: float) -> Dataset:
+        """The same images of linear radiance, shown with another ``white``."""
+        train, test = ([_with_white(view, white) for view in views] for views in (self.train, self.test))
+        return replace(self, train=train, test=test)
+
+
+def _with_white(view: View, white: float) -> View:
+    other = copy.copy(view)
+    object.__setattr__(other, "white", white)
+    return other
 
 
 def no_points() -> tuple[np.ndarray, np.ndarray]:

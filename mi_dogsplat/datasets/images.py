@@ -6,6 +6,7 @@
   then names the tag.
 - **Downscaling** by K averages K x K blocks of premultiplied values (exact box filter); a remainder at the
   right and bottom is cut off, so that intrinsics are divided by exactly K.
+- **OpenEXR** holds linear radiance (``exr.py``); all images of a data set are linear then, or none is.
 - 16-bit grey PNG keeps its depth; 16-bit colour PNG is read with 8 bits, which is what Pillow offers.
 """
 
@@ -26,6 +27,7 @@ from ..support.errors import DataError
 from ..support.memory import available_memory
 from ..support.wording import file_size
 from .dataset import ByteView, DiskView, View, held
+from .exr import exr_header, is_exr, read_exr
 from .lens import Lens, Undistortion, undistortion
 
 EXIF_ORIENTATION = 274
@@ -96,9 +98,11 @@ def load_views(
 
     ``prescaled``: the files already are ``downscale`` times smaller than their cameras (an ``images_4``
     folder); their rounded sizes are accepted and the intrinsics scaled by the exact ratio of each axis. An
-    alpha channel that is 1 everywhere is dropped; where only some images have one, the rest get ones. Raises
-    ``DataError`` for a file that cannot be read or a size that is not the camera's.
+    alpha channel that is 1 everywhere is dropped; where only some images have one, the rest get ones. Images of linear
+    radiance have a ``white`` of 1. Raises ``DataError`` for a file that cannot be read, a size that is not the
+    camera's, and for images of which only some are linear.
     """
+    white = _white(sources)
 
     def load(source: ViewSource) -> View:
         return _load_view(source, downscale, prescaled)
@@ -110,7 +114,7 @@ def load_views(
 
         def view_of(source: ViewSource, size: tuple[int, int]) -> View:
             camera, straight = _camera_of(source, downscale, prescaled, size)
-            return DiskView(source.name, camera, lambda: _with_channels(load(source).image, any_alpha), straight)
+            return DiskView(source.name, camera, lambda: _with_channels(load(source).image, any_alpha), straight, white)
 
         return [view_of(source, size) for source, (size, _) in zip(sources, headers, strict=True)], any_alpha
 
@@ -118,15 +122,25 @@ def load_views(
     as_in_file = downscale == 1 or prescaled
     _require_memory(sources, downscale, as_in_file, workers)
     with ThreadPoolExecutor(workers) as pool:  # Pillow decodes without holding the GIL
-        views = list(pool.map(lambda source: held(load(source)), sources))
+        views = list(pool.map(lambda source: load(source) if white else held(load(source)), sources))
     has_alpha = any(_transparent(view) for view in views)
 
     def with_channels(view: View) -> View:
         if isinstance(view, ByteView) and not has_alpha:
             return view
-        return held(View(view.name, view.camera, _with_channels(view.image, has_alpha), view.straight))
+        whole = View(view.name, view.camera, _with_channels(view.image, has_alpha), view.straight, white)
+        return whole if white else held(whole)
 
     return [with_channels(view) for view in views], has_alpha
+
+
+def _white(sources: Sequence[ViewSource]) -> float | None:
+    """1 where all images are linear, None where all are display-referred."""
+    linear = [is_exr(source.image_path) for source in sources]
+    if any(linear) and not all(linear):
+        path = sources[linear.index(False)].image_path
+        raise DataError(path, "is display-referred, and other images are linear OpenEXR", "use one kind for all images")
+    return 1.0 if any(linear) else None
 
 
 def _transparent(view: View) -> bool:
@@ -154,8 +168,12 @@ def box_downscale(image: np.ndarray, k: int) -> np.ndarray:
 
 
 def read_image(path: Path) -> np.ndarray:
-    """Display values of an image file: float32 [H, W, 3], or [H, W, 4] premultiplied. Raises
-    ``DataError``."""
+    """Display values of an image file, or linear radiance of OpenEXR: float32 [H, W, 3], or [H, W, 4] premultiplied.
+
+    Raises ``DataError``.
+    """
+    if is_exr(path):
+        return read_exr(path)
     try:
         with open_image(path) as image:
             if image.mode == "F":
@@ -210,6 +228,8 @@ def _camera_of(
 
 def _header(path: Path) -> tuple[tuple[int, int], bool]:
     """((width, height), whether there is an alpha channel) of an image from its header alone. Raises ``DataError``."""
+    if is_exr(path):
+        return exr_header(path)
     try:
         with open_image(path) as image:
             return image.size, "A" in image.getbands() or "transparency" in image.info
@@ -219,6 +239,8 @@ def _header(path: Path) -> tuple[tuple[int, int], bool]:
 
 def _opaque(path: Path) -> bool:
     """Whether an image with an alpha channel does without. Raises ``DataError``."""
+    if is_exr(path):
+        return bool((read_exr(path)[..., 3] == 1).all())
     try:
         with open_image(path) as image:
             return image.convert("RGBA").getchannel("A").getextrema() == (255, 255)
@@ -234,12 +256,16 @@ def _with_channels(image: np.ndarray, has_alpha: bool) -> np.ndarray:
 
 
 def _wrong_size(path: Path, width: int, height: int, expected: str) -> DataError:
-    with open_image(path) as image:
-        turned = image.getexif().get(EXIF_ORIENTATION, 1) != 1
+    turned = not is_exr(path) and _is_turned(path)
     remedy = "use the images the cameras were calibrated with"
     if turned:
         remedy += " (its EXIF orientation is ignored: apply it to the pixels if they were calibrated turned)"
     return DataError(path, f"the image is {width}x{height}, its camera says {expected}", remedy)
+
+
+def _is_turned(path: Path) -> bool:
+    with open_image(path) as image:
+        return image.getexif().get(EXIF_ORIENTATION, 1) != 1
 
 
 def _corrupt(path: Path, error: Exception) -> DataError:

@@ -24,7 +24,7 @@ def sensor_of(mi: Any, shot: Shot, alpha: bool) -> Any:
 
 
 def render_shot(mi: Any, scene: Any, shot: Shot, spp: int, seed: int, alpha: bool) -> np.ndarray:
-    """sRGB values float32 [H, W, 3] of what the scene's own integrator shows, or with straight alpha [H, W, 4].
+    """Linear radiance float32 [H, W, 3] of what the scene's own integrator shows, or premultiplied [H, W, 4].
 
     ``spp`` is rounded up to a square number, as the stratified sampler needs; many samples are split into passes.
     Raises ``ValueError`` for values that are not finite, and for an integrator whose alpha is no coverage.
@@ -46,9 +46,16 @@ def render_shot(mi: Any, scene: Any, shot: Shot, spp: int, seed: int, alpha: boo
     if not np.isfinite(linear).all():
         raise ValueError("renders to NaN or infinity; correct the scene")
     if not alpha:
-        return linear_to_srgb(linear)
+        return linear
     if linear[..., 3].max() > MAX_ALPHA:  # particle tracers count particles there
         raise ValueError("has no coverage as alpha; use an integrator that traces from the camera, or not --alpha")
+    return linear
+
+
+def as_srgb(linear: np.ndarray) -> np.ndarray:
+    """sRGB values of linear radiance [H, W, 3], or with straight alpha [H, W, 4] of premultiplied."""
+    if linear.shape[2] == 3:
+        return linear_to_srgb(linear)
     color, coverage = linear[..., :3], linear[..., 3:]
     straight = np.divide(color, coverage, out=np.zeros_like(color), where=coverage > 0)
     return np.concatenate([linear_to_srgb(straight), np.clip(coverage, 0, 1)], axis=-1)

@@ -25,7 +25,7 @@ from .lens import Lens
 from .point_ply import read_point_ply
 
 NAME = "view_name"  # ours: of a frame that is named otherwise than by its file, as where this lies elsewhere
-EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp")
+EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp", ".exr")
 LENSES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 UNDISTORT = "undistort the images first (for instance with COLMAP's image_undistorter)"

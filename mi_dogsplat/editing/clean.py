@@ -15,7 +15,7 @@ from ..formats.table import PLY, format_to_write
 from ..formats.write import write_model
 from ..inspection.unneeded import Unneeded
 from ..measure.metrics import psnr
-from ..render.picture import background_color, over_background
+from ..render.picture import background_color, photograph, seen_as
 from ..render.picture_options import PictureOptions
 from ..render.render_files import picture_of, viewpoint
 from ..scene.cameras import Camera
@@ -128,10 +128,8 @@ def write_preview(out: Path, before: Model, after: Splats, data: str | Path | No
     """Both models side by side, from the first test view of the data or a camera that frames the first one."""
     view = viewpoint(before.splats, data, None, options, before.drawing)
     look = view.background, view.near_clip
-    pictures = [
-        picture_of(splats, *look, antialiased=view.antialiased, linear=view.linear)(view.camera).color
-        for splats in (before.splats, after)
-    ]
+    how = {"antialiased": view.antialiased, "linear": view.linear, "white": view.white}
+    pictures = [picture_of(splats, *look, **how)(view.camera).color for splats in (before.splats, after)]
     write_png(out, np.concatenate(pictures, axis=1))
 
 
@@ -159,9 +157,9 @@ def _quality(
     views = dataset.test or dataset.train
 
     def mean(splats: Splats) -> float:
-        look = background, drawn.near_clip
-        picture = picture_of(splats, *look, antialiased=drawn.antialiased, linear=drawn.linear)
-        found = [psnr(picture(view.camera).color, over_background(view.image, background)) for view in views]
+        how = {"antialiased": drawn.antialiased, "linear": drawn.linear, "white": drawn.white}
+        picture = picture_of(splats, background, drawn.near_clip, **how)
+        found = [psnr(seen_as(picture(view.camera), view), photograph(view, background)) for view in views]
         return float(np.mean(found))
 
     return mean(before), mean(after)

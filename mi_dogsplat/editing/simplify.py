@@ -27,6 +27,7 @@ from ..scene.drawing import Drawing, drawn_as
 from ..scene.splats import Array, Splats
 from ..scores.weights import weights
 from ..support.errors import DataError
+from ..support.srgb import displayed
 from ..training.fit import GAINS, Look, fit
 from ..training.strategy.dog_control import DogRule
 from .merge import merge
@@ -88,6 +89,8 @@ def simplify_model(
 
     def quality(found: Splats) -> float:
         pairs = zip(rendered(found, others, look), truth, strict=True)
+        if look.white is not None:  # of linear radiance what a screen shows
+            pairs = [(displayed(a, look.white), displayed(b, look.white)) for a, b in pairs]
         return float(np.mean([psnr(picture, true) for picture, true in pairs]))
 
     cameras = cameras_of(splats, config, config.views, config.seed)

@@ -9,7 +9,7 @@ import numpy as np
 from ..datasets.dataset import Dataset
 from ..measure.metrics import psnr
 from ..render.framing import NEAR_SHARE, cameras_around, robust_sphere
-from ..render.picture import background_color, over_background
+from ..render.picture import background_color, photograph
 from ..render.picture_options import PictureOptions
 from ..render.render_files import picture_of
 from ..scene.cameras import Camera
@@ -27,11 +27,12 @@ class Views:
     near_clip: float
     antialiased: bool
     linear: bool = False
+    white: float = 1.0
 
     def pictures(self, splats: Splats) -> list[Array]:
-        """[H, W, 3] of each view."""
-        how = self.background, self.near_clip
-        picture = picture_of(splats, *how, antialiased=self.antialiased, linear=self.linear)
+        """[H, W, 3] of each view, as a screen shows them."""
+        how = {"antialiased": self.antialiased, "linear": self.linear, "white": self.white}
+        picture = picture_of(splats, self.background, self.near_clip, **how)
         return [picture(camera).color for camera in self.cameras]
 
 
@@ -49,7 +50,7 @@ class Loss:
 
 def views_of(splats: Splats, dataset: Dataset | None, count: int, options: PictureOptions, drawn: DrawnAs) -> Views:
     """At most ``count`` test views of a data set, training views where it has none; else views from around a model."""
-    how = drawn.antialiased, drawn.linear
+    how = drawn.antialiased, drawn.linear, drawn.white
     if dataset is None:
         near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
         background = background_color(options.background, False)
@@ -57,7 +58,7 @@ def views_of(splats: Splats, dataset: Dataset | None, count: int, options: Pictu
     background = background_color(options.background, dataset.has_alpha)
     held_out = dataset.test or dataset.train
     views = held_out[:: -(-len(held_out) // count)]
-    photographs = [over_background(view.image, background) for view in views]
+    photographs = [photograph(view, background) for view in views]
     return Views([view.camera for view in views], photographs, background, drawn.near_clip, *how)
 
 

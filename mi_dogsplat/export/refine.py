@@ -9,11 +9,11 @@ fewer and smaller. Which pictures and which steps: docs/export.md.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..datasets.dataset import Dataset
 from ..render.framing import robust_sphere
-from ..render.picture import background_color, over_background
+from ..render.picture import background_color, photograph, radiance_of
 from ..render.picture_options import PictureOptions
 from ..render.render_files import picture_of
 from ..render.vantages import vantage_cameras
@@ -54,13 +54,17 @@ def goal_of(model: Splats, dataset: Dataset | None, most: int, options: PictureO
 
 
 def by_data(model: Splats, dataset: Dataset, most: int, options: PictureOptions, drawn: DrawnAs) -> Goal:
-    """Photographs of at most ``most`` training views; for a model of linear radiance renders from there."""
+    """Photographs of at most ``most`` training views; of a linear model and display-referred photographs renders from
+    there."""
     views = dataset.train[:: -(-len(dataset.train) // most)]
     cameras = [view.camera for view in views]
     look = Look(background_color(options.background, dataset.has_alpha), drawn.near_clip, drawn.antialiased)
     if drawn.linear:
-        return Goal(cameras, rendered(model, cameras, look), look, BY_DATA)
-    return Goal(cameras, [over_background(view.image, look.background) for view in views], look, BY_DATA)
+        look = replace(look, white=drawn.white)
+        if dataset.white is None:
+            return Goal(cameras, rendered(model, cameras, look), look, BY_DATA)
+        return Goal(cameras, [radiance_of(view, look.background) for view in views], look, BY_DATA)
+    return Goal(cameras, [photograph(view, look.background) for view in views], look, BY_DATA)
 
 
 def by_renders(model: Splats, most: int, drawn: DrawnAs) -> Goal:
@@ -72,13 +76,16 @@ def by_renders(model: Splats, most: int, drawn: DrawnAs) -> Goal:
 
 def look_from_near(model: Splats, drawn: DrawnAs, background: float = GREY) -> Look:
     """How a model is drawn from places of our own, which may be near to it."""
-    return Look(background, min(drawn.near_clip, NEAR * robust_sphere(model)[1]), drawn.antialiased)
+    near_clip = min(drawn.near_clip, NEAR * robust_sphere(model)[1])
+    return Look(background, near_clip, drawn.antialiased, drawn.white if drawn.linear else None)
 
 
 def rendered(model: Splats, cameras: list[Camera], look: Look) -> list[Array]:
     """[H, W, 3] from each camera, in the model's own colours, linear or not."""
-    picture = picture_of(model, look.background, look.near_clip, antialiased=look.antialiased)
-    return [picture(camera).color for camera in cameras]
+    how = {"antialiased": look.antialiased, "linear": look.white is not None, "white": look.white or 1.0}
+    picture = picture_of(model, look.background, look.near_clip, **how)
+    found = [picture(camera) for camera in cameras]
+    return [seen.color if seen.radiance is None else seen.radiance for seen in found]
 
 
 def refined(

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..render.picture import Picture, premultiplied
 from ..scene.cameras import Camera
-from ..support.srgb import linear_to_srgb, srgb_to_linear
+from ..support.srgb import displayed, linear_to_srgb, srgb_to_linear
 
 
 def exposed(
@@ -22,10 +22,17 @@ def exposed(
     if len(cameras) == 1:
         return _image(picture(cameras[0]), background, alpha)
     total: np.ndarray | float = 0.0
+    white = None
     for camera in cameras:
-        image = _image(picture(camera), background, alpha)
+        seen = picture(camera)
+        if seen.radiance is not None and not alpha:  # not clamped yet
+            total, white = total + seen.radiance, seen.white
+            continue
+        image = _image(seen, background, alpha)
         total = total + np.concatenate([srgb_to_linear(image[..., :3]), image[..., 3:]], axis=-1)
     mean = np.asarray(total) / len(cameras)
+    if white is not None:
+        return displayed(mean, white)
     return np.concatenate([linear_to_srgb(mean[..., :3]), mean[..., 3:]], axis=-1).astype(np.float32)
 
 

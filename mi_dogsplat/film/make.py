@@ -77,6 +77,7 @@ def make_film(
         drawn.near_clip,
         antialiased=drawn.antialiased,
         linear=drawn.linear,
+        white=drawn.white,
     )
     moments = path.moments(n, config.shutter, config.samples if config.shutter else 1)  # [n, samples]
     alpha = pictures is not None and pictures.alpha

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +70,7 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
     drawn = drawn_as(options.drawing, said_by_run, read.drawing)
     if not views:
         near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(read.splats)[1])
-        drawn = DrawnAs(drawn.antialiased, near_clip, drawn.linear)
+        drawn = replace(drawn, near_clip=near_clip)
     chosen = options.background if options.background != "auto" else trained.get("background", "auto")
     background = background_color(chosen, dataset is not None and dataset.has_alpha)
     return Subject(read, [view.camera for view in views], background, drawn)

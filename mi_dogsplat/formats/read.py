@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..scene.radiance import brightened
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.files import parse_json
@@ -34,6 +35,8 @@ def read_model(path: str | Path) -> Model:
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
     _check_finite(path, model.splats)
+    if chosen.in_white and model.drawing.linear and model.drawing.white:
+        model = replace(model, splats=brightened(model.splats, model.drawing.white))
     return model if chosen.turn is None else replace(model, splats=turned(model.splats, chosen.turn))
 
 

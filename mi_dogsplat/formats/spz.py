@@ -9,6 +9,8 @@ rotations             32 bits: smallest three of (x, y, z, w) as sign and 9 bits
 SH of degree 1 to 3   8 bits of 128 f_rest + 128, in the order of coefficients, then channels
 ====================  =====================================================================================
 
+How a model of linear radiance is drawn is said in the comment of the gzip header (RFC 1952), which readers skip.
+
 The reference encoder rounds SH further, to 5 and 4 bits, which compresses better but costs a compact model 1.5 dB
 (docs/export.md): not done here. Version 3 is what readers have in common: 4 came later (``spz_container.py``), 2 has
 coarser rotations, x, y and z of 8 bits each.
@@ -21,26 +23,29 @@ from __future__ import annotations
 
 import math
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ..scene.drawing import Drawing
+from ..scene.drawing import Drawing, comments_of, drawing_of
+from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from .model import Model
 from .packing import SQRT2, from_smallest_three, logits, smallest_three, unit_quats
-from .spz_container import EXTENSIONS, HEADER, MAGIC, Payload, unwrapped
+from .spz_container import EXTENSIONS, HEADER, MAGIC, Payload, unwrapped, with_comment
 
 VERSION = 3  # that is written
 ANTIALIASED = 1  # flag
 FRACTION_BITS = 12  # of a position, as in the reference encoder: a quarter of a millimetre where a unit is a metre
 COLOR_SCALE = 0.15
+BRIGHTEST = 0.5 + C0 * 0.5 / COLOR_SCALE  # colour of code 255
 MAX_SH_SIZE = 16  # coefficients of degree 3
 GZIP, MEMORY = 31, 9  # of zlib: its largest window with the header of gzip, its largest tables
 MAGNITUDES = 511  # of a component of a quaternion, 9 bits
 
 
-def encode(splats: Splats, antialiased: bool = False) -> bytes:
+def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     """The file of a model of plain Gaussians that is in RUB axes; values out of range are clamped."""
     n, degree = splats.n_splats, splats.sh_degree
     bits = fraction_bits(splats.means)
@@ -60,8 +65,9 @@ def encode(splats: Splats, antialiased: bool = False) -> bytes:
         rotations.astype("<u4"),
         _bytes(splats.sh_coeffs[:, 1:] * 128 + 128),
     ]
-    header = HEADER.pack(MAGIC, VERSION, n, degree, bits, ANTIALIASED if antialiased else 0, 0)
-    return _gzip([header, *(a.tobytes() for a in attributes)])
+    header = HEADER.pack(MAGIC, VERSION, n, degree, bits, ANTIALIASED if drawing.antialiased else 0, 0)
+    said = comments_of(Drawing(linear=True, white=drawing.white)) if drawing.linear else []
+    return _gzip([header, *(a.tobytes() for a in attributes)], "\n".join(said))
 
 
 def decode(path: Path) -> Splats:
@@ -94,7 +100,8 @@ def content_of(path: Path, data: bytes) -> Model:
     )
     left_out = ["spherical harmonics of degree 4"] if payload.degree > 3 else []
     left_out += ["records of extensions"] if payload.flags & EXTENSIONS else []
-    return Model(splats, Drawing(antialiased=bool(payload.flags & ANTIALIASED)), tuple(left_out))
+    drawing = replace(drawing_of(payload.comments), antialiased=bool(payload.flags & ANTIALIASED))
+    return Model(splats, drawing, tuple(left_out))
 
 
 def _rotations(payload: Payload) -> Array:
@@ -115,10 +122,11 @@ def fraction_bits(means: Array) -> int:
     return max(0, min(FRACTION_BITS, 23 - math.frexp(reach)[1]))
 
 
-def _gzip(parts: list[bytes]) -> bytes:
+def _gzip(parts: list[bytes], comment: str = "") -> bytes:
     """One stream, in which every part has codes of its own: 2 % smaller than where they begin anywhere."""
     stream = zlib.compressobj(zlib.Z_BEST_COMPRESSION, zlib.DEFLATED, GZIP, MEMORY)
-    return b"".join(stream.compress(part) + stream.flush(zlib.Z_BLOCK) for part in parts) + stream.flush()
+    whole = b"".join(stream.compress(part) + stream.flush(zlib.Z_BLOCK) for part in parts) + stream.flush()
+    return with_comment(whole, comment) if comment else whole
 
 
 def _bytes(values: Array) -> Array:

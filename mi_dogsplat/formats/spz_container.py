@@ -23,6 +23,7 @@ TABLE = struct.Struct("<I12x")  # of version 4, after the header: offset of the 
 SIZES = struct.Struct("<QQ")
 EXTENSIONS = 2  # flag: records of extensions follow
 MAX_DEGREE = 4
+FIXED, FEXTRA, FNAME, FCOMMENT = 10, 4, 8, 16  # bytes of the header of gzip, and flags of its optional fields
 GZIP, NGSP = b"\x1f\x8b", b"NGSP"
 ATTRIBUTES = ("positions", "opacities", "colors", "scales", "rotations", "sh")
 LEVEL = 12  # of Zstandard, as the reference encoder's
@@ -39,6 +40,7 @@ class Payload:
     fraction_bits: int
     flags: int
     attributes: dict[str, bytes]
+    comments: tuple[str, ...] = ()  # lines in the header of gzip
 
 
 def attribute_sizes(version: int, degree: int) -> dict[str, int]:
@@ -69,7 +71,24 @@ def unwrapped(path: Path, data: bytes) -> Payload:
     for name, size in sizes.items():
         attributes[name] = body[at : at + n * size]
         at += n * size
-    return Payload(version, n, degree, bits, flags, attributes)
+    return Payload(version, n, degree, bits, flags, attributes, tuple(_comment(data).splitlines()))
+
+
+def with_comment(data: bytes, comment: str) -> bytes:
+    """A gzip stream without optional fields, as zlib writes it, with a comment in its header (RFC 1952)."""
+    return data[:3] + bytes([FCOMMENT]) + data[4:FIXED] + comment.encode("latin-1") + b"\0" + data[FIXED:]
+
+
+def _comment(data: bytes) -> str:
+    """The comment in the header of a gzip stream; empty where there is none."""
+    flags, at = data[3], FIXED
+    if not flags & FCOMMENT:
+        return ""
+    if flags & FEXTRA:
+        at += 2 + int.from_bytes(data[at : at + 2], "little")
+    if flags & FNAME:
+        at = data.index(b"\0", at) + 1
+    return data[at : data.index(b"\0", at)].decode("latin-1")
 
 
 def rewrapped(path: Path, data: bytes) -> bytes:

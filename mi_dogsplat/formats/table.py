@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,8 @@ class Format:
 
     carries: fields of ``Drawing`` that it can say. dog, mixed_sh: it holds DoG primitives, SH degrees of single ones.
     sh_degree: the highest that it holds. order: in which primitives compress best; None: it does not matter.
+    in_white: linear colours are in units of white in the file, as its codes are made for 0 to 1. brightest: of colours,
+    in these units, which it can say.
     """
 
     name: str
@@ -35,6 +38,8 @@ class Format:
     mixed_sh: bool = False
     sh_degree: int = 3
     order: Callable[[Splats], Array] | None = None
+    in_white: bool = False
+    brightest: float = math.inf
 
 
 def _read_ply(path: Path) -> Model:
@@ -57,7 +62,7 @@ def write_bytes(path: Path, content: bytes) -> None:
         raise DataError(path, problem, "check that the folder exists and is writable") from error
 
 
-MIP = frozenset({"antialiased"})
+LIGHT = frozenset({"antialiased", "linear", "white"})
 PLY = Format(
     "PLY",
     _read_ply,
@@ -73,19 +78,36 @@ COMPRESSED_PLY = Format(
     ALL,
     dog=True,
     order=in_space,
+    in_white=True,
 )
 SPZ = Format(
     "SPZ",
     spz.read,
-    _written(lambda model: spz.encode(model.splats, bool(model.drawing.antialiased))),
-    MIP,
+    _written(lambda model: spz.encode(model.splats, model.drawing)),
+    LIGHT,
     RUB,
     order=by_color,
+    in_white=True,
+    brightest=spz.BRIGHTEST,
 )
-SOG = Format("SOG", sog.read, _written(lambda model: sog.encode(model.splats, model.drawing)), ALL, order=in_space)
+SOG = Format(
+    "SOG",
+    sog.read,
+    _written(lambda model: sog.encode(model.splats, model.drawing)),
+    ALL,
+    order=in_space,
+    in_white=True,
+)
 GLB = Format("glTF", gltf.read, _written(lambda model: gltf.encode(model.splats, model.drawing)), ALL, LUF)
 GLTF = Format("glTF", gltf.read, _written(lambda model: gltf.encode(model.splats, model.drawing, False)), ALL, LUF)
-SPLAT = Format(".splat", splat.read, _written(lambda model: splat.encode(model.splats)), sh_degree=0)
+SPLAT = Format(
+    ".splat",
+    splat.read,
+    _written(lambda model: splat.encode(model.splats)),
+    sh_degree=0,
+    in_white=True,
+    brightest=1.0,
+)
 
 FORMATS = {  # by the end of the file's name; the longer one first
     ".compressed.ply": COMPRESSED_PLY,

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, replace
 from pathlib import Path
 
 from ..scene.drawing import DrawnAs
+from ..scene.radiance import brightened
+from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .model import Model
@@ -41,10 +44,14 @@ def write_model(
     if spz_version not in SPZ_VERSIONS:
         raise DataError(path, f"SPZ {spz_version} is not written", f"use version {' or '.join(map(str, SPZ_VERSIONS))}")
     lost = what_is_lost(chosen, model)
+    if chosen is SPZ and spz_version == 4 and model.drawing.linear:
+        lost.append("SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3")
     if not (sh_rows and chosen.mixed_sh):
         splats = splats.uniform_sh()
     if chosen.order:
         splats = splats.select(chosen.order(splats))
+    if chosen.in_white and model.drawing.linear and model.drawing.white:
+        splats = brightened(splats, 1 / model.drawing.white)
     if chosen.turn:
         splats = turned(splats, chosen.turn)
     chosen.write(path, replace(model, splats=splats))
@@ -62,4 +69,8 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
         lost.append(f"{chosen.name} cannot say how it is drawn: {', '.join(unusual)}; give it by hand")
     if model.splats.sh_degree > chosen.sh_degree:
         lost.append(f"{chosen.name} has no view-dependent colour above SH degree {chosen.sh_degree}")
+    if model.drawing.linear and math.isfinite(chosen.brightest):
+        most = chosen.brightest * (model.drawing.white or 1.0)
+        if n := int((0.5 + C0 * model.splats.sh_coeffs[:, 0] > most).any(axis=1).sum()):
+            lost.append(f"{chosen.name} has no radiance above {most:.4g}, to which it clamps {n} primitives")
     return lost

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from ..datasets.dataset import View, seen_by
-from ..render.picture import Picture, over_background
+from ..render.picture import Picture, photograph, seen_as
 from ..scene.camera_motions import moved_w2c
 from .metrics import masked, psnr
 
@@ -45,20 +45,23 @@ def aligned(
         extent: of the cameras, world units: the unit of shifts.
         mask: pixels that count.
     """
-    truth = over_background(view.image, background)
+    truth = photograph(view, background)
 
     def moved(motion: np.ndarray) -> View:
         w2c = moved_w2c(view.camera.w2c[None], motion[None], extent)[0]
         return seen_by(view, replace(view.camera, w2c=w2c))
 
+    def seen(other: View) -> np.ndarray:
+        return seen_as(picture(other), other)
+
     def difference(motion: np.ndarray) -> np.ndarray:
-        return masked(picture(moved(motion)).color, truth, mask) - truth
+        return masked(seen(moved(motion)), truth, mask) - truth
 
     best = np.zeros(6)
     for blur in BLURS:
         best = _fitted(difference, best, blur * max(truth.shape[:2]))
     found = moved(best)
-    gain = psnr(picture(found).color, truth, mask) - psnr(picture(view).color, truth, mask)
+    gain = psnr(seen(found), truth, mask) - psnr(seen(view), truth, mask)
     return found if gain > 0 else view
 
 

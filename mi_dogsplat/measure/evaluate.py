@@ -11,9 +11,10 @@ import numpy as np
 
 from ..datasets.dataset import View
 from ..datasets.masks import Masks
-from ..render.picture import Picture, over_background, premultiplied
+from ..render.picture import Picture, light_of, photograph, premultiplied, radiance_of, seen_as
 from ..support.pictures import heat_map, write_exr, write_png
 from .align import aligned
+from .hdr import evaluate_radiance
 from .lpips import Lpips
 from .metrics import color_corrected, evaluate, flip, masked, psnr
 from .timing import milliseconds_in_turn
@@ -46,7 +47,7 @@ def evaluate_views(
     out: Path | None = None,
     measure: Measure = Measure(),  # noqa: B008, it is immutable
 ) -> dict[str, dict[str, float]]:
-    """Metrics per view, by view name.
+    """Metrics per view, by view name: those of ``metrics.py``, and of linear images those of ``hdr.py`` too.
 
     Args:
         picture: renders a view (with depth if it is to be stored).
@@ -62,18 +63,21 @@ def evaluate_views(
         mask = measure.masks.of(view) if measure.masks else None
         if mask is not None and not mask.any():
             continue
-        rendered, truth = picture(view), over_background(view.image, background)
-        metrics = results[view.name] = evaluate(rendered.color, truth, view.name, mask)
+        rendered, truth = picture(view), photograph(view, background)
+        seen = seen_as(rendered, view)
+        metrics = results[view.name] = evaluate(seen, truth, view.name, mask)
+        if view.white is not None:
+            metrics |= evaluate_radiance(light_of(rendered), radiance_of(view, background), mask)
         if measure.color_correct:
-            metrics["cc_psnr"] = psnr(color_corrected(rendered.color, truth, mask), truth, mask)
+            metrics["cc_psnr"] = psnr(color_corrected(seen, truth, mask), truth, mask)
         if measure.align_extent is not None:
-            best = picture(aligned(picture, view, background, measure.align_extent, mask)).color
+            best = seen_as(picture(aligned(picture, view, background, measure.align_extent, mask)), view)
             metrics["aligned_psnr"] = psnr(best, truth, mask)
         if measure.lpips is not None:
-            metrics["lpips"] = measure.lpips(np.clip(masked(rendered.color, truth, mask), 0, 1), truth, mask)
+            metrics["lpips"] = measure.lpips(np.clip(masked(seen, truth, mask), 0, 1), truth, mask)
         if out is not None:
-            _, error = flip(rendered.color, truth)
-            write_png(out / f"{view.name}.png", rendered.color)
+            _, error = flip(seen, truth)
+            write_png(out / f"{view.name}.png", seen)
             write_png(out / f"{view.name}_gt.png", truth)
             write_png(out / f"{view.name}_error.png", heat_map(error))
             layers = {"color": premultiplied(rendered, background), "error": error}

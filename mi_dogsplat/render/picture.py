@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import numpy as np
@@ -12,7 +13,10 @@ from ..engine.aovs import channel_names, channels
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import RasterOptions, rasterize
 from ..scene.cameras import Camera
-from ..support.srgb import linear_to_srgb
+from ..support.srgb import displayed, linear_to_srgb, srgb_to_linear
+
+if TYPE_CHECKING:
+    from ..datasets.dataset import View
 
 
 def background_color(background: str, has_alpha: bool) -> float:
@@ -28,6 +32,13 @@ class Picture:
     alpha: np.ndarray  # [H, W] 1 - T
     depth: np.ndarray | None  # [H, W] Σ depth α T / alpha, 0 where nothing was hit
     aovs: dict[str, np.ndarray] = field(default_factory=dict)  # [H, W] by the name of the channel
+    radiance: np.ndarray | None = None  # [H, W, 3] over the background, of a model that is linear
+    white: float = 1.0  # the radiance that ``color`` shows as white
+
+    def in_units_of(self, factor: float) -> Picture:
+        """The same picture of linear radiance, which is ``factor`` times as much in another unit."""
+        radiance = None if self.radiance is None else self.radiance * np.float32(factor)
+        return replace(self, radiance=radiance, white=self.white * factor)
 
 
 def render_picture(
@@ -39,27 +50,53 @@ def render_picture(
     aovs: Sequence[str] = (),
     film: tuple[float, float, float, float] | None = None,
     linear: bool = False,
+    white: float = 1.0,
 ) -> Picture:
     """Render parameters (as ``upload`` makes them) from a camera over a grey ``background``, 0..1.
 
     ``aovs`` are names as in ``aovs.py``, whose needs are among the ``options``. ``film``: the whole image where the
     camera sees a part of it (``DeviceCamera.upload``). ``linear``: the primitives hold linear radiance, which is
-    blended as such and shown as sRGB.
+    blended as such, over ``background`` times ``white``, and shown as ``displayed`` has it.
     """
     detached = {name: dr.detach(value) for name, value in params.items()}
     frame = rasterize(detached, DeviceCamera.upload(camera, near_clip, film=film), options)
     shape = (camera.height, camera.width)
     T = frame.T.numpy().reshape(shape)
-    color = np.stack([plane.numpy().reshape(shape) for plane in frame.colors], -1) + background * T[..., None]
+    behind = background * white if linear else background
+    color = np.stack([plane.numpy().reshape(shape) for plane in frame.colors], -1) + behind * T[..., None]
     alpha = 1 - T
     depth = None
     if frame.depth is not None:
         blended = frame.depth.numpy().reshape(shape)
         depth = np.divide(blended, alpha, out=np.zeros(shape, np.float32), where=alpha > 0)
-    if linear:
-        color = linear_to_srgb(color)
     extra = [plane.numpy().reshape(shape) for plane in channels(aovs, frame)]
-    return Picture(np.clip(color, 0, 1), alpha, depth, dict(zip(channel_names(aovs), extra, strict=True)))
+    named = dict(zip(channel_names(aovs), extra, strict=True))
+    if linear:
+        return Picture(displayed(color, white), alpha, depth, named, color, white)
+    return Picture(np.clip(color, 0, 1), alpha, depth, named)
+
+
+def photograph(view: View, background: float) -> np.ndarray:
+    """[H, W, 3] display-referred: the image of a view over a grey ``background``, 0..1; linear radiance as
+    ``displayed`` has it."""
+    if view.white is None:
+        return over_background(view.image, background)
+    return displayed(radiance_of(view, background), view.white)
+
+
+def radiance_of(view: View, background: float) -> np.ndarray:
+    """[H, W, 3] of a view of linear radiance, over a grey ``background`` of its white."""
+    return over_background(view.image, background * (view.white or 1.0))
+
+
+def light_of(picture: Picture) -> np.ndarray:
+    """[H, W, 3] linear radiance of a picture, at least 0; of display-referred colours what they stand for."""
+    return srgb_to_linear(picture.color) if picture.radiance is None else np.maximum(picture.radiance, 0)
+
+
+def seen_as(picture: Picture, view: View) -> np.ndarray:
+    """[H, W, 3] display-referred: a picture in the exposure of the ``photograph`` that it is compared with."""
+    return picture.color if view.white is None else displayed(light_of(picture), view.white)
 
 
 def over_background(image: np.ndarray, background: float) -> np.ndarray:
@@ -68,6 +105,12 @@ def over_background(image: np.ndarray, background: float) -> np.ndarray:
 
 
 def premultiplied(picture: Picture, background: float) -> np.ndarray:
-    """[H, W, 4] of a picture without its grey ``background``: what a compositing program expects of RGBA."""
-    color = picture.color - background * (1 - picture.alpha[..., None])
+    """[H, W, 4] of a picture without its grey ``background``: what a compositing program expects of RGBA.
+
+    Of linear radiance it is the sRGB curve, not clamped, which ``write_exr`` undoes.
+    """
+    if picture.radiance is None:
+        color = picture.color - background * (1 - picture.alpha[..., None])
+    else:
+        color = linear_to_srgb(picture.radiance - background * picture.white * (1 - picture.alpha[..., None]))
     return np.concatenate([color, picture.alpha[..., None]], -1)

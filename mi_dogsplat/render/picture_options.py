@@ -34,10 +34,12 @@ class PictureOptions:
     near_clip: Annotated[float | None, Setting(f"{NEAR} {FILE}", least=0, most=1e30)] = None
     linear: Annotated[bool | None, Setting(f"its colours are linear radiance, not sRGB {FILE}")] = None
 
+    white: Annotated[float | None, Setting(f"linear radiance that is shown as white {FILE}", "L", 1e-30, 1e30)] = None
+
     def __post_init__(self) -> None:
         check_settings(self)
 
     @property
     def drawing(self) -> Drawing:
         """What these options say."""
-        return Drawing(self.antialiased, self.near_clip, self.linear)
+        return Drawing(self.antialiased, self.near_clip, self.linear, white=self.white)

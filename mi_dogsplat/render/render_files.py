@@ -39,6 +39,7 @@ class Viewpoint:
     background: float  # grey level, 0..1
     antialiased: bool = False
     linear: bool = False  # colours of the primitives are linear radiance
+    white: float = 1.0  # which of it is shown as white
 
 
 def viewpoint(
@@ -66,7 +67,7 @@ def viewpoint(
     if not (camera or data):
         near_clip = min(near_clip, NEAR_SHARE * robust_sphere(splats)[1])
     background = background_color(options.background, has_alpha)
-    return Viewpoint(found, near_clip, background, drawn.antialiased, drawn.linear)
+    return Viewpoint(found, near_clip, background, drawn.antialiased, drawn.linear, drawn.white)
 
 
 def picture_of(
@@ -76,6 +77,7 @@ def picture_of(
     *,
     antialiased: bool = False,
     linear: bool = False,
+    white: float = 1.0,
     aovs: Sequence[str] = (),
 ) -> Callable[[Camera], Picture]:
     """Renderer of a model, which may be empty and is uploaded once.
@@ -84,12 +86,13 @@ def picture_of(
         background: grey level behind, 0..1.
         near_clip: world units.
         antialiased: as in ``RasterOptions``.
-        linear: as in ``render_picture``.
+        linear, white: as in ``render_picture``.
         aovs: names as in ``aovs.py``, which the pictures carry.
     """
     params = upload(splats)
     options = options_for(aovs, RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased))
-    return lambda camera: render_picture(params, camera, options, background, near_clip, aovs, linear=linear)
+    how = {"linear": linear, "white": white}
+    return lambda camera: render_picture(params, camera, options, background, near_clip, aovs, **how)
 
 
 def render_model(
@@ -120,7 +123,7 @@ def render_model(
     read = read_model(model)
     view, suffix = viewpoint(read.splats, data, camera, options, read.drawing), out.suffix.lower()
     background = view.background if suffix == ".png" else 0.0
-    how = {"antialiased": view.antialiased, "linear": view.linear}
+    how = {"antialiased": view.antialiased, "linear": view.linear, "white": view.white}
     picture = picture_of(read.splats, background, view.near_clip, **how, aovs=names)(view.camera)
     if suffix == ".npz":
         _write(out, lambda: _write_arrays(out, picture))

@@ -52,7 +52,7 @@ def evaluate_model(
             raise DataError(folder, "is a training run with metrics of its own", "name another folder")
         prepare_folder(folder)
     aovs = ("depth",) if folder else ()
-    how = {"antialiased": drawn.antialiased, "linear": drawn.linear}
+    how = {"antialiased": drawn.antialiased, "linear": drawn.linear, "white": drawn.white}
     picture = picture_of(splats, background, drawn.near_clip, **how, aovs=aovs)
     some = dataset.test or dataset.train
     mask_folder = Masks(masks, [*dataset.train, *dataset.test]) if masks else None

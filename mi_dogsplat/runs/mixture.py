@@ -20,9 +20,10 @@ from ..datasets.dataset import View
 from ..engine.parameters import upload
 from ..engine.rasterize import RasterOptions
 from ..measure.metrics import evaluate, flip
-from ..render.picture import Picture, over_background, render_picture
+from ..render.picture import Picture, photograph, render_picture
 from ..report.run_folder import DOG_PROFILE
 from ..report.views import ranked
+from ..scene.drawing import DrawnAs
 from ..scene.splats import Splats
 from ..support.files import replacing
 from ..support.pictures import heat_map, write_png
@@ -38,14 +39,14 @@ def write_mixture(
     out: Path,
     options: RasterOptions,
     background: float = 0.0,
-    near_clip: float = 0.2,
+    drawn: DrawnAs = DrawnAs(),  # noqa: B008, it is immutable
 ) -> None:
     """The parts of a model seen from its median view, and the comparison with its pseudo-Gaussians switched off.
 
     Args:
         splats: a model with DoG primitives.
         views, metrics, out: as ``evaluate_views`` was given, returned and wrote them; at least one view.
-        options, background, near_clip: as the views were rendered.
+        options, background, drawn: as the views were rendered.
 
     Writes ``<name>_gaussian.png`` and ``<name>_dog.png`` beside what ``write_comparison`` does.
     """
@@ -55,7 +56,8 @@ def write_mixture(
 
     def drawing(model: Splats) -> Callable[[View], Picture]:
         params = upload(model)
-        return lambda v: render_picture(params, v.camera, options, background, near_clip)
+        how = background, drawn.near_clip
+        return lambda v: render_picture(params, v.camera, options, *how, linear=drawn.linear, white=drawn.white)
 
     write_png(out / f"{name}_gaussian.png", drawing(splats.only_gaussians())(view).color)
     write_png(out / f"{name}_dog.png", drawing(splats.only_dog())(view).color)
@@ -81,7 +83,7 @@ def write_comparison(
     ``dog_profile.json``, whose content it returns: ``view``, ``without``, ``row``, and under ``with_dog`` and
     ``without_dog`` the ``metrics`` of the whole view and the absolute ``error`` of each pixel of that row.
     """
-    truth = over_background(view.image, background)
+    truth = photograph(view, background)
     ours, plain = with_dog(view).color, without_dog(view).color
     row = most_different_row(ours, plain)
     profile: dict[str, Any] = {"view": view.name, "without": without, "row": row}

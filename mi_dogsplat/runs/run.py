@@ -21,7 +21,7 @@ from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_mil
 from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import RECIPE, REFINED, RENDER_MS, read_run
 from ..report.write import write_report
-from ..scene.drawing import Drawing
+from ..scene.drawing import drawn_as
 from ..support.errors import DataError
 from ..support.files import PART, is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
@@ -122,7 +122,7 @@ def train(
             write_json(out / RECIPE, dict(method))
         progress({"step": trainer.step_count, "n": trainer.optimizer.n})
         _train(trainer, out, progress)
-        return _finish(trainer, dataset, out)
+        return _finish(trainer, trainer.dataset, out)
 
 
 def train_until(config: TrainConfig, out: Path, step: int, resume: bool = False) -> Path:
@@ -191,13 +191,13 @@ def _train(
 def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     """Write the model, measure it, and write the report; returns what ``metrics.json`` holds."""
     config = trainer.config
-    splats = trainer.optimizer.to_splats()
+    splats = trainer.model()
     splats = splats.select(splats.opacities >= ALPHA_MIN)
-    drawing = Drawing(config.antialiased, trainer.near_clip, linear=False)
-    sizes = write_model_files(out, splats, config, drawing)
+    sizes = write_model_files(out, splats, config, trainer.drawing)
     poses = write_poses(trainer, out) if config.refine_poses else {}
     metrics = _measure(trainer, dataset, out) | {
-        **poses,        "n": splats.n_splats,
+        **poses,
+        "n": splats.n_splats,
         "n_dog": splats.n_dog,
         **sizes,
         "train_seconds": trainer.seconds,
@@ -259,8 +259,8 @@ def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
         lambda view: trainer.picture(view, depth=True), dataset.test, trainer.background, out / "test", measure
     )
     if trainer.optimizer.n_dog and views:
-        how = trainer.options, trainer.background, trainer.near_clip
-        write_mixture(trainer.optimizer.to_splats(), dataset.test, views, out / "test", *how)
+        how = trainer.options, trainer.background, drawn_as(trainer.drawing)
+        write_mixture(trainer.model(), dataset.test, views, out / "test", *how)
     seen = trainer.photographs.originals
     some, as_they_are = seen[:: max(1, len(seen) // 8)], replace(measure, align_extent=None)
     return {

@@ -32,6 +32,8 @@ class Drawing:
     """axis of the model that is up, of ``AXES``"""
     scale: float | None = None
     """metres of a unit of the model"""
+    white: float | None = None
+    """linear radiance that a screen shows as white"""
 
     def over(self, other: Drawing) -> Drawing:
         """What this says, and ``other`` where this says nothing."""
@@ -49,6 +51,7 @@ class DrawnAs:
     antialiased: bool = False
     near_clip: float = 0.2
     linear: bool = False
+    white: float = 1.0
 
 
 def drawn_as(*said: Drawing) -> DrawnAs:
@@ -108,7 +111,7 @@ def value_of(name: str, value: Any) -> Any:
         number = float(value)
     except (TypeError, ValueError):
         return None
-    usable = math.isfinite(number) and (number > 0 if name == "scale" else number >= 0)
+    usable = math.isfinite(number) and (number > 0 if name in ("scale", "white") else number >= 0)
     return number if usable else None
 
 

@@ -21,7 +21,7 @@ which falls as 1/√(probes x views). Or, without noise, for γ = 2: the energy 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import drjit as dr
 import numpy as np
@@ -48,6 +48,14 @@ class Score(Protocol):
     ) -> np.ndarray: ...
 
 
+class Curve(Protocol):
+    """A tone curve, ``training/tone_curve.py``."""
+
+    def slope(self, x: Any) -> Any:
+        """Its derivative."""
+        ...
+
+
 @dataclass(frozen=True)
 class ScoreRule:
     """Which score, and its numbers. Raises ``ValueError`` for numbers that mean nothing."""
@@ -57,6 +65,7 @@ class ScoreRule:
     spectral_weight: float = 1.0  # λ_f
     gamma_f: float = 1.0  # γ, of the spectral part
     probes: int = 1  # per view, for the spectral part; 0: no noise but the gradient's energy, for gamma_f = 2
+    curve: Curve | None = None  # through which linear pictures are seen: U is that of the tone-mapped image, linearised
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -82,6 +91,7 @@ class ScoreRule:
             return Sums(weighted=True, clamped=True)
         spectral = self.spectral_weight > 0
         return Sums(
+            weighted=self.curve is not None,
             removal=self.kind == "leave-one-out",
             degeneration=self.kind == "leave-dog-out",
             energy=self.spatial_weight > 0,
@@ -162,7 +172,10 @@ def _view_sums(
     pictured, view = prepare_both(params, camera, options, sums.blocks)
     image = composite_over(pictured, background)
     planes = []
-    if sums.weighted:
+    if sums.weighted and rule.curve:
+        slopes = [rule.curve.slope(plane).numpy() for plane in image]
+        planes.append(np.mean(slopes, axis=0))
+    elif sums.weighted:
         picture = np.stack([plane.numpy() for plane in image], -1).reshape(camera.height, camera.width, 3)
         planes.append(band_pass_weight(np.clip(picture, 0, 1)))
     if sums.clamped:

@@ -86,6 +86,15 @@ def write_exr(path: str | Path, layers: Mapping[str, ArrayLike]) -> None:
     write_channels(path, planes)
 
 
+def write_radiance(path: str | Path, image: NDArray) -> None:
+    """Write linear radiance [H, W, 3], or premultiplied [H, W, 4], to an OpenEXR file of half floats.
+
+    What is brighter than they can hold becomes the most that they can. Raises ``OSError``.
+    """
+    halves = np.minimum(image, np.finfo(np.float16).max).astype(np.float16)
+    write_channels(path, {name: halves[..., c] for c, name in enumerate("RGBA"[: image.shape[2]])})
+
+
 def write_channels(path: str | Path, planes: Mapping[str, NDArray]) -> None:
     """Write [H, W] planes of float16, float32 or uint32 to an OpenEXR file as they are, by their names.
 

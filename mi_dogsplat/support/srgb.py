@@ -18,3 +18,13 @@ def linear_to_srgb(values: ArrayLike) -> NDArray[np.float32]:
     v = np.asarray(values, np.float32)
     curve = 1.055 * np.maximum(v, 0) ** (1 / 2.4) - 0.055
     return np.where(v <= 0.0031308, 12.92 * v, curve).astype(np.float32)
+
+
+def displayed(radiance: ArrayLike, white: float = 1.0) -> NDArray[np.float32]:
+    """What a screen shows of linear radiance: ``white`` as 1, by the sRGB curve, clamped to 0..1."""
+    return np.clip(linear_to_srgb(np.asarray(radiance, np.float32) / np.float32(white)), 0, 1)
+
+
+def luminance(linear: NDArray) -> NDArray:
+    """Of linear colours [..., 3] with the primaries of sRGB (Rec. 709)."""
+    return linear @ np.array([0.2126, 0.7152, 0.0722], linear.dtype)

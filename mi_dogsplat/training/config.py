@@ -27,6 +27,7 @@ REFINE_POSES = "correct the poses of the training views by the photographs, besi
 FORMATS = ("ply", "spz", "sog")
 FORMAT = f"file to train for, of {', '.join(FORMATS)}: the last part of the training sees the model as it will be there"
 TARGET = "what is left after pruning: a ratio (0.1, 10%), a count of primitives (20000), or the size of the file (2MB)"
+WHITE = "radiance that is white, for OpenEXR images (default: twice the 95th percentile of their luminances)"
 CHECKPOINTS = "time between checkpoints; longer where they would take a fiftieth of the time"
 
 
@@ -55,6 +56,7 @@ class TrainConfig:
     near_clip: Annotated[float | None, Setting(f"{NEAR} {USUAL_NEAR}", least=0, most=1e30)] = None
     near_zone: Annotated[float, Setting(NEAR_ZONE, least=0, most=1e30)] = 0.0
     masks: Annotated[str | None, Setting("folder of masks, named as the images: black pixels do not count")] = None
+    white: Annotated[float | None, Setting(WHITE, "L", least=1e-30, most=1e30)] = None
     exposure: Annotated[bool, Setting("learn a colour transform per training image (no test view gets one)")] = False
     refine_poses: Annotated[bool, Setting(REFINE_POSES)] = False
     data_on_disk: Annotated[

@@ -18,6 +18,7 @@ from ..datasets.dataset import Dataset, View, camera_extent, no_points
 from ..engine.options import RasterOptions
 from ..engine.rasterize import rasterize
 from ..scene.cameras import Camera
+from ..scene.radiance import brightened
 from ..scene.splats import Array, Splats
 from .footprint import budget
 from .learning_rates import LearningRates, Refinement
@@ -35,6 +36,7 @@ class Look:
     background: float = 0.0  # grey level, 0..1
     near_clip: float = 0.2  # world units
     antialiased: bool = False
+    white: float | None = None  # of linear radiance, which the model and the pictures hold
 
 
 def fit(
@@ -52,7 +54,8 @@ def fit(
 
     Args:
         splats: the start, of N >= 1 primitives; DoG rows are fitted along.
-        cameras, pictures: as many of each, [H, W, 3] display-referred, seen in a random order, turn by turn.
+        cameras, pictures: as many of each, [H, W, 3] display-referred or, with ``look.white``, linear, seen in a random
+            order, turn by turn.
         steps: of one picture each.
         look: how the pictures were drawn.
         gains: factors on the step sizes, as after pruning (``Refinement``), over ``steps``.
@@ -68,12 +71,14 @@ def fit(
     for camera, picture in zip(cameras, pictures, strict=True):
         if picture.shape != (camera.height, camera.width, 3):
             raise ValueError(f"fit: a picture {picture.shape} of a camera {camera.width}x{camera.height}")
-    views = [View(str(k), camera, image) for k, (camera, image) in enumerate(zip(cameras, pictures, strict=True))]
+    pairs = zip(cameras, pictures, strict=True)
+    views = [View(str(k), camera, image, white=look.white) for k, (camera, image) in enumerate(pairs)]
     dataset = Dataset(Path(), views, [], *no_points(), has_alpha=False)
     memory = budget(None, dataset, splats.sh_degree)
     keep_targets = memory is None or memory.keep_targets
     shown = Photographs(dataset, look.background, look.near_clip, keep_targets=keep_targets)
-    optimizer = SplatOptimizer(splats, LearningRates(camera_extent(views), steps, refinement=gains))
+    start = splats if look.white is None else brightened(splats, 1 / look.white)
+    optimizer = SplatOptimizer(start, LearningRates(camera_extent(views), steps, refinement=gains), shown.curve)
     options = RasterOptions(sh_degree=splats.sh_degree, antialiased=look.antialiased)
     order: list[int] = []
     rng = np.random.default_rng(seed)
@@ -99,4 +104,5 @@ def fit(
             after_step(step + 1, float(loss[0]))
     if quantiser:
         quantiser.settle(tables, optimizer)
-    return optimizer.to_splats()
+    fitted = optimizer.to_splats()
+    return fitted if look.white is None else brightened(fitted, look.white)

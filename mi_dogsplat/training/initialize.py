@@ -12,11 +12,14 @@ from ..datasets import Dataset
 from ..formats.read import read_model
 from ..formats.sizes import FileKind
 from ..scene.cameras import Camera
+from ..scene.radiance import brightened
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..support.errors import DataError
+from ..support.srgb import srgb_to_linear
 from ..support.wording import file_size
 from .config import TrainConfig
+from .point_radiance import point_radiance
 from .strategy.scheduler import target_count
 from .target import target_bytes
 
@@ -32,7 +35,7 @@ def splats_from_points(points: np.ndarray, colors: np.ndarray, sh_degree: int) -
 
     Args:
         points: [P, 3] world space; points that are not finite are left out.
-        colors: [P, 3] display-referred, 0..1.
+        colors: [P, 3] as the model is to have them: display-referred, 0..1, or linear.
         sh_degree: 0..3; the view-dependent part starts at zero.
 
     scale = sqrt(mean squared distance to the 3 nearest neighbours, or as many as there are), 1 for a lone
@@ -86,8 +89,10 @@ def region_of_interest(cameras: Sequence[Camera]) -> tuple[np.ndarray, float]:
     return mean + 3 * spread * directions.mean(0), 3 * spread
 
 
-def random_splats(cameras: Sequence[Camera], count: int, rng: np.random.Generator, sh_degree: int) -> Splats:
-    """``count`` primitives where cameras look, in colours near grey.
+def random_splats(
+    cameras: Sequence[Camera], count: int, rng: np.random.Generator, sh_degree: int, linear: bool = False
+) -> Splats:
+    """``count`` primitives where cameras look, in colours near grey, display-referred or ``linear``.
 
     Of candidates spread evenly over the ``region_of_interest`` those are kept that at least half as many
     cameras see as see the best candidate; if they are too few, the next best seen ones are taken too.
@@ -103,23 +108,23 @@ def random_splats(cameras: Sequence[Camera], count: int, rng: np.random.Generato
         votes += inside & (depth > 0.01 * half)
     capped = np.minimum(votes, (votes.max(initial=0) + 1) // 2)
     chosen = candidates[np.argsort(-capped, kind="stable")[:count]]  # equal votes keep their random order
-    return splats_from_points(chosen, rng.uniform(0.4, 0.6, (count, 3)), sh_degree)
+    colors = rng.uniform(0.4, 0.6, (count, 3))
+    return splats_from_points(chosen, srgb_to_linear(colors) if linear else colors, sh_degree)
 
 
-def model_to_prune(path: str, target: float | str, format: str = "ply") -> Splats:
+def model_to_prune(path: str, target: float | str, format: str = "ply", white: float | None = None) -> Splats:
     """Read a model of any format. Raises ``DataError`` if it cannot be read, or cannot be pruned to ``target``.
 
     Args:
         path: of the model.
         target: as in ``TrainConfig``.
         format: of the file that a size is of.
+        white: the unit of radiance that a model of linear colours is to be in; None: as it is.
 
     Quaternions are brought to length 1, which changes no picture: a training step of one turns by step / length.
     """
     model = read_model(path)
     splats = model.splats
-    if model.drawing.linear:
-        raise DataError(path, "its colours are linear radiance", "training knows display-referred sRGB only")
     if format != "ply":
         splats = splats.plain()  # no other format holds DoG; the training makes up for it
     if splats.n_splats < 2:
@@ -133,22 +138,35 @@ def model_to_prune(path: str, target: float | str, format: str = "ply") -> Splat
         raise DataError("--target", str(error), f"choose another one for {path}") from None
     length = np.linalg.norm(splats.quats.astype(np.float64), axis=1, keepdims=True)
     usable = np.isfinite(length) & (length > 0)
-    return replace(splats, quats=np.where(usable, splats.quats / np.where(usable, length, 1), splats.quats))
+    splats = replace(splats, quats=np.where(usable, splats.quats / np.where(usable, length, 1), splats.quats))
+    return splats if white is None else brightened(splats, 1 / white)
+
+
+def _require_same_colors(path: str, linear: bool) -> None:
+    """Raise ``DataError`` unless the colours of a model are of the kind of the images, linear or display-referred."""
+    kinds = "display-referred sRGB", "linear radiance"
+    if bool(read_model(path).drawing.linear) != linear:
+        problem = f"its colours are {kinds[not linear]}, the images are {kinds[linear]}"
+        raise DataError(path, problem, "use images of its own kind: PNG or JPEG for sRGB, OpenEXR for linear")
 
 
 def initial_splats(config: TrainConfig, dataset: Dataset, limit: int | None) -> Splats:
     """The model to prune, else the points of the data set, else random in the region that the cameras see.
 
-    Of points and random primitives there are ``limit`` at most.
+    Of linear images the colours are linear too, in units of white. Of points and random primitives there are ``limit``
+    at most.
     """
+    linear = dataset.white is not None
     if config.model is not None:
-        return model_to_prune(config.model, config.target, config.format)
+        _require_same_colors(config.model, linear)
+        return model_to_prune(config.model, config.target, config.format, dataset.white)
     if len(dataset.points):
-        splats = splats_from_points(dataset.points, dataset.point_colors, config.sh_degree)
+        colors = point_radiance(dataset) if linear else dataset.point_colors
+        splats = splats_from_points(dataset.points, colors, config.sh_degree)
         if limit is not None and splats.n_splats > limit:
             keep = np.random.default_rng(config.seed).permutation(splats.n_splats)[:limit]
             splats = splats.select(np.sort(keep))
         return splats
     count = min(config.initial_primitives, limit or config.initial_primitives)
     rng = np.random.default_rng(config.seed)
-    return random_splats([view.camera for view in dataset.train], count, rng, config.sh_degree)
+    return random_splats([view.camera for view in dataset.train], count, rng, config.sh_degree, linear)

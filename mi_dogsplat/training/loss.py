@@ -48,10 +48,11 @@ class Grid:
     n_values: int
     along_y: Sweep
     along_x: Sweep
+    most: float = 1.0  # that images are clamped to
 
     @staticmethod
-    def of(width: int, height: int) -> Grid:
-        return Grid(3 * width * height, Sweep.of(height, width), Sweep.of(width, height))
+    def of(width: int, height: int, most: float = 1.0) -> Grid:
+        return Grid(3 * width * height, Sweep.of(height, width), Sweep.of(width, height), most)
 
 
 @dataclass
@@ -79,11 +80,12 @@ class Target:
 class PhotometricLoss:
     """(1 - dssim_weight) L1 + dssim_weight (1 - SSIM), both means over pixels and channels.
 
-    Images are planar: three planes [H W], row by row, or the three joined in one array [3 H W].
+    Images are planar: three planes [H W], row by row, or the three joined in one array [3 H W]. Those of display values
+    are clamped to [0, ``most``]; what a tone curve makes of radiance has no end there.
     """
 
-    def __init__(self, dssim_weight: float = 0.2):
-        self.dssim_weight = dssim_weight
+    def __init__(self, dssim_weight: float = 0.2, most: float = 1.0):
+        self.dssim_weight, self.most = dssim_weight, most
         self._grids: dict[tuple[str | None, int, int], Grid] = {}
 
     def target(self, image: np.ndarray) -> Target:
@@ -102,13 +104,13 @@ class PhotometricLoss:
     def _grid(self, width: int, height: int) -> Grid:
         key = (mi.variant(), width, height)
         if key not in self._grids:
-            self._grids[key] = Grid.of(width, height)
+            self._grids[key] = Grid.of(width, height, self.most)
         return self._grids[key]
 
     def value_and_gradient(self, image: Any, target: Target) -> tuple[Any, Any, Any, Any]:
         """L1, 1 - SSIM, the loss (one value each, not waited for), and d loss / d image in the form given.
 
-        ``image`` is a list of three planes [H W], or one array [3 H W]. It is clamped to [0, 1] here; the
+        ``image`` is a list of three planes [H W], or one array [3 H W]. It is clamped here; the
         gradient is zero where that changed it. Raises ValueError if image and target differ in size.
         """
         joined = self._join(image, target, "value_and_gradient")
@@ -126,7 +128,7 @@ class PhotometricLoss:
         joined = self._join(image, target, "l1")
         sweep, total = target.grid.along_y, type(joined)(0)
         for (index, inside), y in zip(sweep.indices(sweep.columns, range(BLOCK)), target.rows, strict=True):
-            total += dr.abs(dr.clip(dr.gather(type(joined), joined, index, inside), 0, 1) - y)
+            total += dr.abs(dr.clip(dr.gather(type(joined), joined, index, inside), 0, target.grid.most) - y)
         return dr.sum(total) * dr.opaque(type(joined), 1 / target.grid.n_values)
 
     def _plane_indices(self, grid: Grid) -> list[Any]:
@@ -182,7 +184,7 @@ def _sums_and_gradient(image: Any, target: Target, l1_scale: Any, ssim_scale: An
 def _moments_along_y(image: Any, target: Target) -> list[Any]:
     """Pass 1: x, x^2 and xy blurred along y; planes [3, W, H padded]."""
     sweep = target.grid.along_y
-    x = [dr.clip(v, 0, 1) for v in sweep.values([image], sweep.columns)[0]]
+    x = [dr.clip(v, 0, target.grid.most) for v in sweep.values([image], sweep.columns)[0]]
     (y,) = sweep.values_from_blocks([target.rows])
     x_sq, xy = [a * a for a in x], [a * b for a, b in zip(x, y, strict=True)]
     return sweep.store_transposed([blur(x), blur(x_sq), blur(xy)])
@@ -219,7 +221,7 @@ def _combine(image: Any, derivatives: list[Any], target: Target, l1_scale: Any, 
     at = sweep.indices(sweep.columns, range(BLOCK))
     for (index, inside), y, d_mean, d_sq, d_xy in zip(at, target.rows, *means, strict=True):
         raw = dr.gather(Float, image, index, inside)
-        x = dr.clip(raw, 0, 1)
+        x = dr.clip(raw, 0, target.grid.most)
         difference = x - y
         l1_sum += dr.abs(difference)
         d_ssim = dr.fma(2 * x, d_sq, dr.fma(y, d_xy, d_mean))

@@ -26,10 +26,12 @@ from ..engine.parameters import RAW_DOG, device_array
 from ..scene.row_groups import SH
 from ..scene.splats import Splats
 from .adam import Entry, forget, gather, step_without, to_host
+from .color_steps import ColorSteps
 from .dog_rows import DOG_ROW_SIZE, DogRows
 from .learning_rates import LearningRates
 from .optimizer_state import restore_parameters, saved_parameters
 from .sh_rows import SH_INDEX, ShRows, bands_of, row_sizes, sh_arrays
+from .tone_curve import ToneCurve
 
 ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}
 MAX_GRADIENT = 1e18  # its square is a float32
@@ -45,7 +47,9 @@ class SplatOptimizer:
     groups of rows take its place (``sh_rows.py``).
     """
 
-    def __init__(self, splats: Splats, learning_rates: LearningRates):
+    def __init__(self, splats: Splats, learning_rates: LearningRates, curve: ToneCurve | None = None):
+        """``curve``: through which the loss sees colours that are linear (``color_steps.py``)."""
+        self.curve = curve
         if splats.n_splats == 0:
             raise ValueError("SplatOptimizer: there is no primitive to start from")
         self.learning_rates = learning_rates
@@ -152,7 +156,14 @@ class SplatOptimizer:
         for value in [value for name, value in self.adam.items() if name not in unused]:
             gradient = dr.grad(value) if views == 1 else dr.grad(value) * (1 / views)
             dr.set_grad(value, dr.select(dr.abs(gradient) < MAX_GRADIENT, gradient, 0))  # false for NaN
-        step_without(self.adam, unused)
+        if self.curve:
+            used = {name: value for name, value in self.adam.items() if name not in unused}
+            color_steps = ColorSteps(self.curve, used, self.row_size, self._sh.params)
+            start = color_steps.before(self.adam)
+            step_without(self.adam, unused)
+            color_steps.after(self.adam, start)
+        else:
+            step_without(self.adam, unused)
 
     def numpy(self, name: str) -> np.ndarray:
         """Copy of a parameter on the host, [N] or [N, row size]."""

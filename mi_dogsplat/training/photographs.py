@@ -1,7 +1,11 @@
-"""The training images as the loss sees them: background, masks, exposure; on the device, or decoded when due."""
+"""The training images as the loss sees them: background, masks, exposure; on the device, or decoded when due.
+
+Images of linear radiance are seen in units of their white, and through a tone curve, as are the renders.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -23,6 +27,7 @@ from ..render.picture import over_background
 from ..support.errors import DataError
 from .exposure import Exposure
 from .loss import PhotometricLoss, Target
+from .tone_curve import SrgbLog, ToneCurve
 
 READ_AHEAD = 4  # images that are decoded before they are due
 
@@ -39,6 +44,7 @@ class Photographs:
         exposure_steps: steps over which a colour map per image is learned; None for none.
         on_disk: images are decoded when they are due.
         keep_targets: what the loss needs of an image is kept, 36 bytes per pixel; else only the image is, 3 to 16.
+        curve: through which linear radiance is seen; display-referred images are seen as they are.
 
     Raises ``DataError`` for masks that cannot be read, and for a random background without alpha.
     """
@@ -53,9 +59,11 @@ class Photographs:
         exposure_steps: int | None = None,
         on_disk: bool = False,
         keep_targets: bool = True,
+        curve: ToneCurve = SrgbLog(),  # noqa: B008, it is immutable
     ):
         self.originals, self.background, self.near_clip = list(dataset.train), background, near_clip
-        self.loss = PhotometricLoss()
+        self.curve = None if dataset.white is None else curve
+        self.loss = PhotometricLoss(most=math.inf if self.curve else 1.0)
         self.random = random
         if random and not dataset.has_alpha:
             raise DataError("--background", "random needs images with alpha", "use black or white")
@@ -70,8 +78,8 @@ class Photographs:
         if factor == self.factor:
             return
         small = [
-            View(view.name, view.camera.downscaled(factor), box_downscale(view.image, factor), view.straight)
-            for view in self.originals
+            View(v.name, v.camera.downscaled(factor), box_downscale(v.image, factor), v.straight, v.white)
+            for v in self.originals
         ]
         self._show(self.originals if factor == 1 else small, factor)
 
@@ -118,21 +126,29 @@ class Photographs:
     def compare(self, planes: list, view: int, step: int, upcoming: Sequence[int] = ()) -> tuple[Any, Any, list]:
         """L1, loss, and its gradient by the planes; an exposure takes its step. ``upcoming`` views are read ahead."""
         target, mask = self._target(view, upcoming), self.masks[view]
-        l1, _, loss, gradient = self.loss.value_and_gradient(self._seen(planes, view), target)
+        recorded = self._recorded(planes, view)
+        l1, _, loss, gradient = self.loss.value_and_gradient(self._seen(recorded, view), target)
         if mask is not None:
             gradient = [δ * detached(mask) for δ in gradient]
+        if self.curve:
+            gradient = [δ * self.curve.slope(plane) for δ, plane in zip(gradient, detached(recorded), strict=True)]
         if self.exposure:
             gradient = self.exposure.backward(planes, gradient, view, step)
         return l1, loss, gradient
 
     def l1(self, planes: list, view: int) -> Any:
         """The L1 of ``compare`` alone."""
-        return self.loss.l1(self._seen(planes, view), self._target(view, range(view + 1, len(self.views))))
+        target = self._target(view, range(view + 1, len(self.views)))
+        return self.loss.l1(self._seen(self._recorded(planes, view), view), target)
+
+    def _recorded(self, planes: list, view: int) -> list:
+        """Rendered planes as the camera of a view recorded them."""
+        return self.exposure.applied(planes, view) if self.exposure else planes
 
     def _seen(self, planes: list, view: int) -> list:
-        """What the loss gets of rendered planes."""
-        if self.exposure:
-            planes = self.exposure.applied(planes, view)
+        """What the loss gets of recorded planes."""
+        if self.curve:
+            planes = [self.curve(plane) for plane in detached(planes)]
         mask = self.masks[view]
         return planes if mask is None else [plane * mask for plane in detached(planes)]
 
@@ -151,6 +167,7 @@ class Photographs:
         *colors, alpha = prepared
         behind = self.color or [dr.opaque(mi.Float, self.background)] * 3
         planes = [dr.fma(1 - alpha, level, c) for level, c in zip(behind, colors, strict=True)]
+        planes = [self.curve(plane) for plane in planes] if self.curve else planes
         mask = self.masks[view]
         planes = planes if mask is None else [plane * mask for plane in planes]
         return self.loss.target_of_planes(planes, camera.width, camera.height)
@@ -168,9 +185,14 @@ class Photographs:
     def _prepared(self, image: np.ndarray, view: int) -> Target | list | Any:
         """A target, or the image that it is made of, bytes or floats [3 H W]; or, behind which the background changes,
         premultiplied planes and alpha."""
+        white = self.views[view].white
+        if white is not None:
+            image = np.concatenate([image[..., :3] / np.float32(white), image[..., 3:]], axis=-1)
         if self.random:
             return [device_array(np.ascontiguousarray(image[..., c])) for c in range(4)]
         truth = over_background(image, self.background)
+        if self.curve:
+            truth = self.curve(device_array(np.ascontiguousarray(truth))).numpy().reshape(truth.shape)
         mask = self.masks[view]
         truth = truth if mask is None else truth * mask.numpy().reshape(*truth.shape[:2], 1)
         if self.keep_targets or self._readers:

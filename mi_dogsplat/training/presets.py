@@ -23,6 +23,7 @@ from .strategy.scheduler import PruningRule
 from .strategy.sh_ramp import ShRamp
 from .strategy.sieve import Sieve
 from .strategy.strategy import Strategy
+from .tone_curve import SrgbLog, ToneCurve
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class Recipe:
     first_step: int = 0  # of the schedule, where training starts: later for a model that exists
     also: tuple[Strategy[Any], ...] = ()  # of your own, between the control of density and pruning
     quantisation: Quantisation | None = None  # of the last part, for a file that is no PLY
+    curve: ToneCurve = SrgbLog()  # through which the loss sees linear images
     start_share: float | None = None  # of the target, a count, that training starts with at most: for one that grows
 
     def __post_init__(self) -> None:

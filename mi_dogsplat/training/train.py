@@ -26,9 +26,12 @@ from ..engine.options import RasterOptions
 from ..engine.rasterize import Frame, rasterize
 from ..formats.sizes import FileKind
 from ..measure.metrics import flip, psnr
-from ..render.picture import Picture, background_color, over_background, render_picture
+from ..render.picture import Picture, background_color, photograph, render_picture, seen_as
 from ..scene.drawing import Drawing, DrawnAs
-from ..scores.score import Score
+from ..scene.radiance import brightened
+from ..scene.splats import Splats
+from ..scores.score import Score, ScoreRule
+from ..support.errors import DataError
 from .config import TrainConfig
 from .events import Event
 from .footprint import budget
@@ -55,6 +58,10 @@ class Trainer:
     """
 
     def __init__(self, config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None):
+        if config.white is not None:
+            if dataset.white is None:
+                raise DataError("--white", "is for linear images", "leave it out, or train on OpenEXR images")
+            dataset = dataset.exposed(config.white)
         self.dataset = dataset
         recipe = (recipe or RECIPES[config.preset]).for_format(config.format)
         bounds = {"max_primitives": config.max_primitives, "max_world_scale": config.max_world_scale}
@@ -66,7 +73,7 @@ class Trainer:
         self.extent = camera_extent(dataset.train)
         usual = min(DrawnAs().near_clip, NEAR_SHARE * self.extent)
         self.near_clip = usual if config.near_clip is None else config.near_clip
-        self.config = config = replace(config, near_clip=self.near_clip)
+        self.config = config = replace(config, near_clip=self.near_clip, white=dataset.white)
         share = recipe.start_share
         limit = config.max_primitives if share is None else max(1, int(share * float(config.target)))
         splats = initial_splats(config, dataset, limit)
@@ -78,22 +85,33 @@ class Trainer:
         self.photographs = Photographs(
             dataset, self.background, self.near_clip, config.background == "random", config.masks,
             config.steps if config.exposure else None, config.data_on_disk,
-            self.memory is None or self.memory.keep_targets,
+            self.memory is None or self.memory.keep_targets, recipe.curve,
         )  # fmt: skip
         rates = LearningRates(
             self.extent, self.recipe.position_steps, refinement=self.recipe.refinement, batch_views=config.batch_views
         )
-        self.optimizer = SplatOptimizer(splats, rates)
+        self.optimizer = SplatOptimizer(splats, rates, self.photographs.curve)
         self.steps, self.target = config.steps, 0.0 if config.target_bytes else float(config.target)
         self.step_count, self.seconds = 0, 0.0
         self.order: list[int] = []  # of the views that are still to come in this turn, from its end
         self.losses = LossMeans()
         self.sieve = Sieve(config.near_zone)
-        kind = FileKind(config.format, Drawing(config.antialiased, self.near_clip, linear=False))
+        kind = FileKind(config.format, replace(self.drawing, white=None))  # whose models are in units of white
         size = None if config.target_bytes is None else (config.target_bytes, kind)
         self.strategies = self.recipe.strategies(self.sieve, size)
         self.states: dict[str, Any] = {strategy.name: strategy.new_state(self) for strategy in self.strategies}
         self.optimizer.followers += [partial(s.rearranged, state) for s, state in self._parts()]
+
+    @property
+    def drawing(self) -> Drawing:
+        """How the ``model`` is to be drawn."""
+        white = self.dataset.white
+        return Drawing(self.config.antialiased, self.near_clip, white is not None, white=white)
+
+    def model(self) -> Splats:
+        """The model on the host, of linear images in their radiance: the optimizer has it in units of white."""
+        splats, white = self.optimizer.to_splats(), self.dataset.white
+        return splats if white is None else brightened(splats, white)
 
     def _parts(self) -> list[tuple[Strategy[Any], Any]]:
         return [(strategy, self.states[strategy.name]) for strategy in self.strategies]
@@ -186,7 +204,9 @@ class Trainer:
         return not self.sieve.leaving(self).any()
 
     def importance(self, score: Score) -> np.ndarray:
-        """[N] what a score says of the primitives as they are."""
+        """[N] what a score says of the primitives as they are; of linear ones through the curve of the loss."""
+        if self.photographs.curve and isinstance(score, ScoreRule):
+            score = replace(score, curve=self.photographs.curve)
         seed, cameras = self.config.seed + self.step_count, self.photographs.cameras
         return score(self.optimizer.params, cameras, self.options, self.background, seed)
 
@@ -224,7 +244,7 @@ class Trainer:
             mask = masks.of(view) if masks else None
             if mask is not None and not mask.any():
                 continue
-            image, truth = self.picture(view).color, over_background(view.image, self.background)
+            image, truth = seen_as(self.picture(view), view), photograph(view, self.background)
             errors["test_psnr"].append(psnr(image, truth, mask))
             if with_flip:
                 errors.setdefault("test_flip", []).append(flip(image, truth, mask)[0])
@@ -233,7 +253,10 @@ class Trainer:
     def picture(self, view: View, depth: bool = False) -> Picture:
         """The current model seen from a view."""
         options = replace(self.options, depth=depth)
-        return render_picture(self.optimizer.params, view.camera, options, self.background, self.near_clip)
+        how = options, self.background, self.near_clip
+        white = self.dataset.white
+        found = render_picture(self.optimizer.params, view.camera, *how, linear=white is not None)
+        return found if white is None or found.radiance is None else found.in_units_of(white)
 
     def state(self) -> dict[str, np.ndarray]:
         """Everything that ``restore`` needs to go on as if nothing had happened.

@@ -11,7 +11,8 @@ import numpy as np
 from ..datasets.dataset import View
 from ..engine.parameters import upload
 from ..engine.rasterize import RasterOptions
-from ..render.picture import over_background, render_picture
+from ..render.picture import photograph as shown
+from ..render.picture import render_picture
 from ..scene.cameras import Camera
 from ..scene.splats import Array, Splats
 from ..support.pictures import heat_map
@@ -54,8 +55,10 @@ class Drawing:
         antialiased: bool = False,
         views: Sequence[View] = (),
         linear: bool = False,
+        white: float = 1.0,
     ):
-        self.near_clip, self.antialiased, self.linear, self.views = near_clip, antialiased, linear, list(views)
+        self.near_clip, self.antialiased, self.views = near_clip, antialiased, list(views)
+        self.linear, self.white = linear, white
         self.replace(splats)
 
     def replace(self, splats: Splats) -> None:
@@ -76,7 +79,7 @@ class Drawing:
         camera, about = pose.camera(settings.rows(moving)), ""
         if show in (ERROR, PHOTOGRAPH):
             view = nearest_view(self.views, camera)
-            photograph, about = over_background(view.image, settings.background), f"photograph {view.name}"
+            photograph, about = shown(view, settings.background), f"photograph {view.name}"
             if show == PHOTOGRAPH:
                 image = photograph
             else:
@@ -100,7 +103,7 @@ class Drawing:
         params, degree = self._params[part]
         options = RasterOptions(min(settings.sh_degree, degree), antialiased=self.antialiased)
         how = settings.background, self.near_clip
-        return render_picture(params, camera, options, *how, linear=self.linear).color
+        return render_picture(params, camera, options, *how, linear=self.linear, white=self.white).color
 
 
 def nearest_view(views: Sequence[View], camera: Camera) -> View:

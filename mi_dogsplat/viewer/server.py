@@ -67,7 +67,7 @@ class Server:
         views = [*dataset.test, *dataset.train] if dataset else []
         drawn = drawn_as(options.drawing, source.drawing)
         near_clip = drawn.near_clip if views else min(drawn.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
-        self.drawing = Drawing(splats, near_clip, drawn.antialiased, views, drawn.linear)
+        self.drawing = Drawing(splats, near_clip, drawn.antialiased, views, drawn.linear, drawn.white)
         self.settings = Settings(background=background, sh_degree=splats.sh_degree)
         self.visitors: dict[int, tuple[Any, Pace]] = {}
         self._running, self._polled = True, time.monotonic()

@@ -11,6 +11,7 @@ from ..formats.read import read_model
 from ..report.run_folder import read_run
 from ..runs.checkpoint import CHECKPOINT, load_checkpoint
 from ..scene.drawing import Drawing
+from ..scene.radiance import brightened
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..training.sh_rows import sh_arrays
@@ -28,7 +29,9 @@ class Source:
         run = read_run(path) if self.is_run else None
         self.config, self.data = (run.config, run.data) if run else ({}, None)
         said = {name: self.config[name] for name in ("antialiased", "near_clip") if name in self.config}
-        self.drawing = Drawing(**said)  # what the run, or a file once it is read, says
+        self.white: float | None = self.config.get("white")  # of a run on linear images, which trains in units of it
+        linear = None if self.white is None else True
+        self.drawing = Drawing(**said, linear=linear, white=self.white)  # what the run, or a file once it is read, says
         self._seen: tuple = ()
 
     def poll(self) -> tuple[Splats, str] | None:
@@ -42,7 +45,9 @@ class Source:
             state = load_checkpoint(file)
             steps = self.config.get("steps")
             of = f" of {steps:,}" if isinstance(steps, int) else ""
-            found = splats_of_state(state), f"step {int(state['step']):,}{of}"
+            splats = splats_of_state(state)
+            splats = splats if self.white is None else brightened(splats, self.white)
+            found = splats, f"step {int(state['step']):,}{of}"
         else:
             model = read_model(file)
             self.drawing = self.drawing.over(model.drawing)

@@ -16,6 +16,7 @@ from blender_addon.files.errors import FileError
 from blender_addon.files.ply import read_ply
 from blender_addon.files.read import EXTENSIONS, Said, read_model, said_in
 from blender_addon.files.spz import read_spz
+from blender_addon.files.transform import C0
 from blender_addon.nodes.modifier import get_input, splat_modifier
 from blender_addon.objects import import_operator
 
@@ -52,6 +53,16 @@ def test_ply_and_spz_need_no_package():
     model, said = read_model(REFERENCES / "says.ply", never)
     assert model.is_dog.any() and said == Said(True, 0.05, False, "-Y", 2.0)
     assert read_model(REFERENCES / "dog.ply", never)[1] == Said()
+
+
+def test_an_spz_of_linear_radiance_says_so_in_its_gzip_header(tmp_path):
+    data = (REFERENCES / "plain.spz").read_bytes()
+    comment = b"dogsplat linear true\ndogsplat white 4.0\0"
+    (tmp_path / "a.spz").write_bytes(data[:3] + bytes([16]) + data[4:10] + comment + data[10:])
+    (plain, _), (model, said) = (read_model(path, never) for path in (REFERENCES / "plain.spz", tmp_path / "a.spz"))
+    assert said == Said(antialiased=True, linear=True)
+    assert np.allclose(model.sh_coeffs[:, 1:], 4 * plain.sh_coeffs[:, 1:])
+    assert np.allclose(0.5 + C0 * model.sh_coeffs[:, 0], 4 * (0.5 + C0 * plain.sh_coeffs[:, 0]), atol=1e-5)
 
 
 def test_colours_by_sh_degree_are_filled_up_with_zeros():

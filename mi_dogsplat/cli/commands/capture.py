@@ -20,6 +20,7 @@ Examples:
                                                          one turn at a height
   dogsplat capture scene.xml -o data --path sensors      each perspective sensor of the scene
   dogsplat capture scene.xml -o data --path cameras.json --depth exr
+  dogsplat capture scene.xml -o data --hdr               linear radiance, for a model that lights scenes
 Then: dogsplat train data/ -o run
 
 The scene's own integrator renders. DATA holds images/, points.ply and transforms.json (nerfstudio's layout,

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...render.picture import over_background
+from ...render.picture import photograph
 from ...scores.weights import weights
 from ...training.events import Dropped, Event
 from ...training.milestones import scaled_milestone
@@ -43,7 +43,7 @@ def edge_scores(t: Training) -> np.ndarray:
     chosen = t.rng.permutation(len(t.photographs))[:VIEWS]
     for k in chosen:
         view, camera = t.photographs.views[int(k)], t.photographs.cameras[int(k)]
-        e = edges(over_background(view.image, t.photographs.background))
+        e = edges(photograph(view, t.photographs.background))
         found = weights(t.optimizer.params, [camera], t.options, [(e - e.min()) / max(float(np.ptp(e)), 1e-12)])
         if (found.weighted > 0).any():
             total += found.weighted / found.weighted[found.weighted > 0].mean() / len(chosen)

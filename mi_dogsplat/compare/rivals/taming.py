@@ -21,7 +21,7 @@ from PIL import Image, ImageFilter
 
 from ...engine.project import project
 from ...measure.metrics import ssim
-from ...render.picture import over_background
+from ...render.picture import photograph
 from ...scores.weights import weights
 from ...training.presets import Recipe
 from ...training.strategy.densify import Choice, Densification
@@ -100,7 +100,7 @@ def importance(t: Training, stats: DensifyStats) -> np.ndarray:
 
 def _of_view(t: Training, k: int, of_model) -> np.ndarray:
     view, camera, params = t.photographs.views[k], t.photographs.cameras[k], t.optimizer.params
-    truth = over_background(view.image, t.photographs.background)
+    truth = photograph(view, t.photographs.background)
     picture = t.picture(view).color
     error = np.abs(picture - truth).mean(-1)  # [H, W]
     loss = 0.8 * float(error.mean()) + 0.2 * (1 - ssim(picture, truth))

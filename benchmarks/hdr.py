@@ -1,0 +1,179 @@
+"""Linear against display-referred training: ``python -m benchmarks hdr -o DIR``.
+
+A scene is captured twice with the same samples, as PNG and with ``--hdr``, and trained on with the same steps: on the
+PNG, and on the EXR through several tone curves. All models are measured on validation views of the EXR, in linear
+light, which a display-referred model means by the sRGB curve. Columns:
+
+- ``psnr``, ``psnr_mu``, ``hdr_flip``: as ``dogsplat eval`` has them;
+- ``shadows``, ``middle``, ``highlights``: mean error in stops, |log2| of the ratio of luminances, of the pixels whose
+  truth is below 5 % of white, between, and above white;
+- ``lamps``: luminance of all pixels above 10 times white, over what it is in truth.
+
+Writes ``hdr.json``, ``hdr.png`` (a view at four exposures, each model below the truth) and prints a table.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from mi_dogsplat.datasets import Dataset, load_dataset
+from mi_dogsplat.datasets.capture import capture
+from mi_dogsplat.datasets.capture_config import CaptureConfig
+from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.measure.evaluate import evaluate_views, mean_metrics
+from mi_dogsplat.render.picture import Picture, light_of
+from mi_dogsplat.render.render_files import picture_of
+from mi_dogsplat.runs.run import train
+from mi_dogsplat.scene.drawing import drawn_as
+from mi_dogsplat.support.files import write_json
+from mi_dogsplat.support.pictures import write_png
+from mi_dogsplat.support.srgb import displayed, luminance
+from mi_dogsplat.support.variants import set_variant
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.presets import RECIPES, Recipe
+from mi_dogsplat.training.strategy.strategy import Strategy, Training
+from mi_dogsplat.training.tone_curve import SrgbLog, ToneCurve
+
+SHADOW, LAMP = 0.05, 10.0  # times white
+FLOOR = 1e-4  # of white, below which nothing is told apart
+EXPOSURES = (-4, -2, 0, 3)  # stops, of the picture
+
+
+@dataclass(frozen=True)
+class Log:
+    """k log(1 + x / ε): the μ-law with μ / brightest = 1 / ε, and RawNeRF's loss as a curve; 1 at white."""
+
+    epsilon: float
+
+    def __call__(self, x: Any) -> Any:
+        return dr.select(x > 0, dr.log(1 + dr.maximum(x, 0) / self.epsilon), x / self.epsilon) * self._scale
+
+    def slope(self, x: Any) -> Any:
+        return self._scale / (self.epsilon + dr.maximum(x, 0))
+
+    @property
+    def _scale(self) -> float:
+        return 1 / float(np.log1p(1 / self.epsilon))
+
+
+@dataclass(frozen=True)
+class Reinhard:
+    """2 x / (1 + x): 1 at white, 2 in the end."""
+
+    def __call__(self, x: Any) -> Any:
+        return 2 * x / (1 + dr.maximum(x, 0))
+
+    def slope(self, x: Any) -> Any:
+        return 2 / dr.square(1 + dr.maximum(x, 0))
+
+
+@dataclass(frozen=True)
+class Identity:
+    """No curve: the loss of radiance itself."""
+
+    def __call__(self, x: Any) -> Any:
+        return x
+
+    def slope(self, x: Any) -> Any:
+        return dr.full(type(x), 1, dr.width(x))
+
+
+@dataclass(frozen=True)
+class SameSteps(Strategy[None]):
+    """Steps of Adam are of one length in radiance for all primitives."""
+
+    def new_state(self, t: Training) -> None:
+        t.optimizer.curve = None
+
+
+CURVES: dict[str, ToneCurve] = {
+    "sRGB, log": SrgbLog(),
+    "log 0.1": Log(0.1),
+    "log 0.01": Log(0.01),
+    "log 0.001": Log(0.001),
+    "Reinhard": Reinhard(),
+    "none": Identity(),
+}
+SAME_STEPS, PNG = "sRGB, log, same steps", "trained on PNG"
+RUNS = (PNG, *CURVES, SAME_STEPS)
+
+
+def main(flags: Sequence[str]) -> None:
+    args = _arguments(flags)
+    set_variant(args.variant)
+    folders = {hdr: _captured(args, hdr) for hdr in (False, True)}
+    truth = load_dataset(folders[True], split="validation")
+    rows, pictures = {}, {}
+    for name in args.runs.split("; ") if args.runs else RUNS:
+        out = args.out / "".join(c if c.isalnum() else "_" for c in name)
+        if not (out / "metrics.json").exists():
+            settings = {"preset": args.preset, "steps": args.steps, "target": 0.3, "split": "validation"}
+            train(TrainConfig(str(folders[name != PNG]), **settings), out, recipe=_recipe(args.preset, name))
+        rows[name], pictures[name] = _measured(out / "point_cloud.ply", truth)
+        print(name, {key: round(value, 4) for key, value in rows[name].items()}, flush=True)
+    write_json(args.out / "hdr.json", {"steps": args.steps, "white": truth.white, "rows": rows})
+    write_png(args.out / "hdr.png", _sheet(truth, pictures))
+    columns = list(next(iter(rows.values())))
+    print(f"\n| | {' | '.join(columns)} |\n|---|{'---|' * len(columns)}")
+    for name, row in rows.items():
+        print(f"| {name} | {' | '.join(f'{row[column]:.3g}' for column in columns)} |")
+
+
+def _recipe(preset: str, name: str) -> Recipe:
+    recipe = RECIPES[preset]
+    if name == SAME_STEPS:
+        return replace(recipe, also=(SameSteps(),))
+    return replace(recipe, curve=CURVES.get(name, recipe.curve))
+
+
+def _captured(args: argparse.Namespace, hdr: bool) -> Path:
+    config = CaptureConfig(
+        views=args.views, size=tuple(args.size), spp=args.spp, radius=1.75, center=(0.0, 0.0, 0.4), hdr=hdr
+    )
+    return capture(args.scene, args.out / ("exr" if hdr else "png"), config)
+
+
+def _measured(model: Path, truth: Dataset) -> tuple[dict[str, float], np.ndarray]:
+    """The row of a model, and the radiance of the middle view."""
+    read = read_model(model)
+    drawn = drawn_as(read.drawing)
+    how = {"antialiased": drawn.antialiased, "linear": drawn.linear, "white": drawn.white}
+    picture = picture_of(read.splats, 0.0, drawn.near_clip, **how)
+    seen: dict[str, Picture] = {view.name: picture(view.camera) for view in truth.test}
+    row = mean_metrics(evaluate_views(lambda view: seen[view.name], truth.test, 0.0))
+    ours = np.concatenate([luminance(light_of(seen[view.name])).ravel() for view in truth.test]) / truth.white
+    real = np.concatenate([luminance(view.image[..., :3]).ravel() for view in truth.test]) / truth.white
+    stops = np.abs(np.log2((ours + FLOOR) / (real + FLOOR)))
+    parts = {"shadows": real < SHADOW, "middle": (real >= SHADOW) & (real <= 1), "highlights": real > 1}
+    row = {name: row[name] for name in ("psnr", "psnr_mu", "hdr_flip")}
+    row |= {name: float(stops[part].mean()) for name, part in parts.items()}
+    row["lamps"] = float(ours[real > LAMP].sum() / real[real > LAMP].sum())
+    return row | {"n": read.splats.n_splats}, light_of(seen[truth.test[len(truth.test) // 2].name])
+
+
+def _sheet(truth: Dataset, pictures: dict[str, np.ndarray]) -> np.ndarray:
+    """A row for the truth and for each model, a column for each exposure."""
+    whole = {"truth": truth.test[len(truth.test) // 2].image[..., :3], **pictures}
+    white = truth.white or 1.0
+    rows = [np.concatenate([displayed(x, white / 2.0**stop) for stop in EXPOSURES], axis=1) for x in whole.values()]
+    return np.concatenate(rows, axis=0)
+
+
+def _arguments(flags: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks hdr", description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--scene", type=Path, default=Path("scenes/hdr_lamp.xml"), metavar="SCENE.xml")
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--runs", help=f'some of "{"; ".join(RUNS)}", separated by "; " (default: all)')
+    parser.add_argument("--preset", default="ours", choices=tuple(RECIPES))
+    parser.add_argument("--steps", type=int, default=2000)
+    parser.add_argument("--views", type=int, default=40)
+    parser.add_argument("--size", type=int, nargs=2, default=[160, 120], metavar=("W", "H"))
+    parser.add_argument("--spp", type=int, default=256)
+    parser.add_argument("--variant", default="auto")
+    return parser.parse_args(flags)

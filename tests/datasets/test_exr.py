@@ -1,0 +1,117 @@
+"""OpenEXR files as pictures: windows, parts, layers, kinds of values, and what is wrong with bad ones."""
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+from mi_dogsplat.datasets.exr import exr_header, read_exr
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.pictures import write_radiance
+
+RNG = np.random.default_rng(0)
+RGB = RNG.uniform(0, 40, (6, 9, 3)).astype(np.float32)
+COMPRESSIONS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "DWAA", "ZSTD", "HTJ2K32")
+
+
+def window(left: int, top: int, right: int, bottom: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([left, top], np.int32), np.array([right - 1, bottom - 1], np.int32)
+
+
+def write(path: Path, channels: dict, **header) -> Path:
+    with np.errstate(all="ignore"):
+        OpenEXR.File({"type": OpenEXR.scanlineimage, **header}, channels).write(str(path))
+    return path
+
+
+def error_of(path: Path) -> str:
+    with pytest.raises(DataError) as raised:
+        read_exr(path)
+    assert str(raised.value).startswith(f"{path}: ") and "\n" not in str(raised.value)
+    return str(raised.value)
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_halves_and_floats_are_read_as_they_are_with_alpha_where_there_is_one(tmp_path, dtype):
+    rgba = np.concatenate([RGB, RNG.uniform(0, 1, (6, 9, 1))], -1).astype(dtype)
+    path = write(tmp_path / "a.exr", {"RGBA": rgba})
+    np.testing.assert_array_equal(read_exr(path), rgba.astype(np.float32))
+    assert exr_header(path) == ((9, 6), True)
+    path = write(tmp_path / "b.exr", {name: np.ascontiguousarray(rgba[..., c]) for c, name in enumerate("RGB")})
+    np.testing.assert_array_equal(read_exr(path), rgba[..., :3].astype(np.float32))
+    assert exr_header(path) == ((9, 6), False)
+
+
+@pytest.mark.parametrize("name", COMPRESSIONS)
+def test_every_compression_is_read(tmp_path, name):
+    ramp = np.linspace(0.5, 9, 32 * 48, dtype=np.float32).reshape(32, 48, 1).repeat(3, 2).astype(np.float16)
+    path = write(tmp_path / "a.exr", {"RGB": ramp}, compression=getattr(OpenEXR, f"{name}_COMPRESSION"))
+    np.testing.assert_allclose(read_exr(path), ramp.astype(np.float32), rtol=0.05)  # some lose a little
+
+
+def test_tiles_are_read_as_scan_lines_are(tmp_path):
+    path = write(tmp_path / "a.exr", {"RGB": RGB}, type=OpenEXR.tiledimage, tiles=OpenEXR.TileDescription())
+    np.testing.assert_array_equal(read_exr(path), RGB)
+
+
+def test_the_picture_is_the_display_window_black_where_the_data_window_ends(tmp_path):
+    path = write(tmp_path / "a.exr", {"RGB": RGB}, dataWindow=window(2, 1, 11, 7), displayWindow=window(0, 0, 12, 8))
+    picture = read_exr(path)
+    assert picture.shape == (8, 12, 3) and exr_header(path)[0] == (12, 8)
+    np.testing.assert_array_equal(picture[1:7, 2:11], RGB)
+    assert picture.sum() == pytest.approx(RGB.sum(), rel=1e-5)
+    path = write(tmp_path / "b.exr", {"RGB": RGB}, dataWindow=window(-2, -1, 7, 5), displayWindow=window(0, 0, 4, 8))
+    picture = read_exr(path)
+    np.testing.assert_array_equal(picture[:5], RGB[1:, 2:6])
+    assert picture.shape == (8, 4, 3) and not picture[5:].any()
+
+
+def test_the_first_part_with_colours_is_the_picture(tmp_path):
+    depth = OpenEXR.Part({"name": "depth"}, {"Z": RGB[..., 0].copy()}, "depth")
+    beauty = OpenEXR.Part({"name": "beauty"}, {"RGB": RGB}, "beauty")
+    OpenEXR.File([depth, beauty]).write(str(tmp_path / "a.exr"))
+    np.testing.assert_array_equal(read_exr(tmp_path / "a.exr"), RGB)
+
+
+def test_unnamed_channels_come_before_layers_and_a_single_layer_will_do(tmp_path):
+    layer = {f"diffuse.{name}": RGB[..., c] + 1 for c, name in enumerate("RGB")}
+    plain = {name: RGB[..., c].copy() for c, name in enumerate("RGB")}
+    np.testing.assert_array_equal(read_exr(write(tmp_path / "a.exr", layer | plain | {"Z": RGB[..., 0].copy()})), RGB)
+    np.testing.assert_array_equal(read_exr(write(tmp_path / "b.exr", layer)), RGB + 1)
+    other = {f"specular.{name}": RGB[..., c].copy() for c, name in enumerate("RGB")}
+    several = write(tmp_path / "c.exr", layer | other)
+    assert "several layers, and none is the picture: diffuse, specular" in error_of(several)
+
+
+def test_luminance_alone_is_grey(tmp_path):
+    path = write(tmp_path / "a.exr", {"Y": RGB[..., 0].copy()})
+    np.testing.assert_array_equal(read_exr(path), RGB[..., :1].repeat(3, 2))
+
+
+def test_negative_light_becomes_none(tmp_path):
+    picture = read_exr(write(tmp_path / "a.exr", {"RGB": RGB - 20}))
+    np.testing.assert_array_equal(picture, np.maximum(RGB - 20, 0))
+
+
+def test_bad_files_get_one_line(tmp_path):
+    good = write(tmp_path / "good.exr", {"RGB": RNG.uniform(0, 1, (64, 64, 3)).astype(np.float32)})
+    data = good.read_bytes()
+    for n in (0, 5, 150):
+        (tmp_path / "cut.exr").write_bytes(data[:n])
+        assert "cannot be read as OpenEXR" in error_of(tmp_path / "cut.exr")
+    (tmp_path / "cut.exr").write_bytes(data[: len(data) // 2])
+    assert "damaged" in error_of(tmp_path / "cut.exr")
+    assert "cannot be read as OpenEXR" in error_of(tmp_path / "none.exr")
+    broken = RGB.copy()
+    broken[1, 2] = [np.nan, np.inf, 1]
+    assert "2 values of 162 are NaN or infinite" in error_of(write(tmp_path / "nan.exr", {"RGB": broken}))
+    assert "no channels R, G, B or Y, but Z" in error_of(write(tmp_path / "z.exr", {"Z": RGB[..., 0].copy()}))
+    whole = {name: np.ones((4, 4), np.uint32) for name in "RGB"}
+    assert "whole numbers" in error_of(write(tmp_path / "id.exr", whole))
+    huge = write(tmp_path / "huge.exr", {"RGB": RGB}, displayWindow=window(0, 0, 1 << 20, 1 << 20))
+    assert "are no photograph" in error_of(huge)
+
+
+def test_what_halves_cannot_hold_becomes_the_most_that_they_can(tmp_path):
+    write_radiance(tmp_path / "a.exr", np.full((2, 2, 3), 1e6, np.float32))
+    assert read_exr(tmp_path / "a.exr").max() == 65504

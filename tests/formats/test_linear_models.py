@@ -1,0 +1,78 @@
+"""A model of linear radiance says so in every format that can, and keeps its radiance."""
+
+import gzip
+
+import numpy as np
+import pytest
+from hdr_data import bright_truth
+from mi_dogsplat.formats.model import Model
+from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.formats.write import write_model
+from mi_dogsplat.scene.drawing import Drawing, drawn_as
+from mi_dogsplat.scene.radiance import brightened
+from mi_dogsplat.scene.splats import Splats
+from tiny_data import truth
+
+WHITE = 500.0
+DRAWING = Drawing(linear=True, white=WHITE)
+SUFFIXES = (".ply", ".compressed.ply", ".spz", ".sog", ".glb", ".gltf")
+
+
+def colours(splats: Splats) -> np.ndarray:
+    """Of the constant part, sorted: formats have orders of their own."""
+    return np.sort((0.5 + 0.28209479 * splats.sh_coeffs[:, 0]).ravel())
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_file_says_that_it_is_linear_and_which_radiance_is_white(tmp_path, suffix):
+    model = Model(brightened(truth(), WHITE), DRAWING)  # nothing is much brighter than white
+    assert write_model(tmp_path / f"a{suffix}", model) == []
+    read = read_model(tmp_path / f"a{suffix}")
+    drawn = drawn_as(read.drawing)
+    assert drawn.linear and drawn.white == WHITE
+    np.testing.assert_allclose(colours(read.splats), colours(model.splats), atol=0.01 * WHITE)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".sog", ".glb", ".gltf"])
+def test_radiance_far_above_white_survives(tmp_path, suffix):
+    model = Model(bright_truth(WHITE), DRAWING)
+    assert colours(model.splats).max() > 10 * WHITE
+    assert write_model(tmp_path / f"a{suffix}", model) == []
+    found, expected = colours(read_model(tmp_path / f"a{suffix}").splats), colours(model.splats)
+    assert found.max() == pytest.approx(expected.max(), rel=0.02)
+
+
+def test_spz_clamps_what_is_far_above_white_and_tells(tmp_path):
+    model = Model(bright_truth(WHITE), DRAWING)
+    n = int((0.5 + 0.28209479 * model.splats.sh_coeffs[:, 0] > 1.4403 * WHITE).any(axis=1).sum())
+    assert n > 0
+    lost = write_model(tmp_path / "a.spz", model)
+    assert lost == [f"SPZ has no radiance above 720.2, to which it clamps {n} primitives"]
+    assert colours(read_model(tmp_path / "a.spz").splats).max() == pytest.approx(1.4403 * WHITE, rel=1e-3)
+
+
+def test_the_comment_of_spz_is_one_of_gzip_and_display_referred_files_have_none(tmp_path):
+    write_model(tmp_path / "a.spz", Model(truth(), Drawing(near_clip=0.1, linear=False)))
+    write_model(tmp_path / "b.spz", Model(truth(), Drawing(linear=True)))
+    plain, linear = ((tmp_path / name).read_bytes() for name in ("a.spz", "b.spz"))
+    assert plain[3] == 0 and linear[3] == 16
+    assert gzip.decompress(plain) == gzip.decompress(linear)
+    assert b"dogsplat linear true\0" in linear and read_model(tmp_path / "b.spz").drawing.linear
+
+
+def test_spz_4_tells_that_it_cannot_say_so(tmp_path):
+    lost = write_model(tmp_path / "a.spz", Model(truth(), Drawing(linear=True)), spz_version=4)
+    assert lost == ["SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3"]
+
+
+def test_brightened_models_have_all_colours_times_the_factor_in_every_direction():
+    mixed = truth().with_sh_degrees(np.arange(truth().n_splats) % 2)
+    direction = np.array([0.3, -0.5, 0.8]) / np.linalg.norm([0.3, -0.5, 0.8])
+
+    def seen(splats: Splats) -> np.ndarray:
+        sh = splats.uniform_sh(1).sh_coeffs
+        basis = np.array([0.28209479, *(0.48860251 * np.array([-1, 1, -1]) * direction[[1, 2, 0]])])
+        return 0.5 + np.einsum("k,nkc->nc", basis, sh)
+
+    for model in (truth(), mixed):
+        np.testing.assert_allclose(seen(brightened(model, 7.0)), 7 * seen(model), rtol=1e-4, atol=1e-5)
