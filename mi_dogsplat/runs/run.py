@@ -14,12 +14,12 @@ from typing import Any
 import mitsuba as mi
 
 from ..datasets import Dataset, load_dataset
+from ..datasets.world import World, metres_of_unit, world_of
 from ..engine.geometry import Cutoffs
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
 from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import RECIPE, RENDER_MS, read_run
 from ..report.write import write_report
-from ..scene.drawing import Drawing
 from ..support.errors import DataError
 from ..support.files import PART, is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
@@ -107,6 +107,7 @@ def train(
         # what is wrong with it shows before the data set takes its time
         model_to_prune(config.model, config.target, config.format)
     dataset = _dataset_of(config)
+    config = _placed(config, dataset)
     trainer = Trainer(config, dataset, recipe)
     if start:
         _restore(trainer, start)
@@ -131,6 +132,15 @@ def train_until(config: TrainConfig, out: Path, step: int, resume: bool = False)
 
 def _dataset_of(config: TrainConfig) -> Dataset:
     return load_dataset(config.data, config.downscale, on_disk=config.data_on_disk, split=config.split)
+
+
+def _placed(config: TrainConfig, dataset: Dataset) -> TrainConfig:
+    """The settings with what is up in the data, and how long their unit is, as far as anybody knows."""
+    known = World(config.up, config.unit)
+    if config.scale is not None and config.unit is None:
+        known = World(config.up, metres_of_unit(config.data, config.scale))
+    known = known.over(world_of(dataset, [view.camera for view in dataset.train]))
+    return dataclasses.replace(config, up=known.up, unit=known.scale)
 
 
 @contextmanager
@@ -186,8 +196,7 @@ def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     config = trainer.config
     splats = trainer.optimizer.to_splats()
     splats = splats.select(splats.opacities >= ALPHA_MIN)
-    drawing = Drawing(config.antialiased, trainer.near_clip, linear=False)
-    sizes = write_model_files(out, splats, config, drawing)
+    sizes = write_model_files(out, splats, config, trainer.drawing)
     metrics = _measure(trainer, dataset, out) | {
         "n": splats.n_splats,
         "n_dog": splats.n_dog,

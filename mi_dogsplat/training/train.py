@@ -86,7 +86,8 @@ class Trainer:
         self.order: list[int] = []  # of the views that are still to come in this turn, from its end
         self.losses = LossMeans()
         self.sieve = Sieve(config.near_zone)
-        kind = FileKind(config.format, Drawing(config.antialiased, self.near_clip, linear=False))
+        self.drawing = Drawing(config.antialiased, self.near_clip, linear=False, up=config.up, scale=config.unit)
+        kind = FileKind(config.format, self.drawing)
         size = None if config.target_bytes is None else (config.target_bytes, kind)
         self.strategies = self.recipe.strategies(self.sieve, size)
         self.states: dict[str, Any] = {strategy.name: strategy.new_state(self) for strategy in self.strategies}

@@ -26,7 +26,8 @@ class Source:
         self.path = path
         self.is_run = path.is_dir()
         self.config = read_run(path).config if self.is_run else {}
-        said = {name: self.config[name] for name in ("antialiased", "near_clip") if name in self.config}
+        said = {name: self.config[name] for name in ("antialiased", "near_clip", "up") if name in self.config}
+        said["scale"] = self.config.get("unit")
         self.drawing = Drawing(**said)  # what the run, or a file once it is read, says
         self._seen: tuple = ()
 
