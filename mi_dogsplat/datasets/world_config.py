@@ -28,7 +28,7 @@ class WorldConfig:
         check_world(self.up, self.scale)
 
     def over(self, said: Drawing, data: str | Path | None) -> Drawing:
-        """What is said here, and ``said`` where nothing is; a length is measured in a data set. Raises ``DataError``."""
+        """What is said here, and ``said`` where nothing is; a length is measured in data. Raises ``DataError``."""
         unit = self.unit
         if unit is None and self.scale is not None:
             if not data:

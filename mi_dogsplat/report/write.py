@@ -13,6 +13,7 @@ from typing import Any
 from ..support.files import replacing
 from ..support.wording import count, file_size, finite, fixed
 from .curves import curves
+from .misfits import misfits
 from .mixture import mixture
 from .page import TEMPLATES
 from .prunes import prunes, refinements
@@ -51,6 +52,7 @@ def report_page(run: Run) -> str:
         curves=curves(run),
         prunes=prunes(run),
         refinements=refinements(run),
+        misfits=misfits(run),
         mixture=mixture(run),
         views=found,
         shares=shares(found),

@@ -18,7 +18,7 @@ from ..datasets.world import World, metres_of_unit, world_of
 from ..engine.geometry import Cutoffs
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
 from ..poses.config import SETTINGS as POSES
-from ..report.run_folder import RECIPE, RENDER_MS, read_run
+from ..report.run_folder import MISFITS, RECIPE, RENDER_MS, read_run
 from ..report.write import write_report
 from ..support.errors import DataError
 from ..support.files import PART, is_empty, remove_parts, replacing, write_json
@@ -31,6 +31,7 @@ from ..training.presets import Recipe
 from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, Checkpoints, load_checkpoint
 from .history import run_to_end
+from .misfits import write_misfits
 from .mixture import write_mixture
 from .model_files import write_model_files
 from .stopping import Stopped, StopRequest
@@ -209,6 +210,8 @@ def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
         "versions": versions(),
     }
     write_json(out / "metrics.json", metrics)
+    fit = trainer.background, trainer.photographs.mask_folder, config.exposure
+    write_misfits(out, lambda view: trainer.picture(view).color, dataset.train, config.steps, *fit)
     write_report(out)
     return metrics
 
@@ -245,7 +248,8 @@ def _restore(trainer: Trainer, path: Path) -> None:
 
 def _forget_results(out: Path) -> None:
     """Remove what an earlier run in this folder measured and drew, and the name that it had in a comparison."""
-    pictures = [path for suffix in (".png", ".exr", ".json") for path in (out / "test").glob(f"*{suffix}")]
+    folders = out / "test", (out / MISFITS).parent
+    pictures = [path for top in folders for suffix in (".png", ".exr", ".json") for path in top.glob(f"*{suffix}")]
     for path in (*(out / name for name in ("metrics.json", "report.html", RECIPE, RENDER_MS)), *pictures):
         path.unlink(missing_ok=True)
 

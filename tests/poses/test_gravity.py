@@ -100,7 +100,8 @@ def cameras_and_downs(noise: float = 0.0):
 
 def directions(model, downs) -> np.ndarray:
     """Down as the cameras have it, in the world of the model."""
-    poses = {i.name: inverse_rigid(np.vstack([i.cam_from_world().matrix(), [0, 0, 0, 1]])) for i in model.images.values()}
+    w2c = {image.name: np.vstack([image.cam_from_world().matrix(), [0, 0, 0, 1]]) for image in model.images.values()}
+    poses = {name: inverse_rigid(matrix) for name, matrix in w2c.items()}
     return np.array([poses[name][:3, :3] @ down for name, down in downs.items()])
 
 
