@@ -34,13 +34,15 @@ def main(argv: list[str]) -> None:
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder for what is spoilt and trained")
     parser.add_argument("--steps", type=int, default=2000)
     parser.add_argument("--downscale", type=int, default=4)
+    parser.add_argument("--max-primitives", type=int, default=15_000)
     args = parser.parse_args(argv)
     mi.set_variant("llvm_ad_rgb")
     for data in args.data:
         top = args.out / data.resolve().name
         planted = spoil(data, top / "spoilt")
         for which, path in {"as it is": data, "spoilt": top / "spoilt"}.items():
-            config = TrainConfig(data=str(path), steps=args.steps, downscale=args.downscale)
+            size = {"downscale": args.downscale, "max_primitives": args.max_primitives}
+            config = TrainConfig(data=str(path), steps=args.steps, **size)
             metrics = train(config, top / which.replace(" ", "_"))
             found = json.loads((top / which.replace(" ", "_") / MISFITS).read_text())
             share = found["seconds"] / metrics["train_seconds"]

@@ -19,8 +19,7 @@ Examples:
   dogsplat clean model.ply -o lean.ply                       what no picture shows leaves: all keep their bits
   dogsplat clean model.ply -o object.ply --sphere 0 0 0 1.5 --connected 1 --preview clean.png
                                                              an object alone; and a picture to look at first
-  dogsplat clean model.ply -o metres.ply --data photos/ --scale A.jpg:410,980 A.jpg:1630,940 0.75
-                                                             it says how long a unit is: these points are 75 cm apart
+  dogsplat clean model.ply -o said.ply --up=-y --unit 0.31   nothing else changes: it says what is up, and its metres
   dogsplat clean model.ply -o lean.ply --data photos/ --seen --floaters
                                                              what the photographs do not bear out
 
