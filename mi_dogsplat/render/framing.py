@@ -85,5 +85,5 @@ def cameras_around(splats: Splats, n: int, up_axis: str | None = None) -> list[C
 
     centre, radius = robust_sphere(splats)
     up = up_name(vertical(splats, up_axis))
-    config = CaptureConfig(size=AUTOMATIC_SIZE, fov=AUTOMATIC_FOV, up=up, elevations=ELEVATIONS_AROUND)
+    config = CaptureConfig(size=AUTOMATIC_SIZE, fov=AUTOMATIC_FOV, elevations=ELEVATIONS_AROUND)
     return [shot.camera for shot in circling_shots(config, n, centre, radius, up)]

@@ -51,7 +51,7 @@ def test_spz_is_read_without_the_package_and_gives_its_numbers():
 def test_ply_and_spz_need_no_package():
     assert read_model(REFERENCES / "plain.spz", never)[1] == Said(antialiased=True)
     model, said = read_model(REFERENCES / "says.ply", never)
-    assert model.is_dog.any() and said == Said(True, 0.05, False, "-Y", 2.0)
+    assert model.is_dog.any() and said == Said(True, 0.05, False, (0, -1, 0), 2.0)
     assert read_model(REFERENCES / "dog.ply", never)[1] == Said()
 
 
