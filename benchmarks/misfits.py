@@ -23,8 +23,8 @@ from PIL import Image
 
 CAUSES = ("blur", "exposure", "pose", "region")
 DARKER = 0.67
-MOVED = 0.01  # of the width
-SMEAR = 0.012
+MOVED = 0.01  # of the width: against its pose
+SMEAR = 0.03  # of the width, across which a shaken image is smeared
 
 
 def main(argv: list[str]) -> None:
@@ -43,8 +43,8 @@ def main(argv: list[str]) -> None:
         for which, path in {"as it is": data, "spoilt": top / "spoilt"}.items():
             size = {"downscale": args.downscale, "max_primitives": args.max_primitives}
             config = TrainConfig(data=str(path), steps=args.steps, **size)
-            metrics = train(config, top / which.replace(" ", "_"))
-            found = json.loads((top / which.replace(" ", "_") / MISFITS).read_text())
+            metrics = train(config, top / f"run {which}".replace(" ", "_"))
+            found = json.loads((top / f"run {which}".replace(" ", "_") / MISFITS).read_text())
             share = found["seconds"] / metrics["train_seconds"]
             print(f"{data.resolve().name} {which}: test PSNR {metrics['test']['psnr']:.2f} dB; looked at "
                   f"{len(found['psnr'])} of {found['n_views']} views in {share:.1%} of the training", flush=True)

@@ -31,7 +31,7 @@ DIRECTIONS = ((1, 0), (0, 1), (1, 1), (1, -1))
 BLOCKS = 24  # along the longer side, by which regions are found
 MOST_REGION = 0.3  # of the picture: a larger part is no region
 TIMES_MEDIAN = 4.0  # what the error of a block of a region is, at least, over that of most blocks
-CLEAR = 0.2  # what a cause explains more than in other views, at least
+CLEAR = 0.25  # what a cause explains more than in other views, at least
 FINE = 1.0  # standard deviation below which detail is fine, pixels
 
 

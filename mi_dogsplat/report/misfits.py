@@ -11,11 +11,12 @@ from .pictures import Figure, embedded_jpeg, read_pictures
 from .run_folder import MISFITS, Run
 
 MAX_SHOWN = 8  # with pictures
+MASK = "paint it black in a mask (--masks), or take more images of it"
 CAUSES = {
     "exposure": ("exposure or white balance", "a change of its colours", "train with --exposure"),
     "pose": ("its pose is off", "a small motion of the render", "correct its pose, or leave the image out"),
     "blur": ("it is blurred", "a blur of the render", "leave the image out"),
-    "region": ("something is in the way, or has moved", "a part of the picture", "paint it black in a mask (--masks)"),
+    "region": ("a part of it: in the way, moved, or hardly seen elsewhere", "a part of the picture", MASK),
 }  # fmt: skip
 PICTURES = {"Photograph": "_gt", "Render": "", "Error": "_error"}
 

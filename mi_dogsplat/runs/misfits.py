@@ -92,9 +92,9 @@ def find_misfits(
 
 
 def _low(values: dict[str, float], least: float) -> set[str]:
-    """Names of those that are far below the median."""
+    """Names of those that are far below the median, by how far below it the lower half usually is."""
     middle = float(np.median(list(values.values())))
-    spread = MAD * float(np.median([abs(value - middle) for value in values.values()]))
+    spread = MAD * float(np.median([middle - value for value in values.values() if value <= middle]))
     return {name for name, value in values.items() if value < middle - max(least, DEVIATIONS * spread)}
 
 

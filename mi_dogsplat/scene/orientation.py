@@ -13,8 +13,8 @@ AXES = ("x", "y", "z", "-x", "-y", "-z")
 SNAP = 2.0  # degrees: what is so near to an axis is called by its name; cameras tell up no better than to a degree
 LONGEST, SHORTEST = 1e6, 1e-6  # of what three numbers may be
 MAX_ROLL = 0.35  # root mean square of the cosine between the horizontals of pictures and up: about 20 degrees
-TOWARDS_MEAN = 0.3  # weight of the mean up of the images: decides where all cameras have the same horizontal
-PASSES = 5  # docs/world.md has what other numbers do
+TOWARDS_MEAN = 0.02  # weight of the mean up of the images: decides where all cameras have the same horizontal
+PASSES = 5
 LEVEL = 0.1  # cosine between the mean up of images and the vertical, below which the images do not tell its sign
 
 

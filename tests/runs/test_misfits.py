@@ -133,7 +133,8 @@ def test_the_report_names_them_with_pictures_and_what_helps(folder):
     page = parsed(write_report(folder).read_text())
     part = section(page, "Images that do not fit")
     text = words(part)
-    assert "12 of 12 training views were looked at" in text and "paint it black in a mask" in text
+    for said in ("12 of 12 training views were looked at", "paint it black in a mask", "a part of it: in the way"):
+        assert said in text
     sources = [image.get("src", "") for image in part.iter("img")]
     assert len(sources) == 3 * len(PLANTED) and all(source.startswith("data:image/jpeg") for source in sources)
     assert sum(map(len, sources)) < 400_000
