@@ -22,7 +22,7 @@ from .metrics import color_corrected
 
 Image = NDArray[np.float64]
 CAUSES = ("exposure", "pose", "blur", "region")
-LONGEST = 480  # pixels of a side in which causes are looked for
+LONGEST = 400  # pixels of a side in which causes are looked for
 COARSE_TO_FINE = (8.0, 4.0, 2.0, 1.0, 0.0)  # standard deviations of the blur under which motion is found, pixels
 ITERATIONS = 3
 DEVIATIONS = (0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)  # of Gaussians, pixels

@@ -26,7 +26,7 @@ from ..support.pictures import heat_map, write_png
 FEWEST = 5  # views that tell what is usual
 PER_STEPS = 20  # training steps for each view that is looked at: a fiftieth of the time, or so
 LEAST_VIEWS = 24
-USUAL_VIEWS = 8  # that tell how much each cause explains in a view that fits
+USUAL_VIEWS = 6  # that tell how much each cause explains in a view that fits
 DEVIATIONS = 3.0  # robust ones, from the median
 LEAST_PSNR = 1.5  # dB below the median, at least
 LEAST_SHARPNESS = 0.7  # of a logarithm: a photograph of half of the fine detail of others
@@ -92,9 +92,11 @@ def find_misfits(
 
 
 def _low(values: dict[str, float], least: float) -> set[str]:
-    """Names of those that are far below the median, by how far below it the lower half usually is."""
+    """Names of those that are far below the median, by the spread of all or, where that is less, of the lower half:
+    what is above has a long tail, as some views are easy."""
     middle = float(np.median(list(values.values())))
-    spread = MAD * float(np.median([middle - value for value in values.values() if value <= middle]))
+    away = np.array([middle - value for value in values.values()])
+    spread = MAD * float(min(np.median(np.abs(away)), np.median(away[away >= 0])))
     return {name for name, value in values.items() if value < middle - max(least, DEVIATIONS * spread)}
 
 

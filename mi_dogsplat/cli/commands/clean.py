@@ -19,7 +19,7 @@ Examples:
   dogsplat clean model.ply -o lean.ply                       what no picture shows leaves: all keep their bits
   dogsplat clean model.ply -o object.ply --sphere 0 0 0 1.5 --connected 1 --preview clean.png
                                                              an object alone; and a picture to look at first
-  dogsplat clean model.ply -o said.ply --up=-y --unit 0.31   nothing else changes: it says what is up, and its metres
+  dogsplat clean model.ply -o said.ply --up=-y --unit 0.31   says what is up, and its metres; no more
   dogsplat clean model.ply -o lean.ply --data photos/ --seen --floaters
                                                              what the photographs do not bear out
 
