@@ -39,8 +39,8 @@ model says (--up, --scale); .spz has y up if that of the model is -y. The others
 network, and opens with the first photograph of the data.
 """
 
-REFINE_HELP = "steps that make up for DoG, on a CPU 10 to 100 ms each; 0: none (default: 300 where they are baked)"
-SMALL_HELP = "SPZ, SOG: coarse grids and a palette, half the bytes; refined to lose little (default: 300 steps)"
+REFINE_HELP = "steps that make up for DoG, on a CPU 10 to 100 ms each; 0: none (default: 300 to 1000)"
+SMALL_HELP = "SPZ, SOG: coarse grids and a palette, half the bytes; refined to lose little"
 DOG_HELP = "DoG: bake (nearest Gaussians), drop, or keep where the format knows them (default: bake)"
 
 
