@@ -21,7 +21,7 @@ from mi_dogsplat.runs.run import train
 from mi_dogsplat.training.config import TrainConfig
 from PIL import Image
 
-CAUSES = ("blur", "exposure", "pose", "region")
+CAUSES: tuple[str, ...] = ("blur", "exposure", "pose", "region")
 DARKER = 0.67
 MOVED = 0.01  # of the width: against its pose
 SMEAR = 0.03  # of the width, across which a shaken image is smeared

@@ -50,8 +50,9 @@ def world_error(exact: Mapping[str, Camera], posed: Path, up: str) -> WorldError
         if second is None:
             continue
         truth = float(np.linalg.norm(a - b)) / similar.scale
-        one = tuple(_mark(exact[first], first, point, rng) for point in (a, b))
-        two = tuple(f"{m}+{_mark(exact[second], second, point, rng)}" for m, point in zip(one, (a, b), strict=True))
+        one = _mark(exact[first], first, a, rng), _mark(exact[first], first, b, rng)
+        again = _mark(exact[second], second, a, rng), _mark(exact[second], second, b, rng)
+        two = f"{one[0]}+{again[0]}", f"{one[1]}+{again[1]}"
         for n, ends in ((1, one), (2, two)):
             try:
                 errors[n].append(abs(length_in_units(ends, standpoints) / truth - 1))

@@ -149,6 +149,6 @@ def _error_outside(squares: Image) -> float:
     blocks = np.add.reduceat(blocks, np.arange(0, kept.shape[1], side), axis=1)
     total = float(blocks.sum())
     parts: NDArray = np.zeros(blocks.shape, int)
-    n = label(blocks > TIMES_MEDIAN * np.median(blocks), output=parts)
-    regions = [blocks[part].sum() for k in range(1, n + 1) if (part := parts == k).mean() <= MOST_REGION]
+    label(blocks > TIMES_MEDIAN * np.median(blocks), output=parts)
+    regions = [blocks[part].sum() for k in range(1, parts.max() + 1) if (part := parts == k).mean() <= MOST_REGION]
     return 1.0 if total <= 0 or not regions else 1 - float(max(regions)) / total

@@ -58,8 +58,8 @@ def test_two_images_and_points_marked_in_one_or_two(colmap):
 def test_a_unit_is_measured_at_the_full_size_of_the_images(colmap, downscale):
     folder, points = colmap
     marked = marks(folder, points)
-    ends = ["+".join(marked[name][i] for name in marked) for i in (0, 8)]
-    unit = metres_of_unit(folder, (*ends, "2"))
+    first, last = ("+".join(marked[name][i] for name in marked) for i in (0, 8))
+    unit = metres_of_unit(folder, (first, last, "2"))
     assert unit == pytest.approx(2 / np.linalg.norm(points[0] - points[8]), rel=1e-3)
     load_dataset(folder, downscale)  # whose size is another
 

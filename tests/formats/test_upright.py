@@ -1,6 +1,5 @@
 """What a model says of its up axis and unit: glTF stands by it, numbers stay, and turn only where it is asked for."""
 
-import base64
 import json
 
 import foreign_model
@@ -50,8 +49,7 @@ def test_a_node_that_was_moved_counts_and_the_axes_of_gltf_hold_then(tmp_path):
     again = read_model(tmp_path / "a.gltf")
     assert (again.drawing.up, again.drawing.scale) == ("-y", 1.0)
     expected = upright(Model(foreign_model.model(), Drawing(up="z", scale=2.0)))[0].splats
-    np.testing.assert_allclose(again.splats.means, expected.means + np.float32([-1, -2, 3]), atol=1e-4)
-    assert base64.b64decode(content["buffers"][0]["uri"].partition(",")[2])
+    np.testing.assert_allclose(again.splats.means, expected.means + np.array([-1, -2, 3]), atol=1e-4)
 
 
 def test_a_file_of_before_that_has_no_matrix_keeps_what_it_says(tmp_path):

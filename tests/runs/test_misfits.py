@@ -132,6 +132,7 @@ def folder(scene, tmp_path):
 def test_the_report_names_them_with_pictures_and_what_helps(folder):
     page = parsed(write_report(folder).read_text())
     part = section(page, "Images that do not fit")
+    assert part is not None
     text = words(part)
     for said in ("12 of 12 training views were looked at", "paint it black in a mask", "a part of it: in the way"):
         assert said in text
