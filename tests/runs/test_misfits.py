@@ -95,6 +95,16 @@ def test_what_is_masked_does_not_count_and_colours_that_are_learnt_are_not_held_
     assert "04" not in {misfit.name for misfit in misfits(scene, planted=True, exposure=True)[1]}
 
 
+def test_a_blurred_image_is_found_where_the_model_is_not_sharp_and_shows_it_better_than_others(scene):
+    renders, views = scene
+    soft = {name: gaussian_filter(image, (1.2, 1.2, 0)) for name, image in renders.items()}
+    blurred = {"02": gaussian_filter(renders["02"], (2, 2, 0))}
+    views = [View(view.name, view.camera, (renders | blurred)[view.name]) for view in views]
+    quality, found = find_misfits(lambda view: soft[view.name], views, 0.0)
+    assert [(misfit.name, misfit.cause) for misfit in found] == [("02", "blur")]
+    assert quality["02"] > np.median(list(quality.values())) and found[0].below < 0
+
+
 def test_few_views_tell_nothing(scene):
     quality, found = find_misfits(lambda view: 0 * view.image, photographs(scene, True)[: FEWEST - 1], 0.0)
     assert len(quality) == FEWEST - 1 and not found

@@ -51,14 +51,15 @@ def test_level_cameras_tell_up_exactly(elevations):
     assert roll(found, up_of_cameras(found)) < 2e-3
 
 
-def test_cameras_that_look_straight_down_tell_up_by_where_they_look():
+@pytest.mark.parametrize("ahead", [-1, 1])
+def test_cameras_that_look_straight_down_tell_up_by_where_they_look(ahead):
     """A drone that turns about its view: no picture is more upright than another."""
     angles = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     c2w = np.repeat(np.eye(4)[None], 12, axis=0)
     c2w[:, :3, 0] = np.stack([np.cos(angles), np.sin(angles), 0 * angles], -1)
-    c2w[:, :3, 2] = (0, 0, -1)
+    c2w[:, :3, 2] = (0, 0, ahead)
     c2w[:, :3, 1] = np.cross(c2w[:, :3, 2], c2w[:, :3, 0])
-    np.testing.assert_allclose(up_of_cameras(c2w), [0, 0, 1], atol=1e-6)
+    np.testing.assert_allclose(up_of_cameras(c2w), [0, 0, -ahead], atol=1e-6)
 
 
 def test_cameras_held_anyhow_roll():
