@@ -106,7 +106,7 @@ def clean_model(
     left_out += _write(out, upright(written)[0] if world.upright else written)
     quality = _quality(dataset, splats, after, options.background, drawn) if dataset else None
     if preview:
-        write_preview(Path(preview), read, after, data, options)
+        write_preview(Path(preview), replace(read, drawing=drawing), after, data, options)
     found = [(reason, number) for reason, number in taken_out if number]
     return Cleaned(splats.n_splats, after.n_splats, found, unneeded.described(kept, config.mixed_sh), quality, left_out)
 

@@ -19,7 +19,7 @@ from mi_dogsplat.support.errors import DataError
 from ply_files import random_splats, to_bytes, vertex_columns
 from scipy.spatial.transform import Rotation
 
-EVERYTHING = Drawing(antialiased=True, near_clip=0.0625, linear=True, up="-y", scale=2.5)
+EVERYTHING = Drawing(antialiased=True, near_clip=0.0625, linear=True, up="-x", scale=2.5)
 LOSSLESS = (".ply", ".glb", ".gltf")
 
 
