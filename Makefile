@@ -18,8 +18,8 @@ test: lint
 	-@$(MAKE) --no-print-directory blender
 	$(PY) -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
-# Engine, scores, training and pruning in cuda_ad_rgb, on a CPU that stands in for the GPU. Skipped with a line that says
-# why where it cannot be done.
+# Engine, tracing, scores, training and pruning in cuda_ad_rgb, on a CPU that stands in for the GPU. Skipped with a line
+# that says why where it cannot be done.
 test-cuda: setup
 	@scripts/test_cuda.sh $(PY)
 

@@ -9,8 +9,7 @@ from bpy.props import EnumProperty
 from ..cameras.objects import camera_numbers
 from ..files.model import Model, concatenate
 from ..nodes.modifier import get_input, splat_modifier
-from ..objects.attributes import is_splats
-from ..objects.export_operators import model_of
+from ..objects.placed import placed_model, placed_splats
 from ..preferences import command_of
 from .renderers import Cancelled, RendererError, Settings, choose_renderer
 
@@ -58,11 +57,9 @@ class DogSplatEngine(bpy.types.RenderEngine):
         if depsgraph.scene.camera is None:
             raise ValueError("the scene has no camera; add one, or import those of the data set")
         models, near, antialiased = [], [], False
-        for obj in depsgraph.objects:
-            if not is_splats(obj.original):
-                continue
-            model = model_of(obj.original, np.array(obj.matrix_world @ obj.original.matrix_world.inverted()))
-            if modifier := splat_modifier(obj.original):
+        for obj, matrix in placed_splats(depsgraph):
+            model = placed_model(obj, depsgraph, matrix)
+            if modifier := splat_modifier(obj):
                 model = model.with_degree(min(get_input(modifier, "SH Degree"), model.sh_degree))
                 model.is_dog = model.is_dog & bool(get_input(modifier, "DoG"))
                 near.append(get_input(modifier, "Near Clip"))

@@ -16,6 +16,7 @@ STATIONS = [
     {"poses"},
     {"reference"},
     {"engine"},
+    {"tracing"},
     {"shape_dog", "plugin", "integrator"},
     {"scores"},
     {"render"},
