@@ -28,6 +28,7 @@ from PIL import Image
 
 from .filmed_scene import film, write_video
 from .pose_error import alignment, pose_error
+from .world_error import world_error
 
 SCENE = Path(__file__).parents[1] / "scenes" / "demo_truth.xml"
 WIDTH, HEIGHT, FRAMES, SHUTTER, SPP = 640, 480, 96, 3, 9
@@ -39,7 +40,7 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--data", type=Path, nargs="*", default=[], help="COLMAP folders whose poses are thrown away")
     parser.add_argument("--film", action="store_true", help="also a video made of scenes/demo_truth.xml")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder for what is found and trained")
-    parser.add_argument("--steps", type=int, default=2000)
+    parser.add_argument("--steps", type=int, default=2000, help="of the trainings; 0: none")
     parser.add_argument("--downscale", type=int, default=4)
     args = parser.parse_args(argv)
     mi.set_variant("llvm_ad_rgb")
@@ -58,9 +59,13 @@ def _row(name: str, source: Path, exact: dict[str, Camera], data: Path | None, t
     summary = find_poses(source, top / "posed", PosesConfig())
     found = _cameras(top / "posed")
     error = pose_error(exact, found)
+    if data is None:  # whose up is known
+        world = world_error(exact, top / "posed", "z")
+        lengths = f"{world.one_mark:.2%} ({world.refused:.0%} of them refused), in two {world.two_marks:.2%}"
+        print(f"{name}: up off by {world.up:.2f} deg; lengths by points marked in one image {lengths}")
     data = data or _exact_data(top, exact, found)
-    psnr = {}
-    for which, path in {"given": data, "found": top / "posed"}.items():
+    psnr = {"given": np.nan, "found": np.nan}
+    for which, path in {"given": data, "found": top / "posed"}.items() if args.steps else ():
         config = TrainConfig(data=str(path), steps=args.steps, downscale=args.downscale)
         psnr[which] = train(config, top / f"run_{which}")["test"]["psnr"]
     print("\n".join(summary.lines()))

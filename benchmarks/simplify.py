@@ -21,7 +21,7 @@ from mi_dogsplat.editing.simplify_config import SimplifyConfig
 from mi_dogsplat.export.refine import rendered
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.measure.metrics import psnr
-from mi_dogsplat.render.framing import AUTOMATIC_SIZE, cameras_around
+from mi_dogsplat.render.framing import AUTOMATIC_SIZE, cameras_around, likely_up
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.render.vantages import cameras_inside
 from mi_dogsplat.scene.splats import Splats
@@ -33,7 +33,7 @@ SEED = 12345  # of the cameras inside
 def quality(truth: Splats) -> Callable[[Splats], list[float]]:
     """What measures a model: mean PSNR in dB from around over black and over grey, and from inside over grey."""
     around = cameras_around(truth, VIEWS)
-    inside = cameras_inside(truth, VIEWS, AUTOMATIC_SIZE, np.random.default_rng(SEED))
+    inside = cameras_inside(truth, VIEWS, AUTOMATIC_SIZE, np.random.default_rng(SEED), likely_up(truth))
     black, grey = (look_of(truth, PictureOptions(background=name)) for name in ("black", "auto"))
     kinds = [(around, black), (around, grey), (inside, grey)]
     true = [rendered(truth, *kind) for kind in kinds]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -17,7 +18,7 @@ from .transform import C0
 
 EXTENSIONS = (".ply", ".spz", ".sog", ".glb", ".gltf", ".splat", ".json")  # .json: the meta.json of SOG
 RENDER_MODES = {"mip": True, "default": False}
-UP_AXES = ("Z", "-Z", "Y", "-Y")
+UP_AXES = ("X", "-X", "Y", "-Y", "Z", "-Z")
 Converter = Callable[[Path, Path], None]  # any model to a PLY, DoG and comments kept; raises ``FileError``
 
 
@@ -28,7 +29,7 @@ class Said:
     antialiased: bool | None = None
     near_clip: float | None = None
     linear: bool | None = None
-    up: str | None = None  # of ``UP_AXES``
+    up: tuple[float, float, float] | None = None  # a direction of any length
     scale: float | None = None
 
 
@@ -63,14 +64,14 @@ def said_in(comments: list[str]) -> Said:
         match comment.split():
             case ["dogsplat", "antialiased" | "linear" as name, "true" | "false" as value]:
                 ours[name] = value == "true"
-            case ["dogsplat", "up", axis] if axis.upper() in UP_AXES:
-                ours["up"] = axis.upper()
+            case ["dogsplat", "up", name] if (up := direction(name)) is not None:
+                ours["up"] = up
             case ["dogsplat", "near_clip" | "scale" as name, number] if _positive(number, name == "near_clip"):
                 ours[name] = float(number)
             case ["SplatRenderMode:", mode] if mode in RENDER_MODES:
                 others["antialiased"] = RENDER_MODES[mode]
             case ["Vertical", "axis:", axis] if axis.lower() in ("y", "z"):  # of Brush, which means down
-                others["up"] = f"-{axis.upper()}"
+                others["up"] = direction(f"-{axis}")
     return Said(**others | ours)  # type: ignore[arg-type]
 
 
@@ -82,6 +83,18 @@ def _in_radiance(model: Model, comments: list[str]) -> Model:
         model.sh_coeffs *= np.float32(white)
         model.sh_coeffs[:, 0] += 0.5 * (white - 1) / C0
     return model
+
+
+def direction(name: str) -> tuple[float, float, float] | None:
+    """The vector of an axis, as ``-y``, or of three numbers, ``0.1,-0.9,0.4``; None for anything else."""
+    if name.upper() in UP_AXES:
+        x, y, z = (float(axis == name[-1].upper()) * (-1 if name[0] == "-" else 1) for axis in "XYZ")
+        return x, y, z
+    try:
+        x, y, z = (float(word) for word in name.split(","))
+    except ValueError:
+        return None
+    return (x, y, z) if 1e-6 < math.hypot(x, y, z) < 1e6 else None
 
 
 def _positive(text: str, or_zero: bool) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-from mathutils import Matrix
+from mathutils import Matrix, Vector
 
 SOURCE, CONVENTION, IMPORT_MATRIX = "dogsplat_source", "dogsplat_convention", "dogsplat_import_matrix"
 DOG_COUNT = "dogsplat_dog_count"  # of the model as it was imported
@@ -18,11 +18,18 @@ _TO_Z_UP = {
     "Z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)), "-Z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
     "Y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)), "-Y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
 }  # fmt: skip
+_AXES = {"Z": Vector((0, 0, 1)), "-Z": Vector((0, 0, -1)), "Y": Vector((0, 1, 0)), "-Y": Vector((0, -1, 0))}
 
 
-def conversion(up_axis: str, scale: float) -> Matrix:
-    """The matrix from coordinates of a file to Blender's."""
-    return Matrix.Scale(scale, 4) @ Matrix(_TO_Z_UP[up_axis]).to_4x4()
+def conversion(up: str | tuple[float, float, float], scale: float) -> Matrix:
+    """The matrix from coordinates of a file to Blender's; ``up`` is one of ``UP_AXES``, or a direction."""
+    if not isinstance(up, str):
+        nearest = Vector(up).normalized()
+        named = next((name for name, vector in _AXES.items() if (vector - nearest).length < 1e-6), None)
+        if named is None:
+            return Matrix.Scale(scale, 4) @ nearest.rotation_difference(Vector((0, 0, 1))).to_matrix().to_4x4()
+        up = named
+    return Matrix.Scale(scale, 4) @ Matrix(_TO_Z_UP[up]).to_4x4()
 
 
 def remember(obj: bpy.types.Object, source: str, convention: str, matrix: Matrix) -> None:

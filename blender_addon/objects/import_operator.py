@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,11 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
     up_axis: EnumProperty(name="Up Axis", items=UP_AXES, default="Z", description=UP_DESCRIPTION)
     scale: FloatProperty(
         name="Scale", default=1.0, min=1e-6, soft_max=100.0, description="Unless set here, as the file says"
+    )
+    place: BoolProperty(
+        name="Upright, in Metres",
+        default=True,
+        description="Turn and scale as the file says; else only as it is set here",
     )
     sh_degree: IntProperty(
         name="SH Degree",
@@ -98,7 +104,8 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
             bpy.ops.object.mode_set(mode="OBJECT")
         bpy.ops.object.select_all(action="DESELECT")
         for path, model, said in models:
-            up_axis, scale = self._choice("up_axis", said.up), self._choice("scale", said.scale)
+            place = said if self.place else replace(said, up=None, scale=None)
+            up_axis, scale = self._choice("up_axis", place.up), self._choice("scale", place.scale)
             obj = build_object(context, path, model, conversion(up_axis, scale))
             modifier = obj.modifiers[-1]
             set_input(modifier, "Show As", self.show_as.capitalize())

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..scene.cameras import Camera, inverse_rigid
+from ..scene.orientation import AXES, rotation_between, up_vector
 from .capture_config import CaptureConfig
 
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
@@ -68,14 +69,11 @@ def _on_sphere(rise: np.ndarray, azimuth: np.ndarray, up: str) -> np.ndarray:
     """Unit vectors [n, 3] at these heights along ``up`` and angles around it."""
     flat = np.sqrt(1 - rise**2)
     directions = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), rise], axis=1)  # [n, 3], up is z
+    if up not in AXES:
+        return directions @ rotation_between(up_vector("z"), up_vector(up)).T
     if up[0] == "-":
         directions *= (1, -1, -1)  # half a turn about x keeps the sense of rotation about the axis
     return np.roll(directions, {"x": 1, "y": 2, "z": 0}[up[-1]], axis=1)
-
-
-def up_vector(up: str) -> np.ndarray:
-    """The axis ``x``, ``y``, ``z``, ``-x``, ``-y`` or ``-z`` as a unit vector [3]."""
-    return np.eye(3)["xyz".index(up[-1])] * (-1 if up[0] == "-" else 1)
 
 
 def look_at(position: np.ndarray, target: np.ndarray, up: str | np.ndarray) -> np.ndarray:

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..datasets.world_config import WorldConfig
 from ..formats.model import Model
 from ..formats.read import read_model
 from ..formats.table import PLY, format_to_write
+from ..formats.upright import upright
 from ..formats.write import write_model
 from ..inspection.unneeded import Unneeded
 from ..measure.metrics import psnr
@@ -55,6 +57,7 @@ def clean_model(
     data: str | Path | None = None,
     preview: str | Path | None = None,
     options: PictureOptions = PictureOptions(),
+    world: WorldConfig = WorldConfig(),
 ) -> Cleaned:
     """Write a model file anew, without what ``unneeded.py`` finds and what ``config`` does not want.
 
@@ -65,6 +68,7 @@ def clean_model(
         data: a data set, for ``seen``, ``floaters``, and the PSNR before and after.
         preview: a .png to write, of the model before and after.
         options: how pictures are drawn; what they do not say, the model's file does.
+        world: what is up, and how long a unit is, where the model's file is not to say so.
 
     Pictures need a Mitsuba variant. Raises ``DataError``.
     """
@@ -81,6 +85,7 @@ def clean_model(
         raise DataError(model, "the model is empty", "clean one that has primitives")
     if out.exists() and out.samefile(model):
         raise DataError(out, "is the model itself, which would be lost", "name another file")
+    drawing = world.over(options.drawing.over(read.drawing), data)
     dataset = _dataset(data, options)
     cameras = [view.camera for view in dataset.train] if dataset else []
     wanted, taken_out = np.ones(splats.n_splats, bool), []
@@ -97,10 +102,11 @@ def clean_model(
     if after.n_splats == 0:
         raise DataError(model, "no primitive would be left", "take out less")
     left_out = [f"{model.name}: {line}" for line in read.left_out]
-    left_out += _write(out, replace(read, splats=after, drawing=options.drawing.over(read.drawing)))
+    written = replace(read, splats=after, drawing=drawing)
+    left_out += _write(out, upright(written)[0] if world.upright else written)
     quality = _quality(dataset, splats, after, options.background, drawn) if dataset else None
     if preview:
-        write_preview(Path(preview), read, after, data, options)
+        write_preview(Path(preview), replace(read, drawing=drawing), after, data, options)
     found = [(reason, number) for reason, number in taken_out if number]
     return Cleaned(splats.n_splats, after.n_splats, found, unneeded.described(kept, config.mixed_sh), quality, left_out)
 

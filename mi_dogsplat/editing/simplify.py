@@ -84,7 +84,7 @@ def simplify_model(
         raise DataError(out, "is the model itself, which would be lost", "name another file")
     target = config.count(splats.n_splats)
     look = look_of(splats, options, read.drawing)
-    others = cameras_of(splats, config, HELD_OUT, config.seed + 1)
+    others = cameras_of(splats, config, HELD_OUT, config.seed + 1, read.drawing.up)
     truth = rendered(splats, others, look)
 
     def quality(found: Splats) -> float:
@@ -93,7 +93,7 @@ def simplify_model(
             pairs = [(displayed(a, look.white), displayed(b, look.white)) for a, b in pairs]
         return float(np.mean([psnr(picture, true) for picture, true in pairs]))
 
-    cameras = cameras_of(splats, config, config.views, config.seed)
+    cameras = cameras_of(splats, config, config.views, config.seed, read.drawing.up)
     start = merged(splats, target, cameras, look)
     if start.n_splats > target:
         raise DataError(model, f"{start.n_splats} primitives could not be merged any further", "use a larger --target")
@@ -113,10 +113,10 @@ def look_of(splats: Splats, options: PictureOptions, said: Drawing = Drawing()) 
     return look_from_near(splats, drawn_as(options.drawing, said), background)
 
 
-def cameras_of(splats: Splats, config: SimplifyConfig, n: int, seed: int) -> list[Camera]:
+def cameras_of(splats: Splats, config: SimplifyConfig, n: int, seed: int, up: str | None = None) -> list[Camera]:
     """``n`` cameras, of which every third has twice the size: what is fitted at one size alone is worse at others."""
     width, height = config.size
-    cameras = vantage_cameras(splats, n, config.size, seed, config.inside)
+    cameras = vantage_cameras(splats, n, config.size, seed, config.inside, up)
     return [camera.resized(2 * width, 2 * height) if k % 3 == 2 else camera for k, camera in enumerate(cameras)]
 
 

@@ -48,13 +48,15 @@ class Loss:
     of_photographs: float | None
 
 
-def views_of(splats: Splats, dataset: Dataset | None, count: int, options: PictureOptions, drawn: DrawnAs) -> Views:
+def views_of(
+    splats: Splats, dataset: Dataset | None, count: int, options: PictureOptions, drawn: DrawnAs, up: str | None = None
+) -> Views:
     """At most ``count`` test views of a data set, training views where it has none; else views from around a model."""
     how = drawn.antialiased, drawn.linear, drawn.white
     if dataset is None:
         near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
         background = background_color(options.background, False)
-        return Views(cameras_around(splats, count), [], background, near_clip, *how)
+        return Views(cameras_around(splats, count, up), [], background, near_clip, *how)
     background = background_color(options.background, dataset.has_alpha)
     held_out = dataset.test or dataset.train
     views = held_out[:: -(-len(held_out) // count)]

@@ -48,9 +48,11 @@ def steps_for(dataset: Dataset | None) -> int:
     return min(max(STEPS, PASSES * len(dataset.train)), MOST_STEPS) if dataset else STEPS
 
 
-def goal_of(model: Splats, dataset: Dataset | None, most: int, options: PictureOptions, drawn: DrawnAs) -> Goal:
-    """The photographs of a data set, or renders of the model, from at most ``most`` views."""
-    return by_data(model, dataset, most, options, drawn) if dataset else by_renders(model, most, drawn)
+def goal_of(
+    model: Splats, dataset: Dataset | None, most: int, options: PictureOptions, drawn: DrawnAs, up: str | None = None
+) -> Goal:
+    """The photographs of a data set, or renders of the model, which stands ``up``, from at most ``most`` views."""
+    return by_data(model, dataset, most, options, drawn) if dataset else by_renders(model, most, drawn, up)
 
 
 def by_data(model: Splats, dataset: Dataset, most: int, options: PictureOptions, drawn: DrawnAs) -> Goal:
@@ -67,10 +69,10 @@ def by_data(model: Splats, dataset: Dataset, most: int, options: PictureOptions,
     return Goal(cameras, [photograph(view, look.background) for view in views], look, BY_DATA)
 
 
-def by_renders(model: Splats, most: int, drawn: DrawnAs) -> Goal:
+def by_renders(model: Splats, most: int, drawn: DrawnAs, up: str | None = None) -> Goal:
     """Renders of the model, at most ``most``, from where there may be something to see."""
     look = look_from_near(model, drawn)
-    cameras = vantage_cameras(model, min(N_VANTAGES, most), VANTAGE_SIZE)
+    cameras = vantage_cameras(model, min(N_VANTAGES, most), VANTAGE_SIZE, up_axis=up)
     return Goal(cameras, rendered(model, cameras, look), look, BY_RENDERS)
 
 

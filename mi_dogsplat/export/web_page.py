@@ -25,6 +25,7 @@ from ..formats.read import read_model
 from ..formats.write import write_model
 from ..render.framing import automatic_camera, robust_sphere
 from ..scene.drawing import drawn_as
+from ..scene.orientation import rotation_between
 from ..scene.transform import transformed
 from ..support.errors import DataError
 from ..support.files import replacing
@@ -64,7 +65,7 @@ class Opening:
 def opening_of(subject: Subject, title: str, dog: str = "bake") -> Opening:
     """From the first of the cameras that took the photographs, or framed whole; ``dog``: as in ``Opening``."""
     splats, cameras = subject.model.splats, subject.cameras
-    camera = cameras[0] if cameras else automatic_camera(splats)
+    camera = cameras[0] if cameras else automatic_camera(splats, subject.model.drawing.up)
     centre = robust_sphere(splats)[0]
     middles = [region_of_interest(cameras)[0], centre] if cameras else [centre]
     forward = camera.w2c[2, :3]
@@ -134,20 +135,6 @@ def read_page(path: Path) -> Model:
     back = np.eye(4)
     back[:3, :3] = np.array(json.loads(scene[1])["turned_by"]).T
     return replace(read, splats=transformed(read.splats, back), drawing=replace(read.drawing, up=None))
-
-
-def rotation_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The smallest rotation [3, 3] that takes the direction ``a`` [3] to ``b`` [3] (Rodrigues)."""
-    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    axis, cosine = np.cross(a, b), float(a @ b)
-    if cosine < -1 + 1e-12:  # half a turn, about any axis across
-        across = np.eye(3)[int(np.argmin(np.abs(a)))]
-        across -= (across @ a) * a
-        across /= np.linalg.norm(across)
-        return 2 * np.outer(across, across) - np.eye(3)
-    x, y, z = axis
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + skew + skew @ skew / (1 + cosine)
 
 
 def _of_dog(opening: Opening) -> str:

@@ -8,18 +8,22 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import mitsuba as mi
+import numpy as np
 
 from ..datasets.dataset import Dataset
+from ..datasets.world_config import WorldConfig
 from ..film.subject import MODEL as RUN_MODEL
 from ..film.subject import read_subject
 from ..formats.coded import snapped
 from ..formats.model import Model
 from ..formats.read import read_model
 from ..formats.table import SOG, format_to_write
+from ..formats.upright import upright
 from ..formats.write import SPZ_VERSIONS, write_model
 from ..render.picture_options import PictureOptions
 from ..scene.drawing import drawn_as
 from ..scene.splats import Splats
+from ..scene.transform import transformed
 from ..support.errors import DataError
 from .bake import baked
 from .losses import Loss, losses, views_of
@@ -61,6 +65,7 @@ def export_model(
     refine: int | None = None,
     show: Callable[[int, int], None] | None = None,
     small: bool = False,
+    world: WorldConfig = WorldConfig(),
 ) -> Exported:
     """Write a model file in the format that the name of ``out`` asks for, and measure what is lost.
 
@@ -77,6 +82,7 @@ def export_model(
             they were baked and a Mitsuba variant is set.
         show: called with the steps of it that are done, and how many there are.
         small: coarse grids and a palette, for which the model is refined too (docs/quantisation.md); SPZ and SOG.
+        world: what is up, and how long a unit is, where the model's file is not to say so.
 
     Measuring and refining need a Mitsuba variant. Raises ``DataError``.
     """
@@ -88,11 +94,14 @@ def export_model(
         raise DataError("--dog", problem, "use bake or drop")
     if small and chosen.name not in SMALL:
         raise DataError("--small", f"{chosen.name} has no codes that compress", "name a file that ends in .spz or .sog")
+    if small and world.upright:
+        remedy = "make it upright first: dogsplat clean MODEL -o UPRIGHT.ply --upright"
+        raise DataError("--upright", "the grids of a small file are for the model as it lies", remedy)
     if views < 0:
         raise DataError("--views", f"{views} is too small", "use at least 0")
     read = read_model(model)
     splats = read.splats
-    drawing = options.drawing.over(read.drawing)
+    drawing = world.over(options.drawing.over(read.drawing), data)
     if out.exists() and out.samefile(model):
         raise DataError(out, "is the model itself, which would be lost", "name another file")
     if splats.n_splats == 0:
@@ -110,21 +119,24 @@ def export_model(
         stages[f"without DoG ({dog})"] = plain
     if steps:
         start = time.perf_counter()
-        goal = goal_of(splats, dataset, steps, options, drawn)
+        goal = goal_of(splats, dataset, steps, options, drawn, drawing.up)
         plain = stages[f"refined, {steps} steps"] = refined(plain, goal, steps, show, grids)
         seconds = time.perf_counter() - start
     elif grids:
         plain = stages["on the grids of a small file"] = snapped(grids, plain)
     left_out = [f"{model.name}: {line}" for line in read.left_out]
-    written = replace(read, splats=plain, drawing=drawing)
+    written, matrix = replace(read, splats=plain, drawing=drawing), np.eye(4)
+    if world.upright and not page:  # a page is always upright
+        written, matrix = upright(written)
     if page:
         left_out += _write_page(model, out, written, dog, data, options)
     else:
         left_out += write_model(out, written, spz_version)
     if not views:
         return Exported(plain.n_splats, 0, [], left_out, seconds)
-    seen = views_of(splats, dataset, views, options, drawn)
-    stages["read from the file"] = (read_page(out) if page else read_model(out)).splats
+    seen = views_of(splats, dataset, views, options, drawn, drawing.up)
+    again = (read_page(out) if page else read_model(out)).splats
+    stages["read from the file"] = transformed(again, np.linalg.inv(matrix))
     return Exported(plain.n_splats, len(seen.cameras), losses(stages, seen), left_out, seconds)
 
 

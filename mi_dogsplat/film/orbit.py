@@ -11,6 +11,7 @@ import numpy as np
 from ..datasets.camera_paths import look_at
 from ..render.framing import AUTOMATIC_FOV, ELEVATION, automatic_camera, robust_sphere
 from ..scene.cameras import Camera, inverse_rigid
+from ..scene.orientation import up_name
 from ..scene.splats import Splats
 from ..training.initialize import region_of_interest
 from .camera_path import CameraPath, Lens, focal_of_camera, focal_of_fov
@@ -38,7 +39,7 @@ class Surroundings:
 def around_model(splats: Splats, up: np.ndarray, fov: float | None) -> Surroundings:
     """A view of the whole core of a model; ``up`` [3] is its vertical."""
     centre, radius = robust_sphere(splats)
-    start = automatic_camera(splats).position - centre
+    start = automatic_camera(splats, up_name(up)).position - centre
     half = math.radians(AUTOMATIC_FOV if fov is None else fov) / 2
     return Surroundings(centre, start, up, radius / math.sin(half), ELEVATION, 0.5 / math.tan(half))
 

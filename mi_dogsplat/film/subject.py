@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ..datasets import load_dataset
-from ..datasets.camera_paths import up_vector
 from ..formats.model import Model
 from ..formats.read import read_model
 from ..render.framing import NEAR_SHARE, likely_up, robust_sphere
@@ -18,6 +17,7 @@ from ..render.picture_options import PictureOptions
 from ..report.run_folder import read_run
 from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, DrawnAs, drawn_as
+from ..scene.orientation import up_of_cameras, up_vector
 from ..support.errors import DataError
 
 MODEL = "point_cloud.ply"  # of a run folder
@@ -37,14 +37,9 @@ class Subject:
         """The vertical [3]: as the model's file says, as its photographs were held, or a guess."""
         if self.model.drawing.up:
             return up_vector(self.model.drawing.up)
-        return upright(self.cameras) if self.cameras else likely_up(self.model.splats)
-
-
-def upright(cameras: list[Camera]) -> np.ndarray:
-    """The mean upward direction [3] of pictures: people hold cameras level, or turned to both sides alike."""
-    mean = -np.mean([camera.w2c[1, :3] for camera in cameras], axis=0)
-    length = float(np.linalg.norm(mean))
-    return mean / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+        if self.cameras:
+            return up_of_cameras(np.stack([camera.c2w for camera in self.cameras]))
+        return likely_up(self.model.splats)
 
 
 def read_subject(model: Path, data: str | Path | None, options: PictureOptions) -> Subject:

@@ -3,7 +3,8 @@
 A mesh of points with the attributes POSITION, ROTATION (x, y, z, w), SCALE (standard deviations), OPACITY (0..1) and
 SH_DEGREE_l_COEF_n (red, green, blue), in glTF's axes: x left, y up, z forward. The signs of the SH basis are those of
 3DGS. COLOR_0 is for programs that know points only. How the model is drawn is in ``extras`` of the primitive, linear
-colours in ``colorSpace`` too.
+colours in ``colorSpace`` too. What is up, and the metres of a unit, make the matrix of the node: a scene of glTF has y
+up and is in metres.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from ..scene.drawing import EXTRAS, Drawing
 from ..scene.splats import Array, Splats
 from .gltf_container import glb, gltf
-from .gltf_read import DISPLAY, LINEAR, NAME, read
+from .gltf_read import DISPLAY, LINEAR, NAME, placing, read
 from .packing import unit_quats
 
 FLOAT, BYTE, ARRAY_BUFFER, POINTS = 5126, 5121, 34962, 0
@@ -61,12 +62,15 @@ def encode(splats: Splats, drawing: Drawing = Drawing(), binary: bool = True) ->
     primitive: dict[str, Any] = {"attributes": indices, "mode": POINTS, "extensions": {NAME: how}}
     if said := drawing.said():
         primitive["extras"] = {EXTRAS: said}
+    node: dict[str, Any] = {"mesh": 0}
+    if not np.array_equal(placed := placing(drawing), np.eye(4)):
+        node["matrix"] = placed.T.ravel().tolist()
     content = {
         "asset": {"version": "2.0", "generator": "mi_dogsplat"},
         "extensionsUsed": [NAME],
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
+        "nodes": [node],
         "meshes": [{"primitives": [primitive]}],
         "accessors": accessors,
         "bufferViews": views,

@@ -1,6 +1,9 @@
 """Reading glTF with Gaussians: all primitives of the scene that have the extension, moved by their nodes.
 
 Compressed ones, by KHR_gaussian_splatting_compression_spz_2, hold an SPZ file in a buffer view.
+
+A node that only sets a model upright and in metres, as we write it, is left out: the model keeps its own numbers, and
+says by itself what is up and how long a unit is.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..scene.drawing import Drawing, drawing_of_extras
+from ..scene.orientation import placement
 from ..scene.splats import Array, Splats
 from ..scene.transform import transformed
 from ..support.errors import DataError
@@ -28,6 +32,8 @@ SPZ = ("KHR_gaussian_splatting_compression_spz_2", "KHR_gaussian_splatting_compr
 LINEAR, DISPLAY = "lin_rec709_display", "srgb_rec709_display"
 MAX_DEPTH = 64  # of nodes in nodes
 SMALLEST_SCALE = 1e-30
+UP = "-y"  # of glTF, in the axes of 3DGS PLY
+SAME = 1e-6  # relative difference of matrices
 
 
 def read(path: Path) -> Model:
@@ -62,7 +68,27 @@ def _models(container: Container) -> Iterator[Model]:
             left -= model.splats.means.nbytes
             if left < 0:
                 raise ValueError("its nodes repeat more primitives than it has bytes for")
-            yield replace(model, splats=transformed(model.splats, matrix))
+            yield model if _says(model.drawing, matrix) else _moved(model, matrix)
+
+
+def _says(drawing: Drawing, matrix: Array) -> bool:
+    """Whether a node does no more than what its model says by itself."""
+    placed = placing(drawing)
+    known = np.allclose(matrix, placed, rtol=0, atol=SAME * abs(placed).max())
+    return known or np.array_equal(matrix, np.eye(4))
+
+
+def _moved(model: Model, matrix: Array) -> Model:
+    """The model where its node has it. What it said of its place is over then: the axes and metres of glTF hold."""
+    said, drawing = {"up": UP, "scale": 1.0}, model.drawing
+    now = {name: value for name, value in said.items() if getattr(drawing, name) is not None}
+    return replace(model, splats=transformed(model.splats, matrix), drawing=replace(drawing, **now))
+
+
+def placing(drawing: Drawing) -> Array:
+    """The matrix [4, 4] of the node that sets a model in LUF axes upright, y up, and in metres, as far as it says."""
+    axes = np.diag([*LUF[0], 1.0])
+    return axes @ placement(drawing.up, drawing.scale, UP) @ axes
 
 
 def _nodes(content: Any) -> Iterator[tuple[Any, Array]]:

@@ -64,7 +64,7 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     """Lines about what a format has no room for, beside rounding."""
     said, lost = model.drawing.said(), []
     unsaid = {name: value for name, value in said.items() if name not in chosen.carries}
-    usual = asdict(DrawnAs()) | {"scale": 1.0}  # what readers take where a file is silent
+    usual = asdict(DrawnAs()) | {"scale": 1.0, "up": "-y"}  # what readers take where a file is silent
     if unusual := [f"{name} {value}" for name, value in unsaid.items() if value != usual.get(name)]:
         lost.append(f"{chosen.name} cannot say how it is drawn: {', '.join(unusual)}; give it by hand")
     if model.splats.sh_degree > chosen.sh_degree:

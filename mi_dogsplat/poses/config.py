@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from ..support.settings import Setting, check_settings, refuse
+from ..datasets.world import Length, check_world
+from ..support.settings import Setting, check_settings
 
 SETTINGS = "poses.json"
 LENSES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE")  # lens.py reads them all
@@ -15,7 +15,6 @@ LENS = "lens of each camera, a model of COLMAP's: " + ", ".join(LENSES)
 FRAMES = "frames to take of a video (default: as many as its motion asks for, at most 300)"
 MASKS = "folder of masks, named as the images: nothing black is matched (default: INPUT/masks where there is one)"
 UNDISTORT = "write images of a pinhole, for programs that know no lenses; else they keep their pixels and their lens"
-SCALE = "two images, and how far their cameras stand apart: the unit of the poses (default: COLMAP's)"
 SIZE = "longest side of the images in which features are sought; larger ones are shrunk for that"
 
 
@@ -27,20 +26,11 @@ class PosesConfig:
     frames: Annotated[int | None, Setting(FRAMES, least=2)] = None
     masks: Annotated[str | None, Setting(MASKS, "DIR")] = None
     undistort: Annotated[bool, Setting(UNDISTORT)] = False
-    scale: Annotated[tuple[str, str, str] | None, Setting(SCALE, "A B LENGTH")] = None
+    scale: Length = None
     feature_size: Annotated[int, Setting(SIZE, least=64)] = 2000
     seed: Annotated[int, Setting("seed of every random choice", least=0, most=2**31 - 1)] = 0
     gpu: Annotated[bool, Setting("find and match features on a GPU (needs a pycolmap with CUDA)")] = False
 
     def __post_init__(self) -> None:
         check_settings(self)
-        if self.scale is not None and not 0 < self.length < math.inf:
-            refuse("scale", f'"{self.scale[2]}" is no length', "use a number above 0")
-
-    @property
-    def length(self) -> float:
-        """That of ``scale``, which must be there; NaN if it is no number."""
-        try:
-            return float(self.scale[2]) if self.scale else math.nan
-        except ValueError:
-            return math.nan
+        check_world(None, self.scale)

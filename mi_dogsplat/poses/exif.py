@@ -8,6 +8,8 @@ from typing import Any
 
 from PIL import ExifTags, Image
 
+from .gravity import down_of
+
 DIAGONAL_35MM = math.hypot(36, 24)  # mm; CIPA DC-008 compares fields of view by the diagonal
 SAME_SHAPE = 0.02  # relative difference of the ratios of two sizes that are of one picture
 DEVICE = (ExifTags.Base.Make, ExifTags.Base.Model, ExifTags.Base.LensModel, ExifTags.Base.FocalLength)
@@ -28,12 +30,14 @@ MM_PER_UNIT = {2: 25.4, 3: 10.0}  # FocalPlaneResolutionUnit: inch, centimetre
 class Exif:
     """``device``: equal for photographs of one camera at one focal length; ``focal`` in pixels, None if unknown.
 
-    ``turn``: what is to be done to the pixels before they are shown, None for nothing.
+    ``turn``: what is to be done to the pixels before they are shown, None for nothing. ``down``: where down was, a unit
+    vector in the axes of the camera (OpenCV) whose picture is upright; None if the file does not say.
     """
 
     device: str
     focal: float | None
     turn: Image.Transpose | None
+    down: tuple[float, ...] | None = None
 
 
 def read_exif(image: Image.Image) -> Exif:
@@ -46,7 +50,9 @@ def read_exif(image: Image.Image) -> Exif:
     tags = {**top, **more}
     names = [str(tags.get(tag, "")).strip("\0 ") for tag in DEVICE]
     turn = TURNS.get(tags.get(ExifTags.Base.Orientation, 1))
-    return Exif(" ".join(filter(None, names)), _focal(tags, image.size), turn)
+    down = down_of(image, tags, turn)
+    known = None if down is None else tuple(down.tolist())
+    return Exif(" ".join(filter(None, names)), _focal(tags, image.size), turn, known)
 
 
 def _focal(tags: dict[int, Any], size: tuple[int, int]) -> float | None:

@@ -29,7 +29,8 @@ QUALITY = {"quality": 95, "subsampling": 0}  # of JPEG where pixels were turned
 class Photograph:
     """``name`` in the folder of images. Photographs with one ``camera`` share focal length and lens.
 
-    ``focal`` in pixels, None if the file does not say; ``turn`` made the pixels of the file upright, None if they were.
+    ``focal`` in pixels, None if the file does not say; ``turn`` made the pixels of the file upright, None if they were;
+    ``down`` as in ``Exif``.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Photograph:
     camera: str
     focal: float | None
     turn: Image.Transpose | None = None
+    down: tuple[float, ...] | None = None
 
 
 def prepare(sources: Mapping[str, Path], folder: Path, progress: Callable[[int, int], None]) -> list[Photograph]:
@@ -73,7 +75,7 @@ def _prepared(name: str, source: Path, folder: Path) -> Photograph:
         with replacing(target) as part:
             shutil.copyfile(source, part)
     camera = f"{exif.device} {width}x{height}".strip()
-    return Photograph(target.relative_to(folder).as_posix(), width, height, camera, exif.focal, exif.turn)
+    return Photograph(target.relative_to(folder).as_posix(), width, height, camera, exif.focal, exif.turn, exif.down)
 
 
 @contextmanager

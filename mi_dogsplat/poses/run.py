@@ -18,6 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ..datasets.world import write_world
 from ..support.errors import DataError
 from ..support.files import read_json, remove_parts, write_json
 from ..support.locks import locked
@@ -35,7 +38,7 @@ from .output import undistort, write_model
 from .photographs import prepare, prepare_masks
 from .summary import Summary, camera_line, field_of_view
 from .video import require_av
-from .world import Scale, place
+from .world import place
 
 SUMMARY = "summary.json"
 DATABASE, SECONDS = "work/database.db", "work/seconds.json"
@@ -132,7 +135,8 @@ def _reconstruct(
         models = reconstruct(pycolmap, database, images, len(photographs), config, progress)
     if not models:
         raise _nothing_found(source, evidence)
-    place(pycolmap, models[0], Scale(*config.scale[:2], config.length) if config.scale else None)
+    downs = {p.name: np.array(p.down) for p in photographs if p.down is not None}
+    placed = place(pycolmap, models[0], config.scale, downs)
     names = [{image.name for image in model.images.values() if image.has_pose} for model in models]
     others = tuple(n for n in (len(more - names[0]) for more in names[1:]) if n)
     error = float(models[0].compute_mean_reprojection_error())
@@ -148,11 +152,14 @@ def _reconstruct(
         observations=float(models[0].compute_mean_observations_per_reg_image()),
         cameras=[camera_line(camera) for camera in cameras],
         n_masks=n_masks,
+        up_from=placed.up_from,
+        scale=placed.world.scale,
         without_pose=[p.name for p in photographs if p.name not in names[0]],
         advice=[str(a) for a in advice_on_capture(evidence) + advice_on_model(outcome)],
         seconds=stages.seconds,
     )
     write_json(out / SUMMARY, dataclasses.asdict(summary))
+    write_world(out, placed.world)
     write_model(models[0], _model_folder(top))
 
 

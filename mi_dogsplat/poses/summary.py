@@ -14,7 +14,8 @@ MOST_NAMES = 5
 @dataclass(frozen=True)
 class Summary:
     """``error``: mean reprojection error in pixels; ``cameras``: a line each; ``without_pose``: names of images;
-    ``advice``: see ``advice.py``; ``seconds`` by stage, of this start and those before."""
+    ``up_from``: how up was found; ``scale``: metres of a unit, None where nobody knows; ``advice``: see ``advice.py``;
+    ``seconds`` by stage, of this start and those before."""
 
     n_images: int
     n_registered: int
@@ -26,6 +27,8 @@ class Summary:
     without_pose: list[str]
     advice: list[str]
     seconds: dict[str, float]
+    up_from: str = "as the cameras were held"
+    scale: float | None = None
 
     def lines(self) -> list[str]:
         """Sentences for people."""
@@ -34,6 +37,8 @@ class Summary:
             f"reprojection error {self.error:.2f} px, {self.observations:.0f} observations per image"
         ]
         lines += [f"camera: {camera}" for camera in self.cameras]
+        unit = "of structure from motion; --scale makes it metres" if self.scale is None else "a metre"
+        lines.append(f"up is -y, {self.up_from}; the unit is {unit}")
         if self.n_masks:
             lines.append(f"{self.n_masks} masks; train with --masks masks/ of this folder")
         if self.without_pose:

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from ..datasets.camera_paths import up_vector
 from ..datasets.capture_config import CaptureConfig
 from ..scene.cameras import Camera, inverse_rigid
+from ..scene.orientation import up_name, up_vector
 from ..scene.splats import Splats
 
 AUTOMATIC_SIZE = (800, 600)  # pixels
@@ -53,7 +53,7 @@ def likely_up(splats: Splats) -> np.ndarray:
 
 
 def vertical(splats: Splats, up_axis: str | None) -> np.ndarray:
-    """The vertical [3] that a file names (``Drawing.up``), else the likely one."""
+    """The vertical [3] that a file tells (``Drawing.up``), else the likely one."""
     return up_vector(up_axis) if up_axis else likely_up(splats)
 
 
@@ -64,7 +64,8 @@ def automatic_camera(splats: Splats, up_axis: str | None = None) -> Camera:
     """
     centre, radius = robust_sphere(splats)
     up = vertical(splats, up_axis)
-    sideways = np.roll(abs(up), 1) + 1.5 * np.roll(abs(up), 2)  # [3] horizontal, off both axes
+    sideways = np.roll(abs(up), 1) + 1.5 * np.roll(abs(up), 2)  # [3] off all axes
+    sideways -= (sideways @ up) * up
     elevation = math.radians(ELEVATION)
     offset = math.sin(elevation) * up - math.cos(elevation) * sideways / np.linalg.norm(sideways)
     forward = -offset
@@ -78,16 +79,11 @@ def automatic_camera(splats: Splats, up_axis: str | None = None) -> Camera:
     return Camera(inverse_rigid(c2w), focal, focal, width / 2, height / 2, width, height)
 
 
-def cameras_around(splats: Splats, n: int) -> list[Camera]:
+def cameras_around(splats: Splats, n: int, up_axis: str | None = None) -> list[Camera]:
     """``n`` cameras on a hemisphere that frame the core of a model, for when nobody says from where to compare."""
     from ..datasets.camera_paths import circling_shots  # here: data sets need the extra "train"
 
     centre, radius = robust_sphere(splats)
-    up = up_name(likely_up(splats))
-    config = CaptureConfig(size=AUTOMATIC_SIZE, fov=AUTOMATIC_FOV, up=up, elevations=ELEVATIONS_AROUND)
+    up = up_name(vertical(splats, up_axis))
+    config = CaptureConfig(size=AUTOMATIC_SIZE, fov=AUTOMATIC_FOV, elevations=ELEVATIONS_AROUND)
     return [shot.camera for shot in circling_shots(config, n, centre, radius, up)]
-
-
-def up_name(axis: np.ndarray) -> str:
-    """An axis direction [3] as ``x``, ``-x``, ``y``, ..."""
-    return ("-" if axis.sum() < 0 else "") + "xyz"[int(np.argmax(abs(axis)))]

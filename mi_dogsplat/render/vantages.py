@@ -13,8 +13,9 @@ from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from ..datasets.camera_paths import hemisphere, look_at
 from ..scene.cameras import Camera
+from ..scene.orientation import up_name
 from ..scene.splats import Array, Splats
-from .framing import AUTOMATIC_FOV, likely_up, robust_sphere, up_name
+from .framing import AUTOMATIC_FOV, robust_sphere, vertical
 
 ELEVATIONS = (-30.0, 80.0)  # degrees, of cameras around a model
 NEAR_FOV = 60.0  # degrees, of the shorter side, of cameras inside
@@ -26,7 +27,12 @@ TRIALS = 40  # places tried for each camera
 
 
 def vantage_cameras(
-    splats: Splats, n: int, size: tuple[int, int], seed: int = 0, share_inside: float = 0.5
+    splats: Splats,
+    n: int,
+    size: tuple[int, int],
+    seed: int = 0,
+    share_inside: float = 0.5,
+    up_axis: str | None = None,
 ) -> list[Camera]:
     """``n`` cameras around a model and, as far as there are free places, a share of them inside.
 
@@ -35,30 +41,36 @@ def vantage_cameras(
         size: width and height in pixels.
         seed: of the places; other seeds give other views.
         share_inside: 0..1.
+        up_axis: what stands upright, as in ``Drawing.up``; None: a guess.
     """
-    rng = np.random.default_rng(seed)
-    inside = cameras_inside(splats, round(share_inside * n), size, rng)
-    return [*cameras_outside(splats, n - len(inside), size, rng), *inside]
+    rng, axis = np.random.default_rng(seed), vertical(splats, up_axis)
+    inside = cameras_inside(splats, round(share_inside * n), size, rng, axis)
+    return [*cameras_outside(splats, n - len(inside), size, rng, axis), *inside]
 
 
-def cameras_outside(splats: Splats, n: int, size: tuple[int, int], rng: np.random.Generator) -> list[Camera]:
-    """Evenly spread over a band of a sphere, from a random azimuth on; each frames the core of the model."""
+def cameras_outside(
+    splats: Splats, n: int, size: tuple[int, int], rng: np.random.Generator, axis: Array
+) -> list[Camera]:
+    """Evenly spread over a band of a sphere about the vertical ``axis`` [3], from a random azimuth on; each frames the
+    core of the model."""
     centre, radius = robust_sphere(splats)
-    up, half = up_name(likely_up(splats)), math.radians(AUTOMATIC_FOV) / 2
+    up, half = up_name(axis), math.radians(AUTOMATIC_FOV) / 2
     directions = hemisphere(n, up, ELEVATIONS)  # [n, 3]
-    angle, axis = rng.uniform(0, 2 * np.pi), likely_up(splats)
+    angle = rng.uniform(0, 2 * np.pi)
     along = directions @ axis
     turned = np.cos(angle) * directions + np.sin(angle) * np.cross(axis, directions)
     turned += ((1 - np.cos(angle)) * along)[:, None] * axis
     return [_camera(centre + d * radius / math.sin(half), centre, up, size, AUTOMATIC_FOV) for d in turned]
 
 
-def cameras_inside(splats: Splats, n: int, size: tuple[int, int], rng: np.random.Generator) -> list[Camera]:
+def cameras_inside(
+    splats: Splats, n: int, size: tuple[int, int], rng: np.random.Generator, axis: Array
+) -> list[Camera]:
     """At most ``n`` at free places near the core of a model, each looking at one of its primitives; maybe none."""
     if n == 0:
         return []
     centre, radius = robust_sphere(splats)
-    up = up_name(likely_up(splats))
+    up = up_name(axis)
     means = splats.means.astype(np.float64)
     longest = splats.scales.max(axis=1).astype(np.float64)  # [N]
     steps = rng.normal(size=(TRIALS * n, 3))
@@ -69,7 +81,7 @@ def cameras_inside(splats: Splats, n: int, size: tuple[int, int], rng: np.random
     clear = (distances - DEVIATIONS * longest[near]).min(axis=1) > CLEARANCE * radius
     core = np.flatnonzero(np.linalg.norm(means - centre, axis=1) <= radius)
     targets = means[rng.choice(core, len(places), p=_amounts(splats)[core] / _amounts(splats)[core].sum())]
-    steep = np.abs((targets - places) @ likely_up(splats)) > 0.99 * np.linalg.norm(targets - places, axis=1)
+    steep = np.abs((targets - places) @ axis) > 0.99 * np.linalg.norm(targets - places, axis=1)
     chosen = np.flatnonzero(clear & ~steep)[:n]  # looking along the vertical a camera has no upright
     return [_camera(places[k], targets[k], up, size, NEAR_FOV) for k in chosen]
 

@@ -21,12 +21,15 @@ REFINED = "refined"  # the data of the run with the poses that it has refined, a
 RENDER_MS = "render_ms.json"  # of the same: its render time, measured in turns with the others'
 DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without DoG (mixture.py)
 
+MISFITS = "train/misfits.json"  # training images that do not fit (runs/misfits.py)
+
 LARGEST = 1e30  # what a run measures is far below
 # Parts of the files that others rely on: objects with their own parts, under given names or any, and lists of numbers.
 ANY, NUMBERS = "*", ("numbers",)
 METRICS: dict[str, Any] = {"test": {}, "train": {}, "versions": {}, "views": {ANY: {}}, "poses": {ANY: {}}}
 SIDE: dict[str, Any] = {"error": NUMBERS, "metrics": {}}
 PROFILE: dict[str, Any] = {"with_dog": SIDE, "without_dog": SIDE}
+MISFIT_PARTS: dict[str, Any] = {"psnr": {}, "misfits": {ANY: {}}}
 
 
 @dataclass
@@ -45,6 +48,7 @@ class Run:
     dog_profile: dict[str, Any] | None
     broken_rows: int
     recipe: dict[str, Any] | None = None  # of a method in a comparison
+    misfits: dict[str, Any] | None = None  # None where nothing was looked for
 
     @property
     def data_name(self) -> str:
@@ -96,7 +100,8 @@ def read_run(path: str | Path) -> Run:
     history, broken_rows = _read_rows(path / "history.jsonl")
     config, metrics = _read_object(path / "config.json"), _read_object(path / "metrics.json", METRICS)
     profile, recipe = _read_object(path / "test" / DOG_PROFILE, PROFILE), _read_object(path / RECIPE)
-    return Run(path, config or {}, history, metrics, profile, broken_rows, recipe)
+    misfits = _read_object(path / MISFITS, MISFIT_PARTS)
+    return Run(path, config or {}, history, metrics, profile, broken_rows, recipe, misfits)
 
 
 def _read_object(path: Path, parts: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any] | None:

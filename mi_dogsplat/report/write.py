@@ -13,6 +13,7 @@ from typing import Any
 from ..support.files import replacing
 from ..support.wording import count, file_size, finite, fixed
 from .curves import curves
+from .misfits import misfits
 from .mixture import mixture
 from .moved import moved
 from .page import TEMPLATES
@@ -52,6 +53,7 @@ def report_page(run: Run) -> str:
         curves=curves(run),
         prunes=prunes(run),
         refinements=refinements(run),
+        misfits=misfits(run),
         mixture=mixture(run),
         moved=moved(run),
         views=found,

@@ -16,10 +16,12 @@ import mitsuba as mi
 
 from ..datasets import Dataset, load_dataset
 from ..datasets.refined import require_photographs
+from ..datasets.world import World, metres_of_unit, world_of
 from ..engine.geometry import Cutoffs
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
 from ..poses.config import SETTINGS as POSES
-from ..report.run_folder import RECIPE, REFINED, RENDER_MS, read_run
+from ..render.picture import seen_as
+from ..report.run_folder import MISFITS, RECIPE, REFINED, RENDER_MS, read_run
 from ..report.write import write_report
 from ..scene.drawing import drawn_as
 from ..support.errors import DataError
@@ -33,6 +35,7 @@ from ..training.presets import Recipe
 from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, Checkpoints, load_checkpoint
 from .history import run_to_end
+from .misfits import write_misfits
 from .mixture import write_mixture
 from .model_files import write_model_files
 from .refined_poses import write_poses
@@ -114,6 +117,7 @@ def train(
     if Path(config.data).resolve() == (out / REFINED).resolve():
         raise DataError(out, "is the run that its data come from", "name another folder for the run")
     dataset = _dataset_of(config)
+    config = _placed(config, dataset)
     trainer = Trainer(config, dataset, recipe)
     if start:
         _restore(trainer, start)
@@ -138,6 +142,15 @@ def train_until(config: TrainConfig, out: Path, step: int, resume: bool = False)
 
 def _dataset_of(config: TrainConfig) -> Dataset:
     return load_dataset(config.data, config.downscale, on_disk=config.data_on_disk, split=config.split)
+
+
+def _placed(config: TrainConfig, dataset: Dataset) -> TrainConfig:
+    """The settings with what is up in the data, and how long their unit is, as far as anybody knows."""
+    known = World(config.up, config.unit)
+    if config.scale is not None and config.unit is None:
+        known = World(config.up, metres_of_unit(config.data, config.scale))
+    known = known.over(world_of(dataset, [view.camera for view in dataset.train]))
+    return dataclasses.replace(config, up=known.up, unit=known.scale)
 
 
 @contextmanager
@@ -208,6 +221,9 @@ def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
         "versions": versions(),
     }
     write_json(out / "metrics.json", metrics)
+    fit = trainer.background, trainer.photographs.mask_folder, config.exposure
+    shown, seen = lambda view: seen_as(trainer.picture(view), view), trainer.photographs.originals
+    write_misfits(out, shown, seen, config.steps, *fit)
     write_report(out)
     return metrics
 
@@ -244,7 +260,8 @@ def _restore(trainer: Trainer, path: Path) -> None:
 
 def _forget_results(out: Path) -> None:
     """Remove what an earlier run in this folder measured and drew, and the name that it had in a comparison."""
-    pictures = [path for suffix in (".png", ".exr", ".json") for path in (out / "test").glob(f"*{suffix}")]
+    folders = out / "test", (out / MISFITS).parent
+    pictures = [path for top in folders for suffix in (".png", ".exr", ".json") for path in top.glob(f"*{suffix}")]
     for path in (*(out / name for name in ("metrics.json", "report.html", RECIPE, RENDER_MS)), *pictures):
         path.unlink(missing_ok=True)
     for path in (*(out / REFINED).glob("*.json"), *(out / REFINED).glob("*.ply")):

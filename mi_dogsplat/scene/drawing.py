@@ -12,8 +12,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from .orientation import up_vector
+
 EXTRAS = "dogsplat"  # our name in extras, and in comments
-AXES = ("x", "y", "z", "-x", "-y", "-z")
 RENDER_MODES = {"mip": True, "default": False}
 BRUSH_UP = {"x": "x", "y": "-y", "z": "-z"}  # what Brush means by its vertical axis
 
@@ -29,7 +30,7 @@ class Drawing:
     linear: bool | None = None
     """colours are linear radiance (Rec. 709), not display-referred sRGB"""
     up: str | None = None
-    """axis of the model that is up, of ``AXES``"""
+    """what is up in the model: an axis or a direction, as ``orientation.py`` names it"""
     scale: float | None = None
     """metres of a unit of the model"""
     white: float | None = None
@@ -106,13 +107,21 @@ def value_of(name: str, value: Any) -> Any:
     if name in ("antialiased", "linear"):
         return value if isinstance(value, bool) else FLAGS.get(str(value).lower())
     if name == "up":
-        return value if value in AXES else None
+        return _direction(value)
     try:
         number = float(value)
     except (TypeError, ValueError):
         return None
     usable = math.isfinite(number) and (number > 0 if name in ("scale", "white") else number >= 0)
     return number if usable else None
+
+
+def _direction(value: Any) -> str | None:
+    try:
+        up_vector(value)
+    except (ValueError, AttributeError, TypeError):
+        return None
+    return value
 
 
 def _text(value: Any) -> str:

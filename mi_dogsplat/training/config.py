@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from ..datasets.dataset import SPLITS
+from ..datasets.world import Length, Unit, Up, check_world
 from ..render.picture_options import NEAR, Antialiased, Background, Downscale
 from ..support.memory import bytes_of
 from ..support.settings import Setting, check_settings, refuse
@@ -14,7 +15,8 @@ from .target import REMEDY, checked_target, target_bytes
 
 FROM_RECIPE: Any = None  # a default that the preset decides on when the configuration is made
 PRUNING_PRESETS = "use " + " or ".join(name for name in RECIPES if RECIPES[name].pruning)
-FREE = ("checkpoint_seconds", "memory")  # may change from one start of a run to the next, as no result depends on them
+# may change from one start of a run to the next, as no result depends on them
+FREE = ("checkpoint_seconds", "memory", "up", "scale", "unit")
 PRESETS = "recipe: ours; paper or released (the method as printed, as in its code); 3dgs (baseline)"
 WORLD_SCALE = "remove larger primitives, times the camera extent (default: the preset's)"
 VARIANT = "Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb"
@@ -71,12 +73,16 @@ class TrainConfig:
         str | None, Setting("train within this, as 8G (default: what is free on the CPU; no limit on a GPU)")
     ] = None
     checkpoint_seconds: Annotated[float, Setting(CHECKPOINTS, least=0)] = 60.0
+    up: Up = None
+    scale: Length = None
+    unit: Unit = None
     model: Annotated[
         str | None, Setting("start from this model, of whatever format and SH degree, at the pruning of the recipe")
     ] = None
 
     def __post_init__(self) -> None:
         check_settings(self)
+        check_world(self.up, self.scale)
         self._fill_from_recipe()
         if self.memory is not None:
             try:

@@ -105,8 +105,8 @@ class Trainer:
     @property
     def drawing(self) -> Drawing:
         """How the ``model`` is to be drawn."""
-        white = self.dataset.white
-        return Drawing(self.config.antialiased, self.near_clip, white is not None, white=white)
+        config, white = self.config, self.dataset.white
+        return Drawing(config.antialiased, self.near_clip, white is not None, config.up, config.unit, white)
 
     def model(self) -> Splats:
         """The model on the host, of linear images in their radiance: the optimizer has it in units of white."""

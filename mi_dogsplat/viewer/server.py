@@ -25,6 +25,7 @@ from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
 from ..scene.cameras import Camera
 from ..scene.drawing import drawn_as
+from ..scene.orientation import up_of_cameras
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .drawing import Drawing
@@ -85,9 +86,9 @@ class Server:
         initial, centre = self.viser.initial_camera, robust_sphere(splats)[0]
         forward = camera.w2c[2, :3]
         distance = max(float(forward @ (centre - camera.position)), 1e-3)
-        ups = [-view.camera.w2c[1, :3] for view in self.drawing.views] or [vertical(splats, self.source.drawing.up)]
-        up = np.mean(ups, axis=0)
-        self.viser.scene.set_up_direction(tuple(up / np.linalg.norm(up)))
+        cameras, said = [view.camera for view in self.drawing.views], self.source.drawing.up
+        up = vertical(splats, said) if said or not cameras else up_of_cameras(np.stack([c.c2w for c in cameras]))
+        self.viser.scene.set_up_direction(tuple(up))
         initial.position = tuple(camera.position)
         initial.look_at = tuple(camera.position + distance * forward)
         initial.fov = 2 * math.atan(0.5 * camera.height / camera.fy)
@@ -133,7 +134,9 @@ class Server:
         """Markdown about the model and the last picture."""
         splats = self.drawing.splats
         counts = f"{splats.n_splats:,} primitives, {splats.n_dog:,} of them DoG, SH degree {splats.sh_degree}"
-        return f"**{self.source.path.name}**, {self.what}\n\n{counts}\n\n{last}"
+        scale = self.source.drawing.scale
+        size = "" if scale is None else f"\n\nThe core of it is {2 * robust_sphere(splats)[1] * scale:.3g} m across"
+        return f"**{self.source.path.name}**, {self.what}\n\n{counts}{size}\n\n{last}"
 
     def serve(self, seconds: float = math.inf) -> None:
         """Render what is due, in this thread."""

@@ -28,8 +28,9 @@ class Source:
         self.is_run = path.is_dir()
         run = read_run(path) if self.is_run else None
         self.config, self.data = (run.config, run.data) if run else ({}, None)
-        said = {name: self.config[name] for name in ("antialiased", "near_clip") if name in self.config}
+        said = {name: self.config[name] for name in ("antialiased", "near_clip", "up") if name in self.config}
         self.white: float | None = self.config.get("white")  # of a run on linear images, which trains in units of it
+        said["scale"] = self.config.get("unit")
         linear = None if self.white is None else True
         self.drawing = Drawing(**said, linear=linear, white=self.white)  # what the run, or a file once it is read, says
         self._seen: tuple = ()

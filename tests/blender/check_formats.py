@@ -14,11 +14,12 @@ from conftest import REFERENCES, load
 from blender_addon.engine import renderers
 from blender_addon.files.errors import FileError
 from blender_addon.files.ply import read_ply
-from blender_addon.files.read import EXTENSIONS, Said, read_model, said_in
+from blender_addon.files.read import EXTENSIONS, Said, direction, read_model, said_in
 from blender_addon.files.spz import read_spz
 from blender_addon.files.transform import C0
 from blender_addon.nodes.modifier import get_input, splat_modifier
 from blender_addon.objects import import_operator
+from blender_addon.objects.conventions import conversion
 
 COMMAND = shlex.join(json.loads(os.environ["DOGSPLAT_COMMAND"]))
 
@@ -51,7 +52,7 @@ def test_spz_is_read_without_the_package_and_gives_its_numbers():
 def test_ply_and_spz_need_no_package():
     assert read_model(REFERENCES / "plain.spz", never)[1] == Said(antialiased=True)
     model, said = read_model(REFERENCES / "says.ply", never)
-    assert model.is_dog.any() and said == Said(True, 0.05, False, "-Y", 2.0)
+    assert model.is_dog.any() and said == Said(True, 0.05, False, (0, -1, 0), 2.0)
     assert read_model(REFERENCES / "dog.ply", never)[1] == Said()
 
 
@@ -103,11 +104,23 @@ def test_what_the_file_says_is_taken_unless_the_option_is_set():
     assert np.allclose(obj.matrix_world, turned.matrix_world)
     told = load(REFERENCES / "says.ply", antialiased=False, up_axis="Z", scale=1.0)
     assert of(told, "Antialiased") == [False] and np.allclose(told.matrix_world, np.eye(4))
+    left = load(REFERENCES / "says.ply", place=False)
+    assert of(left, "Near Clip") == [pytest.approx(0.05)] and np.allclose(left.matrix_world, np.eye(4))
+
+
+@pytest.mark.parametrize("name", ["x", "-x", "-z", "0.2,-0.9,0.4", "3,4,12"])
+def test_what_is_up_in_the_file_is_up_in_blender(name):
+    up = direction(name)
+    assert up is not None and said_in([f"dogsplat up {name}"]).up == up
+    matrix = np.array(conversion(up, 2.0))
+    assert matrix[:3, :3] @ up == pytest.approx(2 * np.linalg.norm(up) * np.array([0, 0, 1]), abs=1e-5)
+    assert matrix[:3, :3] @ matrix[:3, :3].T == pytest.approx(4 * np.eye(3), abs=1e-5)
+    assert np.linalg.det(matrix) == pytest.approx(8, abs=1e-4)
 
 
 def test_comments_that_make_no_sense_are_passed_over():
-    assert said_in(["dogsplat near_clip nan", "dogsplat scale 0", "dogsplat up x", "dogsplat", "hello"]) == Said()
-    assert said_in(["Vertical axis: y", "SplatRenderMode: mip"]) == Said(antialiased=True, up="-Y")
+    assert said_in(["dogsplat near_clip nan", "dogsplat scale 0", "dogsplat up 1,2", "dogsplat", "hello"]) == Said()
+    assert said_in(["Vertical axis: y", "SplatRenderMode: mip"]) == Said(antialiased=True, up=(0, -1, 0))
     assert said_in(["SplatRenderMode: mip", "dogsplat antialiased false"]) == Said(antialiased=False)
 
 

@@ -58,7 +58,7 @@ def test_check_and_prune_take_another_format(capsys, models, data, tmp_path):
     assert status == 0
     config = json.loads((tmp_path / "run" / "config.json").read_text())
     assert config["antialiased"] is True and config["near_clip"] == 0.2  # SPZ has room for the one only
-    assert read_model(tmp_path / "run" / "point_cloud.ply").drawing == Drawing(True, 0.2, False)
+    assert read_model(tmp_path / "run" / "point_cloud.ply").drawing == Drawing(True, 0.2, False, up="z")
 
 
 def test_what_the_file_says_needs_no_flag_and_a_flag_comes_first(capsys, models, data, tmp_path):
@@ -80,7 +80,7 @@ def test_a_training_writes_how_its_model_is_drawn_and_eval_needs_no_flag(capsys,
     flags = ["--preset", "3dgs", *SMALL, "--antialiased", "--near-clip", "0.1"]
     assert run(capsys, "train", data, "-o", tmp_path / "run", *flags)[0] == 0
     model = tmp_path / "run" / "point_cloud.ply"
-    assert read_model(model).drawing == Drawing(antialiased=True, near_clip=0.1, linear=False)
+    assert read_model(model).drawing == Drawing(antialiased=True, near_clip=0.1, linear=False, up="z")
     assert b"\ncomment SplatRenderMode: mip\n" in model.read_bytes()
     assert run(capsys, "eval", model, data, "-o", tmp_path / "measured")[0] == 0
     measured = json.loads((tmp_path / "measured" / "metrics.json").read_text())["test"]

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from captured_scenes import sensor, write_scene
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.datasets.camera_paths import circling_shots, hemisphere, look_at, orbit, up_vector
+from mi_dogsplat.datasets.camera_paths import circling_shots, hemisphere, look_at, orbit
 from mi_dogsplat.datasets.capture import capture
 from mi_dogsplat.datasets.capture_config import CaptureConfig
 from mi_dogsplat.datasets.given_cameras import auto_up
 from mi_dogsplat.datasets.scene_file import framing_sphere, load_scene
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.orientation import up_vector
 from mi_dogsplat.support.errors import DataError
 
 OFFSETS = '<float name="principal_point_offset_x" value="0.1"/><float name="principal_point_offset_y" value="-0.2"/>'

@@ -23,7 +23,6 @@ from mi_dogsplat.export.web_page import (
     Opening,
     opening_of,
     read_page,
-    rotation_between,
     write_page,
 )
 from mi_dogsplat.film.subject import read_subject
@@ -35,6 +34,7 @@ from mi_dogsplat.render.framing import automatic_camera, likely_up, robust_spher
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.render.render_files import picture_of
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.orientation import rotation_between
 from mi_dogsplat.support.errors import DataError
 
 ROOT = Path(__file__).parents[2]

@@ -12,10 +12,10 @@ from mi_dogsplat.film.data_path import cameras_path, walk
 from mi_dogsplat.film.film_config import FilmConfig
 from mi_dogsplat.film.key_frames import key_frames_path
 from mi_dogsplat.film.orbit import around_cameras, around_model, orbit, stand_all_around
-from mi_dogsplat.film.subject import upright
 from mi_dogsplat.render.framing import automatic_camera, likely_up, robust_sphere
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.orientation import up_of_cameras
 from mi_dogsplat.support.errors import DataError
 from scipy.spatial.transform import Rotation
 
@@ -88,7 +88,7 @@ def test_an_orbit_begins_where_the_model_is_framed_from():
 
 def test_an_orbit_of_a_data_set_stands_on_the_ring_of_its_cameras():
     cameras = [c for i, c in enumerate(tiny_data.cameras(16)) if i % 2]  # one height
-    around = around_cameras(cameras, upright(cameras), None)
+    around = around_cameras(cameras, up_of_cameras(np.stack([camera.c2w for camera in cameras])), None)
     np.testing.assert_allclose(around.centre, 0, atol=1e-9)
     np.testing.assert_allclose(around.up, Z, atol=1e-9)
     path = orbit(around, FilmConfig())
@@ -101,7 +101,7 @@ def test_cameras_on_one_side_are_no_ring():
     ring = tiny_data.cameras(12)
     assert stand_all_around(ring, Z) and not stand_all_around(ring[:7], Z)
     assert not stand_all_around(row_of_cameras(), Z)
-    np.testing.assert_allclose(upright(ring), Z, atol=1e-9)
+    np.testing.assert_allclose(up_of_cameras(np.stack([camera.c2w for camera in ring])), Z, atol=1e-9)
 
 
 # --- along cameras ---

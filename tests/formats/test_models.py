@@ -13,12 +13,13 @@ import pytest
 from mi_dogsplat import Drawing, Model, Splats, read_model, write_model, write_ply
 from mi_dogsplat.formats.packing import unit_quats
 from mi_dogsplat.formats.table import FORMATS
-from mi_dogsplat.scene.drawing import AXES, comments_of, drawing_of
+from mi_dogsplat.scene.drawing import comments_of, drawing_of
+from mi_dogsplat.scene.orientation import AXES
 from mi_dogsplat.support.errors import DataError
 from ply_files import random_splats, to_bytes, vertex_columns
 from scipy.spatial.transform import Rotation
 
-EVERYTHING = Drawing(antialiased=True, near_clip=0.0625, linear=True, up="-y", scale=2.5)
+EVERYTHING = Drawing(antialiased=True, near_clip=0.0625, linear=True, up="-x", scale=2.5)
 LOSSLESS = (".ply", ".glb", ".gltf")
 
 

@@ -24,7 +24,7 @@ def test_cameras_inside_a_room_stand_in_the_open_and_look_at_its_walls():
     """Oracle: distances to all primitives."""
     splats = room()
     centre, radius = robust_sphere(splats)
-    found = cameras_inside(splats, 10, SIZE, np.random.default_rng(1))
+    found = cameras_inside(splats, 10, SIZE, np.random.default_rng(1), likely_up(splats))
     assert len(found) == 10
     for camera in found:
         clear = np.linalg.norm(splats.means - camera.position, axis=1) - DEVIATIONS * splats.scales.max(axis=1)
@@ -38,7 +38,7 @@ def test_cameras_inside_a_room_stand_in_the_open_and_look_at_its_walls():
 def test_cameras_around_frame_the_model_from_all_sides():
     splats = tiny_data.truth()
     centre, radius = robust_sphere(splats)
-    found = cameras_outside(splats, 24, SIZE, np.random.default_rng(0))
+    found = cameras_outside(splats, 24, SIZE, np.random.default_rng(0), likely_up(splats))
     assert len(found) == 24
     offsets = np.array([camera.position - centre for camera in found])
     core = splats.means[np.linalg.norm(splats.means - centre, axis=1) < 0.9 * radius]
@@ -55,7 +55,7 @@ def test_where_nothing_is_free_all_cameras_are_around(monkeypatch):
     monkeypatch.setattr("mi_dogsplat.render.vantages.REACH", 0.5)
     assert len(vantage_cameras(room(), 12, SIZE)) == 12
     solid = rounded(make_splats(np.random.default_rng(0).uniform(-1, 1, (4000, 3)), 0.1, 0.9))
-    assert not cameras_inside(solid, 6, SIZE, np.random.default_rng(0))
+    assert not cameras_inside(solid, 6, SIZE, np.random.default_rng(0), likely_up(solid))
     outside = vantage_cameras(solid, 12, SIZE)
     assert len(outside) == 12
     assert len({round(float(np.linalg.norm(c.position)), 1) for c in outside}) <= 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ...datasets.world_config import WorldConfig
 from ...editing.clean_config import CleanConfig
 from ...formats.table import FORMATS
 from ...render.picture_options import PictureOptions
@@ -18,6 +19,7 @@ Examples:
   dogsplat clean model.ply -o lean.ply                       what no picture shows leaves: all keep their bits
   dogsplat clean model.ply -o object.ply --sphere 0 0 0 1.5 --connected 1 --preview clean.png
                                                              an object alone; and a picture to look at first
+  dogsplat clean model.ply -o said.ply --up=-y --unit 0.31   says what is up, and its metres; no more
   dogsplat clean model.ply -o lean.ply --data photos/ --seen --floaters
                                                              what the photographs do not bear out
 
@@ -33,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join(FORMATS))
     add_settings(parser, CleanConfig)
+    add_settings(parser, WorldConfig)
     parser.add_argument(
         "--data", metavar="DATA", help="for --seen, --floaters, and PSNR on photographs before and after"
     )
@@ -43,10 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Take out of a model what no picture of it shows, which changes none, and what you do not want."""
     config, options = given_settings(CleanConfig, args), given_settings(PictureOptions, args)
+    world = given_settings(WorldConfig, args)
     if args.data or args.preview:
         set_variant(args.variant)
     from ...editing.clean import clean_model
 
-    cleaned = clean_model(args.model, args.out, config, args.data, args.preview, options)
+    cleaned = clean_model(args.model, args.out, config, args.data, args.preview, options, world)
     print("\n".join(cleaned_lines(cleaned)))
     print(size_line(args.out, cleaned.n_after, args.model))

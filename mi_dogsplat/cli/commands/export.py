@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ...datasets.world_config import WorldConfig
 from ...formats.table import FORMATS
 from ...render.picture_options import PictureOptions
 from ...support.variants import set_variant
-from ..flags import MODEL_HELP, add_picture_flags, given_settings
+from ..flags import MODEL_HELP, add_picture_flags, add_settings, given_settings
 from ..printing import loss_table, size_line
 
 SUMMARY = "a model in the format of another program"
@@ -24,15 +25,18 @@ Examples:
                                                                       any 3DGS viewer; measured on photographs
   dogsplat export run/point_cloud.ply -o small.compressed.ply --dog keep
                                                                       with DoG, in five bytes each
+  dogsplat export run/point_cloud.ply -o model.spz --upright          up is y, whatever it is in the model
+  dogsplat export model.ply -o model.glb --up=-y --unit 0.31          glTF upright and in metres
   dogsplat export run/point_cloud.ply -o model.html --data photos/ --views 0
                                                                       a page with a viewer, to send around
 
 MODEL may have any of these formats. Those that know no negative lobes get the Gaussian nearest to a DoG
 primitive, or its primary (--dog drop); --dog keep is for .ply and .compressed.ply. The baked model is refined
 on the photographs of --data, or on renders, 10 to 100 ms a step on a CPU (--refine 0: not at all). The file
-is read back, and the loss of each stage is printed. .spz, .glb and .gltf have y up, the others the axes of
-the model. A page (.html, 0.8 MB and the model) needs a browser and no network, and opens with the first
-photograph of the data.
+is read back, and the loss of each stage is printed. .glb and .gltf are upright and in metres, as far as the
+model says (--up, --scale); .spz has y up if that of the model is -y. The others have the axes of the model;
+--upright turns and scales the model itself. A page (.html, 0.8 MB and the model) needs a browser and no
+network, and opens with the first photograph of the data.
 """
 
 REFINE_HELP = "steps that make up for DoG, on a CPU 10 to 100 ms each; 0: none (default: 300 to 1000)"
@@ -51,20 +55,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--data", metavar="DATA", help="refine on its photographs, and measure the loss on its test views"
     )
+    add_settings(parser, WorldConfig)
     parser.add_argument("--views", type=int, default=8, metavar="N", help="views to measure on; 0: none (default: 8)")
     add_picture_flags(parser)
 
 
 def run(args: argparse.Namespace) -> None:
     """Write a model in the format of another program, without DoG, and measure what that loses."""
-    options = given_settings(PictureOptions, args)
+    options, world = given_settings(PictureOptions, args), given_settings(WorldConfig, args)
     set_variant(args.variant)
     from ...export.write import export_model
     from ..progress import Bar
 
     with Bar("step", "refining") as bar:
         which = args.dog, args.data, args.views, options, args.spz_version, args.refine
-        exported = export_model(args.model, args.out, *which, bar.show, args.small)
+        exported = export_model(args.model, args.out, *which, bar.show, args.small, world)
     for line in (*exported.left_out, *loss_table(exported)):
         print(line)
     print(size_line(args.out, exported.n_splats, args.model))

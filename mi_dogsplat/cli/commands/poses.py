@@ -19,10 +19,13 @@ Examples:
   dogsplat poses pictures/ -o strong --lens OPENCV     a lens that bends lines much
   dogsplat poses pictures/ -o metres --scale IMG_1.jpg IMG_9.jpg 2.5
                                                        in metres: these two were taken 2.5 m apart
+  dogsplat poses pictures/ -o metres --scale IMG_1.jpg:410,980 IMG_1.jpg:1630,940 0.75
+                                                       or: these two points in it are 75 cm apart
 Then: dogsplat train posed/ -o run
 
 DATA becomes a COLMAP folder: images/ (upright, else as they are) and sparse/0, which every trainer reads.
-Up is -y, and the origin is in the middle of the points. Photographs of one device, size and focal length
+Up is -y, by what the photographs say of gravity or else as they were held, and the origin is in the middle
+of the points. Photographs of one device, size and focal length
 share a camera; EXIF gives its focal length. What is black in masks/ is not matched. The end says how many
 images have a pose, and what to do if they are few. Stopped, the same command goes on where it was. dogsplat
 train does all this by itself when its DATA are plain images or a video. Needs the extra mi_dogsplat[poses].

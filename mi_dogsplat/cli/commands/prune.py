@@ -28,7 +28,7 @@ dogsplat train; its history names every decision to prune or to refine, with the
 TRAINING_FLAGS = [
     *("preset", "steps", "target", "format", "batch_views", "downscale", "split", "background"),
     *("near_zone", "masks", "exposure", "refine_poses", "data_on_disk", "seed", "variant", "log_every", "test_every"),
-    *("memory", "checkpoint_seconds"),
+    *("memory", "checkpoint_seconds", "up", "scale", "unit"),
 ]
 
 
@@ -46,6 +46,8 @@ def run(args: argparse.Namespace) -> None:
     """Prune a model to a target while refining it on its photographs, then add Differences of Gaussians."""
     from ...formats.read import read_model
 
-    said = Drawing(args.antialiased, args.near_clip).over(read_model(args.model).drawing)
-    how = {"antialiased": bool(said.antialiased), "near_clip": said.near_clip}
+    of_file = read_model(args.model).drawing
+    said = Drawing(args.antialiased, args.near_clip, up=args.up, scale=args.unit).over(of_file)
+    unit = args.unit if args.scale else said.scale  # what is measured now comes before what the file says
+    how = {"antialiased": bool(said.antialiased), "near_clip": said.near_clip, "up": said.up, "unit": unit}
     run_training(training_config(args, model=args.model, **how), args.out, args.resume)

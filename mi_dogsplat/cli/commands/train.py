@@ -29,6 +29,8 @@ Examples:
   dogsplat train photos/ -o run --masks masks/ --exposure
                                                        people painted out; automatic exposure taken out
   dogsplat train photos/ -o run --data-on-disk         more photographs than fit into memory
+  dogsplat train photos/ -o run --scale 0001 0004 0.75
+                                                       two images taken 75 cm apart: the model says its metres
   dogsplat train pictures/ -o run --downscale 4        images without cameras: their poses first, in run/posed
   dogsplat train walk.mp4 -o run --downscale 4         a video: its frames and poses first
 

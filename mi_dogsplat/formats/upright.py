@@ -1,0 +1,21 @@
+"""A model whose own numbers are upright and in metres, for programs that do not read what a file says of that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ..scene.orientation import placement
+from ..scene.splats import Array
+from ..scene.transform import transformed
+from .model import Model
+
+UP = "-y"  # in the axes of 3DGS PLY, which also makes y up in those of SPZ and glTF
+
+
+def upright(model: Model) -> tuple[Model, Array]:
+    """The model turned until up is -y and scaled until a unit is a metre, as far as it says; and by what [4, 4]."""
+    said = model.drawing
+    matrix, factor = placement(said.up, said.scale, UP), said.scale or 1.0
+    near_clip = None if said.near_clip is None else factor * said.near_clip
+    now = replace(said, up=said.up and UP, scale=said.scale and 1.0, near_clip=near_clip)
+    return replace(model, splats=transformed(model.splats, matrix), drawing=now), matrix
