@@ -12,7 +12,10 @@ import numpy as np
 from ..datasets.dataset import View
 from ..datasets.masks import Masks
 from ..render.picture import Picture, over_background, premultiplied
+from ..scene.appearance import Appearance, photographed, radii_squared
+from ..scene.cameras import Camera
 from ..support.pictures import heat_map, write_exr, write_png
+from .half_fit import half_psnr
 from .lpips import Lpips
 from .metrics import color_corrected, evaluate, flip, masked, psnr
 from .timing import milliseconds_in_turn
@@ -28,11 +31,13 @@ class Measure:
         masks: pixels that they paint black do not count; views that are black everywhere are left out.
         color_correct: adds ``cc_psnr``, after the best affine map of colours: the exposure of a test view is unknown.
         lpips: adds the metric of this name, which takes seconds per view.
+        appearance: adds ``cc_psnr`` and ``half_psnr`` (``half_fit.py``), both with the vignetting of the view's device.
     """
 
     masks: Masks | None = None
     color_correct: bool = False
     lpips: Lpips | None = None
+    appearance: Appearance | None = None
 
 
 def evaluate_views(
@@ -60,7 +65,9 @@ def evaluate_views(
             continue
         rendered, truth = picture(view), over_background(view.image, background)
         metrics = results[view.name] = evaluate(rendered.color, truth, view.name, mask)
-        if measure.color_correct:
+        if measure.appearance is not None:
+            metrics |= _after_fits(rendered.color, truth, view.camera, measure.appearance, mask)
+        elif measure.color_correct:
             metrics["cc_psnr"] = psnr(color_corrected(rendered.color, truth, mask), truth, mask)
         if measure.lpips is not None:
             metrics["lpips"] = measure.lpips(np.clip(masked(rendered.color, truth, mask), 0, 1), truth, mask)
@@ -74,6 +81,17 @@ def evaluate_views(
                 layers["depth"] = rendered.depth
             write_exr(out / f"{view.name}.exr", layers)
     return results
+
+
+def _after_fits(
+    image: np.ndarray, truth: np.ndarray, camera: Camera, appearance: Appearance, mask: np.ndarray | None
+) -> dict[str, float]:
+    r_sq = radii_squared(camera)
+    taken = photographed(image, r_sq, appearance.numbers(camera))
+    return {
+        "cc_psnr": psnr(color_corrected(taken, truth, mask), truth, mask),
+        "half_psnr": half_psnr(image, truth, r_sq, appearance.of_device(camera), mask),
+    }
 
 
 def mean_metrics(results: dict[str, dict[str, float]]) -> dict[str, float]:

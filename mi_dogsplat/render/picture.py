@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import drjit as dr
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..engine.aovs import channel_names, channels
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import RasterOptions, rasterize
+from ..scene.appearance import photographed, radii_squared
 from ..scene.cameras import Camera
 from ..support.srgb import linear_to_srgb
 
@@ -60,6 +62,12 @@ def render_picture(
         color = linear_to_srgb(color)
     extra = [plane.numpy().reshape(shape) for plane in channels(aovs, frame)]
     return Picture(np.clip(color, 0, 1), alpha, depth, dict(zip(channel_names(aovs), extra, strict=True)))
+
+
+def as_taken(picture: Picture, camera: Camera, numbers: ArrayLike) -> Picture:
+    """The picture as a camera takes it, with its exposure, white balance and vignetting (``scene/appearance.py``)."""
+    color = np.clip(photographed(picture.color, radii_squared(camera), numbers), 0, 1)
+    return replace(picture, color=color)
 
 
 def over_background(image: np.ndarray, background: float) -> np.ndarray:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene.appearance import APPEARANCE, Appearance, read_appearance
 from ..support.errors import DataError
 from ..support.files import parse_json, read_json
 from ..support.wording import finite
@@ -44,6 +45,7 @@ class Run:
     dog_profile: dict[str, Any] | None
     broken_rows: int
     recipe: dict[str, Any] | None = None  # of a method in a comparison
+    appearance: Appearance | None = None  # of the photographs, where it was learned
 
     @property
     def data_name(self) -> str:
@@ -88,7 +90,9 @@ def read_run(path: str | Path) -> Run:
     history, broken_rows = _read_rows(path / "history.jsonl")
     config, metrics = _read_object(path / "config.json"), _read_object(path / "metrics.json", METRICS)
     profile, recipe = _read_object(path / "test" / DOG_PROFILE, PROFILE), _read_object(path / RECIPE)
-    return Run(path, config or {}, history, metrics, profile, broken_rows, recipe)
+    stored = path / APPEARANCE
+    appearance = read_appearance(stored) if stored.is_file() else None
+    return Run(path, config or {}, history, metrics, profile, broken_rows, recipe, appearance)
 
 
 def _read_object(path: Path, parts: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any] | None:

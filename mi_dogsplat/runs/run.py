@@ -19,6 +19,7 @@ from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_mil
 from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import RECIPE, RENDER_MS, read_run
 from ..report.write import write_report
+from ..scene.appearance import APPEARANCE
 from ..scene.drawing import Drawing
 from ..support.errors import DataError
 from ..support.files import PART, is_empty, remove_parts, replacing, write_json
@@ -237,12 +238,16 @@ def _restore(trainer: Trainer, path: Path) -> None:
 def _forget_results(out: Path) -> None:
     """Remove what an earlier run in this folder measured and drew, and the name that it had in a comparison."""
     pictures = [path for suffix in (".png", ".exr", ".json") for path in (out / "test").glob(f"*{suffix}")]
-    for path in (*(out / name for name in ("metrics.json", "report.html", RECIPE, RENDER_MS)), *pictures):
+    results = "metrics.json", "report.html", APPEARANCE, RECIPE, RENDER_MS
+    for path in (*(out / name for name in results), *pictures):
         path.unlink(missing_ok=True)
 
 
 def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
-    measure = Measure(trainer.photographs.mask_folder, trainer.config.exposure)
+    appearance = trainer.appearance()
+    if appearance:
+        appearance.write(out / APPEARANCE)
+    measure = Measure(trainer.photographs.mask_folder, appearance=appearance)
     views = evaluate_views(
         lambda view: trainer.picture(view, depth=True), dataset.test, trainer.background, out / "test", measure
     )

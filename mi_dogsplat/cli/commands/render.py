@@ -18,6 +18,8 @@ Examples:
   dogsplat render run/point_cloud.ply -o view.exr --data photos/ --camera 0001
                                                                       a view by its name
   dogsplat render run/point_cloud.ply -o view.png --camera camera.json
+  dogsplat render run/point_cloud.ply -o view.png --data photos/ --camera 0001 --appearance run/appearance.json
+                                                                      as that photograph was exposed
   dogsplat render run/point_cloud.ply -o view.exr --aovs depth,normal,index
                                                                       channels depth.Z, normal.X, ... index.I
   dogsplat render scene.xml -o view.exr                               first sensor of a Mitsuba scene
@@ -38,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_view_flags(parser)
     parser.add_argument("--aovs", metavar="NAMES", help="channels of an .exr beside colour and alpha (default: depth)")
+    parser.add_argument(
+        "--appearance", type=Path, metavar="JSON", help="appearance.json of a run: exposure and vignetting of the view"
+    )
     add_picture_flags(parser)
 
 
@@ -50,7 +55,9 @@ def run(args: argparse.Namespace) -> None:
     if args.model.suffix.lower() == ".xml":
         if args.aovs is not None:
             raise DataError("--aovs", "a scene names its own", 'set the property "aovs" of its integrator')
+        if args.appearance is not None:
+            raise DataError("--appearance", "a scene has a film of its own", "leave it out")
         render_scene(args.model, args.out)
     else:
-        render_model(args.model, args.out, args.data, args.camera, args.aovs, options)
+        render_model(args.model, args.out, args.data, args.camera, args.aovs, options, args.appearance)
     print(args.out)
