@@ -9,7 +9,7 @@ from ..scene.appearance import Appearance
 from .plot import Series, line_plot
 from .points import Note
 
-CHANNELS = {"red": 5, "blue": 2}  # over green, and their colours of the page
+CHANNELS = {"red": 5, "blue": 1}  # over green, and their colours of the page
 
 
 def appearance_plots(appearance: Appearance | None) -> list[Markup]:

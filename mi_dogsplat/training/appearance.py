@@ -54,7 +54,7 @@ class LearnedAppearance:
         # the mean of a rate that falls from 1 to END is (1 - END) / log(1 / END)
         self.rate = min(MAX_RATE, TRAVEL * np.log(1 / END) / (1 - END) * n_views / self.total_steps)
         self.of_images = RowsOfNumbers(n_views, RATES[:N_OF_IMAGE])
-        self.of_devices = RowsOfNumbers(len(self.devices), RATES[N_OF_IMAGE:])
+        self.of_devices = RowsOfNumbers(len(self.devices), RATES[N_OF_IMAGE:], most=0.0)  # no lens brightens corners
         self.mean = detached(device_array(np.zeros(N_OF_IMAGE)))  # over all images
         self.stiffness, self.inv_bend = (detached(device_array(v)) for v in (STIFFNESS, 1 / BEND))
         self._frames: dict[tuple[int, int], Frame] = {}

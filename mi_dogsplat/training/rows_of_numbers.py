@@ -23,19 +23,20 @@ class RowsOfNumbers:
     v: list
     t: list[int]  # steps taken
 
-    def __init__(self, n_rows: int, rates: np.ndarray):
-        """``rates``: of each column, times that of a step."""
-        self.rates = detached(device_array(rates))
+    def __init__(self, n_rows: int, rates: np.ndarray, most: float = np.inf):
+        """``rates``: of each column, times that of a step; ``most``: no value gets beyond it."""
+        self.rates, self.most = detached(device_array(rates)), most
         self.restore({"values": np.zeros((n_rows, len(rates))), "t": np.zeros(n_rows)})
 
     def step(self, row: int, gradient: Any, rate: float) -> Any:
-        """A step of Adam; returns what it added to the row."""
+        """A step of Adam; returns what it added to the row, where nothing was too much."""
         self.t[row] += 1
         t = self.t[row]
         unbiased = dr.opaque(type(gradient), -rate * np.sqrt(1 - BETA_2**t) / (1 - BETA_1**t))
         m, v = dr.lerp(gradient, self.m[row], BETA_1), dr.lerp(gradient * gradient, self.v[row], BETA_2)
         change = unbiased * self.rates * m / (dr.sqrt(v) + EPSILON)
-        self.values[row], self.m[row], self.v[row] = self.values[row] + change, m, v
+        moved = self.values[row] + change
+        self.values[row], self.m[row], self.v[row] = dr.minimum(moved, self.most), m, v
         dr.schedule(self.values[row], m, v)
         return change
 

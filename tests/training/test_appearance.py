@@ -38,6 +38,9 @@ def test_a_step_is_adams():
         expected -= 0.1 / t * rates * (m / (1 - 0.9**t)) / np.sqrt(v / (1 - 0.95**t))
     np.testing.assert_allclose(rows.numpy()[1], expected, rtol=1e-4)
     assert not rows.numpy()[[0, 2]].any()
+    rows = RowsOfNumbers(1, rates, most=0.0)
+    rows.step(0, array_types().Float([-1.0, 1.0]), 0.1)
+    assert rows.numpy()[0].tolist() == pytest.approx([0, -0.05])
 
 
 def test_the_loss_has_a_term_that_holds_the_numbers(monkeypatch):
