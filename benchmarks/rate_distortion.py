@@ -8,7 +8,8 @@ their file, each through the formats it can have. Every file is read back and me
 - ``size``: ``ours`` trained for a size (``--sizes``) in each format, which the trainer measures and meets.
 
 ``--file LABEL=PATH`` adds a file that another program has made of the same capture. A run that is cut off goes on when
-the same command is given again. Writes ``rate_distortion.json``, ``.csv`` and a page with plots.
+the same command is given again. Times to draw are measured at the end, all files in turn. Writes
+``rate_distortion.json``, ``.csv`` and a page with plots.
 """
 
 from __future__ import annotations
@@ -17,18 +18,18 @@ import argparse
 import csv
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from mi_dogsplat.compare.method_runs import densified_start
-from mi_dogsplat.datasets import Dataset, load_dataset
+from mi_dogsplat.datasets import Dataset, View, load_dataset
 from mi_dogsplat.export.write import plain_gaussians
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.write import write_model
-from mi_dogsplat.measure.evaluate import evaluate_views, mean_metrics, render_milliseconds
-from mi_dogsplat.render.picture import background_color
+from mi_dogsplat.measure.evaluate import evaluate_views, mean_metrics, render_milliseconds_in_turn
+from mi_dogsplat.render.picture import Picture, background_color
 from mi_dogsplat.render.render_files import picture_of
 from mi_dogsplat.report.page import TEMPLATES
 from mi_dogsplat.report.plot import Series, line_plot
@@ -36,6 +37,7 @@ from mi_dogsplat.report.points import Note
 from mi_dogsplat.runs.checkpoint import CHECKPOINT, load_checkpoint
 from mi_dogsplat.runs.run import train
 from mi_dogsplat.scene.drawing import DrawnAs
+from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.files import replacing, write_json
 from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
@@ -76,11 +78,17 @@ def main(flags: Sequence[str]) -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     dataset = load_dataset(base.data, base.downscale, split=base.split)
     background = background_color(base.background, dataset.has_alpha)
-    rows = []
+    rows, pictures = [], {}
     for file in _files(base, args):
-        rows.append(measured(file, dataset, background))
+        splats = read_model(file.path).splats
+        picture = picture_of(splats, background, near_clip=DrawnAs().near_clip)
+        pictures[str(file.path)] = lambda view, picture=picture: picture(view.camera)
+        rows.append(measured(file, splats, pictures[str(file.path)], dataset, background))
         print(rows[-1], flush=True)
         _write(args.out, args.data, rows)
+    times = render_milliseconds_in_turn(pictures, dataset.test)
+    timed = [row | {"render_ms": round(ms, 2)} for row, ms in zip(rows, times.values(), strict=True)]
+    _write(args.out, args.data, timed)
 
 
 def _files(base: TrainConfig, args: argparse.Namespace) -> Iterator[File]:
@@ -123,17 +131,16 @@ def _seconds(run: Path) -> float:
     return json.loads((run / "metrics.json").read_text(encoding="utf-8"))["train_seconds"]
 
 
-def measured(file: File, dataset: Dataset, background: float) -> dict:
-    """What a file has and gives, by the names of ``COLUMNS``."""
-    splats = read_model(file.path).splats
-    picture = picture_of(splats, background, near_clip=DrawnAs().near_clip)
-    found = mean_metrics(evaluate_views(lambda view: picture(view.camera), dataset.test, background))
+def measured(
+    file: File, splats: Splats, picture: Callable[[View], Picture], dataset: Dataset, background: float
+) -> dict:
+    """What a file has and gives, by the names of ``COLUMNS``; times to draw are still to come."""
+    found = mean_metrics(evaluate_views(picture, dataset.test, background))
     size = file.path.stat().st_size
     row = {"curve": file.curve, "run": file.run, "file": file.path.name, "n": splats.n_splats, "n_dog": splats.n_dog}
     row |= {"bytes": size, "bytes_each": round(size / splats.n_splats, 2)}
     row |= {name: round(found[name], 4) for name in MEASURES}
-    row["render_ms"] = round(render_milliseconds(lambda view: picture(view.camera), dataset.test), 2)
-    return row | {"train_seconds": file.train_seconds and round(file.train_seconds, 1)}
+    return row | {"render_ms": None, "train_seconds": file.train_seconds and round(file.train_seconds, 1)}
 
 
 def plots(rows: list[dict]) -> list[str]:

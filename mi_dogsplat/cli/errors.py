@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from ..runs.stopping import Stopped
 from ..support.errors import DataError
@@ -23,6 +24,15 @@ def quiet_pipe(run: Callable[[], int]) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # takes what is flushed at the very end
         return 128 + signal.SIGPIPE
+
+
+@contextmanager
+def resumable() -> Iterator[None]:
+    """Work that is stopped here goes on with the same command: the line that ``Stopped`` then carries says so."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise Stopped("stopped; the same command again goes on from here", signal.SIGINT) from None
 
 
 def one_line_errors(run: Callable[[], int | None], extra: str = "train", program: str = "dogsplat") -> int:

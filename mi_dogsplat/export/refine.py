@@ -3,7 +3,7 @@
 With a data set these are its photographs, from its training views: so the export loses least of what counts, and may
 gain a little on the model. Without one they are renders of the DoG model itself, from around it and from free places
 inside (``render/vantages.py``). Such views need not be like those that the model was trained for, so that the steps are
-a quarter as large. Which pictures and which steps: docs/export.md.
+fewer and smaller. Which pictures and which steps: docs/export.md.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ from ..training.fit import Look, fit
 from ..training.learning_rates import Refinement
 from ..training.quantiser import Quantiser
 
-STEPS = 300
-BY_DATA = Refinement(start=0, gain=2.0, end_gain=0.01, means_gain=1.0)  # on the step sizes of 3DGS
+STEPS, MOST_STEPS = 300, 1000
+PASSES = 10  # over the training views, within these bounds
+BY_DATA = Refinement(start=0, gain=8.0, end_gain=0.01, means_gain=2.0)  # on the step sizes of 3DGS
 BY_RENDERS = Refinement(start=0, gain=0.5, end_gain=0.01, means_gain=0.25)
 N_VANTAGES, VANTAGE_SIZE = 48, (400, 300)  # renders without a data set, pixels
 GREY = 0.5  # behind them: black hides what is missing in the dark, white in the bright
@@ -40,6 +41,11 @@ class Goal:
     pictures: Sequence[Array]
     look: Look
     gains: Refinement
+
+
+def steps_for(dataset: Dataset | None) -> int:
+    """How many steps are taken unless somebody says: each training view of a data set is seen ``PASSES`` times."""
+    return min(max(STEPS, PASSES * len(dataset.train)), MOST_STEPS) if dataset else STEPS
 
 
 def goal_of(model: Splats, dataset: Dataset | None, most: int, options: PictureOptions, drawn: DrawnAs) -> Goal:

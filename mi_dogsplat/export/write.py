@@ -23,7 +23,7 @@ from ..scene.splats import Splats
 from ..support.errors import DataError
 from .bake import baked
 from .losses import Loss, losses, views_of
-from .refine import STEPS, goal_of, refined
+from .refine import goal_of, refined, steps_for
 from .web_page import PAGE, opening_of, read_page, write_page
 
 SMALL = {"SPZ": "spz", "SOG": "sog"}  # of the formats that have coarse grids, their names there
@@ -73,8 +73,8 @@ def export_model(
         views: at most so many; 0 measures nothing.
         options: how the pictures are drawn; what they do not say, the model's file does.
         spz_version: of an SPZ file.
-        refine: steps that make up for DoG that were taken out (``refine.py``); None: ``STEPS`` where they were baked
-            and a Mitsuba variant is set.
+        refine: steps that make up for DoG that were taken out (``refine.py``); None: ``steps_for`` the data set where
+            they were baked and a Mitsuba variant is set.
         show: called with the steps of it that are done, and how many there are.
         small: coarse grids and a palette, for which the model is refined too (docs/quantisation.md); SPZ and SOG.
 
@@ -104,7 +104,8 @@ def export_model(
     taken_out = splats.n_dog > 0 and not plain.n_dog
     steps, drawn, seconds = _steps(refine, dog, taken_out, small), drawn_as(drawing), None
     grids = SMALL[chosen.name] if small else None
-    dataset = _loaded(data, options) if steps or views else None
+    dataset = _loaded(data, options) if steps != 0 or views else None
+    steps = steps_for(dataset) if steps is None else steps
     if taken_out:
         stages[f"without DoG ({dog})"] = plain
     if steps:
@@ -136,10 +137,13 @@ def _write_page(
     return write_page(out, written, opening_of(subject, title, dog))
 
 
-def _steps(refine: int | None, dog: str, taken_out: bool, small: bool) -> int:
-    """Of the refinement; raises ``DataError`` where it is asked for and has nothing to make up for."""
+def _steps(refine: int | None, dog: str, taken_out: bool, small: bool) -> int | None:
+    """Of the refinement, None for as many as the data set needs.
+
+    Raises ``DataError`` where it is asked for and has nothing to make up for.
+    """
     if refine is None:
-        return STEPS if (small or (taken_out and dog == "bake")) and mi.variant() else 0
+        return None if (small or (taken_out and dog == "bake")) and mi.variant() else 0
     if refine < 0:
         raise DataError("--refine", f"{refine} is too small", "use at least 0")
     if refine and not taken_out and not small:

@@ -1,7 +1,10 @@
 """Baked Gaussians refined: nearer to the photographs of a data set, or without one to the model's own pictures."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
+import mi_dogsplat.export.refine as refine
 import mi_dogsplat.export.write as write
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.export.bake import baked
 from mi_dogsplat.export.losses import Views, mean_psnr
-from mi_dogsplat.export.refine import BY_DATA, GREY, STEPS, Goal, Look, by_data, by_renders, refined
+from mi_dogsplat.export.refine import BY_DATA, GREY, Goal, Look, by_data, by_renders, refined, steps_for
 from mi_dogsplat.export.write import export_model
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.scene.drawing import DrawnAs
@@ -104,10 +107,17 @@ def test_small_files_are_refined_for_their_grids(model, tmp_path, suffix):
 
 
 def test_baked_ones_are_refined_by_default_where_that_can_be_computed(capsys, model, tmp_path, monkeypatch):
-    monkeypatch.setattr(write, "STEPS", 3)
+    monkeypatch.setattr(refine, "STEPS", 3)
     status, printed, _ = run(capsys, "export", model, "-o", tmp_path / "out.spz", "--views", "1")
-    assert status == 0 and "refined, 3 steps" in printed and "refining took" in printed and STEPS == 300
+    assert status == 0 and "refined, 3 steps" in printed and "refining took" in printed
     without_variant = type("mi", (), {"variant": staticmethod(lambda: None)})
     monkeypatch.setattr(write, "mi", without_variant)
     assert export_model(model, tmp_path / "out.ply", views=0).refine_seconds is None
     assert np.array_equal(read_ply(tmp_path / "out.ply").log_scales, baked(MODEL).log_scales)
+
+
+@pytest.mark.parametrize(("views", "steps"), [(1, 300), (30, 300), (50, 500), (99, 990), (400, 1000)])
+def test_more_photographs_are_given_more_steps(views, steps):
+    dataset: Any = SimpleNamespace(train=range(views))
+    assert steps_for(dataset) == steps
+    assert steps_for(None) == 300

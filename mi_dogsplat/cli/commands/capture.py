@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from ...datasets.capture_config import CaptureConfig
 from ...support.variants import set_variant
 from ...training.config import TrainConfig
+from ..errors import resumable
 from ..flags import add_settings, given_settings
 
 SUMMARY = "any Mitsuba scene into a training set"
@@ -40,18 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser, TrainConfig, ["variant"])
 
 
-def run(args: argparse.Namespace) -> int | None:
+def run(args: argparse.Namespace) -> None:
     """Render a Mitsuba scene from all around into photographs with exact cameras, and points to start from."""
     config = given_settings(CaptureConfig, args)
     set_variant(args.variant)
     from ...datasets.capture import capture as run_capture
     from ..progress import Bar
 
-    try:
-        with Bar("view") as bar:
-            run_capture(args.scene, args.out, config, bar.show)
-    except KeyboardInterrupt:
-        print("dogsplat: stopped; the same command again goes on from here", file=sys.stderr)
-        return 130
+    with resumable(), Bar("view") as bar:
+        run_capture(args.scene, args.out, config, bar.show)
     print(args.out)
-    return None

@@ -10,7 +10,7 @@ from ...compare.names import ALL, PUBLISHED, SETS, chosen
 from ...support.errors import DataError
 from ...support.variants import set_variant
 from ...training.config import TrainConfig
-from ...training.target import target_bytes
+from ...training.target import checked_target
 from ..flags import DATA_HELP, add_settings, training_config
 from ..printing import say
 
@@ -40,6 +40,8 @@ TRAINING_FLAGS = [
     "checkpoint_seconds",
 ]
 
+COUNTS = "compare and ablate take a ratio (0.1, 10%) or a number of primitives"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
@@ -51,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     methods = f"of {' '.join(ALL)}, or sets: {' '.join(SETS)} (default: published)"
     parser.add_argument("--only", nargs="+", default=list(PUBLISHED), metavar="NAME", help=methods)
     more = "targets beside --target, for the tables of equal bytes and time"
-    parser.add_argument("--more-targets", type=float, nargs="+", default=[], metavar="X", help=more)
+    parser.add_argument("--more-targets", nargs="+", default=[], metavar="X", help=more)
     parser.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler, as tcp://10.0.0.7:8786")
     parser.add_argument(
         "--workers", type=int, default=0, metavar="N", help="runs at a time, on this machine (default: 0: no Dask)"
@@ -67,18 +69,26 @@ def run(args: argparse.Namespace) -> int:
         raise DataError("--only", f'"{error}" is unknown', f"use {', '.join((*SETS, *ALL))}") from None
     if args.workers < 0:
         raise DataError("--workers", f"{args.workers} is out of range", "use at least 0")
-    if target_bytes(args.target) is not None:
-        remedy = "compare and ablate take a ratio or a number of primitives"
-        raise DataError("--target", f"{args.target} is the size of a file", remedy)
+    _counted("--target", args.target)
+    more_targets = [_counted("--more-targets", target) for target in args.more_targets]
     config = training_config(args, preset="3dgs", data="")
     set_variant(config.variant)
     from ...compare.compare import compare as run_comparison
 
-    if wrong := [x for x in args.more_targets if not (0 < x < 1 or (x >= 1 and x.is_integer()))]:
-        raise DataError("--more-targets", f"{wrong[0]:g} is no target", "use ratios below 1 or whole numbers")
-    where, means = (args.data, args.out, args.seeds, methods), (args.cluster, args.workers, args.more_targets)
+    where, means = (args.data, args.out, args.seeds, methods), (args.cluster, args.workers, more_targets)
     table = run_comparison(config, *where, *means, say)
     print(args.out / "comparison.html")
     for name, error in table["failed"].items():
         print(f"dogsplat: {name} has failed: {error}", file=sys.stderr)
     return 1 if table["failed"] else 0
+
+
+def _counted(flag: str, target: str) -> float:
+    """A target of primitives, as a ratio or a number; methods are compared at equal counts, so no size of a file."""
+    try:
+        counted = checked_target(target)
+    except ValueError as error:
+        raise DataError(flag, str(error), COUNTS) from None
+    if isinstance(counted, str):
+        raise DataError(flag, f"{target} is the size of a file", COUNTS)
+    return counted

@@ -35,8 +35,8 @@ the model. A page (.html, 0.8 MB and the model) needs a browser and no network, 
 photograph of the data.
 """
 
-REFINE_HELP = "steps that make up for DoG, on a CPU 10 to 100 ms each; 0: none (default: 300 where they are baked)"
-SMALL_HELP = "SPZ, SOG: coarse grids and a palette, half the bytes; refined to lose little (default: 300 steps)"
+REFINE_HELP = "steps that make up for DoG, on a CPU 10 to 100 ms each; 0: none (default: 300 to 1000)"
+SMALL_HELP = "SPZ, SOG: coarse grids and a palette, half the bytes; refined to lose little"
 DOG_HELP = "DoG: bake (nearest Gaussians), drop, or keep where the format knows them (default: bake)"
 
 

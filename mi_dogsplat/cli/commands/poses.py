@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from ...poses.config import PosesConfig
+from ..errors import resumable
 from ..flags import add_settings, given_settings
 from ..pose_search import search_poses
 
@@ -38,13 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser, PosesConfig)
 
 
-def run(args: argparse.Namespace) -> int | None:
+def run(args: argparse.Namespace) -> None:
     """Find the poses of photographs or of a video by structure from motion, and write a COLMAP folder."""
     config = given_settings(PosesConfig, args)
-    try:
+    with resumable():
         search_poses(args.source, args.out, config)
-    except KeyboardInterrupt:
-        print("dogsplat: stopped; the same command again goes on from here", file=sys.stderr)
-        return 130
     print(args.out)
-    return None
