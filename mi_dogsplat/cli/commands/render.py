@@ -18,8 +18,6 @@ Examples:
   dogsplat render run/point_cloud.ply -o view.exr --data photos/ --camera 0001
                                                                       a view by its name
   dogsplat render run/point_cloud.ply -o view.png --camera camera.json
-  dogsplat render run/point_cloud.ply -o view.png --data photos/ --camera 0001 --appearance run/appearance.json
-                                                                      as that photograph was exposed
   dogsplat render run/point_cloud.ply -o view.exr --aovs depth,normal,index
                                                                       channels depth.Z, normal.X, ... index.I
   dogsplat render scene.xml -o view.exr                               first sensor of a Mitsuba scene
