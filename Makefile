@@ -6,7 +6,7 @@ FOR_DEMO := $(VENV)/.installed-for-demo
 INSTALLED := $(VENV)/.installed
 BLENDER := .venv-blender
 
-.PHONY: demo test test-cuda gpu gpu-bundle lint bench gallery api setup llvm lpips web-viewer wheel blender addon clean
+.PHONY: demo test test-cuda gpu gpu-bundle lint bench gallery api setup llvm lpips web-viewer wheel blender blenders addon clean
 .DEFAULT_GOAL := demo
 
 # The main job on generated data: training, compact model, report, pictures.
@@ -18,8 +18,8 @@ test: lint
 	-@$(MAKE) --no-print-directory blender
 	$(PY) -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
-# Engine, scores, training and pruning in cuda_ad_rgb, on a CPU that stands in for the GPU. Skipped with a line that says
-# why where it cannot be done.
+# Engine, tracing, scores, training and pruning in cuda_ad_rgb, on a CPU that stands in for the GPU. Skipped with a line
+# that says why where it cannot be done.
 test-cuda: setup
 	@scripts/test_cuda.sh $(PY)
 
@@ -43,6 +43,7 @@ gallery: setup
 	$(PY) -m mi_dogsplat render scenes/still_life_on_table.xml -o docs/pictures/still_life_on_table.png
 	$(PY) -m scripts.aov_picture
 	$(PY) -m scripts.mitsuba_pictures
+	$(PY) -m scripts.light_pictures
 	$(PY) -m scripts.film_picture
 	$(PY) -m benchmarks ellipsoids --picture
 	$(PY) -m mi_dogsplat.demo -o demo/gallery --picture docs/pictures/demo.png
@@ -71,6 +72,16 @@ $(BLENDER)/.installed: pyproject.toml scripts/setup_blender.sh
 	@scripts/setup_blender.sh $(PYTHON) $(BLENDER)
 	@touch $@
 
+# Other versions of it, each in an environment of its own, where there is a Python for it; from then on "make test" tries
+# the add-on in them too.
+BLENDERS ?= 4.2 4.5 5.2
+blenders: blender
+	-@$(MAKE) --no-print-directory --keep-going $(BLENDERS:%=$(BLENDER)-%/.installed)
+
+$(BLENDER)-%/.installed: pyproject.toml scripts/setup_blender.sh
+	@scripts/setup_blender.sh $(PYTHON) $(BLENDER)-$* $*
+	@touch $@
+
 # The Blender extension, in dist/.
 addon: blender
 	scripts/build_addon.sh $(BLENDER)/bin/python dist
@@ -91,5 +102,5 @@ $(INSTALLED): $(FOR_DEMO)
 	@touch $@
 
 clean:
-	rm -rf $(VENV) $(BLENDER) .pytest_cache .ruff_cache .hypothesis build dist demo
+	rm -rf $(VENV) $(BLENDER) $(BLENDER)-* .pytest_cache .ruff_cache .hypothesis build dist demo
 	find . -name __pycache__ -prune -exec rm -rf {} +

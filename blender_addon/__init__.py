@@ -6,10 +6,13 @@ import bpy
 
 from . import panel, preferences
 from .cameras import operators as camera_operators
-from .cameras import path_operator
-from .engine import exact_settings
+from .cameras import path_import_operator, path_operator
+from .editing import apply_operator, join_operator, live_operators, paint_operators, transform_operator
+from .engine import exact_settings, renderers
 from .engine import render_engine as engine
-from .objects import export_operators, import_operator
+from .engine import settings as engine_settings
+from .objects import export_operators, following, import_operator
+from .viewport import handlers
 
 CLASSES = (
     preferences.DogSplatPreferences,
@@ -18,12 +21,22 @@ CLASSES = (
     camera_operators.DOGSPLAT_OT_import_cameras,
     camera_operators.DOGSPLAT_OT_look_through,
     path_operator.DOGSPLAT_OT_export_path,
+    path_import_operator.DOGSPLAT_OT_import_path,
     export_operators.DOGSPLAT_OT_export,
-    export_operators.DOGSPLAT_OT_apply_transform,
+    live_operators.DOGSPLAT_OT_add_crop,
+    live_operators.DOGSPLAT_OT_add_limits,
+    paint_operators.DOGSPLAT_OT_paint,
+    paint_operators.DOGSPLAT_OT_finish_painting,
+    apply_operator.DOGSPLAT_OT_apply_edits,
+    join_operator.DOGSPLAT_OT_join,
+    transform_operator.DOGSPLAT_OT_apply_transform,
     exact_settings.DOGSPLAT_OT_exact_settings,
+    engine_settings.DogSplatRenderSettings,
     engine.DogSplatEngine,
     panel.DOGSPLAT_PT_panel,
+    panel.DOGSPLAT_PT_edit,
     panel.DOGSPLAT_PT_render,
+    panel.DOGSPLAT_PT_passes,
 )
 
 
@@ -31,19 +44,29 @@ def register() -> None:
     """Called by Blender when the extension is enabled."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
-    bpy.types.Scene.dogsplat_colors = engine.COLORS
+    bpy.types.Scene.dogsplat_colors = engine_settings.COLORS
+    bpy.types.Scene.dogsplat = bpy.props.PointerProperty(type=engine_settings.DogSplatRenderSettings)
     for blender_panel in engine.panels_for_all_engines():
         blender_panel.COMPAT_ENGINES.add(engine.ENGINE)
     bpy.types.TOPBAR_MT_file_import.append(panel.import_menu)
     bpy.types.TOPBAR_MT_file_export.append(panel.export_menu)
+    for menu, draw in panel.OBJECT_MENUS:
+        getattr(bpy.types, menu).append(draw)
+    bpy.app.handlers.depsgraph_update_post.append(following.follow)
+    handlers.register()
 
 
 def unregister() -> None:
     """The same backwards."""
+    handlers.unregister()
+    bpy.app.handlers.depsgraph_update_post.remove(following.follow)
+    for menu, draw in reversed(panel.OBJECT_MENUS):
+        getattr(bpy.types, menu).remove(draw)
     bpy.types.TOPBAR_MT_file_export.remove(panel.export_menu)
     bpy.types.TOPBAR_MT_file_import.remove(panel.import_menu)
     for blender_panel in engine.panels_for_all_engines():
         blender_panel.COMPAT_ENGINES.discard(engine.ENGINE)
-    del bpy.types.Scene.dogsplat_colors
+    renderers.close_renderers()
+    del bpy.types.Scene.dogsplat_colors, bpy.types.Scene.dogsplat
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -4,12 +4,24 @@ from __future__ import annotations
 
 import bpy
 
+from .editing.live_operators import can_edit
+from .editing.paint_operators import painted_model
+from .editing.stand_in import stand_in_of
+from .engine.passes import SETTINGS
 from .engine.render_engine import ENGINE
-from .nodes.modifier import input_property, splat_modifier
+from .nodes.crop import NAME as CROP
+from .nodes.limits import NAME as LIMITS
+from .nodes.modifier import edit_modifiers, has_input, input_property, splat_modifier, tree_name
+from .nodes.paint import NAME as PAINT
 from .objects.attributes import is_splats
 from .objects.conventions import DOG_COUNT, SOURCE
 
-SHOWN = ("Show As", "SH Degree", "DoG", "Linear Colors", "Antialiased", "Near Clip")
+SHOWN = ("Show As", "SH Degree", "DoG", "Linear Colors", "Antialiased", "Near Clip", "Viewport Share")
+EDITED = {
+    CROP: ("Shape", "Object", "Invert"),
+    LIMITS: ("Minimum Opacity", "Minimum Size", "Maximum Size", "Maximum Count", "Count By"),
+    PAINT: ("Erase", "Threshold", "Tint"),
+}
 
 
 class DOGSPLAT_PT_panel(bpy.types.Panel):
@@ -26,7 +38,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         obj = context.object
         if is_splats(obj):
             self._model(context, obj)
-            self._viewport(context.space_data)
+            self._viewport(context.scene, context.space_data)
         row = layout.row(align=True)
         row.operator("import_scene.dogsplat", text="Import", icon="IMPORT")
         row.operator("export_scene.dogsplat", text="Export", icon="EXPORT")
@@ -49,17 +61,20 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             column.label(text="No splat modifier: import the model again", icon="ERROR")
             return
         column = layout.column()
-        for name in SHOWN:
+        for name in (name for name in SHOWN if has_input(modifier, name)):
             column.prop(*input_property(modifier, name), text=name)
-        if context.scene.camera is None:
-            layout.label(text="Colours need an active camera", icon="INFO")
+        if context.scene.camera is None and not context.scene.dogsplat_follow_view:
+            layout.label(text="Colours need an active camera, or Follow View", icon="INFO")
         elif obj.get(DOG_COUNT) and "EEVEE" in context.scene.render.engine:
             layout.label(text="EEVEE: no negative lobes", icon="INFO")
-        layout.operator("dogsplat.apply_transform", icon="OBJECT_ORIGIN")
 
-    def _viewport(self, space: bpy.types.SpaceView3D) -> None:
-        """What hides the splats in a viewport as Blender opens it."""
+    def _viewport(self, scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> None:
+        """What a moving viewport shows, and what hides the splats in one as Blender opens it."""
         layout = self.layout
+        layout.prop(scene, "dogsplat_moving")
+        if scene.dogsplat_moving != "ALL":
+            layout.prop(scene, "dogsplat_moving_count", text="Splats")
+        layout.prop(scene, "dogsplat_follow_view")
         if space.shading.type in ("SOLID", "WIREFRAME"):
             layout.label(text="Solid shading has no colours", icon="INFO")
             layout.prop_enum(space.shading, "type", "MATERIAL", text="Material Preview")
@@ -79,19 +94,97 @@ class DOGSPLAT_PT_render(bpy.types.Panel):
         return context.engine == ENGINE
 
     def draw(self, context: bpy.types.Context) -> None:
-        """How the picture is handed to the view transform."""
+        """What is sent, and how the picture is handed to the view transform."""
+        layout, settings = self.layout, context.scene.dogsplat
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(settings, "send")
+        if settings.send == "SCENE":
+            layout.prop(settings, "samples")
+            layout.prop(settings, "bounces")
+        layout.prop(context.scene, "dogsplat_colors", text="Colors of Splats Only")
+
+
+class DOGSPLAT_PT_passes(bpy.types.Panel):
+    """The passes of our engine, where those of every engine are: the properties of the view layer."""
+
+    bl_label = "Passes"
+    bl_idname = "DOGSPLAT_PT_passes"
+    bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "view_layer"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Our engine is chosen."""
+        return context.engine == ENGINE
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Beside Combined and Alpha, which are always there."""
         layout = self.layout
         layout.use_property_split, layout.use_property_decorate = True, False
-        layout.prop(context.scene, "dogsplat_colors")
+        for name in SETTINGS.values():
+            layout.prop(context.view_layer, name)
+
+
+class DOGSPLAT_PT_edit(bpy.types.Panel):
+    """What edits the active model, and the sliders of it."""
+
+    bl_label = "Edit Splats"
+    bl_idname = "DOGSPLAT_PT_edit"
+    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "DoG Splat"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A model, or what is painted in its place, is active."""
+        return is_splats(painted_model(context.object))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Tools first, then the modifiers that are there, in the order in which they act."""
+        layout, obj = self.layout, painted_model(context.object)
+        layout.use_property_split = True
+        layout.operator_menu_enum("dogsplat.add_crop", "shape", text="Add Crop", icon="MOD_BOOLEAN")
+        layout.operator("dogsplat.add_limits", icon="FILTER")
+        layout.operator_menu_enum("dogsplat.paint", "what", text="Paint", icon="BRUSH_DATA")
+        if stand_in_of(obj) is not None:
+            layout.operator("dogsplat.finish_painting", icon="CHECKMARK")
+        for modifier in edit_modifiers(obj):
+            column = layout.box().column()
+            row = column.row(align=True)
+            row.prop(modifier, "name", text="")
+            row.prop(modifier, "show_viewport", text="")
+            row.prop(modifier, "show_render", text="")
+            for name in EDITED[tree_name(modifier)]:
+                column.prop(*input_property(modifier, name), text=name)
+        layout.separator()
+        layout.operator("dogsplat.apply_edits", icon="CHECKMARK")
+        layout.operator("dogsplat.join", icon="OBJECT_DATA")
+        layout.operator("dogsplat.apply_transform", icon="OBJECT_ORIGIN")
 
 
 def import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Entries of File > Import."""
     self.layout.operator("import_scene.dogsplat", text="DoG Splat (.ply)")
     self.layout.operator("import_scene.dogsplat_cameras", text="DoG Splat Cameras (COLMAP, transforms.json, run)")
+    self.layout.operator("import_scene.dogsplat_path", text="DoG Splat Camera Path (.json, of dogsplat film)")
 
 
 def export_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Entries of File > Export."""
     self.layout.operator("export_scene.dogsplat", text="DoG Splat (.ply)")
     self.layout.operator("export_scene.dogsplat_path", text="DoG Splat Camera Path (.json, for dogsplat film)")
+
+
+def apply_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Entry of Object > Apply (Ctrl A)."""
+    if can_edit(context.object):
+        self.layout.separator()
+        self.layout.operator("dogsplat.apply_transform", text="All Transforms to Splats")
+        self.layout.operator("dogsplat.apply_edits", text="Edits of Splats")
+
+
+def object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Entry of Object."""
+    if can_edit(context.object):
+        self.layout.separator()
+        self.layout.operator("dogsplat.join")
+
+
+OBJECT_MENUS = (("VIEW3D_MT_object_apply", apply_menu), ("VIEW3D_MT_object", object_menu))

@@ -1,6 +1,6 @@
 """Mitsuba 3 plugins for Gaussian and Difference-of-Gaussians splatting, and the training of compact models.
 
-``import mi_dogsplat`` registers the shape ``dog`` and the integrator ``dogsplat``, before or after
+``import mi_dogsplat`` registers the shape ``dog`` and the integrators ``dogsplat`` and ``dogpath``, before or after
 ``mi.set_variant(...)`` and again whenever the variant changes. Imported before ``mitsuba`` it also chooses an LLVM that
 Dr.Jit can use.
 """
@@ -37,7 +37,7 @@ def _register(old: str | None, new: str | None) -> None:
         refuse(new)
         return
     check_loaded_llvm()
-    for name in ("shape_dog", "integrator"):
+    for name in ("shape_dog", "plugin.splat_integrator", "integrator", "plugin.dogpath"):
         full = f"{__name__}.{name}"
         if full in sys.modules:
             importlib.reload(sys.modules[full])

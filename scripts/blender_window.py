@@ -60,6 +60,23 @@ def imported(model: Path, run: Path) -> Steps:
     yield from shot("imported", STILL_EEVEE)
 
 
+def editing(model: Path, run: Path) -> Steps:
+    """A live crop by a sphere, and limits, in the panel of edits; quads made for the viewport."""
+    yield from new_file()
+    bpy.context.scene.dogsplat_follow_view = True
+    with viewport():
+        bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=str(model), up_axis="-Y")
+        bpy.ops.view3d.view_selected()
+        bpy.ops.dogsplat.add_crop("EXEC_DEFAULT", True, shape="SPHERE")
+        crop = next(obj for obj in bpy.context.selected_objects if obj.type == "EMPTY")
+        crop.scale *= 0.5
+        bpy.ops.dogsplat.add_limits("EXEC_DEFAULT", True)
+    space().show_region_ui = True
+    yield 5
+    panel()
+    yield from shot("editing", STILL_EEVEE)
+
+
 def camera(model: Path, run: Path) -> Steps:
     """A trained model through the first camera of its data set."""
     yield from new_file()
@@ -94,7 +111,7 @@ def frame(model: Path, run: Path) -> Steps:
     yield from shot("frame")
 
 
-PICTURES = {function.__name__: function for function in (menu, drop, imported, camera, frame)}
+PICTURES = {function.__name__: function for function in (menu, drop, imported, editing, camera, frame)}
 
 
 def new_file() -> Steps:

@@ -1,19 +1,26 @@
 #!/usr/bin/env bash
 # Installs Blender as a Python module, with the package, into an environment of its own (bpy wants an older NumPy).
-# Usage: scripts/setup_blender.sh PYTHON VENV [VERSION]. Says in one line why, and fails, where that is not possible.
+# Usage: scripts/setup_blender.sh PYTHON VENV [VERSION]: VERSION as 4.2; without one the newest for Python 3.11. Says in
+# one line why, and fails, where that is not possible.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 venv=$2
 version=${3:-}
+minor=11 # of Python, for which the wheels are; from 5.1 on they are for another
+case $version in 5.[1-9]*) minor=13 ;; esac
 
-python=$(for p in "$1" python3.11; do
-    "$p" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null && echo "$p" && break
-done) || { echo "no Blender: its wheels need Python 3.11, and there is none; name it: make blender PYTHON=…" >&2; exit 1; }
+pyenv=("${PYENV_ROOT:-$HOME/.pyenv}"/versions/3.$minor.*/bin/python) # those that "pyenv global" does not name
+python=$(for p in "$1" "python3.$minor" "${pyenv[@]}"; do
+    "$p" -c "import sys; sys.exit(sys.version_info[:2] != (3, $minor))" 2>/dev/null && echo "$p" && break
+done) || {
+    echo "no Blender $version: its wheels need Python 3.$minor, and there is none; name it: make blender PYTHON=…" >&2
+    exit 1
+}
 
 if ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
     "$python" -m venv --clear "$venv"
 fi
-if ! "$venv/bin/python" -m pip install -q --disable-pip-version-check -e '.[blender]' ${version:+"bpy==$version"}; then
+if ! "$venv/bin/python" -m pip install -q --disable-pip-version-check -e '.[blender]' ${version:+"bpy==$version.*"}; then
     echo "no Blender: the wheel bpy (about 400 MB) cannot be had; the tests of the add-on are skipped" >&2
     exit 1
 fi

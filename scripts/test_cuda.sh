@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The tests of engine, scores, training and pruning in cuda_ad_rgb, without a GPU: on a stand-in for the driver of CUDA,
-# which runs on the CPU what Dr.Jit generates.
+# The tests of engine, tracing, scores, training and pruning in cuda_ad_rgb, without a GPU: on a stand-in for the driver
+# of CUDA, which runs on the CPU what Dr.Jit generates.
 # Usage: [CUDA_STANDIN=FOLDER] scripts/test_cuda.sh PYTHON [PYTEST_ARGUMENT...]. CUDA_STANDIN: where the stand-in is, by
 # default ../shared/tools/cuda_standin. Says in one line why, and ends well, where it cannot run.
 set -euo pipefail
@@ -25,7 +25,7 @@ done
 # - of the engine, test_aovs, test_background and test_derivatives: all of it through mi.render, and what fails in the
 #   constructor of an environment emitter ends the process;
 # - what computes nothing on a device, such as files, cameras and reports, and what is built of the parts tested here.
-tests=(tests/scores tests/training)
+tests=(tests/scores tests/training tests/tracing)
 for file in tests/engine/test_*.py; do
     case $file in
         */test_aovs.py | */test_background.py | */test_derivatives.py) ;;

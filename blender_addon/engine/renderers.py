@@ -1,51 +1,37 @@
-"""The two ways to the exact picture: the package inside of this process, or its command as another process.
+"""The two ways to a picture: the package inside of this process, or its command as another process.
 
-Mitsuba is imported only when a picture is rendered, and nothing else of the add-on needs it.
+Mitsuba is imported only when a picture is rendered, and nothing else of the add-on needs it. A renderer stays for the
+frames that follow: it has loaded Mitsuba and compiled its kernels, and its folder holds what they have in common.
 """
 
 from __future__ import annotations
 
 import importlib.util
-import json
 import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
+import weakref
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ..cameras.camera import Camera
 from ..files.errors import FileError
-from ..files.model import Model
-from ..files.ply import write_ply
+from .served import Cancelled, RendererError, Served
 
-BAND_ROWS = 128  # between two looks at whether the user has cancelled
-POLL_SECONDS = 0.1
 MISSING = (
     "Mitsuba is not there: install the package with \"pip install 'mi_dogsplat[train]'\" in any Python "
     "and name its command dogsplat in the preferences of this add-on"
 )
-Picture = dict[str, np.ndarray]  # color [H, W, 3] sRGB values over black, alpha [H, W], depth [H, W]; from the top
-
-
-class Cancelled(Exception):
-    """The user does not want the picture any more."""
-
-
-class RendererError(RuntimeError):
-    """No picture, and why, in one line."""
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the integrator needs to know besides model and camera."""
-
-    near_clip: float
-    antialiased: bool
+IDLE_SECONDS = 600  # after which a process ends that no frame has come to
+Picture = dict[str, np.ndarray]  # color [H, W, 3], alpha [H, W] and passes, as mi_dogsplat.requests has them
+Request = dict[str, Any]
+Cancel = Callable[[], bool]
+Progress = Callable[[float], None]
+Preview = Callable[[Picture], None]
 
 
 class InProcess:
@@ -53,39 +39,36 @@ class InProcess:
 
     name = "Mitsuba in this process"
 
-    def render(self, model: Model, camera: Camera, settings: Settings, cancelled: Callable[[], bool],
-               progress: Callable[[float], None]) -> Picture:  # fmt: skip
-        """The picture, band by band. Raises ``Cancelled`` and ``RendererError``."""
+    def __init__(self):
+        self.folder = Path(tempfile.mkdtemp(prefix="dogsplat_"))
+        self._remove = weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+        self._answerer: Any = None
+
+    def render(self, request: Request, cancelled: Cancel, progress: Progress, preview: Preview) -> Picture:
+        """The picture, step by step. Raises ``Cancelled`` and ``RendererError``."""
         try:
             import mi_dogsplat  # noqa: F401  (before mitsuba: it chooses the LLVM)
             import mitsuba as mi
-            from mi_dogsplat.engine.parameters import upload
-            from mi_dogsplat.engine.rasterize import RasterOptions
-            from mi_dogsplat.render.picture import render_picture
-            from mi_dogsplat.scene.cameras import Camera as PackageCamera
-            from mi_dogsplat.scene.splats import Splats
 
             if not (mi.variant() or "").endswith("ad_rgb"):
                 mi.set_variant("cuda_ad_rgb", "llvm_ad_rgb")
+            from mi_dogsplat.requests.answer import Answerer
+            from mi_dogsplat.requests.request import read_request
         except (ImportError, RuntimeError) as error:
             raise RendererError(f"Mitsuba cannot be used here ({' '.join(str(error).split())})") from error
-        index = np.flatnonzero(model.is_dog)
-        params = upload(Splats(
-            model.means, model.log_scales, model.quats[:, [1, 2, 3, 0]], model.logit_opacities, model.sh_coeffs,
-            index, model.dog_logit_opacities[index], model.dog_log_scales[index],
-        ))  # fmt: skip
-        options = RasterOptions(sh_degree=model.sh_degree, antialiased=settings.antialiased, depth=True)
-        bands = []
-        for top in range(0, camera.height, BAND_ROWS):
-            if cancelled():
-                raise Cancelled
-            rows = min(BAND_ROWS, camera.height - top)
-            band = PackageCamera(camera.w2c, camera.fx, camera.fy, camera.cx, camera.cy - top, camera.width, rows)
-            film = (0.0, -float(top), float(camera.width), float(camera.height - top))
-            picture = render_picture(params, band, options, 0.0, settings.near_clip, film=film)
-            bands.append((picture.color, picture.alpha, picture.depth))
-            progress((top + rows) / camera.height)
-        return dict(zip(("color", "alpha", "depth"), map(np.concatenate, zip(*bands, strict=True)), strict=True))
+        self._answerer = self._answerer or Answerer()
+        try:
+            steps = self._answerer.answer(read_request(request))
+            while not cancelled():
+                share, picture = next(steps)
+                progress(share)
+                if share == 1:
+                    return picture
+                if picture is not None:
+                    preview(picture)
+        except ValueError as error:  # DataError, which is one line
+            raise RendererError(str(error)) from error
+        raise Cancelled
 
     def convert(self, path: Path, out: Path) -> None:
         """A model of any format as a PLY, with DoG and comments. Raises ``FileError`` and ``RendererError``."""
@@ -99,32 +82,47 @@ class InProcess:
         except ValueError as error:  # DataError, which names the file in one line
             raise _file_error(path, str(error)) from error
 
+    def close(self) -> None:
+        """Remove its folder."""
+        self._remove()
 
-@dataclass(frozen=True)
+
 class Command:
-    """The command ``dogsplat`` of any Python on this computer."""
+    """The command ``dogsplat`` of any Python on this computer, whose process answers one frame after the other."""
 
-    words: tuple[str, ...]
+    def __init__(self, words: tuple[str, ...]):
+        self.words = words
+        self.folder = Path(tempfile.mkdtemp(prefix="dogsplat_"))
+        self._remove = weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+        self._served: Served | None = None
 
     @property
     def name(self) -> str:
         """For the status bar."""
         return " ".join(self.words)
 
-    def render(self, model: Model, camera: Camera, settings: Settings, cancelled: Callable[[], bool],
-               progress: Callable[[float], None]) -> Picture:  # fmt: skip
-        """The picture, through files in a temporary folder. Raises ``Cancelled`` and ``RendererError``."""
-        with tempfile.TemporaryDirectory(prefix="dogsplat_") as name:
-            folder = Path(name)
-            write_ply(folder / "model.ply", model)
-            numbers = {key: getattr(camera, key) for key in ("fx", "fy", "cx", "cy", "width", "height")}
-            (folder / "camera.json").write_text(json.dumps({"w2c": camera.w2c.tolist(), **numbers}), encoding="utf-8")
-            arguments = ["render", str(folder / "model.ply"), "--camera", str(folder / "camera.json")]
-            arguments += ["-o", str(folder / "picture.npz"), "--near-clip", repr(settings.near_clip)]
-            arguments += ["--antialiased"] if settings.antialiased else []
-            self._run(arguments, folder / "log.txt", cancelled, progress)
-            with np.load(folder / "picture.npz") as file:
-                return {key: file[key] for key in ("color", "alpha", "depth")}
+    def render(self, request: Request, cancelled: Cancel, progress: Progress, preview: Preview) -> Picture:
+        """The picture, through files. Raises ``Cancelled``, which ends the process, and ``RendererError``."""
+        if self._served is None or not self._served.lives():
+            words = [*self.words, "serve", "--idle", str(IDLE_SECONDS)]
+            self._served = Served(words, self.name, self.folder / "log.txt")
+        try:
+            for share, out in self._served.answers({**request, "out": str(self.folder / "picture.npz")}, cancelled):
+                progress(share)
+                picture = _read(out) if out else None
+                if share == 1:
+                    return picture or {}
+                if picture:
+                    preview(picture)
+        except (Cancelled, RendererError):
+            self.stop()
+            raise
+        raise RendererError(f"{self.name}: no answer")
+
+    @property
+    def process_id(self) -> int | None:
+        """Of the process that waits for the next picture; None where there is none."""
+        return self._served.process_id if self._served else None
 
     def convert(self, path: Path, out: Path) -> None:
         """As that of ``InProcess``."""
@@ -137,32 +135,21 @@ class Command:
             lines = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
             raise _file_error(path, lines[-1].removeprefix("dogsplat: "))
 
-    def _run(self, arguments: list[str], log: Path, cancelled: Callable[[], bool],
-             progress: Callable[[float], None]) -> None:  # fmt: skip
-        with log.open("w") as output:
-            try:
-                files = {"stdin": subprocess.DEVNULL, "stdout": output, "stderr": output}
-                process = subprocess.Popen([*self.words, *arguments], **files)
-            except OSError as error:
-                raise RendererError(f"{self.name} cannot be started ({error.strerror})") from error
-            share = 0.0
-            try:
-                while process.poll() is None:
-                    if cancelled():
-                        raise Cancelled
-                    share += (1 - share) * 0.02  # the command does not tell how far it is
-                    progress(share)
-                    try:
-                        process.wait(POLL_SECONDS)
-                    except subprocess.TimeoutExpired:
-                        continue
-            finally:
-                if process.poll() is None:
-                    process.kill()
-                    process.wait()
-        if process.returncode:
-            lines = log.read_text(errors="replace").strip().splitlines() or [f"exit status {process.returncode}"]
-            raise RendererError(f"{self.name}: {lines[-1]}")
+    def stop(self) -> None:
+        """End the process; the next picture starts another."""
+        if self._served is not None:
+            self._served.end()
+        self._served = None
+
+    def close(self) -> None:
+        """End the process and remove its folder."""
+        self.stop()
+        self._remove()
+
+
+def _read(path: str) -> Picture:
+    with np.load(path) as file:
+        return {key: file[key] for key in file.files}
 
 
 def _file_error(path: Path, line: str) -> FileError:
@@ -180,8 +167,29 @@ def converted(command: str, path: Path, out: Path) -> None:
         raise FileError(path, f"only the package reads this format, and {error}", remedy) from error
 
 
+_RESIDENT: dict[tuple[str, ...], InProcess | Command] = {}  # by the words of the command; none: this process
+
+
 def choose_renderer(command: str = "") -> InProcess | Command:
-    """The command of the preferences, else this process, else a command on the PATH. Raises ``RendererError``."""
+    """The command of the preferences, else this process, else a command on the PATH. Raises ``RendererError``.
+
+    It is the same one as before, so that it need not start again, until ``close_renderers``.
+    """
+    words = _words(command)
+    if words not in _RESIDENT:
+        close_renderers()
+        _RESIDENT[words] = Command(words) if words else InProcess()
+    return _RESIDENT[words]
+
+
+def close_renderers() -> None:
+    """End what ``choose_renderer`` has started."""
+    while _RESIDENT:
+        _RESIDENT.popitem()[1].close()
+
+
+def _words(command: str) -> tuple[str, ...]:
+    """Empty: this process."""
     if command:
         whole = Path(command).expanduser()  # may hold spaces
         words = (str(whole),) if whole.is_file() else tuple(shlex.split(command, posix=sys.platform != "win32"))
@@ -189,9 +197,9 @@ def choose_renderer(command: str = "") -> InProcess | Command:
             raise RendererError(
                 f'"{command}", the command in the preferences of DoG Splat, is not there; correct or clear it'
             )
-        return Command(words)
+        return words
     if importlib.util.find_spec("mitsuba") and importlib.util.find_spec("mi_dogsplat"):
-        return InProcess()
+        return ()
     if found := shutil.which("dogsplat"):
-        return Command((found,))
+        return (found,)
     raise RendererError(MISSING)

@@ -20,11 +20,7 @@ def transformed(model: Model, matrix: np.ndarray) -> Model:
     if np.abs(matrix - np.eye(4)).max() < 1e-7:
         return model
     linear = matrix[:3, :3]
-    det = np.linalg.det(linear)
-    scale = float(np.cbrt(det))
-    if not det > 0 or np.abs(linear @ linear.T - scale**2 * np.eye(3)).max() > 1e-4 * scale**2:
-        raise ValueError("splats can be rotated, scaled uniformly and moved, but this object is sheared, mirrored, "
-                         "flattened or scaled differently along its axes")  # fmt: skip
+    scale = similarity_scale(linear)
     rotation = linear / scale
     turn = sh_rotation(rotation, model.sh_degree)
     quats = quaternion_product(quaternion_from_rotation(rotation), normalized(model.quats).astype(np.float64))
@@ -35,6 +31,16 @@ def transformed(model: Model, matrix: np.ndarray) -> Model:
         quats=quats.astype(np.float32),
         sh_coeffs=np.einsum("ij,njc->nic", turn, model.sh_coeffs.astype(np.float64)).astype(np.float32),
     )
+
+
+def similarity_scale(linear: np.ndarray) -> float:
+    """The scale of a [3, 3] rotation with uniform scale; ``ValueError`` for any other matrix."""
+    det = np.linalg.det(linear)
+    scale = float(np.cbrt(det))
+    if not det > 0 or np.abs(linear @ linear.T - scale**2 * np.eye(3)).max() > 1e-4 * scale**2:
+        raise ValueError("splats can be rotated, scaled uniformly and moved, but this object is sheared, mirrored, "
+                         "flattened or scaled differently along its axes")  # fmt: skip
+    return scale
 
 
 def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -58,7 +64,8 @@ def sh_rotation(rotation: np.ndarray, degree: int) -> np.ndarray:
     directions = np.random.default_rng(0).normal(size=(64, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     before, after = sh_basis(directions, degree), sh_basis(directions @ rotation, degree)
-    return np.linalg.lstsq(before, after, rcond=None)[0]
+    band = np.sqrt(np.arange((degree + 1) ** 2)).astype(int)
+    return np.where(band[:, None] == band, np.linalg.lstsq(before, after, rcond=None)[0], 0.0)
 
 
 def sh_basis(directions: np.ndarray, degree: int) -> np.ndarray:

@@ -29,9 +29,14 @@ def finish_group(tree: Tree, name: str) -> bpy.types.NodeTree:
 
 def named_attribute(tree: Tree, name: str, kind: str = "FLOAT_VECTOR"):
     """A Named Attribute node: a float, a vector, or the socket as it is for colours and rotations."""
+    return wrap(tree, attribute_socket(tree, name, kind))
+
+
+def attribute_socket(tree: Tree, name: str, kind: str) -> bpy.types.NodeSocket:
+    """The output of a Named Attribute node."""
     node = tree.node("GeometryNodeInputNamedAttribute", data_type=kind)
     node.inputs["Name"].default_value = name
-    return wrap(tree, node.outputs["Attribute"])
+    return node.outputs["Attribute"]
 
 
 def color_group() -> bpy.types.NodeTree:
@@ -82,6 +87,16 @@ def _srgb_to_linear(tree: Tree, color: Vector) -> Vector:
         toe = c < 0.04045
         curve = tree.math("POWER", (c + 0.055) / 1.055, 2.4)
         channels.append(c * toe / 12.92 + curve * (1.0 - toe))
+    return tree.combine(*channels)
+
+
+def linear_to_srgb(tree: Tree, color: Vector) -> Vector:
+    """A colour that people picked, as the values that are blended."""
+    channels = []
+    for c in color.split():
+        toe = c < 0.0031308
+        curve = tree.math("POWER", tree.math("MAXIMUM", c, 0.0031308), 1 / 2.4) * 1.055 - 0.055
+        channels.append(c * toe * 12.92 + curve * (1.0 - toe))
     return tree.combine(*channels)
 
 

@@ -1,4 +1,4 @@
-"""The modifier on an object: its inputs by name, and drivers that tell it the camera's intrinsics in pixels."""
+"""Our modifiers on an object: inputs by name, and drivers that tell the drawing one the camera's intrinsics."""
 
 from __future__ import annotations
 
@@ -6,7 +6,15 @@ from typing import Any
 
 import bpy
 
+from .crop import NAME as CROP
+from .crop import SHAPES
+from .limits import NAME as LIMITS
+from .limits import ORDERS
+from .paint import NAME as PAINT
 from .tree import NAME, SHOW, splat_tree
+
+EDITING = (CROP, LIMITS, PAINT)
+MENUS = {"Show As": SHOW, "Shape": SHAPES, "Count By": ORDERS}
 
 # Horizontal: what Blender's sensor fit "Auto" decides. Enum values: 0 Auto, 1 Horizontal, 2 Vertical.
 _HORIZONTAL = "(fit == 1 or (fit == 0 and rx * ax >= ry * ay))"
@@ -37,13 +45,38 @@ def add_modifier(obj: bpy.types.Object) -> bpy.types.Modifier:
     return modifier
 
 
+def add_edit_modifier(obj: bpy.types.Object, tree: bpy.types.NodeTree, first: bool = False) -> bpy.types.Modifier:
+    """Give an object one of the modifiers that edit, just before the one that draws, or as the first of all."""
+    modifier = obj.modifiers.new(tree.name, "NODES")
+    modifier.node_group = tree
+    drawing = splat_modifier(obj)
+    last = len(obj.modifiers) - 1
+    place = 0 if first else last if drawing is None else obj.modifiers.find(drawing.name)
+    obj.modifiers.move(last, place)
+    return modifier
+
+
 def splat_modifier(obj: bpy.types.Object) -> bpy.types.Modifier | None:
-    """The modifier of ours on an object."""
-    for modifier in obj.modifiers:
-        group = modifier.node_group if modifier.type == "NODES" else None
-        if group and str(group.get("dogsplat", "")).startswith(NAME):
-            return modifier
-    return None
+    """The modifier of ours that draws the splats of an object."""
+    return next((modifier for modifier in obj.modifiers if tree_name(modifier) == NAME), None)
+
+
+def edit_modifiers(obj: bpy.types.Object, *names: str) -> list[bpy.types.Modifier]:
+    """The modifiers of ours that edit the splats of an object, all or those of these trees."""
+    return [modifier for modifier in obj.modifiers if tree_name(modifier) in (names or EDITING)]
+
+
+def tree_name(modifier: bpy.types.Modifier) -> str | None:
+    """Which of our trees a modifier has, by the name that the tree was made under; None for trees of others."""
+    group = modifier.node_group if modifier.type == "NODES" else None
+    key = str(group.get("dogsplat", "")) if group else ""
+    return key.rpartition(" ")[0] or None
+
+
+def has_input(modifier: bpy.types.Modifier, name: str) -> bool:
+    """Whether the tree has that input: those of older versions have fewer."""
+    return any(item.item_type == "SOCKET" and item.in_out == "INPUT" and item.name == name
+               for item in modifier.node_group.interface.items_tree)  # fmt: skip
 
 
 def input_property(modifier: bpy.types.Modifier, name: str) -> tuple[Any, str]:
@@ -56,19 +89,19 @@ def input_property(modifier: bpy.types.Modifier, name: str) -> tuple[Any, str]:
 
 
 def set_input(modifier: bpy.types.Modifier, name: str, value: Any) -> None:
-    """Set an input of the modifier; "Show As" to one of ``SHOW``."""
+    """Set an input of the modifier; a menu to one of its names."""
     owner, key = input_property(modifier, name)
     if key == "value":
         owner.value = value
     else:  # a menu is a number there
-        owner[key[2:-2]] = SHOW.index(value) if name == "Show As" else value
+        owner[key[2:-2]] = MENUS[name].index(value) if name in MENUS else value
 
 
 def get_input(modifier: bpy.types.Modifier, name: str) -> Any:
     """The value of an input of the modifier, as ``set_input`` takes it."""
     owner, key = input_property(modifier, name)
     value = owner.path_resolve(key)
-    return SHOW[value] if isinstance(value, int) and name == "Show As" else value
+    return MENUS[name][value] if isinstance(value, int) and name in MENUS else value
 
 
 def _drive(owner: Any, key: str, expression: str) -> None:

@@ -7,6 +7,8 @@ Three ways to show a model, and "Automatic", which is quads in renders and ellip
   This is the image formation of the ``dogsplat`` integrator: exact for the active camera, meaningless from elsewhere.
 - Ellipsoids: instanced spheres whose material evaluates the kernel along the ray; right from everywhere.
 - Points: opaque, fast.
+
+Viewports may show a share of the splats, the most important ones, and take the place of the camera (``viewport/``).
 """
 
 from __future__ import annotations
@@ -15,8 +17,10 @@ from typing import Any
 
 import bpy
 
-from .builder import Tree, Value, Vector, new_group
-from .fields import Frame, Splat
+from ..objects.attributes import RANK
+from .builder import Tree, Value, Vector, new_group, wrap
+from .fields import Frame, Pose, Splat, camera_pose
+from .geometry import choose, delete, describe, remove, set_material, store, switch
 from .groups import (
     GEOMETRY,
     LOW_PASS,
@@ -42,12 +46,17 @@ from .material import (
 NAME = "DoG Splat"
 SHOW = ("Automatic", "Quads", "Ellipsoids", "Points")
 CAMERA_INPUTS = ("Focal X", "Focal Y", "Center X", "Center Y", "Width", "Height")  # driven, pixels
+VIEW_INPUTS = ("Moving Share", "Moving Points", "View", "View Location", "View Rotation", "View Focal", "View Center",
+               "View Size")  # fmt: skip
 SPHERE_RADIUS = 1 / 0.9339  # of an icosphere with 80 faces that holds the unit sphere
 CORNER = "splat:corner"
 INPUTS = {
     "Geometry": "NodeSocketGeometry", "Show As": "NodeSocketMenu", "SH Degree": "NodeSocketInt",
     "DoG": "NodeSocketBool", "Linear Colors": "NodeSocketBool", "Antialiased": "NodeSocketBool",
     "Near Clip": "NodeSocketFloat", **dict.fromkeys(CAMERA_INPUTS, "NodeSocketFloat"),
+    "Viewport Share": "NodeSocketFloat", "Moving Share": "NodeSocketFloat", "Moving Points": "NodeSocketBool",
+    "View": "NodeSocketBool", "View Location": "NodeSocketVector", "View Rotation": "NodeSocketRotation",
+    **dict.fromkeys(VIEW_INPUTS[5:], "NodeSocketVector"),
 }  # fmt: skip
 
 
@@ -56,30 +65,31 @@ def splat_tree() -> bpy.types.NodeTree:
     if existing := cached_group(NAME):
         return existing
     tree, inputs, exit_node = new_group(NAME, GEOMETRY, INPUTS, {"Geometry": "NodeSocketGeometry"})
-    geometry, show, degree, dog, linear, antialiased, near, fx, fy, cx, cy, width, height = inputs
-    frame = Frame(tree, (fx, fy), (cx, cy), (width, height))
+    geometry, show, degree, dog, linear, antialiased, near, fx, fy, cx, cy, width, height, *of_view = inputs
+    share, moving_share, moving_points, view, *view_numbers = of_view
+    in_viewport = wrap(tree, tree.node("GeometryNodeIsViewport").outputs[0])
+    of_camera = (*camera_pose(tree), tree.combine(fx, fy), tree.combine(cx, cy), tree.combine(width, height))
+    kinds = ("VECTOR", "ROTATION", "VECTOR", "VECTOR", "VECTOR")
+    pose = Pose(*(switch(tree, kind, view * in_viewport, camera, own)
+                  for kind, camera, own in zip(kinds, of_camera, view_numbers, strict=True)))  # fmt: skip
+    frame = Frame(tree, pose)
     splat = Splat(tree, dog)
 
     to_points = tree.node("GeometryNodeMeshToPoints")
     tree.plug(to_points.inputs[0], geometry)
+    shown = share * moving_share
+    important = delete(tree, to_points.outputs[0], 1.0 - (named_attribute(tree, RANK, "FLOAT") < shown))
+    some = switch(tree, "GEOMETRY", in_viewport * (shown < 1.0) > 0.5, to_points.outputs[0], important)
     (color,) = tree.call(color_group(), frame.direction, degree, linear)
-    points = _store(tree, to_points.outputs[0], COLOR, color)
+    points = store(tree, some, COLOR, color)
     quads = _quads(tree, points, frame, splat, near, antialiased)
     ellipsoids = _ellipsoids(tree, points, frame, splat, near)
-
-    automatic = tree.node("GeometryNodeSwitch", input_type="GEOMETRY")
-    for socket, value in zip(
-        automatic.inputs, (tree.node("GeometryNodeIsViewport").outputs[0], quads, ellipsoids), strict=True
-    ):
-        tree.plug(socket, value)
-    menu = tree.node("GeometryNodeMenuSwitch", data_type="GEOMETRY")
-    for i, name in enumerate(SHOW):  # the node comes with two items, whose numbers are 0 and 1
-        item = menu.enum_items[i] if i < len(menu.enum_items) else menu.enum_items.new(name)
-        item.name = name
-    tree.plug(menu.inputs[0], show)
-    for name, value in zip(SHOW, (automatic.outputs[0], quads, ellipsoids, _points(tree, points, splat)), strict=True):
-        tree.plug(menu.inputs[name], value)
-    tree.plug(exit_node.inputs[0], menu.outputs[0])
+    automatic = switch(tree, "GEOMETRY", in_viewport * (1.0 - view) > 0.5, quads, ellipsoids)
+    as_points = _points(tree, points, splat)
+    ways = (automatic, quads, ellipsoids, as_points)
+    chosen = choose(tree, "GEOMETRY", show, dict(zip(SHOW, ways, strict=True)))
+    result = switch(tree, "GEOMETRY", in_viewport * moving_points > 0.5, chosen, as_points)
+    tree.plug(exit_node.inputs[0], result)
     _describe(tree.tree)
     return finish_group(tree, NAME)
 
@@ -103,13 +113,13 @@ def _quads(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value, ant
     tree.plug(own.inputs["Object"], tree.node("GeometryNodeSelfObject").outputs[0])
     own_scale, _, _ = Vector(tree, own.outputs["Scale"]).split()
     visible = (frame.depth * own_scale > near) * (half_x > 0.0)
-    points = _delete(tree, points, 1.0 - visible)
+    points = delete(tree, points, 1.0 - visible)
     values = {EXTENT: tree.combine(half_x, half_y, frame.depth), KERNEL: primary[0], PSEUDO: pseudo[0],
               OPACITIES: tree.combine(primary[2], pseudo[2])}  # fmt: skip
     for name, value in values.items():
-        points = _store(tree, points, name, value)
+        points = store(tree, points, name, value)
     for pattern in ("radiance:*", "dog:*"):
-        points = _remove(tree, points, pattern)
+        points = remove(tree, points, pattern)
     _, _, depth = named_attribute(tree, EXTENT).split()
     order = tree.node("GeometryNodeSortElements", domain="POINT")
     tree.plug(order.inputs["Geometry"], points)
@@ -131,10 +141,10 @@ def _quads(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value, ant
     opacities = named_attribute(tree, OPACITIES).split()
     for name, opacity in zip((KERNEL, PSEUDO), opacities[:2], strict=True):
         ux, uy, vy = named_attribute(tree, name).split()
-        mesh = _store(tree, mesh, name, tree.combine(ux * dx + uy * dy, vy * dy, opacity))
+        mesh = store(tree, mesh, name, tree.combine(ux * dx + uy * dy, vy * dy, opacity))
     for name in (CORNER, EXTENT, OPACITIES):
-        mesh = _remove(tree, mesh, name)
-    return _set_material(tree, mesh, quad_material())
+        mesh = remove(tree, mesh, name)
+    return set_material(tree, mesh, quad_material())
 
 
 def _ellipsoids(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value) -> Any:
@@ -147,17 +157,17 @@ def _ellipsoids(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value
     )
     reach, pseudo_reach = (tree.math("SQRT", cutoff(tree, a)) for a in (splat.opacity, splat.pseudo_opacity))
     size = (primary * reach).maximum(pseudo * pseudo_reach)
-    points = _delete(tree, points, 1.0 - (reach + pseudo_reach > 0.0))
+    points = delete(tree, points, 1.0 - (reach + pseudo_reach > 0.0))
     values = {EXTENT: size / primary, FACTOR: pseudo / primary,
               OPACITIES: tree.combine(splat.opacity, splat.pseudo_opacity)}  # fmt: skip
     for name, value in values.items():
-        points = _store(tree, points, name, value)
+        points = store(tree, points, name, value)
     sphere = tree.node("GeometryNodeMeshIcoSphere")
     sphere.inputs["Radius"].default_value = SPHERE_RADIUS
     sphere.inputs["Subdivisions"].default_value = 2
     place = tree.node("GeometryNodeInstanceOnPoints")
     tree.plug(place.inputs["Points"], points)
-    tree.plug(place.inputs["Instance"], _set_material(tree, sphere.outputs[0], ellipsoid_material()))
+    tree.plug(place.inputs["Instance"], set_material(tree, sphere.outputs[0], ellipsoid_material()))
     tree.plug(place.inputs["Rotation"], splat.rotation)
     tree.plug(place.inputs["Scale"], size)
     return place.outputs[0]
@@ -168,7 +178,7 @@ def _points(tree: Tree, points: Any, splat: Splat) -> Any:
     radius = tree.node("GeometryNodeSetPointRadius")
     tree.plug(radius.inputs["Points"], points)
     tree.plug(radius.inputs["Radius"], splat.scale.dot((1 / 3, 1 / 3, 1 / 3)))
-    return _set_material(tree, radius.outputs[0], point_material())
+    return set_material(tree, radius.outputs[0], point_material())
 
 
 def _corners(tree: Tree) -> Any:
@@ -177,39 +187,7 @@ def _corners(tree: Tree) -> Any:
     for name, value in (("Size X", 2.0), ("Size Y", 2.0), ("Vertices X", 2), ("Vertices Y", 2)):
         grid.inputs[name].default_value = value
     position = Vector(tree, tree.node("GeometryNodeInputPosition").outputs[0])
-    return _store(tree, grid.outputs[0], CORNER, position)
-
-
-def _store(tree: Tree, geometry: Any, name: str, value: Any) -> Any:
-    node = tree.node("GeometryNodeStoreNamedAttribute", data_type="FLOAT_VECTOR", domain="POINT")
-    for socket, given in (("Geometry", geometry), ("Name", name), ("Value", value)):
-        tree.plug(node.inputs[socket], given)
-    return node.outputs[0]
-
-
-def _remove(tree: Tree, geometry: Any, pattern: str) -> Any:
-    node = tree.node("GeometryNodeRemoveAttribute")
-    if hasattr(node, "pattern_mode"):
-        node.pattern_mode = "WILDCARD"
-    else:
-        node.inputs["Pattern Mode"].default_value = "Wildcard"
-    tree.plug(node.inputs["Geometry"], geometry)
-    tree.plug(node.inputs["Name"], pattern)
-    return node.outputs[0]
-
-
-def _delete(tree: Tree, geometry: Any, selection: Value) -> Any:
-    node = tree.node("GeometryNodeDeleteGeometry", domain="POINT")
-    tree.plug(node.inputs["Geometry"], geometry)
-    tree.plug(node.inputs["Selection"], selection > 0.5)
-    return node.outputs[0]
-
-
-def _set_material(tree: Tree, geometry: Any, material: bpy.types.Material) -> Any:
-    node = tree.node("GeometryNodeSetMaterial")
-    tree.plug(node.inputs["Geometry"], geometry)
-    node.inputs["Material"].default_value = material
-    return node.outputs[0]
+    return store(tree, grid.outputs[0], CORNER, position)
 
 
 def _describe(group: bpy.types.NodeTree) -> None:
@@ -225,11 +203,11 @@ def _describe(group: bpy.types.NodeTree) -> None:
         "Antialiased": {"default_value": False, "description": "For models trained with antialiasing"},
         "Near Clip": {"default_value": 0.2, "min_value": 0.0, "subtype": "DISTANCE",
                       "description": "Splats nearer to the camera plane are left out"},
+        "Viewport Share": {"default_value": 1.0, "min_value": 0.0, "max_value": 1.0, "subtype": "FACTOR",
+                           "description": "Viewports show this share of the splats, the most important ones; renders "
+                           "show all"},
+        "Moving Share": {"default_value": 1.0, "description": "The same, written while a viewport moves"},
     }  # fmt: skip
     camera = {"default_value": 1000.0, "description": "Of the active camera, in pixels; kept up to date by a driver"}
-    for item in group.interface.items_tree:
-        if item.item_type != "SOCKET" or item.in_out != "INPUT":
-            continue
-        for name, value in settings.get(item.name, camera if item.name in CAMERA_INPUTS else {}).items():
-            setattr(item, name, value)
-        item.hide_in_modifier = item.name in CAMERA_INPUTS
+    hidden = (*CAMERA_INPUTS, *VIEW_INPUTS)
+    describe(group, settings | dict.fromkeys(CAMERA_INPUTS, camera), hidden)

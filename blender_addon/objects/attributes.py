@@ -10,31 +10,45 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..files.model import Model, logit, normalized, positive_log, sigmoid
+from ..files.model import Model, importance, logit, normalized, positive_log, sigmoid
 
 SCALE, ROTATION, BASE, SH = "scale", "rotation", "radiance:base", "radiance:sh_{}"
 OPACITY_FACTOR, SCALE_FACTOR = "dog:opacity_factor", "dog:scale_factor"
 RAW_LOGITS = "dog:raw_logits"  # logit opacity, logit of the opacity factor, 0
 RAW_SCALE, RAW_ROTATION, RAW_FACTOR = "dog:raw_scale", "dog:raw_rotation", "dog:raw_factor"
+RAW_POSITION = "dog:raw_position"  # where the splat's other attributes were right; see ``following.py``
+RANK = "dog:rank"  # 0 for the most important splat, below 1 for the least, so that a share is a prefix
+ERASE, TINT, PAINT_INDEX = "Erase", "Tint", "paint:index"  # painted; which part of the stand-in is the splat's
 _FIELDS = {
     "FLOAT": ("value", ()), "FLOAT_VECTOR": ("vector", (3,)), "FLOAT_COLOR": ("color", (4,)),
-    "QUATERNION": ("value", (4,)),
+    "QUATERNION": ("value", (4,)), "INT": ("value", ()), "BYTE_COLOR": ("color", (4,)),
 }  # fmt: skip
 
 
 def write_attributes(mesh: bpy.types.Mesh, model: Model) -> None:
-    """Fill an empty mesh with a vertex per primitive."""
-    mesh.vertices.add(model.n_splats)
+    """Fill an empty mesh with a vertex per primitive, or give those that it has other values; the rest stays."""
+    if not mesh.vertices:
+        mesh.vertices.add(model.n_splats)
     mesh.attributes["position"].data.foreach_set("vector", model.means.ravel())
+    put_column(mesh, RAW_POSITION, model.means)
+    if RANK not in mesh.attributes:
+        put_column(mesh, RANK, importance_ranks(model))
     base, values = _activated(model)
-    _put(mesh, BASE, "FLOAT_COLOR", base)
+    put_column(mesh, BASE, base)
     for name, (kind, array) in values.items():
-        _put(mesh, name, kind, array)
+        put_column(mesh, name, array, kind)
     for k in range(1, model.sh_coeffs.shape[1]):
-        _put(mesh, SH.format(k - 1), "FLOAT_VECTOR", model.sh_coeffs[:, k])
+        put_column(mesh, SH.format(k - 1), model.sh_coeffs[:, k])
     for name, array in _raw(model).items():
-        _put(mesh, name, "FLOAT_COLOR" if array.shape[1] == 4 else "FLOAT_VECTOR", array)
+        put_column(mesh, name, array)
     mesh.update()
+
+
+def importance_ranks(model: Model) -> np.ndarray:
+    """[N] in [0, 1): the share of the primitives that are more important."""
+    ranks = np.empty(model.n_splats, np.float32)
+    ranks[np.argsort(-importance(model), kind="stable")] = np.arange(model.n_splats) / max(model.n_splats, 1)
+    return ranks
 
 
 def is_splats(obj: bpy.types.Object | None) -> bool:
@@ -47,15 +61,15 @@ def read_attributes(mesh: bpy.types.Mesh) -> Model:
 
     Raises ``ValueError`` that names an attribute that is missing.
     """
-    base = _get(mesh, BASE, 4)
+    base = get_column(mesh, BASE, 4)
     degree = next(d for d in (3, 2, 1, 0) if d == 0 or SH.format((d + 1) ** 2 - 2) in mesh.attributes)
-    bands = [base[:, :3], *(_get(mesh, SH.format(k), 3) for k in range((degree + 1) ** 2 - 1))]
+    bands = [base[:, :3], *(get_column(mesh, SH.format(k), 3) for k in range((degree + 1) ** 2 - 1))]
     has_dog = OPACITY_FACTOR in mesh.attributes
-    factor = _get(mesh, OPACITY_FACTOR, 1)[:, 0] if has_dog else np.zeros(len(base), np.float32)
-    scale_factor = _get(mesh, SCALE_FACTOR, 3) if has_dog else np.ones((len(base), 3), np.float32)
-    scale, rotation = _get(mesh, SCALE, 3), _get(mesh, ROTATION, 4)
+    factor = get_column(mesh, OPACITY_FACTOR, 1)[:, 0] if has_dog else np.zeros(len(base), np.float32)
+    scale_factor = get_column(mesh, SCALE_FACTOR, 3) if has_dog else np.ones((len(base), 3), np.float32)
+    scale, rotation = get_column(mesh, SCALE, 3), get_column(mesh, ROTATION, 4)
     edited = Model(
-        means=_get(mesh, "position", 3),
+        means=get_column(mesh, "position", 3),
         log_scales=positive_log(scale),
         quats=rotation,
         logit_opacities=logit(base[:, 3]),
@@ -66,16 +80,16 @@ def read_attributes(mesh: bpy.types.Mesh) -> Model:
     )
     if not all(name in mesh.attributes for name in (RAW_LOGITS, RAW_SCALE, RAW_ROTATION, RAW_FACTOR)):
         return edited
-    logits = _get(mesh, RAW_LOGITS, 3)
+    logits = get_column(mesh, RAW_LOGITS, 3)
     kept = Model(
         means=edited.means,
-        log_scales=_get(mesh, RAW_SCALE, 3),
-        quats=_get(mesh, RAW_ROTATION, 4),
+        log_scales=get_column(mesh, RAW_SCALE, 3),
+        quats=get_column(mesh, RAW_ROTATION, 4),
         logit_opacities=logits[:, 0],
         sh_coeffs=edited.sh_coeffs,
         is_dog=edited.is_dog,
         dog_logit_opacities=logits[:, 1],
-        dog_log_scales=_get(mesh, RAW_FACTOR, 3),
+        dog_log_scales=get_column(mesh, RAW_FACTOR, 3),
     )
     kept_base, shown = _activated(kept)
 
@@ -97,6 +111,20 @@ def read_attributes(mesh: bpy.types.Mesh) -> Model:
         dog_logit_opacities=choose("dog_logit_opacities", untouched(factor, shown[OPACITY_FACTOR][1])),
         dog_log_scales=choose("dog_log_scales", untouched(scale_factor, shown[SCALE_FACTOR][1])),
     )
+
+
+def get_positions(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray] | None:
+    """Positions at which the other attributes were right, and those of now, [N, 3]; None for models of before."""
+    if RAW_POSITION not in mesh.attributes:
+        return None
+    return get_column(mesh, RAW_POSITION, 3), get_column(mesh, "position", 3)
+
+
+def put_positions(mesh: bpy.types.Mesh, positions: np.ndarray) -> None:
+    """Move the splats of a mesh, whose other attributes are right there."""
+    mesh.attributes["position"].data.foreach_set("vector", positions.ravel())
+    put_column(mesh, RAW_POSITION, positions)
+    mesh.update()
 
 
 def _activated(model: Model) -> tuple[np.ndarray, dict[str, tuple[str, np.ndarray]]]:
@@ -121,19 +149,24 @@ def _raw(model: Model) -> dict[str, np.ndarray]:
     return {name: array.astype(np.float32) for name, array in values.items()}
 
 
-def _put(mesh: bpy.types.Mesh, name: str, kind: str, values: np.ndarray) -> None:
-    attribute = mesh.attributes.new(name, kind, "POINT")
-    attribute.data.foreach_set(_FIELDS[kind][0], np.ascontiguousarray(values, np.float32).ravel())
+def put_column(mesh: bpy.types.Mesh, name: str, values: np.ndarray, kind: str | None = None) -> None:
+    """Store an attribute of the points, [N, width] or [N]; by default a float, vector or colour by its width."""
+    width = 1 if values.ndim == 1 else values.shape[1]
+    whole = np.issubdtype(values.dtype, np.integer)
+    kind = kind or ("INT" if whole else {1: "FLOAT", 3: "FLOAT_VECTOR", 4: "FLOAT_COLOR"}[width])
+    attribute = mesh.attributes.get(name) or mesh.attributes.new(name, kind, "POINT")
+    values = np.ascontiguousarray(values, np.int32 if whole else np.float32)
+    attribute.data.foreach_set(_FIELDS[kind][0], values.ravel())
 
 
-def _get(mesh: bpy.types.Mesh, name: str, width: int) -> np.ndarray:
-    """[N, width] float32."""
+def get_column(mesh: bpy.types.Mesh, name: str, width: int) -> np.ndarray:
+    """An attribute of the points, [N, width]. Raises ``ValueError`` where there is none of that kind."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.domain != "POINT" or attribute.data_type not in _FIELDS:
         raise ValueError(f'the mesh "{mesh.name}" has no usable attribute "{name}"; import the model again')
     field, shape = _FIELDS[attribute.data_type]
     if (shape or (1,)) != (width,):
         raise ValueError(f'attribute "{name}" of "{mesh.name}" is {attribute.data_type}; import the model again')
-    values = np.empty(len(mesh.vertices) * width, np.float32)
+    values = np.empty(len(mesh.vertices) * width, np.int32 if attribute.data_type == "INT" else np.float32)
     attribute.data.foreach_get(field, values)
     return values.reshape(-1, width)

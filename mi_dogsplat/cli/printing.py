@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from ..export.write import Exported
 
 METRICS = {
-    "psnr": "PSNR {:.2f} dB", "cc_psnr": "colour-corrected {:.2f} dB", "ssim": "SSIM {:.4f}", "flip": "FLIP {:.4f}",
-    "l1": "L1 {:.5f}", "lpips": "LPIPS {:.4f}"
+    "psnr": "PSNR {:.2f} dB", "cc_psnr": "colour-corrected {:.2f} dB", "aligned_psnr": "pose-aligned {:.2f} dB",
+    "ssim": "SSIM {:.4f}", "flip": "FLIP {:.4f}", "l1": "L1 {:.5f}", "lpips": "LPIPS {:.4f}"
 }  # fmt: skip
 
 

@@ -42,12 +42,12 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = 
     model = find_model(path)
     if model is None:
         raise DataError(path, "no COLMAP model here", "give the folder that holds sparse/0")
-    sources, images = read_sources(model, _image_folder(path, model))
+    sources, images = read_sources(model, image_folder(path, model))
     points = read_model_points(model)
     train, test = held_out(*every_eighth([source.name for source in sources]), split)
     read = [source.name in {*train, *test} for source in sources]
     sources, images = list(compress(sources, read)), list(compress(images, read))
-    smaller = _image_folder(path, model).with_name(f"images_{downscale}")
+    smaller = image_folder(path, model).with_name(f"images_{downscale}")
     relocated = [replace(s, image_path=smaller / i.name) for s, i in zip(sources, images, strict=True)]
     prescaled = downscale > 1 and all(is_file(source.image_path) for source in relocated)
     if not prescaled:
@@ -62,7 +62,7 @@ def load_colmap(path: Path, downscale: int, on_disk: bool = False, split: str = 
     return dataset
 
 
-def read_sources(model: Path, image_folder: Path) -> tuple[list[ViewSource], list[ColmapImage]]:
+def read_sources(model: Path, images_at: Path) -> tuple[list[ViewSource], list[ColmapImage]]:
     """Views of a model in the order of their image names, before images are read. Raises ``DataError``."""
     camera_file, image_file = _file(model, "cameras"), _file(model, "images")
     assert camera_file and image_file
@@ -82,7 +82,7 @@ def read_sources(model: Path, image_folder: Path) -> tuple[list[ViewSource], lis
             )
         c = cameras[image.camera_id]
         camera = Camera(image.w2c, c.fx, c.fy, c.cx, c.cy, c.width, c.height)
-        sources.append(ViewSource(view_name(image.name), image_folder / image.name, camera, c.lens))
+        sources.append(ViewSource(view_name(image.name), images_at / image.name, camera, c.lens))
     require_unique_names(image_file, [source.name for source in sources])
     return sources, images
 
@@ -100,7 +100,7 @@ def _file(model: Path, stem: str) -> Path | None:
     return next((file for suffix in (".bin", ".txt") if (file := model / (stem + suffix)).is_file()), None)
 
 
-def _image_folder(path: Path, model: Path) -> Path:
+def image_folder(path: Path, model: Path) -> Path:
     """``images`` in the given folder, or above it where the model folder itself was given. Raises
     ``DataError``."""
     above = (path.resolve(), *path.resolve().parents[:2]) if model == path.resolve() else (path,)

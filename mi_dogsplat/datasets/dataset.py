@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -58,6 +59,13 @@ class ByteView(View):
         if name != "image":  # asked for only where there is no such attribute
             raise AttributeError(name)
         return from_bytes(object.__getattribute__(self, "_pixels"))
+
+
+def seen_by(view: View, camera: Camera) -> View:
+    """The same picture, taken by another camera; it is held, or read, as before."""
+    other = copy(view)
+    object.__setattr__(other, "camera", camera)
+    return other
 
 
 def held(view: View) -> View:

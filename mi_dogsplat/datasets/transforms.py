@@ -24,6 +24,7 @@ from .images import ViewSource, image_size, is_file, load_views, require_files
 from .lens import Lens
 from .point_ply import read_point_ply
 
+NAME = "view_name"  # ours: of a frame that is named otherwise than by its file, as where this lies elsewhere
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp")
 LENSES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
@@ -49,12 +50,36 @@ def load_transforms(file: Path, downscale: int, on_disk: bool = False, split: st
     8th image by sorted name is test; see ``held_out`` for ``split``.
     """
     content = _parse(file)
+    sources, train, test = split_sources(file, content)
+    if not train:
+        raise DataError(file, "no view is left for training", "name fewer test images")
+    train, test = held_out(train, test, split)
+    read = [source for source in sources if source.name in {*train, *test}]
+    views, has_alpha = load_views(read, downscale, on_disk=on_disk)
+    points, point_colors = _points(file, content, sources)
+    train, test = views_named(views, train), views_named(views, test)
+    dataset = Dataset(file.parent, train, test, points, point_colors, has_alpha)
+    require_plausible(dataset, CONVENTION)
+    return dataset
+
+
+def split_sources(
+    file: Path, content: dict[str, Any] | None = None
+) -> tuple[list[ViewSource], list[str], list[str]]:
+    """Views of a ``transforms*.json`` before images are read, and names of those to train on and to test with.
+
+    ``content`` is what the file holds, if that is known. Raises ``DataError``.
+    """
+    content = _parse(file) if content is None else content
     sources = _sources(file, content)
     test_file = file.with_name("transforms_test.json")
     named = content.get("test_filenames", [])
     if not isinstance(named, list):
         raise DataError(file, '"test_filenames" is no list', "make it a list of image names, or remove it")
     test_names = {view_name(str(name)) for name in named}
+    if any(NAME in frame for frame in content["frames"]):
+        called = {view_name(str(frame["file_path"])): str(frame.get(NAME, "")) for frame in content["frames"]}
+        test_names = {called.get(name) or name for name in test_names}
     if file.stem == "transforms_train" and test_file.is_file():
         test_sources = _sources(test_file, _parse(test_file))
         test_names = {source.name for source in test_sources}
@@ -68,16 +93,7 @@ def load_transforms(file: Path, downscale: int, on_disk: bool = False, split: st
         test = [name for name in names if name in test_names]
     else:
         train, test = every_eighth(names)
-    if not train:
-        raise DataError(file, "no view is left for training", "name fewer test images")
-    train, test = held_out(train, test, split)
-    read = [source for source in sources if source.name in {*train, *test}]
-    views, has_alpha = load_views(read, downscale, on_disk=on_disk)
-    points, point_colors = _points(file, content, sources)
-    train, test = views_named(views, train), views_named(views, test)
-    dataset = Dataset(file.parent, train, test, points, point_colors, has_alpha)
-    require_plausible(dataset, CONVENTION)
-    return dataset
+    return sources, train, test
 
 
 def _parse(file: Path) -> dict[str, Any]:
@@ -109,7 +125,7 @@ def _sources(file: Path, content: dict[str, Any]) -> list[ViewSource]:
             if isinstance(error, DataError):
                 raise
             raise DataError(file, f'frame "{name}": {error}', f"correct it ({CONVENTION})") from error
-        sources.append(ViewSource(view_name(name), image_path, camera, lens))
+        sources.append(ViewSource(view_name(str(frame.get(NAME, name))), image_path, camera, lens))
     return sources
 
 

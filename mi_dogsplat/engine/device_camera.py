@@ -3,13 +3,45 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from ..scene.cameras import Camera
+
+
+@dataclass
+class Nudge:
+    """A motion of a camera by nothing: the gradients of its zeros add up, over the lanes, to those by the pose.
+
+    A lane per primitive. With one value for all of them, Dr.Jit would add up the lanes at each of the two dozen places
+    where a pose is used, by a kernel for each.
+    """
+
+    turn: list  # rotation vector about the camera's own axes, 3 x [N], radians
+    shift: list  # of the camera centre in world space, 3 x [N]
+
+    @staticmethod
+    def of(n: int) -> Nudge:
+        """For ``n`` primitives, attached to the AD graph."""
+        turn, shift = ([dr.zeros(mi.Float, n) for _ in range(3)] for _ in range(2))
+        dr.enable_grad(turn, shift)
+        return Nudge(turn, shift)
+
+    def at(self, index: mi.UInt32) -> Nudge:
+        """That of some primitives, each of which is read once."""
+
+        def gathered(values: list) -> list:
+            return [dr.gather(mi.Float, value, index, mode=dr.ReduceMode.NoConflicts) for value in values]
+
+        return Nudge(gathered(self.turn), gathered(self.shift))
+
+    @property
+    def values(self) -> list:
+        """All six, turn first."""
+        return [*self.turn, *self.shift]
 
 
 @dataclass
@@ -34,6 +66,7 @@ class DeviceCamera:
     height: int
     numbers: tuple  # all of the above on the host
     perspective: bool = True
+    nudge: Nudge | None = None  # for derivatives by the pose, of as many lanes as ``offset`` is asked for
 
     @staticmethod
     def upload(
@@ -73,11 +106,26 @@ class DeviceCamera:
     def offset(self, points: list) -> list:
         """From the camera centre to points, before anything is multiplied: far from the origin W μ + t would cancel."""
         of_axes = zip(points, self.position, self.position_rest, strict=True)
-        return [(point - position) - rest for point, position, rest in of_axes]
+        offset = [(point - position) - rest for point, position, rest in of_axes]
+        if self.nudge:
+            offset = [of_axis - shift for of_axis, shift in zip(offset, self.nudge.shift, strict=True)]
+        return offset
+
+    def at(self, index: mi.UInt32) -> DeviceCamera:
+        """As it sees some of the primitives, each of which is read once."""
+        return replace(self, nudge=self.nudge.at(index)) if self.nudge else self
+
+    def axis(self, k: int) -> list:
+        """Row ``k`` of W, 3: with a nudge by θ, of W - θ x W, since the camera's own axes turn by exp(θ)."""
+        if not self.nudge:
+            return self.rotation[k]
+        θ, a, b = self.nudge.turn, (k + 1) % 3, (k + 2) % 3
+        of_world = zip(self.rotation[k], self.rotation[a], self.rotation[b], strict=True)
+        return [own - (θ[a] * in_b - θ[b] * in_a) for own, in_a, in_b in of_world]
 
     def turned(self, offset: list, axis: int) -> mi.Float:
         """A coordinate in camera space of what ``offset`` gives; axis 2 is the depth."""
-        W = self.rotation[axis]
+        W = self.axis(axis)
         return dr.fma(W[0], offset[0], dr.fma(W[1], offset[1], W[2] * offset[2]))
 
     def in_range(self, depth: mi.Float) -> mi.Bool:

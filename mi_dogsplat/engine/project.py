@@ -134,7 +134,7 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     """
     n = dr.width(params["logit_opacities"])
     index = dr.arange(mi.UInt32, n)
-    W = camera.rotation
+    W = [camera.axis(k) for k in range(3)]
 
     direction = camera.offset(rows(params["means"], 3, index))
     px, py, depth = (camera.turned(direction, axis) for axis in range(3))

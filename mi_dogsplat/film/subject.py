@@ -58,12 +58,11 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
     """
     trained: dict[str, Any] = {}
     if model.is_dir():
-        trained = read_run(model).config
+        run = read_run(model)
+        trained, data = run.config, data or run.data
         model = model / MODEL
         if not model.is_file():
             raise DataError(model, "no such file", "give a run folder that is complete, or a model")
-        own = trained.get("data")
-        data = data or (own if own and Path(own).exists() else None)
     read = read_model(model)
     dataset = load_dataset(data, on_disk=True) if data else None
     views = sorted(dataset.views, key=lambda view: view.name) if dataset else []

@@ -15,6 +15,7 @@ from ..render.picture import Picture, over_background, premultiplied
 from ..scene.appearance import Appearance, photographed, radii_squared
 from ..scene.cameras import Camera
 from ..support.pictures import heat_map, write_exr, write_png
+from .align import aligned
 from .half_fit import half_psnr
 from .lpips import Lpips
 from .metrics import color_corrected, evaluate, flip, masked, psnr
@@ -30,12 +31,15 @@ class Measure:
     Args:
         masks: pixels that they paint black do not count; views that are black everywhere are left out.
         color_correct: adds ``cc_psnr``, after the best affine map of colours: the exposure of a test view is unknown.
+        align_extent: adds ``aligned_psnr``, from the pose near that of the view that fits best (``align.py``), in units
+            of this extent of the cameras; None does not.
         lpips: adds the metric of this name, which takes seconds per view.
         appearance: adds ``cc_psnr`` and ``half_psnr`` (``half_fit.py``), both with the vignetting of the view's device.
     """
 
     masks: Masks | None = None
     color_correct: bool = False
+    align_extent: float | None = None
     lpips: Lpips | None = None
     appearance: Appearance | None = None
 
@@ -69,6 +73,9 @@ def evaluate_views(
             metrics |= _after_fits(rendered.color, truth, view.camera, measure.appearance, mask)
         elif measure.color_correct:
             metrics["cc_psnr"] = psnr(color_corrected(rendered.color, truth, mask), truth, mask)
+        if measure.align_extent is not None:
+            best = picture(aligned(picture, view, background, measure.align_extent, mask)).color
+            metrics["aligned_psnr"] = psnr(best, truth, mask)
         if measure.lpips is not None:
             metrics["lpips"] = measure.lpips(np.clip(masked(rendered.color, truth, mask), 0, 1), truth, mask)
         if out is not None:

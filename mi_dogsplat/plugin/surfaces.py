@@ -1,4 +1,4 @@
-"""Meshes and other shapes between the splats: a nested integrator renders them, splats are blended in front of them."""
+"""The surfaces that the rays of a pass meet: splats end there, and something else says what they look like."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..engine.arrays import while_loop
 from ..engine.rasterize import Frame
 from .sensor import Look
 
@@ -16,18 +17,15 @@ from .sensor import Look
 class Surfaces:
     """The surfaces that the samples of a pass meet, as [H*W] planes."""
 
+    ray: Any  # mi.RayDifferential3f, through the samples
+    seed: int  # of random numbers that the pass needs
     hit: mi.Bool
     depth: mi.Float  # along the optical axis; infinite where nothing is hit
-    colors: list  # 3 channels of linear radiance, without derivatives; 0 where nothing is hit
     normal: list  # 3 channels, shading normals in world space, turned to the camera; 0 where nothing is hit
 
-    def behind(self, frame: Frame, colors: list) -> Frame:
-        """``frame``, whose splats end at the surfaces, with the surfaces behind them.
-
-        colors: those of the surfaces in the colour space of the frame.
-        """
+    def behind(self, frame: Frame) -> Frame:
+        """``frame``, whose splats end at the surfaces, with the surfaces behind them in all but the colours."""
         T = dr.select(self.hit, frame.T, 0)  # what reaches a surface
-        frame.colors = [dr.fma(T, behind, c) for c, behind in zip(frame.colors, colors, strict=True)]
         if frame.depth is not None:
             frame.depth = dr.fma(T, dr.select(self.hit, self.depth, 0), frame.depth)
         if frame.normal is not None:
@@ -40,31 +38,56 @@ class Surfaces:
         return dr.select(self.hit & (of_splats == 0), self.depth, of_splats)
 
 
-def trace(nested: Any, scene: Any, look: Look, normal: bool = False) -> Surfaces:
-    """Trace the rays of a pass. ``dog`` shapes have no surface, so that rays do not meet them.
+def meet(scene: Any, look: Look, normal: bool = False, hide_emitters: bool = False) -> Surfaces:
+    """Intersect the rays of a pass. ``dog`` shapes have no surface, so that rays do not meet them.
 
-    ``nested``: a Mitsuba integrator, in Python or not. ``normal``: normals are asked for; else they are 0.
+    normal: normals are asked for; else they are 0.
+    hide_emitters: rays start behind the shapes that emit light.
     """
     with dr.suspend_grad():
         ray, camera = look.rays(), look.camera
+        if hide_emitters:
+            ray.o = _behind_emitters(scene, ray)
         meeting = scene.ray_intersect_preliminary(mi.Ray3f(ray), coherent=True)
         hit = meeting.is_valid()
         axis, point = camera.rotation[2], ray.o + ray.d * meeting.t
         offset = zip(point, camera.position, camera.position_rest, strict=True)
         z = [a * ((p - c) - rest) for a, (p, c, rest) in zip(axis, offset, strict=True)]
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(look.sample.seed, dr.width(ray))
-        if isinstance(nested, mi.ad.integrators.common.ADIntegrator):  # those in Python have another signature
-            state = {"depth": mi.UInt32(0), "δL": None, "δaovs": None, "state_in": None, "active": mi.Bool(True)}
-            spectrum = nested.sample(mode=dr.ADMode.Primal, scene=scene, sampler=sampler, ray=ray, **state)[0]
-        else:
-            spectrum = nested.sample(scene, sampler, ray)[0]
-        channels = list(spectrum)
-        colors = [dr.select(hit, c, 0) for c in (channels * 3 if len(channels) == 1 else channels)]
         depth = dr.select(hit, z[0] + z[1] + z[2], dr.inf)
         facing = mi.Normal3f(0)
         if normal:
             n = meeting.compute_surface_interaction(ray, mi.RayFlags.All, hit).sh_frame.n
             facing = dr.select(hit, dr.select(dr.dot(n, ray.d) > 0, -n, n), 0)
-        dr.eval(hit, depth, colors, facing)
-        return Surfaces(hit, depth, colors, list(facing))
+        dr.eval(hit, depth, facing)
+        return Surfaces(ray, look.sample.seed, hit, depth, list(facing))
+
+
+def radiance(nested: Any, scene: Any, seen: Surfaces) -> list[mi.Float]:
+    """Linear radiance of the surfaces by a nested integrator, in Python or not; no derivatives, 0 beside them."""
+    with dr.suspend_grad():
+        sampler: Any = mi.load_dict({"type": "independent"})
+        sampler.seed(seen.seed, dr.width(seen.ray))
+        if isinstance(nested, mi.ad.integrators.common.ADIntegrator):  # those in Python have another signature
+            state = {"depth": mi.UInt32(0), "δL": None, "δaovs": None, "state_in": None, "active": mi.Bool(True)}
+            spectrum = nested.sample(mode=dr.ADMode.Primal, scene=scene, sampler=sampler, ray=seen.ray, **state)[0]
+        else:
+            spectrum = nested.sample(scene, sampler, seen.ray)[0]
+        channels = list(spectrum)
+        colors = [dr.select(seen.hit, c, 0) for c in (channels * 3 if len(channels) == 1 else channels)]
+        dr.eval(colors)
+        return colors
+
+
+def _behind_emitters(scene: Any, ray: Any) -> Any:
+    """Where rays start that pass through the emitters in front of everything else."""
+
+    def at_emitter(o, active):
+        meeting = scene.ray_intersect_preliminary(mi.Ray3f(o, ray.d), active=active)
+        at = meeting.is_valid() & (meeting.shape.emitter() != dr.zeros(mi.EmitterPtr))
+        return meeting.compute_surface_interaction(mi.Ray3f(o, ray.d), mi.RayFlags.Minimal, at & active), at & active
+
+    def step(o, active):
+        si, active = at_emitter(o, active)
+        return dr.select(active, si.spawn_ray(ray.d).o, o), active
+
+    return while_loop((ray.o, mi.Bool(True)), lambda o, active: active, step, "hidden emitters")[0]

@@ -1,5 +1,7 @@
 """The sRGB curve on the device, in both directions and differentiable; ``srgb.py`` is its twin.
 
+``emitted``: what blended primitives add to light that passes them.
+
 Mitsuba's own (``mi.math``) is a fast approximation made for 0..1: a radiance of 100 loses 6 % on its way there and
 back, one of 1000 three quarters. Brighter pixels take the formula, in a branch that packets without one jump over.
 """
@@ -20,6 +22,26 @@ def srgb_to_linear(colors: list[mi.Float]) -> list[mi.Float]:
 def linear_to_srgb(colors: list[mi.Float]) -> list[mi.Float]:
     """The inverse of ``srgb_to_linear``."""
     return _by_brightness(colors, mi.math.linear_to_srgb, lambda v: dr.fma(1.055, dr.power(v, 1 / 2.4), -0.055))
+
+
+def emitted(colors: list[mi.Float], T: mi.Float, linear: bool) -> list[mi.Float]:
+    """Radiance of blended primitives where light that comes from behind is weakened by T. Differentiable.
+
+    Primitives of linear colours send what was blended. Of sRGB ones the blended colour C is that of a coverage
+    a = 1 - T by the mean colour C / a, which is converted: a linear(C / a). So it is the light of an opaque model where
+    T is 0, and of a model of one colour everywhere; and no sum of it and T times what is behind is brighter than the
+    brighter of both. Where DoG primitives subtract, C / a may be of any size or sign: what is beyond 0 and the larger
+    of 1 and C counts as light over black, linear(C).
+    """
+    if linear:
+        return colors
+    coverage = 1 - T
+    some = abs(coverage) > 1e-6
+    inverse = dr.rcp(dr.select(some, coverage, 1))
+    means = [dr.select(some, dr.clip(c * inverse, 0, dr.maximum(1, dr.detach(c))), 0) for c in colors]
+    rests = [dr.fma(-coverage, mean, c) for c, mean in zip(colors, means, strict=True)]
+    of_means, of_rests = srgb_to_linear(means), srgb_to_linear(rests)
+    return [dr.fma(coverage, mean, rest) for mean, rest in zip(of_means, of_rests, strict=True)]
 
 
 def _by_brightness(colors: list[mi.Float], within_one, above_one) -> list[mi.Float]:

@@ -19,7 +19,7 @@ from ..scene.camera_file import read_camera
 from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, drawn_as
 from ..scene.splats import Splats
-from ..support.errors import DataError
+from ..support.errors import DataError, gist
 from ..support.files import replacing
 from ..support.pictures import write_channels, write_exr, write_png
 from ..support.srgb import linear_to_srgb
@@ -137,14 +137,26 @@ def render_model(
         _write(out, lambda: write_png(out, picture.color))
 
 
-def render_scene(path: str | Path, out: str | Path) -> None:
+def render_scene(
+    path: str | Path, out: str | Path, spp: int = 0, on_pass: Callable[[int, int], None] | None = None
+) -> None:
     """Render the first sensor of a Mitsuba scene with the scene's own integrator.
 
     OpenEXR holds linear radiance and every channel of the film, PNG the colour as sRGB. Raises ``DataError``,
     also for what Mitsuba has to say about the scene.
+
+    Args:
+        path: the scene, .xml.
+        out: the picture.
+        spp: samples per pixel; 0 is what the scene says.
+        on_pass: called with the number of samples that each pixel has, and that of all, by integrators that splat.
     """
+    from ..plugin.splat_integrator import SplatIntegrator  # of the active variant
+
     path, out = Path(path), Path(out)
     require_suffix(out)
+    if spp < 0:
+        raise DataError("--spp", f"{spp} samples per pixel are not possible", "give 1 or more")
     if not path.is_file():
         raise DataError(path, "no such file", "give a model .ply or a Mitsuba scene .xml")
     try:
@@ -153,10 +165,13 @@ def render_scene(path: str | Path, out: str | Path) -> None:
             raise RuntimeError("its root is no scene")
         if not scene.sensors():
             raise RuntimeError("it has no sensor")
-        mi.render(scene)
+        integrator = scene.integrator()
+        if isinstance(integrator, SplatIntegrator):
+            integrator.on_pass = on_pass
+        mi.render(scene, spp=spp)
         bitmap = scene.sensors()[0].film().bitmap()
     except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
-        raise DataError(path, f"Mitsuba cannot render it ({_gist(error)})", "correct the scene") from error
+        raise DataError(path, f"Mitsuba cannot render it ({gist(error)})", "correct the scene") from error
     if out.suffix.lower() == ".npz":
         raise DataError(out, "arrays hold pictures of models only", "name a file that ends in .png or .exr")
     if out.suffix.lower() == ".exr":
@@ -178,17 +193,6 @@ def require_suffix(out: Path) -> None:
         raise DataError(out, "no known picture format", f"name a file that ends in {', '.join(SUFFIXES)}")
     if out.is_dir():
         raise DataError(out, "is a folder", "name a file in it")
-
-
-def _gist(error: BaseException) -> str:
-    """What went wrong first, in Mitsuba's words but without the Python traceback that it quotes."""
-    while error.__cause__ or error.__context__:  # Dr.Jit wraps errors of a render in "see above"
-        error = error.__cause__ or error.__context__ or error
-    lines = str(error).strip().splitlines() or [type(error).__name__]
-    traceback = next((i for i, line in enumerate(lines) if "Traceback (most recent call last)" in line), None)
-    if traceback is None:
-        return " ".join(lines)
-    return " ".join([*lines[:traceback], lines[traceback].split("Traceback")[0], lines[-1]])
 
 
 def _aovs(out: Path, aovs: str | None) -> list[str]:

@@ -18,13 +18,14 @@ from ..support.files import parse_json, read_json
 from ..support.wording import finite
 
 RECIPE = "recipe.json"  # of a method in a comparison: its label and the numbers of its recipe
+REFINED = "refined"  # the data of the run with the poses that it has refined, a folder
 RENDER_MS = "render_ms.json"  # of the same: its render time, measured in turns with the others'
 DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without DoG (mixture.py)
 
 LARGEST = 1e30  # what a run measures is far below
 # Parts of the files that others rely on: objects with their own parts, under given names or any, and lists of numbers.
 ANY, NUMBERS = "*", ("numbers",)
-METRICS: dict[str, Any] = {"test": {}, "train": {}, "versions": {}, "views": {ANY: {}}}
+METRICS: dict[str, Any] = {"test": {}, "train": {}, "versions": {}, "views": {ANY: {}}, "poses": {ANY: {}}}
 SIDE: dict[str, Any] = {"error": NUMBERS, "metrics": {}}
 PROFILE: dict[str, Any] = {"with_dog": SIDE, "without_dog": SIDE}
 
@@ -52,6 +53,13 @@ class Run:
         """Name of the data set, or of the run folder where the configuration does not tell."""
         data = str(self.config.get("data") or "").rstrip("/\\")
         return re.split(r"[/\\]", data)[-1] or self.path.resolve().name
+
+    @property
+    def data(self) -> Path | None:
+        """The data set, with the poses that the run has refined if it has; None if it is not there."""
+        refined, own = self.path / REFINED, self.config.get("data")
+        known = refined if (refined / "transforms.json").is_file() else Path(str(own)) if own else None
+        return known if known and known.exists() else None
 
     @property
     def method(self) -> str:

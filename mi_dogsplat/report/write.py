@@ -15,6 +15,7 @@ from ..support.wording import count, file_size, finite, fixed
 from .appearance import appearance_plots, corner_losses
 from .curves import curves
 from .mixture import mixture
+from .moved import moved
 from .page import TEMPLATES
 from .prunes import prunes, refinements
 from .run_folder import Run, read_run
@@ -55,6 +56,7 @@ def report_page(run: Run) -> str:
         mixture=mixture(run),
         appearance=appearance_plots(run.appearance),
         corners=corner_losses(run.appearance),
+        moved=moved(run),
         views=found,
         shares=shares(found),
         sheets=[sheet(view, run.path / "test") for view in shown(found)],

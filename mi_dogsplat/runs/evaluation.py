@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..datasets import load_dataset
+from ..datasets import camera_extent, load_dataset
 from ..datasets.masks import Masks
 from ..formats.read import read_model
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics
@@ -26,6 +26,7 @@ def evaluate_model(
     color_correct: bool = False,
     data_on_disk: bool = False,
     options: PictureOptions = PictureOptions(),
+    align_poses: bool = False,
 ) -> dict[str, dict[str, float]]:
     """Metrics of a model file on each test view of a data set (on all views without a split), by the view's name.
 
@@ -36,6 +37,7 @@ def evaluate_model(
         masks: folder of masks, named as the images; black pixels do not count.
         color_correct: also measure PSNR after each view's best colour map.
         data_on_disk: decode images when they are due.
+        align_poses: also measure PSNR from the pose near that of each view that fits its photograph best.
         options: how the model is drawn, where its file is not to say so; ``downscale`` shrinks the photographs.
 
     LPIPS is measured where its weights are installed. Needs a Mitsuba variant. Raises ``DataError``.
@@ -54,7 +56,8 @@ def evaluate_model(
     picture = picture_of(splats, background, drawn.near_clip, **how, aovs=aovs)
     some = dataset.test or dataset.train
     mask_folder = Masks(masks, [*dataset.train, *dataset.test]) if masks else None
-    measure = Measure(mask_folder, color_correct, Lpips.installed(view.camera for view in some))
+    extent = camera_extent(dataset.train) if align_poses else None
+    measure = Measure(mask_folder, color_correct, extent, Lpips.installed(view.camera for view in some))
     views = evaluate_views(lambda view: picture(view.camera), some, background, folder, measure)
     if folder:
         found = {"test": mean_metrics(views), "views": views, "n": splats.n_splats}

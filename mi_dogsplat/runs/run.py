@@ -8,16 +8,18 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 
 from ..datasets import Dataset, load_dataset
+from ..datasets.refined import require_photographs
 from ..engine.geometry import Cutoffs
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
 from ..poses.config import SETTINGS as POSES
-from ..report.run_folder import RECIPE, RENDER_MS, read_run
+from ..report.run_folder import RECIPE, REFINED, RENDER_MS, read_run
 from ..report.write import write_report
 from ..scene.appearance import APPEARANCE
 from ..scene.drawing import Drawing
@@ -34,6 +36,7 @@ from .checkpoint import CHECKPOINT, Checkpoints, load_checkpoint
 from .history import run_to_end
 from .mixture import write_mixture
 from .model_files import write_model_files
+from .refined_poses import write_poses
 from .stopping import Stopped, StopRequest
 
 HISTORY = "history.jsonl"
@@ -107,6 +110,10 @@ def train(
     if config.model is not None:
         # what is wrong with it shows before the data set takes its time
         model_to_prune(config.model, config.target, config.format)
+    if config.refine_poses:
+        require_photographs(Path(config.data))
+    if Path(config.data).resolve() == (out / REFINED).resolve():
+        raise DataError(out, "is the run that its data come from", "name another folder for the run")
     dataset = _dataset_of(config)
     trainer = Trainer(config, dataset, recipe)
     if start:
@@ -189,8 +196,9 @@ def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     splats = splats.select(splats.opacities >= ALPHA_MIN)
     drawing = Drawing(config.antialiased, trainer.near_clip, linear=False)
     sizes = write_model_files(out, splats, config, drawing)
+    poses = write_poses(trainer, out) if config.refine_poses else {}
     metrics = _measure(trainer, dataset, out) | {
-        "n": splats.n_splats,
+        **poses,        "n": splats.n_splats,
         "n_dog": splats.n_dog,
         **sizes,
         "train_seconds": trainer.seconds,
@@ -241,23 +249,26 @@ def _forget_results(out: Path) -> None:
     results = "metrics.json", "report.html", APPEARANCE, RECIPE, RENDER_MS
     for path in (*(out / name for name in results), *pictures):
         path.unlink(missing_ok=True)
+    for path in (*(out / REFINED).glob("*.json"), *(out / REFINED).glob("*.ply")):
+        path.unlink()
 
 
 def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
-    appearance = trainer.appearance()
+    appearance, extent = trainer.appearance(), trainer.extent if trainer.config.refine_poses else None
     if appearance:
         appearance.write(out / APPEARANCE)
-    measure = Measure(trainer.photographs.mask_folder, appearance=appearance)
+    measure = Measure(trainer.photographs.mask_folder, align_extent=extent, appearance=appearance)
     views = evaluate_views(
         lambda view: trainer.picture(view, depth=True), dataset.test, trainer.background, out / "test", measure
     )
     if trainer.optimizer.n_dog and views:
         how = trainer.options, trainer.background, trainer.near_clip
         write_mixture(trainer.optimizer.to_splats(), dataset.test, views, out / "test", *how)
-    some = dataset.train[:: max(1, len(dataset.train) // 8)]
+    seen = trainer.photographs.originals
+    some, as_they_are = seen[:: max(1, len(seen) // 8)], replace(measure, align_extent=None)
     return {
         "test": mean_metrics(views),
-        "train": mean_metrics(evaluate_views(trainer.picture, some, trainer.background, measure=measure)),
+        "train": mean_metrics(evaluate_views(trainer.picture, some, trainer.background, measure=as_they_are)),
         "views": views,
-        "render_ms": render_milliseconds(trainer.picture, dataset.test or dataset.train),
+        "render_ms": render_milliseconds(trainer.picture, dataset.test or seen),
     }

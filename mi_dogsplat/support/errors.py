@@ -18,3 +18,14 @@ class DataError(ValueError):
         line = " ".join(f"{place}: {what}; {remedy}".split())
         super().__init__("".join(c if c.isprintable() else ascii(c)[1:-1] for c in line))
         self.path = Path(path)
+
+
+def gist(error: BaseException) -> str:
+    """What went wrong first, in Mitsuba's words but without the Python traceback that it quotes."""
+    while error.__cause__ or error.__context__:  # Dr.Jit wraps errors of a render in "see above"
+        error = error.__cause__ or error.__context__ or error
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    traceback = next((i for i, line in enumerate(lines) if "Traceback (most recent call last)" in line), None)
+    if traceback is None:
+        return " ".join(lines)
+    return " ".join([*lines[:traceback], lines[traceback].split("Traceback")[0], lines[-1]])

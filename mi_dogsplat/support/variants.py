@@ -22,7 +22,11 @@ def supported(variant: str) -> bool:
 
 def refuse(variant: str) -> None:
     """Register plugins that raise ``RuntimeError`` in a variant that is not supported; it must be the active one."""
-    for name, register in (("dog", mi.register_shape), ("dogsplat", mi.register_integrator)):
+    for name, register in (
+        ("dog", mi.register_shape),
+        ("dogsplat", mi.register_integrator),
+        ("dogpath", mi.register_integrator),
+    ):
 
         def fail(props: mi.Properties, name: str = name):
             raise RuntimeError(f"{name}: not available in the variant {variant}; use llvm_ad_rgb or cuda_ad_rgb")

@@ -24,6 +24,7 @@ USUAL_NEAR = "(default: 0.2, or a sixteenth of the camera extent where that is l
 NEAR_ZONE = "remove primitives nearer than this to a training camera, world units; 0: none"
 APPEARANCE = "learn exposure and white balance of each training image, and the vignetting of each camera"
 BATCH = "views of a step, which takes the mean of their gradients; step sizes grow with the square root"
+REFINE_POSES = "correct the poses of the training views by the photographs, beside the model"
 FORMATS = ("ply", "spz", "sog")
 FORMAT = f"file to train for, of {', '.join(FORMATS)}: the last part of the training sees the model as it will be there"
 TARGET = "what is left after pruning: a ratio (0.1, 10%), a count of primitives (20000), or the size of the file (2MB)"
@@ -56,6 +57,7 @@ class TrainConfig:
     near_zone: Annotated[float, Setting(NEAR_ZONE, least=0, most=1e30)] = 0.0
     masks: Annotated[str | None, Setting("folder of masks, named as the images: black pixels do not count")] = None
     appearance: Annotated[bool, Setting(APPEARANCE)] = False
+    refine_poses: Annotated[bool, Setting(REFINE_POSES)] = False
     data_on_disk: Annotated[
         bool, Setting("decode images when they are due, a few ahead, instead of holding all of them")
     ] = False

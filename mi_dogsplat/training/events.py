@@ -146,3 +146,13 @@ class Quantised(Event):
     kind, words = "quantised", "quantised for {format}: palette of {entries}"
     format: str
     entries: int
+
+
+@dataclass(frozen=True)
+class PosesRefined(Event):
+    """How far the training cameras are from where the data have them: ``shift`` in parts of the extent, ``turn``."""
+
+    kind = "poses_refined"
+    words = "poses refined: by {shift:.2%} of the extent and {turn:.3f} degrees (median)"
+    shift: float
+    turn: float  # degrees

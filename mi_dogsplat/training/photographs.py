@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -11,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..datasets import Dataset
-from ..datasets.dataset import View, as_bytes
+from ..datasets.dataset import View, as_bytes, seen_by
 from ..datasets.images import box_downscale
 from ..datasets.masks import Masks
 from ..engine.arrays import detached
@@ -53,7 +54,7 @@ class Photographs:
         on_disk: bool = False,
         keep_targets: bool = True,
     ):
-        self.originals, self.background, self.near_clip = dataset.train, background, near_clip
+        self.originals, self.background, self.near_clip = list(dataset.train), background, near_clip
         self.loss = PhotometricLoss()
         self.random = random
         if random and not dataset.has_alpha:
@@ -63,7 +64,7 @@ class Photographs:
         cameras = [view.camera for view in dataset.train]
         self.appearance = None if appearance_steps is None else LearnedAppearance(cameras, appearance_steps)
         self._readers, self.keep_targets = ThreadPoolExecutor(1) if on_disk else None, keep_targets
-        self._show(dataset.train, 1)
+        self._show(self.originals, 1)
 
     def shrink(self, factor: int) -> None:
         """Show all views ``factor`` times smaller than they are from now on; 1: as they are."""
@@ -82,6 +83,15 @@ class Photographs:
         self.masks = [None if mask is None else device_array(mask) for mask in masks]
         self._reading: dict[int, Future] = {}
         self._kept = [] if self._readers else [self._prepared(view.image, k) for k, view in enumerate(views)]
+
+    def move(self, view: int, w2c: np.ndarray) -> None:
+        """Let a view have been taken from another pose, [4, 4] world to camera."""
+        camera = replace(self.originals[view].camera, w2c=w2c)
+        self.originals[view] = seen_by(self.originals[view], camera)
+        if self.factor > 1:
+            camera = replace(self.views[view].camera, w2c=w2c)
+            self.views[view] = seen_by(self.views[view], camera)
+        self.cameras[view] = DeviceCamera.upload(camera, self.near_clip)
 
     @property
     def positions(self) -> np.ndarray:

@@ -21,6 +21,7 @@ import numpy as np
 from ..datasets import Dataset
 from ..datasets.dataset import View, camera_extent
 from ..engine.arrays import array_types
+from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.rasterize import Frame, rasterize
 from ..formats.sizes import FileKind
@@ -38,6 +39,7 @@ from .losses import LossMeans
 from .optimizer import SplatOptimizer
 from .photographs import READ_AHEAD, Photographs
 from .presets import RECIPES, Recipe
+from .strategy.pose_refinement import PoseRefinement
 from .strategy.sh_ramp import ShRamp
 from .strategy.sieve import Sieve
 from .strategy.strategy import Seen, Strategy, arrays_of, restore_fields
@@ -58,7 +60,8 @@ class Trainer:
         recipe = (recipe or RECIPES[config.preset]).for_format(config.format)
         bounds = {"max_primitives": config.max_primitives, "max_world_scale": config.max_world_scale}
         density = replace(recipe.densification, **bounds, batch_views=config.batch_views)
-        recipe = replace(recipe, densification=density)
+        also = (*recipe.also, PoseRefinement()) if config.refine_poses else recipe.also
+        recipe = replace(recipe, densification=density, also=also)
         self.recipe = (recipe if config.model is None else recipe.from_pruning()).scaled(config.steps)
         self.background = background_color(config.background, dataset.has_alpha)
         self.extent = camera_extent(dataset.train)
@@ -140,14 +143,17 @@ class Trainer:
         params = self.optimizer.params
         for strategy, state in parts:
             params = strategy.params(self, state, params)
-        planes, frame = self.render(params, view, probe)
+        camera = self.photographs.cameras[view]
+        for strategy, state in parts:
+            camera = strategy.camera(self, state, view, camera)
+        planes, frame = self._render(params, camera, probe)
         l1, loss, gradient = self.photographs.compare(planes, view, self.step_count, self.order[: -1 - READ_AHEAD : -1])
         for plane, δ in zip(planes, gradient, strict=True):
             dr.set_grad(plane, mi.Float(δ))
         dr.enqueue(dr.ADMode.Backward, planes)
         dr.traverse(dr.ADMode.Backward)
         by_center = (dr.grad(probe[0]), dr.grad(probe[1])) if probe else None
-        seen = Seen(view, self.photographs.cameras[view], params, frame, planes, gradient, by_center, last)
+        seen = Seen(view, camera, params, frame, planes, gradient, by_center, last)
         for strategy, state in parts:
             strategy.after_backward(self, state, seen)
         self.losses.add(l1, loss)
@@ -160,9 +166,12 @@ class Trainer:
         """What is due after the last step."""
         return [event for strategy, state in self._parts() for event in strategy.end(self, state)]
 
-    def render(self, params: dict, view: int, probe: list | None = None) -> tuple[list, Frame]:
+    def render(self, params: dict, view: int) -> tuple[list, Frame]:
         """Planes of a training view over the background, and the frame they come from."""
-        frame = rasterize(params, self.photographs.cameras[view], self.options, probe)
+        return self._render(params, self.photographs.cameras[view])
+
+    def _render(self, params: dict, camera: DeviceCamera, probe: list | None = None) -> tuple[list, Frame]:
+        frame = rasterize(params, camera, self.options, probe)
         return self.photographs.over_background(frame), frame
 
     def logs(self) -> bool:

@@ -204,7 +204,7 @@ def serve(
         raise DataError("--port", f"{port} is no port", "use 1 to 65535")
     source = Source(Path(model))
     config = source.config
-    dataset = _dataset(data, config, options.downscale)
+    dataset = _dataset(data, source.data, config, options.downscale)
     has_alpha = dataset is not None and dataset.has_alpha
     background = background_color(config.get("background", options.background), has_alpha)
     server = Server(source, dataset, background, options, host, port)
@@ -227,13 +227,12 @@ def _require_address(host: str) -> None:
         raise DataError("--host", problem, "use 127.0.0.1, or 0.0.0.0 for all addresses") from error
 
 
-def _dataset(data: str | Path | None, config: dict[str, Any], downscale: int) -> Dataset | None:
+def _dataset(data: str | Path | None, own: Path | None, config: dict[str, Any], downscale: int) -> Dataset | None:
     """The data set that is named, or that of the run if it is still there."""
     from ..datasets import load_dataset
 
     if data:
         return load_dataset(data, downscale)
-    own = config.get("data")
     settings = {name: config.get(name, default) for name, default in (("downscale", 1), ("split", "test"))}
     on_disk = config.get("data_on_disk", False)
-    return load_dataset(own, on_disk=on_disk, **settings) if own and Path(own).exists() else None
+    return load_dataset(own, on_disk=on_disk, **settings) if own else None

@@ -25,7 +25,8 @@ class Source:
     def __init__(self, path: Path):
         self.path = path
         self.is_run = path.is_dir()
-        self.config = read_run(path).config if self.is_run else {}
+        run = read_run(path) if self.is_run else None
+        self.config, self.data = (run.config, run.data) if run else ({}, None)
         said = {name: self.config[name] for name in ("antialiased", "near_clip") if name in self.config}
         self.drawing = Drawing(**said)  # what the run, or a file once it is read, says
         self._seen: tuple = ()

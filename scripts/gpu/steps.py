@@ -95,7 +95,7 @@ def _gsplat(setup: Setup) -> Step:
 
 def _tests(setup: Setup) -> list[Step]:
     """Those of what computes on a device; first what needs no OptiX, where single tests that do are skipped."""
-    folders = ("tests/engine", "tests/scores", "tests/training")
+    folders = ("tests/engine", "tests/tracing", "tests/scores", "tests/training")
     arrays = [str(path.relative_to(ROOT)) for folder in folders for path in sorted((ROOT / folder).glob("test_*.py"))]
     arrays, scenes = [path for path in arrays if path not in SCENES], list(SCENES)
     if setup.quick:

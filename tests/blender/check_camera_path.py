@@ -76,3 +76,51 @@ def test_what_no_camera_can_see_is_refused(animated, tmp_path):
     with pytest.raises(RuntimeError, match="mirrored, sheared or scaled unevenly"):
         bpy.ops.export_scene.dogsplat_path(filepath=str(tmp_path / "keys.json"))
     assert not list(tmp_path.iterdir()) and bpy.context.scene.frame_current == 4
+
+
+def test_an_exported_path_comes_back_as_the_same_camera(scene, animated, tmp_path):
+    """Frame by frame, with the lens, beside the model as it is placed."""
+    scene.camera.data.lens = 35
+    scene.camera.data.keyframe_insert("lens", frame=1)
+    scene.camera.data.lens, scene.camera.data.shift_x = 60, 0.1
+    scene.camera.data.keyframe_insert("lens", frame=9)
+    exported(tmp_path)
+    before = scene.camera
+    bpy.context.view_layer.objects.active = animated
+    assert bpy.ops.import_scene.dogsplat_path(filepath=str(tmp_path / "keys.json")) == {"FINISHED"}
+    assert scene.camera is not before and (scene.frame_start, scene.frame_end) == FRAMES
+    for frame in (1, 4, 9):
+        scene.frame_set(frame)
+        np.testing.assert_allclose(scene.camera.matrix_world, before.matrix_world, atol=1e-4)
+        size = scene.camera.data.sensor_width / before.data.sensor_width
+        assert scene.camera.data.lens == pytest.approx(before.data.lens * size, rel=1e-4)
+        assert scene.camera.data.shift_x == pytest.approx(before.data.shift_x, abs=1e-4)
+
+
+def test_keys_that_look_at_a_point_are_imported(scene, tmp_path):
+    path = tmp_path / "orbit.json"
+    keys = [{"time": 0, "position": [3, 0, 1], "look_at": [0, 0, 0], "fov": 30}]
+    keys += [{"time": 2, "position": [0, 3, 1], "rotation": [0, 0, 0, 1]}]
+    path.write_text(json.dumps({"keys": keys}))
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.fps = 64, 48, 10
+    assert bpy.ops.import_scene.dogsplat_path(filepath=str(path)) == {"FINISHED"}
+    scene.frame_set(1)
+    seen = world_to_camera_view(scene, scene.camera, Vector((0, 0, 0)))
+    assert (seen.x, seen.y) == pytest.approx((0.5, 0.5), abs=1e-4) and seen.z == pytest.approx(10**0.5, rel=1e-5)
+    edge = scene.camera.matrix_world @ Vector((0, np.tan(np.radians(15)), -1))
+    assert world_to_camera_view(scene, scene.camera, edge).y == pytest.approx(1, abs=1e-4)
+    assert scene.frame_end == 21
+    scene.frame_set(21)
+    assert scene.camera.matrix_world.to_3x3() @ Vector((0, 0, -1)) == Vector((0, 0, 1))  # OpenCV's z
+
+
+@pytest.mark.parametrize("content, message", [
+    ("{", "JSON"), ('{"keys": []}', "no list of keys"), ('[{"position": [0, 0, 0]}]', "key 0 cannot be used"),
+    ('[{"position": [0, 0, 0], "look_at": [0, 0, 1]}]', "straight above"),
+])  # fmt: skip
+def test_a_path_that_cannot_be_read_is_one_line_and_no_camera(scene, tmp_path, content, message):
+    path = tmp_path / "keys.json"
+    path.write_text(content)
+    with pytest.raises(RuntimeError, match=f"keys.json.*{message}"):
+        bpy.ops.import_scene.dogsplat_path(filepath=str(path))
+    assert not bpy.data.cameras

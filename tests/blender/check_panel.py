@@ -8,11 +8,23 @@ import pytest
 from check_render import place_camera
 from conftest import load
 
+from blender_addon.engine.passes import SETTINGS
 from blender_addon.engine.render_engine import ENGINE
 from blender_addon.nodes.modifier import input_property, splat_modifier
-from blender_addon.panel import SHOWN, DOGSPLAT_PT_panel, DOGSPLAT_PT_render, export_menu, import_menu
+from blender_addon.panel import (
+    EDITED,
+    SHOWN,
+    DOGSPLAT_PT_edit,
+    DOGSPLAT_PT_panel,
+    DOGSPLAT_PT_passes,
+    DOGSPLAT_PT_render,
+    apply_menu,
+    export_menu,
+    import_menu,
+    object_menu,
+)
 
-NO_CAMERA = "Colours need an active camera"
+NO_CAMERA = "Colours need an active camera, or Follow View"
 
 
 class Layout:
@@ -40,7 +52,12 @@ class Layout:
     def row(self, **options):
         return self
 
-    column = row
+    column = box = row
+
+    def operator_menu_enum(self, name, menu, **options):
+        self.operator(name)
+        category, _, function = name.partition(".")
+        assert menu in getattr(getattr(bpy.ops, category), function).get_rna_type().properties
 
     def separator(self):
         pass
@@ -92,7 +109,14 @@ def test_the_panel_says_what_hides_colors_and_lobes(scene, model):
 def test_the_render_properties_have_the_settings_of_the_engine_alone(scene):
     layout = Layout()
     DOGSPLAT_PT_render.draw(SimpleNamespace(layout=layout), bpy.context)
-    assert layout.drawn == ["dogsplat_colors"]
+    assert layout.drawn == ["send", "samples", "bounces", "Colors of Splats Only"]
+    scene.dogsplat.send = "SPLATS"
+    layout.drawn.clear()
+    DOGSPLAT_PT_render.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert layout.drawn == ["send", "Colors of Splats Only"]
+    layout.drawn.clear()
+    DOGSPLAT_PT_passes.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert layout.drawn == list(SETTINGS.values())
     assert not DOGSPLAT_PT_render.poll(SimpleNamespace(engine="CYCLES"))
     scene.render.engine = ENGINE
     assert DOGSPLAT_PT_render.poll(bpy.context)
@@ -108,8 +132,22 @@ def test_the_menu_of_the_modifier_names_the_ways_to_show(model):
     assert items == [("Automatic", 0), ("Quads", 1), ("Ellipsoids", 2), ("Points", 3)]
 
 
-@pytest.mark.parametrize("menu, count", [(import_menu, 2), (export_menu, 2)])
-def test_menus(menu, count):
+def test_the_panel_of_edits_has_the_sliders_of_every_modifier(model):
+    assert not DOGSPLAT_PT_edit.poll(bpy.context)
+    obj = load(model)
+    for operator in (bpy.ops.dogsplat.add_crop, bpy.ops.dogsplat.add_limits, bpy.ops.dogsplat.paint):
+        bpy.context.view_layer.objects.active = obj
+        operator()
+    layout = Layout()  # the stand-in is active now
+    assert DOGSPLAT_PT_edit.poll(bpy.context)
+    DOGSPLAT_PT_edit.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert {name for names in EDITED.values() for name in names} <= set(layout.drawn)
+    assert "dogsplat.finish_painting" in layout.drawn
+
+
+@pytest.mark.parametrize("menu, count", [(import_menu, 3), (export_menu, 2), (apply_menu, 2), (object_menu, 1)])
+def test_menus(model, menu, count):
+    load(model)
     layout = Layout()
     menu(SimpleNamespace(layout=layout), bpy.context)
     assert len(layout.drawn) == count

@@ -19,7 +19,7 @@ from mi_dogsplat.scene.camera_file import write_camera
 from PIL import Image
 
 COMMANDS = ("train", "prune", "ablate", "compare", "render", "eval", "capture", "info", "check", "export", "view")
-COMMANDS += ("clean", "film", "poses", "simplify")
+COMMANDS += ("clean", "film", "poses", "serve", "simplify")
 SMALL = ["--preset", "3dgs", "--steps", "12", "--sh-degree", "1", "--max-primitives", "80", "--variant", "llvm_ad_rgb"]
 
 

@@ -169,3 +169,21 @@ def test_mitsubas_adam_on_all_parameters_reduces_a_loss():
     assert losses[-1] < 0.6 * losses[0], losses
 
 
+
+
+def test_gradients_of_several_passes_are_the_same_in_a_variant_with_one_channel():
+    """There the three channels of a sample are one variable."""
+    if "llvm_ad_mono" not in mi.variants():
+        pytest.skip("llvm_ad_mono is not built into this Mitsuba")
+
+    def gradient() -> np.ndarray:
+        scene = scene_of(SMALL, SMALL_CAMERA, film={"pixel_format": "luminance"}, extra={"sky": {"type": "constant"}})
+        params: Any = mi.traverse(scene)
+        dr.enable_grad(params["splats.logit_opacities"])
+        params.update()
+        dr.backward(dr.sum(mi.render(scene, params, spp=2), axis=None))
+        return dr.grad(params["splats.logit_opacities"]).numpy()
+
+    expected = gradient()
+    mi.set_variant("llvm_ad_mono")
+    np.testing.assert_allclose(gradient(), expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())

@@ -2,7 +2,8 @@
 
 Those run under a Python that has ``bpy``, or in Blender itself, in a process of their own, which keeps Blender's
 libraries away from the rest of the suite. Which ones: ``DOGSPLAT_BLENDER_PYTHONS`` (as in PATH; a program called
-``blender`` is Blender, whose Python needs pytest), else ``.venv-blender`` (``make blender``).
+``blender`` is Blender, whose Python needs pytest), else ``.venv-blender`` (``make blender``) and those of other
+versions beside it (``make blenders``).
 """
 
 import ast
@@ -37,7 +38,9 @@ CHECKS = [
     if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
 ]
 DEFAULT = ROOT / ".venv-blender" / "bin" / "python"
-PYTHONS = [Path(p) for p in os.environ.get("DOGSPLAT_BLENDER_PYTHONS", str(DEFAULT)).split(os.pathsep) if p]
+OTHERS = sorted(ROOT.glob(".venv-blender-*/bin/python"))
+NAMED = os.environ.get("DOGSPLAT_BLENDER_PYTHONS")
+PYTHONS = [DEFAULT, *OTHERS] if NAMED is None else [Path(p) for p in NAMED.split(os.pathsep) if p]
 DOWNSCALE = 4  # of the photographs: EEVEE runs in software here
 
 

@@ -40,6 +40,7 @@ SHORT = {
     "capture": {"--spp": "1", "--views": "4", "--test": "1", "--size": "24 18", "--points": "100"},
 }
 RUN_ELSEWHERE = {
+    "--idle": "test_serve.py",
     **{"ablate": "test_ablate.py", "check": "test_check.py", "compare": "test_compare.py", "view": "test_viewer.py"},
     "--resume": "test_resume.py",
     **{word: "test_poses.py" for word in ("poses", "pictures/", "walk.mp4", "posed/")},
@@ -151,6 +152,9 @@ def folder(tmp_path, monkeypatch, trained, alpha_data) -> Path:
     write_camera(tmp_path / "cameras.json", camera)
     listed = json.loads((tmp_path / "cameras.json").read_text())
     (tmp_path / "cameras.json").write_text(json.dumps([listed | {"name": "front"}]))
+    described = {"w2c": camera.w2c.tolist(), "fx": camera.fx, "width": camera.width, "height": camera.height}
+    asked = {"out": str(tmp_path / "frame.npz"), "model": str(tmp_path / "model.ply"), "camera": described}
+    (tmp_path / "requests.jsonl").write_text(json.dumps(asked) + "\n")
     keys = [{"time": 3 * i, "position": [3 - i, i, 1], "look_at": [0, 0, 0]} for i in range(3)]
     (tmp_path / "keys.json").write_text(json.dumps({"keys": keys}))
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")

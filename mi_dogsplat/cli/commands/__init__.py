@@ -8,7 +8,23 @@ from __future__ import annotations
 import argparse
 from typing import Protocol
 
-from . import ablate, capture, check, clean, compare, export, film, info, poses, prune, render, simplify, train, view
+from . import (
+    ablate,
+    capture,
+    check,
+    clean,
+    compare,
+    export,
+    film,
+    info,
+    poses,
+    prune,
+    render,
+    serve,
+    simplify,
+    train,
+    view,
+)
 from . import eval as evaluate
 
 
@@ -49,5 +65,6 @@ COMMANDS: dict[str, Command] = {  # in the order of the help
     "simplify": simplify,
     "clean": clean,
     "view": view,
+    "serve": serve,
     "info": info,
 }

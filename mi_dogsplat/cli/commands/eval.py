@@ -17,6 +17,8 @@ Examples:
   dogsplat eval run/point_cloud.ply photos/ --downscale 2 -o measured/   also writes pictures and metrics.json
   dogsplat eval run/point_cloud.ply photos/ --masks masks/ --color-correct
                                                        white pixels; and PSNR after colour correction
+  dogsplat eval run/point_cloud.ply photos/ --align-poses
+                                                       and PSNR from where each test view fits best
 
 Use the --downscale that the model was trained with, else the numbers say little about it.
 """
@@ -28,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("data", metavar="DATA", help=DATA_HELP)
     parser.add_argument("-o", "--out", type=Path, metavar="DIR", help="also write renders, error maps and metrics.json")
     parser.add_argument("--color-correct", action="store_true", help="also PSNR after each view's best colour map")
+    parser.add_argument("--align-poses", action="store_true", help="also PSNR from the pose that fits each view best")
     add_picture_flags(parser, "masks", "data_on_disk")
 
 
@@ -39,6 +42,6 @@ def run(args: argparse.Namespace) -> None:
     from ...runs.evaluation import evaluate_model
 
     more = args.masks, args.color_correct, args.data_on_disk
-    views = evaluate_model(args.model, args.data, args.out, *more, options)
+    views = evaluate_model(args.model, args.data, args.out, *more, options, args.align_poses)
     for name, values in {**views, "mean": mean_metrics(views)}.items():
         print(f"{name:24s}{metrics_line(values)}")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from ...render.picture_options import PictureOptions
 from ...support.errors import DataError
 from ...support.variants import set_variant
 from ..flags import MODEL_HELP, add_picture_flags, add_view_flags, given_settings
+from ..progress import Bar
 
 SUMMARY = "a model or Mitsuba scene to a picture"
 EXAMPLES = """
@@ -21,6 +23,7 @@ Examples:
   dogsplat render run/point_cloud.ply -o view.exr --aovs depth,normal,index
                                                                       channels depth.Z, normal.X, ... index.I
   dogsplat render scene.xml -o view.exr                               first sensor of a Mitsuba scene
+  dogsplat render scene.xml -o view.exr --spp 256                     with more samples per pixel
 
 A camera file holds {"w2c": 4x4 world to camera (x right, y down, z forward), "fx": pixels, "fy", "cx",
 "cy", "width", "height"}; fy, cx and cy may be left out. A .png shows colours over the background; an .exr
@@ -41,6 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--appearance", type=Path, metavar="JSON", help="appearance.json of a run: exposure and vignetting of the view"
     )
+    parser.add_argument(
+        "--spp", type=int, default=0, metavar="N", help="samples per pixel of a scene (default: 0, as the scene says)"
+    )
     add_picture_flags(parser)
 
 
@@ -55,7 +61,18 @@ def run(args: argparse.Namespace) -> None:
             raise DataError("--aovs", "a scene names its own", 'set the property "aovs" of its integrator')
         if args.appearance is not None:
             raise DataError("--appearance", "a scene has a film of its own", "leave it out")
-        render_scene(args.model, args.out)
+        with _bar() as bar:
+            render_scene(args.model, args.out, args.spp, bar.show if bar else None)
     else:
+        if args.spp:
+            raise DataError("--spp", "a model alone is drawn with one sample", "make a scene .xml for more")
         render_model(args.model, args.out, args.data, args.camera, args.aovs, options, args.appearance)
     print(args.out)
+
+
+def _bar() -> AbstractContextManager[Bar | None]:
+    """That of samples; nothing where tqdm is not installed, which rendering does not need."""
+    try:
+        return Bar("sample")
+    except ImportError:
+        return nullcontext()

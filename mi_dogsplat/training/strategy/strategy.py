@@ -7,7 +7,7 @@ the optimizer (``SplatOptimizer.learn``) or move with it (``rearranged``).
 
 A step of the loop, with the hooks in it:
 
-    before_step  ->  view  ->  params  ->  render  ->  loss  ->  backward  ->  after_backward  ->  Adam  ->  after_step
+    before_step -> view -> params -> camera -> render -> loss -> backward -> after_backward -> Adam -> after_step
 
 With ``--batch-views K`` all from the view to ``after_backward`` comes K times in a step. Gradients add up meanwhile,
 and Adam takes a Kth of the sum: what a strategy adds for each view counts once. Each hook is called for all strategies
@@ -134,6 +134,10 @@ class Strategy(Generic[S]):
     def params(self, t: Training, state: S, params: dict) -> dict:
         """What is rendered instead of ``params``. Other arrays, which no render reads, reach ``Seen.params``."""
         return params
+
+    def camera(self, t: Training, state: S, view: int, camera: DeviceCamera) -> DeviceCamera:
+        """What a training view of a step is rendered by instead of ``camera``."""
+        return camera
 
     def after_backward(self, t: Training, state: S, seen: Seen) -> None:
         """Read gradients, or add to them, after each view of a step; those on the parameters are sums so far."""

@@ -1,0 +1,71 @@
+"""Scenes in which splats and surfaces light each other, and the same with the meshes that the model learned from."""
+
+import tempfile
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mitsuba as mi
+import numpy as np
+
+SCENES = Path(__file__).parents[1] / "scenes"
+LIGHT, INDOORS = SCENES / "still_life_in_the_light.xml", SCENES / "still_life_indoors.xml"
+MODEL, MESHES = SCENES / "still_life.ply", SCENES / "demo_truth.xml"
+
+
+def loaded(path: Path, model: Path | None = None) -> Any:
+    """A scene, with another model in place of its own."""
+    if model is None:
+        return mi.load_file(str(path))
+    root = _absolute(path)
+    of_model = next(node for shape in root.findall("shape") for node in shape.findall("string")
+                    if shape.get("type") == "dog")
+    of_model.set("value", str(model.absolute()))
+    return _parsed(root)
+
+
+def of_meshes(path: Path) -> Any:
+    """A scene with the meshes of demo_truth.xml in place of the model, and the integrator ``path``."""
+    root = without_model(path)
+    for node in _absolute(MESHES):
+        if node.tag == "bsdf" or (node.tag == "shape" and node.find("emitter") is None):
+            root.append(node)
+    return _parsed(root)
+
+
+def empty(path: Path) -> Any:
+    """A scene without the model, and the integrator ``path``."""
+    return _parsed(without_model(path))
+
+
+def without_model(path: Path) -> ElementTree.Element:
+    root = _absolute(path)
+    for shape in root.findall("shape"):
+        if shape.get("type") == "dog":
+            root.remove(shape)
+    for integrator in root.findall("integrator"):
+        integrator.set("type", "path")
+    return root
+
+
+def picture(scene: Any, spp: int, size: tuple[int, int], seed: Any = 0, integrator: Any = None) -> np.ndarray:
+    """[H, W, 3] linear radiance of the first sensor, at another size."""
+    params: Any = mi.traverse(scene)
+    params[next(name for name in params.keys() if name.endswith("film.size"))] = list(size)
+    params.update()
+    return np.array(mi.render(scene, spp=spp, seed=seed, integrator=integrator))[..., :3]
+
+
+def _absolute(path: Path) -> ElementTree.Element:
+    """A scene whose files are named from the root."""
+    root = ElementTree.parse(path).getroot()
+    for node in root.iter("string"):
+        if node.get("name") == "filename":
+            node.set("value", str(SCENES / str(node.get("value"))))
+    return root
+
+
+def _parsed(root: ElementTree.Element) -> Any:
+    with tempfile.TemporaryDirectory() as folder:
+        ElementTree.ElementTree(root).write(file := Path(folder) / "scene.xml")
+        return mi.load_file(str(file))

@@ -1,0 +1,104 @@
+"""Key frames of ``dogsplat film --path``: cameras with times, in the coordinates of a model."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..files.errors import FileError
+from .camera import Camera, rigid
+
+AUTOMATIC_FOV = 40.0  # degrees of the shorter side, where no key says any: as the package has it
+FORMAT = 'give {"keys": [{"time": seconds, "position": [x, y, z], "look_at": [x, y, z], "fov": degrees}, ...]}'
+
+
+@dataclass(frozen=True, eq=False)
+class PathKey:
+    """A camera at a time in seconds; ``sized``: the file says how large its picture is."""
+
+    time: float
+    camera: Camera
+    sized: bool
+
+
+def read_path(path: Path, width: int, height: int) -> list[PathKey]:
+    """The keys of a file, in order of time; ``width`` and ``height`` of pictures that it does not say.
+
+    Without times they are a second apart. Raises ``FileError``.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise FileError(path, f"cannot be read as JSON ({error})", FORMAT) from error
+    whole: dict[str, Any] = content if isinstance(content, dict) else {"keys": content}
+    entries = whole.get("keys")
+    if not isinstance(entries, list) or not entries:
+        raise FileError(path, "has no list of keys", FORMAT)
+    up, fov = np.array(whole.get("up", (0, 0, 1)), np.float64), AUTOMATIC_FOV
+    keys: list[PathKey] = []
+    for i, entry in enumerate(entries):
+        try:
+            fov = float(entry.get("fov", fov))
+            camera = _given(path, i, entry) if "w2c" in entry else _aimed(entry, up, fov, i, width, height)
+            keys.append(PathKey(float(entry.get("time", i)), camera, "w2c" in entry))
+        except (ValueError, TypeError, KeyError, AttributeError, ZeroDivisionError) as error:
+            if isinstance(error, FileError):
+                raise
+            raise FileError(path, f"key {i} cannot be used ({error})", FORMAT) from error
+    if any(later.time <= key.time for key, later in zip(keys, keys[1:], strict=False)):
+        raise FileError(path, "its keys are not in order of time", "sort them")
+    return keys
+
+
+def _given(path: Path, i: int, entry: dict[str, Any]) -> Camera:
+    fx, width, height = float(entry["fx"]), int(entry["width"]), int(entry["height"])
+    cx, cy = float(entry.get("cx", width / 2)), float(entry.get("cy", height / 2))
+    w2c = rigid(path, f"key {i}", entry["w2c"])
+    return Camera(f"key {i}", w2c, fx, float(entry.get("fy", fx)), cx, cy, width, height)
+
+
+def _aimed(entry: dict[str, Any], up: np.ndarray, fov: float, i: int, width: int, height: int) -> Camera:
+    if not 0 < fov < 180:
+        raise ValueError(f'"fov" is {fov:g}, not within 0 to 180 degrees')
+    c2w = np.eye(4)
+    c2w[:3, 3] = _vector(entry, "position", 3)
+    if "look_at" in entry:
+        c2w[:3, :3] = _turned_to(_vector(entry, "look_at", 3) - c2w[:3, 3], up)
+    else:
+        c2w[:3, :3] = _rotation(_vector(entry, "rotation", 4))
+    focal = min(width, height) / (2 * math.tan(math.radians(fov) / 2))
+    return Camera(f"key {i}", np.linalg.inv(c2w), focal, focal, width / 2, height / 2, width, height)
+
+
+def _vector(entry: dict[str, Any], name: str, count: int) -> np.ndarray:
+    values = np.array(entry[name], np.float64)
+    if values.shape != (count,) or not np.isfinite(values).all():
+        raise ValueError(f'"{name}" is not {count} numbers')
+    return values
+
+
+def _turned_to(forward: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Axes of a camera, OpenCV's, as columns."""
+    right = np.cross(forward, up)
+    if np.linalg.norm(right) < 1e-9 * np.linalg.norm(forward):
+        raise ValueError('"look_at" is at the position itself, or straight above or below it')
+    axes = [right, np.cross(forward, right), forward]
+    return np.stack([axis / np.linalg.norm(axis) for axis in axes], axis=1)
+
+
+def _rotation(quaternion: np.ndarray) -> np.ndarray:
+    """[3, 3] of x, y, z, w."""
+    length = np.linalg.norm(quaternion)
+    if not 0.5 < length < 2:
+        raise ValueError('"rotation" is no unit quaternion x, y, z, w')
+    x, y, z, w = quaternion / length
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip

@@ -1,0 +1,69 @@
+"""File > Import > DoG Splat Camera Path: the key frames of a film as one animated camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from bpy.props import BoolProperty, StringProperty
+from bpy_extras.io_utils import ImportHelper
+from mathutils import Matrix
+
+from ..files.errors import FileError
+from ..objects.attributes import is_splats
+from .objects import build_camera, look_through
+from .path_file import PathKey, read_path
+
+
+class DOGSPLAT_OT_import_path(bpy.types.Operator, ImportHelper):
+    """Import the key frames of dogsplat film as an animated camera"""
+
+    bl_idname = "import_scene.dogsplat_path"
+    bl_label = "Import DoG Splat Camera Path"
+    bl_options = {"REGISTER", "UNDO", "PRESET"}
+
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+    use_range: BoolProperty(
+        name="Set Frame Range", default=True, description="Let the frames of the scene begin and end with the path"
+    )
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """A camera that follows the active model of splats, as it is placed now; after an error, none."""
+        scene, path = context.scene, Path(self.filepath)
+        percent = scene.render.resolution_percentage / 100
+        size = (max(int(pixels * percent), 1) for pixels in (scene.render.resolution_x, scene.render.resolution_y))
+        try:
+            keys = read_path(path, *size)
+        except FileError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        model = context.view_layer.objects.active
+        matrix = model.matrix_world.copy() if is_splats(model) else Matrix.Identity(4)
+        obj = build_camera(scene.collection, keys[0].camera, matrix, str(path), False)
+        obj.name = obj.data.name = path.stem
+        rate, start = scene.render.fps / scene.render.fps_base, scene.frame_start
+        for key in keys:
+            _insert(obj, key, matrix, start + (key.time - keys[0].time) * rate)
+        if keys[0].sized:
+            look_through(scene, obj)
+        scene.camera = obj
+        if self.use_range:
+            scene.frame_end = max(start, round(start + (keys[-1].time - keys[0].time) * rate))
+        scene.frame_set(scene.frame_current)
+        self.report({"INFO"}, f"{len(keys)} key frames imported")
+        return {"FINISHED"}
+
+
+def _insert(obj: bpy.types.Object, key: PathKey, matrix: Matrix, frame: float) -> None:
+    """Set the camera to a key, by the way that sets every imported camera, and remember it at a frame."""
+    staged = build_camera(bpy.context.scene.collection, key.camera, matrix, "", False)
+    obj.rotation_mode = "QUATERNION"
+    turn = staged.matrix_world.to_quaternion()
+    turn.make_compatible(obj.rotation_quaternion)
+    obj.location, obj.rotation_quaternion = staged.matrix_world.to_translation(), turn
+    for name in ("lens", "shift_x", "shift_y"):
+        setattr(obj.data, name, getattr(staged.data, name))
+        obj.data.keyframe_insert(name, frame=frame)
+    for name in ("location", "rotation_quaternion"):
+        obj.keyframe_insert(name, frame=frame)
+    bpy.data.cameras.remove(staged.data)  # and its object

@@ -1,0 +1,1 @@
+"""Operators that edit splats: crop, limits, painting, making edits real, joining, transforms."""

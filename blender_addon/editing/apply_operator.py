@@ -1,0 +1,61 @@
+"""Edits made real: the splats that the modifiers hide are deleted."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..nodes.modifier import edit_modifiers, splat_modifier
+from ..objects.edited import edited_mesh
+from .live_operators import can_edit
+from .stand_in import finish_painting
+
+
+def apply_edits(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> int:
+    """Replace the splats of an object by those that are shown, and remove what edited them; how many went.
+
+    Every enabled modifier in front of the drawing one is applied, ours or not. Other objects keep data that they share.
+    Raises ``ValueError`` where nothing is left.
+    """
+    old = obj.data
+    before = len(old.vertices)
+    mesh = edited_mesh(obj, depsgraph)
+    if not mesh.vertices:
+        bpy.data.meshes.remove(mesh)
+        raise ValueError(f'"{obj.name}": no splat is left; open its crop or its limits')
+    name = old.name
+    obj.data = mesh
+    drawing = splat_modifier(obj)
+    place = len(obj.modifiers) if drawing is None else obj.modifiers.find(drawing.name)
+    for modifier in [m for m in obj.modifiers[:place] if m.show_viewport]:
+        obj.modifiers.remove(modifier)
+    if not old.users:
+        bpy.data.meshes.remove(old)
+    mesh.name = name
+    return before - len(mesh.vertices)
+
+
+class DOGSPLAT_OT_apply_edits(bpy.types.Operator):
+    """Delete the splats that crop, limits and painting hide, and make their tints part of the colours"""
+
+    bl_idname = "dogsplat.apply_edits"
+    bl_label = "Apply Edits"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A selected model is edited by a modifier of ours."""
+        return context.mode == "OBJECT" and any(can_edit(o) and edit_modifiers(o) for o in context.selected_objects)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """All selected models, or after an error none of those that follow."""
+        objects = [obj for obj in context.selected_objects if can_edit(obj) and edit_modifiers(obj)]
+        for obj in objects:
+            finish_painting(obj)
+        depsgraph = context.evaluated_depsgraph_get()
+        try:
+            gone = sum(apply_edits(obj, depsgraph) for obj in objects)
+        except ValueError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, f"{gone:,} splats deleted")
+        return {"FINISHED"}

@@ -1,0 +1,58 @@
+"""Object > Join, for models: what is hidden stays away, and what stood elsewhere is turned on the way."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..files.transform import similarity_scale
+from ..objects.conventions import DOG_COUNT
+from ..objects.following import follow_vertices
+from .apply_operator import apply_edits
+from .live_operators import can_edit
+from .stand_in import finish_painting
+
+
+class DOGSPLAT_OT_join(bpy.types.Operator):
+    """Join the selected models into the active one, edits applied; missing bands of colour become zero"""
+
+    bl_idname = "dogsplat.join"
+    bl_label = "Join Splats"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Several models are selected, one of them active."""
+        return context.mode == "OBJECT" and can_edit(context.object) and len(_models(context)) > 1
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Blender's own Join keeps all attributes; afterwards the splats follow where their points went."""
+        active, models = context.object, _models(context)
+        to_active = np.linalg.inv(np.array(active.matrix_world, np.float64))
+        try:
+            for obj in models:
+                similarity_scale((to_active @ np.array(obj.matrix_world, np.float64))[:3, :3])
+        except ValueError as error:
+            self.report({"ERROR"}, f'"{obj.name}": {error}')
+            return {"CANCELLED"}
+        for obj in models:
+            finish_painting(obj)
+        depsgraph = context.evaluated_depsgraph_get()
+        try:
+            for obj in models:
+                apply_edits(obj, depsgraph)
+        except ValueError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        for obj in context.selected_objects:
+            obj.select_set(obj in models)
+        dog = sum(int(obj.get(DOG_COUNT, 0)) for obj in models)
+        if bpy.ops.object.join() != {"FINISHED"}:
+            return {"CANCELLED"}
+        active[DOG_COUNT] = dog
+        follow_vertices(active.data)
+        return {"FINISHED"}
+
+
+def _models(context: bpy.types.Context) -> list[bpy.types.Object]:
+    return [obj for obj in context.selected_objects if can_edit(obj)]

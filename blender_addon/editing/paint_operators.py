@@ -1,0 +1,80 @@
+"""Painting on splats with Blender's own brushes: weights erase, vertex colours tint."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import EnumProperty
+
+from ..nodes.modifier import add_edit_modifier, edit_modifiers, set_input
+from ..nodes.paint import NAME as PAINT
+from ..nodes.paint import paint_tree
+from ..objects.attributes import is_splats
+from .live_operators import can_edit
+from .stand_in import build_stand_in, finish_painting, stand_in_of
+
+MODES = {"ERASE": "WEIGHT_PAINT", "TINT": "VERTEX_PAINT"}
+
+
+class DOGSPLAT_OT_paint(bpy.types.Operator):
+    """Paint on the splats with Blender's brushes, by a stand-in that has faces: weights erase, colours tint"""
+
+    bl_idname = "dogsplat.paint"
+    bl_label = "Paint Splats"
+    bl_options = {"REGISTER", "UNDO"}
+
+    what: EnumProperty(name="What", items=(
+        ("ERASE", "Erase", "Weight paint: splats with a weight above the threshold are left out"),
+        ("TINT", "Tint", "Vertex paint: colours are multiplied by what is painted"),
+    ))  # fmt: skip
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The active object holds splats, or is their stand-in."""
+        return can_edit(painted_model(context.object))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Make the stand-in unless there is one, select it and enter the mode."""
+        obj = painted_model(context.object)
+        if context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        stand_in = stand_in_of(obj)
+        if stand_in is None:
+            stand_in = build_stand_in(obj)
+            modifiers = edit_modifiers(obj, PAINT) or [add_edit_modifier(obj, paint_tree(), first=True)]
+            set_input(modifiers[0], "Stand-In", stand_in)
+            obj.update_tag()
+        bpy.ops.object.select_all(action="DESELECT")
+        stand_in.select_set(True)
+        context.view_layer.objects.active = stand_in
+        bpy.ops.object.mode_set(mode=MODES[self.what])
+        return {"FINISHED"}
+
+
+class DOGSPLAT_OT_finish_painting(bpy.types.Operator):
+    """Store what was painted with the splats and remove the stand-in; painting can go on later"""
+
+    bl_idname = "dogsplat.finish_painting"
+    bl_label = "Finish Painting"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """There is a stand-in."""
+        obj = painted_model(context.object)
+        return can_edit(obj) and stand_in_of(obj) is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Back to object mode, with the model selected."""
+        obj = painted_model(context.object)
+        if context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        finish_painting(obj)
+        obj.select_set(True)
+        context.view_layer.objects.active = obj
+        return {"FINISHED"}
+
+
+def painted_model(obj: bpy.types.Object | None) -> bpy.types.Object | None:
+    """The model of a stand-in, or the object itself."""
+    parent = obj.parent if obj is not None else None
+    return parent if is_splats(parent) and stand_in_of(parent) == obj else obj

@@ -1,0 +1,88 @@
+"""What brushes paint in the place of splats, which have no faces: an object with a tetrahedron per splat."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..nodes.modifier import edit_modifiers, get_input, set_input
+from ..nodes.paint import CORNERS
+from ..nodes.paint import NAME as PAINT
+from ..objects.attributes import ERASE, PAINT_INDEX, SCALE, TINT, get_column, put_column
+
+TETRAHEDRON = np.array([(1, 1, 1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1)], np.float32)
+FACES = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)], np.int32)
+UNPAINTED = {ERASE: (0.0,), TINT: (1.0, 1.0, 1.0, 1.0)}
+
+
+def build_stand_in(obj: bpy.types.Object) -> bpy.types.Object:
+    """A child of the model with what was painted before, linked to its collections; splats learn their index."""
+    positions, scales = get_column(obj.data, "position", 3), get_column(obj.data, SCALE, 3)
+    n = len(positions)
+    put_column(obj.data, PAINT_INDEX, np.arange(n, dtype=np.int32))
+    radius = np.cbrt(scales.prod(axis=1, keepdims=True))[:, None]  # that of a ball of the same volume
+    corners = (positions[:, None] + radius * TETRAHEDRON).reshape(-1, 3)
+    mesh = bpy.data.meshes.new(f"{obj.name} paint")
+    mesh.vertices.add(len(corners))
+    mesh.vertices.foreach_set("co", corners.ravel())
+    faces = (np.arange(n, dtype=np.int32)[:, None, None] * CORNERS + FACES).ravel()
+    mesh.loops.add(len(faces))
+    mesh.loops.foreach_set("vertex_index", faces)
+    mesh.polygons.add(len(faces) // 3)
+    mesh.polygons.foreach_set("loop_start", np.arange(0, len(faces), 3, dtype=np.int32))
+    mesh.update(calc_edges=True)
+    put_column(mesh, TINT, np.repeat(_painted(obj.data, TINT), CORNERS, axis=0))
+    mesh.attributes.active_color = mesh.attributes[TINT]
+    stand_in = bpy.data.objects.new(mesh.name, mesh)
+    for collection in obj.users_collection:
+        collection.objects.link(stand_in)
+    stand_in.parent, stand_in.hide_render = obj, True
+    group = stand_in.vertex_groups.new(name=ERASE)
+    weights = np.repeat(_painted(obj.data, ERASE)[:, 0], CORNERS)
+    group.add(list(range(len(corners))), 0.0, "REPLACE")
+    for weight in np.unique(weights[weights > 0]).tolist():
+        group.add(np.flatnonzero(weights == weight).tolist(), weight, "REPLACE")
+    return stand_in
+
+
+def _painted(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
+    """What the splats of a mesh have of a painted attribute, [N, 1] or [N, 4]."""
+    nothing = UNPAINTED[name]
+    if name not in mesh.attributes:
+        return np.tile(np.float32(nothing), (len(mesh.vertices), 1))
+    return get_column(mesh, name, len(nothing))
+
+
+def stand_in_of(obj: bpy.types.Object) -> bpy.types.Object | None:
+    """The object that is painted for a model."""
+    return next((get_input(modifier, "Stand-In") for modifier in edit_modifiers(obj, PAINT)), None)
+
+
+def finish_painting(obj: bpy.types.Object) -> None:
+    """Make what was painted attributes of the splats, and remove the stand-in; nothing where there is none."""
+    stand_in = stand_in_of(obj)
+    if stand_in is None:
+        return
+    index = get_column(obj.data, PAINT_INDEX, 1)[:, 0]
+    for name, values in ((ERASE, _weights(stand_in)), (TINT, get_column(stand_in.data, TINT, 4))):
+        per_splat = values.reshape(-1, CORNERS, values.shape[1]).mean(axis=1, dtype=np.float32)[index]
+        if name in obj.data.attributes or (per_splat != np.float32(UNPAINTED[name])).any():
+            put_column(obj.data, name, per_splat)
+    for modifier in edit_modifiers(obj, PAINT):
+        set_input(modifier, "Stand-In", None)
+    obj.data.attributes.remove(obj.data.attributes[PAINT_INDEX])
+    mesh = stand_in.data
+    bpy.data.objects.remove(stand_in)
+    bpy.data.meshes.remove(mesh)
+    obj.data.update()
+    obj.update_tag()
+
+
+def _weights(stand_in: bpy.types.Object) -> np.ndarray:
+    """[V, 1] of the group that is painted."""
+    group = stand_in.vertex_groups.get(ERASE)
+    weights = np.zeros((len(stand_in.data.vertices), 1), np.float32)
+    if group is not None:
+        for i, vertex in enumerate(stand_in.data.vertices):
+            weights[i] = next((g.weight for g in vertex.groups if g.group == group.index), 0.0)
+    return weights

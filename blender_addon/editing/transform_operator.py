@@ -1,0 +1,56 @@
+"""Object > Apply, for models: the transform becomes part of the splats."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..files.transform import transformed
+from ..nodes.limits import NAME as LIMITS
+from ..nodes.modifier import edit_modifiers, get_input, set_input
+from ..objects.attributes import read_attributes, write_attributes
+from .live_operators import can_edit
+from .stand_in import finish_painting
+
+
+class DOGSPLAT_OT_apply_transform(bpy.types.Operator):
+    """Make the object's transform part of its splats: positions, orientations, sizes and view-dependent colours"""
+
+    bl_idname = "dogsplat.apply_transform"
+    bl_label = "Apply Transform to Splats"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Splats are selected, in object mode."""
+        return context.mode == "OBJECT" and any(can_edit(obj) for obj in context.selected_objects)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """All selected models, or after an error none."""
+        objects = [obj for obj in context.selected_objects if can_edit(obj)]
+        try:
+            models = [_moved(obj) for obj in objects]
+        except ValueError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        for obj, model in zip(objects, models, strict=True):
+            finish_painting(obj)
+            if obj.data.users > 1:
+                obj.data = obj.data.copy()
+            write_attributes(obj.data, model)
+            scale = obj.matrix_world.to_scale()[0]
+            for modifier in edit_modifiers(obj, LIMITS):  # sizes are those of the object's space
+                for name in ("Minimum Size", "Maximum Size"):
+                    set_input(modifier, name, get_input(modifier, name) * scale)
+            obj.matrix_world = Matrix.Identity(4)
+            obj.update_tag()
+        return {"FINISHED"}
+
+
+def _moved(obj: bpy.types.Object):
+    """The splats of an object in the space of the world. Raises ``ValueError`` that names it."""
+    try:
+        return transformed(read_attributes(obj.data), np.array(obj.matrix_world, np.float64))
+    except ValueError as error:
+        raise ValueError(f'"{obj.name}": {error}') from error

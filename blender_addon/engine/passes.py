@@ -1,0 +1,115 @@
+"""A picture of the package as the passes of a render layer."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..scene.images import decoded
+from .cryptomatte import float_of, key_of, manifest
+from .order import Order
+
+NOT_HIT = 1e10  # depth where nothing is, as in Cycles
+OBJECT_INDEX = "Object Index" if bpy.app.version >= (5, 0) else "IndexOB"
+MATTE = "CryptoObject"  # and two digits: two objects in each
+# By the name in Blender: channels, their names, kind, and what the package calls what it is made from
+DATA = {
+    "Depth": (1, "Z", "VALUE", "depth"),
+    "Normal": (3, "XYZ", "VECTOR", "normal"),
+    OBJECT_INDEX: (1, "X", "VALUE", "object"),
+    f"{MATTE}00": (4, "RGBA", "COLOR", "matte"),
+    f"{MATTE}01": (4, "RGBA", "COLOR", "matte"),
+}
+SETTINGS = {
+    "depth": "use_pass_z",
+    "normal": "use_pass_normal",
+    "object": "use_pass_object_index",
+    "matte": "use_pass_cryptomatte_object",
+}
+
+
+def wanted(layer: bpy.types.ViewLayer) -> list[str]:
+    """Passes of the package that a view layer asks for."""
+    return [name for name, setting in SETTINGS.items() if getattr(layer, setting)]
+
+
+def offered(layer: bpy.types.ViewLayer) -> dict[str, tuple[int, str, str, str]]:
+    """The passes of Blender beside Combined, as in ``DATA``."""
+    names = wanted(layer)
+    return {"Alpha": (1, "A", "VALUE", "alpha")} | {name: row for name, row in DATA.items() if row[3] in names}
+
+
+def values(order: Order, picture: dict[str, np.ndarray], scene: bpy.types.Scene) -> dict[str, np.ndarray]:
+    """[H, W, C] of every pass that the picture has, rows from the top."""
+    picture = {name: _as_high(array, order.camera.height) for name, array in picture.items()}
+    alpha = picture["alpha"]
+    found = {"Combined": _combined(order, picture, scene), "Alpha": alpha[..., None]}
+    if "depth" in picture:
+        depth = picture["depth"]
+        found["Depth"] = np.where(np.isfinite(depth) & (alpha > 0), depth, NOT_HIT)[..., None]
+    if "normal" in picture:
+        found["Normal"] = picture["normal"]
+    if "object" in picture:
+        of_object = [_pass_index(name) for name in order.objects] + [0]  # -1 is the last
+        found[OBJECT_INDEX] = np.array(of_object, np.float32)[picture["object"]][..., None]
+    if "matte" in picture:
+        hashes = np.array([float_of(name) for name in order.objects] + [0.0], np.float32)
+        matte = picture["matte"]  # [H, W, 4, 2]
+        ranks = np.stack([hashes[matte[..., 0].astype(int)], matte[..., 1]], -1).reshape(*matte.shape[:2], 8)
+        found |= {f"{MATTE}00": ranks[..., :4], f"{MATTE}01": ranks[..., 4:]}
+    return found
+
+
+def matte_metadata(layer: str, order: Order) -> dict[str, str]:
+    """What the Cryptomatte of an OpenEXR file says about itself."""
+    name = f"{layer}.{MATTE}"
+    said = {"name": name, "hash": "MurmurHash3_32", "conversion": "uint32_to_float32"}
+    said["manifest"] = json.dumps(manifest(order.objects))
+    return {f"cryptomatte/{key_of(name)}/{word}": text for word, text in said.items()}
+
+
+def world_color(world: bpy.types.World | None) -> np.ndarray:
+    """Linear colour [3] behind splats alone: the Background node of the world, or the colour of the world."""
+    if world is None:
+        return np.zeros(3)
+    for node in world.node_tree.nodes if world.node_tree else ():
+        if node.type == "BACKGROUND" and not node.inputs["Color"].is_linked:
+            return np.array(node.inputs["Color"].default_value[:3]) * node.inputs["Strength"].default_value
+    return np.array(world.color)
+
+
+def _combined(order: Order, picture: dict[str, np.ndarray], scene: bpy.types.Scene) -> np.ndarray:
+    color, alpha = picture["color"], picture["alpha"][..., None]
+    if order.whole:
+        return np.concatenate([color, alpha], axis=2)
+    linear = scene.dogsplat_colors == "LINEAR"
+    if not scene.render.film_transparent:
+        behind = world_color(scene.world)
+        color = color + (1 - alpha) * (_encoded(behind) if linear else behind)
+        alpha = np.ones_like(alpha)
+    return np.concatenate([decoded(color) if linear else color, alpha], axis=2)
+
+
+def _encoded(x: np.ndarray) -> np.ndarray:
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def _as_high(array: Any, height: int) -> np.ndarray:
+    """With so many rows: colours between two rows are mixed, numbers of objects and depths are not."""
+    rows = len(array)
+    if rows == height:
+        return array
+    place = np.clip((np.arange(height) + 0.5) * rows / height - 0.5, 0, rows - 1)
+    if array.ndim == 4 or array.dtype.kind == "i" or not np.isfinite(array).all():
+        return array[np.round(place).astype(int)]
+    low = np.floor(place).astype(int)
+    share = (place - low).reshape(-1, *[1] * (array.ndim - 1))
+    return (1 - share) * array[low] + share * array[np.minimum(low + 1, rows - 1)]
+
+
+def _pass_index(name: str) -> int:
+    obj = bpy.data.objects.get(name)
+    return obj.pass_index if obj else 0

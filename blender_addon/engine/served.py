@@ -1,0 +1,105 @@
+"""A process of the package that answers requests, one line of JSON each; it lives from frame to frame."""
+
+from __future__ import annotations
+
+import json
+import queue
+import subprocess
+import threading
+import weakref
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+POLL_SECONDS = 0.1
+
+
+class Cancelled(Exception):
+    """The user does not want the picture any more."""
+
+
+class RendererError(RuntimeError):
+    """No picture, and why, in one line."""
+
+
+class Served:
+    """``dogsplat serve``, from its start to its end, which comes with that of Blender at the latest."""
+
+    def __init__(self, words: list[str], name: str, log: Path):
+        self._name, self._log = name, log
+        try:
+            with log.open("w") as output:
+                pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": output}
+                self._process = subprocess.Popen(words, text=True, encoding="utf-8", errors="replace", **pipes)
+        except OSError as error:
+            raise RendererError(f"{name} cannot be started ({error.strerror})") from error
+        self._lines: queue.Queue[str | None] = queue.Queue()
+        threading.Thread(target=_pump, args=(self._process.stdout, self._lines), daemon=True).start()
+        self.end = weakref.finalize(self, _end, self._process)
+
+    @property
+    def process_id(self) -> int:
+        """As the system knows it."""
+        return self._process.pid
+
+    def lives(self) -> bool:
+        """Whether it can take another request."""
+        return self._process.poll() is None
+
+    def answers(self, request: dict[str, Any], cancelled: Callable[[], bool]) -> Iterator[tuple[float, str | None]]:
+        """(share that is done, file of a picture where there is one); the last share is 1.
+
+        Raises ``Cancelled`` and ``RendererError``.
+        """
+        try:
+            assert self._process.stdin
+            self._process.stdin.write(json.dumps(request) + "\n")
+            self._process.stdin.flush()
+        except OSError:
+            raise RendererError(f"{self._name}: {self._last_words()}") from None
+        share = 0.0
+        while share < 1:
+            if cancelled():
+                raise Cancelled
+            try:
+                line = self._lines.get(timeout=POLL_SECONDS)
+            except queue.Empty:
+                continue
+            said = self._said(line)
+            share = 1.0 if "done" in said else said["share"]
+            yield share, said.get("done", said.get("picture"))
+
+    def _said(self, line: str | None) -> dict[str, Any]:
+        if line is None:
+            raise RendererError(f"{self._name}: {self._last_words()}")
+        try:
+            said = json.loads(line)
+            if "error" in said:
+                raise RendererError(f"{self._name}: {said['error']}")
+            return said
+        except (ValueError, TypeError):
+            raise RendererError(f"{self._name}: does not answer as dogsplat serve does; update the package") from None
+
+    def _last_words(self) -> str:
+        status = self._process.wait()
+        lines = self._log.read_text(errors="replace").strip().splitlines()
+        return lines[-1] if lines else f"exit status {status}"
+
+
+def _pump(stream: Any, lines: queue.Queue) -> None:
+    """Its lines, and None at the end."""
+    for line in stream:
+        lines.put(line)
+    lines.put(None)
+    stream.close()
+
+
+def _end(process: subprocess.Popen) -> None:
+    if process.poll() is None:
+        process.kill()
+    process.wait()
+    if process.stdin:
+        try:
+            process.stdin.close()
+        except OSError:
+            pass  # what was not read any more

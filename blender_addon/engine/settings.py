@@ -1,0 +1,24 @@
+"""What our engine is told in the render properties."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import EnumProperty, IntProperty
+
+COLORS = EnumProperty(name="Colors", default="LINEAR", items=(
+    ("LINEAR", "Linear", "Scene-linear radiance: the exact picture under the view transform Standard"),
+    ("DISPLAY", "Display", "sRGB values: the exact picture under the view transform Raw"),
+))  # fmt: skip
+
+
+class DogSplatRenderSettings(bpy.types.PropertyGroup):
+    """Of a scene, for the engine *DoG Splat (Mitsuba)*."""
+
+    send: EnumProperty(name="Render", default="SCENE", items=(
+        ("SCENE", "Whole Scene", "Splats together with meshes, lights, world and materials, path traced"),
+        ("SPLATS", "Splats Only", "The exact picture of the splats over the colour of the world"),
+    ))  # fmt: skip
+    samples: IntProperty(
+        name="Samples", default=64, min=1, soft_max=4096, description="Paths per pixel of a whole scene"
+    )
+    bounces: IntProperty(name="Bounces", default=8, min=0, soft_max=64, description="Of light, in a whole scene")

@@ -1,0 +1,85 @@
+"""How points moved: the similarity transforms that rows of positions went through, found from before and after."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FEWEST = 4  # points that a turn is read from
+SMALLEST_PIECE = 64  # rows that are halved no further
+TOLERANCE = 1e-5  # of the extent: what Blender's float32 leaves
+ROUNDING = 4 * np.finfo(np.float32).eps  # of the coordinates: moved there and back
+
+Rows = NDArray[np.intp]
+
+
+def motions(before: NDArray, after: NDArray) -> list[tuple[Rows, NDArray[np.float64]]]:
+    """(rows, [4, 4]) for each group of rows of [N, 3] that moved as one.
+
+    All rows at once, those that moved, or halves of these, as joined objects leave them. Rows that moved by themselves
+    are in no group.
+    """
+    before, after = before.astype(np.float64), after.astype(np.float64)
+    everything = np.arange(len(before))
+    moved = np.flatnonzero((before != after).any(axis=1))
+    if not len(moved):
+        return []
+    whole = similarity(before, after)
+    groups = [(everything, whole)] if whole is not None else _halved(before, after, moved)
+    alone = np.setdiff1d(moved, np.concatenate([rows for rows, _ in groups])) if groups else moved
+    for rows, matrix in list(groups):  # those beside a border between two objects
+        near = alone[_misses(before[alone], after[alone], matrix) <= TOLERANCE * _extent(after[rows])]
+        groups.append((near, matrix))
+        alone = np.setdiff1d(alone, near)
+    return [(rows, matrix) for rows, matrix in groups if len(rows)]
+
+
+def similarity(before: NDArray, after: NDArray) -> NDArray[np.float64] | None:
+    """[4, 4] that takes points [N, 3] to others (Umeyama 1991), or None where no turn, scale and shift does.
+
+    Fewer than four points, and points on a line, tell no turn.
+    """
+    if len(before) < FEWEST:
+        return None
+    low, high = before.mean(axis=0), after.mean(axis=0)
+    centered, target = before - low, after - high
+    u, sizes, vt = np.linalg.svd(target.T @ centered)
+    if sizes[1] <= 1e-12 * max(sizes[0], 1e-300):
+        return None
+    signs = np.array([1, 1, np.sign(np.linalg.det(u @ vt))])
+    scale = (sizes * signs).sum() / (centered**2).sum()
+    if not scale > 0:
+        return None
+    matrix = np.eye(4)
+    matrix[:3, :3] = scale * (u * signs) @ vt
+    matrix[:3, 3] = high - matrix[:3, :3] @ low
+    return matrix if _misses(before, after, matrix).max() <= TOLERANCE * _extent(after) else None
+
+
+def is_rounding(before: NDArray, after: NDArray) -> bool:
+    """Whether points only lost their last bits."""
+    return bool(np.abs(before - after).max() <= ROUNDING * np.abs(before).max())
+
+
+def is_shift(matrix: NDArray) -> bool:
+    """Whether a similarity neither turns nor scales."""
+    return bool(np.abs(matrix[:3, :3] - np.eye(3)).max() < TOLERANCE)
+
+
+def _halved(before: NDArray, after: NDArray, rows: Rows) -> list[tuple[Rows, NDArray[np.float64]]]:
+    matrix = similarity(before[rows], after[rows])
+    if matrix is not None:
+        return [(rows, matrix)]
+    if len(rows) < 2 * SMALLEST_PIECE:
+        return []
+    middle = len(rows) // 2
+    return _halved(before, after, rows[:middle]) + _halved(before, after, rows[middle:])
+
+
+def _misses(before: NDArray, after: NDArray, matrix: NDArray) -> NDArray[np.float64]:
+    return np.abs(before @ matrix[:3, :3].T + matrix[:3, 3] - after).max(axis=1, initial=0.0)
+
+
+def _extent(points: NDArray) -> float:
+    """Half the diagonal, or what float32 can tell apart at that distance from the origin."""
+    return float(np.linalg.norm(np.ptp(points, axis=0)) / 2 + 0.1 * np.abs(points).max())

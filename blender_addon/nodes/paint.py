@@ -1,0 +1,96 @@
+"""The node tree "DoG Splat Paint": painted splats are erased, or their colours multiplied.
+
+Blender's brushes paint on faces, which a splat has not. So they paint a stand-in, a tetrahedron per splat
+(``editing/stand_in.py``), and this tree reads it while it is there; afterwards it reads the attributes of the splats.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..files.transform import C0
+from ..objects.attributes import BASE, ERASE, PAINT_INDEX, SH, TINT
+from .builder import Tree, Value, Vector, new_group, wrap
+from .geometry import delete, describe, has_attribute, has_object, store, switch
+from .groups import GEOMETRY, attribute_socket, cached_group, finish_group, linear_to_srgb, named_attribute
+
+NAME = "DoG Splat Paint"
+CORNERS = 4  # of the stand-in of a splat
+INPUTS = {
+    "Geometry": "NodeSocketGeometry", "Erase": "NodeSocketBool", "Threshold": "NodeSocketFloat",
+    "Tint": "NodeSocketBool", "Stand-In": "NodeSocketObject",
+}  # fmt: skip
+
+
+def paint_tree() -> bpy.types.NodeTree:
+    """The tree of this version in this file, made where there is none."""
+    if existing := cached_group(NAME):
+        return existing
+    tree, inputs, exit_node = new_group(NAME, GEOMETRY, INPUTS, {"Geometry": "NodeSocketGeometry"})
+    geometry, erase, threshold, tint, target = inputs
+    info = tree.node("GeometryNodeObjectInfo", transform_space="ORIGINAL")
+    tree.plug(info.inputs["Object"], target)
+    (weight,) = _painted(tree, info, ERASE, "FLOAT")
+    kept = delete(tree, geometry, (weight > threshold) * erase)
+    painted = tree.math("MAXIMUM", has_object(info), has_attribute(tree, kept, TINT, "FLOAT_COLOR"))
+    tinted = _tinted(tree, kept, *_painted(tree, info, TINT, "FLOAT_COLOR"))
+    tree.plug(exit_node.inputs[0], switch(tree, "GEOMETRY", tint * painted > 0.5, kept, tinted))
+    describe(tree.tree, {
+        "Erase": {"default_value": True, "description": f'Leave out the splats whose weight "{ERASE}" is high'},
+        "Threshold": {"default_value": 0.5, "min_value": 0.0, "max_value": 1.0, "subtype": "FACTOR",
+                      "description": "Splats of a higher weight are left out"},
+        "Tint": {"default_value": True, "description": f'Multiply the colours by the painted ones, "{TINT}"'},
+        "Stand-In": {"description": "The object that is painted; without one, the attributes of the splats hold"},
+    })  # fmt: skip
+    return finish_group(tree, NAME)
+
+
+def _painted(tree: Tree, info: bpy.types.Node, name: str, kind: str) -> list[Any]:
+    """What is painted: the mean over the corners of the stand-in, or else the value of the splat itself.
+
+    A list of one number, or of a colour as a vector and its alpha.
+    """
+    own = attribute_socket(tree, name, kind)
+    first = named_attribute(tree, PAINT_INDEX, "INT") * float(CORNERS)
+    totals: list[Any] = []
+    for corner in range(CORNERS):
+        sample = tree.node("GeometryNodeSampleIndex", data_type=kind, domain="POINT")
+        tree.plug(sample.inputs["Geometry"], info.outputs["Geometry"])
+        tree.plug(sample.inputs["Value"], own)  # a field, so it is that of the stand-in here
+        tree.plug(sample.inputs["Index"], first + float(corner))
+        parts = _parts(tree, sample.outputs[0])
+        totals = [total + part for total, part in zip(totals, parts, strict=True)] if totals else parts
+    kinds = ["VECTOR", "FLOAT"] if kind == "FLOAT_COLOR" else ["FLOAT"]
+    chosen = has_object(info)
+    return [
+        switch(tree, part_kind, chosen, mine, total * (1 / CORNERS))
+        for part_kind, mine, total in zip(kinds, _parts(tree, own), totals, strict=True)
+    ]
+
+
+def _parts(tree: Tree, socket: Any) -> list[Any]:
+    if socket.type != "RGBA":
+        return [wrap(tree, socket)]
+    channels = tree.node("FunctionNodeSeparateColor")
+    tree.plug(channels.inputs[0], socket)
+    return [Vector(tree, socket), Value(tree, channels.outputs["Alpha"])]
+
+
+def _tinted(tree: Tree, points: Any, color: Vector, strength: Value) -> Any:
+    """Colours times the tint as it is seen: c = 1/2 + C0 dc + … becomes t c. What is not tinted keeps its bits."""
+    distance = tree.vector_math("DISTANCE", color, (1.0, 1.0, 1.0), output="Value")
+    tinted = strength * distance > 0.0
+    factor = (linear_to_srgb(tree, color) + (-1.0, -1.0, -1.0)) * strength + (1.0, 1.0, 1.0)
+    base, alpha = _parts(tree, attribute_socket(tree, BASE, "FLOAT_COLOR"))
+    dc = base * factor + (factor + (-1.0, -1.0, -1.0)) * (0.5 / C0)
+    joined = tree.node("FunctionNodeCombineColor")
+    for socket, value in zip(joined.inputs, (*dc.split(), alpha), strict=True):
+        tree.plug(socket, value)
+    points = store(tree, points, BASE, joined.outputs[0], "FLOAT_COLOR", tinted)
+    for k in range(15):
+        name = SH.format(k)
+        changed = store(tree, points, name, named_attribute(tree, name) * factor, where=tinted)
+        points = switch(tree, "GEOMETRY", has_attribute(tree, points, name), points, changed)
+    return points

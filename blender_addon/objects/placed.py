@@ -1,0 +1,56 @@
+"""Splats where they stand: objects, and instances of collections that hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import bpy
+import numpy as np
+
+from ..files.model import Model
+from ..files.transform import transformed
+from .attributes import is_splats, read_attributes
+from .edited import edited_model
+
+
+def holds_splats(obj: bpy.types.Object) -> bool:
+    """Whether an object is splats, or an instance of a collection with splats."""
+    if obj.instance_type == "COLLECTION" and obj.instance_collection is not None:
+        return any(is_splats(inner) for inner in obj.instance_collection.all_objects)
+    return is_splats(obj)
+
+
+def placed_splats(
+    depsgraph: bpy.types.Depsgraph, wanted: Callable[[bpy.types.Object], bool] = lambda obj: True
+) -> Iterator[tuple[bpy.types.Object, np.ndarray]]:
+    """(object with splats, its matrix to the world [4, 4]), instances after all objects of their own.
+
+    ``wanted`` takes the object, or that which makes the instance.
+    """
+    own = [obj.original for obj in depsgraph.objects]
+    for obj in own:
+        if is_splats(obj) and wanted(obj):
+            yield obj, np.array(obj.evaluated_get(depsgraph).matrix_world, np.float64)
+    if not any(obj.instance_type == "COLLECTION" and holds_splats(obj) and wanted(obj) for obj in own):
+        return
+    for instance in depsgraph.object_instances:
+        if not instance.is_instance or not is_splats(instance.object.original):
+            continue
+        obj, parent = instance.object.original, instance.parent.original
+        drawn = instance.object.data.as_pointer() != obj.evaluated_get(depsgraph).data.as_pointer()
+        if obj != parent and not drawn and wanted(parent):
+            yield obj, np.array(instance.matrix_world, np.float64)
+
+
+def placed_model(
+    obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, matrix: np.ndarray, hidden: bool = False
+) -> Model:
+    """The splats of an object, moved by a [4, 4] matrix; with ``hidden`` as if nothing edited them.
+
+    Raises ``ValueError`` for an object without the attributes or with a transform that splats cannot follow.
+    """
+    try:
+        model = read_attributes(obj.original.data) if hidden else edited_model(obj, depsgraph)
+        return transformed(model, matrix)
+    except ValueError as error:
+        raise ValueError(f'"{obj.name}": {error}') from error

@@ -1,0 +1,44 @@
+"""What the parts of an export share: the folder of its files, and the lines about what could not be sent as it is."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+Plugin = dict[str, Any]  # of Mitsuba: its "type", its parameters, and plugins in it; transforms as {"matrix": rows}
+
+
+@dataclass
+class Export:
+    """A scene that is being written."""
+
+    folder: Path
+    notes: list[str] = field(default_factory=list)
+    files: set[str] = field(default_factory=set)
+
+    def write(self, content: bytes, suffix: str) -> str:
+        """The name of a file, which is made from its content, so that no frame of a film writes one again."""
+        name = hashlib.sha1(content).hexdigest() + suffix
+        if not (self.folder / name).exists():
+            (self.folder / name).write_bytes(content)
+        self.files.add(name)
+        return name
+
+    def note(self, line: str) -> None:
+        """Say once what is drawn differently, or not at all."""
+        if line not in self.notes:
+            self.notes.append(line)
+
+
+def rgb(color: Any) -> Plugin:
+    """Three numbers as a colour."""
+    return {"type": "rgb", "value": [float(c) for c in color[:3]]}
+
+
+def matrix(values: Any) -> Plugin:
+    """A transform."""
+    return {"matrix": np.array(values, np.float64).tolist()}

@@ -1,0 +1,112 @@
+"""Lights with Blender's units.
+
+Of a power P in watts, as Cycles takes it: a point and the axis of a spot have the intensity P / (4 π), a sphere of
+radius r the radiance P / (4 π² r²), an area A the radiance P / (π A) on its front. The strength of a sun is its
+irradiance.
+"""
+
+from __future__ import annotations
+
+import math
+
+import bpy
+import numpy as np
+
+from .export import Export, Plugin, matrix, rgb
+from .images import write_gray
+from .sockets import Reader, active_tree, output_of
+
+LOOKING = np.diag([1.0, -1.0, -1.0, 1.0])  # lights of Blender shine along -z, those of Mitsuba along z
+SHARP_SUN = math.radians(1.0)  # angle below which a sun has no size
+FAR = 1e3  # of the size of the scene: the distance of a sun that has one
+WIDEST = math.radians(85.0)  # half the cone of a spot
+FALLOFF_PIXELS = 256
+NOTHING: Plugin = {"type": "null"}  # what is behind a light is seen through it
+
+
+def light(export: Export, obj: bpy.types.Object, world: np.ndarray, size: float) -> Plugin | None:
+    """The emitter of an evaluated light object; ``world`` [4, 4] places it in a scene of radius ``size``."""
+    data = obj.data
+    color = _color(export, data)
+    if not color.any():
+        return None
+    if data.type == "SUN":
+        return _sun(data, color, world, size)
+    if data.type == "SPOT":
+        return _spot(export, data, color / (4 * math.pi), world)
+    if data.type == "AREA":
+        return _area(export, data, color, world)
+    return _point(data, color, world)
+
+
+def _color(export: Export, data: bpy.types.Light) -> np.ndarray:
+    """[3], times its power."""
+    color = np.array(data.color, np.float64) * data.energy * 2 ** getattr(data, "exposure", 0.0)
+    if getattr(data, "use_temperature", False):
+        color *= np.array(data.temperature_color[:3])
+    tree = active_tree(data)
+    output = output_of(tree) if tree else None
+    reader = Reader(export, data.name)
+    source = reader.source(output.inputs["Surface"]) if output else None
+    if source is not None and source.node.type == "EMISSION":
+        emission = reader.color(source.node.inputs["Color"])
+        color *= reader.constant(source.node.inputs["Strength"])
+        color *= np.array(emission["value"]) if emission["type"] == "rgb" else 1.0
+    return color
+
+
+def _point(data: bpy.types.Light, color: np.ndarray, world: np.ndarray) -> Plugin:
+    radius, place = data.shadow_soft_size, world[:3, 3]
+    if radius == 0:
+        return {"type": "point", "position": place.tolist(), "intensity": rgb(color / (4 * math.pi))}
+    emitter = {"type": "area", "radiance": rgb(color / (4 * math.pi**2 * radius**2))}
+    return {"type": "sphere", "center": place.tolist(), "radius": radius, "bsdf": NOTHING, "emitter": emitter}
+
+
+def _spot(export: Export, data: bpy.types.Light, intensity: np.ndarray, world: np.ndarray) -> Plugin:
+    """Sharp, as Mitsuba's has no size; Blender's soft edge is a texture that it throws."""
+    if data.shadow_soft_size > 0:
+        export.note(f'"{data.name}": the shadows of a spot are sharp')
+    half = min(data.spot_size / 2, WIDEST)
+    across = (np.arange(FALLOFF_PIXELS) + 0.5) / FALLOFF_PIXELS * 2 - 1
+    cosine = 1 / np.hypot(1, np.tan(half) * np.hypot(across[:, None], across))
+    inside = cosine - math.cos(data.spot_size / 2)
+    width = (1 - math.cos(data.spot_size / 2)) * data.spot_blend
+    t = np.clip(inside / width, 0, 1) if width > 0 else (inside > 0).astype(float)
+    degrees = math.degrees(half)
+    return {
+        "type": "spot", "to_world": matrix(_rigid(world) @ LOOKING), "intensity": rgb(intensity),
+        "cutoff_angle": degrees, "beam_width": 0.999 * degrees, "texture": write_gray(export, t * t * (3 - 2 * t)),
+    }  # fmt: skip
+
+
+def _area(export: Export, data: bpy.types.Light, power: np.ndarray, world: np.ndarray) -> Plugin:
+    if data.spread < math.pi - 0.01:
+        export.note(f'"{data.name}": an area light shines to all sides, whatever its spread')
+    width, height = data.size, data.size_y if data.shape in ("RECTANGLE", "ELLIPSE") else data.size
+    place = world @ np.diag([width / 2, height / 2, 1, 1])
+    across, along = (np.linalg.norm(place[:3, k]) for k in (0, 1))
+    is_round = data.shape in ("DISK", "ELLIPSE")
+    area = across * along * (math.pi if is_round else 4)
+    emitter = {"type": "area", "radiance": rgb(power / (math.pi * (area if getattr(data, "normalize", True) else 1)))}
+    shape = "disk" if is_round else "rectangle"
+    return {"type": shape, "to_world": matrix(place @ LOOKING), "bsdf": NOTHING, "emitter": emitter}
+
+
+def _sun(data: bpy.types.Light, irradiance: np.ndarray, world: np.ndarray, size: float) -> Plugin:
+    """A direction, or a far disk where it is wide enough for soft shadows."""
+    placed = _rigid(world) @ LOOKING
+    if data.angle < SHARP_SUN:
+        return {"type": "directional", "direction": placed[:3, 2].tolist(), "irradiance": rgb(irradiance)}
+    half, distance = data.angle / 2, FAR * size
+    placed[:3, 3] = -distance * placed[:3, 2]
+    disk = placed @ np.diag([distance * math.tan(half), distance * math.tan(half), 1, 1])
+    emitter = {"type": "area", "radiance": rgb(irradiance / (math.pi * math.sin(half) ** 2))}
+    return {"type": "disk", "to_world": matrix(disk), "bsdf": NOTHING, "emitter": emitter}
+
+
+def _rigid(world: np.ndarray) -> np.ndarray:
+    """Without its scale."""
+    found = world.copy()
+    found[:3, :3] /= np.maximum(np.linalg.norm(world[:3, :3], axis=0), 1e-12)
+    return found

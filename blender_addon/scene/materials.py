@@ -1,0 +1,159 @@
+"""Materials as BSDFs and emitters of Mitsuba: Principled BSDF and the plain shaders, mixed and added.
+
+What has no counterpart is drawn in the colour of the viewport, and a line says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import bpy
+
+from .bsdf import BLACK, SMOOTH, glass, two_sided
+from .export import Export, Plugin, rgb
+from .principled import principled
+from .sockets import Reader, active_tree, output_of
+
+
+@dataclass
+class Surface:
+    """A BSDF of both sides, what it emits, and how much of it covers (None: all)."""
+
+    bsdf: Plugin
+    radiance: Plugin | None = None
+    opacity: float | Plugin | None = None
+
+    def whole(self) -> Plugin:
+        """The BSDF with its opacity."""
+        return self.bsdf if self.opacity is None else {"type": "mask", "opacity": self.opacity, "bsdf": self.bsdf}
+
+
+def surface(export: Export, material: bpy.types.Material | None) -> Surface:
+    """What a material looks like."""
+    if material is None:
+        return Surface(two_sided({"type": "diffuse", "reflectance": rgb((0.8, 0.8, 0.8))}))
+    reader = Reader(export, material.name)
+    tree = active_tree(material)
+    if tree is None:
+        return _viewport(reader, material)
+    output = output_of(tree)
+    found = _shader(reader, material, output.inputs["Surface"]) if output else Surface(BLACK, None, 0.0)
+    if output and output.inputs["Displacement"].is_linked:
+        reader.note("its displacement is left out")
+    if output and output.inputs["Volume"].is_linked:
+        reader.note("its volume is left out")
+    return found
+
+
+def _shader(reader: Reader, material: bpy.types.Material, socket: bpy.types.NodeSocket) -> Surface:
+    source = reader.source(socket)
+    if source is None:
+        return Surface(BLACK)
+    node = source.node
+    if node.type in ("MIX_SHADER", "ADD_SHADER"):
+        first, second = (_shader(reader, material, socket) for socket in node.inputs[-2:])
+        return _mixed(reader, node, first, second) if node.type == "MIX_SHADER" else _added(reader, first, second)
+    if node.type not in SHADERS:
+        reader.note(f'the shader "{node.name}" has no counterpart in Mitsuba; drawn in the colour of the viewport')
+        return _viewport(reader, material)
+    return SHADERS[node.type](reader, node)
+
+
+def _viewport(reader: Reader, material: bpy.types.Material) -> Surface:
+    values = {"base_color": rgb(material.diffuse_color), "roughness": material.roughness}
+    return Surface(two_sided({"type": "principled", **values, "metallic": material.metallic}))
+
+
+def _principled(reader: Reader, node: bpy.types.Node) -> Surface:
+    bsdf, radiance, opacity = principled(reader, node)
+    return Surface(bsdf, radiance, opacity)
+
+
+def _diffuse(reader: Reader, node: bpy.types.Node) -> Surface:
+    return Surface(two_sided({"type": "diffuse", "reflectance": reader.color(node.inputs["Color"])}))
+
+
+def _glossy(reader: Reader, node: bpy.types.Node) -> Surface:
+    roughness = reader.constant(node.inputs["Roughness"])
+    color = {"material": "none", "specular_reflectance": reader.color(node.inputs["Color"])}
+    if roughness < SMOOTH:
+        return Surface(two_sided({"type": "conductor", **color}))
+    return Surface(two_sided({"type": "roughconductor", "distribution": "ggx", "alpha": roughness**2, **color}))
+
+
+def _glass(reader: Reader, node: bpy.types.Node) -> Surface:
+    color = reader.color(node.inputs["Color"])
+    tints = {"specular_transmittance": color}
+    if node.type == "BSDF_GLASS":
+        tints["specular_reflectance"] = color
+    return Surface(glass(reader.constant(node.inputs["Roughness"]), reader.constant(node.inputs["IOR"]), tints))
+
+
+def _translucent(reader: Reader, node: bpy.types.Node) -> Surface:
+    color = reader.color(node.inputs["Color"])
+    return Surface({"type": "principledthin", "base_color": color, "roughness": 1.0, "eta": 1.001, "diff_trans": 2.0})
+
+
+def _transparent(reader: Reader, node: bpy.types.Node) -> Surface:
+    color = node.inputs["Color"].default_value[:3]
+    return Surface(BLACK, None, 1 - min(max(sum(color) / 3, 0.0), 1.0))
+
+
+def _emission(reader: Reader, node: bpy.types.Node) -> Surface:
+    strength = reader.constant(node.inputs["Strength"])
+    return Surface(BLACK, reader.color(node.inputs["Color"], strength))
+
+
+def _mixed(reader: Reader, node: bpy.types.Node, first: Surface, second: Surface) -> Surface:
+    """``Fac`` is the share of the second; what is transparent becomes the opacity of the other."""
+    share = reader.number(node.inputs[0])
+    if first.opacity == 0 and second.opacity is None:
+        return replace(second, opacity=share)
+    if isinstance(share, dict):
+        if first.radiance or second.radiance:
+            reader.note("light of a mixture by a texture is left out")
+        return Surface({"type": "blendbsdf", "weight": share, "a": first.whole(), "b": second.whole()})
+    if second.opacity == 0 and first.opacity is None:
+        return replace(first, opacity=1 - share)
+    if share in (0.0, 1.0):
+        return second if share else first
+    lights = [scaled(light, part) for light, part in ((first.radiance, 1 - share), (second.radiance, share)) if light]
+    blend = {"type": "blendbsdf", "weight": share, "a": first.whole(), "b": second.whole()}
+    return Surface(blend, _sum(reader, lights))
+
+
+def _added(reader: Reader, first: Surface, second: Surface) -> Surface:
+    """Mitsuba adds no BSDFs: of two that are not black the first is kept."""
+    if first.bsdf is not BLACK and second.bsdf is not BLACK:
+        reader.note("of two shaders that are added the first is kept")
+    kept = first if first.bsdf is not BLACK else second
+    return replace(kept, radiance=_sum(reader, [s.radiance for s in (first, second) if s.radiance]))
+
+
+def scaled(light: Plugin, factor: float) -> Plugin | None:
+    """A colour times a number; a texture is not scaled."""
+    return rgb([c * factor for c in light["value"]]) if light["type"] == "rgb" else light
+
+
+def _sum(reader: Reader, lights: list[Any]) -> Plugin | None:
+    if len(lights) < 2:
+        return lights[0] if lights else None
+    if any(light["type"] != "rgb" for light in lights):
+        reader.note("of two lights the first is kept")
+        return lights[0]
+    return rgb([sum(parts) for parts in zip(*(light["value"] for light in lights), strict=True)])
+
+
+SHADERS: dict[str, Callable[[Reader, Any], Surface]] = {
+    "BSDF_PRINCIPLED": _principled,
+    "BSDF_DIFFUSE": _diffuse,
+    "BSDF_GLOSSY": _glossy,
+    "BSDF_ANISOTROPIC": _glossy,
+    "BSDF_GLASS": _glass,
+    "BSDF_REFRACTION": _glass,
+    "BSDF_TRANSLUCENT": _translucent,
+    "BSDF_TRANSPARENT": _transparent,
+    "EMISSION": _emission,
+}

@@ -1,0 +1,88 @@
+"""Blender's Principled BSDF as Mitsuba's, which is Disney's; what transmits everything is a dielectric."""
+
+from __future__ import annotations
+
+import math
+
+import bpy
+import numpy as np
+
+from .bsdf import glass, two_sided
+from .export import Plugin, rgb
+from .sockets import Reader
+
+TRANSPARENT = 0.999  # transmission from which on the rest is not worth a lobe
+LEFT_OUT = ("Subsurface Weight", "Thin Film Thickness", "Anisotropic")
+
+
+def principled(reader: Reader, node: bpy.types.Node) -> tuple[Plugin, Plugin | None, float | Plugin | None]:
+    """(BSDF, radiance that it emits, opacity); the latter two are None where they do nothing."""
+    inputs = node.inputs
+    for name in LEFT_OUT:
+        if name in inputs and (inputs[name].is_linked or inputs[name].default_value > 0):
+            reader.note(f'"{name}" is left out')
+    base, transmission = reader.color(inputs["Base Color"]), reader.number(inputs["Transmission Weight"])
+    metallic, roughness = reader.number(inputs["Metallic"]), reader.number(inputs["Roughness"])
+    ior = reader.constant(inputs["IOR"])
+    if isinstance(transmission, float) and transmission > TRANSPARENT and metallic == 0:
+        rough = roughness if isinstance(roughness, float) else reader.constant(inputs["Roughness"])
+        bsdf = glass(rough, ior, {"specular_transmittance": _root(reader, base)})
+    else:
+        values = {"base_color": base, "metallic": metallic, "roughness": roughness, **_coatings(reader, node)}
+        if transmission == 0:
+            eta = eta_of(ior, reader.constant(inputs["Specular IOR Level"]))
+            bsdf = two_sided(_bent(reader, node, {"type": "principled", "eta": eta, **values}))
+        else:
+            values |= {"eta": max(ior, 1.001), "spec_trans": transmission}
+            bsdf = _bent(reader, node, {"type": "principled", **values})
+    alpha = reader.number(inputs["Alpha"])
+    return bsdf, _radiance(reader, node), None if alpha == 1 else alpha
+
+
+def eta_of(ior: float, level: float) -> float:
+    """The index of refraction whose mirror image is 2 ``level`` times as strong as that of ``ior``."""
+    reflectance = min(2 * level * ((ior - 1) / (ior + 1)) ** 2, 0.9)
+    return max((1 + math.sqrt(reflectance)) / (1 - math.sqrt(reflectance)), 1.001)
+
+
+def _coatings(reader: Reader, node: bpy.types.Node) -> Plugin:
+    """Sheen and coat, where there are any; Disney's coat is a quarter as strong as Blender's of weight one."""
+    found: Plugin = {}
+    if sheen := reader.constant(node.inputs["Sheen Weight"]):
+        found |= {"sheen": min(sheen, 1.0)}
+    if coat := reader.constant(node.inputs["Coat Weight"]):
+        roughness = reader.constant(node.inputs["Coat Roughness"])
+        found |= {"clearcoat": min(coat, 1.0), "clearcoat_gloss": 1 - min(roughness, 1.0)}
+    return found
+
+
+def _root(reader: Reader, base: Plugin) -> Plugin:
+    """Light passes two interfaces, and the colour is that of both."""
+    if base["type"] != "rgb":
+        reader.note("the texture colours what is seen through it at each of its two surfaces")
+        return base
+    return rgb(np.sqrt(np.maximum(base["value"], 0)))
+
+
+def _bent(reader: Reader, node: bpy.types.Node, bsdf: Plugin) -> Plugin:
+    """With the normal map of the node."""
+    source = reader.source(node.inputs["Normal"])
+    if source is None:
+        return bsdf
+    normal = source.node
+    if normal.type != "NORMAL_MAP" or normal.space != "TANGENT":
+        reader.note(f'the node "{normal.name}" does not bend normals in Mitsuba')
+        return bsdf
+    if normal.inputs["Strength"].is_linked or normal.inputs["Strength"].default_value != 1:
+        reader.note("its normal map has the strength 1")
+    image = reader.source(normal.inputs["Color"])
+    texture = reader.texture(image) if image is not None else None
+    return {"type": "normalmap", "normalmap": texture | {"raw": True}, "bsdf": bsdf} if texture else bsdf
+
+
+def _radiance(reader: Reader, node: bpy.types.Node) -> Plugin | None:
+    strength = reader.constant(node.inputs["Emission Strength"])
+    if strength == 0:
+        return None
+    color = reader.color(node.inputs["Emission Color"], strength)
+    return None if color["type"] == "rgb" and not any(color["value"]) else color

@@ -1,0 +1,57 @@
+"""The camera of a scene as a sensor: lens shift, sensor fit, clipping, depth of field."""
+
+from __future__ import annotations
+
+import math
+
+import bpy
+import numpy as np
+
+from ..cameras.camera import Camera
+from .export import Plugin, matrix
+
+STDDEV_OF_WIDTH = 0.14  # of the Blackman-Harris filter that Blender's engines have
+SHARP = 0.05  # pixels of a filter that is none
+MITSUBA_FROM_OPENCV = np.diag([-1.0, -1.0, 1.0, 1.0])  # both look along z; x and y are turned
+
+
+def sensor(scene: bpy.types.Scene, obj: bpy.types.Object, camera: Camera) -> Plugin:
+    """Of an evaluated camera object with these numbers, whose pixels are square."""
+    data = obj.data
+    width, height = camera.width, camera.height
+    to_world = np.linalg.inv(camera.w2c) @ MITSUBA_FROM_OPENCV
+    radius = _lens_radius(data)
+    film: Plugin = {"type": "hdrfilm", "pixel_format": "rgba", "component_format": "float32"}
+    blur = STDDEV_OF_WIDTH * scene.render.filter_size
+    film["rfilter"] = {"type": "gaussian", "stddev": blur} if blur > SHARP else {"type": "box"}
+    common = {"near_clip": data.clip_start, "far_clip": data.clip_end, "to_world": matrix(to_world), "film": film}
+    if radius == 0:
+        film |= {"width": width, "height": height}
+        shift = {"principal_point_offset_x": 0.5 - camera.cx / width}
+        shift["principal_point_offset_y"] = 0.5 - camera.cy / height
+        return {"type": "perspective", "fov_axis": "x", "fov": _degrees(width, camera.fx), **shift, **common}
+    # A lens of Mitsuba has its axis in the middle of the film: the picture is a window of a larger one.
+    left, top = round(2 * camera.cx - width), round(2 * camera.cy - height)
+    film |= {"width": width + abs(left), "height": height + abs(top), "crop_width": width, "crop_height": height}
+    film |= {"crop_offset_x": max(-left, 0), "crop_offset_y": max(-top, 0)}
+    lens = {"aperture_radius": radius, "focus_distance": _focus(obj)}
+    return {"type": "thinlens", "fov_axis": "x", "fov": _degrees(width + abs(left), camera.fx), **lens, **common}
+
+
+def _degrees(pixels: int, focal: float) -> float:
+    return math.degrees(2 * math.atan(pixels / (2 * focal)))
+
+
+def _lens_radius(data: bpy.types.Camera) -> float:
+    """0: a pinhole. The focal length is in millimetres, units of the scene are metres."""
+    return data.lens / 1000 / (2 * data.dof.aperture_fstop) if data.dof.use_dof else 0.0
+
+
+def _focus(obj: bpy.types.Object) -> float:
+    """Along the axis, to the object in focus where there is one."""
+    target = obj.data.dof.focus_object
+    if target is None:
+        return max(obj.data.dof.focus_distance, 1e-4)
+    offset = np.array(target.matrix_world.translation) - np.array(obj.matrix_world.translation)
+    axis = -np.array(obj.matrix_world.normalized())[:3, 2]
+    return max(float(offset @ axis), 1e-4)

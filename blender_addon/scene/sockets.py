@@ -1,0 +1,126 @@
+"""What flows into a socket of a node: a number, a colour, or an image by texture coordinates."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+import numpy as np
+
+from .export import Export, Plugin, rgb
+from .images import bitmap
+
+WRAPPING = {"REPEAT": "repeat", "EXTEND": "clamp", "MIRROR": "mirror"}
+
+
+@dataclass
+class Reader:
+    """Reads the sockets of one material, whose name is in what it has to say."""
+
+    export: Export
+    owner: str
+
+    def note(self, line: str) -> None:
+        """Say once what is drawn differently."""
+        self.export.note(f'"{self.owner}": {line}')
+
+    def color(self, socket: bpy.types.NodeSocket, factor: float = 1.0) -> Plugin:
+        """A colour or a texture, multiplied."""
+        source = self.source(socket)
+        if source is None:
+            return rgb(np.multiply(socket.default_value[:3], factor))
+        constant = _constant(source.node)
+        if constant is not None:
+            return rgb(np.multiply(constant if isinstance(constant, tuple) else (constant,) * 3, factor))
+        texture = self.texture(source, factor)
+        if texture is None:
+            return rgb(np.multiply(self._fallback(socket), factor))
+        return texture
+
+    def number(self, socket: bpy.types.NodeSocket) -> float | Plugin:
+        """A number or a texture."""
+        source = self.source(socket)
+        if source is None:
+            return float(socket.default_value)
+        constant = _constant(source.node)
+        if constant is not None:
+            return float(np.mean(constant))
+        texture = self.texture(source)
+        return float(socket.default_value) if texture is None else texture
+
+    def constant(self, socket: bpy.types.NodeSocket) -> float:
+        """A number, where Mitsuba takes no texture."""
+        value = self.number(socket)
+        if isinstance(value, float):
+            return value
+        self.note(f'the texture of "{socket.name}" is left out')
+        return float(socket.default_value)
+
+    def source(self, socket: bpy.types.NodeSocket) -> Any:
+        """The socket that a link begins at, past reroutes; None where there is no link."""
+        while socket.is_linked and not socket.links[0].is_muted:
+            start = socket.links[0].from_socket
+            if start.node.type != "REROUTE":
+                return start
+            socket = start.node.inputs[0]
+        return None
+
+    def texture(self, source: Any, factor: float = 1.0) -> Plugin | None:
+        """An image by the texture coordinates of the mesh; None, with a note, for what is none."""
+        node = source.node
+        if node.type != "TEX_IMAGE" or node.image is None:
+            self.note(f'the node "{node.name}" has no counterpart in Mitsuba; its socket keeps its own value')
+            return None
+        texture = bitmap(self.export, node.image, source.name, factor)
+        if texture is None:
+            return None
+        if node.extension not in WRAPPING:
+            self.note(f'the image of "{node.name}" is repeated at its edges, not cut off')
+        texture["wrap_mode"] = WRAPPING.get(node.extension, "repeat")
+        texture["filter_type"] = "nearest" if node.interpolation == "Closest" else "bilinear"
+        placing = self._placing(node)
+        return texture | ({"to_uv": {"matrix": placing.tolist()}} if placing is not None else {})
+
+    def _placing(self, node: bpy.types.Node) -> np.ndarray | None:
+        """[3, 3] of texture coordinates, where a node Mapping changes them."""
+        source = self.source(node.inputs["Vector"])
+        found = None
+        if source is not None and source.node.type == "MAPPING" and source.node.vector_type == "POINT":
+            mapping = source.node
+            location, rotation, scale = (self._vector(mapping.inputs[k]) for k in ("Location", "Rotation", "Scale"))
+            sin, cos = np.sin(rotation[2]), np.cos(rotation[2])
+            found = np.array([[cos * scale[0], -sin * scale[1], location[0]],
+                              [sin * scale[0], cos * scale[1], location[1]], [0, 0, 1]])  # fmt: skip
+            source = self.source(mapping.inputs["Vector"])
+        if source is not None and not (source.node.type == "UVMAP" or source.name == "UV"):
+            self.note(f'"{node.name}" takes the texture coordinates of the mesh, instead of "{source.node.name}"')
+        return found
+
+    def _vector(self, socket: bpy.types.NodeSocket) -> np.ndarray:
+        if self.source(socket) is not None:
+            self.note(f'what "{socket.name}" of a mapping is linked to is left out')
+        return np.array(socket.default_value[:], np.float64)
+
+    def _fallback(self, socket: bpy.types.NodeSocket) -> np.ndarray:
+        return np.array(socket.default_value[:3])
+
+
+def _constant(node: bpy.types.Node) -> float | tuple[float, ...] | None:
+    if node.type == "RGB":
+        return tuple(node.outputs[0].default_value[:3])
+    return float(node.outputs[0].default_value) if node.type == "VALUE" else None
+
+
+def active_tree(owner: Any) -> bpy.types.NodeTree | None:
+    """The nodes of a material, world or light, where they are in use; in newer Blenders they always are."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of what is always true there
+        return owner.node_tree if owner.node_tree and getattr(owner, "use_nodes", True) else None
+
+
+def output_of(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
+    """Its active output, for all engines or for Cycles."""
+    outputs = [node for node in tree.nodes if node.type.startswith("OUTPUT_")]
+    return next((node for node in outputs if node.is_active_output), outputs[0] if outputs else None)

@@ -1,0 +1,69 @@
+"""The world as an emitter: a colour, or an equirectangular picture with its rotation and strength."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from .export import Export, Plugin, matrix, rgb
+from .images import environment
+from .sockets import Reader, active_tree, output_of
+
+# A direction in the coordinates of the picture, as Blender looks it up, in those of Mitsuba's envmap
+ENVMAP_FROM_BLENDER = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
+
+
+def world_light(export: Export, world: bpy.types.World | None) -> Plugin | None:
+    """None where it is black."""
+    if world is None:
+        return None
+    tree, reader = active_tree(world), Reader(export, world.name)
+    if tree is None:
+        return _constant(world.color)
+    output = output_of(tree)
+    source = reader.source(output.inputs["Surface"]) if output else None
+    if source is None:
+        return None
+    if source.node.type != "BACKGROUND":
+        reader.note(f'the node "{source.node.name}" has no counterpart in Mitsuba; the world has its viewport colour')
+        return _constant(world.color)
+    color, strength = source.node.inputs["Color"], reader.constant(source.node.inputs["Strength"])
+    picture = reader.source(color)
+    if picture is not None and picture.node.type == "TEX_ENVIRONMENT" and picture.node.image is not None:
+        return _picture(reader, picture.node, strength)
+    found = reader.color(color, strength)
+    return _constant(found["value"]) if found["type"] == "rgb" else None
+
+
+def is_plain(world: bpy.types.World | None) -> bool:
+    """Whether it is one colour everywhere."""
+    tree = active_tree(world) if world else None
+    return tree is None or not any(node.type.startswith("TEX_") for node in tree.nodes)
+
+
+def _picture(reader: Reader, node: bpy.types.Node, strength: float) -> Plugin | None:
+    if node.projection != "EQUIRECTANGULAR":
+        reader.note("the picture of the world is taken as equirectangular")
+    name = environment(reader.export, node.image)
+    if name is None:
+        return None
+    to_world = np.eye(4)
+    to_world[:3, :3] = (ENVMAP_FROM_BLENDER @ _rotation(reader, node)).T
+    return {"type": "envmap", "filename": name, "scale": strength, "to_world": matrix(to_world)}
+
+
+def _rotation(reader: Reader, node: bpy.types.Node) -> np.ndarray:
+    """[3, 3] from directions to those in which the picture is looked up."""
+    source = reader.source(node.inputs["Vector"])
+    if source is None or source.node.type != "MAPPING":
+        return np.eye(3)
+    mapping = source.node
+    if mapping.vector_type not in ("POINT", "VECTOR", "TEXTURE"):
+        reader.note(f'the mapping "{mapping.name}" is left out')
+        return np.eye(3)
+    found = np.array(mapping.inputs["Rotation"].default_value.to_matrix(), np.float64)
+    return found.T if mapping.vector_type == "TEXTURE" else found
+
+
+def _constant(color) -> Plugin | None:
+    return {"type": "constant", "radiance": rgb(color)} if any(color[:3]) else None

@@ -1,0 +1,178 @@
+"""A scene as Blender has evaluated it, without its splats, as one JSON file and the files that it names."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..cameras.camera import Camera
+from ..objects.attributes import is_splats
+from .export import Export, Plugin, matrix
+from .lights import light
+from .materials import Surface, surface
+from .meshes import Part, parts
+from .sensor import sensor
+from .world import is_plain, world_light
+
+WITH_FACES = ("MESH", "CURVE", "SURFACE", "META", "FONT")
+Kind = tuple[int, tuple[str, ...]]  # geometry and materials: what is the same is stored once
+LAMP = "light_"  # begins the id of a lamp
+WITHOUT = ("VOLUME", "POINTCLOUD", "CURVES", "GREASEPENCIL", "GPENCIL")
+
+
+@dataclass
+class Placed:
+    """A body of the scene: what is repeated has one list of parts, which several share."""
+
+    name: str
+    key: int  # of its geometry
+    world: np.ndarray  # [4, 4]
+    materials: list[bpy.types.Material | None]
+
+
+@dataclass
+class Gathered:
+    """All of a scene that is neither splats nor camera."""
+
+    bodies: list[Placed] = field(default_factory=list)
+    geometry: dict[int, list[Part]] = field(default_factory=dict)
+    lights: list[tuple[bpy.types.Object, np.ndarray]] = field(default_factory=list)
+
+
+def has_surroundings(depsgraph: bpy.types.Depsgraph) -> bool:
+    """Whether a scene has more than splats over a world of one colour; a lamp lights no splats."""
+    return not is_plain(depsgraph.scene.world) or any(
+        instance.object.type in WITH_FACES and not _is_of_splats(instance) for instance in depsgraph.object_instances
+    )
+
+
+@dataclass
+class Written:
+    """names: of the objects, by their numbers. hide_lamps: no camera sees lamps, and nothing else that shines would be
+    hidden with them. files: in the folder of the scene."""
+
+    names: list[str]
+    hide_lamps: bool
+    files: set[str]
+    notes: list[str]
+
+
+def write_scene(depsgraph: bpy.types.Depsgraph, camera: Camera, path: Path, first: int) -> Written:
+    """Write a scene, whose objects have numbers from ``first`` on, and beside it the files that it names.
+
+    What is drawn differently, or not at all, is said in the notes, a line each.
+    """
+    export, scene = Export(path.parent), depsgraph.scene
+    found = _gather(export, depsgraph)
+    names = list(dict.fromkeys(body.name for body in found.bodies))
+    described: Plugin = {"sensor": sensor(scene, scene.camera.evaluated_get(depsgraph), camera)}
+    looks = _materials(export, found)
+    described |= {name: look.whole() for name, look in looks.items()}
+    described |= _bodies(export, found, looks, {name: first + k for k, name in enumerate(names)})
+    size = _radius(found, camera)
+    for number, (obj, world) in enumerate(found.lights):
+        if emitter := light(export, obj, world, size):
+            described[f"{LAMP}{number}"] = emitter
+    if emitter := world_light(export, scene.world):
+        described["world"] = emitter
+    path.write_text(json.dumps(described), encoding="utf-8")
+    are_shapes = any("emitter" in plugin for name, plugin in described.items() if name.startswith(LAMP))
+    shines = any(look.radiance for look in looks.values())
+    return Written(names, are_shapes and not shines, export.files, export.notes)
+
+
+def _is_of_splats(instance: bpy.types.DepsgraphObjectInstance) -> bool:
+    """Whether it is splats, or what their nodes draw them with."""
+    parent = instance.parent
+    return is_splats(instance.object.original) or bool(parent and is_splats(parent.original))
+
+
+def _gather(export: Export, depsgraph: bpy.types.Depsgraph) -> Gathered:
+    found = Gathered()
+    for instance in depsgraph.object_instances:
+        obj = instance.object
+        if not instance.show_self or _is_of_splats(instance):
+            continue
+        world = np.array(instance.matrix_world, np.float64)
+        if obj.type == "LIGHT":
+            found.lights.append((obj.original.evaluated_get(depsgraph), world))
+        elif obj.type in WITH_FACES:
+            key = obj.data.as_pointer()
+            if key not in found.geometry:
+                found.geometry[key] = parts(obj)
+            materials = [slot.material for slot in obj.material_slots]
+            found.bodies.append(Placed(obj.original.name, key, world, materials))
+        elif obj.type in WITHOUT:
+            export.note(f'"{obj.original.name}": a {obj.type.lower()} is left out')
+    return found
+
+
+def _material_of(body: Placed, part: Part) -> bpy.types.Material | None:
+    return body.materials[min(part.slot, len(body.materials) - 1)] if body.materials else None
+
+
+def _material_id(material: bpy.types.Material | None) -> str:
+    return f"material_{material.as_pointer():x}" if material else "material_none"
+
+
+def _materials(export: Export, found: Gathered) -> dict[str, Surface]:
+    """Each once, by its id."""
+    used = [_material_of(body, part) for body in found.bodies for part in found.geometry[body.key]]
+    surfaces: dict[str, Surface] = {}
+    for material in used:
+        if (name := _material_id(material)) not in surfaces:
+            surfaces[name] = surface(export, material)
+    return surfaces
+
+
+def _bodies(export: Export, found: Gathered, looks: dict[str, Surface], numbers: dict[str, int]) -> dict[str, Any]:
+    """Shapes; geometry that is there several times is stored once, unless it shines, which Mitsuba does not repeat."""
+    kinds = [_kind(body, found.geometry[body.key]) for body in found.bodies]
+    times = Counter(kinds)
+    groups: dict[Kind, str] = {}
+    shapes: dict[str, Any] = {}
+    for k, (body, kind) in enumerate(zip(found.bodies, kinds, strict=True)):
+        own = list(zip(found.geometry[body.key], kind[1], strict=True))
+        name = f"object_{numbers[body.name]}_{k}"
+        if times[kind] > 1 and not any(looks[material].radiance for material in kind[1]):
+            if kind not in groups:
+                groups[kind] = f"group_{len(groups)}"
+                members = {f"part_{i}": _mesh(export, part, name, looks) for i, (part, name) in enumerate(own)}
+                shapes[groups[kind]] = {"type": "shapegroup", **members}
+            group = {"type": "ref", "id": groups[kind]}
+            shapes[name] = {"type": "instance", "to_world": matrix(body.world), "group": group}
+            continue
+        for i, (part, material) in enumerate(own):
+            placed = part.moved(body.world)
+            shapes[f"{name}_{i}"] = _mesh(export, placed, material, looks)
+            if looks[material].radiance and len((back := placed.back()).positions):
+                shapes[f"{name}_{i}_back"] = _mesh(export, back, material, looks)
+    return shapes
+
+
+def _kind(body: Placed, own: list[Part]) -> Kind:
+    return body.key, tuple(_material_id(_material_of(body, part)) for part in own)
+
+
+def _mesh(export: Export, part: Part, material: str, looks: dict[str, Surface]) -> Plugin:
+    shape: Plugin = {"type": "ply", "filename": part.write(export), "bsdf": {"type": "ref", "id": material}}
+    if light := looks[material].radiance:
+        shape["emitter"] = {"type": "area", "radiance": light}
+    return shape
+
+
+def _radius(found: Gathered, camera: Camera) -> float:
+    """Of a sphere around the bodies and the camera."""
+    corners = [np.linalg.inv(camera.w2c)[:3, 3]]
+    for body in found.bodies:
+        for part in found.geometry[body.key]:
+            points = part.positions.reshape(-1, 3)
+            box = np.stack([points.min(0), points.max(0)])
+            corners += list(box @ body.world[:3, :3].T + body.world[:3, 3])
+    return max(float(np.linalg.norm(np.ptp(corners, axis=0))) / 2, 1.0)

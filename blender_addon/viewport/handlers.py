@@ -1,0 +1,109 @@
+"""Where Blender calls the watcher: at each drawing of a viewport, by a timer, after undo, and with files."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import bpy
+import gpu
+from bpy.app.handlers import persistent
+from bpy.props import BoolProperty, EnumProperty, IntProperty
+
+from .view import view_of
+from .watcher import INTERVAL, Shown, Watcher
+
+SOFTWARE = ("llvmpipe", "softpipe", "swr", "swiftshader", "basic render driver")
+WAYS = (
+    ("AUTOMATIC", "Automatic", "Points where a processor draws, else the most important splats"),
+    ("POINTS", "Points", "The most important splats as points, in coarse pixels: for processors"),
+    ("SHARE", "Most Important", "The most important splats, as they are shown"),
+    ("ALL", "All", "All splats"),
+)
+PROPERTIES = {
+    "dogsplat_moving": EnumProperty(
+        name="While Moving", items=WAYS, default="AUTOMATIC", description="What a viewport shows that moves"
+    ),
+    "dogsplat_moving_count": IntProperty(
+        name="Splats While Moving",
+        default=20_000,
+        min=1,
+        description="A viewport that moves shows so many splats, the most important ones",
+    ),
+    "dogsplat_follow_view": BoolProperty(
+        name="Follow View",
+        default=False,
+        description="Make colours, and the quads of Automatic, for the viewport that moved last instead of the "
+        "camera; renders stay with the camera",
+        update=lambda scene, context: WATCHER.show(scene, Shown()),
+    ),
+}
+WATCHER = Watcher()
+_DRAWING: list[Any] = []
+
+
+def while_moving(scene: bpy.types.Scene, renderer: str) -> Shown:
+    """What a scene shows while a viewport moves that ``renderer`` draws (as OpenGL names it)."""
+    way = scene.dogsplat_moving
+    if way == "AUTOMATIC":
+        way = "POINTS" if any(name in renderer.lower() for name in SOFTWARE) else "SHARE"
+    return Shown() if way == "ALL" else Shown(scene.dogsplat_moving_count, way == "POINTS")
+
+
+def _drawn() -> None:
+    """A viewport is drawn."""
+    context = bpy.context
+    scene, space, region = context.scene, context.region_data, context.region
+    if space is None or (scene.dogsplat_moving == "ALL" and not scene.dogsplat_follow_view):
+        return
+    if WATCHER.see(view_of(space, region.width, region.height), time.monotonic()) and not _ticking():
+        bpy.app.timers.register(_tick, first_interval=INTERVAL)
+
+
+def _ticking() -> bool:
+    return bpy.app.timers.is_registered(_tick)
+
+
+def _tick() -> float | None:
+    scene = bpy.context.scene
+    return WATCHER.tick(scene, time.monotonic(), while_moving(scene, gpu.platform.renderer_get()))
+
+
+@persistent
+def settle(*_: Any) -> None:
+    """No file is saved, and none comes back, with splats left out."""
+    for scene in bpy.data.scenes:
+        WATCHER.show(scene, Shown())
+
+
+@persistent
+def loaded(*_: Any) -> None:
+    """Another file: what it was left with is its own."""
+    WATCHER.forget()
+    settle()
+
+
+def _hooks() -> tuple[tuple[Any, Any], ...]:
+    handlers = bpy.app.handlers
+    changing = handlers.save_pre, handlers.undo_post, handlers.redo_post
+    return (handlers.load_post, loaded), *((hook, settle) for hook in changing)
+
+
+def register() -> None:
+    """Settings of scenes, the handlers, and the callback of viewports."""
+    for name, kind in PROPERTIES.items():
+        setattr(bpy.types.Scene, name, kind)
+    for hook, function in _hooks():
+        hook.append(function)
+    _DRAWING.append(bpy.types.SpaceView3D.draw_handler_add(_drawn, (), "WINDOW", "PRE_VIEW"))
+
+
+def unregister() -> None:
+    """The same backwards."""
+    bpy.types.SpaceView3D.draw_handler_remove(_DRAWING.pop(), "WINDOW")
+    if _ticking():
+        bpy.app.timers.unregister(_tick)
+    for hook, function in _hooks():
+        hook.remove(function)
+    for name in PROPERTIES:
+        delattr(bpy.types.Scene, name)

@@ -1,0 +1,98 @@
+"""Tells moving viewports from resting ones, and the models what to show in each.
+
+A viewport that is drawn tells its view. Nothing may be changed while drawing, so a timer does it: as long as views
+come that differ, models show a share of their splats; a little after the last one they show all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+import bpy
+
+from ..nodes.modifier import get_input, has_input, set_input, splat_modifier
+from ..objects.attributes import is_splats
+from .view import View, view_inputs
+
+REST = 0.25  # seconds without another view
+TICKS = 3  # of the timer without another view: a drawing may take longer than REST
+INTERVAL = 0.03  # of the timer
+COARSE = "4"  # pixels of the window to a drawn one, along each axis
+
+
+class Shown(NamedTuple):
+    """What viewports show: so many splats (0: all), as points and in coarse pixels where drawing is slow."""
+
+    count: int = 0
+    points: bool = False
+
+
+class Watcher:
+    """The state of the viewport that moved last."""
+
+    def __init__(self) -> None:
+        self.view: View | None = None
+        self.changed = float("-inf")
+        self.ticks = TICKS
+        self._pixels: tuple[str, str] | None = None  # name of the scene that is coarse, and its own setting
+
+    def see(self, view: View, now: float) -> bool:
+        """Note the view that is drawn; whether it is another one, so that the timer is needed."""
+        if view == self.view:
+            return False
+        self.view, self.changed, self.ticks = view, now, 0
+        return True
+
+    def tick(self, scene: bpy.types.Scene, now: float, while_moving: Shown) -> float | None:
+        """Bring the models of a scene up to date; seconds until the next time, None at rest."""
+        self.ticks += 1
+        moving = now - self.changed < REST or self.ticks < TICKS
+        self.show(scene, while_moving if moving else Shown())
+        return INTERVAL if moving else None
+
+    def show(self, scene: bpy.types.Scene, shown: Shown) -> None:
+        """Let a scene show that, made for the view where it follows it, else for the camera."""
+        if not shown.points and self._pixels is not None:
+            name, own = self._pixels
+            self._pixels = None
+            if (coarse := bpy.data.scenes.get(name)) is not None:
+                coarse.render.preview_pixel_size = own
+        elif shown.points and self._pixels is None:
+            self._pixels = scene.name, scene.render.preview_pixel_size
+            scene.render.preview_pixel_size = COARSE
+        show_models(scene, shown, self.view if scene.dogsplat_follow_view else None)
+
+    def forget(self) -> None:
+        """Another file was read: its viewports have not been drawn yet, and its settings are its own."""
+        self.view, self._pixels = None, None
+
+
+def show_models(scene: bpy.types.Scene, shown: Shown, view: View | None) -> None:
+    """Let the models of a scene show their most important splats, made for a view or the camera."""
+    models = list(drawn_models(scene))
+    total = sum(len(obj.data.vertices) for obj, _ in models)
+    share = min(1.0, shown.count / total) if shown.count and total else 1.0
+    for obj, modifier in models:
+        inputs = {"Moving Share": share, "Moving Points": shown.points}
+        inputs |= view_inputs(view, obj) if view is not None else {"View": False}
+        changed = [name for name, value in inputs.items() if not _same(get_input(modifier, name), value)]
+        for name in changed:
+            set_input(modifier, name, inputs[name])
+        if changed:
+            obj.update_tag()
+
+
+def drawn_models(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, bpy.types.Modifier]]:
+    """Models of this file that a viewport can show, with the modifiers that draw them."""
+    for obj in scene.objects:
+        if is_splats(obj) and obj.library is None and not obj.hide_viewport:
+            modifier = splat_modifier(obj)
+            if modifier is not None and has_input(modifier, "View"):  # trees of older versions have none
+                yield obj, modifier
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(b, Iterable):
+        return all(abs(x - y) <= 1e-6 * max(1.0, abs(y)) for x, y in zip(a, b, strict=True))
+    return abs(a - b) <= 1e-6

@@ -1,0 +1,74 @@
+"""The command ``dogsplat serve``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TextIO
+
+from ...support.errors import DataError
+from ...support.variants import set_variant
+
+SUMMARY = "pictures for another program, such as Blender, from one process"
+EXAMPLES = """
+Examples:
+  dogsplat serve requests.jsonl       a picture for each line of the file
+  dogsplat serve --idle 600           for each line of standard input, until none has come for ten minutes
+
+A line is a request, {"out": "frame.npz", "model": "model.ply", "camera": {...}} or {"out": "frame.npz",
+"scene": "scene.json", "samples": 64}; what else may be in it, and the lines that come back, is in
+docs/blender.md. It ends with its input.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Give its parser what it is called with."""
+    parser.add_argument("requests", type=Path, nargs="?", metavar="FILE", help="default: standard input")
+    parser.add_argument("--variant", default="auto", help="Mitsuba variant (default: %(default)s)")
+    parser.add_argument(
+        "--idle", type=float, metavar="SECONDS", help="end when no request has come for so long (default: never)"
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    """Answer requests for pictures, one line of JSON each, on standard output."""
+    set_variant(args.variant)
+    from ...requests.serve import lines_until_idle, serve
+
+    with _answers() as answers, _input(args.requests) as lines:
+
+        def tell(said: dict) -> None:
+            print(json.dumps(said), file=answers, flush=True)
+
+        serve(lines_until_idle(lines, args.idle) if args.idle else lines, tell)
+
+
+@contextmanager
+def _answers() -> Iterator[TextIO]:
+    """Standard output for answers alone: what Mitsuba prints goes to standard error meanwhile."""
+    sys.stdout.flush()
+    with os.fdopen(os.dup(1), "w", encoding="utf-8") as answers:
+        os.dup2(2, 1)
+        try:
+            yield answers
+        finally:
+            answers.flush()
+            os.dup2(answers.fileno(), 1)
+
+
+@contextmanager
+def _input(path: Path | None) -> Iterator[TextIO]:
+    if path is None:
+        yield sys.stdin
+        return
+    try:
+        file = path.open(encoding="utf-8")
+    except OSError as error:
+        raise DataError(path, f"cannot be read ({error.strerror})", "give requests, a line of JSON each") from error
+    with file:
+        yield file

@@ -1,0 +1,129 @@
+"""Integrator plugin ``dogpath``: path tracing among ``dog`` shapes and others."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ..engine.rasterize import Frame
+from ..tracing.options import TraceOptions
+from ..tracing.tracer import SplatTracer
+from .drawn import Drawn
+from .light_paths import LightPaths, Limits, Replay
+from .replayed import radiance
+from .splat_integrator import SplatIntegrator, dog_shapes
+from .surfaces import Surfaces
+from .transfer import emitted
+
+SURE = 0.1  # share of a pixel from which on its path is traced for sure; what less is seen of is traced less often
+
+
+class LatestTracer:
+    """The tracer of the latest parameters, which all passes of a render share.
+
+    They are compared by the identity of their JIT variables, which are immutable and kept alive here.
+    """
+
+    def __init__(self) -> None:
+        self._key: tuple = ()
+        self._params: dict = {}
+        self._tracer: SplatTracer | None = None
+
+    def of(self, params: dict, options: TraceOptions) -> SplatTracer:
+        key = (options, *((name, value.index) for name, value in params.items()))
+        if self._tracer is None or key != self._key:
+            self._key, self._params, self._tracer = key, params, SplatTracer(params, options)
+        return self._tracer
+
+
+class DogPathIntegrator(SplatIntegrator):
+    """.. _integrator-dogpath:
+
+    Path tracing with splats (:monosp:`dogpath`)
+    --------------------------------------------
+
+    .. pluginparameters::
+
+     * - max_depth
+       - |int|
+       - Longest path, in segments; the one from the camera counts. 1 shows emitters and splats only, 2 surfaces that
+         are lit directly, -1 is without limit. (Default: 6)
+
+     * - rr_depth
+       - |int|
+       - Segments after which Russian roulette may end a path. (Default: 5)
+
+     * - hide_emitters
+       - |bool|
+       - Do not show the environment, and shapes that emit light, to the camera; surfaces are lit by them all the same.
+         (Default: false)
+
+     * - srgb_primitives, antialiased, near_clip, negative_transmittance, aovs
+       - as of ``dogsplat``
+       - (Defaults: those of ``dogsplat``)
+
+    Path tracing in a scene of ``dog`` shapes and others. What the camera sees of splats is the picture of ``dogsplat``,
+    ended at the surfaces. From there on light paths are traced, with sampling of emitters and of BSDFs combined by
+    multiple importance sampling, and every segment gathers the splats that it passes: they add their radiance, and
+    weaken what lies behind. So surfaces receive shadows and colour from splats, mirrors, rough and glossy materials
+    show them, glass bends them, and they hide the light of lamps and of the environment. A scene without other shapes
+    has the picture, the bits and the cost of ``dogsplat``.
+
+    **Splats emit.** A captured model brings the light that it was captured in. Lamps and surfaces of the scene do not
+    change its colours.
+
+    **Colour.** Splats and light are added up in linear radiance, before the camera too: L = S + T L', where T is the
+    transmittance of the splats on a segment, and L' what comes from behind. S is what they blend to if they are linear
+    (``srgb_primitives`` false); else their mean colour, made linear, times 1 - T. See docs/dogpath.md.
+
+    **Samples per pixel.** As of ``dogsplat``: n samples are n passes, each with a path for every pixel, so that memory
+    does not grow with n. ``spp=0`` is the sample count of the sensor's sampler where there are other shapes.
+
+    **Derivatives.** Primal, forward and backward mode. The primary picture has all derivatives of ``dogsplat``. Paths
+    are replayed (Vicini et al. 2021) with detached sampling: parameters of primitives have derivatives where a segment
+    gathers them, so in mirrors and in shadows, and so have materials and emitters; positions of surfaces, and of where
+    paths go, have none.
+
+    It draws whole images, not rays, and cannot be nested in another integrator.
+
+    .. code-block:: python
+
+        'type': 'dogpath',
+        'max_depth': 8
+    """
+
+    name = "dogpath"
+
+    def __init__(self, props: Any):
+        super().__init__(props)
+        self._tracer = LatestTracer()
+        if any(props.type(name) == mi.Properties.Type.Object for name in props.keys()):
+            raise RuntimeError("dogpath: it nests no integrator, it traces paths by itself; remove the nested one")
+
+    def sees_surfaces(self, scene: mi.Scene) -> bool:
+        return len(scene.shapes()) > len(dog_shapes(scene))
+
+    averages = sees_surfaces
+
+    def hidden_lights(self) -> bool:
+        return self.hide_emitters
+
+    def over_surfaces(self, frame: Frame, seen: Surfaces, drawn: Drawn) -> list:
+        T = frame.T
+        light = emitted(frame.colors, T, drawn.linear)
+        limits = Limits(self.max_depth, self.rr_depth, self.hide_emitters)
+        probability = dr.clip(abs(dr.detach(T)) / SURE, 0, 1)
+        scene = drawn.scene
+        options = TraceOptions(drawn.options.sh_degree, self.negative_transmittance)
+
+        def trace(params: dict, replay: Replay | None) -> Any:
+            tracer = SplatTracer(params, options) if replay else self._tracer.of(params, options)
+            return LightPaths(scene, tracer, limits, drawn.linear, seen.seed).radiance(seen.ray, probability, replay)
+
+        behind = radiance(trace, drawn.params, drawn.derivative)
+        return [dr.fma(T, b, c) for c, b in zip(light, behind, strict=True)]
+
+
+mi.register_integrator("dogpath", lambda props: DogPathIntegrator(props))

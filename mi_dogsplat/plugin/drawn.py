@@ -1,0 +1,40 @@
+"""What is drawn: the model that all passes of a render share, and what a pass makes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..engine.options import RasterOptions
+from ..scene.drawing import DrawnAs
+from .sensor import Look
+from .transfer import linear_to_srgb, srgb_to_linear
+
+
+@dataclass
+class SplattedModel:
+    """The primitives of all shapes of a scene, which the passes of a render share, and how they are drawn."""
+
+    params: dict
+    sh_degree: int
+    drawn_as: DrawnAs
+
+
+@dataclass
+class Drawn:
+    """What a pass draws; ``derivative``: wanted for its graph only."""
+
+    scene: Any  # mi.Scene
+    look: Look
+    params: dict
+    options: RasterOptions
+    linear: bool  # colours of primitives, not sRGB
+    derivative: bool
+
+    def encoded(self, radiance: list) -> list:
+        """Radiance in the primitives' colour space."""
+        return radiance if self.linear else linear_to_srgb(radiance)
+
+    def decoded(self, colors: list) -> list:
+        """Colours of the primitives' space as radiance."""
+        return colors if self.linear else srgb_to_linear(colors)

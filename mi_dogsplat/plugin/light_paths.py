@@ -1,0 +1,224 @@
+"""Light paths between surfaces, every segment of which gathers the splats that it passes.
+
+Notation (Veach 1997, multiple importance sampling; Vicini et al. 2021, path replay)
+    β           throughput of a path up to the begin of a segment
+    S, T        of a segment: radiance that splats send along it, and the share of that behind which they let pass
+    L           radiance that a path brings; in a replay what of it is still to come
+    δL          derivative of L, or of the loss with respect to it
+
+Paths are traced segment by segment, all that are still on their way in one wavefront: those that have ended leave it.
+Random numbers belong to a sample and a vertex, so that a replay has the same ones, and so have two renders whose
+parameters differ a little.
+
+Sampling of emitters and of BSDFs find a light behind splats weakened by the same T: the weights that combine the two
+need not know it. Light of splats is found by BSDF sampling alone, with the weight 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+from mitsuba.python.ad.integrators.common import mis_weight
+
+from ..tracing.tracer import SplatTracer
+from .transfer import emitted
+
+RR_MAX = 0.95  # the most that Russian roulette gives a path to go on, as in Mitsuba's own integrators
+STREAM = 0x9E3779B9  # between the seeds of two vertices
+
+
+@dataclass
+class Limits:
+    """When paths end: after ``max_depth`` segments, by Russian roulette from ``rr_depth`` on."""
+
+    max_depth: int  # that from the camera counts
+    rr_depth: int
+    hide_environment: bool  # from the camera
+
+
+@dataclass
+class Replay:
+    """What a derivative pass knows, and finds.
+
+    Backward ``δL`` is given, and gradients add up in whatever is attached to the AD graph. Forward it is found.
+    """
+
+    L: Any  # of the primal pass
+    δL: Any = None  # None: forward
+
+    def differentiate(self, value: Any, sample: Any, found: Any) -> None:
+        """Take the derivative of what lanes bring."""
+        if not dr.grad_enabled(value):
+            return
+        if self.δL is None:
+            dr.forward_to(value, flags=dr.ADFlag.ClearInterior)  # edges that lead to the tables of splats are kept
+            dr.scatter_add(found, dr.grad(value), sample)
+        else:
+            δL = dr.gather(mi.Spectrum, self.δL, sample)
+            with dr.isolate_grad():  # what all segments share is derived later
+                dr.backward_from(δL * value)
+
+
+@dataclass
+class Lanes:
+    """Paths at the begin of a segment."""
+
+    sample: Any  # of the pass, that a path belongs to
+    o: Any
+    d: Any
+    β: Any
+    η: Any  # product of relative indices of refraction
+    L: Any
+    pdf: Any  # of d, by BSDF sampling
+    delta: Any  # whether BSDF sampling alone finds what lies there
+    n: Any  # normal at o
+
+    def select(self, index: Any) -> Lanes:
+        """Some of them."""
+        return Lanes(*(dr.gather(type(value), value, index) for value in self.values()))
+
+    def values(self) -> list:
+        return [getattr(self, field.name) for field in fields(self)]
+
+
+class LightPaths:
+    """Traces the rays of one pass, and again for its derivatives.
+
+    Args:
+        tracer: of the primitives of the scene; attached to the AD graph for a replay.
+        linear: colours of the primitives are linear, not sRGB.
+    """
+
+    def __init__(self, scene: Any, tracer: SplatTracer, limits: Limits, linear: bool, seed: int):
+        self.scene, self.tracer, self.limits, self.linear, self.seed = scene, tracer, limits, linear, seed
+
+    def radiance(self, ray: Any, probability: Any, replay: Replay | None = None) -> Any:
+        """Radiance that the first surface, or the environment, sends against rays of the camera: mi.Spectrum.
+
+        In a replay its derivative forward, or nothing backward.
+
+        Args:
+            probability: [n] with which a ray is followed, 0 where nobody sees what lies behind its splats.
+            replay: only derivatives are wanted.
+        """
+        with dr.suspend_grad():
+            found = dr.zeros(mi.Spectrum, dr.width(ray))
+            lanes = self._start(ray, probability, replay)
+            for depth in range(self.limits.max_depth):
+                if dr.width(lanes.sample) == 0:
+                    break
+                lanes = self._segment(lanes, depth, found, replay)
+            return found
+
+    def _start(self, ray: Any, probability: Any, replay: Replay | None) -> Lanes:
+        n = dr.width(ray)
+        sample = dr.arange(mi.UInt32, n)
+        draw = self._random(sample, -1).next_float32()
+        L = dr.zeros(mi.Spectrum, n) if replay is None else mi.Spectrum(replay.L)
+        β = mi.Spectrum(dr.select(probability > 0, dr.rcp(probability), 0))
+        all_ones = dr.full(mi.Float, 1, n)
+        lanes = Lanes(sample, mi.Point3f(ray.o), mi.Vector3f(ray.d), β, all_ones, L, mi.Float(all_ones),
+                      dr.full(mi.Bool, True, n), dr.zeros(mi.Normal3f, n))
+        return lanes.select(dr.compress(draw < probability))
+
+    def _segment(self, lanes: Lanes, depth: int, found: Any, replay: Replay | None) -> Lanes:
+        """Adds what a segment and the vertex at its end bring to ``found``; returns the paths that go on."""
+        scene, attached = self.scene, replay is not None
+        β, L = lanes.β, lanes.L
+        random = self._random(lanes.sample, depth)
+
+        # --- The segment: splats, up to the next surface ---
+
+        ray = mi.Ray3f(lanes.o, lanes.d)
+        meeting = scene.ray_intersect_preliminary(ray, coherent=depth == 0)
+        Ls, Lr_segment = mi.Spectrum(0), mi.Spectrum(0)
+        if depth:  # in front of the camera they have been splatted
+            ray.maxt = dr.select(meeting.is_valid(), meeting.t, dr.largest(mi.Float))
+            with dr.resume_grad(when=attached):
+                colors, T = self.tracer.gather(ray)
+                Ls = β * _spectrum(emitted(list(colors), T, self.linear))
+                if attached:
+                    L = L - dr.detach(Ls)
+                    Lr_segment = L * _relative(T)
+            β = β * dr.detach(T)
+            ray.maxt = dr.largest(mi.Float)
+
+        # --- Emission at its end ---
+
+        si = meeting.compute_surface_interaction(ray)
+        before = dr.zeros(mi.SurfaceInteraction3f, dr.width(ray))
+        before.p, before.n = lanes.o, lanes.n
+        ds = mi.DirectionSample3f(scene, si, before)
+        seen: Any = si.is_valid() if depth == 0 and self.limits.hide_environment else mi.Bool(True)
+        mis = mis_weight(lanes.pdf, scene.pdf_emitter_direction(before, ds, ~lanes.delta))
+        with dr.resume_grad(when=attached):
+            Le = β * dr.detach(mis) * ds.emitter.eval(si, seen)
+
+        # --- Emitter sampling ---
+
+        context, bsdf = mi.BSDFContext(), si.bsdf()
+        active = si.is_valid() & (depth + 1 < self.limits.max_depth)
+        active_em = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        ds, weight_em = scene.sample_emitter_direction(si, _next_2d(random), True, active_em)
+        active_em &= ds.pdf != 0
+        shadow = si.spawn_ray_to(ds.p)
+        with dr.resume_grad(when=attached):
+            if attached:
+                value = scene.eval_emitter_direction(si, ds, active_em)
+                weight_em = dr.replace_grad(weight_em, value * dr.select(active_em, dr.rcp(ds.pdf), 0))
+            value_em, pdf_em = bsdf.eval_pdf(context, si, si.to_local(ds.d), active_em)
+            mis_em = dr.select(ds.delta, 1, mis_weight(ds.pdf, pdf_em))
+            T = self.tracer.transmittance(shadow, active_em)
+            Lr_direct = dr.select(active_em, β * dr.detach(mis_em) * value_em * weight_em * T, 0)
+
+        # --- BSDF sampling ---
+
+        scattered, weight = bsdf.sample(context, si, random.next_float32(), _next_2d(random), active)
+        away = si.spawn_ray(si.to_world(scattered.wo))
+        if replay is None:
+            dr.scatter_add(found, Ls + Le + Lr_direct, lanes.sample)
+        else:
+            L = L - dr.detach(Le + Lr_direct)
+            with dr.resume_grad():
+                Lr_scattered = L * _relative(bsdf.eval(context, si, dr.detach(scattered.wo), active))
+                replay.differentiate(Ls + Lr_segment + Le + Lr_direct + Lr_scattered, lanes.sample, found)
+
+        # --- Which go on ---
+
+        β, η = β * weight, lanes.η * scattered.eta
+        brightest = dr.max(β)
+        active &= brightest != 0
+        if depth >= self.limits.rr_depth:
+            probability = dr.minimum(brightest * η * η, RR_MAX)
+            active &= random.next_float32() < probability
+            β *= dr.rcp(probability)
+        delta = mi.has_flag(scattered.sampled_type, mi.BSDFFlags.Delta)
+        dr.schedule(found)
+        lanes = Lanes(lanes.sample, away.o, away.d, β, η, L, scattered.pdf, delta, si.n)
+        dr.eval(found, lanes.values(), active)
+        return lanes.select(dr.compress(active))
+
+    def _random(self, sample: Any, depth: int) -> Any:
+        """Numbers of their own for each sample at a vertex."""
+        seed: Any = dr.opaque(mi.UInt32, (self.seed + (depth + 1) * STREAM) % 2**32)
+        state, sequence = mi.sample_tea_32(sample, seed)
+        generator: Any = mi.PCG32
+        return generator(1, mi.UInt64(state), mi.UInt64(sequence))
+
+
+def _next_2d(random: Any) -> Any:
+    return mi.Point2f(random.next_float32(), random.next_float32())
+
+
+def _relative(value: Any) -> Any:
+    """value / detached value, 1 with the derivative of its logarithm; 0 where the value is."""
+    at = dr.detach(value)
+    return value * dr.select(at != 0, dr.rcp(at), 0)
+
+
+def _spectrum(colors: list) -> Any:
+    """Three channels as those of the variant."""
+    return mi.luminance(mi.Color3f(colors)) if mi.is_monochromatic else mi.Spectrum(colors)

@@ -1,0 +1,71 @@
+"""Light paths as an operation on AD variables: their derivatives are replays, and its graph holds no path.
+
+Its inputs are the parameters of the primitives. Parameters of the scene that the paths meet on their way, such as those
+of materials and emitters, get their derivatives in the replays themselves, as those of Mitsuba's integrators do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from .light_paths import Replay
+
+
+def radiance(trace: Callable[[dict, Replay | None], Any], params: dict, derivative: bool) -> list:
+    """What ``trace`` finds, three channels, attached to the AD graph where ``params`` are.
+
+    Args:
+        trace: of parameters and a replay, or None: a spectrum, as ``LightPaths.radiance`` returns it.
+        params: raw parameters of primitives as flat arrays.
+        derivative: wanted for its graph; then it is attached in any case, for what the replay finds besides.
+    """
+    names = [name for name, value in params.items() if dr.is_float_v(value)]
+    always = mi.Float(0)
+    if derivative:
+        dr.enable_grad(always)
+    channels: Any = dr.custom(_Paths, _Fixed(trace, params, names), [params[name] for name in names], always)
+    return list(channels) * (3 if len(channels) == 1 else 1)
+
+
+class _Fixed:
+    """What has no derivative, as an object of which Dr.Jit sees nothing."""
+
+    def __init__(self, trace: Callable, params: dict, names: list[str]):
+        self.trace, self.names = trace, names
+        self.others = {name: value for name, value in params.items() if name not in names}
+
+    def with_values(self, values: list) -> dict:
+        return self.others | dict(zip(self.names, values, strict=True))
+
+
+class _Paths(dr.CustomOp):
+    """Values of the parameters to channels of radiance."""
+
+    def eval(self, fixed: _Fixed, values: list, always: Any) -> list:
+        self.fixed, self.values = fixed, values
+        self.L = fixed.trace(fixed.with_values(values), None)
+        return list(self.L)
+
+    def backward(self) -> None:
+        leaves = self._leaves()
+        with dr.resume_grad():
+            replay = Replay(self.L, mi.Spectrum(self.grad_out()))
+            self.fixed.trace(self.fixed.with_values(leaves), replay)
+        self.set_grad_in("values", [dr.grad(leaf) for leaf in leaves])
+
+    def forward(self) -> None:
+        leaves = self._leaves()
+        dr.set_grad(leaves, self.grad_in("values"))
+        with dr.resume_grad():
+            δL = self.fixed.trace(self.fixed.with_values(leaves), Replay(self.L))
+        self.set_grad_out(list(δL))
+
+    def _leaves(self) -> list:
+        """The parameters as variables of their own, so that their gradients are those of this operation."""
+        leaves = [mi.Float(value) for value in self.values]
+        dr.enable_grad(leaves)
+        return leaves

@@ -1,0 +1,235 @@
+"""What integrators that splat have in common: passes of a render, their derivatives, the film."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+from mitsuba.python.ad.integrators.common import ADIntegrator
+
+from ..engine import aovs
+from ..engine.parameters import concatenate
+from ..engine.rasterize import Frame, LastFrame, RasterOptions, rasterize
+from ..scene.drawing import Drawing, DrawnAs
+from ..shape_dog import DogShape
+from . import background, surfaces
+from .agreement import agreed
+from .drawn import Drawn, SplattedModel
+from .film import Filter, develop, has_alpha, normalized, side_by_side
+from .samples import Sample, samples
+from .sensor import Look, SensorReader
+from .surfaces import Surfaces
+
+
+class SplatIntegrator(ADIntegrator):
+    """Draws whole images of ``dog`` shapes by splatting; ``mi.render`` in primal, forward and backward mode.
+
+    What other shapes look like, and how they show through splats, is for its children to say: ``sees_surfaces`` and
+    ``over_surfaces``. ``on_pass``, where it is set, is called after each of several passes with the number of those
+    that are done, and of all.
+    """
+
+    name: str  # of the plugin, in messages
+
+    def __init__(self, props: Any):
+        super().__init__(props)
+        linear = not props["srgb_primitives"] if "srgb_primitives" in props else None
+        self.drawing = Drawing(props.get("antialiased"), props.get("near_clip"), linear)
+        self.hide_emitters = props.get("hide_emitters", False)
+        self.negative_transmittance = props.get("negative_transmittance", True)
+        self.on_pass: Any = None
+        self._sensors, self._last = SensorReader(), LastFrame()
+        try:
+            self.aovs = aovs.read_names(props.get("aovs", ""))
+        except ValueError as error:
+            raise RuntimeError(f"{self.name}: {error}") from None
+        if self.drawing.near_clip is not None and self.drawing.near_clip < 0:
+            raise RuntimeError(f'{self.name}: "near_clip" is {self.drawing.near_clip}, it must not be negative')
+
+    # --- what children say ---
+
+    def averages(self, scene: mi.Scene) -> bool:
+        """Whether more than one sample per pixel is of use, whatever the sensor."""
+        raise NotImplementedError
+
+    def sees_surfaces(self, scene: mi.Scene) -> bool:
+        """Whether other shapes than ``dog`` are there and shown."""
+        raise NotImplementedError
+
+    def over_surfaces(self, frame: Frame, seen: Surfaces, drawn: Drawn) -> list:
+        """Film radiance, three channels, of splats that end at surfaces, over these and the background."""
+        raise NotImplementedError
+
+    # --- what Mitsuba calls ---
+
+    def aov_names(self) -> list[str]:
+        return aovs.channel_names(self.aovs)
+
+    def sample(self, *args, **kwargs):
+        """What an integrator that this one is nested in calls, for rays that are no longer those of an image."""
+        raise RuntimeError(
+            f"{self.name}: cannot be nested in another integrator, it draws whole images and not single rays; "
+            'make it the integrator of the scene and name extra channels in its own "aovs"'
+        )
+
+    def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True) -> mi.TensorXf:
+        """The image; empty, as of Mitsuba's own integrators, if not ``develop``: the film has it all the same."""
+        with dr.suspend_grad():
+            image = self._image(scene, _sensor(scene, sensor), seed, spp)
+        if not develop:
+            return mi.TensorXf()
+        if evaluate:
+            dr.eval(image)
+        return image
+
+    def render_forward(self, scene, params, sensor=0, seed=0, spp=0) -> mi.TensorXf:
+        with dr.resume_grad():
+            image = self._image(scene, _sensor(scene, sensor), seed, spp, derivative=True)
+            dr.forward_to(image)
+            return dr.grad(image)
+
+    def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0) -> None:
+        sensor = _sensor(scene, sensor)
+        passes, film = self._passes(scene, sensor, seed, spp), sensor.film()
+        with dr.resume_grad():
+            if len(passes) == 1:
+                image = self._image(scene, sensor, seed, spp, derivative=True)
+                _backward([image], [grad_in])
+            else:
+                self._backward_by_passes(scene, sensor, passes, film, grad_in)
+        dr.eval()
+
+    # --- passes ---
+
+    def _backward_by_passes(self, scene, sensor, passes: list[Sample], film: mi.Film, grad_in) -> None:
+        """One pass after the other, so that memory does not grow with their number: their mean is linear in them."""
+        spreader, pixels = Filter(film), dr.prod(film.crop_size())
+        n_planes = 3 + has_alpha(film) + len(self.aov_names())
+        planes = [dr.zeros(mi.Float, pixels) for _ in range(n_planes)]
+        dr.enable_grad(planes)
+        _backward([develop(film, self.aov_names(), planes, derivative=True)], [grad_in])
+        weights = sum(spreader.spread([], sample)[0] for sample in passes)
+        adjoints = [dr.select(weights != 0, dr.grad(plane) / weights, 0) for plane in planes]
+        dr.eval(adjoints)
+        model = self._model(scene)
+        for sample in passes:
+            with dr.isolate_grad():  # what all passes share is derived once, at the end
+                values = self._pass(scene, model, sensor, sample, spreader.border, derivative=True)
+                sums = spreader.spread(values, sample)
+                _backward(sums[:-1], adjoints)
+
+    def _image(self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, derivative=False) -> Any:
+        """The developed film, attached to the AD graph where the parameters are.
+
+        ``derivative``: wanted for its graph only, after a primal pass; the film is left as it is.
+        """
+        passes, film, model = self._passes(scene, sensor, seed, spp), sensor.film(), self._model(scene)
+        if len(passes) == 1:
+            planes = self._pass(scene, model, sensor, passes[0], derivative=derivative)
+        else:
+            spreader, sums = Filter(film), []
+            for done, sample in enumerate(passes, 1):
+                values = self._pass(scene, model, sensor, sample, spreader.border, derivative)
+                new = spreader.spread(values, sample)
+                sums = [a + b for a, b in zip(sums, new, strict=True)] if sums else new
+                dr.eval(sums)
+                if self.on_pass:
+                    dr.sync_thread()
+                    self.on_pass(done, len(passes))
+            planes = normalized(sums)
+        return develop(film, self.aov_names(), planes, derivative)
+
+    def _passes(self, scene: mi.Scene, sensor: mi.Sensor, seed, spp: int) -> list[Sample]:
+        if spp == 0:
+            averages = self.averages(scene) or sensor.needs_aperture_sample()
+            spp = sensor.sampler().sample_count() if averages else 1
+        if spp > 1 and "index" in self.aovs:
+            raise RuntimeError(f'{self.name}: the AOV "index" has no mean over {spp} samples per pixel; use spp=1')
+        return samples(spp, int(seed[0]) if dr.is_array_v(seed) else seed)
+
+    def _pass(
+        self, scene: mi.Scene, model: SplattedModel, sensor: mi.Sensor, sample: Sample, border: int = 0,
+        derivative: bool = False,
+    ) -> list[mi.Float]:  # fmt: skip
+        """Planes of the film's channels at the samples of one pass; ``derivative`` as in ``_image``."""
+        views = self._sensors.views(sensor, model.drawn_as.near_clip)
+        looks = [view.through(sample, border) for view in views]
+        images = [self._planes(scene, model, sensor.film(), look, derivative, len(views) == 1) for look in looks]
+        return side_by_side(images, looks[0].camera.width, looks[0].camera.height)
+
+    # --- a view of a pass ---
+
+    def drawn_as(self, scene: mi.Scene) -> DrawnAs:
+        """How it draws the ``dog`` shapes of a scene. Raises ``RuntimeError`` where their files disagree."""
+        return agreed(self.drawing, dog_shapes(scene))
+
+    def _model(self, scene: mi.Scene) -> SplattedModel:
+        shapes = dog_shapes(scene)
+        if not shapes:
+            raise RuntimeError(f'{self.name}: the scene has no shape of type "dog"')
+        params, sh_size = concatenate([s.parameters for s in shapes], [s.sh_size for s in shapes])
+        return SplattedModel(params, (1, 4, 9, 16).index(sh_size), self.drawn_as(scene))
+
+    def _planes(
+        self, scene: mi.Scene, model: SplattedModel, film: mi.Film, look: Look, derivative: bool, alone: bool
+    ) -> list[mi.Float]:
+        params, drawn_as = model.params, model.drawn_as
+        options = RasterOptions(
+            sh_degree=model.sh_degree,
+            antialiased=drawn_as.antialiased,
+            negative_transmittance=self.negative_transmittance,
+        )
+        drawn = Drawn(scene, look, params, aovs.options_for(self.aovs, options), drawn_as.linear, derivative)
+        seen = None
+        if self.sees_surfaces(scene):
+            seen = surfaces.meet(scene, look, normal="normal" in self.aovs, hide_emitters=self.hidden_lights())
+        last = None if seen else self._last  # it does not know depths from before
+        stop_depth = seen.depth if seen else None
+        frame = rasterize(params, look.camera, drawn.options, None, last, derivative and alone, stop_depth)
+        colors: list
+        if seen:
+            colors = self.over_surfaces(frame, seen, drawn)
+            frame = seen.behind(frame)
+        else:
+            colors = drawn.decoded(self.over_background(frame.colors, frame.T, drawn))
+        if mi.is_monochromatic:
+            colors = [mi.luminance(mi.Color3f(colors))] * 3
+        alpha = [1 - frame.T] if has_alpha(film) else []
+        extra = dict(zip(self.aov_names(), aovs.channels(self.aovs, frame, derivative), strict=True))
+        if seen and "median_depth.Z" in extra:
+            extra["median_depth.Z"] = seen.median_depth(extra["median_depth.Z"])
+        return [*colors, *alpha, *extra.values()]
+
+    def hidden_lights(self) -> bool:
+        """Whether rays of the camera pass through emitters that are shapes."""
+        return False
+
+    def over_background(self, colors: list, T: mi.Float, drawn: Drawn) -> list:
+        """Splats over the environment emitter, blended in the primitives' colour space."""
+        environment = drawn.scene.environment()
+        if environment is None or self.hide_emitters:
+            return colors
+        behind = drawn.encoded(background.radiance(environment, drawn.look.rays()))
+        return [dr.fma(T, b, c) for c, b in zip(colors, behind, strict=True)]
+
+    def to_string(self) -> str:
+        said = "".join(f"  {name} = {value},\n" for name, value in self.drawing.said().items())
+        return f"{type(self).__name__}[\n{said}  aovs = {self.aovs}\n]"
+
+
+def dog_shapes(scene: mi.Scene) -> list[DogShape]:
+    """The ``dog`` shapes of a scene."""
+    return [shape for shape in scene.shapes() if isinstance(shape, DogShape)]
+
+
+def _sensor(scene: mi.Scene, sensor: mi.Sensor | int) -> mi.Sensor:
+    return scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+
+
+def _backward(values: list, adjoints: list) -> None:
+    """Accumulate the gradients of all that ``values`` depend on."""
+    for value, adjoint in zip(values, adjoints, strict=True):
+        dr.accum_grad(value, adjoint)  # two of them may be one variable, as the channels are in variants with one
+    dr.enqueue(dr.ADMode.Backward, values)
+    dr.traverse(dr.ADMode.Backward)

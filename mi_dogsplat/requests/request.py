@@ -1,0 +1,75 @@
+"""What another program asks for: splats alone by a camera, or a whole scene.
+
+.. code-block:: json
+
+    {"model": "model.ply", "camera": {"w2c": [], "fx": 500, "width": 640, "height": 480}, "passes": ["depth"]}
+    {"model": "model.ply", "scene": "scene.json", "samples": 64, "max_depth": 8}
+
+``camera`` is that of a camera file; ``scene`` is described in ``scene_description.py`` and needs no model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from ..scene.camera_file import camera_from_json
+from ..scene.cameras import Camera
+from ..support.errors import DataError
+
+PASSES = ("depth", "normal", "object", "matte")
+SOURCE = "request"  # what error lines name
+FORMAT = 'write {"model": PLY, "camera": {...}} or {"scene": JSON, "samples": N}, as docs/blender.md says'
+
+
+@dataclass(frozen=True)
+class Request:
+    """One picture.
+
+    model: primitives, in world space; None: a scene without splats. camera: for splats alone. scene: a description with
+    sensor, surfaces and lights. near_clip, antialiased: None is as the file of the model says. counts: how many
+    primitives each object of the model has, one after the other. passes: of ``PASSES``. transparent: nothing is shown
+    behind a scene. hide_lamps: the camera does not see shapes that emit light, though surfaces reflect them. max_depth:
+    of light paths, as in Mitsuba's ``path``.
+    """
+
+    model: Path | None = None
+    camera: Camera | None = None
+    scene: Path | None = None
+    near_clip: float | None = None
+    antialiased: bool | None = None
+    counts: tuple[int, ...] = ()
+    passes: tuple[str, ...] = ()
+    samples: int = 16
+    max_depth: int = 8
+    seed: int = 0
+    transparent: bool = False
+    hide_lamps: bool = False
+
+
+def read_request(content: Any) -> Request:
+    """A request from JSON. Raises ``DataError`` for what cannot be drawn."""
+    if not isinstance(content, dict):
+        raise DataError(SOURCE, "is not a JSON object", FORMAT)
+    if unknown := sorted(content.keys() - {field.name for field in fields(Request)}):
+        raise DataError(SOURCE, f'"{unknown[0]}" means nothing', FORMAT)
+    values = dict(content)
+    try:
+        for name in ("model", "scene"):
+            if values.get(name) is not None:
+                values[name] = Path(values[name])
+        if values.get("camera") is not None:
+            values["camera"] = camera_from_json(values["camera"])
+        values["counts"] = tuple(map(int, values.get("counts", ())))
+        values["passes"] = tuple(values.get("passes", ()))
+        request = Request(**values)
+        if request.samples < 1 or request.max_depth < 1:
+            raise ValueError('"samples" and "max_depth" must be at least 1')
+    except (ValueError, TypeError, OverflowError) as error:
+        raise DataError(SOURCE, str(error), FORMAT) from error
+    if strange := [name for name in request.passes if name not in PASSES]:
+        raise DataError(SOURCE, f'unknown pass "{strange[0]}"', f"ask for {', '.join(PASSES)}")
+    if (request.camera is None) == (request.scene is None) or (request.camera and request.model is None):
+        raise DataError(SOURCE, 'has to have either "model" and "camera", or "scene"', FORMAT)
+    return request

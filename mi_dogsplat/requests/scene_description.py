@@ -1,0 +1,81 @@
+"""A Mitsuba scene as JSON: the dictionary of ``mi.load_dict``, with what JSON has no type for.
+
+A transform is ``{"matrix": rows}``, of four rows (or three, for textures). The values of ``filename`` are relative to
+the file. There is one sensor and no integrator: that, and the splats, are added here.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..support.errors import DataError, gist
+from ..support.files import read_json
+from .request import Request
+
+FORMAT = 'write the dictionary of a Mitsuba scene, its transforms as {"matrix": [[...], ...]}'
+PATH_TRACER = "dogpath"  # where it is there, it lights surfaces through splats
+
+
+def load_scene(request: Request, splats: mi.Shape | None) -> mi.Scene:
+    """The scene of a request with the model in it. Raises ``DataError``."""
+    assert request.scene
+    content = read_json(request.scene, FORMAT)
+    if not isinstance(content, dict):
+        raise DataError(request.scene, "is not a JSON object", FORMAT)
+    try:
+        described = _decoded(content, request.scene.resolve().parent)
+        described |= {"type": "scene", "integrator": _integrator(request, splats is not None)}
+        if splats is not None:
+            described["splats"] = splats
+        scene = mi.load_dict(described)
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise DataError(request.scene, f"Mitsuba cannot load it ({gist(error)})", "correct the scene") from error
+    if len(scene.sensors()) != 1:
+        raise DataError(request.scene, f"has {len(scene.sensors())} sensors", "give it one")
+    return scene
+
+
+def hides_background(request: Request, with_splats: bool) -> bool:
+    """Whether the environment is hidden together with the lamps, so that it has to be put behind the picture."""
+    seen_by_paths = not with_splats or _is_registered(PATH_TRACER)
+    return request.hide_lamps and not request.transparent and seen_by_paths
+
+
+def _integrator(request: Request, with_splats: bool) -> dict[str, Any]:
+    """Path tracing that knows splats where there is one; else splats in front of surfaces that are path traced."""
+    common = {"max_depth": request.max_depth, "hide_emitters": request.transparent or request.hide_lamps}
+    if not with_splats:
+        return {"type": "path", **common}
+    said = {"near_clip": request.near_clip, "antialiased": request.antialiased}
+    drawn = {name: value for name, value in said.items() if value is not None}
+    if _is_registered(PATH_TRACER):
+        return {"type": PATH_TRACER, **common, **drawn}
+    surfaces = {"type": "path", "max_depth": request.max_depth}
+    return {"type": "dogsplat", "hide_emitters": request.transparent, **drawn, "surfaces": surfaces}
+
+
+def _is_registered(integrator: str) -> bool:
+    try:
+        mi.load_dict({"type": integrator})
+    except RuntimeError:
+        return False
+    return True
+
+
+def _decoded(value: Any, folder: Path) -> Any:
+    """What ``mi.load_dict`` takes."""
+    if isinstance(value, list):
+        return [_decoded(item, folder) for item in value]
+    if not isinstance(value, dict):
+        return value
+    if set(value) == {"matrix"}:
+        matrix: Any = np.array(value["matrix"], np.float64)
+        return mi.ScalarTransform3f(matrix) if matrix.shape == (3, 3) else mi.ScalarTransform4f(matrix)
+    decoded = {name: _decoded(item, folder) for name, item in value.items()}
+    if "filename" in decoded:
+        decoded["filename"] = str(folder / decoded["filename"])
+    return decoded

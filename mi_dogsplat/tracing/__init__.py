@@ -1,0 +1,1 @@
+"""Primitives along arbitrary rays: transmittance and blended colour, without images, tiles or cameras."""

@@ -1,0 +1,116 @@
+"""A primitive on a ray: where it is met, and the alpha there.
+
+A kernel counts with its largest value on the ray (3DGRT). For a Gaussian this is what EWA splatting finds, if it is
+small against its distance. The largest value is that at the distance |M (o - μ) x M d| / |M d| from its centre: written
+as a cross product it stays exact for disks as thin as a float.
+
+A primitive has one place on a ray: the point nearest to its centre, measured by its cutoff ellipsoid (``bounds.py``).
+Of a Gaussian this is where the kernel is largest, and so it is of both kernels of a DoG primitive where F is the same
+along all axes; else it lies between the two. What a ray meets it meets in that ellipsoid, so in the primitive's box.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, cast
+
+import drjit as dr
+import numpy as np
+
+from ..engine.arrays import array_types
+from ..engine.geometry import Cutoffs
+from ..engine.project import NOT_DOG
+from .tree import PSEUDO_ROW, ROW, Tree
+
+MAX_ALPHA = float(np.float32(0.99))
+
+
+@dataclass
+class Kernel:
+    """One of the kernels of a primitive, on a ray."""
+
+    value: Any  # not yet limited to ``MAX_ALPHA``
+    offset: list  # from the centre to where it is largest, world space
+    inside: list  # the same in the kernel's space
+
+
+@dataclass
+class Meeting:
+    """A primitive on a ray."""
+
+    leaf: Any  # UInt, node of the tree
+    splat: Any  # UInt, the primitive
+    t: Any  # where, in units of the ray's direction
+    alpha: Any  # 0 where it is below the cutoff
+    M: list  # three rows
+    primary: Kernel
+    is_dog: Any  # Bool, or None in a model without DoG
+    dog_row: Any
+    inverse_factors: list
+    pseudo: Kernel | None
+
+
+@dataclass
+class Line:
+    """Rays as walks have them: lists of three."""
+
+    o: list
+    d: list
+    inverse_square: Any  # 1 / |d|²
+    maxt: Any
+
+
+def dot(a: list, b: list) -> Any:
+    """Of two lists of three."""
+    return dr.fma(a[0], b[0], dr.fma(a[1], b[1], a[2] * b[2]))
+
+
+def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Meeting:
+    """The primitive of a leaf, on its ray."""
+    types = array_types()
+    values = read_row(tree.nodes, node, ROW, ROW, active)
+    M, mean, lo = [values[0:3], values[3:6], values[6:9]], values[9:12], values[12]
+    dog_row, splat = (cast(Any, dr.reinterpret_array(types.UInt, bits)) for bits in values[13:15])
+    away = [o - c for o, c in zip(ray.o, mean, strict=True)]
+    near = -dot(away, ray.d) * ray.inverse_square
+    away = [dr.fma(near, d, a) for a, d in zip(away, ray.d, strict=True)]  # from the centre, no longer than it must be
+    o, d = [dot(row, away) for row in M], [dot(row, ray.d) for row in M]
+    primary, t = _kernel(o, d, lo, away, ray.d)
+    alpha = dr.minimum(primary.value, MAX_ALPHA)
+    is_dog, inverse, pseudo = None, [], None
+    if tree.pseudo is not None:
+        is_dog = (dog_row != NOT_DOG) & active
+        more = read_row(tree.pseudo, dog_row, PSEUDO_ROW, PSEUDO_ROW, is_dog)
+        inverse, weights, pseudo_lo = [dr.select(is_dog, f, 1) for f in more[0:3]], more[3:6], more[6]
+        o_p, d_p = ([f * x for f, x in zip(inverse, vector, strict=True)] for vector in (o, d))
+        pseudo, _ = _kernel(o_p, d_p, pseudo_lo, away, ray.d)
+        weighed = [w * x for w, x in zip(weights, d, strict=True)]
+        t = dr.select(is_dog, -dot(weighed, o) / dot(weighed, d), t)
+        alpha = dr.select(is_dog, alpha - dr.minimum(pseudo.value, MAX_ALPHA), alpha)
+    alpha = dr.select(abs(alpha) >= cutoffs.alpha, alpha, 0)
+    return Meeting(node, splat, t + near, alpha, M, primary, is_dog, dog_row, inverse, pseudo)
+
+
+def _kernel(o: list, d: list, lo: Any, away: list, world_d: list) -> tuple[Kernel, Any]:
+    """(a kernel at its largest value on the ray, where that is)"""
+    inverse = dr.rcp(dot(d, d))
+    t = -dot(o, d) * inverse
+    x, y = dr.fma(o[1], d[2], -o[2] * d[1]), dr.fma(o[2], d[0], -o[0] * d[2])
+    z = dr.fma(o[0], d[1], -o[1] * d[0])
+    value = dr.exp2(lo - dr.fma(x, x, dr.fma(y, y, z * z)) * inverse)
+    offset, inside = ([dr.fma(t, b, a) for a, b in zip(*pair, strict=True)] for pair in ((away, world_d), (o, d)))
+    return Kernel(value, offset, inside), t
+
+
+def read_row(table: Any, row: Any, stride: int, count: int, active: Any) -> list:
+    """The first ``count`` floats of a row, eight and four at a time."""
+    types, values = array_types(), []
+    while len(values) < count:
+        size = 8 if count - len(values) > 4 and stride % 8 == 0 else 4 if stride % 4 == 0 else 1
+        index = dr.fma(row, stride // size, len(values) // size)
+        if size == 8:
+            values += list(dr.gather(types.Floats, table, index, active, shape=(8, dr.width(index))))
+        else:
+            read = dr.gather(types.Quad if size == 4 else types.Float, table, index, active)
+            values += list(read) if size == 4 else [read]
+    return values[:count]

@@ -1,0 +1,92 @@
+"""What rays gather as operations on AD variables, which bring their own derivatives."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import drjit as dr
+import mitsuba as mi
+
+from .adjoints import Adjoints, Tangents
+from .blend import gather, transmittance
+from .derivatives import gather_backward, gather_forward, transmittance_backward, transmittance_forward
+from .options import TraceOptions
+from .primitives import Primitives
+from .rays import Rays
+from .tree import Tree
+from .visits import Walk
+
+
+class Query:
+    """Some rays and what they are asked of, as an object of which Dr.Jit sees nothing: it has no derivative."""
+
+    def __init__(self, tree: Tree, options: TraceOptions, rays: Rays):
+        self.rays, self.walk = rays, Walk(tree, rays.line, options, rays.active)
+
+
+class _OfPrimitives(dr.CustomOp):
+    """An operation on the columns of ``Primitives``."""
+
+    def tangents(self, query: Query) -> Tangents:
+        of: Any = self.grad_in
+        return Tangents(query.walk.tree, of("kernel"), of("sh"), of("pseudo"))
+
+    def set_adjoints(self, adjoints: Adjoints) -> None:
+        kernel, sh, pseudo = adjoints.of_columns()
+        self.set_grad_in("kernel", [mi.Float(δ) for δ in kernel])
+        self.set_grad_in("sh", mi.Float(sh))
+        if pseudo:
+            self.set_grad_in("pseudo", [mi.Float(δ) for δ in pseudo])
+
+
+class _Transmittance(_OfPrimitives):
+    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list):
+        self.query, self.T = query, transmittance(query.walk)
+        return query.rays.put(self.T, 1)
+
+    def backward(self):
+        δT = self.query.rays.taken(self.grad_out())
+        self.set_adjoints(transmittance_backward(self.query.walk, self.T, δT))
+
+    def forward(self):
+        δT = transmittance_forward(self.query.walk, self.T, self.tangents(self.query))
+        self.set_grad_out(self.query.rays.put(δT, 0))
+
+
+class _Gather(_OfPrimitives):
+    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list):
+        self.query, (self.colors, self.T) = query, gather(query.walk)
+        return [query.rays.put(c, 0) for c in self.colors], query.rays.put(self.T, 1)
+
+    def backward(self):
+        rays, adjoints = self.query.rays, cast(Any, self.grad_out())
+        δcolors, δT = [rays.taken(δ) for δ in adjoints[0]], rays.taken(adjoints[1])
+        self.set_adjoints(gather_backward(self.query.walk, self.colors, self.T, δcolors, δT))
+
+    def forward(self):
+        δcolors, δT = gather_forward(self.query.walk, self.tangents(self.query))
+        put = self.query.rays.put
+        self.set_grad_out(([put(δ, 0) for δ in δcolors], put(δT, 0)))
+
+
+def asked_transmittance(query: Query, primitives: Primitives) -> mi.Float:
+    """Attached to the AD graph where the primitives are."""
+    if _attached(primitives):
+        result: Any = dr.custom(_Transmittance, query, primitives.kernel, primitives.sh, primitives.pseudo)
+        return result
+    return query.rays.put(transmittance(query.walk), 1)
+
+
+def asked_colors(query: Query, primitives: Primitives) -> tuple[list, mi.Float]:
+    """The same of (three channels, transmittance)."""
+    if _attached(primitives):
+        result: Any = dr.custom(_Gather, query, primitives.kernel, primitives.sh, primitives.pseudo)
+        return result
+    colors, T = gather(query.walk)
+    return [query.rays.put(c, 0) for c in colors], query.rays.put(T, 1)
+
+
+def _attached(primitives: Primitives) -> bool:
+    """Not within symbolic loops, whose lanes cannot add to arrays that are made in them."""
+    columns = primitives.kernel, primitives.sh, primitives.pseudo
+    return dr.grad_enabled(columns) and not dr.flag(dr.JitFlag.SymbolicScope)

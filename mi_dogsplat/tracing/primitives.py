@@ -1,0 +1,113 @@
+"""What rays need of N primitives, made of their raw parameters by operations that Dr.Jit differentiates.
+
+Notation (3DGRT, Moenne-Loccoz et al. 2024; method paper, Sec. 3)
+    μ, R, s     centre, rotation, scales of a primitive
+    M           sqrt(log2(e) / 2) S⁻¹ Rᵀ: takes an offset from μ to where all kernels are 2^-|x|²
+    lo          log2 of the opacity; a kernel is 2^(lo - |M (x - μ)|²)
+    F, f_a      of a DoG primitive: its pseudo-Gaussian has F⁻¹ M for M, and lo_p = lo + log2 f_a
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from ..engine.project import LOG2_E, NOT_DOG, rotation_matrix, rows, softplus
+from ..engine.sh import read_rows
+from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups
+from ..scene.row_groups import SH
+
+MAX_LOG_SCALE = 27.0  # scales are kept within e^±27, so that squares of what is divided by them are floats
+
+
+@dataclass
+class Primitives:
+    """Columns of N primitives; of their pseudo-Gaussians, where there are any, a row per DoG primitive."""
+
+    to_kernel: list  # M, nine columns, row-major
+    mean: list  # three
+    lo: mi.Float
+    sh: mi.Float  # [N, K, 3] of one degree, flat
+    usable: mi.Bool  # everything finite (but for logit opacities)
+    pseudo: list  # F⁻¹ and lo_p, four columns of [M]; empty without DoG
+    dog_row: mi.UInt32 | None  # [N] row of the pseudo-Gaussian or NOT_DOG
+    dog_index: mi.UInt32 | None  # [M] its inverse
+
+    @property
+    def kernel(self) -> list:
+        """M, μ and lo, 13 columns."""
+        return [*self.to_kernel, *self.mean, self.lo]
+
+
+def primitives_of(params: dict, sh_degree: int) -> Primitives:
+    """Raw parameters (flat arrays, as ``parameters.upload`` makes them) as rays need them; at least one primitive.
+
+    Raises ``ValueError`` if fewer SH coefficients are stored than ``sh_degree`` needs.
+    """
+    n = dr.width(params["logit_opacities"])
+    index = dr.arange(mi.UInt32, n)
+    quats, log_scales = read_rows(params["quats"], 4, 4, index), rows(params["log_scales"], 3, index)
+    mean = rows(params["means"], 3, index)
+    R = rotation_matrix(quats)
+    inverse = [(0.5 * LOG2_E) ** 0.5 * _exp_minus(s) for s in log_scales]
+    to_kernel = [inverse[k] * R[c][k] for k in range(3) for c in range(3)]
+    lo = -LOG2_E * softplus(-params["logit_opacities"])
+    sh = uniform_sh(params, sh_degree)
+    broken = dr.block_sum(dr.select(dr.isfinite(dr.detach(sh)), mi.Float(0), mi.Float(1)), dr.width(sh) // n)
+    usable = _finite([*mean, *log_scales, *quats]) & ~dr.isnan(lo) & (broken == 0)
+    if "dog_index" not in params:
+        return Primitives(to_kernel, mean, lo, sh, usable, [], None, None)
+
+    dog_row, dog_index = params["dog_row"], params["dog_index"]
+    log_factors = rows(params["dog_log_scales"], 3, dr.arange(mi.UInt32, dr.width(dog_index)))
+    of_primary = dr.gather(mi.Float, lo, dog_index, mode=dr.ReduceMode.NoConflicts)
+    pseudo_lo = of_primary - LOG2_E * softplus(-params["dog_logit_opacities"])
+    finite = _finite(log_factors) & ~dr.isnan(pseudo_lo)
+    usable &= (dog_row == NOT_DOG) | dr.gather(mi.Bool, finite, dog_row, dog_row != NOT_DOG)
+    pseudo = [*(_exp_minus(f) for f in log_factors), pseudo_lo]
+    return Primitives(to_kernel, mean, lo, sh, usable, pseudo, dog_row, dog_index)
+
+
+def _exp_minus(x: mi.Float) -> mi.Float:
+    return dr.exp(-dr.clip(x, -MAX_LOG_SCALE, MAX_LOG_SCALE))
+
+
+def _finite(values: list) -> mi.Bool:
+    finite = dr.isfinite(values[0])
+    for value in values[1:]:
+        finite &= dr.isfinite(value)
+    return finite
+
+
+def uniform_sh(params: dict, degree: int) -> mi.Float:
+    """[N, (degree + 1)², 3] coefficients of all primitives, flat; zeros where one has none. Differentiable."""
+    n, size = dr.width(params["logit_opacities"]), (degree + 1) ** 2
+    stored = dr.width(params["sh_coeffs"]) // (3 * n)
+    if not has_groups(params):
+        if stored < size:
+            raise ValueError(f"SH degree {degree} needs {size} coefficients per channel, sh_coeffs has {stored}")
+        return params["sh_coeffs"] if stored == size else _columns(params["sh_coeffs"], n, stored, size)
+    highest = max(of_group for of_group, group in SH.items() if group.index in params)
+    if highest < degree:
+        raise ValueError(f"SH degree {degree} needs a group of it, the highest one is of degree {highest}")
+    sh = _columns(params["sh_coeffs"], n, 1, size)
+    for of_group, group in SH.items():
+        if group.index in params and degree:
+            count = 3 * ((min(of_group, degree) + 1) ** 2 - 1)
+            i = dr.arange(mi.UInt32, dr.width(params[group.index]) * count)
+            row, column = i // count, i % count
+            at = dr.fma(row, 3 * ROW_COEFFICIENTS[of_group], column)
+            values = dr.gather(mi.Float, params[group.names[0]], at, mode=dr.ReduceMode.NoConflicts)
+            into = dr.fma(dr.gather(mi.UInt32, params[group.index], row), 3 * size, column + 3)
+            dr.scatter(sh, values, into, mode=dr.ReduceMode.Permute)
+    return sh
+
+
+def _columns(coeffs: mi.Float, n: int, stored: int, size: int) -> mi.Float:
+    """The first ``size`` coefficients of [n, stored, 3]; zeros beyond those."""
+    i = dr.arange(mi.UInt32, n * 3 * size)
+    row, column = i // (3 * size), i % (3 * size)
+    mode = dr.ReduceMode.NoConflicts
+    return dr.gather(mi.Float, coeffs, dr.fma(row, 3 * stored, column), column < 3 * stored, mode=mode)

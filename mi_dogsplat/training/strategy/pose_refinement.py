@@ -1,0 +1,147 @@
+"""Poses of the training views are learned beside the model: ``--refine-poses``.
+
+Structure from motion leaves errors, and a photograph from a wrong place asks for a blurred model. So each training view
+gets a small rigid motion (``scene/camera_motions.py``), which follows the gradient of the photometric loss by the pose,
+as in BARF (Lin et al. 2021), nerfstudio and gsplat.
+
+Ours is when, how far and what not:
+
+- All views take their step together, when each has been seen once more. One wait for the device serves a whole turn,
+  and no view could have used its step before.
+- The step is not Adam's, which is as long for a pose that is right as for one that is wrong. The gradient is brought to
+  the unit of the picture (``preconditioners``, after CamP) and divided by the mean slope of the photograph: what it
+  would be if every pixel asked for the same. Where poses are right its length is some .15 by chance, and what is
+  below ``quiet`` counts as nothing; where they are off by half a degree it is .6 to 1.
+- What all motions have in common, a motion or scaling of the whole world, is taken out of them after each step: no
+  training photograph speaks against it, but test views stand where they stood.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ...engine.arrays import detached
+from ...engine.device_camera import DeviceCamera, Nudge
+from ...engine.parameters import device_array
+from ...render.picture import over_background
+from ...scene.camera_motions import common_motions, motion_gradient, moved_w2c, preconditioners, without_common
+from ..events import Event, PosesRefined
+from ..milestones import scaled_milestone
+from .strategy import Seen, Strategy, Training
+
+FLATTEST = 0.1  # slope of a photograph: one that is flatter says nothing of its pose
+
+
+@dataclass
+class Poses:
+    """State of ``PoseRefinement``, of V training views."""
+
+    given: np.ndarray  # [V, 4, 4] world to camera, as in the data
+    motions: np.ndarray  # [V, 6]
+    mean: np.ndarray  # of the gradients, [V, 6], over the last turns
+    scales: np.ndarray  # [V, 6, 6] from them to motions, for a step size of 1; zeros before the first step
+    slopes: np.ndarray  # [V] of the photographs (``_slopes``); likewise
+    gradient: Any  # on the device, [6 V], as ``Nudge`` has it: since the last step
+    seen: int  # views whose gradients are in it
+    turns: int  # steps taken
+
+
+@dataclass(frozen=True)
+class PoseRefinement(Strategy[Poses]):
+    """Step sizes are parts of the picture's longer side: how far a picture moves if every pixel asks for it.
+
+    They fall log-linearly. Their sum is given, not each: poses then come as far in a few turns through many views as
+    in many through few.
+    """
+
+    start: int = 5000  # step, before which the model is too coarse to align anything with
+    reach: float = 0.1  # sum of the step sizes of a run
+    largest: float = 0.01  # step size: beyond, steps overshoot, however few there are
+    fall: float = 0.01  # the last step size over the first
+    pull: float = 0.01  # of a motion that each step takes back, at the first step size
+    quiet: float = 0.2  # of a gradient in units of the picture: so much is asked for where poses are right, too
+    memory: float = 0.8  # of the mean of the gradients, from turn to turn
+
+    def scaled(self, factor: float) -> PoseRefinement:
+        return replace(self, start=scaled_milestone(self.start, factor))
+
+    def new_state(self, t: Training) -> Poses:
+        given = np.array([view.camera.w2c for view in t.photographs.originals])
+        zeros = np.zeros((len(given), 6))
+        scales, none = np.zeros((len(given), 6, 6)), detached(device_array(zeros))
+        return Poses(given, zeros, zeros, scales, zeros[:, 0], none, 0, 0)
+
+    def begin(self, t: Training, state: Poses) -> list[Event]:
+        if state.turns:  # of a run that goes on
+            self._move_cameras(t, state)
+        return []
+
+    def camera(self, t: Training, state: Poses, view: int, camera: DeviceCamera) -> DeviceCamera:
+        return replace(camera, nudge=Nudge.of(t.optimizer.n)) if t.step_count >= self.start else camera
+
+    def after_backward(self, t: Training, state: Poses, seen: Seen) -> None:
+        if seen.camera.nudge is None:
+            return
+        of_lanes = detached([dr.grad(value) for value in seen.camera.nudge.values])
+        dr.eval(of_lanes)
+        by_pose = dr.concat([dr.sum(lanes) for lanes in of_lanes])  # [6]
+        at = dr.opaque(mi.UInt32, 6 * seen.view) + dr.arange(mi.UInt32, 6)
+        dr.scatter_add(state.gradient, by_pose, detached(at))
+        state.seen += 1
+
+    def after_step(self, t: Training, state: Poses) -> list[Event]:
+        if state.seen >= len(t.photographs):
+            self._step(t, state)
+        return []
+
+    def end(self, t: Training, state: Poses) -> list[Event]:
+        turns, shifts = (np.linalg.norm(state.motions[:, part], axis=1) for part in (slice(3), slice(3, 6)))
+        return [PosesRefined(float(np.median(shifts)), float(np.degrees(np.median(turns))))]
+
+    def _step(self, t: Training, state: Poses) -> None:
+        by_pose = state.gradient.numpy().astype(np.float64).reshape(-1, 6)
+        by_pose[~np.isfinite(by_pose).all(axis=1)] = 0
+        gradient = motion_gradient(state.given, state.motions, t.extent, by_pose)
+        if not state.turns:
+            state.slopes, state.scales = _slopes(t), _scales(t)
+            state.scales /= state.slopes[:, None, None]
+        state.gradient, state.seen = detached(device_array(np.zeros(gradient.size))), 0
+        state.turns += 1
+        state.mean = self.memory * state.mean + (1 - self.memory) * gradient
+        steps = max(t.steps - self.start, 1)
+        turns = max(steps * t.optimizer.learning_rates.batch_views / len(gradient), 1.0)
+        rate = min(self.reach / turns * math.log(1 / self.fall) / (1 - self.fall), self.largest)
+        fall = self.fall ** min((t.step_count - self.start) / steps, 1.0)
+        mean = state.mean / (1 - self.memory**state.turns)
+        asked = np.einsum("vij,vj->vi", state.scales, mean)  # motions, for a step size of 1
+        loud = np.sqrt(np.maximum(np.einsum("vi,vi->v", mean, asked) / state.slopes, 1e-30))  # [V]
+        heard = np.maximum(1 - self.quiet / loud, 0)
+        change = fall * (rate * heard[:, None] * asked + self.pull * state.motions)
+        state.motions = without_common(state.motions - change, common_motions(state.given, t.extent))
+        self._move_cameras(t, state)
+
+    def _move_cameras(self, t: Training, state: Poses) -> None:
+        for view, w2c in enumerate(moved_w2c(state.given, state.motions, t.extent)):
+            t.photographs.move(view, w2c)
+
+
+def _scales(t: Training) -> np.ndarray:
+    """``preconditioners`` of the training views, by the primitives as points."""
+    points = t.optimizer.numpy("means").astype(np.float64)
+    return preconditioners([view.camera for view in t.photographs.originals], points, t.extent)
+
+
+def _slopes(t: Training) -> np.ndarray:
+    """[V] by how much a photograph would change along its longer side if it went on as from pixel to pixel, mean."""
+    found = []
+    for view in t.photographs.originals:
+        image = over_background(view.image, t.photographs.background)
+        changes = [float(np.abs(np.diff(image, axis=axis)).mean()) for axis in (0, 1) if image.shape[axis] > 1]
+        found.append(max(image.shape[:2]) * float(np.mean(changes or [0.0])))
+    return np.maximum(found, FLATTEST)

@@ -1,0 +1,223 @@
+"""What artists do to objects: apply transforms, turn parts, join, separate, duplicate, instance, append, link."""
+
+import bpy
+import numpy as np
+import pytest
+from check_export import colors, covariances, export
+from check_live_edits import PLACED, assert_equal, cropped, local, shown
+from check_render import place_camera
+from conftest import load
+from mathutils import Matrix
+
+from blender_addon.files.model import Model
+from blender_addon.files.motion import motions
+from blender_addon.files.ply import read_ply
+from blender_addon.nodes.modifier import edit_modifiers, get_input, set_input, splat_modifier
+from blender_addon.objects.attributes import read_attributes
+from blender_addon.objects.placed import placed_splats
+
+TURN = Matrix.Rotation(0.8, 4, (1, 2, -1)) @ Matrix.Scale(1.7, 4)
+
+
+def assert_moved(found: Model, raw: Model, matrix: np.ndarray) -> None:
+    """Oracle: covariance M Σ Mᵀ, and a colour that is the same from the direction that turned along."""
+    linear = matrix[:3, :3]
+    assert np.allclose(found.means, raw.means @ linear.T + matrix[:3, 3], atol=1e-4)
+    assert np.allclose(covariances(found), linear @ covariances(raw) @ linear.T, rtol=1e-3, atol=1e-5)
+    directions = np.random.default_rng(1).normal(size=raw.means.shape)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    turned = directions @ (linear / np.cbrt(np.linalg.det(linear))).T
+    assert np.allclose(colors(found, turned), colors(raw, directions), atol=1e-4)
+    assert np.array_equal(found.is_dog, raw.is_dog)
+    assert np.array_equal(found.dog_logit_opacities[raw.is_dog], raw.dog_logit_opacities[raw.is_dog])
+
+
+def test_splats_follow_blenders_own_apply_transform(model):
+    obj, raw = load(model), read_ply(model)
+    obj.matrix_world = PLACED
+    bpy.context.view_layer.update()
+    assert bpy.ops.object.transform_apply() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert obj.matrix_world == Matrix.Identity(4)
+    assert_moved(read_attributes(obj.data), raw, np.array(PLACED))
+
+
+def test_splats_follow_a_shift_without_losing_a_bit_of_the_rest(model):
+    obj, raw = load(model), read_ply(model)
+    obj.location = 1, 2, 3
+    bpy.context.view_layer.update()
+    bpy.ops.object.transform_apply()
+    bpy.context.view_layer.update()
+    found = read_attributes(obj.data)
+    assert np.allclose(found.means, raw.means + (1, 2, 3), atol=1e-6)
+    found.means = raw.means
+    assert_equal(found, raw)
+
+
+def test_a_part_that_is_turned_in_edit_mode_turns_its_splats(model):
+    """And one splat that is dragged elsewhere afterwards keeps its own values."""
+    obj, raw = load(model), read_ply(model)
+    part = np.arange(raw.n_splats) < 60
+    obj.data.vertices.foreach_set("select", part)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.transform.rotate(value=0.7, orient_axis="Z", center_override=(0, 0, 0))
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.context.view_layer.update()
+    found = read_attributes(obj.data)
+    assert_equal(found.select(~part), raw.select(~part))
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.linalg.lstsq(raw.means[part], found.means[part], rcond=None)[0].T
+    assert abs(np.linalg.det(matrix) - 1) < 1e-4 and abs(matrix[0, 1]) > 0.5
+    assert_moved(found.select(part), raw.select(part), matrix)
+    obj.data.vertices[0].co.x += 1
+    obj.data.update()
+    bpy.context.view_layer.update()
+    moved = read_attributes(obj.data)
+    assert moved.means[0, 0] == found.means[0, 0] + 1
+    moved.means = found.means
+    assert_equal(moved, found)
+
+
+def test_motions_are_found_in_any_order_of_what_was_joined():
+    rng = np.random.default_rng(0)
+    before = rng.normal(size=(1000, 3)).astype(np.float32)
+    after = before.copy()
+    pieces = {(0, 300): TURN, (300, 637): Matrix.Rotation(1.0, 4, "X"), (800, 1000): PLACED}
+    for (a, b), matrix in pieces.items():
+        m = np.array(matrix)
+        after[a:b] = before[a:b] @ m[:3, :3].T + m[:3, 3]
+    after[700] += 1
+    found = {}
+    for rows, matrix in motions(before, after):
+        key = tuple(np.round(matrix, 3).ravel())
+        found.setdefault(key, []).extend(rows.tolist())
+    assert {tuple(sorted(rows)) for rows in found.values()} == {tuple(range(a, b)) for a, b in pieces}
+
+
+@pytest.mark.parametrize("join", [bpy.ops.object.join, lambda: bpy.ops.dogsplat.join()])
+def test_joined_models_keep_attributes_dog_rows_and_degrees(model, join):
+    raw = read_ply(model)
+    second, first = load(model, sh_degree=1), load(model)
+    second.matrix_world = PLACED
+    second.select_set(True)
+    bpy.context.view_layer.update()
+    assert join() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    (obj,) = bpy.data.objects
+    assert obj == first
+    model_now = read_attributes(obj.data)
+    assert model_now.n_splats == 2 * raw.n_splats and model_now.sh_degree == 3
+    own = np.flatnonzero((model_now.means == raw.means[0]).all(axis=1))[0]
+    assert own in (0, raw.n_splats)
+    mine = np.arange(own, own + raw.n_splats)
+    assert_equal(model_now.select(mine), raw)
+    other = model_now.select(np.setdiff1d(np.arange(2 * raw.n_splats), mine))
+    assert not other.sh_coeffs[:, 4:].any()
+    assert_moved(other.with_degree(1), raw.with_degree(1), np.array(PLACED))
+
+
+def test_our_join_leaves_hidden_splats_behind_and_refuses_what_splats_cannot_follow(model):
+    second, first = load(model), load(model)
+    bpy.ops.dogsplat.add_limits()
+    set_input(edit_modifiers(first)[0], "Maximum Count", 30)
+    first.update_tag()
+    second.select_set(True)
+    second.scale = 1, 1, 2
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match='"dog".*scaled differently'):
+        bpy.ops.dogsplat.join()
+    assert len(bpy.data.objects) == 2
+    second.scale = 1, 1, 1
+    bpy.context.view_layer.update()
+    bpy.ops.dogsplat.join()
+    assert len(first.data.vertices) == 180 and not edit_modifiers(first)
+
+
+def test_separated_parts_are_models_with_all_their_bits(scene, model, tmp_path):
+    place_camera(scene, "dog")
+    obj, raw = load(model, up_axis="-Y"), read_ply(model)
+    part = np.arange(raw.n_splats) % 3 == 0
+    obj.data.vertices.foreach_set("select", part)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.separate(type="SELECTED")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    other = next(o for o in bpy.context.selected_objects if o != obj)
+    scene.camera.data.lens *= 2
+    for piece, rows in ((obj, ~part), (other, part)):
+        bpy.ops.object.select_all(action="DESELECT")
+        piece.select_set(True)
+        assert_equal(export(tmp_path / "out.ply"), raw.select(rows))
+        seen = splat_modifier(piece.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+        assert get_input(seen, "Focal X") == get_input(splat_modifier(obj), "Focal X") > 0
+
+
+def test_a_linked_duplicate_is_exported_twice_and_cropped_by_itself(model, tmp_path):
+    obj, raw = load(model), read_ply(model)
+    bpy.ops.object.duplicate(linked=True)
+    copy = bpy.context.object
+    assert copy.data == obj.data
+    copy.location.x += 4
+    _, target = cropped(copy, "BOX")
+    keep = np.abs(local(copy, target, raw.means)).max(axis=1) <= 1
+    for other in (obj, copy):
+        other.select_set(True)
+    assert export(tmp_path / "out.ply").n_splats == raw.n_splats + keep.sum()
+    bpy.context.view_layer.objects.active = copy
+    obj.select_set(False)
+    bpy.ops.dogsplat.apply_edits()
+    bpy.ops.dogsplat.apply_transform()
+    assert_equal(read_attributes(obj.data), raw)
+    assert np.allclose(read_attributes(copy.data).means, raw.means[keep] + (4, 0, 0), atol=1e-5)
+
+
+@pytest.mark.parametrize("show, realised", [("Quads", False), ("Ellipsoids", False), ("Quads", True)])
+def test_instances_of_a_collection_are_exported_where_they_stand(scene, model, tmp_path, show, realised):
+    """Not the ellipsoids, which are instances too."""
+    raw = read_ply(model)
+    obj = load(model)
+    set_input(splat_modifier(obj), "Show As", show)
+    obj.update_tag()
+    collection = bpy.data.collections.new("kept")
+    for user in obj.users_collection:
+        user.objects.unlink(obj)
+    collection.objects.link(obj)
+    empty = bpy.data.objects.new("instance", None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", collection
+    scene.collection.objects.link(empty)
+    empty.matrix_world = PLACED
+    bpy.context.view_layer.update()
+    empty.select_set(True)
+    bpy.context.view_layer.objects.active = empty
+    if realised:
+        bpy.ops.object.duplicates_make_real()
+        bpy.context.view_layer.update()
+    placed = list(placed_splats(bpy.context.evaluated_depsgraph_get()))
+    assert len(placed) == 1 and np.allclose(placed[0][1], np.array(PLACED), atol=1e-6)
+    assert_moved(export(tmp_path / "out.ply"), raw, np.array(PLACED))
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_edits_and_drivers_come_along_to_another_file(model, tmp_path, link):
+    import addon_utils
+
+    obj, raw = load(model), read_ply(model)
+    _, target = cropped(obj, "BOX")
+    keep = np.abs(local(obj, target, raw.means)).max(axis=1) <= 1
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "source.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    addon_utils.enable("blender_addon")
+    command = bpy.ops.wm.link if link else bpy.ops.wm.append
+    command(directory=str(tmp_path / "source.blend" / "Object"), filename="dog")
+    obj = bpy.data.objects["dog"]
+    assert (obj.library is not None) == link and len(bpy.data.materials) == 3
+    assert_equal(shown(obj), raw.select(keep))
+    place_camera(bpy.context.scene, "dog")
+    bpy.context.scene.camera.data.lens = 18
+    bpy.context.view_layer.update()
+    seen = splat_modifier(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+    expected = 18 / bpy.context.scene.camera.data.sensor_width * bpy.context.scene.render.resolution_x
+    assert get_input(seen, "Focal X") == pytest.approx(expected, rel=1e-3)
+    bpy.context.view_layer.objects.active = obj
+    assert bpy.ops.dogsplat.add_limits.poll() != link
+    obj.select_set(True)
+    assert_equal(export(tmp_path / "out.ply"), raw.select(keep))

@@ -1,0 +1,115 @@
+"""Derivatives of ``dogpath``, in both modes, equal central differences of renders with the same random numbers."""
+
+from functools import partial
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from mi_dogsplat.engine.geometry import SMOOTH
+from mi_dogsplat.engine.options import RasterOptions
+from mi_dogsplat.plugin import dogpath, splat_integrator
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.tracing.options import TraceOptions
+from splat_scenes import make_splats, rounded, scene_of
+
+CAMERA = Camera(np.eye(4), 9.0, 9.0, 3.0, 2.5, 6, 5)
+SEED: Any = 5
+SPP = 2
+T4 = mi.ScalarTransform4f
+# two behind the camera, for the mirror; two in front of the wall, one of them in the view and before the other
+SPLATS = make_splats([[0.3, 0, -1.0], [-0.4, 0.2, -1.5], [1.5, 0, 2.2], [0, 0, 2.2]], 0.4, [0.6, 0.5, 0.7, 0.5],
+                     [[0.9, 0.5, 0.2], [0.2, 0.6, 0.7], [0.5, 0.4, 0.3], [0.3, 0.6, 0.3]], dog=[1, 3], f_a=0.6, F=1.4)
+ADJOINT = np.random.default_rng(0).normal(size=(5, 6, 3))
+NAMES = {"sh_coeffs": 1e-2, "logit_opacities": 1e-2, "dog_logit_opacities": 1e-2}
+
+
+@pytest.fixture(autouse=True)
+def _smooth(monkeypatch):
+    """No alpha appears at once where a parameter moves."""
+    monkeypatch.setattr(dogpath, "TraceOptions", partial(TraceOptions, cutoffs=SMOOTH))
+    monkeypatch.setattr(splat_integrator, "RasterOptions", partial(RasterOptions, cutoffs=SMOOTH))
+
+
+def others(bsdf: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "wall": {"type": "rectangle", "to_world": T4().translate([0, 0, 3]).rotate([0, 1, 0], 180).scale(9),
+                 "bsdf": bsdf},
+        "floor": {"type": "rectangle", "to_world": T4().translate([0, 1.5, 0]).rotate([1, 0, 0], 90).scale(9)},
+        "light": {"type": "point", "position": [3.0, 0.0, 1.0], "intensity": {"type": "rgb", "value": 9.0}},
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": 0.7}},
+    }
+
+
+def scene_with(splats: Any, surroundings: dict[str, Any]) -> Any:
+    return scene_of(rounded(splats), CAMERA, extra=surroundings, type="dogpath", max_depth=3, rr_depth=20)
+
+
+def differences(surroundings: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Of the loss, by every entry of the parameters in ``NAMES``."""
+    found = {}
+    for name, step in NAMES.items():
+        values = np.array(getattr(SPLATS, name), float)
+        found[name] = np.zeros_like(values)
+        scene = scene_with(SPLATS, surroundings)
+        params: Any = mi.traverse(scene)
+        for index in np.ndindex(values.shape):
+            sides = []
+            for sign in (1, -1):
+                moved = values.copy()
+                moved[index] += sign * step
+                params[f"splats.{name}"] = mi.TensorXf(moved.astype(np.float32))
+                params.update()
+                image = np.array(mi.render(scene, spp=SPP, seed=SEED), float)
+                sides.append((image * ADJOINT).sum())
+            found[name][index] = (sides[0] - sides[1]) / (2 * step)
+    return found
+
+
+@pytest.mark.parametrize("bsdf", [{"type": "conductor"}, {"type": "diffuse"}], ids=["mirror", "shadow"])
+def test_gradients_of_splats_in_mirrors_and_of_their_shadows_equal_differences(bsdf):
+    surroundings = others(bsdf)
+    scene = scene_with(SPLATS, surroundings)
+    params: Any = mi.traverse(scene)
+    leaves = {name: params[f"splats.{name}"] for name in NAMES}
+    dr.enable_grad(leaves)
+    params.update()
+    scene.integrator().render_backward(scene, params, mi.TensorXf(ADJOINT.astype(np.float32)), seed=SEED, spp=SPP)
+    gradients = {name: dr.grad(leaf).numpy() for name, leaf in leaves.items()}
+    for name, expected in differences(surroundings).items():
+        assert np.abs(expected).max() > 0.01, name
+        scale = np.abs(expected).max()
+        np.testing.assert_allclose(gradients[name], expected, atol=0.01 * scale, rtol=0.02, err_msg=name)
+
+    rng = np.random.default_rng(1)
+    direction = {name: rng.normal(size=g.shape).astype(np.float32) for name, g in gradients.items()}
+    scene = scene_with(SPLATS, surroundings)
+    params = mi.traverse(scene)
+    for name in NAMES:
+        dr.enable_grad(params[f"splats.{name}"])
+        dr.set_grad(params[f"splats.{name}"], mi.TensorXf(direction[name]))
+    params.update()
+    change = np.array(scene.integrator().render_forward(scene, params, seed=SEED, spp=SPP))
+    along = sum((gradients[name] * direction[name]).sum() for name in NAMES)
+    assert (change * ADJOINT).sum() == pytest.approx(along, rel=2e-3)
+
+
+def test_materials_and_lights_have_derivatives_though_no_primitive_has():
+    scene = scene_with(SPLATS, others({"type": "diffuse"}))
+    params: Any = mi.traverse(scene)
+    names = ["wall.bsdf.reflectance.value", "light.intensity.value"]
+    dr.enable_grad([params[name] for name in names])
+    params.update()
+    scene.integrator().render_backward(scene, params, mi.TensorXf(ADJOINT.astype(np.float32)), seed=SEED, spp=SPP)
+    gradients = {name: np.array(dr.grad(params[name])).ravel() for name in names}
+    for name in names:
+        sides = []
+        for factor in (1.02, 0.98):  # of all channels together
+            changed = others({"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.5 * factor] * 3}}
+                             if name.startswith("wall") else {"type": "diffuse"})
+            if name.startswith("light"):
+                changed["light"] |= {"intensity": {"type": "rgb", "value": [9 * factor] * 3}}
+            sides.append((np.array(mi.render(scene_with(SPLATS, changed), spp=SPP, seed=SEED), float) * ADJOINT).sum())
+        at = 0.5 if name.startswith("wall") else 9
+        assert gradients[name].sum() == pytest.approx((sides[0] - sides[1]) / (0.04 * at), rel=0.01)

@@ -1,0 +1,150 @@
+"""Requests for pictures, as another program sends them."""
+
+import io
+import json
+import subprocess
+import sys
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.rasterize import RasterOptions
+from mi_dogsplat.render.picture import render_picture
+from mi_dogsplat.requests.answer import Answerer
+from mi_dogsplat.requests.request import read_request
+from mi_dogsplat.requests.serve import lines_until_idle, serve
+from mi_dogsplat.scene.ply import write_ply
+from splat_scenes import random_splats, rounded, square_camera
+
+WIDTH, HEIGHT = 24, 16
+SPLATS = rounded(random_splats(40, seed=1))
+CAMERA = square_camera(WIDTH, HEIGHT, 22.0)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A model, and a scene in which a lamp hides a small part of a wall behind the model."""
+    folder = tmp_path_factory.mktemp("requests")
+    write_ply(folder / "model.ply", SPLATS)
+    c2w = np.linalg.inv(CAMERA.w2c)
+    wall, lamp = c2w @ np.diag([-1.0, -1, 1, 1]), c2w @ np.diag([-0.1, -0.1, 1, 1])
+    wall[:3, 3] += 30 * c2w[:3, 2]
+    lamp[:3, 3] += 0.5 * c2w[:3, 2]
+    film = {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, "pixel_format": "rgba", "rfilter": {"type": "box"}}
+    fov = np.degrees(2 * np.arctan(WIDTH / 2 / 22))
+    sensor = {"type": "perspective", "fov": fov, "to_world": matrix(c2w @ np.diag([-1.0, -1, 1, 1])), "film": film}
+    facing = np.diag([100.0, 100, -1, 1])
+    black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0, 0, 0]}}
+    shapes = {
+        "object_2_wall": {"type": "rectangle", "to_world": matrix(wall @ facing), "bsdf": black},
+        "light_0": {"type": "rectangle", "to_world": matrix(lamp @ np.diag([1.0, 1, -1, 1])), "bsdf": {"type": "null"},
+                    "emitter": {"type": "area", "radiance": 5.0}},
+        "sky": {"type": "constant", "radiance": 0.25},
+    }  # fmt: skip
+    (folder / "scene.json").write_text(json.dumps({"sensor": sensor, **shapes}))
+    return folder
+
+
+def matrix(values):
+    return {"matrix": np.asarray(values).tolist()}
+
+
+def camera_json():
+    numbers = {name: getattr(CAMERA, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    return {"w2c": CAMERA.w2c.tolist(), **numbers}
+
+
+def answered(request) -> dict:
+    (*_, (share, picture)) = Answerer().answer(read_request(request))
+    assert share == 1 and picture is not None
+    return picture
+
+
+def told(lines) -> list[dict]:
+    said = []
+    serve(io.StringIO("".join(f"{json.dumps(line)}\n" for line in lines)), said.append)
+    return said
+
+
+def test_splats_alone_are_the_picture_of_the_command(folder):
+    request = {"model": str(folder / "model.ply"), "camera": camera_json(), "counts": [10, 30]}
+    picture = answered({**request, "passes": ["depth", "normal", "object", "matte"]})
+    options = RasterOptions(sh_degree=SPLATS.sh_degree, depth=True)
+    expected = render_picture(upload(SPLATS), CAMERA, options)
+    np.testing.assert_allclose(picture["color"], expected.color, atol=1e-5)
+    np.testing.assert_allclose(picture["alpha"], expected.alpha, atol=1e-5)
+    seen = expected.alpha > 0.1
+    assert expected.depth is not None
+    np.testing.assert_allclose(picture["depth"][seen], expected.depth[seen], rtol=1e-4)
+    assert set(np.unique(picture["object"])) == {-1, 0, 1}
+    np.testing.assert_allclose(np.linalg.norm(picture["normal"][seen], axis=-1), 1, atol=1e-4)
+    covered = picture["alpha"] > 0
+    np.testing.assert_array_equal(picture["matte"][covered][:, 0, 0], picture["object"][covered])
+    np.testing.assert_allclose(picture["matte"][covered][:, 0, 1], picture["alpha"][covered], atol=1e-6)
+
+
+def test_passes_of_a_scene_look_past_lamps(folder):
+    request = {"scene": str(folder / "scene.json"), "samples": 4, "passes": ["depth", "normal", "object", "matte"]}
+    picture = answered(request)
+    np.testing.assert_allclose(picture["depth"], 30, rtol=1e-4)
+    assert (picture["object"] == 2).all() and (picture["matte"][..., 0, 0] == 2).all()
+    np.testing.assert_allclose(picture["matte"][..., 0, 1], 1, atol=1e-5)
+    toward = -np.linalg.inv(CAMERA.w2c)[:3, 2]
+    np.testing.assert_allclose(picture["normal"], np.broadcast_to(toward, (HEIGHT, WIDTH, 3)), atol=1e-4)
+
+
+def test_the_camera_does_not_see_lamps_that_are_hidden(folder):
+    request = {"scene": str(folder / "scene.json"), "samples": 4}
+    middle = np.s_[HEIGHT // 2, WIDTH // 2]
+    assert answered(request)["color"][middle].max() == pytest.approx(5.0, rel=1e-3)
+    assert answered({**request, "hide_lamps": True})["color"][middle].max() < 1e-3
+
+
+def test_splats_in_a_scene_are_in_front_of_its_surfaces(folder):
+    request = {"scene": str(folder / "scene.json"), "model": str(folder / "model.ply"), "samples": 1}
+    picture = answered({**request, "counts": [10, 30], "passes": ["depth", "object"], "near_clip": 0.2})
+    alone = answered({"model": str(folder / "model.ply"), "camera": camera_json(), "passes": ["depth"]})
+    assert {-1, 2} & set(np.unique(picture["object"])) == {2} and {0, 1} & set(np.unique(picture["object"]))
+    covered = alone["alpha"] > 0  # not where negative lobes prevail
+    alpha, depth = alone["alpha"][covered], alone["depth"][covered]
+    np.testing.assert_allclose(picture["depth"][covered], alpha * depth + (1 - alpha) * 30, rtol=1e-3)
+
+
+def test_a_wrong_request_is_one_line_and_the_next_one_is_answered(folder):
+    out, model = str(folder / "out.npz"), str(folder / "model.ply")
+    good = {"out": out, "model": model, "camera": camera_json()}
+    wrong = [
+        {"model": model}, {**good, "camera": None}, {**good, "pases": []}, {**good, "passes": ["detph"]}, [1],
+        {**good, "model": "none.ply"}, {"out": out, "scene": "none.json"}, {**good, "scene": "scene.json"},
+    ]  # fmt: skip
+    said = told([*wrong, good])
+    assert [next(iter(line)) for line in said] == ["error"] * len(wrong) + ["done"]
+    assert all("\n" not in line["error"] and "; " in line["error"] for line in said[:-1])
+    assert np.load(out)["color"].shape == (HEIGHT, WIDTH, 3)
+
+
+def test_a_scene_that_mitsuba_refuses_is_one_line(folder):
+    (folder / "broken.json").write_text(json.dumps({"thing": {"type": "nonsense"}}))
+    (said,) = told([{"out": str(folder / "out.npz"), "scene": str(folder / "broken.json")}])
+    assert "broken.json" in said["error"] and "nonsense" in said["error"]
+
+
+def test_a_process_ends_when_nobody_asks():
+    def slow():
+        yield "first"
+        import time
+
+        time.sleep(30)
+
+    assert list(lines_until_idle(slow(), 0.05)) == ["first"]
+    assert list(lines_until_idle(["a", "b"], 60)) == ["a", "b"]
+
+
+def test_what_mitsuba_prints_is_no_answer(folder):
+    """The command, which has standard output for answers alone."""
+    line = json.dumps({"out": str(folder / "command.npz"), "model": str(folder / "model.ply"), "camera": camera_json()})
+    words = [sys.executable, "-m", "mi_dogsplat", "serve", "--variant", mi.variant() or "auto"]
+    done = subprocess.run(words, input=f"{line}\n{{}}\n", capture_output=True, text=True, check=True)
+    first, second = map(json.loads, done.stdout.splitlines())
+    assert first == {"done": str(folder / "command.npz")} and "out" in second["error"]

@@ -1,0 +1,132 @@
+"""Derivatives of what rays gather, against finite differences of the float64 twin."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import pytest
+from mi_dogsplat.engine.geometry import SMOOTH
+from mi_dogsplat.reference import rays as twin
+from mi_dogsplat.reference.forward import RAW_PARAMETERS
+from mi_dogsplat.tracing.options import TraceOptions
+from mi_dogsplat.tracing.rays import FEW
+from mi_dogsplat.tracing.tracer import SplatTracer
+from ray_sets import RaySet, random_rays
+from splat_scenes import attached, random_splats, rounded
+
+STEP = 1e-5
+
+
+@pytest.fixture(scope="module")
+def splats():
+    return rounded(random_splats(9, seed=21, degree=1))
+
+
+@pytest.fixture(scope="module")
+def rays() -> RaySet:
+    return random_rays(60, seed=22)
+
+
+def adjoints(n: int) -> np.ndarray:
+    """[4, P] of the colours and of the transmittance."""
+    return np.random.default_rng(23).normal(size=(4, n)).astype(np.float32)
+
+
+def twin_loss(splats: Any, rays: RaySet, kind: str, **options) -> float:
+    δ, meetings = adjoints(len(rays.maxt)), rays.meet(splats, smooth=True)
+    if kind == "transmittance":
+        return float((δ[3] * twin.transmittance(meetings, smooth=True, **options)).sum())
+    colors, T = twin.gather(meetings, smooth=True, **options)
+    return float((δ[:3] * colors.T).sum() + (δ[3] * T).sum())
+
+
+def differences(splats: Any, rays: RaySet, kind: str, **options) -> dict[str, np.ndarray]:
+    """Central ones, by every entry of the raw parameters."""
+    raw = {name: np.array(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
+    changed: Any = SimpleNamespace(**raw, dog_index=splats.dog_index)
+    result = {}
+    for name, values in raw.items():
+        result[name] = np.zeros_like(values)
+        for index in np.ndindex(values.shape):
+            kept, losses = values[index], []
+            for sign in (1, -1):
+                values[index] = kept + sign * STEP
+                losses.append(twin_loss(changed, rays, kind, **options))
+            values[index] = kept
+            result[name][index] = (losses[0] - losses[1]) / (2 * STEP)
+    return result
+
+
+def loss(params: dict, degree: int, rays: RaySet, kind: str, **options) -> Any:
+    """The same of the tracer, attached to the AD graph."""
+    δ = adjoints(len(rays.maxt))
+    tracer = SplatTracer(params, TraceOptions(degree, **options))
+    if kind == "transmittance":
+        return dr.sum(tracer.transmittance(rays.ray) * δ[3])
+    colors, T = tracer.gather(rays.ray)
+    return dr.sum(sum(c * d for c, d in zip(colors, δ[:3], strict=True)) + T * δ[3])
+
+
+@pytest.mark.parametrize("negative_transmittance", [True, False])
+@pytest.mark.parametrize("kind", ["transmittance", "gather"])
+def test_gradients_are_those_of_the_twin(splats, rays, kind, negative_transmittance):
+    options = {"negative_transmittance": negative_transmittance}
+    expected = differences(splats, rays, kind, **options)
+    params = attached(splats)
+    dr.backward(loss(params, splats.sh_degree, rays, kind, cutoffs=SMOOTH, **options))
+    wrong = []
+    for name, values in expected.items():
+        found = dr.grad(params[name]).numpy().reshape(values.shape)
+        error = np.abs(found - values).max() / max(np.abs(values).max(), 1e-3)
+        wrong += [f"{name}: {error:.1e}"] if error > 2e-3 else []
+        assert kind == "transmittance" and name == "sh_coeffs" or np.abs(values).max() > 1e-3, name
+    assert not wrong, wrong
+
+
+@pytest.mark.parametrize("kind", ["transmittance", "gather"])
+@pytest.mark.parametrize("n", [60, FEW + 10])
+def test_forward_mode_is_the_transpose_of_reverse_mode(splats, kind, n):
+    rays = random_rays(n, seed=24)
+    params = attached(splats)
+    dr.backward(loss(params, splats.sh_degree, rays, kind))
+    rng, inner = np.random.default_rng(25), 0.0
+    names = [name for name in RAW_PARAMETERS if name in params]
+    tangents = {name: rng.normal(size=dr.width(params[name])) for name in names}
+    inner = sum(float((dr.grad(params[name]).numpy() * tangents[name]).sum()) for name in names)
+    params = attached(splats)
+    value = loss(params, splats.sh_degree, rays, kind)
+    for name in names:
+        dr.set_grad(params[name], type(params[name])(tangents[name].astype(np.float32)))
+    dr.enqueue(dr.ADMode.Forward, [params[name] for name in names])
+    dr.traverse(dr.ADMode.Forward)
+    np.testing.assert_allclose(float(dr.grad(value)[0]), inner, rtol=2e-3)
+    assert abs(inner) > 0.1
+
+
+def test_with_the_cutoffs_opacities_and_colours_have_the_gradients_of_finite_differences(splats, rays):
+    """Where no alpha and no transmittance crosses a cutoff, which steps this small avoid."""
+    rng = np.random.default_rng(26)
+    for name in ("logit_opacities", "sh_coeffs"):
+        params = attached(splats)
+        dr.backward(loss(params, splats.sh_degree, rays, "gather"))
+        direction = rng.normal(size=dr.width(params[name]))
+        found = float((dr.grad(params[name]).numpy() * direction).sum())
+        values, step, losses = np.array(getattr(splats, name), np.float64), 1e-6, []
+        for sign in (1, -1):
+            raw = {key: np.array(getattr(splats, key), np.float64) for key in RAW_PARAMETERS}
+            raw[name] = values + sign * step * direction.reshape(values.shape)
+            changed: Any = SimpleNamespace(**raw, dog_index=splats.dog_index)
+            δ, (colors, T) = adjoints(len(rays.maxt)), twin.gather(rays.meet(changed))
+            losses.append(float((δ[:3] * colors.T).sum() + (δ[3] * T).sum()))
+        np.testing.assert_allclose(found, (losses[0] - losses[1]) / (2 * step), rtol=5e-3)
+
+
+def test_a_primitive_that_no_ray_meets_has_no_gradient(splats, rays):
+    beside = rounded(random_splats(9, seed=21, degree=1))
+    beside.means[2] += 100
+    params = attached(beside)
+    dr.backward(loss(params, 1, rays, "gather"))
+    for name in ("means", "logit_opacities", "sh_coeffs"):
+        rows = dr.grad(params[name]).numpy().reshape(9, -1)
+        assert not rows[2].any() and rows.any()

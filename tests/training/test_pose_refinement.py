@@ -1,0 +1,287 @@
+"""Poses of the training views: their gradient, their steps, what is found again, what is kept, what it costs."""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import pytest
+import tiny_data
+from launches import launches
+from mi_dogsplat.datasets import Dataset, camera_extent, load_dataset
+from mi_dogsplat.datasets.camera_paths import look_at
+from mi_dogsplat.datasets.dataset import View, seen_by
+from mi_dogsplat.engine.arrays import detached
+from mi_dogsplat.engine.parameters import device_array, upload
+from mi_dogsplat.engine.rasterize import RasterOptions
+from mi_dogsplat.render.picture import render_picture
+from mi_dogsplat.report.write import write_report
+from mi_dogsplat.runs import run
+from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, moved_w2c, preconditioners, without_common
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.sh_basis import C0
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training import train as train_module
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.strategy.densify import Densification
+from mi_dogsplat.training.strategy.pose_refinement import PoseRefinement, Poses
+from mi_dogsplat.training.strategy.strategy import Seen, Strategy, Training, arrays_of
+from mi_dogsplat.training.train import Trainer
+from splat_scenes import SMOOTH_OPTIONS
+
+from benchmarks.pose_error import PoseError, pose_error
+
+VIEWS = 7  # of the tiny data, for training
+
+
+def config_of(data: Path, **changes) -> TrainConfig:
+    base: dict[str, Any] = {
+        "preset": "3dgs", "steps": 60, "sh_degree": 1, "max_primitives": 100, "log_every": 10, "refine_poses": True,
+    }  # fmt: skip
+    return TrainConfig(str(data), **(base | changes))
+
+
+@pytest.fixture
+def at_once(monkeypatch) -> None:
+    """Poses are refined from the first step on."""
+    monkeypatch.setattr(train_module, "PoseRefinement", lambda: PoseRefinement(start=0))
+
+
+def poses_of(trainer: Trainer) -> Poses:
+    return trainer.states["poserefinement"]
+
+
+def stepped(trainer: Trainer, steps: int) -> Trainer:
+    for _ in range(steps):
+        trainer.step()
+    return trainer
+
+
+def test_the_gradient_is_that_of_differences_of_the_loss(data, at_once, monkeypatch):
+    """Of the very loss of training, in float32, along random directions, at poses that have moved.
+
+    Cutoffs are smooth: elsewhere an image jumps where a pixel crosses one, which is no derivative.
+    """
+    usual: Any = Trainer.options
+    monkeypatch.setattr(Trainer, "options", property(lambda t: replace(usual.fget(t), **SMOOTH_OPTIONS)))
+    trainer = stepped(Trainer(config_of(data), load_dataset(data)), 2 * VIEWS + 1)
+    state, rng = poses_of(trainer), np.random.default_rng(0)
+    view, params = trainer.order[-1], {name: dr.detach(value) for name, value in trainer.optimizer.params.items()}
+
+    def loss(motion: np.ndarray) -> float:
+        trainer.photographs.move(view, moved_w2c(state.given[view][None], motion[None], trainer.extent)[0])
+        planes, _ = trainer.render(params, view)
+        return float(trainer.photographs.compare(planes, view, 0)[1][0])
+
+    motion = state.motions[view]
+    assert np.linalg.norm(motion[:3]) > 1e-4 < np.linalg.norm(motion[3:])
+    directions = rng.normal(size=(6, 6))
+    # an image jumps where primitives change their order: of three lengths one at most meets that
+    slopes = [[(loss(motion + h * d) - loss(motion - h * d)) / (2 * h) for d in directions] for h in (1e-4, 3e-5, 1e-5)]
+    expected = np.median(slopes, axis=0)
+    loss(motion)  # moves it back
+    before = np.array(state.gradient.numpy(), np.float64).reshape(-1, 6)
+    trainer.step()
+    by_pose = np.array(state.gradient.numpy(), np.float64).reshape(-1, 6)
+    others = np.arange(VIEWS) != view
+    assert np.array_equal(by_pose[others], before[others]) and not before[view].any()
+    got = directions @ motion_gradient(state.given, state.motions, trainer.extent, by_pose)[view]
+    np.testing.assert_allclose(got, expected, atol=0.05 * np.abs(expected).max())
+
+
+def test_a_step_follows_the_mean_gradient_in_units_of_the_picture_with_a_pull_and_nothing_in_common(data):
+    rule = PoseRefinement(start=0, reach=0.04, fall=0.25, pull=0.03, quiet=0.1, memory=0.7)
+    trainer = Trainer(config_of(data), load_dataset(data))
+    state, rng = rule.new_state(trainer), np.random.default_rng(0)
+    basis = common_motions(state.given, trainer.extent)
+    views = trainer.dataset.train
+    scales = preconditioners([view.camera for view in views], trainer.optimizer.numpy("means"), trainer.extent)
+    by_axis = [[np.abs(np.diff(view.image, axis=axis)).mean() for axis in (0, 1)] for view in views]
+    slopes = tiny_data.WIDTH * np.mean(by_axis, axis=1)
+    sum_of_falls = sum(0.25 ** (k / 1000) for k in range(1000)) / 1000 * (60 / VIEWS)
+    x, seen, weights = np.zeros(6 * VIEWS), np.zeros((VIEWS, 6)), 0.0
+    for t in range(1, 5):
+        trainer.step_count = 10 * t
+        by_pose = (1.5e-2 * rng.normal(size=(VIEWS, 6))).astype(np.float32)
+        gradient = motion_gradient(state.given, x.reshape(VIEWS, 6), trainer.extent, by_pose)
+        state.gradient, state.seen = detached(device_array(by_pose)), VIEWS
+        rule.after_step(trainer, state)
+        seen, weights = 0.7 * seen + gradient, 0.7 * weights + 1
+        asked = (scales @ (seen / weights)[..., None])[..., 0] / slopes[:, None]  # [V, 6]
+        loud = np.array([np.sqrt(g @ a / slope) for g, a, slope in zip(seen / weights, asked, slopes, strict=True)])
+        assert loud.min() < 0.1 < loud.max()  # some views ask for nothing
+        step = 0.04 / sum_of_falls * (np.maximum(1 - 0.1 / loud, 0)[:, None] * asked).ravel()
+        x = x - 0.25 ** (10 * t / 60) * (step + 0.03 * x)
+        x = x - basis @ (basis.T @ x)
+        np.testing.assert_allclose(state.motions.ravel(), x, rtol=2e-3, atol=1e-6)
+        assert state.seen == 0 and state.turns == t and not state.gradient.numpy().any()
+    expected = moved_w2c(state.given, state.motions, trainer.extent)
+    for k, view in enumerate(trainer.photographs.originals):
+        np.testing.assert_allclose(view.camera.w2c, expected[k], atol=1e-12)
+    positions = np.array([view.camera.position for view in trainer.photographs.originals])
+    np.testing.assert_allclose(trainer.photographs.positions, positions)
+
+
+@dataclass(frozen=True)
+class Frozen(Strategy[None]):
+    """The model stays as it is."""
+
+    def after_backward(self, t: Training, state: None, seen: Seen) -> None:
+        for value in t.optimizer.params.values():
+            dr.clear_grad(value)
+
+
+@pytest.fixture(scope="module")
+def room() -> tuple[Splats, Dataset]:
+    """A model all around and at all depths, so that turns and shifts look different, and its pictures."""
+    rng, n = np.random.default_rng(0), 120
+    z = rng.uniform(1, 6, n)
+    model = Splats(
+        means=np.column_stack([rng.uniform(-1, 1, (n, 2)) * (0.6 + z[:, None]), z]),
+        log_scales=np.log(rng.uniform(0.06, 0.15, (n, 3)) * z[:, None]),
+        quats=rng.normal(size=(n, 4)),
+        logit_opacities=rng.uniform(1, 4, n),
+        sh_coeffs=(rng.uniform(0.05, 0.95, (n, 1, 3)) - 0.5) / C0,
+    )
+    views, (width, height) = [], (48, 36)
+    for k in range(9):
+        x, y = k // 3 - 1, k % 3 - 1
+        w2c = look_at(np.array([1.2 * x, y, 0.8 * (k % 2) - 1.9]), np.array([0.3 * y, 0.3 * x, 3.0]), "-y")
+        camera = Camera(w2c, width / 2, width / 2, width / 2, height / 2, width, height)
+        image = render_picture(upload(model), camera, RasterOptions(sh_degree=0)).color
+        views.append(View(str(k), camera, image.astype(np.float32)))
+    colors = 0.5 + C0 * model.sh_coeffs[:, 0]
+    return model, Dataset(Path("room"), views, [], model.means, colors.astype(np.float32), False)
+
+
+def found(room: tuple[Splats, Dataset], wrong: Dataset, *strategies: Strategy, steps: int = 250) -> Trainer:
+    """Trained from the model that the photographs were made of, without densification."""
+    recipe = replace(RECIPES["3dgs"], densification=Densification(start=0, stop=0), also=strategies)
+    config = config_of(Path("room"), steps=steps, sh_degree=0, max_primitives=None)
+    trainer, model = Trainer(config, wrong, recipe), room[0]
+    for name in ("means", "log_scales", "quats", "logit_opacities"):
+        trainer.optimizer.assign(name, getattr(model, name))
+    trainer.optimizer.assign("sh_dc", model.sh_coeffs[:, 0])
+    return stepped(trainer, steps)
+
+
+def errors(given: Dataset, views: list[View]) -> PoseError:
+    exact, seen = ({view.name: view.camera for view in some} for some in (given.train, views))
+    return pose_error(exact, seen)
+
+
+@pytest.mark.parametrize("strategies", [(), (Frozen(),)], ids=["together with the model", "by a model that is right"])
+def test_poses_that_were_perturbed_are_found_again(room, at_once, strategies):
+    """Errors of 0.7 degrees and 1.2 % of the extent fall to a third of that at most."""
+    given = room[1]
+    w2c, extent = np.array([view.camera.w2c for view in given.train]), camera_extent(given.train)
+    noise = np.random.default_rng(0).normal(scale=0.01, size=(len(w2c), 6))
+    moved = moved_w2c(w2c, without_common(noise, common_motions(w2c, extent)), extent)  # a frozen model sees the rest
+    train = [seen_by(v, replace(v.camera, w2c=at)) for v, at in zip(given.train, moved, strict=True)]
+    wrong = replace(given, train=train)
+    trainer = found(room, wrong, *strategies)
+    before, after = errors(given, wrong.train), errors(given, trainer.photographs.originals)
+    assert before.angle > 0.7 and before.position > 0.011
+    assert after.angle < before.angle / 3 and after.position < before.position / 3
+    state = poses_of(trainer)
+    common = common_motions(state.given, trainer.extent).T @ state.motions.ravel()
+    assert np.abs(common).max() < 1e-12 < 1e-3 < np.abs(state.motions).max()
+
+
+def test_without_the_option_no_camera_moves(data):
+    dataset = load_dataset(data)
+    trainer = stepped(Trainer(config_of(data, refine_poses=False), dataset), 2 * VIEWS)
+    assert all(a is b for a, b in zip(trainer.photographs.originals, dataset.train, strict=True))
+
+
+def test_a_run_that_goes_on_has_the_bits_of_one_that_was_not_stopped(data, at_once, ordered):
+    config, dataset = config_of(data), load_dataset(data)
+    first = stepped(Trainer(config, dataset), 2 * VIEWS + 3)  # in the middle of a turn
+    state = {name: np.array(value) for name, value in first.state().items()}
+    second = Trainer(config, dataset)
+    second.restore(state)
+    second.begin()
+    for trainer in (first, second):
+        stepped(trainer, 2 * VIEWS)
+    for name, value in arrays_of(poses_of(first)).items():
+        np.testing.assert_array_equal(arrays_of(poses_of(second))[name], value)
+    np.testing.assert_array_equal(second.optimizer.numpy("means"), first.optimizer.numpy("means"))
+    np.testing.assert_array_equal(second.photographs.positions, first.photographs.positions)
+
+
+def test_before_it_starts_it_changes_no_bit_and_launches_nothing(data, monkeypatch, ordered):
+    monkeypatch.setattr(train_module, "PoseRefinement", lambda: PoseRefinement(start=20_000))
+    dataset = load_dataset(data)
+    trainers = [Trainer(config_of(data, refine_poses=on), dataset) for on in (False, True)]
+    launched = [[(k.kind, k.size) for k in launches(trainer.step)] for trainer in trainers]
+    assert launched[0] == launched[1]
+    off, on = trainers
+    assert "poserefinement" not in off.states and poses_of(on).turns == 0
+    np.testing.assert_array_equal(on.optimizer.numpy("means"), off.optimizer.numpy("means"))
+
+
+def test_what_a_step_costs_does_not_grow_with_the_number_of_views(data, at_once):
+    dataset = load_dataset(data)
+    more = replace(dataset, train=[replace_name(v, f"{v.name}_{k}") for k in range(4) for v in dataset.train])
+    counts = [len(launches(Trainer(config_of(data), d).step)) for d in (dataset, more)]
+    off = len(launches(Trainer(config_of(data, refine_poses=False), dataset).step))
+    assert counts[0] == counts[1] and off < counts[0] <= off + 20
+
+
+def replace_name(view: Any, name: str) -> Any:
+    other = seen_by(view, view.camera)
+    object.__setattr__(other, "name", name)
+    return other
+
+
+def test_a_run_leaves_the_refined_poses_as_a_data_set_and_tells_how_far_cameras_moved(data, tmp_path, at_once):
+    out = tmp_path / "run"
+    metrics = run.train(config_of(data, steps=3 * VIEWS), out)
+    given, refined = load_dataset(data), load_dataset(out / "refined")
+    names = [[view.name for view in views] for views in (given.train, given.test)]
+    assert [[view.name for view in views] for views in (refined.train, refined.test)] == names
+    np.testing.assert_array_equal(refined.points, given.points)
+    moved = metrics["poses"]
+    assert list(moved) == names[0] and all(motion["shift"] > 0 for motion in moved.values())
+    for before, after in zip(given.train, refined.train, strict=True):
+        np.testing.assert_array_equal(after.image, before.image)
+        shift = np.linalg.norm(after.camera.position - before.camera.position)
+        assert shift / camera_extent(given.train) == pytest.approx(moved[before.name]["shift"], rel=1e-6)
+    for before, after in zip(given.test, refined.test, strict=True):
+        np.testing.assert_allclose(after.camera.w2c, before.camera.w2c, atol=1e-12)
+    assert metrics["test"]["aligned_psnr"] >= metrics["test"]["psnr"]
+    assert "aligned_psnr" not in metrics["train"]
+    rows = [json.loads(line) for line in (out / "history.jsonl").read_text().splitlines()]
+    assert rows[-1]["events"][0]["kind"] == "poses_refined"
+    page = write_report(out).read_text()
+    assert "How far the cameras moved" in page and page.count('"moved"') == 1
+    again = run.train(config_of(data, steps=3 * VIEWS), out, resume=True)
+    assert again["poses"] == moved
+    with pytest.raises(DataError, match="is the run that its data come from; name another folder"):
+        run.train(config_of(out / "refined"), out)
+    run.train(config_of(data, steps=5, refine_poses=False), out)
+    assert not (out / "refined" / "transforms.json").exists()
+
+
+def test_the_cameras_of_a_scene_are_exact_and_refused(tmp_path):
+    scene = tmp_path / "scene.xml"
+    scene.write_text("<scene version='3.0.0'/>")
+    with pytest.raises(DataError, match="scene.xml: the cameras of a scene are exact; train without --refine-poses"):
+        run.train(config_of(scene), tmp_path / "run")
+
+
+def test_several_views_in_a_step_and_pictures_that_are_smaller_for_a_while(data, at_once):
+    trainer = Trainer(config_of(data, batch_views=3), load_dataset(data))
+    trainer.photographs.shrink(2)
+    stepped(trainer, 5)  # 15 views: two turns
+    state = poses_of(trainer)
+    assert state.turns == 1 and state.seen == 6 and np.isfinite(state.motions).all()
+    small = [camera.w2c for camera in (view.camera for view in trainer.photographs.views)]
+    trainer.photographs.shrink(1)
+    for k, view in enumerate(trainer.photographs.views):
+        np.testing.assert_array_equal(view.camera.w2c, small[k])
+        assert view.camera.width == tiny_data.WIDTH and np.abs(view.camera.w2c - state.given[k]).max() > 0
