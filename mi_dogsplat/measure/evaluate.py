@@ -12,8 +12,11 @@ import numpy as np
 from ..datasets.dataset import View
 from ..datasets.masks import Masks
 from ..render.picture import Picture, light_of, photograph, premultiplied, radiance_of, seen_as
+from ..scene.appearance import Appearance, photographed, radii_squared
+from ..scene.cameras import Camera
 from ..support.pictures import heat_map, write_exr, write_png
 from .align import aligned
+from .half_fit import half_psnr
 from .hdr import evaluate_radiance
 from .lpips import Lpips
 from .metrics import color_corrected, evaluate, flip, masked, psnr
@@ -32,12 +35,14 @@ class Measure:
         align_extent: adds ``aligned_psnr``, from the pose near that of the view that fits best (``align.py``), in units
             of this extent of the cameras; None does not.
         lpips: adds the metric of this name, which takes seconds per view.
+        appearance: adds ``cc_psnr`` and ``half_psnr`` (``half_fit.py``), both with the vignetting of the view's device.
     """
 
     masks: Masks | None = None
     color_correct: bool = False
     align_extent: float | None = None
     lpips: Lpips | None = None
+    appearance: Appearance | None = None
 
 
 def evaluate_views(
@@ -68,7 +73,9 @@ def evaluate_views(
         metrics = results[view.name] = evaluate(seen, truth, view.name, mask)
         if view.white is not None:
             metrics |= evaluate_radiance(light_of(rendered), radiance_of(view, background), mask)
-        if measure.color_correct:
+        if measure.appearance is not None:
+            metrics |= _after_fits(seen, truth, view.camera, measure.appearance, mask)
+        elif measure.color_correct:
             metrics["cc_psnr"] = psnr(color_corrected(seen, truth, mask), truth, mask)
         if measure.align_extent is not None:
             best = seen_as(picture(aligned(picture, view, background, measure.align_extent, mask)), view)
@@ -85,6 +92,17 @@ def evaluate_views(
                 layers["depth"] = rendered.depth
             write_exr(out / f"{view.name}.exr", layers)
     return results
+
+
+def _after_fits(
+    image: np.ndarray, truth: np.ndarray, camera: Camera, appearance: Appearance, mask: np.ndarray | None
+) -> dict[str, float]:
+    r_sq = radii_squared(camera)
+    taken = photographed(image, r_sq, appearance.numbers(camera))
+    return {
+        "cc_psnr": psnr(color_corrected(taken, truth, mask), truth, mask),
+        "half_psnr": half_psnr(image, truth, r_sq, appearance.of_device(camera), mask),
+    }
 
 
 def mean_metrics(results: dict[str, dict[str, float]]) -> dict[str, float]:

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 
 import drjit as dr
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..engine.aovs import channel_names, channels
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import RasterOptions, rasterize
+from ..scene.appearance import photographed, radii_squared
 from ..scene.cameras import Camera
 from ..support.srgb import displayed, linear_to_srgb, srgb_to_linear
 
@@ -97,6 +99,12 @@ def light_of(picture: Picture) -> np.ndarray:
 def seen_as(picture: Picture, view: View) -> np.ndarray:
     """[H, W, 3] display-referred: a picture in the exposure of the ``photograph`` that it is compared with."""
     return picture.color if view.white is None else displayed(light_of(picture), view.white)
+
+
+def as_taken(picture: Picture, camera: Camera, numbers: ArrayLike) -> Picture:
+    """The picture as a camera takes it, with its exposure, white balance and vignetting (``scene/appearance.py``)."""
+    color = np.clip(photographed(picture.color, radii_squared(camera), numbers), 0, 1)
+    return replace(picture, color=color)
 
 
 def over_background(image: np.ndarray, background: float) -> np.ndarray:

@@ -14,6 +14,7 @@ from ..engine.aovs import options_for, read_names
 from ..engine.parameters import upload
 from ..engine.rasterize import RasterOptions
 from ..formats.read import read_model
+from ..scene.appearance import read_appearance
 from ..scene.camera_file import read_camera
 from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, drawn_as
@@ -23,7 +24,7 @@ from ..support.files import replacing
 from ..support.pictures import write_channels, write_exr, write_png
 from ..support.srgb import linear_to_srgb
 from .framing import NEAR_SHARE, automatic_camera, robust_sphere
-from .picture import Picture, background_color, premultiplied, render_picture
+from .picture import Picture, as_taken, background_color, premultiplied, render_picture
 from .picture_options import PictureOptions
 
 SUFFIXES = (".png", ".exr", ".npz")
@@ -102,6 +103,7 @@ def render_model(
     camera: str | Path | None = None,
     aovs: str | None = None,
     options: PictureOptions = PictureOptions(),
+    appearance: str | Path | None = None,
 ) -> None:
     """Render a model file to the picture file ``out``.
 
@@ -114,6 +116,8 @@ def render_model(
         data, camera: from where it is seen (``viewpoint``).
         aovs: channels of an OpenEXR file, separated by commas (``aovs.py``); None is depth.
         options: how it is drawn; what they do not say, the file of the model does.
+        appearance: file of what a run learned of its cameras (``scene/appearance.py``): shown as the camera took the
+            view of this name, or would take another one; None shows the model itself.
 
     Needs a Mitsuba variant. Raises ``DataError``.
     """
@@ -124,7 +128,10 @@ def render_model(
     view, suffix = viewpoint(read.splats, data, camera, options, read.drawing), out.suffix.lower()
     background = view.background if suffix == ".png" else 0.0
     how = {"antialiased": view.antialiased, "linear": view.linear, "white": view.white}
+    numbers = read_appearance(Path(appearance)).numbers(view.camera, str(camera)) if appearance else None
     picture = picture_of(read.splats, background, view.near_clip, **how, aovs=names)(view.camera)
+    if numbers is not None:
+        picture = as_taken(picture, view.camera, numbers)
     if suffix == ".npz":
         _write(out, lambda: _write_arrays(out, picture))
     elif suffix == ".exr":

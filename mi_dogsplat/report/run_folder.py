@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene.appearance import APPEARANCE, Appearance, read_appearance
 from ..support.errors import DataError
 from ..support.files import parse_json, read_json
 from ..support.wording import finite
@@ -49,6 +50,7 @@ class Run:
     broken_rows: int
     recipe: dict[str, Any] | None = None  # of a method in a comparison
     misfits: dict[str, Any] | None = None  # None where nothing was looked for
+    appearance: Appearance | None = None  # of the photographs, where it was learned
 
     @property
     def data_name(self) -> str:
@@ -101,7 +103,9 @@ def read_run(path: str | Path) -> Run:
     config, metrics = _read_object(path / "config.json"), _read_object(path / "metrics.json", METRICS)
     profile, recipe = _read_object(path / "test" / DOG_PROFILE, PROFILE), _read_object(path / RECIPE)
     misfits = _read_object(path / MISFITS, MISFIT_PARTS)
-    return Run(path, config or {}, history, metrics, profile, broken_rows, recipe, misfits)
+    stored = path / APPEARANCE
+    appearance = read_appearance(stored) if stored.is_file() else None
+    return Run(path, config or {}, history, metrics, profile, broken_rows, recipe, misfits, appearance)
 
 
 def _read_object(path: Path, parts: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any] | None:

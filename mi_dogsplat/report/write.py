@@ -12,6 +12,7 @@ from typing import Any
 
 from ..support.files import replacing
 from ..support.wording import count, file_size, finite, fixed
+from .appearance import appearance_plots, corner_losses
 from .curves import curves
 from .misfits import misfits
 from .mixture import mixture
@@ -55,6 +56,8 @@ def report_page(run: Run) -> str:
         refinements=refinements(run),
         misfits=misfits(run),
         mixture=mixture(run),
+        appearance=appearance_plots(run.appearance),
+        corners=corner_losses(run.appearance),
         moved=moved(run),
         views=found,
         shares=shares(found),
@@ -67,10 +70,12 @@ def _others(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:
     """Facts about the run by name; those that are not known are left out."""
     render_ms, memory = (finite(metrics.get(name)) for name in ("render_ms", "peak_memory_mb"))
     test_l1 = finite((metrics.get("test") or {}).get("l1"))
+    halves = finite((metrics.get("test") or {}).get("half_psnr"))
     facts = {
         "seed": metrics.get("seed", run.config.get("seed")),
         "variant": metrics.get("variant", run.config.get("variant")),
         f"{run.measured} L1": None if test_l1 is None else fixed(test_l1, 4),
+        f"{run.measured} half_psnr": None if halves is None else f"{fixed(halves, 2)} dB",
         "render": None if render_ms is None else f"{render_ms:.1f} ms per view",
         "peak memory": None if memory is None else f"{count(memory)} MB",
         **(metrics.get("versions") or {}),

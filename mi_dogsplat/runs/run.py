@@ -23,6 +23,7 @@ from ..poses.config import SETTINGS as POSES
 from ..render.picture import seen_as
 from ..report.run_folder import MISFITS, RECIPE, REFINED, RENDER_MS, read_run
 from ..report.write import write_report
+from ..scene.appearance import APPEARANCE
 from ..scene.drawing import drawn_as
 from ..support.errors import DataError
 from ..support.files import PART, is_empty, remove_parts, replacing, write_json
@@ -221,7 +222,7 @@ def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
         "versions": versions(),
     }
     write_json(out / "metrics.json", metrics)
-    fit = trainer.background, trainer.photographs.mask_folder, config.exposure
+    fit = trainer.background, trainer.photographs.mask_folder, config.appearance
     shown, seen = lambda view: seen_as(trainer.picture(view), view), trainer.photographs.originals
     write_misfits(out, shown, seen, config.steps, *fit)
     write_report(out)
@@ -262,16 +263,18 @@ def _forget_results(out: Path) -> None:
     """Remove what an earlier run in this folder measured and drew, and the name that it had in a comparison."""
     folders = out / "test", (out / MISFITS).parent
     pictures = [path for top in folders for suffix in (".png", ".exr", ".json") for path in top.glob(f"*{suffix}")]
-    for path in (*(out / name for name in ("metrics.json", "report.html", RECIPE, RENDER_MS)), *pictures):
+    results = "metrics.json", "report.html", APPEARANCE, RECIPE, RENDER_MS
+    for path in (*(out / name for name in results), *pictures):
         path.unlink(missing_ok=True)
     for path in (*(out / REFINED).glob("*.json"), *(out / REFINED).glob("*.ply")):
         path.unlink()
 
 
 def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
-    config = trainer.config
-    extent = trainer.extent if config.refine_poses else None
-    measure = Measure(trainer.photographs.mask_folder, config.exposure, extent)
+    appearance, extent = trainer.appearance(), trainer.extent if trainer.config.refine_poses else None
+    if appearance:
+        appearance.write(out / APPEARANCE)
+    measure = Measure(trainer.photographs.mask_folder, align_extent=extent, appearance=appearance)
     views = evaluate_views(
         lambda view: trainer.picture(view, depth=True), dataset.test, trainer.background, out / "test", measure
     )

@@ -24,6 +24,7 @@ TESTS = "steps between measurements of PSNR and FLIP on the test views; 0: eight
 MEASURED = "views that are measured: test; or validation, every 8th training view, no test view being read then"
 USUAL_NEAR = "(default: 0.2, or a sixteenth of the camera extent where that is less)"
 NEAR_ZONE = "remove primitives nearer than this to a training camera, world units; 0: none"
+APPEARANCE = "learn exposure and white balance of each training image, and the vignetting of each camera"
 BATCH = "views of a step, which takes the mean of their gradients; step sizes grow with the square root"
 REFINE_POSES = "correct the poses of the training views by the photographs, beside the model"
 FORMATS = ("ply", "spz", "sog")
@@ -59,7 +60,7 @@ class TrainConfig:
     near_zone: Annotated[float, Setting(NEAR_ZONE, least=0, most=1e30)] = 0.0
     masks: Annotated[str | None, Setting("folder of masks, named as the images: black pixels do not count")] = None
     white: Annotated[float | None, Setting(WHITE, "L", least=1e-30, most=1e30)] = None
-    exposure: Annotated[bool, Setting("learn a colour transform per training image (no test view gets one)")] = False
+    appearance: Annotated[bool, Setting(APPEARANCE)] = False
     refine_poses: Annotated[bool, Setting(REFINE_POSES)] = False
     data_on_disk: Annotated[
         bool, Setting("decode images when they are due, a few ahead, instead of holding all of them")

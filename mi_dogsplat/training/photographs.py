@@ -1,4 +1,4 @@
-"""The training images as the loss sees them: background, masks, exposure; on the device, or decoded when due.
+"""The training images as the loss sees them: background, masks, appearance; on the device, or decoded when due.
 
 Images of linear radiance are seen in units of their white, and through a tone curve, as are the renders.
 """
@@ -25,7 +25,7 @@ from ..engine.project import DeviceCamera
 from ..engine.rasterize import Frame
 from ..render.picture import over_background
 from ..support.errors import DataError
-from .exposure import Exposure
+from .appearance import LearnedAppearance
 from .loss import PhotometricLoss, Target
 from .tone_curve import SrgbLog, ToneCurve
 
@@ -41,7 +41,7 @@ class Photographs:
         near_clip: of the cameras, world units.
         random: another background at each step, behind images with alpha.
         masks: folder of masks, named as the images.
-        exposure_steps: steps over which a colour map per image is learned; None for none.
+        appearance_steps: steps over which is learned what the cameras did to single images; None for none.
         on_disk: images are decoded when they are due.
         keep_targets: what the loss needs of an image is kept, 36 bytes per pixel; else only the image is, 3 to 16.
         curve: through which linear radiance is seen; display-referred images are seen as they are.
@@ -56,7 +56,7 @@ class Photographs:
         near_clip: float = 0.2,
         random: bool = False,
         masks: str | None = None,
-        exposure_steps: int | None = None,
+        appearance_steps: int | None = None,
         on_disk: bool = False,
         keep_targets: bool = True,
         curve: ToneCurve = SrgbLog(),  # noqa: B008, it is immutable
@@ -69,7 +69,8 @@ class Photographs:
             raise DataError("--background", "random needs images with alpha", "use black or white")
         self.color: list | None = None  # of the background, while it is random
         self.mask_folder = Masks(masks, dataset.train) if masks else None
-        self.exposure = None if exposure_steps is None else Exposure(len(dataset.train), exposure_steps)
+        cameras = [view.camera for view in dataset.train]
+        self.appearance = None if appearance_steps is None else LearnedAppearance(cameras, appearance_steps)
         self._readers, self.keep_targets = ThreadPoolExecutor(1) if on_disk else None, keep_targets
         self._show(self.originals, 1)
 
@@ -124,7 +125,7 @@ class Photographs:
         return [dr.fma(frame.T, self.background, c) for c in frame.colors] if self.background else frame.colors
 
     def compare(self, planes: list, view: int, step: int, upcoming: Sequence[int] = ()) -> tuple[Any, Any, list]:
-        """L1, loss, and its gradient by the planes; an exposure takes its step. ``upcoming`` views are read ahead."""
+        """L1, loss, and its gradient by the planes; the appearance takes its step. ``upcoming`` ones are read ahead."""
         target, mask = self._target(view, upcoming), self.masks[view]
         recorded = self._recorded(planes, view)
         l1, _, loss, gradient = self.loss.value_and_gradient(self._seen(recorded, view), target)
@@ -132,9 +133,13 @@ class Photographs:
             gradient = [δ * detached(mask) for δ in gradient]
         if self.curve:
             gradient = [δ * self.curve.slope(plane) for δ, plane in zip(gradient, detached(recorded), strict=True)]
-        if self.exposure:
-            gradient = self.exposure.backward(planes, gradient, view, step)
+        if self.appearance:
+            gradient = self.appearance.backward(planes, gradient, view, self._size(view), step)
         return l1, loss, gradient
+
+    def _size(self, view: int) -> tuple[int, int]:
+        camera = self.views[view].camera
+        return camera.width, camera.height
 
     def l1(self, planes: list, view: int) -> Any:
         """The L1 of ``compare`` alone."""
@@ -143,7 +148,7 @@ class Photographs:
 
     def _recorded(self, planes: list, view: int) -> list:
         """Rendered planes as the camera of a view recorded them."""
-        return self.exposure.applied(planes, view) if self.exposure else planes
+        return self.appearance.applied(planes, view, self._size(view)) if self.appearance else planes
 
     def _seen(self, planes: list, view: int) -> list:
         """What the loss gets of recorded planes."""

@@ -27,6 +27,7 @@ from ..engine.rasterize import Frame, rasterize
 from ..formats.sizes import FileKind
 from ..measure.metrics import flip, psnr
 from ..render.picture import Picture, background_color, photograph, render_picture, seen_as
+from ..scene.appearance import Appearance
 from ..scene.drawing import Drawing, DrawnAs
 from ..scene.radiance import brightened
 from ..scene.splats import Splats
@@ -62,6 +63,8 @@ class Trainer:
             if dataset.white is None:
                 raise DataError("--white", "is for linear images", "leave it out, or train on OpenEXR images")
             dataset = dataset.exposed(config.white)
+        if config.appearance and dataset.white is not None:
+            raise DataError("--appearance", "is for photographs, not for linear images", "leave it out")
         self.dataset = dataset
         recipe = (recipe or RECIPES[config.preset]).for_format(config.format)
         bounds = {"max_primitives": config.max_primitives, "max_world_scale": config.max_world_scale}
@@ -84,7 +87,7 @@ class Trainer:
         self.rng = np.random.default_rng(config.seed)
         self.photographs = Photographs(
             dataset, self.background, self.near_clip, config.background == "random", config.masks,
-            config.steps if config.exposure else None, config.data_on_disk,
+            config.steps if config.appearance else None, config.data_on_disk,
             self.memory is None or self.memory.keep_targets, recipe.curve,
         )  # fmt: skip
         rates = LearningRates(
@@ -258,6 +261,11 @@ class Trainer:
         found = render_picture(self.optimizer.params, view.camera, *how, linear=white is not None)
         return found if white is None or found.radiance is None else found.in_units_of(white)
 
+    def appearance(self) -> Appearance | None:
+        """What is learned of the cameras so far; None where nothing is."""
+        learned = self.photographs.appearance
+        return learned.stored([view.name for view in self.dataset.train]) if learned else None
+
     def state(self) -> dict[str, np.ndarray]:
         """Everything that ``restore`` needs to go on as if nothing had happened.
 
@@ -268,8 +276,8 @@ class Trainer:
             self.memory.give_back(self.optimizer.n)  # for what is copied to the host
         parts = {"optimizer": self.optimizer.state(), "losses": self.losses.state()}
         parts |= {name: arrays_of(state) for name, state in self.states.items()}
-        if self.photographs.exposure:
-            parts["exposure"] = self.photographs.exposure.state()
+        if self.photographs.appearance:
+            parts["appearance"] = self.photographs.appearance.state()
         progress = {"step": np.array(self.step_count), "seconds": np.array(self.seconds), "format": np.array(FORMAT)}
         progress |= {"order": np.array(self.order, np.int64), "rng": np.array(json.dumps(self.rng.bit_generator.state))}
         progress |= {"pairs": np.array(self.memory.pairs if self.memory else 0)}
@@ -282,6 +290,8 @@ class Trainer:
         """
         if "format" not in state or int(state["format"]) != FORMAT:
             raise ValueError("it is of another version of mi_dogsplat")
+        if "exposure.values" in state:
+            raise ValueError("it has the affine colour maps of an earlier version")
 
         def part(prefix: str) -> dict[str, np.ndarray]:
             start = f"{prefix}."
@@ -293,8 +303,8 @@ class Trainer:
             new = strategy.new_state(self)
             for_it = part(strategy.name) or arrays_of(new)
             restore_fields(self.states[strategy.name], for_it)
-        if self.photographs.exposure and "exposure.values" in state:
-            self.photographs.exposure.restore(part("exposure"))
+        if self.photographs.appearance and "appearance.mean" in state:
+            self.photographs.appearance.restore(part("appearance"))
         self.step_count, self.seconds = int(state["step"]), float(state["seconds"])
         self.order = state["order"].tolist()
         self.rng.bit_generator.state = json.loads(str(state["rng"]))

@@ -232,11 +232,11 @@ def test_dash_begins_with_small_pictures(trainer_of):
     assert photographs.cameras[0].width == trainer.dataset.train[0].camera.width // photographs.factor
 
 
-def test_dash_keeps_the_exposures_that_it_has_learned(trainer_of):
-    trainer = trainer_of(dash.RECIPE, exposure=True)
+def test_dash_keeps_the_appearance_that_it_has_learned(trainer_of):
+    trainer = trainer_of(dash.RECIPE, appearance=True)
     for _ in run_to_end(trainer):
         pass
-    assert trainer.photographs.factor == 1 and sum(trainer.photographs.exposure.t) == 60
+    assert trainer.photographs.factor == 1 and sum(trainer.photographs.appearance.of_images.t) == 60
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from photographs import SHAPE, changed, config_of, image_of, left_half, planes_o
 from PIL import Image
 
 
-@pytest.mark.parametrize("options", [{}, {"exposure_steps": 60}, {"on_disk": True}])
+@pytest.mark.parametrize("options", [{}, {"appearance_steps": 60}, {"on_disk": True}])
 def test_masked_pixels_have_no_gradient_whatever_they_show(data, tmp_path, options):
     dataset = load_dataset(data, on_disk=bool(options.get("on_disk")))
     used = left_half()

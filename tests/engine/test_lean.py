@@ -504,7 +504,7 @@ def test_gradients_of_the_centres_are_taken_only_while_there_is_densification(da
     assert sum(k for _, k in step(after)) < sum(k for _, k in step(during))
 
 
-def test_masks_exposure_and_random_backgrounds_cost_nothing_when_they_are_off(datasets, monkeypatch):
+def test_masks_appearance_and_random_backgrounds_cost_nothing_when_they_are_off(datasets, monkeypatch):
     off = step(trainer_of(datasets[1]))
 
     def bare(self, planes, view, step, upcoming=()):
@@ -515,14 +515,14 @@ def test_masks_exposure_and_random_backgrounds_cost_nothing_when_they_are_off(da
         patched.setattr(Photographs, "compare", bare)
         patched.setattr(Photographs, "choose_background", lambda self, rng: None)
         assert step(trainer_of(datasets[1])) == off
-    for on in ({"exposure": True}, {"background": "random"}):
+    for on in ({"appearance": True}, {"background": "random"}):
         assert sum(k for _, k in step(trainer_of(datasets[1], **on))) > sum(k for _, k in off)
 
 
 def test_options_about_images_compile_nothing_from_step_to_step(datasets, tmp_path):
     for view in datasets[1].train:
         write_png(tmp_path / f"{view.name}.png", np.eye(tiny_data.HEIGHT, tiny_data.WIDTH))
-    options: dict[str, Any] = {"exposure": True, "background": "random", "masks": str(tmp_path), "near_zone": 0.1}
+    options: dict[str, Any] = {"appearance": True, "background": "random", "masks": str(tmp_path), "near_zone": 0.1}
     trainer = trainer_of(datasets[1], **options)
     change_densification(trainer, stop=0)
     known = [compiled(trainer.step) for _ in range(10)]

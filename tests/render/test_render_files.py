@@ -14,6 +14,7 @@ from mi_dogsplat.render.framing import automatic_camera, likely_up, robust_spher
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.render.render_files import picture_of, render_model, render_scene
+from mi_dogsplat.scene.appearance import Appearance, device_of, radii_squared
 from mi_dogsplat.scene.camera_file import read_camera, write_camera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
@@ -65,6 +66,20 @@ def test_without_a_name_the_first_test_view_is_taken(model, data, tmp_path):
     render(model, tmp_path / "view.png", data=data)
     photograph = read_png(data / "images" / "0.png")
     assert abs(read_png(tmp_path / "view.png").astype(int) - photograph).max() <= 1
+
+
+def test_a_view_is_shown_as_the_camera_exposed_it(model, data, tmp_path):
+    camera = tiny_data.cameras()[3]
+    stored = Appearance(["3"], [device_of(camera)], np.array([[1.0, 1.0, 0.0]]), np.array([[-1.0, 0.0]]))
+    stored.write(tmp_path / "appearance.json")
+    for name, gains in (("3", [2, 2, 1]), ("4", [1, 1, 1])):  # a view that is not in the file has the mean exposure
+        for out, file in (("as_taken.png", tmp_path / "appearance.json"), ("model.png", None)):
+            render_model(model, tmp_path / out, data, name, appearance=file)
+        shown, plain = (srgb_to_linear(read_png(tmp_path / f"{out}.png") / 255) for out in ("as_taken", "model"))
+        expected = np.clip(plain * gains * np.exp2(-radii_squared(camera))[..., None], 0, 1)
+        assert np.abs(shown - expected).max() < 0.02 < np.abs(shown - plain).max()
+    with pytest.raises(DataError, match="none.json: cannot be read"):
+        render_model(model, tmp_path / "3.png", data, "3", appearance=tmp_path / "none.json")
 
 
 def test_a_camera_file_gives_the_picture_of_the_view_it_was_written_from(model, data, tmp_path):

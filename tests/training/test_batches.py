@@ -117,7 +117,7 @@ def dog_numbers(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
 OPTIONS = {
     "plain": {},
     "random background": {"background": "random"},
-    "exposure": {"exposure": True},
+    "appearance": {"appearance": True},
     "masks, images on disk": {"masks": "masks", "data_on_disk": True},
     "antialiased": {"antialiased": True},
 }
@@ -141,7 +141,8 @@ def options_of(name: str, data: Path, alpha_data: Path, folder: Path) -> dict[st
 def test_a_batch_sees_what_as_many_steps_see(name, data, alpha_data, gradients, tmp_path):
     """Gradients, statistics of density control, training error: the same views, backgrounds and masks in their order.
 
-    Parameters stand still; the maps of exposure do not, and their step sizes fall with the steps: so slowly here that
+    Parameters stand still; the numbers of appearance do not, and their step sizes fall with the steps: so slowly here
+    that
     it does not show.
     """
     config = config_of(**options_of(name, data, alpha_data, tmp_path), steps=30_000)
@@ -217,7 +218,7 @@ def test_opacities_have_as_many_steps_to_come_back_as_their_size_asks_for():
 
 RUNS: dict[str, tuple[str, Any]] = {
     "ours": ("plain", None),
-    "exposure": ("exposure", None),
+    "appearance": ("appearance", None),
     "random background": ("random background", None),
     "masks, images on disk": ("masks, images on disk", None),
     "masks that are learned": ("plain", mask_gaussian.RECIPE),

@@ -194,6 +194,7 @@ def test_what_does_not_fit_together_is_refused_in_one_line(data, run, tmp_path):
     linear = str(tmp_path / "linear.ply")
     assert "its colours are linear radiance, the images are display" in error(data=png, model=linear)
     assert "--white: is for linear images" in error(data=png, white=3.0)
+    assert "--appearance: is for photographs" in error(data=data, appearance=True)
 
 
 def test_white_that_is_given_is_that_of_the_run(data):

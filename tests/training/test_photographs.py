@@ -19,6 +19,7 @@ from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.picture import over_background, premultiplied
 from mi_dogsplat.runs import run
 from mi_dogsplat.runs.checkpoint import load_checkpoint
+from mi_dogsplat.scene.appearance import APPEARANCE, read_appearance
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import Dropped
@@ -166,7 +167,7 @@ def test_primitives_in_the_near_zone_are_dropped_with_a_note(data):
 
 def test_options_are_written_to_the_run_and_a_whole_run_uses_them(data, tmp_path):
     masks = write_masks(tmp_path / "masks", load_dataset(data), left_half())
-    options: dict[str, Any] = {"exposure": True, "masks": str(masks), "data_on_disk": True, "near_zone": 0.5}
+    options: dict[str, Any] = {"appearance": True, "masks": str(masks), "data_on_disk": True, "near_zone": 0.5}
     config = TrainConfig(str(data), preset="ours", target=0.5, steps=40, sh_degree=1, max_primitives=80, **options)
     metrics = run.train(config, tmp_path / "run")
     assert metrics["n_dog"] > 0 and np.isfinite(metrics["test"]["psnr"])
@@ -184,7 +185,7 @@ def test_over_background_of_a_frame_is_that_of_a_photograph(alpha_data):
 
 @pytest.mark.parametrize(
     "options",
-    [{"exposure": True}, {"background": "random"}, {"masks": "masks", "data_on_disk": True, "near_zone": 0.5}],
+    [{"appearance": True}, {"background": "random"}, {"masks": "masks", "data_on_disk": True, "near_zone": 0.5}],
 )
 def test_a_run_with_options_stopped_and_resumed_has_the_bits_of_one_that_was_not(data, alpha_data, tmp_path, options):
     source = alpha_data if "background" in options else data
@@ -202,19 +203,22 @@ def test_a_run_with_options_stopped_and_resumed_has_the_bits_of_one_that_was_not
     assert load_checkpoint(tmp_path / "parts" / run.CHECKPOINT)["step"] > 0
     run.train(config, tmp_path / "parts", resume=True)
     whole, parts = (load_checkpoint(tmp_path / name / run.CHECKPOINT) for name in ("whole", "parts"))
-    names = [name for name in whole if name.startswith("exposure.")]
-    maps = ["exposure.m", "exposure.mean_x", "exposure.t", "exposure.v", "exposure.values"]
-    assert sorted(names) == (maps if "exposure" in options else [])
+    names = [name for name in whole if name.startswith("appearance.")]
+    rows = [f"appearance.{part}_{name}" for part in ("devices", "images") for name in ("m", "t", "v", "values")]
+    assert sorted(names) == ([*rows, "appearance.mean"] if "appearance" in options else [])
     assert all(np.abs(whole[name]).max() > 0 for name in names)
     if lanes_add_in_turn(mi.variant()):
         assert all(np.array_equal(whole[name], parts[name]) for name in whole if name != "seconds")
 
 
-def test_a_run_with_exposure_is_also_measured_after_the_best_map_and_with_masks_where_they_are_white(data, tmp_path):
+def test_a_run_with_appearance_is_also_measured_after_fits_and_with_masks_where_they_are_white(data, tmp_path):
     dataset = load_dataset(data)
     masks = write_masks(tmp_path / "masks", dataset, left_half())
-    metrics = run.train(config_of(data=str(data), steps=20, exposure=True, masks=str(masks)), tmp_path / "run")
-    assert metrics["test"]["cc_psnr"] > metrics["test"]["psnr"]
+    metrics = run.train(config_of(data=str(data), steps=20, appearance=True, masks=str(masks)), tmp_path / "run")
+    assert metrics["test"]["cc_psnr"] > metrics["test"]["psnr"] and metrics["test"]["half_psnr"] > 0
+    stored = read_appearance(tmp_path / "run" / APPEARANCE)
+    assert list(stored.names) == [view.name for view in dataset.train] and np.abs(stored.of_images).max() > 0
+    assert "Appearance of the photographs" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     for name, values in metrics["views"].items():
         pair = [read_image(tmp_path / "run" / "test" / f"{name}{end}.png")[:, SHAPE[1] // 2 :] for end in ("", "_gt")]
         assert values["psnr"] == pytest.approx(psnr(*pair), abs=0.05)  # of pictures of 8 bits

@@ -27,7 +27,7 @@ dogsplat train; its history names every decision to prune or to refine, with the
 
 TRAINING_FLAGS = [
     *("preset", "steps", "target", "format", "batch_views", "downscale", "split", "background"),
-    *("near_zone", "masks", "exposure", "refine_poses", "data_on_disk", "seed", "variant", "log_every", "test_every"),
+    *("near_zone", "masks", "appearance", "refine_poses", "data_on_disk", "seed", "variant", "log_every", "test_every"),
     *("memory", "checkpoint_seconds", "up", "scale", "unit"),
 ]
 

@@ -42,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_view_flags(parser)
     parser.add_argument("--aovs", metavar="NAMES", help="channels of an .exr beside colour and alpha (default: depth)")
     parser.add_argument(
+        "--appearance", type=Path, metavar="JSON", help="appearance.json of a run: exposure and vignetting of the view"
+    )
+    parser.add_argument(
         "--spp", type=int, default=0, metavar="N", help="samples per pixel of a scene (default: 0, as the scene says)"
     )
     add_picture_flags(parser)
@@ -56,12 +59,14 @@ def run(args: argparse.Namespace) -> None:
     if args.model.suffix.lower() == ".xml":
         if args.aovs is not None:
             raise DataError("--aovs", "a scene names its own", 'set the property "aovs" of its integrator')
+        if args.appearance is not None:
+            raise DataError("--appearance", "a scene has a film of its own", "leave it out")
         with _bar() as bar:
             render_scene(args.model, args.out, args.spp, bar.show if bar else None)
     else:
         if args.spp:
             raise DataError("--spp", "a model alone is drawn with one sample", "make a scene .xml for more")
-        render_model(args.model, args.out, args.data, args.camera, args.aovs, options)
+        render_model(args.model, args.out, args.data, args.camera, args.aovs, options, args.appearance)
     print(args.out)
 
 

@@ -26,7 +26,7 @@ Examples:
   dogsplat train photos/ -o run --preset 3dgs          without pruning and DoG: the published baseline
   dogsplat train lego/ -o run --background white       images with alpha over white (as auto does)
   dogsplat train lego/ -o run --background random      another colour at each step: no splats hide in it
-  dogsplat train photos/ -o run --masks masks/ --exposure
+  dogsplat train photos/ -o run --masks masks/ --appearance
                                                        people painted out; automatic exposure taken out
   dogsplat train photos/ -o run --data-on-disk         more photographs than fit into memory
   dogsplat train photos/ -o run --scale 0001 0004 0.75
