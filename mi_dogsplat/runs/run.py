@@ -8,44 +8,29 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-import mitsuba as mi
 
 from ..datasets import Dataset, load_dataset
 from ..datasets.refined import require_photographs
 from ..datasets.world import World, metres_of_unit, world_of
-from ..engine.geometry import Cutoffs
-from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
 from ..poses.config import SETTINGS as POSES
-from ..render.picture import seen_as
-from ..report.run_folder import MISFITS, RECIPE, REFINED, RENDER_MS, read_run
-from ..report.write import write_report
-from ..scene.appearance import APPEARANCE
-from ..scene.drawing import drawn_as
+from ..report.run_folder import RECIPE, REFINED
 from ..support.errors import DataError
-from ..support.files import PART, is_empty, remove_parts, replacing, write_json
+from ..support.files import PART, is_empty, remove_parts, write_json
 from ..support.locks import locked
-from ..support.memory import peak_memory_mb
-from ..support.versions import versions
-from ..training.config import FREE, TrainConfig
+from ..training.config import TrainConfig
 from ..training.initialize import model_to_prune
 from ..training.presets import Recipe
 from ..training.train import Trainer
-from .checkpoint import CHECKPOINT, Checkpoints, load_checkpoint
-from .history import run_to_end
-from .misfits import write_misfits
-from .mixture import write_mixture
-from .model_files import write_model_files
-from .refined_poses import write_poses
+from .checkpoint import CHECKPOINT, Checkpoints
+from .finish import finish
+from .history import HISTORY, run_to_end
+from .resume import forget_results, restore_from, resume_run
 from .stopping import Stopped, StopRequest
 
-HISTORY = "history.jsonl"
 POSED = "posed"  # poses of plain images, which the run has found first
 FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)  # somebody else's folder, or one that is read-only
-ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
 
 
 def prepare_folder(out: Path) -> None:
@@ -121,13 +106,13 @@ def train(
     config = _placed(config, dataset)
     trainer = Trainer(config, dataset, recipe)
     if start:
-        _restore(trainer, start)
+        restore_from(trainer, start)
     with _begun(trainer, out, resume):
         if method:
             write_json(out / RECIPE, dict(method))
         progress({"step": trainer.step_count, "n": trainer.optimizer.n})
         _train(trainer, out, progress)
-        return _finish(trainer, trainer.dataset, out)
+        return finish(trainer, trainer.dataset, out)
 
 
 def train_until(config: TrainConfig, out: Path, step: int, resume: bool = False) -> Path:
@@ -159,11 +144,11 @@ def _begun(trainer: Trainer, out: Path, resume: bool) -> Iterator[None]:
     """The run folder, ours alone, with nothing in it of another run; the trainer where the run is resumed."""
     with claimed(out):
         if resume:
-            _resume(trainer, out)
+            resume_run(trainer, out)
         else:
             (out / CHECKPOINT).unlink(missing_ok=True)
             (out / HISTORY).unlink(missing_ok=True)
-        _forget_results(out)
+        forget_results(out)
         write_json(out / "config.json", dataclasses.asdict(trainer.config))
         yield
 
@@ -200,92 +185,3 @@ def _train(
             leave()  # asked for while the last checkpoint was written
         except FloatingPointError as error:
             raise DataError(config.data, str(error), "check its cameras and images for outliers") from error
-
-
-def _finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
-    """Write the model, measure it, and write the report; returns what ``metrics.json`` holds."""
-    config = trainer.config
-    splats = trainer.model()
-    splats = splats.select(splats.opacities >= ALPHA_MIN)
-    sizes = write_model_files(out, splats, config, trainer.drawing)
-    poses = write_poses(trainer, out) if config.refine_poses else {}
-    metrics = _measure(trainer, dataset, out) | {
-        **poses,
-        "n": splats.n_splats,
-        "n_dog": splats.n_dog,
-        **sizes,
-        "train_seconds": trainer.seconds,
-        "peak_memory_mb": peak_memory_mb(),
-        "steps": config.steps,
-        "seed": config.seed,
-        "variant": mi.variant(),
-        "versions": versions(),
-    }
-    write_json(out / "metrics.json", metrics)
-    fit = trainer.background, trainer.photographs.mask_folder, config.appearance
-    shown, seen = lambda view: seen_as(trainer.picture(view), view), trainer.photographs.originals
-    write_misfits(out, shown, seen, config.steps, *fit)
-    write_report(out)
-    return metrics
-
-
-def _resume(trainer: Trainer, out: Path) -> None:
-    """Put the trainer where the checkpoint of ``out`` is, and cut the history there."""
-    before = read_run(out)
-    if not (out / "config.json").is_file():
-        raise DataError(out, "there is no run, so there is no checkpoint", "train without --resume")
-    now = json.loads(json.dumps(dataclasses.asdict(trainer.config)))
-    changed = [name for name in now if name in before.config and before.config[name] != now[name] and name not in FREE]
-    if changed:
-        name = changed[0]
-        problem = f"{name} was {before.config[name]} and is {now[name]} now"
-        raise DataError(out, problem, "resume with the settings of the run, or train without --resume")
-    path = out / CHECKPOINT
-    kept = []
-    if path.exists():  # else the run was killed before its first checkpoint
-        _restore(trainer, path)
-        steps = before.column("step")
-        kept = [row for row, step in zip(before.history, steps, strict=True) if step <= trainer.step_count]
-    with replacing(out / HISTORY) as part:
-        part.write_text("".join(json.dumps(row) + "\n" for row in kept), encoding="utf-8")
-
-
-def _restore(trainer: Trainer, path: Path) -> None:
-    try:
-        trainer.restore(load_checkpoint(path))
-    except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
-        if isinstance(error, DataError):
-            raise
-        raise DataError(path, f"does not fit this run ({error})", "remove it, and begin anew") from None
-
-
-def _forget_results(out: Path) -> None:
-    """Remove what an earlier run in this folder measured and drew, and the name that it had in a comparison."""
-    folders = out / "test", (out / MISFITS).parent
-    pictures = [path for top in folders for suffix in (".png", ".exr", ".json") for path in top.glob(f"*{suffix}")]
-    results = "metrics.json", "report.html", APPEARANCE, RECIPE, RENDER_MS
-    for path in (*(out / name for name in results), *pictures):
-        path.unlink(missing_ok=True)
-    for path in (*(out / REFINED).glob("*.json"), *(out / REFINED).glob("*.ply")):
-        path.unlink()
-
-
-def _measure(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
-    appearance, extent = trainer.appearance(), trainer.extent if trainer.config.refine_poses else None
-    if appearance:
-        appearance.write(out / APPEARANCE)
-    measure = Measure(trainer.photographs.mask_folder, align_extent=extent, appearance=appearance)
-    views = evaluate_views(
-        lambda view: trainer.picture(view, depth=True), dataset.test, trainer.background, out / "test", measure
-    )
-    if trainer.optimizer.n_dog and views:
-        how = trainer.options, trainer.background, drawn_as(trainer.drawing)
-        write_mixture(trainer.model(), dataset.test, views, out / "test", *how)
-    seen = trainer.photographs.originals
-    some, as_they_are = seen[:: max(1, len(seen) // 8)], replace(measure, align_extent=None)
-    return {
-        "test": mean_metrics(views),
-        "train": mean_metrics(evaluate_views(trainer.picture, some, trainer.background, measure=as_they_are)),
-        "views": views,
-        "render_ms": render_milliseconds(trainer.picture, dataset.test or seen),
-    }

@@ -7,7 +7,6 @@ A ``Trainer`` holds the state; ``step()`` does one and returns nothing that wait
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -45,10 +44,10 @@ from .presets import RECIPES, Recipe
 from .strategy.pose_refinement import PoseRefinement
 from .strategy.sh_ramp import ShRamp
 from .strategy.sieve import Sieve
-from .strategy.strategy import Seen, Strategy, arrays_of, restore_fields
+from .strategy.strategy import Seen, Strategy
+from .trainer_state import restore, state_of
 
 NEAR_SHARE = 1 / 16  # of the camera extent: the near clip of captures in small units
-FORMAT = 2  # of the state; another one is that of an earlier version
 
 
 class Trainer:
@@ -59,13 +58,7 @@ class Trainer:
     """
 
     def __init__(self, config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None):
-        if config.white is not None:
-            if dataset.white is None:
-                raise DataError("--white", "is for linear images", "leave it out, or train on OpenEXR images")
-            dataset = dataset.exposed(config.white)
-        if config.appearance and dataset.white is not None:
-            raise DataError("--appearance", "is for photographs, not for linear images", "leave it out")
-        self.dataset = dataset
+        self.dataset = dataset = _exposed(config, dataset)
         recipe = (recipe or RECIPES[config.preset]).for_format(config.format)
         bounds = {"max_primitives": config.max_primitives, "max_world_scale": config.max_world_scale}
         density = replace(recipe.densification, **bounds, batch_views=config.batch_views)
@@ -267,46 +260,18 @@ class Trainer:
         return learned.stored([view.name for view in self.dataset.train]) if learned else None
 
     def state(self) -> dict[str, np.ndarray]:
-        """Everything that ``restore`` needs to go on as if nothing had happened.
-
-        Every value of a primitive is finite: what is broken is dropped first, which after a row with ``l1`` is nothing.
-        """
-        self.sieve.drop(self)
-        if self.memory:
-            self.memory.give_back(self.optimizer.n)  # for what is copied to the host
-        parts = {"optimizer": self.optimizer.state(), "losses": self.losses.state()}
-        parts |= {name: arrays_of(state) for name, state in self.states.items()}
-        if self.photographs.appearance:
-            parts["appearance"] = self.photographs.appearance.state()
-        progress = {"step": np.array(self.step_count), "seconds": np.array(self.seconds), "format": np.array(FORMAT)}
-        progress |= {"order": np.array(self.order, np.int64), "rng": np.array(json.dumps(self.rng.bit_generator.state))}
-        progress |= {"pairs": np.array(self.memory.pairs if self.memory else 0)}
-        return progress | {f"{part}.{name}": values for part in parts for name, values in parts[part].items()}
+        """Everything that ``restore`` needs to go on as if nothing had happened (``trainer_state.py``)."""
+        return state_of(self)
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
-        """Take over a ``state()``. Raises ``ValueError`` or ``KeyError`` if it is of another kind of run.
+        """Take over a ``state()``. Raises ``ValueError`` or ``KeyError`` if it is of another kind of run."""
+        restore(self, state)
 
-        It may be that of another recipe at the end of its densification: strategies that it does not know begin.
-        """
-        if "format" not in state or int(state["format"]) != FORMAT:
-            raise ValueError("it is of another version of mi_dogsplat")
-        if "exposure.values" in state:
-            raise ValueError("it has the affine colour maps of an earlier version")
 
-        def part(prefix: str) -> dict[str, np.ndarray]:
-            start = f"{prefix}."
-            return {name[len(start) :]: value for name, value in state.items() if name.startswith(start)}
-
-        self.optimizer.restore(part("optimizer"))
-        self.losses.restore(part("losses"))
-        for strategy in self.strategies:
-            new = strategy.new_state(self)
-            for_it = part(strategy.name) or arrays_of(new)
-            restore_fields(self.states[strategy.name], for_it)
-        if self.photographs.appearance and "appearance.mean" in state:
-            self.photographs.appearance.restore(part("appearance"))
-        self.step_count, self.seconds = int(state["step"]), float(state["seconds"])
-        self.order = state["order"].tolist()
-        self.rng.bit_generator.state = json.loads(str(state["rng"]))
-        if self.memory:
-            self.memory.pairs = int(state["pairs"])
+def _exposed(config: TrainConfig, dataset: Dataset) -> Dataset:
+    """The images with the white of the settings. Raises ``DataError`` for settings that are for others."""
+    if config.white is not None and dataset.white is None:
+        raise DataError("--white", "is for linear images", "leave it out, or train on OpenEXR images")
+    if config.appearance and dataset.white is not None:
+        raise DataError("--appearance", "is for photographs, not for linear images", "leave it out")
+    return dataset if config.white is None else dataset.exposed(config.white)

@@ -12,7 +12,7 @@ from mi_dogsplat.measure.evaluate import evaluate_views
 from mi_dogsplat.measure.metrics import evaluate, flip
 from mi_dogsplat.render.picture import Picture
 from mi_dogsplat.report.run_folder import DOG_PROFILE
-from mi_dogsplat.runs import run
+from mi_dogsplat.runs import finish, resume
 from mi_dogsplat.runs.mixture import (
     SWITCHED_OFF,
     most_different_row,
@@ -144,7 +144,7 @@ def give_dog(trainer: Trainer) -> None:
 def test_a_run_with_dog_measures_its_mixture(trained, tmp_path):
     trainer, dataset = trained
     give_dog(trainer)
-    views = run._measure(trainer, dataset, tmp_path)["views"]
+    views = finish.measured(trainer, dataset, tmp_path)["views"]
     profile = json.loads((tmp_path / "test" / DOG_PROFILE).read_text())
     name = profile["view"]
     assert profile["with_dog"]["metrics"] == views[name]  # the same picture as the one that is measured
@@ -155,8 +155,8 @@ def test_a_run_with_dog_measures_its_mixture(trained, tmp_path):
 
 def test_a_run_without_dog_pays_nothing(trained, tmp_path, monkeypatch):
     trainer, dataset = trained
-    monkeypatch.setattr(run, "write_mixture", lambda *_: pytest.fail("there is no mixture"))
-    run._measure(trainer, dataset, tmp_path)
+    monkeypatch.setattr(finish, "write_mixture", lambda *_: pytest.fail("there is no mixture"))
+    finish.measured(trainer, dataset, tmp_path)
     expected = {f"{v.name}{end}" for v in dataset.test for end in (".png", "_gt.png", "_error.png", ".exr")}
     assert {path.name for path in (tmp_path / "test").iterdir()} == expected
 
@@ -164,7 +164,7 @@ def test_a_run_without_dog_pays_nothing(trained, tmp_path, monkeypatch):
 def test_a_run_without_test_views_has_no_mixture_to_show(trained, tmp_path):
     trainer, dataset = trained
     give_dog(trainer)
-    run._measure(trainer, replace(dataset, test=[]), tmp_path)
+    finish.measured(trainer, replace(dataset, test=[]), tmp_path)
     assert not list((tmp_path / "test").iterdir())
 
 
@@ -172,7 +172,7 @@ def test_a_comparison_of_an_earlier_run_is_forgotten(tmp_path):
     (tmp_path / "test").mkdir()
     (tmp_path / "test" / DOG_PROFILE).write_text("{}")
     (tmp_path / "test" / "a_dog.png").write_text("")
-    run._forget_results(tmp_path)
+    resume.forget_results(tmp_path)
     assert not list((tmp_path / "test").iterdir())
 
 

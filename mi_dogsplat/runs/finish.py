@@ -1,0 +1,76 @@
+"""The end of a run: its model, what it measures on the photographs, and the report."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+
+from ..datasets import Dataset
+from ..engine.geometry import Cutoffs
+from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
+from ..render.picture import seen_as
+from ..report.write import write_report
+from ..scene.appearance import APPEARANCE
+from ..scene.drawing import drawn_as
+from ..support.files import write_json
+from ..support.memory import peak_memory_mb
+from ..support.versions import versions
+from ..training.train import Trainer
+from .misfits import write_misfits
+from .mixture import write_mixture
+from .model_files import write_model_files
+from .refined_poses import write_poses
+
+ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
+
+
+def finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
+    """Write the model, measure it, and write the report; returns what ``metrics.json`` holds."""
+    config = trainer.config
+    splats = trainer.model()
+    splats = splats.select(splats.opacities >= ALPHA_MIN)
+    sizes = write_model_files(out, splats, config, trainer.drawing)
+    poses = write_poses(trainer, out) if config.refine_poses else {}
+    metrics = measured(trainer, dataset, out) | {
+        **poses,
+        "n": splats.n_splats,
+        "n_dog": splats.n_dog,
+        **sizes,
+        "train_seconds": trainer.seconds,
+        "peak_memory_mb": peak_memory_mb(),
+        "steps": config.steps,
+        "seed": config.seed,
+        "variant": mi.variant(),
+        "versions": versions(),
+    }
+    write_json(out / "metrics.json", metrics)
+    fit = trainer.background, trainer.photographs.mask_folder, config.appearance
+    shown, seen = lambda view: seen_as(trainer.picture(view), view), trainer.photographs.originals
+    write_misfits(out, shown, seen, config.steps, *fit)
+    write_report(out)
+    return metrics
+
+
+def measured(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
+    """What pictures of the run tell, by the names of ``metrics.json``; those of the test views are written."""
+    appearance, extent = trainer.appearance(), trainer.extent if trainer.config.refine_poses else None
+    if appearance:
+        appearance.write(out / APPEARANCE)
+    measure = Measure(trainer.photographs.mask_folder, align_extent=extent, appearance=appearance)
+    views = evaluate_views(
+        lambda view: trainer.picture(view, depth=True), dataset.test, trainer.background, out / "test", measure
+    )
+    if trainer.optimizer.n_dog and views:
+        how = trainer.options, trainer.background, drawn_as(trainer.drawing)
+        write_mixture(trainer.model(), dataset.test, views, out / "test", *how)
+    seen = trainer.photographs.originals
+    some, as_they_are = seen[:: max(1, len(seen) // 8)], replace(measure, align_extent=None)
+    return {
+        "test": mean_metrics(views),
+        "train": mean_metrics(evaluate_views(trainer.picture, some, trainer.background, measure=as_they_are)),
+        "views": views,
+        "render_ms": render_milliseconds(trainer.picture, dataset.test or seen),
+    }

@@ -1,0 +1,58 @@
+"""What an earlier run in the same folder leaves to a new one: its checkpoint and history, or nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+from ..report.run_folder import MISFITS, RECIPE, REFINED, RENDER_MS, read_run
+from ..scene.appearance import APPEARANCE
+from ..support.errors import DataError
+from ..support.files import replacing
+from ..training.config import FREE
+from ..training.train import Trainer
+from .checkpoint import CHECKPOINT, load_checkpoint
+from .history import HISTORY
+
+
+def resume_run(trainer: Trainer, out: Path) -> None:
+    """Put the trainer where the checkpoint of ``out`` is, and cut the history there."""
+    before = read_run(out)
+    if not (out / "config.json").is_file():
+        raise DataError(out, "there is no run, so there is no checkpoint", "train without --resume")
+    now = json.loads(json.dumps(dataclasses.asdict(trainer.config)))
+    changed = [name for name in now if name in before.config and before.config[name] != now[name] and name not in FREE]
+    if changed:
+        name = changed[0]
+        problem = f"{name} was {before.config[name]} and is {now[name]} now"
+        raise DataError(out, problem, "resume with the settings of the run, or train without --resume")
+    path = out / CHECKPOINT
+    kept = []
+    if path.exists():  # else the run was killed before its first checkpoint
+        restore_from(trainer, path)
+        steps = before.column("step")
+        kept = [row for row, step in zip(before.history, steps, strict=True) if step <= trainer.step_count]
+    with replacing(out / HISTORY) as part:
+        part.write_text("".join(json.dumps(row) + "\n" for row in kept), encoding="utf-8")
+
+
+def restore_from(trainer: Trainer, path: Path) -> None:
+    """Put the trainer where a checkpoint is. Raises ``DataError`` if it is of another kind of run."""
+    try:
+        trainer.restore(load_checkpoint(path))
+    except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
+        if isinstance(error, DataError):
+            raise
+        raise DataError(path, f"does not fit this run ({error})", "remove it, and begin anew") from None
+
+
+def forget_results(out: Path) -> None:
+    """Remove what an earlier run in this folder measured and drew, and the name that it had in a comparison."""
+    folders = out / "test", (out / MISFITS).parent
+    pictures = [path for top in folders for suffix in (".png", ".exr", ".json") for path in top.glob(f"*{suffix}")]
+    results = "metrics.json", "report.html", APPEARANCE, RECIPE, RENDER_MS
+    for path in (*(out / name for name in results), *pictures):
+        path.unlink(missing_ok=True)
+    for path in (*(out / REFINED).glob("*.json"), *(out / REFINED).glob("*.ply")):
+        path.unlink()

@@ -1,0 +1,72 @@
+"""The state of a trainer as arrays, from which it goes on as if nothing had happened."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from .strategy.sieve import Sieve
+from .strategy.strategy import Strategy, Training, arrays_of, restore_fields
+
+FORMAT = 2  # another one is that of an earlier version
+
+
+class WithState(Training, Protocol):
+    """A trainer, with what it does not show to its strategies."""
+
+    seconds: float
+    order: list[int]
+    sieve: Sieve
+    strategies: list[Strategy[Any]]
+    states: dict[str, Any]
+
+
+def state_of(trainer: WithState) -> dict[str, np.ndarray]:
+    """Everything that ``restore`` needs to go on as if nothing had happened.
+
+    Every value of a primitive is finite: what is broken is dropped first, which after a row with ``l1`` is nothing.
+    """
+    trainer.sieve.drop(trainer)
+    if trainer.memory:
+        trainer.memory.give_back(trainer.optimizer.n)  # for what is copied to the host
+    parts = {"optimizer": trainer.optimizer.state(), "losses": trainer.losses.state()}
+    parts |= {name: arrays_of(state) for name, state in trainer.states.items()}
+    if trainer.photographs.appearance:
+        parts["appearance"] = trainer.photographs.appearance.state()
+    progress = {"step": np.array(trainer.step_count), "seconds": np.array(trainer.seconds), "format": np.array(FORMAT)}
+    rng = json.dumps(trainer.rng.bit_generator.state)
+    progress |= {"order": np.array(trainer.order, np.int64), "rng": np.array(rng)}
+    progress |= {"pairs": np.array(trainer.memory.pairs if trainer.memory else 0)}
+    return progress | {f"{part}.{name}": values for part in parts for name, values in parts[part].items()}
+
+
+def restore(trainer: WithState, state: Mapping[str, np.ndarray]) -> None:
+    """Take over a ``state()``. Raises ``ValueError`` or ``KeyError`` if it is of another kind of run.
+
+    It may be that of another recipe at the end of its densification: strategies that it does not know begin.
+    """
+    if "format" not in state or int(state["format"]) != FORMAT:
+        raise ValueError("it is of another version of mi_dogsplat")
+    if "exposure.values" in state:
+        raise ValueError("it has the affine colour maps of an earlier version")
+
+    def part(prefix: str) -> dict[str, np.ndarray]:
+        start = f"{prefix}."
+        return {name[len(start) :]: value for name, value in state.items() if name.startswith(start)}
+
+    trainer.optimizer.restore(part("optimizer"))
+    trainer.losses.restore(part("losses"))
+    for strategy in trainer.strategies:
+        new = strategy.new_state(trainer)
+        for_it = part(strategy.name) or arrays_of(new)
+        restore_fields(trainer.states[strategy.name], for_it)
+    if trainer.photographs.appearance and "appearance.mean" in state:
+        trainer.photographs.appearance.restore(part("appearance"))
+    trainer.step_count, trainer.seconds = int(state["step"]), float(state["seconds"])
+    trainer.order = state["order"].tolist()
+    trainer.rng.bit_generator.state = json.loads(str(state["rng"]))
+    if trainer.memory:
+        trainer.memory.pairs = int(state["pairs"])
