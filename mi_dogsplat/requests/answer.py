@@ -95,7 +95,7 @@ class Answerer:
         film = scene.sensors()[0].film()
         width, height = film.crop_size()
         total, done, picture = np.zeros((height, width, 4)), 0, {}
-        behind = _environment(scene) if hides_background(request, splats is not None) else None
+        behind = _environment(scene) if hides_background(request) else None
         while done < request.samples:
             count = min(STEP_SAMPLES, request.samples - done)
             seed: Any = request.seed + done

@@ -17,7 +17,6 @@ from ..support.files import read_json
 from .request import Request
 
 FORMAT = 'write the dictionary of a Mitsuba scene, its transforms as {"matrix": [[...], ...]}'
-PATH_TRACER = "dogpath"  # where it is there, it lights surfaces through splats
 
 
 def load_scene(request: Request, splats: mi.Shape | None) -> mi.Scene:
@@ -39,31 +38,18 @@ def load_scene(request: Request, splats: mi.Shape | None) -> mi.Scene:
     return scene
 
 
-def hides_background(request: Request, with_splats: bool) -> bool:
+def hides_background(request: Request) -> bool:
     """Whether the environment is hidden together with the lamps, so that it has to be put behind the picture."""
-    seen_by_paths = not with_splats or _is_registered(PATH_TRACER)
-    return request.hide_lamps and not request.transparent and seen_by_paths
+    return request.hide_lamps and not request.transparent
 
 
 def _integrator(request: Request, with_splats: bool) -> dict[str, Any]:
-    """Path tracing that knows splats where there is one; else splats in front of surfaces that are path traced."""
+    """Path tracing, through splats where there are any."""
     common = {"max_depth": request.max_depth, "hide_emitters": request.transparent or request.hide_lamps}
     if not with_splats:
         return {"type": "path", **common}
     said = {"near_clip": request.near_clip, "antialiased": request.antialiased}
-    drawn = {name: value for name, value in said.items() if value is not None}
-    if _is_registered(PATH_TRACER):
-        return {"type": PATH_TRACER, **common, **drawn}
-    surfaces = {"type": "path", "max_depth": request.max_depth}
-    return {"type": "dogsplat", "hide_emitters": request.transparent, **drawn, "surfaces": surfaces}
-
-
-def _is_registered(integrator: str) -> bool:
-    try:
-        mi.load_dict({"type": integrator})
-    except RuntimeError:
-        return False
-    return True
+    return {"type": "dogpath", **common, **{name: value for name, value in said.items() if value is not None}}
 
 
 def _decoded(value: Any, folder: Path) -> Any:
