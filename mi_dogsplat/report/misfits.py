@@ -13,7 +13,7 @@ from .run_folder import MISFITS, Run
 MAX_SHOWN = 8  # with pictures
 MASK = "paint it black in a mask (--masks), or take more images of it"
 CAUSES = {
-    "exposure": ("exposure or white balance", "a change of its colours", "train with --exposure"),
+    "exposure": ("exposure or white balance", "a change of its colours", "train with --appearance"),
     "pose": ("its pose is off", "a small motion of the render", "correct its pose, or leave the image out"),
     "blur": ("it is blurred", "a blur of the render", "leave the image out"),
     "region": ("a part of it: in the way, moved, or hardly seen elsewhere", "a part of the picture", MASK),

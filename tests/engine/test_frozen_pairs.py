@@ -27,10 +27,12 @@ from mi_dogsplat.engine.walks.score import Sums, composite_score
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.engine.walks.weights import composite_weights
 from mi_dogsplat.scores.score import ScoreRule, scores
+from mi_dogsplat.training.image_formation import Frame, formed, formed_gradients
 from mi_dogsplat.training.loss import PhotometricLoss
 from splat_scenes import make_camera, options, random_splats, rounded
 
 CAMERA = make_camera(16, 12, f=14.0)
+NUMBERS = (0.3, -0.2, 0.1, -0.4, -0.2)  # of a camera: gains, vignetting
 OPTIONS = ({}, {"patch": 1}, {"patch": 2}, {"negative_transmittance": False}, {"cutoffs": SMOOTH},
            {"patch": 1, "negative_transmittance": False}, {"dog_share": 0}, {"dog_share": 0, "patch": 1})
 RULES = ({}, {"kind": "released"}, {"kind": "leave-one-out"}, {"spectral_weight": 0}, {"spatial_weight": 0},
@@ -127,6 +129,25 @@ def pulled(width=9, height=5, dssim_weight=0.2, order="abc", letters="xyz") -> n
     return np.concatenate([rows(values).ravel(), rows(gradient).ravel()])
 
 
+def cut_planes(order: str, n: int) -> list:
+    """The first n pixels of ``planes``, the same object for the same letter too."""
+    of_letter = dict(zip(order, (detached(device_array(plane[:n])) for plane in rows(planes(order))), strict=True))
+    return [of_letter[letter] for letter in order]
+
+
+def taken(width=9, height=5, order="abc") -> np.ndarray:
+    """As a camera takes it."""
+    frame, numbers = Frame.of(width, height), detached(device_array(np.array(NUMBERS)))
+    return rows(formed(cut_planes(order, width * height), numbers, frame))
+
+
+def taken_back(width=9, height=5, order="abcdef") -> np.ndarray:
+    frame, numbers = Frame.of(width, height), detached(device_array(np.array(NUMBERS)))
+    shown, adjoint = (cut_planes(letters, width * height) for letters in (order[:3], order[3:]))
+    by_planes, sums = formed_gradients(shown, numbers, frame, adjoint)
+    return np.concatenate([rows(by_planes).ravel(), sums.numpy()])
+
+
 SIZES = ({}, *({"width": w, "height": h} for w, h in ((5, 9), (15, 3), (1, 1))))
 CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
     "_composite": (blended, OPTIONS),
@@ -142,6 +163,8 @@ CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
                                     {"letters": "abc"})),
     "_color_products": (of_colors, (*OPTIONS, *({"order": o} for o in ("", "a", "ba", "aa")))),
     "_composite_weights": (weighted, (*OPTIONS, {"order": "b"})),
+    "formed": (taken, (*SIZES, {"order": "aba"}, {"order": "aab"})),
+    "formed_gradients": (taken_back, (*SIZES, {"order": "aabcde"}, {"order": "abcdee"})),
 }
 
 

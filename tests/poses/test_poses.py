@@ -78,7 +78,7 @@ def test_mixed_sizes_and_orientations_all_get_their_pose(posed):
     assert error.n == N and error.largest_position < 0.01 and error.angle < 0.2
     assert {camera.width for camera in cameras.values()} == {SIZE[0], SIZE[0] * 3 // 4}
     up = alignment(exact(), cameras).rotation @ [0, -1, 0]
-    assert np.degrees(np.arccos(up[2])) < 3
+    assert np.degrees(np.arccos(min(up[2], 1.0))) < 3
     assert abs(cameras["view_0"].fx / photographed()["view 0"].fx - 1) < 0.02
     assert summary.n_registered == summary.n_images == N and not summary.without_pose and not summary.advice
     assert len(summary.cameras) == 2

@@ -47,7 +47,7 @@ def test_level_cameras_tell_up_exactly(elevations):
     """From below, from all sides, and straight from above, where their pictures are hardly upright."""
     up = up_vector(TILTED)
     found = cameras_about(up, 3 * hemisphere(30, TILTED, elevations))
-    assert np.degrees(np.arccos(up_of_cameras(found) @ up)) < 0.2
+    assert np.degrees(np.arccos(min(up_of_cameras(found) @ up, 1.0))) < 0.2  # rounded, it may be above 1
     assert roll(found, up_of_cameras(found)) < 2e-3
 
 

@@ -40,7 +40,7 @@ TRAINING_FLAGS = [
     "checkpoint_seconds",
 ]
 
-COUNTS = "compare and ablate take a ratio (0.1, 10%) or a number of primitives"
+COUNTS = "compare and ablate take a ratio or a number of primitives (0.1, 10%, 20000)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
