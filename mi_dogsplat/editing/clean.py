@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..datasets.dataset import View
+from ..datasets.masks import Masks
 from ..datasets.world_config import WorldConfig
 from ..formats.model import Model
 from ..formats.read import read_model
@@ -20,7 +22,6 @@ from ..measure.metrics import psnr
 from ..render.picture import background_color, photograph, seen_as
 from ..render.picture_options import PictureOptions
 from ..render.render_files import picture_of, viewpoint
-from ..scene.cameras import Camera
 from ..scene.drawing import DrawnAs, comments_of, drawn_as
 from ..scene.ply import write_ply
 from ..scene.splats import Array, Splats
@@ -28,7 +29,7 @@ from ..support.errors import DataError
 from ..support.pictures import write_png
 from .clean_config import CleanConfig
 from .regions import in_box, in_sphere, largest_parts
-from .views import evidence, seen
+from .views import evidence, seen, within_masks
 
 if TYPE_CHECKING:
     from ..datasets import Dataset
@@ -65,7 +66,7 @@ def clean_model(
         model: the model, of any format.
         out: the file to write, in the format of its name.
         config: what is not wanted.
-        data: a data set, for ``seen``, ``floaters``, and the PSNR before and after.
+        data: a data set, for ``seen``, ``masks``, ``floaters``, and the PSNR before and after.
         preview: a .png to write, of the model before and after.
         options: how pictures are drawn; what they do not say, the model's file does.
         world: what is up, and how long a unit is, where the model's file is not to say so.
@@ -87,9 +88,9 @@ def clean_model(
         raise DataError(out, "is the model itself, which would be lost", "name another file")
     drawing = world.over(options.drawing.over(read.drawing), data)
     dataset = _dataset(data, options)
-    cameras = [view.camera for view in dataset.train] if dataset else []
+    views = dataset.train if dataset else []
     wanted, taken_out = np.ones(splats.n_splats, bool), []
-    for reason, keep in rules(splats, config, cameras, drawn):
+    for reason, keep in rules(splats, config, views, drawn):
         taken_out.append((reason, int((wanted & ~keep).sum())))
         wanted &= keep
     if config.connected:  # of what is left: a crop may cut a part off
@@ -111,9 +112,9 @@ def clean_model(
     return Cleaned(splats.n_splats, after.n_splats, found, unneeded.described(kept, config.mixed_sh), quality, left_out)
 
 
-def rules(splats: Splats, config: CleanConfig, cameras: Sequence[Camera], drawn: DrawnAs) -> list[tuple[str, Array]]:
+def rules(splats: Splats, config: CleanConfig, views: Sequence[View], drawn: DrawnAs) -> list[tuple[str, Array]]:
     """Why primitives leave, and which of them stay [N], rule by rule; parts are looked for later, in what is left."""
-    found = []
+    found, cameras, look = [], [view.camera for view in views], (drawn.near_clip, drawn.antialiased)
     if config.box:
         found.append(("outside of the box", in_box(splats, config.box[:3], config.box[3:])))
     if config.sphere:
@@ -123,10 +124,11 @@ def rules(splats: Splats, config: CleanConfig, cameras: Sequence[Camera], drawn:
     if config.max_scale is not None:
         found.append(("too large", splats.scales.max(axis=1) <= config.max_scale))
     if config.seen:
-        found.append(("never seen", seen(splats, cameras, drawn.near_clip, drawn.antialiased)))
+        found.append(("never seen", seen(splats, cameras, *look)))
+    if config.masks:
+        found.append(("outside of the masks", within_masks(splats, views, Masks(config.masks, views), *look)))
     if config.floaters:
-        floats = evidence(splats, cameras, drawn.near_clip, drawn.antialiased).floats
-        found.append(("floaters", ~floats))
+        found.append(("floaters", ~evidence(splats, cameras, *look).floats))
     return found
 
 

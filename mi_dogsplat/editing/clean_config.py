@@ -14,6 +14,7 @@ MIN_OPACITY = "take out primitives of a lower opacity"
 MAX_SCALE = "take out primitives with a larger scale, in world units"
 CONNECTED = "keep the N largest parts that hang together"
 SEEN = "take out what no training view of --data sees"
+MASKS = "keep what masks of the training views of --data show in white"
 FLOATERS = "take out what floats in space that the training views of --data look through"
 MIXED_SH = "let each primitive have the SH degree that it needs, which other programs do not read"
 
@@ -28,6 +29,7 @@ class CleanConfig:
     max_scale: Annotated[float | None, Setting(MAX_SCALE, least=1e-30, most=1e30)] = None
     connected: Annotated[int | None, Setting(CONNECTED, least=1)] = None
     seen: Annotated[bool, Setting(SEEN)] = False
+    masks: Annotated[str | None, Setting(MASKS, "FOLDER")] = None
     floaters: Annotated[bool, Setting(FLOATERS)] = False
     mixed_sh: Annotated[bool, Setting(MIXED_SH)] = False
 
@@ -47,7 +49,8 @@ class CleanConfig:
     @property
     def needs_data(self) -> str:
         """The flag that asks for training views; empty if none does."""
-        return "--seen" if self.seen else "--floaters" if self.floaters else ""
+        asked = {"--seen": self.seen, "--masks": self.masks, "--floaters": self.floaters}
+        return next((flag for flag, value in asked.items() if value), "")
 
 
 def _listed(numbers: tuple[float, ...]) -> str:

@@ -1,4 +1,5 @@
-"""Which primitives of a model its training cameras have seen, and which float in space that they see through."""
+"""Which primitives of a model its training views have seen, which are of what is masked there, and which float in space
+that they see through."""
 
 from __future__ import annotations
 
@@ -7,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..datasets.dataset import View
+from ..datasets.masks import Masks
 from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.parameters import upload
@@ -27,6 +30,15 @@ def seen(splats: Splats, cameras: Sequence[Camera], near_clip: float, antialiase
     devices = [DeviceCamera.upload(camera, near_clip) for camera in cameras]
     options = RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased)
     return weights(upload(splats), devices, options).pixels > 0
+
+
+def within_masks(splats: Splats, views: Sequence[View], masks: Masks, near_clip: float, antialiased: bool) -> Array:
+    """[N] bool, what has more than half of its blending weight in white pixels; views without a mask tell nothing."""
+    painted = [(view, mask) for view in views if (mask := masks.of(view)) is not None]
+    devices = [DeviceCamera.upload(view.camera, near_clip) for view, _ in painted]
+    options = RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased)
+    found = weights(upload(splats), devices, options, [mask for _, mask in painted])
+    return found.weighted > 0.5 * found.total
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ import pytest
 import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import read_ply, write_ply
+from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.editing.clean import clean_model
 from mi_dogsplat.editing.clean_config import CleanConfig
 from mi_dogsplat.editing.regions import in_box, largest_parts
@@ -105,6 +106,28 @@ def test_the_training_views_say_what_is_seen_and_what_floats(capsys, data, tmp_p
         assert preview.size == (2 * tiny_data.WIDTH, tiny_data.HEIGHT)
 
 
+def test_masks_lead_to_the_object_that_they_show(capsys, data, tmp_path):
+    """Two heaps of small splats: masks of the left one, drawn by hand around its projected centres, keep it alone."""
+    splats = tiny_data.truth().plain()
+    left = np.arange(splats.n_splats) % 2 == 0
+    splats.means[:] = np.where(left[:, None], -0.5, 0.5) * (1, 0, 0) + 0.1 * splats.means
+    splats.means[4] += (0, 0, 50)  # of the left ones, and never seen
+    splats.log_scales[:] = np.log(0.03)
+    write_ply(tmp_path / "m.ply", splats)
+    (tmp_path / "masks").mkdir()
+    views = load_dataset(data).train
+    for view in views[:-1]:  # the last has none, and is not asked
+        mask = np.zeros((view.camera.height, view.camera.width), np.uint8)
+        for u, v in view.camera.project(splats.means[left])[0].astype(int):
+            mask[max(v - 4, 0) : v + 5, max(u - 4, 0) : u + 5] = 255
+        Image.fromarray(mask).save(tmp_path / "masks" / f"{view.name}.png")
+    flags = ["--data", data, "--masks", tmp_path / "masks"]
+    status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", "-o", tmp_path / "o.ply", *flags)
+    expected = left & (np.arange(splats.n_splats) != 4)
+    assert status == 0 and f"outside of the masks: {(~expected).sum()}\n" in printed
+    assert np.array_equal(read_ply(tmp_path / "o.ply").means, splats.means[expected])
+
+
 def test_psnr_is_that_of_eval(capsys, data, model, tmp_path):
     flags = ["--data", data, "--max-scale", "0.15"]
     _, printed, _ = run(capsys, "clean", model, "-o", tmp_path / "o.ply", *flags)
@@ -134,6 +157,7 @@ def test_a_preview_shows_before_and_after_from_one_camera(capsys, model, tmp_pat
         (["--connected", 0], ["--connected", "at least 1"]),
         (["--seen"], ["--seen", "add --data DATA"]),
         (["--floaters"], ["--floaters", "add --data DATA"]),
+        (["--masks", "masks"], ["--masks", "add --data DATA"]),
         (["--preview", "p.jpg"], ["p.jpg", ".png"]),
         (["--box", 7, 7, 7, 8, 8, 8], ["model.ply", "no primitive would be left", "take out less"]),
     ],

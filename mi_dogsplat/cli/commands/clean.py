@@ -22,11 +22,13 @@ Examples:
   dogsplat clean model.ply -o said.ply --up=-y --unit 0.31   says what is up, and its metres; no more
   dogsplat clean model.ply -o lean.ply --data photos/ --seen --floaters
                                                              what the photographs do not bear out
+  dogsplat clean run/point_cloud.ply -o object.ply --data photos/ --masks masks/
+                                                             what masks show in white, as an object
 
 Without flags: primitives of an opacity below 1/255, DoG without effect, and SH bands that are zero. What the
 flags take out is counted, each primitive for the first reason that it has. --seen leaves every training view
-as it is. --floaters goes by the surfaces that the views show (docs/clean.md): look at the PSNR before and
-after, which --data adds.
+as it is. --masks keeps what is seen in white more than in black. --floaters goes by the surfaces that the
+views show (docs/clean.md): look at the PSNR before and after, which --data adds.
 """
 
 
@@ -37,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser, CleanConfig)
     add_settings(parser, WorldConfig)
     parser.add_argument(
-        "--data", metavar="DATA", help="for --seen, --floaters, and PSNR on photographs before and after"
+        "--data", metavar="DATA", help="for --seen, --masks, --floaters, and PSNR on photographs before and after"
     )
     parser.add_argument("--preview", type=Path, metavar="OUT.png", help="also write a picture of before and after")
     add_picture_flags(parser)
