@@ -52,7 +52,7 @@ def nearest_gaussians(f_a: Array, F: Array, scales: Array) -> tuple[Array, Array
     """
     f_a, F = f_a.astype(np.float64)[:, None], F.astype(np.float64)
     areas = _areas(scales.astype(np.float64))
-    ratios = [np.ones((len(F), 1)) for _ in range(3)]  # [M, 1] each
+    ratios: list[Array] = [np.ones((len(F), 1)) for _ in range(3)]  # [M, 1] each
     for axis in [0, 1, 2] * SWEEPS:
         tried = [RATIOS[None] if k == axis else ratios[k] for k in range(3)]
         with_dog, with_itself = _products(tried, f_a, F, areas)  # [M, ratios]

@@ -117,7 +117,7 @@ def sh_arrays(dc: Array, bands: Mapping[str, Array], indices: Mapping[str, Array
         indices: of the groups.
     """
     n = len(dc)
-    sh = {"sh_coeffs": dc.reshape(n, 1, 3)}
+    sh: dict[str, np.ndarray] = {"sh_coeffs": dc.reshape(n, 1, 3)}
     if "sh_rest" in bands:
         sh["sh_coeffs"] = np.concatenate([sh["sh_coeffs"], bands["sh_rest"].reshape(n, -1, 3)[:, 1:]], axis=1)
     for degree, group in SH.items():
