@@ -1,7 +1,9 @@
 """Videos: which frames are taken, how they are turned, and what is no video."""
 
 import struct
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +11,6 @@ from mi_dogsplat.poses.frame_choice import LEAST, FrameMark, Odometer, choose, s
 from mi_dogsplat.poses.frames import take_frames
 from mi_dogsplat.poses.video import grey_of, read_frames, upright_rgb
 from mi_dogsplat.support.errors import DataError
-from numpy.typing import ArrayLike
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 from scipy.ndimage import shift as moved
@@ -28,10 +29,10 @@ def texture(seed: int = 0, height: int = HEIGHT, width: int = WIDTH) -> np.ndarr
     return np.clip(0.5 + 1.5 * noise, 0, 1)
 
 
-def panned(offsets: ArrayLike) -> list[np.ndarray]:
+def panned(offsets: Iterable[Any]) -> list[np.ndarray]:
     """Frames uint8 [H, W, 3] of a window that moves to the right by these pixels."""
     wide = texture(width=WIDTH + 400)
-    frames = [moved(wide, (0, -x), order=1)[:, 100 : 100 + WIDTH] for x in np.asarray(offsets)]
+    frames = [moved(wide, (0, -x), order=1)[:, 100 : 100 + WIDTH] for x in offsets]
     return [np.repeat(np.rint(255 * frame).astype(np.uint8)[..., None], 3, -1) for frame in frames]
 
 
