@@ -23,6 +23,7 @@ from mi_dogsplat import write_ply
 from mi_dogsplat.cli import main
 from mi_dogsplat.cli.commands import COMMANDS
 from mi_dogsplat.cli.parser import EPILOG, build_parser
+from mi_dogsplat.export import refine
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.training.target import checked_target, target_bytes
 from PIL import Image
@@ -164,6 +165,8 @@ def folder(tmp_path, monkeypatch, trained, alpha_data) -> Path:
     (tmp_path / "scene.xml").write_text(
         f'<scene version="3.0.0"><integrator type="path"/>{scene}{sensor}</film></sensor></scene>'
     )
+    monkeypatch.setattr(refine, "STEPS", 3)  # of exports, some hundred otherwise
+    monkeypatch.setattr(refine, "MOST_STEPS", 3)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

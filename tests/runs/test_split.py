@@ -36,9 +36,9 @@ def test_a_run_measures_validation_views_and_says_so(data, tmp_path):
 
 def test_a_comparison_measures_validation_views_and_says_so(data, tmp_path):
     config = TrainConfig("", split="validation", **SETTINGS)
-    table = compare(config, [str(data)], tmp_path / "out", [0], ["3dgs", "ours"])
+    table = compare(config, [str(data)], tmp_path / "out", [0], ["3dgs"])
     assert table["failed"] == {} and table["config"][data.name]["split"] == "validation"
-    metrics = json.loads((tmp_path / "out" / data.name / "seed_0" / "ours" / "metrics.json").read_text())
+    metrics = json.loads((tmp_path / "out" / data.name / "seed_0" / "3dgs" / "metrics.json").read_text())
     assert list(metrics["views"]) == ["1"]
     text = words(parsed((tmp_path / "out" / "comparison.html").read_text()))
     assert "Measured on validation views" in text and "validation PSNR" in text and "est PSNR" not in text
