@@ -3,7 +3,8 @@
 # Usage: scripts/build_addon.sh PYTHON_OR_BLENDER FOLDER.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-if scripts=$("$1" -c 'import bpy; print(bpy.utils.system_resource("SCRIPTS"))' 2>/dev/null); then
+# Behind what Blender may say itself, such as of colour management.
+if scripts=$("$1" -c 'import bpy; print(bpy.utils.system_resource("SCRIPTS"))' 2>/dev/null | tail -n 1); then
     tool=("$1" "$scripts/addons_core/bl_pkg/cli/blender_ext.py")
 else
     tool=("$1" --command extension)
