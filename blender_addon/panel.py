@@ -81,17 +81,23 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         layout.prop(space.overlay, "show_outline_selected", text="Outline Selected")
 
 
-class DOGSPLAT_PT_render(bpy.types.Panel):
-    """The settings of our engine, where those of every engine are: the render properties."""
+class OfEngine:
+    """A panel that stands where those of every engine do, while ours is chosen."""
 
-    bl_label = "DoG Splat"
-    bl_idname = "DOGSPLAT_PT_render"
-    bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "render"
+    bl_space_type, bl_region_type = "PROPERTIES", "WINDOW"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Our engine is chosen."""
         return context.engine == ENGINE
+
+
+class DOGSPLAT_PT_render(OfEngine, bpy.types.Panel):
+    """The settings of our engine."""
+
+    bl_label = "DoG Splat"
+    bl_idname = "DOGSPLAT_PT_render"
+    bl_context = "render"
 
     def draw(self, context: bpy.types.Context) -> None:
         """What is sent, and how the picture is handed to the view transform."""
@@ -104,17 +110,12 @@ class DOGSPLAT_PT_render(bpy.types.Panel):
         layout.prop(context.scene, "dogsplat_colors", text="Colors of Splats Only")
 
 
-class DOGSPLAT_PT_passes(bpy.types.Panel):
-    """The passes of our engine, where those of every engine are: the properties of the view layer."""
+class DOGSPLAT_PT_passes(OfEngine, bpy.types.Panel):
+    """The passes of our engine."""
 
     bl_label = "Passes"
     bl_idname = "DOGSPLAT_PT_passes"
-    bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "view_layer"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Our engine is chosen."""
-        return context.engine == ENGINE
+    bl_context = "view_layer"
 
     def draw(self, context: bpy.types.Context) -> None:
         """Beside Combined and Alpha, which are always there."""

@@ -53,24 +53,11 @@ def edges_of(target: Any, shape: str) -> list[Line]:
 def inside(job: dict[str, Any]) -> None:
     """In Blender: one edit, the picture of it, and the lines of its crop object in pixels."""
     import bpy
-
-    sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "blender")]
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    import addon_utils
-
-    addon_utils.enable("blender_addon")
     from bpy_extras.object_utils import world_to_camera_view
-    from mathutils import Matrix, Vector
+    from in_blender import exact_view, render_to
+    from mathutils import Vector
 
-    from blender_addon.cameras.camera import Camera
-    from blender_addon.cameras.objects import build_camera, look_through
-
-    scene = bpy.context.scene
-    values = json.loads(Path(job["camera"]).read_text())
-    camera = Camera("view", np.array(values.pop("w2c")), **values)
-    look_through(scene, build_camera(scene.collection, camera, Matrix.Identity(4), "", False))
-    bpy.ops.import_scene.dogsplat(filepath=job["model"], show_as="QUADS")
-    bpy.ops.dogsplat.exact_settings()
+    camera, scene = exact_view(job["model"], job["camera"], "QUADS"), bpy.context.scene
     lines = [
         [target.matrix_world @ Vector(point) for point in line]
         for target, shape in EDITS[job["name"]](bpy, bpy.context.object)
@@ -80,9 +67,7 @@ def inside(job: dict[str, Any]) -> None:
     seen = [[world_to_camera_view(scene, scene.camera, point) for point in line] for line in lines]
     pixels = [[(p.x * camera.width, (1 - p.y) * camera.height) for p in line] for line in seen]
     Path(job["out"]).with_suffix(".json").write_text(json.dumps(pixels))
-    scene.render.engine = "CYCLES"
-    scene.render.image_settings.file_format, scene.render.filepath = "PNG", job["out"]
-    bpy.ops.render.render(write_still=True)
+    render_to(job["out"], "CYCLES")
 
 
 def crop(shape: str, change: Callable[[Any], None], **options: Any) -> Callable[..., Iterator[tuple[Any, str]]]:

@@ -18,7 +18,6 @@ import os
 import statistics
 import sys
 import time
-import traceback
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -121,20 +120,11 @@ def evaluations(model: str, orbits: list[str]) -> None:
               f"{cpu:.3f} s of the processor")  # fmt: skip
 
 
-def tick() -> float | None:
-    """To the next step; Blender ends after the last one, or with the first error."""
-    try:
-        return next(RUNNING)
-    except StopIteration:
-        os._exit(0)  # quitting asks whether to save
-    except BaseException:
-        traceback.print_exc()
-        os._exit(1)
-
-
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+    sys.path.insert(1, str(Path(__file__).resolve().parent))  # Blender leaves it out
     import addon_utils
+    from in_blender import step_by_step
 
     addon_utils.enable("blender_addon")
     MODEL, *ORBITS = sys.argv[sys.argv.index("--") + 1 :]
@@ -143,5 +133,4 @@ if __name__ == "__main__":
         evaluations(MODEL, ORBITS)
         sys.exit()
     bpy.types.SpaceView3D.draw_handler_add(note, (), "WINDOW", "POST_PIXEL")
-    RUNNING = steps(MODEL, ORBITS)
-    bpy.app.timers.register(tick, first_interval=1, persistent=True)
+    step_by_step(steps(MODEL, ORBITS))

@@ -26,27 +26,11 @@ GAIN = 5  # of the differences
 def inside(job: dict) -> None:
     """In Blender: import model and camera, set up the exact picture, render to ``job["out"]``."""
     import bpy
+    from in_blender import exact_view, render_to
 
-    sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "blender")]
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    import addon_utils
-
-    addon_utils.enable("blender_addon")
-    from mathutils import Matrix
-
-    from blender_addon.cameras.camera import Camera
-    from blender_addon.cameras.objects import build_camera, look_through
-
-    scene = bpy.context.scene
-    values = json.loads(Path(job["camera"]).read_text())
-    camera = Camera("view", np.array(values.pop("w2c")), **values)
-    look_through(scene, build_camera(scene.collection, camera, Matrix.Identity(4), "", False))
-    bpy.ops.import_scene.dogsplat(filepath=job["model"], show_as=job["show_as"])
-    bpy.ops.dogsplat.exact_settings()
+    exact_view(job["model"], job["camera"], job["show_as"])
     eevee = "BLENDER_EEVEE" if bpy.app.version >= (5, 0) else "BLENDER_EEVEE_NEXT"
-    scene.render.engine = eevee if job["engine"] == "EEVEE" else job["engine"]
-    scene.render.image_settings.file_format, scene.render.filepath = "PNG", job["out"]
-    bpy.ops.render.render(write_still=True)
+    render_to(job["out"], eevee if job["engine"] == "EEVEE" else job["engine"])
 
 
 def outside(python: str, model: str, data: str, downscale: int, work: Path, out: Path) -> None:

@@ -12,11 +12,13 @@ import os
 import subprocess
 import sys
 import time
-import traceback
 from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))  # Blender leaves it out
+from in_blender import step_by_step  # noqa: E402
 
 STILL, STILL_EEVEE, LONGEST = 6.0, 60.0, 600.0  # seconds without a change that mean "done"; the most to wait
 Steps = Iterator[float]  # seconds until the next one
@@ -185,18 +187,6 @@ def steps(names: list[str], model: Path, run: Path) -> Steps:
         yield from PICTURES[name](model, run)
 
 
-def tick() -> float | None:
-    """To the next step; Blender ends after the last one, or with the first error."""
-    try:
-        return next(RUNNING)
-    except StopIteration:
-        os._exit(0)  # quitting asks whether to save
-    except BaseException:
-        traceback.print_exc()
-        os._exit(1)
-
-
 MODEL, RUN, OUT, *NAMES = sys.argv[sys.argv.index("--") + 1 :]
 OUT = Path(OUT)
-RUNNING = steps(NAMES, Path(MODEL), Path(RUN))
-bpy.app.timers.register(tick, first_interval=1, persistent=True)
+step_by_step(steps(NAMES, Path(MODEL), Path(RUN)))
