@@ -30,7 +30,7 @@ from .lit_scenes import LIGHT, MODEL, empty, loaded, of_meshes, picture
 
 BEYOND = 0.02  # sRGB: less than this is no image in mirror or glass
 SHADE = 0.9  # of the light that the floor has without the model
-OWN = ("floor", "mirror", "glass", "foot")  # shapes of the scene; all others of the truth are the model
+OWN = ("floor", "mirror", "glass", "foot", "board_front", "board_back")  # all others of the truth are the model
 
 
 def regions(truth: Any, shown: np.ndarray, alone: np.ndarray, size: tuple[int, int]) -> dict[str, np.ndarray]:

@@ -10,6 +10,7 @@ import numpy as np
 
 SCENES = Path(__file__).parents[1] / "scenes"
 LIGHT, INDOORS = SCENES / "still_life_in_the_light.xml", SCENES / "still_life_indoors.xml"
+SHADE = SCENES / "still_life_in_the_shade.xml"
 MODEL, MESHES = SCENES / "still_life.ply", SCENES / "demo_truth.xml"
 
 
@@ -24,9 +25,14 @@ def loaded(path: Path, model: Path | None = None) -> Any:
     return _parsed(root)
 
 
-def of_meshes(path: Path) -> Any:
-    """A scene with the meshes of demo_truth.xml in place of the model, and the integrator ``path``."""
+def of_meshes(path: Path, alone: bool = False) -> Any:
+    """A scene with the meshes of demo_truth.xml in place of the model, and the integrator ``path``.
+
+    alone: without any other shape.
+    """
     root = without_model(path)
+    for shape in root.findall("shape") if alone else ():
+        root.remove(shape)
     for node in _absolute(MESHES):
         if node.tag == "bsdf" or (node.tag == "shape" and node.find("emitter") is None):
             root.append(node)
@@ -45,6 +51,8 @@ def without_model(path: Path) -> ElementTree.Element:
             root.remove(shape)
     for integrator in root.findall("integrator"):
         integrator.set("type", "path")
+        for node in integrator.findall("*[@name='mesh_shadows']"):
+            integrator.remove(node)
     return root
 
 
