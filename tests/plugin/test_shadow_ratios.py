@@ -6,15 +6,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.engine.dimmed import dimmed
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.plugin import shadow_ratios
 from mi_dogsplat.plugin.shadow_ratios import ShadowRatios, estimated
 from mi_dogsplat.scene.cameras import Camera
-from mi_dogsplat.scene.sh_basis import sh_basis
-from mi_dogsplat.scene.splats import Splats
-from splat_scenes import make_splats, random_splats, rounded, scene_of, to_linear, to_srgb
+from splat_scenes import make_splats, random_splats, rounded, scene_of
 
 CAMERA = Camera(np.eye(4), 18.0, 18.0, 6.0, 5.0, 12, 10)  # at the origin, looks along z
 T4 = mi.ScalarTransform4f
@@ -132,41 +129,6 @@ def test_a_camera_sees_the_ratio_of_its_side():
     seen = [np.array(ratios.seen_by(DeviceCamera.upload(c), upload(splats))).ravel() for c in (CAMERA, away)]
     np.testing.assert_allclose(seen[0], 1, atol=1e-6)
     assert seen[1].max() < 0.05
-
-
-@pytest.mark.parametrize("linear", [True, False], ids=["linear", "sRGB"])
-@pytest.mark.parametrize("mixed", [False, True], ids=["one degree", "degrees of their own"])
-def test_dimming_multiplies_radiance_in_every_direction(linear, mixed):
-    splats = rounded(random_splats(12, degree=3, seed=2))
-    splats.sh_coeffs[:, 1:] *= 0.3
-    factor = np.random.default_rng(3).uniform(0.05, 1, (12, 3)).astype(np.float32)
-    if mixed:
-        splats = splats.with_sh_degrees(np.arange(12) % 4)
-    after = dimmed(upload(splats), [mi.Float(column) for column in factor.T], linear)
-    d = np.random.default_rng(4).normal(size=(3, 50))
-    x, y, z = d / np.linalg.norm(d, axis=0)
-    basis = np.stack(np.broadcast_arrays(*sh_basis(x, y, z, 3)))  # [16, 50]
-
-    def colors(of: Splats) -> np.ndarray:
-        return np.maximum(np.einsum("nkc,kd->ndc", of.uniform_sh().sh_coeffs.astype(float), basis) + 0.5, 0)
-
-    got = Splats(**{**vars(splats), **host(after, splats)})
-    before, seen = colors(splats), colors(got)
-    expected = before * factor[:, None] if linear else to_srgb(to_linear(before) * factor[:, None])
-    dark = (expected < 0.0405) & (not linear)
-    np.testing.assert_allclose(seen[~dark], expected[~dark], atol=2e-5)
-    assert dark.mean() < 0.3 and (np.abs(seen - expected)[dark] < 0.0145).all()
-
-
-def host(params: dict, like: Splats) -> dict[str, np.ndarray]:
-    """Colours as a model has them, without the padding of rows."""
-    found = {"sh_coeffs": params["sh_coeffs"].numpy().reshape(like.sh_coeffs.shape)}
-    for degree in (1, 2, 3):
-        name = f"sh{degree}_coeffs"
-        if name in params:
-            m, k, _ = (rows := getattr(like, name)).shape
-            found[name] = params[name].numpy().reshape(m, -1, 3)[:, :k] if rows.size else rows
-    return found
 
 
 # In the integrator
