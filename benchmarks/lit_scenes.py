@@ -39,6 +39,16 @@ def of_meshes(path: Path, alone: bool = False) -> Any:
     return _parsed(root)
 
 
+def with_lamp(path: Path, lamp: ElementTree.Element) -> Any:
+    """A scene with another shape in place of its shapes ``lamp`` and ``window``."""
+    root = _absolute(path)
+    for shape in root.findall("shape"):
+        if shape.get("id") in ("lamp", "window"):
+            root.remove(shape)
+    root.append(lamp)
+    return _parsed(root)
+
+
 def empty(path: Path) -> Any:
     """A scene without the model, and the integrator ``path``."""
     return _parsed(without_model(path))
