@@ -53,9 +53,9 @@ class DogShape(mi.Mesh):
 
      * - to_world
        - |transform|
-       - Any linear map that does not flatten, and translation; turns the spherical harmonics too (docs/transforms.md). What
-         is given is applied once at load. The exposed parameter starts as the identity and moves the loaded primitives
-         further: by rotation, mirror, uniform scale and translation. (Default: identity)
+       - Any linear map that does not flatten, and translation; turns the spherical harmonics too (docs/transforms.md).
+         What is given is applied once at load. The exposed parameter starts as the identity and moves the loaded
+         primitives further: by rotation, mirror, uniform scale and translation. (Default: identity)
        - |exposed|, |differentiable|
 
     A DoG primitive is the difference of its Gaussian and a wider or narrower *pseudo-Gaussian* with the same centre,

@@ -47,7 +47,7 @@ def placed_model(
 ) -> Model:
     """The splats of an object, moved by a [4, 4] matrix; with ``hidden`` as if nothing edited them.
 
-    Raises ``ValueError`` for an object without the attributes or with a transform that splats cannot follow.
+    Raises ``ValueError`` for an object without the attributes or with a transform that flattens them.
     """
     try:
         model = read_attributes(obj.original.data) if hidden else edited_model(obj, depsgraph)
