@@ -48,10 +48,10 @@ def mapped_kernels(linear: Array, quats: Array, scales: Array) -> tuple[Array, A
     if not len(quats):
         return quats, scales
     columns = linear @ _rotations(quats) * scales[:, None]  # [N, 3, 3]
-    finite = np.isfinite(columns).all(axis=(1, 2), keepdims=True)  # [N, 1, 1]
-    u, mapped, _ = np.linalg.svd(np.where(finite, columns, 0))
+    finite = np.isfinite(columns).reshape(-1, 9).all(axis=1, keepdims=True)  # [N, 1]
+    u, mapped, _ = np.linalg.svd(np.where(finite[..., None], columns, 0))
     u = u * np.where(np.linalg.det(u) < 0, -1.0, 1.0)[:, None, None]  # a rotation, no reflection: Σ' is the same
-    mapped = np.where(finite[..., 0], np.maximum(mapped, LEAST), np.nan)
+    mapped = np.where(finite, np.maximum(mapped, LEAST), np.nan)
     return Rotation.from_matrix(u).as_quat(), mapped
 
 
