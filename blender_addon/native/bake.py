@@ -1,4 +1,4 @@
-"""The plain Gaussians that are nearest to a DoG model, by the package: its formula is in ``mi_dogsplat.export.bake``."""
+"""The plain Gaussians that are nearest to a DoG model, by the package (``mi_dogsplat.export.bake``)."""
 
 from __future__ import annotations
 

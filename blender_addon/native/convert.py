@@ -34,7 +34,7 @@ def drawing_of(obj: bpy.types.Object) -> dict:
 
 
 def native_object(obj: bpy.types.Object, shown: bpy.types.Mesh, model: Model, plain: Model) -> bpy.types.Object:
-    """A native object of ``model``, which Blender draws as ``plain``; ``shown`` has the other attributes of its points."""
+    """A native object of ``model``, which Blender draws as ``plain``; other attributes of points are those of ``shown``."""
     cloud = bpy.data.pointclouds.new(obj.data.name)
     write_cloud(cloud, model, plain)
     _copy_attributes(shown, cloud)
@@ -60,14 +60,19 @@ def dog_object(obj: bpy.types.Object, shown: bpy.types.PointCloud, model: Model)
 
 
 def replace_object(old: bpy.types.Object, new: bpy.types.Object) -> None:
-    """Put an object in the place of another one, in collections, parents, constraints and drivers; the other one goes."""
-    name, data = old.name, old.data
-    names = data.name
+    """Put an object in the place of another one, in collections, parents, constraints, drivers; the other one goes."""
+    names = old.name, old.data.name
     old.user_remap(new)
-    bpy.data.objects.remove(old)
+    remove_object(old)
+    new.name, new.data.name = names
+
+
+def remove_object(obj: bpy.types.Object) -> None:
+    """Remove an object, and its data where no other one has them."""
+    data = obj.data
+    bpy.data.objects.remove(obj)
     if not data.users:
         (bpy.data.meshes if isinstance(data, bpy.types.Mesh) else bpy.data.pointclouds).remove(data)
-    new.name, new.data.name = name, names
 
 
 def _successor(obj: bpy.types.Object, data: Geometry) -> bpy.types.Object:

@@ -14,7 +14,7 @@ from ..objects.edited import edited_mesh
 from ..preferences import command_of
 from .bake import baked
 from .cloud import read_cloud
-from .convert import dog_object, drawing_of, native_object, replace_object
+from .convert import dog_object, drawing_of, native_object, remove_object, replace_object
 from .feature import is_available
 
 KEEP = "Leave the object that is converted in the file, hidden"
@@ -33,9 +33,7 @@ class Conversion:
                 made.append(make(obj))
         except ValueError as error:
             for new in made:
-                data = new.data
-                bpy.data.objects.remove(new)
-                (bpy.data.meshes if isinstance(data, bpy.types.Mesh) else bpy.data.pointclouds).remove(data)
+                remove_object(new)
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         for old, new in zip(objects, made, strict=True):

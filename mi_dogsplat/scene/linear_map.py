@@ -48,7 +48,7 @@ def mapped_kernels(linear: Array, quats: Array, scales: Array) -> tuple[Array, A
     if not len(quats):
         return quats, scales
     columns = linear @ _rotations(quats) * scales[:, None]  # [N, 3, 3]
-    finite = np.isfinite(columns).reshape(-1, 9).all(axis=1, keepdims=True)  # [N, 1]
+    finite = np.isfinite(np.abs(columns).sum(axis=(1, 2)))[:, None]
     u, mapped, _ = np.linalg.svd(np.where(finite[..., None], columns, 0))
     u = u * np.where(np.linalg.det(u) < 0, -1.0, 1.0)[:, None, None]  # a rotation, no reflection: Σ' is the same
     mapped = np.where(finite, np.maximum(mapped, LEAST), np.nan)
