@@ -34,7 +34,7 @@ def drawing_of(obj: bpy.types.Object) -> dict:
 
 
 def native_object(obj: bpy.types.Object, shown: bpy.types.Mesh, model: Model, plain: Model) -> bpy.types.Object:
-    """A native object of ``model``, which Blender draws as ``plain``; other attributes of points are those of ``shown``."""
+    """A native object of ``model``, drawn as ``plain``; other attributes of its points are those of ``shown``."""
     cloud = bpy.data.pointclouds.new(obj.data.name)
     write_cloud(cloud, model, plain)
     _copy_attributes(shown, cloud)
