@@ -94,10 +94,11 @@ def test_the_picture_stays_when_model_and_camera_move_together(scene, tmp_path, 
     assert psnr(picture, np.load(REFERENCES / "dog.npz")["color"]) > 50
 
 
-@pytest.mark.parametrize("name, show_as, least", [("dog", "QUADS", 50), ("plain", "ELLIPSOIDS", 20)])
-@pytest.mark.parametrize("factor", [1.6, -1.0])
+@pytest.mark.parametrize("name, show_as, factor, least", [
+    ("dog", "QUADS", 1.6, 50), ("dog", "QUADS", -1.0, 50), ("plain", "ELLIPSOIDS", 1.6, 20)
+])  # fmt: skip
 def test_a_model_stretched_or_mirrored_across_the_view_is_what_another_lens_saw(
-    scene, tmp_path, factor, name, show_as, least
+    scene, tmp_path, name, show_as, factor, least
 ):
     """x times 1.6 before a lens that is as much shorter; a mirror image before a camera whose picture is turned."""
     values = json.loads((REFERENCES / f"{name}.json").read_text())
