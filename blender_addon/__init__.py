@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import panel, preferences
+from . import panel, preferences, translations
 from .cameras import operators as camera_operators
 from .cameras import path_import_operator, path_operator
 from .editing import apply_operator, join_operator, live_operators, paint_operators, transform_operator
@@ -54,10 +54,12 @@ def register() -> None:
         getattr(bpy.types, menu).append(draw)
     bpy.app.handlers.depsgraph_update_post.append(following.follow)
     handlers.register()
+    translations.register(__name__)
 
 
 def unregister() -> None:
     """The same backwards."""
+    translations.unregister(__name__)
     handlers.unregister()
     bpy.app.handlers.depsgraph_update_post.remove(following.follow)
     for menu, draw in reversed(panel.OBJECT_MENUS):

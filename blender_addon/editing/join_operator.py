@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..files.errors import told
 from ..files.transform import similarity_scale
 from ..objects.conventions import DOG_COUNT
 from ..objects.following import follow_vertices
@@ -33,7 +34,7 @@ class DOGSPLAT_OT_join(bpy.types.Operator):
             for obj in models:
                 similarity_scale((to_active @ np.array(obj.matrix_world, np.float64))[:3, :3])
         except ValueError as error:
-            self.report({"ERROR"}, f'"{obj.name}": {error}')
+            self.report({"ERROR"}, told('"{name}": {reason}', name=obj.name, reason=error))
             return {"CANCELLED"}
         for obj in models:
             finish_painting(obj)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..cameras.camera import Camera
 from ..cameras.objects import camera_numbers
+from ..files.errors import told
 from ..files.model import Model, concatenate
 from ..files.ply import write_ply
 from ..nodes.modifier import get_input, splat_modifier
@@ -47,11 +48,11 @@ def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) 
     """Write what the package needs. Raises ``ValueError`` where nothing can be drawn."""
     scene = depsgraph.scene
     if scene.camera is None:
-        raise ValueError("the scene has no camera; add one, or import those of the data set")
+        raise ValueError(told("the scene has no camera; add one, or import those of the data set"))
     camera, splats = camera_numbers(scene, scene.camera.evaluated_get(depsgraph)), _gather(depsgraph)
     whole = scene.dogsplat.send == "SCENE" and has_surroundings(depsgraph)
     if not splats.models and not whole:
-        raise ValueError("the scene has no splats to render; import a model with File > Import > DoG Splat")
+        raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
     request: dict[str, Any] = {"passes": passes, "counts": [model.n_splats for model in splats.models]}
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
     files = set()

@@ -13,7 +13,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatPrope
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 
 from ..engine.renderers import converted
-from ..files.errors import FileError
+from ..files.errors import FileError, told
 from ..files.model import Model, importance, sigmoid
 from ..files.read import EXTENSIONS, read_model
 from ..nodes.modifier import add_modifier, set_input
@@ -121,7 +121,7 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
             _prepare_viewports(context)
         total = sum(model.n_splats for _, model, _ in models)
         dog = sum(int(model.is_dog.sum()) for _, model, _ in models)
-        self.report({"INFO"}, f"{total:,} splats imported, {dog:,} of them DoG")
+        self.report({"INFO"}, told("{total:,} splats imported, {dog:,} of them DoG", total=total, dog=dog))
         return {"FINISHED"}
 
     def _choice(self, name: str, said: Any) -> Any:

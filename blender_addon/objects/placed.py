@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import bpy
 import numpy as np
 
+from ..files.errors import told
 from ..files.model import Model
 from ..files.transform import transformed
 from .attributes import is_splats, read_attributes
@@ -53,4 +54,4 @@ def placed_model(
         model = read_attributes(obj.original.data) if hidden else edited_model(obj, depsgraph)
         return transformed(model, matrix)
     except ValueError as error:
-        raise ValueError(f'"{obj.name}": {error}') from error
+        raise ValueError(told('"{name}": {reason}', name=obj.name, reason=error)) from error
