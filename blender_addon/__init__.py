@@ -11,6 +11,7 @@ from .editing import apply_operator, join_operator, live_operators, paint_operat
 from .engine import exact_settings, renderers
 from .engine import render_engine as engine
 from .engine import settings as engine_settings
+from .native import operators as native_operators
 from .objects import export_operators, following, import_operator
 from .viewport import handlers
 
@@ -30,6 +31,8 @@ CLASSES = (
     apply_operator.DOGSPLAT_OT_apply_edits,
     join_operator.DOGSPLAT_OT_join,
     transform_operator.DOGSPLAT_OT_apply_transform,
+    native_operators.DOGSPLAT_OT_to_native,
+    native_operators.DOGSPLAT_OT_to_dog,
     exact_settings.DOGSPLAT_OT_exact_settings,
     engine_settings.DogSplatRenderSettings,
     engine.DogSplatEngine,

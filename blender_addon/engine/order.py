@@ -15,7 +15,7 @@ from ..cameras.objects import camera_numbers
 from ..files.errors import told
 from ..files.model import Model, concatenate
 from ..files.ply import write_ply
-from ..nodes.modifier import get_input, splat_modifier
+from ..native.convert import drawing_of
 from ..objects.placed import placed_model, placed_splats
 from ..scene.write import has_surroundings, write_scene
 
@@ -85,11 +85,11 @@ def _gather(depsgraph: bpy.types.Depsgraph) -> _Splats:
     found = _Splats()
     for obj, matrix in placed_splats(depsgraph):
         model = placed_model(obj, depsgraph, matrix)
-        if modifier := splat_modifier(obj):
-            model = model.with_degree(min(get_input(modifier, "SH Degree"), model.sh_degree))
-            model.is_dog = model.is_dog & bool(get_input(modifier, "DoG"))
-            found.near.append(get_input(modifier, "Near Clip"))
-            found.antialiased |= bool(get_input(modifier, "Antialiased"))
+        if drawing := drawing_of(obj):
+            model = model.with_degree(min(drawing["SH Degree"], model.sh_degree))
+            model.is_dog = model.is_dog & bool(drawing["DoG"])
+            found.near.append(drawing["Near Clip"])
+            found.antialiased |= bool(drawing["Antialiased"])
         found.models.append(model)
         found.names.append(obj.name)
     return found

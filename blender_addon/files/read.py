@@ -13,8 +13,8 @@ import numpy as np
 from .errors import FileError
 from .model import Model
 from .ply import read_comments, read_ply
+from .sh import C0
 from .spz import GZIP, gzip_comments, read_spz
-from .transform import C0
 
 EXTENSIONS = (".ply", ".spz", ".sog", ".glb", ".gltf", ".splat", ".json")  # .json: the meta.json of SOG
 RENDER_MODES = {"mip": True, "default": False}

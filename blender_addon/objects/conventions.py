@@ -8,6 +8,7 @@ from mathutils import Matrix, Vector
 
 SOURCE, CONVENTION, IMPORT_MATRIX = "dogsplat_source", "dogsplat_convention", "dogsplat_import_matrix"
 DOG_COUNT = "dogsplat_dog_count"  # of the model as it was imported
+DRAWING = "dogsplat_drawing"  # of native splats: how our modifier drew them
 UP_AXES = (
     ("Z", "Z", "As in the file: for Blender, Mitsuba and instant-ngp scenes"),
     ("-Z", "-Z", "Turned upside down"),
