@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ..files.transform import similarity_scale
-from ..objects.conventions import DOG_COUNT
+from ..objects.conventions import DOG_COUNT, light_of
 from ..objects.following import follow_vertices
 from .apply_operator import apply_edits
 from .live_operators import can_edit
@@ -34,6 +34,9 @@ class DOGSPLAT_OT_join(bpy.types.Operator):
                 similarity_scale((to_active @ np.array(obj.matrix_world, np.float64))[:3, :3])
         except ValueError as error:
             self.report({"ERROR"}, f'"{obj.name}": {error}')
+            return {"CANCELLED"}
+        if len({light_of(obj).linear for obj in models}) > 1:
+            self.report({"ERROR"}, "some of these models hold radiance, others sRGB values; join those of one kind")
             return {"CANCELLED"}
         for obj in models:
             finish_painting(obj)

@@ -20,7 +20,7 @@ from ..nodes.modifier import add_modifier, set_input
 from ..nodes.tree import SHOW
 from ..preferences import command_of
 from .attributes import write_attributes
-from .conventions import DOG_COUNT, UP_AXES, conversion, remember
+from .conventions import DOG_COUNT, UP_AXES, conversion, remember, remember_light
 
 UP_DESCRIPTION = "Which axis of the file is up; unless set here, as the file says"
 CONVENTION = "3DGS PLY: raw values, quaternions w x y z, positions in coordinates of the file"
@@ -108,6 +108,7 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
             up_axis, scale = self._choice("up_axis", place.up), self._choice("scale", place.scale)
             obj = build_object(context, path, model, conversion(up_axis, scale))
             modifier = obj.modifiers[-1]
+            remember_light(obj, said.light)
             set_input(modifier, "Show As", self.show_as.capitalize())
             set_input(modifier, "SH Degree", self.sh_degree)
             set_input(modifier, "DoG", self.use_dog)
