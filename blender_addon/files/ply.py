@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -79,8 +80,10 @@ def read_comments(path: str | Path) -> list[str]:
     return comments
 
 
-def write_ply(path: str | Path, model: Model) -> None:
+def write_ply(path: str | Path, model: Model, comments: Sequence[str] = ()) -> None:
     """Write a model; ``read_ply`` gives back the same bits. The old file stays until the new one is complete.
+
+    ``comments``: lines of the header, as ``read_comments`` finds them.
 
     Raises ``FileError`` when the place cannot be written or a value is not finite.
     """
@@ -96,7 +99,8 @@ def write_ply(path: str | Path, model: Model) -> None:
     if not (np.isfinite(vertex).all() and np.isfinite(dog["values"]).all()):
         raise FileError(path, "the model holds values that are not finite", "delete those splats; nothing was written")
 
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {n}"]
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
+    header += [f"element vertex {n}"]
     header += [f"property float {name}" for name in names]
     if len(dog):
         header += [f"element dog {len(dog)}", "property uint index", *(f"property float {name}" for name in _DOG)]

@@ -22,7 +22,7 @@ from ..native.feature import is_available
 from ..nodes.modifier import add_modifier, set_input
 from ..preferences import command_of
 from .attributes import write_attributes
-from .conventions import DOG_COUNT, UP_AXES, conversion, remember
+from .conventions import DOG_COUNT, UP_AXES, conversion, remember, remember_light
 
 SHOWN_AS = (
     ("AUTOMATIC", "Automatic", "Quads in renders, ellipsoids in the viewport"),
@@ -119,6 +119,7 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
             up_axis, scale = self._choice("up_axis", place.up), self._choice("scale", place.scale)
             obj = build_object(context, path, model, conversion(up_axis, scale))
             modifier = obj.modifiers[-1]
+            remember_light(obj, said.light)
             if not native:
                 set_input(modifier, "Show As", self.show_as.capitalize())
             set_input(modifier, "SH Degree", self.sh_degree)
