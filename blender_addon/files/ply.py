@@ -6,8 +6,6 @@ The same format as ``mi_dogsplat.scene.ply``, which documents it; this copy keep
 
 from __future__ import annotations
 
-import os
-import tempfile
 from pathlib import Path
 from typing import BinaryIO
 
@@ -15,6 +13,7 @@ import numpy as np
 
 from .errors import FileError
 from .model import Model
+from .whole import write_whole
 
 _POSITION = ("x", "y", "z")
 _NORMAL = ("nx", "ny", "nz")
@@ -98,22 +97,7 @@ def write_ply(path: str | Path, model: Model) -> None:
     header += [f"property float {name}" for name in names]
     if len(dog):
         header += [f"element dog {len(dog)}", "property uint index", *(f"property float {name}" for name in _DOG)]
-    _replace(path, ["\n".join([*header, "end_header\n"]).encode(), vertex.tobytes(), dog.tobytes()])
-
-
-def _replace(path: Path, parts: list[bytes]) -> None:
-    """Make ``parts`` the content of ``path``, or leave everything as it was."""
-    try:
-        handle, temporary = tempfile.mkstemp(".part", f".{path.name}.", path.parent)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.writelines(parts)
-            os.replace(temporary, path)
-        finally:
-            Path(temporary).unlink(missing_ok=True)
-    except OSError as error:
-        problem = f"cannot be written ({error.strerror})"
-        raise FileError(path, problem, "check that the folder exists, is writable and has space") from error
+    write_whole(path, ["\n".join([*header, "end_header\n"]).encode(), vertex.tobytes(), dog.tobytes()])
 
 
 def _rest_names(n_rest: int) -> tuple[str, ...]:
