@@ -87,7 +87,7 @@ class Borrowed:
         if settings.result is not None:
             self.set(settings.result, hide_render=True)
         for obj in hidden_objects(scene):
-            if scene.render.engine == ENGINE:  # which knows no objects that light alone
+            if scene.render.engine == ENGINE or obj.type == "EMPTY":  # neither can light without being seen
                 self.set(obj, hide_render=True)
             else:
                 self.set(obj, visible_camera=False)
@@ -105,4 +105,5 @@ def hidden_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     if not settings.alone or settings.subject != "SELECTED":
         return []
     subject = settings.objects()
-    return [obj for obj in scene.objects if obj not in subject and obj.type not in (*UNSEEN, "EMPTY")]
+    others = [obj for obj in scene.objects if obj not in subject and obj.type not in UNSEEN]
+    return [obj for obj in others if obj.type != "EMPTY" or obj.instance_type != "NONE"]

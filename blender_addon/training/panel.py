@@ -25,7 +25,7 @@ class DOGSPLAT_PT_train(bpy.types.Panel):
         layout, settings = self.layout, context.scene.dogsplat_training
         layout.use_property_split, layout.use_property_decorate = True, False
         if WORK.busy:
-            draw_work(layout, settings)
+            draw_work(layout)
             return
         if WORK.trouble:
             layout.label(text=WORK.trouble, icon="ERROR")
@@ -35,7 +35,7 @@ class DOGSPLAT_PT_train(bpy.types.Panel):
         draw_buttons(layout, context.scene)
 
 
-def draw_work(layout: bpy.types.UILayout, settings: DogSplatTrainingSettings) -> None:
+def draw_work(layout: bpy.types.UILayout) -> None:
     """How far it is, and how to stop it."""
     if WORK.rendering is not None:
         rendering = WORK.rendering.rendering
@@ -43,9 +43,9 @@ def draw_work(layout: bpy.types.UILayout, settings: DogSplatTrainingSettings) ->
         layout.progress(factor=done / n, text=f"{done} of {n} views")
         layout.label(text="Esc stops; what is rendered is kept", icon="INFO")
     elif WORK.training is not None:
-        step = WORK.training.step
-        text = f"Step {step:,} of {settings.steps:,}" if step else "Training starts"
-        layout.progress(factor=min(step / settings.steps, 1.0), text=text if step < settings.steps else "Measuring")
+        step, steps = WORK.training.step, WORK.training.steps
+        text = f"Step {step:,} of {steps:,}" if step else "Training starts"
+        layout.progress(factor=min(step / steps, 1.0), text=text if step < steps else "Measuring")
         layout.operator("dogsplat.stop_training", icon="CANCEL")
 
 

@@ -21,7 +21,7 @@ def training_folder(scene: bpy.types.Scene) -> Path:
     """Of the settings. Raises ``ValueError`` where there is none, or a file that was never saved has a relative one."""
     name = scene.dogsplat_training.folder
     if not name or (name.startswith("//") and not bpy.data.filepath):
-        raise ValueError("the folder for the training is beside the Blender file: save this first, or choose a folder")
+        raise ValueError("save the file, or choose a folder")
     return Path(bpy.path.abspath(name))
 
 

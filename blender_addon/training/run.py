@@ -18,10 +18,11 @@ TAIL = 4096  # bytes of a file of which the last line counts
 class TrainingRun:
     """A training from its start to its end."""
 
-    def __init__(self, words: list[str], data: Path, folder: Path, flags: list[str], resume: bool):
+    def __init__(self, words: list[str], data: Path, folder: Path, flags: dict[str, str], resume: bool):
         """``words`` start the package; ``flags`` are settings of ``dogsplat train``. Raises ``RendererError``."""
-        self.folder, self._log = folder, folder.parent / LOG
-        command = [*words, "train", str(data), "-o", str(folder), *flags, *(["--resume"] if resume else [])]
+        self.folder, self.steps, self._log = folder, int(flags["steps"]), folder.parent / LOG
+        command = [*words, "train", str(data), "-o", str(folder), *(["--resume"] if resume else [])]
+        command += [word for name, value in flags.items() for word in (f"--{name}", value)]
         if not resume:
             (folder / HISTORY).unlink(missing_ok=True)  # whose last row is not of this training
         try:

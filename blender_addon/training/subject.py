@@ -16,12 +16,14 @@ UNSEEN = ("LIGHT", "CAMERA", "LIGHT_PROBE", "SPEAKER")  # by cameras
 
 
 def subject_objects(context: bpy.types.Context, settings: DogSplatTrainingSettings) -> list[bpy.types.Object]:
-    """Raises ``ValueError`` where there are none, in one line that says what to do."""
+    """Those whose place a model takes; none for a region. Raises ``ValueError`` where nothing is selected."""
     if settings.subject == "SELECTED":
         found = [obj for obj in context.selected_objects if obj.type not in UNSEEN]
         if not found:
             raise ValueError("nothing is selected; select the objects to train, or choose Whole Scene")
         return found
+    if settings.subject == "REGION":
+        return []
     return [obj for obj in context.scene.objects if obj.type not in UNSEEN and not obj.hide_render]
 
 

@@ -77,16 +77,16 @@ def start(context: bpy.types.Context, resume: bool) -> TrainingRun:
     return TrainingRun(words, folder / "data", run, flags_of(settings), resume and can_go_on(run))
 
 
-def flags_of(settings: DogSplatTrainingSettings) -> list[str]:
-    """What ``dogsplat train`` is called with."""
+def flags_of(settings: DogSplatTrainingSettings) -> dict[str, str]:
+    """What ``dogsplat train`` is called with, without ``--``."""
     steps = settings.steps
-    flags = ["--preset", settings.preset, "--steps", str(steps), "--log-every", str(min(max(steps // ROWS, 1), 50))]
+    flags = {"preset": settings.preset, "steps": str(steps), "log-every": str(min(max(steps // ROWS, 1), 50))}
     if settings.preset != "3dgs":
-        flags += ["--target", settings.target]
+        flags["target"] = settings.target
     if settings.max_primitives:
-        flags += ["--max-primitives", str(settings.max_primitives)]
+        flags["max-primitives"] = str(settings.max_primitives)
     if settings.transparent:
-        flags += ["--background", "random"]  # else splats of the background's colour hide in it
+        flags["background"] = "random"  # else splats of the background's colour hide in it
     return flags
 
 
@@ -117,14 +117,19 @@ def look_after() -> float | None:
             bpy.ops.ed.undo_push(message="Import Trained Splats")
     except (ValueError, RuntimeError) as error:
         WORK.trouble = " ".join(str(error).split())
-        for window in windows or list(context.window_manager.windows)[:1]:
-            with context.temp_override(window=window):
-                context.window_manager.popup_menu(_tell, title="DoG Splat", icon="ERROR")
+        tell(context)
     return None
 
 
-def _tell(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
-    menu.layout.label(text=WORK.trouble)
+def tell(context: bpy.types.Context) -> None:
+    """Show what went wrong at the mouse: a timer has no reports."""
+
+    def draw(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
+        menu.layout.label(text=WORK.trouble)
+
+    for window in list(context.window_manager.windows)[:1]:
+        with context.temp_override(window=window):
+            context.window_manager.popup_menu(draw, title="DoG Splat", icon="ERROR")
 
 
 def _complete(scene: bpy.types.Scene) -> bool:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -17,6 +18,8 @@ from mathutils import Matrix, Vector
 from surroundings import background, body, light, material, plane, sphere
 
 from blender_addon.cameras.json_object import read_json_object
+from blender_addon.engine import renderers
+from blender_addon.engine.served import RendererError
 from blender_addon.training import run as training_run
 from blender_addon.training import train_operator
 from blender_addon.training.data_set import is_begun, is_complete
@@ -102,6 +105,11 @@ def seen_by(scene, location, folder):
     return pixels[..., :3] * pixels[..., 3:]
 
 
+def middle(picture):
+    """Row and column [2] of what is brighter than half of the picture's maximum, its mean."""
+    return np.argwhere(picture.max(axis=2) > picture.max() / 2).mean(axis=0)
+
+
 def test_from_a_scene_to_a_model_in_its_place(subject, scene, tmp_path):
     """Cameras, views, a training that is stopped and goes on, and a picture from where no camera was."""
     assert bpy.ops.dogsplat.make_cameras() == {"FINISHED"}
@@ -127,8 +135,7 @@ def test_from_a_scene_to_a_model_in_its_place(subject, scene, tmp_path):
     result.hide_render, subject.hide_render = True, False
     original = seen_by(scene, place, tmp_path)
     assert original.std() > 0.1 and psnr(trained, original) > 17
-    subject.location.x += 0.2  # a quarter of its radius
-    assert psnr(trained, seen_by(scene, place, tmp_path)) < psnr(trained, original) - 3
+    assert np.abs(middle(trained) - middle(original)).max() < 0.5  # pixels, of 32 that the ball is wide
 
 
 CAPTURED = """
@@ -373,7 +380,7 @@ def never_saved(scene, tmp_path):
     (nothing_selected, "nothing is selected; select"), (no_faces, "no surfaces; select"),
     (no_lens, "Wide.*perspective camera"), (elevations_the_wrong_way_round, "lowest elevation is above"),
     (other_contents, "is a folder with other contents; choose"), (a_file_in_its_place, "cannot be written.*choose"),
-    (never_saved, "save this first, or choose a folder"),
+    (never_saved, "save the file, or choose a folder"),
 ])  # fmt: skip
 def test_what_is_wrong_is_said_in_one_line(subject, scene, tmp_path, spoil, message):
     spoil(scene, tmp_path)
@@ -403,11 +410,61 @@ def test_a_training_that_fails_says_why_in_one_line(subject, scene, monkeypatch,
     assert len(str(caught.value).strip().splitlines()) == 1 and not WORK.busy
 
 
+@pytest.mark.parametrize("command, message", [("", "pip install"), ("/no/such/dogsplat", "correct or clear it")])
+def test_a_missing_command_is_said_in_one_line(subject, scene, monkeypatch, command, message):
+    monkeypatch.setattr(renderers.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setattr(train_operator, "process_words", lambda words: renderers.process_words(command))
+    a_data_set(scene)
+    with pytest.raises(RuntimeError, match=message) as caught:
+        bpy.ops.dogsplat.train()
+    assert len(str(caught.value).strip().splitlines()) == 1
+
+
+def test_without_a_command_the_package_beside_blender_trains(monkeypatch):
+    monkeypatch.setattr(renderers.importlib.util, "find_spec", lambda name: True)
+    assert renderers.process_words() == [sys.executable, "-m", "mi_dogsplat"]
+    assert renderers.process_words(f"{sys.executable} -m other") == [sys.executable, "-m", "other"]
+
+
+def a_run(works, message=""):
+    """What stands in for a training."""
+
+    def fail():
+        raise RendererError(message)
+
+    stopped = []
+    return SimpleNamespace(works=works, require_result=fail, stop=lambda: stopped.append(True), stopped=stopped)
+
+
+def test_the_timer_looks_after_a_training_until_its_end(scene, monkeypatch, model):
+    monkeypatch.setattr(WORK, "scene", scene.name)
+    monkeypatch.setattr(WORK, "trouble", "")
+    monkeypatch.setattr(train_operator, "tell", lambda context: None)  # needs a display
+    monkeypatch.setattr(WORK, "training", a_run(True))
+    assert train_operator.look_after() == train_operator.INTERVAL
+    WORK.training = a_run(False, "no\nmemory")
+    assert train_operator.look_after() is None
+    assert WORK.training is None and WORK.trouble == "no memory"
+    assert train_operator.look_after() is None
+    WORK.training, WORK.trouble = SimpleNamespace(works=False, require_result=lambda: model), ""
+    assert train_operator.look_after() is None
+    assert WORK.trouble == "" and len(scene.dogsplat_training.result.data.vertices) == 150
+
+
+def test_another_file_ends_a_training(monkeypatch):
+    run = a_run(True)
+    monkeypatch.setattr(WORK, "training", run)
+    assert bpy.ops.dogsplat.stop_training.poll()
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert run.stopped and WORK.training is None and not bpy.ops.dogsplat.stop_training.poll()
+
+
 def test_a_training_ends_with_its_owner(tmp_path, monkeypatch):
     """Even one that does not listen."""
     monkeypatch.setattr(training_run, "PATIENCE", 0.2)
     deaf = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('x', flush=True); time.sleep(600)"
-    run = TrainingRun([sys.executable, "-c", deaf], tmp_path, tmp_path / "run", [], False)
+    run = TrainingRun([sys.executable, "-c", deaf], tmp_path, tmp_path / "run", {"steps": "9"}, False)
     while not (tmp_path / "training.log").stat().st_size:
         time.sleep(0.02)
     process = run._process
@@ -431,7 +488,7 @@ def test_the_panel_offers_what_can_be_done(subject, scene, monkeypatch):
     assert drawn()[0] == "0 of 14 views" and not bpy.ops.dogsplat.render_views.poll()
     jobs.close()
     monkeypatch.setattr(WORK, "rendering", None)
-    monkeypatch.setattr(WORK, "training", type("Run", (), {"step": 30})())
+    monkeypatch.setattr(WORK, "training", SimpleNamespace(step=30, steps=200))
     assert drawn() == ["Step 30 of 200", "dogsplat.stop_training"]
     monkeypatch.setattr(WORK, "training", None)
     run = Path(scene.dogsplat_training.folder) / "run"
@@ -440,4 +497,4 @@ def test_the_panel_offers_what_can_be_done(subject, scene, monkeypatch):
     (folder_of(scene) / "transforms.json").write_text("{}")
     assert drawn()[-2:] == ["dogsplat.train"] * 2
     scene.dogsplat_training.folder = "//training"
-    assert "save this first" in drawn()[-1]
+    assert "save the file" in drawn()[-1]
