@@ -198,6 +198,11 @@ def close_renderers() -> None:
         _RESIDENT.popitem()[1].close()
 
 
+def process_words(command: str = "") -> list[str]:
+    """The words that start the package as a process of its own, however it is found. Raises ``RendererError``."""
+    return list(_words(command)) or [sys.executable, "-m", "mi_dogsplat"]
+
+
 def _words(command: str) -> tuple[str, ...]:
     """Empty: this process."""
     if command:

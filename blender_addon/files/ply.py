@@ -6,8 +6,6 @@ The same format as ``mi_dogsplat.scene.ply``, which documents it; this copy keep
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
@@ -16,6 +14,7 @@ import numpy as np
 
 from .errors import FileError
 from .model import Model
+from .whole import write_whole
 
 _POSITION = ("x", "y", "z")
 _NORMAL = ("nx", "ny", "nz")
@@ -104,22 +103,7 @@ def write_ply(path: str | Path, model: Model, comments: Sequence[str] = ()) -> N
     header += [f"property float {name}" for name in names]
     if len(dog):
         header += [f"element dog {len(dog)}", "property uint index", *(f"property float {name}" for name in _DOG)]
-    _replace(path, ["\n".join([*header, "end_header\n"]).encode(), vertex.tobytes(), dog.tobytes()])
-
-
-def _replace(path: Path, parts: list[bytes]) -> None:
-    """Make ``parts`` the content of ``path``, or leave everything as it was."""
-    try:
-        handle, temporary = tempfile.mkstemp(".part", f".{path.name}.", path.parent)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.writelines(parts)
-            os.replace(temporary, path)
-        finally:
-            Path(temporary).unlink(missing_ok=True)
-    except OSError as error:
-        remedy = "check that the folder exists, is writable and has space"
-        raise FileError(path, "cannot be written ({reason})", remedy, reason=error.strerror) from error
+    write_whole(path, ["\n".join([*header, "end_header\n"]).encode(), vertex.tobytes(), dog.tobytes()])
 
 
 def _rest_names(n_rest: int) -> tuple[str, ...]:
