@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bpy
+from bpy.app.translations import pgettext_iface as iface_
 
 from .editing.live_operators import can_edit
 from .editing.paint_operators import painted_model
@@ -58,9 +59,10 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
     def _model(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         layout = self.layout
         column = layout.column(align=True)
-        column.label(text=f"{obj.name}: {len(obj.data.vertices):,} splats", icon="POINTCLOUD_DATA")
+        text = iface_("{name}: {count:,} splats").format(name=obj.name, count=len(obj.data.vertices))
+        column.label(text=text, translate=False, icon="POINTCLOUD_DATA")
         if SOURCE in obj:
-            column.label(text=str(obj[SOURCE]), icon="FILE")
+            column.label(text=str(obj[SOURCE]), translate=False, icon="FILE")
         modifier = splat_modifier(obj)
         if modifier is None:
             column.label(text="No splat modifier: import the model again", icon="ERROR")

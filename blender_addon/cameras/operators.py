@@ -9,7 +9,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, St
 from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix
 
-from ..files.errors import FileError
+from ..files.errors import FileError, told
 from ..objects.attributes import has_splats
 from ..objects.conventions import UP_AXES, conversion
 from .objects import build_camera, look_through
@@ -68,7 +68,7 @@ class DOGSPLAT_OT_import_cameras(bpy.types.Operator, ImportHelper):
             return {"CANCELLED"}
         if self.use_first:
             look_through(context.scene, objects[0])
-        self.report({"INFO"}, f"{len(objects)} cameras imported")
+        self.report({"INFO"}, told("{count} cameras imported", count=len(objects)))
         return {"FINISHED"}
 
     def _matrix(self, context: bpy.types.Context) -> Matrix:

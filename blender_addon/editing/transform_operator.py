@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ..files.errors import told
 from ..files.transform import mean_scale, transformed
 from ..nodes.limits import NAME as LIMITS
 from ..nodes.modifier import edit_modifiers, get_input, set_input
@@ -53,4 +54,4 @@ def _moved(obj: bpy.types.Object):
     try:
         return transformed(read_attributes(obj.data), np.array(obj.matrix_world, np.float64))
     except ValueError as error:
-        raise ValueError(f'"{obj.name}": {error}') from error
+        raise ValueError(told('"{name}": {reason}', name=obj.name, reason=error)) from error

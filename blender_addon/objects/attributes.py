@@ -10,6 +10,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..files.errors import told
 from ..files.model import Model, importance, logit, normalized, positive_log, sigmoid
 
 SCALE, ROTATION, BASE, SH = "scale", "rotation", "radiance:base", "radiance:sh_{}"
@@ -187,10 +188,12 @@ def get_column(mesh: Geometry, name: str, width: int) -> np.ndarray:
     """An attribute of the points, [N, width]. Raises ``ValueError`` where there is none of that kind."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.domain != "POINT" or attribute.data_type not in POINT_FIELDS:
-        raise ValueError(f'the mesh "{mesh.name}" has no usable attribute "{name}"; import the model again')
+        problem = 'the mesh "{mesh}" has no usable attribute "{name}"; import the model again'
+        raise ValueError(told(problem, mesh=mesh.name, name=name))
     field, shape = POINT_FIELDS[attribute.data_type]
     if (shape or (1,)) != (width,):
-        raise ValueError(f'attribute "{name}" of "{mesh.name}" is {attribute.data_type}; import the model again')
+        problem = 'attribute "{name}" of "{mesh}" is {kind}; import the model again'
+        raise ValueError(told(problem, name=name, mesh=mesh.name, kind=attribute.data_type))
     values = np.empty(len(attribute.data) * width, np.int32 if attribute.data_type == "INT" else np.float32)
     attribute.data.foreach_get(field, values)
     return values.reshape(-1, width)

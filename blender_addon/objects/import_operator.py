@@ -13,7 +13,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatPrope
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 
 from ..engine.renderers import converted
-from ..files.errors import FileError
+from ..files.errors import FileError, told
 from ..files.model import Model, importance, sigmoid
 from ..files.read import EXTENSIONS, read_model
 from ..native.bake import baked
@@ -22,7 +22,7 @@ from ..native.feature import is_available
 from ..nodes.modifier import add_modifier, set_input
 from ..preferences import command_of
 from .attributes import write_attributes
-from .conventions import DOG_COUNT, UP_AXES, conversion, remember
+from .conventions import DOG_COUNT, UP_AXES, conversion, remember, remember_light
 
 SHOWN_AS = (
     ("AUTOMATIC", "Automatic", "Quads in renders, ellipsoids in the viewport"),
@@ -119,6 +119,7 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
             up_axis, scale = self._choice("up_axis", place.up), self._choice("scale", place.scale)
             obj = build_object(context, path, model, conversion(up_axis, scale))
             modifier = obj.modifiers[-1]
+            remember_light(obj, said.light)
             if not native:
                 set_input(modifier, "Show As", self.show_as.capitalize())
             set_input(modifier, "SH Degree", self.sh_degree)
@@ -137,7 +138,7 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
             _prepare_viewports(context)
         total = sum(model.n_splats for _, model, _ in models)
         dog = sum(int(model.is_dog.sum()) for _, model, _ in models)
-        self.report({"INFO"}, f"{total:,} splats imported, {dog:,} of them DoG")
+        self.report({"INFO"}, told("{total:,} splats imported, {dog:,} of them DoG", total=total, dog=dog))
         return {"FINISHED"}
 
     def _choice(self, name: str, said: Any) -> Any:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import bpy
 import numpy as np
 
+from ..files.errors import told
 from ..files.model import Model
 from ..files.transform import transformed
 from ..native.cloud import read_cloud
@@ -55,4 +56,4 @@ def placed_model(
         whole = read_cloud if is_native(obj.original) else read_attributes
         return transformed(whole(data) if hidden else edited_model(obj, depsgraph), matrix)
     except ValueError as error:
-        raise ValueError(f'"{obj.name}": {error}') from error
+        raise ValueError(told('"{name}": {reason}', name=obj.name, reason=error)) from error

@@ -4,16 +4,20 @@ import bpy
 import numpy as np
 import pytest
 from check_export import colors, covariances, export
-from check_live_edits import PLACED, assert_equal, cropped, local, shown
+from check_live_edits import PLACED, assert_equal, cropped, local, paint, shown
 from check_render import place_camera
-from conftest import load
+from conftest import REFERENCES, load
 from mathutils import Matrix
 
+from blender_addon.editing.stand_in import stand_in_of
+from blender_addon.files.light import Light
 from blender_addon.files.model import Model
 from blender_addon.files.motion import motions
 from blender_addon.files.ply import read_ply
+from blender_addon.files.transform import C0
 from blender_addon.nodes.modifier import edit_modifiers, get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import read_attributes
+from blender_addon.objects.conventions import light_of
 from blender_addon.objects.placed import placed_splats
 
 TURN = Matrix.Rotation(0.8, 4, (1, 2, -1)) @ Matrix.Scale(1.7, 4)
@@ -147,6 +151,25 @@ def test_our_join_leaves_hidden_splats_behind_and_refuses_what_splats_cannot_fol
     bpy.context.view_layer.update()
     bpy.ops.dogsplat.join()
     assert len(first.data.vertices) == 180 and not edit_modifiers(first)
+
+
+def test_linear_models_join_linear_ones_only_and_stay_linear(model):
+    """A tint multiplies radiance, so it is not encoded."""
+    second, first = load(model), load(REFERENCES / "linear.ply")
+    second.select_set(True)
+    with pytest.raises(RuntimeError, match="some of these models hold radiance"):
+        bpy.ops.dogsplat.join()
+    bpy.data.objects.remove(second)
+    first.select_set(True)
+    bpy.ops.object.duplicate()
+    first.select_set(True)
+    assert bpy.ops.dogsplat.join() == {"FINISHED"}
+    obj, raw = bpy.context.object, read_ply(REFERENCES / "linear.ply")
+    assert light_of(obj) == Light(True, 2.5) and len(obj.data.vertices) == 2 * raw.n_splats
+    bpy.ops.dogsplat.paint(what="TINT")
+    paint(stand_in_of(obj), np.arange(2 * raw.n_splats), color=(1.0, 0.2, 0.0, 1.0))
+    found = shown(obj).sh_coeffs[:, 0] * C0 + 0.5
+    assert np.allclose(found, (read_attributes(obj.data).sh_coeffs[:, 0] * C0 + 0.5) * (1, 0.2, 0), atol=1e-5)
 
 
 def test_separated_parts_are_models_with_all_their_bits(scene, model, tmp_path):

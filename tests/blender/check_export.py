@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from conftest import load
+from conftest import REFERENCES, load
 from mathutils import Matrix
 
 from blender_addon.files.model import normalized, sigmoid
@@ -20,6 +20,13 @@ def test_an_untouched_model_comes_back_byte_for_byte(model, tmp_path):
     load(model, up_axis="-Y", scale=2.5)
     export(tmp_path / "out.ply")
     assert (tmp_path / "out.ply").read_bytes() == model.read_bytes()
+
+
+def test_a_linear_model_says_so_again_byte_for_byte(tmp_path):
+    source = REFERENCES / "linear.ply"
+    load(source, scale=2.5)
+    export(tmp_path / "out.ply")
+    assert (tmp_path / "out.ply").read_bytes() == source.read_bytes()
 
 
 def test_a_real_model_comes_back_byte_for_byte(shared, tmp_path):

@@ -61,7 +61,7 @@ def test_an_spz_of_linear_radiance_says_so_in_its_gzip_header(tmp_path):
     comment = b"dogsplat linear true\ndogsplat white 4.0\0"
     (tmp_path / "a.spz").write_bytes(data[:3] + bytes([16]) + data[4:10] + comment + data[10:])
     (plain, _), (model, said) = (read_model(path, never) for path in (REFERENCES / "plain.spz", tmp_path / "a.spz"))
-    assert said == Said(antialiased=True, linear=True)
+    assert said == Said(antialiased=True, linear=True, white=4.0)
     assert np.allclose(model.sh_coeffs[:, 1:], 4 * plain.sh_coeffs[:, 1:])
     assert np.allclose(0.5 + C0 * model.sh_coeffs[:, 0], 4 * (0.5 + C0 * plain.sh_coeffs[:, 0]), atol=1e-5)
 
