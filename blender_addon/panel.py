@@ -43,7 +43,8 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             if is_available():
                 layout.operator("dogsplat.to_native", icon="POINTCLOUD_DATA")
         elif is_native(obj):
-            layout.label(text=f"{obj.name}: drawn by Blender, plain Gaussians", icon="POINTCLOUD_DATA")
+            text = iface_("{name}: plain Gaussians, by Blender").format(name=obj.name)
+            layout.label(text=text, icon="POINTCLOUD_DATA")
             layout.operator("dogsplat.to_dog")
         row = layout.row(align=True)
         row.operator("import_scene.dogsplat", text="Import", icon="IMPORT")

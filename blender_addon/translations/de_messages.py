@@ -72,10 +72,11 @@ MESSAGES = {
     '"{name}": no splat is left; open its crop or its limits': (
         "„{name}“: kein Splat bleibt übrig; Zuschnitt oder Grenzen weiter öffnen"
     ),
-    "splats can be rotated, scaled uniformly and moved, but this object is sheared, mirrored, flattened or scaled "
-    "differently along its axes": (
-        "Splats können gedreht, gleichmäßig skaliert und bewegt werden, aber dieses Objekt ist geschert, gespiegelt, "
-        "flach oder entlang seiner Achsen verschieden skaliert"
+    "splats cannot be flattened, but this object is scaled to nothing along an axis": (
+        "Splats können nicht flach werden, aber dieses Objekt ist entlang einer Achse auf nichts skaliert"
+    ),
+    "only the package bakes DoG into plain Gaussians, and {reason}": (
+        "nur das Paket rechnet DoG in einfache Gauß-Splats ein, und: {reason}"
     ),
     'the mesh "{mesh}" has no usable attribute "{name}"; import the model again': (
         "das Mesh „{mesh}“ hat kein brauchbares Attribut „{name}“; das Modell neu importieren"

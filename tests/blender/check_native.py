@@ -7,6 +7,7 @@ that everything but the drawing runs.
 import json
 import os
 
+import addon_utils
 import bpy
 import numpy as np
 import pytest
@@ -38,8 +39,11 @@ def native():
     if "resize" not in bpy.types.PointCloud.bl_rna.functions:
         pytest.skip("point clouds get points from Python since Blender 5.2, and are drawn as Gaussians since 5.3")
     bpy.types.PointCloud.type = EnumProperty(items=TYPES)
+    addon_utils.disable("blender_addon")
+    addon_utils.enable("blender_addon")
     yield
     del bpy.types.PointCloud.type
+    addon_utils.disable("blender_addon")  # the next test enables it without them
 
 
 def column(obj, name, width):
