@@ -204,3 +204,16 @@ def test_the_panel_offers_both_ways(native, model):
     assert "dogsplat.to_native" in drawn() and NO_CAMERA not in drawn()
     bpy.ops.dogsplat.to_native()
     assert "dogsplat.to_dog" in drawn() and "dogsplat.to_native" not in drawn()
+
+
+def test_a_conversion_is_one_step_of_undo(native, model):
+    raw = read_ply(model)
+    load(model)
+    bpy.ops.ed.undo_push(message="before")
+    bpy.ops.dogsplat.to_native()
+    bpy.ops.ed.undo_push(message="to native")
+    bpy.ops.ed.undo()
+    assert_equal(read_attributes(bpy.data.objects["dog"].data), raw)
+    bpy.ops.ed.redo()
+    assert bpy.data.objects["dog"].type == "POINTCLOUD"
+    assert_equal(read_cloud(bpy.data.objects["dog"].data), raw)
