@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import bpy
 
-from . import panel, preferences
+from . import panel, preferences, translations
 from .cameras import operators as camera_operators
 from .cameras import path_import_operator, path_operator
 from .editing import apply_operator, join_operator, live_operators, paint_operators, transform_operator
 from .engine import exact_settings, renderers
 from .engine import render_engine as engine
 from .engine import settings as engine_settings
+from .native import operators as native_operators
 from .objects import export_operators, following, import_operator
 from .training import panel as training_panel
 from .training import render_operator, rig_operator, train_operator
@@ -33,6 +34,8 @@ CLASSES = (
     apply_operator.DOGSPLAT_OT_apply_edits,
     join_operator.DOGSPLAT_OT_join,
     transform_operator.DOGSPLAT_OT_apply_transform,
+    native_operators.DOGSPLAT_OT_to_native,
+    native_operators.DOGSPLAT_OT_to_dog,
     exact_settings.DOGSPLAT_OT_exact_settings,
     engine_settings.DogSplatRenderSettings,
     engine.DogSplatEngine,
@@ -66,10 +69,12 @@ def register() -> None:
     bpy.app.handlers.depsgraph_update_post.append(following.follow)
     handlers.register()
     train_operator.register()
+    translations.register(__name__)
 
 
 def unregister() -> None:
     """The same backwards."""
+    translations.unregister(__name__)
     train_operator.unregister()
     handlers.unregister()
     bpy.app.handlers.depsgraph_update_post.remove(following.follow)

@@ -20,5 +20,5 @@ def write_whole(path: Path, parts: list[bytes]) -> None:
         finally:
             Path(temporary).unlink(missing_ok=True)
     except OSError as error:
-        problem = f"cannot be written ({error.strerror})"
-        raise FileError(path, problem, "check that the folder exists, is writable and has space") from error
+        remedy = "check that the folder exists, is writable and has space"
+        raise FileError(path, "cannot be written ({reason})", remedy, reason=error.strerror) from error
