@@ -54,12 +54,12 @@ def register() -> None:
         getattr(bpy.types, menu).append(draw)
     bpy.app.handlers.depsgraph_update_post.append(following.follow)
     handlers.register()
-    translations.register(__name__)
+    translations.register(preferences.ADDON)
 
 
 def unregister() -> None:
     """The same backwards."""
-    translations.unregister(__name__)
+    translations.unregister(preferences.ADDON)
     handlers.unregister()
     bpy.app.handlers.depsgraph_update_post.remove(following.follow)
     for menu, draw in reversed(panel.OBJECT_MENUS):

@@ -32,6 +32,7 @@ class Order:
     objects: list[str]  # by their numbers
     whole: bool  # a scene in linear radiance, and not splats in sRGB values over black
     files: set[str]  # in the folder, which the request names
+    notes: list[str] = field(default_factory=list)  # a line about each thing that has no counterpart
 
 
 @dataclass
@@ -65,13 +66,12 @@ def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) 
         numbers = {name: getattr(camera, name) for name in names}
         return Order(request | {"camera": {"w2c": camera.w2c.tolist(), **numbers}}, camera, splats.names, False, files)
     written = write_scene(depsgraph, square(camera), folder / SCENE_FILE, len(splats.models))
-    for line in written.notes:
-        print(f"DoG Splat: {line}")
     settings = scene.dogsplat
     request |= {"scene": str(folder / SCENE_FILE), "samples": settings.samples, "max_depth": settings.bounces + 1}
     request |= {"transparent": scene.render.film_transparent, "hide_lamps": written.hide_lamps}
     request["seed"] = scene.frame_current * 100_003 % 2**31  # noise that is not the same in each frame of a film
-    return Order(request, camera, splats.names + written.names, True, files | written.files | {SCENE_FILE})
+    files |= written.files | {SCENE_FILE}
+    return Order(request, camera, splats.names + written.names, True, files, written.notes)
 
 
 def square(camera: Camera) -> Camera:
