@@ -12,7 +12,7 @@ from bpy.props import IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from ..files.errors import told
-from ..objects.attributes import is_splats
+from ..objects.attributes import has_splats
 from .objects import camera_numbers
 
 PINHOLE = ("fx", "fy", "cx", "cy", "width", "height")
@@ -59,9 +59,9 @@ class DOGSPLAT_OT_export_path(bpy.types.Operator, ExportHelper):
 def _model(context: bpy.types.Context) -> bpy.types.Object | None:
     """The splats that the path is for: the active ones, else the only ones of the scene."""
     active = context.view_layer.objects.active
-    if active is not None and is_splats(active):
+    if active is not None and has_splats(active):
         return active
-    found = [obj for obj in context.scene.objects if is_splats(obj)]
+    found = [obj for obj in context.scene.objects if has_splats(obj)]
     return found[0] if len(found) == 1 else None
 
 

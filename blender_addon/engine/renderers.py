@@ -14,6 +14,7 @@ import sys
 import tempfile
 import weakref
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -72,16 +73,21 @@ class InProcess:
             raise RendererError(str(error)) from error
         raise Cancelled
 
-    def convert(self, path: Path, out: Path) -> None:
-        """A model of any format as a PLY, with DoG and comments. Raises ``FileError`` and ``RendererError``."""
+    def convert(self, path: Path, out: Path, bake: bool = False) -> None:
+        """A model of any format as a PLY with comments, its DoG kept or baked into plain Gaussians.
+
+        Raises ``FileError`` and ``RendererError``.
+        """
         try:
+            from mi_dogsplat.export.bake import baked
             from mi_dogsplat.formats.read import read_model
             from mi_dogsplat.formats.write import write_model
         except (ImportError, RuntimeError) as error:
             reason = " ".join(str(error).split())
             raise RendererError("mi_dogsplat cannot be used here ({reason})", reason=reason) from error
         try:
-            write_model(out, read_model(path))
+            model = read_model(path)
+            write_model(out, replace(model, splats=baked(model.splats)) if bake else model)
         except ValueError as error:  # DataError, which names the file in one line
             raise _file_error(path, str(error)) from error
 
@@ -127,9 +133,10 @@ class Command:
         """Of the process that waits for the next picture; None where there is none."""
         return self._served.process_id if self._served else None
 
-    def convert(self, path: Path, out: Path) -> None:
+    def convert(self, path: Path, out: Path, bake: bool = False) -> None:
         """As that of ``InProcess``."""
-        words = [*self.words, "export", str(path), "-o", str(out), "--dog", "keep", "--views", "0"]
+        dog = ("bake", "--refine", "0") if bake else ("keep",)
+        words = [*self.words, "export", str(path), "-o", str(out), "--views", "0", "--dog", *dog]
         try:
             done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")
         except OSError as error:
@@ -189,6 +196,11 @@ def close_renderers() -> None:
     """End what ``choose_renderer`` has started."""
     while _RESIDENT:
         _RESIDENT.popitem()[1].close()
+
+
+def process_words(command: str = "") -> list[str]:
+    """The words that start the package as a process of its own, however it is found. Raises ``RendererError``."""
+    return list(_words(command)) or [sys.executable, "-m", "mi_dogsplat"]
 
 
 def _words(command: str) -> tuple[str, ...]:

@@ -6,8 +6,7 @@ The same format as ``mi_dogsplat.scene.ply``, which documents it; this copy keep
 
 from __future__ import annotations
 
-import os
-import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from .errors import FileError
 from .model import Model
+from .whole import write_whole
 
 _POSITION = ("x", "y", "z")
 _NORMAL = ("nx", "ny", "nz")
@@ -79,8 +79,10 @@ def read_comments(path: str | Path) -> list[str]:
     return comments
 
 
-def write_ply(path: str | Path, model: Model) -> None:
+def write_ply(path: str | Path, model: Model, comments: Sequence[str] = ()) -> None:
     """Write a model; ``read_ply`` gives back the same bits. The old file stays until the new one is complete.
+
+    ``comments``: lines of the header, as ``read_comments`` finds them.
 
     Raises ``FileError`` when the place cannot be written or a value is not finite.
     """
@@ -96,26 +98,12 @@ def write_ply(path: str | Path, model: Model) -> None:
     if not (np.isfinite(vertex).all() and np.isfinite(dog["values"]).all()):
         raise FileError(path, "the model holds values that are not finite", "delete those splats; nothing was written")
 
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {n}"]
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
+    header += [f"element vertex {n}"]
     header += [f"property float {name}" for name in names]
     if len(dog):
         header += [f"element dog {len(dog)}", "property uint index", *(f"property float {name}" for name in _DOG)]
-    _replace(path, ["\n".join([*header, "end_header\n"]).encode(), vertex.tobytes(), dog.tobytes()])
-
-
-def _replace(path: Path, parts: list[bytes]) -> None:
-    """Make ``parts`` the content of ``path``, or leave everything as it was."""
-    try:
-        handle, temporary = tempfile.mkstemp(".part", f".{path.name}.", path.parent)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.writelines(parts)
-            os.replace(temporary, path)
-        finally:
-            Path(temporary).unlink(missing_ok=True)
-    except OSError as error:
-        remedy = "check that the folder exists, is writable and has space"
-        raise FileError(path, "cannot be written ({reason})", remedy, reason=error.strerror) from error
+    write_whole(path, ["\n".join([*header, "end_header\n"]).encode(), vertex.tobytes(), dog.tobytes()])
 
 
 def _rest_names(n_rest: int) -> tuple[str, ...]:

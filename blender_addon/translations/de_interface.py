@@ -1,4 +1,4 @@
-"""German labels and tooltips, in the order of the interface: import, cameras, export, editing, rendering, viewport."""
+"""German labels and tooltips, in the order of the interface; the panel of training has a file of its own."""
 
 OPERATORS = {
     "Import DoG Splat": "DoG-Splat importieren",
@@ -25,6 +25,17 @@ OPERATORS = {
     "Apply Transform to Splats": "Transformation auf Splats anwenden",
     "All Transforms to Splats": "Alle Transformationen auf Splats",
     "Set Up Exact Picture": "Exaktes Bild einrichten",
+    "Convert to Native": "In native Splats umwandeln",
+    "Convert to DoG Splat": "In DoG-Splats umwandeln",
+    "Make Cameras": "Kameras erzeugen",
+    "Render Views": "Ansichten rendern",
+    "Go On Rendering": "Weiter rendern",
+    "Render and Train": "Rendern und trainieren",
+    "Go On Rendering, and Train": "Weiter rendern und trainieren",
+    "Train": "Trainieren",
+    "Train Anew": "Neu trainieren",
+    "Go On Training": "Weiter trainieren",
+    "Stop Training": "Training anhalten",
 }
 
 REST = {
@@ -96,6 +107,10 @@ REST = {
     "Antialiased": "Mit Antialiasing",
     "For models that were trained with antialiasing; unless set here, as the file says": (
         "Für Modelle, die mit Antialiasing trainiert wurden; wenn hier nicht eingestellt, wie die Datei es sagt"
+    ),
+    "Native": "Nativ",
+    "Drawn by Blender itself in real time, as plain Gaussians: DoG is baked by the package": (
+        "Von Blender selbst in Echtzeit gezeichnet, als einfache Gauß-Splats: DoG wird vom Paket eingerechnet"
     ),
     "Prepare Viewports": "Ansichtsfenster vorbereiten",
     "Material preview for solid shading, and no outlines of selected objects: both hide splats": (
@@ -199,6 +214,22 @@ REST = {
         "Die Transformation des Objekts in seine Splats übernehmen: Positionen, Ausrichtungen, Größen und "
         "blickabhängige Farben"
     ),
+    # Native splats
+    "Let Blender draw the selected splats itself, as plain Gaussians: DoG is baked, and comes back by Convert to "
+    "DoG Splat. What crop, limits and painting hide is deleted": (
+        "Blender die ausgewählten Splats selbst zeichnen lassen, als einfache Gauß-Splats: DoG wird eingerechnet und "
+        "kommt mit „In DoG-Splats umwandeln“ zurück. Was Zuschnitt, Grenzen und Bemalung verbergen, wird gelöscht"
+    ),
+    "Let our modifier draw the selected native splats: exactly, with DoG where they had it, and with what was "
+    "edited since": (
+        "Die ausgewählten nativen Splats von unserem Modifikator zeichnen lassen: exakt, mit DoG, wo sie es hatten, "
+        "und mit allem, was seitdem bearbeitet wurde"
+    ),
+    "Keep Original": "Original behalten",
+    "Leave the object that is converted in the file, hidden": (
+        "Das umgewandelte Objekt verborgen in der Datei lassen"
+    ),
+    "{name}: drawn by Blender, plain Gaussians": "{name}: von Blender gezeichnet, einfache Gauß-Splats",
     # Rendering
     "Set view transform, sampling and filter of this scene, and the colours of its models, for the exact picture": (
         "Ansichtstransformation, Abtastung und Filter dieser Szene und die Farben ihrer Modelle für das exakte Bild "
