@@ -43,7 +43,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             if is_available():
                 layout.operator("dogsplat.to_native", icon="POINTCLOUD_DATA")
         elif is_native(obj):
-            text = iface_("{name}: drawn by Blender, plain Gaussians").format(name=obj.name)
+            text = iface_("{name}: plain Gaussians, by Blender").format(name=obj.name)
             layout.label(text=text, translate=False, icon="POINTCLOUD_DATA")
             layout.operator("dogsplat.to_dog")
         row = layout.row(align=True)

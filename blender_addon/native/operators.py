@@ -53,13 +53,9 @@ class Conversion:
 
 
 class DOGSPLAT_OT_to_native(Conversion, bpy.types.Operator):
-    """Our splats become native ones."""
+    """Let Blender draw the selected splats itself, as plain Gaussians; what crop, limits and painting hide is gone"""
 
     bl_idname = "dogsplat.to_native"
-    bl_description = (
-        "Let Blender draw the selected splats itself, as plain Gaussians: DoG is baked, and comes back by Convert to "
-        "DoG Splat. What crop, limits and painting hide is deleted"
-    )
     bl_label = "Convert to Native"
 
     keep_original: BoolProperty(name="Keep Original", description=KEEP)
@@ -91,13 +87,9 @@ class DOGSPLAT_OT_to_native(Conversion, bpy.types.Operator):
 
 
 class DOGSPLAT_OT_to_dog(Conversion, bpy.types.Operator):
-    """Native splats become ours again."""
+    """Let our modifier draw the selected native splats: exactly, with their DoG, and with what was edited since"""
 
     bl_idname = "dogsplat.to_dog"
-    bl_description = (
-        "Let our modifier draw the selected native splats: exactly, with DoG where they had it, and with what was "
-        "edited since"
-    )
     bl_label = "Convert to DoG Splat"
 
     keep_original: BoolProperty(name="Keep Original", description=KEEP)

@@ -24,9 +24,9 @@ OPERATORS = {
     "Join Splats": "Splats zusammenführen",
     "Apply Transform to Splats": "Transformation auf Splats anwenden",
     "All Transforms to Splats": "Alle Transformationen auf Splats",
+    "Convert to Native": "In Blenders eigene umwandeln",
+    "Convert to DoG Splat": "In DoG-Splat umwandeln",
     "Set Up Exact Picture": "Exaktes Bild einrichten",
-    "Convert to Native": "In native Splats umwandeln",
-    "Convert to DoG Splat": "In DoG-Splats umwandeln",
     "Make Cameras": "Kameras erzeugen",
     "Render Views": "Ansichten rendern",
     "Go On Rendering": "Weiter rendern",
@@ -107,10 +107,6 @@ REST = {
     "Antialiased": "Mit Antialiasing",
     "For models that were trained with antialiasing; unless set here, as the file says": (
         "Für Modelle, die mit Antialiasing trainiert wurden; wenn hier nicht eingestellt, wie die Datei es sagt"
-    ),
-    "Native": "Nativ",
-    "Drawn by Blender itself in real time, as plain Gaussians: DoG is baked by the package": (
-        "Von Blender selbst in Echtzeit gezeichnet, als einfache Gauß-Splats: DoG wird vom Paket eingerechnet"
     ),
     "Prepare Viewports": "Ansichtsfenster vorbereiten",
     "Material preview for solid shading, and no outlines of selected objects: both hide splats": (
@@ -214,22 +210,6 @@ REST = {
         "Die Transformation des Objekts in seine Splats übernehmen: Positionen, Ausrichtungen, Größen und "
         "blickabhängige Farben"
     ),
-    # Native splats
-    "Let Blender draw the selected splats itself, as plain Gaussians: DoG is baked, and comes back by Convert to "
-    "DoG Splat. What crop, limits and painting hide is deleted": (
-        "Blender die ausgewählten Splats selbst zeichnen lassen, als einfache Gauß-Splats: DoG wird eingerechnet und "
-        "kommt mit „In DoG-Splats umwandeln“ zurück. Was Zuschnitt, Grenzen und Bemalung verbergen, wird gelöscht"
-    ),
-    "Let our modifier draw the selected native splats: exactly, with DoG where they had it, and with what was "
-    "edited since": (
-        "Die ausgewählten nativen Splats von unserem Modifikator zeichnen lassen: exakt, mit DoG, wo sie es hatten, "
-        "und mit allem, was seitdem bearbeitet wurde"
-    ),
-    "Keep Original": "Original behalten",
-    "Leave the object that is converted in the file, hidden": (
-        "Das umgewandelte Objekt verborgen in der Datei lassen"
-    ),
-    "{name}: drawn by Blender, plain Gaussians": "{name}: von Blender gezeichnet, einfache Gauß-Splats",
     # Rendering
     "Set view transform, sampling and filter of this scene, and the colours of its models, for the exact picture": (
         "Ansichtstransformation, Abtastung und Filter dieser Szene und die Farben ihrer Modelle für das exakte Bild "
@@ -293,6 +273,24 @@ REST = {
     "EEVEE: no negative lobes": "EEVEE: keine negativen Keulen",
     "No splat modifier: import the model again": "Kein Splat-Modifikator: Modell neu importieren",
     "{name}: {count:,} splats": "{name}: {count:,} Splats",
+    # Native splats
+    "Native": "Blenders eigene",
+    "Drawn by Blender itself in real time, as plain Gaussians: the package bakes DoG into them": (
+        "Von Blender selbst in Echtzeit gezeichnet, als einfache Gauß-Splats: das Paket rechnet DoG in sie ein"
+    ),
+    "Let Blender draw the selected splats itself, as plain Gaussians; what crop, limits and painting hide is gone": (
+        "Blender die ausgewählten Splats selbst zeichnen lassen, als einfache Gauß-Splats; was Zuschnitt, Grenzen und "
+        "Malen verbergen, fällt weg"
+    ),
+    "Let our modifier draw the selected native splats: exactly, with their DoG, and with what was edited since": (
+        "Den Modifikator des Add-ons die ausgewählten Splats zeichnen lassen: exakt, mit ihren DoG und mit allem, was "
+        "seither bearbeitet wurde"
+    ),
+    "Keep Original": "Original behalten",
+    "Leave the object that is converted in the file, hidden": (
+        "Das Objekt, das umgewandelt wird, verborgen in der Datei lassen"
+    ),
+    "{name}: plain Gaussians, by Blender": "{name}: einfache Gauß-Splats, von Blender",
     # Preferences
     "Command dogsplat": "Befehl dogsplat",
     "Of the package mi_dogsplat, or words: python -m mi_dogsplat. Empty: this Python, else the PATH": (
