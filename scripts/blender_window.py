@@ -139,6 +139,22 @@ def frame(model: Path, run: Path) -> Steps:
     yield from shot(OUT, "frame")
 
 
+def german(model: Path, run: Path) -> Steps:
+    """The panels in German; last, because the language stays."""
+    view = bpy.context.preferences.view
+    view.language = "de_DE"
+    view.use_translate_interface = view.use_translate_tooltips = view.use_translate_reports = True
+    yield from new_file()
+    with viewport():
+        bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=str(model))
+        bpy.ops.view3d.view_selected()
+        bpy.ops.dogsplat.add_crop("EXEC_DEFAULT", True, shape="SPHERE")
+    space().show_region_ui = True
+    yield 5
+    panel()
+    yield from shot(OUT, "german", STILL_EEVEE)
+
+
 def record(model: Path, run: Path) -> Steps:
     """The animated picture: from the menu to the final frame."""
     yield from new_file()
@@ -147,7 +163,7 @@ def record(model: Path, run: Path) -> Steps:
 
 PICTURES = {
     function.__name__: function
-    for function in (menu, drop, imported, editing, training, camera, frame, record)
+    for function in (menu, drop, imported, editing, training, camera, frame, record, german)
 }
 
 
