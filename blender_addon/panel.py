@@ -44,7 +44,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
                 layout.operator("dogsplat.to_native", icon="POINTCLOUD_DATA")
         elif is_native(obj):
             text = iface_("{name}: plain Gaussians, by Blender").format(name=obj.name)
-            layout.label(text=text, icon="POINTCLOUD_DATA")
+            layout.label(text=text, translate=False, icon="POINTCLOUD_DATA")
             layout.operator("dogsplat.to_dog")
         row = layout.row(align=True)
         row.operator("import_scene.dogsplat", text="Import", icon="IMPORT")

@@ -21,6 +21,7 @@ from ..objects.conventions import light_of
 from ..objects.placed import placed_model, placed_splats
 from ..scene.write import has_surroundings, write_scene
 
+MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
 NEAR_CLIP = 0.2  # where no model of the scene has a modifier that says otherwise
 SCENE_FILE = "scene.json"
 
@@ -35,6 +36,7 @@ class Order:
     whole: bool  # a scene, and not splats over black
     light: Light  # what the colours of splats mean; those of a scene are radiance
     files: set[str]  # in the folder, which the request names
+    notes: list[str] = field(default_factory=list)  # a line about each thing that has no counterpart
 
 
 @dataclass
@@ -59,10 +61,10 @@ def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) 
         raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
     request: dict[str, Any] = {"passes": passes, "counts": [model.n_splats for model in splats.models]}
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
-    files = set()
+    files, notes = set(), []
     models, light = in_common_light(splats.models, splats.lights)
     if any(other.linear != light.linear for other in splats.lights):
-        print("DoG Splat: some models hold sRGB values, others radiance; the former are drawn in radiance")
+        notes.append(told(MIXED))
     if models:
         model = _write_model(folder, concatenate(models), light)
         request["model"] = str(model)
@@ -71,15 +73,14 @@ def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) 
         names = ("fx", "fy", "cx", "cy", "width", "height")
         numbers = {name: getattr(camera, name) for name in names}
         request["camera"] = {"w2c": camera.w2c.tolist(), **numbers}
-        return Order(request, camera, splats.names, False, light, files)
+        return Order(request, camera, splats.names, False, light, files, notes)
     written = write_scene(depsgraph, square(camera), folder / SCENE_FILE, len(splats.models))
-    for line in written.notes:
-        print(f"DoG Splat: {line}")
     settings = scene.dogsplat
     request |= {"scene": str(folder / SCENE_FILE), "samples": settings.samples, "max_depth": settings.bounces + 1}
     request |= {"transparent": scene.render.film_transparent, "hide_lamps": written.hide_lamps}
     request["seed"] = scene.frame_current * 100_003 % 2**31  # noise that is not the same in each frame of a film
-    return Order(request, camera, splats.names + written.names, True, light, files | written.files | {SCENE_FILE})
+    files |= written.files | {SCENE_FILE}
+    return Order(request, camera, splats.names + written.names, True, light, files, notes + written.notes)
 
 
 def square(camera: Camera) -> Camera:

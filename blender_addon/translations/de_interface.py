@@ -1,4 +1,4 @@
-"""German labels and tooltips, in the order of the interface: import, cameras, export, editing, rendering, viewport."""
+"""German labels and tooltips, in the order of the interface; the panel of training has a file of its own."""
 
 OPERATORS = {
     "Import DoG Splat": "DoG-Splat importieren",
@@ -27,6 +27,15 @@ OPERATORS = {
     "Convert to Native": "In Blenders eigene umwandeln",
     "Convert to DoG Splat": "In DoG-Splat umwandeln",
     "Set Up Exact Picture": "Exaktes Bild einrichten",
+    "Make Cameras": "Kameras erzeugen",
+    "Render Views": "Ansichten rendern",
+    "Go On Rendering": "Weiter rendern",
+    "Render and Train": "Rendern und trainieren",
+    "Go On Rendering, and Train": "Weiter rendern und trainieren",
+    "Train": "Trainieren",
+    "Train Anew": "Neu trainieren",
+    "Go On Training": "Weiter trainieren",
+    "Stop Training": "Training anhalten",
 }
 
 REST = {

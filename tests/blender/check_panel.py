@@ -39,7 +39,7 @@ class Layout:
         self.drawn.append(name)
         return SimpleNamespace()
 
-    def progress(self, factor, text):
+    def progress(self, factor, text, translate=True):
         assert 0 <= factor <= 1
         self.drawn.append(text)
 
