@@ -10,6 +10,7 @@ import numpy as np
 
 SCENES = Path(__file__).parents[1] / "scenes"
 LIGHT, INDOORS = SCENES / "still_life_in_the_light.xml", SCENES / "still_life_indoors.xml"
+STAGE = "floor", "foot"  # of LIGHT: what its model stands on
 MODEL, MESHES = SCENES / "still_life.ply", SCENES / "demo_truth.xml"
 
 
@@ -27,10 +28,26 @@ def loaded(path: Path, model: Path | None = None) -> Any:
 def of_meshes(path: Path) -> Any:
     """A scene with the meshes of demo_truth.xml in place of the model, and the integrator ``path``."""
     root = without_model(path)
-    for node in _absolute(MESHES):
-        if node.tag == "bsdf" or (node.tag == "shape" and node.find("emitter") is None):
-            root.append(node)
+    root.extend(_meshes())
     return _parsed(root)
+
+
+def in_place() -> ElementTree.Element:
+    """What LIGHT's model was captured in: its meshes on foot and floor, in the light of the scene, by ``path``.
+
+    Foot and floor throw their light and their shadows onto them, but cameras look through both. As emitters of no
+    light ``hide_emitters`` takes them away; nothing samples them. Mirror and glass are not there yet.
+    """
+    root = without_model(LIGHT)
+    for shape in root.findall("shape"):
+        if shape.get("id") in STAGE:
+            emitter = ElementTree.SubElement(shape, "emitter", type="area")
+            ElementTree.SubElement(emitter, "rgb", name="radiance", value="0")
+            ElementTree.SubElement(emitter, "float", name="sampling_weight", value="0")
+        else:
+            root.remove(shape)
+    root.extend(_meshes())
+    return root
 
 
 def empty(path: Path) -> Any:
@@ -54,6 +71,12 @@ def picture(scene: Any, spp: int, size: tuple[int, int], seed: Any = 0, integrat
     params[next(name for name in params.keys() if name.endswith("film.size"))] = list(size)
     params.update()
     return np.array(mi.render(scene, spp=spp, seed=seed, integrator=integrator))[..., :3]
+
+
+def _meshes() -> list[ElementTree.Element]:
+    """Shapes and paints of demo_truth.xml, without its lights."""
+    return [node for node in _absolute(MESHES)
+            if node.tag == "bsdf" or (node.tag == "shape" and node.find("emitter") is None)]
 
 
 def _absolute(path: Path) -> ElementTree.Element:
