@@ -11,7 +11,10 @@ import numpy as np
 SCENES = Path(__file__).parents[1] / "scenes"
 LIGHT, INDOORS = SCENES / "still_life_in_the_light.xml", SCENES / "still_life_indoors.xml"
 STAGE = "floor", "foot"  # of LIGHT: what its model stands on
+WALLS = "ceiling", "back_wall", "front_wall", "left_wall", "right_wall"
+ROOM = "floor", *WALLS, "table", "mirror", "metal"  # of INDOORS, but for lamp and window
 MODEL, MESHES = SCENES / "still_life.ply", SCENES / "demo_truth.xml"
+INDOORS_MODEL = SCENES / "still_life_indoors.ply"
 
 
 def loaded(path: Path, model: Path | None = None) -> Any:
@@ -32,15 +35,18 @@ def of_meshes(path: Path) -> Any:
     return _parsed(root)
 
 
-def in_place() -> ElementTree.Element:
-    """What LIGHT's model was captured in: its meshes on foot and floor, in the light of the scene, by ``path``.
+def in_place(path: Path = LIGHT, stage: tuple[str, ...] = STAGE) -> ElementTree.Element:
+    """What a scene's model was captured in: its meshes among the shapes of the stage, in the light of the scene.
 
-    Foot and floor throw their light and their shadows onto them, but cameras look through both. As emitters of no
-    light ``hide_emitters`` takes them away; nothing samples them. Mirror and glass are not there yet.
+    The stage throws its light and its shadows onto them, but cameras look through it. As emitters of no light
+    ``hide_emitters`` takes its shapes away; nothing samples them. Other shapes are not there yet, but for lamps. The
+    integrator is ``path``.
     """
-    root = without_model(LIGHT)
+    root = without_model(path)
     for shape in root.findall("shape"):
-        if shape.get("id") in STAGE:
+        if shape.find("emitter") is not None:
+            continue
+        if shape.get("id") in stage:
             emitter = ElementTree.SubElement(shape, "emitter", type="area")
             ElementTree.SubElement(emitter, "rgb", name="radiance", value="0")
             ElementTree.SubElement(emitter, "float", name="sampling_weight", value="0")
