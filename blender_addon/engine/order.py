@@ -12,10 +12,11 @@ import numpy as np
 
 from ..cameras.camera import Camera
 from ..cameras.objects import camera_numbers
+from ..files.errors import told
 from ..files.light import Light, in_common_light
 from ..files.model import Model, concatenate
 from ..files.ply import write_ply
-from ..nodes.modifier import get_input, splat_modifier
+from ..native.convert import drawing_of
 from ..objects.conventions import light_of
 from ..objects.placed import placed_model, placed_splats
 from ..scene.write import has_surroundings, write_scene
@@ -51,11 +52,11 @@ def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) 
     """Write what the package needs. Raises ``ValueError`` where nothing can be drawn."""
     scene = depsgraph.scene
     if scene.camera is None:
-        raise ValueError("the scene has no camera; add one, or import those of the data set")
+        raise ValueError(told("the scene has no camera; add one, or import those of the data set"))
     camera, splats = camera_numbers(scene, scene.camera.evaluated_get(depsgraph)), _gather(depsgraph)
     whole = scene.dogsplat.send == "SCENE" and has_surroundings(depsgraph)
     if not splats.models and not whole:
-        raise ValueError("the scene has no splats to render; import a model with File > Import > DoG Splat")
+        raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
     request: dict[str, Any] = {"passes": passes, "counts": [model.n_splats for model in splats.models]}
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
     files = set()
@@ -92,11 +93,11 @@ def _gather(depsgraph: bpy.types.Depsgraph) -> _Splats:
     found = _Splats()
     for obj, matrix in placed_splats(depsgraph):
         model = placed_model(obj, depsgraph, matrix)
-        if modifier := splat_modifier(obj):
-            model = model.with_degree(min(get_input(modifier, "SH Degree"), model.sh_degree))
-            model.is_dog = model.is_dog & bool(get_input(modifier, "DoG"))
-            found.near.append(get_input(modifier, "Near Clip"))
-            found.antialiased |= bool(get_input(modifier, "Antialiased"))
+        if drawing := drawing_of(obj):
+            model = model.with_degree(min(drawing["SH Degree"], model.sh_degree))
+            model.is_dog = model.is_dog & bool(drawing["DoG"])
+            found.near.append(drawing["Near Clip"])
+            found.antialiased |= bool(drawing["Antialiased"])
         found.models.append(model)
         found.lights.append(light_of(obj))
         found.names.append(obj.name)

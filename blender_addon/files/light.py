@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .model import Model
-from .transform import C0
+from .sh import C0
 
 TOE = 0.0031308  # of the sRGB curve: below it is a line
 # Of SPZ: the colour of code 255, the radiance that it stands for, and the comment that says that there is a curve

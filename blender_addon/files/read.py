@@ -46,7 +46,8 @@ def read_model(path: str | Path, convert: Converter) -> tuple[Model, Said]:
         with path.open("rb") as file:
             head = file.read(4096)
     except OSError as error:
-        raise FileError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
+        remedy = "check the path and its permissions"
+        raise FileError(path, "cannot be read ({reason})", remedy, reason=error.strerror) from error
     if head[:2] == GZIP:
         model, antialiased = read_spz(path)
         comments = gzip_comments(head)

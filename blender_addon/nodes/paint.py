@@ -10,7 +10,7 @@ from typing import Any
 
 import bpy
 
-from ..files.transform import C0
+from ..files.sh import C0
 from ..objects.attributes import BASE, ERASE, PAINT_INDEX, SH, TINT
 from .builder import Tree, Value, Vector, new_group, wrap
 from .geometry import delete, describe, has_attribute, has_object, store, switch

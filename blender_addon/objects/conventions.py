@@ -11,6 +11,7 @@ from ..files.light import Light
 SOURCE, CONVENTION, IMPORT_MATRIX = "dogsplat_source", "dogsplat_convention", "dogsplat_import_matrix"
 LINEAR, WHITE = "dogsplat_linear", "dogsplat_white"  # of models in linear radiance only
 DOG_COUNT = "dogsplat_dog_count"  # of the model as it was imported
+DRAWING = "dogsplat_drawing"  # of native splats: how our modifier drew them
 UP_AXES = (
     ("Z", "Z", "As in the file: for Blender, Mitsuba and instant-ngp scenes"),
     ("-Z", "-Z", "Turned upside down"),

@@ -14,7 +14,7 @@ from blender_addon.files.light import Light
 from blender_addon.files.model import Model
 from blender_addon.files.motion import motions
 from blender_addon.files.ply import read_ply
-from blender_addon.files.transform import C0
+from blender_addon.files.sh import C0
 from blender_addon.nodes.modifier import edit_modifiers, get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import read_attributes
 from blender_addon.objects.conventions import light_of
@@ -30,7 +30,7 @@ def assert_moved(found: Model, raw: Model, matrix: np.ndarray) -> None:
     assert np.allclose(covariances(found), linear @ covariances(raw) @ linear.T, rtol=1e-3, atol=1e-5)
     directions = np.random.default_rng(1).normal(size=raw.means.shape)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    turned = directions @ (linear / np.cbrt(np.linalg.det(linear))).T
+    turned = directions @ (linear / np.cbrt(abs(np.linalg.det(linear)))).T
     assert np.allclose(colors(found, turned), colors(raw, directions), atol=1e-4)
     assert np.array_equal(found.is_dog, raw.is_dog)
     assert np.array_equal(found.dog_logit_opacities[raw.is_dog], raw.dog_logit_opacities[raw.is_dog])
@@ -44,6 +44,21 @@ def test_splats_follow_blenders_own_apply_transform(model):
     bpy.context.view_layer.update()
     assert obj.matrix_world == Matrix.Identity(4)
     assert_moved(read_attributes(obj.data), raw, np.array(PLACED))
+
+
+@pytest.mark.parametrize("scale", [(-1.5, 1.5, 1.5), (1, 2, 0.7)])
+def test_splats_follow_blenders_own_mirrors_and_stretches(model, scale):
+    obj, raw = load(model), read_ply(model)
+    obj.scale = scale
+    bpy.context.view_layer.update()
+    bpy.ops.object.transform_apply()
+    bpy.context.view_layer.update()
+    found, matrix = read_attributes(obj.data), np.diag([*scale, 1])
+    if scale[0] < 0:
+        assert_moved(found, raw, matrix)
+    expected = matrix[:3, :3] @ covariances(raw) @ matrix[:3, :3]
+    assert np.allclose(covariances(found), expected, rtol=1e-3, atol=1e-5 * np.abs(expected).max())
+    assert np.array_equal(found.logit_opacities, raw.logit_opacities)
 
 
 def test_splats_follow_a_shift_without_losing_a_bit_of_the_rest(model):
@@ -86,7 +101,8 @@ def test_motions_are_found_in_any_order_of_what_was_joined():
     rng = np.random.default_rng(0)
     before = rng.normal(size=(1000, 3)).astype(np.float32)
     after = before.copy()
-    pieces = {(0, 300): TURN, (300, 637): Matrix.Rotation(1.0, 4, "X"), (800, 1000): PLACED}
+    stretched = Matrix.Rotation(1.0, 4, "X") @ Matrix.Diagonal((1, -2, 0.6, 1))
+    pieces = {(0, 300): TURN, (300, 637): stretched, (800, 1000): PLACED}
     for (a, b), matrix in pieces.items():
         m = np.array(matrix)
         after[a:b] = before[a:b] @ m[:3, :3].T + m[:3, 3]
@@ -126,9 +142,9 @@ def test_our_join_leaves_hidden_splats_behind_and_refuses_what_splats_cannot_fol
     set_input(edit_modifiers(first)[0], "Maximum Count", 30)
     first.update_tag()
     second.select_set(True)
-    second.scale = 1, 1, 2
+    second.scale = 1, 1, 0
     bpy.context.view_layer.update()
-    with pytest.raises(RuntimeError, match='"dog".*scaled differently'):
+    with pytest.raises(RuntimeError, match='"dog".*cannot be flattened'):
         bpy.ops.dogsplat.join()
     assert len(bpy.data.objects) == 2
     second.scale = 1, 1, 1
