@@ -10,7 +10,11 @@ import numpy as np
 
 SCENES = Path(__file__).parents[1] / "scenes"
 LIGHT, INDOORS = SCENES / "still_life_in_the_light.xml", SCENES / "still_life_indoors.xml"
+STAGE = "floor", "foot"  # of LIGHT: what its model stands on
+WALLS = "ceiling", "back_wall", "front_wall", "left_wall", "right_wall"
+ROOM = "floor", *WALLS, "table", "mirror", "metal"  # of INDOORS, but for lamp and window
 MODEL, MESHES = SCENES / "still_life.ply", SCENES / "demo_truth.xml"
+INDOORS_MODEL = SCENES / "still_life_indoors.ply"
 
 
 def loaded(path: Path, model: Path | None = None) -> Any:
@@ -27,10 +31,29 @@ def loaded(path: Path, model: Path | None = None) -> Any:
 def of_meshes(path: Path) -> Any:
     """A scene with the meshes of demo_truth.xml in place of the model, and the integrator ``path``."""
     root = without_model(path)
-    for node in _absolute(MESHES):
-        if node.tag == "bsdf" or (node.tag == "shape" and node.find("emitter") is None):
-            root.append(node)
+    root.extend(_meshes())
     return _parsed(root)
+
+
+def in_place(path: Path = LIGHT, stage: tuple[str, ...] = STAGE) -> ElementTree.Element:
+    """What a scene's model was captured in: its meshes among the shapes of the stage, in the light of the scene.
+
+    The stage throws its light and its shadows onto them, but cameras look through it. As emitters of no light
+    ``hide_emitters`` takes its shapes away; nothing samples them. Other shapes are not there yet, but for lamps. The
+    integrator is ``path``.
+    """
+    root = without_model(path)
+    for shape in root.findall("shape"):
+        if shape.find("emitter") is not None:
+            continue
+        if shape.get("id") in stage:
+            emitter = ElementTree.SubElement(shape, "emitter", type="area")
+            ElementTree.SubElement(emitter, "rgb", name="radiance", value="0")
+            ElementTree.SubElement(emitter, "float", name="sampling_weight", value="0")
+        else:
+            root.remove(shape)
+    root.extend(_meshes())
+    return root
 
 
 def empty(path: Path) -> Any:
@@ -54,6 +77,12 @@ def picture(scene: Any, spp: int, size: tuple[int, int], seed: Any = 0, integrat
     params[next(name for name in params.keys() if name.endswith("film.size"))] = list(size)
     params.update()
     return np.array(mi.render(scene, spp=spp, seed=seed, integrator=integrator))[..., :3]
+
+
+def _meshes() -> list[ElementTree.Element]:
+    """Shapes and paints of demo_truth.xml, without its lights."""
+    return [node for node in _absolute(MESHES)
+            if node.tag == "bsdf" or (node.tag == "shape" and node.find("emitter") is None)]
 
 
 def _absolute(path: Path) -> ElementTree.Element:

@@ -44,10 +44,14 @@ def hides_background(request: Request) -> bool:
 
 
 def _integrator(request: Request, with_splats: bool) -> dict[str, Any]:
-    """Path tracing, through splats where there are any."""
+    """Path tracing, through splats where there are any.
+
+    Where no emitter is seen Mitsuba's ``path`` drops whatever a path brought that passed masks alone, so that the
+    opacity of a surface weakens it twice. ``prb`` keeps it, but a mask is opaque in its alpha.
+    """
     common = {"max_depth": request.max_depth, "hide_emitters": request.transparent or request.hide_lamps}
     if not with_splats:
-        return {"type": "path", **common}
+        return {"type": "path" if request.transparent else "prb", **common}
     said = {"near_clip": request.near_clip, "antialiased": request.antialiased}
     return {"type": "dogpath", **common, **{name: value for name, value in said.items() if value is not None}}
 
