@@ -12,9 +12,12 @@ import numpy as np
 
 from ..cameras.camera import Camera
 from ..cameras.objects import camera_numbers
+from ..files.errors import told
+from ..files.light import Light, in_common_light
 from ..files.model import Model, concatenate
 from ..files.ply import write_ply
-from ..nodes.modifier import get_input, splat_modifier
+from ..native.convert import drawing_of
+from ..objects.conventions import light_of
 from ..objects.placed import placed_model, placed_splats
 from ..scene.write import has_surroundings, write_scene
 
@@ -29,7 +32,8 @@ class Order:
     request: dict[str, Any]
     camera: Camera
     objects: list[str]  # by their numbers
-    whole: bool  # a scene in linear radiance, and not splats in sRGB values over black
+    whole: bool  # a scene, and not splats over black
+    light: Light  # what the colours of splats mean; those of a scene are radiance
     files: set[str]  # in the folder, which the request names
 
 
@@ -38,6 +42,7 @@ class _Splats:
     """All visible splats."""
 
     models: list[Model] = field(default_factory=list)
+    lights: list[Light] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
     near: list[float] = field(default_factory=list)
     antialiased: bool = False
@@ -47,22 +52,26 @@ def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) 
     """Write what the package needs. Raises ``ValueError`` where nothing can be drawn."""
     scene = depsgraph.scene
     if scene.camera is None:
-        raise ValueError("the scene has no camera; add one, or import those of the data set")
+        raise ValueError(told("the scene has no camera; add one, or import those of the data set"))
     camera, splats = camera_numbers(scene, scene.camera.evaluated_get(depsgraph)), _gather(depsgraph)
     whole = scene.dogsplat.send == "SCENE" and has_surroundings(depsgraph)
     if not splats.models and not whole:
-        raise ValueError("the scene has no splats to render; import a model with File > Import > DoG Splat")
+        raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
     request: dict[str, Any] = {"passes": passes, "counts": [model.n_splats for model in splats.models]}
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
     files = set()
-    if splats.models:
-        model = _write_model(folder, concatenate(splats.models))
+    models, light = in_common_light(splats.models, splats.lights)
+    if any(other.linear != light.linear for other in splats.lights):
+        print("DoG Splat: some models hold sRGB values, others radiance; the former are drawn in radiance")
+    if models:
+        model = _write_model(folder, concatenate(models), light)
         request["model"] = str(model)
         files.add(model.name)
     if not whole:
         names = ("fx", "fy", "cx", "cy", "width", "height")
         numbers = {name: getattr(camera, name) for name in names}
-        return Order(request | {"camera": {"w2c": camera.w2c.tolist(), **numbers}}, camera, splats.names, False, files)
+        request["camera"] = {"w2c": camera.w2c.tolist(), **numbers}
+        return Order(request, camera, splats.names, False, light, files)
     written = write_scene(depsgraph, square(camera), folder / SCENE_FILE, len(splats.models))
     for line in written.notes:
         print(f"DoG Splat: {line}")
@@ -70,7 +79,7 @@ def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) 
     request |= {"scene": str(folder / SCENE_FILE), "samples": settings.samples, "max_depth": settings.bounces + 1}
     request |= {"transparent": scene.render.film_transparent, "hide_lamps": written.hide_lamps}
     request["seed"] = scene.frame_current * 100_003 % 2**31  # noise that is not the same in each frame of a film
-    return Order(request, camera, splats.names + written.names, True, files | written.files | {SCENE_FILE})
+    return Order(request, camera, splats.names + written.names, True, light, files | written.files | {SCENE_FILE})
 
 
 def square(camera: Camera) -> Camera:
@@ -84,22 +93,23 @@ def _gather(depsgraph: bpy.types.Depsgraph) -> _Splats:
     found = _Splats()
     for obj, matrix in placed_splats(depsgraph):
         model = placed_model(obj, depsgraph, matrix)
-        if modifier := splat_modifier(obj):
-            model = model.with_degree(min(get_input(modifier, "SH Degree"), model.sh_degree))
-            model.is_dog = model.is_dog & bool(get_input(modifier, "DoG"))
-            found.near.append(get_input(modifier, "Near Clip"))
-            found.antialiased |= bool(get_input(modifier, "Antialiased"))
+        if drawing := drawing_of(obj):
+            model = model.with_degree(min(drawing["SH Degree"], model.sh_degree))
+            model.is_dog = model.is_dog & bool(drawing["DoG"])
+            found.near.append(drawing["Near Clip"])
+            found.antialiased |= bool(drawing["Antialiased"])
         found.models.append(model)
+        found.lights.append(light_of(obj))
         found.names.append(obj.name)
     return found
 
 
-def _write_model(folder: Path, model: Model) -> Path:
+def _write_model(folder: Path, model: Model, light: Light) -> Path:
     """A file that is named by its content: the renderer knows it again in the next frame, which writes none."""
-    content = hashlib.sha1()
+    content = hashlib.sha1("\n".join(light.comments).encode())
     for array in vars(model).values():
         content.update(np.ascontiguousarray(array))
     path = folder / f"model_{content.hexdigest()}.ply"
     if not path.exists():
-        write_ply(path, model)
+        write_ply(path, model, light.comments)
     return path
