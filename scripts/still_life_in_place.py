@@ -3,8 +3,8 @@
     python -m scripts.still_life_in_place WORK
 
 writes WORK/scene.xml (the meshes of demo_truth.xml on foot and floor, both cut out of the pictures), WORK/cameras.json,
-the photographs WORK/data and the run WORK/run, and copies its model to scenes/still_life_in_place.ply. Six minutes of
-one core. A step that is done is not done again.
+the photographs WORK/data and the run WORK/run, and copies its model to scenes/still_life_in_place.ply. Three minutes
+of one core. A step that is done is not done again.
 """
 
 import json
