@@ -15,6 +15,7 @@ WALLS = "ceiling", "back_wall", "front_wall", "left_wall", "right_wall"
 ROOM = "floor", *WALLS, "table", "mirror", "metal"  # of INDOORS, but for lamp and window
 MODEL, MESHES = SCENES / "still_life.ply", SCENES / "demo_truth.xml"
 INDOORS_MODEL = SCENES / "still_life_indoors.ply"
+IN_PLACE = SCENES / "still_life_in_place.ply"  # the model of LIGHT
 
 
 def loaded(path: Path, model: Path | None = None) -> Any:
@@ -28,9 +29,16 @@ def loaded(path: Path, model: Path | None = None) -> Any:
     return _parsed(root)
 
 
-def of_meshes(path: Path) -> Any:
+def of_meshes(path: Path, black: bool = False) -> Any:
     """A scene with the meshes of demo_truth.xml in place of the model, and the integrator ``path``."""
     root = without_model(path)
+    root.extend(_meshes(black))
+    return _parsed(root)
+
+
+def meshes_alone() -> Any:
+    """The meshes of demo_truth.xml and nothing else."""
+    root = ElementTree.Element("scene", version="3.0.0")
     root.extend(_meshes())
     return _parsed(root)
 
@@ -79,10 +87,18 @@ def picture(scene: Any, spp: int, size: tuple[int, int], seed: Any = 0, integrat
     return np.array(mi.render(scene, spp=spp, seed=seed, integrator=integrator))[..., :3]
 
 
-def _meshes() -> list[ElementTree.Element]:
+def _meshes(black: bool = False) -> list[ElementTree.Element]:
     """Shapes and paints of demo_truth.xml, without its lights."""
-    return [node for node in _absolute(MESHES)
-            if node.tag == "bsdf" or (node.tag == "shape" and node.find("emitter") is None)]
+    nodes = list(_absolute(MESHES))
+    shapes = [node for node in nodes if node.tag == "shape" and node.find("emitter") is None]
+    if not black:
+        return [node for node in nodes if node.tag == "bsdf"] + shapes
+    for shape in shapes:
+        for paint in shape.findall("bsdf") + shape.findall("ref"):
+            shape.remove(paint)
+        paint = ElementTree.SubElement(shape, "bsdf", type="diffuse")
+        ElementTree.SubElement(paint, "rgb", name="reflectance", value="0")
+    return shapes
 
 
 def _absolute(path: Path) -> ElementTree.Element:

@@ -87,9 +87,6 @@ MESSAGES = {
     'attribute "{name}" of "{mesh}" is {kind}; import the model again': (
         "das Attribut „{name}“ von „{mesh}“ ist {kind}; das Modell neu importieren"
     ),
-    "some of these models hold radiance, others sRGB values; join those of one kind": (
-        "einige dieser Modelle enthalten Strahldichte, andere sRGB-Werte; solche von einer Art verbinden"
-    ),
     "the selected splats are hidden in this view layer; show them first": (
         "die ausgewählten Splats sind in dieser Ansichtsebene verborgen; sie zuerst anzeigen"
     ),
