@@ -29,7 +29,7 @@ from .lit_scenes import IN_PLACE, LIGHT, MODEL, empty, loaded, of_meshes, pictur
 
 BEYOND = 0.02  # sRGB: less than this is no image in mirror or glass
 SHADE = 0.9  # of the light that the floor has without the model
-OWN = ("floor", "mirror", "glass", "foot")  # shapes of the scene
+OWN = ("floor", "mirror", "glass", "foot", "board_front", "board_back")  # shapes of the scenes
 SHOWING = {"mirror": "mirror image", "glass": "glass", "metal": "metal"}  # shapes in which the model shows
 
 

@@ -13,6 +13,7 @@ LIGHT, INDOORS = SCENES / "still_life_in_the_light.xml", SCENES / "still_life_in
 STAGE = "floor", "foot"  # of LIGHT: what its model stands on
 WALLS = "ceiling", "back_wall", "front_wall", "left_wall", "right_wall"
 ROOM = "floor", *WALLS, "table", "mirror", "metal"  # of INDOORS, but for lamp and window
+SHADE = SCENES / "still_life_in_the_shade.xml"
 MODEL, MESHES = SCENES / "still_life.ply", SCENES / "demo_truth.xml"
 INDOORS_MODEL = SCENES / "still_life_indoors.ply"
 IN_PLACE = SCENES / "still_life_in_place.ply"  # the model of LIGHT
@@ -29,9 +30,14 @@ def loaded(path: Path, model: Path | None = None) -> Any:
     return _parsed(root)
 
 
-def of_meshes(path: Path, black: bool = False) -> Any:
-    """A scene with the meshes of demo_truth.xml in place of the model, and the integrator ``path``."""
+def of_meshes(path: Path, black: bool = False, alone: bool = False) -> Any:
+    """A scene with the meshes of demo_truth.xml in place of the model, and the integrator ``path``.
+
+    alone: without any other shape.
+    """
     root = without_model(path)
+    for shape in root.findall("shape") if alone else ():
+        root.remove(shape)
     root.extend(_meshes(black))
     return _parsed(root)
 
@@ -76,6 +82,8 @@ def without_model(path: Path) -> ElementTree.Element:
             root.remove(shape)
     for integrator in root.findall("integrator"):
         integrator.set("type", "path")
+        for node in integrator.findall("*[@name='mesh_shadows']"):
+            integrator.remove(node)
     return root
 
 

@@ -77,6 +77,7 @@ def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) 
     written = write_scene(depsgraph, square(camera), folder / SCENE_FILE, len(splats.models))
     settings = scene.dogsplat
     request |= {"scene": str(folder / SCENE_FILE), "samples": settings.samples, "max_depth": settings.bounces + 1}
+    request["mesh_shadows"] = settings.mesh_shadows
     request |= {"transparent": scene.render.film_transparent, "hide_lamps": written.hide_lamps}
     request["seed"] = scene.frame_current * 100_003 % 2**31  # noise that is not the same in each frame of a film
     files |= written.files | {SCENE_FILE}

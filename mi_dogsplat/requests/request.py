@@ -31,7 +31,8 @@ class Request:
     sensor, surfaces and lights. near_clip, antialiased: None is as the file of the model says. counts: how many
     primitives each object of the model has, one after the other. passes: of ``PASSES``. transparent: nothing is shown
     behind a scene. hide_lamps: the camera does not see shapes that emit light, though surfaces reflect them. max_depth:
-    of light paths, as in Mitsuba's ``path``.
+    of light paths, as in Mitsuba's ``path``. mesh_shadows: surfaces of a scene cast shadows onto the splats, see
+    ``dogpath``.
     """
 
     model: Path | None = None
@@ -46,6 +47,7 @@ class Request:
     seed: int = 0
     transparent: bool = False
     hide_lamps: bool = False
+    mesh_shadows: bool = False
 
 
 def read_request(content: Any) -> Request:

@@ -53,6 +53,7 @@ def _integrator(request: Request, with_splats: bool) -> dict[str, Any]:
     if not with_splats:
         return {"type": "path" if request.transparent else "prb", **common}
     said = {"near_clip": request.near_clip, "antialiased": request.antialiased}
+    common["mesh_shadows"] = request.mesh_shadows
     return {"type": "dogpath", **common, **{name: value for name, value in said.items() if value is not None}}
 
 
