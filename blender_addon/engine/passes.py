@@ -88,12 +88,13 @@ def _combined(order: Order, picture: dict[str, np.ndarray], scene: bpy.types.Sce
     linear = scene.dogsplat_colors == "LINEAR"
     if not scene.render.film_transparent:
         behind = world_color(scene.world)
-        color = color + (1 - alpha) * (_encoded(behind) if linear else behind)
+        color = color + (1 - alpha) * (encoded(behind) if linear else behind)
         alpha = np.ones_like(alpha)
     return np.concatenate([decoded(color) if linear else color, alpha], axis=2)
 
 
-def _encoded(x: np.ndarray) -> np.ndarray:
+def encoded(x: np.ndarray) -> np.ndarray:
+    """Linear values as sRGB ones."""
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
 
 

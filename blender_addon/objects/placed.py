@@ -51,6 +51,14 @@ def placed_model(
     """
     try:
         model = read_attributes(obj.original.data) if hidden else edited_model(obj, depsgraph)
-        return transformed(model, matrix)
     except ValueError as error:
         raise ValueError(f'"{obj.name}": {error}') from error
+    return moved_model(model, matrix, obj.name)
+
+
+def moved_model(model: Model, matrix: np.ndarray, name: str) -> Model:
+    """The splats of an object of that name, moved. Raises ``ValueError`` for a transform that splats cannot follow."""
+    try:
+        return transformed(model, matrix)
+    except ValueError as error:
+        raise ValueError(f'"{name}": {error}') from error
