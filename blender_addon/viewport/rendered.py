@@ -44,6 +44,11 @@ class Rendered:
         """Why there is no picture, one line; empty where nothing is wrong."""
         return self._problem or (self._stream.error if self._stream else "")
 
+    @property
+    def news(self) -> int:
+        """How many pictures, and errors instead of them, there were."""
+        return self._stream.news if self._stream else 0
+
     def note(self, depsgraph: bpy.types.Depsgraph) -> None:
         """What has changed since the last drawing."""
         self._changes.note(depsgraph)
@@ -154,14 +159,19 @@ def _border(settings: Any, prefix: str) -> tuple[float, ...]:
     return tuple(getattr(settings, f"{prefix}_{end}_{axis}") for axis in "xy" for end in ("min", "max"))
 
 
+def viewports() -> tuple[Rendered, ...]:
+    """Those that there are."""
+    return tuple(_SHOWN)
+
+
 def look() -> float | None:
     """A timer: has viewports drawn again that have news, until none waits for anything."""
-    for view in tuple(_SHOWN):
+    for view in viewports():
         view.restage()
     now = time.monotonic()
-    if any(view.has_news(now) for view in _SHOWN):
+    if any(view.has_news(now) for view in viewports()):
         for window in bpy.context.window_manager.windows:
             for area in window.screen.areas:
                 if area.type == "VIEW_3D" and area.spaces.active.shading.type == "RENDERED":
                     area.tag_redraw()
-    return INTERVAL if any(view.waits(now) for view in _SHOWN) else None
+    return INTERVAL if any(view.waits(now) for view in viewports()) else None

@@ -15,12 +15,13 @@ from ..render.picture import Picture, render_picture
 from ..scene.cameras import Camera
 from ..support.errors import DataError, gist
 from .data_passes import data_passes, object_of_primitive
-from .gradual import means
+from .gradual import in_steps, means
 from .mattes import ranked
 from .request import SOURCE, Request
 from .scene_description import hides_background, load_scene
 
 BAND_ROWS = 128  # of splats alone, between two steps
+STEP_SAMPLES = 8  # per pixel of a scene, between two steps
 AOV_OF_PASS = {"depth": "depth", "normal": "normal", "object": "index", "matte": "index"}  # of splats alone
 Arrays = dict[str, np.ndarray]
 Steps = Iterator[tuple[float, Arrays | None]]  # share that is done, and the picture so far where it is a whole one
@@ -90,7 +91,8 @@ class Answerer:
         splats = self._model(request.model) if request.model else None
         scene = load_scene(request, splats)
         sensor, picture = scene.sensors()[0], {}
-        for done, mean in means(scene, sensor, request.samples, request.seed, hides_background(request)):
+        steps = in_steps(request.samples, STEP_SAMPLES, STEP_SAMPLES)
+        for done, mean in means(scene, sensor, steps, request.seed, hides_background(request)):
             picture = {"color": mean[..., :3], "alpha": mean[..., 3]}
             if done < request.samples:
                 yield done / request.samples, picture

@@ -5,9 +5,8 @@ but the last, with ``"picture": "frame.npz"`` where a picture of what is done so
 ``{"done": "frame.npz"}``, or ``{"error": "one line"}``, after which the next request is read.
 
 With ``"out": "frame.rgba"`` it is a picture for a viewport, as in ``view_request.py``: float32 [H, W, 4] and nothing
-else. Its pictures lie in two files in turn, which the lines name. When another line comes, it is left after the picture
-that is being made, with ``{"left": "frame.rgba"}`` at the end. Such a line may be ``{"stop": true}``, which is no
-request and gets no answer.
+else. Its pictures lie in two files in turn, which the lines name. When another line comes, one of paths is left, with
+``{"left": "frame.rgba"}`` at the end. Such a line may be ``{"stop": true}``, which is no request and gets no answer.
 """
 
 from __future__ import annotations

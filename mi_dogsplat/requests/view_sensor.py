@@ -14,12 +14,15 @@ from .view_request import ViewRequest
 NEAREST = 1e-4  # Mitsuba takes no near clip of 0
 
 
-def sensor_of(request: ViewRequest) -> mi.Sensor:
-    """It sees what the camera sees, whose pixels are taken as square (``fx``)."""
+def sensor_of(request: ViewRequest, rows: slice | None = None) -> mi.Sensor:
+    """It sees what the camera sees, whose pixels are taken as square (``fx``), or some rows of it."""
     camera = request.camera
     assert camera
-    film = {"type": "hdrfilm", "width": camera.width, "height": camera.height, "pixel_format": "rgba",
-            "component_format": "float32", "rfilter": {"type": "box"}}  # fmt: skip
+    film: dict[str, Any] = {"type": "hdrfilm", "width": camera.width, "height": camera.height, "pixel_format": "rgba",
+                            "component_format": "float32", "rfilter": {"type": "box"}}  # fmt: skip
+    if rows:
+        film |= {"crop_offset_x": 0, "crop_width": camera.width}
+        film |= {"crop_offset_y": rows.start, "crop_height": rows.stop - rows.start}
     near, far = request.clip
     common: dict[str, Any] = {"near_clip": max(near, NEAREST), "far_clip": far, "film": film}
     if request.orthographic:

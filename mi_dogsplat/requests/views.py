@@ -14,9 +14,10 @@ from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.rasterize import rasterize
 from ..plugin.transfer import linear_to_srgb, srgb_to_linear
+from ..scene.cameras import Camera
 from ..scene.splats import DENSE, Splats
 from ..support.errors import DataError, gist
-from .gradual import means
+from .gradual import in_steps, means
 from .headlight import QuickIntegrator
 from .request import SOURCE
 from .scene_description import hides_background, load_scene
@@ -24,7 +25,9 @@ from .shares import Shares
 from .view_request import ViewRequest
 from .view_sensor import sensor_of
 
-STEP_SAMPLES = 2  # of a scene, between two pictures
+STEP_SAMPLES = 2  # of a scene, between two pictures after the first
+BAND_PIXELS = 200_000  # of a scene, between two looks whether another picture is wanted
+SEED_STEP = 1_009  # between the noise of two rows
 Steps = Iterator[tuple[float, np.ndarray]]  # share that is done, and the picture so far
 
 
@@ -37,8 +40,8 @@ class Views:
     def frames(self, request: ViewRequest, interrupted: Callable[[], bool] = lambda: False) -> Steps:
         """The picture in steps, [H, W, 4] float32, premultiplied; the last is finished unless it was interrupted.
 
-        ``interrupted`` is asked between two samples of a scene; the first picture is always made. Needs a Mitsuba
-        variant. Raises ``DataError``.
+        ``interrupted`` is asked between two parts of the paths of a scene. Needs a Mitsuba variant. Raises
+        ``DataError``.
         """
         try:
             yield from self._scene(request, interrupted) if request.scene else self._alone(request)
@@ -79,7 +82,8 @@ class Views:
         yield 1.0, pixels.numpy().reshape(camera.height, camera.width, 4)
 
     def _scene(self, request: ViewRequest, interrupted: Callable[[], bool]) -> Steps:
-        sensor = sensor_of(request)
+        sensor, camera = sensor_of(request), request.camera
+        assert camera
         files = [path for path in (request.scene, request.model) if path]
         how = request.max_depth, request.transparent, request.hide_lamps, request.near_clip, request.antialiased
         scene, quick = self._keep("scene", files, how, lambda: self._load(request, sensor))
@@ -89,11 +93,20 @@ class Views:
                 picture[..., 3] = 1
             yield 1.0, picture
             return
-        behind = hides_background(request)
-        for done, mean in means(scene, sensor, request.samples, request.seed, behind, STEP_SAMPLES):
-            yield done / request.samples, mean
-            if interrupted():
-                return
+        bands = [(rows, self._means(scene, request, rows)) for rows in _bands(camera)]
+        picture, share = np.zeros((camera.height, camera.width, 4), np.float32), 0.0
+        while share < 1:
+            for rows, steps in bands:
+                if interrupted():
+                    return
+                done, picture[rows] = next(steps)
+                share = done / request.samples
+            yield share, picture.copy()
+
+    def _means(self, scene: mi.Scene, request: ViewRequest, rows: slice) -> Iterator[tuple[int, np.ndarray]]:
+        """Of some rows: a sample for each pixel, then a few more at a time."""
+        steps, seed = in_steps(request.samples, 1, STEP_SAMPLES), request.seed + SEED_STEP * rows.start
+        return means(scene, sensor_of(request, rows), steps, seed, hides_background(request))
 
     def _load(self, request: ViewRequest, sensor: mi.Sensor) -> tuple[mi.Scene, mi.Integrator]:
         """The scene with the integrator of its paths, and the one for views that move."""
@@ -109,6 +122,12 @@ class Views:
             empty = Splats.empty(0)
             return mi.load_dict({"type": "dog", **{name: mi.TensorXf(getattr(empty, name)) for name in DENSE}})
         return self._keep("shape", [path], (), lambda: mi.load_dict({"type": "dog", "filename": str(path)}))
+
+
+def _bands(camera: Camera) -> list[slice]:
+    """Rows that are drawn at a time, so that a view that moves waits for no more."""
+    count = max(BAND_PIXELS // camera.width, 1)
+    return [slice(top, min(top + count, camera.height)) for top in range(0, camera.height, count)]
 
 
 def _signature(path: Path) -> tuple:

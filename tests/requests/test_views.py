@@ -10,6 +10,8 @@ from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.render.picture import render_picture
+from mi_dogsplat.requests import views as views_module
+from mi_dogsplat.requests.gradual import in_steps
 from mi_dogsplat.requests.serve import Lines, serve
 from mi_dogsplat.requests.shares import importance
 from mi_dogsplat.requests.view_request import read_view_request
@@ -118,12 +120,29 @@ def test_a_scene_without_a_sky_is_lit_while_it_moves(folder, views):
     np.testing.assert_allclose(quick[covered][:, :3], srgb_to_linear(alone[covered][:, :3]), atol=0.12)
 
 
-def test_paths_are_added_until_somebody_asks_for_something_else(folder, views):
+def test_paths_are_added_until_somebody_asks_for_something_else(folder, views, monkeypatch):
+    monkeypatch.setattr(views_module, "BAND_PIXELS", 5 * WIDTH)  # bands of 5, 5, 5 and 1 rows
     request = read_view_request({"scene": str(folder / "scene.json"), "camera": camera_json(), "samples": 6})
     steps = list(views.frames(request))
-    assert [share for share, _ in steps] == pytest.approx([1 / 3, 2 / 3, 1])
-    assert np.abs(steps[0][1] - steps[2][1]).max() > 0
-    assert [share for share, _ in views.frames(request, lambda: True)] == pytest.approx([1 / 3])
+    assert [share for share, _ in steps] == pytest.approx([1 / 6, 3 / 6, 5 / 6, 1])
+    assert np.abs(steps[0][1] - steps[3][1]).max() > 0
+    asked = iter([False] * 6 + [True])
+    assert [share for share, _ in views.frames(request, lambda: next(asked))] == pytest.approx([1 / 6])
+
+
+def test_bands_are_parts_of_one_picture(folder, views, monkeypatch):
+    """Of one sample at the centre of each pixel, without a light."""
+    request = {"scene": str(folder / "dark.json"), "model": str(folder / "model.ply"), "camera": camera_json()}
+    request |= {"samples": 1, "max_depth": 1}
+    whole = last(views, request)
+    monkeypatch.setattr(views_module, "BAND_PIXELS", 5 * WIDTH)
+    assert whole[..., :3].max() > 0.1
+    np.testing.assert_allclose(last(views, request), whole, atol=1e-4)
+
+
+@pytest.mark.parametrize("count, steps", [(1, [1]), (2, [1, 1]), (6, [1, 2, 2, 1]), (7, [1, 2, 2, 2])])
+def test_samples_in_steps(count, steps):
+    assert in_steps(count, 1, 2) == steps
 
 
 def told(lines):
@@ -141,7 +160,7 @@ def test_a_stream_of_frames_is_files_without_a_format(folder):
 
 
 def test_a_picture_is_left_when_another_line_comes(folder):
-    """Its first picture is made all the same; a line that stops gets no answer."""
+    """A line that stops gets no answer."""
     scene = {"out": str(folder / "left.rgba"), "scene": str(folder / "scene.json"), "camera": camera_json()}
     lines = [{**scene, "samples": 1000}, {"stop": True}, {**scene, "samples": 4}]
     read = threading.Event()
@@ -153,7 +172,7 @@ def test_a_picture_is_left_when_another_line_comes(folder):
     waiting = Lines(stream())
     assert read.wait(10)
     said = told(waiting)
-    assert [next(iter(line)) for line in said] == ["share", "left", "share", "done"]
+    assert [next(iter(line)) for line in said] == ["left", "share", "share", "done"]
     assert not waiting.another()
 
 
