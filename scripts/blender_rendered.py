@@ -25,6 +25,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
+import numpy as np
 from mathutils import Matrix, Quaternion
 
 SIZES = (800, 600), (1311, 878)
@@ -35,17 +36,23 @@ LONGEST = 300.0  # seconds to wait for the first picture
 DRAWN: list[tuple[float, float, int]] = []  # wall and processor time, and news, at the end of each redraw
 
 
-def orbiting(scene: bpy.types.Scene, size: tuple[int, int], turns: int) -> SimpleNamespace:
-    """A viewport that frames the model, turned so many times."""
-    corners = [obj.matrix_world @ v.co for obj in scene.objects if obj.type == "MESH" for v in obj.data.vertices[::50]]
-    low, high = ([f(c[k] for c in corners) for k in range(3)] for f in (min, max))
-    middle, reach = Matrix.Translation([(a + b) / 2 for a, b in zip(low, high, strict=True)]), math.dist(low, high)
-    pose = middle @ Matrix.Rotation(turns * TURN, 4, "Z") @ Matrix.Rotation(1.1, 4, "X")
-    pose = pose @ Matrix.Translation((0, 0, reach))
-    x, near, far = 50 / 36 * 2, 0.01, 1000.0  # a lens of 50 mm, as viewports have
-    rows = ((x, 0, 0, 0), (0, x * size[0] / size[1], 0, 0))
+def framed(obj: bpy.types.Object) -> tuple[np.ndarray, float]:
+    """(centre [3], radius) of nine tenths of the splats."""
+    points = np.empty((len(obj.data.vertices), 3), np.float32)
+    obj.data.vertices.foreach_get("co", points.ravel())
+    centre = np.median(points, axis=0)
+    return centre, float(np.quantile(np.linalg.norm(points - centre, axis=1), 0.9))
+
+
+def orbiting(centre: np.ndarray, radius: float, size: tuple[int, int], turns: int) -> SimpleNamespace:
+    """A viewport with its lens of 50 mm that frames the model, turned so many times."""
+    x, near, far = 50 / 36 * 2, 0.01, 1000.0
+    y = x * size[0] / size[1]
+    pose = Matrix.Translation(centre.tolist()) @ Matrix.Rotation(turns * TURN, 4, "Z") @ Matrix.Rotation(1.1, 4, "X")
+    pose = pose @ Matrix.Translation((0, 0, radius * math.hypot(1, max(x, y))))
     depth = (0, 0, -(far + near) / (far - near), -2 * far * near / (far - near)), (0, 0, -1, 0)
-    return SimpleNamespace(view_matrix=pose.inverted(), window_matrix=Matrix((*rows, *depth)), is_perspective=True)
+    rows = Matrix(((x, 0, 0, 0), (0, y, 0, 0), *depth))
+    return SimpleNamespace(view_matrix=pose.inverted(), window_matrix=rows, is_perspective=True)
 
 
 def pictures(command: str) -> None:
@@ -57,9 +64,10 @@ def pictures(command: str) -> None:
     from blender_addon.viewport.rendered import request_of
 
     scene, renderer = bpy.context.scene, live_renderer(command)
+    frame = framed(bpy.context.object)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     start = time.perf_counter()
-    stage = make_stage(depsgraph, renderer.folder, seen_by(orbiting(scene, SIZES[0], 0), *SIZES[0]).camera)
+    stage = make_stage(depsgraph, renderer.folder, seen_by(orbiting(*frame, SIZES[0], 0), *SIZES[0]).camera)
     print(f"stage written in {time.perf_counter() - start:.2f} s", flush=True)
     taken: dict[tuple, list[float]] = {}
     paces = {size: Pace() for size in SIZES}
@@ -68,7 +76,7 @@ def pictures(command: str) -> None:
             now, pace = time.monotonic(), paces[size]
             pace.moved(now)
             level = pace.level(now) if way == "moving" else Level()
-            seen = seen_by(orbiting(scene, size, PICTURES * turn + k), *size).scaled(level.pixels)
+            seen = seen_by(orbiting(*frame, size, PICTURES * turn + k), *size).scaled(level.pixels)
             start = time.perf_counter()
             list(renderer.pictures(request_of(stage, scene, seen, level, rests=True), lambda: False))
             seconds = time.perf_counter() - start
@@ -89,9 +97,10 @@ def redraws(model: str, command: str, picture: str | None) -> Iterator[float]:
     from blender_addon.viewport import rendered
 
     preferences, scene, window = bpy.context.preferences, bpy.context.scene, bpy.context.window_manager.windows[0]
-    preferences.view.show_splash = False
     preferences.addons["blender_addon"].preferences.command = command
     yield 2.0
+    subprocess.run(["xdotool", "mousemove", "700", "950", "click", "1"], check=True)  # away with the splash screen
+    yield 1.0
     area = next(a for a in window.screen.areas if a.type == "VIEW_3D")
     space, region = area.spaces.active, next(r for r in area.regions if r.type == "WINDOW")
     bpy.data.objects.remove(bpy.data.objects["Cube"])

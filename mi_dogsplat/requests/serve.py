@@ -5,8 +5,9 @@ but the last, with ``"picture": "frame.npz"`` where a picture of what is done so
 ``{"done": "frame.npz"}``, or ``{"error": "one line"}``, after which the next request is read.
 
 With ``"out": "frame.rgba"`` it is a picture for a viewport, as in ``view_request.py``: float32 [H, W, 4] and nothing
-else. Its pictures lie in two files in turn, which the lines name. When another line comes, one of paths is left, with
-``{"left": "frame.rgba"}`` at the end. Such a line may be ``{"stop": true}``, which is no request and gets no answer.
+else. Its pictures lie in two files in turn, which the lines name: not everywhere can a file be replaced while it is
+read. When another line comes, a picture of paths is left, with ``{"left": "frame.rgba"}`` at the end. Such a line may
+be ``{"stop": true}``, which is no request and gets no answer.
 """
 
 from __future__ import annotations
@@ -94,8 +95,10 @@ def _view(views: Views, content: Any, out: Path, another: Callable[[], bool], te
     share, path = 0.0, out
     for number, (share, picture) in enumerate(views.frames(read_view_request(content), another)):
         path = out.with_stem(f"{out.stem}_{number % 2}")
+        part = path.with_name(f".{path.name}")
         with _writing(path):
-            picture.tofile(path)
+            picture.tofile(part)
+            part.replace(path)  # whoever reads the one before has it whole
         if share < 1:
             tell({"share": share, "picture": str(path)})
     tell({"done" if share == 1 else "left": str(path)})
