@@ -17,7 +17,9 @@ from pathlib import Path
 
 import bpy
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))  # Blender leaves it out
+SCRIPTS = Path(__file__).resolve().parent
+sys.path[:0] = [str(SCRIPTS), str(SCRIPTS.parent / "tests" / "blender")]  # Blender leaves them out
+from blender_training_picture import build  # noqa: E402
 from in_blender import step_by_step  # noqa: E402
 
 STILL, STILL_EEVEE, LONGEST = 6.0, 60.0, 600.0  # seconds without a change that mean "done"; the most to wait
@@ -79,6 +81,23 @@ def editing(model: Path, run: Path) -> Steps:
     yield from shot("editing", STILL_EEVEE)
 
 
+def training(model: Path, run: Path) -> Steps:
+    """A rig around the objects of a scene, and the panel that renders them and trains on the views."""
+    yield from new_file()
+    bpy.ops.wm.save_as_mainfile(filepath=str(OUT / "still_life.blend"))
+    build(bpy.context.scene)
+    bpy.context.scene.dogsplat_training.elevations = (-10, 90)
+    with viewport():
+        bpy.ops.dogsplat.make_cameras("EXEC_DEFAULT", True)
+        bpy.ops.view3d.view_selected()
+    space().show_region_ui = True
+    yield 5
+    panel()
+    yield 2
+    click(1080, 297)  # unfolds the panel
+    yield from shot("training")
+
+
 def camera(model: Path, run: Path) -> Steps:
     """A trained model through the first camera of its data set."""
     yield from new_file()
@@ -113,7 +132,7 @@ def frame(model: Path, run: Path) -> Steps:
     yield from shot("frame")
 
 
-PICTURES = {function.__name__: function for function in (menu, drop, imported, editing, camera, frame)}
+PICTURES = {function.__name__: function for function in (menu, drop, imported, editing, training, camera, frame)}
 
 
 def new_file() -> Steps:

@@ -12,9 +12,12 @@ import numpy as np
 
 from ..cameras.camera import Camera
 from ..cameras.objects import camera_numbers
+from ..files.errors import told
+from ..files.light import Light, in_common_light
 from ..files.model import Model, concatenate
 from ..files.ply import write_ply
-from ..nodes.modifier import get_input, splat_modifier
+from ..native.convert import drawing_of
+from ..objects.conventions import light_of
 from ..objects.placed import moved_model, placed_model, placed_splats
 from ..scene.export import Plugin
 from ..scene.sensor import sensor
@@ -30,7 +33,8 @@ class Stage:
 
     request: dict[str, Any]
     objects: list[str]  # by their numbers
-    whole: bool  # a scene in linear radiance, and not splats in sRGB values over black
+    whole: bool  # a scene, and not splats over black
+    light: Light  # what the colours of splats mean; those of a scene are radiance
     files: set[str]  # in the folder, which the request names
 
 
@@ -47,6 +51,7 @@ class _Splats:
 
     models: list[Model] = field(default_factory=list)
     matrices: list[np.ndarray] = field(default_factory=list)
+    lights: list[Light] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
     near: list[float] = field(default_factory=list)
     antialiased: bool = False
@@ -56,7 +61,7 @@ def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) 
     """Write what the package needs for a frame. Raises ``ValueError`` where nothing can be drawn."""
     scene = depsgraph.scene
     if scene.camera is None:
-        raise ValueError("the scene has no camera; add one, or import those of the data set")
+        raise ValueError(told("the scene has no camera; add one, or import those of the data set"))
     obj = scene.camera.evaluated_get(depsgraph)
     camera = camera_numbers(scene, obj)
     stage = make_stage(depsgraph, folder, camera, sensor(scene, obj, square(camera)))
@@ -66,7 +71,7 @@ def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) 
     else:
         request["samples"] = scene.dogsplat.samples
         request["seed"] = scene.frame_current * 100_003 % 2**31  # noise that is not the same in each frame of a film
-    return Order(request, stage.objects, stage.whole, stage.files, camera)
+    return Order(request, stage.objects, stage.whole, stage.light, stage.files, camera)
 
 
 def make_stage(depsgraph: bpy.types.Depsgraph, folder: Path, camera: Camera, seen_by: Plugin | None = None) -> Stage:
@@ -77,22 +82,25 @@ def make_stage(depsgraph: bpy.types.Depsgraph, folder: Path, camera: Camera, see
     scene, splats = depsgraph.scene, _gather(depsgraph)
     whole = scene.dogsplat.send == "SCENE" and has_surroundings(depsgraph)
     if not splats.models and not whole:
-        raise ValueError("the scene has no splats to render; import a model with File > Import > DoG Splat")
+        raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
     request: dict[str, Any] = {"counts": [model.n_splats for model in splats.models]}
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
     files = set()
+    splats.models, light = in_common_light(splats.models, splats.lights)
+    if any(other.linear != light.linear for other in splats.lights):
+        print("DoG Splat: some models hold sRGB values, others radiance; the former are drawn in radiance")
     if splats.models:
-        model = _write_model(folder, splats)
+        model = _write_model(folder, splats, light)
         request["model"] = str(model)
         files.add(model.name)
     if not whole:
-        return Stage(request, splats.names, False, files)
+        return Stage(request, splats.names, False, light, files)
     written = write_scene(depsgraph, seen_by, camera, folder / SCENE_FILE, len(splats.models))
     for line in written.notes:
         print(f"DoG Splat: {line}")
     request |= {"scene": str(folder / SCENE_FILE), "max_depth": scene.dogsplat.bounces + 1}
     request |= {"transparent": scene.render.film_transparent, "hide_lamps": written.hide_lamps}
-    return Stage(request, splats.names + written.names, True, files | written.files | {SCENE_FILE})
+    return Stage(request, splats.names + written.names, True, light, files | written.files | {SCENE_FILE})
 
 
 def tidy(folder: Path, files: set[str]) -> None:
@@ -118,25 +126,27 @@ def _gather(depsgraph: bpy.types.Depsgraph) -> _Splats:
     found = _Splats()
     for obj, matrix in placed_splats(depsgraph):
         model = placed_model(obj, depsgraph, np.eye(4))
-        if modifier := splat_modifier(obj):
-            model = model.with_degree(min(get_input(modifier, "SH Degree"), model.sh_degree))
-            model.is_dog = model.is_dog & bool(get_input(modifier, "DoG"))
-            found.near.append(get_input(modifier, "Near Clip"))
-            found.antialiased |= bool(get_input(modifier, "Antialiased"))
+        if drawing := drawing_of(obj):
+            model = model.with_degree(min(drawing["SH Degree"], model.sh_degree))
+            model.is_dog = model.is_dog & bool(drawing["DoG"])
+            found.near.append(drawing["Near Clip"])
+            found.antialiased |= bool(drawing["Antialiased"])
         found.models.append(model)
+        found.lights.append(light_of(obj))
         found.matrices.append(matrix)
         found.names.append(obj.name)
     return found
 
 
-def _write_model(folder: Path, splats: _Splats) -> Path:
+def _write_model(folder: Path, splats: _Splats, light: Light) -> Path:
     """A file that is named by its content: the renderer knows it again in the next frame, which writes none."""
-    content = hashlib.sha1()
+    content = hashlib.sha1("\n".join(light.comments).encode())
     for model, matrix in zip(splats.models, splats.matrices, strict=True):
         for array in (*vars(model).values(), matrix):
             content.update(np.ascontiguousarray(array))
     path = folder / f"model_{content.hexdigest()}.ply"
     if not path.exists():
         placed = zip(splats.models, splats.matrices, splats.names, strict=True)
-        write_ply(path, concatenate([moved_model(model, matrix, name) for model, matrix, name in placed]))
+        models = [moved_model(model, matrix, name) for model, matrix, name in placed]
+        write_ply(path, concatenate(models), light.comments)
     return path

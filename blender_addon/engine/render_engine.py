@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
+from bpy.app.translations import pgettext_iface as iface_
 
 from ..preferences import command_of
 from ..viewport.rendered import Rendered
@@ -27,10 +28,11 @@ class DogSplatEngine(bpy.types.RenderEngine):
         scene, layer = depsgraph.scene, depsgraph.view_layer_eval
         try:
             renderer = choose_renderer(command_of(bpy.context))
-            self.update_stats("", "sending the scene")
+            self.update_stats("", iface_("sending the scene"))
             order = make_order(depsgraph, renderer.folder, passes.wanted(layer))
             tidy(renderer.folder, order.files)
-            self.update_stats("", f"{sum(order.request['counts']):,} splats, {renderer.name}")
+            count = sum(order.request["counts"])
+            self.update_stats("", iface_("{count:,} splats, {name}").format(count=count, name=renderer.name))
             for name, (channels, letters, _, _) in passes.offered(layer).items():
                 self.add_pass(name, channels, letters)
             picture = renderer.render(

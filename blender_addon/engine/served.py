@@ -11,8 +11,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from ..files.errors import told
+
 POLL_SECONDS = 0.1
 QUICK_POLL_SECONDS = 0.02  # of a viewport
+STRANGE = "{name}: does not answer as dogsplat serve does; update the package"
 
 
 class Cancelled(Exception):
@@ -20,7 +23,10 @@ class Cancelled(Exception):
 
 
 class RendererError(RuntimeError):
-    """No picture, and why, in one line."""
+    """No picture, and why, in one line in the language of Blender's interface; a template where there are values."""
+
+    def __init__(self, text: str, **values: Any):
+        super().__init__(told(text, **values))
 
 
 class Served:
@@ -33,7 +39,7 @@ class Served:
                 pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": output}
                 self._process = subprocess.Popen(words, text=True, encoding="utf-8", errors="replace", **pipes)
         except OSError as error:
-            raise RendererError(f"{name} cannot be started ({error.strerror})") from error
+            raise RendererError("{name} cannot be started ({reason})", name=name, reason=error.strerror) from error
         self._lines: queue.Queue[str | None] = queue.Queue()
         threading.Thread(target=_pump, args=(self._process.stdout, self._lines), daemon=True).start()
         self.end = weakref.finalize(self, _end, self._process)
@@ -107,7 +113,7 @@ class Served:
                 raise RendererError(f"{self._name}: {said['error']}")
             return said
         except (ValueError, TypeError):
-            raise RendererError(f"{self._name}: does not answer as dogsplat serve does; update the package") from None
+            raise RendererError(STRANGE, name=self._name) from None
 
     def _last_words(self) -> str:
         status = self._process.wait()

@@ -9,13 +9,16 @@ import bpy
 import numpy as np
 
 from ..files.model import Model
+from ..native.cloud import read_cloud
 from ..nodes.modifier import splat_modifier
-from .attributes import read_attributes
+from .attributes import is_native, read_attributes
 
 
 def edited_model(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Model:
     """The splats of an object that are shown, in its own space. Raises ``ValueError`` as ``read_attributes``."""
     evaluated = obj.evaluated_get(depsgraph)
+    if is_native(evaluated):
+        return read_cloud(evaluated.data)
     with _not_drawn(evaluated):
         mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
         try:

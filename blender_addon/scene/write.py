@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from ..cameras.camera import Camera
-from ..objects.attributes import is_splats
+from ..objects.attributes import has_splats
 from .export import Export, Plugin, matrix
 from .lights import light
 from .materials import Surface, surface
@@ -94,7 +94,7 @@ def write_scene(
 def _is_of_splats(instance: bpy.types.DepsgraphObjectInstance) -> bool:
     """Whether it is splats, or what their nodes draw them with."""
     parent = instance.parent
-    return is_splats(instance.object.original) or bool(parent and is_splats(parent.original))
+    return has_splats(instance.object.original) or bool(parent and has_splats(parent.original))
 
 
 def _gather(export: Export, depsgraph: bpy.types.Depsgraph) -> Gathered:

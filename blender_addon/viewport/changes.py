@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..objects.attributes import is_splats
+from ..objects.attributes import has_splats
 from ..objects.placed import holds_splats
 
 SEEN = (bpy.types.Material, bpy.types.World, bpy.types.Light, bpy.types.Image, bpy.types.Texture, bpy.types.NodeTree)
@@ -42,4 +42,4 @@ def _matters(update: bpy.types.DepsgraphUpdate) -> bool:
 
 
 def _shades(update: bpy.types.DepsgraphUpdate) -> bool:
-    return update.is_updated_shading and not is_splats(update.id.original)
+    return update.is_updated_shading and not has_splats(update.id.original)

@@ -139,7 +139,8 @@ def request_of(stage: Stage, scene: bpy.types.Scene, seen: Seen, level: Level, r
     linear = scene.dogsplat_colors == "LINEAR"
     if not scene.render.film_transparent:
         behind = world_color(scene.world)
-        request["background"] = (encoded(behind) if linear else np.asarray(behind)).tolist()
+        as_srgb = linear and not stage.light.linear
+        request["background"] = (encoded(behind) if as_srgb else np.asarray(behind)).tolist()
     return request | {"camera": camera_request(seen.camera), "share": level.splats, "linear": linear}
 
 

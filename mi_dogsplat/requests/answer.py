@@ -37,8 +37,9 @@ class Answerer:
     def answer(self, request: Request) -> Steps:
         """Steps of the picture; the last one is whole and has all passes. Needs a Mitsuba variant.
 
-        Splats alone: ``color`` [H, W, 3] sRGB values over black, ``alpha`` [H, W]. A scene: ``color`` is linear
-        radiance, premultiplied with ``alpha``. Further those of ``data_passes`` that are asked for.
+        Splats alone: ``color`` [H, W, 3] sRGB values over black, or radiance where the model is linear, and ``alpha``
+        [H, W]. A scene: ``color`` is linear radiance, premultiplied with ``alpha``. Further those of ``data_passes``
+        that are asked for.
 
         Raises ``DataError``.
         """
@@ -78,7 +79,8 @@ class Answerer:
             film = (0.0, -float(top), float(camera.width), float(camera.height - top))
             near, linear = _near(request, shape), bool(drawing.linear)
             picture = render_picture(shape.parameters, band, options, 0.0, near, names, film=film, linear=linear)
-            found = {"color": picture.color, "alpha": picture.alpha, **_planes(picture, request)}
+            color = picture.color if picture.radiance is None else np.maximum(picture.radiance, 0)
+            found = {"color": color, "alpha": picture.alpha, **_planes(picture, request)}
             if picture.depth is not None:
                 found["depth"] = np.where(picture.alpha > 0, picture.depth, np.inf)
             bands.append(found)

@@ -20,7 +20,7 @@ from ..support.errors import DataError
 
 PASSES = ("depth", "normal", "object", "matte")
 SOURCE = "request"  # what error lines name
-FORMAT = 'write {"model": PLY, "camera": {...}} or {"scene": JSON, "samples": N}, as docs/blender.md says'
+FORMAT = 'write {"model": PLY, "camera": {...}} or {"scene": JSON, "samples": N}, as docs/blender_details.md says'
 Kind = TypeVar("Kind", bound="Request")
 
 

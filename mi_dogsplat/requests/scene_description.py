@@ -27,7 +27,7 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
         raise DataError(request.scene, "is not a JSON object", FORMAT)
     try:
         described = _decoded(content, request.scene.resolve().parent)
-        described |= {"type": "scene", "integrator": _integrator(request)}
+        described |= {"type": "scene", "integrator": _integrator(request, splats)}
         if splats is not None:
             described["splats"] = splats
         if sensor is not None:
@@ -45,10 +45,10 @@ def hides_background(request: Request) -> bool:
     return request.hide_lamps and not request.transparent
 
 
-def _integrator(request: Request) -> dict[str, Any]:
+def _integrator(request: Request, splats: Any | None) -> dict[str, Any]:
     """Path tracing, through splats where there are any."""
     common = {"max_depth": request.max_depth, "hide_emitters": request.transparent or request.hide_lamps}
-    if request.model is None:
+    if splats is None or not splats.means.shape[0]:
         return {"type": "path", **common}
     said = {"near_clip": request.near_clip, "antialiased": request.antialiased}
     return {"type": "dogpath", **common, **{name: value for name, value in said.items() if value is not None}}

@@ -68,16 +68,16 @@ class Views:
         seen = DeviceCamera.upload(camera, near, perspective=not request.orthographic)
         options = RasterOptions(sh_degree=model.splats.sh_degree, antialiased=antialiased)
         frame = rasterize(model.part(request.share), seen, options)
-        colors = frame.colors
-        if model.drawing.linear:
-            colors = linear_to_srgb([c / model.drawing.white for c in colors])
-        colors, alpha = [dr.clip(c, 0, 1) for c in colors], 1 - frame.T
+        of_light, white = model.drawing.linear, dr.opaque(mi.Float, model.drawing.white)
+        colors, alpha = [dr.maximum(c, 0) if of_light else dr.clip(c, 0, 1) for c in frame.colors], 1 - frame.T
         if request.background is not None:
             behind = [dr.opaque(mi.Float, value) for value in request.background]
             colors = [dr.fma(frame.T, b, c) for c, b in zip(colors, behind, strict=True)]
             alpha = dr.full(mi.Float, 1, dr.width(frame.T))
-        if request.linear:
+        if request.linear and not of_light:
             colors = srgb_to_linear(colors)
+        elif of_light and not request.linear:
+            colors = [dr.clip(c, 0, 1) for c in linear_to_srgb([c / white for c in colors])]
         pixels: Any = dr.ravel(mi.Vector4f(*colors, alpha))
         yield 1.0, pixels.numpy().reshape(camera.height, camera.width, 4)
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+TOE = 0.0031308  # below it the curve is a line
+WHITE_SLOPE = 1.055 / 2.4  # of the curve at 1
+
 
 def srgb_to_linear(values: ArrayLike) -> NDArray[np.float32]:
     """sRGB encoded values to linear ones (IEC 61966-2-1), not clamped; negative ones stay linear."""
@@ -17,7 +20,7 @@ def linear_to_srgb(values: ArrayLike) -> NDArray[np.float32]:
     """The inverse of `srgb_to_linear`."""
     v = np.asarray(values, np.float32)
     curve = 1.055 * np.maximum(v, 0) ** (1 / 2.4) - 0.055
-    return np.where(v <= 0.0031308, 12.92 * v, curve).astype(np.float32)
+    return np.where(v <= TOE, 12.92 * v, curve).astype(np.float32)
 
 
 def displayed(radiance: ArrayLike, white: float = 1.0) -> NDArray[np.float32]:
@@ -28,3 +31,20 @@ def displayed(radiance: ArrayLike, white: float = 1.0) -> NDArray[np.float32]:
 def luminance(linear: NDArray) -> NDArray:
     """Of linear colours [..., 3] with the primaries of sRGB (Rec. 709)."""
     return linear @ np.array([0.2126, 0.7152, 0.0722], linear.dtype)
+
+
+def linear_to_srgb_log(values: ArrayLike) -> NDArray[np.float64]:
+    """The sRGB curve up to 1, from there on the logarithm that continues it: 1 + 0.44 ln x; negative ones stay linear.
+
+    The tone curve of training (``training/tone_curve.py``): an error counts as the eye sees it, at any brightness.
+    """
+    v = np.asarray(values, np.float64)
+    power = 1.055 * np.clip(v, TOE, 1) ** (1 / 2.4) - 0.055
+    return np.where(v > 1, 1 + WHITE_SLOPE * np.log(np.maximum(v, 1)), np.where(v > TOE, power, 12.92 * v))
+
+
+def srgb_log_to_linear(values: ArrayLike) -> NDArray[np.float64]:
+    """The inverse of `linear_to_srgb_log`."""
+    v = np.asarray(values, np.float64)
+    power = ((np.clip(v, 0, 1) + 0.055) / 1.055) ** 2.4
+    return np.where(v > 1, np.exp((np.maximum(v, 1) - 1) / WHITE_SLOPE), np.where(v > 12.92 * TOE, power, v / 12.92))

@@ -21,8 +21,8 @@ def place_camera(scene, name):
     look_through(scene, build_camera(scene.collection, camera, Matrix.Identity(4), "", False))
 
 
-def rendered(scene, engine, folder):
-    """[H, W, 3] in 0..1, rows from the top."""
+def rendered(scene, engine, folder, most=1.0):
+    """[H, W, 3] in 0..most, rows from the top."""
     scene.render.engine = engine
     scene.render.image_settings.file_format, scene.render.filepath = "OPEN_EXR", str(folder / "out.exr")
     scene.render.image_settings.color_depth = "32"
@@ -30,7 +30,7 @@ def rendered(scene, engine, folder):
     image = bpy.data.images.load(str(folder / "out.exr"))
     pixels = np.empty(image.size[0] * image.size[1] * 4, np.float32)
     image.pixels.foreach_get(pixels)
-    return pixels.reshape(image.size[1], image.size[0], 4)[::-1, :, :3].clip(0, 1)
+    return pixels.reshape(image.size[1], image.size[0], 4)[::-1, :, :3].clip(0, most)
 
 
 def psnr(a, b):

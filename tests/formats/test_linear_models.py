@@ -11,6 +11,7 @@ from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.scene.drawing import Drawing, drawn_as
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.srgb import linear_to_srgb_log
 from tiny_data import truth
 
 WHITE = 500.0
@@ -40,6 +41,23 @@ def test_radiance_far_above_white_survives(tmp_path, suffix):
     assert write_model(tmp_path / f"a{suffix}", model) == []
     found, expected = colours(read_model(tmp_path / f"a{suffix}").splats), colours(model.splats)
     assert found.max() == pytest.approx(expected.max(), rel=0.02)
+
+
+def test_lamps_take_nothing_from_the_shadows_of_a_sog_file(tmp_path):
+    """Radiance over six orders of magnitude, more values than the table has: each as far off as the eye sees."""
+    rng = np.random.default_rng(0)
+    n = 2000
+    wanted = np.geomspace(1e-4, 100, 3 * n).reshape(n, 3)
+    splats = Splats(
+        means=rng.normal(size=(n, 3)),
+        log_scales=np.full((n, 3), -3.0),
+        quats=np.tile([0.0, 0, 0, 1], (n, 1)),
+        logit_opacities=np.zeros(n),
+        sh_coeffs=((wanted - 0.5) / 0.28209479)[:, None],
+    )
+    write_model(tmp_path / "a.sog", Model(brightened(splats, WHITE), DRAWING))
+    found = colours(read_model(tmp_path / "a.sog").splats) / WHITE
+    np.testing.assert_allclose(linear_to_srgb_log(found), linear_to_srgb_log(wanted.ravel()), atol=0.01)
 
 
 def test_spz_clamps_what_is_far_above_white_and_tells(tmp_path):

@@ -26,6 +26,7 @@ from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import read_ply, write_ply
+from mi_dogsplat.scene.radiance import brightened
 from splat_scenes import random_splats, rounded, square_camera, tilted_camera
 
 ROOT = Path(__file__).parents[2]
@@ -76,6 +77,10 @@ def references(tmp_path_factory) -> Path:
     mixed = dog.with_sh_degrees(np.arange(150) % 4)
     write_ply(folder / "rows.ply", mixed, "rows")
     write_ply(folder / "padded.ply", mixed)
+    linear = Model(brightened(dog, 3.0), Drawing(linear=True, white=2.5))
+    write_model(folder / "linear.ply", linear)
+    picture = render_picture(upload(linear.splats), camera, RasterOptions(sh_degree=3), linear=True)
+    np.savez(folder / "linear.npz", radiance=np.asarray(picture.radiance))
     np.savez(folder / "spz.npz", **vars(read_model(folder / "plain.spz").splats))
     reference(folder, "square", dog, square_camera(96, 64, 90.0))
     if SHARED.is_dir():

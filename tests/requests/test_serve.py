@@ -4,17 +4,21 @@ import io
 import json
 import subprocess
 import sys
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
 import pytest
+from mi_dogsplat import Drawing, Model, write_model
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.requests.answer import Answerer
 from mi_dogsplat.requests.request import read_request
+from mi_dogsplat.requests.scene_description import load_scene
 from mi_dogsplat.requests.serve import Lines, serve
 from mi_dogsplat.scene.ply import write_ply
+from mi_dogsplat.scene.radiance import brightened
 from splat_scenes import random_splats, rounded, square_camera
 
 WIDTH, HEIGHT = 24, 16
@@ -82,6 +86,18 @@ def test_splats_alone_are_the_picture_of_the_command(folder):
     covered = picture["alpha"] > 0
     np.testing.assert_array_equal(picture["matte"][covered][:, 0, 0], picture["object"][covered])
     np.testing.assert_allclose(picture["matte"][covered][:, 0, 1], picture["alpha"][covered], atol=1e-6)
+
+
+def test_a_linear_model_is_radiance_alone_and_in_a_scene(folder):
+    write_model(folder / "linear.ply", Model(brightened(SPLATS, 4.0), Drawing(linear=True, white=2.0)))
+    found = answered({"model": str(folder / "linear.ply"), "camera": camera_json()})["color"]
+    expected = render_picture(upload(brightened(SPLATS, 4.0)), CAMERA, RasterOptions(SPLATS.sh_degree), linear=True)
+    assert found.max() > 1 and expected.radiance is not None
+    np.testing.assert_allclose(found, np.maximum(expected.radiance, 0), atol=1e-5)
+    for name, linear in (("linear", True), ("model", False)):
+        model = mi.load_dict({"type": "dog", "filename": str(folder / f"{name}.ply")})
+        scene: Any = load_scene(read_request({"scene": str(folder / "scene.json")}), model)
+        assert scene.integrator().drawn_as(scene).linear == linear
 
 
 def test_passes_of_a_scene_look_past_lamps(folder):

@@ -6,6 +6,7 @@ import threading
 
 import numpy as np
 import pytest
+from mi_dogsplat import Drawing, Model, read_model, write_model
 from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
@@ -18,8 +19,9 @@ from mi_dogsplat.requests.view_request import read_view_request
 from mi_dogsplat.requests.views import Views
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import write_ply
+from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.support.srgb import srgb_to_linear
+from mi_dogsplat.support.srgb import displayed, srgb_to_linear
 from splat_scenes import random_splats, rounded, square_camera
 
 WIDTH, HEIGHT = 24, 16
@@ -199,3 +201,16 @@ def test_a_wrong_request_is_one_line(folder, wrong, problem):
     with pytest.raises(DataError, match=problem) as caught:
         list(Views().frames(read_view_request(request)))
     assert "\n" not in str(caught.value) and "; " in str(caught.value)
+
+
+def test_a_linear_model_is_radiance_or_what_a_screen_shows_of_it(folder, views, tmp_path):
+    path = tmp_path / "linear.ply"
+    write_model(path, Model(brightened(SPLATS, 3.0), Drawing(linear=True, white=2.0)))
+    request = {"model": str(path), "camera": camera_json()}
+    splats, behind = read_model(path).splats, [0.5, 1.0, 2.0]
+    picture = render_picture(upload(splats), CAMERA, RasterOptions(sh_degree=SPLATS.sh_degree), linear=True, white=2.0)
+    assert picture.radiance is not None and picture.radiance.max() > 1.2
+    over = np.maximum(picture.radiance, 0) + (1 - picture.alpha[..., None]) * behind
+    radiance = last(views, {**request, "linear": True, "background": behind})
+    np.testing.assert_allclose(radiance[..., :3], over, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(last(views, {**request, "background": behind})[..., :3], displayed(over, 2.0), atol=1e-4)

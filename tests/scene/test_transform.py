@@ -106,8 +106,14 @@ def test_the_parts_of_a_similarity_are_found_again():
     assert abs(scale - 1.7) < 1e-12
 
 
-@pytest.mark.parametrize("linear", [np.diag([1.0, 1, 2]), np.diag([1.0, 1, -1]), np.zeros((3, 3)),
+def test_a_mirror_image_is_a_similarity_too():
+    isometry, scale, _ = decompose_similarity(similarity(1.7, -ROTATION))
+    np.testing.assert_allclose(isometry, -ROTATION, atol=1e-12)
+    assert abs(scale - 1.7) < 1e-12
+
+
+@pytest.mark.parametrize("linear", [np.diag([1.0, 1, 2]), np.diag([2.0, 1, -1]), np.zeros((3, 3)),
                                     np.eye(3) + np.eye(3, k=1) / 2, np.diag([1, 1, np.nan])])
-def test_shears_mirrors_and_collapses_are_errors(linear):
-    with pytest.raises(ValueError, match="shears, mirrors or collapses"):
+def test_shears_stretches_and_collapses_are_no_similarities(linear):
+    with pytest.raises(ValueError, match="shears, stretches or collapses"):
         decompose_similarity(similarity(1, linear))

@@ -22,7 +22,7 @@ Examples:
 
 A line is a request, {"out": "frame.npz", "model": "model.ply", "camera": {...}} or {"out": "frame.npz",
 "scene": "scene.json", "samples": 64}; what else may be in it, and the lines that come back, is in
-docs/blender.md. It ends with its input.
+docs/blender_details.md. It ends with its input.
 """
 
 
