@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .model import Model
-from .transform import C0
+from .sh import C0
 
 TOE = 0.0031308  # of the sRGB curve: below it is a line
 

@@ -69,7 +69,7 @@ def _drawn() -> None:
     context = bpy.context
     scene, space, region = context.scene, context.region_data, context.region
     ours = space is not None and is_ours(scene, context.space_data)
-    if WATCHER.draws(ours) and not _ticking():
+    if (WATCHER.draws(ours) or ours) and not _ticking():  # ours: a model may be new, or shown whole by a save
         bpy.app.timers.register(_tick, first_interval=INTERVAL)
     if space is None or ours or (scene.dogsplat_moving == "ALL" and not scene.dogsplat_follow_view):
         return

@@ -29,7 +29,7 @@ from blender_addon.viewport.pace import LEVELS, REST, SPARE, TARGET, Level, Pace
 from blender_addon.viewport.region import rendered_part, seen_by
 from blender_addon.viewport.rendered import request_of
 from blender_addon.viewport.stream import Stream
-from blender_addon.viewport.watcher import Shown
+from blender_addon.viewport.watcher import Shown, Watcher
 
 COMMAND = tuple(json.loads(os.environ["DOGSPLAT_COMMAND"]))
 SIZE = 96, 64
@@ -408,6 +408,16 @@ def test_blender_draws_few_splats_itself_where_our_engine_draws_every_viewport(s
     scene.render.engine = ENGINE
     assert at_rest(scene, [window("RENDERED"), window("RENDERED")]) == Shown(BEHIND_OURS)
     assert at_rest(scene, [window("RENDERED", "MATERIAL")]) == at_rest(scene, []) == Shown()
+
+
+def test_blender_shows_its_own_splats_again_when_our_engine_leaves(scene, model):
+    modifier, watcher = splat_modifier(load(model)), Watcher()
+    assert watcher.draws(True) and not watcher.draws(True)
+    assert watcher.tick(scene, 100.0, Shown(), Shown(30)) is None
+    assert get_input(modifier, "Moving Share") == pytest.approx(0.2)
+    assert watcher.draws(False)
+    watcher.tick(scene, 101.0, Shown(), Shown())
+    assert get_input(modifier, "Moving Share") == 1
 
 
 def test_a_final_picture_is_ordered_as_before(scene, tmp_path):
