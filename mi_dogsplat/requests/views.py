@@ -26,7 +26,7 @@ from .view_request import ViewRequest
 from .view_sensor import sensor_of
 
 STEP_SAMPLES = 2  # of a scene, between two pictures after the first
-BAND_PIXELS = 200_000  # of a scene, between two looks whether another picture is wanted
+BAND_PIXELS = 100_000  # of a scene, between two looks whether another picture is wanted
 SEED_STEP = 1_009  # between the noise of two rows
 Steps = Iterator[tuple[float, np.ndarray]]  # share that is done, and the picture so far
 
@@ -125,9 +125,13 @@ class Views:
 
 
 def _bands(camera: Camera) -> list[slice]:
-    """Rows that are drawn at a time, so that a view that moves waits for no more."""
-    count = max(BAND_PIXELS // camera.width, 1)
-    return [slice(top, min(top + count, camera.height)) for top in range(0, camera.height, count)]
+    """Rows that are drawn at a time, so that a view that moves waits for no more.
+
+    As many in each, or kernels would be compiled for the last: it may draw some rows again.
+    """
+    count = min(max(BAND_PIXELS // camera.width, 1), camera.height)
+    tops = (min(top, camera.height - count) for top in range(0, camera.height, count))
+    return [slice(top, top + count) for top in tops]
 
 
 def _signature(path: Path) -> tuple:

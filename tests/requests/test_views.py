@@ -123,7 +123,7 @@ def test_a_scene_without_a_sky_is_lit_while_it_moves(folder, views):
 
 
 def test_paths_are_added_until_somebody_asks_for_something_else(folder, views, monkeypatch):
-    monkeypatch.setattr(views_module, "BAND_PIXELS", 5 * WIDTH)  # bands of 5, 5, 5 and 1 rows
+    monkeypatch.setattr(views_module, "BAND_PIXELS", 5 * WIDTH)  # bands of 5 rows, the last from row 11
     request = read_view_request({"scene": str(folder / "scene.json"), "camera": camera_json(), "samples": 6})
     steps = list(views.frames(request))
     assert [share for share, _ in steps] == pytest.approx([1 / 6, 3 / 6, 5 / 6, 1])
