@@ -202,7 +202,7 @@ def test_bodies_are_where_cycles_has_them(scene, tmp_path):
 
 def written(scene, tmp_path):
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    result = write_scene(depsgraph, camera_numbers(scene, scene.camera), tmp_path / "scene.json", 0)
+    result = write_scene(depsgraph, None, camera_numbers(scene, scene.camera), tmp_path / "scene.json", 0)
     return result, json.loads((tmp_path / "scene.json").read_text())
 
 

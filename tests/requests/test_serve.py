@@ -16,7 +16,7 @@ from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.requests.answer import Answerer
 from mi_dogsplat.requests.request import read_request
 from mi_dogsplat.requests.scene_description import load_scene
-from mi_dogsplat.requests.serve import lines_until_idle, serve
+from mi_dogsplat.requests.serve import Lines, serve
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.radiance import brightened
 from splat_scenes import random_splats, rounded, square_camera
@@ -166,8 +166,8 @@ def test_a_process_ends_when_nobody_asks():
 
         time.sleep(30)
 
-    assert list(lines_until_idle(slow(), 0.05)) == ["first"]
-    assert list(lines_until_idle(["a", "b"], 60)) == ["a", "b"]
+    assert list(Lines(slow(), 0.05)) == ["first"]
+    assert list(Lines(["a", "b"], 60)) == list(Lines(["a", "b"])) == ["a", "b"]
 
 
 def test_what_mitsuba_prints_is_no_answer(folder):
