@@ -19,7 +19,7 @@ from ..support.errors import DataError, gist
 from .gradual import means
 from .headlight import QuickIntegrator
 from .request import SOURCE
-from .scene_description import hides_background, load_scene
+from .scene_description import load_scene
 from .shares import Shares
 from .view_request import ViewRequest
 from .view_sensor import sensor_of
@@ -42,7 +42,7 @@ class Views:
         """
         try:
             yield from self._scene(request, interrupted) if request.scene else self._alone(request)
-        except (RuntimeError, ValueError) as error:
+        except (RuntimeError, ValueError, TypeError) as error:
             if isinstance(error, DataError):
                 raise
             source = request.scene or request.model or SOURCE
@@ -85,12 +85,11 @@ class Views:
         scene, quick = self._keep("scene", files, how, lambda: self._load(request, sensor))
         if not request.samples:
             picture = np.array(mi.render(scene, sensor=sensor, integrator=quick, spp=1), np.float32)
-            if scene.environment() is not None and not request.transparent:
+            if not request.transparent:
                 picture[..., 3] = 1
             yield 1.0, picture
             return
-        behind = hides_background(request)
-        for done, mean in means(scene, sensor, request.samples, request.seed, behind, STEP_SAMPLES):
+        for done, mean in means(scene, sensor, request, STEP_SAMPLES):
             yield done / request.samples, mean
             if interrupted():
                 return

@@ -172,7 +172,7 @@ def test_a_model_that_has_changed_is_read_again(folder, views, tmp_path):
         ({"camera": None}, "camera"), ({"model": None}, "scene"), ({"share": 0}, "share"),
         ({"passes": ["depth"]}, "passes"), ({"clip": [2, 1]}, "clip"),
         ({"samples": -1}, "samples"), ({"model": "none.ply"}, "none.ply"),
-        ({"background": [1, "a", 1]}, "could not convert"), ({"tilt": 1}, "tilt"),
+        ({"background": [1, "a", 1]}, "three numbers"), ({"tilt": 1}, "tilt"),
     ],
 )  # fmt: skip
 def test_a_wrong_request_is_one_line(folder, wrong, problem):
