@@ -10,7 +10,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat.cli.main import main
+from command_line import assert_one_line, run
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import render_picture
@@ -204,8 +204,7 @@ def test_a_process_ends_when_nobody_asks():
 
 @pytest.mark.parametrize("seconds", ["0", "-3", "nan"])
 def test_waiting_takes_some_time(seconds, capsys):
-    assert main(["serve", "--idle", seconds]) == 2
-    assert "--idle" in capsys.readouterr().err
+    assert_one_line(run(capsys, "serve", "--idle", seconds), "--idle")
 
 
 def test_what_mitsuba_prints_is_no_answer(folder):
