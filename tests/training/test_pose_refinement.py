@@ -9,6 +9,7 @@ import drjit as dr
 import numpy as np
 import pytest
 import tiny_data
+from hdr_data import write_hdr_data
 from launches import launches
 from mi_dogsplat.datasets import Dataset, camera_extent, load_dataset
 from mi_dogsplat.datasets.camera_paths import look_at
@@ -124,6 +125,22 @@ def test_a_step_follows_the_mean_gradient_in_units_of_the_picture_with_a_pull_an
         np.testing.assert_allclose(view.camera.w2c, expected[k], atol=1e-12)
     positions = np.array([view.camera.position for view in trainer.photographs.originals])
     np.testing.assert_allclose(trainer.photographs.positions, positions)
+
+
+def test_radiance_in_another_unit_gives_the_same_motions(tmp_path, at_once):
+    """A power of two, which rounds nothing otherwise."""
+    dataset = load_dataset(write_hdr_data(tmp_path / "data"))
+
+    def motions(factor: float) -> np.ndarray:
+        train = [
+            View(v.name, v.camera, v.image * np.float32(factor), white=factor * (v.white or 1)) for v in dataset.train
+        ]
+        trainer = Trainer(config_of(tmp_path / "data"), replace(dataset, train=train, test=[]))
+        return poses_of(stepped(trainer, 2 * len(train))).motions
+
+    expected = motions(1.0)
+    assert np.abs(expected).max() > 1e-3
+    np.testing.assert_allclose(motions(1024.0), expected, atol=1e-3 * np.abs(expected).max())
 
 
 @dataclass(frozen=True)

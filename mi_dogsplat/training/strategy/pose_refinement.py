@@ -29,7 +29,6 @@ import numpy as np
 from ...engine.arrays import detached
 from ...engine.device_camera import DeviceCamera, Nudge
 from ...engine.parameters import device_array
-from ...render.picture import over_background
 from ...scene.camera_motions import common_motions, motion_gradient, moved_w2c, preconditioners, without_common
 from ..events import Event, PosesRefined
 from ..milestones import scaled_milestone
@@ -138,10 +137,13 @@ def _scales(t: Training) -> np.ndarray:
 
 
 def _slopes(t: Training) -> np.ndarray:
-    """[V] by how much a photograph would change along its longer side if it went on as from pixel to pixel, mean."""
+    """[V] by how much a photograph would change along its longer side if it went on as from pixel to pixel, mean.
+
+    In what the loss sees of it, of which its gradients are: of linear radiance in units of white, through the curve.
+    """
     found = []
     for view in t.photographs.originals:
-        image = over_background(view.image, t.photographs.background)
+        image = t.photographs.as_seen(view.image)
         changes = [float(np.abs(np.diff(image, axis=axis)).mean()) for axis in (0, 1) if image.shape[axis] > 1]
         found.append(max(image.shape[:2]) * float(np.mean(changes or [0.0])))
     return np.maximum(found, FLATTEST)
