@@ -45,7 +45,7 @@ def write_refined(folder: Path, dataset: Dataset, data: Path, moved: Mapping[str
     Raises ``DataError``.
     """
     sources, test = _sources(data)
-    paths = {source.name: os.path.relpath(source.image_path, folder).replace(os.sep, "/") for source in sources}
+    paths = {source.name: _path_from(folder, source.image_path) for source in sources}
     split = {
         "train_filenames": [paths[source.name] for source in sources if source.name not in test],
         "val_filenames": [paths[name] for name in test],
@@ -60,6 +60,14 @@ def write_refined(folder: Path, dataset: Dataset, data: Path, moved: Mapping[str
     with replacing(folder / "transforms.json") as part:
         content = {"ply_file_path": "points.ply", **(split if test else {}), "frames": frames}
         part.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _path_from(folder: Path, path: Path) -> str:
+    """Of a file as seen from a folder; absolute where they lie on two drives."""
+    try:
+        return os.path.relpath(path, folder).replace(os.sep, "/")
+    except ValueError:
+        return path.resolve().as_posix()
 
 
 def _sources(data: Path) -> tuple[list[ViewSource], list[str]]:
