@@ -108,7 +108,8 @@ def exposed_by(picture: Picture, white: float | None) -> np.ndarray:
 
 
 def as_taken(picture: Picture, camera: Camera, numbers: ArrayLike) -> Picture:
-    """The picture as a camera takes it, with its exposure, white balance and vignetting (``scene/appearance.py``)."""
+    """The picture of display-referred colours as a camera takes it, with its exposure, white balance and vignetting
+    (``scene/appearance.py``)."""
     color = np.clip(photographed(picture.color, radii_squared(camera), numbers), 0, 1)
     return replace(picture, color=color)
 
