@@ -83,6 +83,8 @@ def read_world(folder: Path) -> World:
     content = read_json(path, remedy)
     if not isinstance(content, dict):
         raise DataError(path, "is no JSON object", remedy)
+    if unknown := sorted(set(content) - {"up", "scale"}):
+        raise DataError(path, f'"{unknown[0]}" is unknown', remedy)
     found = {name: value_of(name, content[name]) for name in ("up", "scale") if content.get(name) is not None}
     if wrong := [name for name, value in found.items() if value is None]:
         raise DataError(path, f'"{wrong[0]}" is {content[wrong[0]]!r}', remedy)

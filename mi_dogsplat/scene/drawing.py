@@ -113,6 +113,8 @@ def value_of(name: str, value: Any) -> Any:
         return value if isinstance(value, bool) else FLAGS.get(str(value).lower())
     if name == "up":
         return _direction(value)
+    if isinstance(value, bool):
+        return None
     try:
         number = float(value)
     except (TypeError, ValueError):
