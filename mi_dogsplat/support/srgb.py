@@ -5,19 +5,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+POWER, OFFSET, SLOPE = 2.4, 0.055, 12.92  # IEC 61966-2-1
+KNEE, LINEAR_KNEE = 0.04045, 0.0031308  # below: a line of this slope, encoded and linear
+
 
 def srgb_to_linear(values: ArrayLike) -> NDArray[np.float32]:
     """sRGB encoded values to linear ones (IEC 61966-2-1), not clamped; negative ones stay linear."""
     v = np.asarray(values, np.float32)
-    curve = ((np.maximum(v, 0) + 0.055) / 1.055) ** 2.4
-    return np.where(v <= 0.04045, v / 12.92, curve).astype(np.float32)
+    curve = ((np.maximum(v, 0) + OFFSET) / (1 + OFFSET)) ** POWER
+    return np.where(v <= KNEE, v / SLOPE, curve).astype(np.float32)
 
 
 def linear_to_srgb(values: ArrayLike) -> NDArray[np.float32]:
     """The inverse of `srgb_to_linear`."""
     v = np.asarray(values, np.float32)
-    curve = 1.055 * np.maximum(v, 0) ** (1 / 2.4) - 0.055
-    return np.where(v <= 0.0031308, 12.92 * v, curve).astype(np.float32)
+    curve = (1 + OFFSET) * np.maximum(v, 0) ** (1 / POWER) - OFFSET
+    return np.where(v <= LINEAR_KNEE, SLOPE * v, curve).astype(np.float32)
 
 
 def displayed(radiance: ArrayLike, white: float = 1.0) -> NDArray[np.float32]:
