@@ -22,9 +22,7 @@ from .colmap import find_model, image_folder, read_sources
 from .dataset import Dataset, every_eighth
 from .images import ViewSource
 from .point_ply import write_point_ply
-from .transforms import NAME, find_transforms, split_sources
-
-INTRINSICS = {"w": "width", "h": "height", "fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy"}
+from .transforms import NAME, find_transforms, intrinsics_of, split_sources
 
 
 def require_photographs(path: Path) -> None:
@@ -89,5 +87,4 @@ def _optics(source: ViewSource) -> dict[str, Any]:
     radial = {f"k{k}": value for k, value in enumerate(lens.radial, 1)}
     tangential = {} if lens.fisheye else dict(zip(("p1", "p2"), lens.tangential, strict=True))
     distortion = {} if lens.straight else radial | tangential
-    intrinsics = {key: getattr(source.camera, name) for key, name in INTRINSICS.items()}
-    return {"camera_model": model, **intrinsics, **distortion}
+    return {"camera_model": model, **intrinsics_of(source.camera), **distortion}
