@@ -39,5 +39,5 @@ def encoded_slope(value: Any, light: Any) -> Any:
 
 def encoded_slope_of(light: Any) -> Any:
     """The same where ``encoded(light)`` is not at hand."""
-    power = WHITE_SLOPE * dr.power(dr.maximum(light, LINEAR_KNEE), 1 / POWER - 1)
-    return dr.select(light > LINEAR_KNEE, power, SLOPE)
+    power: Any = dr.power(dr.maximum(light, LINEAR_KNEE), 1 / POWER - 1)
+    return dr.select(light > LINEAR_KNEE, WHITE_SLOPE * power, SLOPE)
