@@ -10,9 +10,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..support.srgb import KNEE, LINEAR_KNEE, OFFSET, POWER, SLOPE
-
-WHITE_SLOPE = (1 + OFFSET) / POWER  # of the encoded value at 1
+from ..support.srgb import KNEE, LINEAR_KNEE, OFFSET, POWER, SLOPE, WHITE_SLOPE
 
 
 def decoded(value: Any) -> Any:

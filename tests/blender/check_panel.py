@@ -37,6 +37,11 @@ class Layout:
         category, _, function = name.partition(".")
         getattr(getattr(bpy.ops, category), function).get_rna_type()  # raises where there is none
         self.drawn.append(name)
+        return SimpleNamespace()
+
+    def progress(self, factor, text, translate=True):
+        assert 0 <= factor <= 1
+        self.drawn.append(text)
 
     def prop(self, data, name, **options):
         data.path_resolve(name)
@@ -109,7 +114,7 @@ def test_the_panel_says_what_hides_colors_and_lobes(scene, model):
 def test_the_render_properties_have_the_settings_of_the_engine_alone(scene):
     layout = Layout()
     DOGSPLAT_PT_render.draw(SimpleNamespace(layout=layout), bpy.context)
-    assert layout.drawn == ["send", "samples", "bounces", "Colors of Splats Only"]
+    assert layout.drawn == ["send", "samples", "bounces", "mesh_shadows", "Colors of Splats Only"]
     scene.dogsplat.send = "SPLATS"
     layout.drawn.clear()
     DOGSPLAT_PT_render.draw(SimpleNamespace(layout=layout), bpy.context)

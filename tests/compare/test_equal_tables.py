@@ -92,12 +92,12 @@ def test_the_margin_is_told_by_its_parts_where_all_have_a_row():
 
 def test_the_nearest_run_is_that_of_the_nearest_ratio_and_nothing_is_interpolated():
     ours = row("ours", [30.0], megabytes=2.0)
-    paper = row("paper", [29.0], megabytes=0.9, seconds=40.0, **{"0.2": (29.7, 1.9), "0.4": (29.9, 4.1)})
+    paper = row("paper", [29.0], megabytes=0.9, seconds=4346.0, **{"0.2": (29.7, 1.9), "0.4": (29.9, 4.1)})
     rows = {"ours": ours, "paper": paper}
     assert nearest(paper, "megabytes", 2.0) == "0.2" and nearest(paper, "megabytes", 1.0) == ""
     by_size, by_time = tables_of_equals(rows, "0.1")
-    assert by_size["rows"] == [["ours", "0.1", "2", "1.00", "30.00"], ["paper", "0.2", "1.9", "0.95", "29.70"]]
-    assert by_time["rows"][1][:4] == ["paper", "0.1", "40", "4.00"]
+    assert by_size["rows"] == [["ours", "0.1", "2.00", "1.00", "30.00"], ["paper", "0.2", "1.90", "0.95", "29.70"]]
+    assert by_time["rows"][1][:4] == ["paper", "0.1", "4,346", "434.60"]
 
 
 def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path, monkeypatch):

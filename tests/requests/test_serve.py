@@ -4,17 +4,21 @@ import io
 import json
 import subprocess
 import sys
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
 import pytest
+from mi_dogsplat import Drawing, Model, write_model
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.requests.answer import Answerer
 from mi_dogsplat.requests.request import read_request
-from mi_dogsplat.requests.serve import lines_until_idle, serve
+from mi_dogsplat.requests.scene_description import load_scene
+from mi_dogsplat.requests.serve import Lines, serve
 from mi_dogsplat.scene.ply import write_ply
+from mi_dogsplat.scene.radiance import brightened
 from splat_scenes import random_splats, rounded, square_camera
 
 WIDTH, HEIGHT = 24, 16
@@ -84,6 +88,18 @@ def test_splats_alone_are_the_picture_of_the_command(folder):
     np.testing.assert_allclose(picture["matte"][covered][:, 0, 1], picture["alpha"][covered], atol=1e-6)
 
 
+def test_a_linear_model_is_radiance_alone_and_in_a_scene(folder):
+    write_model(folder / "linear.ply", Model(brightened(SPLATS, 4.0), Drawing(linear=True, white=2.0)))
+    found = answered({"model": str(folder / "linear.ply"), "camera": camera_json()})["color"]
+    expected = render_picture(upload(brightened(SPLATS, 4.0)), CAMERA, RasterOptions(SPLATS.sh_degree), linear=True)
+    assert found.max() > 1 and expected.radiance is not None
+    np.testing.assert_allclose(found, np.maximum(expected.radiance, 0), atol=1e-5)
+    for name, linear in (("linear", True), ("model", False)):
+        model = mi.load_dict({"type": "dog", "filename": str(folder / f"{name}.ply")})
+        scene: Any = load_scene(read_request({"scene": str(folder / "scene.json")}), model)
+        assert scene.integrator().drawn_as(scene).linear == linear
+
+
 def test_passes_of_a_scene_look_past_lamps(folder):
     request = {"scene": str(folder / "scene.json"), "samples": 4, "passes": ["depth", "normal", "object", "matte"]}
     picture = answered(request)
@@ -109,6 +125,19 @@ def test_splats_in_a_scene_are_in_front_of_its_surfaces(folder):
     covered = alone["alpha"] > 0  # not where negative lobes prevail
     alpha, depth = alone["alpha"][covered], alone["depth"][covered]
     np.testing.assert_allclose(picture["depth"][covered], alpha * depth + (1 - alpha) * 30, rtol=1e-3)
+
+
+def test_surfaces_of_a_scene_cast_shadows_onto_splats_where_that_is_asked_for(folder):
+    """A wall behind the camera hides what the splats in front of it have of the sky."""
+    described = json.loads((folder / "scene.json").read_text())
+    c2w = np.linalg.inv(CAMERA.w2c)
+    c2w[:3, 3] -= 0.1 * c2w[:3, 2]
+    del described["light_0"]
+    described["object_3_wall"] = described["object_2_wall"] | {"to_world": matrix(c2w @ np.diag([100.0, 100, 1, 1]))}
+    (folder / "dark.json").write_text(json.dumps(described))
+    request = {"scene": str(folder / "dark.json"), "model": str(folder / "model.ply"), "samples": 1}
+    dark, light = (answered(request | how)["color"].mean() for how in ({"mesh_shadows": True}, {}))
+    assert dark < 0.6 * light
 
 
 def test_a_wrong_request_is_one_line_and_the_next_one_is_answered(folder):
@@ -137,8 +166,8 @@ def test_a_process_ends_when_nobody_asks():
 
         time.sleep(30)
 
-    assert list(lines_until_idle(slow(), 0.05)) == ["first"]
-    assert list(lines_until_idle(["a", "b"], 60)) == ["a", "b"]
+    assert list(Lines(slow(), 0.05)) == ["first"]
+    assert list(Lines(["a", "b"], 60)) == list(Lines(["a", "b"])) == ["a", "b"]
 
 
 def test_what_mitsuba_prints_is_no_answer(folder):
