@@ -1,8 +1,8 @@
 """Noise of the light of splats in ``dogpath``, with and without sampling the directions of captured lamps.
 
 The scenes are scenes/still_life_indoors.xml, which has no such lamp, and the same with one bright splat in place of its
-luminous sphere and its window. "variance" is that of a pixel over seeds, "noise" its square root over the pixel's mean;
-"dark" has splats without light on all segments but the first: no sampling of them could leave less noise.
+model, its luminous sphere and its window. "variance" is that of a pixel over seeds, "noise" its square root over the
+pixel's mean; "dark" has splats without light on all segments but the first: no sampling of them could leave less noise.
 """
 
 from __future__ import annotations
@@ -47,8 +47,9 @@ def main(argv: list[str]) -> None:
 
     sought, emitted = dogpath.lamps_of, light_paths.emitted
 
-    def row(scene: Any, name: str, how: str, lamps: Callable, light: Callable) -> None:
+    def row(make: Callable[[], Any], name: str, how: str, lamps: Callable, light: Callable) -> None:
         dogpath.lamps_of, light_paths.emitted = lamps, light
+        scene = make()  # an integrator of its own, which knows nothing from before
         size = args.size[0], args.size[1]
         picture(scene, args.spp, size, args.seeds)  # compiles
         start = time.process_time()
@@ -73,9 +74,8 @@ def main(argv: list[str]) -> None:
         write_ply(file, lamp())
         shape = ElementTree.fromstring('<shape type="dog"><string name="filename"/></shape>')
         shape[0].set("value", str(file))
-        captured = with_lamp(INDOORS, shape)
-    room = loaded(INDOORS)
-    for scene, name in ((room, "indoors"), (captured, "captured lamp")):
-        row(scene, name, "BSDF sampling", nothing, emitted)
-        row(scene, name, "lamps sampled too", sought, emitted)
-        row(scene, name, "dark", nothing, dark)
+        scenes = {"indoors": lambda: loaded(INDOORS), "captured lamp": lambda: with_lamp(INDOORS, shape)}
+        for name, make in scenes.items():
+            row(make, name, "BSDF sampling", nothing, emitted)
+            row(make, name, "lamps sampled too", sought, emitted)
+            row(make, name, "dark", nothing, dark)

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import bpy
 
-from . import panel, preferences
+from . import panel, preferences, translations
 from .cameras import operators as camera_operators
 from .cameras import path_import_operator, path_operator
 from .editing import apply_operator, join_operator, live_operators, paint_operators, transform_operator
 from .engine import exact_settings, renderers
 from .engine import render_engine as engine
 from .engine import settings as engine_settings
+from .native import operators as native_operators
 from .objects import export_operators, following, import_operator
+from .training import panel as training_panel
+from .training import render_operator, rig_operator, train_operator
+from .training import settings as training_settings
 from .viewport import handlers
 
 CLASSES = (
@@ -30,11 +34,20 @@ CLASSES = (
     apply_operator.DOGSPLAT_OT_apply_edits,
     join_operator.DOGSPLAT_OT_join,
     transform_operator.DOGSPLAT_OT_apply_transform,
+    native_operators.DOGSPLAT_OT_to_native,
+    native_operators.DOGSPLAT_OT_to_dog,
     exact_settings.DOGSPLAT_OT_exact_settings,
     engine_settings.DogSplatRenderSettings,
     engine.DogSplatEngine,
+    training_settings.DogSplatSubject,
+    training_settings.DogSplatTrainingSettings,
+    rig_operator.DOGSPLAT_OT_make_cameras,
+    render_operator.DOGSPLAT_OT_render_views,
+    train_operator.DOGSPLAT_OT_train,
+    train_operator.DOGSPLAT_OT_stop_training,
     panel.DOGSPLAT_PT_panel,
     panel.DOGSPLAT_PT_edit,
+    training_panel.DOGSPLAT_PT_train,
     panel.DOGSPLAT_PT_render,
     panel.DOGSPLAT_PT_passes,
 )
@@ -45,6 +58,7 @@ def register() -> None:
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     bpy.types.Scene.dogsplat_colors = engine_settings.COLORS
+    bpy.types.Scene.dogsplat_training = bpy.props.PointerProperty(type=training_settings.DogSplatTrainingSettings)
     bpy.types.Scene.dogsplat = bpy.props.PointerProperty(type=engine_settings.DogSplatRenderSettings)
     for blender_panel in engine.panels_for_all_engines():
         blender_panel.COMPAT_ENGINES.add(engine.ENGINE)
@@ -54,10 +68,14 @@ def register() -> None:
         getattr(bpy.types, menu).append(draw)
     bpy.app.handlers.depsgraph_update_post.append(following.follow)
     handlers.register()
+    train_operator.register()
+    translations.register(preferences.ADDON)
 
 
 def unregister() -> None:
     """The same backwards."""
+    translations.unregister(preferences.ADDON)
+    train_operator.unregister()
     handlers.unregister()
     bpy.app.handlers.depsgraph_update_post.remove(following.follow)
     for menu, draw in reversed(panel.OBJECT_MENUS):
@@ -67,6 +85,6 @@ def unregister() -> None:
     for blender_panel in engine.panels_for_all_engines():
         blender_panel.COMPAT_ENGINES.discard(engine.ENGINE)
     renderers.close_renderers()
-    del bpy.types.Scene.dogsplat_colors, bpy.types.Scene.dogsplat
+    del bpy.types.Scene.dogsplat_colors, bpy.types.Scene.dogsplat, bpy.types.Scene.dogsplat_training
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import bpy
+from bpy.app.translations import pgettext_iface as iface_
 
 from .editing.live_operators import can_edit
 from .editing.paint_operators import painted_model
 from .editing.stand_in import stand_in_of
 from .engine.passes import SETTINGS
 from .engine.render_engine import ENGINE
+from .native.feature import is_available
 from .nodes.crop import NAME as CROP
 from .nodes.limits import NAME as LIMITS
-from .nodes.modifier import edit_modifiers, has_input, input_property, splat_modifier, tree_name
+from .nodes.modifier import SHOWN, edit_modifiers, has_input, input_property, splat_modifier, tree_name
 from .nodes.paint import NAME as PAINT
-from .objects.attributes import is_splats
+from .objects.attributes import is_native, is_splats
 from .objects.conventions import DOG_COUNT, SOURCE
 
-SHOWN = ("Show As", "SH Degree", "DoG", "Linear Colors", "Antialiased", "Near Clip", "Viewport Share")
 EDITED = {
     CROP: ("Shape", "Object", "Invert"),
     LIMITS: ("Minimum Opacity", "Minimum Size", "Maximum Size", "Maximum Count", "Count By"),
@@ -39,6 +40,12 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         if is_splats(obj):
             self._model(context, obj)
             self._viewport(context.scene, context.space_data)
+            if is_available():
+                layout.operator("dogsplat.to_native", icon="POINTCLOUD_DATA")
+        elif is_native(obj):
+            text = iface_("{name}: plain Gaussians, by Blender").format(name=obj.name)
+            layout.label(text=text, translate=False, icon="POINTCLOUD_DATA")
+            layout.operator("dogsplat.to_dog")
         row = layout.row(align=True)
         row.operator("import_scene.dogsplat", text="Import", icon="IMPORT")
         row.operator("export_scene.dogsplat", text="Export", icon="EXPORT")
@@ -53,9 +60,10 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
     def _model(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         layout = self.layout
         column = layout.column(align=True)
-        column.label(text=f"{obj.name}: {len(obj.data.vertices):,} splats", icon="POINTCLOUD_DATA")
+        text = iface_("{name}: {count:,} splats").format(name=obj.name, count=len(obj.data.vertices))
+        column.label(text=text, translate=False, icon="POINTCLOUD_DATA")
         if SOURCE in obj:
-            column.label(text=str(obj[SOURCE]), icon="FILE")
+            column.label(text=str(obj[SOURCE]), translate=False, icon="FILE")
         modifier = splat_modifier(obj)
         if modifier is None:
             column.label(text="No splat modifier: import the model again", icon="ERROR")

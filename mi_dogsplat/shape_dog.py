@@ -16,8 +16,9 @@ from .engine.sh_groups import padded_on_device
 from .formats.model import Model
 from .formats.read import read_model
 from .scene.row_groups import DOG, GROUPS, SH, RowGroup, in_several
+from .scene.sh_basis import SH_SIZES
 from .scene.splats import Splats
-from .scene.transform import decompose_similarity, transformed
+from .scene.transform import decompose_similarity, mean_scale, transformed
 
 
 class DogShape(mi.Mesh):
@@ -53,8 +54,9 @@ class DogShape(mi.Mesh):
 
      * - to_world
        - |transform|
-       - Rotation, uniform scale and translation; turns the spherical harmonics too. What is given is applied once at
-         load. The exposed parameter starts as the identity and moves the loaded primitives further. (Default: identity)
+       - Any linear map that does not flatten, and translation; turns the spherical harmonics too (docs/transforms.md).
+         What is given is applied once at load. The exposed parameter starts as the identity and moves the loaded
+         primitives further: by rotation, mirror, uniform scale and translation. (Default: identity)
        - |exposed|, |differentiable|
 
     A DoG primitive is the difference of its Gaussian and a wider or narrower *pseudo-Gaussian* with the same centre,
@@ -115,7 +117,7 @@ class DogShape(mi.Mesh):
         self._assign(splats)
         self.drawing = model.drawing
         if self.drawing.near_clip is not None:  # in units of the file
-            self.drawing = replace(self.drawing, near_clip=self.drawing.near_clip * decompose_similarity(matrix)[1])
+            self.drawing = replace(self.drawing, near_clip=self.drawing.near_clip * mean_scale(matrix))
         self.to_world, self._moves = mi.Transform4f(), False
 
     def _assign(self, splats: Splats):
@@ -139,7 +141,7 @@ class DogShape(mi.Mesh):
     def parameters_changed(self, keys: list[str] = []):  # noqa: B006 (signature of Mitsuba)
         n = self.means.shape[0]
         k = self.sh_coeffs.shape[1] if len(self.sh_coeffs.shape) == 3 else 0
-        if k not in (1, 4, 9, 16):
+        if k not in SH_SIZES:
             raise RuntimeError(f'dog: "sh_coeffs" has shape {tuple(self.sh_coeffs.shape)}, expected (N, 1/4/9/16, 3)')
         if "to_world" in keys:
             try:

@@ -1,4 +1,4 @@
-"""Frames per second of a viewport that orbits a model, in Blender's window: the table in docs/blender.md.
+"""Frames per second of a viewport that orbits a model, in Blender's window: the table in docs/blender_details.md.
 
     xvfb-run -a -s "-screen 0 1600x1000x24" blender --window-geometry 0 0 1600 1000 --factory-startup \\
         --python scripts/blender_orbit.py -- MODEL.ply [SHOW:MOVING:COUNT:FOLLOW …]

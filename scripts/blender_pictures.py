@@ -1,4 +1,4 @@
-"""Pictures of docs/blender.md: the same model and camera by our integrator and by Blender's engines.
+"""Pictures of docs/blender_details.md: the same model and camera by our integrator and by Blender's engines.
 
     .venv/bin/python scripts/blender_pictures.py .venv-blender/bin/python MODEL.ply DATA 2 WORK docs/pictures
 

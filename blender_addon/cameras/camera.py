@@ -47,7 +47,8 @@ def rigid(path: Path, name: str, matrix: Any) -> np.ndarray:
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > RIGID_TOLERANCE or np.linalg.det(rotation) < 0:
             raise ValueError("it is not a rotation and a translation")
     except (ValueError, TypeError) as error:
-        raise FileError(path, f'the pose of "{name}" cannot be used ({error})', "correct it") from error
+        problem = 'the pose of "{name}" cannot be used ({reason})'
+        raise FileError(path, problem, "correct it", name=name, reason=error) from error
     u, _, vt = np.linalg.svd(rotation)
     result = np.eye(4)
     result[:3, :3], result[:3, 3] = u @ vt, given[:3, 3]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files.errors import FileError
+from ..files.errors import FileError, told
 from .camera import Camera, camera_name, rigid
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
@@ -51,7 +51,8 @@ def read_colmap(path: Path, model: Path) -> list[Camera]:
     cameras = []
     for name, camera_id, pose in poses:
         if camera_id not in intrinsics:
-            raise FileError(image_file, f'image "{name}" uses camera {camera_id}, which is not there', DAMAGED)
+            problem = 'image "{name}" uses camera {number}, which is not there'
+            raise FileError(image_file, problem, DAMAGED, name=name, number=camera_id)
         image = folder / name if folder and (folder / name).is_file() else None
         w2c = rigid(image_file, name, _matrix(pose))
         cameras.append(Camera(camera_name(name), w2c, *intrinsics[camera_id], image))
@@ -59,7 +60,9 @@ def read_colmap(path: Path, model: Path) -> list[Camera]:
 
 
 def _explained(path: Path, error: Exception) -> FileError:
-    return error if isinstance(error, FileError) else FileError(path, f"cannot be read ({error})", DAMAGED)
+    if isinstance(error, FileError):
+        return error
+    return FileError(path, "cannot be read ({reason})", DAMAGED, reason=error)
 
 
 def _file(model: Path, stem: str) -> Path | None:
@@ -71,9 +74,10 @@ def _intrinsics(path: Path, camera_id: int, model: str, width: int, height: int,
     fx, fy = (values[0], values[1]) if separate else (values[0], values[0])
     cx, cy, *distortion = values[2 if separate else 1 :]
     if any(distortion):
-        raise FileError(path, f"camera {camera_id} has lens distortion ({model})", UNDISTORT)
+        raise FileError(path, "camera {number} has lens distortion ({model})", UNDISTORT, number=camera_id, model=model)
     if not (np.isfinite(values).all() and min(fx, fy) > 0 and min(width, height) > 0):
-        raise FileError(path, f"camera {camera_id} is {width}x{height} with parameters {values}", DAMAGED)
+        size, problem = f"{width}x{height}", "camera {number} is {size} with parameters {values}"
+        raise FileError(path, problem, DAMAGED, number=camera_id, size=size, values=values)
     return fx, fy, cx, cy, width, height
 
 
@@ -82,7 +86,8 @@ def _binary_cameras(path: Path) -> dict[int, Intrinsics]:
     for _ in range(struct.unpack_from("<Q", data)[0]):
         camera_id, number, width, height = struct.unpack_from("<iiQQ", data, at)
         if number not in PINHOLES:
-            raise FileError(path, f"camera {camera_id} has the model number {number}, no pinhole", UNDISTORT)
+            problem = "camera {number} has the model number {model}, no pinhole"
+            raise FileError(path, problem, UNDISTORT, number=camera_id, model=number)
         model, count = PINHOLES[number]
         values = struct.unpack_from(f"<{count}d", data, at + 24)
         at += 24 + 8 * count
@@ -98,7 +103,7 @@ def _binary_images(path: Path) -> list[tuple[str, int, list[float]]]:
         images.append((data[at + 64 : end].decode(errors="replace"), camera_id, pose))
         at = end + 9 + 24 * struct.unpack_from("<Q", data, end + 1)[0]  # the observed points are not needed
     if at != len(data):
-        raise ValueError(f"{len(data)} bytes instead of {at}")
+        raise ValueError(told("{size} bytes instead of {expected}", size=len(data), expected=at))
     return images
 
 
@@ -108,10 +113,12 @@ def _text_cameras(path: Path) -> dict[int, Intrinsics]:
         if line.strip() and not line.startswith("#"):
             camera_id, model, width, height, *values = line.split()
             if model not in NUMBERS:
-                raise FileError(path, f"camera {camera_id} has the model {model}, no pinhole", UNDISTORT)
+                problem = "camera {number} has the model {model}, no pinhole"
+                raise FileError(path, problem, UNDISTORT, number=camera_id, model=model)
             numbers = [float(value) for value in values]
             if len(numbers) != PINHOLES[NUMBERS[model]][1]:
-                raise FileError(path, f"camera {camera_id} has {len(numbers)} parameters", DAMAGED)
+                problem = "camera {number} has {count} parameters"
+                raise FileError(path, problem, DAMAGED, number=camera_id, count=len(numbers))
             cameras[int(camera_id)] = _intrinsics(path, int(camera_id), model, int(width), int(height), numbers)
     return cameras
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..files.errors import FileError
 
-KINDS = "a folder with sparse/0, transforms.json or transforms_train.json, such a file, or a run folder"
+KINDS = "give a folder with sparse/0, transforms.json or transforms_train.json, such a file, or a run folder"
 
 
 def read_json_object(path: Path) -> dict[str, Any]:
@@ -16,9 +16,10 @@ def read_json_object(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except json.JSONDecodeError as error:
-        raise FileError(path, f"not valid JSON in line {error.lineno} ({error.msg})", "correct that line") from error
+        problem = "not valid JSON in line {line} ({reason})"
+        raise FileError(path, problem, "correct that line", line=error.lineno, reason=error.msg) from error
     except (OSError, UnicodeDecodeError) as error:
-        raise FileError(path, f"cannot be read ({error})", "give a text file in UTF-8") from error
+        raise FileError(path, "cannot be read ({reason})", "give a text file in UTF-8", reason=error) from error
     if not isinstance(content, dict):
-        raise FileError(path, "is not a JSON object", f"give {KINDS}")
+        raise FileError(path, "is not a JSON object", KINDS)
     return content

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ..files.errors import told
 from ..objects.conventions import remember
 from .camera import OPENCV_FROM_OPENGL, Camera
 
@@ -59,7 +60,8 @@ def camera_numbers(scene: bpy.types.Scene, obj: bpy.types.Object) -> Camera:
     """The pinhole camera of a camera object at the resolution of the render. Raises ``ValueError`` for other kinds."""
     data, render = obj.data, scene.render
     if data.type != "PERSP":
-        raise ValueError(f'the camera "{obj.name}" is {data.type.lower()}; splats need a perspective camera')
+        problem = 'the camera "{name}" is {kind}; splats need a perspective camera'
+        raise ValueError(told(problem, name=obj.name, kind=data.type.lower()))
     percent = render.resolution_percentage / 100
     width, height = render.resolution_x * percent, render.resolution_y * percent
     ax, ay = render.pixel_aspect_x, render.pixel_aspect_y

@@ -9,8 +9,8 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, St
 from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix
 
-from ..files.errors import FileError
-from ..objects.attributes import is_splats
+from ..files.errors import FileError, told
+from ..objects.attributes import has_splats
 from ..objects.conventions import UP_AXES, conversion
 from .objects import build_camera, look_through
 from .read import read_cameras
@@ -68,12 +68,12 @@ class DOGSPLAT_OT_import_cameras(bpy.types.Operator, ImportHelper):
             return {"CANCELLED"}
         if self.use_first:
             look_through(context.scene, objects[0])
-        self.report({"INFO"}, f"{len(objects)} cameras imported")
+        self.report({"INFO"}, told("{count} cameras imported", count=len(objects)))
         return {"FINISHED"}
 
     def _matrix(self, context: bpy.types.Context) -> Matrix:
         model = context.view_layer.objects.active
-        if self.follow_model and model is not None and is_splats(model):
+        if self.follow_model and model is not None and has_splats(model):
             return model.matrix_world.copy()
         return conversion(self.up_axis, self.scale)
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..files.errors import FileError
+from ..files.errors import FileError, told
 from .camera import Camera, rigid
 
 AUTOMATIC_FOV = 40.0  # degrees of the shorter side, where no key says any: as the package has it
@@ -34,7 +34,7 @@ def read_path(path: Path, width: int, height: int) -> list[PathKey]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise FileError(path, f"cannot be read as JSON ({error})", FORMAT) from error
+        raise FileError(path, "cannot be read as JSON ({reason})", FORMAT, reason=error) from error
     whole: dict[str, Any] = content if isinstance(content, dict) else {"keys": content}
     entries = whole.get("keys")
     if not isinstance(entries, list) or not entries:
@@ -49,7 +49,7 @@ def read_path(path: Path, width: int, height: int) -> list[PathKey]:
         except (ValueError, TypeError, KeyError, AttributeError, ZeroDivisionError) as error:
             if isinstance(error, FileError):
                 raise
-            raise FileError(path, f"key {i} cannot be used ({error})", FORMAT) from error
+            raise FileError(path, "key {number} cannot be used ({reason})", FORMAT, number=i, reason=error) from error
     if any(later.time <= key.time for key, later in zip(keys, keys[1:], strict=False)):
         raise FileError(path, "its keys are not in order of time", "sort them")
     return keys
@@ -64,7 +64,7 @@ def _given(path: Path, i: int, entry: dict[str, Any]) -> Camera:
 
 def _aimed(entry: dict[str, Any], up: np.ndarray, fov: float, i: int, width: int, height: int) -> Camera:
     if not 0 < fov < 180:
-        raise ValueError(f'"fov" is {fov:g}, not within 0 to 180 degrees')
+        raise ValueError(told('"fov" is {fov:g}, not within 0 to 180 degrees', fov=fov))
     c2w = np.eye(4)
     c2w[:3, 3] = _vector(entry, "position", 3)
     if "look_at" in entry:
@@ -78,7 +78,7 @@ def _aimed(entry: dict[str, Any], up: np.ndarray, fov: float, i: int, width: int
 def _vector(entry: dict[str, Any], name: str, count: int) -> np.ndarray:
     values = np.array(entry[name], np.float64)
     if values.shape != (count,) or not np.isfinite(values).all():
-        raise ValueError(f'"{name}" is not {count} numbers')
+        raise ValueError(told('"{name}" is not {count} numbers', name=name, count=count))
     return values
 
 

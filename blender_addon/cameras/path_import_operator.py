@@ -9,7 +9,7 @@ from bpy.props import BoolProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix
 
-from ..files.errors import FileError
+from ..files.errors import FileError, told
 from ..objects.attributes import is_splats
 from .objects import build_camera, look_through
 from .path_file import PathKey, read_path
@@ -50,7 +50,7 @@ class DOGSPLAT_OT_import_path(bpy.types.Operator, ImportHelper):
         if self.use_range:
             scene.frame_end = max(start, round(start + (keys[-1].time - keys[0].time) * rate))
         scene.frame_set(scene.frame_current)
-        self.report({"INFO"}, f"{len(keys)} key frames imported")
+        self.report({"INFO"}, told("{count} key frames imported", count=len(keys)))
         return {"FINISHED"}
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from bpy.props import IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ..objects.attributes import is_splats
+from ..files.errors import told
+from ..objects.attributes import has_splats
 from .objects import camera_numbers
 
 PINHOLE = ("fx", "fy", "cx", "cy", "width", "height")
@@ -51,16 +52,16 @@ class DOGSPLAT_OT_export_path(bpy.types.Operator, ExportHelper):
             return {"CANCELLED"}
         finally:
             scene.frame_set(before)
-        self.report({"INFO"}, f"{len(keys)} key frames exported")
+        self.report({"INFO"}, told("{count} key frames exported", count=len(keys)))
         return {"FINISHED"}
 
 
 def _model(context: bpy.types.Context) -> bpy.types.Object | None:
     """The splats that the path is for: the active ones, else the only ones of the scene."""
     active = context.view_layer.objects.active
-    if active is not None and is_splats(active):
+    if active is not None and has_splats(active):
         return active
-    found = [obj for obj in context.scene.objects if is_splats(obj)]
+    found = [obj for obj in context.scene.objects if has_splats(obj)]
     return found[0] if len(found) == 1 else None
 
 
@@ -69,7 +70,8 @@ def _key(scene: bpy.types.Scene, matrix: np.ndarray) -> dict[str, Any]:
     camera = camera_numbers(scene, scene.camera)
     scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     if scale <= 0 or not np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, scale**2 * np.eye(3), atol=1e-4 * scale**2):
-        raise ValueError("the model is mirrored, sheared or scaled unevenly: no camera sees that; apply its transform")
+        problem = "the model is mirrored, sheared or scaled unevenly: no camera sees that; apply its transform"
+        raise ValueError(told(problem))
     w2c = camera.w2c @ matrix
     w2c[:3] /= scale
     return {"w2c": w2c.tolist(), **{name: getattr(camera, name) for name in PINHOLE}}

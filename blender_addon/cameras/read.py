@@ -25,8 +25,10 @@ def read_cameras(path: str | Path, size_of: Callable[[Path], tuple[int, int]]) -
         config = read_json_object(config_file)
         data = Path(str(config.get("data", "")))
         if "data" not in config or not data.exists():
-            problem = f'its data set "{data}" is not there' if "data" in config else "does not name a data set"
-            raise FileError(config_file, problem, "import the cameras from the data set itself")
+            remedy = "import the cameras from the data set itself"
+            if "data" not in config:
+                raise FileError(config_file, "does not name a data set", remedy)
+            raise FileError(config_file, 'its data set "{data}" is not there', remedy, data=data)
         return read_cameras(data, size_of)[0], int(config.get("downscale", 1))
     if path.is_file() and path.suffix in (".bin", ".txt"):
         path = path.parent
@@ -38,6 +40,6 @@ def read_cameras(path: str | Path, size_of: Callable[[Path], tuple[int, int]]) -
         if path.is_dir() and files and files[0].name == "transforms.json":
             files = files[:1]
         if not files:
-            raise FileError(path, "no cameras found", f"give {KINDS}")
+            raise FileError(path, "no cameras found", KINDS)
         cameras = [camera for file in files for camera in read_transforms(file, size_of)]
     return sorted(cameras, key=lambda camera: camera.name), 1

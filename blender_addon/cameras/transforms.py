@@ -22,24 +22,25 @@ def read_transforms(path: Path, size_of: Callable[[Path], tuple[int, int]]) -> l
     content = read_json_object(path)
     frames = content.get("frames")
     if not isinstance(frames, list) or not frames:
-        raise FileError(path, 'has no cameras ("frames" is absent or empty)', f"give {KINDS}")
+        raise FileError(path, 'has no cameras ("frames" is absent or empty)', KINDS)
     cameras = []
     for i, frame in enumerate(frames):
         if not isinstance(frame, dict) or not {"file_path", "transform_matrix"} <= frame.keys():
-            raise FileError(path, f'frame {i} lacks "file_path" or "transform_matrix"', "add both to each frame")
+            problem = 'frame {number} lacks "file_path" or "transform_matrix"'
+            raise FileError(path, problem, "add both to each frame", number=i)
         try:
             cameras.append(_transforms_camera(path, {**content, **frame}, size_of))
         except (TypeError, ValueError, ZeroDivisionError) as error:
             if isinstance(error, FileError):
                 raise
-            raise FileError(path, f"frame {i}: {error}", "correct its numbers") from error
+            raise FileError(path, "frame {number}: {reason}", "correct its numbers", number=i, reason=error) from error
     return cameras
 
 
 def _transforms_camera(path: Path, frame: dict[str, Any], size_of: Callable[[Path], tuple[int, int]]) -> Camera:
     name = str(frame["file_path"])
     if frame.get("is_fisheye") or any(float(frame.get(key, 0)) for key in DISTORTIONS):
-        raise FileError(path, f'"{name}" has lens distortion', "undistort the images first")
+        raise FileError(path, '"{name}" has lens distortion', "undistort the images first", name=name)
     image = path.parent / name.replace("\\", "/")
     image = next((f for e in EXTENSIONS if (f := image.with_name(image.name + e)).is_file()), image)
     width, height = (int(frame["w"]), int(frame["h"])) if "w" in frame and "h" in frame else size_of(image)
@@ -50,7 +51,8 @@ def _transforms_camera(path: Path, frame: dict[str, Any], size_of: Callable[[Pat
     ]  # fmt: skip
     fx, fy = focal[0] or focal[1], focal[1] or focal[0]
     if not fx or not fy or min(fx, fy) <= 0 or min(width, height) < 1:
-        raise FileError(path, f'"{name}" has no focal length or no size', 'add "fl_x", "fl_y", "w", "h" in pixels')
+        remedy = 'add "fl_x", "fl_y", "w", "h" in pixels'
+        raise FileError(path, '"{name}" has no focal length or no size', remedy, name=name)
     cx, cy = float(frame.get("cx", width / 2)), float(frame.get("cy", height / 2))
     w2c = OPENCV_FROM_OPENGL @ np.linalg.inv(rigid(path, name, frame["transform_matrix"]))
     return Camera(camera_name(name), w2c, fx, fy, cx, cy, width, height, image if image.is_file() else None)

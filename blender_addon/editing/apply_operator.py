@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..files.errors import told
 from ..nodes.modifier import edit_modifiers, splat_modifier
 from ..objects.edited import edited_mesh
 from .live_operators import can_edit
@@ -21,7 +22,7 @@ def apply_edits(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> int:
     mesh = edited_mesh(obj, depsgraph)
     if not mesh.vertices:
         bpy.data.meshes.remove(mesh)
-        raise ValueError(f'"{obj.name}": no splat is left; open its crop or its limits')
+        raise ValueError(told('"{name}": no splat is left; open its crop or its limits', name=obj.name))
     name = old.name
     obj.data = mesh
     drawing = splat_modifier(obj)
@@ -57,5 +58,5 @@ class DOGSPLAT_OT_apply_edits(bpy.types.Operator):
         except ValueError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        self.report({"INFO"}, f"{gone:,} splats deleted")
+        self.report({"INFO"}, told("{count:,} splats deleted", count=gone))
         return {"FINISHED"}

@@ -5,8 +5,9 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..files.transform import similarity_scale
-from ..objects.conventions import DOG_COUNT
+from ..files.errors import told
+from ..files.linear_map import check_regular
+from ..objects.conventions import DOG_COUNT, light_of
 from ..objects.following import follow_vertices
 from .apply_operator import apply_edits
 from .live_operators import can_edit
@@ -31,9 +32,13 @@ class DOGSPLAT_OT_join(bpy.types.Operator):
         to_active = np.linalg.inv(np.array(active.matrix_world, np.float64))
         try:
             for obj in models:
-                similarity_scale((to_active @ np.array(obj.matrix_world, np.float64))[:3, :3])
+                check_regular((to_active @ np.array(obj.matrix_world, np.float64))[:3, :3])
         except ValueError as error:
-            self.report({"ERROR"}, f'"{obj.name}": {error}')
+            self.report({"ERROR"}, told('"{name}": {reason}', name=obj.name, reason=error))
+            return {"CANCELLED"}
+        if len({light_of(obj).linear for obj in models}) > 1:
+            text = told("some of these models hold radiance, others sRGB values; join those of one kind")
+            self.report({"ERROR"}, text)
             return {"CANCELLED"}
         for obj in models:
             finish_painting(obj)

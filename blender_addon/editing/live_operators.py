@@ -21,10 +21,13 @@ def can_edit(obj: bpy.types.Object | None) -> bool:
 
 
 class DOGSPLAT_OT_add_crop(bpy.types.Operator):
-    """Keep the splats inside of a new object, which can be moved and animated; nothing is deleted.
-    Mesh takes another selected mesh, as a wire frame that renders do not show"""
+    """Keep the splats inside of an object: an empty, or a mesh as a wire frame that renders do not show."""
 
     bl_idname = "dogsplat.add_crop"
+    bl_description = (
+        "Keep the splats inside of a new object, which can be moved and animated; nothing is deleted. "
+        "Mesh takes another selected mesh, as a wire frame that renders do not show"
+    )
     bl_label = "Add Crop"
     bl_options = {"REGISTER", "UNDO"}
 

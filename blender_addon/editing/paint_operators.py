@@ -5,10 +5,11 @@ from __future__ import annotations
 import bpy
 from bpy.props import EnumProperty
 
-from ..nodes.modifier import add_edit_modifier, edit_modifiers, set_input
+from ..nodes.modifier import add_edit_modifier, edit_modifiers, has_input, set_input
 from ..nodes.paint import NAME as PAINT
 from ..nodes.paint import paint_tree
 from ..objects.attributes import is_splats
+from ..objects.conventions import light_of
 from .live_operators import can_edit
 from .stand_in import build_stand_in, finish_painting, stand_in_of
 
@@ -42,6 +43,8 @@ class DOGSPLAT_OT_paint(bpy.types.Operator):
             stand_in = build_stand_in(obj)
             modifiers = edit_modifiers(obj, PAINT) or [add_edit_modifier(obj, paint_tree(), first=True)]
             set_input(modifiers[0], "Stand-In", stand_in)
+            if has_input(modifiers[0], "Linear Light"):
+                set_input(modifiers[0], "Linear Light", light_of(obj).linear)
             obj.update_tag()
         bpy.ops.object.select_all(action="DESELECT")
         stand_in.select_set(True)

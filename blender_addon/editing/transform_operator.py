@@ -6,7 +6,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..files.transform import transformed
+from ..files.errors import told
+from ..files.transform import mean_scale, transformed
 from ..nodes.limits import NAME as LIMITS
 from ..nodes.modifier import edit_modifiers, get_input, set_input
 from ..objects.attributes import read_attributes, write_attributes
@@ -39,7 +40,7 @@ class DOGSPLAT_OT_apply_transform(bpy.types.Operator):
             if obj.data.users > 1:
                 obj.data = obj.data.copy()
             write_attributes(obj.data, model)
-            scale = obj.matrix_world.to_scale()[0]
+            scale = mean_scale(np.array(obj.matrix_world, np.float64)[:3, :3])
             for modifier in edit_modifiers(obj, LIMITS):  # sizes are those of the object's space
                 for name in ("Minimum Size", "Maximum Size"):
                     set_input(modifier, name, get_input(modifier, name) * scale)
@@ -53,4 +54,4 @@ def _moved(obj: bpy.types.Object):
     try:
         return transformed(read_attributes(obj.data), np.array(obj.matrix_world, np.float64))
     except ValueError as error:
-        raise ValueError(f'"{obj.name}": {error}') from error
+        raise ValueError(told('"{name}": {reason}', name=obj.name, reason=error)) from error

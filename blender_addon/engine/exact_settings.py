@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import IntProperty
 
+from ..files.errors import told
 from ..nodes.modifier import set_input, splat_modifier
 
 MAX_SPLATS_PER_RAY = 1024  # the most that Cycles can
@@ -42,5 +43,5 @@ class DOGSPLAT_OT_exact_settings(bpy.types.Operator):
             if modifier := splat_modifier(obj):
                 set_input(modifier, "Linear Colors", False)
                 obj.update_tag()
-        self.report({"INFO"}, "View transform Raw, pixel filter of one pixel, exact colours")
+        self.report({"INFO"}, told("View transform Raw, pixel filter of one pixel, exact colours"))
         return {"FINISHED"}

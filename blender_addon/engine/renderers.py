@@ -12,8 +12,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +29,30 @@ MISSING = (
     "Mitsuba is not there: install the package with \"pip install 'mi_dogsplat[train]'\" in any Python "
     "and name its command dogsplat in the preferences of this add-on"
 )
+WRONG = '"{command}", the command in the preferences of DoG Splat, is not there; correct or clear it'
 IDLE_SECONDS = 600  # after which a process ends that no frame has come to
 Picture = dict[str, np.ndarray]  # color [H, W, 3], alpha [H, W] and passes, as mi_dogsplat.requests has them
 Request = dict[str, Any]
 Cancel = Callable[[], bool]
 Progress = Callable[[float], None]
 Preview = Callable[[Picture], None]
+IN_TURNS = threading.Lock()  # the final picture and those of viewports
+
+
+@contextmanager
+def mitsuba() -> Iterator[None]:
+    """To import from the package in this process. Raises ``RendererError`` where that cannot be done."""
+    try:
+        with IN_TURNS:
+            import mi_dogsplat  # noqa: F401  (before mitsuba: it chooses the LLVM)
+            import mitsuba as mi
+
+            if not (mi.variant() or "").endswith("ad_rgb"):
+                mi.set_variant("cuda_ad_rgb", "llvm_ad_rgb")
+            yield
+    except (ImportError, RuntimeError) as error:
+        reason = " ".join(str(error).split())
+        raise RendererError("Mitsuba cannot be used here ({reason})", reason=reason) from error
 
 
 class InProcess:
@@ -46,21 +67,15 @@ class InProcess:
 
     def render(self, request: Request, cancelled: Cancel, progress: Progress, preview: Preview) -> Picture:
         """The picture, step by step. Raises ``Cancelled`` and ``RendererError``."""
-        try:
-            import mi_dogsplat  # noqa: F401  (before mitsuba: it chooses the LLVM)
-            import mitsuba as mi
-
-            if not (mi.variant() or "").endswith("ad_rgb"):
-                mi.set_variant("cuda_ad_rgb", "llvm_ad_rgb")
+        with mitsuba():
             from mi_dogsplat.requests.answer import Answerer
             from mi_dogsplat.requests.request import read_request
-        except (ImportError, RuntimeError) as error:
-            raise RendererError(f"Mitsuba cannot be used here ({' '.join(str(error).split())})") from error
         self._answerer = self._answerer or Answerer()
         try:
             steps = self._answerer.answer(read_request(request))
             while not cancelled():
-                share, picture = next(steps)
+                with IN_TURNS:
+                    share, picture = next(steps)
                 progress(share)
                 if share == 1:
                     return picture
@@ -70,15 +85,21 @@ class InProcess:
             raise RendererError(str(error)) from error
         raise Cancelled
 
-    def convert(self, path: Path, out: Path) -> None:
-        """A model of any format as a PLY, with DoG and comments. Raises ``FileError`` and ``RendererError``."""
+    def convert(self, path: Path, out: Path, bake: bool = False) -> None:
+        """A model of any format as a PLY with comments, its DoG kept or baked into plain Gaussians.
+
+        Raises ``FileError`` and ``RendererError``.
+        """
         try:
+            from mi_dogsplat.export.bake import baked
             from mi_dogsplat.formats.read import read_model
             from mi_dogsplat.formats.write import write_model
         except (ImportError, RuntimeError) as error:
-            raise RendererError(f"mi_dogsplat cannot be used here ({' '.join(str(error).split())})") from error
+            reason = " ".join(str(error).split())
+            raise RendererError("mi_dogsplat cannot be used here ({reason})", reason=reason) from error
         try:
-            write_model(out, read_model(path))
+            model = read_model(path)
+            write_model(out, replace(model, splats=baked(model.splats)) if bake else model)
         except ValueError as error:  # DataError, which names the file in one line
             raise _file_error(path, str(error)) from error
 
@@ -117,20 +138,21 @@ class Command:
         except (Cancelled, RendererError):
             self.stop()
             raise
-        raise RendererError(f"{self.name}: no answer")
+        raise RendererError("{name}: no answer", name=self.name)
 
     @property
     def process_id(self) -> int | None:
         """Of the process that waits for the next picture; None where there is none."""
         return self._served.process_id if self._served else None
 
-    def convert(self, path: Path, out: Path) -> None:
+    def convert(self, path: Path, out: Path, bake: bool = False) -> None:
         """As that of ``InProcess``."""
-        words = [*self.words, "export", str(path), "-o", str(out), "--dog", "keep", "--views", "0"]
+        dog = ("bake", "--refine", "0") if bake else ("keep",)
+        words = [*self.words, "export", str(path), "-o", str(out), "--views", "0", "--dog", *dog]
         try:
             done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")
         except OSError as error:
-            raise RendererError(f"{self.name} cannot be started ({error.strerror})") from error
+            raise RendererError("{name} cannot be started ({reason})", name=self.name, reason=error.strerror) from error
         if done.returncode:
             lines = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
             raise _file_error(path, lines[-1].removeprefix("dogsplat: "))
@@ -164,7 +186,7 @@ def converted(command: str, path: Path, out: Path) -> None:
         choose_renderer(command).convert(path, out)
     except RendererError as error:
         remedy = "install the package mi_dogsplat[export] and name its command in the preferences, or convert it to PLY"
-        raise FileError(path, f"only the package reads this format, and {error}", remedy) from error
+        raise FileError(path, "only the package reads this format, and {reason}", remedy, reason=error) from error
 
 
 _RESIDENT: dict[tuple[str, ...], InProcess | Command] = {}  # by the words of the command; none: this process
@@ -175,7 +197,7 @@ def choose_renderer(command: str = "") -> InProcess | Command:
 
     It is the same one as before, so that it need not start again, until ``close_renderers``.
     """
-    words = _words(command)
+    words = words_of(command)
     if words not in _RESIDENT:
         close_renderers()
         _RESIDENT[words] = Command(words) if words else InProcess()
@@ -188,15 +210,18 @@ def close_renderers() -> None:
         _RESIDENT.popitem()[1].close()
 
 
-def _words(command: str) -> tuple[str, ...]:
-    """Empty: this process."""
+def process_words(command: str = "") -> list[str]:
+    """The words that start the package as a process of its own, however it is found. Raises ``RendererError``."""
+    return list(words_of(command)) or [sys.executable, "-m", "mi_dogsplat"]
+
+
+def words_of(command: str) -> tuple[str, ...]:
+    """What starts the package; empty: this process. Raises ``RendererError``."""
     if command:
         whole = Path(command).expanduser()  # may hold spaces
         words = (str(whole),) if whole.is_file() else tuple(shlex.split(command, posix=sys.platform != "win32"))
         if not shutil.which(words[0]):
-            raise RendererError(
-                f'"{command}", the command in the preferences of DoG Splat, is not there; correct or clear it'
-            )
+            raise RendererError(WRONG, command=command)
         return words
     if importlib.util.find_spec("mitsuba") and importlib.util.find_spec("mi_dogsplat"):
         return ()

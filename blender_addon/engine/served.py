@@ -11,7 +11,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from ..files.errors import told
+
 POLL_SECONDS = 0.1
+QUICK_POLL_SECONDS = 0.02  # of a viewport
+STRANGE = "{name}: does not answer as dogsplat serve does; update the package"
 
 
 class Cancelled(Exception):
@@ -19,7 +23,10 @@ class Cancelled(Exception):
 
 
 class RendererError(RuntimeError):
-    """No picture, and why, in one line."""
+    """No picture, and why, in one line in the language of Blender's interface; a template where there are values."""
+
+    def __init__(self, text: str, **values: Any):
+        super().__init__(told(text, **values))
 
 
 class Served:
@@ -32,7 +39,7 @@ class Served:
                 pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": output}
                 self._process = subprocess.Popen(words, text=True, encoding="utf-8", errors="replace", **pipes)
         except OSError as error:
-            raise RendererError(f"{name} cannot be started ({error.strerror})") from error
+            raise RendererError("{name} cannot be started ({reason})", name=name, reason=error.strerror) from error
         self._lines: queue.Queue[str | None] = queue.Queue()
         threading.Thread(target=_pump, args=(self._process.stdout, self._lines), daemon=True).start()
         self.end = weakref.finalize(self, _end, self._process)
@@ -51,23 +58,51 @@ class Served:
 
         Raises ``Cancelled`` and ``RendererError``.
         """
-        try:
-            assert self._process.stdin
-            self._process.stdin.write(json.dumps(request) + "\n")
-            self._process.stdin.flush()
-        except OSError:
-            raise RendererError(f"{self._name}: {self._last_words()}") from None
+        self._send(request)
         share = 0.0
         while share < 1:
             if cancelled():
                 raise Cancelled
-            try:
-                line = self._lines.get(timeout=POLL_SECONDS)
-            except queue.Empty:
+            said = self._next()
+            if said is None:
                 continue
-            said = self._said(line)
             share = 1.0 if "done" in said else said["share"]
             yield share, said.get("done", said.get("picture"))
+
+    def pictures(self, request: dict[str, Any], left: Callable[[], bool]) -> Iterator[tuple[float, str]]:
+        """(share that is done, its file) of a viewport, until the last, or until it is ``left`` and that is answered.
+
+        Raises ``RendererError``.
+        """
+        self._send(request)
+        stopped = False
+        while True:
+            if not stopped and left():
+                self._send({"stop": True})
+                stopped = True
+            said = self._next(QUICK_POLL_SECONDS)
+            if said is None:
+                continue
+            if "left" in said:
+                return
+            yield (1.0, said["done"]) if "done" in said else (said["share"], said["picture"])
+            if "done" in said:
+                return
+
+    def _send(self, line: dict[str, Any]) -> None:
+        try:
+            assert self._process.stdin
+            self._process.stdin.write(json.dumps(line) + "\n")
+            self._process.stdin.flush()
+        except OSError:
+            raise RendererError(f"{self._name}: {self._last_words()}") from None
+
+    def _next(self, seconds: float = POLL_SECONDS) -> dict[str, Any] | None:
+        """What it said, None if it said nothing for so long."""
+        try:
+            return self._said(self._lines.get(timeout=seconds))
+        except queue.Empty:
+            return None
 
     def _said(self, line: str | None) -> dict[str, Any]:
         if line is None:
@@ -78,7 +113,7 @@ class Served:
                 raise RendererError(f"{self._name}: {said['error']}")
             return said
         except (ValueError, TypeError):
-            raise RendererError(f"{self._name}: does not answer as dogsplat serve does; update the package") from None
+            raise RendererError(STRANGE, name=self._name) from None
 
     def _last_words(self) -> str:
         status = self._process.wait()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty
 
+ENGINE = "DOGSPLAT"
 COLORS = EnumProperty(name="Colors", default="LINEAR", items=(
     ("LINEAR", "Linear", "Scene-linear radiance: the exact picture under the view transform Standard"),
     ("DISPLAY", "Display", "sRGB values: the exact picture under the view transform Raw"),

@@ -3,10 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
+
+from bpy.app.translations import pgettext_rpt as rpt_
 
 
 class FileError(ValueError):
-    """``str(e)`` is one line: ``<path>: <problem>; <remedy>``. Operators show it as it is."""
+    """``str(e)`` is one line: ``<path>: <problem>; <remedy>``. Operators show it as it is.
 
-    def __init__(self, path: str | Path, problem: str, remedy: str):
-        super().__init__(" ".join(f"{path}: {problem}; {remedy}".split()))
+    Both are in the language of Blender's interface; ``problem`` is a template where there are ``values``.
+    """
+
+    def __init__(self, path: str | Path, problem: str, remedy: str, **values: Any):
+        super().__init__(" ".join(f"{path}: {told(problem, **values)}; {rpt_(remedy)}".split()))
+
+
+def told(text: str, **values: Any) -> str:
+    """A message in the language of Blender's interface, values put in; errors among these are translated too."""
+    if not values:
+        return rpt_(text)
+    return rpt_(text).format(**{key: _part(value) for key, value in values.items()})
+
+
+def _part(value: Any) -> Any:
+    return rpt_(str(value)) if isinstance(value, Exception) else value

@@ -1,4 +1,4 @@
-"""How points moved: the similarity transforms that rows of positions went through, found from before and after."""
+"""How points moved: the linear transforms that rows of positions went through, found from before and after."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FEWEST = 4  # points that a turn is read from
+FEWEST_STRETCHED = 8  # points that any other linear transform is read from: four fit one whatever they do
 SMALLEST_PIECE = 64  # rows that are halved no further
 TOLERANCE = 1e-5  # of the extent: what Blender's float32 leaves
 ROUNDING = 4 * np.finfo(np.float32).eps  # of the coordinates: moved there and back
@@ -24,7 +25,7 @@ def motions(before: NDArray, after: NDArray) -> list[tuple[Rows, NDArray[np.floa
     moved = np.flatnonzero((before != after).any(axis=1))
     if not len(moved):
         return []
-    whole = similarity(before, after)
+    whole = motion(before, after)
     groups = [(everything, whole)] if whole is not None else _halved(before, after, moved)
     alone = np.setdiff1d(moved, np.concatenate([rows for rows, _ in groups])) if groups else moved
     for rows, matrix in list(groups):  # those beside a border between two objects
@@ -32,6 +33,26 @@ def motions(before: NDArray, after: NDArray) -> list[tuple[Rows, NDArray[np.floa
         groups.append((near, matrix))
         alone = np.setdiff1d(alone, near)
     return [(rows, matrix) for rows, matrix in groups if len(rows)]
+
+
+def motion(before: NDArray, after: NDArray) -> NDArray[np.float64] | None:
+    """[4, 4] that takes points [N, 3] to others, a similarity where one does; None where no linear transform does."""
+    found = similarity(before, after)
+    return found if found is not None else affinity(before, after)
+
+
+def affinity(before: NDArray, after: NDArray) -> NDArray[np.float64] | None:
+    """[4, 4] of any linear transform, or None: also where it flattens, and for points of a plane, which tell none."""
+    if len(before) < FEWEST_STRETCHED:
+        return None
+    low, high = before.mean(axis=0), after.mean(axis=0)
+    solved, _, rank, _ = np.linalg.lstsq(before - low, after - high, rcond=1e-6)
+    sizes = np.linalg.svd(solved, compute_uv=False)
+    if rank < 3 or not sizes[-1] > 1e-6 * sizes[0]:
+        return None
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = solved.T, high - solved.T @ low
+    return matrix if _misses(before, after, matrix).max() <= TOLERANCE * _extent(after) else None
 
 
 def similarity(before: NDArray, after: NDArray) -> NDArray[np.float64] | None:
@@ -62,12 +83,12 @@ def is_rounding(before: NDArray, after: NDArray) -> bool:
 
 
 def is_shift(matrix: NDArray) -> bool:
-    """Whether a similarity neither turns nor scales."""
+    """Whether a transform neither turns nor scales."""
     return bool(np.abs(matrix[:3, :3] - np.eye(3)).max() < TOLERANCE)
 
 
 def _halved(before: NDArray, after: NDArray, rows: Rows) -> list[tuple[Rows, NDArray[np.float64]]]:
-    matrix = similarity(before[rows], after[rows])
+    matrix = motion(before[rows], after[rows])
     if matrix is not None:
         return [(rows, matrix)]
     if len(rows) < 2 * SMALLEST_PIECE:

@@ -6,8 +6,7 @@ The same format as ``mi_dogsplat.scene.ply``, which documents it; this copy keep
 
 from __future__ import annotations
 
-import os
-import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from .errors import FileError
 from .model import Model
+from .whole import write_whole
 
 _POSITION = ("x", "y", "z")
 _NORMAL = ("nx", "ny", "nz")
@@ -32,6 +32,7 @@ _TYPES = {
 _BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
 _NOT_3DGS = "give a 3D Gaussian splatting PLY with the columns x y z f_dc_* opacity scale_* rot_*"
 _DAMAGED = "copy or export the file again"
+_UNREADABLE, _PERMISSIONS = "cannot be read ({reason})", "check the path and its permissions"
 
 
 def read_ply(path: str | Path) -> Model:
@@ -43,14 +44,15 @@ def read_ply(path: str | Path) -> Model:
         with path.open("rb") as file:
             tables = _tables(path, file)
     except OSError as error:
-        raise FileError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
+        raise FileError(path, _UNREADABLE, _PERMISSIONS, reason=error.strerror) from error
     if "vertex" not in tables:
         raise FileError(path, 'there is no element "vertex"', _NOT_3DGS)
     vertex = tables["vertex"]
     names = vertex.dtype.names or ()
     n_rest = sum(name.startswith("f_rest_") for name in names)
     if n_rest not in _N_REST:
-        raise FileError(path, f"{n_rest} properties f_rest_*, but SH degree 0, 1, 2, 3 has 0, 9, 24, 45", _NOT_3DGS)
+        problem = "{n} properties f_rest_*, but SH degree 0, 1, 2, 3 has 0, 9, 24, 45"
+        raise FileError(path, problem, _NOT_3DGS, n=n_rest)
 
     means = _columns(path, vertex, _POSITION)
     rest = _rest_columns(path, tables, n_rest)
@@ -77,8 +79,10 @@ def read_comments(path: str | Path) -> list[str]:
     return comments
 
 
-def write_ply(path: str | Path, model: Model) -> None:
+def write_ply(path: str | Path, model: Model, comments: Sequence[str] = ()) -> None:
     """Write a model; ``read_ply`` gives back the same bits. The old file stays until the new one is complete.
+
+    ``comments``: lines of the header, as ``read_comments`` finds them.
 
     Raises ``FileError`` when the place cannot be written or a value is not finite.
     """
@@ -94,26 +98,12 @@ def write_ply(path: str | Path, model: Model) -> None:
     if not (np.isfinite(vertex).all() and np.isfinite(dog["values"]).all()):
         raise FileError(path, "the model holds values that are not finite", "delete those splats; nothing was written")
 
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {n}"]
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
+    header += [f"element vertex {n}"]
     header += [f"property float {name}" for name in names]
     if len(dog):
         header += [f"element dog {len(dog)}", "property uint index", *(f"property float {name}" for name in _DOG)]
-    _replace(path, ["\n".join([*header, "end_header\n"]).encode(), vertex.tobytes(), dog.tobytes()])
-
-
-def _replace(path: Path, parts: list[bytes]) -> None:
-    """Make ``parts`` the content of ``path``, or leave everything as it was."""
-    try:
-        handle, temporary = tempfile.mkstemp(".part", f".{path.name}.", path.parent)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.writelines(parts)
-            os.replace(temporary, path)
-        finally:
-            Path(temporary).unlink(missing_ok=True)
-    except OSError as error:
-        problem = f"cannot be written ({error.strerror})"
-        raise FileError(path, problem, "check that the folder exists, is writable and has space") from error
+    write_whole(path, ["\n".join([*header, "end_header\n"]).encode(), vertex.tobytes(), dog.tobytes()])
 
 
 def _rest_names(n_rest: int) -> tuple[str, ...]:
@@ -127,11 +117,11 @@ def _columns(path: Path, table: np.ndarray, names: tuple[str, ...]) -> np.ndarra
         if name not in (table.dtype.names or ()):
             packed = "packed_position" in (table.dtype.names or ())
             remedy = "this is a compressed PLY, export it uncompressed" if packed else _NOT_3DGS
-            raise FileError(path, f'there is no property "{name}"', remedy)
+            raise FileError(path, 'there is no property "{name}"', remedy, name=name)
         out[:, i] = table[name]
     if not np.isfinite(out).all():
         row, column = np.argwhere(~np.isfinite(out))[0]
-        raise FileError(path, f'"{names[column]}" in row {row} is not finite', _DAMAGED)
+        raise FileError(path, '"{name}" in row {row} is not finite', _DAMAGED, name=names[column], row=row)
     return out
 
 
@@ -156,8 +146,8 @@ def _rest_columns(path: Path, tables: dict[str, np.ndarray], n_rest: int) -> np.
         columns = _columns(path, vertex, _rest_names(n_rest))
         return columns.reshape(len(vertex), 3, n_rest // 3).transpose(0, 2, 1)  # channel-major in the file
     if n_rest:
-        problem = f'view-dependent colour both in the element "vertex" and in the element "sh{degrees[0]}"'
-        raise FileError(path, problem, "keep f_rest_* in one of the two")
+        problem = 'view-dependent colour both in the element "vertex" and in the element "{name}"'
+        raise FileError(path, problem, "keep f_rest_* in one of the two", name=f"sh{degrees[0]}")
     rest = np.zeros((len(vertex), _N_REST[degrees[-1]] // 3, 3), np.float32)
     for degree in degrees:
         table, k = tables[f"sh{degree}"], _N_REST[degree] // 3
@@ -172,7 +162,8 @@ def _index(path: Path, table: np.ndarray, element: str, n: int) -> np.ndarray:
     _columns(path, table, ("index",))
     index = table["index"].astype(np.int64)  # float32 would round it
     if len(index) and not (index.min() >= 0 and index.max() < n and len(np.unique(index)) == len(index)):
-        raise FileError(path, f'the element "{element}" does not name different primitives of 0 to {n - 1}', _DAMAGED)
+        problem = 'the element "{name}" does not name different primitives of 0 to {last}'
+        raise FileError(path, problem, _DAMAGED, name=element, last=n - 1)
     return index
 
 
@@ -184,20 +175,21 @@ def _tables(path: Path, file: BinaryIO) -> dict[str, np.ndarray]:
     tables, at = {}, 0
     for name, count, properties in elements[: last + 1]:
         if "list" in properties.values():
-            raise FileError(path, f'element "{name}" has a list property', _NOT_3DGS)
+            raise FileError(path, 'element "{name}" has a list property', _NOT_3DGS, name=name)
         if byte_order == "=":
             dtype = np.dtype([(key, "f8") for key in properties])
             n_values = count * len(properties)
             try:
                 data = np.array(words[at : at + n_values], np.float64).tobytes()
             except ValueError:
-                raise FileError(path, f'element "{name}" holds something that is not a number', _DAMAGED) from None
+                problem = 'element "{name}" holds something that is not a number'
+                raise FileError(path, problem, _DAMAGED, name=name) from None
             at += n_values
         else:
             dtype = np.dtype([(key, byte_order + code) for key, code in properties.items()])
             data = file.read(count * dtype.itemsize)
         if len(data) != count * dtype.itemsize:
-            raise FileError(path, f'the file ends inside of element "{name}"', _DAMAGED)
+            raise FileError(path, 'the file ends inside of element "{name}"', _DAMAGED, name=name)
         tables[name] = np.frombuffer(data, dtype) if data else np.zeros(0, dtype)
     return {name: table for name, table in tables.items() if name in _ELEMENTS}
 
@@ -226,7 +218,7 @@ def _header(path: Path, file: BinaryIO) -> tuple[str, list[tuple[str, int, dict[
             case ["property", code, name] if elements and code in _TYPES:
                 elements[-1][2][name] = _TYPES[code]
             case _:
-                raise FileError(path, f'header line "{" ".join(words)[:60]}" makes no sense', _DAMAGED)
+                raise FileError(path, 'header line "{line}" makes no sense', _DAMAGED, line=" ".join(words)[:60])
     if not byte_order:
         raise FileError(path, 'the header has no "format" line', _DAMAGED)
     return byte_order, elements

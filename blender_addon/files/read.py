@@ -8,13 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from .errors import FileError
+from .light import Light, spz_radiance
 from .model import Model
 from .ply import read_comments, read_ply
 from .spz import GZIP, gzip_comments, read_spz
-from .transform import C0
 
 EXTENSIONS = (".ply", ".spz", ".sog", ".glb", ".gltf", ".splat", ".json")  # .json: the meta.json of SOG
 RENDER_MODES = {"mip": True, "default": False}
@@ -31,6 +29,12 @@ class Said:
     linear: bool | None = None
     up: tuple[float, float, float] | None = None  # a direction of any length
     scale: float | None = None
+    white: float | None = None  # linear radiance
+
+    @property
+    def light(self) -> Light:
+        """What the colours mean."""
+        return Light(bool(self.linear), self.white or 1.0)
 
 
 def read_model(path: str | Path, convert: Converter) -> tuple[Model, Said]:
@@ -42,11 +46,13 @@ def read_model(path: str | Path, convert: Converter) -> tuple[Model, Said]:
         with path.open("rb") as file:
             head = file.read(4096)
     except OSError as error:
-        raise FileError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
+        remedy = "check the path and its permissions"
+        raise FileError(path, "cannot be read ({reason})", remedy, reason=error.strerror) from error
     if head[:2] == GZIP:
         model, antialiased = read_spz(path)
         comments = gzip_comments(head)
-        return _in_radiance(model, comments), replace(said_in(comments), antialiased=antialiased)
+        said = replace(said_in(comments), antialiased=antialiased)
+        return spz_radiance(model, said.light, comments) if said.linear else model, said
     is_ply, packed = head[:3] == b"ply", b"packed_position" in head
     if (is_ply and not packed) or (path.suffix.lower() == ".ply" and not is_ply):  # its reader knows what is wrong
         return read_ply(path), said_in(read_comments(path))
@@ -66,23 +72,15 @@ def said_in(comments: list[str]) -> Said:
                 ours[name] = value == "true"
             case ["dogsplat", "up", name] if (up := direction(name)) is not None:
                 ours["up"] = up
-            case ["dogsplat", "near_clip" | "scale" as name, number] if _positive(number, name == "near_clip"):
+            case ["dogsplat", "scale" | "white" as name, number] if _positive(number):
                 ours[name] = float(number)
+            case ["dogsplat", "near_clip", number] if _positive(number, or_zero=True):
+                ours["near_clip"] = float(number)
             case ["SplatRenderMode:", mode] if mode in RENDER_MODES:
                 others["antialiased"] = RENDER_MODES[mode]
             case ["Vertical", "axis:", axis] if axis.lower() in ("y", "z"):  # of Brush, which means down
                 others["up"] = direction(f"-{axis}")
     return Said(**others | ours)  # type: ignore[arg-type]
-
-
-def _in_radiance(model: Model, comments: list[str]) -> Model:
-    """A linear model of an SPZ file, whose colours are in units of the radiance that is white."""
-    whites = [comment.split()[2] for comment in comments if comment.startswith("dogsplat white ")]
-    if whites and _positive(whites[0], or_zero=False):
-        white = float(whites[0])
-        model.sh_coeffs *= np.float32(white)
-        model.sh_coeffs[:, 0] += 0.5 * (white - 1) / C0
-    return model
 
 
 def direction(name: str) -> tuple[float, float, float] | None:
@@ -97,7 +95,7 @@ def direction(name: str) -> tuple[float, float, float] | None:
     return (x, y, z) if 1e-6 < math.hypot(x, y, z) < 1e6 else None
 
 
-def _positive(text: str, or_zero: bool) -> bool:
+def _positive(text: str, or_zero: bool = False) -> bool:
     try:
         number = float(text)
     except ValueError:

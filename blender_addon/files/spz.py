@@ -24,6 +24,7 @@ _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # components b
 # SPZ is in axes right, up, back; files of 3DGS are in right, down, forward. Signs of the basis functions of SH:
 _SIGNS = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1])
 _AGAIN = "copy or export the file again"
+_VERSION = "not SPZ of version 2 or 3, but {version}"
 
 
 def gzip_comments(head: bytes) -> list[str]:
@@ -44,18 +45,20 @@ def read_spz(path: str | Path) -> tuple[Model, bool]:
         inflate = zlib.decompressobj(16 + zlib.MAX_WBITS)
         magic, version, n, degree, bits, flags, _ = _HEADER.unpack(inflate.decompress(data, _HEADER.size))
         if magic != _MAGIC or version not in (2, 3) or degree > 4:
-            raise FileError(path, f"not SPZ of version 2 or 3, but {version}", "convert it, or install the package")
+            raise FileError(path, _VERSION, "convert it, or install the package", version=version)
         sizes = (9, 1, 3, 3, 3 if version == 2 else 4, 3 * ((degree + 1) ** 2 - 1))
         need = n * sum(sizes)
         if need > (4 << 20) + _MOST * len(data):
-            raise FileError(path, f"{len(data)} bytes cannot hold {n} splats", _AGAIN)
+            raise FileError(path, "{size} bytes cannot hold {n} splats", _AGAIN, size=len(data), n=n)
         body = inflate.decompress(inflate.unconsumed_tail, need) if need else b""
     except OSError as error:
-        raise FileError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
+        remedy = "check the path and its permissions"
+        raise FileError(path, "cannot be read ({reason})", remedy, reason=error.strerror) from error
     except (zlib.error, struct.error) as error:
-        raise FileError(path, f"no gzip stream of an SPZ file ({error})", _AGAIN) from error
+        raise FileError(path, "no gzip stream of an SPZ file ({reason})", _AGAIN, reason=error) from error
     if len(body) != need:
-        raise FileError(path, f"{n} splats need {need} bytes, the file has {len(body)}", _AGAIN)
+        problem = "{n} splats need {need} bytes, the file has {size}"
+        raise FileError(path, problem, _AGAIN, n=n, need=need, size=len(body))
     ends = np.cumsum([0, *sizes]) * n
     parts = [np.frombuffer(body[a:b], np.uint8) for a, b in zip(ends, ends[1:], strict=False)]
     positions, opacities, colors, scales, rotations, rest = parts

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..files.transform import C0, SH_TERMS
+from ..files.sh import C0, SH_TERMS
 from ..objects.attributes import BASE, SH
 from .builder import Tree, Value, Vector, arrange, new_group, wrap
 from .material import VERSION

@@ -14,6 +14,7 @@ from .paint import NAME as PAINT
 from .tree import NAME, SHOW, splat_tree
 
 EDITING = (CROP, LIMITS, PAINT)
+SHOWN = ("Show As", "SH Degree", "DoG", "Linear Colors", "Antialiased", "Near Clip", "Viewport Share")
 MENUS = {"Show As": SHOW, "Shape": SHAPES, "Count By": ORDERS}
 
 # Horizontal: what Blender's sensor fit "Auto" decides. Enum values: 0 Auto, 1 Horizontal, 2 Vertical.

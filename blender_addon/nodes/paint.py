@@ -10,7 +10,7 @@ from typing import Any
 
 import bpy
 
-from ..files.transform import C0
+from ..files.sh import C0
 from ..objects.attributes import BASE, ERASE, PAINT_INDEX, SH, TINT
 from .builder import Tree, Value, Vector, new_group, wrap
 from .geometry import delete, describe, has_attribute, has_object, store, switch
@@ -21,6 +21,7 @@ CORNERS = 4  # of the stand-in of a splat
 INPUTS = {
     "Geometry": "NodeSocketGeometry", "Erase": "NodeSocketBool", "Threshold": "NodeSocketFloat",
     "Tint": "NodeSocketBool", "Stand-In": "NodeSocketObject",
+    "Linear Light": "NodeSocketBool",
 }  # fmt: skip
 
 
@@ -29,13 +30,14 @@ def paint_tree() -> bpy.types.NodeTree:
     if existing := cached_group(NAME):
         return existing
     tree, inputs, exit_node = new_group(NAME, GEOMETRY, INPUTS, {"Geometry": "NodeSocketGeometry"})
-    geometry, erase, threshold, tint, target = inputs
+    geometry, erase, threshold, tint, target, linear = inputs
     info = tree.node("GeometryNodeObjectInfo", transform_space="ORIGINAL")
     tree.plug(info.inputs["Object"], target)
     (weight,) = _painted(tree, info, ERASE, "FLOAT")
     kept = delete(tree, geometry, (weight > threshold) * erase)
     painted = tree.math("MAXIMUM", has_object(info), has_attribute(tree, kept, TINT, "FLOAT_COLOR"))
-    tinted = _tinted(tree, kept, *_painted(tree, info, TINT, "FLOAT_COLOR"))
+    color, strength = _painted(tree, info, TINT, "FLOAT_COLOR")
+    tinted = _tinted(tree, kept, color, strength, linear)
     tree.plug(exit_node.inputs[0], switch(tree, "GEOMETRY", tint * painted > 0.5, kept, tinted))
     describe(tree.tree, {
         "Erase": {"default_value": True, "description": f'Leave out the splats whose weight "{ERASE}" is high'},
@@ -43,6 +45,7 @@ def paint_tree() -> bpy.types.NodeTree:
                       "description": "Splats of a higher weight are left out"},
         "Tint": {"default_value": True, "description": f'Multiply the colours by the painted ones, "{TINT}"'},
         "Stand-In": {"description": "The object that is painted; without one, the attributes of the splats hold"},
+        "Linear Light": {"default_value": False, "description": "The colours are radiance, not sRGB values"},
     })  # fmt: skip
     return finish_group(tree, NAME)
 
@@ -78,11 +81,12 @@ def _parts(tree: Tree, socket: Any) -> list[Any]:
     return [Vector(tree, socket), Value(tree, channels.outputs["Alpha"])]
 
 
-def _tinted(tree: Tree, points: Any, color: Vector, strength: Value) -> Any:
+def _tinted(tree: Tree, points: Any, color: Vector, strength: Value, linear: Value) -> Any:
     """Colours times the tint as it is seen: c = 1/2 + C0 dc + … becomes t c. What is not tinted keeps its bits."""
     distance = tree.vector_math("DISTANCE", color, (1.0, 1.0, 1.0), output="Value")
     tinted = strength * distance > 0.0
-    factor = (linear_to_srgb(tree, color) + (-1.0, -1.0, -1.0)) * strength + (1.0, 1.0, 1.0)
+    seen = switch(tree, "VECTOR", linear, linear_to_srgb(tree, color), color)
+    factor = (seen + (-1.0, -1.0, -1.0)) * strength + (1.0, 1.0, 1.0)
     base, alpha = _parts(tree, attribute_socket(tree, BASE, "FLOAT_COLOR"))
     dc = base * factor + (factor + (-1.0, -1.0, -1.0)) * (0.5 / C0)
     joined = tree.node("FunctionNodeCombineColor")

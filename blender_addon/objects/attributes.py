@@ -10,38 +10,49 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..files.errors import told
 from ..files.model import Model, importance, logit, normalized, positive_log, sigmoid
 
 SCALE, ROTATION, BASE, SH = "scale", "rotation", "radiance:base", "radiance:sh_{}"
 OPACITY_FACTOR, SCALE_FACTOR = "dog:opacity_factor", "dog:scale_factor"
 RAW_LOGITS = "dog:raw_logits"  # logit opacity, logit of the opacity factor, 0
 RAW_SCALE, RAW_ROTATION, RAW_FACTOR = "dog:raw_scale", "dog:raw_rotation", "dog:raw_factor"
+NATIVE_SCALE, NATIVE_OPACITY = "dog:native_scale", "dog:native_opacity"  # as baked: how edits of them are noticed
 RAW_POSITION = "dog:raw_position"  # where the splat's other attributes were right; see ``following.py``
 RANK = "dog:rank"  # 0 for the most important splat, below 1 for the least, so that a share is a prefix
 ERASE, TINT, PAINT_INDEX = "Erase", "Tint", "paint:index"  # painted; which part of the stand-in is the splat's
-_FIELDS = {
+POINT_FIELDS = {
     "FLOAT": ("value", ()), "FLOAT_VECTOR": ("vector", (3,)), "FLOAT_COLOR": ("color", (4,)),
     "QUATERNION": ("value", (4,)), "INT": ("value", ()), "BYTE_COLOR": ("color", (4,)),
+    "FLOAT4": ("vector", (4,)),
 }  # fmt: skip
+
+
+Geometry = bpy.types.Mesh | bpy.types.PointCloud
 
 
 def write_attributes(mesh: bpy.types.Mesh, model: Model) -> None:
     """Fill an empty mesh with a vertex per primitive, or give those that it has other values; the rest stays."""
     if not mesh.vertices:
         mesh.vertices.add(model.n_splats)
-    mesh.attributes["position"].data.foreach_set("vector", model.means.ravel())
-    put_column(mesh, RAW_POSITION, model.means)
-    if RANK not in mesh.attributes:
-        put_column(mesh, RANK, importance_ranks(model))
-    base, values = _activated(model)
-    put_column(mesh, BASE, base)
-    for name, (kind, array) in values.items():
-        put_column(mesh, name, array, kind)
-    for k in range(1, model.sh_coeffs.shape[1]):
-        put_column(mesh, SH.format(k - 1), model.sh_coeffs[:, k])
-    for name, array in _raw(model).items():
-        put_column(mesh, name, array)
+    put_columns(mesh, model, "FLOAT_COLOR")
     mesh.update()
+
+
+def put_columns(geometry: Geometry, model: Model, base_kind: str) -> None:
+    """Store a model as attributes of as many points; ``base_kind`` is the type of ``radiance:base``."""
+    geometry.attributes["position"].data.foreach_set("vector", model.means.ravel())
+    put_column(geometry, RAW_POSITION, model.means)
+    if RANK not in geometry.attributes:
+        put_column(geometry, RANK, importance_ranks(model))
+    base, values = _activated(model)
+    put_column(geometry, BASE, base, base_kind)
+    for name, (kind, array) in values.items():
+        put_column(geometry, name, array, kind)
+    for k in range(1, model.sh_coeffs.shape[1]):
+        put_column(geometry, SH.format(k - 1), model.sh_coeffs[:, k])
+    for name, array in _raw(model).items():
+        put_column(geometry, name, array)
 
 
 def importance_ranks(model: Model) -> np.ndarray:
@@ -52,22 +63,36 @@ def importance_ranks(model: Model) -> np.ndarray:
 
 
 def is_splats(obj: bpy.types.Object | None) -> bool:
-    """Whether an object holds splats."""
+    """Whether an object holds splats of ours."""
     return obj is not None and obj.type == "MESH" and BASE in obj.data.attributes
 
 
-def read_attributes(mesh: bpy.types.Mesh) -> Model:
-    """The model that a mesh holds: raw values of the file where nobody changed them, else made from the activated.
+def is_native(obj: bpy.types.Object | None) -> bool:
+    """Whether an object holds splats as Blender draws them itself, whoever made them."""
+    return obj is not None and obj.type == "POINTCLOUD" and BASE in obj.data.attributes
+
+
+def has_splats(obj: bpy.types.Object | None) -> bool:
+    """Either of them."""
+    return is_splats(obj) or is_native(obj)
+
+
+def read_attributes(mesh: Geometry) -> Model:
+    """The model that a mesh or point cloud holds: raw values of the file where nobody changed them, else the activated.
 
     Raises ``ValueError`` that names an attribute that is missing.
     """
-    base = get_column(mesh, BASE, 4)
+    return model_of(mesh, get_column(mesh, SCALE, 3), get_column(mesh, BASE, 4))
+
+
+def model_of(mesh: Geometry, scale: np.ndarray, base: np.ndarray) -> Model:
+    """The same with these scales [N, 3], colours and opacities [N, 4] in place of its own."""
     degree = next(d for d in (3, 2, 1, 0) if d == 0 or SH.format((d + 1) ** 2 - 2) in mesh.attributes)
     bands = [base[:, :3], *(get_column(mesh, SH.format(k), 3) for k in range((degree + 1) ** 2 - 1))]
     has_dog = OPACITY_FACTOR in mesh.attributes
     factor = get_column(mesh, OPACITY_FACTOR, 1)[:, 0] if has_dog else np.zeros(len(base), np.float32)
     scale_factor = get_column(mesh, SCALE_FACTOR, 3) if has_dog else np.ones((len(base), 3), np.float32)
-    scale, rotation = get_column(mesh, SCALE, 3), get_column(mesh, ROTATION, 4)
+    rotation = get_column(mesh, ROTATION, 4)
     edited = Model(
         means=get_column(mesh, "position", 3),
         log_scales=positive_log(scale),
@@ -149,24 +174,26 @@ def _raw(model: Model) -> dict[str, np.ndarray]:
     return {name: array.astype(np.float32) for name, array in values.items()}
 
 
-def put_column(mesh: bpy.types.Mesh, name: str, values: np.ndarray, kind: str | None = None) -> None:
+def put_column(mesh: Geometry, name: str, values: np.ndarray, kind: str | None = None) -> None:
     """Store an attribute of the points, [N, width] or [N]; by default a float, vector or colour by its width."""
     width = 1 if values.ndim == 1 else values.shape[1]
     whole = np.issubdtype(values.dtype, np.integer)
     kind = kind or ("INT" if whole else {1: "FLOAT", 3: "FLOAT_VECTOR", 4: "FLOAT_COLOR"}[width])
     attribute = mesh.attributes.get(name) or mesh.attributes.new(name, kind, "POINT")
     values = np.ascontiguousarray(values, np.int32 if whole else np.float32)
-    attribute.data.foreach_set(_FIELDS[kind][0], values.ravel())
+    attribute.data.foreach_set(POINT_FIELDS[kind][0], values.ravel())
 
 
-def get_column(mesh: bpy.types.Mesh, name: str, width: int) -> np.ndarray:
+def get_column(mesh: Geometry, name: str, width: int) -> np.ndarray:
     """An attribute of the points, [N, width]. Raises ``ValueError`` where there is none of that kind."""
     attribute = mesh.attributes.get(name)
-    if attribute is None or attribute.domain != "POINT" or attribute.data_type not in _FIELDS:
-        raise ValueError(f'the mesh "{mesh.name}" has no usable attribute "{name}"; import the model again')
-    field, shape = _FIELDS[attribute.data_type]
+    if attribute is None or attribute.domain != "POINT" or attribute.data_type not in POINT_FIELDS:
+        problem = 'the mesh "{mesh}" has no usable attribute "{name}"; import the model again'
+        raise ValueError(told(problem, mesh=mesh.name, name=name))
+    field, shape = POINT_FIELDS[attribute.data_type]
     if (shape or (1,)) != (width,):
-        raise ValueError(f'attribute "{name}" of "{mesh.name}" is {attribute.data_type}; import the model again')
-    values = np.empty(len(mesh.vertices) * width, np.int32 if attribute.data_type == "INT" else np.float32)
+        problem = 'attribute "{name}" of "{mesh}" is {kind}; import the model again'
+        raise ValueError(told(problem, name=name, mesh=mesh.name, kind=attribute.data_type))
+    values = np.empty(len(attribute.data) * width, np.int32 if attribute.data_type == "INT" else np.float32)
     attribute.data.foreach_get(field, values)
     return values.reshape(-1, width)

@@ -6,8 +6,12 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
+from ..files.light import Light
+
 SOURCE, CONVENTION, IMPORT_MATRIX = "dogsplat_source", "dogsplat_convention", "dogsplat_import_matrix"
+LINEAR, WHITE = "dogsplat_linear", "dogsplat_white"  # of models in linear radiance only
 DOG_COUNT = "dogsplat_dog_count"  # of the model as it was imported
+DRAWING = "dogsplat_drawing"  # of native splats: how our modifier drew them
 UP_AXES = (
     ("Z", "Z", "As in the file: for Blender, Mitsuba and instant-ngp scenes"),
     ("-Z", "-Z", "Turned upside down"),
@@ -36,6 +40,17 @@ def remember(obj: bpy.types.Object, source: str, convention: str, matrix: Matrix
     """Write down the file, its convention and the matrix from its coordinates to Blender's."""
     obj[SOURCE], obj[CONVENTION] = source, convention
     obj[IMPORT_MATRIX] = [value for row in matrix for value in row]
+
+
+def remember_light(obj: bpy.types.Object, light: Light) -> None:
+    """Write down what the colours of a model mean."""
+    if light.linear:
+        obj[LINEAR], obj[WHITE] = True, light.white
+
+
+def light_of(obj: bpy.types.Object) -> Light:
+    """What the colours of an object's splats mean; sRGB values where nothing is written down."""
+    return Light(bool(obj.get(LINEAR, False)), float(obj.get(WHITE, 1.0)))
 
 
 def import_matrix(obj: bpy.types.Object) -> np.ndarray:

@@ -9,10 +9,11 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ..files.errors import FileError
+from ..files.errors import FileError, told
+from ..files.light import in_common_light
 from ..files.model import concatenate
 from ..files.ply import write_ply
-from .conventions import import_matrix
+from .conventions import import_matrix, light_of
 from .placed import holds_splats, placed_model, placed_splats
 
 
@@ -51,19 +52,21 @@ class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
         depsgraph = context.evaluated_depsgraph_get()
         placed = list(placed_splats(depsgraph, chosen.__contains__))
         if not placed:
-            self.report({"ERROR"}, "the selected splats are hidden in this view layer; show them first")
+            self.report({"ERROR"}, told("the selected splats are hidden in this view layer; show them first"))
             return {"CANCELLED"}
         objects = [obj for obj, _ in placed]
         first = context.object if context.object in objects else objects[0]
         target = np.linalg.inv(import_matrix(first)) if self.space == "FILE" else np.eye(4)
         try:
-            model = concatenate([placed_model(obj, depsgraph, target @ matrix, self.hidden) for obj, matrix in placed])
+            models = [placed_model(obj, depsgraph, target @ matrix, self.hidden) for obj, matrix in placed]
+            models, light = in_common_light(models, [light_of(obj) for obj in objects])
+            model = concatenate(models)
             if model.n_splats == 0:
-                problem, remedy = "there is no splat to export", "select a model that has some, or open its crop"
-                raise FileError(self.filepath, problem, remedy)
-            write_ply(Path(self.filepath), model)
+                remedy = "select a model that has some, or open its crop"
+                raise FileError(self.filepath, "there is no splat to export", remedy)
+            write_ply(Path(self.filepath), model, light.comments)
         except ValueError as error:  # FileError too
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        self.report({"INFO"}, f"{model.n_splats:,} splats exported")
+        self.report({"INFO"}, told("{count:,} splats exported", count=model.n_splats))
         return {"FINISHED"}

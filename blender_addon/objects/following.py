@@ -1,8 +1,8 @@
 """Splats follow their points: turned and scaled as Blender's own tools moved the vertices.
 
 Apply Transform, Join, and turning or scaling in edit mode change the positions of vertices and nothing else. So every
-splat also has the position at which its other attributes were right. Where the two differ by a similarity transform,
-orientations, sizes and spherical harmonics are turned and scaled by it.
+splat also has the position at which its other attributes were right. Where the two differ by one linear transform,
+orientations, sizes and spherical harmonics follow it.
 """
 
 from __future__ import annotations

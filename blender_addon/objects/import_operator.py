@@ -9,21 +9,39 @@ from typing import Any
 
 import bpy
 import numpy as np
+from bpy.app.translations import pgettext_iface as iface_
+from bpy.app.translations import pgettext_tip as tip_
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 
 from ..engine.renderers import converted
-from ..files.errors import FileError
+from ..files.errors import FileError, told
 from ..files.model import Model, importance, sigmoid
 from ..files.read import EXTENSIONS, read_model
+from ..native.bake import baked
+from ..native.convert import native_object, replace_object
+from ..native.feature import is_available
 from ..nodes.modifier import add_modifier, set_input
-from ..nodes.tree import SHOW
 from ..preferences import command_of
 from .attributes import write_attributes
-from .conventions import DOG_COUNT, UP_AXES, conversion, remember
+from .conventions import DOG_COUNT, UP_AXES, conversion, remember, remember_light
 
+SHOWN_AS = (
+    ("AUTOMATIC", "Automatic", "Quads in renders, ellipsoids in the viewport"),
+    ("QUADS", "Quads", "Exact for the active camera, meaningless from elsewhere"),
+    ("ELLIPSOIDS", "Ellipsoids", "Instances that are right from everywhere"),
+    ("POINTS", "Points", "A point cloud: opaque and fast"),
+)
 UP_DESCRIPTION = "Which axis of the file is up; unless set here, as the file says"
 CONVENTION = "3DGS PLY: raw values, quaternions w x y z, positions in coordinates of the file"
+
+
+def ways_to_show() -> tuple[tuple[str, str, str], ...]:
+    """What this Blender can show a model as, when the add-on is enabled."""
+    if not is_available():
+        return SHOWN_AS
+    tip = tip_("Drawn by Blender itself in real time, as plain Gaussians: the package bakes DoG into them")
+    return (*SHOWN_AS, ("NATIVE", iface_("Native"), tip))
 
 
 class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
@@ -68,12 +86,7 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         ("LINEAR", "Scene", "Linear light: right under Standard, Filmic and AgX, together with other objects"),
         ("DISPLAY", "Exact", "sRGB values blended as trained: the exact picture, for the view transform Raw"),
     ))  # fmt: skip
-    show_as: EnumProperty(name="Show As", default=SHOW[0].upper(), items=(
-        ("AUTOMATIC", "Automatic", "Quads in renders, ellipsoids in the viewport"),
-        ("QUADS", "Quads", "Exact for the active camera, meaningless from elsewhere"),
-        ("ELLIPSOIDS", "Ellipsoids", "Instances that are right from everywhere"),
-        ("POINTS", "Points", "A point cloud: opaque and fast"),
-    ))  # fmt: skip
+    show_as: EnumProperty(name="Show As", default=SHOWN_AS[0][0], items=ways_to_show())
     antialiased: BoolProperty(
         name="Antialiased",
         default=False,
@@ -97,31 +110,39 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         try:
             read = [(path, *read_model(path, partial(converted, command_of(context)))) for path in paths]
             models = [(path, self._reduced(path, model), said) for path, model, said in read]
-        except FileError as error:
+            native, command = self.show_as == "NATIVE", command_of(context)
+            plain = [baked(command, model) if native and self.use_dog else model for _, model, _ in models]
+        except ValueError as error:  # FileError too
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
         bpy.ops.object.select_all(action="DESELECT")
-        for path, model, said in models:
+        for (path, model, said), gaussians in zip(models, plain, strict=True):
             place = said if self.place else replace(said, up=None, scale=None)
             up_axis, scale = self._choice("up_axis", place.up), self._choice("scale", place.scale)
             obj = build_object(context, path, model, conversion(up_axis, scale))
             modifier = obj.modifiers[-1]
-            set_input(modifier, "Show As", self.show_as.capitalize())
+            remember_light(obj, said.light)
+            if not native:
+                set_input(modifier, "Show As", self.show_as.capitalize())
             set_input(modifier, "SH Degree", self.sh_degree)
             set_input(modifier, "DoG", self.use_dog)
             set_input(modifier, "Linear Colors", self.color_mode == "LINEAR" and not said.linear)
             set_input(modifier, "Antialiased", self._choice("antialiased", said.antialiased))
             if said.near_clip is not None:
                 set_input(modifier, "Near Clip", said.near_clip * scale)
+            if native:
+                own = obj
+                obj = native_object(own, own.data, model, gaussians)
+                replace_object(own, obj)
             obj.select_set(True)
             context.view_layer.objects.active = obj
         if self.prepare_viewports:
             _prepare_viewports(context)
         total = sum(model.n_splats for _, model, _ in models)
         dog = sum(int(model.is_dog.sum()) for _, model, _ in models)
-        self.report({"INFO"}, f"{total:,} splats imported, {dog:,} of them DoG")
+        self.report({"INFO"}, told("{total:,} splats imported, {dog:,} of them DoG", total=total, dog=dog))
         return {"FINISHED"}
 
     def _choice(self, name: str, said: Any) -> Any:

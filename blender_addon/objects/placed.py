@@ -7,17 +7,19 @@ from collections.abc import Callable, Iterator
 import bpy
 import numpy as np
 
+from ..files.errors import told
 from ..files.model import Model
 from ..files.transform import transformed
-from .attributes import is_splats, read_attributes
+from ..native.cloud import read_cloud
+from .attributes import has_splats, is_native, read_attributes
 from .edited import edited_model
 
 
 def holds_splats(obj: bpy.types.Object) -> bool:
     """Whether an object is splats, or an instance of a collection with splats."""
     if obj.instance_type == "COLLECTION" and obj.instance_collection is not None:
-        return any(is_splats(inner) for inner in obj.instance_collection.all_objects)
-    return is_splats(obj)
+        return any(has_splats(inner) for inner in obj.instance_collection.all_objects)
+    return has_splats(obj)
 
 
 def placed_splats(
@@ -29,12 +31,12 @@ def placed_splats(
     """
     own = [obj.original for obj in depsgraph.objects]
     for obj in own:
-        if is_splats(obj) and wanted(obj):
+        if has_splats(obj) and wanted(obj):
             yield obj, np.array(obj.evaluated_get(depsgraph).matrix_world, np.float64)
     if not any(obj.instance_type == "COLLECTION" and holds_splats(obj) and wanted(obj) for obj in own):
         return
     for instance in depsgraph.object_instances:
-        if not instance.is_instance or not is_splats(instance.object.original):
+        if not instance.is_instance or not has_splats(instance.object.original):
             continue
         obj, parent = instance.object.original, instance.parent.original
         drawn = instance.object.data.as_pointer() != obj.evaluated_get(depsgraph).data.as_pointer()
@@ -47,10 +49,20 @@ def placed_model(
 ) -> Model:
     """The splats of an object, moved by a [4, 4] matrix; with ``hidden`` as if nothing edited them.
 
-    Raises ``ValueError`` for an object without the attributes or with a transform that splats cannot follow.
+    Raises ``ValueError`` for an object without the attributes or with a transform that flattens them.
     """
     try:
-        model = read_attributes(obj.original.data) if hidden else edited_model(obj, depsgraph)
+        data = obj.original.data
+        whole = read_cloud if is_native(obj.original) else read_attributes
+        model = whole(data) if hidden else edited_model(obj, depsgraph)
+    except ValueError as error:
+        raise ValueError(told('"{name}": {reason}', name=obj.name, reason=error)) from error
+    return moved_model(model, matrix, obj.name)
+
+
+def moved_model(model: Model, matrix: np.ndarray, name: str) -> Model:
+    """The splats of an object of that name, moved. Raises ``ValueError`` for a transform that flattens them."""
+    try:
         return transformed(model, matrix)
     except ValueError as error:
-        raise ValueError(f'"{obj.name}": {error}') from error
+        raise ValueError(told('"{name}": {reason}', name=name, reason=error)) from error

@@ -10,7 +10,7 @@ from typing import Any
 
 from .pairs import REFERENCES, first_of
 
-QUANTITIES = {"megabytes": ("bytes", "size, MB"), "train_seconds": ("time", "training, s")}
+QUANTITIES = {"megabytes": ("bytes", "size, MB", 2), "train_seconds": ("time", "training, s", 0)}
 SHOWN = {"psnr": ("PSNR (dB)", 2), "ssim": ("SSIM", 4), "flip": ("FLIP", 4), "lpips": ("LPIPS", 3)}
 
 
@@ -35,7 +35,7 @@ def tables_of_equals(rows: dict[str, Any], own_target: str) -> list[dict[str, An
     if reference is None or len(rows) < 2:
         return []
     tables = []
-    for quantity, (what, words) in QUANTITIES.items():
+    for quantity, (what, words, digits) in QUANTITIES.items():
         value = rows[reference]["summary"][quantity]["value"]
         columns = [name for name in SHOWN if any(name in row["summary"] for row in rows.values())]
         lines = []
@@ -45,7 +45,7 @@ def tables_of_equals(rows: dict[str, Any], own_target: str) -> list[dict[str, An
             size, known = found[quantity]["value"], [found.get(column) for column in columns]
             cells = [f"{k['value']:.{SHOWN[c][1]}f}" if k else "" for c, k in zip(columns, known, strict=True)]
             told = "all primitives" if name.startswith("3dgs") and "capped" not in name else target or own_target
-            lines.append([row["label"], told, f"{size:,.3g}", f"{size / value:.2f}", *cells])
+            lines.append([row["label"], told, f"{size:,.{digits}f}", f"{size / value:.2f}", *cells])
         headings = ["method", "target", words, "of the reference", *(SHOWN[column][0] for column in columns)]
         tables.append({"headings": headings, "rows": lines, "reference": rows[reference]["label"], "what": what})
     return tables

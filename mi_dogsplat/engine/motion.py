@@ -1,7 +1,8 @@
 """Moving a model on the device: differentiable with respect to the transform. ``transform.py`` is its twin on the host.
 
 The colours turn with the model: its spherical harmonics are rotated band by band. The matrix that does so is solved
-from samples: each band is a space of functions that is closed under rotation, so matching as many directions is exact.
+from samples: each band is a space of functions that is closed under rotations and reflections, so matching as many
+directions is exact.
 """
 
 from __future__ import annotations
@@ -20,10 +21,11 @@ from .sh_groups import ROW_COEFFICIENTS
 
 
 def moved(params: dict, to_world: mi.Transform4f) -> dict:
-    """Parameters (as ``upload`` makes them) of the model under a rotation, uniform scale and translation."""
+    """Parameters (as ``upload`` makes them) of the model under a rotation, mirror, uniform scale and translation."""
     matrix = [[to_world.matrix[r, c] for c in range(4)] for r in range(3)]
-    scale = dr.cbrt(dr.det(mi.Matrix3f([row[:3] for row in matrix])))
-    rotation = [[value / scale for value in row[:3]] for row in matrix]
+    signed = dr.cbrt(dr.det(mi.Matrix3f([row[:3] for row in matrix])))  # negative for a mirror image
+    scale, rotation = dr.abs(signed), [[value / signed for value in row[:3]] for row in matrix]
+    isometry = [[dr.mulsign(value, signed) for value in row] for row in rotation]
     n = dr.width(params["logit_opacities"])
     if n == 0:
         return params
@@ -36,23 +38,23 @@ def moved(params: dict, to_world: mi.Transform4f) -> dict:
     result = {**params, "means": _table(means), "quats": _table(quats), "log_scales": log_scales}
     size = dr.width(params["sh_coeffs"]) // (3 * n)
     if size > 1:
-        result["sh_coeffs"] = _table(_turned(read_rows(params["sh_coeffs"], 3 * size, 3 * size, index), rotation))
+        result["sh_coeffs"] = _table(_turned(read_rows(params["sh_coeffs"], 3 * size, 3 * size, index), isometry))
     for degree, group in SH.items():
         if group.index in params:
             (name,), stride, used = group.names, 3 * ROW_COEFFICIENTS[degree], 3 * ((degree + 1) ** 2 - 1)
             bands = read_rows(params[name], stride, used, dr.arange(mi.UInt32, dr.width(params[group.index])))
-            turned = _turned([mi.Float(0)] * 3 + bands, rotation)[3:]
+            turned = _turned([mi.Float(0)] * 3 + bands, isometry)[3:]
             result[name] = _table(turned + [mi.Float(0)] * (stride - used))
     return result
 
 
-def _turned(coefficients: list, rotation: list) -> list:
+def _turned(coefficients: list, isometry: list) -> list:
     """Rows of SH coefficients (channels of a coefficient are neighbours) of f as those of f∘R⁻¹."""
     turned = coefficients[:3]
     for degree in range(1, round((len(coefficients) // 3) ** 0.5)):
         first, size = degree**2, 2 * degree + 1
         directions, solve = _samples(degree)
-        back = [[sum(rotation[r][c] * d[r] for r in range(3)) for c in range(3)] for d in directions]  # R⁻¹ d
+        back = [[sum(isometry[r][c] * d[r] for r in range(3)) for c in range(3)] for d in directions]  # R⁻¹ d
         values = [sh_basis(x, y, z, degree)[first:] for x, y, z in back]
         for k in range(size):
             row = [sum(float(solve[k, i]) * values[i][j] for i in range(size)) for j in range(size)]

@@ -21,7 +21,9 @@ from typing import Any
 import numpy as np
 
 from ..scene.drawing import EXTRAS, Drawing
+from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
+from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
 from .packing import SQRT2, smallest_three, unit_quats
 from .palette import codebook, nearest, palette
 from .sog_read import FIRST_TAG, PER_ROW, read
@@ -50,8 +52,8 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     means["files"] = [store("means_l.webp", steps & 255), store("means_u.webp", steps >> 8)]
     largest, three = smallest_three(unit_quats(splats)[:, [3, 0, 1, 2]])
     quats = np.concatenate([_bytes((three * SQRT2 + 1) / 2), (FIRST_TAG + largest)[:, None]], axis=1)
-    sizes, dc = codebook(splats.log_scales), codebook(splats.sh_coeffs[:, 0])
-    sh0 = np.concatenate([nearest(dc, splats.sh_coeffs[:, 0]), _bytes(splats.opacities[:, None])], axis=1)
+    sizes, (dc, indices) = codebook(splats.log_scales), _colors(splats.sh_coeffs[:, 0], bool(drawing.linear))
+    sh0 = np.concatenate([indices, _bytes(splats.opacities[:, None])], axis=1)
     scales = store("scales.webp", nearest(sizes, splats.log_scales))
     meta: dict[str, Any] = {"version": 2, "asset": {"generator": "mi_dogsplat"}, "count": n, "means": means}
     if drawing.antialiased is not None:
@@ -86,6 +88,19 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
 def decode(path: Path) -> Splats:
     """The model in a bundle, or in the folder of a meta.json. Raises ``DataError``."""
     return read(path).splats
+
+
+def _colors(dc: Array, linear: bool) -> tuple[Array, Array]:
+    """Table [256] of f_dc, and indices into it of [N, 3].
+
+    Of linear colours, in units of white, it is made through the tone curve: else lamps would take all of its entries.
+    """
+    if not linear:
+        table = codebook(dc)
+        return table, nearest(table, dc)
+    seen = linear_to_srgb_log(0.5 + C0 * dc.astype(np.float64))
+    table = codebook(seen)
+    return ((srgb_log_to_linear(table) - 0.5) / C0).astype(np.float32), nearest(table, seen)
 
 
 def palette_size(n: int) -> int:

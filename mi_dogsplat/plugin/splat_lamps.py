@@ -21,7 +21,7 @@ from ..engine.project import rows
 from ..scene.sh_basis import C0
 from .transfer import srgb_to_linear
 
-BRIGHT = 2.0  # radiance, more than a screen shows; below it lamps are not worth a ray at every vertex
+BRIGHT = 20.0  # radiance: of trained models some primitives reach 14, with light that others take away again
 MOST = 8  # lamps: each costs a little at every vertex
 CONE = 2.5  # radius of what a cone encloses, in scales of the lamp
 NARROWEST = 0.03  # sine of a cone's half angle, so that its solid angle has digits in float32

@@ -1,57 +1,48 @@
-"""Similarity transforms of a model: positions, orientations, sizes and the directions of its spherical harmonics."""
+"""Linear transforms of a model: positions, orientations, sizes and the directions of its spherical harmonics.
+
+Similarities, mirror images among them, are exact; ``linear_map.py`` has what becomes of the others.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from .linear_map import check_regular, mapped_factors, mapped_kernels, sh_projection
+from .quaternions import quaternion_from_rotation, quaternion_product
 from .row_groups import SH
 from .sh_basis import sh_basis_table
 from .splats import Splats
 
 
 def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
-    """(rotation [3,3], scale, translation [3]) of a 4x4 matrix.
+    """(rotation or rotoreflection [3,3], scale, translation [3]) of a 4x4 matrix.
 
-    Raises ``ValueError`` unless the matrix is a rotation, a uniform positive scale and a translation.
+    Raises ``ValueError`` unless the matrix is such an isometry, a uniform positive scale and a translation.
     """
     matrix = np.asarray(matrix, dtype=np.float64)
     linear, translation = matrix[:3, :3], matrix[:3, 3]
     det = np.linalg.det(linear) if np.isfinite(matrix).all() else 0.0
-    scale = float(np.cbrt(det))
-    if det <= 0 or not np.allclose(linear @ linear.T, scale**2 * np.eye(3), atol=1e-4 * scale**2):
+    scale = float(np.cbrt(abs(det)))
+    if det == 0 or not np.allclose(linear @ linear.T, scale**2 * np.eye(3), atol=1e-4 * scale**2):
         raise ValueError(
-            "a model can be rotated, scaled uniformly and translated; this matrix shears, mirrors or collapses it"
+            "a model can be rotated, mirrored, scaled uniformly and translated here; this matrix shears, stretches or "
+            "collapses it"
         )
     return linear / scale, scale, translation
 
 
-def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Hamilton product a b of quaternions [..., 4] in x, y, z, w order."""
-    av, aw, bv, bw = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
-    vector = aw * bv + bw * av + np.cross(av, bv)
-    return np.concatenate([vector, aw * bw - np.sum(av * bv, -1, keepdims=True)], -1)
-
-
-def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
-    """Unit quaternion (x, y, z, w) of a rotation matrix: the leading eigenvector of Bar-Itzhack's symmetric matrix."""
-    r = rotation
-    k = np.array(
-        [
-            [r[0, 0] - r[1, 1] - r[2, 2], r[1, 0] + r[0, 1], r[2, 0] + r[0, 2], r[2, 1] - r[1, 2]],
-            [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], r[2, 1] + r[1, 2], r[0, 2] - r[2, 0]],
-            [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], r[0, 0] + r[1, 1] + r[2, 2]],
-        ]
-    )
-    return np.linalg.eigh(k)[1][:, -1]
+def mean_scale(matrix: np.ndarray) -> float:
+    """The factor of a 4x4 matrix on lengths: of a similarity its scale, else the geometric mean along three axes."""
+    return float(np.cbrt(abs(np.linalg.det(np.asarray(matrix, dtype=np.float64)[:3, :3]))))
 
 
 def sh_rotation(rotation: np.ndarray, degree: int) -> np.ndarray:
-    """Matrix [K, K] that takes SH coefficients of f to those of f∘R⁻¹.
+    """Matrix [K, K] that takes SH coefficients of f to those of f∘R⁻¹, R a rotation or rotoreflection.
 
-    Solved from samples: each band is a function space closed under rotation, so matching 2K directions is exact.
+    Solved from samples: each band is a function space closed under both, so matching 2K directions is exact.
     """
     directions = np.random.default_rng(0).normal(size=(4 * (degree + 1) ** 2, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -60,14 +51,21 @@ def sh_rotation(rotation: np.ndarray, degree: int) -> np.ndarray:
 
 
 def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
-    """The model moved by a 4x4 similarity. Exactly the same arrays for the identity.
+    """The model moved by a 4x4 matrix. Exactly the same arrays for the identity.
 
-    Raises ``ValueError`` for anything but rotation, uniform scale and translation.
+    Raises ``ValueError`` for a matrix that collapses the model or is not finite.
     """
-    rotation, scale, translation = decompose_similarity(matrix)
-    if np.array_equal(np.asarray(matrix, dtype=np.float64), np.eye(4)):
+    matrix = np.asarray(matrix, dtype=np.float64)
+    if np.array_equal(matrix, np.eye(4)):
         return splats
-    turn = sh_rotation(rotation, splats.sh_degree)
+    linear, translation = matrix[:3, :3], matrix[:3, 3]
+    check_regular(linear)
+    try:
+        isometry, scale, _ = decompose_similarity(matrix)
+    except ValueError:
+        means = splats.means.astype(np.float64) @ linear.T + translation
+        return replace(splats, means=means, **_mapped(splats, linear), **_projected(splats, linear))
+    turn = sh_rotation(isometry, splats.sh_degree)
 
     def turned(coeffs: np.ndarray, first: int) -> np.ndarray:
         """Rows of the coefficients from ``first`` on."""
@@ -76,11 +74,39 @@ def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
 
     groups = [group for group in SH.values() if len(getattr(splats, group.index))]
     of_groups = {name: turned(getattr(splats, name), 1) for group in groups for name in group.names}
+    rotation = isometry if np.linalg.det(isometry) > 0 else -isometry  # the same of a kernel, which is symmetric
     return replace(
         splats,
-        means=splats.means.astype(np.float64) @ (scale * rotation).T + translation,
+        means=splats.means.astype(np.float64) @ (scale * isometry).T + translation,
         log_scales=splats.log_scales + np.log(scale),
         quats=quaternion_product(quaternion_from_rotation(rotation), splats.quats.astype(np.float64)),
         sh_coeffs=turned(splats.sh_coeffs, 0),
         **of_groups,
     )
+
+
+def _mapped(splats: Splats, linear: np.ndarray) -> dict[str, Any]:
+    """Kernels after a map that is no similarity."""
+    with np.errstate(over="ignore"):  # what no file should hold becomes NaN
+        before = splats.quats.astype(np.float64), np.exp(splats.log_scales.astype(np.float64))
+    after = mapped_kernels(linear, *before)
+    dog = splats.dog_index
+    of_dog = [(quats[dog], scales[dog]) for quats, scales in (before, after)]
+    factors = mapped_factors(linear, of_dog[0], of_dog[1], splats.dog_scales.astype(np.float64))
+    return {"quats": after[0], "log_scales": np.log(after[1]), "dog_log_scales": np.log(factors)}
+
+
+def _projected(splats: Splats, linear: np.ndarray) -> dict[str, Any]:
+    """Colours after it: what a band loses goes into those below, the constant one among them."""
+    project = sh_projection(linear, splats.sh_degree)
+    k = splats.sh_coeffs.shape[1]
+    constant = np.einsum("ij,njc->nic", project[:k, :k], splats.sh_coeffs.astype(np.float64))
+    values = {"sh_coeffs": constant}
+    for degree, group in SH.items():
+        index, (name,) = getattr(splats, group.index), group.names
+        if len(index):
+            rows = project[: (degree + 1) ** 2, 1 : (degree + 1) ** 2]
+            bands = np.einsum("ij,njc->nic", rows, getattr(splats, name).astype(np.float64))
+            constant[index] += bands[:, :1]
+            values[name] = bands[:, 1:]
+    return values

@@ -4,16 +4,20 @@ import bpy
 import numpy as np
 import pytest
 from check_export import colors, covariances, export
-from check_live_edits import PLACED, assert_equal, cropped, local, shown
+from check_live_edits import PLACED, assert_equal, cropped, local, paint, shown
 from check_render import place_camera
-from conftest import load
+from conftest import REFERENCES, load
 from mathutils import Matrix
 
+from blender_addon.editing.stand_in import stand_in_of
+from blender_addon.files.light import Light
 from blender_addon.files.model import Model
 from blender_addon.files.motion import motions
 from blender_addon.files.ply import read_ply
+from blender_addon.files.sh import C0
 from blender_addon.nodes.modifier import edit_modifiers, get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import read_attributes
+from blender_addon.objects.conventions import light_of
 from blender_addon.objects.placed import placed_splats
 
 TURN = Matrix.Rotation(0.8, 4, (1, 2, -1)) @ Matrix.Scale(1.7, 4)
@@ -26,7 +30,7 @@ def assert_moved(found: Model, raw: Model, matrix: np.ndarray) -> None:
     assert np.allclose(covariances(found), linear @ covariances(raw) @ linear.T, rtol=1e-3, atol=1e-5)
     directions = np.random.default_rng(1).normal(size=raw.means.shape)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    turned = directions @ (linear / np.cbrt(np.linalg.det(linear))).T
+    turned = directions @ (linear / np.cbrt(abs(np.linalg.det(linear)))).T
     assert np.allclose(colors(found, turned), colors(raw, directions), atol=1e-4)
     assert np.array_equal(found.is_dog, raw.is_dog)
     assert np.array_equal(found.dog_logit_opacities[raw.is_dog], raw.dog_logit_opacities[raw.is_dog])
@@ -40,6 +44,21 @@ def test_splats_follow_blenders_own_apply_transform(model):
     bpy.context.view_layer.update()
     assert obj.matrix_world == Matrix.Identity(4)
     assert_moved(read_attributes(obj.data), raw, np.array(PLACED))
+
+
+@pytest.mark.parametrize("scale", [(-1.5, 1.5, 1.5), (1, 2, 0.7)])
+def test_splats_follow_blenders_own_mirrors_and_stretches(model, scale):
+    obj, raw = load(model), read_ply(model)
+    obj.scale = scale
+    bpy.context.view_layer.update()
+    bpy.ops.object.transform_apply()
+    bpy.context.view_layer.update()
+    found, matrix = read_attributes(obj.data), np.diag([*scale, 1])
+    if scale[0] < 0:
+        assert_moved(found, raw, matrix)
+    expected = matrix[:3, :3] @ covariances(raw) @ matrix[:3, :3]
+    assert np.allclose(covariances(found), expected, rtol=1e-3, atol=1e-5 * np.abs(expected).max())
+    assert np.array_equal(found.logit_opacities, raw.logit_opacities)
 
 
 def test_splats_follow_a_shift_without_losing_a_bit_of_the_rest(model):
@@ -82,7 +101,8 @@ def test_motions_are_found_in_any_order_of_what_was_joined():
     rng = np.random.default_rng(0)
     before = rng.normal(size=(1000, 3)).astype(np.float32)
     after = before.copy()
-    pieces = {(0, 300): TURN, (300, 637): Matrix.Rotation(1.0, 4, "X"), (800, 1000): PLACED}
+    stretched = Matrix.Rotation(1.0, 4, "X") @ Matrix.Diagonal((1, -2, 0.6, 1))
+    pieces = {(0, 300): TURN, (300, 637): stretched, (800, 1000): PLACED}
     for (a, b), matrix in pieces.items():
         m = np.array(matrix)
         after[a:b] = before[a:b] @ m[:3, :3].T + m[:3, 3]
@@ -122,15 +142,34 @@ def test_our_join_leaves_hidden_splats_behind_and_refuses_what_splats_cannot_fol
     set_input(edit_modifiers(first)[0], "Maximum Count", 30)
     first.update_tag()
     second.select_set(True)
-    second.scale = 1, 1, 2
+    second.scale = 1, 1, 0
     bpy.context.view_layer.update()
-    with pytest.raises(RuntimeError, match='"dog".*scaled differently'):
+    with pytest.raises(RuntimeError, match='"dog".*cannot be flattened'):
         bpy.ops.dogsplat.join()
     assert len(bpy.data.objects) == 2
     second.scale = 1, 1, 1
     bpy.context.view_layer.update()
     bpy.ops.dogsplat.join()
     assert len(first.data.vertices) == 180 and not edit_modifiers(first)
+
+
+def test_linear_models_join_linear_ones_only_and_stay_linear(model):
+    """A tint multiplies radiance, so it is not encoded."""
+    second, first = load(model), load(REFERENCES / "linear.ply")
+    second.select_set(True)
+    with pytest.raises(RuntimeError, match="some of these models hold radiance"):
+        bpy.ops.dogsplat.join()
+    bpy.data.objects.remove(second)
+    first.select_set(True)
+    bpy.ops.object.duplicate()
+    first.select_set(True)
+    assert bpy.ops.dogsplat.join() == {"FINISHED"}
+    obj, raw = bpy.context.object, read_ply(REFERENCES / "linear.ply")
+    assert light_of(obj) == Light(True, 2.5) and len(obj.data.vertices) == 2 * raw.n_splats
+    bpy.ops.dogsplat.paint(what="TINT")
+    paint(stand_in_of(obj), np.arange(2 * raw.n_splats), color=(1.0, 0.2, 0.0, 1.0))
+    found = shown(obj).sh_coeffs[:, 0] * C0 + 0.5
+    assert np.allclose(found, (read_attributes(obj.data).sh_coeffs[:, 0] * C0 + 0.5) * (1, 0.2, 0), atol=1e-5)
 
 
 def test_separated_parts_are_models_with_all_their_bits(scene, model, tmp_path):

@@ -3,12 +3,12 @@
 import bpy
 import numpy as np
 import pytest
-from conftest import load
+from conftest import REFERENCES, load
 from mathutils import Matrix
 
 from blender_addon.files.model import normalized, sigmoid
 from blender_addon.files.ply import read_ply
-from blender_addon.files.transform import C0, sh_basis
+from blender_addon.files.sh import C0, sh_basis
 
 
 def export(path, **options):
@@ -20,6 +20,13 @@ def test_an_untouched_model_comes_back_byte_for_byte(model, tmp_path):
     load(model, up_axis="-Y", scale=2.5)
     export(tmp_path / "out.ply")
     assert (tmp_path / "out.ply").read_bytes() == model.read_bytes()
+
+
+def test_a_linear_model_says_so_again_byte_for_byte(tmp_path):
+    source = REFERENCES / "linear.ply"
+    load(source, scale=2.5)
+    export(tmp_path / "out.ply")
+    assert (tmp_path / "out.ply").read_bytes() == source.read_bytes()
 
 
 def test_a_real_model_comes_back_byte_for_byte(shared, tmp_path):
@@ -124,12 +131,33 @@ def test_two_models_become_one(model, tmp_path):
     assert not found.sh_coeffs[raw.n_splats :, 4:].any()
 
 
-@pytest.mark.parametrize("scale", [(1, 2, 1), (-1, 1, 1)])
-def test_what_splats_cannot_follow_is_said(model, tmp_path, scale):
-    obj = load(model)
-    obj.scale = scale
+@pytest.mark.parametrize("scale, applied", [((1, 2, 1), True), ((-1, 1, 1), True), ((1.1, -0.8, 1.5), False)])
+def test_a_stretched_or_mirrored_model_is_exported_so(model, tmp_path, scale, applied):
+    """Oracle: covariance A Σ Aᵀ; of mirrors colours too, from the direction that was mirrored along."""
+    obj, raw = load(model), read_ply(model)
+    obj.matrix_world = Matrix.Rotation(0.8, 4, (1, 2, -1)) @ Matrix.Diagonal((*scale, 1))
     bpy.context.view_layer.update()
-    with pytest.raises(RuntimeError, match='"dog".*sheared, mirrored'):
+    linear = np.array(obj.matrix_world)[:3, :3]
+    if applied:
+        assert bpy.ops.dogsplat.apply_transform() == {"FINISHED"}
+    found = export(tmp_path / "out.ply")
+    assert np.allclose(found.means, raw.means @ linear.T, atol=1e-4)
+    expected = linear @ covariances(raw) @ linear.T
+    assert np.allclose(covariances(found), expected, rtol=1e-3, atol=1e-5 * np.abs(expected).max())
+    directions = np.random.default_rng(1).normal(size=raw.means.shape)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    after = directions @ linear.T
+    after /= np.linalg.norm(after, axis=1, keepdims=True)
+    error, ignored = (np.abs(colors(m, after) - colors(raw, directions)).mean() for m in (found, raw))
+    assert error < (1e-5 if scale == (-1, 1, 1) else ignored / 2)
+    assert np.array_equal(found.is_dog, raw.is_dog)
+
+
+def test_what_splats_cannot_follow_is_said(model, tmp_path):
+    obj = load(model)
+    obj.scale = 1, 1, 0
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match='"dog".*cannot be flattened'):
         export(tmp_path / "out.ply")
     assert not (tmp_path / "out.ply").exists()
 

@@ -14,7 +14,7 @@ from blender_addon.editing.stand_in import stand_in_of
 from blender_addon.engine import render_engine
 from blender_addon.files.model import Model, importance, sigmoid
 from blender_addon.files.ply import read_ply
-from blender_addon.files.transform import C0
+from blender_addon.files.sh import C0
 from blender_addon.nodes.modifier import edit_modifiers, input_property, set_input
 from blender_addon.nodes.paint import CORNERS
 from blender_addon.objects.attributes import read_attributes

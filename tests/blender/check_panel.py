@@ -37,6 +37,11 @@ class Layout:
         category, _, function = name.partition(".")
         getattr(getattr(bpy.ops, category), function).get_rna_type()  # raises where there is none
         self.drawn.append(name)
+        return SimpleNamespace()
+
+    def progress(self, factor, text, translate=True):
+        assert 0 <= factor <= 1
+        self.drawn.append(text)
 
     def prop(self, data, name, **options):
         data.path_resolve(name)

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from mi_dogsplat.cli import main
+from mi_dogsplat.compare import execute
 from mi_dogsplat.compare.nearest import nearest, tables_of_equals
 from mi_dogsplat.compare.overview import overview
 from mi_dogsplat.compare.pairs import interval, margin, paired, seconds_to, table_of_pairs
+from tasks_here import perform_here
 from tiny_data import write_tiny_data
 
 
@@ -90,15 +92,16 @@ def test_the_margin_is_told_by_its_parts_where_all_have_a_row():
 
 def test_the_nearest_run_is_that_of_the_nearest_ratio_and_nothing_is_interpolated():
     ours = row("ours", [30.0], megabytes=2.0)
-    paper = row("paper", [29.0], megabytes=0.9, seconds=40.0, **{"0.2": (29.7, 1.9), "0.4": (29.9, 4.1)})
+    paper = row("paper", [29.0], megabytes=0.9, seconds=4346.0, **{"0.2": (29.7, 1.9), "0.4": (29.9, 4.1)})
     rows = {"ours": ours, "paper": paper}
     assert nearest(paper, "megabytes", 2.0) == "0.2" and nearest(paper, "megabytes", 1.0) == ""
     by_size, by_time = tables_of_equals(rows, "0.1")
-    assert by_size["rows"] == [["ours", "0.1", "2", "1.00", "30.00"], ["paper", "0.2", "1.9", "0.95", "29.70"]]
-    assert by_time["rows"][1][:4] == ["paper", "0.1", "40", "4.00"]
+    assert by_size["rows"] == [["ours", "0.1", "2.00", "1.00", "30.00"], ["paper", "0.2", "1.90", "0.95", "29.70"]]
+    assert by_time["rows"][1][:4] == ["paper", "0.1", "4,346", "434.60"]
 
 
-def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path):
+def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path, monkeypatch):
+    monkeypatch.setattr(execute, "in_a_process", perform_here)
     data = write_tiny_data(tmp_path / "tiny")
     flags = "--steps 60 --sh-degree 1 --max-primitives 120 --target 0.25 --log-every 10".split()
     only = ["--only", "3dgs", "opacity", "3dgs_capped", "released_40k", "--more-targets", "0.5"]

@@ -189,7 +189,7 @@ MOTION = np.array([0.2, -0.1, 0.3, 20.0, -35.0, 50.0])
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
-@pytest.mark.parametrize("scale", [1.0, 1.7])
+@pytest.mark.parametrize("scale", [1.0, 1.7, -1.7])
 def test_a_model_moved_on_the_device_is_that_moved_on_the_host(degree, scale):
     splats = rounded(random_splats(30, seed=3, degree=degree))
     matrix = host_motion(MOTION) @ np.diag([scale, scale, scale, 1])
@@ -224,12 +224,12 @@ def test_moving_the_shape_through_its_parameter_is_loading_it_moved():
     np.testing.assert_allclose(np.array(mi.render(scene)), reference.render(MODEL, CAMERA)[0], atol=2e-3)
 
 
-def test_a_shape_that_is_sheared_is_refused():
+def test_a_shape_that_its_parameter_shears_is_refused():
     scene = scene_of(MODEL, CAMERA)
     params: Any = mi.traverse(scene)
     stretched: Any = mi.Transform4f()
     params["splats.to_world"] = stretched.scale([1, 2, 1])
-    with pytest.raises(RuntimeError, match='"to_world": a model can be rotated, scaled uniformly'):
+    with pytest.raises(RuntimeError, match='"to_world": a model can be rotated, mirrored, scaled uniformly'):
         params.update()
 
 

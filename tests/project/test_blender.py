@@ -13,6 +13,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import read_ply, write_ply
+from mi_dogsplat.scene.radiance import brightened
 from splat_scenes import random_splats, rounded, square_camera, tilted_camera
 
 ROOT = Path(__file__).parents[2]
@@ -76,6 +78,12 @@ def references(tmp_path_factory) -> Path:
     mixed = dog.with_sh_degrees(np.arange(150) % 4)
     write_ply(folder / "rows.ply", mixed, "rows")
     write_ply(folder / "padded.ply", mixed)
+    linear = Model(brightened(dog, 3.0), Drawing(linear=True, white=2.5))
+    write_model(folder / "linear.ply", linear)
+    write_model(folder / "linear.spz", replace(linear, splats=brightened(dog.plain(), 40.0)))
+    np.savez(folder / "linear_spz.npz", sh_coeffs=read_model(folder / "linear.spz").splats.sh_coeffs)
+    picture = render_picture(upload(linear.splats), camera, RasterOptions(sh_degree=3), linear=True)
+    np.savez(folder / "linear.npz", radiance=np.asarray(picture.radiance))
     np.savez(folder / "spz.npz", **vars(read_model(folder / "plain.spz").splats))
     reference(folder, "square", dog, square_camera(96, 64, 90.0))
     if SHARED.is_dir():
@@ -130,7 +138,7 @@ def outcomes(references, tmp_path_factory) -> dict[tuple[str, str], list[ET.Elem
         run = subprocess.run(
             command, cwd=ROOT, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True
         )
-        if not report.exists():
+        if not report.exists() or run.returncode > 1:  # of checks that ran it is 0 or 1
             raise RuntimeError(f"{python} stopped:\n{run.stdout[-4000:]}\n{run.stderr[-2000:]}")
         for case in ET.parse(report).iter("testcase"):
             name = case.get("name", "").split("[")[0]

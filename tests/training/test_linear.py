@@ -23,7 +23,7 @@ from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scores.score import ScoreRule, energies
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.support.srgb import linear_to_srgb
+from mi_dogsplat.support.srgb import linear_to_srgb, linear_to_srgb_log, srgb_log_to_linear
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer import SplatOptimizer
@@ -56,6 +56,8 @@ def test_the_curve_is_srgb_up_to_white_then_a_logarithm_and_its_slope_that_of_di
     below = x <= 1
     np.testing.assert_allclose(y[below], linear_to_srgb(x[below]), atol=2e-6)
     np.testing.assert_allclose(y[~below], 1 + 1.055 / 2.4 * np.log(x[~below]), rtol=1e-5)
+    np.testing.assert_allclose(y, linear_to_srgb_log(x), rtol=1e-5, atol=2e-6)
+    np.testing.assert_allclose(srgb_log_to_linear(linear_to_srgb_log(x)), x, rtol=1e-12, atol=1e-15)
     fine, h = array_types().Double, 1e-6 * np.maximum(1, np.abs(x))
     differences = (curve(fine(x + h)).numpy() - curve(fine(x - h)).numpy()) / (2 * h)
     corner = np.abs(x - 0.0031308) < 1e-2  # where the standard itself has one

@@ -1,0 +1,59 @@
+"""Linear maps that are no similarity, such as a scale that differs along the axes: kernels exactly, colours nearly.
+
+The same as ``mi_dogsplat.scene.linear_map``, which has the formulas; this copy keeps the add-on free of other packages.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .model import Model, normalized
+from .rotation import quaternion_from_rotation, rotations
+from .sh import sh_basis
+
+POLAR, AROUND = 64, 128  # directions of the quadrature: exact to rounding up to ratios of 10 to 1
+LEAST = 1e-36  # scale that is told from nothing
+FLATTEST = 1e-7  # smallest over largest singular value of a map that can be undone in float32
+
+
+def check_regular(linear: NDArray) -> None:
+    """Raise ``ValueError`` for a [3, 3] map that flattens."""
+    sizes = np.linalg.svd(linear, compute_uv=False)
+    if not sizes[-1] > FLATTEST * sizes[0]:
+        raise ValueError("splats cannot be flattened, but this object is scaled to nothing along an axis")
+
+
+def mapped(model: Model, linear: NDArray) -> Model:
+    """A model after a regular map [3, 3], its means left as they are."""
+    scales = np.exp(model.log_scales.astype(np.float64))
+    columns = linear @ rotations(normalized(model.quats).astype(np.float64))  # [N, 3, 3]
+    u, sizes, _ = np.linalg.svd(columns * scales[:, None])
+    u = u * np.where(np.linalg.det(u) < 0, -1.0, 1.0)[:, None, None]  # a rotation, no reflection: Σ' is the same
+    sizes = np.maximum(sizes, LEAST)
+    factors = np.exp(np.where(model.is_dog[:, None], model.dog_log_scales, 0).astype(np.float64))
+    pseudo = u.swapaxes(1, 2) @ columns * (factors * scales)[:, None]  # rows are the new axes
+    log_factors = np.log(np.linalg.norm(pseudo, axis=2) / sizes)
+    project = sh_projection(linear, model.sh_degree)
+    return replace(
+        model,
+        log_scales=np.log(sizes).astype(np.float32),
+        quats=quaternion_from_rotation(u).astype(np.float32),
+        sh_coeffs=np.einsum("ij,njc->nic", project, model.sh_coeffs.astype(np.float64)).astype(np.float32),
+        dog_log_scales=np.where(model.is_dog[:, None], log_factors, model.dog_log_scales).astype(np.float32),
+    )
+
+
+def sh_projection(linear: NDArray, degree: int) -> NDArray[np.float64]:
+    """Matrix [K, K] from the coefficients of f to those nearest to d ↦ f(A⁻¹ d / |A⁻¹ d|)."""
+    heights, weights = np.polynomial.legendre.leggauss(POLAR)
+    angles = np.arange(AROUND) * 2 * np.pi / AROUND
+    z, angle = (grid.ravel() for grid in np.meshgrid(heights, angles, indexing="ij"))
+    radius = np.sqrt(1 - z * z)
+    directions = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+    back = directions @ np.linalg.inv(linear).T
+    back /= np.linalg.norm(back, axis=1, keepdims=True)
+    weighted = sh_basis(directions, degree) * np.repeat(weights * 2 * np.pi / AROUND, AROUND)[:, None]
+    return weighted.T @ sh_basis(back, degree)

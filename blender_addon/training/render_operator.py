@@ -1,0 +1,132 @@
+"""Renders the views of the rig: one after the other while Blender goes on drawing; all at once without a window."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import BoolProperty
+
+from ..files.errors import told
+from .rendering import Rendering
+from .work import WORK, redraw
+
+INTERVAL = 0.1  # seconds between looks at the render job
+
+
+class DOGSPLAT_OT_render_views(bpy.types.Operator):
+    """Render the views of the rig into the data set; Esc stops, and the next start goes on there"""
+
+    bl_idname = "dogsplat.render_views"
+    bl_label = "Render Views"
+    bl_options = {"UNDO"}
+
+    train: BoolProperty(name="Train", default=False, description="Then train on them, and import the model")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Nothing of this kind is at work."""
+        return context.mode == "OBJECT" and not WORK.busy and not bpy.app.is_job_running("RENDER")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """All views in one go, for scripts."""
+        try:
+            rendering = Rendering(context)
+        except ValueError as error:
+            return self._refused(error)
+        try:
+            while rendering.advance():
+                bpy.ops.render.render(write_still=True)
+                rendering.keep()
+            rendering.complete()
+        except (ValueError, RuntimeError) as error:
+            return self._refused(error)
+        finally:
+            rendering.close()
+        self.report({"INFO"}, told("{n} views rendered", n=len(rendering.frames)))
+        return bpy.ops.dogsplat.train() if self.train else {"FINISHED"}
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """View by view, by Blender's own render job."""
+        if bpy.app.background:
+            return self.execute(context)
+        try:
+            WORK.rendering = RenderJobs(context)
+        except ValueError as error:
+            return self._refused(error)
+        self._timer = context.window_manager.event_timer_add(INTERVAL, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """The scene has other settings meanwhile, so nothing else is let through."""
+        jobs = WORK.rendering
+        if event.type == "ESC":
+            jobs.stopped = True
+        if event.type != "TIMER":
+            return {"RUNNING_MODAL"}
+        try:
+            going_on = jobs.tick()
+        except (ValueError, RuntimeError) as error:
+            self._end(context)
+            return self._refused(error)
+        redraw(context)
+        done, n = jobs.rendering.done, len(jobs.rendering.frames)
+        said = told("{done} of {n} views; Esc stops, and what is rendered is kept", done=done, n=n)
+        context.workspace.status_text_set(said)
+        if going_on:
+            return {"RUNNING_MODAL"}
+        self._end(context)
+        if jobs.stopped:
+            self.report({"WARNING"}, told("stopped after {done} of {n} views; Go On renders the rest", done=done, n=n))
+            return {"FINISHED"}
+        self.report({"INFO"}, told("{n} views rendered", n=n))
+        return bpy.ops.dogsplat.train("INVOKE_DEFAULT") if self.train else {"FINISHED"}
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Blender quits, or opens another file."""
+        self._end(context)
+
+    def _end(self, context: bpy.types.Context) -> None:
+        WORK.rendering.close()
+        WORK.rendering = None
+        context.window_manager.event_timer_remove(self._timer)
+        context.workspace.status_text_set(None)
+        redraw(context)
+
+    def _refused(self, error: Exception) -> set[str]:
+        self.report({"ERROR"}, " ".join(str(error).removeprefix("Error: ").split()))
+        return {"CANCELLED"}
+
+
+class RenderJobs:
+    """A rendering by Blender's render jobs, of which one is at work at a time; no window shows them."""
+
+    def __init__(self, context: bpy.types.Context):
+        """Raises ``ValueError``."""
+        self.rendering = Rendering(context)
+        self.stopped = False
+        self._view = context.preferences.view
+        self._shown, self._view.render_display_type = self._view.render_display_type, "NONE"
+        bpy.app.handlers.render_cancel.append(self._cancelled)
+
+    def tick(self) -> bool:
+        """Look after the job; False at the end. Raises ``ValueError`` and ``RuntimeError``."""
+        if bpy.app.is_job_running("RENDER"):
+            return True
+        if self.stopped:
+            return False
+        self.rendering.keep()
+        if self.rendering.advance():
+            bpy.ops.render.render("INVOKE_DEFAULT", write_still=True)
+            return True
+        self.rendering.complete()
+        return False
+
+    def close(self) -> None:
+        """Everything as it was."""
+        bpy.app.handlers.render_cancel.remove(self._cancelled)
+        self._view.render_display_type = self._shown
+        self.rendering.close()
+
+    def _cancelled(self, *_: object) -> None:
+        """Blender ends a job by Esc itself, and lets nobody else see that key."""
+        self.stopped = True

@@ -1,0 +1,119 @@
+"""What the panel "Train Splats" is told, kept with the scene."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    IntVectorProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5) else set()  # a path may begin with //
+BANDS = {"AROUND": (0.0, 90.0), "INSIDE": (-35.0, 35.0)}  # elevations in degrees, unless they are set by hand
+SUBJECTS = (
+    ("SELECTED", "Selected Objects", "What is selected when the cameras are made"),
+    ("SCENE", "Whole Scene", "All that renders show"),
+    ("REGION", "Region", "What is in the box of an object, such as an empty; nothing is hidden"),
+)
+RIGS = (
+    ("AROUND", "Around", "On a sphere, all looking at its middle, as dogsplat capture has them"),
+    ("INSIDE", "Inside", "Spread over the room, looking into all directions: for interiors"),
+)
+PRESETS = (
+    ("ours", "Ours", "Pruned and made DoG: the recipe of this package"),
+    ("paper", "Paper", "The published method, as it is printed"),
+    ("released", "Released", "The published method, as in its code"),
+    ("3dgs", "3DGS", "Plain 3D Gaussian splatting: nothing is pruned, nothing is DoG"),
+)
+
+
+def _take_band(self: DogSplatTrainingSettings, context: bpy.types.Context) -> None:
+    self.elevations = BANDS[self.rig]
+
+
+class DogSplatSubject(bpy.types.PropertyGroup):
+    """One of the objects that a rig was made for."""
+
+    object: PointerProperty(type=bpy.types.Object)
+
+
+class DogSplatTrainingSettings(bpy.types.PropertyGroup):
+    """Of a scene, for the panel "Train Splats"."""
+
+    subject: EnumProperty(name="Subject", items=SUBJECTS, default="SELECTED")
+    region: PointerProperty(
+        name="Region", type=bpy.types.Object, description="An empty, whose cube counts, or any object with a size"
+    )
+    rig: EnumProperty(name="Cameras", items=RIGS, default="AROUND", update=_take_band)
+    views: IntProperty(
+        name="Views",
+        default=48,
+        min=1,
+        soft_max=400,
+        description="Training views; a sixth as many more measure how good the model is",
+    )
+    elevations: FloatVectorProperty(
+        name="Elevations",
+        size=2,
+        default=BANDS["AROUND"],
+        min=-90.0,
+        max=90.0,
+        description="Lowest and highest, in degrees: 0 to 90 is a dome, -90 to 90 a sphere",
+    )
+    zoom: FloatProperty(
+        name="Zoom",
+        default=1.0,
+        min=0.01,
+        soft_max=4.0,
+        description="At 1 the subject's sphere just fits, at 2 it is twice as large",
+    )
+    size: IntVectorProperty(
+        name="Size", size=2, default=(400, 400), min=8, soft_max=2000, description="Of the pictures, in pixels"
+    )
+    alone: BoolProperty(
+        name="Subject Alone",
+        default=True,
+        description="Cameras do not see other objects; their shadows and light stay, in Cycles and EEVEE",
+    )
+    transparent: BoolProperty(
+        name="Transparent",
+        default=True,
+        description="Nothing behind the subject: the model ends where it ends. Off: the world is trained too",
+    )
+    linear: BoolProperty(
+        name="Linear (HDR)",
+        default=False,
+        description="OpenEXR of linear radiance instead of PNG: highlights do not end at white",
+    )
+    folder: StringProperty(
+        name="Folder",
+        subtype="DIR_PATH",
+        options=RELATIVE,
+        default="//dogsplat_training",
+        description="For the data set, in data, and the training, in run",
+    )
+    preset: EnumProperty(name="Preset", items=PRESETS, default="ours")
+    steps: IntProperty(name="Steps", default=7000, min=10, soft_max=30_000, description="The schedule scales along")
+    target: StringProperty(
+        name="Target", default="10%", description="What pruning leaves: a share (10%), a count (20000), or a size (2MB)"
+    )
+    max_primitives: IntProperty(
+        name="At Most", default=60_000, min=0, description="Primitives at any time; 0: no limit, which takes long"
+    )
+    hide_originals: BoolProperty(
+        name="Hide Originals", default=True, description="The model takes their place, in viewports and renders"
+    )
+    cameras: PointerProperty(type=bpy.types.Collection)  # of the rig
+    subjects: CollectionProperty(type=DogSplatSubject)  # of the rig
+    result: PointerProperty(type=bpy.types.Object)  # of the latest training
+
+    def objects(self) -> list[bpy.types.Object]:
+        """Those that the rig was made for, as far as they are still there."""
+        return [entry.object for entry in self.subjects if entry.object is not None]

@@ -1,0 +1,229 @@
+"""German reports and errors; what stands in braces is put in."""
+
+MESSAGES = {
+    # What was done
+    "{total:,} splats imported, {dog:,} of them DoG": "{total:,} Splats importiert, davon {dog:,} DoG",
+    "{count:,} splats exported": "{count:,} Splats exportiert",
+    "{count:,} splats deleted": "{count:,} Splats gelöscht",
+    "{count} cameras imported": "{count} Kameras importiert",
+    "{count} key frames imported": "{count} Schlüsselbilder importiert",
+    "{count} key frames exported": "{count} Schlüsselbilder exportiert",
+    "View transform Raw, pixel filter of one pixel, exact colours": (
+        "Ansichtstransformation Raw, Pixelfilter von einem Pixel, exakte Farben"
+    ),
+    "sending the scene": "Szene wird gesendet",
+    "{count:,} splats, {name}": "{count:,} Splats, {name}",
+    # Files
+    "this is a folder": "das ist ein Ordner",
+    "give the path of a model": "den Pfad eines Modells angeben",
+    "give the path of a PLY file": "den Pfad einer PLY-Datei angeben",
+    "no such file or folder": "keine solche Datei und kein solcher Ordner",
+    "check the path": "den Pfad prüfen",
+    "cannot be read ({reason})": "kann nicht gelesen werden ({reason})",
+    "check the path and its permissions": "den Pfad und seine Rechte prüfen",
+    "cannot be written ({reason})": "kann nicht geschrieben werden ({reason})",
+    "check that the folder exists, is writable and has space": (
+        "prüfen, ob der Ordner existiert, beschreibbar ist und Platz hat"
+    ),
+    "copy or export the file again": "die Datei neu kopieren oder exportieren",
+    # PLY
+    'not a PLY file (its first line is not "ply")': "keine PLY-Datei (ihre erste Zeile ist nicht „ply“)",
+    'the header has no "format" line': "im Kopf fehlt die Zeile „format“",
+    'the header has no "end_header" line': "im Kopf fehlt die Zeile „end_header“",
+    'header line "{line}" makes no sense': "die Kopfzeile „{line}“ ergibt keinen Sinn",
+    'there is no element "vertex"': "es gibt kein Element „vertex“",
+    'there is no property "{name}"': "es gibt keine Eigenschaft „{name}“",
+    "give a 3D Gaussian splatting PLY with the columns x y z f_dc_* opacity scale_* rot_*": (
+        "ein PLY für 3D Gaussian Splatting mit den Spalten x y z f_dc_* opacity scale_* rot_* angeben"
+    ),
+    "this is a compressed PLY, export it uncompressed": ("das ist ein komprimiertes PLY, es unkomprimiert exportieren"),
+    "{n} properties f_rest_*, but SH degree 0, 1, 2, 3 has 0, 9, 24, 45": (
+        "{n} Eigenschaften f_rest_*, aber SH-Grad 0, 1, 2, 3 hat 0, 9, 24, 45"
+    ),
+    'view-dependent colour both in the element "vertex" and in the element "{name}"': (
+        "blickabhängige Farbe sowohl im Element „vertex“ als auch im Element „{name}“"
+    ),
+    "keep f_rest_* in one of the two": "f_rest_* in einem von beiden behalten",
+    'the element "{name}" does not name different primitives of 0 to {last}': (
+        "das Element „{name}“ nennt nicht lauter verschiedene Primitive von 0 bis {last}"
+    ),
+    'element "{name}" has a list property': "das Element „{name}“ hat eine Listeneigenschaft",
+    'element "{name}" holds something that is not a number': "das Element „{name}“ enthält etwas, das keine Zahl ist",
+    'the file ends inside of element "{name}"': "die Datei endet mitten im Element „{name}“",
+    '"{name}" in row {row} is not finite': "„{name}“ in Zeile {row} ist nicht endlich",
+    "the model holds values that are not finite": "das Modell enthält Werte, die nicht endlich sind",
+    "delete those splats; nothing was written": "diese Splats löschen; nichts wurde geschrieben",
+    # SPZ and other formats
+    "not SPZ of version 2 or 3, but {version}": "nicht SPZ der Version 2 oder 3, sondern {version}",
+    "convert it, or install the package": "umwandeln, oder das Paket installieren",
+    "{size} bytes cannot hold {n} splats": "{size} Bytes können keine {n} Splats enthalten",
+    "{n} splats need {need} bytes, the file has {size}": "{n} Splats brauchen {need} Bytes, die Datei hat {size}",
+    "no gzip stream of an SPZ file ({reason})": "kein gzip-Strom einer SPZ-Datei ({reason})",
+    "only the package reads this format, and {reason}": "nur das Paket liest dieses Format, und: {reason}",
+    "install the package mi_dogsplat[export] and name its command in the preferences, or convert it to PLY": (
+        "das Paket mi_dogsplat[export] installieren und seinen Befehl in den Einstellungen nennen, oder in PLY "
+        "umwandeln"
+    ),
+    # Models and objects
+    "no splat is left": "kein Splat bleibt übrig",
+    "lower the minimum opacity, or check that the model has any": (
+        "die kleinste Deckkraft senken, oder prüfen, ob das Modell Splats hat"
+    ),
+    '"{name}": no splat is left; open its crop or its limits': (
+        "„{name}“: kein Splat bleibt übrig; Zuschnitt oder Grenzen weiter öffnen"
+    ),
+    "splats cannot be flattened, but this object is scaled to nothing along an axis": (
+        "Splats können nicht flach sein, aber dieses Objekt ist entlang einer Achse auf null skaliert"
+    ),
+    "some of these models hold radiance, others sRGB values; join those of one kind": (
+        "manche dieser Modelle enthalten Strahldichte, andere sRGB-Werte; solche von einer Art zusammenführen"
+    ),
+    "only the package bakes DoG into plain Gaussians, and {reason}": (
+        "nur das Paket rechnet DoG in einfache Gauß-Splats ein, und: {reason}"
+    ),
+    'the mesh "{mesh}" has no usable attribute "{name}"; import the model again': (
+        "das Mesh „{mesh}“ hat kein brauchbares Attribut „{name}“; das Modell neu importieren"
+    ),
+    'attribute "{name}" of "{mesh}" is {kind}; import the model again': (
+        "das Attribut „{name}“ von „{mesh}“ ist {kind}; das Modell neu importieren"
+    ),
+    "the selected splats are hidden in this view layer; show them first": (
+        "die ausgewählten Splats sind in dieser Ansichtsebene verborgen; sie zuerst anzeigen"
+    ),
+    "there is no splat to export": "es gibt keinen Splat zu exportieren",
+    "select a model that has some, or open its crop": (
+        "ein Modell auswählen, das welche hat, oder seinen Zuschnitt weiter öffnen"
+    ),
+    # Cameras
+    "give a folder with sparse/0, transforms.json or transforms_train.json, such a file, or a run folder": (
+        "einen Ordner mit sparse/0, transforms.json oder transforms_train.json, eine solche Datei oder einen "
+        "Trainingsordner angeben"
+    ),
+    "no cameras found": "keine Kameras gefunden",
+    'has no cameras ("frames" is absent or empty)': "hat keine Kameras („frames“ fehlt oder ist leer)",
+    "does not name a data set": "nennt keinen Datensatz",
+    'its data set "{data}" is not there': "der Datensatz „{data}“ ist nicht da",
+    "import the cameras from the data set itself": "die Kameras aus dem Datensatz selbst importieren",
+    "not valid JSON in line {line} ({reason})": "kein gültiges JSON in Zeile {line} ({reason})",
+    "correct that line": "diese Zeile berichtigen",
+    "give a text file in UTF-8": "eine Textdatei in UTF-8 angeben",
+    "is not a JSON object": "ist kein JSON-Objekt",
+    'frame {number} lacks "file_path" or "transform_matrix"': (
+        "in Bild {number} fehlt „file_path“ oder „transform_matrix“"
+    ),
+    "add both to each frame": "beides in jedem Bild ergänzen",
+    "frame {number}: {reason}": "Bild {number}: {reason}",
+    "correct its numbers": "dessen Zahlen berichtigen",
+    'the pose of "{name}" cannot be used ({reason})': "die Pose von „{name}“ ist nicht brauchbar ({reason})",
+    "its shape is not 4 x 4, or it is not finite": "sie ist nicht 4 x 4 groß oder nicht endlich",
+    "it is not a rotation and a translation": "sie ist keine Drehung mit Verschiebung",
+    "correct it": "sie berichtigen",
+    '"{name}" has lens distortion': "„{name}“ hat eine Linsenverzeichnung",
+    "undistort the images first": "zuerst die Bilder entzerren",
+    '"{name}" has no focal length or no size': "„{name}“ hat keine Brennweite oder keine Größe",
+    'add "fl_x", "fl_y", "w", "h" in pixels': "„fl_x“, „fl_y“, „w“, „h“ in Pixeln ergänzen",
+    "cannot be read as an image": "kann nicht als Bild gelesen werden",
+    'add "w" and "h" to the frames': "bei den Bildern „w“ und „h“ ergänzen",
+    'the camera "{name}" is {kind}; splats need a perspective camera': (
+        "die Kamera „{name}“ ist {kind}; Splats brauchen eine perspektivische Kamera"
+    ),
+    # COLMAP
+    "the model has no registered image": "das Modell hat kein registriertes Bild",
+    "run COLMAP's mapper until images register": "COLMAPs Mapper ausführen, bis Bilder registriert sind",
+    'image "{name}" uses camera {number}, which is not there': (
+        "das Bild „{name}“ verwendet die Kamera {number}, die nicht da ist"
+    ),
+    "copy the file again or export the model again": "die Datei neu kopieren oder das Modell neu exportieren",
+    "camera {number} has lens distortion ({model})": "die Kamera {number} hat eine Linsenverzeichnung ({model})",
+    "run COLMAP's image_undistorter and use the folder that it writes": (
+        "COLMAPs image_undistorter ausführen und den Ordner verwenden, den er schreibt"
+    ),
+    "camera {number} is {size} with parameters {values}": "die Kamera {number} ist {size} mit Parametern {values}",
+    "camera {number} has the model number {model}, no pinhole": (
+        "die Kamera {number} hat die Modellnummer {model}, keine Lochkamera"
+    ),
+    "camera {number} has the model {model}, no pinhole": "die Kamera {number} hat das Modell {model}, keine Lochkamera",
+    "camera {number} has {count} parameters": "die Kamera {number} hat {count} Parameter",
+    "{size} bytes instead of {expected}": "{size} Bytes statt {expected}",
+    # Camera paths
+    "cannot be read as JSON ({reason})": "kann nicht als JSON gelesen werden ({reason})",
+    "has no list of keys": "hat keine Liste von Schlüsselbildern",
+    'give {"keys": [{"time": seconds, "position": [x, y, z], "look_at": [x, y, z], "fov": degrees}, ...]}': (
+        '{"keys": [{"time": Sekunden, "position": [x, y, z], "look_at": [x, y, z], "fov": Grad}, ...]} angeben'
+    ),
+    "key {number} cannot be used ({reason})": "das Schlüsselbild {number} ist nicht brauchbar ({reason})",
+    "its keys are not in order of time": "die Schlüsselbilder sind nicht nach der Zeit geordnet",
+    "sort them": "sie sortieren",
+    '"fov" is {fov:g}, not within 0 to 180 degrees': "„fov“ ist {fov:g}, nicht zwischen 0 und 180 Grad",
+    '"{name}" is not {count} numbers': "„{name}“ besteht nicht aus {count} Zahlen",
+    '"look_at" is at the position itself, or straight above or below it': (
+        "„look_at“ liegt in der Position selbst oder genau darüber oder darunter"
+    ),
+    '"rotation" is no unit quaternion x, y, z, w': "„rotation“ ist kein Einheitsquaternion x, y, z, w",
+    "the model is mirrored, sheared or scaled unevenly: no camera sees that; apply its transform": (
+        "das Modell ist gespiegelt, geschert oder ungleichmäßig skaliert: das sieht keine Kamera; seine Transformation "
+        "anwenden"
+    ),
+    # Training
+    "{n} cameras, {n_test} of them for testing": "{n} Kameras, davon {n_test} zum Prüfen",
+    "{n} views rendered": "{n} Ansichten gerendert",
+    "{done} of {n} views; Esc stops, and what is rendered is kept": (
+        "{done} von {n} Ansichten; Esc hält an, und was gerendert ist, bleibt"
+    ),
+    "stopped after {done} of {n} views; Go On renders the rest": (
+        "angehalten nach {done} von {n} Ansichten; „Weiter rendern“ rendert den Rest"
+    ),
+    "trained, imported from {folder}": "trainiert, importiert aus {folder}",
+    'trained, but no window shows "{scene}"; import {model}': (
+        "trainiert, aber kein Fenster zeigt „{scene}“; {model} importieren"
+    ),
+    "the training ended with status {status}; see {log}": "das Training endete mit Status {status}; siehe {log}",
+    "save the file, or choose a folder": "die Datei speichern oder einen Ordner wählen",
+    "is a folder with other contents": "ist ein Ordner mit anderem Inhalt",
+    "choose another folder for the training": "einen anderen Ordner für das Training wählen",
+    "was not rendered": "wurde nicht gerendert",
+    "look for the reason in Blender's console": "den Grund in Blenders Konsole suchen",
+    "two cameras of the rig would both write {name}; rename one of them": (
+        "zwei Kameras der Anordnung würden beide {name} schreiben; eine davon umbenennen"
+    ),
+    "there is room for {found} of {n} cameras inside; use fewer, or mark an emptier region": (
+        "innen ist Platz für {found} von {n} Kameras; weniger verwenden oder einen leereren Bereich markieren"
+    ),
+    "the lowest elevation is above the highest; exchange them": (
+        "der niedrigste Höhenwinkel liegt über dem höchsten; sie vertauschen"
+    ),
+    "no region is chosen; choose an empty or another object that marks it": (
+        "kein Bereich ist gewählt; ein Leer-Objekt oder ein anderes Objekt wählen, das ihn markiert"
+    ),
+    "the subject has no surfaces; select objects with faces, or mark a region": (
+        "das Motiv hat keine Flächen; Objekte mit Flächen auswählen oder einen Bereich markieren"
+    ),
+    "nothing is selected; select the objects to train, or choose Whole Scene": (
+        "nichts ist ausgewählt; die Objekte zum Trainieren auswählen oder „Ganze Szene“ wählen"
+    ),
+    # Rendering
+    "some models hold sRGB values, others radiance; the former are drawn in radiance": (
+        "manche Modelle enthalten sRGB-Werte, andere Strahldichte; die ersteren werden in Strahldichte gezeichnet"
+    ),
+    "the scene has no camera; add one, or import those of the data set": (
+        "die Szene hat keine Kamera; eine hinzufügen oder die des Datensatzes importieren"
+    ),
+    "the scene has no splats to render; import a model with File > Import > DoG Splat": (
+        "die Szene hat keine Splats zum Rendern; ein Modell importieren mit Datei > Importieren > DoG-Splat"
+    ),
+    "Mitsuba is not there: install the package with \"pip install 'mi_dogsplat[train]'\" in any Python and name its "
+    "command dogsplat in the preferences of this add-on": (
+        "Mitsuba ist nicht da: das Paket mit „pip install 'mi_dogsplat[train]'“ in einem beliebigen Python "
+        "installieren und seinen Befehl dogsplat in den Einstellungen dieses Add-ons nennen"
+    ),
+    "Mitsuba cannot be used here ({reason})": "Mitsuba ist hier nicht brauchbar ({reason})",
+    "mi_dogsplat cannot be used here ({reason})": "mi_dogsplat ist hier nicht brauchbar ({reason})",
+    '"{command}", the command in the preferences of DoG Splat, is not there; correct or clear it': (
+        "„{command}“, der Befehl in den Einstellungen von DoG Splat, ist nicht da; ihn berichtigen oder leeren"
+    ),
+    "{name} cannot be started ({reason})": "{name} kann nicht gestartet werden ({reason})",
+    "{name}: no answer": "{name}: keine Antwort",
+    "{name}: does not answer as dogsplat serve does; update the package": (
+        "{name}: antwortet nicht wie dogsplat serve; das Paket aktualisieren"
+    ),
+}
