@@ -6,7 +6,8 @@ The scene is scenes/still_life_in_the_light.xml. Its truth has the meshes that t
 the model. Errors are of what a screen shows (sRGB, 0 to 1), absolute, mean over pixels and channels. Regions are those
 of the truth: the model itself; the floor where the model takes more than a tenth of its light; the mirror and the
 glass where they differ from what they show without the model. ``noise`` is the truth by as many samples. Fewer
-primitives are those that ``dogsplat simplify`` merges them to, without a fit.
+primitives are those that ``dogsplat simplify`` merges them to, without a fit. still_life.ply is the same still life,
+trained over white from photographs that see nothing from below.
 """
 
 from __future__ import annotations
@@ -24,11 +25,11 @@ from mi_dogsplat.editing.simplify_config import SimplifyConfig
 from mi_dogsplat.formats.read import read_model
 
 from .error_table import ErrorTable, display
-from .lit_scenes import LIGHT, MODEL, empty, loaded, of_meshes, picture
+from .lit_scenes import IN_PLACE, LIGHT, MODEL, empty, loaded, of_meshes, picture
 
 BEYOND = 0.02  # sRGB: less than this is no image in mirror or glass
 SHADE = 0.9  # of the light that the floor has without the model
-OWN = ("floor", "mirror", "glass", "foot")  # shapes of the scene
+OWN = ("floor", "mirror", "glass", "foot", "board_front", "board_back")  # shapes of the scenes
 SHOWING = {"mirror": "mirror image", "glass": "glass", "metal": "metal"}  # shapes in which the model shows
 
 
@@ -102,15 +103,17 @@ def main(argv: list[str]) -> None:
     masks = regions(meshes, shown, alone, size)
     splatted: Any = mi.load_dict({"type": "dogsplat", "surfaces": {"type": "path", "max_depth": 8}})
     most, row = max(args.samples), ErrorTable(shown, masks).row
-    n = read_model(MODEL).splats.n_splats
+    n = read_model(IN_PLACE).splats.n_splats
     for spp in args.samples:
         row("dogpath", spp, n, lambda seed, spp=spp: picture(model, spp, size, seed))
     for spp in args.samples:
         row("noise: path, meshes", spp, 0, lambda seed, spp=spp: picture(meshes, spp, size, seed))
+    over_white = loaded(LIGHT, MODEL)
+    row("dogpath, still_life.ply", most, n, lambda seed: picture(over_white, most, size, seed))
     row("dogsplat, path nested", most, n, lambda seed: picture(model, most, size, seed, splatted))
     with TemporaryDirectory() as folder:
         for count in args.primitives:
             file = Path(folder) / f"{count}.ply"
-            simplify_model(MODEL, file, SimplifyConfig(target=str(count), steps=0))
+            simplify_model(IN_PLACE, file, SimplifyConfig(target=str(count), steps=0))
             fewer = loaded(LIGHT, file)
             row("dogpath", most, count, lambda seed, fewer=fewer: picture(fewer, most, size, seed))

@@ -13,8 +13,10 @@ LIGHT, INDOORS = SCENES / "still_life_in_the_light.xml", SCENES / "still_life_in
 STAGE = "floor", "foot"  # of LIGHT: what its model stands on
 WALLS = "ceiling", "back_wall", "front_wall", "left_wall", "right_wall"
 ROOM = "floor", *WALLS, "table", "mirror", "metal"  # of INDOORS, but for lamp and window
+SHADE = SCENES / "still_life_in_the_shade.xml"
 MODEL, MESHES = SCENES / "still_life.ply", SCENES / "demo_truth.xml"
 INDOORS_MODEL = SCENES / "still_life_indoors.ply"
+IN_PLACE = SCENES / "still_life_in_place.ply"  # the model of LIGHT
 
 
 def loaded(path: Path, model: Path | None = None) -> Any:
@@ -28,9 +30,21 @@ def loaded(path: Path, model: Path | None = None) -> Any:
     return _parsed(root)
 
 
-def of_meshes(path: Path) -> Any:
-    """A scene with the meshes of demo_truth.xml in place of the model, and the integrator ``path``."""
+def of_meshes(path: Path, black: bool = False, alone: bool = False) -> Any:
+    """A scene with the meshes of demo_truth.xml in place of the model, and the integrator ``path``.
+
+    alone: without any other shape.
+    """
     root = without_model(path)
+    for shape in root.findall("shape") if alone else ():
+        root.remove(shape)
+    root.extend(_meshes(black))
+    return _parsed(root)
+
+
+def meshes_alone() -> Any:
+    """The meshes of demo_truth.xml and nothing else."""
+    root = ElementTree.Element("scene", version="3.0.0")
     root.extend(_meshes())
     return _parsed(root)
 
@@ -68,6 +82,8 @@ def without_model(path: Path) -> ElementTree.Element:
             root.remove(shape)
     for integrator in root.findall("integrator"):
         integrator.set("type", "path")
+        for node in integrator.findall("*[@name='mesh_shadows']"):
+            integrator.remove(node)
     return root
 
 
@@ -79,10 +95,18 @@ def picture(scene: Any, spp: int, size: tuple[int, int], seed: Any = 0, integrat
     return np.array(mi.render(scene, spp=spp, seed=seed, integrator=integrator))[..., :3]
 
 
-def _meshes() -> list[ElementTree.Element]:
+def _meshes(black: bool = False) -> list[ElementTree.Element]:
     """Shapes and paints of demo_truth.xml, without its lights."""
-    return [node for node in _absolute(MESHES)
-            if node.tag == "bsdf" or (node.tag == "shape" and node.find("emitter") is None)]
+    nodes = list(_absolute(MESHES))
+    shapes = [node for node in nodes if node.tag == "shape" and node.find("emitter") is None]
+    if not black:
+        return [node for node in nodes if node.tag == "bsdf"] + shapes
+    for shape in shapes:
+        for paint in shape.findall("bsdf") + shape.findall("ref"):
+            shape.remove(paint)
+        paint = ElementTree.SubElement(shape, "bsdf", type="diffuse")
+        ElementTree.SubElement(paint, "rgb", name="reflectance", value="0")
+    return shapes
 
 
 def _absolute(path: Path) -> ElementTree.Element:

@@ -130,7 +130,7 @@ MATERIALS = {
     "metal": (PRINCIPLED, {"Base_Color": (0.9, 0.7, 0.2, 1), "Roughness": 0.4, "Metallic": 1.0}, 0.08),
     "glass": (PRINCIPLED, {"Base_Color": (0.9, 1, 0.9, 1), "Roughness": 0.0, "Transmission_Weight": 1.0}, 0.05),
     "shining": (PRINCIPLED, {"Emission_Color": (1, 0.3, 0.1, 1), "Emission_Strength": 2.0}, 0.04),
-    "half there": (PRINCIPLED, {"Base_Color": (1, 0.4, 0.3, 1), "Alpha": 0.4}, 0.1),
+    "half there": (PRINCIPLED, {"Base_Color": (1, 0.4, 0.3, 1), "Alpha": 0.4}, 0.09),
 }
 
 
@@ -202,7 +202,7 @@ def test_bodies_are_where_cycles_has_them(scene, tmp_path):
 
 def written(scene, tmp_path):
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    result = write_scene(depsgraph, camera_numbers(scene, scene.camera), tmp_path / "scene.json", 0)
+    result = write_scene(depsgraph, None, camera_numbers(scene, scene.camera), tmp_path / "scene.json", 0)
     return result, json.loads((tmp_path / "scene.json").read_text())
 
 
