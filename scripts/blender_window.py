@@ -126,7 +126,7 @@ def frame(model: Path, run: Path) -> Steps:
     """The final frame by the engine "DoG Splat (Mitsuba)", with the properties of the render."""
     scene, preferences = bpy.context.scene, bpy.context.preferences
     scene.render.engine, scene.dogsplat_colors = "DOGSPLAT", "DISPLAY"
-    space().shading.type = "MATERIAL"  # of "Rendered" Blender leaves an empty viewport
+    space().shading.type = "MATERIAL"  # by EEVEE; of "Rendered" the engine itself draws
     area("PROPERTIES").spaces.active.context = "RENDER"
     preferences.addons["bl_ext.user_default.dogsplat"].preferences.command = os.environ.get("DOGSPLAT_COMMAND", "")
     preferences.view.render_display_type = "AREA"

@@ -11,19 +11,18 @@ import numpy as np
 
 from ..engine.aovs import options_for
 from ..engine.rasterize import RasterOptions
-from ..plugin.background import radiance
-from ..plugin.samples import samples
-from ..plugin.sensor import SensorReader
 from ..render.picture import Picture, render_picture
 from ..scene.cameras import Camera
 from ..support.errors import DataError, gist
-from .data_passes import data_passes, object_of_primitive
+from .data_passes import data_passes
+from .gradual import in_steps, means
 from .mattes import ranked
+from .objects import object_of_primitive
 from .request import SOURCE, Request
-from .scene_description import hides_background, load_scene
+from .scene_description import load_scene
 
-BAND_ROWS = 128  # of splats alone, between two steps
-STEP_SAMPLES = 8  # per pixel of a scene, between two steps
+BAND_PIXELS = 2**21  # of splats alone, between two steps: each band sorts all primitives
+STEP_SAMPLES = 8  # per pixel of a scene, between two steps at least
 AOV_OF_PASS = {"depth": "depth", "normal": "normal", "object": "index", "matte": "index"}  # of splats alone
 Arrays = dict[str, np.ndarray]
 Steps = Iterator[tuple[float, Arrays | None]]  # share that is done, and the picture so far where it is a whole one
@@ -47,7 +46,7 @@ class Answerer:
         """
         try:
             return (yield from self._scene(request) if request.scene else self._alone(request))
-        except (RuntimeError, ValueError) as error:
+        except (RuntimeError, ValueError, TypeError) as error:
             if isinstance(error, DataError):
                 raise
             source = request.scene or request.model or SOURCE
@@ -60,7 +59,7 @@ class Answerer:
             raise DataError(path, f"cannot be read ({error.strerror})", "give a model") from error
         key = mi.variant(), path, status.st_mtime_ns, status.st_size
         if key != self._key:
-            self._key = ()
+            self._key, self._splats = (), None  # two of them need not be held at a time
             self._splats = mi.load_dict({"type": "dog", "filename": str(path)})
             self._key = key
         return self._splats
@@ -75,8 +74,9 @@ class Answerer:
         degree = (1, 4, 9, 16).index(shape.sh_size)
         plain = RasterOptions(sh_degree=degree, antialiased=antialiased)
         options, bands = options_for(names, plain), []
-        for top in range(0, camera.height, BAND_ROWS):
-            rows = min(BAND_ROWS, camera.height - top)
+        most = max(BAND_PIXELS // camera.width, 1)
+        for top in range(0, camera.height, most):
+            rows = min(most, camera.height - top)
             band = Camera(camera.w2c, camera.fx, camera.fy, camera.cx, camera.cy - top, camera.width, rows)
             film = (0.0, -float(top), float(camera.width), float(camera.height - top))
             near, linear = _near(request, shape), bool(drawing.linear)
@@ -94,38 +94,14 @@ class Answerer:
         """A few samples per pixel after the other."""
         splats = self._model(request.model) if request.model else None
         scene = load_scene(request, splats)
-        film = scene.sensors()[0].film()
-        width, height = film.crop_size()
-        total, done, picture = np.zeros((height, width, 4)), 0, {}
-        behind = _environment(scene) if hides_background(request) else None
-        while done < request.samples:
-            count = min(STEP_SAMPLES, request.samples - done)
-            seed: Any = request.seed + done
-            image = np.array(mi.render(scene, spp=count, seed=seed))  # [H, W, 4]
-            total += count * image[..., :4]
-            done += count
-            mean = (total / done).astype(np.float32)
-            if behind is not None:
-                mean += (1 - mean[..., 3:]) * behind
+        sensor, picture = scene.sensors()[0], {}
+        for done, mean in means(scene, sensor, request, in_steps(request.samples, STEP_SAMPLES)):
             picture = {"color": mean[..., :3], "alpha": mean[..., 3]}
             if done < request.samples:
                 yield done / request.samples, picture
         if request.passes:
             picture |= data_passes(request, scene, splats, _near(request, splats))
         yield 1.0, picture
-
-
-def _environment(scene: mi.Scene) -> np.ndarray | None:
-    """What is behind a scene, [H, W, 4] with alpha 1, averaged over the pixels as far as a few places tell."""
-    emitter = scene.environment()
-    if emitter is None:
-        return None
-    (view,) = SensorReader().views(scene.sensors()[0], 0.0)
-    looks = [view.through(sample) for sample in samples(STEP_SAMPLES)]
-    size = looks[0].camera.height, looks[0].camera.width
-    seen = np.mean([np.array(radiance(emitter, look.rays())) for look in looks], 0)  # [3, H W], or one number for all
-    color = np.broadcast_to(seen.reshape(3, -1), (3, size[0] * size[1])).reshape(3, *size)
-    return np.concatenate([np.moveaxis(color, 0, -1), np.ones((*size, 1))], -1)
 
 
 def _near(request: Request, shape: Any) -> float:

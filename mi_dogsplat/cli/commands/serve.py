@@ -37,15 +37,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Answer requests for pictures, one line of JSON each, on standard output."""
+    if args.idle is not None and not args.idle > 0:
+        raise DataError("--idle", f"is {args.idle:g} seconds", "give more than 0")
     set_variant(args.variant)
-    from ...requests.serve import lines_until_idle, serve
+    from ...requests.serve import Lines, serve
 
     with _answers() as answers, _input(args.requests) as lines:
 
         def tell(said: dict) -> None:
             print(json.dumps(said), file=answers, flush=True)
 
-        serve(lines_until_idle(lines, args.idle) if args.idle else lines, tell)
+        serve(Lines(lines, args.idle), tell)
 
 
 @contextmanager
