@@ -18,30 +18,41 @@ from ..files.model import Model, concatenate
 from ..files.ply import write_ply
 from ..native.convert import drawing_of
 from ..objects.conventions import light_of
-from ..objects.placed import placed_model, placed_splats
+from ..objects.placed import moved_model, placed_model, placed_splats
+from ..scene.export import Plugin
+from ..scene.sensor import sensor
 from ..scene.write import has_surroundings, write_scene
 
+MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
 NEAR_CLIP = 0.2  # where no model of the scene has a modifier that says otherwise
 SCENE_FILE = "scene.json"
 
 
 @dataclass
-class Order:
-    """A request, and what its picture means."""
+class Stage:
+    """What stands before the camera, whichever that is, as a request without one."""
 
     request: dict[str, Any]
-    camera: Camera
     objects: list[str]  # by their numbers
     whole: bool  # a scene, and not splats over black
     light: Light  # what the colours of splats mean; those of a scene are radiance
     files: set[str]  # in the folder, which the request names
+    notes: list[str]  # a line about each thing that has no counterpart
+
+
+@dataclass
+class Order(Stage):
+    """A request, and what its picture means."""
+
+    camera: Camera
 
 
 @dataclass
 class _Splats:
-    """All visible splats."""
+    """All visible splats, with the matrices that bring them to the world."""
 
     models: list[Model] = field(default_factory=list)
+    matrices: list[np.ndarray] = field(default_factory=list)
     lights: list[Light] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
     near: list[float] = field(default_factory=list)
@@ -49,37 +60,63 @@ class _Splats:
 
 
 def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) -> Order:
-    """Write what the package needs. Raises ``ValueError`` where nothing can be drawn."""
+    """Write what the package needs for a frame. Raises ``ValueError`` where nothing can be drawn."""
     scene = depsgraph.scene
     if scene.camera is None:
         raise ValueError(told("the scene has no camera; add one, or import those of the data set"))
-    camera, splats = camera_numbers(scene, scene.camera.evaluated_get(depsgraph)), _gather(depsgraph)
+    obj = scene.camera.evaluated_get(depsgraph)
+    camera = camera_numbers(scene, obj)
+    stage = make_stage(depsgraph, folder, camera, sensor(scene, obj, square(camera)))
+    request = {**stage.request, "passes": passes}
+    if not stage.whole:
+        request["camera"] = camera_request(camera)
+    else:
+        request["samples"] = scene.dogsplat.samples
+        request["seed"] = scene.frame_current * 100_003 % 2**31  # noise that is not the same in each frame of a film
+    return Order(request, stage.objects, stage.whole, stage.light, stage.files, stage.notes, camera)
+
+
+def make_stage(depsgraph: bpy.types.Depsgraph, folder: Path, camera: Camera, seen_by: Plugin | None = None) -> Stage:
+    """Write what is there: splats alone, or a whole scene, with a sensor if one is given.
+
+    Raises ``ValueError`` where nothing can be drawn. ``camera`` is how far a scene has to reach.
+    """
+    scene, splats = depsgraph.scene, _gather(depsgraph)
     whole = scene.dogsplat.send == "SCENE" and has_surroundings(depsgraph)
     if not splats.models and not whole:
         raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
-    request: dict[str, Any] = {"passes": passes, "counts": [model.n_splats for model in splats.models]}
+    request: dict[str, Any] = {"counts": [model.n_splats for model in splats.models]}
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
-    files = set()
-    models, light = in_common_light(splats.models, splats.lights)
+    files, notes = set(), []
+    splats.models, light = in_common_light(splats.models, splats.lights)
     if any(other.linear != light.linear for other in splats.lights):
-        print("DoG Splat: some models hold sRGB values, others radiance; the former are drawn in radiance")
-    if models:
-        model = _write_model(folder, concatenate(models), light)
+        notes.append(told(MIXED))
+    if splats.models:
+        model = _write_model(folder, splats, light)
         request["model"] = str(model)
         files.add(model.name)
     if not whole:
-        names = ("fx", "fy", "cx", "cy", "width", "height")
-        numbers = {name: getattr(camera, name) for name in names}
-        request["camera"] = {"w2c": camera.w2c.tolist(), **numbers}
-        return Order(request, camera, splats.names, False, light, files)
-    written = write_scene(depsgraph, square(camera), folder / SCENE_FILE, len(splats.models))
-    for line in written.notes:
-        print(f"DoG Splat: {line}")
+        return Stage(request, splats.names, False, light, files, notes)
+    written = write_scene(depsgraph, seen_by, camera, folder / SCENE_FILE, len(splats.models))
     settings = scene.dogsplat
-    request |= {"scene": str(folder / SCENE_FILE), "samples": settings.samples, "max_depth": settings.bounces + 1}
+    request |= {"scene": str(folder / SCENE_FILE), "max_depth": settings.bounces + 1}
+    request["mesh_shadows"] = settings.mesh_shadows
     request |= {"transparent": scene.render.film_transparent, "hide_lamps": written.hide_lamps}
-    request["seed"] = scene.frame_current * 100_003 % 2**31  # noise that is not the same in each frame of a film
-    return Order(request, camera, splats.names + written.names, True, light, files | written.files | {SCENE_FILE})
+    files |= written.files | {SCENE_FILE}
+    return Stage(request, splats.names + written.names, True, light, files, notes + written.notes)
+
+
+def tidy(folder: Path, files: set[str]) -> None:
+    """Remove what earlier frames needed and these files are not."""
+    for path in folder.iterdir():
+        if path.name not in files and path.suffix in (".ply", ".pfm", ".ppm"):
+            path.unlink()
+
+
+def camera_request(camera: Camera) -> dict[str, Any]:
+    """A camera as a request has it."""
+    numbers = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    return {"w2c": camera.w2c.tolist(), **numbers}
 
 
 def square(camera: Camera) -> Camera:
@@ -89,10 +126,9 @@ def square(camera: Camera) -> Camera:
 
 
 def _gather(depsgraph: bpy.types.Depsgraph) -> _Splats:
-    """In the space of the world."""
     found = _Splats()
     for obj, matrix in placed_splats(depsgraph):
-        model = placed_model(obj, depsgraph, matrix)
+        model = placed_model(obj, depsgraph, np.eye(4))
         if drawing := drawing_of(obj):
             model = model.with_degree(min(drawing["SH Degree"], model.sh_degree))
             model.is_dog = model.is_dog & bool(drawing["DoG"])
@@ -100,16 +136,20 @@ def _gather(depsgraph: bpy.types.Depsgraph) -> _Splats:
             found.antialiased |= bool(drawing["Antialiased"])
         found.models.append(model)
         found.lights.append(light_of(obj))
+        found.matrices.append(matrix)
         found.names.append(obj.name)
     return found
 
 
-def _write_model(folder: Path, model: Model, light: Light) -> Path:
+def _write_model(folder: Path, splats: _Splats, light: Light) -> Path:
     """A file that is named by its content: the renderer knows it again in the next frame, which writes none."""
     content = hashlib.sha1("\n".join(light.comments).encode())
-    for array in vars(model).values():
-        content.update(np.ascontiguousarray(array))
+    for model, matrix in zip(splats.models, splats.matrices, strict=True):
+        for array in (*vars(model).values(), matrix):
+            content.update(np.ascontiguousarray(array))
     path = folder / f"model_{content.hexdigest()}.ply"
     if not path.exists():
-        write_ply(path, model, light.comments)
+        placed = zip(splats.models, splats.matrices, splats.names, strict=True)
+        models = [moved_model(model, matrix, name) for model, matrix, name in placed]
+        write_ply(path, concatenate(models), light.comments)
     return path

@@ -88,16 +88,17 @@ def _combined(order: Order, picture: dict[str, np.ndarray], scene: bpy.types.Sce
     linear = scene.dogsplat_colors == "LINEAR"
     if not scene.render.film_transparent:
         behind = world_color(scene.world)
-        color = color + (1 - alpha) * (_encoded(behind) if linear and not order.light.linear else behind)
+        color = color + (1 - alpha) * (encoded(behind) if linear and not order.light.linear else behind)
         alpha = np.ones_like(alpha)
     if order.light.linear:
-        shown = color if linear else np.clip(_encoded(color / order.light.white), 0, 1)
+        shown = color if linear else np.clip(encoded(color / order.light.white), 0, 1)
     else:
         shown = decoded(color) if linear else color
     return np.concatenate([shown, alpha], axis=2)
 
 
-def _encoded(x: np.ndarray) -> np.ndarray:
+def encoded(x: np.ndarray) -> np.ndarray:
+    """Linear values as sRGB ones."""
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
 
 

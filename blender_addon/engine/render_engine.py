@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 import numpy as np
 from bpy.app.translations import pgettext_iface as iface_
 
 from ..preferences import command_of
+from ..viewport.rendered import Rendered
 from . import passes
-from .order import Order, make_order
+from .order import Order, make_order, tidy
 from .renderers import choose_renderer
 from .served import Cancelled, RendererError
-
-ENGINE = "DOGSPLAT"
+from .settings import ENGINE
 
 
 class DogSplatEngine(bpy.types.RenderEngine):
@@ -32,7 +30,9 @@ class DogSplatEngine(bpy.types.RenderEngine):
             renderer = choose_renderer(command_of(bpy.context))
             self.update_stats("", iface_("sending the scene"))
             order = make_order(depsgraph, renderer.folder, passes.wanted(layer))
-            _tidy(renderer.folder, order.files)
+            tidy(renderer.folder, order.files)
+            for note in order.notes:
+                self.report({"WARNING"}, note)
             count = sum(order.request["counts"])
             self.update_stats("", iface_("{count:,} splats, {name}").format(count=count, name=renderer.name))
             for name, (channels, letters, _, _) in passes.offered(layer).items():
@@ -51,6 +51,21 @@ class DogSplatEngine(bpy.types.RenderEngine):
             for key, text in passes.matte_metadata(layer.name, order).items():
                 self.get_result().stamp_data_add_field(key, text)
 
+    def view_update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        """Something has changed that a viewport in Rendered shading may show."""
+        self._viewport().note(depsgraph)
+
+    def view_draw(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        """Draw such a viewport; errors stand in its corner."""
+        viewport = self._viewport()
+        viewport.draw(context, depsgraph)
+        self.update_stats("", viewport.error)
+
+    def _viewport(self) -> Rendered:
+        if not hasattr(self, "_rendered"):
+            self._rendered = Rendered()
+        return self._rendered
+
     def update_render_passes(self, scene: bpy.types.Scene, renderlayer: bpy.types.ViewLayer) -> None:
         """Offer the passes to the compositor."""
         self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
@@ -65,13 +80,6 @@ class DogSplatEngine(bpy.types.RenderEngine):
             if target is not None:
                 target.rect.foreach_set(np.ascontiguousarray(values[::-1], np.float32).ravel())
         self.end_result(result)
-
-
-def _tidy(folder: Path, files: set[str]) -> None:
-    """Remove what earlier frames needed and this one does not."""
-    for path in folder.iterdir():
-        if path.name not in files and path.suffix in (".ply", ".pfm", ".ppm"):
-            path.unlink()
 
 
 def panels_for_all_engines() -> list[type]:

@@ -12,8 +12,10 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +36,23 @@ Request = dict[str, Any]
 Cancel = Callable[[], bool]
 Progress = Callable[[float], None]
 Preview = Callable[[Picture], None]
+IN_TURNS = threading.Lock()  # the final picture and those of viewports
+
+
+@contextmanager
+def mitsuba() -> Iterator[None]:
+    """To import from the package in this process. Raises ``RendererError`` where that cannot be done."""
+    try:
+        with IN_TURNS:
+            import mi_dogsplat  # noqa: F401  (before mitsuba: it chooses the LLVM)
+            import mitsuba as mi
+
+            if not (mi.variant() or "").endswith("ad_rgb"):
+                mi.set_variant("cuda_ad_rgb", "llvm_ad_rgb")
+            yield
+    except (ImportError, RuntimeError) as error:
+        reason = " ".join(str(error).split())
+        raise RendererError("Mitsuba cannot be used here ({reason})", reason=reason) from error
 
 
 class InProcess:
@@ -48,22 +67,15 @@ class InProcess:
 
     def render(self, request: Request, cancelled: Cancel, progress: Progress, preview: Preview) -> Picture:
         """The picture, step by step. Raises ``Cancelled`` and ``RendererError``."""
-        try:
-            import mi_dogsplat  # noqa: F401  (before mitsuba: it chooses the LLVM)
-            import mitsuba as mi
-
-            if not (mi.variant() or "").endswith("ad_rgb"):
-                mi.set_variant("cuda_ad_rgb", "llvm_ad_rgb")
+        with mitsuba():
             from mi_dogsplat.requests.answer import Answerer
             from mi_dogsplat.requests.request import read_request
-        except (ImportError, RuntimeError) as error:
-            reason = " ".join(str(error).split())
-            raise RendererError("Mitsuba cannot be used here ({reason})", reason=reason) from error
         self._answerer = self._answerer or Answerer()
         try:
             steps = self._answerer.answer(read_request(request))
             while not cancelled():
-                share, picture = next(steps)
+                with IN_TURNS:
+                    share, picture = next(steps)
                 progress(share)
                 if share == 1:
                     return picture
@@ -185,7 +197,7 @@ def choose_renderer(command: str = "") -> InProcess | Command:
 
     It is the same one as before, so that it need not start again, until ``close_renderers``.
     """
-    words = _words(command)
+    words = words_of(command)
     if words not in _RESIDENT:
         close_renderers()
         _RESIDENT[words] = Command(words) if words else InProcess()
@@ -200,11 +212,11 @@ def close_renderers() -> None:
 
 def process_words(command: str = "") -> list[str]:
     """The words that start the package as a process of its own, however it is found. Raises ``RendererError``."""
-    return list(_words(command)) or [sys.executable, "-m", "mi_dogsplat"]
+    return list(words_of(command)) or [sys.executable, "-m", "mi_dogsplat"]
 
 
-def _words(command: str) -> tuple[str, ...]:
-    """Empty: this process."""
+def words_of(command: str) -> tuple[str, ...]:
+    """What starts the package; empty: this process. Raises ``RendererError``."""
     if command:
         whole = Path(command).expanduser()  # may hold spaces
         words = (str(whole),) if whole.is_file() else tuple(shlex.split(command, posix=sys.platform != "win32"))

@@ -14,6 +14,7 @@ from typing import Any
 from ..files.errors import told
 
 POLL_SECONDS = 0.1
+QUICK_POLL_SECONDS = 0.02  # of a viewport
 STRANGE = "{name}: does not answer as dogsplat serve does; update the package"
 
 
@@ -57,23 +58,51 @@ class Served:
 
         Raises ``Cancelled`` and ``RendererError``.
         """
-        try:
-            assert self._process.stdin
-            self._process.stdin.write(json.dumps(request) + "\n")
-            self._process.stdin.flush()
-        except OSError:
-            raise RendererError(f"{self._name}: {self._last_words()}") from None
+        self._send(request)
         share = 0.0
         while share < 1:
             if cancelled():
                 raise Cancelled
-            try:
-                line = self._lines.get(timeout=POLL_SECONDS)
-            except queue.Empty:
+            said = self._next()
+            if said is None:
                 continue
-            said = self._said(line)
             share = 1.0 if "done" in said else said["share"]
             yield share, said.get("done", said.get("picture"))
+
+    def pictures(self, request: dict[str, Any], left: Callable[[], bool]) -> Iterator[tuple[float, str]]:
+        """(share that is done, its file) of a viewport, until the last, or until it is ``left`` and that is answered.
+
+        Raises ``RendererError``.
+        """
+        self._send(request)
+        stopped = False
+        while True:
+            if not stopped and left():
+                self._send({"stop": True})
+                stopped = True
+            said = self._next(QUICK_POLL_SECONDS)
+            if said is None:
+                continue
+            if "left" in said:
+                return
+            yield (1.0, said["done"]) if "done" in said else (said["share"], said["picture"])
+            if "done" in said:
+                return
+
+    def _send(self, line: dict[str, Any]) -> None:
+        try:
+            assert self._process.stdin
+            self._process.stdin.write(json.dumps(line) + "\n")
+            self._process.stdin.flush()
+        except OSError:
+            raise RendererError(f"{self._name}: {self._last_words()}") from None
+
+    def _next(self, seconds: float = POLL_SECONDS) -> dict[str, Any] | None:
+        """What it said, None if it said nothing for so long."""
+        try:
+            return self._said(self._lines.get(timeout=seconds))
+        except queue.Empty:
+            return None
 
     def _said(self, line: str | None) -> dict[str, Any]:
         if line is None:

@@ -45,13 +45,13 @@ def _not_drawn(evaluated: bpy.types.Object) -> Iterator[None]:
     Only the evaluated copy of the object is told so, which nothing else sees: Blender evaluates the modifiers anew for
     a mesh that shall have all of its data layers.
     """
-    drawing = splat_modifier(evaluated)
-    place = len(evaluated.modifiers) if drawing is None else evaluated.modifiers.find(drawing.name)
-    left_out = [(m, m.show_viewport, m.show_render) for m in evaluated.modifiers[place:]]
-    for modifier, _, _ in left_out:
-        modifier.show_viewport = modifier.show_render = False
+    drawing, modifiers = splat_modifier(evaluated), evaluated.modifiers
+    place = len(modifiers) if drawing is None else modifiers.find(drawing.name)
+    own = {name: [getattr(modifier, name) for modifier in modifiers] for name in ("show_viewport", "show_render")}
+    for name, values in own.items():  # foreach_set tells nobody: else Blender would evaluate the object once more
+        modifiers.foreach_set(name, values[:place] + [False] * (len(values) - place))
     try:
         yield
     finally:
-        for modifier, in_viewport, in_render in left_out:
-            modifier.show_viewport, modifier.show_render = in_viewport, in_render
+        for name, values in own.items():
+            modifiers.foreach_set(name, values)

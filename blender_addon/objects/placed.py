@@ -54,6 +54,15 @@ def placed_model(
     try:
         data = obj.original.data
         whole = read_cloud if is_native(obj.original) else read_attributes
-        return transformed(whole(data) if hidden else edited_model(obj, depsgraph), matrix)
+        model = whole(data) if hidden else edited_model(obj, depsgraph)
     except ValueError as error:
         raise ValueError(told('"{name}": {reason}', name=obj.name, reason=error)) from error
+    return moved_model(model, matrix, obj.name)
+
+
+def moved_model(model: Model, matrix: np.ndarray, name: str) -> Model:
+    """The splats of an object of that name, moved. Raises ``ValueError`` for a transform that flattens them."""
+    try:
+        return transformed(model, matrix)
+    except ValueError as error:
+        raise ValueError(told('"{name}": {reason}', name=name, reason=error)) from error

@@ -17,7 +17,6 @@ from .export import Export, Plugin, matrix
 from .lights import light
 from .materials import Surface, surface
 from .meshes import Part, parts
-from .sensor import sensor
 from .world import is_plain, world_light
 
 WITH_FACES = ("MESH", "CURVE", "SURFACE", "META", "FONT")
@@ -63,15 +62,18 @@ class Written:
     notes: list[str]
 
 
-def write_scene(depsgraph: bpy.types.Depsgraph, camera: Camera, path: Path, first: int) -> Written:
+def write_scene(
+    depsgraph: bpy.types.Depsgraph, sensor: Plugin | None, camera: Camera, path: Path, first: int
+) -> Written:
     """Write a scene, whose objects have numbers from ``first`` on, and beside it the files that it names.
 
+    Where there is a sensor it becomes part of it. ``camera``: what is far away is outside of it too.
     What is drawn differently, or not at all, is said in the notes, a line each.
     """
     export, scene = Export(path.parent), depsgraph.scene
     found = _gather(export, depsgraph)
     names = list(dict.fromkeys(body.name for body in found.bodies))
-    described: Plugin = {"sensor": sensor(scene, scene.camera.evaluated_get(depsgraph), camera)}
+    described: Plugin = {"sensor": sensor} if sensor else {}
     looks = _materials(export, found)
     described |= {name: look.whole() for name, look in looks.items()}
     described |= _bodies(export, found, looks, {name: first + k for k, name in enumerate(names)})
@@ -81,7 +83,9 @@ def write_scene(depsgraph: bpy.types.Depsgraph, camera: Camera, path: Path, firs
             described[f"{LAMP}{number}"] = emitter
     if emitter := world_light(export, scene.world):
         described["world"] = emitter
-    path.write_text(json.dumps(described), encoding="utf-8")
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(described), encoding="utf-8")
+    part.replace(path)  # a viewport may be reading
     are_shapes = any("emitter" in plugin for name, plugin in described.items() if name.startswith(LAMP))
     shines = any(look.radiance for look in looks.values())
     return Written(names, are_shapes and not shines, export.files, export.notes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from typing import Any
 
 import bpy
@@ -10,9 +11,11 @@ import gpu
 from bpy.app.handlers import persistent
 from bpy.props import BoolProperty, EnumProperty, IntProperty
 
+from ..engine.settings import ENGINE
 from .view import view_of
 from .watcher import INTERVAL, Shown, Watcher
 
+BEHIND_OURS = 200  # splats that Blender itself draws behind our pictures, to be clicked at
 SOFTWARE = ("llvmpipe", "softpipe", "swr", "swiftshader", "basic render driver")
 WAYS = (
     ("AUTOMATIC", "Automatic", "Points where a processor draws, else the most important splats"),
@@ -50,11 +53,25 @@ def while_moving(scene: bpy.types.Scene, renderer: str) -> Shown:
     return Shown() if way == "ALL" else Shown(scene.dogsplat_moving_count, way == "POINTS")
 
 
+def at_rest(scene: bpy.types.Scene, windows: Iterable[bpy.types.Window]) -> Shown:
+    """What viewports show at rest: next to nothing where all of them are drawn by our own engine."""
+    spaces = [area.spaces.active for window in windows for area in window.screen.areas if area.type == "VIEW_3D"]
+    return Shown(BEHIND_OURS) if spaces and all(is_ours(scene, space) for space in spaces) else Shown()
+
+
+def is_ours(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bool:
+    """Whether our engine draws a viewport."""
+    return scene.render.engine == ENGINE and space.shading.type == "RENDERED"
+
+
 def _drawn() -> None:
     """A viewport is drawn."""
     context = bpy.context
     scene, space, region = context.scene, context.region_data, context.region
-    if space is None or (scene.dogsplat_moving == "ALL" and not scene.dogsplat_follow_view):
+    ours = space is not None and is_ours(scene, context.space_data)
+    if (WATCHER.draws(ours) or ours) and not _ticking():  # ours: a model may be new, or shown whole by a save
+        bpy.app.timers.register(_tick, first_interval=INTERVAL)
+    if space is None or ours or (scene.dogsplat_moving == "ALL" and not scene.dogsplat_follow_view):
         return
     if WATCHER.see(view_of(space, region.width, region.height), time.monotonic()) and not _ticking():
         bpy.app.timers.register(_tick, first_interval=INTERVAL)
@@ -66,7 +83,8 @@ def _ticking() -> bool:
 
 def _tick() -> float | None:
     scene = bpy.context.scene
-    return WATCHER.tick(scene, time.monotonic(), while_moving(scene, gpu.platform.renderer_get()))
+    moving = while_moving(scene, gpu.platform.renderer_get())
+    return WATCHER.tick(scene, time.monotonic(), moving, at_rest(scene, bpy.context.window_manager.windows))
 
 
 @persistent

@@ -28,6 +28,9 @@ class Shown(NamedTuple):
     points: bool = False
 
 
+ALL = Shown()
+
+
 class Watcher:
     """The state of the viewport that moved last."""
 
@@ -35,6 +38,7 @@ class Watcher:
         self.view: View | None = None
         self.changed = float("-inf")
         self.ticks = TICKS
+        self._ours = False
         self._pixels: tuple[str, str] | None = None  # name of the scene that is coarse, and its own setting
 
     def see(self, view: View, now: float) -> bool:
@@ -44,11 +48,17 @@ class Watcher:
         self.view, self.changed, self.ticks = view, now, 0
         return True
 
-    def tick(self, scene: bpy.types.Scene, now: float, while_moving: Shown) -> float | None:
+    def draws(self, ours: bool) -> bool:
+        """Note whether our engine draws a viewport; whether that is new, so that the timer is needed."""
+        new = ours != self._ours
+        self._ours = ours
+        return new
+
+    def tick(self, scene: bpy.types.Scene, now: float, while_moving: Shown, at_rest: Shown = ALL) -> float | None:
         """Bring the models of a scene up to date; seconds until the next time, None at rest."""
         self.ticks += 1
         moving = now - self.changed < REST or self.ticks < TICKS
-        self.show(scene, while_moving if moving else Shown())
+        self.show(scene, while_moving if moving else at_rest)
         return INTERVAL if moving else None
 
     def show(self, scene: bpy.types.Scene, shown: Shown) -> None:
@@ -75,7 +85,7 @@ def show_models(scene: bpy.types.Scene, shown: Shown, view: View | None) -> None
     share = min(1.0, shown.count / total) if shown.count and total else 1.0
     for obj, modifier in models:
         inputs = {"Moving Share": share, "Moving Points": shown.points}
-        inputs |= view_inputs(view, obj) if view is not None else {"View": False}
+        inputs |= view_inputs(view) if view is not None else {"View": False}
         changed = [name for name, value in inputs.items() if not _same(get_input(modifier, name), value)]
         for name in changed:
             set_input(modifier, name, inputs[name])

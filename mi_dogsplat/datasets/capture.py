@@ -138,8 +138,11 @@ def _is_done(out: Path, shot: Shot, config: CaptureConfig) -> bool:
     """Whether the picture of a view is there, whole and of its size, and so is its depth."""
     if config.depth != "none" and not (out / _depth_name(shot, config)).is_file():
         return False
+    image = out / _image_name(shot, config)
+    if not image.is_file():  # OpenEXR would print a line about it
+        return False
     try:
-        return read_image(out / _image_name(shot, config)).shape[:2] == (shot.camera.height, shot.camera.width)
+        return read_image(image).shape[:2] == (shot.camera.height, shot.camera.width)
     except DataError:
         return False
 

@@ -11,13 +11,11 @@ import numpy as np
 
 from ..engine.aovs import options_for
 from ..engine.rasterize import RasterOptions
-from ..plugin.background import radiance
-from ..plugin.samples import samples
-from ..plugin.sensor import SensorReader
 from ..render.picture import Picture, render_picture
 from ..scene.cameras import Camera
 from ..support.errors import DataError, gist
 from .data_passes import data_passes, object_of_primitive
+from .gradual import in_steps, means
 from .mattes import ranked
 from .request import SOURCE, Request
 from .scene_description import hides_background, load_scene
@@ -94,38 +92,15 @@ class Answerer:
         """A few samples per pixel after the other."""
         splats = self._model(request.model) if request.model else None
         scene = load_scene(request, splats)
-        film = scene.sensors()[0].film()
-        width, height = film.crop_size()
-        total, done, picture = np.zeros((height, width, 4)), 0, {}
-        behind = _environment(scene) if hides_background(request) else None
-        while done < request.samples:
-            count = min(STEP_SAMPLES, request.samples - done)
-            seed: Any = request.seed + done
-            image = np.array(mi.render(scene, spp=count, seed=seed))  # [H, W, 4]
-            total += count * image[..., :4]
-            done += count
-            mean = (total / done).astype(np.float32)
-            if behind is not None:
-                mean += (1 - mean[..., 3:]) * behind
+        sensor, picture = scene.sensors()[0], {}
+        steps = in_steps(request.samples, STEP_SAMPLES, STEP_SAMPLES)
+        for done, mean in means(scene, sensor, steps, request.seed, hides_background(request)):
             picture = {"color": mean[..., :3], "alpha": mean[..., 3]}
             if done < request.samples:
                 yield done / request.samples, picture
         if request.passes:
             picture |= data_passes(request, scene, splats, _near(request, splats))
         yield 1.0, picture
-
-
-def _environment(scene: mi.Scene) -> np.ndarray | None:
-    """What is behind a scene, [H, W, 4] with alpha 1, averaged over the pixels as far as a few places tell."""
-    emitter = scene.environment()
-    if emitter is None:
-        return None
-    (view,) = SensorReader().views(scene.sensors()[0], 0.0)
-    looks = [view.through(sample) for sample in samples(STEP_SAMPLES)]
-    size = looks[0].camera.height, looks[0].camera.width
-    seen = np.mean([np.array(radiance(emitter, look.rays())) for look in looks], 0)  # [3, H W], or one number for all
-    color = np.broadcast_to(seen.reshape(3, -1), (3, size[0] * size[1])).reshape(3, *size)
-    return np.concatenate([np.moveaxis(color, 0, -1), np.ones((*size, 1))], -1)
 
 
 def _near(request: Request, shape: Any) -> float:

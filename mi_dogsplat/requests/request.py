@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ..scene.camera_file import camera_from_json
 from ..scene.cameras import Camera
@@ -21,6 +21,7 @@ from ..support.errors import DataError
 PASSES = ("depth", "normal", "object", "matte")
 SOURCE = "request"  # what error lines name
 FORMAT = 'write {"model": PLY, "camera": {...}} or {"scene": JSON, "samples": N}, as docs/blender_details.md says'
+Kind = TypeVar("Kind", bound="Request")
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,8 @@ class Request:
     sensor, surfaces and lights. near_clip, antialiased: None is as the file of the model says. counts: how many
     primitives each object of the model has, one after the other. passes: of ``PASSES``. transparent: nothing is shown
     behind a scene. hide_lamps: the camera does not see shapes that emit light, though surfaces reflect them. max_depth:
-    of light paths, as in Mitsuba's ``path``.
+    of light paths, as in Mitsuba's ``path``. mesh_shadows: surfaces of a scene cast shadows onto the splats, see
+    ``dogpath``.
     """
 
     model: Path | None = None
@@ -46,13 +48,22 @@ class Request:
     seed: int = 0
     transparent: bool = False
     hide_lamps: bool = False
+    mesh_shadows: bool = False
 
 
 def read_request(content: Any) -> Request:
     """A request from JSON. Raises ``DataError`` for what cannot be drawn."""
+    request = read_fields(content, Request)
+    if (request.camera is None) == (request.scene is None) or (request.camera and request.model is None):
+        raise DataError(SOURCE, 'has to have either "model" and "camera", or "scene"', FORMAT)
+    return request
+
+
+def read_fields(content: Any, kind: type[Kind], least_samples: int = 1) -> Kind:
+    """A request of some kind, each field by itself. Raises ``DataError``."""
     if not isinstance(content, dict):
         raise DataError(SOURCE, "is not a JSON object", FORMAT)
-    if unknown := sorted(content.keys() - {field.name for field in fields(Request)}):
+    if unknown := sorted(content.keys() - {field.name for field in fields(kind)}):
         raise DataError(SOURCE, f'"{unknown[0]}" means nothing', FORMAT)
     values = dict(content)
     try:
@@ -63,13 +74,14 @@ def read_request(content: Any) -> Request:
             values["camera"] = camera_from_json(values["camera"])
         values["counts"] = tuple(map(int, values.get("counts", ())))
         values["passes"] = tuple(values.get("passes", ()))
-        request = Request(**values)
-        if request.samples < 1 or request.max_depth < 1:
+        for name in ("background", "clip"):
+            if values.get(name) is not None:
+                values[name] = tuple(map(float, values[name]))
+        request = kind(**values)
+        if request.samples < least_samples or request.max_depth < 1:
             raise ValueError('"samples" and "max_depth" must be at least 1')
     except (ValueError, TypeError, OverflowError) as error:
         raise DataError(SOURCE, str(error), FORMAT) from error
     if strange := [name for name in request.passes if name not in PASSES]:
         raise DataError(SOURCE, f'unknown pass "{strange[0]}"', f"ask for {', '.join(PASSES)}")
-    if (request.camera is None) == (request.scene is None) or (request.camera and request.model is None):
-        raise DataError(SOURCE, 'has to have either "model" and "camera", or "scene"', FORMAT)
     return request

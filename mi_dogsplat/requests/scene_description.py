@@ -19,17 +19,19 @@ from .request import Request
 FORMAT = 'write the dictionary of a Mitsuba scene, its transforms as {"matrix": [[...], ...]}'
 
 
-def load_scene(request: Request, splats: mi.Shape | None) -> mi.Scene:
-    """The scene of a request with the model in it. Raises ``DataError``."""
+def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | None = None) -> mi.Scene:
+    """The scene of a request with the model in it, and with a sensor where that is given. Raises ``DataError``."""
     assert request.scene
     content = read_json(request.scene, FORMAT)
     if not isinstance(content, dict):
         raise DataError(request.scene, "is not a JSON object", FORMAT)
     try:
         described = _decoded(content, request.scene.resolve().parent)
-        described |= {"type": "scene", "integrator": _integrator(request, splats is not None)}
+        described |= {"type": "scene", "integrator": _integrator(request, splats)}
         if splats is not None:
             described["splats"] = splats
+        if sensor is not None:
+            described["sensor"] = sensor
         scene = mi.load_dict(described)
     except (RuntimeError, ValueError, TypeError) as error:
         raise DataError(request.scene, f"Mitsuba cannot load it ({gist(error)})", "correct the scene") from error
@@ -43,12 +45,17 @@ def hides_background(request: Request) -> bool:
     return request.hide_lamps and not request.transparent
 
 
-def _integrator(request: Request, with_splats: bool) -> dict[str, Any]:
-    """Path tracing, through splats where there are any."""
+def _integrator(request: Request, splats: Any | None) -> dict[str, Any]:
+    """Path tracing, through splats where there are any.
+
+    Where no emitter is seen Mitsuba's ``path`` drops whatever a path brought that passed masks alone, so that the
+    opacity of a surface weakens it twice. ``prb`` keeps it, but a mask is opaque in its alpha.
+    """
     common = {"max_depth": request.max_depth, "hide_emitters": request.transparent or request.hide_lamps}
-    if not with_splats:
-        return {"type": "path", **common}
+    if splats is None or not splats.means.shape[0]:
+        return {"type": "path" if request.transparent else "prb", **common}
     said = {"near_clip": request.near_clip, "antialiased": request.antialiased}
+    common["mesh_shadows"] = request.mesh_shadows
     return {"type": "dogpath", **common, **{name: value for name, value in said.items() if value is not None}}
 
 

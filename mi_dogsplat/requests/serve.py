@@ -3,6 +3,11 @@
 A line in: ``{"out": "frame.npz", ...}``, the rest as in ``request.py``. Lines out: ``{"share": 0.25}`` for each step
 but the last, with ``"picture": "frame.npz"`` where a picture of what is done so far was written; at the end
 ``{"done": "frame.npz"}``, or ``{"error": "one line"}``, after which the next request is read.
+
+With ``"out": "frame.rgba"`` it is a picture for a viewport, as in ``view_request.py``: float32 [H, W, 4] and nothing
+else. Its pictures lie in two files in turn, which the lines name: not everywhere can a file be replaced while it is
+read. When another line comes, a picture of paths is left, with ``{"left": "frame.rgba"}`` at the end. Such a line may
+be ``{"stop": true}``, which is no request and gets no answer.
 """
 
 from __future__ import annotations
@@ -12,6 +17,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,45 +27,84 @@ from ..support.errors import DataError
 from ..support.files import replacing
 from .answer import Answerer, Arrays
 from .request import FORMAT, SOURCE, read_request
+from .view_request import read_view_request
+from .views import Views
 
 PREVIEW_SECONDS = 1.0  # at least, between two pictures that are not finished
+STOP = {"stop": True}  # a line that ends a picture for a viewport and asks for nothing
+
+
+class Lines:
+    """The lines of a stream until its end, or until none has come for so many seconds; they are read ahead."""
+
+    def __init__(self, stream: Iterable[str], seconds: float | None = None):
+        self._seconds = seconds
+        self._waiting: queue.Queue[str | None] = queue.Queue()
+
+        def pump() -> None:
+            for line in stream:
+                self._waiting.put(line)
+            self._waiting.put(None)
+
+        threading.Thread(target=pump, daemon=True).start()
+
+    def __iter__(self) -> Iterator[str]:
+        try:
+            while (line := self._waiting.get(timeout=self._seconds)) is not None:
+                yield line
+        except queue.Empty:
+            return
+
+    def another(self) -> bool:
+        """Whether the next one is there."""
+        with self._waiting.mutex:
+            return any(line is not None for line in self._waiting.queue)
 
 
 def serve(lines: Iterable[str], tell: Callable[[dict[str, Any]], None]) -> None:
-    """Answer each line by calls of ``tell``. Needs a Mitsuba variant."""
-    answerer = Answerer()
+    """Answer each line by calls of ``tell``. Needs a Mitsuba variant.
+
+    Pictures for viewports are left when another line comes if ``lines`` is ``Lines``, which knows.
+    """
+    answerer, views = Answerer(), Views()
+    another = lines.another if isinstance(lines, Lines) else lambda: False
     for line in filter(str.strip, lines):
         try:
-            _one(answerer, line, tell)
+            content = _content(line)
+            if content == STOP:
+                continue
+            out = Path(str(content.pop("out", ""))) if isinstance(content, dict) else Path()
+            if out.suffix == ".rgba":
+                _view(views, content, out, another, tell)
+            elif out.suffix == ".npz":
+                _whole(answerer, content, out, tell)
+            else:
+                raise DataError(SOURCE, '"out" names no file .npz, nor .rgba', FORMAT)
         except DataError as error:
             tell({"error": str(error)})
 
 
-def lines_until_idle(stream: Iterable[str], seconds: float) -> Iterator[str]:
-    """The lines of a stream until its end, or until none has come for so long."""
-    waiting: queue.Queue[str | None] = queue.Queue()
-
-    def pump() -> None:
-        for line in stream:
-            waiting.put(line)
-        waiting.put(None)
-
-    threading.Thread(target=pump, daemon=True).start()
+def _content(line: str) -> Any:
     try:
-        while (line := waiting.get(timeout=seconds)) is not None:
-            yield line
-    except queue.Empty:
-        return
-
-
-def _one(answerer: Answerer, line: str, tell: Callable[[dict[str, Any]], None]) -> None:
-    try:
-        content = json.loads(line)
+        return json.loads(line)
     except ValueError as error:
         raise DataError(SOURCE, f"not valid JSON ({error})", FORMAT) from error
-    out = Path(str(content.pop("out", ""))) if isinstance(content, dict) else Path()
-    if out.suffix != ".npz":
-        raise DataError(SOURCE, '"out" names no file .npz', FORMAT)
+
+
+def _view(views: Views, content: Any, out: Path, another: Callable[[], bool], tell: Callable) -> None:
+    share, path = 0.0, out
+    for number, (share, picture) in enumerate(views.frames(read_view_request(content), another)):
+        path = out.with_stem(f"{out.stem}_{number % 2}")
+        part = path.with_name(f".{path.name}")
+        with _writing(path):
+            picture.tofile(part)
+            part.replace(path)  # whoever reads the one before has it whole
+        if share < 1:
+            tell({"share": share, "picture": str(path)})
+    tell({"done" if share == 1 else "left": str(path)})
+
+
+def _whole(answerer: Answerer, content: Any, out: Path, tell: Callable[[dict[str, Any]], None]) -> None:
     shown = time.monotonic()
     for share, picture in answerer.answer(read_request(content)):
         said: dict[str, Any] = {"share": share}
@@ -70,8 +115,13 @@ def _one(answerer: Answerer, line: str, tell: Callable[[dict[str, Any]], None]) 
 
 
 def _write(out: Path, picture: Arrays) -> None:
+    with _writing(out), replacing(out) as part, part.open("wb") as file:
+        np.savez(file, **picture)  # pyright: ignore[reportArgumentType]
+
+
+@contextmanager
+def _writing(out: Path) -> Iterator[None]:
     try:
-        with replacing(out) as part, part.open("wb") as file:
-            np.savez(file, **picture)  # pyright: ignore[reportArgumentType]
+        yield
     except OSError as error:
         raise DataError(out, f"cannot be written ({error.strerror})", "check the folder") from error

@@ -14,7 +14,7 @@ from blender_addon.files.light import Light
 from blender_addon.files.model import Model
 from blender_addon.files.motion import motions
 from blender_addon.files.ply import read_ply
-from blender_addon.files.transform import C0
+from blender_addon.files.sh import C0
 from blender_addon.nodes.modifier import edit_modifiers, get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import read_attributes
 from blender_addon.objects.conventions import light_of

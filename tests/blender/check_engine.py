@@ -24,7 +24,7 @@ from blender_addon.engine.renderers import Command, InProcess, choose_renderer, 
 from blender_addon.engine.served import Cancelled, RendererError
 from blender_addon.files.light import Light, made_linear
 from blender_addon.files.ply import read_comments, read_ply
-from blender_addon.files.transform import C0
+from blender_addon.files.sh import C0
 from blender_addon.nodes.modifier import set_input, splat_modifier
 
 COMMAND = tuple(json.loads(os.environ["DOGSPLAT_COMMAND"]))

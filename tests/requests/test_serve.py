@@ -16,7 +16,7 @@ from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.requests.answer import Answerer
 from mi_dogsplat.requests.request import read_request
 from mi_dogsplat.requests.scene_description import load_scene
-from mi_dogsplat.requests.serve import lines_until_idle, serve
+from mi_dogsplat.requests.serve import Lines, serve
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.radiance import brightened
 from splat_scenes import random_splats, rounded, square_camera
@@ -127,6 +127,19 @@ def test_splats_in_a_scene_are_in_front_of_its_surfaces(folder):
     np.testing.assert_allclose(picture["depth"][covered], alpha * depth + (1 - alpha) * 30, rtol=1e-3)
 
 
+def test_surfaces_of_a_scene_cast_shadows_onto_splats_where_that_is_asked_for(folder):
+    """A wall behind the camera hides what the splats in front of it have of the sky."""
+    described = json.loads((folder / "scene.json").read_text())
+    c2w = np.linalg.inv(CAMERA.w2c)
+    c2w[:3, 3] -= 0.1 * c2w[:3, 2]
+    del described["light_0"]
+    described["object_3_wall"] = described["object_2_wall"] | {"to_world": matrix(c2w @ np.diag([100.0, 100, 1, 1]))}
+    (folder / "dark.json").write_text(json.dumps(described))
+    request = {"scene": str(folder / "dark.json"), "model": str(folder / "model.ply"), "samples": 1}
+    dark, light = (answered(request | how)["color"].mean() for how in ({"mesh_shadows": True}, {}))
+    assert dark < 0.6 * light
+
+
 def test_a_wrong_request_is_one_line_and_the_next_one_is_answered(folder):
     out, model = str(folder / "out.npz"), str(folder / "model.ply")
     good = {"out": out, "model": model, "camera": camera_json()}
@@ -153,8 +166,8 @@ def test_a_process_ends_when_nobody_asks():
 
         time.sleep(30)
 
-    assert list(lines_until_idle(slow(), 0.05)) == ["first"]
-    assert list(lines_until_idle(["a", "b"], 60)) == ["a", "b"]
+    assert list(Lines(slow(), 0.05)) == ["first"]
+    assert list(Lines(["a", "b"], 60)) == list(Lines(["a", "b"])) == ["a", "b"]
 
 
 def test_what_mitsuba_prints_is_no_answer(folder):

@@ -38,14 +38,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Answer requests for pictures, one line of JSON each, on standard output."""
     set_variant(args.variant)
-    from ...requests.serve import lines_until_idle, serve
+    from ...requests.serve import Lines, serve
 
     with _answers() as answers, _input(args.requests) as lines:
 
         def tell(said: dict) -> None:
             print(json.dumps(said), file=answers, flush=True)
 
-        serve(lines_until_idle(lines, args.idle) if args.idle else lines, tell)
+        serve(Lines(lines, args.idle), tell)
 
 
 @contextmanager

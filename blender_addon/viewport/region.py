@@ -1,0 +1,89 @@
+"""What a viewport sees, as a camera of the package, exactly where Blender draws its overlays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..cameras.camera import OPENCV_FROM_OPENGL, Camera
+
+Part = tuple[int, int, int, int]
+FAR = 1e30  # where single precision knows no end of the view
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A camera; of parallel rays its focal lengths are pixels per unit. clip: near and far end, from the camera on."""
+
+    camera: Camera
+    orthographic: bool
+    clip: tuple[float, float]
+
+    def same(self, other: Seen | None) -> bool:
+        """Whether another one sees the same."""
+        return other is not None and _numbers(self) == _numbers(other)
+
+    def scaled(self, share: float) -> Seen:
+        """With so much of the pixels along each axis."""
+        camera = self.camera
+        width, height = max(round(camera.width * share), 1), max(round(camera.height * share), 1)
+        x, y = width / camera.width, height / camera.height
+        focal = {"fx": camera.fx * x, "fy": camera.fy * y, "cx": camera.cx * x, "cy": camera.cy * y}
+        return replace(self, camera=replace(camera, **focal, width=width, height=height))
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """[P, 2] of points [P, 3] in the world, from the upper left corner."""
+        camera = self.camera
+        local = points @ camera.w2c[:3, :3].T + camera.w2c[:3, 3]
+        plane = local[:, :2] if self.orthographic else local[:, :2] / local[:, 2:]
+        return plane * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+
+    def window(self, left: int, top: int, right: int, bottom: int) -> Seen:
+        """A part of the picture, in whole pixels from its upper left corner."""
+        camera = self.camera
+        corner = {"cx": camera.cx - left, "cy": camera.cy - top}
+        return replace(self, camera=replace(camera, **corner, width=right - left, height=bottom - top))
+
+
+def seen_by(space: Any, width: int, height: int) -> Seen:
+    """What a region of so many pixels sees: ``space`` is its ``RegionView3D``."""
+    w2c, projection = np.array(space.view_matrix, np.float64), np.array(space.window_matrix, np.float64)
+    half, (a, b) = (width / 2, height / 2), projection[2, 2:]
+    if space.is_perspective:
+        center = half[0] * (1 - projection[0, 2]), half[1] * (1 + projection[1, 2])
+        clip = b / (a - 1), b / (a + 1) if a < -1 else FAR
+    else:
+        center = half[0] * (1 + projection[0, 3]), half[1] * (1 - projection[1, 3])
+        near = (-1 - b) / a  # along the view's z axis, which points at the viewer
+        w2c[2, 3] -= near  # behind all that is seen
+        clip = 0.0, -2 / a
+    focal = half[0] * projection[0, 0], half[1] * projection[1, 1]
+    camera = Camera("viewport", OPENCV_FROM_OPENGL @ w2c, *focal, *center, width, height)
+    return Seen(camera, not space.is_perspective, (float(clip[0]), float(clip[1])))
+
+
+def _numbers(seen: Seen) -> tuple:
+    camera = seen.camera
+    numbers = camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height
+    return *camera.w2c.ravel().tolist(), *numbers, seen.orthographic, *seen.clip
+
+
+def rendered_part(seen: Seen, corners: np.ndarray | None, border: tuple[float, ...] | None) -> Part:
+    """The part of a region that is rendered, as (left, top, right, bottom) in whole pixels; at least one of them.
+
+    border: smallest and largest x, smallest and largest y, as shares from the lower left; None: all of the region.
+    corners: [4, 3] in the world of the picture of the camera that the region looks through, of which they are shares;
+    None: they are of the region.
+    """
+    width, height = seen.camera.width, seen.camera.height
+    if border is None:
+        return 0, 0, width, height
+    x0, y0, x1, y1 = 0.0, 0.0, float(width), float(height)
+    if corners is not None:
+        (x0, y0), (x1, y1) = (f(seen.pixels(corners), axis=0) for f in (np.min, np.max))
+    left, right = (x0 + share * (x1 - x0) for share in border[:2])
+    bottom, top = (y1 + share * (y0 - y1) for share in border[2:])
+    left, top = min(max(round(left), 0), width - 1), min(max(round(top), 0), height - 1)
+    return left, top, min(max(round(right), left + 1), width), min(max(round(bottom), top + 1), height)

@@ -1,0 +1,178 @@
+"""A viewport in *Rendered* shading with the engine *DoG Splat (Mitsuba)*: what it shows, and when it asks for more."""
+
+from __future__ import annotations
+
+import time
+import weakref
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..engine.live import live_renderer
+from ..engine.order import Stage, camera_request, make_stage, square, tidy
+from ..engine.passes import encoded, world_color
+from ..engine.served import RendererError
+from ..preferences import command_of
+from .blit import Blit
+from .changes import Changes
+from .pace import Level, Pace
+from .region import Part, Seen, rendered_part, seen_by
+from .stream import Stream
+
+INTERVAL = 0.01  # seconds between two looks for a new picture
+_SHOWN: weakref.WeakSet = weakref.WeakSet()
+
+
+class Rendered:
+    """One viewport. It shows the newest picture that is finished and asks for the one of its view."""
+
+    def __init__(self):
+        self._pace, self._blit, self._changes = Pace(), Blit(), Changes()
+        self._stream: Stream | None = None
+        self._folder: Any = None  # of what the stream reads
+        self._stage: Stage | None = None
+        self._seen: Seen | None = None
+        self._asked: tuple[dict[str, Any], bool] | None = None  # the latest request, and whether the view was at rest
+        self._drawn = self._timed = 0  # of the news of the stream
+        self._place = "", ""  # names of scene and view layer
+        self._problem, self._redraws = "", False
+        _SHOWN.add(self)
+
+    @property
+    def error(self) -> str:
+        """Why there is no picture, one line; empty where nothing is wrong."""
+        return self._problem or (self._stream.error if self._stream else "")
+
+    @property
+    def news(self) -> int:
+        """How many pictures, and errors instead of them, there were."""
+        return self._stream.news if self._stream else 0
+
+    def note(self, depsgraph: bpy.types.Depsgraph) -> None:
+        """What has changed since the last drawing."""
+        self._changes.note(depsgraph)
+
+    def draw(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        """Draw into the region of the context."""
+        region, now = context.region, time.monotonic()
+        seen = seen_by(context.region_data, region.width, region.height)
+        part = rendered_part(seen, *border_of(context, depsgraph))
+        seen = seen.window(*part)
+        if not seen.same(self._seen):
+            self._seen = seen
+            self._pace.moved(now)
+        self._place = depsgraph.scene.name, depsgraph.view_layer.name
+        self._changes.compare(depsgraph.scene)
+        if not bpy.app.timers.is_registered(look):
+            bpy.app.timers.register(look, first_interval=0)
+        self._redraws = False
+        if self._stream is None or self._stage is None:
+            return
+        self._learn(self._stream)
+        self._ask(self._stream, depsgraph.scene, seen, part, now)
+        frame, self._drawn = self._stream.frame, self._stream.news
+        if frame is not None:
+            left, top, right, bottom = frame.tag[0]
+            self._blit.draw(frame.pixels, left, region.height - bottom, right - left, bottom - top)
+
+    def restage(self) -> None:
+        """Write what has changed since it was drawn, which cannot be done while drawing."""
+        if self._seen is None or not self._changes.pending:
+            return
+        scene = bpy.data.scenes.get(self._place[0])
+        layer = scene and scene.view_layers.get(self._place[1])
+        if layer is None:
+            return
+        self._changes.pending, self._redraws, self._problem = False, True, ""
+        before, self._stage = self._stage, None
+        try:
+            if self._stream is None:
+                renderer = live_renderer(command_of(bpy.context))
+                self._folder, self._stream = renderer.folder, Stream(renderer.pictures, renderer.close)
+                weakref.finalize(self, self._stream.close)
+            layer.depsgraph.update()
+            self._stage = make_stage(layer.depsgraph, self._folder, self._seen.camera)
+        except (ValueError, OSError, RendererError) as error:
+            self._problem = str(error)
+            return
+        tidy(self._folder, self._stage.files | (before.files if before else set()))  # the stream may still read those
+
+    def _learn(self, stream: Stream) -> None:
+        """What the latest picture of a moving view took, once."""
+        if stream.news != self._timed and stream.frame is not None:
+            self._timed = stream.news
+            _, level = stream.frame.tag
+            if level is not None:
+                self._pace.took(level, stream.frame.seconds)
+
+    def _ask(self, stream: Stream, scene: bpy.types.Scene, seen: Seen, part: Part, now: float) -> None:
+        """Have the picture made that is due, unless it is the one that was asked for last."""
+        assert self._stage
+        level, rests = self._pace.level(now), self._pace.rests(now)
+        request = request_of(self._stage, scene, seen.scaled(level.pixels), level, rests)
+        if self._asked is None or request != self._asked[0]:
+            stream.ask(request, (part, None if rests else level))
+        self._asked = request, rests
+
+    def has_news(self, now: float) -> bool:
+        """Whether it shall be drawn again: there is another picture or stage, or the view has come to rest."""
+        if self._redraws or self._stream is None or self._asked is None:
+            return self._redraws
+        return self._stream.news != self._drawn or (self._pace.rests(now) and not self._asked[1])
+
+    def waits(self, now: float) -> bool:
+        """Whether something is still to come."""
+        busy = self._stream is not None and self._stream.busy()
+        return busy or self._changes.pending or not self._pace.rests(now) or self.has_news(now)
+
+
+def request_of(stage: Stage, scene: bpy.types.Scene, seen: Seen, level: Level, rests: bool) -> dict[str, Any]:
+    """The picture of a stage as ``dogsplat serve`` is asked for it."""
+    request = {name: value for name, value in stage.request.items() if name != "counts"}
+    request |= {"orthographic": seen.orthographic, "clip": seen.clip}
+    if seen.orthographic:
+        request["near_clip"] = 0.0  # where the camera stands says nothing
+    if stage.whole:
+        samples = scene.dogsplat.samples if rests else 0
+        return request | {"camera": camera_request(square(seen.camera)), "samples": samples}
+    linear = scene.dogsplat_colors == "LINEAR"
+    if not scene.render.film_transparent:
+        behind = world_color(scene.world)
+        as_srgb = linear and not stage.light.linear
+        request["background"] = (encoded(behind) if as_srgb else np.asarray(behind)).tolist()
+    return request | {"camera": camera_request(seen.camera), "share": level.splats, "linear": linear}
+
+
+def border_of(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray | None, Any]:
+    """What ``rendered_part`` asks for: corners of the camera's picture, and the border of what is rendered."""
+    scene, space = depsgraph.scene, context.space_data
+    if context.region_data.view_perspective != "CAMERA" or space.camera is None:
+        return None, _border(space, "render_border") if space.use_render_border else None
+    if not scene.render.use_border:
+        return None, None
+    camera = space.camera.evaluated_get(depsgraph)
+    pose = camera.matrix_world.normalized()
+    return np.array([pose @ corner for corner in camera.data.view_frame(scene=scene)]), _border(scene.render, "border")
+
+
+def _border(settings: Any, prefix: str) -> tuple[float, ...]:
+    return tuple(getattr(settings, f"{prefix}_{end}_{axis}") for axis in "xy" for end in ("min", "max"))
+
+
+def viewports() -> tuple[Rendered, ...]:
+    """Those that there are."""
+    return tuple(_SHOWN)
+
+
+def look() -> float | None:
+    """A timer: has viewports drawn again that have news, until none waits for anything."""
+    for view in viewports():
+        view.restage()
+    now = time.monotonic()
+    if any(view.has_news(now) for view in viewports()):
+        for window in bpy.context.window_manager.windows:
+            for area in window.screen.areas:
+                if area.type == "VIEW_3D" and area.spaces.active.shading.type == "RENDERED":
+                    area.tag_redraw()
+    return INTERVAL if any(view.waits(now) for view in viewports()) else None

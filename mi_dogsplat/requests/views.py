@@ -1,0 +1,142 @@
+"""Pictures for viewports: from what stays on the device between them, so that a frame needs no more than its camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..engine.device_camera import DeviceCamera
+from ..engine.options import RasterOptions
+from ..engine.rasterize import rasterize
+from ..plugin.transfer import linear_to_srgb, srgb_to_linear
+from ..scene.cameras import Camera
+from ..scene.splats import DENSE, Splats
+from ..support.errors import DataError, gist
+from .gradual import in_steps, means
+from .headlight import QuickIntegrator
+from .request import SOURCE
+from .scene_description import hides_background, load_scene
+from .shares import Shares
+from .view_request import ViewRequest
+from .view_sensor import sensor_of
+
+STEP_SAMPLES = 2  # of a scene, between two pictures after the first
+BAND_PIXELS = 100_000  # of a scene, between two looks whether another picture is wanted
+SEED_STEP = 1_009  # between the noise of two rows
+Steps = Iterator[tuple[float, np.ndarray]]  # share that is done, and the picture so far
+
+
+class Views:
+    """Draws one request after the other; models and scenes are read again where their files are others."""
+
+    def __init__(self):
+        self._kept: dict[str, tuple[tuple, Any]] = {}  # what was made of files: signature and value
+
+    def frames(self, request: ViewRequest, interrupted: Callable[[], bool] = lambda: False) -> Steps:
+        """The picture in steps, [H, W, 4] float32, premultiplied; the last is finished unless it was interrupted.
+
+        ``interrupted`` is asked between two parts of the paths of a scene. Needs a Mitsuba variant. Raises
+        ``DataError``.
+        """
+        try:
+            yield from self._scene(request, interrupted) if request.scene else self._alone(request)
+        except (RuntimeError, ValueError) as error:
+            if isinstance(error, DataError):
+                raise
+            source = request.scene or request.model or SOURCE
+            raise DataError(source, f"cannot be drawn ({gist(error)})", "correct it") from error
+
+    def _keep(self, name: str, files: list[Path], also: tuple, make: Callable[[], Any]) -> Any:
+        """What ``make`` makes of files, until one of them or ``also`` is another."""
+        signature = mi.variant(), *map(_signature, files), *also
+        if name not in self._kept or self._kept[name][0] != signature:
+            self._kept.pop(name, None)
+            self._kept[name] = signature, make()
+        return self._kept[name][1]
+
+    def _alone(self, request: ViewRequest) -> Steps:
+        path, camera = request.model, request.camera
+        assert path and camera
+        model: Shares = self._keep("model", [path], (), lambda: Shares(path))
+        antialiased = model.drawing.antialiased if request.antialiased is None else request.antialiased
+        near = model.drawing.near_clip if request.near_clip is None else request.near_clip
+        seen = DeviceCamera.upload(camera, near, perspective=not request.orthographic)
+        options = RasterOptions(sh_degree=model.splats.sh_degree, antialiased=antialiased)
+        frame = rasterize(model.part(request.share), seen, options)
+        of_light, white = model.drawing.linear, dr.opaque(mi.Float, model.drawing.white)
+        colors, alpha = [dr.maximum(c, 0) if of_light else dr.clip(c, 0, 1) for c in frame.colors], 1 - frame.T
+        if request.background is not None:
+            behind = [dr.opaque(mi.Float, value) for value in request.background]
+            colors = [dr.fma(frame.T, b, c) for c, b in zip(colors, behind, strict=True)]
+            alpha = dr.full(mi.Float, 1, dr.width(frame.T))
+        if request.linear and not of_light:
+            colors = srgb_to_linear(colors)
+        elif of_light and not request.linear:
+            colors = [dr.clip(c, 0, 1) for c in linear_to_srgb([c / white for c in colors])]
+        pixels: Any = dr.ravel(mi.Vector4f(*colors, alpha))
+        yield 1.0, pixels.numpy().reshape(camera.height, camera.width, 4)
+
+    def _scene(self, request: ViewRequest, interrupted: Callable[[], bool]) -> Steps:
+        sensor, camera = sensor_of(request), request.camera
+        assert camera
+        files = [path for path in (request.scene, request.model) if path]
+        how = request.max_depth, request.transparent, request.hide_lamps, request.near_clip, request.antialiased
+        scene, quick = self._keep("scene", files, how, lambda: self._load(request, sensor))
+        if not request.samples:
+            picture = np.array(mi.render(scene, sensor=sensor, integrator=quick, spp=1), np.float32)
+            if scene.environment() is not None and not request.transparent:
+                picture[..., 3] = 1
+            yield 1.0, picture
+            return
+        bands = [(rows, self._means(scene, request, rows)) for rows in _bands(camera)]
+        picture, share = np.zeros((camera.height, camera.width, 4), np.float32), 0.0
+        while share < 1:
+            for rows, steps in bands:
+                if interrupted():
+                    return
+                done, picture[rows] = next(steps)
+                share = done / request.samples
+            yield share, picture.copy()
+
+    def _means(self, scene: mi.Scene, request: ViewRequest, rows: slice) -> Iterator[tuple[int, np.ndarray]]:
+        """Of some rows: a sample for each pixel, then a few more at a time."""
+        steps, seed = in_steps(request.samples, 1, STEP_SAMPLES), request.seed + SEED_STEP * rows.start
+        return means(scene, sensor_of(request, rows), steps, seed, hides_background(request))
+
+    def _load(self, request: ViewRequest, sensor: mi.Sensor) -> tuple[mi.Scene, mi.Integrator]:
+        """The scene with the integrator of its paths, and the one for views that move."""
+        splats = self._shape(request.model)
+        drawing = {"near_clip": request.near_clip, "antialiased": request.antialiased}
+        said = {name: value for name, value in drawing.items() if value is not None}
+        hidden = request.hide_lamps or request.transparent
+        return load_scene(request, splats, sensor), QuickIntegrator(said, request.transparent, hidden)
+
+    def _shape(self, path: Path | None) -> Any:
+        """The model, or one without primitives."""
+        if path is None:
+            empty = Splats.empty(0)
+            return mi.load_dict({"type": "dog", **{name: mi.TensorXf(getattr(empty, name)) for name in DENSE}})
+        return self._keep("shape", [path], (), lambda: mi.load_dict({"type": "dog", "filename": str(path)}))
+
+
+def _bands(camera: Camera) -> list[slice]:
+    """Rows that are drawn at a time, so that a view that moves waits for no more.
+
+    As many in each, or kernels would be compiled for the last: it may draw some rows again.
+    """
+    count = min(max(BAND_PIXELS // camera.width, 1), camera.height)
+    tops = (min(top, camera.height - count) for top in range(0, camera.height, count))
+    return [slice(top, top + count) for top in tops]
+
+
+def _signature(path: Path) -> tuple:
+    try:
+        status = path.stat()
+    except OSError as error:
+        raise DataError(path, f"cannot be read ({error.strerror})", "give a model or a scene") from error
+    return path, status.st_mtime_ns, status.st_size

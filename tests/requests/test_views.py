@@ -1,0 +1,216 @@
+"""Pictures for viewports."""
+
+import io
+import json
+import threading
+
+import numpy as np
+import pytest
+from mi_dogsplat import Drawing, Model, read_model, write_model
+from mi_dogsplat.engine.device_camera import DeviceCamera
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
+from mi_dogsplat.render.picture import render_picture
+from mi_dogsplat.requests import views as views_module
+from mi_dogsplat.requests.gradual import in_steps
+from mi_dogsplat.requests.serve import Lines, serve
+from mi_dogsplat.requests.shares import importance
+from mi_dogsplat.requests.view_request import read_view_request
+from mi_dogsplat.requests.views import Views
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.ply import write_ply
+from mi_dogsplat.scene.radiance import brightened
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.srgb import displayed, srgb_to_linear
+from splat_scenes import random_splats, rounded, square_camera
+
+WIDTH, HEIGHT = 24, 16
+SPLATS = rounded(random_splats(40, seed=1))
+CAMERA = square_camera(WIDTH, HEIGHT, 22.0)
+WALL_DEPTH = 30.0
+
+
+def camera_json(camera=CAMERA):
+    return {"w2c": camera.w2c.tolist(), **{n: getattr(camera, n) for n in ("fx", "fy", "cx", "cy", "width", "height")}}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A model, a white wall behind it under a sky, and the wall without a sky."""
+    folder = tmp_path_factory.mktemp("views")
+    write_ply(folder / "model.ply", SPLATS)
+    wall = np.linalg.inv(CAMERA.w2c) @ np.diag([-10.0, 4.0, -1.0, 1.0])
+    wall[:3, 3] += WALL_DEPTH * CAMERA.w2c[2, :3]
+    white = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [1, 1, 1]}}
+    shapes = {"object_1_wall": {"type": "rectangle", "to_world": {"matrix": wall.tolist()}, "bsdf": white}}
+    (folder / "dark.json").write_text(json.dumps(shapes))
+    (folder / "scene.json").write_text(json.dumps({**shapes, "sky": {"type": "constant", "radiance": 0.25}}))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def views():
+    return Views()
+
+
+def last(views, request):
+    (*_, (share, picture)) = views.frames(read_view_request(request))
+    assert share == 1 and picture.dtype == np.float32
+    return picture
+
+
+def test_splats_alone_are_those_of_the_final_picture(folder, views):
+    request = {"model": str(folder / "model.ply"), "camera": camera_json()}
+    expected = render_picture(upload(SPLATS), CAMERA, RasterOptions(sh_degree=SPLATS.sh_degree))
+    color, alpha = expected.color, expected.alpha[..., None]
+    np.testing.assert_allclose(last(views, request), np.concatenate([color, alpha], -1), atol=1e-5)
+    behind = [0.2, 0.4, 0.6]
+    found = last(views, {**request, "background": behind, "linear": True})
+    np.testing.assert_allclose(found[..., :3], srgb_to_linear(color + (1 - alpha) * behind), atol=1e-5)
+    assert (found[..., 3] == 1).all()
+
+
+def test_a_share_is_that_of_the_most_important(folder, views):
+    """Of 40 primitives a quarter."""
+    request = {"model": str(folder / "model.ply"), "camera": camera_json(), "share": 0.25}
+    chosen = SPLATS.select(np.sort(np.argsort(-importance(SPLATS))[:10]))
+    expected = render_picture(upload(chosen), CAMERA, RasterOptions(sh_degree=SPLATS.sh_degree))
+    np.testing.assert_allclose(last(views, request)[..., :3], expected.color, atol=1e-5)
+    smallest, scales = {**request, "share": 1e-9}, np.sort(np.exp(SPLATS.log_scales), axis=1)
+    opacities = 1 / (1 + np.exp(-SPLATS.logit_opacities))
+    first = SPLATS.select([np.argmax(opacities * scales[:, 1] * scales[:, 2])])
+    expected = render_picture(upload(first), CAMERA, RasterOptions(sh_degree=SPLATS.sh_degree))
+    np.testing.assert_allclose(last(views, smallest)[..., :3], expected.color, atol=1e-5)
+
+
+def test_parallel_rays(folder, views):
+    camera = Camera(CAMERA.w2c, 3.0, 3.0, 11.0, 9.5, WIDTH, HEIGHT)
+    request = {"model": str(folder / "model.ply"), "camera": camera_json(camera), "orthographic": True}
+    seen = DeviceCamera.upload(camera, perspective=False)
+    frame = rasterize(upload(SPLATS), seen, RasterOptions(sh_degree=SPLATS.sh_degree))
+    expected = np.stack([np.clip(c.numpy(), 0, 1) for c in frame.colors], -1).reshape(HEIGHT, WIDTH, 3)
+    assert expected.max() > 0.1
+    np.testing.assert_allclose(last(views, request)[..., :3], expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_a_quick_picture_of_a_scene_has_its_edges_where_its_paths_have(folder, views, orthographic):
+    """A wall under a sky, seen by a camera whose principal point is off the middle."""
+    focal = 0.5 if orthographic else 22.0
+    camera = Camera(CAMERA.w2c, focal, focal, 9.0, 10.0, WIDTH, HEIGHT)
+    request = {"scene": str(folder / "scene.json"), "camera": camera_json(camera), "orthographic": orthographic}
+    quick = last(views, {**request, "samples": 0, "transparent": True})[..., 3]
+    slow = last(views, {**request, "samples": 16, "transparent": True})[..., 3]
+    x, y = (np.array([-10, -4]) / (1 if orthographic else WALL_DEPTH) * focal + (9, 10)).round(3)
+    assert 0 < x < WIDTH / 2 and 0 < y < HEIGHT
+    expected = np.zeros((HEIGHT, WIDTH))
+    columns, rows = np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5
+    right, bottom = 18 - x, 20 - y
+    expected[(rows[:, None] > y) & (rows[:, None] < bottom) & (columns > x) & (columns < right)] = 1
+    np.testing.assert_array_equal(quick, expected)
+    np.testing.assert_allclose(slow.sum(), (right - x) * (min(bottom, HEIGHT) - y), rtol=0.03)
+
+
+def test_a_scene_without_a_sky_is_lit_while_it_moves(folder, views):
+    request = {"scene": str(folder / "dark.json"), "model": str(folder / "model.ply"), "camera": camera_json()}
+    quick = last(views, {**request, "samples": 0})
+    alone = last(views, {"model": str(folder / "model.ply"), "camera": camera_json()})
+    row = np.s_[HEIGHT // 2, 6:18]  # of the wall
+    wall = quick[row][alone[row][:, 3] == 0]
+    assert len(wall) and wall[..., :3].min() > 0.5 and (wall[..., 3] == 1).all()
+    covered = alone[..., 3] > 0.95
+    np.testing.assert_allclose(quick[covered][:, :3], srgb_to_linear(alone[covered][:, :3]), atol=0.12)
+
+
+def test_paths_are_added_until_somebody_asks_for_something_else(folder, views, monkeypatch):
+    monkeypatch.setattr(views_module, "BAND_PIXELS", 5 * WIDTH)  # bands of 5 rows, the last from row 11
+    request = read_view_request({"scene": str(folder / "scene.json"), "camera": camera_json(), "samples": 6})
+    steps = list(views.frames(request))
+    assert [share for share, _ in steps] == pytest.approx([1 / 6, 3 / 6, 5 / 6, 1])
+    assert np.abs(steps[0][1] - steps[3][1]).max() > 0
+    asked = iter([False] * 6 + [True])
+    assert [share for share, _ in views.frames(request, lambda: next(asked))] == pytest.approx([1 / 6])
+
+
+def test_bands_are_parts_of_one_picture(folder, views, monkeypatch):
+    """Of one sample at the centre of each pixel, without a light."""
+    request = {"scene": str(folder / "dark.json"), "model": str(folder / "model.ply"), "camera": camera_json()}
+    request |= {"samples": 1, "max_depth": 1}
+    whole = last(views, request)
+    monkeypatch.setattr(views_module, "BAND_PIXELS", 5 * WIDTH)
+    assert whole[..., :3].max() > 0.1
+    np.testing.assert_allclose(last(views, request), whole, atol=1e-4)
+
+
+@pytest.mark.parametrize("count, steps", [(1, [1]), (2, [1, 1]), (6, [1, 2, 2, 1]), (7, [1, 2, 2, 2])])
+def test_samples_in_steps(count, steps):
+    assert in_steps(count, 1, 2) == steps
+
+
+def told(lines):
+    said = []
+    serve(lines, said.append)
+    return said
+
+
+def test_a_stream_of_frames_is_files_without_a_format(folder):
+    out = folder / "frame.rgba"
+    request = {"out": str(out), "model": str(folder / "model.ply"), "camera": camera_json()}
+    (said,) = told(io.StringIO(json.dumps(request)))
+    pixels = np.fromfile(said["done"], np.float32).reshape(HEIGHT, WIDTH, 4)
+    np.testing.assert_array_equal(pixels, last(Views(), {name: request[name] for name in ("model", "camera")}))
+
+
+def test_a_picture_is_left_when_another_line_comes(folder):
+    """A line that stops gets no answer."""
+    scene = {"out": str(folder / "left.rgba"), "scene": str(folder / "scene.json"), "camera": camera_json()}
+    lines = [{**scene, "samples": 1000}, {"stop": True}, {**scene, "samples": 4}]
+    read = threading.Event()
+
+    def stream():
+        yield from (f"{json.dumps(line)}\n" for line in lines)
+        read.set()
+
+    waiting = Lines(stream())
+    assert read.wait(10)
+    said = told(waiting)
+    assert [next(iter(line)) for line in said] == ["left", "share", "share", "done"]
+    assert not waiting.another()
+
+
+def test_a_model_that_has_changed_is_read_again(folder, views, tmp_path):
+    path = tmp_path / "model.ply"
+    write_ply(path, SPLATS)
+    request = {"model": str(path), "camera": camera_json()}
+    before = last(views, request)
+    write_ply(path, SPLATS.select(np.arange(20)))
+    assert np.abs(last(views, request) - before).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    "wrong, problem",
+    [
+        ({"camera": None}, "camera"), ({"model": None}, "scene"), ({"share": 0}, "share"),
+        ({"passes": ["depth"]}, "passes"), ({"clip": [2, 1]}, "clip"),
+        ({"samples": -1}, "samples"), ({"model": "none.ply"}, "none.ply"),
+        ({"background": [1, "a", 1]}, "could not convert"), ({"tilt": 1}, "tilt"),
+    ],
+)  # fmt: skip
+def test_a_wrong_request_is_one_line(folder, wrong, problem):
+    request = {"model": str(folder / "model.ply"), "camera": camera_json(), **wrong}
+    with pytest.raises(DataError, match=problem) as caught:
+        list(Views().frames(read_view_request(request)))
+    assert "\n" not in str(caught.value) and "; " in str(caught.value)
+
+
+def test_a_linear_model_is_radiance_or_what_a_screen_shows_of_it(folder, views, tmp_path):
+    path = tmp_path / "linear.ply"
+    write_model(path, Model(brightened(SPLATS, 3.0), Drawing(linear=True, white=2.0)))
+    request = {"model": str(path), "camera": camera_json()}
+    splats, behind = read_model(path).splats, [0.5, 1.0, 2.0]
+    picture = render_picture(upload(splats), CAMERA, RasterOptions(sh_degree=SPLATS.sh_degree), linear=True, white=2.0)
+    assert picture.radiance is not None and picture.radiance.max() > 1.2
+    over = np.maximum(picture.radiance, 0) + (1 - picture.alpha[..., None]) * behind
+    radiance = last(views, {**request, "linear": True, "background": behind})
+    np.testing.assert_allclose(radiance[..., :3], over, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(last(views, {**request, "background": behind})[..., :3], displayed(over, 2.0), atol=1e-4)
