@@ -14,9 +14,8 @@ import mitsuba as mi
 
 from ..scene.row_groups import SH
 from ..scene.sh_basis import C0
+from ..support.srgb import OFFSET, POWER
 from .sh_groups import ROW_COEFFICIENTS
-
-SRGB_OFFSET, SRGB_POWER = 0.055, 1 / 2.4
 
 
 def dimmed(params: dict, factor: list, linear: bool) -> dict:
@@ -30,8 +29,8 @@ def dimmed(params: dict, factor: list, linear: bool) -> dict:
     n = dr.width(params["logit_opacities"])
     gain = [dr.detach(k) + dr.zeros(mi.Float, n) for k in factor]
     if not linear:
-        gain = [dr.power(k, SRGB_POWER) for k in gain]
-    black = 0 if linear else -SRGB_OFFSET  # the colour that no factor changes
+        gain = [dr.power(k, (1 / POWER)) for k in gain]
+    black = 0 if linear else -OFFSET  # the colour that no factor changes
     of_rows: Any = dr.ravel(mi.Vector3f(*gain))  # [N, 3]
     sh, stored = params["sh_coeffs"], dr.width(params["sh_coeffs"]) // n
     dc = dr.arange(mi.UInt32, dr.width(sh)) % stored < 3

@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from ..scene.drawing import DrawnAs
+from ..scene.orientation import UP
 from ..scene.radiance import brightened
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
@@ -67,7 +68,7 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     """Lines about what a format has no room for, beside rounding."""
     said, lost = model.drawing.said(), []
     unsaid = {name: value for name, value in said.items() if name not in chosen.carries}
-    usual = asdict(DrawnAs()) | {"scale": 1.0, "up": "-y"}  # what readers take where a file is silent
+    usual = asdict(DrawnAs()) | {"scale": 1.0, "up": UP}  # what readers take where a file is silent
     if unusual := [f"{name} {value}" for name, value in unsaid.items() if value != usual.get(name)]:
         lost.append(f"{chosen.name} cannot say how it is drawn: {', '.join(unusual)}; give it by hand")
     if model.splats.sh_degree > chosen.sh_degree:
