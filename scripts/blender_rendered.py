@@ -1,4 +1,4 @@
-"""Frames per second of a viewport that our engine draws ("Rendered" shading): the tables in docs/blender.md.
+"""Frames per second of a viewport that our engine draws ("Rendered" shading): the tables in docs/blender_details.md.
 
     PYTHON_WITH_BPY scripts/blender_rendered.py MODEL.ply COMMAND
     xvfb-run -a -s "-screen 0 1600x1000x24" blender --window-geometry 0 0 1600 1000 --factory-startup \\
