@@ -11,8 +11,8 @@ NAMES = ("versus_volprim", "training_step", "lean")
 EXPERIMENTS = (
     *("dog_start", "scaling", "dog_share", "floor", "ellipsoids", "derivatives", "loss", "stiffness"),
     *("poison", "widths", "popping", "curvature", "renderers", "device_memory", "launches", "warps"),
-    *("scene_scale", "million", "mixed_sh", "rate_distortion", "simplify", "poses", "dogpath", "rays"),
-    *("refine_poses", "hdr", "misfits", "up", "appearance"),
+    *("scene_scale", "million", "mixed_sh", "rate_distortion", "simplify", "poses", "dogpath", "shade", "rays"),
+    *("refine_poses", "hdr", "misfits", "up", "appearance", "stretched", "indoors", "mesh_shadows"),
 )
 
 if sys.argv[1:] and sys.argv[1] in EXPERIMENTS:

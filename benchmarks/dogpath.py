@@ -6,14 +6,13 @@ The scene is scenes/still_life_in_the_light.xml. Its truth has the meshes that t
 the model. Errors are of what a screen shows (sRGB, 0 to 1), absolute, mean over pixels and channels. Regions are those
 of the truth: the model itself; the floor where the model takes more than a tenth of its light; the mirror and the
 glass where they differ from what they show without the model. ``noise`` is the truth by as many samples. Fewer
-primitives are those that ``dogsplat simplify`` merges them to, without a fit.
+primitives are those that ``dogsplat simplify`` merges them to, without a fit. still_life.ply is the same still life,
+trained over white from photographs that see nothing from below.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -24,24 +23,30 @@ import numpy as np
 from mi_dogsplat.editing.simplify import simplify_model
 from mi_dogsplat.editing.simplify_config import SimplifyConfig
 from mi_dogsplat.formats.read import read_model
-from mi_dogsplat.support.srgb import linear_to_srgb
 
-from .lit_scenes import LIGHT, MODEL, empty, loaded, of_meshes, picture
+from .error_table import ErrorTable, display
+from .lit_scenes import IN_PLACE, LIGHT, MODEL, empty, loaded, of_meshes, picture
 
 BEYOND = 0.02  # sRGB: less than this is no image in mirror or glass
 SHADE = 0.9  # of the light that the floor has without the model
-OWN = ("floor", "mirror", "glass", "foot")  # shapes of the scene; all others of the truth are the model
+OWN = ("floor", "mirror", "glass", "foot", "board_front", "board_back")  # shapes of the scenes
+SHOWING = {"mirror": "mirror image", "glass": "glass", "metal": "metal"}  # shapes in which the model shows
 
 
-def regions(truth: Any, shown: np.ndarray, alone: np.ndarray, size: tuple[int, int]) -> dict[str, np.ndarray]:
-    """Masks [H, W]; ``shown`` and ``alone`` are the truth and the scene without the model, linear."""
+def regions(
+    truth: Any, shown: np.ndarray, alone: np.ndarray, size: tuple[int, int], own: tuple[str, ...] = OWN
+) -> dict[str, np.ndarray]:
+    """Masks [H, W]; ``shown`` and ``alone`` are the truth and the scene without the model, linear.
+
+    ``own``: shapes of the scene; all others of the truth are the model.
+    """
     width, height = size
     index = dr.arange(mi.UInt32, width * height)
     x, y = mi.Float(index % width), mi.Float(index // width)
     at: Any = mi.Point2f((x + 0.5) / width, (y + 0.5) / height)
     ray, _ = truth.sensors()[0].sample_ray(0, 0, at, mi.Point2f(0.5))
     met = truth.ray_intersect(ray)
-    first = {name: np.zeros((height, width), bool) for name in OWN}
+    first = {name: np.zeros((height, width), bool) for name in own}
     for shape in truth.shapes():
         if shape.id() in first:
             mask = met.is_valid() & (met.shape == mi.ShapePtr(shape))
@@ -49,12 +54,8 @@ def regions(truth: Any, shown: np.ndarray, alone: np.ndarray, size: tuple[int, i
     other = met.is_valid().numpy().reshape(height, width) & ~np.logical_or.reduce(list(first.values()))
     differs = np.abs(display(shown) - display(alone)).mean(-1) > BEYOND
     shade = shown.mean(-1) < SHADE * alone.mean(-1)
-    return {"model": other, "shadow": first["floor"] & shade, "mirror image": first["mirror"] & differs,
-            "glass": first["glass"] & differs, "all": np.ones((height, width), bool)}
-
-
-def display(linear: np.ndarray) -> np.ndarray:
-    return np.clip(linear_to_srgb(linear), 0, 1)
+    images = {name: first[shape] & differs for shape, name in SHOWING.items() if shape in own}
+    return {"model": other, "shadow": first["floor"] & shade, **images, "all": np.ones((height, width), bool)}
 
 
 def mirrored(size: tuple[int, int], spp: int) -> None:
@@ -101,29 +102,18 @@ def main(argv: list[str]) -> None:
     shown, alone = picture(meshes, args.truth, size), picture(empty(LIGHT), args.truth, size)
     masks = regions(meshes, shown, alone, size)
     splatted: Any = mi.load_dict({"type": "dogsplat", "surfaces": {"type": "path", "max_depth": 8}})
-    most = max(args.samples)
-
-    def row(name: str, spp: int, n: int, make: Callable[[int], np.ndarray]) -> None:
-        make(1)  # compiles
-        start = time.perf_counter()
-        image = make(2)
-        seconds = time.perf_counter() - start
-        error = np.abs(display(image) - display(shown)).mean(-1)
-        columns = " | ".join(f"{error[mask].mean():.4f}" for mask in masks.values())
-        print(f"| {name} | {n} | {spp} | {seconds:.2f} | {columns} |", flush=True)
-
-    print("| rendered by | primitives | samples | seconds | " + " | ".join(masks) + " |")
-    print("|---" * (4 + len(masks)) + "|")
-    print("| pixels | | | | " + " | ".join(str(mask.sum()) for mask in masks.values()) + " |")
-    n = read_model(MODEL).splats.n_splats
+    most, row = max(args.samples), ErrorTable(shown, masks).row
+    n = read_model(IN_PLACE).splats.n_splats
     for spp in args.samples:
         row("dogpath", spp, n, lambda seed, spp=spp: picture(model, spp, size, seed))
     for spp in args.samples:
         row("noise: path, meshes", spp, 0, lambda seed, spp=spp: picture(meshes, spp, size, seed))
+    over_white = loaded(LIGHT, MODEL)
+    row("dogpath, still_life.ply", most, n, lambda seed: picture(over_white, most, size, seed))
     row("dogsplat, path nested", most, n, lambda seed: picture(model, most, size, seed, splatted))
     with TemporaryDirectory() as folder:
         for count in args.primitives:
             file = Path(folder) / f"{count}.ply"
-            simplify_model(MODEL, file, SimplifyConfig(target=str(count), steps=0))
+            simplify_model(IN_PLACE, file, SimplifyConfig(target=str(count), steps=0))
             fewer = loaded(LIGHT, file)
             row("dogpath", most, count, lambda seed, fewer=fewer: picture(fewer, most, size, seed))

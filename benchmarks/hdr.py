@@ -9,13 +9,15 @@ light, which a display-referred model means by the sRGB curve. Columns:
   truth is below 5 % of white, between, and above white;
 - ``lamps``: luminance of all pixels above 10 times white, over what it is in truth.
 
+``--files`` measures the models as files of other formats instead, their DoG baked.
+
 Writes ``hdr.json``, ``hdr.png`` (a view at four exposures, each model below the truth) and prints a table.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +27,9 @@ import numpy as np
 from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.datasets.capture import capture
 from mi_dogsplat.datasets.capture_config import CaptureConfig
+from mi_dogsplat.export.bake import baked
 from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.measure.evaluate import evaluate_views, mean_metrics
 from mi_dogsplat.render.picture import Picture, light_of
 from mi_dogsplat.render.render_files import picture_of
@@ -42,6 +46,7 @@ from mi_dogsplat.training.tone_curve import SrgbLog, ToneCurve
 
 SHADOW, LAMP = 0.05, 10.0  # times white
 FLOOR = 1e-4  # of white, below which nothing is told apart
+SUFFIXES = (".ply", ".sog", ".compressed.ply", ".spz")
 EXPOSURES = (-4, -2, 0, 3)  # stops, of the picture
 
 
@@ -107,22 +112,35 @@ RUNS = (PNG, *CURVES, SAME_STEPS)
 def main(flags: Sequence[str]) -> None:
     args = _arguments(flags)
     set_variant(args.variant)
-    folders = {hdr: _captured(args, hdr) for hdr in (False, True)}
+    names = args.runs.split("; ") if args.runs else RUNS
+    folders = {hdr: _captured(args, hdr) for hdr in sorted({True, *(name != PNG for name in names)})}
     truth = load_dataset(folders[True], split="validation")
     rows, pictures = {}, {}
-    for name in args.runs.split("; ") if args.runs else RUNS:
+    for name in names:
         out = args.out / "".join(c if c.isalnum() else "_" for c in name)
         if not (out / "metrics.json").exists():
             settings = {"preset": args.preset, "steps": args.steps, "target": 0.3, "split": "validation"}
             train(TrainConfig(str(folders[name != PNG]), **settings), out, recipe=_recipe(args.preset, name))
-        rows[name], pictures[name] = _measured(out / "point_cloud.ply", truth)
-        print(name, {key: round(value, 4) for key, value in rows[name].items()}, flush=True)
+        for text, file in _files(name, out) if args.files else [(name, out / "point_cloud.ply")]:
+            rows[text], pictures[text] = _measured(file, truth)
+            print(text, {key: round(value, 4) for key, value in rows[text].items()}, flush=True)
     write_json(args.out / "hdr.json", {"steps": args.steps, "white": truth.white, "rows": rows})
     write_png(args.out / "hdr.png", _sheet(truth, pictures))
     columns = list(next(iter(rows.values())))
     print(f"\n| | {' | '.join(columns)} |\n|---|{'---|' * len(columns)}")
     for name, row in rows.items():
         print(f"| {name} | {' | '.join(f'{row[column]:.3g}' for column in columns)} |")
+
+
+def _files(name: str, run: Path) -> Iterator[tuple[str, Path]]:
+    """Names and files of a run's model: as it is, and baked in several formats."""
+    yield f"{name}: PLY, with its DoG", run / "point_cloud.ply"
+    model = read_model(run / "point_cloud.ply")
+    plain = replace(model, splats=baked(model.splats))
+    for suffix in SUFFIXES:
+        file = run / f"baked{suffix}"
+        write_model(file, plain)
+        yield f"{name}: {suffix[1:]}", file
 
 
 def _recipe(preset: str, name: str) -> Recipe:
@@ -154,7 +172,8 @@ def _measured(model: Path, truth: Dataset) -> tuple[dict[str, float], np.ndarray
     row = {name: row[name] for name in ("psnr", "psnr_mu", "hdr_flip")}
     row |= {name: float(stops[part].mean()) for name, part in parts.items()}
     row["lamps"] = float(ours[real > LAMP].sum() / real[real > LAMP].sum())
-    return row | {"n": read.splats.n_splats}, light_of(seen[truth.test[len(truth.test) // 2].name])
+    row |= {"n": read.splats.n_splats, "bytes": model.stat().st_size}
+    return row, light_of(seen[truth.test[len(truth.test) // 2].name])
 
 
 def _sheet(truth: Dataset, pictures: dict[str, np.ndarray]) -> np.ndarray:
@@ -170,6 +189,7 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--scene", type=Path, default=Path("scenes/hdr_lamp.xml"), metavar="SCENE.xml")
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--runs", help=f'some of "{"; ".join(RUNS)}", separated by "; " (default: all)')
+    parser.add_argument("--files", action="store_true", help="each model as files of other formats instead")
     parser.add_argument("--preset", default="ours", choices=tuple(RECIPES))
     parser.add_argument("--steps", type=int, default=2000)
     parser.add_argument("--views", type=int, default=40)

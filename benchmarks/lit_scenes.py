@@ -10,7 +10,13 @@ import numpy as np
 
 SCENES = Path(__file__).parents[1] / "scenes"
 LIGHT, INDOORS = SCENES / "still_life_in_the_light.xml", SCENES / "still_life_indoors.xml"
+STAGE = "floor", "foot"  # of LIGHT: what its model stands on
+WALLS = "ceiling", "back_wall", "front_wall", "left_wall", "right_wall"
+ROOM = "floor", *WALLS, "table", "mirror", "metal"  # of INDOORS, but for lamp and window
+SHADE = SCENES / "still_life_in_the_shade.xml"
 MODEL, MESHES = SCENES / "still_life.ply", SCENES / "demo_truth.xml"
+INDOORS_MODEL = SCENES / "still_life_indoors.ply"
+IN_PLACE = SCENES / "still_life_in_place.ply"  # the model of LIGHT
 
 
 def loaded(path: Path, model: Path | None = None) -> Any:
@@ -24,13 +30,44 @@ def loaded(path: Path, model: Path | None = None) -> Any:
     return _parsed(root)
 
 
-def of_meshes(path: Path) -> Any:
-    """A scene with the meshes of demo_truth.xml in place of the model, and the integrator ``path``."""
+def of_meshes(path: Path, black: bool = False, alone: bool = False) -> Any:
+    """A scene with the meshes of demo_truth.xml in place of the model, and the integrator ``path``.
+
+    alone: without any other shape.
+    """
     root = without_model(path)
-    for node in _absolute(MESHES):
-        if node.tag == "bsdf" or (node.tag == "shape" and node.find("emitter") is None):
-            root.append(node)
+    for shape in root.findall("shape") if alone else ():
+        root.remove(shape)
+    root.extend(_meshes(black))
     return _parsed(root)
+
+
+def meshes_alone() -> Any:
+    """The meshes of demo_truth.xml and nothing else."""
+    root = ElementTree.Element("scene", version="3.0.0")
+    root.extend(_meshes())
+    return _parsed(root)
+
+
+def in_place(path: Path = LIGHT, stage: tuple[str, ...] = STAGE) -> ElementTree.Element:
+    """What a scene's model was captured in: its meshes among the shapes of the stage, in the light of the scene.
+
+    The stage throws its light and its shadows onto them, but cameras look through it. As emitters of no light
+    ``hide_emitters`` takes its shapes away; nothing samples them. Other shapes are not there yet, but for lamps. The
+    integrator is ``path``.
+    """
+    root = without_model(path)
+    for shape in root.findall("shape"):
+        if shape.find("emitter") is not None:
+            continue
+        if shape.get("id") in stage:
+            emitter = ElementTree.SubElement(shape, "emitter", type="area")
+            ElementTree.SubElement(emitter, "rgb", name="radiance", value="0")
+            ElementTree.SubElement(emitter, "float", name="sampling_weight", value="0")
+        else:
+            root.remove(shape)
+    root.extend(_meshes())
+    return root
 
 
 def empty(path: Path) -> Any:
@@ -45,6 +82,8 @@ def without_model(path: Path) -> ElementTree.Element:
             root.remove(shape)
     for integrator in root.findall("integrator"):
         integrator.set("type", "path")
+        for node in integrator.findall("*[@name='mesh_shadows']"):
+            integrator.remove(node)
     return root
 
 
@@ -54,6 +93,20 @@ def picture(scene: Any, spp: int, size: tuple[int, int], seed: Any = 0, integrat
     params[next(name for name in params.keys() if name.endswith("film.size"))] = list(size)
     params.update()
     return np.array(mi.render(scene, spp=spp, seed=seed, integrator=integrator))[..., :3]
+
+
+def _meshes(black: bool = False) -> list[ElementTree.Element]:
+    """Shapes and paints of demo_truth.xml, without its lights."""
+    nodes = list(_absolute(MESHES))
+    shapes = [node for node in nodes if node.tag == "shape" and node.find("emitter") is None]
+    if not black:
+        return [node for node in nodes if node.tag == "bsdf"] + shapes
+    for shape in shapes:
+        for paint in shape.findall("bsdf") + shape.findall("ref"):
+            shape.remove(paint)
+        paint = ElementTree.SubElement(shape, "bsdf", type="diffuse")
+        ElementTree.SubElement(paint, "rgb", name="reflectance", value="0")
+    return shapes
 
 
 def _absolute(path: Path) -> ElementTree.Element:

@@ -19,6 +19,7 @@ from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.datasets.colmap import find_model, load_colmap, read_sources
 from mi_dogsplat.datasets.point_ply import write_point_ply
 from mi_dogsplat.datasets.scene_file import load_scene
+from mi_dogsplat.datasets.transforms import intrinsics_of
 from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.run import find_poses
 from mi_dogsplat.runs.run import train
@@ -117,9 +118,6 @@ def _exact_data(top: Path, exact: dict[str, Camera], found: dict[str, Camera]) -
         frames.append({"file_path": f"images/{name}.jpg", "transform_matrix": pose})
     with Image.open(out / "images" / f"{sorted(found)[0]}.jpg") as image:
         assert image.size == (WIDTH, HEIGHT)
-    camera = {name: getattr(next(iter(exact.values())), attribute) for name, attribute in _INTRINSICS.items()}
+    camera = intrinsics_of(next(iter(exact.values())))
     (out / "transforms.json").write_text(json.dumps(camera | {"ply_file_path": "points.ply", "frames": frames}))
     return out
-
-
-_INTRINSICS = {"w": "width", "h": "height", "fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy"}

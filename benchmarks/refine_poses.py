@@ -20,7 +20,7 @@ from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.datasets.dataset import View, camera_extent, seen_by
 from mi_dogsplat.measure.align import aligned
 from mi_dogsplat.measure.metrics import psnr
-from mi_dogsplat.render.picture import over_background
+from mi_dogsplat.render.picture import photograph, seen_as
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.camera_motions import moved_w2c
 from mi_dogsplat.training.config import TrainConfig
@@ -101,10 +101,10 @@ def _row(capture: str, poses: Poses, seed: int, refine: bool, args: argparse.Nam
     seconds = time.process_time() - start
     own, best = [], []
     for view in dataset.test:
-        truth = over_background(view.image, trainer.background)
-        own.append(psnr(trainer.picture(view).color, truth))
+        truth = photograph(view, trainer.background)
+        own.append(psnr(seen_as(trainer.picture(view), view), truth))
         fitted = aligned(trainer.picture, view, trainer.background, trainer.extent)
-        best.append(psnr(trainer.picture(fitted).color, truth))
+        best.append(psnr(seen_as(trainer.picture(fitted), view), truth))
     names = {view.name for view in dataset.train}
     exact = {view.name: view.camera for view in poses.exact if view.name in names}
     error = pose_error(exact, {view.name: view.camera for view in trainer.photographs.originals})

@@ -69,12 +69,12 @@ def register() -> None:
     bpy.app.handlers.depsgraph_update_post.append(following.follow)
     handlers.register()
     train_operator.register()
-    translations.register(__name__)
+    translations.register(preferences.ADDON)
 
 
 def unregister() -> None:
     """The same backwards."""
-    translations.unregister(__name__)
+    translations.unregister(preferences.ADDON)
     train_operator.unregister()
     handlers.unregister()
     bpy.app.handlers.depsgraph_update_post.remove(following.follow)

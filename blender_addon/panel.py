@@ -43,7 +43,8 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             if is_available():
                 layout.operator("dogsplat.to_native", icon="POINTCLOUD_DATA")
         elif is_native(obj):
-            layout.label(text=f"{obj.name}: drawn by Blender, plain Gaussians", icon="POINTCLOUD_DATA")
+            text = iface_("{name}: plain Gaussians, by Blender").format(name=obj.name)
+            layout.label(text=text, translate=False, icon="POINTCLOUD_DATA")
             layout.operator("dogsplat.to_dog")
         row = layout.row(align=True)
         row.operator("import_scene.dogsplat", text="Import", icon="IMPORT")
@@ -114,6 +115,7 @@ class DOGSPLAT_PT_render(OfEngine, bpy.types.Panel):
         if settings.send == "SCENE":
             layout.prop(settings, "samples")
             layout.prop(settings, "bounces")
+            layout.prop(settings, "mesh_shadows")
         layout.prop(context.scene, "dogsplat_colors", text="Colors of Splats Only")
 
 

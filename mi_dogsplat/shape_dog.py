@@ -16,6 +16,7 @@ from .engine.sh_groups import padded_on_device
 from .formats.model import Model
 from .formats.read import read_model
 from .scene.row_groups import DOG, GROUPS, SH, RowGroup, in_several
+from .scene.sh_basis import SH_SIZES
 from .scene.splats import Splats
 from .scene.transform import decompose_similarity, mean_scale, transformed
 
@@ -140,7 +141,7 @@ class DogShape(mi.Mesh):
     def parameters_changed(self, keys: list[str] = []):  # noqa: B006 (signature of Mitsuba)
         n = self.means.shape[0]
         k = self.sh_coeffs.shape[1] if len(self.sh_coeffs.shape) == 3 else 0
-        if k not in (1, 4, 9, 16):
+        if k not in SH_SIZES:
             raise RuntimeError(f'dog: "sh_coeffs" has shape {tuple(self.sh_coeffs.shape)}, expected (N, 1/4/9/16, 3)')
         if "to_world" in keys:
             try:

@@ -20,7 +20,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 VIEWS, SIZE, STEPS = 60, 256, 3000
 PRIMITIVES = {"target": "6000", "max_primitives": 40_000}
-PICTURE = 400  # pixels, of the panels
+PICTURE = 400  # pixels, of the renders
+ROWS = slice(80, 360)  # of them, in the panels: the others are empty
 PLACES = {"front": (4.6, -5.6, 3.4), "back": (-4.0, 5.4, 2.2)}  # of cameras that are in no view
 MIDDLE = (0.0, 0.0, 0.45)
 
@@ -143,7 +144,7 @@ def outside(python: str, work: Path, out: Path, steps: int) -> None:
         subprocess.run([python, str(Path(__file__)), "inside", json.dumps(job)], check=True)
     metrics = json.loads((work / "run" / "metrics.json").read_text())
     figures = json.loads((work / "figures.json").read_text())
-    labels = {"scene": "Cycles", "model": f"{metrics['n']:,} primitives, {metrics['bytes'] / 1e6:.1f} MB"}
+    labels = {"scene": "Cycles", "model": f"{metrics['n']:,} splats, {metrics['bytes'] / 1e6:.1f} MB"}
     rows = []
     for name in PLACES:
         panels = {}
@@ -152,7 +153,7 @@ def outside(python: str, work: Path, out: Path, steps: int) -> None:
             panels[shown] = rgba[..., :3] * rgba[..., 3:] + 1 - rgba[..., 3:]
         error = -10 * np.log10(np.mean((panels["scene"] - panels["model"]) ** 2))
         print(f"{name}: {error:.1f} dB at {PICTURE} x {PICTURE}, both by Cycles, over white")
-        rows.append(np.concatenate([labelled(panels[shown], text) for shown, text in labels.items()], axis=1))
+        rows.append(np.concatenate([labelled(panels[shown][ROWS], text) for shown, text in labels.items()], axis=1))
     picture = Image.fromarray(np.round(255 * np.concatenate(rows)).astype(np.uint8))
     picture.save(out / "blender_training.webp", quality=80)
     print(f"{VIEWS + VIEWS // 6} views of {SIZE} x {SIZE} in {figures['render_seconds']:.0f} s")

@@ -1,29 +1,36 @@
 """Pictures of the add-on in Blender's window, by the mouse, the keyboard and the screen of a person.
 
 Runs inside of Blender, started by ``scripts/blender_window.sh``; each function below is one picture, and a timer goes
-through them, because Blender draws only between two calls. ``bpy.ops.screen.screenshot`` gives a black picture under
-Mesa's software OpenGL, so ImageMagick takes it from the display, and xdotool clicks.
+through them, because Blender draws only between two calls.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
-import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
 
 SCRIPTS = Path(__file__).resolve().parent
 sys.path[:0] = [str(SCRIPTS), str(SCRIPTS.parent / "tests" / "blender")]  # Blender leaves them out
+from blender_desktop import (  # noqa: E402
+    STILL_EEVEE,
+    Steps,
+    area,
+    click,
+    key,
+    move,
+    new_file,
+    panel,
+    shot,
+    space,
+    viewport,
+)
+from blender_recording import recording  # noqa: E402
 from blender_training_picture import build  # noqa: E402
 from in_blender import step_by_step  # noqa: E402
-
-STILL, STILL_EEVEE, LONGEST = 6.0, 60.0, 600.0  # seconds without a change that mean "done"; the most to wait
-Steps = Iterator[float]  # seconds until the next one
 
 
 def menu(model: Path, run: Path) -> Steps:
@@ -31,7 +38,7 @@ def menu(model: Path, run: Path) -> Steps:
     click(43, 33)
     yield 2
     click(77, 330)
-    yield from shot("menu")
+    yield from shot(OUT, "menu")
     click(900, 850)
     yield 1
 
@@ -42,9 +49,9 @@ def drop(model: Path, run: Path) -> Steps:
     yield 1
     with viewport():
         bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory=str(model.parent), files=[{"name": model.name}])
-    yield from shot("drop")
+    yield from shot(OUT, "drop")
     key("d")
-    yield from shot("dropped")
+    yield from shot(OUT, "dropped")
     key("Escape")
     yield 1
 
@@ -61,7 +68,7 @@ def imported(model: Path, run: Path) -> Steps:
     yield 5
     panel()
     click(80, 886)  # unfolds the panel of the last operation
-    yield from shot("imported", STILL_EEVEE)
+    yield from shot(OUT, "imported", STILL_EEVEE)
 
 
 def editing(model: Path, run: Path) -> Steps:
@@ -78,7 +85,7 @@ def editing(model: Path, run: Path) -> Steps:
     space().show_region_ui = True
     yield 5
     panel()
-    yield from shot("editing", STILL_EEVEE)
+    yield from shot(OUT, "editing", STILL_EEVEE)
 
 
 def training(model: Path, run: Path) -> Steps:
@@ -95,7 +102,7 @@ def training(model: Path, run: Path) -> Steps:
     panel()
     yield 2
     click(1080, 297)  # unfolds the panel
-    yield from shot("training")
+    yield from shot(OUT, "training")
 
 
 def camera(model: Path, run: Path) -> Steps:
@@ -112,7 +119,7 @@ def camera(model: Path, run: Path) -> Steps:
     space().shading.type = "RENDERED"
     yield 5
     panel()
-    yield from shot("camera", STILL_EEVEE)
+    yield from shot(OUT, "camera", STILL_EEVEE)
 
 
 def frame(model: Path, run: Path) -> Steps:
@@ -123,80 +130,41 @@ def frame(model: Path, run: Path) -> Steps:
     area("PROPERTIES").spaces.active.context = "RENDER"
     preferences.addons["bl_ext.user_default.dogsplat"].preferences.command = os.environ.get("DOGSPLAT_COMMAND", "")
     preferences.view.render_display_type = "AREA"
-    yield from shot("engine", STILL_EEVEE)
+    yield from shot(OUT, "engine", STILL_EEVEE)
     with viewport():
         bpy.ops.render.render("INVOKE_DEFAULT")
     yield 5
     while bpy.app.is_job_running("RENDER"):
         yield 1
-    yield from shot("frame")
+    yield from shot(OUT, "frame")
 
 
-PICTURES = {function.__name__: function for function in (menu, drop, imported, editing, training, camera, frame)}
+def german(model: Path, run: Path) -> Steps:
+    """The panels in German; last, because the language stays."""
+    view = bpy.context.preferences.view
+    view.language = "de_DE"
+    view.use_translate_interface = view.use_translate_tooltips = view.use_translate_reports = True
+    yield from new_file()
+    with viewport():
+        bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=str(model))
+        bpy.ops.view3d.view_selected()
+        bpy.ops.dogsplat.add_crop("EXEC_DEFAULT", True, shape="SPHERE")
+    space().show_region_ui = True
+    yield 5
+    panel()
+    yield from shot(OUT, "german", STILL_EEVEE)
 
 
-def new_file() -> Steps:
-    """As Blender opens, without the cube."""
-    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
-        bpy.ops.wm.read_homefile(app_template="")
-    yield 3
-    bpy.data.objects.remove(bpy.data.objects["Cube"])
-    bpy.context.scene.eevee.taa_samples = 1  # a processor draws here
+def record(model: Path, run: Path) -> Steps:
+    """The animated picture: from the menu to the final frame."""
+    yield from new_file()
+    yield from recording(model, OUT, os.environ.get("DOGSPLAT_COMMAND", ""))
 
 
-def area(kind: str) -> bpy.types.Area:
-    """The largest editor of a kind."""
-    areas = bpy.context.window_manager.windows[0].screen.areas
-    return max((a for a in areas if a.type == kind), key=lambda a: a.width * a.height)
-
-
-def space() -> bpy.types.SpaceView3D:
-    """The viewport's."""
-    return area("VIEW_3D").spaces.active
-
-
-def viewport():
-    """Operators run as if the mouse were in the viewport: a timer has no window."""
-    window, place = bpy.context.window_manager.windows[0], area("VIEW_3D")
-    region = next(r for r in place.regions if r.type == "WINDOW")
-    return bpy.context.temp_override(window=window, screen=window.screen, area=place, region=region)
-
-
-def panel() -> None:
-    """Turn the sidebar to our tab; it has tabs once it was drawn."""
-    next(r for r in area("VIEW_3D").regions if r.type == "UI").active_panel_category = "DoG Splat"
-
-
-def move(x: int, y: int) -> None:
-    """The mouse, in pixels of the display."""
-    subprocess.run(["xdotool", "mousemove", str(x), str(y)], check=True)
-
-
-def click(x: int, y: int) -> None:
-    """There, with the left button."""
-    move(x, y)
-    subprocess.run(["xdotool", "click", "1"], check=True)
-
-
-def key(name: str) -> None:
-    """A key, by its name in X11."""
-    subprocess.run(["xdotool", "key", name], check=True)
-
-
-def shot(name: str, still: float = STILL) -> Steps:
-    """The display, once it stands still for that long, as ``window_NAME.png``; EEVEE compiles shaders first."""
-    raw, target = OUT / "display.ppm", OUT / f"window_{name}.png"
-    start = changed = time.monotonic()
-    seen = b""
-    while (now := time.monotonic()) - start < LONGEST and (not seen or now - changed < still):
-        yield 3
-        subprocess.run(["import", "-window", "root", str(raw)], check=True)
-        digest = hashlib.sha256(raw.read_bytes()).digest()
-        if digest != seen:
-            seen, changed = digest, time.monotonic()
-    subprocess.run(["convert", str(raw), "-strip", str(target)], check=True)
-    raw.unlink()
-    print(f"{target}, after {time.monotonic() - start:.0f} s", flush=True)
+PICTURES = {
+    function.__name__: function
+    for function in (menu, drop, imported, editing, training, camera, frame, record, german)
+}
 
 
 def steps(names: list[str], model: Path, run: Path) -> Steps:

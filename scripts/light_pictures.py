@@ -1,10 +1,11 @@
 """The pictures of docs/dogpath.md, and the environment map that its first scene is lit by.
 
-    python -m scripts.light_pictures [studio] [truth] [interior]
+    python -m scripts.light_pictures [studio] [truth] [interior] [shade]
 
 ``studio`` writes scenes/studio.hdr, the light of scenes/demo_truth.xml as seen from its middle. ``truth`` renders
 scenes/still_life_in_the_light.xml with the model, and with the meshes that it was trained from. ``interior`` renders
-scenes/still_life_indoors.xml at three exposures.
+scenes/still_life_indoors.xml at three exposures, ``shade`` scenes/still_life_in_the_shade.xml without and with shadows
+on the model, and with the meshes.
 """
 
 import sys
@@ -15,7 +16,7 @@ import mitsuba as mi
 import numpy as np
 from mi_dogsplat.support.srgb import linear_to_srgb
 
-from benchmarks.lit_scenes import INDOORS, LIGHT, SCENES, loaded, of_meshes, picture
+from benchmarks.lit_scenes import INDOORS, LIGHT, SCENES, SHADE, loaded, of_meshes, picture
 
 from .panels import labelled, write_rows
 
@@ -64,7 +65,18 @@ def interior() -> None:
     write_rows("dogpath_indoors.png", [[labelled(shown(image, stops), text) for stops, text in texts.items()]])
 
 
-PARTS = {"studio": studio, "truth": truth, "interior": interior}
+def shade() -> None:
+    """Write docs/pictures/dogpath_shade.png."""
+    scene, size = loaded(SHADE), (WIDTH, HEIGHT)
+    panels = []
+    for shadows, text in ((False, "the model keeps its light"), (True, "mesh_shadows")):
+        scene.integrator().mesh_shadows = shadows
+        panels.append((picture(scene, SPP, size), text))
+    panels.append((picture(of_meshes(SHADE), 4 * SPP, size), "the meshes that the model was trained from"))
+    write_rows("dogpath_shade.png", [[labelled(shown(image), text) for image, text in panels]])
+
+
+PARTS = {"studio": studio, "truth": truth, "interior": interior, "shade": shade}
 
 
 if __name__ == "__main__":

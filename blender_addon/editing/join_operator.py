@@ -37,7 +37,8 @@ class DOGSPLAT_OT_join(bpy.types.Operator):
             self.report({"ERROR"}, told('"{name}": {reason}', name=obj.name, reason=error))
             return {"CANCELLED"}
         if len({light_of(obj).linear for obj in models}) > 1:
-            self.report({"ERROR"}, "some of these models hold radiance, others sRGB values; join those of one kind")
+            text = told("some of these models hold radiance, others sRGB values; join those of one kind")
+            self.report({"ERROR"}, text)
             return {"CANCELLED"}
         for obj in models:
             finish_painting(obj)

@@ -23,6 +23,7 @@ from ..scene.export import Plugin
 from ..scene.sensor import sensor
 from ..scene.write import has_surroundings, write_scene
 
+MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
 NEAR_CLIP = 0.2  # where no model of the scene has a modifier that says otherwise
 SCENE_FILE = "scene.json"
 
@@ -36,6 +37,7 @@ class Stage:
     whole: bool  # a scene, and not splats over black
     light: Light  # what the colours of splats mean; those of a scene are radiance
     files: set[str]  # in the folder, which the request names
+    notes: list[str]  # a line about each thing that has no counterpart
 
 
 @dataclass
@@ -65,13 +67,13 @@ def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) 
     obj = scene.camera.evaluated_get(depsgraph)
     camera = camera_numbers(scene, obj)
     stage = make_stage(depsgraph, folder, camera, sensor(scene, obj, square(camera)))
-    request = {**stage.request, "passes": passes, "counts": stage.request["counts"]}
+    request = {**stage.request, "passes": passes}
     if not stage.whole:
         request["camera"] = camera_request(camera)
     else:
         request["samples"] = scene.dogsplat.samples
         request["seed"] = scene.frame_current * 100_003 % 2**31  # noise that is not the same in each frame of a film
-    return Order(request, stage.objects, stage.whole, stage.light, stage.files, camera)
+    return Order(request, stage.objects, stage.whole, stage.light, stage.files, stage.notes, camera)
 
 
 def make_stage(depsgraph: bpy.types.Depsgraph, folder: Path, camera: Camera, seen_by: Plugin | None = None) -> Stage:
@@ -85,22 +87,23 @@ def make_stage(depsgraph: bpy.types.Depsgraph, folder: Path, camera: Camera, see
         raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
     request: dict[str, Any] = {"counts": [model.n_splats for model in splats.models]}
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
-    files = set()
+    files, notes = set(), []
     splats.models, light = in_common_light(splats.models, splats.lights)
     if any(other.linear != light.linear for other in splats.lights):
-        print("DoG Splat: some models hold sRGB values, others radiance; the former are drawn in radiance")
+        notes.append(told(MIXED))
     if splats.models:
         model = _write_model(folder, splats, light)
         request["model"] = str(model)
         files.add(model.name)
     if not whole:
-        return Stage(request, splats.names, False, light, files)
+        return Stage(request, splats.names, False, light, files, notes)
     written = write_scene(depsgraph, seen_by, camera, folder / SCENE_FILE, len(splats.models))
-    for line in written.notes:
-        print(f"DoG Splat: {line}")
-    request |= {"scene": str(folder / SCENE_FILE), "max_depth": scene.dogsplat.bounces + 1}
+    settings = scene.dogsplat
+    request |= {"scene": str(folder / SCENE_FILE), "max_depth": settings.bounces + 1}
+    request["mesh_shadows"] = settings.mesh_shadows
     request |= {"transparent": scene.render.film_transparent, "hide_lamps": written.hide_lamps}
-    return Stage(request, splats.names + written.names, True, light, files | written.files | {SCENE_FILE})
+    files |= written.files | {SCENE_FILE}
+    return Stage(request, splats.names + written.names, True, light, files, notes + written.notes)
 
 
 def tidy(folder: Path, files: set[str]) -> None:

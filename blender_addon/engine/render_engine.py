@@ -31,6 +31,8 @@ class DogSplatEngine(bpy.types.RenderEngine):
             self.update_stats("", iface_("sending the scene"))
             order = make_order(depsgraph, renderer.folder, passes.wanted(layer))
             tidy(renderer.folder, order.files)
+            for note in order.notes:
+                self.report({"WARNING"}, note)
             count = sum(order.request["counts"])
             self.update_stats("", iface_("{count:,} splats, {name}").format(count=count, name=renderer.name))
             for name, (channels, letters, _, _) in passes.offered(layer).items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import bpy
-from bpy.props import EnumProperty, IntProperty
+from bpy.props import BoolProperty, EnumProperty, IntProperty
 
 ENGINE = "DOGSPLAT"
 COLORS = EnumProperty(name="Colors", default="LINEAR", items=(
@@ -23,3 +23,7 @@ class DogSplatRenderSettings(bpy.types.PropertyGroup):
         name="Samples", default=64, min=1, soft_max=4096, description="Paths per pixel of a whole scene"
     )
     bounces: IntProperty(name="Bounces", default=8, min=0, soft_max=64, description="Of light, in a whole scene")
+    mesh_shadows: BoolProperty(
+        name="Shadows on Splats", default=False,
+        description="Meshes darken the splats that they hide from the lights of the scene: an approximation",
+    )  # fmt: skip

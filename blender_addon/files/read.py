@@ -8,13 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from .errors import FileError
-from .light import Light
+from .light import Light, spz_radiance
 from .model import Model
 from .ply import read_comments, read_ply
-from .sh import C0
 from .spz import GZIP, gzip_comments, read_spz
 
 EXTENSIONS = (".ply", ".spz", ".sog", ".glb", ".gltf", ".splat", ".json")  # .json: the meta.json of SOG
@@ -53,8 +50,9 @@ def read_model(path: str | Path, convert: Converter) -> tuple[Model, Said]:
         raise FileError(path, "cannot be read ({reason})", remedy, reason=error.strerror) from error
     if head[:2] == GZIP:
         model, antialiased = read_spz(path)
-        said = replace(said_in(gzip_comments(head)), antialiased=antialiased)
-        return _in_radiance(model, said), said
+        comments = gzip_comments(head)
+        said = replace(said_in(comments), antialiased=antialiased)
+        return spz_radiance(model, said.light, comments) if said.linear else model, said
     is_ply, packed = head[:3] == b"ply", b"packed_position" in head
     if (is_ply and not packed) or (path.suffix.lower() == ".ply" and not is_ply):  # its reader knows what is wrong
         return read_ply(path), said_in(read_comments(path))
@@ -83,14 +81,6 @@ def said_in(comments: list[str]) -> Said:
             case ["Vertical", "axis:", axis] if axis.lower() in ("y", "z"):  # of Brush, which means down
                 others["up"] = direction(f"-{axis}")
     return Said(**others | ours)  # type: ignore[arg-type]
-
-
-def _in_radiance(model: Model, said: Said) -> Model:
-    """A linear model of an SPZ file, whose colours are in units of the radiance that is white."""
-    if said.linear and said.white:
-        model.sh_coeffs *= np.float32(said.white)
-        model.sh_coeffs[:, 0] += 0.5 * (said.white - 1) / C0
-    return model
 
 
 def direction(name: str) -> tuple[float, float, float] | None:

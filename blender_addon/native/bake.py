@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 from ..engine.renderers import RendererError, choose_renderer
+from ..files.errors import told
 from ..files.model import Model
 from ..files.ply import read_ply, write_ply
 
@@ -23,5 +24,6 @@ def baked(command: str, model: Model) -> Model:
         try:
             choose_renderer(command).convert(path, out, bake=True)
         except RendererError as error:
-            raise ValueError(f"only the package bakes DoG into plain Gaussians, and {error}") from error
+            problem = "only the package bakes DoG into plain Gaussians, and {reason}"
+            raise ValueError(told(problem, reason=error)) from error
         return read_ply(out)

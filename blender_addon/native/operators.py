@@ -9,6 +9,7 @@ from bpy.props import BoolProperty
 
 from ..editing.live_operators import can_edit
 from ..editing.stand_in import finish_painting
+from ..files.errors import told
 from ..objects.attributes import is_native, read_attributes
 from ..objects.edited import edited_mesh
 from ..preferences import command_of
@@ -52,8 +53,7 @@ class Conversion:
 
 
 class DOGSPLAT_OT_to_native(Conversion, bpy.types.Operator):
-    """Let Blender draw the selected splats itself, as plain Gaussians: DoG is baked, and comes back by Convert to
-    DoG Splat. What crop, limits and painting hide is deleted"""
+    """Let Blender draw the selected splats itself, as plain Gaussians; what crop, limits and painting hide is gone"""
 
     bl_idname = "dogsplat.to_native"
     bl_label = "Convert to Native"
@@ -76,7 +76,7 @@ class DOGSPLAT_OT_to_native(Conversion, bpy.types.Operator):
             mesh = edited_mesh(obj, depsgraph)
             try:
                 if not mesh.vertices:
-                    raise ValueError(f'"{obj.name}": no splat is left; open its crop or its limits')
+                    raise ValueError(told('"{name}": no splat is left; open its crop or its limits', name=obj.name))
                 model = read_attributes(mesh)
                 plain = baked(command_of(context), model) if drawing_of(obj).get("DoG", True) else model
                 return native_object(obj, mesh, model, plain)
@@ -87,8 +87,7 @@ class DOGSPLAT_OT_to_native(Conversion, bpy.types.Operator):
 
 
 class DOGSPLAT_OT_to_dog(Conversion, bpy.types.Operator):
-    """Let our modifier draw the selected native splats: exactly, with DoG where they had it, and with what was edited
-    since"""
+    """Let our modifier draw the selected native splats: exactly, with their DoG, and with what was edited since"""
 
     bl_idname = "dogsplat.to_dog"
     bl_label = "Convert to DoG Splat"
@@ -109,7 +108,7 @@ class DOGSPLAT_OT_to_dog(Conversion, bpy.types.Operator):
             try:
                 return dog_object(obj, cloud, read_cloud(cloud))
             except ValueError as error:
-                raise ValueError(f'"{obj.name}": {error}') from error
+                raise ValueError(told('"{name}": {reason}', name=obj.name, reason=error)) from error
 
         return self.convert(context, [obj for obj in context.selected_objects if _editable(obj)], make)
 

@@ -12,7 +12,7 @@ JACOBIAN_MARGIN = 0.15  # of the image on every side: J is evaluated at most the
 
 
 class Pose(NamedTuple):
-    """Where a picture is taken from, in the space of the object, and its intrinsics in pixels (x, y, 0)."""
+    """Where a picture is taken from, in the space of the world, and its intrinsics in pixels (x, y, 0)."""
 
     location: Vector
     rotation: Any
@@ -22,22 +22,41 @@ class Pose(NamedTuple):
 
 
 def camera_pose(tree: Tree) -> tuple[Vector, Any]:
-    """Location and rotation of the active camera as the object sees it."""
-    info = tree.node("GeometryNodeObjectInfo", transform_space="RELATIVE")
-    tree.plug(info.inputs["Object"], tree.node("GeometryNodeInputActiveCamera").outputs[0])
+    """Location and rotation of the active camera in the world."""
+    info = _object_info(tree, "GeometryNodeInputActiveCamera")
     return Vector(tree, info.outputs["Location"]), info.outputs["Rotation"]
 
 
+def _object_info(tree: Tree, which: str) -> Any:
+    info = tree.node("GeometryNodeObjectInfo", transform_space="ORIGINAL")
+    tree.plug(info.inputs["Object"], tree.node(which).outputs[0])
+    return info
+
+
 class Frame:
-    """What a pose makes of the splats, in fields."""
+    """What a pose makes of the splats, in fields.
+
+    The object may be mirrored, or scaled differently along its axes: with A from its space to the world, a step p in it
+    goes ``r · A p`` to the right, so ``right`` is Aᵀ r, and so are ``down`` and ``forward``. Depths are those of the
+    world. ``across`` and ``up`` are the steps in the space of the object that are r and -d in the world. ``direction``
+    is that in the space of the object, which the colours are for.
+    """
 
     def __init__(self, tree: Tree, pose: Pose):
-        self.rotation = pose.rotation
+        to_world = _object_info(tree, "GeometryNodeSelfObject").outputs["Transform"]
+        transposed, to_object = (tree.node(f"FunctionNode{kind}Matrix") for kind in ("Transpose", "Invert"))
+        for node in (transposed, to_object):
+            tree.plug(node.inputs[0], to_world)
+        axes = [_rotated(tree, axis, pose.rotation) for axis in ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))]
         self.right, self.down, self.forward = (
-            self._rotated(tree, axis) for axis in ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
+            _transformed(tree, "Direction", axis, transposed.outputs[0]) for axis in axes
         )
+        self.across = _transformed(tree, "Direction", axes[0], to_object.outputs[0])
+        self.up = _transformed(tree, "Direction", axes[1], to_object.outputs[0]) * -1.0
+        volume = tree.math("ABSOLUTE", self.right.dot(self.down.cross(self.forward)))
+        self.unit = tree.math("POWER", volume, 1 / 3)  # of the object in the world, its mean along three axes
         position = Vector(tree, tree.node("GeometryNodeInputPosition").outputs[0])
-        self.direction = position - pose.location
+        self.direction = position - _transformed(tree, "Point", pose.location, to_object.outputs[0])
         self.depth = self.direction.dot(self.forward)
         self.focal = tuple(pose.focal.split()[:2])
         self.tangents = []  # of the viewing angles, held inside of the image and its margin
@@ -48,11 +67,19 @@ class Frame:
             tangent = tree.math("MAXIMUM", self.direction.dot(axis) / self.depth, low)
             self.tangents.append(tree.math("MINIMUM", tangent, high))
 
-    def _rotated(self, tree: Tree, axis: tuple[float, float, float]) -> Vector:
-        node = tree.node("FunctionNodeRotateVector")
-        tree.plug(node.inputs["Vector"], axis)
-        tree.plug(node.inputs["Rotation"], self.rotation)
-        return Vector(tree, node.outputs[0])
+
+def _rotated(tree: Tree, axis: tuple[float, float, float], rotation: Any) -> Vector:
+    node = tree.node("FunctionNodeRotateVector")
+    tree.plug(node.inputs["Vector"], axis)
+    tree.plug(node.inputs["Rotation"], rotation)
+    return Vector(tree, node.outputs[0])
+
+
+def _transformed(tree: Tree, kind: str, vector: Vector, matrix: Any) -> Vector:
+    node = tree.node(f"FunctionNodeTransform{kind}")
+    tree.plug(node.inputs[0], vector)
+    tree.plug(node.inputs["Transform"], matrix)
+    return Vector(tree, node.outputs[0])
 
 
 class Splat:

@@ -108,11 +108,7 @@ def _quads(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value, ant
     pseudo = tree.call(kernel_group(), *(row * splat.pseudo_scale for row in rows), splat.pseudo_opacity, antialiased)
     half_x, half_y, _ = primary[1].maximum(pseudo[1]).split()
 
-    # Near Clip is a distance in the world, everything here is in the space of the object.
-    own = tree.node("GeometryNodeObjectInfo", transform_space="ORIGINAL")
-    tree.plug(own.inputs["Object"], tree.node("GeometryNodeSelfObject").outputs[0])
-    own_scale, _, _ = Vector(tree, own.outputs["Scale"]).split()
-    visible = (frame.depth * own_scale > near) * (half_x > 0.0)
+    visible = (frame.depth > near) * (half_x > 0.0)
     points = delete(tree, points, 1.0 - visible)
     values = {EXTENT: tree.combine(half_x, half_y, frame.depth), KERNEL: primary[0], PSEUDO: pseudo[0],
               OPACITIES: tree.combine(primary[2], pseudo[2])}  # fmt: skip
@@ -128,15 +124,18 @@ def _quads(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value, ant
     place = tree.node("GeometryNodeInstanceOnPoints")
     tree.plug(place.inputs["Points"], order.outputs[0])
     tree.plug(place.inputs["Instance"], _corners(tree))
-    tree.plug(place.inputs["Rotation"], frame.rotation)
-    size_x, size_y, _ = named_attribute(tree, EXTENT).split()
-    fx, fy = frame.focal
-    tree.plug(place.inputs["Scale"], tree.combine(size_x * depth / fx, size_y * depth / fy, 1.0))
+    tree.plug(place.inputs["Scale"], (0.0, 0.0, 0.0))
     realize = tree.node("GeometryNodeRealizeInstances")
     tree.plug(realize.inputs[0], place.outputs[0])
 
-    mesh = realize.outputs[0]
     corner_x, corner_y, _ = named_attribute(tree, CORNER).split()
+    size_x, size_y, _ = named_attribute(tree, EXTENT).split()
+    fx, fy = frame.focal
+    spread = tree.node("GeometryNodeSetPosition")
+    tree.plug(spread.inputs["Geometry"], realize.outputs[0])
+    right, up = frame.across * (corner_x * size_x * depth / fx), frame.up * (corner_y * size_y * depth / fy)
+    tree.plug(spread.inputs["Offset"], right + up)
+    mesh = spread.outputs[0]
     dx, dy = size_x * corner_x, size_y * corner_y * -1.0  # pixels, y down
     opacities = named_attribute(tree, OPACITIES).split()
     for name, opacity in zip((KERNEL, PSEUDO), opacities[:2], strict=True):
@@ -149,7 +148,7 @@ def _quads(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value, ant
 
 def _ellipsoids(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value) -> Any:
     """A sphere per splat, scaled to where the wider of its kernels ends."""
-    distance = tree.math("MAXIMUM", frame.depth, near)
+    distance = tree.math("MAXIMUM", frame.depth, near) / frame.unit
     pixel2 = distance * distance / (frame.focal[0] * frame.focal[1]) * LOW_PASS  # low-pass variance at that depth
     primary, pseudo = (
         tree.combine(*(tree.math("SQRT", s * s + pixel2) for s in scale.split()))

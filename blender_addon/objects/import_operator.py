@@ -9,6 +9,8 @@ from typing import Any
 
 import bpy
 import numpy as np
+from bpy.app.translations import pgettext_iface as iface_
+from bpy.app.translations import pgettext_tip as tip_
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 
@@ -30,14 +32,16 @@ SHOWN_AS = (
     ("ELLIPSOIDS", "Ellipsoids", "Instances that are right from everywhere"),
     ("POINTS", "Points", "A point cloud: opaque and fast"),
 )
-NATIVE = ("NATIVE", "Native", "Drawn by Blender itself in real time, as plain Gaussians: DoG is baked by the package")
 UP_DESCRIPTION = "Which axis of the file is up; unless set here, as the file says"
-_WITH_NATIVE = (*SHOWN_AS, NATIVE)  # kept: Blender does not copy what a function hands it
 CONVENTION = "3DGS PLY: raw values, quaternions w x y z, positions in coordinates of the file"
 
 
-def _ways_to_show(_: Any, context: bpy.types.Context | None) -> tuple:
-    return _WITH_NATIVE if is_available() else SHOWN_AS
+def ways_to_show() -> tuple[tuple[str, str, str], ...]:
+    """What this Blender can show a model as, when the add-on is enabled."""
+    if not is_available():
+        return SHOWN_AS
+    tip = tip_("Drawn by Blender itself in real time, as plain Gaussians: the package bakes DoG into them")
+    return (*SHOWN_AS, ("NATIVE", iface_("Native"), tip))
 
 
 class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
@@ -82,7 +86,7 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         ("LINEAR", "Scene", "Linear light: right under Standard, Filmic and AgX, together with other objects"),
         ("DISPLAY", "Exact", "sRGB values blended as trained: the exact picture, for the view transform Raw"),
     ))  # fmt: skip
-    show_as: EnumProperty(name="Show As", default=0, items=_ways_to_show)
+    show_as: EnumProperty(name="Show As", default=SHOWN_AS[0][0], items=ways_to_show())
     antialiased: BoolProperty(
         name="Antialiased",
         default=False,

@@ -35,7 +35,7 @@ class DataSet:
                 raise FileError(folder, "is a folder with other contents", ELSEWHERE)
             (folder / IMAGES).mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise FileError(folder, f"cannot be written ({error.strerror})", ELSEWHERE) from error
+            raise FileError(folder, "cannot be written ({reason})", ELSEWHERE, reason=error.strerror) from error
         self._frames = {} if is_complete(folder) else self._recorded()
         self._write_record()
         (folder / TRANSFORMS).unlink(missing_ok=True)

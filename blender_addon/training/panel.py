@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bpy
+from bpy.app.translations import pgettext_iface as iface_
 
 from .data_set import is_begun, is_complete
 from .rendering import training_folder
@@ -40,12 +41,13 @@ def draw_work(layout: bpy.types.UILayout) -> None:
     if WORK.rendering is not None:
         rendering = WORK.rendering.rendering
         done, n = rendering.done, len(rendering.frames)
-        layout.progress(factor=done / n, text=f"{done} of {n} views")
+        layout.progress(factor=done / n, text=iface_("{done} of {n} views").format(done=done, n=n), translate=False)
         layout.label(text="Esc stops; what is rendered is kept", icon="INFO")
     elif WORK.training is not None:
         step, steps = WORK.training.step, WORK.training.steps
-        text = f"Step {step:,} of {steps:,}" if step else "Training starts"
-        layout.progress(factor=min(step / steps, 1.0), text=text if step < steps else "Measuring")
+        going_on = iface_("Step {step:,} of {steps:,}").format(step=step, steps=steps)
+        text = iface_("Training starts") if not step else going_on if step < steps else iface_("Measuring")
+        layout.progress(factor=min(step / steps, 1.0), text=text, translate=False)
         layout.operator("dogsplat.stop_training", icon="CANCEL")
 
 
@@ -62,7 +64,8 @@ def draw_cameras(layout: bpy.types.UILayout, settings: DogSplatTrainingSettings)
         column.prop(settings, "zoom")
     column.operator("dogsplat.make_cameras", icon="OUTLINER_DATA_CAMERA")
     if cameras := rig_cameras(settings):
-        column.label(text=f"{len(cameras)} cameras in the rig", icon="INFO")
+        text = iface_("{n} cameras in the rig").format(n=len(cameras))
+        column.label(text=text, translate=False, icon="INFO")
 
 
 def draw_pictures(layout: bpy.types.UILayout, settings: DogSplatTrainingSettings) -> None:
@@ -89,8 +92,8 @@ def draw_buttons(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         layout.label(text=str(error), icon="ERROR")
         return
     begun, complete = is_begun(folder / "data"), is_complete(folder / "data")
-    text = "Go On Rendering, and Train" if begun else "Render and Train"
-    layout.operator("dogsplat.render_views", text=text, icon="RENDER_ANIMATION").train = True
+    both = "Go On Rendering, and Train" if begun else "Render and Train"
+    layout.operator("dogsplat.render_views", text=both, icon="RENDER_ANIMATION").train = True
     layout.operator("dogsplat.render_views", text="Go On Rendering" if begun else "Render Views").train = False
     if complete and can_go_on(folder / "run"):
         layout.operator("dogsplat.train", text="Go On Training", icon="PLAY").resume = True

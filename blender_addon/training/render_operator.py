@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty
 
+from ..files.errors import told
 from .rendering import Rendering
 from .work import WORK, redraw
 
@@ -40,7 +41,7 @@ class DOGSPLAT_OT_render_views(bpy.types.Operator):
             return self._refused(error)
         finally:
             rendering.close()
-        self.report({"INFO"}, f"{len(rendering.frames)} views rendered")
+        self.report({"INFO"}, told("{n} views rendered", n=len(rendering.frames)))
         return bpy.ops.dogsplat.train() if self.train else {"FINISHED"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -69,14 +70,15 @@ class DOGSPLAT_OT_render_views(bpy.types.Operator):
             return self._refused(error)
         redraw(context)
         done, n = jobs.rendering.done, len(jobs.rendering.frames)
-        context.workspace.status_text_set(f"{done} of {n} views; Esc stops, and what is rendered is kept")
+        said = told("{done} of {n} views; Esc stops, and what is rendered is kept", done=done, n=n)
+        context.workspace.status_text_set(said)
         if going_on:
             return {"RUNNING_MODAL"}
         self._end(context)
         if jobs.stopped:
-            self.report({"WARNING"}, f"stopped after {done} of {n} views; Go On renders the rest")
+            self.report({"WARNING"}, told("stopped after {done} of {n} views; Go On renders the rest", done=done, n=n))
             return {"FINISHED"}
-        self.report({"INFO"}, f"{n} views rendered")
+        self.report({"INFO"}, told("{n} views rendered", n=n))
         return bpy.ops.dogsplat.train("INVOKE_DEFAULT") if self.train else {"FINISHED"}
 
     def cancel(self, context: bpy.types.Context) -> None:

@@ -8,6 +8,7 @@ import bpy
 
 from ..cameras.camera import Camera
 from ..cameras.objects import camera_numbers
+from ..files.errors import told
 from .borrowed import Borrowed, hidden_objects
 from .data_set import DataSet, Frame
 from .points import seen_points
@@ -102,7 +103,8 @@ class Rendering:
     def _require_names(self) -> None:
         names = [frame["file_path"] for frame in self.frames]
         if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise ValueError(f"two cameras of the rig would both write {twice[0]}; rename one of them")
+            problem = "two cameras of the rig would both write {name}; rename one of them"
+            raise ValueError(told(problem, name=twice[0]))
 
 
 def _numbers(context: bpy.types.Context, obj: bpy.types.Object) -> Camera:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..cameras.camera import Camera
+from ..files.errors import told
 
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 PLASTIC = 1.2207440846057596  # of three dimensions: the root of x^4 = x + 1 (Roberts 2018, "R3 sequence")
@@ -53,7 +54,8 @@ def inside(
             places.append(place)
         if len(places) == n:
             return [looking(place, way) for place, way in zip(places, spiral(n, elevations), strict=True)]
-    raise ValueError(f"there is room for {len(places)} of {n} cameras inside; use fewer, or mark an emptier region")
+    problem = "there is room for {found} of {n} cameras inside; use fewer, or mark an emptier region"
+    raise ValueError(told(problem, found=len(places), n=n))
 
 
 def looking(place: np.ndarray, way: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from mathutils import Matrix
 
 from ..cameras.camera import Camera
 from ..cameras.objects import camera_numbers
+from ..files.errors import told
 from .borrowed import Borrowed
 from .rig import around, distance, held_out, inside
 from .room import is_free
@@ -40,7 +41,7 @@ class DOGSPLAT_OT_make_cameras(bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         n_test = len(held_out(len(made)))
-        self.report({"INFO"}, f"{len(made)} cameras, {n_test} of them for testing")
+        self.report({"INFO"}, told("{n} cameras, {n_test} of them for testing", n=len(made), n_test=n_test))
         return {"FINISHED"}
 
 

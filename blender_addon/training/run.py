@@ -30,7 +30,8 @@ class TrainingRun:
                 pipes = {"stdin": subprocess.DEVNULL, "stdout": log, "stderr": subprocess.STDOUT}
                 self._process = subprocess.Popen(command, **pipes, env={**os.environ, "PYTHONUNBUFFERED": "1"})
         except OSError as error:
-            raise RendererError(f"{' '.join(words)} cannot be started ({error.strerror})") from error
+            name = " ".join(words)
+            raise RendererError("{name} cannot be started ({reason})", name=name, reason=error.strerror) from error
         self.stop = weakref.finalize(self, _stop, self._process)
 
     @property
@@ -55,7 +56,10 @@ class TrainingRun:
         if self._process.poll() == 0 and (self.folder / MODEL).is_file():
             return self.folder / MODEL
         line = _last_line(self._log).removeprefix("dogsplat: ")
-        raise RendererError(line or f"the training ended with status {self._process.poll()}; see {self._log}")
+        if line:
+            raise RendererError(line)
+        problem = "the training ended with status {status}; see {log}"
+        raise RendererError(problem, status=self._process.poll(), log=self._log)
 
 
 def can_go_on(folder: Path) -> bool:

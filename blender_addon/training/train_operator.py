@@ -8,6 +8,7 @@ from bpy.props import BoolProperty
 
 from ..engine.renderers import process_words
 from ..engine.served import RendererError
+from ..files.errors import told
 from ..preferences import command_of
 from .data_set import is_complete
 from .rendering import training_folder
@@ -45,7 +46,7 @@ class DOGSPLAT_OT_train(bpy.types.Operator):
             self.report({"ERROR"}, " ".join(str(error).split()))
             return {"CANCELLED"}
         if bpy.app.background:
-            self.report({"INFO"}, f"trained, imported from {run.folder}")
+            self.report({"INFO"}, told("trained, imported from {folder}", folder=run.folder))
             return {"FINISHED"}
         WORK.training, WORK.scene = run, context.scene.name
         bpy.app.timers.register(look_after)
@@ -111,7 +112,8 @@ def look_after() -> float | None:
     try:
         model = run.require_result()
         if not windows:
-            raise RendererError(f'trained, but no window shows "{WORK.scene}"; import {model}')
+            problem = 'trained, but no window shows "{scene}"; import {model}'
+            raise RendererError(problem, scene=WORK.scene, model=model)
         with context.temp_override(window=windows[0]):
             place_result(context, model)
             bpy.ops.ed.undo_push(message="Import Trained Splats")

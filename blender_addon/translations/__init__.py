@@ -1,4 +1,4 @@
-"""The add-on in other languages than English: a module for the interface and one for the messages of each.
+"""The add-on in other languages than English: modules for the interface and the messages of each.
 
 ``bpy.app.translations`` looks up a text together with its context: that of operators for their labels and buttons, and
 ``*`` for all else. Where Blender has a translation of its own, such as for "Import", it takes that one.
@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import bpy
 
-from . import de_interface, de_messages
+from . import de_interface, de_messages, de_training
 
 LANGUAGES = {
-    "de": {"Operator": de_interface.OPERATORS, "*": {**de_interface.REST, **de_messages.MESSAGES}},
+    "de": {
+        "Operator": de_interface.OPERATORS,
+        "*": {**de_interface.REST, **de_training.REST, **de_messages.MESSAGES},
+    },
 }
 
 

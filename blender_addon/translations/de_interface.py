@@ -1,4 +1,4 @@
-"""German labels and tooltips, in the order of the interface: import, cameras, export, editing, rendering, viewport."""
+"""German labels and tooltips, in the order of the interface; the panel of training has a file of its own."""
 
 OPERATORS = {
     "Import DoG Splat": "DoG-Splat importieren",
@@ -24,7 +24,18 @@ OPERATORS = {
     "Join Splats": "Splats zusammenführen",
     "Apply Transform to Splats": "Transformation auf Splats anwenden",
     "All Transforms to Splats": "Alle Transformationen auf Splats",
+    "Convert to Native": "In Blenders eigene umwandeln",
+    "Convert to DoG Splat": "In DoG-Splat umwandeln",
     "Set Up Exact Picture": "Exaktes Bild einrichten",
+    "Make Cameras": "Kameras erzeugen",
+    "Render Views": "Ansichten rendern",
+    "Go On Rendering": "Weiter rendern",
+    "Render and Train": "Rendern und trainieren",
+    "Go On Rendering, and Train": "Weiter rendern und trainieren",
+    "Train": "Trainieren",
+    "Train Anew": "Neu trainieren",
+    "Go On Training": "Weiter trainieren",
+    "Stop Training": "Training anhalten",
 }
 
 REST = {
@@ -262,6 +273,24 @@ REST = {
     "EEVEE: no negative lobes": "EEVEE: keine negativen Keulen",
     "No splat modifier: import the model again": "Kein Splat-Modifikator: Modell neu importieren",
     "{name}: {count:,} splats": "{name}: {count:,} Splats",
+    # Native splats
+    "Native": "Blenders eigene",
+    "Drawn by Blender itself in real time, as plain Gaussians: the package bakes DoG into them": (
+        "Von Blender selbst in Echtzeit gezeichnet, als einfache Gauß-Splats: das Paket rechnet DoG in sie ein"
+    ),
+    "Let Blender draw the selected splats itself, as plain Gaussians; what crop, limits and painting hide is gone": (
+        "Blender die ausgewählten Splats selbst zeichnen lassen, als einfache Gauß-Splats; was Zuschnitt, Grenzen und "
+        "Malen verbergen, fällt weg"
+    ),
+    "Let our modifier draw the selected native splats: exactly, with their DoG, and with what was edited since": (
+        "Den Modifikator des Add-ons die ausgewählten Splats zeichnen lassen: exakt, mit ihren DoG und mit allem, was "
+        "seither bearbeitet wurde"
+    ),
+    "Keep Original": "Original behalten",
+    "Leave the object that is converted in the file, hidden": (
+        "Das Objekt, das umgewandelt wird, verborgen in der Datei lassen"
+    ),
+    "{name}: plain Gaussians, by Blender": "{name}: einfache Gauß-Splats, von Blender",
     # Preferences
     "Command dogsplat": "Befehl dogsplat",
     "Of the package mi_dogsplat, or words: python -m mi_dogsplat. Empty: this Python, else the PATH": (

@@ -72,10 +72,14 @@ MESSAGES = {
     '"{name}": no splat is left; open its crop or its limits': (
         "„{name}“: kein Splat bleibt übrig; Zuschnitt oder Grenzen weiter öffnen"
     ),
-    "splats can be rotated, scaled uniformly and moved, but this object is sheared, mirrored, flattened or scaled "
-    "differently along its axes": (
-        "Splats können gedreht, gleichmäßig skaliert und bewegt werden, aber dieses Objekt ist geschert, gespiegelt, "
-        "flach oder entlang seiner Achsen verschieden skaliert"
+    "splats cannot be flattened, but this object is scaled to nothing along an axis": (
+        "Splats können nicht flach sein, aber dieses Objekt ist entlang einer Achse auf null skaliert"
+    ),
+    "some of these models hold radiance, others sRGB values; join those of one kind": (
+        "manche dieser Modelle enthalten Strahldichte, andere sRGB-Werte; solche von einer Art zusammenführen"
+    ),
+    "only the package bakes DoG into plain Gaussians, and {reason}": (
+        "nur das Paket rechnet DoG in einfache Gauß-Splats ein, und: {reason}"
     ),
     'the mesh "{mesh}" has no usable attribute "{name}"; import the model again': (
         "das Mesh „{mesh}“ hat kein brauchbares Attribut „{name}“; das Modell neu importieren"
@@ -160,7 +164,47 @@ MESSAGES = {
         "das Modell ist gespiegelt, geschert oder ungleichmäßig skaliert: das sieht keine Kamera; seine Transformation "
         "anwenden"
     ),
+    # Training
+    "{n} cameras, {n_test} of them for testing": "{n} Kameras, davon {n_test} zum Prüfen",
+    "{n} views rendered": "{n} Ansichten gerendert",
+    "{done} of {n} views; Esc stops, and what is rendered is kept": (
+        "{done} von {n} Ansichten; Esc hält an, und was gerendert ist, bleibt"
+    ),
+    "stopped after {done} of {n} views; Go On renders the rest": (
+        "angehalten nach {done} von {n} Ansichten; „Weiter rendern“ rendert den Rest"
+    ),
+    "trained, imported from {folder}": "trainiert, importiert aus {folder}",
+    'trained, but no window shows "{scene}"; import {model}': (
+        "trainiert, aber kein Fenster zeigt „{scene}“; {model} importieren"
+    ),
+    "the training ended with status {status}; see {log}": "das Training endete mit Status {status}; siehe {log}",
+    "save the file, or choose a folder": "die Datei speichern oder einen Ordner wählen",
+    "is a folder with other contents": "ist ein Ordner mit anderem Inhalt",
+    "choose another folder for the training": "einen anderen Ordner für das Training wählen",
+    "was not rendered": "wurde nicht gerendert",
+    "look for the reason in Blender's console": "den Grund in Blenders Konsole suchen",
+    "two cameras of the rig would both write {name}; rename one of them": (
+        "zwei Kameras der Anordnung würden beide {name} schreiben; eine davon umbenennen"
+    ),
+    "there is room for {found} of {n} cameras inside; use fewer, or mark an emptier region": (
+        "innen ist Platz für {found} von {n} Kameras; weniger verwenden oder einen leereren Bereich markieren"
+    ),
+    "the lowest elevation is above the highest; exchange them": (
+        "der niedrigste Höhenwinkel liegt über dem höchsten; sie vertauschen"
+    ),
+    "no region is chosen; choose an empty or another object that marks it": (
+        "kein Bereich ist gewählt; ein Leer-Objekt oder ein anderes Objekt wählen, das ihn markiert"
+    ),
+    "the subject has no surfaces; select objects with faces, or mark a region": (
+        "das Motiv hat keine Flächen; Objekte mit Flächen auswählen oder einen Bereich markieren"
+    ),
+    "nothing is selected; select the objects to train, or choose Whole Scene": (
+        "nichts ist ausgewählt; die Objekte zum Trainieren auswählen oder „Ganze Szene“ wählen"
+    ),
     # Rendering
+    "some models hold sRGB values, others radiance; the former are drawn in radiance": (
+        "manche Modelle enthalten sRGB-Werte, andere Strahldichte; die ersteren werden in Strahldichte gezeichnet"
+    ),
     "the scene has no camera; add one, or import those of the data set": (
         "die Szene hat keine Kamera; eine hinzufügen oder die des Datensatzes importieren"
     ),

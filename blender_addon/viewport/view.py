@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import bpy
 from mathutils import Matrix, Vector
 
 FAR = 100.0  # half-widths of the picture: from there a camera sees as an orthographic view does
@@ -34,9 +33,9 @@ def view_of(space: Any, width: int, height: int) -> View:
     return View(tuple(map(tuple, pose)), focal, center, (width, height))
 
 
-def view_inputs(view: View, obj: bpy.types.Object) -> dict[str, Any]:
-    """The inputs of the drawing modifier for that view, in the space of the object."""
-    location, rotation, _ = (obj.matrix_world.inverted() @ Matrix(view.matrix)).decompose()
+def view_inputs(view: View) -> dict[str, Any]:
+    """The inputs of the drawing modifier for that view."""
+    location, rotation, _ = Matrix(view.matrix).decompose()
     numbers = {"View Focal": view.focal, "View Center": view.center, "View Size": view.size}
     return {
         "View": True,

@@ -85,7 +85,7 @@ def show_models(scene: bpy.types.Scene, shown: Shown, view: View | None) -> None
     share = min(1.0, shown.count / total) if shown.count and total else 1.0
     for obj, modifier in models:
         inputs = {"Moving Share": share, "Moving Points": shown.points}
-        inputs |= view_inputs(view, obj) if view is not None else {"View": False}
+        inputs |= view_inputs(view) if view is not None else {"View": False}
         changed = [name for name, value in inputs.items() if not _same(get_input(modifier, name), value)]
         for name in changed:
             set_input(modifier, name, inputs[name])

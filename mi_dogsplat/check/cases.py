@@ -93,11 +93,11 @@ def together(*parts: Splats) -> Splats:
     return Splats(dog_index=index, **joined)
 
 
-def cases() -> Iterator[Case]:
-    """All cases, group by group."""
+def cases(layers: int = 10_000) -> Iterator[Case]:
+    """All cases, group by group; of primitives before each other there are so many ``layers``."""
     yield from _shapes()
     yield from _opacities_and_colors()
-    yield from _depths()
+    yield from _depths(layers)
     yield from _quaternions()
     yield from _dog()
     yield from _not_finite()
@@ -138,7 +138,7 @@ def _opacities_and_colors() -> Iterator[Case]:
         yield _case("colour", f"constant SH coefficient {value:g}", primitives((0.1, 0.2, 3), color=0.5 + C0 * value))
 
 
-def _depths() -> Iterator[Case]:
+def _depths(n_layers: int) -> Iterator[Case]:
     yield _case("depth", "five coincident", primitives([(0.1, 0.2, 3)] * 5))
     plane = np.column_stack([*np.random.default_rng(5).uniform(-0.8, 0.8, (2, 40)), np.full(40, 3.0)])
     forty = replace(primitives(plane, (0.1, 0.2, 0.3), color=np.linspace(0, 1, 120).reshape(40, 3)), means=plane)
@@ -155,10 +155,11 @@ def _depths() -> Iterator[Case]:
     yield _case("depth", "no near plane, far off the axis", off_axis, BELOW, near_clip=0.0, hidden=True)
     yield _case("depth", "1e8 away", primitives((1e7, 0, 1e8), (1e7, 2e7, 3e7)))
     rng = np.random.default_rng(1)
-    layers = np.column_stack([*rng.uniform(-0.3, 0.3, (2, 10_000)), np.linspace(2, 6, 10_000)])
+    layers = np.column_stack([*rng.uniform(-0.3, 0.3, (2, n_layers)), np.linspace(2, 6, n_layers)])
     for opacity in (0.003, 0.0045, 0.05, 0.999):
-        colors = rng.uniform(0, 1, (10_000, 3))
-        yield _case("depth", f"10,000 layers of opacity {opacity}", primitives(layers, opacity=opacity, color=colors))
+        colors = rng.uniform(0, 1, (n_layers, 3))
+        name = f"{n_layers:,} layers of opacity {opacity}"
+        yield _case("depth", name, primitives(layers, opacity=opacity, color=colors))
 
 
 def _quaternions() -> Iterator[Case]:

@@ -12,6 +12,7 @@ from ..runs.stopping import Stopped
 from ..support.errors import DataError
 
 EXTRA_OF = {"pycolmap": "poses", "av": "poses"}  # what a training needs for plain images and videos only
+SIGPIPE = 13  # by POSIX; Windows has no such signal
 
 
 def quiet_pipe(run: Callable[[], int]) -> int:
@@ -23,7 +24,7 @@ def quiet_pipe(run: Callable[[], int]) -> int:
             sys.stdout.flush()  # here, where it can be caught
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # takes what is flushed at the very end
-        return 128 + signal.SIGPIPE
+        return 128 + SIGPIPE
 
 
 @contextmanager

@@ -6,6 +6,7 @@ import argparse
 import types
 from typing import Any, TypeVar, Union, get_args, get_origin
 
+from ..datasets.world import check_world
 from ..render.picture_options import PictureOptions
 from ..support.settings import settings_of
 from ..training.config import TrainConfig
@@ -71,4 +72,6 @@ def training_config(args: argparse.Namespace, **others: Any) -> TrainConfig:
 
     ``model`` is the model of ``prune`` only: other commands have arguments of that name.
     """
-    return given_settings(TrainConfig, args, **{"model": None, **others})
+    config = given_settings(TrainConfig, args, **{"model": None, **others})
+    check_world(config.up, config.scale, config.unit)  # before poses are searched for; the settings of a run have both
+    return config

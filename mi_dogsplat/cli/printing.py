@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from ..export.write import Exported
 
 METRICS = {
-    "psnr": "PSNR {:.2f} dB", "cc_psnr": "colour-corrected {:.2f} dB", "aligned_psnr": "pose-aligned {:.2f} dB",
+    "psnr": "PSNR {:.2f} dB", "cc_psnr": "colour-corrected {:.2f} dB", "half_psnr": "by halves {:.2f} dB",
+    "aligned_psnr": "pose-aligned {:.2f} dB",
     "ssim": "SSIM {:.4f}", "flip": "FLIP {:.4f}", "l1": "L1 {:.5f}", "lpips": "LPIPS {:.4f}",
     "psnr_mu": "PSNR-μ {:.2f} dB", "hdr_flip": "HDR-FLIP {:.4f}",
 }  # fmt: skip

@@ -29,8 +29,7 @@ def cluster_client(address: str | None, workers: int) -> Iterator[Any]:
         remedy = "pip install 'mi_dogsplat[cluster]', or leave the flag out"
         raise DataError(flag, f"this needs the package {error.name}", remedy) from None
     if address is None:
-        options: dict[str, Any] = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
-        with LocalCluster(**options) as cluster, Client(cluster) as client:
+        with LocalCluster(**local_options(workers)) as cluster, Client(cluster) as client:
             yield client
         return
     try:
@@ -40,6 +39,12 @@ def cluster_client(address: str | None, workers: int) -> Iterator[Any]:
         raise DataError(f"--cluster {address}", f"no scheduler answers ({error})", remedy) from None
     with client:
         yield client
+
+
+def local_options(workers: int) -> dict[str, Any]:
+    """Of a ``LocalCluster``: no dashboard, and its HTTP server, which is there all the same, on a port that is free."""
+    without_dashboard = {"scheduler_kwargs": {"dashboard": False}, "dashboard_address": "127.0.0.1:0"}
+    return {"n_workers": workers, "threads_per_worker": 1, **without_dashboard}
 
 
 def on_cluster(tasks: Sequence[Task], means: Means, client: Any) -> Iterator[Outcome]:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.cameras import OPENCV_FROM_OPENGL, Camera
+from ..scene.cameras import OPENCV_FROM_OPENGL
 from ..support.errors import DataError
 from ..support.files import replacing
 from ..support.pictures import write_exr, write_png, write_radiance
@@ -33,6 +33,7 @@ from .images import read_image
 from .point_ply import write_point_ply
 from .scene_file import framing_sphere, load_scene
 from .traced_view import as_srgb, depth_of, first_surfaces, render_shot
+from .transforms import intrinsics_of
 
 SETTINGS = "capture.json"
 FREE = ("scene", "points")  # settings that may change from one start to the next, as no picture depends on them
@@ -138,8 +139,11 @@ def _is_done(out: Path, shot: Shot, config: CaptureConfig) -> bool:
     """Whether the picture of a view is there, whole and of its size, and so is its depth."""
     if config.depth != "none" and not (out / _depth_name(shot, config)).is_file():
         return False
+    image = out / _image_name(shot, config)
+    if not image.is_file():  # OpenEXR would print a line about it
+        return False
     try:
-        return read_image(out / _image_name(shot, config)).shape[:2] == (shot.camera.height, shot.camera.width)
+        return read_image(image).shape[:2] == (shot.camera.height, shot.camera.width)
     except DataError:
         return False
 
@@ -198,7 +202,7 @@ def _write_points(mi: Any, plan: Plan, scene_path: Path, out: Path, config: Capt
 
 def _transforms(plan: Plan, config: CaptureConfig) -> dict[str, Any]:
     """Content of ``transforms.json``: OpenGL camera-to-world poses, the split by file names as nerfstudio has it."""
-    intrinsics = [_intrinsics(shot.camera) for shot in plan.shots]
+    intrinsics = [intrinsics_of(shot.camera) for shot in plan.shots]
     shared = intrinsics[0] if all(entry == intrinsics[0] for entry in intrinsics) else {}
     frames = []
     for shot, own in zip(plan.shots, intrinsics, strict=True):
@@ -211,8 +215,3 @@ def _transforms(plan: Plan, config: CaptureConfig) -> dict[str, Any]:
     points = {"ply_file_path": "points.ply"} if config.points else {}
     split = {"train_filenames": train, "val_filenames": test, "test_filenames": test} if test else {}
     return {"camera_model": "PINHOLE", **shared, **points, **split, "frames": frames}
-
-
-def _intrinsics(camera: Camera) -> dict[str, float]:
-    names = {"w": "width", "h": "height", "fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy"}
-    return {key: getattr(camera, name) for key, name in names.items()}

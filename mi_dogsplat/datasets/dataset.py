@@ -151,11 +151,12 @@ class Dataset:
 
     def exposed(self, white: float) -> Dataset:
         """The same images of linear radiance, shown with another ``white``."""
-        train, test = ([_with_white(view, white) for view in views] for views in (self.train, self.test))
+        train, test = ([shown_with(view, white) for view in views] for views in (self.train, self.test))
         return replace(self, train=train, test=test)
 
 
-def _with_white(view: View, white: float) -> View:
+def shown_with(view: View, white: float) -> View:
+    """The same linear radiance, of which this one is ``white``; it is held, or read, as before."""
     other = copy.copy(view)
     object.__setattr__(other, "white", white)
     return other

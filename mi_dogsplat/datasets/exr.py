@@ -17,10 +17,9 @@ import numpy as np
 import OpenEXR
 
 from ..support.errors import DataError
+from .claimed_size import require_photograph
 
 SUFFIX = ".exr"
-MAX_PIXELS_PER_BYTE = 100  # of a large picture: others are a few bytes that claim to be gigabytes
-ALWAYS_READ = 1 << 24  # pixels
 REMEDY = "write it again with channels R, G, B as half or float"
 UNREADABLE = (RuntimeError, OSError, ValueError, TypeError)  # what the library raises for bad files
 
@@ -39,7 +38,11 @@ def exr_header(path: Path) -> tuple[tuple[int, int], bool]:
 
 def read_exr(path: Path) -> np.ndarray:
     """Linear radiance float32 [H, W, 3], or [H, W, 4] premultiplied. Raises ``DataError``."""
-    part, names = _choice(path, _opened(path, header_only=True))
+    headers = _opened(path, header_only=True)
+    part, names = _choice(path, headers)
+    _size(path, headers.parts[part].header)
+    for held in headers.parts:  # all are unpacked
+        _size(path, held.header, "dataWindow")
     file = _opened(path, header_only=False)
     if len(file.parts) <= part:  # how the library leaves a file whose pixels it cannot read
         raise DataError(path, "is damaged: its pixels end early or cannot be unpacked", "replace the file")
@@ -101,12 +104,14 @@ def _window(header: dict[str, Any], name: str) -> tuple[int, int, int, int]:
     return left, top, right + 1, bottom + 1
 
 
-def _size(path: Path, header: dict[str, Any]) -> tuple[int, int]:
-    """Width and height of the display window."""
-    left, top, right, bottom = _window(header, "displayWindow")
-    width, height, n_bytes = right - left, bottom - top, path.stat().st_size
-    if width < 1 or height < 1 or width * height > max(ALWAYS_READ, MAX_PIXELS_PER_BYTE * n_bytes):
-        raise DataError(path, f"{width}x{height} pixels in {n_bytes} bytes are no photograph", "replace the file")
+def _size(path: Path, header: dict[str, Any], window: str = "displayWindow") -> tuple[int, int]:
+    """Width and height of a window."""
+    left, top, right, bottom = _window(header, window)
+    width, height = right - left, bottom - top
+    try:
+        require_photograph(width, height, path.stat().st_size)
+    except ValueError as error:
+        raise DataError(path, str(error), "replace the file") from None
     return width, height
 
 

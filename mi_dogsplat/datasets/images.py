@@ -26,14 +26,13 @@ from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.memory import available_memory
 from ..support.wording import file_size
+from .claimed_size import require_photograph
 from .dataset import ByteView, DiskView, View, held
 from .exr import exr_header, is_exr, read_exr
 from .lens import Lens, Undistortion, undistortion
 
 EXIF_ORIENTATION = 274
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "PPM", "GIF")  # others start programs, or trust the file's name
-MAX_PIXELS_PER_BYTE = 100  # of a large image; the poorest JPEG has 50, a black PNG 340
-ALWAYS_READ = 1 << 24  # pixels
 JPEG = (".jpg", ".jpeg")  # neither alpha nor more than 8 bits: pixels that stay as they are take 3 bytes (``ByteView``)
 BYTES_KEPT, BYTES_READ = 12, 24  # per pixel: of a float32 image, and while one is decoded
 Image.init()  # makes all formats known: by itself Pillow does so when the first few have failed
@@ -77,10 +76,11 @@ def is_file(path: Path) -> bool:
 def open_image(path: Path) -> Image.Image:
     """An image whose pixels are not read yet. Raises one of ``UNREADABLE``, also for a decompression bomb."""
     image = Image.open(path, formats=FORMATS)
-    n_pixels, n_bytes = image.width * image.height, path.stat().st_size
-    if n_pixels > max(ALWAYS_READ, MAX_PIXELS_PER_BYTE * n_bytes):
+    try:
+        require_photograph(image.width, image.height, path.stat().st_size)
+    except ValueError:
         image.close()
-        raise ValueError(f"{image.width}x{image.height} pixels in {n_bytes} bytes are no photograph")
+        raise
     return image
 
 

@@ -14,7 +14,7 @@ from ..support.srgb import linear_to_srgb
 from .dataset import Dataset, View, every_eighth, held_out, no_points, require_unique_names, views_named
 from .given_cameras import sensor_name
 from .images import box_downscale
-from .scene_file import load_scene
+from .scene_file import has_splats, load_scene
 
 
 def load_mitsuba_scene(file: Path, downscale: int, spp: int, split: str = "test") -> Dataset:
@@ -24,10 +24,14 @@ def load_mitsuba_scene(file: Path, downscale: int, spp: int, split: str = "test"
 
     Averaging for ``downscale`` happens in linear radiance, as a film of fewer pixels would do it. Alpha is
     kept where the film has it (``pixel_format`` rgba) and it is not 1 everywhere. A Mitsuba variant must be
-    set. Raises ``DataError``, also for sensors that are no pinhole.
+    set. Raises ``DataError``, also for sensors that are no pinhole, and for scenes of splats: who wants to learn
+    from their pictures makes a data set of them first.
     """
     import mitsuba as mi
 
+    if has_splats(file):
+        remedy = "render it (dogsplat render), or make a data set of its pictures (dogsplat capture)"
+        raise DataError(file, "is a scene of splats, not a data set", remedy)
     scene, _ = load_scene(file)
     sensors = scene.sensors()
     if not sensors:

@@ -22,9 +22,7 @@ from .colmap import find_model, image_folder, read_sources
 from .dataset import Dataset, every_eighth
 from .images import ViewSource
 from .point_ply import write_point_ply
-from .transforms import NAME, find_transforms, split_sources
-
-INTRINSICS = {"w": "width", "h": "height", "fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy"}
+from .transforms import NAME, find_transforms, intrinsics_of, split_sources
 
 
 def require_photographs(path: Path) -> None:
@@ -45,7 +43,7 @@ def write_refined(folder: Path, dataset: Dataset, data: Path, moved: Mapping[str
     Raises ``DataError``.
     """
     sources, test = _sources(data)
-    paths = {source.name: os.path.relpath(source.image_path, folder).replace(os.sep, "/") for source in sources}
+    paths = {source.name: _path_from(folder, source.image_path) for source in sources}
     split = {
         "train_filenames": [paths[source.name] for source in sources if source.name not in test],
         "val_filenames": [paths[name] for name in test],
@@ -60,6 +58,14 @@ def write_refined(folder: Path, dataset: Dataset, data: Path, moved: Mapping[str
     with replacing(folder / "transforms.json") as part:
         content = {"ply_file_path": "points.ply", **(split if test else {}), "frames": frames}
         part.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _path_from(folder: Path, path: Path) -> str:
+    """Of a file as seen from a folder; absolute where they lie on two drives."""
+    try:
+        return os.path.relpath(path, folder).replace(os.sep, "/")
+    except ValueError:
+        return path.resolve().as_posix()
 
 
 def _sources(data: Path) -> tuple[list[ViewSource], list[str]]:
@@ -81,5 +87,4 @@ def _optics(source: ViewSource) -> dict[str, Any]:
     radial = {f"k{k}": value for k, value in enumerate(lens.radial, 1)}
     tangential = {} if lens.fisheye else dict(zip(("p1", "p2"), lens.tangential, strict=True))
     distortion = {} if lens.straight else radial | tangential
-    intrinsics = {key: getattr(source.camera, name) for key, name in INTRINSICS.items()}
-    return {"camera_model": model, **intrinsics, **distortion}
+    return {"camera_model": model, **intrinsics_of(source.camera), **distortion}

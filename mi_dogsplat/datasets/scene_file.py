@@ -21,12 +21,7 @@ def load_scene(path: Path, hide_emitters: bool = False) -> tuple[Any, bool]:
     """
     import mitsuba as mi
 
-    variant = mi.variant()
-    if variant is None:
-        raise DataError(path, "no Mitsuba variant is set", 'call mi.set_variant("llvm_ad_rgb") first')
-    if not path.is_file():
-        raise DataError(path, "no such file", "give a Mitsuba scene as .xml file")
-    config = mi.parser.ParserConfig(variant)
+    config = _parser_config(path)
     config.merge_meshes = config.merge_equivalent = False
     folders = mi.file_resolver()  # pyright: ignore[reportCallIssue]
     folders.prepend(str(path.parent.resolve()))
@@ -47,6 +42,29 @@ def load_scene(path: Path, hide_emitters: bool = False) -> tuple[Any, bool]:
     if scene.integrator() is None:
         raise DataError(path, "the scene has no integrator", 'add <integrator type="path"/>')
     return scene, hidden
+
+
+def has_splats(path: Path) -> bool:
+    """Whether some shapes of a scene are ``dog``; it is read, not loaded. Raises ``DataError``."""
+    import mitsuba as mi
+
+    config = _parser_config(path)
+    try:
+        state = mi.parser.parse_file(config, str(path))
+    except Exception as error:  # as above
+        raise DataError(path, f"Mitsuba cannot load it ({error})", "correct the scene") from error
+    return any(node.type == mi.ObjectType.Shape and node.props.plugin_name() == "dog" for node in state.nodes)
+
+
+def _parser_config(path: Path) -> Any:
+    import mitsuba as mi
+
+    variant = mi.variant()
+    if variant is None:
+        raise DataError(path, "no Mitsuba variant is set", 'call mi.set_variant("llvm_ad_rgb") first')
+    if not path.is_file():
+        raise DataError(path, "no such file", "give a Mitsuba scene as .xml file")
+    return mi.parser.ParserConfig(variant)
 
 
 def framing_sphere(path: Path, scene: Any) -> tuple[np.ndarray, float, int]:

@@ -34,6 +34,13 @@ CONVENTION = (
     "neither OpenCV's axes nor world-to-camera"
 )
 
+INTRINSICS = {"w": "width", "h": "height", "fl_x": "fx", "fl_y": "fy", "cx": "cx", "cy": "cy"}
+
+
+def intrinsics_of(camera: Camera) -> dict[str, float]:
+    """Those of a camera by the names that they have in these files."""
+    return {key: getattr(camera, name) for key, name in INTRINSICS.items()}
+
 
 def find_transforms(path: Path) -> Path | None:
     """``transforms.json``, or else ``transforms_train.json``, in the folder ``path``; None if it has

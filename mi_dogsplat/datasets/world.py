@@ -31,8 +31,8 @@ Length = Annotated[tuple[str, str, str] | None, Setting(LENGTH, "A B METRES")]
 Unit = Annotated[float | None, Setting("metres of a unit, where you know them", "METRES", 1e-12, 1e12)]
 
 
-def check_world(up: str | None, scale: tuple[str, str, str] | None) -> None:
-    """Raise ``DataError`` for an ``Up`` that is no direction, and a ``Length`` that is none."""
+def check_world(up: str | None, scale: tuple[str, str, str] | None, unit: float | None = None) -> None:
+    """Raise ``DataError`` for an ``Up`` that is no direction, a ``Length`` that is none, and one beside a ``Unit``."""
     if up is not None:
         try:
             up_vector(up)
@@ -40,6 +40,8 @@ def check_world(up: str | None, scale: tuple[str, str, str] | None) -> None:
             refuse("up", str(error), "use x, y, z, -x, -y or -z, or three numbers as 0.1,-0.9,0.4")
     if scale is not None and not 0 < metres(scale) < math.inf:
         refuse("scale", f'"{scale[2]}" is no length', "use a number above 0")
+    if scale is not None and unit is not None:
+        refuse("scale", "measures what --unit says already", "leave one of them out")
 
 
 def metres(scale: tuple[str, str, str]) -> float:
@@ -81,6 +83,8 @@ def read_world(folder: Path) -> World:
     content = read_json(path, remedy)
     if not isinstance(content, dict):
         raise DataError(path, "is no JSON object", remedy)
+    if unknown := sorted(set(content) - {"up", "scale"}):
+        raise DataError(path, f'"{unknown[0]}" is unknown', remedy)
     found = {name: value_of(name, content[name]) for name in ("up", "scale") if content.get(name) is not None}
     if wrong := [name for name, value in found.items() if value is None]:
         raise DataError(path, f'"{wrong[0]}" is {content[wrong[0]]!r}', remedy)

@@ -25,7 +25,7 @@ class WorldConfig:
 
     def __post_init__(self) -> None:
         check_settings(self)
-        check_world(self.up, self.scale)
+        check_world(self.up, self.scale, self.unit)
 
     def over(self, said: Drawing, data: str | Path | None) -> Drawing:
         """What is said here, and ``said`` where nothing is; a length is measured in data. Raises ``DataError``."""

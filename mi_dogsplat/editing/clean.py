@@ -162,7 +162,7 @@ def _quality(
 ) -> tuple[float, float]:
     """Mean PSNR of two models on the test views, or on all views without a split."""
     background = background_color(background_name, dataset.has_alpha)
-    views = dataset.test or dataset.train
+    views, drawn = dataset.test or dataset.train, drawn.beside(dataset.white)
 
     def mean(splats: Splats) -> float:
         how = {"antialiased": drawn.antialiased, "linear": drawn.linear, "white": drawn.white}

@@ -22,12 +22,7 @@ def normals(params: dict, camera: DeviceCamera) -> list:
         params: raw parameters as flat arrays, see ``project``.
         camera: the view, whose centre, or plane, every normal faces (a right angle counts as facing).
     """
-    index = dr.arange(mi.UInt32, dr.width(params["logit_opacities"]))
-    R = rotation_matrix(read_rows(params["quats"], 4, 4, index))
-    a, b, c = rows(dr.detach(params["log_scales"]), 3, index)
-    first, second = (a <= b) & (a <= c), b <= c
-    axis = [dr.select(first, row[0], dr.select(second, row[1], row[2])) for row in R]
-
+    index, axis = dr.arange(mi.UInt32, dr.width(params["logit_opacities"])), shortest_axes(params)
     if camera.perspective:
         offset = zip(rows(dr.detach(params["means"]), 3, index), camera.position, camera.position_rest, strict=True)
         direction = [(mean - position) - rest for mean, position, rest in offset]
@@ -36,3 +31,12 @@ def normals(params: dict, camera: DeviceCamera) -> list:
     x, y, z = (d * dr.detach(n) for d, n in zip(direction, axis, strict=True))
     away = x + y + z > 0
     return [dr.select(away, -n, n) for n in axis]
+
+
+def shortest_axes(params: dict) -> list:
+    """The same without a camera: unit vectors to either side. Differentiable by the quaternions."""
+    index = dr.arange(mi.UInt32, dr.width(params["logit_opacities"]))
+    R = rotation_matrix(read_rows(params["quats"], 4, 4, index))
+    a, b, c = rows(dr.detach(params["log_scales"]), 3, index)
+    first, second = (a <= b) & (a <= c), b <= c
+    return [dr.select(first, row[0], dr.select(second, row[1], row[2])) for row in R]

@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..scene.row_groups import DOG, GROUPS, SH
+from ..scene.sh_basis import sh_degree_of
 from ..scene.splats import DENSE, Splats
 from .project import NOT_DOG
 from .sh_groups import ROW_COEFFICIENTS, has_groups, padded_rows
@@ -99,7 +100,7 @@ def _grouped(params: dict, n: int, size: int) -> dict:
     coeffs = params["sh_coeffs"]
     grouped = params | {"sh_coeffs": _sh_columns(coeffs, n, size, 0, 1)}
     if size > 1:
-        degree = (1, 4, 9, 16).index(size)
+        degree = sh_degree_of(size)
         grouped[SH[degree].index] = dr.arange(mi.UInt32, n)
         grouped[SH[degree].names[0]] = _sh_columns(coeffs, n, size, 1, 1 + ROW_COEFFICIENTS[degree])
     return grouped

@@ -9,7 +9,7 @@ import numpy as np
 from ..datasets.dataset import Dataset
 from ..measure.metrics import psnr
 from ..render.framing import NEAR_SHARE, cameras_around, robust_sphere
-from ..render.picture import background_color, photograph
+from ..render.picture import background_color, exposed_by, photograph
 from ..render.picture_options import PictureOptions
 from ..render.render_files import picture_of
 from ..scene.cameras import Camera
@@ -19,7 +19,11 @@ from ..scene.splats import Array, Splats
 
 @dataclass(frozen=True)
 class Views:
-    """From where a loss is measured: cameras, and photographs [H, W, 3] if there are any."""
+    """From where a loss is measured: cameras, and photographs if there are any.
+
+    ``photographs`` are display-referred sRGB [H, W, 3], those of linear images exposed by their ``exposure``: the
+    radiance that is their white, None where there are no linear images. ``linear`` and ``white`` are of the model.
+    """
 
     cameras: list[Camera]
     photographs: list[Array]
@@ -28,12 +32,14 @@ class Views:
     antialiased: bool
     linear: bool = False
     white: float = 1.0
+    exposure: float | None = None
 
     def pictures(self, splats: Splats) -> list[Array]:
-        """[H, W, 3] of each view, as a screen shows them."""
+        """[H, W, 3] of each view, display-referred sRGB, exposed as the photographs are; by ``white`` without linear
+        ones."""
         how = {"antialiased": self.antialiased, "linear": self.linear, "white": self.white}
         picture = picture_of(splats, self.background, self.near_clip, **how)
-        return [picture(camera).color for camera in self.cameras]
+        return [exposed_by(picture(camera), self.exposure) for camera in self.cameras]
 
 
 @dataclass(frozen=True)
@@ -52,16 +58,16 @@ def views_of(
     splats: Splats, dataset: Dataset | None, count: int, options: PictureOptions, drawn: DrawnAs, up: str | None = None
 ) -> Views:
     """At most ``count`` test views of a data set, training views where it has none; else views from around a model."""
-    how = drawn.antialiased, drawn.linear, drawn.white
+    how = drawn.antialiased, drawn.linear
     if dataset is None:
         near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(splats)[1])
         background = background_color(options.background, False)
-        return Views(cameras_around(splats, count, up), [], background, near_clip, *how)
+        return Views(cameras_around(splats, count, up), [], background, near_clip, *how, drawn.white)
     background = background_color(options.background, dataset.has_alpha)
     held_out = dataset.test or dataset.train
     views = held_out[:: -(-len(held_out) // count)]
-    photographs = [photograph(view, background) for view in views]
-    return Views([view.camera for view in views], photographs, background, drawn.near_clip, *how)
+    photographs, white = [photograph(view, background) for view in views], drawn.beside(dataset.white).white
+    return Views([view.camera for view in views], photographs, background, drawn.near_clip, *how, white, dataset.white)
 
 
 def losses(stages: dict[str, Splats], views: Views) -> list[Loss]:

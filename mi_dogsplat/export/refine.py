@@ -35,7 +35,11 @@ NEAR = 0.01  # of the radius of the model: near clip, where the usual one is far
 
 @dataclass(frozen=True)
 class Goal:
-    """What baked Gaussians are brought to: pictures [H, W, 3], how they are drawn, and by what steps."""
+    """What baked Gaussians are brought to: pictures [H, W, 3], how they are drawn, and by what steps.
+
+    Pictures are in the colours of the model: display-referred sRGB, or, where the ``look`` has a ``white``, linear
+    radiance, which that white exposes in the loss.
+    """
 
     cameras: list[Camera]
     pictures: Sequence[Array]
@@ -58,6 +62,8 @@ def goal_of(
 def by_data(model: Splats, dataset: Dataset, most: int, options: PictureOptions, drawn: DrawnAs) -> Goal:
     """Photographs of at most ``most`` training views; of a linear model and display-referred photographs renders from
     there."""
+    if dataset.white is not None:  # a display value of 1 is a radiance of 1
+        dataset = dataset.exposed(drawn.white if drawn.linear else 1.0)
     views = dataset.train[:: -(-len(dataset.train) // most)]
     cameras = [view.camera for view in views]
     look = Look(background_color(options.background, dataset.has_alpha), drawn.near_clip, drawn.antialiased)

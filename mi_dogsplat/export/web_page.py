@@ -25,7 +25,7 @@ from ..formats.read import read_model
 from ..formats.write import write_model
 from ..render.framing import automatic_camera, robust_sphere
 from ..scene.drawing import drawn_as
-from ..scene.orientation import rotation_between
+from ..scene.orientation import UP, rotation_between
 from ..scene.transform import transformed
 from ..support.errors import DataError
 from ..support.files import replacing
@@ -84,7 +84,7 @@ def write_page(out: Path, model: Model, opening: Opening) -> list[str]:
     turn = rotation_between(opening.up, UP_OF_SOG)
     matrix = np.eye(4)
     matrix[:3, :3] = turn
-    turned = Model(transformed(model.splats, matrix), replace(model.drawing, up="-y"))
+    turned = Model(transformed(model.splats, matrix), replace(model.drawing, up=UP))
     with TemporaryDirectory() as folder:
         lost = write_model(Path(folder) / BUNDLE, turned)
         bundle = (Path(folder) / BUNDLE).read_bytes()

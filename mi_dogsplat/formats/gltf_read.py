@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..scene.drawing import Drawing, drawing_of_extras
-from ..scene.orientation import placement
+from ..scene.orientation import UP, placement
 from ..scene.splats import Array, Splats
 from ..scene.transform import transformed
 from ..support.errors import DataError
@@ -32,7 +32,6 @@ SPZ = ("KHR_gaussian_splatting_compression_spz_2", "KHR_gaussian_splatting_compr
 LINEAR, DISPLAY = "lin_rec709_display", "srgb_rec709_display"
 MAX_DEPTH = 64  # of nodes in nodes
 SMALLEST_SCALE = 1e-30
-UP = "-y"  # of glTF, in the axes of 3DGS PLY
 SAME = 1e-6  # relative difference of matrices
 
 

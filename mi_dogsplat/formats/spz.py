@@ -9,7 +9,9 @@ rotations             32 bits: smallest three of (x, y, z, w) as sign and 9 bits
 SH of degree 1 to 3   8 bits of 128 f_rest + 128, in the order of coefficients, then channels
 ====================  =====================================================================================
 
-How a model of linear radiance is drawn is said in the comment of the gzip header (RFC 1952), which readers skip.
+How a model of linear radiance is drawn is said in the comment of the gzip header (RFC 1952), which readers skip. Its
+f_dc are what a screen would show: through the sRGB curve up to white, above through a logarithm that ends with code 255
+at ``LINEAR_BRIGHTEST``. The comment says that too; without it, as in files of before, they are radiance.
 
 The reference encoder rounds SH further, to 5 and 4 bits, which compresses better but costs a compact model 1.5 dB
 (docs/export.md): not done here. Version 3 is what readers have in common: 4 came later (``spz_container.py``), 2 has
@@ -31,6 +33,7 @@ import numpy as np
 from ..scene.drawing import Drawing, comments_of, drawing_of
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
+from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
 from .model import Model
 from .packing import SQRT2, from_smallest_three, logits, smallest_three, unit_quats
 from .spz_container import EXTENSIONS, HEADER, MAGIC, Payload, unwrapped, with_comment
@@ -40,6 +43,9 @@ ANTIALIASED = 1  # flag
 FRACTION_BITS = 12  # of a position, as in the reference encoder: a quarter of a millimetre where a unit is a metre
 COLOR_SCALE = 0.15
 BRIGHTEST = 0.5 + C0 * 0.5 / COLOR_SCALE  # colour of code 255
+LINEAR_BRIGHTEST = 1024.0  # of linear models, in units of white
+FLATTER = (BRIGHTEST - 1) / float(linear_to_srgb_log(LINEAR_BRIGHTEST) - 1)  # slope above white, of the tone curve's
+CURVE = "dogsplat curve srgb_log"
 MAX_SH_SIZE = 16  # coefficients of degree 3
 GZIP, MEMORY = 31, 9  # of zlib: its largest window with the header of gzip, its largest tables
 MAGNITUDES = 511  # of a component of a quaternion, 9 bits
@@ -52,7 +58,8 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     fixed = np.round(splats.means.astype(np.float64) * 2**bits)
     fixed = np.clip(fixed, -(2**23), 2**23 - 1).astype("<i4")  # [N, 3]
     positions = fixed.view(np.uint8).reshape(n, 3, 4)[..., :3]
-    colors = splats.sh_coeffs[:, 0] * (COLOR_SCALE * 255) + 127.5
+    dc = _shown(splats.sh_coeffs[:, 0]) if drawing.linear else splats.sh_coeffs[:, 0]
+    colors = dc * (COLOR_SCALE * 255) + 127.5
     largest, three = smallest_three(unit_quats(splats))
     magnitudes = np.minimum(MAGNITUDES, np.abs(three) * SQRT2 * MAGNITUDES + 0.5).astype(np.uint32)
     parts = ((three < 0).astype(np.uint32) << 9) | magnitudes  # [N, 3]
@@ -66,7 +73,7 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
         _bytes(splats.sh_coeffs[:, 1:] * 128 + 128),
     ]
     header = HEADER.pack(MAGIC, VERSION, n, degree, bits, ANTIALIASED if drawing.antialiased else 0, 0)
-    said = comments_of(Drawing(linear=True, white=drawing.white)) if drawing.linear else []
+    said = [*comments_of(Drawing(linear=True, white=drawing.white)), CURVE] if drawing.linear else []
     return _gzip([header, *(a.tobytes() for a in attributes)], "\n".join(said))
 
 
@@ -89,19 +96,30 @@ def content_of(path: Path, data: bytes) -> Model:
     fixed = np.zeros((n, 3, 4), np.uint8)
     fixed[..., 1:] = raw.get("positions", empty).reshape(n, 3, 3)
     sh = raw.get("sh", empty).reshape(n, (payload.degree + 1) ** 2 - 1, 3)[:, : MAX_SH_SIZE - 1]
+    dc = (raw.get("colors", empty).reshape(n, 1, 3) / 255 - 0.5) / COLOR_SCALE
     splats = Splats(
         means=(fixed.view("<i4")[..., 0] >> 8) / 2.0**payload.fraction_bits,  # the shift spreads the sign
         log_scales=raw.get("scales", empty).reshape(n, 3) / 16 - 10,
         quats=_rotations(payload),
         logit_opacities=logits(raw.get("opacities", empty).reshape(n) / 255),
-        sh_coeffs=np.concatenate(
-            [(raw.get("colors", empty).reshape(n, 1, 3) / 255 - 0.5) / COLOR_SCALE, (sh - 128.0) / 128], axis=1
-        ),
+        sh_coeffs=np.concatenate([_radiance(dc) if CURVE in payload.comments else dc, (sh - 128.0) / 128], axis=1),
     )
     left_out = ["spherical harmonics of degree 4"] if payload.degree > 3 else []
     left_out += ["records of extensions"] if payload.flags & EXTENSIONS else []
     drawing = replace(drawing_of(payload.comments), antialiased=bool(payload.flags & ANTIALIASED))
     return Model(splats, drawing, tuple(left_out))
+
+
+def _shown(dc: Array) -> Array:
+    """f_dc of what a screen shows of linear f_dc."""
+    curved = linear_to_srgb_log(0.5 + C0 * dc.astype(np.float64))
+    return (np.where(curved > 1, 1 + (curved - 1) * FLATTER, curved) - 0.5) / C0
+
+
+def _radiance(dc: Array) -> Array:
+    """The inverse of ``_shown``."""
+    shown = 0.5 + C0 * dc
+    return (srgb_log_to_linear(np.where(shown > 1, 1 + (shown - 1) / FLATTER, shown)) - 0.5) / C0
 
 
 def _rotations(payload: Payload) -> Array:

@@ -88,7 +88,7 @@ SPZ = Format(
     RUB,
     order=by_color,
     in_white=True,
-    brightest=spz.BRIGHTEST,
+    brightest=spz.LINEAR_BRIGHTEST,
 )
 SOG = Format(
     "SOG",

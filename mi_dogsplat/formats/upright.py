@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..scene.orientation import placement
+from ..scene.orientation import UP, placement
 from ..scene.splats import Array
 from ..scene.transform import transformed
 from .model import Model
-
-UP = "-y"  # in the axes of 3DGS PLY, which also makes y up in those of SPZ and glTF
 
 
 def upright(model: Model) -> tuple[Model, Array]:

@@ -7,12 +7,14 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from ..scene.drawing import DrawnAs
+from ..scene.orientation import UP
 from ..scene.radiance import brightened
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .model import Model
 from .packing import turned
+from .spz import BRIGHTEST
 from .spz_container import rewrapped
 from .table import SPZ, Format, format_to_write, write_bytes
 
@@ -43,8 +45,9 @@ def write_model(
         raise DataError(path, problem, "bake them first, as dogsplat export does, or write a .ply")
     if spz_version not in SPZ_VERSIONS:
         raise DataError(path, f"SPZ {spz_version} is not written", f"use version {' or '.join(map(str, SPZ_VERSIONS))}")
-    lost = what_is_lost(chosen, model)
-    if chosen is SPZ and spz_version == 4 and model.drawing.linear:
+    silent = chosen is SPZ and spz_version == 4 and bool(model.drawing.linear)  # its header has no room for a comment
+    lost = what_is_lost(replace(SPZ, brightest=BRIGHTEST) if silent else chosen, model)
+    if silent:
         lost.append("SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3")
     if not (sh_rows and chosen.mixed_sh):
         splats = splats.uniform_sh()
@@ -54,7 +57,8 @@ def write_model(
         splats = brightened(splats, 1 / model.drawing.white)
     if chosen.turn:
         splats = turned(splats, chosen.turn)
-    chosen.write(path, replace(model, splats=splats))
+    said = replace(model.drawing, linear=None) if silent else model.drawing
+    chosen.write(path, replace(model, splats=splats, drawing=said))
     if chosen is SPZ and spz_version == 4:
         write_bytes(path, rewrapped(path, path.read_bytes()))
     return lost
@@ -64,7 +68,7 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     """Lines about what a format has no room for, beside rounding."""
     said, lost = model.drawing.said(), []
     unsaid = {name: value for name, value in said.items() if name not in chosen.carries}
-    usual = asdict(DrawnAs()) | {"scale": 1.0, "up": "-y"}  # what readers take where a file is silent
+    usual = asdict(DrawnAs()) | {"scale": 1.0, "up": UP}  # what readers take where a file is silent
     if unusual := [f"{name} {value}" for name, value in unsaid.items() if value != usual.get(name)]:
         lost.append(f"{chosen.name} cannot say how it is drawn: {', '.join(unusual)}; give it by hand")
     if model.splats.sh_degree > chosen.sh_degree:

@@ -115,7 +115,7 @@ DERIVATIVES = Feature("derivatives", LEFT_OUT, "unless a parameter is attached: 
 
 
 def scene_features(scene: mi.Scene) -> list[Feature]:
-    """What a Mitsuba scene with the ``dogsplat`` integrator needs; of its first sensor."""
+    """What a Mitsuba scene with the integrator ``dogsplat`` or ``dogpath`` needs; of its first sensor."""
     from ..shape_dog import DogShape  # of the active variant
 
     integrator: Any = scene.integrator()  # to the stubs of Mitsuba any integrator is just that
@@ -132,10 +132,12 @@ def scene_features(scene: mi.Scene) -> list[Feature]:
     features.append(feature("background", shown, behind, "hide_emitters is true" if name else absent))
 
     others = len(scene.shapes()) - len(parts)
-    nested = integrator.nested is not None
+    shown = integrator.name == "dogpath" or integrator.nested is not None
     traced = f"{count(others)} other shapes; traced in every pass, and primitives are compared with their depth"
-    alone = "there is no other shape" if nested or not others else "no nested integrator renders the other shapes"
-    features.append(feature("surfaces", nested and others > 0, traced, alone))
+    if integrator.name == "dogpath":
+        traced += "; light paths behind them, and a tree over the primitives for these"
+    alone = "no nested integrator renders the other shapes" if others else "there is no other shape"
+    features.append(feature("surfaces", shown and others > 0, traced, alone))
 
     pixel = mi.Float([0.2, 0.4])
     per_pixel = operations(lambda: np.array(srgb_to_linear([pixel] * 3))) / 2
@@ -172,8 +174,8 @@ def _joining(parts: list[Splats]) -> str:
 
 
 def splat_scene(path: Path) -> mi.Scene | None:
-    """The Mitsuba scene at ``path`` if it is one of ``dog`` shapes and the ``dogsplat`` integrator."""
-    from ..integrator import DogSplatIntegrator  # of the active variant
+    """The Mitsuba scene at ``path`` if it is one of ``dog`` shapes and the integrator ``dogsplat`` or ``dogpath``."""
+    from ..plugin.splat_integrator import SplatIntegrator  # of the active variant
     from ..shape_dog import DogShape
 
     if path.suffix != ".xml":
@@ -182,7 +184,7 @@ def splat_scene(path: Path) -> mi.Scene | None:
         scene = mi.load_file(str(path))
     except Exception as error:  # Mitsuba raises several kinds, all of them with a message to show
         raise DataError(path, f"Mitsuba cannot load it ({error})", "correct the scene") from error
-    if not isinstance(scene, mi.Scene) or not isinstance(scene.integrator(), DogSplatIntegrator):
+    if not isinstance(scene, mi.Scene) or not isinstance(scene.integrator(), SplatIntegrator):
         return None
     return scene if any(isinstance(shape, DogShape) for shape in scene.shapes()) else None
 

@@ -11,10 +11,10 @@ from ..formats.read import format_of, is_model_name, read_model
 from ..formats.sizes import FileKind, by_part
 from ..render.framing import CORE, robust_sphere
 from ..report.run_folder import read_run
-from ..scene.drawing import Drawing
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.wording import count, duration, file_size, finite, fixed
+from .lines import drawn, line, sh_degrees
 
 if TYPE_CHECKING:
     from ..datasets import Dataset
@@ -33,13 +33,19 @@ FAR = 100.0  # robust radii from the centre
 
 
 def describe(path: str | Path) -> list[str]:
-    """Lines about a model, a run folder or a data set. Raises ``DataError`` for all else and what is broken.
+    """Lines about a model, a run folder, a scene or a data set. Raises ``DataError`` for all else and what is broken.
 
-    A Mitsuba scene as data set is rendered, which needs a variant to be set.
+    A Mitsuba scene needs a variant to be set; one without splats is a data set, whose sensors are rendered.
     """
     path = Path(path)
-    describer = {"model": describe_model, "run": describe_run, "data": describe_dataset}[kind_of(path)]
-    return describer(path)
+    kind = kind_of(path)
+    if kind == "data" and path.suffix == ".xml":
+        from ..datasets.scene_file import has_splats  # here: see ``_is_dataset``
+        from .scene import describe_scene  # of the active variant
+
+        if has_splats(path):
+            return describe_scene(path)
+    return {"model": describe_model, "run": describe_run, "data": describe_dataset}[kind](path)
 
 
 def kind_of(path: Path) -> str:
@@ -70,25 +76,25 @@ def describe_model(path: Path) -> list[str]:
     n, m = splats.n_splats, splats.n_dog
     lines = [
         f"{path}: model",
-        _line("format", format_of(path).name),
-        _line("primitives", f"{count(n)}, {count(m)} of them DoG"),
-        _line("SH degree", _sh_degrees(splats)),
-        _line("size", file_size(size) + (f", {size / n:.0f} bytes per primitive" if n else "")),
+        line("format", format_of(path).name),
+        line("primitives", f"{count(n)}, {count(m)} of them DoG"),
+        line("SH degree", sh_degrees(splats)),
+        line("size", file_size(size) + (f", {size / n:.0f} bytes per primitive" if n else "")),
     ]
     if splats.mixed_sh:
         parts = (f"{name} {file_size(part)}" for name, part in by_part(FileKind("ply", model.drawing), splats).items())
-        lines.append(_line("bytes of", ", ".join(parts)))
-    lines += [_line("drawn", _drawn(model.drawing))] if model.drawing.said() else []
-    lines += [_line("not read", text) for text in model.left_out]
+        lines.append(line("bytes of", ", ".join(parts)))
+    lines += [line("drawn", drawn(model.drawing))] if model.drawing.said() else []
+    lines += [line("not read", text) for text in model.left_out]
     if n:
         centre, radius = robust_sphere(splats)
-        lines.append(_line("centre, radius", f"({_numbers(centre)}), {radius:.4g}: the median; {CORE:.0%} lie within"))
-        lines += [_line(f"position {axis}", _range(splats.means[:, i])) for i, axis in enumerate("xyz")]
-        lines += [_line("scale", _range(splats.scales)), _line("opacity", _range(splats.opacities))]
+        lines.append(line("centre, radius", f"({_numbers(centre)}), {radius:.4g}: the median; {CORE:.0%} lie within"))
+        lines += [line(f"position {axis}", _range(splats.means[:, i])) for i, axis in enumerate("xyz")]
+        lines += [line("scale", _range(splats.scales)), line("opacity", _range(splats.opacities))]
     if m:
         lines += [
-            _line("DoG opacity", _range(splats.dog_opacities)),
-            _line("DoG scale", _range(splats.dog_scales)),
+            line("DoG opacity", _range(splats.dog_opacities)),
+            line("DoG scale", _range(splats.dog_scales)),
         ]
     problems = model_problems(splats)
     return lines + ["problems: none found" if not problems else "problems:", *(f"  {p}" for p in problems)]
@@ -125,20 +131,20 @@ def describe_run(path: Path) -> list[str]:
     lines = [f"{path}: training run on {run.config.get('data', 'unknown data')}"]
     planned = finite(run.config.get("steps"))
     done = metrics.get("steps", last.get("step"))
-    lines.append(_line("steps", count(done) + (f" of {count(planned)}" if planned else "")))
+    lines.append(line("steps", count(done) + (f" of {count(planned)}" if planned else "")))
     seconds = metrics.get("train_seconds", last.get("seconds"))
-    lines.append(_line("training time", duration(seconds)))
+    lines.append(line("training time", duration(seconds)))
     n, n_dog = (metrics.get(key, last.get(key)) for key in ("n", "n_dog"))
-    lines.append(_line("primitives", f"{count(n)}, {count(n_dog)} of them DoG"))
+    lines.append(line("primitives", f"{count(n)}, {count(n_dog)} of them DoG"))
     if metrics:
-        lines.append(_line("model", file_size(metrics.get("bytes"))))
-        lines.append(_line("render time", f"{fixed(metrics.get('render_ms'), 1)} ms"))
-        lines += [_line(split, _quality(metrics[split])) for split in ("test", "train") if metrics.get(split)]
+        lines.append(line("model", file_size(metrics.get("bytes"))))
+        lines.append(line("render time", f"{fixed(metrics.get('render_ms'), 1)} ms"))
+        lines += [line(split, _quality(metrics[split])) for split in ("test", "train") if metrics.get(split)]
     changed = [
         f"{key} {run.config[key]}" for key in ("preset", "downscale", "max_primitives", "seed") if key in run.config
     ]
     if changed:
-        lines.append(_line("settings", ", ".join(changed)))
+        lines.append(line("settings", ", ".join(changed)))
     problems = [f"{name} is missing" for name in (*RUN_FILES, "point_cloud.ply") if not (path / name).is_file()]
     if run.metrics is None:
         problems.append("the run is not complete: it was interrupted, or is still running")
@@ -155,39 +161,21 @@ def describe_dataset(path: Path) -> list[str]:
     check = check_cameras(dataset)
     lines = [
         f"{path}: data set",
-        _line("views", f"{len(dataset.train)} for training, {len(dataset.test)} for testing"),
-        _line("images", _sizes(dataset) + (", with alpha" if dataset.has_alpha else "")),
-        _line("names", _some([view.name for view in dataset.views])),
-        _line(
+        line("views", f"{len(dataset.train)} for training, {len(dataset.test)} for testing"),
+        line("images", _sizes(dataset) + (", with alpha" if dataset.has_alpha else "")),
+        line("names", _some([view.name for view in dataset.views])),
+        line(
             "points",
             count(check.n_points) if check.n_points else "none: training starts from random primitives",
         ),
     ]
     if check.seen is not None:
-        lines.append(_line("cameras", f"{check.seen:.0%} of the points are inside at least two images"))
+        lines.append(line("cameras", f"{check.seen:.0%} of the points are inside at least two images"))
     if check.color_difference is not None:
-        lines.append(_line("colours", f"points and their pixels differ by {check.color_difference:.3f} (median)"))
+        lines.append(line("colours", f"points and their pixels differ by {check.color_difference:.3f} (median)"))
     if check.reprojection_px is not None:
-        lines.append(_line("reprojection", f"{check.reprojection_px:.2f} px (median) at full size"))
+        lines.append(line("reprojection", f"{check.reprojection_px:.2f} px (median) at full size"))
     return lines
-
-
-def _sh_degrees(splats: Splats) -> str:
-    if not splats.mixed_sh:
-        return f"{splats.sh_degree}"
-    degrees, counts = np.unique(splats.sh_degrees, return_counts=True)
-    return ", ".join(f"{degree}: {count(int(k))}" for degree, k in zip(degrees, counts, strict=True))
-
-
-def _drawn(drawing: Drawing) -> str:
-    """``antialiased, near clip 0.2``."""
-    words = [name if value is True else f"not {name}" for name, value in drawing.said().items() if type(value) is bool]
-    named = [f"{name.replace('_', ' ')} {value}" for name, value in drawing.said().items() if type(value) is not bool]
-    return ", ".join(words + named)
-
-
-def _line(name: str, value: str) -> str:
-    return f"  {name:16s}{value}"
 
 
 def _numbers(values: np.ndarray) -> str:

@@ -7,12 +7,15 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..engine.dimmed import dimmed
 from ..engine.rasterize import Frame
 from ..tracing.options import TraceOptions
 from ..tracing.tracer import SplatTracer
-from .drawn import Drawn
+from .drawn import Drawn, SplattedModel
 from .light_paths import LightPaths, Limits, Replay
 from .replayed import radiance
+from .sensor import Look
+from .shadow_ratios import LatestShadowRatios
 from .splat_integrator import SplatIntegrator, dog_shapes
 from .surfaces import Surfaces
 from .transfer import emitted
@@ -60,6 +63,15 @@ class DogPathIntegrator(SplatIntegrator):
        - Do not show the environment, and shapes that emit light, to the camera; surfaces are lit by them all the same.
          (Default: false)
 
+     * - mesh_shadows
+       - |bool|
+       - Surfaces cast shadows onto splats: the radiance of each primitive is multiplied by the share of its light that
+         the scene leaves to it. An approximation. (Default: false)
+
+     * - mesh_shadow_samples
+       - |int|
+       - Samples of light per primitive for that. (Default: 64)
+
      * - srgb_primitives, antialiased, near_clip, negative_transmittance, aovs
        - as of ``dogsplat``
        - (Defaults: those of ``dogsplat``)
@@ -71,8 +83,12 @@ class DogPathIntegrator(SplatIntegrator):
     show them, glass bends them, and they hide the light of lamps and of the environment. A scene without other shapes
     has the picture, the bits and the cost of ``dogsplat``.
 
-    **Splats emit.** A captured model brings the light that it was captured in. Lamps and surfaces of the scene do not
-    change its colours.
+    **Splats emit.** A captured model brings the light that it was captured in. Lamps of the scene do not change its
+    colours, and surfaces do not either, unless ``mesh_shadows`` are asked for. These multiply the radiance of a
+    primitive by the ratio of two irradiances on the side that the camera sees: by the emitters of the scene with its
+    surfaces, which hide and reflect light, and without them; at most 1 (``shadow_ratios.py``). Ratios are computed
+    once, until something changes in the scene, with the same random numbers whatever the seed. For derivatives they are
+    constants.
 
     **Colour.** Splats and light are added up in linear radiance, before the camera too: L = S + T L', where T is the
     transmittance of the splats on a segment, and L' what comes from behind. S is what they blend to if they are linear
@@ -98,7 +114,11 @@ class DogPathIntegrator(SplatIntegrator):
 
     def __init__(self, props: Any):
         super().__init__(props)
-        self._tracer = LatestTracer()
+        self._tracer, self._ratios = LatestTracer(), LatestShadowRatios()
+        self.mesh_shadows = props.get("mesh_shadows", False)
+        self.mesh_shadow_samples = props.get("mesh_shadow_samples", 64)
+        if self.mesh_shadow_samples < 1:
+            raise RuntimeError(f'dogpath: "mesh_shadow_samples" is {self.mesh_shadow_samples}, it must be at least 1')
         if any(props.type(name) == mi.Properties.Type.Object for name in props.keys()):
             raise RuntimeError("dogpath: it nests no integrator, it traces paths by itself; remove the nested one")
 
@@ -106,6 +126,15 @@ class DogPathIntegrator(SplatIntegrator):
         return len(scene.shapes()) > len(dog_shapes(scene))
 
     averages = sees_surfaces
+
+    def shown_params(self, scene: mi.Scene, model: SplattedModel, look: Look) -> dict:
+        if not (self.mesh_shadows and self.sees_surfaces(scene) and dr.width(model.params["logit_opacities"])):
+            return model.params
+        splats, samples = dog_shapes(scene), self.mesh_shadow_samples
+        ratios = self._ratios.of(scene, splats, model.params, self.max_depth, samples)
+        with dr.suspend_grad():
+            seen = ratios.seen_by(look.camera, model.params)
+        return dimmed(model.params, seen, model.drawn_as.linear)
 
     def hidden_lights(self) -> bool:
         return self.hide_emitters

@@ -25,9 +25,9 @@ from .surfaces import Surfaces
 class SplatIntegrator(ADIntegrator):
     """Draws whole images of ``dog`` shapes by splatting; ``mi.render`` in primal, forward and backward mode.
 
-    What other shapes look like, and how they show through splats, is for its children to say: ``sees_surfaces`` and
-    ``over_surfaces``. ``on_pass``, where it is set, is called after each of several passes with the number of those
-    that are done, and of all.
+    What other shapes look like, how they show through splats, and what they do to them, is for its children to say:
+    ``sees_surfaces``, ``over_surfaces`` and ``shown_params``. ``on_pass``, where it is set, is called after each of
+    several passes with the number of those that are done, and of all.
     """
 
     name: str  # of the plugin, in messages
@@ -60,6 +60,10 @@ class SplatIntegrator(ADIntegrator):
     def over_surfaces(self, frame: Frame, seen: Surfaces, drawn: Drawn) -> list:
         """Film radiance, three channels, of splats that end at surfaces, over these and the background."""
         raise NotImplementedError
+
+    def shown_params(self, scene: mi.Scene, model: SplattedModel, look: Look) -> dict:
+        """Parameters of the primitives as a view shows them."""
+        return model.params
 
     # --- what Mitsuba calls ---
 
@@ -174,7 +178,7 @@ class SplatIntegrator(ADIntegrator):
     def _planes(
         self, scene: mi.Scene, model: SplattedModel, film: mi.Film, look: Look, derivative: bool, alone: bool
     ) -> list[mi.Float]:
-        params, drawn_as = model.params, model.drawn_as
+        params, drawn_as = self.shown_params(scene, model, look), model.drawn_as
         options = RasterOptions(
             sh_degree=model.sh_degree,
             antialiased=drawn_as.antialiased,
@@ -183,7 +187,8 @@ class SplatIntegrator(ADIntegrator):
         drawn = Drawn(scene, look, params, aovs.options_for(self.aovs, options), drawn_as.linear, derivative)
         seen = None
         if self.sees_surfaces(scene):
-            seen = surfaces.meet(scene, look, normal="normal" in self.aovs, hide_emitters=self.hidden_lights())
+            passed = surfaces.emits if self.hidden_lights() else None
+            seen = surfaces.meet(scene, look, normal="normal" in self.aovs, passed=passed)
         last = None if seen else self._last  # it does not know depths from before
         stop_depth = seen.depth if seen else None
         frame = rasterize(params, look.camera, drawn.options, None, last, derivative and alone, stop_depth)

@@ -14,9 +14,8 @@ import numpy as np
 
 from ..datasets.lengths import Standpoint, length_in_units
 from ..datasets.world import World, metres
-from ..scene.orientation import up_of_cameras
+from ..scene.orientation import UP, up_of_cameras
 
-UP = "-y"
 FEWEST = 3  # images that tell where down is
 AGREED = 10.0  # degrees: how far the median of them may be from what they say together
 SWEEPS = 20  # of the median direction

@@ -98,11 +98,18 @@ def light_of(picture: Picture) -> np.ndarray:
 
 def seen_as(picture: Picture, view: View) -> np.ndarray:
     """[H, W, 3] display-referred: a picture in the exposure of the ``photograph`` that it is compared with."""
-    return picture.color if view.white is None else displayed(light_of(picture), view.white)
+    return exposed_by(picture, view.white)
+
+
+def exposed_by(picture: Picture, white: float | None) -> np.ndarray:
+    """[H, W, 3] display-referred: a picture that shows this radiance as white, as images with this ``white`` do; None
+    is for images that are display-referred themselves."""
+    return picture.color if white is None else displayed(light_of(picture), white)
 
 
 def as_taken(picture: Picture, camera: Camera, numbers: ArrayLike) -> Picture:
-    """The picture as a camera takes it, with its exposure, white balance and vignetting (``scene/appearance.py``)."""
+    """The picture of display-referred colours as a camera takes it, with its exposure, white balance and vignetting
+    (``scene/appearance.py``)."""
     color = np.clip(photographed(picture.color, radii_squared(camera), numbers), 0, 1)
     return replace(picture, color=color)
 

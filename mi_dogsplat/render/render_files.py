@@ -41,6 +41,7 @@ class Viewpoint:
     antialiased: bool = False
     linear: bool = False  # colours of the primitives are linear radiance
     white: float = 1.0  # which of it is shown as white
+    name: str | None = None  # of the view of a data set that it is
 
 
 def viewpoint(
@@ -62,13 +63,13 @@ def viewpoint(
 
     Raises ``DataError``.
     """
-    found, has_alpha = _camera(splats, data, camera, options.downscale, drawing.up)
+    found, has_alpha, name = _camera(splats, data, camera, options.downscale, drawing.up)
     drawn = drawn_as(options.drawing, drawing)
     near_clip = drawn.near_clip
     if not (camera or data):
         near_clip = min(near_clip, NEAR_SHARE * robust_sphere(splats)[1])
     background = background_color(options.background, has_alpha)
-    return Viewpoint(found, near_clip, background, drawn.antialiased, drawn.linear, drawn.white)
+    return Viewpoint(found, near_clip, background, drawn.antialiased, drawn.linear, drawn.white, name)
 
 
 def picture_of(
@@ -128,7 +129,9 @@ def render_model(
     view, suffix = viewpoint(read.splats, data, camera, options, read.drawing), out.suffix.lower()
     background = view.background if suffix == ".png" else 0.0
     how = {"antialiased": view.antialiased, "linear": view.linear, "white": view.white}
-    numbers = read_appearance(Path(appearance)).numbers(view.camera, str(camera)) if appearance else None
+    if appearance and view.linear:
+        raise DataError("--appearance", "is of photographs, and the model holds linear radiance", "leave it out")
+    numbers = read_appearance(Path(appearance)).numbers(view.camera, view.name) if appearance else None
     picture = picture_of(read.splats, background, view.near_clip, **how, aovs=names)(view.camera)
     if numbers is not None:
         picture = as_taken(picture, view.camera, numbers)
@@ -214,15 +217,15 @@ def _aovs(out: Path, aovs: str | None) -> list[str]:
 
 def _camera(
     splats: Splats, data: str | Path | None, camera: str | Path | None, downscale: int, up_axis: str | None
-) -> tuple[Camera, bool]:
-    """The camera to render from, and whether the images of its data set have alpha."""
+) -> tuple[Camera, bool, str | None]:
+    """The camera to render from, whether the images of its data set have alpha, and the name of the view that it is."""
     if camera and Path(camera).suffix.lower() == ".json":
-        return _downscaled(read_camera(camera), downscale), False
+        return _downscaled(read_camera(camera), downscale), False, None
     if not data:
         if camera:
             remedy = "add --data DATA whose view it is, or name a camera file"
             raise DataError("--camera", f'"{camera}" is no .json file', remedy)
-        return _downscaled(automatic_camera(splats, up_axis), downscale), False
+        return _downscaled(automatic_camera(splats, up_axis), downscale), False, None
     from ..datasets import load_dataset  # here: it needs the extra "train", a model alone does not
 
     dataset = load_dataset(data, downscale)
@@ -232,7 +235,7 @@ def _camera(
         near = difflib.get_close_matches(name, views, MAX_NAMES, cutoff=0.3) or list(views)[:MAX_NAMES]
         listed = ", ".join(near)
         raise DataError("--camera", f'"{name}" is no view of {data}', f"it has {len(views)}, such as {listed}")
-    return views[name].camera, dataset.has_alpha
+    return views[name].camera, dataset.has_alpha, name
 
 
 def _downscaled(camera: Camera, downscale: int) -> Camera:

@@ -46,16 +46,23 @@ def hides_background(request: Request) -> bool:
 
 
 def _integrator(request: Request, splats: Any | None) -> dict[str, Any]:
-    """Path tracing, through splats where there are any."""
+    """Path tracing, through splats where there are any.
+
+    Where no emitter is seen Mitsuba's ``path`` drops whatever a path brought that passed masks alone, so that the
+    opacity of a surface weakens it twice. ``prb`` keeps it, but a mask is opaque in its alpha.
+    """
     common = {"max_depth": request.max_depth, "hide_emitters": request.transparent or request.hide_lamps}
     if splats is None or not splats.means.shape[0]:
-        return {"type": "path", **common}
+        return {"type": "path" if request.transparent else "prb", **common}
     said = {"near_clip": request.near_clip, "antialiased": request.antialiased}
+    common["mesh_shadows"] = request.mesh_shadows
     return {"type": "dogpath", **common, **{name: value for name, value in said.items() if value is not None}}
 
 
 def _decoded(value: Any, folder: Path) -> Any:
     """What ``mi.load_dict`` takes."""
+    if value is None:
+        raise ValueError("a value is null")  # load_dict would end the process
     if isinstance(value, list):
         return [_decoded(item, folder) for item in value]
     if not isinstance(value, dict):
@@ -63,6 +70,8 @@ def _decoded(value: Any, folder: Path) -> Any:
     if set(value) == {"matrix"}:
         matrix: Any = np.array(value["matrix"], np.float64)
         return mi.ScalarTransform3f(matrix) if matrix.shape == (3, 3) else mi.ScalarTransform4f(matrix)
+    if empty := [name for name, item in value.items() if item is None]:
+        raise ValueError(f'"{empty[0]}" is null')
     decoded = {name: _decoded(item, folder) for name, item in value.items()}
     if "filename" in decoded:
         decoded["filename"] = str(folder / decoded["filename"])

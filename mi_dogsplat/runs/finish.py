@@ -22,7 +22,7 @@ from ..training.train import Trainer
 from .misfits import write_misfits
 from .mixture import write_mixture
 from .model_files import write_model_files
-from .refined_poses import write_poses
+from .refined_poses import moved_views, write_poses
 
 ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
 
@@ -33,7 +33,7 @@ def finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     splats = trainer.model()
     splats = splats.select(splats.opacities >= ALPHA_MIN)
     sizes = write_model_files(out, splats, config, trainer.drawing)
-    poses = write_poses(trainer, out) if config.refine_poses else {}
+    poses = {"poses": moved_views(trainer)} if config.refine_poses else {}
     metrics = measured(trainer, dataset, out) | {
         **poses,
         "n": splats.n_splats,
@@ -47,6 +47,8 @@ def finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
         "versions": versions(),
     }
     write_json(out / "metrics.json", metrics)
+    if config.refine_poses:
+        write_poses(trainer, out)
     fit = trainer.background, trainer.photographs.mask_folder, config.appearance
     shown, seen = lambda view: seen_as(trainer.picture(view), view), trainer.photographs.originals
     write_misfits(out, shown, seen, config.steps, *fit)

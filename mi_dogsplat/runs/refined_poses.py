@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,20 +12,20 @@ from ..scene.cameras import Camera
 from ..training.train import Trainer
 
 
-def write_poses(trainer: Trainer, out: Path) -> dict[str, Any]:
-    """Write ``refined/``; returns ``poses`` of ``metrics.json``.
-
-    They are by the names of the training views: ``shift`` in parts of the extent of the cameras, ``turn`` in degrees.
-    """
+def moved_views(trainer: Trainer) -> dict[str, dict[str, float]]:
+    """``poses`` of ``metrics.json``: ``motion`` of the training views, by their names."""
     views = zip(trainer.dataset.train, trainer.photographs.originals, strict=True)
-    moved = {view.name: motion(given.camera, view.camera, trainer.extent) for given, view in views}
+    return {view.name: motion(given.camera, view.camera, trainer.extent) for given, view in views}
+
+
+def write_poses(trainer: Trainer, out: Path) -> None:
+    """Write ``refined/``. Raises ``DataError``."""
     w2cs = {view.name: view.camera.w2c for view in trainer.photographs.originals}
     write_refined(out / REFINED, trainer.dataset, Path(trainer.config.data), w2cs)
-    return {"poses": moved}
 
 
 def motion(given: Camera, camera: Camera, extent: float) -> dict[str, float]:
-    """From one pose to another: ``shift`` in units of ``extent``, ``turn`` in degrees."""
+    """From one pose to another: ``shift`` in units of ``extent``, that of the cameras, ``turn`` in degrees."""
     sine = np.linalg.norm(given.w2c[:3, :3] - camera.w2c[:3, :3]) / np.sqrt(8)  # of half the angle
     shift = float(np.linalg.norm(camera.position - given.position)) / extent
     return {"shift": shift, "turn": float(np.degrees(2 * np.arcsin(min(1.0, sine))))}

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..datasets import Dataset, load_dataset
 from ..datasets.refined import require_photographs
-from ..datasets.world import World, metres_of_unit, world_of
+from ..datasets.world import World, check_world, metres_of_unit, world_of
 from ..poses.config import SETTINGS as POSES
 from ..report.run_folder import RECIPE, REFINED
 from ..support.errors import DataError
@@ -95,6 +95,7 @@ def train(
     checkpoint.
     """
     out = Path(out)
+    check_world(config.up, config.scale, config.unit)
     if config.model is not None:
         # what is wrong with it shows before the data set takes its time
         model_to_prune(config.model, config.target, config.format)
@@ -133,7 +134,7 @@ def _dataset_of(config: TrainConfig) -> Dataset:
 def _placed(config: TrainConfig, dataset: Dataset) -> TrainConfig:
     """The settings with what is up in the data, and how long their unit is, as far as anybody knows."""
     known = World(config.up, config.unit)
-    if config.scale is not None and config.unit is None:
+    if config.scale is not None:
         known = World(config.up, metres_of_unit(config.data, config.scale))
     known = known.over(world_of(dataset, [view.camera for view in dataset.train]))
     return dataclasses.replace(config, up=known.up, unit=known.scale)

@@ -26,7 +26,7 @@ N_NUMBERS = N_OF_IMAGE + N_OF_DEVICE
 GAINS, VIGNETTING = slice(0, 3), slice(3, 5)
 APPEARANCE = "appearance.json"  # in a run folder
 REMEDY = "name the appearance.json of a run that was trained with --appearance"
-Device = tuple[int, ...]
+Device = tuple[int, int, int]
 
 
 def device_of(camera: Camera) -> Device:
@@ -91,9 +91,17 @@ def read_appearance(path: Path) -> Appearance:
         gains = [[float(i["exposure"]) + float(w) for w in i["white_balance"]] for i in images.values()]
         of_devices = [[float(a) for a in d["vignetting"]] for d in devices]
         numbers = np.array(gains).reshape(len(images), 3), np.array(of_devices).reshape(len(devices), 2)
-        shapes = [tuple(int(part) for part in d["shape"]) for d in devices]
-    except (KeyError, TypeError, ValueError, AttributeError):
+        shapes = [_shape(d["shape"]) for d in devices]
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         raise DataError(path, "is not what a run writes", REMEDY) from None
     if not all(np.isfinite(part).all() for part in numbers):
         raise DataError(path, "holds numbers that are not finite", REMEDY)
     return Appearance(list(images), shapes, *numbers)
+
+
+def _shape(said: Any) -> Device:
+    """That of ``device_of``. Raises ``TypeError`` or ``ValueError``."""
+    width, height, focal = said
+    if not all(isinstance(part, int) and not isinstance(part, bool) for part in said):
+        raise TypeError("a shape is of whole numbers")
+    return width, height, focal

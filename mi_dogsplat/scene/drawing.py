@@ -54,6 +54,11 @@ class DrawnAs:
     linear: bool = False
     white: float = 1.0
 
+    def beside(self, white: float | None) -> DrawnAs:
+        """The same beside images with this ``white``, None for display-referred ones: a linear model in their
+        exposure, so that what is behind it is as bright as behind them."""
+        return self if white is None or not self.linear else replace(self, white=white)
+
 
 def drawn_as(*said: Drawing) -> DrawnAs:
     """What is decided by several that have a say, the first before the second."""
@@ -108,6 +113,8 @@ def value_of(name: str, value: Any) -> Any:
         return value if isinstance(value, bool) else FLAGS.get(str(value).lower())
     if name == "up":
         return _direction(value)
+    if isinstance(value, bool):
+        return None
     try:
         number = float(value)
     except (TypeError, ValueError):

@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from .quaternions import quaternion_from_rotation, rotation_from_quaternion
 from .sh_basis import sh_basis_table
 
 Array = NDArray[Any]
@@ -47,12 +47,12 @@ def mapped_kernels(linear: Array, quats: Array, scales: Array) -> tuple[Array, A
     """
     if not len(quats):
         return quats, scales
-    columns = linear @ _rotations(quats) * scales[:, None]  # [N, 3, 3]
+    columns = linear @ rotation_from_quaternion(quats) * scales[:, None]  # [N, 3, 3]
     finite = np.isfinite(np.abs(columns).sum(axis=(1, 2)))[:, None]
     u, mapped, _ = np.linalg.svd(np.where(finite[..., None], columns, 0))
     u = u * np.where(np.linalg.det(u) < 0, -1.0, 1.0)[:, None, None]  # a rotation, no reflection: Σ' is the same
     mapped = np.where(finite, np.maximum(mapped, LEAST), np.nan)
-    return Rotation.from_matrix(u).as_quat(), mapped
+    return quaternion_from_rotation(u), mapped
 
 
 def mapped_factors(linear: Array, before: tuple[Array, Array], after: tuple[Array, Array], factors: Array) -> Array:
@@ -60,8 +60,8 @@ def mapped_factors(linear: Array, before: tuple[Array, Array], after: tuple[Arra
     (quats, scales), (new_quats, new_scales) = before, after
     if not len(quats):
         return factors
-    pseudo = linear @ _rotations(quats) * (factors * scales)[:, None]
-    along = _rotations(new_quats).swapaxes(1, 2) @ pseudo  # [N, 3, 3]: rows are the new axes
+    pseudo = linear @ rotation_from_quaternion(quats) * (factors * scales)[:, None]
+    along = rotation_from_quaternion(new_quats).swapaxes(1, 2) @ pseudo  # [N, 3, 3]: rows are the new axes
     return np.linalg.norm(along, axis=2) / new_scales
 
 
@@ -80,8 +80,3 @@ def sh_projection(linear: Array, degree: int) -> Array:
     weighted = sh_basis_table(directions, degree) * np.repeat(weights * 2 * np.pi / AROUND, AROUND)[:, None]
     return weighted.T @ sh_basis_table(back, degree)
 
-
-def _rotations(quats: Array) -> Array:
-    """[N, 3, 3] of quaternions of any length; zero is the identity."""
-    quats = np.where(quats.any(axis=1, keepdims=True), quats, (0, 0, 0, 1))
-    return Rotation.from_quat(quats).as_matrix()

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+UP = "-y"  # in the axes of 3DGS PLY and of OpenCV's cameras; in those of SPZ and glTF the same is y
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 SNAP = 2.0  # degrees: what is so near to an axis is called by its name; cameras tell up no better than to a degree
 LONGEST, SHORTEST = 1e6, 1e-6  # of what three numbers may be
@@ -78,7 +79,7 @@ def rotation_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.eye(3) + skew + skew @ skew / (1 + cosine)
 
 
-def placement(up: str | None, scale: float | None, to: str = "-y") -> np.ndarray:
+def placement(up: str | None, scale: float | None, to: str = UP) -> np.ndarray:
     """The matrix [4, 4] after which what is ``up`` in a model is ``to``, and a unit is a metre.
 
     What is None is left as it is, and a model for which nothing is to be done gets the identity.

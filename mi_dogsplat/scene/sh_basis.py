@@ -8,6 +8,14 @@ import numpy as np
 
 C0 = 0.28209479177387814  # 1 / (2 sqrt(pi)); colour = 0.5 + C0 * DC
 
+SH_SIZES = (1, 4, 9, 16)
+"""coefficients of a channel, by degree"""
+
+
+def sh_degree_of(size: int) -> int:
+    """The degree that has so many coefficients. Raises ``ValueError`` where none has."""
+    return SH_SIZES.index(size)
+
 
 def sh_basis(x: Any, y: Any, z: Any, degree: int) -> list:
     """Basis functions at unit directions, (degree + 1)² of them, ordered l² + l + m; the first is a plain number."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .row_groups import DOG, GROUPS, MAX_SH_DEGREE, SH, Array, checked_index, in_several, selected
+from .sh_basis import SH_SIZES, sh_degree_of
 
 DENSE = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
 """Arrays with a row for every primitive."""
@@ -68,7 +69,7 @@ class Splats:
         if self.means.ndim != 2 or self.means.shape[1] != 3:
             raise ValueError(f'Splats: "means" has shape {list(self.means.shape)}, expected [N, 3]')
         n = self.n_splats
-        if self.sh_coeffs.ndim != 3 or self.sh_coeffs.shape[1] not in (1, 4, 9, 16):
+        if self.sh_coeffs.ndim != 3 or self.sh_coeffs.shape[1] not in SH_SIZES:
             shape = list(self.sh_coeffs.shape)
             raise ValueError(f'Splats: "sh_coeffs" has shape {shape}, expected [N, 1/4/9/16, 3]')
         k = self.sh_coeffs.shape[1]
@@ -127,7 +128,7 @@ class Splats:
     def sh_degree(self) -> int:
         """The highest degree of spherical harmonics that a primitive has, 0..3."""
         of_groups = [degree for degree, group in SH.items() if len(getattr(self, group.index))]
-        return max([(1, 4, 9, 16).index(self.sh_coeffs.shape[1]), *of_groups])
+        return max([sh_degree_of(self.sh_coeffs.shape[1]), *of_groups])
 
     @property
     def mixed_sh(self) -> bool:
@@ -137,7 +138,7 @@ class Splats:
     @property
     def sh_degrees(self) -> Array:
         """[N] int, the degree of each primitive."""
-        degrees = np.full(self.n_splats, (1, 4, 9, 16).index(self.sh_coeffs.shape[1]))
+        degrees = np.full(self.n_splats, sh_degree_of(self.sh_coeffs.shape[1]))
         for degree, group in SH.items():
             degrees[getattr(self, group.index)] = degree
         return degrees

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .linear_map import check_regular, mapped_factors, mapped_kernels, sh_projection
+from .quaternions import quaternion_from_rotation, quaternion_product
 from .row_groups import SH
 from .sh_basis import sh_basis_table
 from .splats import Splats
@@ -36,27 +37,6 @@ def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndar
 def mean_scale(matrix: np.ndarray) -> float:
     """The factor of a 4x4 matrix on lengths: of a similarity its scale, else the geometric mean along three axes."""
     return float(np.cbrt(abs(np.linalg.det(np.asarray(matrix, dtype=np.float64)[:3, :3]))))
-
-
-def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Hamilton product a b of quaternions [..., 4] in x, y, z, w order."""
-    av, aw, bv, bw = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
-    vector = aw * bv + bw * av + np.cross(av, bv)
-    return np.concatenate([vector, aw * bw - np.sum(av * bv, -1, keepdims=True)], -1)
-
-
-def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
-    """Unit quaternion (x, y, z, w) of a rotation matrix: the leading eigenvector of Bar-Itzhack's symmetric matrix."""
-    r = rotation
-    k = np.array(
-        [
-            [r[0, 0] - r[1, 1] - r[2, 2], r[1, 0] + r[0, 1], r[2, 0] + r[0, 2], r[2, 1] - r[1, 2]],
-            [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], r[2, 1] + r[1, 2], r[0, 2] - r[2, 0]],
-            [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], r[0, 0] + r[1, 1] + r[2, 2]],
-        ]
-    )
-    return np.linalg.eigh(k)[1][:, -1]
 
 
 def sh_rotation(rotation: np.ndarray, degree: int) -> np.ndarray:

@@ -40,10 +40,10 @@ from ..engine.sh import unit_basis
 from ..engine.view import prepare
 from ..engine.walks.color_products import composite_color_products
 from ..engine.walks.composite import composite_over
+from ..scene.sh_basis import SH_SIZES, sh_degree_of
 
 RIDGE = 1e-3  # of what the diagonal of H would be if the views came from all around
 ROWS = 16_384  # primitives at a time on the host, which bounds the memory: 2 KB each at degree 3
-SIZES = (1, 4, 9, 16)  # coefficients per channel, by degree
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Bands:
 
     @property
     def _degrees(self) -> range:
-        return range(SIZES.index(self.x.shape[1]) + 1)
+        return range(sh_degree_of(self.x.shape[1]) + 1)
 
     def _parts(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """x [n, K, 3], H [n, K, K] and b [n, K, 3] of some rows at a time, in float64."""
@@ -94,7 +94,7 @@ class Bands:
     @staticmethod
     def _fitted(x: np.ndarray, H: np.ndarray, b: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
         """Loss [n] of dropping the bands above ``degree``, and the change u [n, K, 3] that does it."""
-        size = SIZES[degree]
+        size = SH_SIZES[degree]
         lower, upper = slice(0, size), slice(size, None)
         ridge = RIDGE * H[:, 0, 0] + np.finfo(np.float32).tiny  # H_00 is Σ h / 4π, the mean of y² over the sphere
         solved = H[:, lower, lower] + ridge[:, None, None] * np.eye(size)
@@ -145,7 +145,7 @@ def bands(
             dr.eval(errors)
         h, *g = composite_color_products(view, errors)
         direction = camera.offset(means) if camera.perspective else camera.rotation[2]
-        y = detached(unit_basis(direction, SIZES.index(k)))
+        y = detached(unit_basis(direction, sh_degree_of(k)))
         seen = h > 0
         for at, (i, j) in enumerate(pairs):
             H[at] = dr.select(seen, dr.fma(h * y[i], y[j], H[at]), H[at])

@@ -5,22 +5,23 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-TOE = 0.0031308  # below it the curve is a line
-WHITE_SLOPE = 1.055 / 2.4  # of the curve at 1
+POWER, OFFSET, SLOPE = 2.4, 0.055, 12.92  # IEC 61966-2-1
+KNEE, LINEAR_KNEE = 0.04045, 0.0031308  # below: a line of this slope, encoded and linear
+WHITE_SLOPE = (1 + OFFSET) / POWER  # of the encoded value at 1
 
 
 def srgb_to_linear(values: ArrayLike) -> NDArray[np.float32]:
     """sRGB encoded values to linear ones (IEC 61966-2-1), not clamped; negative ones stay linear."""
     v = np.asarray(values, np.float32)
-    curve = ((np.maximum(v, 0) + 0.055) / 1.055) ** 2.4
-    return np.where(v <= 0.04045, v / 12.92, curve).astype(np.float32)
+    curve = ((np.maximum(v, 0) + OFFSET) / (1 + OFFSET)) ** POWER
+    return np.where(v <= KNEE, v / SLOPE, curve).astype(np.float32)
 
 
 def linear_to_srgb(values: ArrayLike) -> NDArray[np.float32]:
     """The inverse of `srgb_to_linear`."""
     v = np.asarray(values, np.float32)
-    curve = 1.055 * np.maximum(v, 0) ** (1 / 2.4) - 0.055
-    return np.where(v <= TOE, 12.92 * v, curve).astype(np.float32)
+    curve = (1 + OFFSET) * np.maximum(v, 0) ** (1 / POWER) - OFFSET
+    return np.where(v <= LINEAR_KNEE, SLOPE * v, curve).astype(np.float32)
 
 
 def displayed(radiance: ArrayLike, white: float = 1.0) -> NDArray[np.float32]:
@@ -39,12 +40,13 @@ def linear_to_srgb_log(values: ArrayLike) -> NDArray[np.float64]:
     The tone curve of training (``training/tone_curve.py``): an error counts as the eye sees it, at any brightness.
     """
     v = np.asarray(values, np.float64)
-    power = 1.055 * np.clip(v, TOE, 1) ** (1 / 2.4) - 0.055
-    return np.where(v > 1, 1 + WHITE_SLOPE * np.log(np.maximum(v, 1)), np.where(v > TOE, power, 12.92 * v))
+    power = (1 + OFFSET) * np.clip(v, LINEAR_KNEE, 1) ** (1 / POWER) - OFFSET
+    return np.where(v > 1, 1 + WHITE_SLOPE * np.log(np.maximum(v, 1)), np.where(v > LINEAR_KNEE, power, SLOPE * v))
 
 
 def srgb_log_to_linear(values: ArrayLike) -> NDArray[np.float64]:
     """The inverse of `linear_to_srgb_log`."""
     v = np.asarray(values, np.float64)
-    power = ((np.clip(v, 0, 1) + 0.055) / 1.055) ** 2.4
-    return np.where(v > 1, np.exp((np.maximum(v, 1) - 1) / WHITE_SLOPE), np.where(v > 12.92 * TOE, power, v / 12.92))
+    power = ((np.clip(v, 0, 1) + OFFSET) / (1 + OFFSET)) ** POWER
+    below = np.where(v > SLOPE * LINEAR_KNEE, power, v / SLOPE)
+    return np.where(v > 1, np.exp((np.maximum(v, 1) - 1) / WHITE_SLOPE), below)

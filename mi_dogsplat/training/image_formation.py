@@ -1,8 +1,5 @@
 """What a camera does to rendered colours, and its gradient, each as one kernel; in float64 and with the notation:
 ``reference/image_formation.py``.
-
-Of the sRGB curve with its power p = 2.4 the slopes need no second power: dD/dc = p L / (c + 0.055), and dD⁻¹/dL is
-(D⁻¹ + 0.055) / (p L).
 """
 
 from __future__ import annotations
@@ -18,12 +15,12 @@ import numpy as np
 from ..engine.arrays import array_types, detached, while_loop
 from ..engine.frozen import frozen
 from ..engine.parameters import device_array
+from ..engine.srgb import decoded, decoded_slope, encoded, encoded_slope
 from ..scene.appearance import GAINS, N_NUMBERS, VIGNETTING
 
 LN2 = math.log(2)
 N_SUMS = N_NUMBERS + 1
 PIXELS = 8  # that a lane of the gradient adds up
-POWER, OFFSET, KNEE, LINEAR_KNEE, SLOPE = 2.4, 0.055, 0.04045, 0.0031308, 12.92  # IEC 61966-2-1
 
 
 @dataclass
@@ -62,7 +59,7 @@ def formed(planes: list, numbers: Any, frame: Frame) -> list:
     """Planes [H W] of the photograph that a camera takes of three rendered ones; ``numbers`` [5] on the device."""
     pixel = dr.arange(array_types().UInt, frame.size)
     factors = _Chain(numbers).factors(frame.radius_squared(pixel))
-    photograph = [_encoded(factor * _decoded(plane)) for factor, plane in zip(factors, planes, strict=True)]
+    photograph = [encoded(factor * decoded(plane)) for factor, plane in zip(factors, planes, strict=True)]
     dr.eval(photograph)
     return photograph
 
@@ -113,30 +110,12 @@ class _Chain:
         """By c, and by the five numbers, of Σ δ y; then that of Σ y by a common gain."""
         by_c, logs, reach = [], [], 0.0
         for value, factor, adjoint in zip(c, self.factors(r_sq), δ, strict=True):
-            light = _decoded(value)
+            light = decoded(value)
             received = factor * light
-            slope = _encoded_slope(_encoded(received), received)
+            slope = encoded_slope(encoded(received), received)
             by_log = LN2 * slope * received
             logs.append(adjoint * by_log)
             reach += by_log
-            by_c.append(adjoint * slope * factor * _decoded_slope(value, light))
+            by_c.append(adjoint * slope * factor * decoded_slope(value, light))
         by_vignetting = r_sq * (logs[0] + logs[1] + logs[2])
         return by_c, [*logs, by_vignetting, r_sq * by_vignetting, reach]
-
-
-def _decoded(c: Any) -> Any:
-    power = dr.power(dr.fma(dr.maximum(c, KNEE), 1 / (1 + OFFSET), OFFSET / (1 + OFFSET)), POWER)
-    return dr.select(c <= KNEE, c * (1 / SLOPE), power)
-
-
-def _decoded_slope(c: Any, light: Any) -> Any:
-    return dr.select(c <= KNEE, 1 / SLOPE, POWER * light / (c + OFFSET))
-
-
-def _encoded(light: Any) -> Any:
-    power = dr.power(dr.maximum(light, LINEAR_KNEE), 1 / POWER)
-    return dr.select(light <= LINEAR_KNEE, SLOPE * light, dr.fma(1 + OFFSET, power, -OFFSET))
-
-
-def _encoded_slope(shown: Any, light: Any) -> Any:
-    return dr.select(light <= LINEAR_KNEE, SLOPE, (shown + OFFSET) / (POWER * light))

@@ -1,7 +1,7 @@
 """The training loss 0.8 L1 + 0.2 (1 - SSIM) and its gradient, written out by hand in four kernels.
 
-Notation, per channel: ``x`` the rendered image clamped to [0, 1], ``y`` the target, ``E[.]`` the mean under
-SSIM's 11x11 Gaussian window with zeros outside the image, and
+Notation, per channel: ``x`` the rendered image clamped to [0, 1] (after a tone curve to at least 0), ``y`` the target,
+``E[.]`` the mean under SSIM's 11x11 Gaussian window with zeros outside the image, and
 
     SSIM = A1 A2 / (B1 B2)    A1 = 2 E[x] E[y] + C1          A2 = 2 (E[xy] - E[x] E[y]) + C2
                               B1 = E[x]^2 + E[y]^2 + C1      B2 = E[x^2] - E[x]^2 + E[y^2] - E[y]^2 + C2.

@@ -62,6 +62,7 @@ class Photographs:
         curve: ToneCurve = SrgbLog(),  # noqa: B008, it is immutable
     ):
         self.originals, self.background, self.near_clip = list(dataset.train), background, near_clip
+        self.white = dataset.white
         self.curve = None if dataset.white is None else curve
         self.loss = PhotometricLoss(most=math.inf if self.curve else 1.0)
         self.random = random
@@ -187,18 +188,25 @@ class Photographs:
                 self._reading[k] = self._readers.submit(lambda k=k: self.views[k].image)
         return image
 
+    def as_seen(self, image: np.ndarray) -> np.ndarray:
+        """[H, W, 3] what the loss sees of an image of the data, over the background that is not random, unmasked."""
+        truth = over_background(self._in_units_of_white(image), self.background)
+        if self.curve:
+            truth = self.curve(device_array(np.ascontiguousarray(truth))).numpy().reshape(truth.shape)
+        return truth
+
+    def _in_units_of_white(self, image: np.ndarray) -> np.ndarray:
+        if self.white is None:
+            return image
+        return np.concatenate([image[..., :3] / np.float32(self.white), image[..., 3:]], axis=-1)
+
     def _prepared(self, image: np.ndarray, view: int) -> Target | list | Any:
         """A target, or the image that it is made of, bytes or floats [3 H W]; or, behind which the background changes,
         premultiplied planes and alpha."""
-        white = self.views[view].white
-        if white is not None:
-            image = np.concatenate([image[..., :3] / np.float32(white), image[..., 3:]], axis=-1)
         if self.random:
+            image = self._in_units_of_white(image)
             return [device_array(np.ascontiguousarray(image[..., c])) for c in range(4)]
-        truth = over_background(image, self.background)
-        if self.curve:
-            truth = self.curve(device_array(np.ascontiguousarray(truth))).numpy().reshape(truth.shape)
-        mask = self.masks[view]
+        truth, mask = self.as_seen(image), self.masks[view]
         truth = truth if mask is None else truth * mask.numpy().reshape(*truth.shape[:2], 1)
         if self.keep_targets or self._readers:
             return self.loss.target(truth)

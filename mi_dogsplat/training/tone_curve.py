@@ -14,8 +14,8 @@ from typing import Any, Protocol
 
 import drjit as dr
 
-WHITE_SLOPE = 1.055 / 2.4  # of the sRGB curve at 1
-TOE, TOE_SLOPE = 0.0031308, 12.92
+from ..engine.srgb import encoded, encoded_slope_of
+from ..support.srgb import WHITE_SLOPE
 
 
 class ToneCurve(Protocol):
@@ -36,11 +36,9 @@ class SrgbLog:
 
     def __call__(self, x: Any) -> Any:
         """The curve; below 0 it goes on as a line."""
-        power = dr.fma(1.055, dr.power(dr.clip(x, TOE, 1), 1 / 2.4), -0.055)
         above = dr.fma(WHITE_SLOPE, dr.log(dr.maximum(x, 1)), 1)
-        return dr.select(x > 1, above, dr.select(x > TOE, power, TOE_SLOPE * x))
+        return dr.select(x > 1, above, encoded(x))
 
     def slope(self, x: Any) -> Any:
         """Its derivative."""
-        power = WHITE_SLOPE * dr.power(dr.clip(x, TOE, 1), 1 / 2.4 - 1)
-        return dr.select(x > 1, WHITE_SLOPE / dr.maximum(x, 1), dr.select(x > TOE, power, TOE_SLOPE))
+        return dr.select(x > 1, WHITE_SLOPE / dr.maximum(x, 1), encoded_slope_of(x))

@@ -214,7 +214,8 @@ class Trainer:
         return found()
 
     def training_l1(self) -> float:
-        """Mean L1 over all training views, images clamped to [0, 1]."""
+        """Mean L1 over all training views, of what the loss sees: display values clamped to [0, 1], or what its curve
+        makes of radiance, which has no such end."""
         params = {name: dr.detach(value) for name, value in self.optimizer.params.items()}
         total = dr.opaque(array_types().Float, 0)
         self.photographs.keep_background()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..datasets.dataset import View
+from ..datasets.dataset import View, shown_with
 from ..engine.parameters import upload
 from ..engine.rasterize import RasterOptions
 from ..render.picture import photograph as shown
@@ -79,7 +79,7 @@ class Drawing:
         camera, about = pose.camera(settings.rows(moving)), ""
         if show in (ERROR, PHOTOGRAPH):
             view = nearest_view(self.views, camera)
-            photograph, about = shown(view, settings.background), f"photograph {view.name}"
+            photograph, about = self._photograph(view, settings), f"photograph {view.name}"
             if show == PHOTOGRAPH:
                 image = photograph
             else:
@@ -94,6 +94,12 @@ class Drawing:
             image = self._render(show, camera, settings)
         pixels = np.round(np.clip(np.nan_to_num(image), 0, 1) * 255).astype(np.uint8)
         return Drawn(pixels, about, (time.perf_counter() - start) * 1e3)
+
+    def _photograph(self, view: View, settings: Settings) -> Array:
+        """[H, W, 3] in 0..1, in the exposure of the model: linear images have one of their own."""
+        if view.white is not None:  # a display value of 1 is a radiance of 1
+            view = shown_with(view, self.white if self.linear else 1.0)
+        return shown(view, settings.background)
 
     def _render(self, part: str, camera: Camera, settings: Settings) -> Array:
         """[H, W, 3] in 0..1."""

@@ -13,6 +13,7 @@ from conftest import REFERENCES, load
 
 from blender_addon.engine import renderers
 from blender_addon.files.errors import FileError
+from blender_addon.files.light import Light
 from blender_addon.files.ply import read_ply
 from blender_addon.files.read import EXTENSIONS, Said, direction, read_model, said_in
 from blender_addon.files.sh import C0
@@ -64,6 +65,14 @@ def test_an_spz_of_linear_radiance_says_so_in_its_gzip_header(tmp_path):
     assert said == Said(antialiased=True, linear=True, white=4.0)
     assert np.allclose(model.sh_coeffs[:, 1:], 4 * plain.sh_coeffs[:, 1:])
     assert np.allclose(0.5 + C0 * model.sh_coeffs[:, 0], 4 * (0.5 + C0 * plain.sh_coeffs[:, 0]), atol=1e-5)
+
+
+def test_radiance_of_a_linear_spz_is_that_of_the_package():
+    model, said = read_model(REFERENCES / "linear.spz", never)
+    assert said.light == Light(True, 2.5)
+    expected = np.load(REFERENCES / "linear_spz.npz")["sh_coeffs"]
+    assert expected.max() > 50
+    assert np.allclose(model.sh_coeffs, expected, rtol=1e-4, atol=1e-4)
 
 
 def test_colours_by_sh_degree_are_filled_up_with_zeros():

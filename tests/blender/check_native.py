@@ -7,6 +7,7 @@ that everything but the drawing runs.
 import json
 import os
 
+import addon_utils
 import bpy
 import numpy as np
 import pytest
@@ -38,8 +39,11 @@ def native():
     if "resize" not in bpy.types.PointCloud.bl_rna.functions:
         pytest.skip("point clouds get points from Python since Blender 5.2, and are drawn as Gaussians since 5.3")
     bpy.types.PointCloud.type = EnumProperty(items=TYPES)
+    addon_utils.disable("blender_addon")
+    addon_utils.enable("blender_addon")
     yield
     del bpy.types.PointCloud.type
+    addon_utils.disable("blender_addon")  # the next test enables it without them
 
 
 def column(obj, name, width):
@@ -200,3 +204,16 @@ def test_the_panel_offers_both_ways(native, model):
     assert "dogsplat.to_native" in drawn() and NO_CAMERA not in drawn()
     bpy.ops.dogsplat.to_native()
     assert "dogsplat.to_dog" in drawn() and "dogsplat.to_native" not in drawn()
+
+
+def test_a_conversion_is_one_step_of_undo(native, model):
+    raw = read_ply(model)
+    load(model)
+    bpy.ops.ed.undo_push(message="before")
+    bpy.ops.dogsplat.to_native()
+    bpy.ops.ed.undo_push(message="to native")
+    bpy.ops.ed.undo()
+    assert_equal(read_attributes(bpy.data.objects["dog"].data), raw)
+    bpy.ops.ed.redo()
+    assert bpy.data.objects["dog"].type == "POINTCLOUD"
+    assert_equal(read_cloud(bpy.data.objects["dog"].data), raw)

@@ -94,6 +94,29 @@ def test_the_picture_stays_when_model_and_camera_move_together(scene, tmp_path, 
     assert psnr(picture, np.load(REFERENCES / "dog.npz")["color"]) > 50
 
 
+@pytest.mark.parametrize("name, show_as, factor, least", [
+    ("dog", "QUADS", 1.6, 50), ("dog", "QUADS", -1.0, 50), ("plain", "ELLIPSOIDS", 1.6, 20)
+])  # fmt: skip
+def test_a_model_stretched_or_mirrored_across_the_view_is_what_another_lens_saw(
+    scene, tmp_path, name, show_as, factor, least
+):
+    """x times 1.6 before a lens that is as much shorter; a mirror image before a camera whose picture is turned."""
+    values = json.loads((REFERENCES / f"{name}.json").read_text())
+    w2c, fx, cx = np.array(values.pop("w2c")), values.pop("fx"), values.pop("cx")
+    cx = cx if factor > 0 else values["width"] - cx
+    camera = Camera("other", w2c, fx=fx / abs(factor), cx=cx, **values)
+    look_through(scene, build_camera(scene.collection, camera, Matrix.Identity(4), "", False))
+    obj = load(REFERENCES / f"{name}.ply", show_as=show_as)
+    bpy.ops.dogsplat.exact_settings()
+    obj.matrix_basis, obj.parent = Matrix(w2c.tolist()), bpy.data.objects.new("stretch", None)  # together a shear
+    scene.collection.objects.link(obj.parent)
+    obj.parent.matrix_world = obj.matrix_basis.inverted() @ Matrix.Diagonal((factor, 1, 1, 1))
+    bpy.context.view_layer.update()
+    picture = rendered(scene, "CYCLES", tmp_path)
+    picture = picture if factor > 0 else picture[:, ::-1]
+    assert psnr(picture, np.load(REFERENCES / f"{name}.npz")["color"]) > least
+
+
 def test_ellipsoids_are_near_the_splatting_picture_of_few_overlaps(scene, tmp_path):
     """They are sorted where rays enter them, not by centre, and seen in perspective: near, not equal."""
     assert compare(scene, "plain", "CYCLES", tmp_path, show_as="ELLIPSOIDS") > 20

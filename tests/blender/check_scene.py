@@ -130,7 +130,7 @@ MATERIALS = {
     "metal": (PRINCIPLED, {"Base_Color": (0.9, 0.7, 0.2, 1), "Roughness": 0.4, "Metallic": 1.0}, 0.08),
     "glass": (PRINCIPLED, {"Base_Color": (0.9, 1, 0.9, 1), "Roughness": 0.0, "Transmission_Weight": 1.0}, 0.05),
     "shining": (PRINCIPLED, {"Emission_Color": (1, 0.3, 0.1, 1), "Emission_Strength": 2.0}, 0.04),
-    "half there": (PRINCIPLED, {"Base_Color": (1, 0.4, 0.3, 1), "Alpha": 0.4}, 0.1),
+    "half there": (PRINCIPLED, {"Base_Color": (1, 0.4, 0.3, 1), "Alpha": 0.4}, 0.09),
 }
 
 
@@ -150,6 +150,23 @@ def test_materials_look_as_in_cycles(scene, tmp_path):
         ball = np.s_[HEIGHT // 2 - 2 : HEIGHT // 2 + 2, x - 2 : x + 2]
         seen, expected = (values[ball].mean((0, 1)) for values in (mitsuba, cycles))
         assert np.abs(seen - expected).max() < tolerance * expected.max(), (name, seen, expected)
+
+
+def test_what_is_half_transparent_loses_no_light(scene, tmp_path):
+    """A diffuse ball of which 0.4 is there: its outside, and its inside through it, in a wide lamp's light."""
+    camera(scene, (0, -4, 0), (math.pi / 2, 0, 0))
+    background(scene, (0.2, 0.2, 0.2, 1))
+    light(scene, "AREA", (0, -5, 4), (0.9, 0, 0), energy=1000, size=8)
+    half = material("ShaderNodeBsdfDiffuse", Color=(0.8, 0.4, 0.2, 1))
+    diffuse, output = half.node_tree.nodes[-1], half.node_tree.nodes[0]
+    mixed = link(half.node_tree, "ShaderNodeMixShader", "Shader", output.inputs["Surface"])
+    mixed.inputs[0].default_value = 0.4
+    link(half.node_tree, "ShaderNodeBsdfTransparent", "BSDF", mixed.inputs[1])
+    half.node_tree.links.new(diffuse.outputs[0], mixed.inputs[2])
+    body(sphere(1), half)
+    scene.cycles.samples = scene.dogsplat.samples = 128
+    cycles, mitsuba = (values[8:-8, 16:-16].mean((0, 1)) for values in both(scene, tmp_path))
+    assert mitsuba == pytest.approx(cycles, rel=0.03)
 
 
 def test_bodies_are_where_cycles_has_them(scene, tmp_path):

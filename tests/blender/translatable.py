@@ -67,7 +67,7 @@ def of_property(item: bpy.types.Property, place: str) -> Iterator[tuple[Text, st
         return
     yield (item.translation_context, item.name), place
     yield (REST, item.description), place
-    for choice in getattr(item, "enum_items", ()):
+    for choice in getattr(item, "enum_items", ()):  # none where a function has them
         yield (item.translation_context, choice.name), place
         yield (REST, choice.description), place
 
@@ -80,6 +80,19 @@ def written() -> Iterator[tuple[Text, str]]:
             for context, value in texts_of(call):
                 for text in constants(value, literals):
                     yield (context, text), f"{path}:{call.lineno}"
+        for item in items(tree):
+            for value in item.elts[1:3]:
+                for text in constants(value, literals):
+                    yield (REST, text), f"{path}:{item.lineno}"
+
+
+def items(tree: ast.Module) -> Iterator[ast.Tuple]:
+    """Items of enums, which a function may hand to Blender: identifier in capitals, name, tooltip."""
+    for node in (node for node in ast.walk(tree) if isinstance(node, ast.Tuple) and len(node.elts) in (3, 4, 5)):
+        if all(isinstance(part, ast.Constant) and isinstance(part.value, str) for part in node.elts[:3]):
+            identifier, name = (part.value for part in node.elts[:2])
+            if identifier.isupper() and not name.isupper():
+                yield node
 
 
 def parsed() -> Iterator[tuple[Path, ast.Module]]:

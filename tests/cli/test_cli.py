@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from importlib.metadata import version
@@ -14,7 +15,9 @@ from command_line import assert_one_line, run
 from happenings import records
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.cli import main
+from mi_dogsplat.cli.errors import quiet_pipe
 from mi_dogsplat.cli.parser import build_parser
+from mi_dogsplat.cli.printing import metrics_line
 from mi_dogsplat.scene.camera_file import write_camera
 from PIL import Image
 
@@ -156,6 +159,23 @@ def test_output_that_nobody_reads_ends_the_command_quietly(model):
     done = subprocess.run(command, cwd=Path(__file__).parents[2], stdout=writer, stderr=subprocess.PIPE, text=True)
     os.close(writer)
     assert done.returncode == 141 and done.stderr == "", done  # 128 + SIGPIPE, as a shell reports of `yes | head`
+
+
+def test_a_pipe_that_breaks_where_no_signal_is_named_so_ends_as_quietly(monkeypatch):
+    """Windows has no SIGPIPE."""
+    monkeypatch.delattr(signal, "SIGPIPE")
+    monkeypatch.setattr(os, "dup2", lambda source, target: None)
+
+    def broken() -> int:
+        raise BrokenPipeError
+
+    assert quiet_pipe(broken) == 141
+
+
+def test_the_line_of_metrics_has_what_each_kind_of_run_is_judged_by():
+    line = metrics_line({"psnr": 20.0, "cc_psnr": 21.0, "half_psnr": 22.0, "aligned_psnr": 23.0, "psnr_mu": 24.0})
+    for value in range(20, 25):
+        assert f"{value}.00 dB" in line
 
 
 # --- help ---

@@ -69,9 +69,12 @@ def test_bad_worlds_are_one_line(capsys, model, data, tmp_path):
         ("--scale", "0", "1", "-2"): '--scale: "-2" is no length',
         ("--scale", "0", "1", "2"): "--scale: needs the cameras of a data set",
         ("--data", data, "--scale", "0", "nobody", "2"): '--scale: no image "nobody" has a pose',
+        ("--data", data, "--scale", "a", "b", "2", "--unit", "3"): "--scale: measures what --unit says already",
         ("--upright",): "--upright: nothing says what is up in the model",
     }
     for flags, line in cases.items():
         assert_one_line(run(capsys, "clean", model, "-o", tmp_path / "a.ply", *flags), line)
+    both = "--scale", "0", "4", "2", "--unit", "3"
+    assert_one_line(run(capsys, "train", data, "-o", tmp_path / "run", *SMALL, *both), "--scale: measures what --unit")
     both = run(capsys, "export", model, "-o", tmp_path / "a.spz", "--small", "--up=-y", "--upright")
     assert_one_line(both, "make it upright first: dogsplat clean")

@@ -17,6 +17,7 @@ import numpy as np
 import psutil
 import pytest
 from html_pages import parsed, rows, words
+from mi_dogsplat.compare.cluster import local_options
 from mi_dogsplat.compare.compare import compare
 from mi_dogsplat.compare.execute import Means, in_a_process
 from mi_dogsplat.compare.methods import GROUPS, METHODS
@@ -397,8 +398,7 @@ def test_on_two_workers_of_which_one_is_killed_all_runs_are_complete(data, tmp_p
     from distributed import Client, LocalCluster
 
     killed: list[psutil.Process] = []
-    options: dict[str, Any] = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
-    cluster: Any = LocalCluster(**options)
+    cluster: Any = LocalCluster(**local_options(2))
     with cluster:
         client: Any = Client(address := cluster.scheduler_address)
         with client:

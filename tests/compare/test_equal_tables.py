@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from mi_dogsplat.cli import main
+from mi_dogsplat.compare import execute
 from mi_dogsplat.compare.nearest import nearest, tables_of_equals
 from mi_dogsplat.compare.overview import overview
 from mi_dogsplat.compare.pairs import interval, margin, paired, seconds_to, table_of_pairs
+from tasks_here import perform_here
 from tiny_data import write_tiny_data
 
 
@@ -98,7 +100,8 @@ def test_the_nearest_run_is_that_of_the_nearest_ratio_and_nothing_is_interpolate
     assert by_time["rows"][1][:4] == ["paper", "0.1", "4,346", "434.60"]
 
 
-def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path):
+def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path, monkeypatch):
+    monkeypatch.setattr(execute, "in_a_process", perform_here)
     data = write_tiny_data(tmp_path / "tiny")
     flags = "--steps 60 --sh-degree 1 --max-primitives 120 --target 0.25 --log-every 10".split()
     only = ["--only", "3dgs", "opacity", "3dgs_capped", "released_40k", "--more-targets", "0.5"]

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
+from mi_dogsplat.datasets import claimed_size
 from mi_dogsplat.datasets.exr import exr_header, read_exr
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.pictures import write_radiance
@@ -110,6 +111,19 @@ def test_bad_files_get_one_line(tmp_path):
     assert "whole numbers" in error_of(write(tmp_path / "id.exr", whole))
     huge = write(tmp_path / "huge.exr", {"RGB": RGB}, displayWindow=window(0, 0, 1 << 20, 1 << 20))
     assert "are no photograph" in error_of(huge)
+
+
+def test_what_lies_outside_of_the_picture_is_no_way_to_fill_the_memory(tmp_path, monkeypatch):
+    """A few bytes unpack to the whole data window, of every part."""
+    monkeypatch.setattr(claimed_size, "ALWAYS_READ", 1 << 10)
+    shown, dark = window(0, 0, 4, 4), np.zeros((1200, 1200), np.float16)
+    large = {"RGB": np.broadcast_to(dark[..., None], (1200, 1200, 3)).copy()}
+    path = write(tmp_path / "a.exr", large, displayWindow=shown)
+    assert "1200x1200 pixels" in error_of(path)
+    small = OpenEXR.Part({"name": "picture", "displayWindow": shown}, {"RGB": RGB[:4, :4].copy()}, "picture")
+    beside = OpenEXR.Part({"name": "more", "displayWindow": shown}, {"Z": dark}, "more")
+    OpenEXR.File([small, beside]).write(str(tmp_path / "b.exr"))
+    assert "1200x1200 pixels" in error_of(tmp_path / "b.exr")
 
 
 def test_what_halves_cannot_hold_becomes_the_most_that_they_can(tmp_path):

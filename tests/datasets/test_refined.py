@@ -52,6 +52,16 @@ def test_a_refined_data_set_is_refined_again(data, tmp_path):
     assert two["test_filenames"] == one["test_filenames"] and len(one["test_filenames"]) == len(given.test)
 
 
+def test_photographs_on_another_drive_are_named_by_where_they_lie(data, tmp_path, monkeypatch):
+    def relpath(path, start):
+        raise ValueError("path is on mount 'D:', start on mount 'C:'")
+
+    monkeypatch.setattr("os.path.relpath", relpath)
+    given = load_dataset(data)
+    write_refined(tmp_path / "refined", given, data, {})
+    assert [view.name for view in load_dataset(tmp_path / "refined").train] == [view.name for view in given.train]
+
+
 def name_of(view) -> str:
     return view.name
 

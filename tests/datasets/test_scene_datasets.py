@@ -62,3 +62,13 @@ def test_a_mitsuba_scene_that_cannot_be_loaded_or_has_a_lens_is_one_line(tmp_pat
     )
     file.write_text(good.replace('"perspective"', '"thinlens"').replace('<float name="fov"', lens))
     assert "perspective" in error_of(file, spp=1)
+
+
+def test_a_scene_of_splats_is_no_data_set(tmp_path):
+    """It is refused before its models are looked for."""
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("llvm_ad_rgb")
+    shape = '<shape type="dog"><string name="filename" value="missing.ply"/></shape>'
+    (tmp_path / "s.xml").write_text(scene_file(tmp_path).read_text().replace("</scene>", f"{shape}</scene>"))
+    error = error_of(tmp_path / "s.xml")
+    assert "s.xml: is a scene of splats, not a data set; render it (dogsplat render)" in error

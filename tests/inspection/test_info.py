@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tiny_data
-from mi_dogsplat import write_ply
+from mi_dogsplat import Drawing, Model, write_model, write_ply
 from mi_dogsplat.inspection.info import describe, model_problems
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
@@ -166,6 +166,32 @@ def test_a_mitsuba_scene_is_a_data_set(tmp_path):
     lines = describe(tmp_path / "s.xml")
     assert value_of(lines, "views") == "1 for training, 0 for testing"
     assert value_of(lines, "images").startswith("16x12")
+
+
+SCENE_OF_SPLATS = (
+    '<scene version="3.0.0"><integrator type="INTEGRATOR"/><emitter type="constant"/><emitter type="point"/>'
+    '<shape type="dog"><string name="filename" value="m.ply"/></shape>'
+    '<shape type="sphere"><emitter type="area"/></shape><shape type="sphere"/>'
+    '<sensor type="perspective"><film type="hdrfilm"><integer name="width" value="16"/>'
+    '<integer name="height" value="12"/></film></sensor></scene>'
+)
+
+
+@pytest.mark.parametrize(("integrator", "last"), [
+    ("dogpath", "problems: none found"),
+    ("path", "  the integrator PathIntegrator does not know splats: use dogsplat or dogpath"),
+])  # fmt: skip
+def test_a_scene_of_splats_is_described_as_one(tmp_path, integrator, last):
+    write_model(tmp_path / "m.ply", Model(tiny_data.truth(), Drawing(linear=True, white=2.0)))
+    (tmp_path / "s.xml").write_text(SCENE_OF_SPLATS.replace("INTEGRATOR", integrator))
+    lines = describe(tmp_path / "s.xml")
+    assert lines[0].endswith("s.xml: Mitsuba scene of splats, not a data set") and lines[-1] == last
+    n = tiny_data.truth().n_splats
+    assert value_of(lines, "splats").endswith(f"m.ply: {n} primitives, 0 of them DoG, SH degree 1")
+    assert value_of(lines, "drawn") == "linear, white 2.0"
+    assert value_of(lines, "other shapes") == "2, 1 of them emit light"
+    assert value_of(lines, "other lights") == "1"
+    assert value_of(lines, "sensors") == "16x12"
 
 
 # --- what it is not ---

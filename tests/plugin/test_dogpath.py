@@ -159,6 +159,26 @@ def test_a_splat_colours_a_wall_and_darkens_the_light_of_the_sky():
     np.testing.assert_allclose(image.mean((0, 1)), expected, rtol=0.01)
 
 
+def test_a_captured_lamp_lights_a_wall_by_its_radiance():
+    """A small bright model of linear colours: the wall's radiance by quadrature over a screen in front of the lamp."""
+    lamp = opposite(3.2, x=1.0, scale=0.15, opacity=0.95, color=(40.0, 25.0, 12.0))  # out of view
+    camera = Camera(np.eye(4), 8000.0, 8000.0, 100.0, 100.0, 200, 200)  # sees one point
+    image = render(lamp, {"wall": facing_camera(4.0, bsdf={"type": "diffuse", "reflectance": rgb(.5, .5, .5)})},
+                   spp=8, camera=camera, max_depth=3, srgb_primitives=False)
+    point, n = np.array([0, 0, 4.0]), 400
+    axis = (lamp.means[0] - point) / np.linalg.norm(lamp.means[0] - point)
+    side = np.cross(axis, [0, 1, 0])
+    side /= np.linalg.norm(side)
+    u, v = ((np.mgrid[0:n, 0:n].reshape(2, -1, 1) + 0.5) / n - 0.5) * 2.4
+    d = axis + u * side + v * np.cross(axis, side)
+    r = np.linalg.norm(d, axis=-1)
+    w, solid_angle = d / r[:, None], (2.4 / n) ** 2 / r**3
+    alpha = alpha_on(lamp, 0, point, w) * np.maximum(-w[:, 2], 0)
+    expected = 0.5 / np.pi * (alpha * solid_angle).sum() * np.array([40.0, 25.0, 12.0])
+    assert expected[0] > 0.1
+    np.testing.assert_allclose(image.mean((0, 1)), expected, rtol=0.03)
+
+
 # Energy, and sampling
 
 @pytest.mark.parametrize("material, dog_share", [("diffuse", 0.5), ("conductor", 0.0)])

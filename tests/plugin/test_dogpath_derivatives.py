@@ -46,25 +46,16 @@ def scene_with(splats: Any, surroundings: dict[str, Any]) -> Any:
     return scene_of(rounded(splats), CAMERA, extra=surroundings, type="dogpath", max_depth=3, rr_depth=20)
 
 
-def differences(surroundings: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Of the loss, by every entry of the parameters in ``NAMES``."""
-    found = {}
-    for name, step in NAMES.items():
-        values = np.array(getattr(SPLATS, name), float)
-        found[name] = np.zeros_like(values)
-        scene = scene_with(SPLATS, surroundings)
-        params: Any = mi.traverse(scene)
-        for index in np.ndindex(values.shape):
-            sides = []
-            for sign in (1, -1):
-                moved = values.copy()
-                moved[index] += sign * step
-                params[f"splats.{name}"] = mi.TensorXf(moved.astype(np.float32))
-                params.update()
-                image = np.array(mi.render(scene, spp=SPP, seed=SEED), float)
-                sides.append((image * ADJOINT).sum())
-            found[name][index] = (sides[0] - sides[1]) / (2 * step)
-    return found
+def difference(name: str, direction: np.ndarray, surroundings: dict[str, Any]) -> float:
+    """Of the loss, along a direction of a parameter in ``NAMES``."""
+    values, step, sides = np.array(getattr(SPLATS, name), float), NAMES[name], []
+    scene = scene_with(SPLATS, surroundings)
+    params: Any = mi.traverse(scene)
+    for sign in (1, -1):
+        params[f"splats.{name}"] = mi.TensorXf((values + sign * step * direction).astype(np.float32))
+        params.update()
+        sides.append((np.array(mi.render(scene, spp=SPP, seed=SEED), float) * ADJOINT).sum())
+    return float(sides[0] - sides[1]) / (2 * step)
 
 
 @pytest.mark.parametrize("bsdf", [{"type": "conductor"}, {"type": "diffuse"}], ids=["mirror", "shadow"])
@@ -77,12 +68,14 @@ def test_gradients_of_splats_in_mirrors_and_of_their_shadows_equal_differences(b
     params.update()
     scene.integrator().render_backward(scene, params, mi.TensorXf(ADJOINT.astype(np.float32)), seed=SEED, spp=SPP)
     gradients = {name: dr.grad(leaf).numpy() for name, leaf in leaves.items()}
-    for name, expected in differences(surroundings).items():
-        assert np.abs(expected).max() > 0.01, name
-        scale = np.abs(expected).max()
-        np.testing.assert_allclose(gradients[name], expected, atol=0.01 * scale, rtol=0.02, err_msg=name)
-
     rng = np.random.default_rng(1)
+    for name, gradient in gradients.items():
+        scale = float(np.abs(gradient).max())
+        assert scale > 0.01, name
+        for direction in rng.choice([-1.0, 1.0], (2, *gradient.shape)):  # every entry counts as much as it is large
+            expected = difference(name, direction, surroundings)
+            assert (gradient * direction).sum() == pytest.approx(expected, abs=0.01 * scale, rel=0.02), name
+
     direction = {name: rng.normal(size=g.shape).astype(np.float32) for name, g in gradients.items()}
     scene = scene_with(SPLATS, surroundings)
     params = mi.traverse(scene)

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +80,8 @@ def references(tmp_path_factory) -> Path:
     write_ply(folder / "padded.ply", mixed)
     linear = Model(brightened(dog, 3.0), Drawing(linear=True, white=2.5))
     write_model(folder / "linear.ply", linear)
+    write_model(folder / "linear.spz", replace(linear, splats=brightened(dog.plain(), 40.0)))
+    np.savez(folder / "linear_spz.npz", sh_coeffs=read_model(folder / "linear.spz").splats.sh_coeffs)
     picture = render_picture(upload(linear.splats), camera, RasterOptions(sh_degree=3), linear=True)
     np.savez(folder / "linear.npz", radiance=np.asarray(picture.radiance))
     np.savez(folder / "spz.npz", **vars(read_model(folder / "plain.spz").splats))

@@ -78,6 +78,15 @@ def test_a_view_is_shown_as_the_camera_exposed_it(model, data, tmp_path):
         shown, plain = (srgb_to_linear(read_png(tmp_path / f"{out}.png") / 255) for out in ("as_taken", "model"))
         expected = np.clip(plain * gains * np.exp2(-radii_squared(camera))[..., None], 0, 1)
         assert np.abs(shown - expected).max() < 0.02 < np.abs(shown - plain).max()
+    render_model(model, tmp_path / "plain.png", data)
+    stored = Appearance(["0"], [], np.array([[1.0, 1.0, 1.0]]), np.zeros((0, 2)))
+    stored.write(tmp_path / "first.json")
+    render_model(model, tmp_path / "first.png", data, appearance=tmp_path / "first.json")  # the view of no name
+    shown, plain = (srgb_to_linear(read_png(tmp_path / f"{out}.png") / 255) for out in ("first", "plain"))
+    assert np.abs(shown - np.clip(2 * plain, 0, 1)).max() < 0.02 < np.abs(shown - plain).max()
+    with pytest.raises(DataError, match="--appearance: is of photographs, and the model holds linear radiance; leave"):
+        linear = PictureOptions(linear=True)
+        render_model(model, tmp_path / "3.exr", data, "3", options=linear, appearance=tmp_path / "first.json")
     with pytest.raises(DataError, match="none.json: cannot be read"):
         render_model(model, tmp_path / "3.png", data, "3", appearance=tmp_path / "none.json")
 

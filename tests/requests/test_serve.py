@@ -1,22 +1,28 @@
 """Requests for pictures, as another program sends them."""
 
 import io
+import itertools
 import json
 import subprocess
 import sys
+from dataclasses import fields, replace
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 import pytest
+from command_line import assert_one_line, run
 from mi_dogsplat import Drawing, Model, write_model
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.requests.answer import Answerer
-from mi_dogsplat.requests.request import read_request
+from mi_dogsplat.requests.fields import KINDS
+from mi_dogsplat.requests.gradual import in_steps, means
+from mi_dogsplat.requests.request import Request, read_request
 from mi_dogsplat.requests.scene_description import load_scene
 from mi_dogsplat.requests.serve import Lines, serve
+from mi_dogsplat.requests.view_request import ViewRequest
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.radiance import brightened
 from splat_scenes import random_splats, rounded, square_camera
@@ -127,6 +133,19 @@ def test_splats_in_a_scene_are_in_front_of_its_surfaces(folder):
     np.testing.assert_allclose(picture["depth"][covered], alpha * depth + (1 - alpha) * 30, rtol=1e-3)
 
 
+def test_surfaces_of_a_scene_cast_shadows_onto_splats_where_that_is_asked_for(folder):
+    """A wall behind the camera hides what the splats in front of it have of the sky."""
+    described = json.loads((folder / "scene.json").read_text())
+    c2w = np.linalg.inv(CAMERA.w2c)
+    c2w[:3, 3] -= 0.1 * c2w[:3, 2]
+    del described["light_0"]
+    described["object_3_wall"] = described["object_2_wall"] | {"to_world": matrix(c2w @ np.diag([100.0, 100, 1, 1]))}
+    (folder / "dark.json").write_text(json.dumps(described))
+    request = {"scene": str(folder / "dark.json"), "model": str(folder / "model.ply"), "samples": 1}
+    dark, light = (answered(request | how)["color"].mean() for how in ({"mesh_shadows": True}, {}))
+    assert dark < 0.6 * light
+
+
 def test_a_wrong_request_is_one_line_and_the_next_one_is_answered(folder):
     out, model = str(folder / "out.npz"), str(folder / "model.ply")
     good = {"out": out, "model": model, "camera": camera_json()}
@@ -138,6 +157,69 @@ def test_a_wrong_request_is_one_line_and_the_next_one_is_answered(folder):
     assert [next(iter(line)) for line in said] == ["error"] * len(wrong) + ["done"]
     assert all("\n" not in line["error"] and "; " in line["error"] for line in said[:-1])
     assert np.load(out)["color"].shape == (HEIGHT, WIDTH, 3)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"seed": -1}, {"seed": 1.5}, {"seed": "a"}, {"seed": 2**33}, {"near_clip": [1]}, {"near_clip": -1},
+        {"samples": float("nan")}, {"samples": 1.5}, {"samples": True}, {"samples": "3"}, {"samples": 0},
+        {"max_depth": 2.5}, {"antialiased": "x"}, {"counts": [-1]}, {"counts": 3}, {"passes": "depth"}, {"model": 3},
+    ],
+    ids=json.dumps,
+)  # fmt: skip
+def test_a_field_of_the_wrong_kind_is_named(folder, wrong):
+    request = {"out": str(folder / "out.npz"), "model": str(folder / "model.ply"), "camera": camera_json(), **wrong}
+    (said,) = told([request])
+    assert f'"{next(iter(wrong))}" is' in said["error"] and "give " in said["error"]
+
+
+@pytest.mark.parametrize("scene", [{"sky": {"type": "constant", "radiance": None}}, {"sky": None}, {"sky": [None]}])
+def test_null_in_a_scene_is_one_line(folder, scene):
+    """``mi.load_dict`` would end the process."""
+    (folder / "null.json").write_text(json.dumps(scene))
+    (said,) = told([{"out": str(folder / "out.npz"), "scene": str(folder / "null.json")}])
+    assert "null.json" in said["error"] and "null" in said["error"]
+
+
+@pytest.mark.parametrize("model", [True, False], ids=["with splats", "without"])
+@pytest.mark.parametrize("hide_lamps", [True, False])
+def test_alpha_of_the_sky_is_one_unless_the_scene_is_transparent(folder, model, hide_lamps):
+    far = {"model": str(folder / "behind.ply")} if model else {}
+    write_ply(folder / "behind.ply", replace(SPLATS, means=SPLATS.means - 50 * CAMERA.w2c[2, :3]))
+    scene = json.loads((folder / "scene.json").read_text())
+    (folder / "sky.json").write_text(json.dumps({name: scene[name] for name in ("sensor", "sky")}))
+    request = {"scene": str(folder / "sky.json"), **far, "samples": 2, "hide_lamps": hide_lamps}
+    np.testing.assert_array_equal(answered(request)["alpha"], 1)
+    np.testing.assert_allclose(answered(request)["color"], 0.25, rtol=1e-3)
+    np.testing.assert_array_equal(answered({**request, "transparent": True})["alpha"], 0)
+
+
+@pytest.mark.parametrize(
+    "asked, parts",
+    [((1, 8), [1]), ((8, 8), [8]), ((9, 8), [9]), ((20, 8), [10, 10]), ((6, 2, 1), [1, 2, 3]), ((1, 2, 1), [1])],
+)
+def test_steps_of_a_scene_are_of_one_size_and_independent(monkeypatch, asked, parts):
+    """No pass has the random numbers of another one, nor those of another seed or part."""
+    assert (steps := in_steps(*asked)) == parts
+    seeds = []
+
+    def render(scene, sensor, spp, seed):
+        seeds.extend((seed * spp + k) % 2**32 for k in range(spp))  # as passes are numbered
+        return np.zeros((HEIGHT, WIDTH, 4))
+
+    monkeypatch.setattr(mi, "render", render)
+    film = {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT}
+    scene: Any = mi.load_dict({"type": "scene", "sensor": {"type": "perspective", "film": film}})
+    for seed, part in itertools.product(range(20), (0, 64)):
+        found = means(scene, scene.sensors()[0], Request(seed=seed), steps, part)
+        assert [done for done, _ in found] == list(np.cumsum(parts))
+    assert len(seeds) == len(set(seeds)) == 40 * sum(parts)
+
+
+@pytest.mark.parametrize("kind", [Request, ViewRequest])
+def test_each_field_has_its_kind(kind):
+    assert {field.name for field in fields(kind)} - {"camera"} <= set(KINDS)
 
 
 def test_a_scene_that_mitsuba_refuses_is_one_line(folder):
@@ -155,6 +237,11 @@ def test_a_process_ends_when_nobody_asks():
 
     assert list(Lines(slow(), 0.05)) == ["first"]
     assert list(Lines(["a", "b"], 60)) == list(Lines(["a", "b"])) == ["a", "b"]
+
+
+@pytest.mark.parametrize("seconds", ["0", "-3", "nan"])
+def test_waiting_takes_some_time(seconds, capsys):
+    assert_one_line(run(capsys, "serve", "--idle", seconds), "--idle")
 
 
 def test_what_mitsuba_prints_is_no_answer(folder):

@@ -1,6 +1,7 @@
 """A run and a comparison measured on validation views say so, and never see a test view."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +9,12 @@ import pytest
 from command_line import assert_one_line
 from command_line import run as dogsplat
 from html_pages import parsed, words
-from mi_dogsplat.compare.compare import compare
+from mi_dogsplat.compare import execute
+from mi_dogsplat.compare.compare import claim, compare
 from mi_dogsplat.runs.run import train
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
+from tasks_here import perform_here
 from tiny_data import write_tiny_data
 
 SETTINGS: dict[str, Any] = {"steps": 30, "sh_degree": 1, "log_every": 10, "max_primitives": 100, "target": 0.5}
@@ -34,7 +37,8 @@ def test_a_run_measures_validation_views_and_says_so(data, tmp_path):
     assert "Test PSNR" not in text and "Test views" not in text
 
 
-def test_a_comparison_measures_validation_views_and_says_so(data, tmp_path):
+def test_a_comparison_measures_validation_views_and_says_so(data, tmp_path, monkeypatch):
+    monkeypatch.setattr(execute, "in_a_process", perform_here)
     config = TrainConfig("", split="validation", **SETTINGS)
     table = compare(config, [str(data)], tmp_path / "out", [0], ["3dgs"])
     assert table["failed"] == {} and table["config"][data.name]["split"] == "validation"
@@ -45,13 +49,14 @@ def test_a_comparison_measures_validation_views_and_says_so(data, tmp_path):
 
 
 def test_a_comparison_from_before_there_was_a_split_goes_on(tmp_path):
-    data, out = write_tiny_data(tmp_path / "data"), tmp_path / "out"
-    compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], ["3dgs"])
-    path = out / "data" / "config.json"
+    config = TrainConfig("data", **SETTINGS)
+    claim(tmp_path, config)
+    path = tmp_path / "config.json"
     path.write_text(json.dumps({k: v for k, v in json.loads(path.read_text()).items() if k != "split"}))
-    compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], ["3dgs"])
     with pytest.raises(DataError, match="other settings"):
-        compare(TrainConfig("", split="validation", **SETTINGS), [str(data)], out, [0], ["3dgs"])
+        claim(tmp_path, replace(config, split="validation"))
+    claim(tmp_path, config)
+    assert json.loads(path.read_text())["split"] == "test"
 
 
 def test_a_split_that_there_is_not_is_one_line(data, tmp_path, capsys):

@@ -83,39 +83,35 @@ def assert_whole(folder: Path, steps: int) -> None:
 
 @pytest.mark.slow
 def test_a_run_that_is_killed_again_and_again_at_any_moment_comes_to_its_end(data, tmp_path):
-    steps, out, chance = 2000, tmp_path / "a run", random.Random(0)
+    steps, out, chance = 1000, tmp_path / "a run", random.Random(0)
     reached = [0]
-    while len(reached) < 6:
+    for least in (None, chance.randint(1, 60), chance.randint(1, 60)):  # the first comes as it may, others in training
         more = ["--resume"] if (out / "config.json").exists() else []
-        started = time.monotonic()
         process = subprocess.Popen([*TRAIN, *arguments(data, out, steps, *more)], cwd=ROOT, stderr=subprocess.DEVNULL)
-        while len(reached) > 1 and not touched_since(out / CHECKPOINT, started) and process.poll() is None:
-            time.sleep(0.01)  # the first kill comes as it may, the others while it trains
-        time.sleep(chance.uniform(0, 0.3 if len(reached) > 1 else 3.0))
+        while least and step_of(out) < reached[-1] + least and process.poll() is None:
+            time.sleep(0.005)
+        time.sleep(chance.uniform(0, 0.02 if least else 1.0))
         process.kill()
         process.wait()
-        if process.returncode == 0:  # a fast machine, and the longest waits
-            break
         assert process.returncode == -signal.SIGKILL
         if out.exists():
             assert_every_file_opens(out)
-        step = int(load_checkpoint(out / CHECKPOINT)["step"]) if (out / CHECKPOINT).exists() else 0
-        assert step >= reached[-1]
-        reached.append(step)
-    assert len(reached) > 3, "it ended before it was killed three times"
+        assert step_of(out) >= reached[-1] + (least or 0)
+        reached.append(step_of(out))
     result = run(*TRAIN, *arguments(data, out, steps, "--resume"))
     assert result.returncode == 0, result.stderr
     assert_whole(out, steps)
 
 
-def touched_since(path: Path, monotonic: float) -> bool:
-    return path.exists() and time.time() - path.stat().st_mtime < time.monotonic() - monotonic
+def step_of(out: Path) -> int:
+    """That of the checkpoint, 0 without one."""
+    return int(load_checkpoint(out / CHECKPOINT)["step"]) if (out / CHECKPOINT).exists() else 0
 
 
 @pytest.mark.slow
 def test_a_run_that_is_killed_while_it_writes_a_file_keeps_the_old_one_and_goes_on(data, tmp_path):
     steps, out = 20, tmp_path / "run"
-    for name in ("config.json", "state.npz", "point_cloud.ply", "0.png", "metrics.json", "report.html"):
+    for name in ("config.json", "state.npz", "metrics.json"):  # at the beginning, in training, and at the end
         more = ["--resume"] if (out / "config.json").exists() else []
         program = "-m", "tests.helpers.killed_while_writing"
         result = run(sys.executable, *program, name, *arguments(data, out, steps, *more))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from mi_dogsplat.scene.ply import read_ply, write_ply
 from mi_dogsplat.scene.row_groups import SH
+from mi_dogsplat.scene.sh_basis import sh_degree_of
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from ply_files import dog_columns, random_splats, to_bytes, vertex_columns, write
@@ -209,3 +210,9 @@ def test_values_of_a_group_that_are_not_finite_are_not_written(tmp_path):
     with pytest.raises(DataError, match='"f_rest_11" in row 0; nothing was written'):
         write_ply(tmp_path / "a.ply", model, "rows")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_degree_is_told_by_its_coefficients():
+    assert [sh_degree_of((degree + 1) ** 2) for degree in range(4)] == [0, 1, 2, 3]
+    with pytest.raises(ValueError):
+        sh_degree_of(5)

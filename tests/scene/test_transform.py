@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.quaternions import (
+    quaternion_from_rotation,
+    quaternion_product,
+    rotation_from_quaternion,
+)
 from mi_dogsplat.scene.sh_basis import sh_basis_table
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import (
     decompose_similarity,
-    quaternion_from_rotation,
-    quaternion_product,
     sh_rotation,
     transformed,
 )
@@ -95,6 +98,9 @@ def test_quaternions_multiply_and_convert_like_their_matrices():
     a, b = (q / np.linalg.norm(q, axis=1, keepdims=True) for q in (a, b))
     A, B = reference.rotations(a), reference.rotations(b)
     np.testing.assert_allclose(reference.rotations(quaternion_product(a, b)), A @ B, atol=1e-12)
+    np.testing.assert_allclose(rotation_from_quaternion(3 * a), A, atol=1e-12)
+    np.testing.assert_array_equal(rotation_from_quaternion(np.zeros((1, 4))), np.eye(3)[None])
+    np.testing.assert_allclose(reference.rotations(quaternion_from_rotation(A)), A, atol=1e-12)
     for R in [*A, np.eye(3), np.diag([1.0, -1, -1]), np.diag([-1.0, -1, 1]), np.diag([-1.0, 1, -1])]:
         np.testing.assert_allclose(reference.rotations(quaternion_from_rotation(R)[None])[0], R, atol=1e-12)
 

@@ -10,8 +10,9 @@ from mi_dogsplat import reference
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions
+from mi_dogsplat.scene.sh_basis import SH_SIZES
 from mi_dogsplat.scores import bands as module
-from mi_dogsplat.scores.bands import SIZES, bands
+from mi_dogsplat.scores.bands import bands
 from splat_scenes import attached, axis_rotation, kernels, make_camera, options, random_splats, rounded, select
 
 N = 8
@@ -65,7 +66,7 @@ def best(A: np.ndarray, target: np.ndarray, ridge: float) -> np.ndarray:
 
 def expected(splats, i: int, degree: int, errors=None) -> tuple[float, np.ndarray]:
     """(loss, coefficients [K, 3]) without the bands above ``degree``; ``errors`` [V, H, W, 3] to photographs."""
-    A, x, size = jacobian(splats, i), splats.sh_coeffs[i].astype(np.float64), SIZES[degree]
+    A, x, size = jacobian(splats, i), splats.sh_coeffs[i].astype(np.float64), SH_SIZES[degree]
     ridge = module.RIDGE * (A[:, 0] ** 2).sum()
     loss, fitted = 0.0, np.zeros_like(x)
     for c in range(3):
@@ -102,7 +103,7 @@ def test_losses_are_those_of_pictures_without_the_bands_and_the_others_fitted(de
     degrees = np.arange(N) % (degree + 1)
     fitted = got.fitted(degrees)
     for i, d in enumerate(degrees):
-        np.testing.assert_allclose(fitted[i, SIZES[d] :], 0)
+        np.testing.assert_allclose(fitted[i, SH_SIZES[d] :], 0)
         if d < degree:
             np.testing.assert_allclose(fitted[i], expected(splats, i, d, errors)[1], atol=0.02)
         else:

@@ -104,6 +104,10 @@ def test_what_is_learned_is_written_and_read_again(tmp_path):
 
 @pytest.mark.parametrize(
     "text", ["[]", "{}", '{"images": {"a": 1}, "devices": []}', '{"images": {}, "devices": [{"vignetting": [1]}]}', "{",
+             '{"images": {}, "devices": [{"shape": [1e400, 75, 100], "vignetting": [0, 0]}]}',
+             '{"images": {}, "devices": [{"shape": [100, 75], "vignetting": [0, 0]}]}',
+             '{"images": {}, "devices": [{"shape": [true, 75, 100], "vignetting": [0, 0]}]}',
+             '{"images": {"a": {"exposure": 1e400, "white_balance": [0, 0, 0]}}, "devices": []}',
              '{"images": {"a": {"exposure": NaN, "white_balance": [0, 0, 0]}}, "devices": []}'],
 )  # fmt: skip
 def test_a_file_that_holds_something_else_is_named_in_one_line(tmp_path, text):

@@ -3,23 +3,25 @@
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
+from hdr_data import write_hdr_data
 from launches import launches
 from mi_dogsplat.datasets import Dataset, camera_extent, load_dataset
 from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.datasets.dataset import View, seen_by
-from mi_dogsplat.engine.arrays import detached
-from mi_dogsplat.engine.parameters import device_array, upload
+from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.report.write import write_report
+from mi_dogsplat.runs import finish as finish_module
 from mi_dogsplat.runs import run
-from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, moved_w2c, preconditioners, without_common
+from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, moved_w2c, without_common
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
@@ -93,37 +95,112 @@ def test_the_gradient_is_that_of_differences_of_the_loss(data, at_once, monkeypa
     np.testing.assert_allclose(got, expected, atol=0.05 * np.abs(expected).max())
 
 
-def test_a_step_follows_the_mean_gradient_in_units_of_the_picture_with_a_pull_and_nothing_in_common(data):
-    rule = PoseRefinement(start=0, reach=0.04, fall=0.25, pull=0.03, quiet=0.1, memory=0.7)
-    trainer = Trainer(config_of(data), load_dataset(data))
-    state, rng = rule.new_state(trainer), np.random.default_rng(0)
-    basis = common_motions(state.given, trainer.extent)
-    views = trainer.dataset.train
-    scales = preconditioners([view.camera for view in views], trainer.optimizer.numpy("means"), trainer.extent)
-    by_axis = [[np.abs(np.diff(view.image, axis=axis)).mean() for axis in (0, 1)] for view in views]
-    slopes = tiny_data.WIDTH * np.mean(by_axis, axis=1)
-    sum_of_falls = sum(0.25 ** (k / 1000) for k in range(1000)) / 1000 * (60 / VIEWS)
-    x, seen, weights = np.zeros(6 * VIEWS), np.zeros((VIEWS, 6)), 0.0
-    for t in range(1, 5):
-        trainer.step_count = 10 * t
-        by_pose = (1.5e-2 * rng.normal(size=(VIEWS, 6))).astype(np.float32)
-        gradient = motion_gradient(state.given, x.reshape(VIEWS, 6), trainer.extent, by_pose)
-        state.gradient, state.seen = detached(device_array(by_pose)), VIEWS
+def seen_in_turn(rule: PoseRefinement, trainer: Trainer, state: Poses, views: Any, by_pose: np.ndarray) -> None:
+    """Views are seen one by one, each with its row of gradients [V, 6]."""
+    for view in views:
+        camera = rule.camera(trainer, state, view, trainer.photographs.cameras[view])
+        assert camera.nudge is not None
+        for value, gradient in zip(camera.nudge.values, by_pose[view], strict=True):
+            lanes = np.zeros(trainer.optimizer.n)
+            lanes[:2] = 0.25 * gradient, 0.75 * gradient  # what the lanes add up to
+            dr.set_grad(value, mi.Float(lanes))
+        rule.after_backward(trainer, state, Seen(view, camera, {}, cast(Any, None), [], [], None, True))
+        dr.eval(state.gradient)  # as the step of the model does
+        trainer.step_count += 1
         rule.after_step(trainer, state)
-        seen, weights = 0.7 * seen + gradient, 0.7 * weights + 1
-        asked = (scales @ (seen / weights)[..., None])[..., 0] / slopes[:, None]  # [V, 6]
-        loud = np.array([np.sqrt(g @ a / slope) for g, a, slope in zip(seen / weights, asked, slopes, strict=True)])
-        assert loud.min() < 0.1 < loud.max()  # some views ask for nothing
-        step = 0.04 / sum_of_falls * (np.maximum(1 - 0.1 / loud, 0)[:, None] * asked).ravel()
-        x = x - 0.25 ** (10 * t / 60) * (step + 0.03 * x)
-        x = x - basis @ (basis.T @ x)
-        np.testing.assert_allclose(state.motions.ravel(), x, rtol=2e-3, atol=1e-6)
-        assert state.seen == 0 and state.turns == t and not state.gradient.numpy().any()
+
+
+def after_turns(data: Path, rule: PoseRefinement, turns: int, by_pose: np.ndarray, steps: int = 700) -> Poses:
+    trainer = Trainer(config_of(data, steps=steps), load_dataset(data))
+    state = rule.new_state(trainer)
+    for _ in range(turns):
+        seen_in_turn(rule, trainer, state, range(VIEWS), by_pose)
+    assert state.turns == turns
     expected = moved_w2c(state.given, state.motions, trainer.extent)
     for k, view in enumerate(trainer.photographs.originals):
         np.testing.assert_allclose(view.camera.w2c, expected[k], atol=1e-12)
-    positions = np.array([view.camera.position for view in trainer.photographs.originals])
-    np.testing.assert_allclose(trainer.photographs.positions, positions)
+    assert np.abs(common_motions(state.given, trainer.extent).T @ state.motions.ravel()).max() < 1e-12
+    return state
+
+
+@pytest.fixture(scope="module")
+def gradients() -> np.ndarray:
+    """[V, 6] of some views, with nothing quiet about them."""
+    return 0.05 * np.random.default_rng(0).normal(size=(VIEWS, 6)).astype(np.float32)
+
+
+@pytest.mark.parametrize("first", [[], [5, 2], [6, 1, 3, 0]], ids=["a turn", "2 views before", "4 views before"])
+def test_views_step_together_once_each_was_seen_and_count_alike(data, gradients, first):
+    """Wherever in a turn it begins: what was seen twice has no more to say, and nobody steps without a gradient."""
+    rule = PoseRefinement(start=0)
+    expected = after_turns(data, rule, 1, gradients).motions
+    trainer = Trainer(config_of(data, steps=700), load_dataset(data))
+    state = rule.new_state(trainer)
+    turn = [2, 6, 0, 5, 1, 3, 4]
+    seen_in_turn(rule, trainer, state, [*first, *turn[:-1]], gradients)
+    assert state.turns == 0 and not state.motions.any()
+    trainer.step_count = VIEWS - 1  # step sizes fall with the steps that are done
+    seen_in_turn(rule, trainer, state, turn[-1:], gradients)
+    assert state.turns == 1 and not state.gradient.numpy().any()
+    assert np.abs(expected).max() > 1e-4
+    np.testing.assert_allclose(state.motions, expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_what_is_quiet_stays_and_what_is_loud_moves_by_what_is_beyond(data, gradients):
+    """Of one view alone; a step is a straight line in the length of its gradient, from where it is loud."""
+    one = np.zeros_like(gradients)
+    one[3] = gradients[3]
+
+    def motion(length: float, quiet: float) -> np.ndarray:
+        return after_turns(data, PoseRefinement(start=0, quiet=quiet), 1, length * one).motions
+
+    free = motion(1.0, 0.0)
+    lost = free - motion(1.0, 0.05)
+    threshold = float(np.linalg.norm(lost) / np.linalg.norm(free))  # length at which 0.05 is reached
+    assert 0 < threshold < 0.5
+    np.testing.assert_allclose(lost, threshold * free, atol=1e-5 * np.abs(free).max())
+    assert not motion(0.99 * threshold, 0.05).any() and motion(1.01 * threshold, 0.05).any()
+    np.testing.assert_allclose(motion(2.0, 0.05), (2 - threshold) * free, atol=1e-5 * np.abs(free).max())
+    np.testing.assert_allclose(free - motion(1.0, 0.1), 2 * lost, atol=1e-5 * np.abs(free).max())
+
+
+def test_motions_come_as_far_in_few_turns_as_in_many_and_steps_fall(data, gradients):
+    """By ``reach`` in all, if the gradient stays; the last step has ``fall`` of the first."""
+    rule = PoseRefinement(start=0, reach=0.01, fall=0.1, pull=0, quiet=0, memory=0)
+    small = 0.1 * gradients  # motions are small, so that gradients by them hardly turn
+    few, many = (after_turns(data, rule, turns, small, VIEWS * turns).motions for turns in (20, 80))
+    np.testing.assert_allclose(many, few, atol=0.1 * np.abs(few).max())
+    half = after_turns(data, replace(rule, reach=0.005), 20, small, VIEWS * 20).motions
+    np.testing.assert_allclose(half, few / 2, atol=0.02 * np.abs(few).max())
+    steps = [after_turns(data, rule, turns, small, VIEWS * 20).motions for turns in (1, 19, 20)]
+    ratio = np.linalg.norm(steps[2] - steps[1]) / np.linalg.norm(steps[0])
+    assert ratio == pytest.approx(0.1 ** (19 / 20), rel=0.05)
+
+
+def test_where_nothing_is_asked_for_motions_go_back(data, gradients):
+    rule = PoseRefinement(start=0, pull=0.03, fall=0.999, quiet=1e-3, memory=0)
+    trainer = Trainer(config_of(data, steps=700), load_dataset(data))
+    state = rule.new_state(trainer)
+    seen_in_turn(rule, trainer, state, range(VIEWS), gradients)
+    moved = state.motions.copy()
+    seen_in_turn(rule, trainer, state, range(VIEWS), np.zeros_like(gradients))
+    np.testing.assert_allclose(state.motions, 0.97 * moved, atol=1e-3 * np.abs(moved).max())
+
+
+def test_radiance_in_another_unit_gives_the_same_motions(tmp_path, at_once):
+    """A power of two, which rounds nothing otherwise."""
+    dataset = load_dataset(write_hdr_data(tmp_path / "data"))
+
+    def motions(factor: float) -> np.ndarray:
+        train = [
+            View(v.name, v.camera, v.image * np.float32(factor), white=factor * (v.white or 1)) for v in dataset.train
+        ]
+        trainer = Trainer(config_of(tmp_path / "data"), replace(dataset, train=train, test=[]))
+        return poses_of(stepped(trainer, 2 * len(train))).motions
+
+    expected = motions(1.0)
+    assert np.abs(expected).max() > 1e-3
+    np.testing.assert_allclose(motions(1024.0), expected, atol=1e-3 * np.abs(expected).max())
 
 
 @dataclass(frozen=True)
@@ -267,6 +344,16 @@ def test_a_run_leaves_the_refined_poses_as_a_data_set_and_tells_how_far_cameras_
     assert not (out / "refined" / "transforms.json").exists()
 
 
+def test_the_metrics_are_there_when_the_poses_cannot_be_written(data, tmp_path, monkeypatch):
+    def full(trainer: Trainer, out: Path) -> None:
+        raise OSError("no space left")
+
+    monkeypatch.setattr(finish_module, "write_poses", full)
+    with pytest.raises(DataError, match="no space left"):
+        run.train(config_of(data, steps=2), tmp_path / "run")
+    assert len(json.loads((tmp_path / "run" / "metrics.json").read_text())["poses"]) == VIEWS
+
+
 def test_the_cameras_of_a_scene_are_exact_and_refused(tmp_path):
     scene = tmp_path / "scene.xml"
     scene.write_text("<scene version='3.0.0'/>")
@@ -279,7 +366,7 @@ def test_several_views_in_a_step_and_pictures_that_are_smaller_for_a_while(data,
     trainer.photographs.shrink(2)
     stepped(trainer, 5)  # 15 views: two turns
     state = poses_of(trainer)
-    assert state.turns == 1 and state.seen == 6 and np.isfinite(state.motions).all()
+    assert state.turns == 1 and state.counts.sum() == 6 and np.isfinite(state.motions).all()
     small = [camera.w2c for camera in (view.camera for view in trainer.photographs.views)]
     trainer.photographs.shrink(1)
     for k, view in enumerate(trainer.photographs.views):

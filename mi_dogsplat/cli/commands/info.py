@@ -14,13 +14,14 @@ Examples:
   dogsplat info run/point_cloud.ply   counts, ranges, and primitives that are broken or wasted
   dogsplat info run/                  settings and result of a run
   dogsplat info photos/               views, split, points, and whether the cameras see the points
+  dogsplat info scene.xml             splats, other shapes, light and sensors of a Mitsuba scene
   dogsplat info --features scene.xml  what its kernels need, at what cost, and what is left out of them
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
-    parser.add_argument("file", type=Path, metavar="FILE", help=f"{MODEL_HELP}; run folder, or data set")
+    parser.add_argument("file", type=Path, metavar="FILE", help=f"{MODEL_HELP}; run folder, data set, or Mitsuba scene")
     parser.add_argument(
         "--features", action="store_true", help="what the kernels need for it, at what cost, and leave out"
     )

@@ -6,8 +6,8 @@ as in BARF (Lin et al. 2021), nerfstudio and gsplat.
 
 Ours is when, how far and what not:
 
-- All views take their step together, when each has been seen once more. One wait for the device serves a whole turn,
-  and no view could have used its step before.
+- All views take their step together, as soon as each has been seen once more; of one that was seen twice meanwhile,
+  as where all begins in the middle of a turn, the mean gradient counts. One wait for the device serves a whole turn.
 - The step is not Adam's, which is as long for a pose that is right as for one that is wrong. The gradient is brought to
   the unit of the picture (``preconditioners``, after CamP) and divided by the mean slope of the photograph: what it
   would be if every pixel asked for the same. Where poses are right its length is some .15 by chance, and what is
@@ -29,7 +29,6 @@ import numpy as np
 from ...engine.arrays import detached
 from ...engine.device_camera import DeviceCamera, Nudge
 from ...engine.parameters import device_array
-from ...render.picture import over_background
 from ...scene.camera_motions import common_motions, motion_gradient, moved_w2c, preconditioners, without_common
 from ..events import Event, PosesRefined
 from ..milestones import scaled_milestone
@@ -48,7 +47,7 @@ class Poses:
     scales: np.ndarray  # [V, 6, 6] from them to motions, for a step size of 1; zeros before the first step
     slopes: np.ndarray  # [V] of the photographs (``_slopes``); likewise
     gradient: Any  # on the device, [6 V], as ``Nudge`` has it: since the last step
-    seen: int  # views whose gradients are in it
+    counts: np.ndarray  # [V] how often each view is in it
     turns: int  # steps taken
 
 
@@ -75,7 +74,7 @@ class PoseRefinement(Strategy[Poses]):
         given = np.array([view.camera.w2c for view in t.photographs.originals])
         zeros = np.zeros((len(given), 6))
         scales, none = np.zeros((len(given), 6, 6)), detached(device_array(zeros))
-        return Poses(given, zeros, zeros, scales, zeros[:, 0], none, 0, 0)
+        return Poses(given, zeros, zeros, scales, zeros[:, 0], none, np.zeros(len(given), int), 0)
 
     def begin(self, t: Training, state: Poses) -> list[Event]:
         if state.turns:  # of a run that goes on
@@ -93,10 +92,10 @@ class PoseRefinement(Strategy[Poses]):
         by_pose = dr.concat([dr.sum(lanes) for lanes in of_lanes])  # [6]
         at = dr.opaque(mi.UInt32, 6 * seen.view) + dr.arange(mi.UInt32, 6)
         dr.scatter_add(state.gradient, by_pose, detached(at))
-        state.seen += 1
+        state.counts[seen.view] += 1
 
     def after_step(self, t: Training, state: Poses) -> list[Event]:
-        if state.seen >= len(t.photographs):
+        if state.counts.all():
             self._step(t, state)
         return []
 
@@ -105,13 +104,14 @@ class PoseRefinement(Strategy[Poses]):
         return [PosesRefined(float(np.median(shifts)), float(np.degrees(np.median(turns))))]
 
     def _step(self, t: Training, state: Poses) -> None:
-        by_pose = state.gradient.numpy().astype(np.float64).reshape(-1, 6)
+        by_pose = state.gradient.numpy().astype(np.float64).reshape(-1, 6) / state.counts[:, None]
         by_pose[~np.isfinite(by_pose).all(axis=1)] = 0
         gradient = motion_gradient(state.given, state.motions, t.extent, by_pose)
         if not state.turns:
             state.slopes, state.scales = _slopes(t), _scales(t)
             state.scales /= state.slopes[:, None, None]
-        state.gradient, state.seen = detached(device_array(np.zeros(gradient.size))), 0
+        state.gradient = detached(device_array(np.zeros(gradient.size)))
+        state.counts = np.zeros_like(state.counts)
         state.turns += 1
         state.mean = self.memory * state.mean + (1 - self.memory) * gradient
         steps = max(t.steps - self.start, 1)
@@ -138,10 +138,13 @@ def _scales(t: Training) -> np.ndarray:
 
 
 def _slopes(t: Training) -> np.ndarray:
-    """[V] by how much a photograph would change along its longer side if it went on as from pixel to pixel, mean."""
+    """[V] by how much a photograph would change along its longer side if it went on as from pixel to pixel, mean.
+
+    In what the loss sees of it, of which its gradients are: of linear radiance in units of white, through the curve.
+    """
     found = []
     for view in t.photographs.originals:
-        image = over_background(view.image, t.photographs.background)
+        image = t.photographs.as_seen(view.image)
         changes = [float(np.abs(np.diff(image, axis=axis)).mean()) for axis in (0, 1) if image.shape[axis] > 1]
         found.append(max(image.shape[:2]) * float(np.mean(changes or [0.0])))
     return np.maximum(found, FLATTEST)

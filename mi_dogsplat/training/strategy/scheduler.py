@@ -125,7 +125,7 @@ class PruningScheduler:
         Args:
             step: steps done; ``ValueError`` unless ``checks(step)``.
             n: primitives there are now.
-            l1: mean L1 over all training views, the image clamped to [0, 1].
+            l1: mean L1 over all training views, as ``Trainer.training_l1`` has it.
         """
         if not self.checks(step):
             raise ValueError(f"PruningScheduler.decide: step {step} is no check")

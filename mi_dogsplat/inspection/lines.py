@@ -1,0 +1,28 @@
+"""What several descriptions of ``dogsplat info`` have in common."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..scene.drawing import Drawing
+from ..scene.splats import Splats
+from ..support.wording import count
+
+
+def line(name: str, value: str) -> str:
+    return f"  {name:16s}{value}"
+
+
+def sh_degrees(splats: Splats) -> str:
+    """``3``, or how many primitives have each."""
+    if not splats.mixed_sh:
+        return f"{splats.sh_degree}"
+    degrees, counts = np.unique(splats.sh_degrees, return_counts=True)
+    return ", ".join(f"{degree}: {count(int(k))}" for degree, k in zip(degrees, counts, strict=True))
+
+
+def drawn(drawing: Drawing) -> str:
+    """``antialiased, near clip 0.2``."""
+    words = [name if value is True else f"not {name}" for name, value in drawing.said().items() if type(value) is bool]
+    named = [f"{name.replace('_', ' ')} {value}" for name, value in drawing.said().items() if type(value) is not bool]
+    return ", ".join(words + named)

@@ -1,0 +1,41 @@
+"""Quaternions (x, y, z, w) and rotation matrices, on the host."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Hamilton product a b of quaternions [..., 4] in x, y, z, w order."""
+    av, aw, bv, bw = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
+    vector = aw * bv + bw * av + np.cross(av, bv)
+    return np.concatenate([vector, aw * bw - np.sum(av * bv, -1, keepdims=True)], -1)
+
+
+def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
+    """Unit quaternions [..., 4] (x, y, z, w) of rotation matrices [..., 3, 3].
+
+    The leading eigenvector of Bar-Itzhack's symmetric matrix.
+    """
+    r = np.moveaxis(rotation, (-2, -1), (0, 1))
+    k = np.array(
+        [
+            [r[0, 0] - r[1, 1] - r[2, 2], r[1, 0] + r[0, 1], r[2, 0] + r[0, 2], r[2, 1] - r[1, 2]],
+            [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], r[2, 1] + r[1, 2], r[0, 2] - r[2, 0]],
+            [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], r[1, 0] - r[0, 1]],
+            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], r[0, 0] + r[1, 1] + r[2, 2]],
+        ]
+    )
+    return np.linalg.eigh(np.moveaxis(k, (0, 1), (-2, -1)))[1][..., :, -1]
+
+
+def rotation_from_quaternion(quats: np.ndarray) -> np.ndarray:
+    """Rotation matrices [N, 3, 3] of quaternions [N, 4] of any length; zero is the identity."""
+    squared = (quats**2).sum(axis=1)  # [N]
+    x, y, z, w = (quats / np.sqrt(np.where(squared == 0, 1, squared))[:, None]).T
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.moveaxis(np.array(rows), 2, 0)

@@ -1,0 +1,70 @@
+"""A model and photographs of linear radiance are compared in one exposure, whatever each of them says is white."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hdr_data import bright_truth, write_hdr_data
+from mi_dogsplat import write_ply
+from mi_dogsplat.datasets import Dataset, load_dataset
+from mi_dogsplat.export.losses import losses, views_of
+from mi_dogsplat.export.refine import by_data
+from mi_dogsplat.render.picture_options import PictureOptions
+from mi_dogsplat.runs.evaluation import evaluate_model
+from mi_dogsplat.scene.drawing import DrawnAs
+from mi_dogsplat.viewer.drawing import Drawing
+from mi_dogsplat.viewer.view_state import ERROR, MODEL, PHOTOGRAPH, Pose, Settings
+from scipy.spatial.transform import Rotation
+from tiny_data import HEIGHT, WIDTH
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["opaque", "on white"])
+def data(request, tmp_path_factory) -> Path:
+    return write_hdr_data(tmp_path_factory.mktemp("exposure") / "data", alpha=request.param)
+
+
+@pytest.fixture(scope="module")
+def dataset(data) -> Dataset:
+    return load_dataset(data)
+
+
+@pytest.fixture(scope="module")
+def drawn(dataset) -> DrawnAs:
+    """Of the exact model, with a white that is not that of the images."""
+    assert dataset.white is not None
+    return DrawnAs(near_clip=0.05, linear=True, white=4 * dataset.white)
+
+
+def test_an_exact_model_loses_nothing_in_an_export(dataset, drawn):
+    views = views_of(bright_truth(), dataset, 2, PictureOptions(), drawn)
+    (loss,) = losses({"as it is": bright_truth()}, views)
+    assert (loss.of_photographs or 0) > 70  # half floats
+
+
+def test_its_goal_is_what_it_shows(dataset, drawn):
+    goal = by_data(bright_truth(), dataset, 2, PictureOptions(), drawn)
+    shown = by_data(bright_truth(), replace(dataset, train=[replace(v, white=None) for v in dataset.train]), 2,
+                    PictureOptions(background="white" if dataset.has_alpha else "black"), drawn)  # fmt: skip
+    for radiance, rendered in zip(goal.pictures, shown.pictures, strict=True):
+        np.testing.assert_allclose(radiance, rendered, rtol=2e-3, atol=1e-3 * drawn.white)
+
+
+def test_eval_measures_no_error_on_white_either(data, drawn, tmp_path):
+    write_ply(tmp_path / "model.ply", bright_truth())
+    options = PictureOptions(near_clip=0.05, linear=True, white=drawn.white)
+    for view in evaluate_model(tmp_path / "model.ply", data, options=options).values():
+        assert view["psnr"] > 70 and view["psnr_mu"] > 70
+
+
+def test_the_viewer_shows_the_photograph_as_it_shows_the_model(dataset, drawn):
+    view = dataset.train[0]
+    x, y, z, w = Rotation.from_matrix(view.camera.c2w[:3, :3]).as_quat()
+    fov = 2 * float(np.arctan(HEIGHT / 2 / view.camera.fy))
+    pose = Pose((w, x, y, z), tuple(view.camera.position), fov, WIDTH / HEIGHT)
+    drawing = Drawing(bright_truth(), drawn.near_clip, False, dataset.views, True, drawn.white)
+    how: Any = {"height": HEIGHT, "background": 1.0 if dataset.has_alpha else 0.0}
+    model, photograph = (drawing.draw(pose, Settings(show, **how)).image.astype(int) for show in (MODEL, PHOTOGRAPH))
+    assert np.abs(model - photograph).max() <= 1 and model.max() > 100
+    assert float(drawing.draw(pose, Settings(ERROR, **how)).about.split()[-1]) < 1e-3
