@@ -187,7 +187,8 @@ class SplatIntegrator(ADIntegrator):
         drawn = Drawn(scene, look, params, aovs.options_for(self.aovs, options), drawn_as.linear, derivative)
         seen = None
         if self.sees_surfaces(scene):
-            seen = surfaces.meet(scene, look, normal="normal" in self.aovs, hide_emitters=self.hidden_lights())
+            passed = surfaces.emits if self.hidden_lights() else None
+            seen = surfaces.meet(scene, look, normal="normal" in self.aovs, passed=passed)
         last = None if seen else self._last  # it does not know depths from before
         stop_depth = seen.depth if seen else None
         frame = rasterize(params, look.camera, drawn.options, None, last, derivative and alone, stop_depth)

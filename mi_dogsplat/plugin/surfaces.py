@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +23,7 @@ class Surfaces:
     hit: mi.Bool
     depth: mi.Float  # along the optical axis; infinite where nothing is hit
     normal: list  # 3 channels, shading normals in world space, turned to the camera; 0 where nothing is hit
+    meeting: Any  # mi.PreliminaryIntersection3f
 
     def behind(self, frame: Frame) -> Frame:
         """``frame``, whose splats end at the surfaces, with the surfaces behind them in all but the colours."""
@@ -38,16 +40,21 @@ class Surfaces:
         return dr.select(self.hit & (of_splats == 0), self.depth, of_splats)
 
 
-def meet(scene: Any, look: Look, normal: bool = False, hide_emitters: bool = False) -> Surfaces:
+def emits(meeting: Any) -> mi.Bool:
+    """Whether the shape of a ``mi.PreliminaryIntersection3f`` is an emitter."""
+    return meeting.shape.emitter() != dr.zeros(mi.EmitterPtr)
+
+
+def meet(scene: Any, look: Look, normal: bool = False, passed: Callable[[Any], mi.Bool] | None = None) -> Surfaces:
     """Intersect the rays of a pass. ``dog`` shapes have no surface, so that rays do not meet them.
 
     normal: normals are asked for; else they are 0.
-    hide_emitters: rays start behind the shapes that emit light.
+    passed: rays start behind what lies in front of everything else and is such a ``mi.PreliminaryIntersection3f``.
     """
     with dr.suspend_grad():
         ray, camera = look.rays(), look.camera
-        if hide_emitters:
-            ray.o = _behind_emitters(scene, ray)
+        if passed:
+            ray.o = _behind(passed, scene, ray)
         meeting = scene.ray_intersect_preliminary(mi.Ray3f(ray), coherent=True)
         hit = meeting.is_valid()
         axis, point = camera.rotation[2], ray.o + ray.d * meeting.t
@@ -59,7 +66,7 @@ def meet(scene: Any, look: Look, normal: bool = False, hide_emitters: bool = Fal
             n = meeting.compute_surface_interaction(ray, mi.RayFlags.All, hit).sh_frame.n
             facing = dr.select(hit, dr.select(dr.dot(n, ray.d) > 0, -n, n), 0)
         dr.eval(hit, depth, facing)
-        return Surfaces(ray, look.sample.seed, hit, depth, list(facing))
+        return Surfaces(ray, look.sample.seed, hit, depth, list(facing), meeting)
 
 
 def radiance(nested: Any, scene: Any, seen: Surfaces) -> list[mi.Float]:
@@ -78,16 +85,16 @@ def radiance(nested: Any, scene: Any, seen: Surfaces) -> list[mi.Float]:
         return colors
 
 
-def _behind_emitters(scene: Any, ray: Any) -> Any:
-    """Where rays start that pass through the emitters in front of everything else."""
+def _behind(passed: Callable[[Any], mi.Bool], scene: Any, ray: Any) -> Any:
+    """Where rays start that pass through some of the surfaces in front of everything else."""
 
-    def at_emitter(o, active):
+    def at_passed(o, active):
         meeting = scene.ray_intersect_preliminary(mi.Ray3f(o, ray.d), active=active)
-        at = meeting.is_valid() & (meeting.shape.emitter() != dr.zeros(mi.EmitterPtr))
+        at = meeting.is_valid() & passed(meeting)
         return meeting.compute_surface_interaction(mi.Ray3f(o, ray.d), mi.RayFlags.Minimal, at & active), at & active
 
     def step(o, active):
-        si, active = at_emitter(o, active)
+        si, active = at_passed(o, active)
         return dr.select(active, si.spawn_ray(ray.d).o, o), active
 
-    return while_loop((ray.o, mi.Bool(True)), lambda o, active: active, step, "hidden emitters")[0]
+    return while_loop((ray.o, mi.Bool(True)), lambda o, active: active, step, "passed surfaces")[0]

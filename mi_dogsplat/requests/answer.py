@@ -14,14 +14,15 @@ from ..engine.rasterize import RasterOptions
 from ..render.picture import Picture, render_picture
 from ..scene.cameras import Camera
 from ..support.errors import DataError, gist
-from .data_passes import data_passes, object_of_primitive
+from .data_passes import data_passes
 from .gradual import in_steps, means
 from .mattes import ranked
+from .objects import object_of_primitive
 from .request import SOURCE, Request
-from .scene_description import hides_background, load_scene
+from .scene_description import load_scene
 
-BAND_ROWS = 128  # of splats alone, between two steps
-STEP_SAMPLES = 8  # per pixel of a scene, between two steps
+BAND_PIXELS = 2**21  # of splats alone, between two steps: each band sorts all primitives
+STEP_SAMPLES = 8  # per pixel of a scene, between two steps at least
 AOV_OF_PASS = {"depth": "depth", "normal": "normal", "object": "index", "matte": "index"}  # of splats alone
 Arrays = dict[str, np.ndarray]
 Steps = Iterator[tuple[float, Arrays | None]]  # share that is done, and the picture so far where it is a whole one
@@ -45,7 +46,7 @@ class Answerer:
         """
         try:
             return (yield from self._scene(request) if request.scene else self._alone(request))
-        except (RuntimeError, ValueError) as error:
+        except (RuntimeError, ValueError, TypeError) as error:
             if isinstance(error, DataError):
                 raise
             source = request.scene or request.model or SOURCE
@@ -58,7 +59,7 @@ class Answerer:
             raise DataError(path, f"cannot be read ({error.strerror})", "give a model") from error
         key = mi.variant(), path, status.st_mtime_ns, status.st_size
         if key != self._key:
-            self._key = ()
+            self._key, self._splats = (), None  # two of them need not be held at a time
             self._splats = mi.load_dict({"type": "dog", "filename": str(path)})
             self._key = key
         return self._splats
@@ -73,8 +74,9 @@ class Answerer:
         degree = (1, 4, 9, 16).index(shape.sh_size)
         plain = RasterOptions(sh_degree=degree, antialiased=antialiased)
         options, bands = options_for(names, plain), []
-        for top in range(0, camera.height, BAND_ROWS):
-            rows = min(BAND_ROWS, camera.height - top)
+        most = max(BAND_PIXELS // camera.width, 1)
+        for top in range(0, camera.height, most):
+            rows = min(most, camera.height - top)
             band = Camera(camera.w2c, camera.fx, camera.fy, camera.cx, camera.cy - top, camera.width, rows)
             film = (0.0, -float(top), float(camera.width), float(camera.height - top))
             near, linear = _near(request, shape), bool(drawing.linear)
@@ -93,8 +95,7 @@ class Answerer:
         splats = self._model(request.model) if request.model else None
         scene = load_scene(request, splats)
         sensor, picture = scene.sensors()[0], {}
-        steps = in_steps(request.samples, STEP_SAMPLES, STEP_SAMPLES)
-        for done, mean in means(scene, sensor, steps, request.seed, hides_background(request)):
+        for done, mean in means(scene, sensor, request, in_steps(request.samples, STEP_SAMPLES)):
             picture = {"color": mean[..., :3], "alpha": mean[..., 3]}
             if done < request.samples:
                 yield done / request.samples, picture

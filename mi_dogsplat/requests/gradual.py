@@ -11,39 +11,45 @@ import numpy as np
 from ..plugin.background import radiance
 from ..plugin.samples import samples
 from ..plugin.sensor import SensorReader
+from .request import Request
+from .scene_description import hides_background
 
 BEHIND_SAMPLES = 8  # places in a pixel through which its background is looked at
 
 
 def means(
-    scene: mi.Scene, sensor: mi.Sensor, steps: Sequence[int], seed: int, with_background: bool
+    scene: mi.Scene, sensor: mi.Sensor, request: Request, steps: Sequence[int], part: int = 0
 ) -> Iterator[tuple[int, np.ndarray]]:
     """(samples that are done, their mean [H, W, 4]: linear radiance premultiplied with alpha) after each step.
 
-    steps: samples for each pixel between two means. with_background: the environment is put behind what has been
-    rendered without.
+    steps: samples for each pixel between two means. part: of the picture, where the sensor sees no more of it. Random
+    numbers of each step are independent of those of other steps, parts and seeds. Where the scene is not to be
+    transparent, alpha is 1.
     """
     width, height = sensor.film().crop_size()
     total, done = np.zeros((height, width, 4)), 0
-    behind = environment(scene, sensor) if with_background else None
-    for count in steps:
-        place: Any = seed + done
-        total += count * np.array(mi.render(scene, sensor=sensor, spp=count, seed=place))[..., :4]  # [H, W, 4]
+    behind = _environment(scene, sensor) if hides_background(request) else None
+    for number, count in enumerate(steps):
+        seed: Any = int(np.random.SeedSequence((request.seed, part, number)).generate_state(1)[0])
+        total += count * np.array(mi.render(scene, sensor=sensor, spp=count, seed=seed))[..., :4]  # [H, W, 4]
         done += count
         mean = (total / done).astype(np.float32)
         if behind is not None:
-            mean += (1 - mean[..., 3:]) * behind
+            mean[..., :3] += (1 - mean[..., 3:]) * behind
+        if not request.transparent:
+            mean[..., 3] = 1
         yield done, mean
 
 
-def in_steps(count: int, first: int, most: int) -> list[int]:
-    """``count`` samples as one step of ``first`` and others of ``most``."""
+def in_steps(count: int, least: int, first: int = 0) -> list[int]:
+    """``count`` samples: ``first`` of them, then steps of nearly one size, ``least`` or up to twice as many."""
     rest = max(count - first, 0)
-    return [min(first, count), *[most] * (rest // most), *[rest % most][: rest % most]]
+    n = max(rest // least, 1)
+    return [size for size in (count - rest, *np.diff(np.arange(n + 1) * rest // n).tolist()) if size]
 
 
-def environment(scene: mi.Scene, sensor: mi.Sensor) -> np.ndarray | None:
-    """What is behind a scene, [H, W, 4] with alpha 1, averaged over the pixels as far as a few places tell."""
+def _environment(scene: mi.Scene, sensor: mi.Sensor) -> np.ndarray | None:
+    """Radiance behind a scene, [H, W, 3], averaged over the pixels as far as a few places tell."""
     emitter = scene.environment()
     if emitter is None:
         return None
@@ -52,4 +58,4 @@ def environment(scene: mi.Scene, sensor: mi.Sensor) -> np.ndarray | None:
     size = looks[0].camera.height, looks[0].camera.width
     seen = np.mean([np.array(radiance(emitter, look.rays())) for look in looks], 0)  # [3, H W], or one number for all
     color = np.broadcast_to(seen.reshape(3, -1), (3, size[0] * size[1])).reshape(3, *size)
-    return np.concatenate([np.moveaxis(color, 0, -1), np.ones((*size, 1))], -1)
+    return np.moveaxis(color, 0, -1)

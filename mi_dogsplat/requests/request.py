@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,11 +18,12 @@ from typing import Any, TypeVar
 from ..scene.camera_file import camera_from_json
 from ..scene.cameras import Camera
 from ..support.errors import DataError
+from .fields import KINDS
 
 PASSES = ("depth", "normal", "object", "matte")
 SOURCE = "request"  # what error lines name
 FORMAT = 'write {"model": PLY, "camera": {...}} or {"scene": JSON, "samples": N}, as docs/blender_details.md says'
-Kind = TypeVar("Kind", bound="Request")
+RequestKind = TypeVar("RequestKind", bound="Request")
 
 
 @dataclass(frozen=True)
@@ -56,32 +58,30 @@ def read_request(content: Any) -> Request:
     request = read_fields(content, Request)
     if (request.camera is None) == (request.scene is None) or (request.camera and request.model is None):
         raise DataError(SOURCE, 'has to have either "model" and "camera", or "scene"', FORMAT)
+    if request.samples < 1:
+        raise DataError(SOURCE, '"samples" is 0', "give at least 1")
     return request
 
 
-def read_fields(content: Any, kind: type[Kind], least_samples: int = 1) -> Kind:
-    """A request of some kind, each field by itself. Raises ``DataError``."""
+def read_fields(content: Any, kind: type[RequestKind]) -> RequestKind:
+    """A request of some kind, each field by itself; null is as if it were not there. Raises ``DataError``."""
     if not isinstance(content, dict):
         raise DataError(SOURCE, "is not a JSON object", FORMAT)
     if unknown := sorted(content.keys() - {field.name for field in fields(kind)}):
         raise DataError(SOURCE, f'"{unknown[0]}" means nothing', FORMAT)
-    values = dict(content)
+    values = {name: value for name, value in content.items() if value is not None}
+    for name, value in values.items():
+        if name in KINDS and not KINDS[name].holds(value):
+            raise DataError(SOURCE, f'"{name}" is {json.dumps(value)}', f"give {KINDS[name].name}")
+        if isinstance(value, list):
+            values[name] = tuple(value)
+    values |= {name: Path(values[name]) for name in ("model", "scene") if name in values}
     try:
-        for name in ("model", "scene"):
-            if values.get(name) is not None:
-                values[name] = Path(values[name])
-        if values.get("camera") is not None:
+        if "camera" in values:
             values["camera"] = camera_from_json(values["camera"])
-        values["counts"] = tuple(map(int, values.get("counts", ())))
-        values["passes"] = tuple(values.get("passes", ()))
-        for name in ("background", "clip"):
-            if values.get(name) is not None:
-                values[name] = tuple(map(float, values[name]))
-        request = kind(**values)
-        if request.samples < least_samples or request.max_depth < 1:
-            raise ValueError('"samples" and "max_depth" must be at least 1')
     except (ValueError, TypeError, OverflowError) as error:
         raise DataError(SOURCE, str(error), FORMAT) from error
+    request = kind(**values)
     if strange := [name for name in request.passes if name not in PASSES]:
         raise DataError(SOURCE, f'unknown pass "{strange[0]}"', f"ask for {', '.join(PASSES)}")
     return request

@@ -61,6 +61,8 @@ def _integrator(request: Request, splats: Any | None) -> dict[str, Any]:
 
 def _decoded(value: Any, folder: Path) -> Any:
     """What ``mi.load_dict`` takes."""
+    if value is None:
+        raise ValueError("a value is null")  # load_dict would end the process
     if isinstance(value, list):
         return [_decoded(item, folder) for item in value]
     if not isinstance(value, dict):
@@ -68,6 +70,8 @@ def _decoded(value: Any, folder: Path) -> Any:
     if set(value) == {"matrix"}:
         matrix: Any = np.array(value["matrix"], np.float64)
         return mi.ScalarTransform3f(matrix) if matrix.shape == (3, 3) else mi.ScalarTransform4f(matrix)
+    if empty := [name for name, item in value.items() if item is None]:
+        raise ValueError(f'"{empty[0]}" is null')
     decoded = {name: _decoded(item, folder) for name, item in value.items()}
     if "filename" in decoded:
         decoded["filename"] = str(folder / decoded["filename"])

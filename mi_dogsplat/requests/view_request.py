@@ -29,14 +29,9 @@ class ViewRequest(Request):
 
 def read_view_request(content: Any) -> ViewRequest:
     """A request from JSON. Raises ``DataError`` for what cannot be drawn."""
-    request = read_fields(content, ViewRequest, least_samples=0)
+    request = read_fields(content, ViewRequest)
     if request.camera is None or not (request.model or request.scene):
         raise DataError(SOURCE, 'has no "camera", or neither "model" nor "scene"', FORMAT)
     if request.passes:
         raise DataError(SOURCE, "a picture for a viewport has no passes", 'ask for "out" as .npz')
-    if not 0 < request.share <= 1:
-        raise DataError(SOURCE, f'"share" is {request.share}', "give a number above 0, at most 1")
-    near, far = request.clip
-    if not 0 <= near < far:
-        raise DataError(SOURCE, f'"clip" is from {near} to {far}', "give the near end first, at least 0")
     return request

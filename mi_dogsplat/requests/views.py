@@ -20,14 +20,13 @@ from ..support.errors import DataError, gist
 from .gradual import in_steps, means
 from .headlight import QuickIntegrator
 from .request import SOURCE
-from .scene_description import hides_background, load_scene
+from .scene_description import load_scene
 from .shares import Shares
 from .view_request import ViewRequest
 from .view_sensor import sensor_of
 
 STEP_SAMPLES = 2  # of a scene, between two pictures after the first
 BAND_PIXELS = 100_000  # of a scene, between two looks whether another picture is wanted
-SEED_STEP = 1_009  # between the noise of two rows
 Steps = Iterator[tuple[float, np.ndarray]]  # share that is done, and the picture so far
 
 
@@ -45,7 +44,7 @@ class Views:
         """
         try:
             yield from self._scene(request, interrupted) if request.scene else self._alone(request)
-        except (RuntimeError, ValueError) as error:
+        except (RuntimeError, ValueError, TypeError) as error:
             if isinstance(error, DataError):
                 raise
             source = request.scene or request.model or SOURCE
@@ -89,7 +88,7 @@ class Views:
         scene, quick = self._keep("scene", files, how, lambda: self._load(request, sensor))
         if not request.samples:
             picture = np.array(mi.render(scene, sensor=sensor, integrator=quick, spp=1), np.float32)
-            if scene.environment() is not None and not request.transparent:
+            if not request.transparent:
                 picture[..., 3] = 1
             yield 1.0, picture
             return
@@ -105,8 +104,7 @@ class Views:
 
     def _means(self, scene: mi.Scene, request: ViewRequest, rows: slice) -> Iterator[tuple[int, np.ndarray]]:
         """Of some rows: a sample for each pixel, then a few more at a time."""
-        steps, seed = in_steps(request.samples, 1, STEP_SAMPLES), request.seed + SEED_STEP * rows.start
-        return means(scene, sensor_of(request, rows), steps, seed, hides_background(request))
+        return means(scene, sensor_of(request, rows), request, in_steps(request.samples, STEP_SAMPLES, 1), rows.start)
 
     def _load(self, request: ViewRequest, sensor: mi.Sensor) -> tuple[mi.Scene, mi.Integrator]:
         """The scene with the integrator of its paths, and the one for views that move."""

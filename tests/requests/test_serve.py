@@ -1,22 +1,28 @@
 """Requests for pictures, as another program sends them."""
 
 import io
+import itertools
 import json
 import subprocess
 import sys
+from dataclasses import fields, replace
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 import pytest
+from command_line import assert_one_line, run
 from mi_dogsplat import Drawing, Model, write_model
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.requests.answer import Answerer
-from mi_dogsplat.requests.request import read_request
+from mi_dogsplat.requests.fields import KINDS
+from mi_dogsplat.requests.gradual import in_steps, means
+from mi_dogsplat.requests.request import Request, read_request
 from mi_dogsplat.requests.scene_description import load_scene
 from mi_dogsplat.requests.serve import Lines, serve
+from mi_dogsplat.requests.view_request import ViewRequest
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.radiance import brightened
 from splat_scenes import random_splats, rounded, square_camera
@@ -153,6 +159,69 @@ def test_a_wrong_request_is_one_line_and_the_next_one_is_answered(folder):
     assert np.load(out)["color"].shape == (HEIGHT, WIDTH, 3)
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"seed": -1}, {"seed": 1.5}, {"seed": "a"}, {"seed": 2**33}, {"near_clip": [1]}, {"near_clip": -1},
+        {"samples": float("nan")}, {"samples": 1.5}, {"samples": True}, {"samples": "3"}, {"samples": 0},
+        {"max_depth": 2.5}, {"antialiased": "x"}, {"counts": [-1]}, {"counts": 3}, {"passes": "depth"}, {"model": 3},
+    ],
+    ids=json.dumps,
+)  # fmt: skip
+def test_a_field_of_the_wrong_kind_is_named(folder, wrong):
+    request = {"out": str(folder / "out.npz"), "model": str(folder / "model.ply"), "camera": camera_json(), **wrong}
+    (said,) = told([request])
+    assert f'"{next(iter(wrong))}" is' in said["error"] and "give " in said["error"]
+
+
+@pytest.mark.parametrize("scene", [{"sky": {"type": "constant", "radiance": None}}, {"sky": None}, {"sky": [None]}])
+def test_null_in_a_scene_is_one_line(folder, scene):
+    """``mi.load_dict`` would end the process."""
+    (folder / "null.json").write_text(json.dumps(scene))
+    (said,) = told([{"out": str(folder / "out.npz"), "scene": str(folder / "null.json")}])
+    assert "null.json" in said["error"] and "null" in said["error"]
+
+
+@pytest.mark.parametrize("model", [True, False], ids=["with splats", "without"])
+@pytest.mark.parametrize("hide_lamps", [True, False])
+def test_alpha_of_the_sky_is_one_unless_the_scene_is_transparent(folder, model, hide_lamps):
+    far = {"model": str(folder / "behind.ply")} if model else {}
+    write_ply(folder / "behind.ply", replace(SPLATS, means=SPLATS.means - 50 * CAMERA.w2c[2, :3]))
+    scene = json.loads((folder / "scene.json").read_text())
+    (folder / "sky.json").write_text(json.dumps({name: scene[name] for name in ("sensor", "sky")}))
+    request = {"scene": str(folder / "sky.json"), **far, "samples": 2, "hide_lamps": hide_lamps}
+    np.testing.assert_array_equal(answered(request)["alpha"], 1)
+    np.testing.assert_allclose(answered(request)["color"], 0.25, rtol=1e-3)
+    np.testing.assert_array_equal(answered({**request, "transparent": True})["alpha"], 0)
+
+
+@pytest.mark.parametrize(
+    "asked, parts",
+    [((1, 8), [1]), ((8, 8), [8]), ((9, 8), [9]), ((20, 8), [10, 10]), ((6, 2, 1), [1, 2, 3]), ((1, 2, 1), [1])],
+)
+def test_steps_of_a_scene_are_of_one_size_and_independent(monkeypatch, asked, parts):
+    """No pass has the random numbers of another one, nor those of another seed or part."""
+    assert (steps := in_steps(*asked)) == parts
+    seeds = []
+
+    def render(scene, sensor, spp, seed):
+        seeds.extend((seed * spp + k) % 2**32 for k in range(spp))  # as passes are numbered
+        return np.zeros((HEIGHT, WIDTH, 4))
+
+    monkeypatch.setattr(mi, "render", render)
+    film = {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT}
+    scene: Any = mi.load_dict({"type": "scene", "sensor": {"type": "perspective", "film": film}})
+    for seed, part in itertools.product(range(20), (0, 64)):
+        found = means(scene, scene.sensors()[0], Request(seed=seed), steps, part)
+        assert [done for done, _ in found] == list(np.cumsum(parts))
+    assert len(seeds) == len(set(seeds)) == 40 * sum(parts)
+
+
+@pytest.mark.parametrize("kind", [Request, ViewRequest])
+def test_each_field_has_its_kind(kind):
+    assert {field.name for field in fields(kind)} - {"camera"} <= set(KINDS)
+
+
 def test_a_scene_that_mitsuba_refuses_is_one_line(folder):
     (folder / "broken.json").write_text(json.dumps({"thing": {"type": "nonsense"}}))
     (said,) = told([{"out": str(folder / "out.npz"), "scene": str(folder / "broken.json")}])
@@ -168,6 +237,11 @@ def test_a_process_ends_when_nobody_asks():
 
     assert list(Lines(slow(), 0.05)) == ["first"]
     assert list(Lines(["a", "b"], 60)) == list(Lines(["a", "b"])) == ["a", "b"]
+
+
+@pytest.mark.parametrize("seconds", ["0", "-3", "nan"])
+def test_waiting_takes_some_time(seconds, capsys):
+    assert_one_line(run(capsys, "serve", "--idle", seconds), "--idle")
 
 
 def test_what_mitsuba_prints_is_no_answer(folder):

@@ -37,6 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Answer requests for pictures, one line of JSON each, on standard output."""
+    if args.idle is not None and not args.idle > 0:
+        raise DataError("--idle", f"is {args.idle:g} seconds", "give more than 0")
     set_variant(args.variant)
     from ...requests.serve import Lines, serve
 

@@ -1,0 +1,43 @@
+"""Which object a primitive and a surface belong to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .mattes import NOTHING
+
+OBJECT = "object_"  # begins the id of a shape that is one, and its number follows: object_3, object_3_glass
+
+
+def object_of_primitive(index: np.ndarray, counts: Sequence[int]) -> np.ndarray:
+    """The object of each primitive, [...], from ``counts`` of primitives, one object after the other."""
+    ends = np.cumsum(counts or [np.iinfo(np.int64).max])
+    return np.where(index >= 0, np.searchsorted(ends, index, side="right"), NOTHING).astype(np.int32)
+
+
+class SurfaceObjects:
+    """The numbers of the shapes of a scene, by their ids."""
+
+    def __init__(self, scene: mi.Scene):
+        numbers: dict[int, int] = {0: NOTHING}
+        for shape in scene.shapes():  # as the registry of Dr.Jit numbers them
+            pointer: Any = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
+            (slot,) = pointer.numpy().tolist()
+            name = shape.id()
+            numbers[slot] = int(name.split("_")[1]) if name.startswith(OBJECT) else NOTHING
+        values = np.full(max(numbers) + 1, NOTHING, np.int32)
+        values[list(numbers)] = list(numbers.values())
+        self._numbers = mi.Int32(values)
+
+    def number(self, meeting: Any) -> mi.Int32:
+        """Of the shape that a ``mi.PreliminaryIntersection3f`` is of; an instance counts for what it repeats."""
+        pointers: Any = [dr.reinterpret_array(mi.UInt32, p) for p in (meeting.shape, meeting.instance)]
+        of_shape, of_instance = pointers
+        slot: Any = dr.select(of_instance != 0, of_instance, of_shape)
+        known = meeting.is_valid() & (slot < dr.width(self._numbers))
+        return dr.select(known, dr.gather(mi.Int32, self._numbers, slot, known), NOTHING)
