@@ -1,4 +1,4 @@
-"""Frames per second of a viewport that our engine draws ("Rendered" shading): the tables in docs/blender.md.
+"""Frames per second of a viewport that our engine draws ("Rendered" shading): the tables in docs/blender_details.md.
 
     PYTHON_WITH_BPY scripts/blender_rendered.py MODEL.ply COMMAND
     xvfb-run -a -s "-screen 0 1600x1000x24" blender --window-geometry 0 0 1600 1000 --factory-startup \\
@@ -113,9 +113,11 @@ def redraws(model: str, command: str, picture: str | None) -> Iterator[float]:
     view = None
     bpy.types.SpaceView3D.draw_handler_add(lambda: note(view), (), "WINDOW", "POST_PIXEL")
     for shading, overlays in itertools.product(("SOLID", "RENDERED"), (True, False)):
-        scene.render.engine = "DOGSPLAT" if shading == "RENDERED" else "BLENDER_WORKBENCH"
-        bpy.context.object.hide_set(shading == "SOLID")
-        space.shading.type, space.overlay.show_overlays = shading, overlays
+        space.overlay.show_overlays = overlays
+        if overlays:  # the first of two
+            scene.render.engine = "DOGSPLAT" if shading == "RENDERED" else "BLENDER_WORKBENCH"
+            bpy.context.object.hide_set(shading == "SOLID")
+            space.shading.type = shading
         yield 1.0
         start = time.monotonic()
         while shading == "RENDERED" and time.monotonic() - start < LONGEST:

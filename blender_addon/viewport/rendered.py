@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 import weakref
 from typing import Any
@@ -21,6 +22,7 @@ from .region import Part, Seen, rendered_part, seen_by
 from .stream import Stream
 
 INTERVAL = 0.01  # seconds between two looks for a new picture
+PATIENCE = 3.0  # seconds in which a viewport is drawn that is on the screen at all
 _SHOWN: weakref.WeakSet = weakref.WeakSet()
 
 
@@ -37,6 +39,7 @@ class Rendered:
         self._drawn = self._timed = 0  # of the news of the stream
         self._place = "", ""  # names of scene and view layer
         self._problem, self._redraws = "", False
+        self._undrawn = math.inf  # since when there has been something to draw
         _SHOWN.add(self)
 
     @property
@@ -66,7 +69,7 @@ class Rendered:
         self._changes.compare(depsgraph.scene)
         if not bpy.app.timers.is_registered(look):
             bpy.app.timers.register(look, first_interval=0)
-        self._redraws = False
+        self._redraws, self._undrawn = False, math.inf
         if self._stream is None or self._stage is None:
             return
         self._learn(self._stream)
@@ -80,11 +83,12 @@ class Rendered:
         """Write what has changed since it was drawn, which cannot be done while drawing."""
         if self._seen is None or not self._changes.pending:
             return
+        self._changes.pending = False
         scene = bpy.data.scenes.get(self._place[0])
         layer = scene and scene.view_layers.get(self._place[1])
         if layer is None:
             return
-        self._changes.pending, self._redraws, self._problem = False, True, ""
+        self._redraws, self._problem = True, ""
         before, self._stage = self._stage, None
         try:
             if self._stream is None:
@@ -117,9 +121,13 @@ class Rendered:
 
     def has_news(self, now: float) -> bool:
         """Whether it shall be drawn again: there is another picture or stage, or the view has come to rest."""
-        if self._redraws or self._stream is None or self._asked is None:
-            return self._redraws
-        return self._stream.news != self._drawn or (self._pace.rests(now) and not self._asked[1])
+        news = self._redraws
+        if not news and self._stream is not None and self._asked is not None:
+            news = self._stream.news != self._drawn or (self._pace.rests(now) and not self._asked[1])
+        if not news:
+            return False
+        self._undrawn = min(self._undrawn, now)
+        return now - self._undrawn < PATIENCE
 
     def waits(self, now: float) -> bool:
         """Whether something is still to come."""

@@ -22,12 +22,13 @@ from blender_addon.engine.served import RendererError
 from blender_addon.engine.settings import ENGINE
 from blender_addon.nodes.modifier import get_input, splat_modifier
 from blender_addon.scene.images import decoded
+from blender_addon.viewport import rendered
 from blender_addon.viewport.blit import Blit
 from blender_addon.viewport.changes import Changes
 from blender_addon.viewport.handlers import BEHIND_OURS, at_rest
 from blender_addon.viewport.pace import LEVELS, REST, SPARE, TARGET, Level, Pace
 from blender_addon.viewport.region import rendered_part, seen_by
-from blender_addon.viewport.rendered import request_of
+from blender_addon.viewport.rendered import PATIENCE, Rendered, request_of
 from blender_addon.viewport.stream import Stream
 from blender_addon.viewport.watcher import Shown, Watcher
 
@@ -408,6 +409,32 @@ def test_blender_draws_few_splats_itself_where_our_engine_draws_every_viewport(s
     scene.render.engine = ENGINE
     assert at_rest(scene, [window("RENDERED"), window("RENDERED")]) == Shown(BEHIND_OURS)
     assert at_rest(scene, [window("RENDERED", "MATERIAL")]) == at_rest(scene, []) == Shown()
+
+
+def test_a_viewport_that_is_not_on_the_screen_is_not_waited_for(monkeypatch, tmp_path):
+    """As one in another workspace; a timer would look at it for ever."""
+    package = SimpleNamespace(folder=tmp_path, pictures=never, close=never)
+    monkeypatch.setattr(rendered, "live_renderer", lambda command: package)
+    viewport = Rendered()
+    assert not viewport.has_news(0.0) and viewport.waits(0.0)  # it has no stage yet
+    viewport.restage()
+    assert viewport.waits(0.0)  # nor has it been drawn
+
+    class Region:
+        width, height = SIZE
+
+    space = SimpleNamespace(view_matrix=Matrix.Identity(4), window_matrix=Matrix(VIEWS["perspective"]),
+                            is_perspective=True, view_perspective="PERSP")  # fmt: skip
+    view3d = SimpleNamespace(camera=None, use_render_border=False)
+    context = SimpleNamespace(region=Region, region_data=space, space_data=view3d)
+    viewport.draw(context, bpy.context.evaluated_depsgraph_get())
+    viewport.restage()
+    assert "no splats" in viewport.error
+    now = time.monotonic() + REST
+    assert viewport.has_news(now) and viewport.waits(now + 0.9 * PATIENCE)
+    assert not viewport.has_news(now + PATIENCE) and not viewport.waits(now + PATIENCE)
+    viewport.draw(context, bpy.context.evaluated_depsgraph_get())
+    assert not viewport.waits(now)
 
 
 def test_blender_shows_its_own_splats_again_when_our_engine_leaves(scene, model):
