@@ -42,6 +42,16 @@ def of_meshes(path: Path, black: bool = False, alone: bool = False) -> Any:
     return _parsed(root)
 
 
+def with_lamp(path: Path, lamp: ElementTree.Element) -> Any:
+    """A scene with another shape in place of its shapes ``lamp`` and ``window``, and of its model."""
+    root = _absolute(path)
+    for shape in root.findall("shape"):
+        if shape.get("id") in ("lamp", "window") or shape.get("type") == "dog":
+            root.remove(shape)
+    root.append(lamp)
+    return _parsed(root)
+
+
 def meshes_alone() -> Any:
     """The meshes of demo_truth.xml and nothing else."""
     root = ElementTree.Element("scene", version="3.0.0")

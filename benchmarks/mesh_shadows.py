@@ -18,7 +18,7 @@ import numpy as np
 from mi_dogsplat.plugin.shadow_ratios import estimated
 
 from .dogpath import display, regions
-from .lit_scenes import LIGHT, SHADE, loaded, of_meshes, picture
+from .lit_scenes import LIGHT, MODEL, SHADE, loaded, of_meshes, picture
 
 LEAST = 1e-4  # radiance, below which the ratio of two pictures says nothing
 
@@ -35,7 +35,7 @@ def main(argv: list[str]) -> None:
     mi.set_variant(args.variant)
     size = args.size[0], args.size[1]
     for path in (SHADE, LIGHT):
-        truth, model = of_meshes(path), loaded(path)
+        truth, model = of_meshes(path), loaded(path, MODEL)
         shown, captured = picture(truth, args.truth, size), picture(of_meshes(path, alone=True), args.truth, size)
         mask = regions(truth, shown, shown, size)["model"]
 

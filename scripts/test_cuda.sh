@@ -21,11 +21,14 @@ done
 
 # The stand-in has no OptiX, and whatever loads a Mitsuba scene needs it. Single tests that do are skipped, and say so.
 # Left out are
-# - tests/plugin, captures of scenes, and all else that asks mi.render for a picture;
+# - most of tests/plugin, captures of scenes, and all else that asks mi.render for a picture;
 # - of the engine, test_aovs, test_background and test_derivatives: all of it through mi.render, and what fails in the
 #   constructor of an environment emitter ends the process;
 # - what computes nothing on a device, such as files, cameras and reports, and what is built of the parts tested here.
 tests=(tests/scores tests/training tests/tracing)
+for name in ellipsoids mitsuba_internals mixed_shape sensor_kinds shape_dog splat_lamps surfaces; do
+    tests+=("tests/plugin/test_$name.py")
+done
 for file in tests/engine/test_*.py; do
     case $file in
         */test_aovs.py | */test_background.py | */test_derivatives.py) ;;

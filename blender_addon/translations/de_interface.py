@@ -231,6 +231,10 @@ REST = {
     "Paths per pixel of a whole scene": "Pfade je Pixel einer ganzen Szene",
     "Bounces": "Reflexionen",
     "Of light, in a whole scene": "Des Lichts, in einer ganzen Szene",
+    "Shadows on Splats": "Schatten auf Splats",
+    "Meshes darken the splats that they hide from the lights of the scene: an approximation": (
+        "Meshes verdunkeln die Splats, die sie vor den Lichtern der Szene verbergen: eine Näherung"
+    ),
     "Colors of Splats Only": "Farben bei „Nur Splats“",
     "Scene-linear radiance: the exact picture under the view transform Standard": (
         "Szenenlineare Strahldichte: das exakte Bild unter der Ansichtstransformation Standard"

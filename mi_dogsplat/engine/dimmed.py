@@ -29,7 +29,7 @@ def dimmed(params: dict, factor: list, linear: bool) -> dict:
     n = dr.width(params["logit_opacities"])
     gain = [dr.detach(k) + dr.zeros(mi.Float, n) for k in factor]
     if not linear:
-        gain = [dr.power(k, (1 / POWER)) for k in gain]
+        gain = [dr.power(k, 1 / POWER) for k in gain]
     black = 0 if linear else -OFFSET  # the colour that no factor changes
     of_rows: Any = dr.ravel(mi.Vector3f(*gain))  # [N, 3]
     sh, stored = params["sh_coeffs"], dr.width(params["sh_coeffs"]) // n

@@ -22,6 +22,7 @@ from ..formats.upright import upright
 from ..formats.write import SPZ_VERSIONS, write_model
 from ..render.picture_options import PictureOptions
 from ..scene.drawing import drawn_as
+from ..scene.radiance import brightened
 from ..scene.splats import Splats
 from ..scene.transform import transformed
 from ..support.errors import DataError
@@ -123,7 +124,9 @@ def export_model(
         plain = stages[f"refined, {steps} steps"] = refined(plain, goal, steps, show, grids)
         seconds = time.perf_counter() - start
     elif grids:
-        plain = stages["on the grids of a small file"] = snapped(grids, plain)
+        unit = drawn.white if drawn.linear else 1.0
+        on_grids = snapped(grids, brightened(plain, 1 / unit) if drawn.linear else plain, linear=drawn.linear)
+        plain = stages["on the grids of a small file"] = brightened(on_grids, unit) if drawn.linear else on_grids
     left_out = [f"{model.name}: {line}" for line in read.left_out]
     written, matrix = replace(read, splats=plain, drawing=drawing), np.eye(4)
     if world.upright and not page:  # a page is always upright

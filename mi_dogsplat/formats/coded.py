@@ -6,7 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
+from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
+from . import spz
 from .grids import LLOYD_ROUNDS, Extents, FileGrids, Grid, Steps
 from .packing import SQRT2, logits
 
@@ -23,12 +26,13 @@ def _spz(extents: Extents, steps: Steps) -> FileGrids:
     ]
     x, y, z = (Grid.of(np.arange(low, high + 1) / 2**bits) for low, high in bounds)
     step = 4 * steps.rotation  # of 511: as far as in SOG
+    codes = (np.arange(0, 256, steps.color) / 255 - 0.5) / 0.15
     return FileGrids(
         means=(x, y, z),
         log_scales=Grid.of(np.arange(0, 256, steps.log_scale) / 16 - 10),
         three=Grid.of(_multiples(step, 511) / (511 * SQRT2)),
         logit_opacities=_opacities(steps),
-        sh_dc=Grid.of((np.arange(0, 256, steps.color) / 255 - 0.5) / 0.15),
+        sh_dc=_through(spz.radiance, codes) if extents.linear else Grid.of(codes),
         sh_rest=Grid.of(_multiples(steps.sh, 127) / 128),
     )
 
@@ -47,7 +51,7 @@ def _sog(extents: Extents, steps: Steps) -> FileGrids:
         log_scales=_codebook(extents.log_scales, steps.log_scale / 16),
         three=Grid.of((middle[middle < 256] / 127.5 - 1) / SQRT2),
         logit_opacities=_opacities(steps),
-        sh_dc=_codebook(extents.dc, steps.color / 40),
+        sh_dc=_radiance(extents.dc, steps.color / 40) if extents.linear else _codebook(extents.dc, steps.color / 40),
         sh_rest=Grid.of(_multiples(steps.sh, 127 * steps.sh) / 128),
     )
 
@@ -62,17 +66,19 @@ def snapped(
     steps: Steps | None = None,
     weights: Array | None = None,
     rounds: int = LLOYD_ROUNDS,
+    linear: bool = False,
 ) -> Splats:
     """A model of plain Gaussians as a small file of a format of ``CODED`` holds it.
 
     Args:
         steps: None: those of ``STEPS``.
         weights, rounds: as ``FileGrids.palette`` takes them.
+        linear: its colours are radiance, in units of white.
     """
     if splats.n_splats == 0:
         return splats
     steps = steps or STEPS[name]
-    grids = CODED[name](Extents.of(splats), steps)
+    grids = CODED[name](Extents.of(splats, linear), steps)
     return grids.snap(splats, grids.palette(splats, steps.entries, weights, rounds=rounds))
 
 
@@ -91,3 +97,15 @@ def _codebook(bounds: tuple[float, float], step: float) -> Grid:
     low, high = bounds
     step *= max(1, np.ceil((high - low) / step / (MOST_VALUES - 3)))
     return Grid.of(np.arange(np.floor(low / step), np.ceil(high / step) + 1) * step)
+
+
+def _radiance(bounds: tuple[float, float], step: float) -> Grid:
+    """f_dc of linear colours, in steps that are even through the tone curve."""
+    low, high = linear_to_srgb_log(0.5 + C0 * np.array(bounds))
+    even = _codebook((float(low), float(high)), C0 * step).values.astype(np.float64)
+    return _through(lambda shown: (srgb_log_to_linear(shown) - 0.5) / C0, even)
+
+
+def _through(curve: Callable[[Array], Array], values: Array) -> Grid:
+    """What increasing values become; a number goes to the nearest of them before the curve."""
+    return Grid.of(curve(values), curve((values[1:] + values[:-1]) / 2))

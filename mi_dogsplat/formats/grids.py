@@ -47,21 +47,23 @@ class Extents:
     small_at_1: float  # the same of scales over 1 + |x|, the largest of the coordinates
     log_scales: tuple[float, float]
     dc: tuple[float, float]
+    linear: bool = False  # colours are radiance, in units of white
 
     @property
     def numbers(self) -> Array:
-        """All of them, [12] float64."""
-        return np.concatenate([self.low, self.high, [self.small, self.small_at_1], self.log_scales, self.dc])
+        """All of them, [12] float64, and one more of linear colours."""
+        linear = [1.0] if self.linear else []
+        return np.concatenate([self.low, self.high, [self.small, self.small_at_1], self.log_scales, self.dc, linear])
 
     @classmethod
     def from_numbers(cls, x: Array) -> Extents:
         """The extents with these ``numbers``."""
         small, small_at_1, *bounds = x[6:].tolist()
-        return cls(x[:3], x[3:6], small, small_at_1, (bounds[0], bounds[1]), (bounds[2], bounds[3]))
+        return cls(x[:3], x[3:6], small, small_at_1, (bounds[0], bounds[1]), (bounds[2], bounds[3]), len(bounds) > 4)
 
     @classmethod
-    def of(cls, splats: Splats) -> Extents:
-        """Those of a model."""
+    def of(cls, splats: Splats, linear: bool = False) -> Extents:
+        """Those of a model, of linear colours in units of white."""
         middle = np.sort(splats.log_scales.astype(np.float64), axis=1)[:, 1]  # [N]
         at_1 = middle - np.log1p(np.abs(splats.means).max(axis=1))
         scales, dc = splats.log_scales, splats.sh_coeffs[:, 0]
@@ -72,6 +74,7 @@ class Extents:
             small_at_1=float(np.exp(np.percentile(at_1, SMALL))),
             log_scales=(float(scales.min()), float(scales.max())),
             dc=(float(dc.min()), float(dc.max())),
+            linear=linear,
         )
 
 

@@ -68,7 +68,9 @@ class FileKind:
 
     def foreseen(self, splats: Splats) -> Splats:
         """A model in training as its end will leave it: on the grids of the format (``coded.py``), where it has any."""
-        return snapped(self.name, splats.plain(), rounds=0) if self.name in CODED else splats
+        if self.name not in CODED:
+            return splats
+        return snapped(self.name, splats.plain(), rounds=0, linear=bool(self.drawing.linear))
 
 
 def by_part(kind: FileKind, splats: Splats) -> dict[str, int]:

@@ -58,7 +58,7 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     fixed = np.round(splats.means.astype(np.float64) * 2**bits)
     fixed = np.clip(fixed, -(2**23), 2**23 - 1).astype("<i4")  # [N, 3]
     positions = fixed.view(np.uint8).reshape(n, 3, 4)[..., :3]
-    dc = _shown(splats.sh_coeffs[:, 0]) if drawing.linear else splats.sh_coeffs[:, 0]
+    dc = shown(splats.sh_coeffs[:, 0]) if drawing.linear else splats.sh_coeffs[:, 0]
     colors = dc * (COLOR_SCALE * 255) + 127.5
     largest, three = smallest_three(unit_quats(splats))
     magnitudes = np.minimum(MAGNITUDES, np.abs(three) * SQRT2 * MAGNITUDES + 0.5).astype(np.uint32)
@@ -102,7 +102,7 @@ def content_of(path: Path, data: bytes) -> Model:
         log_scales=raw.get("scales", empty).reshape(n, 3) / 16 - 10,
         quats=_rotations(payload),
         logit_opacities=logits(raw.get("opacities", empty).reshape(n) / 255),
-        sh_coeffs=np.concatenate([_radiance(dc) if CURVE in payload.comments else dc, (sh - 128.0) / 128], axis=1),
+        sh_coeffs=np.concatenate([radiance(dc) if CURVE in payload.comments else dc, (sh - 128.0) / 128], axis=1),
     )
     left_out = ["spherical harmonics of degree 4"] if payload.degree > 3 else []
     left_out += ["records of extensions"] if payload.flags & EXTENSIONS else []
@@ -110,16 +110,16 @@ def content_of(path: Path, data: bytes) -> Model:
     return Model(splats, drawing, tuple(left_out))
 
 
-def _shown(dc: Array) -> Array:
+def shown(dc: Array) -> Array:
     """f_dc of what a screen shows of linear f_dc."""
     curved = linear_to_srgb_log(0.5 + C0 * dc.astype(np.float64))
     return (np.where(curved > 1, 1 + (curved - 1) * FLATTER, curved) - 0.5) / C0
 
 
-def _radiance(dc: Array) -> Array:
-    """The inverse of ``_shown``."""
-    shown = 0.5 + C0 * dc
-    return (srgb_log_to_linear(np.where(shown > 1, 1 + (shown - 1) / FLATTER, shown)) - 0.5) / C0
+def radiance(dc: Array) -> Array:
+    """The inverse of ``shown``."""
+    curved = 0.5 + C0 * dc
+    return (srgb_log_to_linear(np.where(curved > 1, 1 + (curved - 1) / FLATTER, curved)) - 0.5) / C0
 
 
 def _rotations(payload: Payload) -> Array:

@@ -17,6 +17,7 @@ from .replayed import radiance
 from .sensor import Look
 from .shadow_ratios import LatestShadowRatios
 from .splat_integrator import SplatIntegrator, dog_shapes
+from .splat_lamps import SplatLamps, lamps_of
 from .surfaces import Surfaces
 from .transfer import emitted
 
@@ -24,7 +25,7 @@ SURE = 0.1  # share of a pixel from which on its path is traced for sure; what l
 
 
 class LatestTracer:
-    """The tracer of the latest parameters, which all passes of a render share.
+    """Tracer and lamps of the latest parameters, which all passes of a render share.
 
     They are compared by the identity of their JIT variables, which are immutable and kept alive here.
     """
@@ -32,13 +33,14 @@ class LatestTracer:
     def __init__(self) -> None:
         self._key: tuple = ()
         self._params: dict = {}
-        self._tracer: SplatTracer | None = None
+        self._found: tuple[SplatTracer, SplatLamps | None] | None = None
 
-    def of(self, params: dict, options: TraceOptions) -> SplatTracer:
-        key = (options, *((name, value.index) for name, value in params.items()))
-        if self._tracer is None or key != self._key:
-            self._key, self._params, self._tracer = key, params, SplatTracer(params, options)
-        return self._tracer
+    def of(self, params: dict, options: TraceOptions, linear: bool) -> tuple[SplatTracer, SplatLamps | None]:
+        key = (options, linear, *((name, value.index) for name, value in params.items()))
+        if self._found is None or key != self._key:
+            self._key, self._params = key, params
+            self._found = SplatTracer(params, options), lamps_of(params, linear)
+        return self._found
 
 
 class DogPathIntegrator(SplatIntegrator):
@@ -148,8 +150,12 @@ class DogPathIntegrator(SplatIntegrator):
         options = TraceOptions(drawn.options.sh_degree, self.negative_transmittance)
 
         def trace(params: dict, replay: Replay | None) -> Any:
-            tracer = SplatTracer(params, options) if replay else self._tracer.of(params, options)
-            return LightPaths(scene, tracer, limits, drawn.linear, seen.seed).radiance(seen.ray, probability, replay)
+            if replay:
+                tracer, lamps = SplatTracer(params, options), lamps_of(params, drawn.linear)
+            else:
+                tracer, lamps = self._tracer.of(params, options, drawn.linear)
+            paths = LightPaths(scene, tracer, lamps, limits, drawn.linear, seen.seed)
+            return paths.radiance(seen.ray, probability, replay)
 
         behind = radiance(trace, drawn.params, drawn.derivative)
         return [dr.fma(T, b, c) for c, b in zip(light, behind, strict=True)]

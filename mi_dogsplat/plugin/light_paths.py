@@ -11,7 +11,8 @@ Random numbers belong to a sample and a vertex, so that a replay has the same on
 parameters differ a little.
 
 Sampling of emitters and of BSDFs find a light behind splats weakened by the same T: the weights that combine the two
-need not know it. Light of splats is found by BSDF sampling alone, with the weight 1.
+need not know it. Light of splats is found by BSDF sampling alone, with the weight 1, unless there are captured lamps
+among them (``splat_lamps.py``): then their directions are sampled as well, and the two are combined.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import mitsuba as mi
 from mitsuba.python.ad.integrators.common import mis_weight
 
 from ..tracing.tracer import SplatTracer
+from .splat_lamps import SplatLamps
 from .transfer import emitted
 
 RR_MAX = 0.95  # the most that Russian roulette gives a path to go on, as in Mitsuba's own integrators
@@ -89,11 +91,15 @@ class LightPaths:
 
     Args:
         tracer: of the primitives of the scene; attached to the AD graph for a replay.
+        lamps: those among the primitives, None where there are none.
         linear: colours of the primitives are linear, not sRGB.
     """
 
-    def __init__(self, scene: Any, tracer: SplatTracer, limits: Limits, linear: bool, seed: int):
-        self.scene, self.tracer, self.limits, self.linear, self.seed = scene, tracer, limits, linear, seed
+    def __init__(
+        self, scene: Any, tracer: SplatTracer, lamps: SplatLamps | None, limits: Limits, linear: bool, seed: int
+    ):
+        self.scene, self.tracer, self.lamps = scene, tracer, lamps
+        self.limits, self.linear, self.seed = limits, linear, seed
 
     def radiance(self, ray: Any, probability: Any, replay: Replay | None = None) -> Any:
         """Radiance that the first surface, or the environment, sends against rays of the camera: mi.Spectrum.
@@ -137,9 +143,12 @@ class LightPaths:
         Ls, Lr_segment = mi.Spectrum(0), mi.Spectrum(0)
         if depth:  # in front of the camera they have been splatted
             ray.maxt = dr.select(meeting.is_valid(), meeting.t, dr.largest(mi.Float))
+            mis = mi.Float(1)
+            if self.lamps:
+                mis = dr.select(lanes.delta, 1, mis_weight(lanes.pdf, self.lamps.pdf(lanes.o, lanes.d)))
             with dr.resume_grad(when=attached):
                 colors, T = self.tracer.gather(ray)
-                Ls = β * _spectrum(emitted(list(colors), T, self.linear))
+                Ls = β * dr.detach(mis) * _spectrum(emitted(list(colors), T, self.linear))
                 if attached:
                     L = L - dr.detach(Ls)
                     Lr_segment = L * _relative(T)
@@ -174,6 +183,12 @@ class LightPaths:
             T = self.tracer.transmittance(shadow, active_em)
             Lr_direct = dr.select(active_em, β * dr.detach(mis_em) * value_em * weight_em * T, 0)
 
+        if self.lamps:
+            smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+            of_lamps = self._from_lamps(si, smooth, β, random, attached)
+            with dr.resume_grad(when=attached):
+                Lr_direct = Lr_direct + of_lamps
+
         # --- BSDF sampling ---
 
         scattered, weight = bsdf.sample(context, si, random.next_float32(), _next_2d(random), active)
@@ -200,6 +215,20 @@ class LightPaths:
         lanes = Lanes(lanes.sample, away.o, away.d, β, η, L, scattered.pdf, delta, si.n)
         dr.eval(found, lanes.values(), active)
         return lanes.select(dr.compress(active))
+
+    def _from_lamps(self, si: Any, active: Any, β: Any, random: Any, attached: bool) -> Any:
+        """Light of splats by sampling the directions of lamps among them."""
+        assert self.lamps
+        d, pdf = self.lamps.sample(si.p, random.next_float32(), _next_2d(random))
+        active = active & (pdf > 0)
+        ray = si.spawn_ray(d)
+        meeting = self.scene.ray_intersect_preliminary(ray, active=active)
+        ray.maxt = dr.select(meeting.is_valid(), meeting.t, dr.largest(mi.Float))
+        with dr.resume_grad(when=attached):
+            value, pdf_bsdf = si.bsdf().eval_pdf(mi.BSDFContext(), si, si.to_local(d), active)
+            colors, T = self.tracer.gather(ray, active)
+            weight = dr.detach(mis_weight(pdf, pdf_bsdf)) * dr.select(active, dr.rcp(pdf), 0)
+            return dr.select(active, β * weight * value * _spectrum(emitted(list(colors), T, self.linear)), 0)
 
     def _random(self, sample: Any, depth: int) -> Any:
         """Numbers of their own for each sample at a vertex."""

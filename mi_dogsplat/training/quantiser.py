@@ -75,7 +75,7 @@ class Quantiser:
         moving = (1 - SETTLED) * of
         if not kept_bands or (step <= moving and step % max(1, round(moving / ROUNDS)) == 0):
             splats = optimizer.to_splats()
-            tables.extents = Extents.of(splats).numbers
+            tables.extents = Extents.of(splats, optimizer.curve is not None).numbers
             before = tables.palette if kept_bands else None
             rounds = 1 if before else LLOYD_ROUNDS
             new = self._grids(tables).palette(splats, self._steps.entries, tables.weights, before, rounds)
@@ -99,7 +99,7 @@ class Quantiser:
         opacities = self._grids(tables).logit_opacities.snap(optimizer.numpy("logit_opacities"))
         optimizer.keep(np.flatnonzero(1 / (1 + np.exp(-opacities.astype(np.float64))) >= Cutoffs().alpha))
         splats = optimizer.to_splats()
-        tables.extents = Extents.of(splats).numbers
+        tables.extents = Extents.of(splats, optimizer.curve is not None).numbers
         splats = self._grids(tables).snap(splats, tables.palette)
         arrays = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities")}
         for name, values in (arrays | {"sh_dc": splats.sh_coeffs[:, 0]} | bands_of(splats)).items():

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
+from training_scene import subject  # noqa: F401  (a fixture)
 
 REFERENCES = Path(os.environ["DOGSPLAT_REFERENCES"])
 SHARED = Path(os.environ["DOGSPLAT_SHARED"])

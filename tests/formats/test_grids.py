@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 from mi_dogsplat.formats.coded import CODED, snapped
 from mi_dogsplat.formats.grids import Extents, Grid, Steps
+from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.packing import by_color, in_space, unit_quats
 from mi_dogsplat.formats.palette import lloyd, palette
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.symmetries import nearest_to_identity
 from mi_dogsplat.formats.write import write_model
+from mi_dogsplat.scene.drawing import Drawing
+from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.srgb import linear_to_srgb_log
 from splat_scenes import random_splats, rounded
 
 NAMES = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
@@ -64,6 +68,20 @@ def test_what_is_on_the_grids_is_as_near_as_their_steps_say(name):
 
 
 @pytest.mark.parametrize("name", CODED)
+def test_grids_of_radiance_have_room_for_lamps_and_shadows_and_files_say_what_is_on_them(name, tmp_path):
+    model = model_of(0)
+    wanted = np.geomspace(1e-3, 100, model.n_splats * 3)
+    model.sh_coeffs[:] = ((np.random.default_rng(0).permutation(wanted) - 0.5) / C0).reshape(-1, 1, 3)
+    found = snapped(name, model, linear=True)
+    seen, expected = (linear_to_srgb_log(0.5 + C0 * m.sh_coeffs.astype(np.float64)) for m in (found, model))
+    np.testing.assert_allclose(seen, expected, atol=0.026)  # half a step of SPZ above white
+    assert np.abs(snapped(name, model).sh_coeffs - model.sh_coeffs).max() * C0 > 0.1
+    write_model(tmp_path / f"model.{name}", Model(found, Drawing(linear=True)))
+    back = read_model(tmp_path / f"model.{name}").splats
+    assert set(back.sh_coeffs.ravel()) <= set(found.sh_coeffs.ravel())
+
+
+@pytest.mark.parametrize("name", CODED)
 def test_coarser_steps_and_smaller_palettes_make_smaller_files(name, tmp_path):
     model, fine = model_of(3), Steps(1 / 64, 1, 1, 1, 1, 1, 1)
 
@@ -93,9 +111,11 @@ def test_codebooks_and_tables_have_room_for_any_model(name):
     assert np.isfinite(grids.snap(wide, grids.palette(wide, 1 / 8)).means).all()
 
 
-def test_the_numbers_of_extents_bring_them_back():
-    extents = Extents.of(model_of(1))
-    assert Extents.from_numbers(extents.numbers).numbers.tolist() == extents.numbers.tolist()
+@pytest.mark.parametrize("linear", [False, True])
+def test_the_numbers_of_extents_bring_them_back(linear):
+    extents = Extents.of(model_of(1), linear)
+    again = Extents.from_numbers(extents.numbers)
+    assert again.numbers.tolist() == extents.numbers.tolist() and again.linear == linear
 
 
 def test_the_nearest_to_the_identity_of_24_forms_is_the_same_ellipsoid():
