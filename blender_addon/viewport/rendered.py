@@ -138,7 +138,7 @@ class Rendered:
 def request_of(stage: Stage, scene: bpy.types.Scene, seen: Seen, level: Level, rests: bool) -> dict[str, Any]:
     """The picture of a stage as ``dogsplat serve`` is asked for it."""
     request = {name: value for name, value in stage.request.items() if name != "counts"}
-    request |= {"orthographic": seen.orthographic, "clip": seen.clip}
+    request |= {"orthographic": seen.orthographic, "clip": list(seen.clip)}
     if seen.orthographic:
         request["near_clip"] = 0.0  # where the camera stands says nothing
     if stage.whole:

@@ -247,7 +247,7 @@ def test_bands_are_parts_of_one_picture(request_of_dog, monkeypatch):
     mi.set_variant("llvm_ad_rgb")
     from mi_dogsplat.requests import answer
 
-    monkeypatch.setattr(answer, "BAND_ROWS", 16)
+    monkeypatch.setattr(answer, "BAND_PIXELS", 16 * 96)
     progress = []
     picture = InProcess().render(request_of_dog, never, progress.append, nothing)
     assert np.abs(picture["color"] - reference()["color"]).max() < 1e-3 and len(progress) == 4
