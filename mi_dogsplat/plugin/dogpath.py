@@ -42,6 +42,11 @@ class LatestTracer:
             self._found = SplatTracer(params, options), lamps_of(params, linear)
         return self._found
 
+    def attached(self, params: dict, options: TraceOptions, linear: bool) -> tuple[SplatTracer, SplatLamps | None]:
+        """The same, attached to the AD graph where ``params`` are: their values alone say what the tree is."""
+        detached = {name: dr.detach(value) for name, value in params.items()}
+        return self.of(detached, options, linear)[0].attached_to(params), lamps_of(params, linear)
+
 
 class DogPathIntegrator(SplatIntegrator):
     """.. _integrator-dogpath:
@@ -150,10 +155,7 @@ class DogPathIntegrator(SplatIntegrator):
         options = TraceOptions(drawn.options.sh_degree, self.negative_transmittance)
 
         def trace(params: dict, replay: Replay | None) -> Any:
-            if replay:
-                tracer, lamps = SplatTracer(params, options), lamps_of(params, drawn.linear)
-            else:
-                tracer, lamps = self._tracer.of(params, options, drawn.linear)
+            tracer, lamps = (self._tracer.attached if replay else self._tracer.of)(params, options, drawn.linear)
             paths = LightPaths(scene, tracer, lamps, limits, drawn.linear, seen.seed)
             return paths.radiance(seen.ray, probability, replay)
 

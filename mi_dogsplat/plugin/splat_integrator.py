@@ -12,6 +12,7 @@ from ..engine import aovs
 from ..engine.parameters import concatenate
 from ..engine.rasterize import Frame, LastFrame, RasterOptions, rasterize
 from ..scene.drawing import Drawing, DrawnAs
+from ..scene.sh_basis import sh_degree_of
 from ..shape_dog import DogShape
 from . import background, surfaces
 from .agreement import agreed
@@ -173,7 +174,7 @@ class SplatIntegrator(ADIntegrator):
         if not shapes:
             raise RuntimeError(f'{self.name}: the scene has no shape of type "dog"')
         params, sh_size = concatenate([s.parameters for s in shapes], [s.sh_size for s in shapes])
-        return SplattedModel(params, (1, 4, 9, 16).index(sh_size), self.drawn_as(scene))
+        return SplattedModel(params, sh_degree_of(sh_size), self.drawn_as(scene))
 
     def _planes(
         self, scene: mi.Scene, model: SplattedModel, film: mi.Film, look: Look, derivative: bool, alone: bool

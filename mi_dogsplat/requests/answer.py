@@ -13,6 +13,7 @@ from ..engine.aovs import options_for
 from ..engine.rasterize import RasterOptions
 from ..render.picture import Picture, render_picture
 from ..scene.cameras import Camera
+from ..scene.sh_basis import sh_degree_of
 from ..support.errors import DataError, gist
 from .data_passes import data_passes
 from .gradual import in_steps, means
@@ -71,7 +72,7 @@ class Answerer:
         drawing = shape.drawing
         antialiased = bool(drawing.antialiased) if request.antialiased is None else request.antialiased
         names = sorted({AOV_OF_PASS[name] for name in request.passes})
-        degree = (1, 4, 9, 16).index(shape.sh_size)
+        degree = sh_degree_of(shape.sh_size)
         plain = RasterOptions(sh_degree=degree, antialiased=antialiased)
         options, bands = options_for(names, plain), []
         most = max(BAND_PIXELS // camera.width, 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import drjit as dr
@@ -37,6 +38,16 @@ class SplatTracer:
             primitives = primitives_of(params, options.sh_degree)
             tree = build(primitives, options.cutoffs.log2_range)
             self._scene = (tree, primitives) if tree else None
+
+    def attached_to(self, params: dict) -> SplatTracer:
+        """A tracer that shares the tree: what its methods return is attached to the AD graph where ``params`` are.
+
+        ``params``: of the same values as those that this one was made for.
+        """
+        other = copy.copy(self)
+        if self._scene is not None:
+            other._scene = self._scene[0], primitives_of(params, self.options.sh_degree)
+        return other
 
     def transmittance(self, ray: mi.Ray3f, active: Any = True) -> mi.Float:
         """Product of 1 - alpha over the primitives between ``ray.o`` and ``ray.maxt``; for shadow rays.

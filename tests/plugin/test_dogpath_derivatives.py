@@ -11,6 +11,7 @@ from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.plugin import dogpath, splat_integrator
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.tracing import tracer, tree
 from mi_dogsplat.tracing.options import TraceOptions
 from splat_scenes import make_splats, rounded, scene_of
 
@@ -59,7 +60,10 @@ def difference(name: str, direction: np.ndarray, surroundings: dict[str, Any]) -
 
 
 @pytest.mark.parametrize("bsdf", [{"type": "conductor"}, {"type": "diffuse"}], ids=["mirror", "shadow"])
-def test_gradients_of_splats_in_mirrors_and_of_their_shadows_equal_differences(bsdf):
+def test_gradients_of_splats_in_mirrors_and_of_their_shadows_equal_differences(bsdf, monkeypatch):
+    """All passes share one tree over the primitives."""
+    built = []
+    monkeypatch.setattr(tracer, "build", lambda *args: built.append(args) or tree.build(*args))
     surroundings = others(bsdf)
     scene = scene_with(SPLATS, surroundings)
     params: Any = mi.traverse(scene)
@@ -67,6 +71,7 @@ def test_gradients_of_splats_in_mirrors_and_of_their_shadows_equal_differences(b
     dr.enable_grad(leaves)
     params.update()
     scene.integrator().render_backward(scene, params, mi.TensorXf(ADJOINT.astype(np.float32)), seed=SEED, spp=SPP)
+    assert len(built) == 1
     gradients = {name: dr.grad(leaf).numpy() for name, leaf in leaves.items()}
     rng = np.random.default_rng(1)
     for name, gradient in gradients.items():
