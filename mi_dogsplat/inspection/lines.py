@@ -10,6 +10,7 @@ from ..support.wording import count
 
 
 def line(name: str, value: str) -> str:
+    """A name, and its value in the second column."""
     return f"  {name:16s}{value}"
 
 
