@@ -65,6 +65,7 @@ MESSAGES = {
         "umwandeln"
     ),
     # Models and objects
+    '"{name}": {reason}': "„{name}“: {reason}",
     "no splat is left": "kein Splat bleibt übrig",
     "lower the minimum opacity, or check that the model has any": (
         "die kleinste Deckkraft senken, oder prüfen, ob das Modell Splats hat"

@@ -7,7 +7,10 @@ import pytest
 from conftest import load
 from translatable import formatted_too_early, translatable
 
+from blender_addon.cameras.objects import camera_numbers
 from blender_addon.panel import DOGSPLAT_PT_panel
+from blender_addon.scene.export import Export
+from blender_addon.scene.sockets import Reader
 from blender_addon.translations import LANGUAGES
 
 LANGUAGE = pytest.mark.parametrize("language", sorted(LANGUAGES))
@@ -78,6 +81,16 @@ def test_errors_and_labels_are_german(german, model):
     load(model)
     assert "dog: 150 Splats" in drawn()
     assert DOGSPLAT_PT_panel.bl_label == "DoG Splat"
+
+
+def test_notes_about_a_scene_are_german(german, scene, tmp_path):
+    export = Export(tmp_path)
+    Reader(export, "Wand").note("its volume is left out")
+    assert export.notes == ["„Wand“: sein Volumen wird weggelassen"]
+    data = bpy.data.cameras.new("Plan")
+    data.type = "ORTHO"
+    with pytest.raises(ValueError, match="„Plan“ hat den Typ „Orthografisch“"):
+        camera_numbers(scene, bpy.data.objects.new("Plan", data))
 
 
 def test_english_comes_back_without_the_add_on(german):

@@ -33,7 +33,7 @@ def translatable() -> dict[Text, str]:
     names = {text for (_, text), _ in of_classes}
     handed = [(text, place) for text, place in of_functions() if text[1] not in names]
     for text, place in [*of_classes, *handed, *written()]:
-        if any(letter.isalpha() for letter in re.sub(r"{.*?}", "", text[1])):
+        if any(letter.isalpha() or letter == '"' for letter in re.sub(r"{.*?}", "", text[1])):  # quotes have a language
             found.setdefault(text, place)
     return found
 
