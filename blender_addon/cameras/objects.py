@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..files.errors import told
+from ..files.errors import told, type_name
 from ..objects.conventions import remember
 from .camera import OPENCV_FROM_OPENGL, Camera
 
@@ -60,8 +60,8 @@ def camera_numbers(scene: bpy.types.Scene, obj: bpy.types.Object) -> Camera:
     """The pinhole camera of a camera object at the resolution of the render. Raises ``ValueError`` for other kinds."""
     data, render = obj.data, scene.render
     if data.type != "PERSP":
-        problem = 'the camera "{name}" is {kind}; splats need a perspective camera'
-        raise ValueError(told(problem, name=obj.name, kind=data.type.lower()))
+        problem = 'the camera "{name}" has the type {kind}; splats need a perspective camera'
+        raise ValueError(told(problem, name=obj.name, kind=type_name(data)))
     percent = render.resolution_percentage / 100
     width, height = render.resolution_x * percent, render.resolution_y * percent
     ax, ay = render.pixel_aspect_x, render.pixel_aspect_y

@@ -12,6 +12,7 @@ from mathutils import Matrix
 from ..files.errors import FileError, told
 from ..objects.attributes import has_splats
 from ..objects.conventions import UP_AXES, conversion
+from ..translations import OWN
 from .objects import build_camera, look_through
 from .read import read_cameras
 
@@ -30,7 +31,7 @@ class DOGSPLAT_OT_import_cameras(bpy.types.Operator, ImportHelper):
         description="Place the cameras as the active model of splats is placed, whatever the up axis and scale below",
     )
     up_axis: EnumProperty(name="Up Axis", items=UP_AXES, default="Z", description="Which axis of the file is up")
-    scale: FloatProperty(name="Scale", default=1.0, min=1e-6, soft_max=100.0)
+    scale: FloatProperty(name="Scale", default=1.0, min=1e-6, soft_max=100.0, translation_context=OWN)
     downscale: IntProperty(
         name="Downscale",
         default=0,

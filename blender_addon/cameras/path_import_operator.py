@@ -11,6 +11,7 @@ from mathutils import Matrix
 
 from ..files.errors import FileError, told
 from ..objects.attributes import is_splats
+from ..translations import OWN
 from .objects import build_camera, look_through
 from .path_file import PathKey, read_path
 
@@ -24,7 +25,10 @@ class DOGSPLAT_OT_import_path(bpy.types.Operator, ImportHelper):
 
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
     use_range: BoolProperty(
-        name="Set Frame Range", default=True, description="Let the frames of the scene begin and end with the path"
+        name="Set Frame Range",
+        default=True,
+        description="Let the frames of the scene begin and end with the path",
+        translation_context=OWN,
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:

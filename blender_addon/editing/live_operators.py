@@ -11,6 +11,7 @@ from ..nodes.crop import SHAPES, crop_tree
 from ..nodes.limits import limits_tree
 from ..nodes.modifier import add_edit_modifier, set_input
 from ..objects.attributes import get_column, is_splats
+from ..translations import OWN
 
 SHARE = 0.96  # of the splats along each axis that a new crop object holds: floaters are outside
 
@@ -31,7 +32,7 @@ class DOGSPLAT_OT_add_crop(bpy.types.Operator):
     bl_label = "Add Crop"
     bl_options = {"REGISTER", "UNDO"}
 
-    shape: EnumProperty(name="Shape", items=[(name.upper(), name, "") for name in SHAPES])
+    shape: EnumProperty(name="Shape", items=[(name.upper(), name, "") for name in SHAPES], translation_context=OWN)
     invert: BoolProperty(name="Invert", description="Keep what is outside")
 
     @classmethod

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ..files.errors import FileError
+from ..files.errors import FileError, told
 from .served import Cancelled, RendererError, Served
 
 MISSING = (
@@ -58,12 +58,15 @@ def mitsuba() -> Iterator[None]:
 class InProcess:
     """The package ``mi_dogsplat`` and Mitsuba in Blender's own Python."""
 
-    name = "Mitsuba in this process"
-
     def __init__(self):
         self.folder = Path(tempfile.mkdtemp(prefix="dogsplat_"))
         self._remove = weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
         self._answerer: Any = None
+
+    @property
+    def name(self) -> str:
+        """For the status bar."""
+        return told("Mitsuba in this process")
 
     def render(self, request: Request, cancelled: Cancel, progress: Progress, preview: Preview) -> Picture:
         """The picture, step by step. Raises ``Cancelled`` and ``RendererError``."""
@@ -154,7 +157,7 @@ class Command:
         except OSError as error:
             raise RendererError("{name} cannot be started ({reason})", name=self.name, reason=error.strerror) from error
         if done.returncode:
-            lines = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
+            lines = done.stderr.strip().splitlines() or [told("exit status {status}", status=done.returncode)]
             raise _file_error(path, lines[-1].removeprefix("dogsplat: "))
 
     def stop(self) -> None:

@@ -118,7 +118,7 @@ class Served:
     def _last_words(self) -> str:
         status = self._process.wait()
         lines = self._log.read_text(errors="replace").strip().splitlines()
-        return lines[-1] if lines else f"exit status {status}"
+        return lines[-1] if lines else told("exit status {status}", status=status)
 
 
 def _pump(stream: Any, lines: queue.Queue) -> None:

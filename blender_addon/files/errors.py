@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from bpy.app.translations import pgettext_iface as iface_
 from bpy.app.translations import pgettext_rpt as rpt_
 
 
@@ -23,6 +24,12 @@ def told(text: str, **values: Any) -> str:
     if not values:
         return rpt_(text)
     return rpt_(text).format(**{key: _part(value) for key, value in values.items()})
+
+
+def type_name(data: Any) -> str:
+    """What Blender's interface calls the type of an object, a camera or the like."""
+    types = data.bl_rna.properties["type"]
+    return iface_(types.enum_items[data.type].name, types.translation_context)
 
 
 def _part(value: Any) -> Any:

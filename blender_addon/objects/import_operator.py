@@ -23,6 +23,7 @@ from ..native.convert import native_object, replace_object
 from ..native.feature import is_available
 from ..nodes.modifier import add_modifier, set_input
 from ..preferences import command_of
+from ..translations import OWN
 from .attributes import write_attributes
 from .conventions import DOG_COUNT, UP_AXES, conversion, remember, remember_light
 
@@ -58,7 +59,12 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
 
     up_axis: EnumProperty(name="Up Axis", items=UP_AXES, default="Z", description=UP_DESCRIPTION)
     scale: FloatProperty(
-        name="Scale", default=1.0, min=1e-6, soft_max=100.0, description="Unless set here, as the file says"
+        name="Scale",
+        default=1.0,
+        min=1e-6,
+        soft_max=100.0,
+        description="Unless set here, as the file says",
+        translation_context=OWN,
     )
     place: BoolProperty(
         name="Upright, in Metres",

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..files.errors import told
+
 Plugin = dict[str, Any]  # of Mitsuba: its "type", its parameters, and plugins in it; transforms as {"matrix": rows}
 
 
@@ -28,8 +30,9 @@ class Export:
         self.files.add(name)
         return name
 
-    def note(self, line: str) -> None:
-        """Say once what is drawn differently, or not at all."""
+    def note(self, text: str, **values: Any) -> None:
+        """Say once what is drawn differently, or not at all; a template where there are values."""
+        line = told(text, **values)
         if line not in self.notes:
             self.notes.append(line)
 

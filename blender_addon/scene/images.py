@@ -57,7 +57,7 @@ def _pixels(export: Export, image: bpy.types.Image) -> np.ndarray | None:
     """[H, W, 4] float32, from the bottom."""
     width, height = image.size
     if not width or not height:
-        export.note(f'the image "{image.name}" has no pixels; it is left out')
+        export.note('the image "{image}" has no pixels; it is left out', image=image.name)
         return None
     pixels = np.empty(width * height * 4, np.float32)
     image.pixels.foreach_get(pixels)
@@ -65,8 +65,7 @@ def _pixels(export: Export, image: bpy.types.Image) -> np.ndarray | None:
 
 
 def _write_floats(export: Export, values: np.ndarray) -> str:
-    """PFM, whose own first row is the bottom one; ``values`` [H, W, 1 or 3] are in the order in which Mitsuba has them.
-    """
+    """PFM, whose own first row is the bottom one; ``values`` [H, W, 1 or 3] are in the order of Mitsuba."""
     height, width, channels = values.shape
     header = f"{'PF' if channels == 3 else 'Pf'}\n{width} {height}\n-1.0\n".encode()
     return export.write(header + np.ascontiguousarray(values[::-1], "<f4").tobytes(), ".pfm")

@@ -66,7 +66,7 @@ def _point(data: bpy.types.Light, color: np.ndarray, world: np.ndarray) -> Plugi
 def _spot(export: Export, data: bpy.types.Light, intensity: np.ndarray, world: np.ndarray) -> Plugin:
     """Sharp, as Mitsuba's has no size; Blender's soft edge is a texture that it throws."""
     if data.shadow_soft_size > 0:
-        export.note(f'"{data.name}": the shadows of a spot are sharp')
+        export.note('"{light}": the shadows of a spot are sharp', light=data.name)
     half = min(data.spot_size / 2, WIDEST)
     across = (np.arange(FALLOFF_PIXELS) + 0.5) / FALLOFF_PIXELS * 2 - 1
     cosine = 1 / np.hypot(1, np.tan(half) * np.hypot(across[:, None], across))
@@ -82,7 +82,7 @@ def _spot(export: Export, data: bpy.types.Light, intensity: np.ndarray, world: n
 
 def _area(export: Export, data: bpy.types.Light, power: np.ndarray, world: np.ndarray) -> Plugin:
     if data.spread < math.pi - 0.01:
-        export.note(f'"{data.name}": an area light shines to all sides, whatever its spread')
+        export.note('"{light}": an area light shines to all sides, whatever its spread', light=data.name)
     width, height = data.size, data.size_y if data.shape in ("RECTANGLE", "ELLIPSE") else data.size
     place = world @ np.diag([width / 2, height / 2, 1, 1])
     across, along = (np.linalg.norm(place[:3, k]) for k in (0, 1))

@@ -56,7 +56,9 @@ def _shader(reader: Reader, material: bpy.types.Material, socket: bpy.types.Node
         first, second = (_shader(reader, material, socket) for socket in node.inputs[-2:])
         return _mixed(reader, node, first, second) if node.type == "MIX_SHADER" else _added(reader, first, second)
     if node.type not in SHADERS:
-        reader.note(f'the shader "{node.name}" has no counterpart in Mitsuba; drawn in the colour of the viewport')
+        reader.note(
+            'the shader "{node}" has no counterpart in Mitsuba; drawn in the colour of the viewport', node=node.name
+        )
         return _viewport(reader, material)
     return SHADERS[node.type](reader, node)
 

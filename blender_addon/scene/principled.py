@@ -20,7 +20,7 @@ def principled(reader: Reader, node: bpy.types.Node) -> tuple[Plugin, Plugin | N
     inputs = node.inputs
     for name in LEFT_OUT:
         if name in inputs and (inputs[name].is_linked or inputs[name].default_value > 0):
-            reader.note(f'"{name}" is left out')
+            reader.note('"{name}" is left out', name=name)
     base, transmission = reader.color(inputs["Base Color"]), reader.number(inputs["Transmission Weight"])
     metallic, roughness = reader.number(inputs["Metallic"]), reader.number(inputs["Roughness"])
     ior = reader.constant(inputs["IOR"])
@@ -71,7 +71,7 @@ def _bent(reader: Reader, node: bpy.types.Node, bsdf: Plugin) -> Plugin:
         return bsdf
     normal = source.node
     if normal.type != "NORMAL_MAP" or normal.space != "TANGENT":
-        reader.note(f'the node "{normal.name}" does not bend normals in Mitsuba')
+        reader.note('the node "{node}" does not bend normals in Mitsuba', node=normal.name)
         return bsdf
     if normal.inputs["Strength"].is_linked or normal.inputs["Strength"].default_value != 1:
         reader.note("its normal map has the strength 1")

@@ -9,6 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ..files.errors import told
 from .export import Export, Plugin, rgb
 from .images import bitmap
 
@@ -22,9 +23,9 @@ class Reader:
     export: Export
     owner: str
 
-    def note(self, line: str) -> None:
-        """Say once what is drawn differently."""
-        self.export.note(f'"{self.owner}": {line}')
+    def note(self, text: str, **values: Any) -> None:
+        """Say once what is drawn differently; a template where there are values."""
+        self.export.note('"{name}": {reason}', name=self.owner, reason=told(text, **values))
 
     def color(self, socket: bpy.types.NodeSocket, factor: float = 1.0) -> Plugin:
         """A colour or a texture, multiplied."""
@@ -55,7 +56,7 @@ class Reader:
         value = self.number(socket)
         if isinstance(value, float):
             return value
-        self.note(f'the texture of "{socket.name}" is left out')
+        self.note('the texture of "{socket}" is left out', socket=socket.name)
         return float(socket.default_value)
 
     def source(self, socket: bpy.types.NodeSocket) -> Any:
@@ -71,13 +72,13 @@ class Reader:
         """An image by the texture coordinates of the mesh; None, with a note, for what is none."""
         node = source.node
         if node.type != "TEX_IMAGE" or node.image is None:
-            self.note(f'the node "{node.name}" has no counterpart in Mitsuba; its socket keeps its own value')
+            self.note('the node "{node}" has no counterpart in Mitsuba; its socket keeps its own value', node=node.name)
             return None
         texture = bitmap(self.export, node.image, source.name, factor)
         if texture is None:
             return None
         if node.extension not in WRAPPING:
-            self.note(f'the image of "{node.name}" is repeated at its edges, not cut off')
+            self.note('the image of "{node}" is repeated at its edges, not cut off', node=node.name)
         texture["wrap_mode"] = WRAPPING.get(node.extension, "repeat")
         texture["filter_type"] = "nearest" if node.interpolation == "Closest" else "bilinear"
         placing = self._placing(node)
@@ -95,12 +96,13 @@ class Reader:
                               [sin * scale[0], cos * scale[1], location[1]], [0, 0, 1]])  # fmt: skip
             source = self.source(mapping.inputs["Vector"])
         if source is not None and not (source.node.type == "UVMAP" or source.name == "UV"):
-            self.note(f'"{node.name}" takes the texture coordinates of the mesh, instead of "{source.node.name}"')
+            problem = '"{image}" takes the texture coordinates of the mesh, instead of "{node}"'
+            self.note(problem, image=node.name, node=source.node.name)
         return found
 
     def _vector(self, socket: bpy.types.NodeSocket) -> np.ndarray:
         if self.source(socket) is not None:
-            self.note(f'what "{socket.name}" of a mapping is linked to is left out')
+            self.note('what "{socket}" of a mapping is linked to is left out', socket=socket.name)
         return np.array(socket.default_value[:], np.float64)
 
     def _fallback(self, socket: bpy.types.NodeSocket) -> np.ndarray:

@@ -25,7 +25,9 @@ def world_light(export: Export, world: bpy.types.World | None) -> Plugin | None:
     if source is None:
         return None
     if source.node.type != "BACKGROUND":
-        reader.note(f'the node "{source.node.name}" has no counterpart in Mitsuba; the world has its viewport colour')
+        reader.note(
+            'the node "{node}" has no counterpart in Mitsuba; the world has its viewport colour', node=source.node.name
+        )
         return _constant(world.color)
     color, strength = source.node.inputs["Color"], reader.constant(source.node.inputs["Strength"])
     picture = reader.source(color)
@@ -59,7 +61,7 @@ def _rotation(reader: Reader, node: bpy.types.Node) -> np.ndarray:
         return np.eye(3)
     mapping = source.node
     if mapping.vector_type not in ("POINT", "VECTOR", "TEXTURE"):
-        reader.note(f'the mapping "{mapping.name}" is left out')
+        reader.note('the mapping "{mapping}" is left out', mapping=mapping.name)
         return np.eye(3)
     found = np.array(mapping.inputs["Rotation"].default_value.to_matrix(), np.float64)
     return found.T if mapping.vector_type == "TEXTURE" else found

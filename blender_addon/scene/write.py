@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 
 from ..cameras.camera import Camera
+from ..files.errors import type_name
 from ..objects.attributes import has_splats
 from .export import Export, Plugin, matrix
 from .lights import light
@@ -113,7 +114,7 @@ def _gather(export: Export, depsgraph: bpy.types.Depsgraph) -> Gathered:
             materials = [slot.material for slot in obj.material_slots]
             found.bodies.append(Placed(obj.original.name, key, world, materials))
         elif obj.type in WITHOUT:
-            export.note(f'"{obj.original.name}": a {obj.type.lower()} is left out')
+            export.note('"{name}" is left out ({kind})', name=obj.original.name, kind=type_name(obj))
     return found
 
 

@@ -76,7 +76,9 @@ class DOGSPLAT_OT_render_views(bpy.types.Operator):
             return {"RUNNING_MODAL"}
         self._end(context)
         if jobs.stopped:
-            self.report({"WARNING"}, told("stopped after {done} of {n} views; Go On renders the rest", done=done, n=n))
+            self.report(
+                {"WARNING"}, told("stopped after {done} of {n} views; Go On Rendering does the rest", done=done, n=n)
+            )
             return {"FINISHED"}
         self.report({"INFO"}, told("{n} views rendered", n=n))
         return bpy.ops.dogsplat.train("INVOKE_DEFAULT") if self.train else {"FINISHED"}

@@ -15,6 +15,8 @@ from bpy.props import (
     StringProperty,
 )
 
+from ..translations import OWN
+
 RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5) else set()  # a path may begin with //
 BANDS = {"AROUND": (0.0, 90.0), "INSIDE": (-35.0, 35.0)}  # elevations in degrees, unless they are set by hand
 SUBJECTS = (
@@ -47,11 +49,11 @@ class DogSplatSubject(bpy.types.PropertyGroup):
 class DogSplatTrainingSettings(bpy.types.PropertyGroup):
     """Of a scene, for the panel "Train Splats"."""
 
-    subject: EnumProperty(name="Subject", items=SUBJECTS, default="SELECTED")
+    subject: EnumProperty(name="Subject", items=SUBJECTS, default="SELECTED", translation_context=OWN)
     region: PointerProperty(
         name="Region", type=bpy.types.Object, description="An empty, whose cube counts, or any object with a size"
     )
-    rig: EnumProperty(name="Cameras", items=RIGS, default="AROUND", update=_take_band)
+    rig: EnumProperty(name="Cameras", items=RIGS, default="AROUND", update=_take_band, translation_context=OWN)
     views: IntProperty(
         name="Views",
         default=48,
@@ -99,7 +101,7 @@ class DogSplatTrainingSettings(bpy.types.PropertyGroup):
         default="//dogsplat_training",
         description="For the data set, in data, and the training, in run",
     )
-    preset: EnumProperty(name="Preset", items=PRESETS, default="ours")
+    preset: EnumProperty(name="Preset", items=PRESETS, default="ours", translation_context=OWN)
     steps: IntProperty(name="Steps", default=7000, min=10, soft_max=30_000, description="The schedule scales along")
     target: StringProperty(
         name="Target", default="10%", description="What pruning leaves: a share (10%), a count (20000), or a size (2MB)"

@@ -54,7 +54,7 @@ class DOGSPLAT_OT_train(bpy.types.Operator):
 
 
 class DOGSPLAT_OT_stop_training(bpy.types.Operator):
-    """Save a checkpoint and stop; Go On continues there"""
+    """Save a checkpoint and stop; Go On Training continues there"""
 
     bl_idname = "dogsplat.stop_training"
     bl_label = "Stop Training"
@@ -156,5 +156,3 @@ def unregister() -> None:
     """No process stays behind."""
     bpy.app.handlers.load_pre.remove(before_another_file)
     stop()
-
-

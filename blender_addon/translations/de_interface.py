@@ -38,6 +38,16 @@ OPERATORS = {
     "Stop Training": "Training anhalten",
 }
 
+# What Blender would say otherwise: it has other words for some of these
+OWN = {
+    "Scale": "Skalierung",
+    "Set Frame Range": "Bildbereich setzen",
+    "Shape": "Form",
+    "Box": "Quader",
+    "Sphere": "Kugel",
+    "Mesh": "Mesh",
+}
+
 REST = {
     # Names that stay as they are
     "DoG Splat": "DoG Splat",
@@ -67,7 +77,6 @@ REST = {
     "For models with y down, as COLMAP without orientation makes them": (
         "Für Modelle mit y nach unten, wie COLMAP sie ohne Ausrichtung erzeugt"
     ),
-    "Scale": "Skalierung",
     "Unless set here, as the file says": "Wenn hier nicht eingestellt, wie die Datei es sagt",
     "Upright, in Metres": "Aufrecht, in Metern",
     "Turn and scale as the file says; else only as it is set here": (
@@ -110,7 +119,7 @@ REST = {
     ),
     "Prepare Viewports": "Ansichtsfenster vorbereiten",
     "Material preview for solid shading, and no outlines of selected objects: both hide splats": (
-        "Materialvorschau statt massiver Schattierung, und keine Umrisse ausgewählter Objekte: beides verdeckt Splats"
+        "Schattierung „Materialbeispiel“ statt „Massiv“, und keine „Auswahlumrandung“: beides verdeckt Splats"
     ),
     # Cameras
     "Import the cameras of a data set (COLMAP, transforms.json) or of a run folder": (
@@ -136,7 +145,6 @@ REST = {
     "Import the key frames of dogsplat film as an animated camera": (
         "Die Schlüsselbilder von dogsplat film als animierte Kamera importieren"
     ),
-    "Set Frame Range": "Bildbereich setzen",
     "Let the frames of the scene begin and end with the path": (
         "Die Einzelbilder der Szene mit dem Pfad beginnen und enden lassen"
     ),
@@ -170,9 +178,6 @@ REST = {
         "nimmt ein anderes ausgewähltes Mesh, als Drahtgitter, das beim Rendern nicht erscheint"
     ),
     "Shape": "Form",
-    "Box": "Quader",
-    "Sphere": "Kugel",
-    "Mesh": "Mesh",
     "Object": "Objekt",
     "Invert": "Invertieren",
     "Keep what is outside": "Behalten, was außerhalb ist",
@@ -271,8 +276,8 @@ REST = {
         "erzeugen; gerendert wird weiterhin für die Kamera"
     ),
     "Solid shading has no colours": "Massive Schattierung hat keine Farben",
-    "Material Preview": "Materialvorschau",
-    "Outline Selected": "Ausgewähltes umranden",
+    "Material Preview": "Materialbeispiel",
+    "Outline Selected": "Auswahlumrandung",
     "Colours need an active camera, or Follow View": "Farben brauchen eine aktive Kamera oder „Ansicht folgen“",
     "EEVEE: no negative lobes": "EEVEE: keine negativen Keulen",
     "No splat modifier: import the model again": "Kein Splat-Modifikator: Modell neu importieren",

@@ -124,8 +124,8 @@ MESSAGES = {
     'add "fl_x", "fl_y", "w", "h" in pixels': "„fl_x“, „fl_y“, „w“, „h“ in Pixeln ergänzen",
     "cannot be read as an image": "kann nicht als Bild gelesen werden",
     'add "w" and "h" to the frames': "bei den Bildern „w“ und „h“ ergänzen",
-    'the camera "{name}" is {kind}; splats need a perspective camera': (
-        "die Kamera „{name}“ ist {kind}; Splats brauchen eine perspektivische Kamera"
+    'the camera "{name}" has the type {kind}; splats need a perspective camera': (
+        "die Kamera „{name}“ hat den Typ „{kind}“; Splats brauchen eine perspektivische Kamera"
     ),
     # COLMAP
     "the model has no registered image": "das Modell hat kein registriertes Bild",
@@ -170,8 +170,8 @@ MESSAGES = {
     "{done} of {n} views; Esc stops, and what is rendered is kept": (
         "{done} von {n} Ansichten; Esc hält an, und was gerendert ist, bleibt"
     ),
-    "stopped after {done} of {n} views; Go On renders the rest": (
-        "angehalten nach {done} von {n} Ansichten; „Weiter rendern“ rendert den Rest"
+    "stopped after {done} of {n} views; Go On Rendering does the rest": (
+        "angehalten nach {done} von {n} Ansichten; „Weiter rendern“ erledigt den Rest"
     ),
     "trained, imported from {folder}": "trainiert, importiert aus {folder}",
     'trained, but no window shows "{scene}"; import {model}': (
@@ -226,4 +226,6 @@ MESSAGES = {
     "{name}: does not answer as dogsplat serve does; update the package": (
         "{name}: antwortet nicht wie dogsplat serve; das Paket aktualisieren"
     ),
+    "Mitsuba in this process": "Mitsuba in diesem Prozess",
+    "exit status {status}": "Exit-Status {status}",
 }

@@ -1,9 +1,23 @@
 """German labels and tooltips of the panel "Train Splats"; labels of its operators are with all others."""
 
-REST = {
-    "Train Splats": "Splats trainieren",
+# What Blender would say otherwise: it has other words for some of these
+OWN = {
     "Subject": "Motiv",
     "Selected Objects": "Ausgewählte Objekte",
+    "Whole Scene": "Ganze Szene",
+    "Region": "Bereich",
+    "Cameras": "Kameras",
+    "Around": "Rundherum",
+    "Inside": "Innen",
+    "Preset": "Vorgabe",
+    "Ours": "Unsere",
+    "Paper": "Veröffentlichung",
+    "Released": "Veröffentlichter Code",
+    "3DGS": "3DGS",
+}
+
+REST = {
+    "Train Splats": "Splats trainieren",
     "What is selected when the cameras are made": "Was ausgewählt ist, wenn die Kameras erzeugt werden",
     "All that renders show": "Alles, was beim Rendern erscheint",
     "Region": "Bereich",
@@ -13,12 +27,9 @@ REST = {
     "An empty, whose cube counts, or any object with a size": (
         "Ein Leer-Objekt, dessen Würfel zählt, oder ein beliebiges Objekt mit einer Größe"
     ),
-    "Cameras": "Kameras",
-    "Around": "Rundherum",
     "On a sphere, all looking at its middle, as dogsplat capture has them": (
         "Auf einer Kugel, alle zur Mitte gerichtet, wie bei dogsplat capture"
     ),
-    "Inside": "Innen",
     "Spread over the room, looking into all directions: for interiors": (
         "Im Raum verteilt, in alle Richtungen gerichtet: für Innenräume"
     ),
@@ -50,14 +61,9 @@ REST = {
     ),
     "Folder": "Ordner",
     "For the data set, in data, and the training, in run": "Für den Datensatz, in data, und das Training, in run",
-    "Preset": "Vorgabe",
-    "Ours": "Unsere",
     "Pruned and made DoG: the recipe of this package": "Ausgedünnt und zu DoG gemacht: das Rezept dieses Pakets",
-    "Paper": "Veröffentlichung",
     "The published method, as it is printed": "Das veröffentlichte Verfahren, wie es gedruckt steht",
-    "Released": "Programm",
-    "The published method, as in its code": "Das veröffentlichte Verfahren, wie in seinem Programm",
-    "3DGS": "3DGS",
+    "The published method, as in its code": "Das veröffentlichte Verfahren, wie in seinem veröffentlichten Code",
     "Plain 3D Gaussian splatting: nothing is pruned, nothing is DoG": (
         "Einfaches 3D Gaussian Splatting: nichts wird ausgedünnt, nichts ist DoG"
     ),
@@ -90,12 +96,12 @@ REST = {
     ),
     "Go On": "Weitermachen",
     "From the last checkpoint, with the same settings": "Vom letzten Sicherungspunkt, mit denselben Einstellungen",
-    "Save a checkpoint and stop; Go On continues there": (
-        "Einen Sicherungspunkt speichern und anhalten; „Weitermachen“ setzt dort fort"
+    "Save a checkpoint and stop; Go On Training continues there": (
+        "Einen Sicherungspunkt speichern und anhalten; „Weiter trainieren“ setzt dort fort"
     ),
     "{done} of {n} views": "{done} von {n} Ansichten",
     "Esc stops; what is rendered is kept": "Esc hält an; was gerendert ist, bleibt",
     "Training starts": "Training beginnt",
     "Step {step:,} of {steps:,}": "Schritt {step:,} von {steps:,}",
-    "Measuring": "Wird vermessen",
+    "Measuring": "Qualität wird gemessen",
 }

@@ -21,14 +21,18 @@ OPERATOR, REST = bpy.app.translations.contexts.operator_default, bpy.app.transla
 OF_OPERATORS = ("operator", "operator_menu_enum", "menu")  # of a layout: the text has the operator's context
 OF_LAYOUTS = (*OF_OPERATORS, "label", "prop", "prop_enum", "prop_menu_enum", "prop_search", "progress")
 # What says something, and how many of the first arguments that is; of a report and a FileError the first is no text
-SAID = {"iface_": 1, "tip_": 1, "told": 1, "ValueError": 1, "RendererError": 1, "report": 2, "FileError": 3}
+SAID = {"iface_": 1, "tip_": 1, "told": 1, "note": 1, "ValueError": 1, "RendererError": 1, "report": 2, "FileError": 3}
+TEMPLATES = ("report", "told", "note", *OF_LAYOUTS)
 Text = tuple[str, str]  # context, text
 
 
 def translatable() -> dict[Text, str]:
     """All of them, and where each is."""
     found: dict[Text, str] = {}
-    for text, place in [*registered(), *written()]:
+    of_classes = list(registered())
+    names = {text for (_, text), _ in of_classes}
+    handed = [(text, place) for text, place in of_functions() if text[1] not in names]
+    for text, place in [*of_classes, *handed, *written()]:
         if any(letter.isalpha() for letter in re.sub(r"{.*?}", "", text[1])):
             found.setdefault(text, place)
     return found
@@ -80,9 +84,14 @@ def written() -> Iterator[tuple[Text, str]]:
             for context, value in texts_of(call):
                 for text in constants(value, literals):
                     yield (context, text), f"{path}:{call.lineno}"
+
+
+def of_functions() -> Iterator[tuple[Text, str]]:
+    """Items of enums in the code: beside those that are registered, what functions hand to Blender."""
+    for path, tree in parsed():
         for item in items(tree):
             for value in item.elts[1:3]:
-                for text in constants(value, literals):
+                for text in constants(value, {}):
                     yield (REST, text), f"{path}:{item.lineno}"
 
 
@@ -146,9 +155,9 @@ def called(call: ast.Call) -> str:
 
 
 def formatted_too_early() -> Iterator[str]:
-    """Places where what is reported or drawn is an f-string, which no dictionary can have."""
+    """Places where what is said or drawn is an f-string, which no dictionary can have."""
     for path, tree in parsed():
         for call in calls(tree):
-            values = [*call.args[1:], *(word.value for word in call.keywords if word.arg == "text")]
-            if called(call) in ("report", *OF_LAYOUTS) and any(isinstance(value, ast.JoinedStr) for value in values):
+            values = [*call.args, *(word.value for word in call.keywords if word.arg == "text")]
+            if called(call) in TEMPLATES and any(isinstance(value, ast.JoinedStr) for value in values):
                 yield f"{path}:{call.lineno}"

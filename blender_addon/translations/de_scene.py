@@ -1,0 +1,45 @@
+"""German notes about a scene: what Mitsuba draws differently, or not at all."""
+
+NOTES = {
+    '"{name}" is left out': "„{name}“ wird weggelassen",
+    '"{name}" is left out ({kind})': "„{name}“ wird weggelassen ({kind})",
+    # Lights and the world
+    '"{light}": the shadows of a spot are sharp': "„{light}“: die Schatten eines Spots sind scharf",
+    '"{light}": an area light shines to all sides, whatever its spread': (
+        "„{light}“: ein Flächenlicht leuchtet nach allen Seiten, unabhängig von seiner Streuung"
+    ),
+    'the node "{node}" has no counterpart in Mitsuba; the world has its viewport colour': (
+        "der Node „{node}“ hat kein Gegenstück in Mitsuba; die Welt hat ihre Farbe im Ansichtsfenster"
+    ),
+    "the picture of the world is taken as equirectangular": "das Bild der Welt wird als äquirektangular verstanden",
+    'the mapping "{mapping}" is left out': "das Mapping „{mapping}“ wird weggelassen",
+    # Materials
+    "its displacement is left out": "sein Displacement wird weggelassen",
+    "its volume is left out": "sein Volumen wird weggelassen",
+    'the shader "{node}" has no counterpart in Mitsuba; drawn in the colour of the viewport': (
+        "der Shader „{node}“ hat kein Gegenstück in Mitsuba; gezeichnet in der Farbe des Ansichtsfensters"
+    ),
+    "light of a mixture by a texture is left out": "das Licht einer Mischung nach einer Textur wird weggelassen",
+    "of two shaders that are added the first is kept": "von zwei addierten Shadern bleibt der erste",
+    "of two lights the first is kept": "von zwei Lichtern bleibt das erste",
+    "the texture colours what is seen through it at each of its two surfaces": (
+        "die Textur färbt, was durch sie zu sehen ist, an jeder der beiden Oberflächen"
+    ),
+    'the node "{node}" does not bend normals in Mitsuba': "der Node „{node}“ verbiegt in Mitsuba keine Normalen",
+    "its normal map has the strength 1": "seine Normal-Map hat die Stärke 1",
+    # Textures
+    'the image "{image}" has no pixels; it is left out': "das Bild „{image}“ hat keine Pixel; es wird weggelassen",
+    'the texture of "{socket}" is left out': "die Textur von „{socket}“ wird weggelassen",
+    'the node "{node}" has no counterpart in Mitsuba; its socket keeps its own value': (
+        "der Node „{node}“ hat kein Gegenstück in Mitsuba; sein Eingang behält den eigenen Wert"
+    ),
+    'the image of "{node}" is repeated at its edges, not cut off': (
+        "das Bild von „{node}“ wird an den Rändern wiederholt, nicht abgeschnitten"
+    ),
+    '"{image}" takes the texture coordinates of the mesh, instead of "{node}"': (
+        "„{image}“ nimmt die Texturkoordinaten des Meshs statt „{node}“"
+    ),
+    'what "{socket}" of a mapping is linked to is left out': (
+        "womit „{socket}“ eines Mappings verbunden ist, wird weggelassen"
+    ),
+}
