@@ -11,7 +11,7 @@ light, which a display-referred model means by the sRGB curve. Columns:
 
 ``--files`` measures the models as files of other formats instead, their DoG baked.
 
-Writes ``hdr.json``, ``hdr.png`` (a view at four exposures, each model below the truth) and prints a table.
+Writes ``hdr.json``, ``hdr.png`` (a view at four exposures, each model below the truth, with labels) and prints a table.
 """
 
 from __future__ import annotations
@@ -43,11 +43,15 @@ from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.presets import RECIPES, Recipe
 from mi_dogsplat.training.strategy.strategy import Strategy, Training
 from mi_dogsplat.training.tone_curve import SrgbLog, ToneCurve
+from PIL import Image, ImageDraw, ImageFont
 
 SHADOW, LAMP = 0.05, 10.0  # times white
 FLOOR = 1e-4  # of white, below which nothing is told apart
 SUFFIXES = (".ply", ".sog", ".compressed.ply", ".spz")
 EXPOSURES = (-4, -2, 0, 3)  # stops, of the picture
+DARK, AROUND = 0.05, 4  # of the display at the longest: below it is background; pixels kept of it
+ZOOM, LINE = 2, 28  # pixels of the picture for one of a view, and of a line of text
+FONT = ImageFont.load_default(15)
 
 
 @dataclass(frozen=True)
@@ -177,11 +181,27 @@ def _measured(model: Path, truth: Dataset) -> tuple[dict[str, float], np.ndarray
 
 
 def _sheet(truth: Dataset, pictures: dict[str, np.ndarray]) -> np.ndarray:
-    """A row for the truth and for each model, a column for each exposure."""
-    whole = {"truth": truth.test[len(truth.test) // 2].image[..., :3], **pictures}
+    """A row for the truth and for each model, a column for each exposure, without what is black around the scene."""
+    real = truth.test[len(truth.test) // 2].image[..., :3]
     white = truth.white or 1.0
-    rows = [np.concatenate([displayed(x, white / 2.0**stop) for stop in EXPOSURES], axis=1) for x in whole.values()]
-    return np.concatenate(rows, axis=0)
+    lit = displayed(real, white / 2.0 ** max(EXPOSURES)).max(axis=-1) > DARK
+    part = tuple(slice(max(x.min() - AROUND, 0), x.max() + AROUND + 1) for x in np.nonzero(lit))
+    name_width = 8 + round(max(FONT.getlength(name) for name in pictures))
+    width = ZOOM * (part[1].stop - part[1].start)
+    heads = [_text(f"{stop:+d} stops" if stop else "0 stops", width, LINE) for stop in EXPOSURES]
+    rows = [np.concatenate([_text("", name_width, LINE), *heads], axis=1)]
+    for name, image in {"truth": real, **pictures}.items():
+        cells = [displayed(image[part], white / 2.0**stop) for stop in EXPOSURES]
+        cells = [cell.repeat(ZOOM, axis=0).repeat(ZOOM, axis=1) for cell in cells]
+        rows.append(np.concatenate([_text(name, name_width, len(cells[0])), *cells], axis=1))
+    return np.concatenate(rows)
+
+
+def _text(text: str, width: int, height: int) -> np.ndarray:
+    """[height, width, 3], in grey on black."""
+    canvas = Image.new("RGB", (width, height))
+    ImageDraw.Draw(canvas).text((width / 2, height / 2), text, (220, 220, 220), FONT, anchor="mm")
+    return np.asarray(canvas) / 255.0
 
 
 def _arguments(flags: Sequence[str]) -> argparse.Namespace:

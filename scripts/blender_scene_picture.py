@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-MODEL = ROOT / "scenes" / "still_life.ply"
+MODEL = ROOT / "scenes" / "still_life_in_place.ply"
 ENGINES = {"DOGSPLAT": "DoG Splat (Mitsuba)", "CYCLES": "Cycles, quads"}
 STILL, FILM = (480, 360), (240, 180)
 SAMPLES = {"still": {"DOGSPLAT": 128, "CYCLES": 12}, "film": {"DOGSPLAT": 32, "CYCLES": 6}}  # of Cycles denoised

@@ -6,6 +6,7 @@ through them, because Blender draws only between two calls.
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import time
@@ -31,6 +32,9 @@ from blender_desktop import (  # noqa: E402
 from blender_recording import recording  # noqa: E402
 from blender_training_picture import build  # noqa: E402
 from in_blender import step_by_step  # noqa: E402
+from mathutils import Quaternion  # noqa: E402
+
+FACE = math.radians(-35)  # from Blender's first view to where one sees the robot's face
 
 
 def menu(model: Path, run: Path) -> Steps:
@@ -61,8 +65,10 @@ def imported(model: Path, run: Path) -> Steps:
     yield from new_file()
     start = time.perf_counter()
     with viewport():
-        bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=str(model))
+        bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=str(model), up_axis="-Y")
         print(f"import: {time.perf_counter() - start:.2f} s", flush=True)
+        view = space().region_3d
+        view.view_rotation = Quaternion((0, 0, 1), FACE) @ view.view_rotation
         bpy.ops.view3d.view_selected()
     space().show_region_ui = True
     yield 5
@@ -146,7 +152,7 @@ def german(model: Path, run: Path) -> Steps:
     view.use_translate_interface = view.use_translate_tooltips = view.use_translate_reports = True
     yield from new_file()
     with viewport():
-        bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=str(model))
+        bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=str(model), up_axis="-Y")
         bpy.ops.view3d.view_selected()
         bpy.ops.dogsplat.add_crop("EXEC_DEFAULT", True, shape="SPHERE")
     space().show_region_ui = True

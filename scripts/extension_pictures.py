@@ -22,6 +22,7 @@ from PIL import Image, ImageDraw, ImageFont
 MODEL = Path("../shared/data/models/playbot_lod2_sh2.ply")
 OUT = Path("docs/pictures")
 ICON = 256  # pixels, what the platform asks
+GLOW = 100  # pixels around the icon in the featured image, where nothing may cut its glow
 FEATURED = 1920, 1080
 ORANGE, BLUE, NIGHT, DUSK = (0.96, 0.47, 0.05), (0.25, 0.72, 1.0), (16, 18, 26), (52, 56, 72)
 RING = 0.47  # the largest alpha of a DoG primitive with F = 0.5
@@ -57,9 +58,10 @@ def drawn(splats: Splats, camera: Camera) -> Image.Image:
     return Image.fromarray((rgba.clip(0, 1) * 255 + 0.5).astype(np.uint8))
 
 
-def icon(size: int) -> Image.Image:
-    """The symbol, the ring brought to full strength."""
-    made = drawn(symbol(), Camera(np.eye(4), 1.05 * size, 1.05 * size, size / 2, size / 2, size, size))
+def icon(size: int, margin: int = 0) -> Image.Image:
+    """The symbol, the ring brought to full strength; its glow goes on into a margin."""
+    side = size + 2 * margin
+    made = drawn(symbol(), Camera(np.eye(4), 1.05 * size, 1.05 * size, side / 2, side / 2, side, side))
     red, green, blue, alpha = made.split()
     return Image.merge("RGBA", (red, green, blue, alpha.point(lambda value: min(round(value / RING), 255))))
 
@@ -83,7 +85,7 @@ def featured() -> Image.Image:
     image = Image.fromarray(np.broadcast_to(sky, (height, width, 3)).astype(np.uint8)).convert("RGBA")
     camera = looking(np.array([0.9, -1.3, -2.9]), np.array([0, -0.62, 0]), np.array([0, -1.0, 0]), 1.35 * height)
     image.alpha_composite(drawn(read_ply(MODEL), camera))
-    image.alpha_composite(icon(ICON), (110, 250))
+    image.alpha_composite(icon(ICON, GLOW), (110 - GLOW, 250 - GLOW))
     draw = ImageDraw.Draw(image)
     draw.text((120, 520), "DoG Splat", "white", ImageFont.load_default(124))
     draw.text((126, 690), "Gaussians and Differences\nof Gaussians: import,\nedit, render exactly", (205, 210, 222),

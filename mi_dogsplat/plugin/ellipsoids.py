@@ -33,12 +33,12 @@ def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None
 
     Args:
         model: a model, the path of a PLY file, or a loaded shape ``dog`` (its parameters of this moment).
-        to_world: 4 x 4 rotation, uniform scale and translation (``mi.ScalarTransform4f`` or an array). Turns the
+        to_world: 4 x 4, any map that does not flatten (``mi.ScalarTransform4f`` or an array). Maps the
             spherical harmonics too; the shape's own ``to_world`` does not, and it refuses tensors.
         extent: radius of the shells in standard deviations. A ray meets a primitive where it enters its shell, in
             that order, so that a larger extent costs time and mixes up neighbours.
 
-    Raises ``ValueError`` for a transform that is none of these, an extent that is not positive, and a model of which
+    Raises ``ValueError`` for a transform that flattens, an extent that is not positive, and a model of which
     nothing is left (Mitsuba divides by the number of ellipsoids); ``DataError`` for a file that is no model.
     """
     if not extent > 0:

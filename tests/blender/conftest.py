@@ -1,6 +1,8 @@
 """Runs under a Python with ``bpy``, started by ``tests/project/test_blender.py``: every test gets an empty file."""
 
+import atexit
 import os
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,6 +12,21 @@ from training_scene import subject  # noqa: F401  (a fixture)
 
 REFERENCES = Path(os.environ["DOGSPLAT_REFERENCES"])
 SHARED = Path(os.environ["DOGSPLAT_SHARED"])
+STATUS = pytest.StashKey[int]()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session, exitstatus):
+    session.config.stash[STATUS] = int(exitstatus)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config):
+    """End without Blender's destructors: one of those of 4.5 waits for a thread that now and then never ends."""
+    atexit._run_exitfuncs()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(config.stash.get(STATUS, 1))
 
 
 @pytest.fixture(autouse=True)
