@@ -47,7 +47,8 @@ class Gathered:
 def has_surroundings(depsgraph: bpy.types.Depsgraph) -> bool:
     """Whether a scene has more than splats over a world of one colour; a lamp lights no splats."""
     return not is_plain(depsgraph.scene.world) or any(
-        instance.object.type in WITH_FACES and not _is_of_splats(instance) for instance in depsgraph.object_instances
+        instance.object.type in WITH_FACES and _is_rendered(instance, depsgraph) and not _is_of_splats(instance)
+        for instance in depsgraph.object_instances
     )
 
 
@@ -97,11 +98,19 @@ def _is_of_splats(instance: bpy.types.DepsgraphObjectInstance) -> bool:
     return has_splats(instance.object.original) or bool(parent and has_splats(parent.original))
 
 
+def _is_rendered(instance: bpy.types.DepsgraphObjectInstance, depsgraph: bpy.types.Depsgraph) -> bool:
+    """Whether renders show it. The graph of a viewport also holds what they do not, as meshes that crop."""
+    if depsgraph.mode == "RENDER":
+        return True
+    parent = instance.parent
+    return not instance.object.original.hide_render and not (parent and parent.original.hide_render)
+
+
 def _gather(export: Export, depsgraph: bpy.types.Depsgraph) -> Gathered:
     found = Gathered()
     for instance in depsgraph.object_instances:
         obj = instance.object
-        if not instance.show_self or _is_of_splats(instance):
+        if not (instance.show_self and _is_rendered(instance, depsgraph)) or _is_of_splats(instance):
             continue
         world = np.array(instance.matrix_world, np.float64)
         if obj.type == "LIGHT":

@@ -15,12 +15,12 @@ class Changes:
 
     def __init__(self):
         self.pending = True
-        self._objects: tuple[str, ...] = ()
+        self._objects: tuple[tuple[str, bool], ...] = ()
         self._settings: tuple = ()
 
     def note(self, depsgraph: bpy.types.Depsgraph) -> None:
         """What Blender tells before it draws. Cameras are no part of a stage."""
-        objects = tuple(obj.name_full for obj in depsgraph.objects)
+        objects = tuple((obj.name_full, obj.hide_render) for obj in depsgraph.objects)
         if objects != self._objects:  # shown or hidden
             self._objects, self.pending = objects, True
         self.pending |= any(_matters(update) for update in depsgraph.updates)

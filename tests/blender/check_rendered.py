@@ -15,6 +15,7 @@ from conftest import REFERENCES, load
 from mathutils import Matrix, Vector
 from surroundings import plane
 
+from blender_addon.editing.stand_in import build_stand_in
 from blender_addon.engine.live import LiveCommand, LiveInProcess, live_renderer
 from blender_addon.engine.order import camera_request, make_order, make_stage
 from blender_addon.engine.served import RendererError
@@ -175,6 +176,35 @@ def test_a_scene_is_lit_at_the_camera_while_it_moves_and_path_traced_at_rest(sce
     far = np.load(REFERENCES / "square.npz")["alpha"].reshape(16, 4, 24, 4).max((1, 3)) == 0
     assert far.any() and moving[far][:, :3].min() > 0.2
     assert resting[-1][1][far][:, :3].mean() < 0.05  # no lamp, no world: only splats shine on the wall
+
+
+@pytest.mark.parametrize("helper", ["crop", "stand-in"])
+def test_what_renders_do_not_show_is_no_body_of_a_viewport(scene, model, tmp_path, helper):
+    """The mesh of a crop, and what brushes paint; a mesh that renders show again is."""
+    place_camera(scene, "dog")
+    obj, changes = load(model), Changes()
+    if helper == "crop":
+        assert bpy.ops.dogsplat.add_crop(shape="MESH") == {"FINISHED"}
+        made = get_input(obj.modifiers[0], "Object")
+    else:
+        made = build_stand_in(obj)
+    bpy.context.view_layer.update()
+    depsgraph, camera = bpy.context.evaluated_depsgraph_get(), through_the_camera(scene).camera
+    assert depsgraph.mode == "VIEWPORT" and made.name in {seen.name for seen in depsgraph.objects}
+    assert not make_stage(depsgraph, tmp_path, camera).whole
+    plane(5)
+    assert [name for name in staged(tmp_path, camera).objects if name == made.name] == []
+    changes.note(bpy.context.evaluated_depsgraph_get())
+    changes.pending, made.hide_render = False, False
+    changes.note(bpy.context.evaluated_depsgraph_get())
+    assert changes.pending and made.name in staged(tmp_path, camera).objects
+
+
+def staged(folder, camera):
+    """A scene as it is now."""
+    stage = make_stage(bpy.context.evaluated_depsgraph_get(), folder, camera)
+    assert stage.whole
+    return stage
 
 
 def test_parallel_rays_show_what_the_near_clip_would_hide(scene, command, tmp_path):
