@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..engine.order import StageSettings, stage_settings
 from ..objects.attributes import has_splats
 from ..objects.placed import holds_splats
 
@@ -16,7 +17,7 @@ class Changes:
     def __init__(self):
         self.pending = True
         self._objects: tuple[tuple[str, bool], ...] = ()
-        self._settings: tuple = ()
+        self._settings: StageSettings | None = None
 
     def note(self, depsgraph: bpy.types.Depsgraph) -> None:
         """What Blender tells before it draws. Cameras are no part of a stage."""
@@ -27,7 +28,7 @@ class Changes:
 
     def compare(self, scene: bpy.types.Scene) -> None:
         """Note what a stage depends on besides."""
-        settings = scene.dogsplat.send, scene.dogsplat.bounces, scene.render.film_transparent
+        settings = stage_settings(scene)
         if settings != self._settings:
             self._settings, self.pending = settings, True
 

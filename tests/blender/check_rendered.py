@@ -281,9 +281,18 @@ def test_a_stage_is_written_again_only_if_splats_have_changed(scene, model, tmp_
     changes.pending = False
     changes.compare(scene)
     assert not changes.pending
-    scene.dogsplat.bounces += 1
-    changes.compare(scene)
-    assert changes.pending
+    settings, render = scene.dogsplat, scene.render
+    for owner, name, value in (
+        (settings, "send", "SPLATS"),
+        (settings, "bounces", 3),
+        (settings, "mesh_shadows", True),
+        (render, "film_transparent", True),
+    ):
+        assert getattr(owner, name) != value
+        setattr(owner, name, value)
+        changes.compare(scene)
+        assert changes.pending, name
+        changes.pending = False
 
 
 def update(thing, geometry=False, transform=False, shading=False):
