@@ -25,7 +25,6 @@ from ..scene.write import has_surroundings, write_scene
 
 MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
 NEAR_CLIP = 0.2  # where no model of the scene has a modifier that says otherwise
-SCENE_FILE = "scene.json"
 
 
 class StageSettings(NamedTuple):
@@ -112,18 +111,18 @@ def make_stage(depsgraph: bpy.types.Depsgraph, folder: Path, camera: Camera, see
         files.add(model.name)
     if not whole:
         return Stage(request, splats.names, False, light, files, notes)
-    written = write_scene(depsgraph, seen_by, camera, folder / SCENE_FILE, len(splats.models))
-    request |= {"scene": str(folder / SCENE_FILE), "max_depth": settings.bounces + 1}
+    written = write_scene(depsgraph, seen_by, camera, folder, len(splats.models))
+    request |= {"scene": str(folder / written.scene), "max_depth": settings.bounces + 1}
     request |= {"mesh_shadows": settings.mesh_shadows, "transparent": settings.transparent}
     request["hide_lamps"] = written.hide_lamps
-    files |= written.files | {SCENE_FILE}
+    files |= written.files
     return Stage(request, splats.names + written.names, True, light, files, notes + written.notes)
 
 
 def tidy(folder: Path, files: set[str]) -> None:
     """Remove what earlier frames needed and these files are not."""
     for path in folder.iterdir():
-        if path.name not in files and path.suffix in (".ply", ".pfm", ".ppm"):
+        if path.name not in files and path.suffix in (".json", ".ply", ".pfm", ".ppm"):
             path.unlink()
 
 

@@ -4,6 +4,7 @@ import json
 import os
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
@@ -13,11 +14,11 @@ import pytest
 from check_render import place_camera
 from conftest import REFERENCES, load
 from mathutils import Matrix, Vector
-from surroundings import plane
+from surroundings import body, material, plane
 
 from blender_addon.editing.stand_in import build_stand_in
 from blender_addon.engine.live import LiveCommand, LiveInProcess, live_renderer
-from blender_addon.engine.order import camera_request, make_order, make_stage
+from blender_addon.engine.order import camera_request, make_order, make_stage, tidy
 from blender_addon.engine.served import RendererError
 from blender_addon.engine.settings import ENGINE
 from blender_addon.nodes.modifier import get_input, splat_modifier
@@ -176,6 +177,26 @@ def test_a_scene_is_lit_at_the_camera_while_it_moves_and_path_traced_at_rest(sce
     far = np.load(REFERENCES / "square.npz")["alpha"].reshape(16, 4, 24, 4).max((1, 3)) == 0
     assert far.any() and moving[far][:, :3].min() > 0.2
     assert resting[-1][1][far][:, :3].mean() < 0.05  # no lamp, no world: only splats shine on the wall
+
+
+def test_the_same_scene_is_the_same_file(scene, tmp_path):
+    """The package then reads nothing again; what earlier scenes were goes."""
+    place_camera(scene, "dog")
+    load(REFERENCES / "dog.ply")
+    wall, camera = plane(5), through_the_camera(scene).camera
+    body(wall, material("ShaderNodeBsdfDiffuse"))
+    first = staged(tmp_path, camera)
+    path = Path(first.request["scene"])
+    before = path.stat().st_mtime_ns
+    wall.update_tag()
+    bpy.context.view_layer.update()
+    assert staged(tmp_path, camera).request == first.request and path.stat().st_mtime_ns == before
+    wall.location.x += 1
+    bpy.context.view_layer.update()
+    other = staged(tmp_path, camera)
+    assert other.request["scene"] != str(path)
+    tidy(tmp_path, other.files)
+    assert {file.name for file in tmp_path.iterdir()} == other.files
 
 
 @pytest.mark.parametrize("helper", ["crop", "stand-in"])
