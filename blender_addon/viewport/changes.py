@@ -7,6 +7,7 @@ import bpy
 from ..engine.order import StageSettings, stage_settings
 from ..objects.attributes import has_splats
 from ..objects.placed import holds_splats
+from .tagged import TAGGED
 
 SEEN = (bpy.types.Material, bpy.types.World, bpy.types.Light, bpy.types.Image, bpy.types.Texture, bpy.types.NodeTree)
 
@@ -37,7 +38,8 @@ def _matters(update: bpy.types.DepsgraphUpdate) -> bool:
     thing = update.id.original
     if not isinstance(thing, bpy.types.Object):
         return isinstance(thing, SEEN)
-    if thing.type == "CAMERA" or not (update.is_updated_geometry or update.is_updated_transform or _shades(update)):
+    geometry = update.is_updated_geometry and not TAGGED.is_ours(thing)
+    if thing.type == "CAMERA" or not (geometry or update.is_updated_transform or _shades(update)):
         return False
     return thing.type != "EMPTY" or holds_splats(thing) or thing.instance_type != "NONE"
 

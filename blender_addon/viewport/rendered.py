@@ -22,6 +22,7 @@ from .region import Part, Seen, rendered_part, seen_by
 from .stream import Stream
 
 INTERVAL = 0.01  # seconds between two looks for a new picture
+PAUSE = 2.0  # between two stages, of the time that the former took: Blender needs some for itself
 PATIENCE = 3.0  # seconds in which a viewport is drawn that is on the screen at all
 _SHOWN: weakref.WeakSet = weakref.WeakSet()
 
@@ -39,6 +40,7 @@ class Rendered:
         self._drawn = self._timed = 0  # of the news of the stream
         self._place = "", ""  # names of scene and view layer
         self._problem, self._redraws = "", False
+        self._next = -math.inf  # time before which no other stage is written
         self._undrawn = math.inf  # since when there has been something to draw
         _SHOWN.add(self)
 
@@ -81,9 +83,17 @@ class Rendered:
 
     def restage(self) -> None:
         """Write what has changed since it was drawn, which cannot be done while drawing."""
-        if self._seen is None or not self._changes.pending:
+        start = time.monotonic()
+        if self._seen is None or not self._changes.pending or start < self._next:
             return
         self._changes.pending = False
+        try:
+            self._restage()
+        finally:
+            now = time.monotonic()
+            self._next = now + PAUSE * (now - start)
+
+    def _restage(self) -> None:
         scene = bpy.data.scenes.get(self._place[0])
         layer = scene and scene.view_layers.get(self._place[1])
         if layer is None:
@@ -96,6 +106,7 @@ class Rendered:
                 self._folder, self._stream = renderer.folder, Stream(renderer.pictures, renderer.close)
                 weakref.finalize(self, self._stream.close)
             layer.depsgraph.update()
+            assert self._seen
             self._stage = make_stage(layer.depsgraph, self._folder, self._seen.camera)
         except (ValueError, OSError, RendererError) as error:
             self._problem = str(error)

@@ -29,7 +29,7 @@ from blender_addon.viewport.changes import Changes
 from blender_addon.viewport.handlers import BEHIND_OURS, at_rest
 from blender_addon.viewport.pace import LEVELS, REST, Level
 from blender_addon.viewport.region import rendered_part, seen_by
-from blender_addon.viewport.rendered import PATIENCE, Rendered, request_of
+from blender_addon.viewport.rendered import PATIENCE, PAUSE, Rendered, request_of
 from blender_addon.viewport.watcher import Shown, Watcher
 
 COMMAND = tuple(json.loads(os.environ["DOGSPLAT_COMMAND"]))
@@ -316,6 +316,67 @@ def test_a_stage_is_written_again_only_if_splats_have_changed(scene, model, tmp_
         changes.pending = False
 
 
+def test_what_the_watcher_changes_asks_for_no_stage(scene, model):
+    """Nor is the next change, of anybody else, passed over."""
+    obj, changes = load(model), [Changes(), Changes()]
+    obj.update_tag()
+
+    def told():
+        """What two viewports make of what Blender tells after it has evaluated, while it tells."""
+        found = []
+
+        def note(scene, depsgraph):
+            assert obj.name in {update.id.original.name for update in depsgraph.updates if update.is_updated_geometry}
+            for each in changes:
+                each.note(depsgraph)
+                found.append(each.pending)
+                each.pending = False
+
+        bpy.app.handlers.depsgraph_update_post.append(note)
+        try:
+            bpy.context.view_layer.update()
+        finally:
+            bpy.app.handlers.depsgraph_update_post.remove(note)
+        return found
+
+    told()
+    for share in (0.1, 0.2):
+        Watcher().show(scene, Shown(round(share * 150)))
+        assert get_input(splat_modifier(obj), "Moving Share") == pytest.approx(share)
+        assert told() == [False, False]
+    obj.data.vertices[0].co.x += 1
+    obj.data.update_tag()
+    obj.update_tag()
+    assert told() == [True, True]
+    Watcher().show(scene, Shown())
+    scene.frame_set(2)
+    obj.update_tag()
+    assert told() == [True, True]
+
+
+def test_stages_leave_blender_some_time(monkeypatch, tmp_path, scene, model):
+    place_camera(scene, "dog")
+    load(model)
+    clock, made = [100.0], []
+    monkeypatch.setattr(rendered.time, "monotonic", lambda: clock[0])
+
+    def slow(*_):
+        clock[0] += 0.5
+        made.append(clock[0])
+        raise ValueError("no matter")
+
+    viewport = drawn_viewport(monkeypatch, tmp_path)
+    monkeypatch.setattr(rendered, "make_stage", slow)
+    viewport.restage()
+    again = SimpleNamespace(objects=[], updates=[update(bpy.data.materials.new("M"))])
+    viewport.note(again)
+    viewport.restage()
+    assert len(made) == 1 and viewport.waits(clock[0])
+    clock[0] += 0.5 * PAUSE
+    viewport.restage()
+    assert len(made) == 2
+
+
 def update(thing, geometry=False, transform=False, shading=False):
     flags = {"is_updated_geometry": geometry, "is_updated_transform": transform, "is_updated_shading": shading}
     return SimpleNamespace(id=thing, **flags)
@@ -356,29 +417,37 @@ def test_blender_draws_few_splats_itself_where_our_engine_draws_every_viewport(s
     assert at_rest(scene, [window("RENDERED", "MATERIAL")]) == at_rest(scene, []) == Shown()
 
 
+def a_context():
+    """Of a viewport that is drawn."""
+    space = SimpleNamespace(view_matrix=Matrix.Identity(4), window_matrix=Matrix(VIEWS["perspective"]),
+                            is_perspective=True, view_perspective="PERSP")  # fmt: skip
+    view3d = SimpleNamespace(camera=None, use_render_border=False)
+    region = SimpleNamespace(width=SIZE[0], height=SIZE[1])
+    return SimpleNamespace(region=region, region_data=space, space_data=view3d, preferences=bpy.context.preferences)
+
+
+def drawn_viewport(monkeypatch, folder):
+    """One that was drawn once, and whose package draws nothing."""
+    package = SimpleNamespace(folder=folder, pictures=never, close=never)
+    monkeypatch.setattr(rendered, "live_renderer", lambda command: package)
+    viewport = Rendered()
+    viewport.draw(a_context(), bpy.context.evaluated_depsgraph_get())
+    return viewport
+
+
 def test_a_viewport_that_is_not_on_the_screen_is_not_waited_for(monkeypatch, tmp_path):
     """As one in another workspace; a timer would look at it for ever."""
-    package = SimpleNamespace(folder=tmp_path, pictures=never, close=never)
-    monkeypatch.setattr(rendered, "live_renderer", lambda command: package)
     viewport = Rendered()
     assert not viewport.has_news(0.0) and viewport.waits(0.0)  # it has no stage yet
     viewport.restage()
     assert viewport.waits(0.0)  # nor has it been drawn
-
-    class Region:
-        width, height = SIZE
-
-    space = SimpleNamespace(view_matrix=Matrix.Identity(4), window_matrix=Matrix(VIEWS["perspective"]),
-                            is_perspective=True, view_perspective="PERSP")  # fmt: skip
-    view3d = SimpleNamespace(camera=None, use_render_border=False)
-    context = SimpleNamespace(region=Region, region_data=space, space_data=view3d)
-    viewport.draw(context, bpy.context.evaluated_depsgraph_get())
+    viewport = drawn_viewport(monkeypatch, tmp_path)
     viewport.restage()
     assert "no splats" in viewport.error
     now = time.monotonic() + REST
     assert viewport.has_news(now) and viewport.waits(now + 0.9 * PATIENCE)
     assert not viewport.has_news(now + PATIENCE) and not viewport.waits(now + PATIENCE)
-    viewport.draw(context, bpy.context.evaluated_depsgraph_get())
+    viewport.draw(a_context(), bpy.context.evaluated_depsgraph_get())
     assert not viewport.waits(now)
 
 
