@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -120,10 +121,11 @@ def make_stage(depsgraph: bpy.types.Depsgraph, folder: Path, camera: Camera, see
 
 
 def tidy(folder: Path, files: set[str]) -> None:
-    """Remove what earlier frames needed and these files are not."""
+    """Remove what earlier frames needed and these files are not; what is still being read stays for the next time."""
     for path in folder.iterdir():
         if path.name not in files and path.suffix in (".json", ".ply", ".pfm", ".ppm"):
-            path.unlink()
+            with suppress(OSError):
+                path.unlink()
 
 
 def camera_request(camera: Camera) -> dict[str, Any]:

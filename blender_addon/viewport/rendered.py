@@ -34,6 +34,8 @@ class Rendered:
         self._pace, self._blit, self._changes = Pace(), Blit(), Changes()
         self._stream: Stream | None = None
         self._folder: Any = None  # of what the stream reads
+        self._files: set[str] = set()  # in it, of the latest stage that was written whole
+        self._command = ""  # of the preferences, that the stream is for
         self._stage: Stage | None = None
         self._seen: Seen | None = None
         self._asked: tuple[dict[str, Any], bool] | None = None  # the latest request, and whether the view was at rest
@@ -69,6 +71,8 @@ class Rendered:
             self._pace.moved(now)
         self._place = depsgraph.scene.name, depsgraph.view_layer.name
         self._changes.compare(depsgraph.scene)
+        if (command := command_of(context)) != self._command:
+            self._leave(command)
         if not bpy.app.timers.is_registered(look):
             bpy.app.timers.register(look, first_interval=0)
         self._redraws, self._undrawn = False, math.inf
@@ -80,6 +84,14 @@ class Rendered:
         if frame is not None:
             left, top, right, bottom = frame.tag[0]
             self._blit.draw(frame.pixels, left, region.height - bottom, right - left, bottom - top)
+
+    def _leave(self, command: str) -> None:
+        """Another command is to draw: it gets a stream and a stage of its own."""
+        if self._stream is not None:
+            self._stream.close()
+        self._command, self._changes.pending, self._next = command, True, -math.inf
+        self._stream, self._stage, self._asked, self._files = None, None, None, set()
+        self._drawn = self._timed = 0
 
     def restage(self) -> None:
         """Write what has changed since it was drawn, which cannot be done while drawing."""
@@ -99,10 +111,10 @@ class Rendered:
         if layer is None:
             return
         self._redraws, self._problem = True, ""
-        before, self._stage = self._stage, None
+        self._stage = None
         try:
             if self._stream is None:
-                renderer = live_renderer(command_of(bpy.context))
+                renderer = live_renderer(self._command)
                 self._folder, self._stream = renderer.folder, Stream(renderer.pictures, renderer.close)
                 weakref.finalize(self, self._stream.close)
             layer.depsgraph.update()
@@ -111,7 +123,8 @@ class Rendered:
         except (ValueError, OSError, RendererError) as error:
             self._problem = str(error)
             return
-        tidy(self._folder, self._stage.files | (before.files if before else set()))  # the stream may still read those
+        tidy(self._folder, self._stage.files | self._files)  # the stream may still read those
+        self._files = self._stage.files
 
     def _learn(self, stream: Stream) -> None:
         """What the latest picture of a moving view took, once."""

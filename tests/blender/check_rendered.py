@@ -377,6 +377,72 @@ def test_stages_leave_blender_some_time(monkeypatch, tmp_path, scene, model):
     assert len(made) == 2
 
 
+def test_a_viewport_tries_again_with_another_command(monkeypatch, tmp_path, scene, model):
+    """Also where another one draws."""
+    load(model)
+    named, asked, closed = [""], [], []
+
+    def live(command):
+        asked.append(command)
+        if not command:
+            raise RendererError("the package is missing")
+        return SimpleNamespace(folder=tmp_path, pictures=never, close=lambda: closed.append(command))
+
+    viewport = drawn_viewport(monkeypatch, tmp_path)
+    monkeypatch.setattr(rendered, "live_renderer", live)
+    monkeypatch.setattr(rendered, "command_of", lambda context: named[0])
+    viewport.restage()
+    assert "missing" in viewport.error
+    for named[0] in ("first", "second"):
+        viewport.draw(a_context(), bpy.context.evaluated_depsgraph_get())
+        viewport.restage()
+        assert not viewport.error
+    assert asked == ["", "first", "second"]
+    limit = time.monotonic() + 10
+    while not closed and time.monotonic() < limit:
+        time.sleep(0.01)
+    assert closed == ["first"]
+
+
+def test_a_stage_that_fails_takes_no_file_from_the_one_before(monkeypatch, tmp_path, scene, model):
+    """Which may still be read."""
+    obj, viewport = load(model), drawn_viewport(monkeypatch, tmp_path)
+    monkeypatch.setattr(rendered, "PAUSE", 0.0)
+    whole = rendered.make_stage
+
+    def stage(make):
+        monkeypatch.setattr(rendered, "make_stage", make)
+        obj.location.x += 1
+        viewport.note(SimpleNamespace(objects=[], updates=[update(bpy.data.materials.new("M"))]))
+        viewport.restage()
+        return {path.name for path in tmp_path.iterdir()}
+
+    def fails(*_):
+        raise ValueError("no stage")
+
+    (first,) = stage(whole)
+    assert stage(fails) == {first}
+    second = stage(whole)
+    assert len(second) == 2 and first in second
+    assert first not in stage(whole)
+
+
+def test_a_file_that_cannot_be_removed_stays(monkeypatch, tmp_path):
+    """As one that is being read on Windows; others go."""
+    for name in ("a.ply", "b.ply"):
+        (tmp_path / name).touch()
+    remove = Path.unlink
+
+    def unlink(path, *args, **options):
+        if path.name == "a.ply":
+            raise PermissionError("in use")
+        remove(path, *args, **options)
+
+    monkeypatch.setattr(Path, "unlink", unlink)
+    tidy(tmp_path, set())
+    assert [path.name for path in tmp_path.iterdir()] == ["a.ply"]
+
+
 def update(thing, geometry=False, transform=False, shading=False):
     flags = {"is_updated_geometry": geometry, "is_updated_transform": transform, "is_updated_shading": shading}
     return SimpleNamespace(id=thing, **flags)
