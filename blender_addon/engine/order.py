@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -25,7 +26,21 @@ from ..scene.write import has_surroundings, write_scene
 
 MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
 NEAR_CLIP = 0.2  # where no model of the scene has a modifier that says otherwise
-SCENE_FILE = "scene.json"
+
+
+class StageSettings(NamedTuple):
+    """Of a scene: all that a stage depends on beside its objects, so that a viewport can tell when they change."""
+
+    send: str
+    bounces: int
+    mesh_shadows: bool
+    transparent: bool
+
+
+def stage_settings(scene: bpy.types.Scene) -> StageSettings:
+    """As they are now."""
+    settings = scene.dogsplat
+    return StageSettings(settings.send, settings.bounces, settings.mesh_shadows, scene.render.film_transparent)
 
 
 @dataclass
@@ -81,8 +96,8 @@ def make_stage(depsgraph: bpy.types.Depsgraph, folder: Path, camera: Camera, see
 
     Raises ``ValueError`` where nothing can be drawn. ``camera`` is how far a scene has to reach.
     """
-    scene, splats = depsgraph.scene, _gather(depsgraph)
-    whole = scene.dogsplat.send == "SCENE" and has_surroundings(depsgraph)
+    settings, splats = stage_settings(depsgraph.scene), _gather(depsgraph)
+    whole = settings.send == "SCENE" and has_surroundings(depsgraph)
     if not splats.models and not whole:
         raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
     request: dict[str, Any] = {"counts": [model.n_splats for model in splats.models]}
@@ -97,20 +112,20 @@ def make_stage(depsgraph: bpy.types.Depsgraph, folder: Path, camera: Camera, see
         files.add(model.name)
     if not whole:
         return Stage(request, splats.names, False, light, files, notes)
-    written = write_scene(depsgraph, seen_by, camera, folder / SCENE_FILE, len(splats.models))
-    settings = scene.dogsplat
-    request |= {"scene": str(folder / SCENE_FILE), "max_depth": settings.bounces + 1}
-    request["mesh_shadows"] = settings.mesh_shadows
-    request |= {"transparent": scene.render.film_transparent, "hide_lamps": written.hide_lamps}
-    files |= written.files | {SCENE_FILE}
+    written = write_scene(depsgraph, seen_by, camera, folder, len(splats.models))
+    request |= {"scene": str(folder / written.scene), "max_depth": settings.bounces + 1}
+    request |= {"mesh_shadows": settings.mesh_shadows, "transparent": settings.transparent}
+    request["hide_lamps"] = written.hide_lamps
+    files |= written.files
     return Stage(request, splats.names + written.names, True, light, files, notes + written.notes)
 
 
 def tidy(folder: Path, files: set[str]) -> None:
-    """Remove what earlier frames needed and these files are not."""
+    """Remove what earlier frames needed and these files are not; what is still being read stays for the next time."""
     for path in folder.iterdir():
-        if path.name not in files and path.suffix in (".ply", ".pfm", ".ppm"):
-            path.unlink()
+        if path.name not in files and path.suffix in (".json", ".ply", ".pfm", ".ppm"):
+            with suppress(OSError):
+                path.unlink()
 
 
 def camera_request(camera: Camera) -> dict[str, Any]:

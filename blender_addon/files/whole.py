@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Files that are written whole or not at all, and removed or complained of."""
 
 from __future__ import annotations
 
@@ -22,3 +22,12 @@ def write_whole(path: Path, parts: list[bytes]) -> None:
     except OSError as error:
         remedy = "check that the folder exists, is writable and has space"
         raise FileError(path, "cannot be written ({reason})", remedy, reason=error.strerror) from error
+
+
+def remove(path: Path) -> None:
+    """Remove a file if it is there. Raises ``FileError``."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        remedy = "close what has it open, and check that its folder is writable"
+        raise FileError(path, "cannot be removed ({reason})", remedy, reason=error.strerror) from error

@@ -26,7 +26,9 @@ class Export:
         """The name of a file, which is made from its content, so that no frame of a film writes one again."""
         name = hashlib.sha1(content).hexdigest() + suffix
         if not (self.folder / name).exists():
-            (self.folder / name).write_bytes(content)
+            part = self.folder / f"{name}.part"
+            part.write_bytes(content)
+            part.replace(self.folder / name)  # whole: its name says what it holds
         self.files.add(name)
         return name
 

@@ -48,15 +48,17 @@ class Gathered:
 def has_surroundings(depsgraph: bpy.types.Depsgraph) -> bool:
     """Whether a scene has more than splats over a world of one colour; a lamp lights no splats."""
     return not is_plain(depsgraph.scene.world) or any(
-        instance.object.type in WITH_FACES and not _is_of_splats(instance) for instance in depsgraph.object_instances
+        instance.object.type in WITH_FACES and _is_rendered(instance, depsgraph) and not _is_of_splats(instance)
+        for instance in depsgraph.object_instances
     )
 
 
 @dataclass
 class Written:
-    """names: of the objects, by their numbers. hide_lamps: no camera sees lamps, and nothing else that shines would be
-    hidden with them. files: in the folder of the scene."""
+    """scene: the name of its file. names: of the objects, by their numbers. hide_lamps: no camera sees lamps, and
+    nothing else that shines would be hidden with them. files: in the folder, that of the scene among them."""
 
+    scene: str
     names: list[str]
     hide_lamps: bool
     files: set[str]
@@ -64,14 +66,16 @@ class Written:
 
 
 def write_scene(
-    depsgraph: bpy.types.Depsgraph, sensor: Plugin | None, camera: Camera, path: Path, first: int
+    depsgraph: bpy.types.Depsgraph, sensor: Plugin | None, camera: Camera, folder: Path, first: int
 ) -> Written:
     """Write a scene, whose objects have numbers from ``first`` on, and beside it the files that it names.
+
+    All are named by their content, so that the renderer knows a scene again.
 
     Where there is a sensor it becomes part of it. ``camera``: what is far away is outside of it too.
     What is drawn differently, or not at all, is said in the notes, a line each.
     """
-    export, scene = Export(path.parent), depsgraph.scene
+    export, scene = Export(folder), depsgraph.scene
     found = _gather(export, depsgraph)
     names = list(dict.fromkeys(body.name for body in found.bodies))
     described: Plugin = {"sensor": sensor} if sensor else {}
@@ -84,12 +88,10 @@ def write_scene(
             described[f"{LAMP}{number}"] = emitter
     if emitter := world_light(export, scene.world):
         described["world"] = emitter
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(described), encoding="utf-8")
-    part.replace(path)  # a viewport may be reading
+    name = export.write(json.dumps(described).encode(), ".json")
     are_shapes = any("emitter" in plugin for name, plugin in described.items() if name.startswith(LAMP))
     shines = any(look.radiance for look in looks.values())
-    return Written(names, are_shapes and not shines, export.files, export.notes)
+    return Written(name, names, are_shapes and not shines, export.files, export.notes)
 
 
 def _is_of_splats(instance: bpy.types.DepsgraphObjectInstance) -> bool:
@@ -98,11 +100,19 @@ def _is_of_splats(instance: bpy.types.DepsgraphObjectInstance) -> bool:
     return has_splats(instance.object.original) or bool(parent and has_splats(parent.original))
 
 
+def _is_rendered(instance: bpy.types.DepsgraphObjectInstance, depsgraph: bpy.types.Depsgraph) -> bool:
+    """Whether renders show it. The graph of a viewport also holds what they do not, as meshes that crop."""
+    if depsgraph.mode == "RENDER":
+        return True
+    parent = instance.parent
+    return not instance.object.original.hide_render and not (parent and parent.original.hide_render)
+
+
 def _gather(export: Export, depsgraph: bpy.types.Depsgraph) -> Gathered:
     found = Gathered()
     for instance in depsgraph.object_instances:
         obj = instance.object
-        if not instance.show_self or _is_of_splats(instance):
+        if not (instance.show_self and _is_rendered(instance, depsgraph)) or _is_of_splats(instance):
             continue
         world = np.array(instance.matrix_world, np.float64)
         if obj.type == "LIGHT":
@@ -123,7 +133,7 @@ def _material_of(body: Placed, part: Part) -> bpy.types.Material | None:
 
 
 def _material_id(material: bpy.types.Material | None) -> str:
-    return f"material_{material.as_pointer():x}" if material else "material_none"
+    return f"material_{material.original.as_pointer():x}" if material else "material_none"
 
 
 def _materials(export: Export, found: Gathered) -> dict[str, Surface]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..cameras.camera import OPENCV_FROM_OPENGL, Camera
 from ..files.errors import FileError
-from ..files.whole import write_whole
+from ..files.whole import remove, write_whole
 from .rig import held_out
 
 RECORD, TRANSFORMS, POINTS, IMAGES = "views.json", "transforms.json", "points.ply", "images"
@@ -38,7 +38,7 @@ class DataSet:
             raise FileError(folder, "cannot be written ({reason})", ELSEWHERE, reason=error.strerror) from error
         self._frames = {} if is_complete(folder) else self._recorded()
         self._write_record()
-        (folder / TRANSFORMS).unlink(missing_ok=True)
+        remove(folder / TRANSFORMS)
 
     def frame(self, camera: Camera) -> Frame:
         """A camera as ``transforms.json`` has it."""
@@ -66,7 +66,7 @@ class DataSet:
     def complete(self, frames: Sequence[Frame], points: tuple[np.ndarray, np.ndarray], unit: float) -> None:
         """Write what makes a data set of it; ``points``: positions [P, 3] and colours [P, 3]; ``unit`` in metres."""
         for stale in self._frames.keys() - {frame["file_path"] for frame in frames}:
-            (self.folder / stale).unlink(missing_ok=True)
+            remove(self.folder / stale)
         content: dict[str, Any] = {"camera_model": "PINHOLE"}
         if len(points[0]):
             write_points(self.folder / POINTS, *points)

@@ -42,7 +42,7 @@ class DOGSPLAT_OT_render_views(bpy.types.Operator):
         finally:
             rendering.close()
         self.report({"INFO"}, told("{n} views rendered", n=len(rendering.frames)))
-        return bpy.ops.dogsplat.train() if self.train else {"FINISHED"}
+        return self._trained("EXEC_DEFAULT")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """View by view, by Blender's own render job."""
@@ -68,6 +68,9 @@ class DOGSPLAT_OT_render_views(bpy.types.Operator):
         except (ValueError, RuntimeError) as error:
             self._end(context)
             return self._refused(error)
+        except BaseException:
+            self._end(context)  # whatever it is: the scene gets its settings back
+            raise
         redraw(context)
         done, n = jobs.rendering.done, len(jobs.rendering.frames)
         said = told("{done} of {n} views; Esc stops, and what is rendered is kept", done=done, n=n)
@@ -81,7 +84,7 @@ class DOGSPLAT_OT_render_views(bpy.types.Operator):
             )
             return {"FINISHED"}
         self.report({"INFO"}, told("{n} views rendered", n=n))
-        return bpy.ops.dogsplat.train("INVOKE_DEFAULT") if self.train else {"FINISHED"}
+        return self._trained("INVOKE_DEFAULT")
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Blender quits, or opens another file."""
@@ -93,6 +96,15 @@ class DOGSPLAT_OT_render_views(bpy.types.Operator):
         context.window_manager.event_timer_remove(self._timer)
         context.workspace.status_text_set(None)
         redraw(context)
+
+    def _trained(self, how: str) -> set[str]:
+        """The end, or where it is wanted the training, which may not be able to start."""
+        if not self.train:
+            return {"FINISHED"}
+        try:
+            return bpy.ops.dogsplat.train(how)
+        except RuntimeError as error:
+            return self._refused(error)
 
     def _refused(self, error: Exception) -> set[str]:
         self.report({"ERROR"}, " ".join(str(error).removeprefix("Error: ").split()))

@@ -9,6 +9,7 @@ import bpy
 from ..cameras.camera import Camera
 from ..cameras.objects import camera_numbers
 from ..files.errors import told
+from ..files.whole import remove
 from .borrowed import Borrowed, hidden_objects
 from .data_set import DataSet, Frame
 from .points import seen_points
@@ -64,7 +65,7 @@ class Rendering:
         if self._current is None:
             return False
         path, scene = self.data_set.path(self._current), self._context.scene
-        path.unlink(missing_ok=True)
+        remove(path)
         self._borrowed.set(scene, camera=self._cameras[self._current["file_path"]])
         self._borrowed.set(scene.render, filepath=str(path))
         return True

@@ -22,6 +22,10 @@ MESSAGES = {
     "cannot be read ({reason})": "kann nicht gelesen werden ({reason})",
     "check the path and its permissions": "den Pfad und seine Rechte prüfen",
     "cannot be written ({reason})": "kann nicht geschrieben werden ({reason})",
+    "cannot be removed ({reason})": "kann nicht entfernt werden ({reason})",
+    "close what has it open, and check that its folder is writable": (
+        "schließen, was sie geöffnet hat, und prüfen, ob ihr Ordner beschreibbar ist"
+    ),
     "check that the folder exists, is writable and has space": (
         "prüfen, ob der Ordner existiert, beschreibbar ist und Platz hat"
     ),

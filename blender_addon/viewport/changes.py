@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import bpy
 
+from ..engine.order import StageSettings, stage_settings
 from ..objects.attributes import has_splats
 from ..objects.placed import holds_splats
+from .tagged import TAGGED
 
 SEEN = (bpy.types.Material, bpy.types.World, bpy.types.Light, bpy.types.Image, bpy.types.Texture, bpy.types.NodeTree)
 
@@ -15,19 +17,19 @@ class Changes:
 
     def __init__(self):
         self.pending = True
-        self._objects: tuple[str, ...] = ()
-        self._settings: tuple = ()
+        self._objects: tuple[tuple[str, bool], ...] = ()
+        self._settings: StageSettings | None = None
 
     def note(self, depsgraph: bpy.types.Depsgraph) -> None:
         """What Blender tells before it draws. Cameras are no part of a stage."""
-        objects = tuple(obj.name_full for obj in depsgraph.objects)
+        objects = tuple((obj.name_full, obj.hide_render) for obj in depsgraph.objects)
         if objects != self._objects:  # shown or hidden
             self._objects, self.pending = objects, True
         self.pending |= any(_matters(update) for update in depsgraph.updates)
 
     def compare(self, scene: bpy.types.Scene) -> None:
         """Note what a stage depends on besides."""
-        settings = scene.dogsplat.send, scene.dogsplat.bounces, scene.render.film_transparent
+        settings = stage_settings(scene)
         if settings != self._settings:
             self._settings, self.pending = settings, True
 
@@ -36,7 +38,8 @@ def _matters(update: bpy.types.DepsgraphUpdate) -> bool:
     thing = update.id.original
     if not isinstance(thing, bpy.types.Object):
         return isinstance(thing, SEEN)
-    if thing.type == "CAMERA" or not (update.is_updated_geometry or update.is_updated_transform or _shades(update)):
+    geometry = update.is_updated_geometry and not TAGGED.is_ours(thing)
+    if thing.type == "CAMERA" or not (geometry or update.is_updated_transform or _shades(update)):
         return False
     return thing.type != "EMPTY" or holds_splats(thing) or thing.instance_type != "NONE"
 

@@ -12,6 +12,7 @@ from bpy.app.handlers import persistent
 from bpy.props import BoolProperty, EnumProperty, IntProperty
 
 from ..engine.settings import ENGINE
+from .tagged import evaluated, frame_changed
 from .view import view_of
 from .watcher import INTERVAL, Shown, Watcher
 
@@ -104,7 +105,8 @@ def loaded(*_: Any) -> None:
 def _hooks() -> tuple[tuple[Any, Any], ...]:
     handlers = bpy.app.handlers
     changing = handlers.save_pre, handlers.undo_post, handlers.redo_post
-    return (handlers.load_post, loaded), *((hook, settle) for hook in changing)
+    ours = (handlers.depsgraph_update_post, evaluated), (handlers.frame_change_post, frame_changed)
+    return (handlers.load_post, loaded), *ours, *((hook, settle) for hook in changing)
 
 
 def register() -> None:

@@ -22,6 +22,7 @@ from .region import Part, Seen, rendered_part, seen_by
 from .stream import Stream
 
 INTERVAL = 0.01  # seconds between two looks for a new picture
+PAUSE = 2.0  # between two stages, of the time that the former took: Blender needs some for itself
 PATIENCE = 3.0  # seconds in which a viewport is drawn that is on the screen at all
 _SHOWN: weakref.WeakSet = weakref.WeakSet()
 
@@ -33,12 +34,15 @@ class Rendered:
         self._pace, self._blit, self._changes = Pace(), Blit(), Changes()
         self._stream: Stream | None = None
         self._folder: Any = None  # of what the stream reads
+        self._files: set[str] = set()  # in it, of the latest stage that was written whole
+        self._command = ""  # of the preferences, that the stream is for
         self._stage: Stage | None = None
         self._seen: Seen | None = None
         self._asked: tuple[dict[str, Any], bool] | None = None  # the latest request, and whether the view was at rest
         self._drawn = self._timed = 0  # of the news of the stream
         self._place = "", ""  # names of scene and view layer
         self._problem, self._redraws = "", False
+        self._next = -math.inf  # time before which no other stage is written
         self._undrawn = math.inf  # since when there has been something to draw
         _SHOWN.add(self)
 
@@ -67,6 +71,8 @@ class Rendered:
             self._pace.moved(now)
         self._place = depsgraph.scene.name, depsgraph.view_layer.name
         self._changes.compare(depsgraph.scene)
+        if (command := command_of(context)) != self._command:
+            self._leave(command)
         if not bpy.app.timers.is_registered(look):
             bpy.app.timers.register(look, first_interval=0)
         self._redraws, self._undrawn = False, math.inf
@@ -79,28 +85,46 @@ class Rendered:
             left, top, right, bottom = frame.tag[0]
             self._blit.draw(frame.pixels, left, region.height - bottom, right - left, bottom - top)
 
+    def _leave(self, command: str) -> None:
+        """Another command is to draw: it gets a stream and a stage of its own."""
+        if self._stream is not None:
+            self._stream.close()
+        self._command, self._changes.pending, self._next = command, True, -math.inf
+        self._stream, self._stage, self._asked, self._files = None, None, None, set()
+        self._drawn = self._timed = 0
+
     def restage(self) -> None:
         """Write what has changed since it was drawn, which cannot be done while drawing."""
-        if self._seen is None or not self._changes.pending:
+        start = time.monotonic()
+        if self._seen is None or not self._changes.pending or start < self._next:
             return
         self._changes.pending = False
+        try:
+            self._restage()
+        finally:
+            now = time.monotonic()
+            self._next = now + PAUSE * (now - start)
+
+    def _restage(self) -> None:
         scene = bpy.data.scenes.get(self._place[0])
         layer = scene and scene.view_layers.get(self._place[1])
         if layer is None:
             return
         self._redraws, self._problem = True, ""
-        before, self._stage = self._stage, None
+        self._stage = None
         try:
             if self._stream is None:
-                renderer = live_renderer(command_of(bpy.context))
+                renderer = live_renderer(self._command)
                 self._folder, self._stream = renderer.folder, Stream(renderer.pictures, renderer.close)
                 weakref.finalize(self, self._stream.close)
             layer.depsgraph.update()
+            assert self._seen
             self._stage = make_stage(layer.depsgraph, self._folder, self._seen.camera)
         except (ValueError, OSError, RendererError) as error:
             self._problem = str(error)
             return
-        tidy(self._folder, self._stage.files | (before.files if before else set()))  # the stream may still read those
+        tidy(self._folder, self._stage.files | self._files)  # the stream may still read those
+        self._files = self._stage.files
 
     def _learn(self, stream: Stream) -> None:
         """What the latest picture of a moving view took, once."""

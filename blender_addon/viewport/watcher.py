@@ -13,6 +13,7 @@ import bpy
 
 from ..nodes.modifier import get_input, has_input, set_input, splat_modifier
 from ..objects.attributes import is_splats
+from .tagged import TAGGED
 from .view import View, view_inputs
 
 REST = 0.25  # seconds without another view
@@ -90,7 +91,7 @@ def show_models(scene: bpy.types.Scene, shown: Shown, view: View | None) -> None
         for name in changed:
             set_input(modifier, name, inputs[name])
         if changed:
-            obj.update_tag()
+            TAGGED.tag(obj)
 
 
 def drawn_models(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, bpy.types.Modifier]]:

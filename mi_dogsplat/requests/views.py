@@ -84,8 +84,9 @@ class Views:
         sensor, camera = sensor_of(request), request.camera
         assert camera
         files = [path for path in (request.scene, request.model) if path]
-        how = request.max_depth, request.transparent, request.hide_lamps, request.near_clip, request.antialiased
-        scene, quick = self._keep("scene", files, how, lambda: self._load(request, sensor))
+        how = request.max_depth, request.transparent, request.hide_lamps
+        drawn = request.near_clip, request.antialiased, request.mesh_shadows
+        scene, quick = self._keep("scene", files, how + drawn, lambda: self._load(request, sensor))
         if not request.samples:
             picture = np.array(mi.render(scene, sensor=sensor, integrator=quick, spp=1), np.float32)
             if not request.transparent:

@@ -4,6 +4,7 @@ import json
 import os
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
@@ -13,10 +14,11 @@ import pytest
 from check_render import place_camera
 from conftest import REFERENCES, load
 from mathutils import Matrix, Vector
-from surroundings import plane
+from surroundings import body, material, plane
 
+from blender_addon.editing.stand_in import build_stand_in
 from blender_addon.engine.live import LiveCommand, LiveInProcess, live_renderer
-from blender_addon.engine.order import camera_request, make_order, make_stage
+from blender_addon.engine.order import camera_request, make_order, make_stage, tidy
 from blender_addon.engine.served import RendererError
 from blender_addon.engine.settings import ENGINE
 from blender_addon.nodes.modifier import get_input, splat_modifier
@@ -27,7 +29,7 @@ from blender_addon.viewport.changes import Changes
 from blender_addon.viewport.handlers import BEHIND_OURS, at_rest
 from blender_addon.viewport.pace import LEVELS, REST, Level
 from blender_addon.viewport.region import rendered_part, seen_by
-from blender_addon.viewport.rendered import PATIENCE, Rendered, request_of
+from blender_addon.viewport.rendered import PATIENCE, PAUSE, Rendered, request_of
 from blender_addon.viewport.watcher import Shown, Watcher
 
 COMMAND = tuple(json.loads(os.environ["DOGSPLAT_COMMAND"]))
@@ -177,6 +179,55 @@ def test_a_scene_is_lit_at_the_camera_while_it_moves_and_path_traced_at_rest(sce
     assert resting[-1][1][far][:, :3].mean() < 0.05  # no lamp, no world: only splats shine on the wall
 
 
+def test_the_same_scene_is_the_same_file(scene, tmp_path):
+    """The package then reads nothing again; what earlier scenes were goes."""
+    place_camera(scene, "dog")
+    load(REFERENCES / "dog.ply")
+    wall, camera = plane(5), through_the_camera(scene).camera
+    body(wall, material("ShaderNodeBsdfDiffuse"))
+    first = staged(tmp_path, camera)
+    path = Path(first.request["scene"])
+    before = path.stat().st_mtime_ns
+    wall.update_tag()
+    bpy.context.view_layer.update()
+    assert staged(tmp_path, camera).request == first.request and path.stat().st_mtime_ns == before
+    wall.location.x += 1
+    bpy.context.view_layer.update()
+    other = staged(tmp_path, camera)
+    assert other.request["scene"] != str(path)
+    tidy(tmp_path, other.files)
+    assert {file.name for file in tmp_path.iterdir()} == other.files
+
+
+@pytest.mark.parametrize("helper", ["crop", "stand-in"])
+def test_what_renders_do_not_show_is_no_body_of_a_viewport(scene, model, tmp_path, helper):
+    """The mesh of a crop, and what brushes paint; a mesh that renders show again is."""
+    place_camera(scene, "dog")
+    obj, changes = load(model), Changes()
+    if helper == "crop":
+        assert bpy.ops.dogsplat.add_crop(shape="MESH") == {"FINISHED"}
+        made = get_input(obj.modifiers[0], "Object")
+    else:
+        made = build_stand_in(obj)
+    bpy.context.view_layer.update()
+    depsgraph, camera = bpy.context.evaluated_depsgraph_get(), through_the_camera(scene).camera
+    assert depsgraph.mode == "VIEWPORT" and made.name in {seen.name for seen in depsgraph.objects}
+    assert not make_stage(depsgraph, tmp_path, camera).whole
+    plane(5)
+    assert [name for name in staged(tmp_path, camera).objects if name == made.name] == []
+    changes.note(bpy.context.evaluated_depsgraph_get())
+    changes.pending, made.hide_render = False, False
+    changes.note(bpy.context.evaluated_depsgraph_get())
+    assert changes.pending and made.name in staged(tmp_path, camera).objects
+
+
+def staged(folder, camera):
+    """A scene as it is now."""
+    stage = make_stage(bpy.context.evaluated_depsgraph_get(), folder, camera)
+    assert stage.whole
+    return stage
+
+
 def test_parallel_rays_show_what_the_near_clip_would_hide(scene, command, tmp_path):
     place_camera(scene, "dog")
     load(REFERENCES / "dog.ply")
@@ -251,9 +302,145 @@ def test_a_stage_is_written_again_only_if_splats_have_changed(scene, model, tmp_
     changes.pending = False
     changes.compare(scene)
     assert not changes.pending
-    scene.dogsplat.bounces += 1
-    changes.compare(scene)
-    assert changes.pending
+    settings, render = scene.dogsplat, scene.render
+    for owner, name, value in (
+        (settings, "send", "SPLATS"),
+        (settings, "bounces", 3),
+        (settings, "mesh_shadows", True),
+        (render, "film_transparent", True),
+    ):
+        assert getattr(owner, name) != value
+        setattr(owner, name, value)
+        changes.compare(scene)
+        assert changes.pending, name
+        changes.pending = False
+
+
+def test_what_the_watcher_changes_asks_for_no_stage(scene, model):
+    """Nor is the next change, of anybody else, passed over."""
+    obj, changes = load(model), [Changes(), Changes()]
+    obj.update_tag()
+
+    def told():
+        """What two viewports make of what Blender tells after it has evaluated, while it tells."""
+        found = []
+
+        def note(scene, depsgraph):
+            assert obj.name in {update.id.original.name for update in depsgraph.updates if update.is_updated_geometry}
+            for each in changes:
+                each.note(depsgraph)
+                found.append(each.pending)
+                each.pending = False
+
+        bpy.app.handlers.depsgraph_update_post.append(note)
+        try:
+            bpy.context.view_layer.update()
+        finally:
+            bpy.app.handlers.depsgraph_update_post.remove(note)
+        return found
+
+    told()
+    for share in (0.1, 0.2):
+        Watcher().show(scene, Shown(round(share * 150)))
+        assert get_input(splat_modifier(obj), "Moving Share") == pytest.approx(share)
+        assert told() == [False, False]
+    obj.data.vertices[0].co.x += 1
+    obj.data.update_tag()
+    obj.update_tag()
+    assert told() == [True, True]
+    Watcher().show(scene, Shown())
+    scene.frame_set(2)
+    obj.update_tag()
+    assert told() == [True, True]
+
+
+def test_stages_leave_blender_some_time(monkeypatch, tmp_path, scene, model):
+    place_camera(scene, "dog")
+    load(model)
+    clock, made = [100.0], []
+    monkeypatch.setattr(rendered.time, "monotonic", lambda: clock[0])
+
+    def slow(*_):
+        clock[0] += 0.5
+        made.append(clock[0])
+        raise ValueError("no matter")
+
+    viewport = drawn_viewport(monkeypatch, tmp_path)
+    monkeypatch.setattr(rendered, "make_stage", slow)
+    viewport.restage()
+    again = SimpleNamespace(objects=[], updates=[update(bpy.data.materials.new("M"))])
+    viewport.note(again)
+    viewport.restage()
+    assert len(made) == 1 and viewport.waits(clock[0])
+    clock[0] += 0.5 * PAUSE
+    viewport.restage()
+    assert len(made) == 2
+
+
+def test_a_viewport_tries_again_with_another_command(monkeypatch, tmp_path, scene, model):
+    """Also where another one draws."""
+    load(model)
+    named, asked, closed = [""], [], []
+
+    def live(command):
+        asked.append(command)
+        if not command:
+            raise RendererError("the package is missing")
+        return SimpleNamespace(folder=tmp_path, pictures=never, close=lambda: closed.append(command))
+
+    viewport = drawn_viewport(monkeypatch, tmp_path)
+    monkeypatch.setattr(rendered, "live_renderer", live)
+    monkeypatch.setattr(rendered, "command_of", lambda context: named[0])
+    viewport.restage()
+    assert "missing" in viewport.error
+    for named[0] in ("first", "second"):
+        viewport.draw(a_context(), bpy.context.evaluated_depsgraph_get())
+        viewport.restage()
+        assert not viewport.error
+    assert asked == ["", "first", "second"]
+    limit = time.monotonic() + 10
+    while not closed and time.monotonic() < limit:
+        time.sleep(0.01)
+    assert closed == ["first"]
+
+
+def test_a_stage_that_fails_takes_no_file_from_the_one_before(monkeypatch, tmp_path, scene, model):
+    """Which may still be read."""
+    obj, viewport = load(model), drawn_viewport(monkeypatch, tmp_path)
+    monkeypatch.setattr(rendered, "PAUSE", 0.0)
+    whole = rendered.make_stage
+
+    def stage(make):
+        monkeypatch.setattr(rendered, "make_stage", make)
+        obj.location.x += 1
+        viewport.note(SimpleNamespace(objects=[], updates=[update(bpy.data.materials.new("M"))]))
+        viewport.restage()
+        return {path.name for path in tmp_path.iterdir()}
+
+    def fails(*_):
+        raise ValueError("no stage")
+
+    (first,) = stage(whole)
+    assert stage(fails) == {first}
+    second = stage(whole)
+    assert len(second) == 2 and first in second
+    assert first not in stage(whole)
+
+
+def test_a_file_that_cannot_be_removed_stays(monkeypatch, tmp_path):
+    """As one that is being read on Windows; others go."""
+    for name in ("a.ply", "b.ply"):
+        (tmp_path / name).touch()
+    remove = Path.unlink
+
+    def unlink(path, *args, **options):
+        if path.name == "a.ply":
+            raise PermissionError("in use")
+        remove(path, *args, **options)
+
+    monkeypatch.setattr(Path, "unlink", unlink)
+    tidy(tmp_path, set())
+    assert [path.name for path in tmp_path.iterdir()] == ["a.ply"]
 
 
 def update(thing, geometry=False, transform=False, shading=False):
@@ -296,29 +483,37 @@ def test_blender_draws_few_splats_itself_where_our_engine_draws_every_viewport(s
     assert at_rest(scene, [window("RENDERED", "MATERIAL")]) == at_rest(scene, []) == Shown()
 
 
+def a_context():
+    """Of a viewport that is drawn."""
+    space = SimpleNamespace(view_matrix=Matrix.Identity(4), window_matrix=Matrix(VIEWS["perspective"]),
+                            is_perspective=True, view_perspective="PERSP")  # fmt: skip
+    view3d = SimpleNamespace(camera=None, use_render_border=False)
+    region = SimpleNamespace(width=SIZE[0], height=SIZE[1])
+    return SimpleNamespace(region=region, region_data=space, space_data=view3d, preferences=bpy.context.preferences)
+
+
+def drawn_viewport(monkeypatch, folder):
+    """One that was drawn once, and whose package draws nothing."""
+    package = SimpleNamespace(folder=folder, pictures=never, close=never)
+    monkeypatch.setattr(rendered, "live_renderer", lambda command: package)
+    viewport = Rendered()
+    viewport.draw(a_context(), bpy.context.evaluated_depsgraph_get())
+    return viewport
+
+
 def test_a_viewport_that_is_not_on_the_screen_is_not_waited_for(monkeypatch, tmp_path):
     """As one in another workspace; a timer would look at it for ever."""
-    package = SimpleNamespace(folder=tmp_path, pictures=never, close=never)
-    monkeypatch.setattr(rendered, "live_renderer", lambda command: package)
     viewport = Rendered()
     assert not viewport.has_news(0.0) and viewport.waits(0.0)  # it has no stage yet
     viewport.restage()
     assert viewport.waits(0.0)  # nor has it been drawn
-
-    class Region:
-        width, height = SIZE
-
-    space = SimpleNamespace(view_matrix=Matrix.Identity(4), window_matrix=Matrix(VIEWS["perspective"]),
-                            is_perspective=True, view_perspective="PERSP")  # fmt: skip
-    view3d = SimpleNamespace(camera=None, use_render_border=False)
-    context = SimpleNamespace(region=Region, region_data=space, space_data=view3d)
-    viewport.draw(context, bpy.context.evaluated_depsgraph_get())
+    viewport = drawn_viewport(monkeypatch, tmp_path)
     viewport.restage()
     assert "no splats" in viewport.error
     now = time.monotonic() + REST
     assert viewport.has_news(now) and viewport.waits(now + 0.9 * PATIENCE)
     assert not viewport.has_news(now + PATIENCE) and not viewport.waits(now + PATIENCE)
-    viewport.draw(context, bpy.context.evaluated_depsgraph_get())
+    viewport.draw(a_context(), bpy.context.evaluated_depsgraph_get())
     assert not viewport.waits(now)
 
 

@@ -202,8 +202,8 @@ def test_bodies_are_where_cycles_has_them(scene, tmp_path):
 
 def written(scene, tmp_path):
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    result = write_scene(depsgraph, None, camera_numbers(scene, scene.camera), tmp_path / "scene.json", 0)
-    return result, json.loads((tmp_path / "scene.json").read_text())
+    result = write_scene(depsgraph, None, camera_numbers(scene, scene.camera), tmp_path, 0)
+    return result, json.loads((tmp_path / result.scene).read_text())
 
 
 def test_what_has_no_counterpart_is_drawn_in_its_viewport_colour_and_said(scene, tmp_path):
@@ -230,7 +230,7 @@ def test_geometry_that_is_repeated_is_written_once(scene, tmp_path):
     lamp.data.shadow_soft_size = 0
     assert not written(scene, tmp_path)[0].hide_lamps
     kinds = [value["type"] for value in described.values()]
-    assert kinds.count("shapegroup") == 1 and kinds.count("instance") == 4 and len(result.files) == 1
+    assert kinds.count("shapegroup") == 1 and kinds.count("instance") == 4 and len(result.files) == 2
     assert result.names == [first.name, "copy 0", "copy 1", "copy 2"]
 
 

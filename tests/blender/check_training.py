@@ -4,7 +4,7 @@ import json
 import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
+from types import MethodType, SimpleNamespace
 
 import bpy
 import numpy as np
@@ -17,10 +17,10 @@ from training_scene import CENTER, folder_of
 from blender_addon.cameras.json_object import read_json_object
 from blender_addon.engine import renderers
 from blender_addon.engine.served import RendererError
+from blender_addon.training import render_operator, train_operator
 from blender_addon.training import run as training_run
-from blender_addon.training import train_operator
 from blender_addon.training.panel import DOGSPLAT_PT_train
-from blender_addon.training.render_operator import RenderJobs
+from blender_addon.training.render_operator import DOGSPLAT_OT_render_views, RenderJobs
 from blender_addon.training.rig_operator import make_rig
 from blender_addon.training.run import TrainingRun, can_go_on
 from blender_addon.training.work import WORK
@@ -104,6 +104,46 @@ def test_a_missing_command_is_said_in_one_line(subject, scene, monkeypatch, comm
     with pytest.raises(RuntimeError, match=message) as caught:
         bpy.ops.dogsplat.train()
     assert len(str(caught.value).strip().splitlines()) == 1
+
+
+def test_render_and_train_says_in_one_line_that_no_training_starts(subject, scene, monkeypatch):
+    """Whether a script waits for it, or Blender's own jobs are done."""
+    monkeypatch.setattr(train_operator, "process_words", lambda command: ["/no/such/dogsplat"])
+    a_data_set(scene)
+    done = SimpleNamespace(frames=[], done=0, advance=lambda: False, complete=lambda: None, close=lambda: None)
+    monkeypatch.setattr(render_operator, "Rendering", lambda context: done)
+    with pytest.raises(RuntimeError, match="/no/such/dogsplat cannot be started") as caught:
+        bpy.ops.dogsplat.render_views(train=True)
+    assert len(str(caught.value).strip().splitlines()) == 1
+    said = []
+    operator = modal_operator(said, train=True)
+    jobs = SimpleNamespace(rendering=done, tick=lambda: False, stopped=False, close=lambda: None)
+    monkeypatch.setattr(WORK, "rendering", jobs)
+    assert DOGSPLAT_OT_render_views.modal(operator, a_window(), SimpleNamespace(type="TIMER")) == {"CANCELLED"}
+    assert said[-1][0] == {"ERROR"} and said[-1][1].startswith("/no/such/dogsplat") and "\n" not in said[-1][1]
+
+
+def test_an_error_that_nobody_expects_gives_the_settings_back(monkeypatch):
+    closed = []
+    jobs = SimpleNamespace(tick=lambda: {}["no"], stopped=False, close=lambda: closed.append(True))
+    monkeypatch.setattr(WORK, "rendering", jobs)
+    with pytest.raises(KeyError):
+        DOGSPLAT_OT_render_views.modal(modal_operator([]), a_window(), SimpleNamespace(type="TIMER"))
+    assert closed and not WORK.busy
+
+
+def modal_operator(said, train=False):
+    """What Blender makes of the operator, and what it reports."""
+    operator = SimpleNamespace(_timer=None, train=train, report=lambda kind, text: said.append((kind, text)))
+    for name in ("_end", "_trained", "_refused"):
+        setattr(operator, name, MethodType(getattr(DOGSPLAT_OT_render_views, name), operator))
+    return operator
+
+
+def a_window():
+    """The context of one: here there is none."""
+    windows = SimpleNamespace(windows=[], event_timer_remove=lambda timer: None)
+    return SimpleNamespace(window_manager=windows, workspace=SimpleNamespace(status_text_set=lambda text: None))
 
 
 def test_without_a_command_the_package_beside_blender_trains(monkeypatch):

@@ -140,6 +140,11 @@ def a_file_in_its_place(scene, tmp_path):
     (tmp_path / "file").write_text("mine")
 
 
+def what_cannot_be_removed(scene, tmp_path):
+    (folder_of(scene) / "transforms.json").mkdir(parents=True)
+    (folder_of(scene) / "views.json").write_text("{}")
+
+
 def never_saved(scene, tmp_path):
     scene.dogsplat_training.folder = "//training"
 
@@ -148,6 +153,7 @@ def never_saved(scene, tmp_path):
     (nothing_selected, "nothing is selected; select"), (no_faces, "no surfaces; select"),
     (no_lens, "Wide.*perspective camera"), (elevations_the_wrong_way_round, "lowest elevation is above"),
     (other_contents, "is a folder with other contents; choose"), (a_file_in_its_place, "cannot be written.*choose"),
+    (what_cannot_be_removed, "transforms.json: cannot be removed .*; close what has it open"),
     (never_saved, "save the file, or choose a folder"),
 ])  # fmt: skip
 def test_what_is_wrong_is_said_in_one_line(subject, scene, tmp_path, spoil, message):

@@ -181,6 +181,14 @@ def test_a_model_that_has_changed_is_read_again(folder, views, tmp_path):
     assert np.abs(last(views, request) - before).max() > 0.01
 
 
+def test_a_kept_scene_learns_that_its_surfaces_cast_shadows(folder, views):
+    request = {"model": str(folder / "model.ply"), "scene": str(folder / "scene.json"), "camera": camera_json()}
+    request["samples"] = 2
+    without, shaded = last(views, request), last(views, {**request, "mesh_shadows": True})
+    np.testing.assert_allclose(shaded, last(Views(), {**request, "mesh_shadows": True}), atol=1e-5)
+    assert np.abs(shaded - without).max() > 2e-3
+
+
 @pytest.mark.parametrize(
     "wrong, problem",
     [
