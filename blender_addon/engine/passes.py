@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from ..scene.images import decoded
+from ..scene.sockets import active_tree, output_of, source_of
 from .cryptomatte import float_of, key_of, manifest
 from .order import Order
 
@@ -75,9 +76,15 @@ def world_color(world: bpy.types.World | None) -> np.ndarray:
     """Linear colour [3] behind splats alone: the Background node of the world, or the colour of the world."""
     if world is None:
         return np.zeros(3)
-    for node in world.node_tree.nodes if world.node_tree else ():
-        if node.type == "BACKGROUND" and not node.inputs["Color"].is_linked:
-            return np.array(node.inputs["Color"].default_value[:3]) * node.inputs["Strength"].default_value
+    if (tree := active_tree(world)) is None:
+        return np.array(world.color)
+    output = output_of(tree)
+    source = source_of(output.inputs["Surface"]) if output else None
+    if source is None:
+        return np.zeros(3)
+    node = source.node
+    if node.type == "BACKGROUND" and not node.inputs["Color"].is_linked:
+        return np.array(node.inputs["Color"].default_value[:3]) * node.inputs["Strength"].default_value
     return np.array(world.color)
 
 

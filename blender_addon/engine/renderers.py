@@ -213,6 +213,20 @@ def close_renderers() -> None:
         _RESIDENT.popitem()[1].close()
 
 
+def _split(command: str) -> tuple[str, ...]:
+    """A file, whose name may hold spaces, or words, which may stand in quotes; none where a quote is not closed."""
+    whole = Path(command).expanduser()
+    if whole.is_file():
+        return (str(whole),)
+    try:
+        if sys.platform != "win32":
+            return tuple(shlex.split(command))
+        words = shlex.split(command, posix=False)  # there a backslash is part of a path
+    except ValueError:
+        return ()
+    return tuple(word[1:-1] if len(word) > 1 and word[0] == word[-1] in "'\"" else word for word in words)
+
+
 def process_words(command: str = "") -> list[str]:
     """The words that start the package as a process of its own, however it is found. Raises ``RendererError``."""
     return list(words_of(command)) or [sys.executable, "-m", "mi_dogsplat"]
@@ -220,10 +234,9 @@ def process_words(command: str = "") -> list[str]:
 
 def words_of(command: str) -> tuple[str, ...]:
     """What starts the package; empty: this process. Raises ``RendererError``."""
-    if command:
-        whole = Path(command).expanduser()  # may hold spaces
-        words = (str(whole),) if whole.is_file() else tuple(shlex.split(command, posix=sys.platform != "win32"))
-        if not shutil.which(words[0]):
+    if command := command.strip():
+        words = _split(command)
+        if not words or not shutil.which(words[0]):
             raise RendererError(WRONG, command=command)
         return words
     if importlib.util.find_spec("mitsuba") and importlib.util.find_spec("mi_dogsplat"):

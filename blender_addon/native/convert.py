@@ -18,11 +18,11 @@ from ..objects.attributes import (
 from ..objects.conventions import DRAWING
 from .cloud import write_cloud
 
-COPIED = (
-    *("rotation_mode", "location", "rotation_euler", "rotation_quaternion", "rotation_axis_angle", "scale"),
-    *("delta_location", "delta_rotation_euler", "delta_rotation_quaternion", "delta_scale", "parent", "parent_type"),
-    *("parent_bone", "matrix_parent_inverse", "hide_viewport", "hide_render", "hide_select", "pass_index", "color"),
-)
+# TIMES: of a strip, in the order in which they can be set. DERIVED: what a name, other properties or the data decide
+DERIVED = ("name", "dimensions", "matrix_world", "matrix_local", "matrix_basis", "use_fake_user",
+           "active_material_index", "active_shape_key_index")  # fmt: skip
+TIMES = ("action_frame_start", "action_frame_end", "frame_start", "frame_end", "scale", "repeat")
+VALUES = ("BOOLEAN", "INT", "FLOAT", "STRING", "ENUM")
 
 
 def drawing_of(obj: bpy.types.Object) -> dict:
@@ -39,7 +39,7 @@ def native_object(obj: bpy.types.Object, shown: bpy.types.Mesh, model: Model, pl
     write_cloud(cloud, model, plain)
     _copy_attributes(shown, cloud)
     drawing = drawing_of(obj)
-    new = _successor(obj, cloud)
+    new = successor(obj, cloud)
     new[DRAWING] = drawing
     return new
 
@@ -50,7 +50,7 @@ def dog_object(obj: bpy.types.Object, shown: bpy.types.PointCloud, model: Model)
     write_attributes(mesh, model)
     _copy_attributes(shown, mesh, but=(NATIVE_SCALE, NATIVE_OPACITY, "radius"))
     drawing = drawing_of(obj)
-    new = _successor(obj, mesh)
+    new = successor(obj, mesh)
     modifier = add_modifier(new)
     for name, value in drawing.items():
         set_input(modifier, name, value)
@@ -75,11 +75,11 @@ def remove_object(obj: bpy.types.Object) -> None:
         (bpy.data.meshes if isinstance(data, bpy.types.Mesh) else bpy.data.pointclouds).remove(data)
 
 
-def _successor(obj: bpy.types.Object, data: Geometry) -> bpy.types.Object:
+def successor(obj: bpy.types.Object, data: Geometry) -> bpy.types.Object:
     """An object of other data, in no collection yet, with the place and the properties of the old one."""
     new = bpy.data.objects.new(obj.name, data)
-    for name in COPIED:
-        setattr(new, name, getattr(obj, name))
+    new.parent, new.rotation_mode = obj.parent, obj.rotation_mode  # first: Blender turns rotations into another mode
+    _copy_values(obj, new, DERIVED)
     for constraint in obj.constraints:
         new.constraints.copy(constraint)
     for key, value in obj.items():
@@ -89,12 +89,32 @@ def _successor(obj: bpy.types.Object, data: Geometry) -> bpy.types.Object:
     return new
 
 
+def _copy_values(old: bpy.types.bpy_struct, new: bpy.types.bpy_struct, but: tuple[str, ...] = ()) -> None:
+    """Properties of Blender's own that can be set, and are no other things."""
+    for known in old.bl_rna.properties:
+        name = known.identifier
+        if known.type in VALUES and not known.is_readonly and not known.is_runtime and name not in but:
+            if getattr(new, name) != (value := getattr(old, name)):
+                setattr(new, name, value)
+
+
 def _copy_animation(old: bpy.types.AnimData, new: bpy.types.AnimData) -> None:
-    """Keys and drivers, but for the drivers of modifiers, which the other object has by itself or not at all."""
+    """Keys, tracks and drivers, but for drivers of modifiers, which the other has by itself or not at all."""
     if old.action is not None:
         new.action = old.action
         if hasattr(new, "action_slot"):  # from Blender 4.4 on
             new.action_slot = old.action_slot
+    for track in old.nla_tracks:
+        other = new.nla_tracks.new()
+        for strip in track.strips:
+            if strip.action is not None:
+                copied = other.strips.new(strip.name, round(strip.frame_start), strip.action)
+                if hasattr(copied, "action_slot"):
+                    copied.action_slot = strip.action_slot
+                _copy_values(strip, copied, TIMES)
+                for name in TIMES:
+                    setattr(copied, name, getattr(strip, name))
+        _copy_values(track, other)
     for driver in old.drivers:
         if not driver.data_path.startswith("modifiers"):
             new.drivers.from_existing(src_driver=driver)

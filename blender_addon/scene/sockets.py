@@ -60,13 +60,8 @@ class Reader:
         return float(socket.default_value)
 
     def source(self, socket: bpy.types.NodeSocket) -> Any:
-        """The socket that a link begins at, past reroutes; None where there is no link."""
-        while socket.is_linked and not socket.links[0].is_muted:
-            start = socket.links[0].from_socket
-            if start.node.type != "REROUTE":
-                return start
-            socket = start.node.inputs[0]
-        return None
+        """As ``source_of``."""
+        return source_of(socket)
 
     def texture(self, source: Any, factor: float = 1.0) -> Plugin | None:
         """An image by the texture coordinates of the mesh; None, with a note, for what is none."""
@@ -120,6 +115,16 @@ def active_tree(owner: Any) -> bpy.types.NodeTree | None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of what is always true there
         return owner.node_tree if owner.node_tree and getattr(owner, "use_nodes", True) else None
+
+
+def source_of(socket: bpy.types.NodeSocket) -> Any:
+    """The socket that a link begins at, past reroutes; None where there is no link."""
+    while socket.is_linked and not socket.links[0].is_muted:
+        start = socket.links[0].from_socket
+        if start.node.type != "REROUTE":
+            return start
+        socket = start.node.inputs[0]
+    return None
 
 
 def output_of(tree: bpy.types.NodeTree) -> bpy.types.Node | None:

@@ -23,6 +23,7 @@ from blender_addon.engine.renderers import Command
 from blender_addon.files.model import sigmoid
 from blender_addon.files.ply import read_ply
 from blender_addon.native.cloud import read_cloud
+from blender_addon.native.convert import replace_object, successor
 from blender_addon.native.feature import is_available
 from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import get_column, put_column, read_attributes
@@ -76,6 +77,34 @@ def test_imported_as_native_a_dog_model_is_drawn_as_the_gaussians_of_the_package
     assert np.array_equal(column(obj, "radiance:base", 4)[:, :3], raw.sh_coeffs[:, 0])
     assert (datablocks().objects, datablocks().meshes) == (before.objects + 1, before.meshes)
     assert obj.users_collection and obj.select_get()
+
+
+def test_a_successor_has_the_properties_and_the_animation_of_the_old_object(scene):
+    """Of any data: no native splats are needed."""
+    old, parent = bpy.data.objects.new("old", bpy.data.meshes.new("a")), bpy.data.objects.new("parent", None)
+    for obj in (old, parent):
+        scene.collection.objects.link(obj)
+    old.parent, old.rotation_mode, old.display_type = parent, "QUATERNION", "WIRE"
+    old.matrix_world, parent.location = PLACED, (1, 2, 3)
+    old.visible_camera = old.visible_shadow = False
+    old.is_holdout = old.show_in_front = old.lock_location[1] = True
+    old.keyframe_insert("location", frame=1)
+    animation = old.animation_data
+    track = animation.nla_tracks.new()
+    strip = track.strips.new("strip", 5, animation.action)
+    strip.scale, strip.blend_type, track.mute, track.name = 2.0, "ADD", True, "mine"
+    bpy.context.view_layer.update()
+    place = old.matrix_world.copy()
+    new = successor(old, bpy.data.meshes.new("b"))
+    replace_object(old, new)
+    bpy.context.view_layer.update()
+    assert (new.name, new.data.name, new.parent) == ("old", "a", parent) and np.allclose(new.matrix_world, place)
+    assert (new.display_type, new.rotation_mode, new.lock_location[1]) == ("WIRE", "QUATERNION", True)
+    assert not new.visible_camera and not new.visible_shadow and new.is_holdout and new.show_in_front
+    (track,) = new.animation_data.nla_tracks
+    (strip,) = track.strips
+    assert track.mute and track.name == "mine" and strip.action == new.animation_data.action
+    assert (strip.frame_start, strip.scale, strip.blend_type) == (5, 2, "ADD")
 
 
 def test_there_and_back_every_bit_and_setting_is_kept(native, scene, model, tmp_path):

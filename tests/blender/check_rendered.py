@@ -14,15 +14,17 @@ import pytest
 from check_render import place_camera
 from conftest import REFERENCES, load
 from mathutils import Matrix, Vector
-from surroundings import body, material, plane
+from surroundings import background, body, link, material, plane
 
 from blender_addon.editing.stand_in import build_stand_in
 from blender_addon.engine.live import LiveCommand, LiveInProcess, live_renderer
 from blender_addon.engine.order import camera_request, make_order, make_stage, tidy
+from blender_addon.engine.passes import world_color
 from blender_addon.engine.served import RendererError
 from blender_addon.engine.settings import ENGINE
 from blender_addon.nodes.modifier import get_input, splat_modifier
 from blender_addon.scene.images import decoded
+from blender_addon.scene.sockets import output_of
 from blender_addon.viewport import rendered
 from blender_addon.viewport.blit import Blit
 from blender_addon.viewport.changes import Changes
@@ -226,6 +228,23 @@ def staged(folder, camera):
     stage = make_stage(bpy.context.evaluated_depsgraph_get(), folder, camera)
     assert stage.whole
     return stage
+
+
+def test_the_color_behind_splats_is_of_the_node_that_the_world_shows(scene):
+    """And of no node where they are not in use, which older Blenders offer."""
+    unused = background(scene, (0.1, 0.1, 0.1, 1))
+    tree = scene.world.node_tree
+    shown = link(tree, "ShaderNodeBackground", "Background", output_of(tree).inputs["Surface"])
+    shown.inputs["Color"].default_value, shown.inputs["Strength"].default_value = (0.2, 0.3, 0.4, 1), 2.0
+    assert np.allclose(world_color(scene.world), (0.4, 0.6, 0.8)) and not unused.outputs[0].is_linked
+    scene.world.color = (0.7, 0.6, 0.5)
+    if bpy.app.version < (5, 0):
+        scene.world.use_nodes = False
+        assert np.allclose(world_color(scene.world), (0.7, 0.6, 0.5))
+        scene.world.use_nodes = True
+    tree.nodes.remove(shown)
+    assert not world_color(scene.world).any()
+    assert not world_color(None).any()
 
 
 def test_parallel_rays_show_what_the_near_clip_would_hide(scene, command, tmp_path):

@@ -152,6 +152,18 @@ def test_without_a_command_the_package_beside_blender_trains(monkeypatch):
     assert renderers.process_words(f"{sys.executable} -m other") == [sys.executable, "-m", "other"]
 
 
+def test_a_command_is_read_as_people_write_it(monkeypatch, tmp_path):
+    monkeypatch.setattr(renderers.importlib.util, "find_spec", lambda name: True)
+    assert renderers.words_of("  ") == ()  # as an empty one
+    for platform in ("linux", "win32"):
+        monkeypatch.setattr(renderers.sys, "platform", platform)
+        assert renderers.words_of(f' "{sys.executable}" -m other ') == (sys.executable, "-m", "other")
+        for wrong in (f'"{sys.executable} -m other', '""'):
+            with pytest.raises(RendererError, match="correct or clear it") as caught:
+                renderers.words_of(wrong)
+            assert wrong in str(caught.value)
+
+
 def a_run(works, message=""):
     """What stands in for a training."""
 
