@@ -156,7 +156,7 @@ def test_a_command_is_read_as_people_write_it(monkeypatch, tmp_path):
     monkeypatch.setattr(renderers.importlib.util, "find_spec", lambda name: True)
     assert renderers.words_of("  ") == ()  # as an empty one
     for platform in ("linux", "win32"):
-        monkeypatch.setattr(renderers.sys, "platform", platform)
+        monkeypatch.setattr(renderers, "sys", SimpleNamespace(platform=platform, executable=sys.executable))
         assert renderers.words_of(f' "{sys.executable}" -m other ') == (sys.executable, "-m", "other")
         for wrong in (f'"{sys.executable} -m other', '""'):
             with pytest.raises(RendererError, match="correct or clear it") as caught:
