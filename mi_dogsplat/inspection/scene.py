@@ -6,22 +6,24 @@ from pathlib import Path
 from typing import Any
 
 from ..datasets.scene_file import load_scene
-from ..plugin.splat_integrator import SplatIntegrator
-from ..shape_dog import DogShape
 from ..support.wording import count
 from .lines import drawn, line, sh_degrees
 
 
 def describe_scene(path: Path) -> list[str]:
     """Splats, other shapes, light and sensors of a scene. Needs a Mitsuba variant. Raises ``DataError``."""
+    from ..plugin.splat_integrator import SplatIntegrator  # of the active variant
+    from ..shape_dog import DogShape
+
     scene: Any = load_scene(path)[0]
     integrator, shapes, emitters = scene.integrator(), scene.shapes(), scene.emitters()
     splats = [shape for shape in shapes if isinstance(shape, DogShape)]
     others, lamps = len(shapes) - len(splats), sum(shape.is_emitter() for shape in shapes)
     ours = isinstance(integrator, SplatIntegrator)
+    name = integrator.name if ours else integrator.class_name()
     sizes = ["{}x{}".format(*sensor.film().size()) for sensor in scene.sensors()]
     around = scene.environment()
-    lines = [f"{path}: Mitsuba scene of splats, not a data set", line("integrator", _name(integrator))]
+    lines = [f"{path}: Mitsuba scene of splats, not a data set", line("integrator", name)]
     for shape in splats:
         model = shape.to_splats()
         what = f"{count(model.n_splats)} primitives, {count(model.n_dog)} of them DoG, SH degree {sh_degrees(model)}"
@@ -34,9 +36,5 @@ def describe_scene(path: Path) -> list[str]:
         line("sensors", ", ".join(sizes) or "none: nothing can be rendered"),
         line("to see it", f"dogsplat render {path} -o picture.exr"),
     ]
-    problem = f"  the integrator {_name(integrator)} does not know splats: use dogsplat or dogpath"
+    problem = f"  the integrator {name} does not know splats: use dogsplat or dogpath"
     return lines + (["problems: none found"] if ours else ["problems:", problem])
-
-
-def _name(integrator: Any) -> str:
-    return integrator.name if isinstance(integrator, SplatIntegrator) else integrator.class_name()

@@ -4,6 +4,7 @@ import dataclasses
 import json
 from pathlib import Path
 
+import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
@@ -182,6 +183,10 @@ SCENE_OF_SPLATS = (
     ("path", "  the integrator PathIntegrator does not know splats: use dogsplat or dogpath"),
 ])  # fmt: skip
 def test_a_scene_of_splats_is_described_as_one(tmp_path, integrator, last):
+    """After another variant too, which defines the plugins anew."""
+    variant = mi.variant()
+    mi.set_variant("scalar_rgb")
+    mi.set_variant(variant)
     write_model(tmp_path / "m.ply", Model(tiny_data.truth(), Drawing(linear=True, white=2.0)))
     (tmp_path / "s.xml").write_text(SCENE_OF_SPLATS.replace("INTEGRATOR", integrator))
     lines = describe(tmp_path / "s.xml")
