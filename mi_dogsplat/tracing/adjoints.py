@@ -44,11 +44,11 @@ class Adjoints:
             more = [-2 * δpseudo * a * f for a, f in zip(y, met.inverse_factors, strict=True)]
             M = [m + p * x for m, (p, x) in zip(M, ((p, x) for p in more for x in met.pseudo.offset), strict=True)]
             pull = [a + b for a, b in zip(pull, more, strict=True)]
-            dr.scatter_add(self.pseudo, types.Quad(*inverse, δpseudo), met.dog_row, is_dog)
+            dr.scatter_add(self.pseudo, types.Quad(*inverse, δpseudo), met.dog_row, is_dog, mode=dr.ReduceMode.Local)
         mean = [-dot(pull, [row[c] for row in met.M]) for c in range(3)]
         leaf = met.leaf - self.tree.first_leaf
         row = types.Floats([*M, *mean, lo, *[types.Float(0)] * 3])
-        dr.scatter_add(self.rows, row, leaf, active)
+        dr.scatter_add(self.rows, row, leaf, active, mode=dr.ReduceMode.Local)
 
     def add_colors(self, met: Meeting, δcolors: list, basis: list, active: Any) -> None:
         """Of three channels of radiance."""
@@ -59,7 +59,7 @@ class Adjoints:
         for first in range(0, len(values), size):
             part = Quad(*values[first : first + 4]) if size == 4 else values[first]
             at = dr.fma(met.splat, stride // size, first // size)
-            dr.scatter_add(self.sh, part, at, active)
+            dr.scatter_add(self.sh, part, at, active, mode=dr.ReduceMode.Local)
 
     def of_columns(self) -> tuple[list, Any, list]:
         """(of ``Primitives.kernel``, of ``sh``, of ``pseudo``)"""
