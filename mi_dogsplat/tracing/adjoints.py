@@ -72,6 +72,7 @@ class Adjoints:
             column = dr.zeros(types.Float, n)
             dr.scatter(column, dr.gather(types.Float, self.rows, dr.fma(leaf, ROW, k)), splat, splat != NONE)
             kernel.append(column)
+        dr.eval(kernel)  # what AD adds to a column while its scatter still waits may be lost: docs/performance.md
         if self.pseudo is None:
             return kernel, self.sh, []
         row = dr.arange(types.UInt, dr.width(self.pseudo) // PSEUDO_ROW)
