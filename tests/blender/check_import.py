@@ -6,7 +6,7 @@ import time
 import bpy
 import numpy as np
 import pytest
-from conftest import datablocks, load
+from model_files import datablocks, load
 
 from blender_addon.files.model import sigmoid
 from blender_addon.files.ply import read_ply

@@ -1,15 +1,15 @@
 """The scene around the splats: Cycles and Mitsuba draw the same, without splats, from the same file of Blender."""
 
-import json
 import math
-import os
 
 import bpy
 import numpy as np
 import pytest
-from check_render import place_camera
-from conftest import REFERENCES, load
+from blender_pictures import picture
+from model_files import load
+from references import REFERENCES, place_camera
 from surroundings import (
+    GREY,
     HEIGHT,
     WIDTH,
     background,
@@ -20,31 +20,13 @@ from surroundings import (
     light,
     link,
     material,
-    picture,
     plane,
     sphere,
 )  # fmt: skip
 
-from blender_addon.cameras.objects import camera_numbers
 from blender_addon.engine import render_engine as engine
-from blender_addon.engine.renderers import Command
-from blender_addon.scene.write import write_scene
 
-COMMAND = tuple(json.loads(os.environ["DOGSPLAT_COMMAND"]))
-GREY = (0.5, 0.5, 0.5, 1)
-
-
-@pytest.fixture(scope="module")
-def command():
-    renderer = Command(COMMAND)
-    yield renderer
-    renderer.close()
-
-
-@pytest.fixture(autouse=True)
-def by_command(monkeypatch, command):
-    monkeypatch.setattr(engine, "choose_renderer", lambda words: command)
-    return command
+pytestmark = pytest.mark.usefixtures("by_command")
 
 
 def both(scene, folder):
@@ -198,40 +180,6 @@ def test_bodies_are_where_cycles_has_them(scene, tmp_path):
     assert cycles.std() > 0.2
     difference = np.abs(blocks(mitsuba) - blocks(cycles))
     assert difference.mean() < 0.01 and difference.max() < 0.15
-
-
-def written(scene, tmp_path):
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    result = write_scene(depsgraph, None, camera_numbers(scene, scene.camera), tmp_path, 0)
-    return result, json.loads((tmp_path / result.scene).read_text())
-
-
-def test_what_has_no_counterpart_is_drawn_in_its_viewport_colour_and_said(scene, tmp_path):
-    camera(scene, (0, 0, 8))
-    strange = body(plane(2), material("ShaderNodeBsdfHair")).data.materials[0]
-    strange.diffuse_color = (0.25, 0.5, 0.75, 1)
-    result, described = written(scene, tmp_path)
-    (note,) = result.notes
-    assert strange.name in note and "viewport" in note
-    (drawn,) = [value for key, value in described.items() if key.startswith("material_")]
-    assert drawn["bsdf"]["base_color"]["value"] == pytest.approx([0.25, 0.5, 0.75])
-
-
-def test_geometry_that_is_repeated_is_written_once(scene, tmp_path):
-    camera(scene, (0, 0, 8))
-    first = body(sphere(0.5), material("ShaderNodeBsdfDiffuse", Color=GREY))
-    for k in range(3):
-        copy = bpy.data.objects.new(f"copy {k}", first.data)
-        copy.location.x = k
-        scene.collection.objects.link(copy)
-    lamp = light(scene, "POINT", energy=1, shadow_soft_size=0.1)
-    result, described = written(scene, tmp_path)
-    assert result.hide_lamps
-    lamp.data.shadow_soft_size = 0
-    assert not written(scene, tmp_path)[0].hide_lamps
-    kinds = [value["type"] for value in described.values()]
-    assert kinds.count("shapegroup") == 1 and kinds.count("instance") == 4 and len(result.files) == 2
-    assert result.names == [first.name, "copy 0", "copy 1", "copy 2"]
 
 
 def test_splats_stand_in_the_scene(scene, tmp_path):

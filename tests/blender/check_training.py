@@ -9,8 +9,8 @@ from types import MethodType, SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from check_panel import Layout
-from check_render import psnr
+from blender_pictures import psnr
+from drawn_panels import Layout
 from mathutils import Matrix, Vector
 from training_scene import CENTER, folder_of
 
