@@ -13,13 +13,13 @@ import numpy as np
 
 from ..cameras.camera import Camera
 from ..cameras.objects import camera_numbers
+from ..evaluated.placed import moved_model, placed_model, placed_splats
 from ..files.errors import told
 from ..files.light import Light, in_common_light
 from ..files.model import Model, concatenate
 from ..files.ply import write_ply
 from ..native.convert import drawing_of
 from ..objects.conventions import light_of
-from ..objects.placed import moved_model, placed_model, placed_splats
 from ..scene.export import Plugin
 from ..scene.sensor import sensor
 from ..scene.write import has_surroundings, write_scene

@@ -10,10 +10,11 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..engine.live import live_renderer
 from ..engine.order import Stage, camera_request, make_stage, square, tidy
-from ..engine.passes import encoded, world_color
-from ..engine.served import RendererError
+from ..engine.passes import world_color
+from ..files.srgb import encoded
+from ..package.live import live_renderer
+from ..package.served import RendererError
 from ..preferences import command_of
 from .blit import Blit
 from .changes import Changes

@@ -124,7 +124,7 @@ def test_a_bad_file_is_one_line_and_leaves_nothing(model, tmp_path, content, mes
 
 
 def test_a_failure_while_building_leaves_nothing(model, monkeypatch):
-    from blender_addon.objects import import_operator
+    from blender_addon.import_export import import_operator
 
     def broken(obj):
         raise RuntimeError("no memory")

@@ -18,11 +18,11 @@ from references import REFERENCES, place_camera
 from blender_addon.engine.order import make_order
 from blender_addon.files.model import sigmoid
 from blender_addon.files.ply import read_ply
-from blender_addon.native.cloud import read_cloud
 from blender_addon.native.convert import replace_object, successor
-from blender_addon.native.feature import is_available
 from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import get_column, put_column, read_attributes
+from blender_addon.objects.cloud import read_cloud
+from blender_addon.objects.feature import is_available
 
 TYPES = (("POINTS", "Points", ""), ("GAUSSIAN_SPLAT", "3D Gaussian Splats", ""))
 
@@ -192,8 +192,8 @@ def test_exports_and_the_engine_have_native_splats_with_their_dog(native, scene,
 
 
 def test_without_the_package_dog_cannot_be_baked_and_nothing_is_left(native, model, monkeypatch):
-    from blender_addon.engine.renderers import RendererError
     from blender_addon.native import bake
+    from blender_addon.package.renderers import RendererError
 
     def missing(command):
         raise RendererError("Mitsuba is not there")
