@@ -4,44 +4,75 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from live_views import through_the_camera, update
+from live_views import a_context, drawn_viewport, tell, update
+from mathutils import Matrix
 from model_files import load
+from package_command import never, nothing
 from references import place_camera
 from surroundings import plane
 
-from blender_addon.engine.order import make_stage
 from blender_addon.nodes.modifier import get_input, splat_modifier
+from blender_addon.viewport import rendered
 from blender_addon.viewport.changes import Changes
+from blender_addon.viewport.pace import REST
 from blender_addon.viewport.watcher import Shown, Watcher
 
 
-def test_a_stage_is_written_again_only_if_splats_have_changed(scene, model, tmp_path):
+def test_what_is_the_same_is_neither_written_nor_drawn_again(monkeypatch, tmp_path, scene, model):
+    """By a viewport that comes to rest after each change, of which Blender tells it."""
     place_camera(scene, "dog")
-    obj = load(model)
-    changes, depsgraph = Changes(), bpy.context.evaluated_depsgraph_get()
+    obj, clock, stages, asked = load(model), [100.0], [], []
+    other_camera = bpy.data.objects.new("Other", bpy.data.cameras.new("Other"))
+    scene.collection.objects.link(other_camera)
+    stream = SimpleNamespace(ask=lambda request, tag: asked.append(request), busy=never, close=nothing)
+    stream.frame, stream.error, stream.news = None, "", 0
+    write = rendered.make_stage
+    monkeypatch.setattr(rendered.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(rendered, "Stream", lambda draw, close: stream)
+    monkeypatch.setattr(rendered, "make_stage", lambda *given: stages.append(write(*given)) or stages[-1])
+    viewport, context = drawn_viewport(monkeypatch, tmp_path), a_context()
 
-    def noted():
-        depsgraph.update()
-        before, changes.pending = changes.pending, False
-        changes.note(depsgraph)
-        return before, changes.pending
+    def after(change, *given):
+        """How many stages are written, and how many pictures asked for."""
+        before = len(stages), len(asked)
+        change(*given)
+        tell(viewport.note)
+        for _ in range(3):  # while the view moves, and at rest
+            viewport.restage()
+            viewport.draw(context, bpy.context.evaluated_depsgraph_get())
+            clock[0] += 10 * REST
+        return len(stages) - before[0], len(asked) - before[1]
 
-    seen = through_the_camera(scene)
+    def look_from(x):
+        context.region_data.view_matrix = Matrix.Translation((x, 0, 0))
+
+    def move(other):
+        other.location.x += 1
+
+    def edit():
+        obj.data.vertices[0].co.x += 1
+        obj.data.update_tag()
+
+    viewport.note(bpy.context.evaluated_depsgraph_get())  # as Blender does before it draws for the first time
+    assert after(nothing) == (1, 1)
+    assert after(nothing) == after(obj.select_set, False) == after(move, other_camera) == (0, 0)
+    assert after(look_from, 0.5) == (0, 1)
+    assert after(move, scene.camera)[1] == 0 and len(list(tmp_path.iterdir())) == 1
+    assert after(move, obj) == after(edit) == (1, 1)
+    assert after(obj.hide_set, True) == (0, 0) and "no splats" in viewport.error
+    assert after(obj.hide_set, False) == (1, 0) and viewport.error == ""  # what was asked for last is shown again
+    assert after(nothing) == (0, 0)
+
+
+def test_what_is_hidden_and_other_settings_ask_for_a_stage(scene, model):
+    obj, changes = load(model), Changes()
     assert changes.pending
-    first = make_stage(depsgraph, tmp_path, seen.camera).request["model"]
-    changes.note(depsgraph)
-    noted()
-    again = make_stage(depsgraph, tmp_path, seen.camera).request["model"]
-    assert again == first and len(list(tmp_path.iterdir())) == 1
-    obj.location.x += 1
-    bpy.context.view_layer.update()
-    assert make_stage(depsgraph, tmp_path, seen.camera).request["model"] != first
+    changes.note(bpy.context.evaluated_depsgraph_get())
     obj.hide_set(True)
     bpy.context.view_layer.update()
     changes.pending = False
     changes.note(bpy.context.evaluated_depsgraph_get())
     assert changes.pending
-    changes.pending = False
     changes.compare(scene)
     changes.pending = False
     changes.compare(scene)
@@ -66,21 +97,17 @@ def test_what_the_watcher_changes_asks_for_no_stage(scene, model):
     obj.update_tag()
 
     def told():
-        """What two viewports make of what Blender tells after it has evaluated, while it tells."""
+        """What two viewports make of what Blender tells."""
         found = []
 
-        def note(scene, depsgraph):
+        def note(depsgraph):
             assert obj.name in {update.id.original.name for update in depsgraph.updates if update.is_updated_geometry}
             for each in changes:
                 each.note(depsgraph)
                 found.append(each.pending)
                 each.pending = False
 
-        bpy.app.handlers.depsgraph_update_post.append(note)
-        try:
-            bpy.context.view_layer.update()
-        finally:
-            bpy.app.handlers.depsgraph_update_post.remove(note)
+        tell(note)
         return found
 
     told()

@@ -14,14 +14,25 @@ from blender_addon.cameras.camera import Camera
 from blender_addon.cameras.objects import build_camera, look_through
 
 
-def compare(scene, name, engine, folder, **options):
-    """PSNR of a model under the settings that the add-on offers; both pictures stay in ``folder``."""
+def middle_of(scene, picture):
+    """Has Blender render the middle of a picture alone, half as wide and as high; what the picture has there."""
+    (height, width), render = picture.shape[:2], scene.render
+    top, left = height // 4, width // 4
+    render.use_border = render.use_crop_to_border = True
+    render.border_min_x, render.border_max_x = ((n + 0.25) / width for n in (left, width - left))  # of a pixel
+    render.border_min_y, render.border_max_y = ((n + 0.25) / height for n in (top, height - top))
+    return picture[top : height - top, left : width - left]
+
+
+def compare(scene, name, engine, folder, middle=False, **options):
+    """PSNR of a model under the settings that the add-on offers, of the whole picture or of its middle."""
     if not (REFERENCES / f"{name}.npz").exists():
         pytest.skip(f"no reference {name}: see tests/project/test_blender.py")
     place_camera(scene, name)
     load(REFERENCES / f"{name}.ply", **options)
     bpy.ops.dogsplat.exact_settings()
     expected = reference(name)["color"]
+    expected = middle_of(scene, expected) if middle else expected
     assert expected.std() > 0.05  # there is something to see
     value = psnr(rendered(scene, engine, folder), expected)
     print(f"{bpy.app.version_string} {engine} {name} {options or ''}: {value:.2f} dB")
@@ -34,9 +45,10 @@ def test_cycles_is_the_splatting_picture_negative_lobes_included(scene, name, tm
     assert compare(scene, name, "CYCLES", tmp_path) > 50
 
 
-@pytest.mark.parametrize("name", ["plain", "playbot", "fox"])
-def test_eevee_is_the_splatting_picture_without_negative_lobes(scene, name, tmp_path):
-    assert compare(scene, name, EEVEE, tmp_path) > 40
+@pytest.mark.parametrize("name, middle", [("plain", False), ("playbot", False), ("fox", True)])
+def test_eevee_is_the_splatting_picture_without_negative_lobes(scene, name, middle, tmp_path):
+    """Of the fox the middle: a processor takes half a minute for all of its quads, which are large."""
+    assert compare(scene, name, EEVEE, tmp_path, middle) > 40
 
 
 def test_eevee_leaves_negative_lobes_out(scene, tmp_path):

@@ -42,6 +42,17 @@ def test_the_same_scene_is_the_same_file(scene, tmp_path):
     assert {file.name for file in tmp_path.iterdir()} == other.files
 
 
+def test_the_same_splats_are_the_same_file(scene, model, tmp_path):
+    place_camera(scene, "dog")
+    obj = load(model)
+    camera = through_the_camera(scene).camera
+    first = staged(tmp_path, camera).request["model"]
+    assert staged(tmp_path, camera).request["model"] == first and len(list(tmp_path.iterdir())) == 1
+    obj.location.x += 1
+    bpy.context.view_layer.update()
+    assert staged(tmp_path, camera).request["model"] != first
+
+
 @pytest.mark.parametrize("helper", ["crop", "stand-in"])
 def test_what_renders_do_not_show_is_no_body_of_a_viewport(scene, model, tmp_path, helper):
     """The mesh of a crop, and what brushes paint; a mesh that renders show again is."""
