@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,7 +17,7 @@ from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 
 from ..files.errors import FileError, told
 from ..files.model import Model, importance, sigmoid
-from ..files.read import EXTENSIONS, read_model
+from ..files.read import EXTENSIONS, Said, read_model
 from ..native.bake import baked
 from ..native.convert import native_object, replace_object
 from ..nodes.modifier import add_modifier, set_input
@@ -125,19 +126,7 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
             bpy.ops.object.mode_set(mode="OBJECT")
         bpy.ops.object.select_all(action="DESELECT")
         for (path, model, said), gaussians in zip(models, plain, strict=True):
-            place = said if self.place else replace(said, up=None, scale=None)
-            up_axis, scale = self._choice("up_axis", place.up), self._choice("scale", place.scale)
-            obj = build_object(context, path, model, conversion(up_axis, scale))
-            modifier = obj.modifiers[-1]
-            remember_light(obj, said.light)
-            if not native:
-                set_input(modifier, "Show As", self.show_as.capitalize())
-            set_input(modifier, "SH Degree", self.sh_degree)
-            set_input(modifier, "DoG", self.use_dog)
-            set_input(modifier, "Linear Colors", self.color_mode == "LINEAR" and not said.linear)
-            set_input(modifier, "Antialiased", self._choice("antialiased", said.antialiased))
-            if said.near_clip is not None:
-                set_input(modifier, "Near Clip", said.near_clip * scale)
+            obj = self._placed(context, path, model, said)
             if native:
                 own = obj
                 obj = native_object(own, own.data, model, gaussians)
@@ -150,6 +139,23 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         dog = sum(int(model.is_dog.sum()) for _, model, _ in models)
         self.report({"INFO"}, told("{total:,} splats imported, {dog:,} of them DoG", total=total, dog=dog))
         return {"FINISHED"}
+
+    def _placed(self, context: bpy.types.Context, path: Path, model: Model, said: Said) -> bpy.types.Object:
+        """The object of a model, drawn by our modifier as the options and its file say."""
+        place = said if self.place else replace(said, up=None, scale=None)
+        up_axis, scale = self._choice("up_axis", place.up), self._choice("scale", place.scale)
+        obj = build_object(context, path, model, conversion(up_axis, scale))
+        remember_light(obj, said.light)
+        modifier = obj.modifiers[-1]
+        if self.show_as != "NATIVE":
+            set_input(modifier, "Show As", self.show_as.capitalize())
+        set_input(modifier, "SH Degree", self.sh_degree)
+        set_input(modifier, "DoG", self.use_dog)
+        set_input(modifier, "Linear Colors", self.color_mode == "LINEAR" and not said.linear)
+        set_input(modifier, "Antialiased", self._choice("antialiased", said.antialiased))
+        if said.near_clip is not None:
+            set_input(modifier, "Near Clip", said.near_clip * scale)
+        return obj
 
     def _choice(self, name: str, said: Any) -> Any:
         """An option as it is set here, else as the file says, else its default."""
@@ -185,17 +191,16 @@ def build_object(context: bpy.types.Context, path: Path, model: Model, matrix) -
     name = path.stem if path.stem != "point_cloud" else path.resolve().parent.name  # of a run folder
     mesh = bpy.data.meshes.new(name)
     obj = bpy.data.objects.new(name, mesh)
-    try:
+    with ExitStack() as undo:
+        undo.callback(bpy.data.meshes.remove, mesh)
+        undo.callback(bpy.data.objects.remove, obj)  # first
         write_attributes(mesh, model)
         obj.matrix_world = matrix
         remember(obj, str(path), CONVENTION, matrix)
         obj[DOG_COUNT] = int(model.is_dog.sum())
         context.collection.objects.link(obj)
         add_modifier(obj)
-    except Exception:  # whatever Blender raises: nothing half-built stays, and the error goes on
-        bpy.data.objects.remove(obj)
-        bpy.data.meshes.remove(mesh)
-        raise
+        undo.pop_all()
     return obj
 
 
