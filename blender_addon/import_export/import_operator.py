@@ -14,6 +14,7 @@ from bpy.app.translations import pgettext_iface as iface_
 from bpy.app.translations import pgettext_tip as tip_
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
+from mathutils import Matrix
 
 from ..files.errors import FileError, told
 from ..files.model import Model, importance, sigmoid
@@ -186,7 +187,7 @@ def _prepare_viewports(context: bpy.types.Context) -> None:
                 space.overlay.show_outline_selected = False
 
 
-def build_object(context: bpy.types.Context, path: Path, model: Model, matrix) -> bpy.types.Object:
+def build_object(context: bpy.types.Context, path: Path, model: Model, matrix: Matrix) -> bpy.types.Object:
     """An object of a model in the active collection, with modifier and materials; after an error, nothing."""
     name = path.stem if path.stem != "point_cloud" else path.resolve().parent.name  # of a run folder
     mesh = bpy.data.meshes.new(name)
