@@ -76,7 +76,7 @@ def _gaussian(opacities: np.ndarray, cov2d: np.ndarray, conics: np.ndarray, dx: 
 class Walk:
     """One block's pixels, front to back; arrays are [n, h, w].
 
-    It has what `rounding.py` needs to know about float32, too. `moved`: each comparison with a cutoff is made stricter by this share of the cutoff and by what float32 may have
+    `moved`: each comparison with a cutoff is made stricter by this share of the cutoff and by what float32 may have
     rounded on the way there, or, where it is negative, more lenient by as much.
     """
 
