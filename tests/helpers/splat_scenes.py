@@ -199,6 +199,16 @@ def kernels(run: Callable[[], Any]) -> set[str]:
         return {k["hash"] for k in dr.kernel_history([dr.KernelType.JIT])}
 
 
+def variable_in_the_place_of(index: int, value: float, size: int) -> Any:
+    """A new variable, with the index of one that is gone if Dr.Jit gives it out again."""
+    others = []
+    for _ in range(500):
+        others.append(dr.opaque(mi.Float, value, size))
+        if others[-1].index == index:
+            break
+    return others[-1]
+
+
 def to_linear(v: np.ndarray) -> np.ndarray:
     """Display values to linear ones, as IEC 61966-2-1 has it, beyond 0..1 too."""
     return np.where(v <= 0.04045, v / 12.92, (np.maximum(v, 0.04045) + 0.055) ** 2.4 / 1.055**2.4)
