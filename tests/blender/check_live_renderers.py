@@ -44,5 +44,6 @@ def test_the_package_is_found_as_for_final_pictures(monkeypatch):
     live = live_renderer(sys.executable)
     assert isinstance(live, LiveCommand) and live.folder.is_dir()
     live.close()
+    assert not live.folder.exists()
     with pytest.raises(RendererError, match="correct or clear"):
         live_renderer("/no/such")
