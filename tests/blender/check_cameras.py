@@ -15,6 +15,7 @@ from references import REFERENCES
 
 from blender_addon.cameras.objects import camera_numbers, look_through
 from blender_addon.cameras.read import read_cameras
+from blender_addon.nodes.modifier import get_input, splat_modifier
 
 HALF_A_PIXEL = 0.5
 
@@ -85,8 +86,6 @@ def test_any_camera_of_blender_has_the_intrinsics_that_the_nodes_are_told(scene,
     expected = seen * (1, -1) * (numbers.width, numbers.height) + (0, numbers.height)
     found = projected(numbers.w2c, numbers.fx, numbers.fy, numbers.cx, numbers.cy, points)
     assert np.abs(found - expected).max() < 1e-2
-    from blender_addon.nodes.modifier import get_input, splat_modifier
-
     modifier = splat_modifier(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
     names = {"Focal X": "fx", "Focal Y": "fy", "Center X": "cx", "Center Y": "cy", "Width": "width", "Height": "height"}
     for name, key in names.items():

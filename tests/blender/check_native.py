@@ -4,6 +4,8 @@ No Blender of the tests has them. What 5.3 offers, a type of point clouds, stand
 that everything but the drawing runs.
 """
 
+from types import SimpleNamespace
+
 import addon_utils
 import bpy
 import numpy as np
@@ -18,11 +20,14 @@ from references import REFERENCES, place_camera
 from blender_addon.engine.order import make_order
 from blender_addon.files.model import sigmoid
 from blender_addon.files.ply import read_ply
+from blender_addon.native import bake
 from blender_addon.native.convert import replace_object, successor
 from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import get_column, put_column, read_attributes
 from blender_addon.objects.cloud import read_cloud
 from blender_addon.objects.feature import is_available
+from blender_addon.package.served import RendererError
+from blender_addon.panel import DOGSPLAT_PT_panel
 
 TYPES = (("POINTS", "Points", ""), ("GAUSSIAN_SPLAT", "3D Gaussian Splats", ""))
 
@@ -192,9 +197,6 @@ def test_exports_and_the_engine_have_native_splats_with_their_dog(native, scene,
 
 
 def test_without_the_package_dog_cannot_be_baked_and_nothing_is_left(native, model, monkeypatch):
-    from blender_addon.native import bake
-    from blender_addon.package.renderers import RendererError
-
     def missing(command):
         raise RendererError("Mitsuba is not there")
 
@@ -212,10 +214,6 @@ def test_without_the_package_dog_cannot_be_baked_and_nothing_is_left(native, mod
 
 
 def test_the_panel_offers_both_ways(native, model):
-    from types import SimpleNamespace
-
-    from blender_addon.panel import DOGSPLAT_PT_panel
-
     def drawn():
         layout, space = Layout(), SimpleNamespace(shading=None, overlay=None)
         panel = SimpleNamespace(layout=layout, _model=lambda *_: None, _viewport=lambda *_: None)

@@ -12,6 +12,7 @@ from references import REFERENCES, place_camera, reference
 
 from blender_addon.cameras.camera import Camera
 from blender_addon.cameras.objects import build_camera, look_through
+from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
 
 
 def middle_of(scene, picture):
@@ -74,8 +75,6 @@ def test_the_picture_stays_when_model_and_camera_move_together(scene, tmp_path, 
     obj = load(REFERENCES / "dog.ply")
     bpy.ops.dogsplat.exact_settings()
     obj.matrix_world = move
-    from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
-
     scene.camera.matrix_world = (move @ scene.camera.matrix_world).normalized()
     modifier = splat_modifier(obj)
     set_input(modifier, "Near Clip", get_input(modifier, "Near Clip") * move.to_scale()[0])
