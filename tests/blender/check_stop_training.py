@@ -21,6 +21,7 @@ signal.signal(signal.SIGTERM, lambda *_: asked.append(signal.signal(signal.SIGTE
 print("ready", flush=True)
 while not asked:
     time.sleep(0.01)
+(run / "asked").touch()
 while not (run / "go").exists():
     time.sleep(0.01)
 (run / "config.json").write_text("{}")
@@ -50,6 +51,13 @@ def begun(tmp_path, monkeypatch):
     WORK.end_training()
 
 
+def ask(run: TrainingRun) -> None:
+    """Press the button; the training has noticed it afterwards, and another signal would end it at once."""
+    assert bpy.ops.dogsplat.stop_training() == {"FINISHED"}
+    while not (run.folder / "asked").exists():
+        time.sleep(0.01)
+
+
 def looked_after() -> None:
     """As the timer does, until it has nothing to look after."""
     while train_operator.look_after() is not None:
@@ -59,7 +67,7 @@ def looked_after() -> None:
 def test_stopping_waits_for_nothing_and_loses_nothing(begun):
     """The training saves after the operator is done; asked a second time, it would not."""
     run = begun(SAVES)
-    assert bpy.ops.dogsplat.stop_training() == {"FINISHED"}
+    ask(run)
     assert run.works and WORK.busy and not bpy.ops.dogsplat.stop_training.poll()
     assert train_operator.look_after() == train_operator.INTERVAL and not can_go_on(run.folder)
     run.ask_to_stop()
@@ -71,7 +79,7 @@ def test_stopping_waits_for_nothing_and_loses_nothing(begun):
 def test_whoever_leaves_waits_until_a_training_that_stops_is_saved(begun):
     """The add-on is disabled, or another file opened, right after the button."""
     run = begun(SAVES)
-    assert bpy.ops.dogsplat.stop_training() == {"FINISHED"}
+    ask(run)
     later = f"import pathlib, time; time.sleep(0.3); pathlib.Path({str(run.folder / 'go')!r}).touch()"
     with subprocess.Popen([sys.executable, "-c", later]):
         train_operator.stop()
