@@ -9,13 +9,13 @@ from model_values import assert_equal, assert_moved
 from references import REFERENCES, place_camera
 
 from blender_addon.editing.stand_in import stand_in_of
+from blender_addon.evaluated.placed import placed_splats
 from blender_addon.files.light import Light
 from blender_addon.files.ply import read_ply
 from blender_addon.files.sh import C0
 from blender_addon.nodes.modifier import edit_modifiers, get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import read_attributes
 from blender_addon.objects.conventions import light_of
-from blender_addon.objects.placed import placed_splats
 
 
 @pytest.mark.parametrize("join", [bpy.ops.object.join, lambda: bpy.ops.dogsplat.join()])

@@ -7,7 +7,7 @@ from blender_pictures import as_srgb, psnr, rendered
 from model_files import load
 from references import REFERENCES, place_camera, reference
 
-from blender_addon.engine import render_engine as engine
+from blender_addon import render_engine as engine
 from blender_addon.nodes.modifier import set_input, splat_modifier
 
 

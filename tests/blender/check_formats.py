@@ -11,16 +11,16 @@ from model_files import load
 from package_command import COMMAND
 from references import REFERENCES, reference
 
-from blender_addon.engine import renderers
 from blender_addon.files.errors import FileError
 from blender_addon.files.light import Light
 from blender_addon.files.ply import read_ply
 from blender_addon.files.read import EXTENSIONS, Said, direction, read_model, said_in
 from blender_addon.files.sh import C0
 from blender_addon.files.spz import read_spz
+from blender_addon.import_export import import_operator
 from blender_addon.nodes.modifier import get_input, splat_modifier
-from blender_addon.objects import import_operator
 from blender_addon.objects.conventions import conversion
+from blender_addon.package import renderers
 
 
 def unwanted(path, out):

@@ -10,8 +10,8 @@ from model_files import datablocks, load
 
 from blender_addon.files.model import sigmoid
 from blender_addon.files.ply import read_ply
+from blender_addon.import_export import import_operator
 from blender_addon.nodes.modifier import get_input, splat_modifier
-from blender_addon.objects import import_operator
 from blender_addon.objects.attributes import read_attributes
 
 

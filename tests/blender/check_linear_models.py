@@ -12,7 +12,7 @@ from model_files import load
 from references import REFERENCES, place_camera, reference
 from surroundings import background, body, material, plane
 
-from blender_addon.engine import render_engine as engine
+from blender_addon import render_engine as engine
 from blender_addon.engine.order import make_order
 from blender_addon.files.light import Light, made_linear
 from blender_addon.files.ply import read_comments, read_ply

@@ -10,14 +10,14 @@ from model_files import export, load
 from model_values import assert_equal
 from references import place_camera
 
+from blender_addon import render_engine
 from blender_addon.editing.stand_in import stand_in_of
-from blender_addon.engine import render_engine
+from blender_addon.evaluated.edited import edited_model
 from blender_addon.files.model import importance, sigmoid
 from blender_addon.files.ply import read_ply
 from blender_addon.files.sh import C0
 from blender_addon.nodes.modifier import edit_modifiers, input_property, set_input
 from blender_addon.objects.attributes import read_attributes
-from blender_addon.objects.edited import edited_model
 
 INSIDE = {
     "BOX": lambda p: np.abs(p).max(axis=1) <= 1,

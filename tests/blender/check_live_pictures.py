@@ -15,7 +15,7 @@ from references import REFERENCES, place_camera, reference
 from surroundings import background, link, plane
 
 from blender_addon.engine.passes import world_color
-from blender_addon.scene.images import decoded
+from blender_addon.files.srgb import decoded
 from blender_addon.scene.sockets import output_of
 from blender_addon.viewport.blit import Blit
 from blender_addon.viewport.pace import LEVELS, Level

@@ -8,9 +8,9 @@ from mathutils import Matrix
 from references import place_camera
 from surroundings import plane
 
-from blender_addon.engine.live import LiveCommand, live_renderer
 from blender_addon.engine.order import camera_request
-from blender_addon.engine.served import RendererError
+from blender_addon.package.live import LiveCommand, live_renderer
+from blender_addon.package.served import RendererError
 from blender_addon.viewport.pace import Level
 from blender_addon.viewport.rendered import request_of
 

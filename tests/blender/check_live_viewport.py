@@ -9,7 +9,7 @@ from model_files import load
 from package_command import never
 from references import place_camera
 
-from blender_addon.engine.served import RendererError
+from blender_addon.package.served import RendererError
 from blender_addon.viewport import rendered
 from blender_addon.viewport.pace import REST
 from blender_addon.viewport.rendered import PATIENCE, PAUSE, Rendered

@@ -9,7 +9,6 @@ from model_files import load
 from references import place_camera
 
 from blender_addon.engine.passes import SETTINGS
-from blender_addon.engine.render_engine import ENGINE
 from blender_addon.nodes.modifier import input_property, splat_modifier
 from blender_addon.panel import (
     EDITED,
@@ -22,6 +21,7 @@ from blender_addon.panel import (
     import_menu,
     object_menu,
 )
+from blender_addon.render_engine import ENGINE
 
 
 def test_the_panel_shows_the_settings_of_a_model(scene, model):

@@ -12,7 +12,7 @@ from package_command import COMMAND
 from references import REFERENCES, place_camera, reference
 from surroundings import plane
 
-from blender_addon.engine import render_engine as engine
+from blender_addon import render_engine as engine
 from blender_addon.engine.cryptomatte import float_of, murmur3
 from blender_addon.engine.passes import OBJECT_INDEX, SETTINGS
 

@@ -8,9 +8,9 @@ from package_command import never, nothing
 from references import REFERENCES, place_camera, reference
 
 from blender_addon.cameras.objects import camera_numbers
-from blender_addon.engine import renderers
-from blender_addon.engine.renderers import Command, InProcess, choose_renderer, close_renderers
-from blender_addon.engine.served import Cancelled, RendererError
+from blender_addon.package import renderers
+from blender_addon.package.renderers import Command, InProcess, choose_renderer, close_renderers
+from blender_addon.package.served import Cancelled, RendererError
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ from surroundings import (
     sphere,
 )  # fmt: skip
 
-from blender_addon.engine import render_engine as engine
+from blender_addon import render_engine as engine
 
 pytestmark = pytest.mark.usefixtures("by_command")
 

@@ -11,9 +11,9 @@ from package_command import COMMAND
 from references import REFERENCES
 from training_scene import subject  # noqa: F401  (a fixture)
 
-from blender_addon.engine import render_engine
-from blender_addon.engine.live import LiveCommand, LiveInProcess
-from blender_addon.engine.renderers import Command
+from blender_addon import render_engine
+from blender_addon.package.live import LiveCommand, LiveInProcess
+from blender_addon.package.renderers import Command
 
 SHARED = Path(os.environ["DOGSPLAT_SHARED"])
 STATUS = pytest.StashKey[int]()

@@ -4,10 +4,10 @@ import bpy
 import numpy as np
 from mathutils import Euler, Matrix
 
+from blender_addon.evaluated.edited import edited_model
 from blender_addon.files.model import Model
 from blender_addon.nodes.modifier import edit_modifiers
 from blender_addon.nodes.paint import CORNERS
-from blender_addon.objects.edited import edited_model
 
 PLACED = Matrix.Translation((0.3, -1.0, 2.0)) @ Euler((0.3, 0.2, 1.0)).to_matrix().to_4x4() @ Matrix.Scale(1.7, 4)
 TURN = Matrix.Rotation(0.8, 4, (1, 2, -1)) @ Matrix.Scale(1.7, 4)

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import bpy
 import numpy as np
+from drawn_panels import viewport
 from mathutils import Matrix
 from package_command import never
 
@@ -31,9 +32,9 @@ def through_the_camera(scene) -> Seen:
     return seen_by(space_of_camera(scene, *size), *size)
 
 
-def staged(folder, camera) -> Stage:
-    """What stands before a camera now."""
-    return make_stage(bpy.context.evaluated_depsgraph_get(), folder, camera)
+def staged(folder, camera, hidden=frozenset()) -> Stage:
+    """What stands before a camera now, but for hidden objects."""
+    return make_stage(bpy.context.evaluated_depsgraph_get(), folder, camera, hidden)
 
 
 def last(renderer, request) -> np.ndarray:
@@ -47,9 +48,8 @@ def a_context() -> SimpleNamespace:
     """Of a viewport that is drawn."""
     space = SimpleNamespace(view_matrix=Matrix.Identity(4), window_matrix=Matrix(PERSPECTIVE),
                             is_perspective=True, view_perspective="PERSP")  # fmt: skip
-    view3d = SimpleNamespace(camera=None, use_render_border=False)
     region = SimpleNamespace(width=SIZE[0], height=SIZE[1])
-    return SimpleNamespace(region=region, region_data=space, space_data=view3d, preferences=bpy.context.preferences)
+    return SimpleNamespace(region=region, region_data=space, space_data=viewport(), preferences=bpy.context.preferences)
 
 
 def drawn_viewport(monkeypatch, folder) -> Rendered:
