@@ -53,7 +53,6 @@ def render(splats: Splats, **integrator) -> tuple[np.ndarray, Any]:
     return mi.render(scene).numpy(), camera_from_mitsuba(scene.sensors()[0])
 
 
-
 @CASES
 @pytest.mark.parametrize("srgb_primitives", [True, False])
 def test_the_scene_is_that_of_the_twin_in_either_colour_space(splats, srgb_primitives):

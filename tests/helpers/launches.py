@@ -7,6 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
+import mitsuba as mi
+import pytest
+
+llvm_only = pytest.mark.skipif(not (mi.variant() or "").startswith("llvm"), reason="reads LLVM code; use llvm_ad_rgb")
 
 WARM_UP = 4  # calls; a frozen function records its kernels in the first ones
 

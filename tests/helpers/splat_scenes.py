@@ -87,6 +87,14 @@ def tilted_camera(width=64, height=48, f=60.0, cx=None, cy=None) -> Camera:
     return make_camera(width, height, f, cx, cy, w2c)
 
 
+def opaque_only(splats: Any, kept: np.ndarray) -> Any:
+    """The others become invisible, so that rows stay where they are."""
+    rows = {name: np.array(getattr(splats, name), float) for name in RAW_PARAMETERS}
+    copy = SimpleNamespace(**rows, dog_index=splats.dog_index)
+    copy.logit_opacities[~kept] = -np.inf
+    return copy
+
+
 def rounded(splats: Any) -> Splats:
     """The same model in float32, which the engine and its float64 twin then both start from."""
     return Splats(**vars(splats))
