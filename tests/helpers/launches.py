@@ -51,6 +51,25 @@ def launches(run: Callable[[], Any]) -> list[Launch]:
     ]
 
 
+class KernelWatch:
+    """Of a ``with`` block: how many kernels it ``launched``, and hashes of those that were not in memory before."""
+
+    def __enter__(self) -> "KernelWatch":
+        dr.sync_thread()
+        self._flag = dr.scoped_set_flag(dr.JitFlag.KernelHistory)
+        self._flag.__enter__()
+        dr.kernel_history_clear()
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        dr.eval()
+        dr.sync_thread()
+        history = dr.kernel_history([dr.KernelType.JIT])
+        self._flag.__exit__(*problem)
+        self.launched = len(history)
+        self.new = [kernel["hash"] for kernel in history if not kernel["cache_hit"] or kernel["cache_disk"]]
+
+
 def kernels(run: Callable[[], Any]) -> list[tuple[int, int]]:
     """(size, operations) of the kernels of a call."""
     return [(k.size, k.operations) for k in launches(run) if k.kind == "JIT"]

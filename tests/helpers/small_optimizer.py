@@ -45,6 +45,15 @@ def run(optimizer: SplatOptimizer, steps: int, seed: int = 1) -> None:
         optimizer.step()
 
 
+def alike(optimizer: SplatOptimizer, first: int, steps: int) -> None:
+    """Steps with one gradient for all numbers."""
+    for step in range(first, first + steps):
+        optimizer.schedule(step)
+        for value in optimizer.adam.values():
+            dr.set_grad(value, dr.opaque(mi.Float, 0.1, dr.width(value)))
+        optimizer.step()
+
+
 def moments(optimizer: SplatOptimizer, name: str) -> tuple[np.ndarray, np.ndarray]:
     """First and second moment, [rows, row size]."""
     state = optimizer.state()

@@ -7,10 +7,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from launches import KernelWatch
 from mi_dogsplat.training.adam import Entry
 from mi_dogsplat.training.learning_rates import Refinement
 from mi_dogsplat.training.optimizer import SplatOptimizer
-from small_optimizer import RATES, assert_same, random_model, run, set_gradients
+from small_optimizer import RATES, alike, assert_same, random_model, run, set_gradients
 
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
@@ -168,17 +169,11 @@ def test_nothing_is_compiled_after_warm_up_as_rows_rates_and_steps_change():
         optimizer.rearrange(np.arange(n) % optimizer.n, np.arange(n) >= optimizer.n)
         optimizer.assign("logit_opacities", np.minimum(optimizer.numpy("logit_opacities"), 0.5))
         optimizer.reset_moments("logit_opacities")
-        for offset in range(3):
-            optimizer.schedule(step + offset)
-            for value in optimizer.adam.values():
-                dr.set_grad(value, dr.opaque(mi.Float, 0.1, dr.width(value)))
-            optimizer.step()
+        alike(optimizer, step, 3)
 
     round_of(40, 0)
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-        dr.kernel_history_clear()
+    with KernelWatch() as kernels:
         for n, step in ((60, 10), (33, 200), (75, 900), (74, 1200)):
             round_of(n, step)
-        history = dr.kernel_history([dr.KernelType.JIT])
-    assert len(history) > 20
-    assert all(kernel["cache_hit"] and not kernel["cache_disk"] for kernel in history)
+    assert kernels.launched > 20
+    assert not kernels.new

@@ -6,13 +6,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-import drjit as dr
 import mi_dogsplat.runs.run
 import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
 from happenings import records, rows_with
+from launches import KernelWatch
 from mi_dogsplat import read_ply, reference, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
@@ -117,15 +117,12 @@ def test_prunes_compile_nothing_once_there_were_two(data):
     while trainer.step_count < 175:
         trainer.step()
     counts = set()
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-        dr.kernel_history_clear()
+    with KernelWatch() as kernels:
         while trainer.step_count < 249:
             trainer.step()
             counts.add(trainer.optimizer.n)
-        dr.eval()
-        history = dr.kernel_history([dr.KernelType.JIT])
-    assert len(counts) >= 4 and len(history) > 500
-    assert not [kernel for kernel in history if not kernel["cache_hit"] or kernel["cache_disk"]]
+    assert len(counts) >= 4 and kernels.launched > 500
+    assert not kernels.new
 
 
 CUTS = (60, 75, 90, 110)
