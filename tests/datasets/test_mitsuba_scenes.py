@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.measure.metrics import psnr
-from mi_dogsplat.scene.cameras import camera_from_mitsuba
+from mi_dogsplat.scene.mitsuba_cameras import camera_from_mitsuba
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import dog_dict, logit
 
