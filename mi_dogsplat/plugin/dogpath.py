@@ -14,6 +14,7 @@ from ..tracing.options import TraceOptions
 from ..tracing.tracer import SplatTracer
 from .drawn import Drawn, SplattedModel
 from .light_paths import LightPaths, Limits, Replay
+from .properties import given
 from .replayed import radiance
 from .sensor import Look
 from .shadow_ratios import LatestShadowRatios
@@ -123,8 +124,8 @@ class DogPathIntegrator(SplatIntegrator):
     def __init__(self, props: Any):
         super().__init__(props)
         self._tracer, self._ratios = LatestTracer(), LatestShadowRatios()
-        self.mesh_shadows = props.get("mesh_shadows", False)
-        self.mesh_shadow_samples = props.get("mesh_shadow_samples", 64)
+        self.mesh_shadows = given(props, "mesh_shadows", bool, False)
+        self.mesh_shadow_samples = given(props, "mesh_shadow_samples", int, 64)
         if self.mesh_shadow_samples < 1:
             raise RuntimeError(f'dogpath: "mesh_shadow_samples" is {self.mesh_shadow_samples}, it must be at least 1')
         if any(props.type(name) == mi.Properties.Type.Object for name in props.keys()):

@@ -332,5 +332,7 @@ def test_wrong_parameters_are_refused():
     for name, value in (("max_depth", -2), ("rr_depth", 0), ("near_clip", -1.0)):
         with pytest.raises(RuntimeError, match=f'"{name}" '):
             mi.load_dict({**ALONE, name: value})
+    with pytest.raises(RuntimeError, match='dogpath: "mesh_shadows" is \'no\', it must be true or false'):
+        mi.load_dict({**ALONE, "mesh_shadows": "no"})
     with pytest.raises(RuntimeError, match="nests no integrator"):
         mi.load_dict({**ALONE, "nested": {"type": "path"}})

@@ -15,6 +15,7 @@ from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, mo
 from mi_dogsplat.training.strategy.pose_refinement import PoseRefinement, Poses
 from mi_dogsplat.training.strategy.strategy import Seen
 from mi_dogsplat.training.train import Trainer
+from PIL import Image
 from refined_poses import VIEWS, config_of, poses_of, stepped
 from splat_scenes import SMOOTH_OPTIONS
 
@@ -157,3 +158,29 @@ def test_radiance_in_another_unit_gives_the_same_motions(tmp_path, at_once):
     expected = motions(1.0)
     assert np.abs(expected).max() > 1e-3
     np.testing.assert_allclose(motions(1024.0), expected, atol=1e-3 * np.abs(expected).max())
+
+
+def test_half_of_a_photograph_asks_for_as_much_as_all_of_it(data, tmp_path, gradients):
+    """Masked pixels count in the mean that the loss is, so gradients halve; what is behind the mask says nothing."""
+    dataset, rng = load_dataset(data), np.random.default_rng(0)
+    height, width = dataset.train[0].image.shape[:2]
+    mask = np.zeros((height, width), np.uint8)
+    mask[:, width // 2 :] = 255
+    (tmp_path / "masks").mkdir()
+    for view in dataset.train:
+        Image.fromarray(mask).save(tmp_path / "masks" / f"{Path(view.name).stem}.png")
+    images = rng.uniform(size=(VIEWS, height, width, 3)).astype(np.float32)
+    rule = PoseRefinement(start=0, quiet=0.05)
+
+    def motions(images: np.ndarray, by_pose: np.ndarray, masks: str | None = str(tmp_path / "masks")) -> np.ndarray:
+        train = [View(v.name, v.camera, image) for v, image in zip(dataset.train, images, strict=True)]
+        trainer = Trainer(config_of(data, steps=700, masks=masks), replace(dataset, train=train, test=[]))
+        state = rule.new_state(trainer)
+        seen_in_turn(rule, trainer, state, range(VIEWS), by_pose)
+        return state.motions
+
+    got, expected = motions(images, gradients / 2), motions(images, gradients, None)
+    assert np.abs(expected).max() > 1e-4
+    np.testing.assert_allclose(got, expected, atol=0.05 * np.abs(expected).max())
+    flat = images * (mask[..., None] > 0)
+    np.testing.assert_array_equal(motions(flat, gradients / 2), got)
