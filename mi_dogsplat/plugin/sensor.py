@@ -15,7 +15,7 @@ import mitsuba as mi
 
 from ..engine.drjit_internals import held, variable_indices
 from ..engine.project import DeviceCamera
-from ..scene.cameras import (
+from ..scene.mitsuba_cameras import (
     central_camera_from_mitsuba,
     far_clip_from_mitsuba,
     near_clip_from_mitsuba,

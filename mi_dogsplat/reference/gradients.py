@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .forward import MAX_ALPHA, MIN_ALPHA, MIN_T, project
+from .forward import MAX_ALPHA, MIN_T
 from .project_gradients import project_backward
+from .projection import MIN_ALPHA, project
 from .walk import Walk, blocks
 
 if TYPE_CHECKING:

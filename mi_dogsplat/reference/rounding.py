@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .forward import MIN_ALPHA, MIN_T, project
+from .forward import MIN_T
+from .projection import MIN_ALPHA, project
 from .walk import KERNEL_UNITS, UNIT, Walk, blocks
 
 if TYPE_CHECKING:

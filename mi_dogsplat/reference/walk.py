@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .forward import MAX_ALPHA, MAX_T, Projection, depth_order
+from .forward import MAX_ALPHA, MAX_T, depth_order
+from .projection import Projection
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera

@@ -12,7 +12,8 @@ from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import Frame, RasterOptions, rasterize
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
-from mi_dogsplat.scene.cameras import Camera, camera_to_mitsuba
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.splats import Splats
 
 from benchmarks.derivative_cases import dog_dict
@@ -85,6 +86,14 @@ def tilted_camera(width=64, height=48, f=60.0, cx=None, cy=None) -> Camera:
     w2c[:3, :3] = axis_rotation([0.3, 1, -0.4], 0.2)[0]
     w2c[:3, 3] = 0.3, -0.1, 0.2
     return make_camera(width, height, f, cx, cy, w2c)
+
+
+def opaque_only(splats: Any, kept: np.ndarray) -> Any:
+    """The others become invisible, so that rows stay where they are."""
+    rows = {name: np.array(getattr(splats, name), float) for name in RAW_PARAMETERS}
+    copy = SimpleNamespace(**rows, dog_index=splats.dog_index)
+    copy.logit_opacities[~kept] = -np.inf
+    return copy
 
 
 def rounded(splats: Any) -> Splats:

@@ -6,6 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from launches import KernelWatch
 from mi_dogsplat.engine.project import DeviceCamera, project
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
@@ -258,9 +259,7 @@ def test_statistics_compile_nothing_when_views_and_counts_change():
             dr.eval()
 
     collect(20, 64, 48)
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-        dr.kernel_history_clear()
+    with KernelWatch() as kernels:
         for n, width, height in ((30, 33, 48), (17, 64, 20), (80, 50, 50)):
             collect(n, width, height)
-        history = dr.kernel_history([dr.KernelType.JIT])
-    assert history and all(kernel["cache_hit"] and not kernel["cache_disk"] for kernel in history)
+    assert kernels.launched and not kernels.new
