@@ -65,6 +65,8 @@ def one_line_errors(run: Callable[[], int | None], extra: str = "train", program
         status, line = 128 + stop.signal_number, str(stop)
     except KeyboardInterrupt:
         status, line = 128 + signal.SIGINT, "stopped before the end; nothing is half-written"
+    except MemoryError as error:
+        status, line = 2, f"not enough memory ({error or 'no more to be had'}); ask for fewer pixels or primitives"
     except OSError as error:  # of writing: what is read is looked at where it is read
         if isinstance(error, BrokenPipeError) or not error.strerror:
             raise

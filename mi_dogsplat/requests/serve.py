@@ -12,19 +12,18 @@ be ``{"stop": true}``, which is no request and gets no answer.
 
 from __future__ import annotations
 
-import json
 import queue
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..support.errors import DataError
-from ..support.files import replacing
+from ..support.files import parse_json, replacing
 from .answer import Answerer, Arrays
 from .request import FORMAT, SOURCE, read_request
 from .view_request import read_view_request
@@ -42,8 +41,9 @@ class Lines:
         self._waiting: queue.Queue[str | None] = queue.Queue()
 
         def pump() -> None:
-            for line in stream:
-                self._waiting.put(line)
+            with suppress(OSError, ValueError):  # a stream that cannot be read any more has ended
+                for line in stream:
+                    self._waiting.put(line)
             self._waiting.put(None)
 
         threading.Thread(target=pump, daemon=True).start()
@@ -74,6 +74,8 @@ def serve(lines: Iterable[str], tell: Callable[[dict[str, Any]], None]) -> None:
             if content == STOP:
                 continue
             out = Path(str(content.pop("out", ""))) if isinstance(content, dict) else Path()
+            if "\0" in str(out):
+                raise DataError(SOURCE, '"out" has a character that no name of a file can have', FORMAT)
             if out.suffix == ".rgba":
                 _view(views, content, out, another, tell)
             elif out.suffix == ".npz":
@@ -86,7 +88,7 @@ def serve(lines: Iterable[str], tell: Callable[[dict[str, Any]], None]) -> None:
 
 def _content(line: str) -> Any:
     try:
-        return json.loads(line)
+        return parse_json(line)
     except ValueError as error:
         raise DataError(SOURCE, f"not valid JSON ({error})", FORMAT) from error
 
@@ -97,8 +99,12 @@ def _view(views: Views, content: Any, out: Path, another: Callable[[], bool], te
         path = out.with_stem(f"{out.stem}_{number % 2}")
         part = path.with_name(f".{path.name}")
         with _writing(path):
-            picture.tofile(part)
-            part.replace(path)  # whoever reads the one before has it whole
+            try:
+                picture.tofile(part)
+                part.replace(path)  # whoever reads the one before has it whole
+            except OSError:
+                part.unlink(missing_ok=True)
+                raise
         if share < 1:
             tell({"share": share, "picture": str(path)})
     tell({"done" if share == 1 else "left": str(path)})
@@ -124,4 +130,5 @@ def _writing(out: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise DataError(out, f"cannot be written ({error.strerror})", "check the folder") from error
+        problem = f"cannot be written ({error.strerror or error})"
+        raise DataError(out, problem, "check the folder and its space") from error

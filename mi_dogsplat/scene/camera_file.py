@@ -20,6 +20,7 @@ from ..support.errors import DataError
 from ..support.files import read_json, replacing
 from .cameras import Camera, nearest_rigid
 
+MOST_PIXELS = 16_384  # of a side, as of a film
 FORMAT = 'write {"w2c": 4x4 world to camera (OpenCV axes), "fx", "fy", "cx", "cy", "width", "height"}'
 
 
@@ -44,6 +45,8 @@ def camera_from_json(content: Any) -> Camera:
     width, height = (float(content[name]) for name in ("width", "height"))
     if not (width.is_integer() and height.is_integer()):
         raise ValueError(f"width {width:g} and height {height:g} must be whole numbers of pixels")
+    if max(width, height) > MOST_PIXELS:
+        raise ValueError(f"width {width:.0f} and height {height:.0f} are too large: at most {MOST_PIXELS} pixels each")
     fx = float(content["fx"])
     fy = float(content.get("fy", fx))
     cx, cy = float(content.get("cx", width / 2)), float(content.get("cy", height / 2))

@@ -161,6 +161,13 @@ def test_output_that_nobody_reads_ends_the_command_quietly(model):
     assert done.returncode == 141 and done.stderr == "", done  # 128 + SIGPIPE, as a shell reports of `yes | head`
 
 
+@pytest.mark.skipif(os.name != "posix", reason="shells of other systems cannot close streams")
+def test_a_command_whose_streams_are_closed_does_its_work(model, tmp_path):
+    words = [sys.executable, "-m", "mi_dogsplat", "clean", str(model), "-o", str(tmp_path / "m.ply")]
+    done = subprocess.run(["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", *words], cwd=Path(__file__).parents[2])
+    assert done.returncode == 0 and (tmp_path / "m.ply").exists()
+
+
 def test_a_pipe_that_breaks_where_no_signal_is_named_so_ends_as_quietly(monkeypatch):
     """Windows has no SIGPIPE."""
     monkeypatch.delattr(signal, "SIGPIPE")

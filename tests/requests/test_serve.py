@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from command_line import assert_one_line, run
 from mi_dogsplat import Drawing, Model, write_model
+from mi_dogsplat.cli.main import main
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import render_picture
@@ -165,11 +167,40 @@ def test_a_wrong_request_is_one_line_and_the_next_one_is_answered(folder):
     wrong = [
         {"model": model}, {**good, "camera": None}, {**good, "pases": []}, {**good, "passes": ["detph"]}, [1],
         {**good, "model": "none.ply"}, {"out": out, "scene": "none.json"}, {**good, "scene": "scene.json"},
+        {**good, "out": "a\0.npz"}, {**good, "out": "a\0.rgba"}, {**good, "out": "\ud800.npz"},
+        {**good, "camera": {**camera_json(), "width": 200_000}},
     ]  # fmt: skip
     said = told([*wrong, good])
     assert [next(iter(line)) for line in said] == ["error"] * len(wrong) + ["done"]
     assert all("\n" not in line["error"] and "; " in line["error"] for line in said[:-1])
     assert np.load(out)["color"].shape == (HEIGHT, WIDTH, 3)
+
+
+def test_lines_that_are_no_text_or_too_deep_are_answered(tmp_path, capfd):
+    (tmp_path / "requests").write_bytes(b"\xff\xfe\n" + b"[" * 100_000 + b"\n")
+    status = main(["serve", str(tmp_path / "requests"), "--variant", mi.variant() or "auto"])
+    first, second = map(json.loads, capfd.readouterr().out.splitlines())
+    assert status == 0 and "not valid JSON" in first["error"] and "too deep" in second["error"]
+
+
+def test_a_stream_that_fails_is_a_stream_that_ends():
+    def failing():
+        yield "first"
+        raise OSError("gone")
+
+    assert list(Lines(failing())) == ["first"]
+
+
+def test_a_picture_that_does_not_fit_leaves_nothing(folder, tmp_path, monkeypatch):
+    """A viewport's, on a disk that is full."""
+    def full(self, target):
+        raise OSError("5 requested and 3 written")  # as NumPy says it, without the system's words
+
+    monkeypatch.setattr(Path, "replace", full)
+    model = str(folder / "model.ply")
+    (said,) = told([{"out": str(tmp_path / "view.rgba"), "model": model, "camera": camera_json()}])
+    assert "view_0.rgba: cannot be written (5 requested and 3 written)" in said["error"]
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TextIO
 
@@ -66,10 +67,12 @@ def _answers() -> Iterator[TextIO]:
 @contextmanager
 def _input(path: Path | None) -> Iterator[TextIO]:
     if path is None:
+        if isinstance(sys.stdin, TextIOWrapper):
+            sys.stdin.reconfigure(encoding="utf-8", errors="replace")  # whatever the locale
         yield sys.stdin
         return
     try:
-        file = path.open(encoding="utf-8")
+        file = path.open(encoding="utf-8", errors="replace")  # what is no text then is no request
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "give requests, a line of JSON each") from error
     with file:

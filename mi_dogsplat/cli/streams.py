@@ -1,0 +1,28 @@
+"""Standard streams, also where whoever started the program has closed some of them."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+
+def open_closed_streams() -> None:
+    """Put the null device where a standard stream is closed (``dogsplat info FILE >&-``): Python has None there.
+
+    Its descriptor is filled too, so that no file that is opened later becomes what others take for standard output.
+    """
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        if getattr(sys, name) is not None:
+            continue
+        null = os.open(os.devnull, os.O_RDWR)
+        if null != number and not _is_open(number):
+            os.dup2(null, number)
+        setattr(sys, name, open(null, mode, encoding="utf-8"))  # noqa: SIM115, as long as the process
+
+
+def _is_open(number: int) -> bool:
+    try:
+        os.fstat(number)
+    except OSError:
+        return False
+    return True
