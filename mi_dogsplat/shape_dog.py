@@ -193,7 +193,7 @@ class DogShape(mi.Mesh):
             if group.index in params:
                 (name,) = group.names
                 params[name] = padded_on_device(params[name], degree)
-        return moved(params, self.to_world) if self._moves else params
+        return moved(params, self.to_world) if self._moves or dr.grad_enabled(self.to_world) else params
 
     def _matrix(self) -> np.ndarray:
         """The parameter ``to_world`` on the host."""

@@ -10,8 +10,7 @@ from ..files.errors import told
 from ..files.transform import mean_scale, transformed
 from ..nodes.limits import NAME as LIMITS
 from ..nodes.modifier import edit_modifiers, get_input, set_input
-from ..objects.attributes import read_attributes, write_attributes
-from .live_operators import can_edit
+from ..objects.attributes import can_edit, read_attributes, write_attributes
 from .stand_in import finish_painting
 
 

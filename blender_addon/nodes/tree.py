@@ -20,7 +20,7 @@ import bpy
 from ..objects.attributes import RANK
 from .builder import Tree, Value, Vector, new_group, wrap
 from .fields import Frame, Pose, Splat, camera_pose
-from .geometry import choose, delete, describe, remove, set_material, store, switch
+from .geometry import choose, delete, describe, remove, set_material, sort, store, switch
 from .groups import (
     GEOMETRY,
     LOW_PASS,
@@ -117,12 +117,9 @@ def _quads(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value, ant
     for pattern in ("radiance:*", "dog:*"):
         points = remove(tree, points, pattern)
     _, _, depth = named_attribute(tree, EXTENT).split()
-    order = tree.node("GeometryNodeSortElements", domain="POINT")
-    tree.plug(order.inputs["Geometry"], points)
-    tree.plug(order.inputs["Sort Weight"], depth * -1.0)
 
     place = tree.node("GeometryNodeInstanceOnPoints")
-    tree.plug(place.inputs["Points"], order.outputs[0])
+    tree.plug(place.inputs["Points"], sort(tree, points, depth * -1.0))
     tree.plug(place.inputs["Instance"], _corners(tree))
     tree.plug(place.inputs["Scale"], (0.0, 0.0, 0.0))
     realize = tree.node("GeometryNodeRealizeInstances")

@@ -77,6 +77,20 @@ def has_splats(obj: bpy.types.Object | None) -> bool:
     return is_splats(obj) or is_native(obj)
 
 
+def can_edit(obj: bpy.types.Object | None) -> bool:
+    """Whether an object holds splats of ours that this file may change."""
+    return is_splats(obj) and _is_local(obj)
+
+
+def can_edit_native(obj: bpy.types.Object | None) -> bool:
+    """The same of splats that Blender draws itself."""
+    return is_native(obj) and _is_local(obj)
+
+
+def _is_local(obj: bpy.types.Object) -> bool:
+    return obj.library is None and obj.override_library is None
+
+
 def read_attributes(mesh: Geometry) -> Model:
     """The model that a mesh or point cloud holds: raw values of the file where nobody changed them, else the activated.
 

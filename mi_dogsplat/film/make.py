@@ -143,7 +143,8 @@ def _path(subject: Subject, config: FilmConfig) -> CameraPath:
         return cameras_path(cameras, config)
     if cameras:
         return orbit(around_cameras(cameras, up, config.fov), config)
-    return orbit(around_model(subject.model.splats, up, config.fov), config)
+    path = orbit(around_model(subject.model.splats, up, config.fov), config)
+    return dataclasses.replace(path, what=f"{path.what} ({subject.missing})") if subject.missing else path
 
 
 def _even(size: tuple[int, int]) -> tuple[int, int]:

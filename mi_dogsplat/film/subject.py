@@ -25,12 +25,16 @@ MODEL = "point_cloud.ply"  # of a run folder
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """The model, the cameras of its data in the order of their names (maybe none), and how it is drawn."""
+    """The model, the cameras of its data in the order of their names (maybe none), and how it is drawn.
+
+    ``missing`` says of a run that its data are not there.
+    """
 
     model: Model
     cameras: list[Camera]
     background: float
     drawn: DrawnAs
+    missing: str = ""
 
     @property
     def up(self) -> np.ndarray:
@@ -52,8 +56,10 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
     Raises ``DataError``.
     """
     trained: dict[str, Any] = {}
+    missing = ""
     if model.is_dir():
         run = read_run(model)
+        missing = "" if data else run.data_missing
         trained, data = run.config, data or run.data
         model = model / MODEL
         if not model.is_file():
@@ -68,4 +74,4 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
         drawn = replace(drawn, near_clip=near_clip)
     chosen = options.background if options.background != "auto" else trained.get("background", "auto")
     background = background_color(chosen, dataset is not None and dataset.has_alpha)
-    return Subject(read, [view.camera for view in views], background, drawn)
+    return Subject(read, [view.camera for view in views], background, drawn, missing)

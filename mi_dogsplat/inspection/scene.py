@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +34,9 @@ def describe_scene(path: Path) -> list[str]:
         line("other shapes", f"{count(others)}, {count(lamps)} of them emit light" if others else "none"),
         line("around", "nothing, which is black" if around is None else around.class_name()),
         line("other lights", count(len(emitters) - lamps - (around is not None))),
-        line("sensors", ", ".join(sizes) or "none: nothing can be rendered"),
-        line("to see it", f"dogsplat render {path} -o picture.exr"),
+        line("sensors", ", ".join(sizes) or "none"),
+        line("to see it", f"dogsplat render {shlex.quote(str(path))} -o picture.exr"),
     ]
-    problem = f"  the integrator {name} does not know splats: use dogsplat or dogpath"
-    return lines + (["problems: none found"] if ours else ["problems:", problem])
+    problems = [] if ours else [f"  the integrator {name} does not know splats: use dogsplat or dogpath"]
+    problems += [] if sizes else ["  there is no sensor: nothing can be rendered"]
+    return lines + (["problems:", *problems] if problems else ["problems: none found"])

@@ -8,11 +8,13 @@ import drjit as dr
 import mitsuba as mi
 
 from ..engine.dimmed import dimmed
+from ..engine.drjit_internals import held
 from ..engine.rasterize import Frame
 from ..tracing.options import TraceOptions
 from ..tracing.tracer import SplatTracer
 from .drawn import Drawn, SplattedModel
 from .light_paths import LightPaths, Limits, Replay
+from .properties import given
 from .replayed import radiance
 from .sensor import Look
 from .shadow_ratios import LatestShadowRatios
@@ -32,13 +34,13 @@ class LatestTracer:
 
     def __init__(self) -> None:
         self._key: tuple = ()
-        self._params: dict = {}
+        self._params: list = []
         self._found: tuple[SplatTracer, SplatLamps | None] | None = None
 
     def of(self, params: dict, options: TraceOptions, linear: bool) -> tuple[SplatTracer, SplatLamps | None]:
         key = (options, linear, *((name, value.index) for name, value in params.items()))
         if self._found is None or key != self._key:
-            self._key, self._params = key, params
+            self._key, self._params = key, held(params.values())
             self._found = SplatTracer(params, options), lamps_of(params, linear)
         return self._found
 
@@ -122,8 +124,8 @@ class DogPathIntegrator(SplatIntegrator):
     def __init__(self, props: Any):
         super().__init__(props)
         self._tracer, self._ratios = LatestTracer(), LatestShadowRatios()
-        self.mesh_shadows = props.get("mesh_shadows", False)
-        self.mesh_shadow_samples = props.get("mesh_shadow_samples", 64)
+        self.mesh_shadows = given(props, "mesh_shadows", bool, False)
+        self.mesh_shadow_samples = given(props, "mesh_shadow_samples", int, 64)
         if self.mesh_shadow_samples < 1:
             raise RuntimeError(f'dogpath: "mesh_shadow_samples" is {self.mesh_shadow_samples}, it must be at least 1')
         if any(props.type(name) == mi.Properties.Type.Object for name in props.keys()):

@@ -18,6 +18,7 @@ from . import background, surfaces
 from .agreement import agreed
 from .drawn import Drawn, SplattedModel
 from .film import Filter, develop, has_alpha, normalized, side_by_side
+from .properties import given
 from .samples import Sample, samples
 from .sensor import Look, SensorReader
 from .surfaces import Surfaces
@@ -35,17 +36,18 @@ class SplatIntegrator(ADIntegrator):
 
     def __init__(self, props: Any):
         super().__init__(props)
-        linear = not props["srgb_primitives"] if "srgb_primitives" in props else None
-        self.drawing = Drawing(props.get("antialiased"), props.get("near_clip"), linear)
-        self.hide_emitters = props.get("hide_emitters", False)
-        self.negative_transmittance = props.get("negative_transmittance", True)
+        srgb = given(props, "srgb_primitives", bool)
+        linear = None if srgb is None else not srgb
+        self.drawing = Drawing(given(props, "antialiased", bool), given(props, "near_clip", float), linear)
+        self.hide_emitters = given(props, "hide_emitters", bool, False)
+        self.negative_transmittance = given(props, "negative_transmittance", bool, True)
         self.on_pass: Any = None
         self._sensors, self._last = SensorReader(), LastFrame()
         try:
-            self.aovs = aovs.read_names(props.get("aovs", ""))
+            self.aovs = aovs.read_names(given(props, "aovs", str, ""))
         except ValueError as error:
             raise RuntimeError(f"{self.name}: {error}") from None
-        if self.drawing.near_clip is not None and self.drawing.near_clip < 0:
+        if self.drawing.near_clip is not None and not self.drawing.near_clip >= 0:
             raise RuntimeError(f'{self.name}: "near_clip" is {self.drawing.near_clip}, it must not be negative')
 
     # --- what children say ---

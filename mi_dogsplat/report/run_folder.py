@@ -60,10 +60,22 @@ class Run:
 
     @property
     def data(self) -> Path | None:
-        """The data set, with the poses that the run has refined if it has; None if it is not there."""
-        refined, own = self.path / REFINED, self.config.get("data")
-        known = refined if (refined / "transforms.json").is_file() else Path(str(own)) if own else None
-        return known if known and known.exists() else None
+        """The data set, with the poses that the run has refined if it has; None if it is not there.
+
+        A relative name is one of the folder where the training was started: looked for here, and in the folders that
+        the run is in.
+        """
+        own = self.config.get("data")
+        if (self.path / REFINED / "transforms.json").is_file():
+            return self.path / REFINED
+        places = (Path(), *self.path.resolve().parents) if own else ()
+        return next((place / str(own) for place in places if (place / str(own)).exists()), None)
+
+    @property
+    def data_missing(self) -> str:
+        """What to say where the configuration names a data set that is not there; empty otherwise."""
+        own = self.config.get("data")
+        return f"the data of the run, {own}, are not there: --data names them" if own and self.data is None else ""
 
     @property
     def method(self) -> str:

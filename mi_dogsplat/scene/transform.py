@@ -60,6 +60,8 @@ def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
         return splats
     linear, translation = matrix[:3, :3], matrix[:3, 3]
     check_regular(linear)
+    if not np.isfinite(translation).all():
+        raise ValueError("a model cannot be moved: this translation is not finite")
     try:
         isometry, scale, _ = decompose_similarity(matrix)
     except ValueError:

@@ -303,6 +303,8 @@ def test_bad_files_are_one_line_that_names_them(capsys, model, data, tmp_path):
         (["render", model, "-o", out, "--camera", tmp_path / "bad.json"], "bad.json"),
         (["render", model, "-o", tmp_path / "v.exr", "--aovs", "albedo"], "albedo"),
         (["render", tmp_path / "bad.xml", "-o", tmp_path / "v.exr", "--aovs", "depth"], 'the property "aovs"'),
+        (["render", tmp_path / "bad.xml", "-o", out, "--data", data], "--data: is for models"),
+        (["render", tmp_path / "bad.xml", "-o", out, "--near-clip", "1"], "--near-clip: is for models"),
         (["render", model, "-o", out, "--camera", "0"], "--data"),
         (["render", model, "-o", out, "--data", data, "--camera", "zebra"], "zebra"),
         (["prune", tmp_path / "missing.ply", data, "-o", tmp_path / "run"], "missing.ply"),

@@ -4,6 +4,7 @@ import itertools
 import json
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -158,7 +159,21 @@ def test_a_run_folder_knows_its_data_and_how_it_is_drawn(model, data, tmp_path, 
     film = make_film(folder, tmp_path / "g", config=SHORT)
     assert film.path.startswith("an orbit")  # the cameras of the tiny data stand all around
     (folder / "config.json").write_text(json.dumps({"data": str(tmp_path / "gone")}))
-    assert make_film(folder, tmp_path / "h", config=SHORT).path.startswith("an orbit")
+    path = make_film(folder, tmp_path / "h", config=SHORT).path
+    assert path.startswith("an orbit") and path.endswith("gone, are not there: --data names them)")
+
+
+def test_a_run_finds_its_data_from_another_working_folder(model, data, tmp_path, monkeypatch):
+    folder = tmp_path / "runs" / "first"
+    folder.mkdir(parents=True)
+    (folder / "point_cloud.ply").write_bytes(model.read_bytes())
+    (tmp_path / "photos").symlink_to(data)
+    (folder / "config.json").write_text(json.dumps({"data": "photos/"}))
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    film = make_film(folder, tmp_path / "f", config=replace(SHORT, path="cameras"))
+    assert film.path == "along 8 cameras"
 
 
 def test_photographs_of_one_side_are_followed(model, tmp_path, monkeypatch):

@@ -178,6 +178,19 @@ SCENE_OF_SPLATS = (
 )
 
 
+def test_a_scene_without_sensor_or_model_says_so_in_a_line(tmp_path):
+    write_model(tmp_path / "m.ply", Model(tiny_data.truth()))
+    blind = SCENE_OF_SPLATS[: SCENE_OF_SPLATS.index("<sensor")].replace("INTEGRATOR", "dogpath") + "</scene>"
+    (tmp_path / "a b.xml").write_text(blind)
+    lines = describe(tmp_path / "a b.xml")
+    assert value_of(lines, "to see it").startswith("dogsplat render '") and value_of(lines, "sensors") == "none"
+    assert lines[-1] == "  there is no sensor: nothing can be rendered"
+    (tmp_path / "m.ply").write_bytes(b"")
+    with pytest.raises(DataError, match="m.ply: the file is empty") as refused:
+        describe(tmp_path / "a b.xml")
+    assert "Traceback" not in str(refused.value)
+
+
 @pytest.mark.parametrize(("integrator", "last"), [
     ("dogpath", "problems: none found"),
     ("path", "  the integrator PathIntegrator does not know splats: use dogsplat or dogpath"),

@@ -242,6 +242,9 @@ def test_wrong_use_is_refused_with_a_line_that_says_why():
     cases: list[tuple[dict[str, Any], str]] = [
         ({"aovs": "alpha, albedo"}, 'unknown AOV "albedo"; available are alpha, depth'),
         ({"near_clip": -1.0}, "near_clip"),
+        ({"near_clip": float("nan")}, "near_clip"),
+        ({"antialiased": "false"}, 'dogsplat: "antialiased" is \'false\', it must be true or false'),
+        ({"aovs": True}, '"aovs" is True, it must be a string'),
         ({"samples": 3}, "samples"),
     ]
     for given, problem in cases:

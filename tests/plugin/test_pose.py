@@ -241,6 +241,16 @@ def test_backward_mode_of_the_shapes_pose_equals_differences():
     assert_equal(gradient(*shape_scene(values), values), central(loss))
 
 
+def test_a_shape_that_nobody_has_moved_has_a_derivative_by_its_pose():
+    scene = scene_of(MODEL, CAMERA, **FLAT)
+    params: Any = mi.traverse(scene)
+    dr.enable_grad(params["splats.to_world"])  # as loaded: nothing is assigned
+    dr.backward(dr.sum(mi.render(scene, params, spp=1) * mi.TensorXf(ADJOINT), axis=None))
+    got = dr.grad(params["splats.to_world"].matrix).numpy().reshape(4, 4)[:3, 3]
+    expected = central(lambda p: image_loss(MODEL, of_moved_world(CAMERA, p)))[:3]
+    assert_equal(got, expected, NAMES[:3])
+
+
 def test_derivatives_of_pose_and_primitives_come_in_one_pass():
     alone_values = variables(6)
     alone = gradient(*sensor_scene(alone_values), alone_values)

@@ -143,6 +143,7 @@ def test_wrong_parameters_are_refused_with_one_line_that_says_why(tmp_path):
         ({**dog_dict(MODEL), "means": short}, '"log_scales" has 12 rows, "means" has 11'),
         ({"type": "dog", "means": short}, "missing tensors log_scales, quats, logit_opacities, sh_coeffs"),
         ({**dog_dict(MODEL), "to_world": mi.ScalarTransform4f().scale([1, 1, 1e-9])}, "cannot be flattened"),
+        ({**dog_dict(MODEL), "to_world": mi.ScalarTransform4f().translate([0, np.nan, 0])}, "is not finite"),
         ({"type": "dog", "filename": file, "radius": 3.0}, "radius"),
         ({**dog_dict(MODEL), "colour": mi.TensorXf(MODEL.means)}, "colour"),
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import fields
 from pathlib import Path
 
 from ...render.picture_options import PictureOptions
@@ -13,6 +14,7 @@ from ..flags import MODEL_HELP, add_picture_flags, add_view_flags, given_setting
 from ..progress import Bar
 
 SUMMARY = "a model or Mitsuba scene to a picture"
+OF_MODELS = "data", "camera", "appearance", *(field.name for field in fields(PictureOptions))
 EXAMPLES = """
 Examples:
   dogsplat render run/point_cloud.ply -o view.png                     a view that frames the model
@@ -59,8 +61,10 @@ def run(args: argparse.Namespace) -> None:
     if args.model.suffix.lower() == ".xml":
         if args.aovs is not None:
             raise DataError("--aovs", "a scene names its own", 'set the property "aovs" of its integrator')
-        if args.appearance is not None:
-            raise DataError("--appearance", "a scene has a film of its own", "leave it out")
+        for name in OF_MODELS:
+            if getattr(args, name) != getattr(PictureOptions(), name, None):
+                flag = f"--{name.replace('_', '-')}"
+                raise DataError(flag, "is for models: a scene says by itself what is drawn, and how", "leave it out")
         with _bar() as bar:
             render_scene(args.model, args.out, args.spp, bar.show if bar else None)
     else:

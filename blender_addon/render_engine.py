@@ -6,13 +6,13 @@ import bpy
 import numpy as np
 from bpy.app.translations import pgettext_iface as iface_
 
-from ..preferences import command_of
-from ..viewport.rendered import Rendered
-from . import passes
-from .order import Order, make_order, tidy
-from .renderers import choose_renderer
-from .served import Cancelled, RendererError
-from .settings import ENGINE
+from .engine import passes
+from .engine.order import Order, make_order, tidy
+from .engine.settings import ENGINE
+from .package.renderers import choose_renderer
+from .package.served import Cancelled, RendererError
+from .preferences import command_of
+from .viewport.rendered import Rendered
 
 
 class DogSplatEngine(bpy.types.RenderEngine):

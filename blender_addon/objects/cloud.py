@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from ..files.model import Model, sigmoid
-from ..objects.attributes import (
+from .attributes import (
     BASE,
     NATIVE_OPACITY,
     NATIVE_SCALE,

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-import weakref
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .folder import own_folder
 from .renderers import IDLE_SECONDS, IN_TURNS, mitsuba, words_of
 from .served import RendererError, Served
 
@@ -22,7 +19,7 @@ class LiveInProcess:
     """The package and Mitsuba in Blender's own Python."""
 
     def __init__(self):
-        self.folder, self.close = _folder(self)
+        self.folder, self.close = own_folder(self)
         self._views: Any = None
 
     def pictures(self, request: dict[str, Any], left: Left) -> Pictures:
@@ -49,7 +46,7 @@ class LiveCommand:
     def __init__(self, words: tuple[str, ...]):
         self._words = [*words, "serve", "--idle", str(IDLE_SECONDS)]
         self._name = " ".join(words)
-        self.folder, self._remove = _folder(self)
+        self.folder, self._remove = own_folder(self)
         self._served: Served | None = None
 
     def pictures(self, request: dict[str, Any], left: Left) -> Pictures:
@@ -73,9 +70,3 @@ def live_renderer(command: str = "") -> LiveInProcess | LiveCommand:
     """The package as ``choose_renderer`` finds it. Raises ``RendererError``."""
     words = words_of(command)
     return LiveCommand(words) if words else LiveInProcess()
-
-
-def _folder(owner: Any) -> tuple[Path, Callable[[], Any]]:
-    """A folder, and how to remove it, which is done with its owner at the latest."""
-    folder = Path(tempfile.mkdtemp(prefix="dogsplat_"))
-    return folder, weakref.finalize(owner, shutil.rmtree, folder, ignore_errors=True)

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 
 WIDTH, HEIGHT = 48, 32
+GREY = (0.5, 0.5, 0.5, 1)
 
 
 def material(kind: str, **values) -> bpy.types.Material:
@@ -92,20 +93,6 @@ def background(scene: bpy.types.Scene, color=(0.5, 0.5, 0.5, 1)) -> bpy.types.No
     node = next(node for node in scene.world.node_tree.nodes if node.type == "BACKGROUND")
     node.inputs["Color"].default_value = color
     return node
-
-
-def picture(scene: bpy.types.Scene, engine: str, folder) -> np.ndarray:
-    """[H, W, 3] of linear radiance, rows from the top."""
-    scene.render.engine = engine
-    settings = scene.render.image_settings
-    settings.file_format, settings.color_depth = "OPEN_EXR", "32"
-    scene.render.filepath = str(folder / "out.exr")
-    bpy.ops.render.render(write_still=True)
-    loaded = bpy.data.images.load(scene.render.filepath)
-    pixels = np.empty(WIDTH * HEIGHT * 4, np.float32)
-    loaded.pixels.foreach_get(pixels)
-    bpy.data.images.remove(loaded)
-    return pixels.reshape(HEIGHT, WIDTH, 4)[::-1, :, :3]
 
 
 def blocks(values: np.ndarray, size: int = 4) -> np.ndarray:

@@ -11,9 +11,7 @@ import shlex
 import shutil
 import subprocess
 import sys
-import tempfile
 import threading
-import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -23,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..files.errors import FileError, told
+from .folder import own_folder
 from .served import Cancelled, RendererError, Served
 
 MISSING = (
@@ -59,8 +58,7 @@ class InProcess:
     """The package ``mi_dogsplat`` and Mitsuba in Blender's own Python."""
 
     def __init__(self):
-        self.folder = Path(tempfile.mkdtemp(prefix="dogsplat_"))
-        self._remove = weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+        self.folder, self._remove = own_folder(self)
         self._answerer: Any = None
 
     @property
@@ -116,8 +114,7 @@ class Command:
 
     def __init__(self, words: tuple[str, ...]):
         self.words = words
-        self.folder = Path(tempfile.mkdtemp(prefix="dogsplat_"))
-        self._remove = weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+        self.folder, self._remove = own_folder(self)
         self._served: Served | None = None
 
     @property

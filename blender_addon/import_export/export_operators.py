@@ -9,12 +9,12 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
+from ..evaluated.placed import holds_splats, placed_model, placed_splats
 from ..files.errors import FileError, told
 from ..files.light import in_common_light
 from ..files.model import concatenate
 from ..files.ply import write_ply
-from .conventions import import_matrix, light_of
-from .placed import holds_splats, placed_model, placed_splats
+from ..objects.conventions import import_matrix, light_of
 
 
 class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):

@@ -14,18 +14,18 @@ from bpy.app.translations import pgettext_tip as tip_
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 
-from ..engine.renderers import converted
 from ..files.errors import FileError, told
 from ..files.model import Model, importance, sigmoid
 from ..files.read import EXTENSIONS, read_model
 from ..native.bake import baked
 from ..native.convert import native_object, replace_object
-from ..native.feature import is_available
 from ..nodes.modifier import add_modifier, set_input
+from ..objects.attributes import write_attributes
+from ..objects.conventions import DOG_COUNT, UP_AXES, conversion, remember, remember_light
+from ..objects.feature import is_available
+from ..package.renderers import converted
 from ..preferences import command_of
 from ..translations import OWN
-from .attributes import write_attributes
-from .conventions import DOG_COUNT, UP_AXES, conversion, remember, remember_light
 
 SHOWN_AS = (
     ("AUTOMATIC", "Automatic", "Quads in renders, ellipsoids in the viewport"),

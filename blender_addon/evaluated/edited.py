@@ -9,9 +9,9 @@ import bpy
 import numpy as np
 
 from ..files.model import Model
-from ..native.cloud import read_cloud
 from ..nodes.modifier import splat_modifier
-from .attributes import is_native, read_attributes
+from ..objects.attributes import is_native, read_attributes
+from ..objects.cloud import read_cloud
 
 
 def edited_model(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Model:

@@ -1,17 +1,14 @@
 """What the checks of rig, views and training share: a small scene with a subject, and what has to be as it was."""
 
-import json
-import os
-import subprocess
 from pathlib import Path
 
 import bpy
 import pytest
+from package_command import COMMAND
 from surroundings import background, body, light, material, plane, sphere
 
 from blender_addon.training import train_operator
 
-COMMAND = tuple(json.loads(os.environ["DOGSPLAT_COMMAND"]))
 CENTER, RADIUS = (1.0, 2.0, 0.5), 0.8
 RED, GREEN = (0.7, 0.15, 0.1, 1), (0.1, 0.5, 0.2, 1)
 
@@ -65,9 +62,3 @@ def made_unlike(scene):
     if hasattr(render.image_settings, "media_type"):
         render.image_settings.media_type = "MULTI_LAYER_IMAGE"
     render.image_settings.file_format, render.image_settings.color_depth = "OPEN_EXR_MULTILAYER", "32"
-
-
-def by_package(script, *arguments):
-    """What a script prints in the Python that has the package."""
-    done = subprocess.run([COMMAND[0], "-c", script, *arguments], capture_output=True, text=True, check=True)
-    return json.loads(done.stdout)

@@ -10,8 +10,8 @@ import numpy as np
 from ..files.errors import told
 from ..files.model import Model
 from ..files.transform import transformed
-from ..native.cloud import read_cloud
-from .attributes import has_splats, is_native, read_attributes
+from ..objects.attributes import has_splats, is_native, read_attributes
+from ..objects.cloud import read_cloud
 from .edited import edited_model
 
 
