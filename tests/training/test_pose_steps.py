@@ -13,7 +13,7 @@ from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.scene.camera_motions import common_motions, motion_gradient, moved_w2c
 from mi_dogsplat.training.strategy.pose_refinement import PoseRefinement, Poses
-from mi_dogsplat.training.strategy.strategy import Seen
+from mi_dogsplat.training.strategy.strategy import Seen, Training
 from mi_dogsplat.training.train import Trainer
 from PIL import Image
 from refined_poses import VIEWS, config_of, poses_of, stepped
@@ -50,6 +50,25 @@ def test_the_gradient_is_that_of_differences_of_the_loss(data, at_once, monkeypa
     assert np.array_equal(by_pose[others], before[others]) and not before[view].any()
     got = directions @ motion_gradient(state.given, state.motions, trainer.extent, by_pose)[view]
     np.testing.assert_allclose(got, expected, atol=0.05 * np.abs(expected).max())
+
+
+def test_gradients_are_sums_of_lanes_though_nobody_waits_for_those_of_a_view(data, at_once, ordered, monkeypatch):
+    """Of several views in a step: what is added to an array before it is evaluated may be lost (performance.md)."""
+    dataset, config = load_dataset(data), config_of(data, batch_views=3)
+    expected, after_backward = np.zeros((VIEWS, 6)), PoseRefinement.after_backward
+
+    def waits(rule: PoseRefinement, t: Training, state: Poses, seen: Seen) -> None:
+        nudge = seen.camera.nudge
+        assert nudge is not None
+        expected[seen.view] += [dr.grad(lanes).numpy().astype(np.float64).sum() for lanes in nudge.values]
+        after_backward(rule, t, state, seen)
+
+    got = poses_of(stepped(Trainer(config, dataset), 2)).gradient.numpy()  # six of the views
+    monkeypatch.setattr(PoseRefinement, "after_backward", waits)
+    state = poses_of(stepped(Trainer(config, dataset), 2))
+    assert state.turns == 0 and state.counts.sum() == 6 == np.count_nonzero(expected.any(axis=1))
+    np.testing.assert_array_equal(got, state.gradient.numpy())
+    np.testing.assert_allclose(got.reshape(-1, 6), expected, atol=1e-5 * np.abs(expected).max())
 
 
 def seen_in_turn(rule: PoseRefinement, trainer: Trainer, state: Poses, views: Any, by_pose: np.ndarray) -> None:
