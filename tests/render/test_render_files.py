@@ -358,6 +358,7 @@ def test_a_camera_file_may_leave_out_what_follows_from_the_rest(tmp_path):
         ({"fx": "wide"}, "wide"),
         ({"width": 10.5}, "whole numbers"),
         ({"width": 1e999}, "whole numbers"),
+        ({"height": 200_000}, "too large: at most 16384"),
         ({"height": 0}, "must have a pixel"),
         ({"cx": float("nan")}, "not finite"),
     ],
@@ -380,3 +381,20 @@ def test_what_is_no_camera_file_at_all_is_told_too(tmp_path, content, message):
         read_camera(tmp_path / "c.json")
     with pytest.raises(DataError, match="cannot be read"):
         read_camera(tmp_path / "missing.json")
+
+
+def test_ctrl_c_while_a_scene_is_rendered_is_no_fault_of_the_scene(tmp_path):
+    """Dr.Jit says it in an error of its own."""
+    write_ply(tmp_path / "m.ply", tiny_data.truth())
+    (tmp_path / "s.xml").write_text(
+        '<scene version="3.0.0"><integrator type="dogsplat"/><shape type="dog"><string name="filename" value="m.ply"/>'
+        '</shape><sensor type="perspective"><film type="hdrfilm"><integer name="width" value="8"/>'
+        '<integer name="height" value="6"/></film></sensor></scene>'
+    )
+
+    def stop(done: int, of: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        render_scene(tmp_path / "s.xml", tmp_path / "s.png", 2, stop)
+    assert not (tmp_path / "s.png").exists()
