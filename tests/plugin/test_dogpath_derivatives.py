@@ -125,7 +125,8 @@ def test_both_modes_agree_on_what_a_parameter_of_the_scene_is_computed_from(name
         dr.enable_grad(source)
         params[name] = value + source
         params.update()
-        return source, mi.render(scene, params, spp=SPP, seed=SEED, seed_grad=SEED + 1) * mi.TensorXf(ADJOINT.astype(np.float32))
+        image = mi.render(scene, params, spp=SPP, seed=SEED, seed_grad=SEED + 1)
+        return source, image * mi.TensorXf(ADJOINT.astype(np.float32))
 
     source, image = rendered()
     dr.forward(source)
