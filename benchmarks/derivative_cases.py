@@ -17,7 +17,8 @@ import mitsuba as mi
 import numpy as np
 from mi_dogsplat import reference
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG
-from mi_dogsplat.scene.cameras import Camera, camera_to_mitsuba, opencv_w2c_to_mitsuba_c2w
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba, opencv_w2c_to_mitsuba_c2w
 from mi_dogsplat.scene.row_groups import GROUPS
 from mi_dogsplat.scene.splats import Splats
 from scipy.spatial.transform import Rotation

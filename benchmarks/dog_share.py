@@ -26,7 +26,8 @@ from mi_dogsplat.engine.geometry import Blocks, Cutoffs, Grid
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
 from mi_dogsplat.engine.project import DeviceCamera, project
 from mi_dogsplat.engine.tiles import tiles
-from mi_dogsplat.scene.cameras import Camera, camera_to_mitsuba
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Array, Splats
 

@@ -20,7 +20,8 @@ from mi_dogsplat.engine.parameters import RAW
 from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.plugin.ellipsoids import to_ellipsoids
 from mi_dogsplat.render.framing import automatic_camera
-from mi_dogsplat.scene.cameras import Camera, camera_from_mitsuba, camera_to_mitsuba
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.mitsuba_cameras import camera_from_mitsuba, camera_to_mitsuba
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.pictures import heat_map, write_png

@@ -9,31 +9,27 @@ two pictures with and without ``mesh_shadows``: so what is wrong with the shadow
 
 from __future__ import annotations
 
-import argparse
 import time
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 from mi_dogsplat.plugin.shadow_ratios import estimated
 
-from .dogpath import display, regions
+from .error_table import display
+from .lit_runs import parsed, parser_of
 from .lit_scenes import LIGHT, MODEL, SHADE, loaded, of_meshes, picture
+from .regions import regions
 
 LEAST = 1e-4  # radiance, below which the ratio of two pictures says nothing
 
 
 def main(argv: list[str]) -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks mesh_shadows", description=__doc__)
-    parser.add_argument("--size", nargs=2, type=int, default=(160, 120), metavar=("WIDTH", "HEIGHT"))
+    parser = parser_of("mesh_shadows", __doc__, (160, 120), 512)
     parser.add_argument("--samples", nargs="+", type=int, default=[4, 16, 64, 256], help="per primitive")
     parser.add_argument("--spp", type=int, default=16)
-    parser.add_argument("--truth", type=int, default=512, metavar="SPP")
-    parser.add_argument("--variant", default="llvm_ad_rgb")
-    args = parser.parse_args(argv)
-    mi.set_variant(args.variant)
-    size = args.size[0], args.size[1]
+    args = parsed(parser, argv)
+    size = args.size
     for path in (SHADE, LIGHT):
         truth, model = of_meshes(path), loaded(path, MODEL)
         shown, captured = picture(truth, args.truth, size), picture(of_meshes(path, alone=True), args.truth, size)

@@ -10,7 +10,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.plugin.samples import samples
-from mi_dogsplat.scene.cameras import OPENCV_FROM_MITSUBA, Camera, opencv_w2c_to_mitsuba_c2w
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.mitsuba_cameras import OPENCV_FROM_MITSUBA, opencv_w2c_to_mitsuba_c2w
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 

@@ -26,12 +26,13 @@ from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.sh_basis import C0
-from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import Dropped, Event
 from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.strategy.strategy import Strategy, Training
 from mi_dogsplat.training.train import Trainer
+
+from .blobs import blobs
 
 STEPS = 400
 WIDTH, HEIGHT = 48, 36
@@ -72,23 +73,9 @@ POISONS = [
 ]
 
 
-def truth() -> Splats:
-    """Coloured blobs within the unit ball, of SH degree 1."""
-    rng = np.random.default_rng(0)
-    sh_coeffs = rng.normal(size=(N_TRUTH, 4, 3)) * 0.05
-    sh_coeffs[:, 0] = (rng.uniform(0.05, 0.95, (N_TRUTH, 3)) - 0.5) / C0
-    return Splats(
-        means=rng.uniform(-0.6, 0.6, (N_TRUTH, 3)),
-        log_scales=np.log(rng.uniform(0.06, 0.2, (N_TRUTH, 3))),
-        quats=rng.normal(size=(N_TRUTH, 4)),
-        logit_opacities=rng.uniform(0.5, 3, N_TRUTH),
-        sh_coeffs=sh_coeffs,
-    )
-
-
 def data_set(n_train: int = 16, n_test: int = 4) -> Dataset:
-    """Views of ``truth()`` from a ring of cameras around it, and its centres, perturbed, as points."""
-    splats, rng = truth(), np.random.default_rng(1)
+    """Views of ``blobs()`` from a ring of cameras around it, and its centres, perturbed, as points."""
+    splats, rng = blobs(N_TRUTH), np.random.default_rng(1)
     params, views = upload(splats), []
     n = n_train + n_test
     for i, angle in enumerate(np.linspace(0, 2 * np.pi, n, endpoint=False)):

@@ -48,6 +48,7 @@ def main(argv: list[str]) -> None:
     parser.add_argument("data", type=Path, nargs="+", help="data sets whose poses are good")
     parser.add_argument("--found", type=Path, nargs="*", default=[], help="folders of dogsplat poses, for the same")
     parser.add_argument("--noise", type=float, nargs="*", default=[0.0025, 0.005, 0.01], help="radians, and extents")
+    parser.add_argument("--focal", type=float, default=1.0, help="factor on all focal lengths, which are then wrong")
     parser.add_argument("--seeds", type=int, nargs="*", default=[0])
     parser.add_argument("--steps", type=int, default=1500)
     parser.add_argument("--downscale", type=int, default=4)
@@ -66,14 +67,25 @@ def main(argv: list[str]) -> None:
 
 
 def _qualities(data: Path, args: argparse.Namespace, seed: int) -> Iterator[Poses]:
-    given = load_dataset(data, args.downscale, split=args.split)
+    given = _with_focal(load_dataset(data, args.downscale, split=args.split), args.focal)
     yield Poses("given", given, given.views)
     for noise in args.noise:
         yield Poses(f"noise of {noise:.2%}", perturbed(given, noise, seed), given.views)
     for folder in args.found:
-        found = load_dataset(folder, args.downscale, split=args.split)
+        found = _with_focal(load_dataset(folder, args.downscale, split=args.split), args.focal)
         if {view.name for view in found.views} == {view.name for view in given.views}:
             yield Poses("found", found, given.views)
+
+
+def _with_focal(dataset: Dataset, factor: float) -> Dataset:
+    """All views with focal lengths ``factor`` times as long."""
+
+    def changed(view: View) -> View:
+        camera = view.camera
+        return seen_by(view, replace(camera, fx=factor * camera.fx, fy=factor * camera.fy))
+
+    train, test = ([changed(view) for view in views] for views in (dataset.train, dataset.test))
+    return replace(dataset, train=train, test=test)
 
 
 def perturbed(dataset: Dataset, noise: float, seed: int) -> Dataset:

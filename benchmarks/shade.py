@@ -8,7 +8,6 @@ truth has less than half of the light that there is without a model, ``black`` t
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +19,9 @@ from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.tracing.options import TraceOptions
 from mi_dogsplat.tracing.tracer import SplatTracer
 
-from .dogpath import regions
+from .lit_runs import parsed, parser_of
 from .lit_scenes import IN_PLACE, LIGHT, MODEL, empty, loaded, meshes_alone, of_meshes, picture
+from .regions import regions
 
 FLOOR, CIRCLE = -0.7, 1.9  # height; radius about the axis of the table
 RAYS = 200_000
@@ -57,15 +57,11 @@ def blackened(scene: Any) -> Any:
 
 def main(argv: list[str]) -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks shade", description=__doc__)
+    parser = parser_of("shade", __doc__, (160, 120), 512)
     parser.add_argument("models", nargs="*", type=Path, default=[MODEL, IN_PLACE], help="(default: the two in scenes/)")
-    parser.add_argument("--size", nargs=2, type=int, default=(160, 120), metavar=("WIDTH", "HEIGHT"))
     parser.add_argument("--samples", type=int, default=32)
-    parser.add_argument("--truth", type=int, default=512, metavar="SPP")
-    parser.add_argument("--variant", default="llvm_ad_rgb")
-    args = parser.parse_args(argv)
-    mi.set_variant(args.variant)
-    size = args.size[0], args.size[1]
+    args = parsed(parser, argv)
+    size = args.size
     meshes = of_meshes(LIGHT)
     shown, alone = picture(meshes, args.truth, size), picture(empty(LIGHT), args.truth, size)
     deep = regions(meshes, shown, alone, size)["shadow"] & (shown.mean(-1) < DEEP * alone.mean(-1))

@@ -7,7 +7,8 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-from mi_dogsplat.scene.cameras import Camera, camera_to_mitsuba
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.splats import Splats
 
 from .models import CASES

@@ -27,7 +27,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.engine.geometry import Blocks
-from mi_dogsplat.scene.cameras import Camera, camera_from_mitsuba
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.mitsuba_cameras import camera_from_mitsuba
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 import bpy
 
 from . import panel, preferences, translations
+from . import render_engine as engine
 from .cameras import operators as camera_operators
 from .cameras import path_import_operator, path_operator
 from .editing import apply_operator, join_operator, live_operators, paint_operators, transform_operator
-from .engine import exact_settings, renderers
-from .engine import render_engine as engine
+from .engine import exact_settings
 from .engine import settings as engine_settings
+from .import_export import export_operators, import_operator
 from .native import operators as native_operators
-from .objects import export_operators, following, import_operator
+from .objects import following
+from .package import renderers
 from .training import panel as training_panel
 from .training import render_operator, rig_operator, train_operator
 from .training import settings as training_settings

@@ -5,18 +5,17 @@ from __future__ import annotations
 import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
-from .editing.live_operators import can_edit
 from .editing.paint_operators import painted_model
 from .editing.stand_in import stand_in_of
 from .engine.passes import SETTINGS
-from .engine.render_engine import ENGINE
-from .native.feature import is_available
 from .nodes.crop import NAME as CROP
 from .nodes.limits import NAME as LIMITS
 from .nodes.modifier import SHOWN, edit_modifiers, has_input, input_property, splat_modifier, tree_name
 from .nodes.paint import NAME as PAINT
-from .objects.attributes import is_native, is_splats
+from .objects.attributes import can_edit, is_native, is_splats
 from .objects.conventions import DOG_COUNT, SOURCE
+from .objects.feature import is_available
+from .render_engine import ENGINE
 
 EDITED = {
     CROP: ("Shape", "Object", "Invert"),

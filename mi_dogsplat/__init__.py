@@ -28,6 +28,9 @@ __all__ = [
     "Drawing", "Model", "Splats", "read_model", "read_ply", "to_ellipsoids", "write_model", "write_ply"
 ]  # fmt: skip
 
+PLUGINS = ("shape_dog", "plugin.splat_integrator", "integrator", "plugin.dogpath")
+DERIVED = ("requests.headlight",)  # classes of the variant that are no plugins, where somebody has imported them
+
 
 def _register(old: str | None, new: str | None) -> None:
     """(Re)define the plugin classes: they derive from classes of the active variant."""
@@ -37,11 +40,11 @@ def _register(old: str | None, new: str | None) -> None:
         refuse(new)
         return
     check_loaded_llvm()
-    for name in ("shape_dog", "plugin.splat_integrator", "integrator", "plugin.dogpath"):
+    for name in (*PLUGINS, *DERIVED):
         full = f"{__name__}.{name}"
         if full in sys.modules:
             importlib.reload(sys.modules[full])
-        else:
+        elif name in PLUGINS:
             importlib.import_module(full)
 
 

@@ -47,7 +47,8 @@ def main() -> None:
     arguments = [word for word in sys.argv[1:] if word != "--restart"]
     scene = prepare(Path(arguments[0]))
     scene.frame_start, scene.frame_end = 1, int(arguments[1]) if len(arguments) > 1 else FRAMES
-    from blender_addon.engine import render_engine, renderers
+    from blender_addon import render_engine
+    from blender_addon.package import renderers
 
     command = renderers.Command((str(ROOT / ".venv" / "bin" / "python"), "-m", "mi_dogsplat"))
     render_engine.choose_renderer = lambda words: command

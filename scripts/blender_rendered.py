@@ -57,8 +57,8 @@ def orbiting(centre: np.ndarray, radius: float, size: tuple[int, int], turns: in
 
 def pictures(command: str) -> None:
     """Times of the pictures alone."""
-    from blender_addon.engine.live import live_renderer
     from blender_addon.engine.order import make_stage
+    from blender_addon.package.live import live_renderer
     from blender_addon.viewport.pace import Level, Pace
     from blender_addon.viewport.region import seen_by
     from blender_addon.viewport.rendered import request_of

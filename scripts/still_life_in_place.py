@@ -9,16 +9,15 @@ of one core. A step that is done is not done again.
 
 import json
 import math
-import shutil
 import sys
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
-from mi_dogsplat.cli.main import main as dogsplat
 from mi_dogsplat.datasets.camera_paths import hemisphere, look_at
 
 from benchmarks.lit_scenes import IN_PLACE, in_place
+
+from .still_life import made
 
 SIZE = 256  # pixels
 ABOVE = 48, (5.0, 75.0), 5.4, 40.0  # cameras, elevations, distance, field of view: as the model of still_life.xml
@@ -44,16 +43,9 @@ def cameras() -> list[dict]:
 
 def main(work: Path) -> None:
     work.mkdir(parents=True, exist_ok=True)
-    ElementTree.ElementTree(in_place()).write(work / "scene.xml")
     (work / "cameras.json").write_text(json.dumps(cameras(), indent=1))
-    path = ["--path", str(work / "cameras.json")]
-    if dogsplat(["capture", str(work / "scene.xml"), "-o", str(work / "data"), *path, *CAPTURE.split()]):
-        sys.exit("the capture failed")
-    if not (work / "run" / "metrics.json").exists() and dogsplat(
-        ["train", str(work / "data"), "-o", str(work / "run"), *TRAIN.split()]
-    ):
-        sys.exit("the training failed")
-    shutil.copy(work / "run" / "point_cloud.ply", IN_PLACE)
+    capture = ["--path", str(work / "cameras.json"), *CAPTURE.split()]
+    made(work, in_place(), capture, TRAIN.split(), IN_PLACE)
 
 
 if __name__ == "__main__":

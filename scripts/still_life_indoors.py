@@ -7,14 +7,12 @@ WORK/data and the run WORK/run, and copies its model to scenes/still_life_indoor
 that is done is not done again.
 """
 
-import shutil
 import sys
 from pathlib import Path
-from xml.etree import ElementTree
-
-from mi_dogsplat.cli.main import main as dogsplat
 
 from benchmarks.lit_scenes import INDOORS, INDOORS_MODEL, ROOM, in_place
+
+from .still_life import made
 
 # From a little below, too: floor and metal ball see the under side of the table top. No camera is under the floor.
 CAPTURE = (
@@ -26,15 +24,7 @@ TRAIN = "--steps 6000 --max-primitives 20000 --target 5000 --sh-degree 1 --backg
 
 
 def main(work: Path) -> None:
-    work.mkdir(parents=True, exist_ok=True)
-    ElementTree.ElementTree(in_place(INDOORS, ROOM)).write(work / "scene.xml")
-    if dogsplat(["capture", str(work / "scene.xml"), "-o", str(work / "data"), *CAPTURE.split()]):
-        sys.exit("the capture failed")
-    if not (work / "run" / "metrics.json").exists() and dogsplat(
-        ["train", str(work / "data"), "-o", str(work / "run"), *TRAIN.split()]
-    ):
-        sys.exit("the training failed")
-    shutil.copy(work / "run" / "point_cloud.ply", INDOORS_MODEL)
+    made(work, in_place(INDOORS, ROOM), CAPTURE.split(), TRAIN.split(), INDOORS_MODEL)
 
 
 if __name__ == "__main__":

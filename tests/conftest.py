@@ -72,6 +72,14 @@ def ordered():
         pytest.skip("this backend adds the gradients of a tile with atomics, in any order")
 
 
+@pytest.fixture
+def fresh_recordings():
+    """For tests of what a call launches: nothing of the calls before is known to frozen functions."""
+    from lean_calls import forget_recordings
+
+    forget_recordings()
+
+
 @pytest.fixture(scope="session")
 def data(tmp_path_factory) -> Iterator[Path]:
     """The tiny data set, opaque. All tests of all processes share it, and none writes to it."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..files.errors import FileError, told
+from ..files.rotation import rotations
 from .camera import Camera, camera_name, rigid
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
@@ -135,12 +136,7 @@ def _text_images(path: Path) -> list[tuple[str, int, list[float]]]:
 
 def _matrix(pose: list[float]) -> np.ndarray:
     """World-to-camera [4, 4] from quaternion w, x, y, z and translation."""
-    w, x, y, z = np.array(pose[:4]) / np.linalg.norm(pose[:4])
+    quaternion = np.array(pose[:4]) / np.linalg.norm(pose[:4])
     w2c = np.eye(4)
-    w2c[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    w2c[:3, 3] = pose[4:]
+    w2c[:3, :3], w2c[:3, 3] = rotations(quaternion[None])[0], pose[4:]
     return w2c

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..files.errors import FileError, told
+from ..files.rotation import rotations
 from .camera import Camera, rigid
 
 AUTOMATIC_FOV = 40.0  # degrees of the shorter side, where no key says any: as the package has it
@@ -96,9 +97,4 @@ def _rotation(quaternion: np.ndarray) -> np.ndarray:
     length = np.linalg.norm(quaternion)
     if not 0.5 < length < 2:
         raise ValueError('"rotation" is no unit quaternion x, y, z, w')
-    x, y, z, w = quaternion / length
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
+    return rotations(quaternion[None, [3, 0, 1, 2]] / length)[0]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import bpy
 
+from ..evaluated.edited import edited_mesh
 from ..files.errors import told
 from ..nodes.modifier import edit_modifiers, splat_modifier
-from ..objects.edited import edited_mesh
-from .live_operators import can_edit
+from ..objects.attributes import can_edit
 from .stand_in import finish_painting
 
 

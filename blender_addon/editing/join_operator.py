@@ -7,10 +7,10 @@ import numpy as np
 
 from ..files.errors import told
 from ..files.linear_map import check_regular
+from ..objects.attributes import can_edit
 from ..objects.conventions import DOG_COUNT, light_of
 from ..objects.following import follow_vertices
 from .apply_operator import apply_edits
-from .live_operators import can_edit
 from .stand_in import finish_painting
 
 

@@ -10,15 +10,10 @@ from mathutils import Matrix, Vector
 from ..nodes.crop import SHAPES, crop_tree
 from ..nodes.limits import limits_tree
 from ..nodes.modifier import add_edit_modifier, set_input
-from ..objects.attributes import get_column, is_splats
+from ..objects.attributes import can_edit, get_column, is_splats
 from ..translations import OWN
 
 SHARE = 0.96  # of the splats along each axis that a new crop object holds: floaters are outside
-
-
-def can_edit(obj: bpy.types.Object | None) -> bool:
-    """Whether an object holds splats that this file may change."""
-    return is_splats(obj) and obj.library is None and obj.override_library is None
 
 
 class DOGSPLAT_OT_add_crop(bpy.types.Operator):

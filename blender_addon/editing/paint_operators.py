@@ -8,9 +8,8 @@ from bpy.props import EnumProperty
 from ..nodes.modifier import add_edit_modifier, edit_modifiers, has_input, set_input
 from ..nodes.paint import NAME as PAINT
 from ..nodes.paint import paint_tree
-from ..objects.attributes import is_splats
+from ..objects.attributes import can_edit, is_splats
 from ..objects.conventions import light_of
-from .live_operators import can_edit
 from .stand_in import build_stand_in, finish_painting, stand_in_of
 
 MODES = {"ERASE": "WEIGHT_PAINT", "TINT": "VERTEX_PAINT"}

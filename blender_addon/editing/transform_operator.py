@@ -7,11 +7,11 @@ import numpy as np
 from mathutils import Matrix
 
 from ..files.errors import told
+from ..files.model import Model
 from ..files.transform import mean_scale, transformed
 from ..nodes.limits import NAME as LIMITS
 from ..nodes.modifier import edit_modifiers, get_input, set_input
-from ..objects.attributes import read_attributes, write_attributes
-from .live_operators import can_edit
+from ..objects.attributes import can_edit, read_attributes, write_attributes
 from .stand_in import finish_painting
 
 
@@ -49,7 +49,7 @@ class DOGSPLAT_OT_apply_transform(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _moved(obj: bpy.types.Object):
+def _moved(obj: bpy.types.Object) -> Model:
     """The splats of an object in the space of the world. Raises ``ValueError`` that names it."""
     try:
         return transformed(read_attributes(obj.data), np.array(obj.matrix_world, np.float64))

@@ -1,1 +1,1 @@
-"""The exact picture: a render engine that calls the package."""
+"""What our render engine asks of the package for a frame, and the passes that it makes of the answer."""

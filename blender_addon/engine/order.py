@@ -13,16 +13,17 @@ import numpy as np
 
 from ..cameras.camera import Camera
 from ..cameras.objects import camera_numbers
+from ..evaluated.placed import moved_model, placed_model, placed_splats
 from ..files.errors import told
 from ..files.light import Light, in_common_light
 from ..files.model import Model, concatenate
 from ..files.ply import write_ply
 from ..native.convert import drawing_of
+from ..objects.attributes import has_splats
 from ..objects.conventions import light_of
-from ..objects.placed import moved_model, placed_model, placed_splats
 from ..scene.export import Plugin
 from ..scene.sensor import sensor
-from ..scene.write import has_surroundings, write_scene
+from ..scene.write import WITH_FACES, has_surroundings, write_scene
 
 MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
 NEAR_CLIP = 0.2  # where no model of the scene has a modifier that says otherwise
@@ -81,7 +82,7 @@ def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) 
         raise ValueError(told("the scene has no camera; add one, or import those of the data set"))
     obj = scene.camera.evaluated_get(depsgraph)
     camera = camera_numbers(scene, obj)
-    stage = make_stage(depsgraph, folder, camera, sensor(scene, obj, square(camera)))
+    stage = make_stage(depsgraph, folder, camera, seen_by=sensor(scene, obj, square(camera)))
     request = {**stage.request, "passes": passes}
     if not stage.whole:
         request["camera"] = camera_request(camera)
@@ -91,13 +92,20 @@ def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) 
     return Order(request, stage.objects, stage.whole, stage.light, stage.files, stage.notes, camera)
 
 
-def make_stage(depsgraph: bpy.types.Depsgraph, folder: Path, camera: Camera, seen_by: Plugin | None = None) -> Stage:
+def make_stage(
+    depsgraph: bpy.types.Depsgraph,
+    folder: Path,
+    camera: Camera,
+    hidden: frozenset[str] = frozenset(),
+    seen_by: Plugin | None = None,
+) -> Stage:
     """Write what is there: splats alone, or a whole scene, with a sensor if one is given.
 
-    Raises ``ValueError`` where nothing can be drawn. ``camera`` is how far a scene has to reach.
+    Raises ``ValueError`` where nothing can be drawn. ``camera`` is how far a scene has to reach. ``hidden``: full names
+    of objects that a viewport does not show.
     """
-    settings, splats = stage_settings(depsgraph.scene), _gather(depsgraph)
-    whole = settings.send == "SCENE" and has_surroundings(depsgraph)
+    settings, splats = stage_settings(depsgraph.scene), _gather(depsgraph, hidden)
+    whole = settings.send == "SCENE" and has_surroundings(depsgraph, hidden)
     if not splats.models and not whole:
         raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
     request: dict[str, Any] = {"counts": [model.n_splats for model in splats.models]}
@@ -106,13 +114,14 @@ def make_stage(depsgraph: bpy.types.Depsgraph, folder: Path, camera: Camera, see
     splats.models, light = in_common_light(splats.models, splats.lights)
     if any(other.linear != light.linear for other in splats.lights):
         notes.append(told(MIXED))
+    notes += _masks(depsgraph)
     if splats.models:
         model = _write_model(folder, splats, light)
         request["model"] = str(model)
         files.add(model.name)
     if not whole:
         return Stage(request, splats.names, False, light, files, notes)
-    written = write_scene(depsgraph, seen_by, camera, folder, len(splats.models))
+    written = write_scene(depsgraph, seen_by, camera, folder, len(splats.models), hidden)
     request |= {"scene": str(folder / written.scene), "max_depth": settings.bounces + 1}
     request |= {"mesh_shadows": settings.mesh_shadows, "transparent": settings.transparent}
     request["hide_lamps"] = written.hide_lamps
@@ -140,9 +149,9 @@ def square(camera: Camera) -> Camera:
     return replace(camera, fy=camera.fx, cy=camera.cy * height / camera.height, height=height)
 
 
-def _gather(depsgraph: bpy.types.Depsgraph) -> _Splats:
+def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
     found = _Splats()
-    for obj, matrix in placed_splats(depsgraph):
+    for obj, matrix in placed_splats(depsgraph, lambda owner: owner.name_full not in hidden):
         model = placed_model(obj, depsgraph, np.eye(4))
         if drawing := drawing_of(obj):
             model = model.with_degree(min(drawing["SH Degree"], model.sh_degree))
@@ -154,6 +163,17 @@ def _gather(depsgraph: bpy.types.Depsgraph) -> _Splats:
         found.matrices.append(matrix)
         found.names.append(obj.name)
     return found
+
+
+def _masks(depsgraph: bpy.types.Depsgraph) -> list[str]:
+    """A line about each object that is a mask of the view layer, by itself or by its collection."""
+    notes, layer = [], depsgraph.view_layer
+    for obj in (obj.original for obj in depsgraph.objects if has_splats(obj.original) or obj.type in WITH_FACES):
+        if obj.holdout_get(view_layer=layer):
+            notes.append(told('"{name}" is a holdout, but is drawn as it is', name=obj.name))
+        elif obj.indirect_only_get(view_layer=layer):
+            notes.append(told('"{name}" is indirect only, but cameras see it too', name=obj.name))
+    return notes
 
 
 def _write_model(folder: Path, splats: _Splats, light: Light) -> Path:

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..scene.images import decoded
+from ..files.srgb import decoded, encoded
 from ..scene.sockets import active_tree, output_of, source_of
 from .cryptomatte import float_of, key_of, manifest
 from .order import Order
@@ -102,11 +102,6 @@ def _combined(order: Order, picture: dict[str, np.ndarray], scene: bpy.types.Sce
     else:
         shown = decoded(color) if linear else color
     return np.concatenate([shown, alpha], axis=2)
-
-
-def encoded(x: np.ndarray) -> np.ndarray:
-    """Linear values as sRGB ones."""
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def _as_high(array: Any, height: int) -> np.ndarray:

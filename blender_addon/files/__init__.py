@@ -1,1 +1,1 @@
-"""Models as numbers and files; nothing here knows Blender."""
+"""Models as numbers and files; of Blender nothing here knows more than the language of its messages."""

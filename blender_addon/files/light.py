@@ -9,8 +9,8 @@ import numpy as np
 
 from .model import Model
 from .sh import C0
+from .srgb import decoded, decoded_slope
 
-TOE = 0.0031308  # of the sRGB curve: below it is a line
 # Of SPZ: the colour of code 255, the radiance that it stands for, and the comment that says that there is a curve
 SPZ_MOST, SPZ_BRIGHTEST, SPZ_CURVE = 0.5 + C0 * 0.5 / 0.15, 1024.0, "dogsplat curve srgb_log"
 
@@ -38,10 +38,8 @@ def in_common_light(models: Sequence[Model], lights: Sequence[Light]) -> tuple[l
 def made_linear(model: Model) -> Model:
     """A model of sRGB values in linear radiance: exact for mean colours, to first order for what directions add."""
     color = 0.5 + C0 * model.sh_coeffs[:, 0].astype(np.float64)  # [N, 3]
-    power = ((np.maximum(color, 0) + 0.055) / 1.055) ** 1.4
-    slope = np.where(color <= 12.92 * TOE, 1 / 12.92, 2.4 / 1.055 * power)
-    sh = model.sh_coeffs * slope[:, None]
-    sh[:, 0] = (_linear(color) - 0.5) / C0
+    sh = model.sh_coeffs * decoded_slope(color)[:, None]
+    sh[:, 0] = (decoded(color) - 0.5) / C0
     return replace(model, sh_coeffs=sh.astype(np.float32))
 
 
@@ -50,11 +48,7 @@ def spz_radiance(model: Model, light: Light, comments: Sequence[str]) -> Model:
     color = 0.5 + C0 * model.sh_coeffs[:, 0].astype(np.float64)
     if SPZ_CURVE in comments:
         power = np.log(SPZ_BRIGHTEST) / (SPZ_MOST - 1)
-        color = np.where(color > 1, np.exp((np.maximum(color, 1) - 1) * power), _linear(np.minimum(color, 1)))
+        color = np.where(color > 1, np.exp((np.maximum(color, 1) - 1) * power), decoded(np.minimum(color, 1)))
     sh = model.sh_coeffs * np.float32(light.white)
     sh[:, 0] = (color * light.white - 0.5) / C0
     return replace(model, sh_coeffs=sh.astype(np.float32))
-
-
-def _linear(srgb: np.ndarray) -> np.ndarray:
-    return np.where(srgb <= 12.92 * TOE, srgb / 12.92, ((np.maximum(srgb, 0) + 0.055) / 1.055) ** 2.4)

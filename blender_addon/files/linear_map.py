@@ -1,6 +1,7 @@
 """Linear maps that are no similarity, such as a scale that differs along the axes: kernels exactly, colours nearly.
 
-The same as ``mi_dogsplat.scene.linear_map``, which has the formulas; this copy keeps the add-on free of other packages.
+The same as ``mi_dogsplat.scene.linear_map``, which has the formulas: a copy on purpose, as the add-on runs without the
+package. ``tests/project/test_addon_numbers.py`` compares the two.
 """
 
 from __future__ import annotations

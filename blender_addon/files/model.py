@@ -6,7 +6,7 @@ every other name is activated. DoG values have a row for every primitive; those 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +43,7 @@ class Model:
 
     def with_degree(self, degree: int) -> Model:
         """The same model without the bands of spherical harmonics above ``degree``."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return Model(**{**values, "sh_coeffs": self.sh_coeffs[:, : (degree + 1) ** 2]})
+        return replace(self, sh_coeffs=self.sh_coeffs[:, : (degree + 1) ** 2])
 
 
 def concatenate(models: list[Model]) -> Model:

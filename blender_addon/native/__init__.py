@@ -1,1 +1,1 @@
-"""Splats that Blender draws itself, from 5.3 on: plain Gaussians in a point cloud."""
+"""Splats that Blender draws itself, from 5.3 on: to them and back."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from ..engine.renderers import RendererError, choose_renderer
 from ..files.errors import told
 from ..files.model import Model
 from ..files.ply import read_ply, write_ply
+from ..package.renderers import RendererError, choose_renderer
 
 
 def baked(command: str, model: Model) -> Model:

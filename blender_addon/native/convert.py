@@ -15,8 +15,8 @@ from ..objects.attributes import (
     put_column,
     write_attributes,
 )
+from ..objects.cloud import write_cloud
 from ..objects.conventions import DRAWING
-from .cloud import write_cloud
 
 # TIMES: of a strip, in the order in which they can be set. DERIVED: what a name, other properties or the data decide
 DERIVED = ("name", "dimensions", "matrix_world", "matrix_local", "matrix_basis", "use_fake_user",

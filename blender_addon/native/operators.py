@@ -7,16 +7,15 @@ from collections.abc import Callable
 import bpy
 from bpy.props import BoolProperty
 
-from ..editing.live_operators import can_edit
 from ..editing.stand_in import finish_painting
+from ..evaluated.edited import edited_mesh
 from ..files.errors import told
-from ..objects.attributes import is_native, read_attributes
-from ..objects.edited import edited_mesh
+from ..objects.attributes import can_edit, can_edit_native, read_attributes
+from ..objects.cloud import read_cloud
+from ..objects.feature import is_available
 from ..preferences import command_of
 from .bake import baked
-from .cloud import read_cloud
 from .convert import dog_object, drawing_of, native_object, remove_object, replace_object
-from .feature import is_available
 
 KEEP = "Leave the object that is converted in the file, hidden"
 
@@ -97,7 +96,7 @@ class DOGSPLAT_OT_to_dog(Conversion, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Native splats are selected."""
-        return context.mode == "OBJECT" and any(map(_editable, context.selected_objects))
+        return context.mode == "OBJECT" and any(map(can_edit_native, context.selected_objects))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """The points as their modifiers leave them."""
@@ -110,8 +109,4 @@ class DOGSPLAT_OT_to_dog(Conversion, bpy.types.Operator):
             except ValueError as error:
                 raise ValueError(told('"{name}": {reason}', name=obj.name, reason=error)) from error
 
-        return self.convert(context, [obj for obj in context.selected_objects if _editable(obj)], make)
-
-
-def _editable(obj: bpy.types.Object) -> bool:
-    return is_native(obj) and obj.library is None and obj.override_library is None
+        return self.convert(context, [obj for obj in context.selected_objects if can_edit_native(obj)], make)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import bpy
 
 from ..files.sh import C0, SH_TERMS
+from ..files.srgb import KNEE, LINEAR_KNEE, OFFSET, POWER, SCALE, SLOPE
 from ..objects.attributes import BASE, SH
 from .builder import Tree, Value, Vector, arrange, new_group, wrap
+from .geometry import switch
 from .material import VERSION
 
 LOW_PASS = 0.3  # px², so that no splat falls between the pixels, as in 3DGS
@@ -74,19 +76,16 @@ def color_group() -> bpy.types.NodeTree:
         assert total is not None
         color = color + total * (degree > band - 0.5)
     color = color.maximum((0.0, 0.0, 0.0))
-    switch = tree.node("GeometryNodeSwitch", input_type="VECTOR")
-    for socket, value in zip(switch.inputs, (linear, color, _srgb_to_linear(tree, color)), strict=True):
-        tree.plug(socket, value)
-    tree.plug(exit_node.inputs[0], wrap(tree, switch.outputs[0]))
+    tree.plug(exit_node.inputs[0], switch(tree, "VECTOR", linear, color, _srgb_to_linear(tree, color)))
     return finish_group(tree, name)
 
 
 def _srgb_to_linear(tree: Tree, color: Vector) -> Vector:
     channels = []
     for c in color.split():
-        toe = c < 0.04045
-        curve = tree.math("POWER", (c + 0.055) / 1.055, 2.4)
-        channels.append(c * toe / 12.92 + curve * (1.0 - toe))
+        toe = c < KNEE
+        curve = tree.math("POWER", (c + OFFSET) / SCALE, POWER)
+        channels.append(c * toe / SLOPE + curve * (1.0 - toe))
     return tree.combine(*channels)
 
 
@@ -94,9 +93,9 @@ def linear_to_srgb(tree: Tree, color: Vector) -> Vector:
     """A colour that people picked, as the values that are blended."""
     channels = []
     for c in color.split():
-        toe = c < 0.0031308
-        curve = tree.math("POWER", tree.math("MAXIMUM", c, 0.0031308), 1 / 2.4) * 1.055 - 0.055
-        channels.append(c * toe * 12.92 + curve * (1.0 - toe))
+        toe = c < LINEAR_KNEE
+        curve = tree.math("POWER", tree.math("MAXIMUM", c, LINEAR_KNEE), 1 / POWER) * SCALE - OFFSET
+        channels.append(c * toe * SLOPE + curve * (1.0 - toe))
     return tree.combine(*channels)
 
 

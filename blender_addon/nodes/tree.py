@@ -20,7 +20,7 @@ import bpy
 from ..objects.attributes import RANK
 from .builder import Tree, Value, Vector, new_group, wrap
 from .fields import Frame, Pose, Splat, camera_pose
-from .geometry import choose, delete, describe, remove, set_material, store, switch
+from .geometry import choose, delete, describe, remove, set_material, sort, store, switch
 from .groups import (
     GEOMETRY,
     LOW_PASS,
@@ -96,14 +96,7 @@ def splat_tree() -> bpy.types.NodeTree:
 
 def _quads(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value, antialiased: Value) -> Any:
     """A mesh of a rectangle per visible splat, the farthest first."""
-    inverse = tree.node("FunctionNodeInvertRotation")
-    tree.plug(inverse.inputs[0], splat.rotation)
-    rows = []  # of J W R, pixels
-    for axis, tangent, f in zip((frame.right, frame.down), frame.tangents, frame.focal, strict=True):
-        turn = tree.node("FunctionNodeRotateVector")
-        tree.plug(turn.inputs["Vector"], (axis - frame.forward * tangent) * (f / frame.depth))
-        tree.plug(turn.inputs["Rotation"], inverse.outputs[0])
-        rows.append(Vector(tree, turn.outputs[0]))
+    rows = _projected_axes(tree, frame, splat)
     primary = tree.call(kernel_group(), *(row * splat.scale for row in rows), splat.opacity, antialiased)
     pseudo = tree.call(kernel_group(), *(row * splat.pseudo_scale for row in rows), splat.pseudo_opacity, antialiased)
     half_x, half_y, _ = primary[1].maximum(pseudo[1]).split()
@@ -116,20 +109,33 @@ def _quads(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value, ant
         points = store(tree, points, name, value)
     for pattern in ("radiance:*", "dog:*"):
         points = remove(tree, points, pattern)
-    _, _, depth = named_attribute(tree, EXTENT).split()
-    order = tree.node("GeometryNodeSortElements", domain="POINT")
-    tree.plug(order.inputs["Geometry"], points)
-    tree.plug(order.inputs["Sort Weight"], depth * -1.0)
+    return set_material(tree, _rectangles(tree, points, frame), quad_material())
 
+
+def _projected_axes(tree: Tree, frame: Frame, splat: Splat) -> list[Vector]:
+    """Rows of J W R: what the axes of a splat are on the image plane, in pixels."""
+    inverse = tree.node("FunctionNodeInvertRotation")
+    tree.plug(inverse.inputs[0], splat.rotation)
+    rows = []
+    for axis, tangent, f in zip((frame.right, frame.down), frame.tangents, frame.focal, strict=True):
+        turn = tree.node("FunctionNodeRotateVector")
+        tree.plug(turn.inputs["Vector"], (axis - frame.forward * tangent) * (f / frame.depth))
+        tree.plug(turn.inputs["Rotation"], inverse.outputs[0])
+        rows.append(Vector(tree, turn.outputs[0]))
+    return rows
+
+
+def _rectangles(tree: Tree, points: Any, frame: Frame) -> Any:
+    """Points with kernels as rectangles, the farthest first; their corners have what the kernels are of."""
+    corner_x, corner_y, _ = named_attribute(tree, CORNER).split()
+    size_x, size_y, depth = named_attribute(tree, EXTENT).split()
     place = tree.node("GeometryNodeInstanceOnPoints")
-    tree.plug(place.inputs["Points"], order.outputs[0])
+    tree.plug(place.inputs["Points"], sort(tree, points, depth * -1.0))
     tree.plug(place.inputs["Instance"], _corners(tree))
     tree.plug(place.inputs["Scale"], (0.0, 0.0, 0.0))
     realize = tree.node("GeometryNodeRealizeInstances")
     tree.plug(realize.inputs[0], place.outputs[0])
 
-    corner_x, corner_y, _ = named_attribute(tree, CORNER).split()
-    size_x, size_y, _ = named_attribute(tree, EXTENT).split()
     fx, fy = frame.focal
     spread = tree.node("GeometryNodeSetPosition")
     tree.plug(spread.inputs["Geometry"], realize.outputs[0])
@@ -143,7 +149,7 @@ def _quads(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value, ant
         mesh = store(tree, mesh, name, tree.combine(ux * dx + uy * dy, vy * dy, opacity))
     for name in (CORNER, EXTENT, OPACITIES):
         mesh = remove(tree, mesh, name)
-    return set_material(tree, mesh, quad_material())
+    return mesh
 
 
 def _ellipsoids(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value) -> Any:

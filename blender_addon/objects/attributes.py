@@ -7,6 +7,8 @@ file.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 
@@ -77,6 +79,20 @@ def has_splats(obj: bpy.types.Object | None) -> bool:
     return is_splats(obj) or is_native(obj)
 
 
+def can_edit(obj: bpy.types.Object | None) -> bool:
+    """Whether an object holds splats of ours that this file may change."""
+    return is_splats(obj) and _is_local(obj)
+
+
+def can_edit_native(obj: bpy.types.Object | None) -> bool:
+    """The same of splats that Blender draws itself."""
+    return is_native(obj) and _is_local(obj)
+
+
+def _is_local(obj: bpy.types.Object) -> bool:
+    return obj.library is None and obj.override_library is None
+
+
 def read_attributes(mesh: Geometry) -> Model:
     """The model that a mesh or point cloud holds: raw values of the file where nobody changed them, else the activated.
 
@@ -87,55 +103,63 @@ def read_attributes(mesh: Geometry) -> Model:
 
 def model_of(mesh: Geometry, scale: np.ndarray, base: np.ndarray) -> Model:
     """The same with these scales [N, 3], colours and opacities [N, 4] in place of its own."""
-    degree = next(d for d in (3, 2, 1, 0) if d == 0 or SH.format((d + 1) ** 2 - 2) in mesh.attributes)
-    bands = [base[:, :3], *(get_column(mesh, SH.format(k), 3) for k in range((degree + 1) ** 2 - 1))]
-    has_dog = OPACITY_FACTOR in mesh.attributes
-    factor = get_column(mesh, OPACITY_FACTOR, 1)[:, 0] if has_dog else np.zeros(len(base), np.float32)
-    scale_factor = get_column(mesh, SCALE_FACTOR, 3) if has_dog else np.ones((len(base), 3), np.float32)
-    rotation = get_column(mesh, ROTATION, 4)
+    now = {SCALE: scale, ROTATION: get_column(mesh, ROTATION, 4), **_dog_values(mesh, len(base))}
     edited = Model(
         means=get_column(mesh, "position", 3),
-        log_scales=positive_log(scale),
-        quats=rotation,
+        log_scales=positive_log(now[SCALE]),
+        quats=now[ROTATION],
         logit_opacities=logit(base[:, 3]),
-        sh_coeffs=np.stack(bands, axis=1),
-        is_dog=factor > 0,
-        dog_logit_opacities=logit(factor),
-        dog_log_scales=positive_log(scale_factor),
+        sh_coeffs=_bands(mesh, base),
+        is_dog=now[OPACITY_FACTOR] > 0,
+        dog_logit_opacities=logit(now[OPACITY_FACTOR]),
+        dog_log_scales=positive_log(now[SCALE_FACTOR]),
     )
     if not all(name in mesh.attributes for name in (RAW_LOGITS, RAW_SCALE, RAW_ROTATION, RAW_FACTOR)):
         return edited
     logits = get_column(mesh, RAW_LOGITS, 3)
-    kept = Model(
-        means=edited.means,
+    raw = replace(
+        edited,
         log_scales=get_column(mesh, RAW_SCALE, 3),
         quats=get_column(mesh, RAW_ROTATION, 4),
         logit_opacities=logits[:, 0],
-        sh_coeffs=edited.sh_coeffs,
-        is_dog=edited.is_dog,
         dog_logit_opacities=logits[:, 1],
         dog_log_scales=get_column(mesh, RAW_FACTOR, 3),
     )
-    kept_base, shown = _activated(kept)
+    raw_base, shown = _activated(raw)
+    same = {name: _rows(values == shown[name][1]) for name, values in now.items()}
+    untouched = {
+        "log_scales": same[SCALE],
+        "quats": same[ROTATION],
+        "logit_opacities": base[:, 3] == raw_base[:, 3],
+        "dog_logit_opacities": same[OPACITY_FACTOR],
+        "dog_log_scales": same[SCALE_FACTOR],
+    }
+    return replace(edited, **{name: _chosen(rows, raw, edited, name) for name, rows in untouched.items()})
 
-    def untouched(now: np.ndarray, imported: np.ndarray) -> np.ndarray:
-        same = now == imported
-        return same if same.ndim == 1 else same.all(axis=1)
 
-    def choose(name: str, same: np.ndarray) -> np.ndarray:
-        raw, made = getattr(kept, name), getattr(edited, name)
-        return np.where(same.reshape(-1, *[1] * (raw.ndim - 1)), raw, made)
+def _dog_values(mesh: Geometry, n: int) -> dict[str, np.ndarray]:
+    """Factors of the pseudo-Gaussians, [N] and [N, 3]; of a plain model those that say so."""
+    if OPACITY_FACTOR not in mesh.attributes:
+        return {OPACITY_FACTOR: np.zeros(n, np.float32), SCALE_FACTOR: np.ones((n, 3), np.float32)}
+    return {OPACITY_FACTOR: get_column(mesh, OPACITY_FACTOR, 1)[:, 0], SCALE_FACTOR: get_column(mesh, SCALE_FACTOR, 3)}
 
-    return Model(
-        means=edited.means,
-        log_scales=choose("log_scales", untouched(scale, shown[SCALE][1])),
-        quats=choose("quats", untouched(rotation, shown[ROTATION][1])),
-        logit_opacities=choose("logit_opacities", untouched(base[:, 3], kept_base[:, 3])),
-        sh_coeffs=edited.sh_coeffs,
-        is_dog=edited.is_dog,
-        dog_logit_opacities=choose("dog_logit_opacities", untouched(factor, shown[OPACITY_FACTOR][1])),
-        dog_log_scales=choose("dog_log_scales", untouched(scale_factor, shown[SCALE_FACTOR][1])),
-    )
+
+def _bands(mesh: Geometry, base: np.ndarray) -> np.ndarray:
+    """Spherical harmonics [N, K, 3], of as many whole bands as there are."""
+    degree = next(d for d in (3, 2, 1, 0) if d == 0 or SH.format((d + 1) ** 2 - 2) in mesh.attributes)
+    rest = (get_column(mesh, SH.format(k), 3) for k in range((degree + 1) ** 2 - 1))
+    return np.stack([base[:, :3], *rest], axis=1)
+
+
+def _rows(equal: np.ndarray) -> np.ndarray:
+    """[N]: where all of a row [N] or [N, width] is true."""
+    return equal if equal.ndim == 1 else equal.all(axis=1)
+
+
+def _chosen(rows: np.ndarray, raw: Model, edited: Model, name: str) -> np.ndarray:
+    """Values of the one model in these rows [N], of the other one in the rest."""
+    first, second = getattr(raw, name), getattr(edited, name)
+    return np.where(rows.reshape(-1, *[1] * (first.ndim - 1)), first, second)
 
 
 def get_positions(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray] | None:

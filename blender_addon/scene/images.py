@@ -1,7 +1,7 @@
 """Images of Blender as files that Mitsuba reads without knowing where they came from: PPM of bytes, PFM of floats.
 
-Textures have their first row at v = 0,
-where Blender has it too, and so need no turning of texture coordinates; an environment has it at the top.
+Textures have their first row at v = 0, where Blender has it too, and so need no turning of texture coordinates; an
+environment has it at the top.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..files.srgb import decoded
 from .export import Export, Plugin
 
 
@@ -41,11 +42,6 @@ def environment(export: Export, image: bpy.types.Image) -> str | None:
 def write_gray(export: Export, values: np.ndarray) -> Plugin:
     """A texture of one channel, [H, W]."""
     return {"type": "bitmap", "filename": _write_floats(export, values[..., None]), "raw": True}
-
-
-def decoded(srgb: np.ndarray) -> np.ndarray:
-    """Linear values."""
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((np.maximum(srgb, 0.04045) + 0.055) / 1.055) ** 2.4)
 
 
 def _is_encoded(image: bpy.types.Image) -> bool:

@@ -134,7 +134,7 @@ def _added(reader: Reader, first: Surface, second: Surface) -> Surface:
     return replace(kept, radiance=_sum(reader, [s.radiance for s in (first, second) if s.radiance]))
 
 
-def scaled(light: Plugin, factor: float) -> Plugin | None:
+def scaled(light: Plugin, factor: float) -> Plugin:
     """A colour times a number; a texture is not scaled."""
     return rgb([c * factor for c in light["value"]]) if light["type"] == "rgb" else light
 

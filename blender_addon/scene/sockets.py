@@ -37,7 +37,7 @@ class Reader:
             return rgb(np.multiply(constant if isinstance(constant, tuple) else (constant,) * 3, factor))
         texture = self.texture(source, factor)
         if texture is None:
-            return rgb(np.multiply(self._fallback(socket), factor))
+            return rgb(np.multiply(socket.default_value[:3], factor))
         return texture
 
     def number(self, socket: bpy.types.NodeSocket) -> float | Plugin:
@@ -99,9 +99,6 @@ class Reader:
         if self.source(socket) is not None:
             self.note('what "{socket}" of a mapping is linked to is left out', socket=socket.name)
         return np.array(socket.default_value[:], np.float64)
-
-    def _fallback(self, socket: bpy.types.NodeSocket) -> np.ndarray:
-        return np.array(socket.default_value[:3])
 
 
 def _constant(node: bpy.types.Node) -> float | tuple[float, ...] | None:

@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 
 from ..cameras.camera import Camera
+from ..evaluated.visible import is_shown
 from ..files.errors import type_name
 from ..objects.attributes import has_splats
 from .export import Export, Plugin, matrix
@@ -45,10 +46,13 @@ class Gathered:
     lights: list[tuple[bpy.types.Object, np.ndarray]] = field(default_factory=list)
 
 
-def has_surroundings(depsgraph: bpy.types.Depsgraph) -> bool:
-    """Whether a scene has more than splats over a world of one colour; a lamp lights no splats."""
+def has_surroundings(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> bool:
+    """Whether a scene has more than splats over a world of one colour; a lamp lights no splats.
+
+    ``hidden`` is what a viewport does not show, as ``hidden_in`` finds it; of a render nothing is.
+    """
     return not is_plain(depsgraph.scene.world) or any(
-        instance.object.type in WITH_FACES and _is_rendered(instance, depsgraph) and not _is_of_splats(instance)
+        instance.object.type in WITH_FACES and is_shown(instance, depsgraph, hidden) and not _is_of_splats(instance)
         for instance in depsgraph.object_instances
     )
 
@@ -66,17 +70,22 @@ class Written:
 
 
 def write_scene(
-    depsgraph: bpy.types.Depsgraph, sensor: Plugin | None, camera: Camera, folder: Path, first: int
+    depsgraph: bpy.types.Depsgraph,
+    sensor: Plugin | None,
+    camera: Camera,
+    folder: Path,
+    first: int,
+    hidden: frozenset[str] = frozenset(),
 ) -> Written:
     """Write a scene, whose objects have numbers from ``first`` on, and beside it the files that it names.
 
-    All are named by their content, so that the renderer knows a scene again.
+    All are named by their content, so that the renderer knows a scene again. Where there is a sensor it becomes part of
+    the scene. ``camera``: what is far away is outside of it too. ``hidden`` is as that of ``has_surroundings``.
 
-    Where there is a sensor it becomes part of it. ``camera``: what is far away is outside of it too.
     What is drawn differently, or not at all, is said in the notes, a line each.
     """
     export, scene = Export(folder), depsgraph.scene
-    found = _gather(export, depsgraph)
+    found = _gather(export, depsgraph, hidden)
     names = list(dict.fromkeys(body.name for body in found.bodies))
     described: Plugin = {"sensor": sensor} if sensor else {}
     looks = _materials(export, found)
@@ -100,19 +109,11 @@ def _is_of_splats(instance: bpy.types.DepsgraphObjectInstance) -> bool:
     return has_splats(instance.object.original) or bool(parent and has_splats(parent.original))
 
 
-def _is_rendered(instance: bpy.types.DepsgraphObjectInstance, depsgraph: bpy.types.Depsgraph) -> bool:
-    """Whether renders show it. The graph of a viewport also holds what they do not, as meshes that crop."""
-    if depsgraph.mode == "RENDER":
-        return True
-    parent = instance.parent
-    return not instance.object.original.hide_render and not (parent and parent.original.hide_render)
-
-
-def _gather(export: Export, depsgraph: bpy.types.Depsgraph) -> Gathered:
+def _gather(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> Gathered:
     found = Gathered()
     for instance in depsgraph.object_instances:
         obj = instance.object
-        if not (instance.show_self and _is_rendered(instance, depsgraph)) or _is_of_splats(instance):
+        if not (instance.show_self and is_shown(instance, depsgraph, hidden)) or _is_of_splats(instance):
             continue
         world = np.array(instance.matrix_world, np.float64)
         if obj.type == "LIGHT":

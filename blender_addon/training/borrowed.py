@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ..engine.render_engine import ENGINE
+from ..render_engine import ENGINE
 from .subject import UNSEEN
 
 OFF = (

@@ -48,7 +48,10 @@ def draw_work(layout: bpy.types.UILayout) -> None:
         going_on = iface_("Step {step:,} of {steps:,}").format(step=step, steps=steps)
         text = iface_("Training starts") if not step else going_on if step < steps else iface_("Measuring")
         layout.progress(factor=min(step / steps, 1.0), text=text, translate=False)
-        layout.operator("dogsplat.stop_training", icon="CANCEL")
+        if WORK.stopping:
+            layout.label(text="Stopping: a checkpoint is saved", icon="INFO")
+        else:
+            layout.operator("dogsplat.stop_training", icon="CANCEL")
 
 
 def draw_cameras(layout: bpy.types.UILayout, settings: DogSplatTrainingSettings) -> None:

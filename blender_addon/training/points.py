@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
+from ..files.srgb import encoded
 from ..objects.attributes import is_splats
 from .data_set import Frame
 
@@ -90,5 +91,4 @@ def _displayed(radiance: np.ndarray) -> np.ndarray:
     """What a screen shows of it; white is twice the 95th percentile of the luminances."""
     light = radiance @ (0.2126, 0.7152, 0.0722)
     white = 2 * np.percentile(light, 95) if len(light) and light.max() > 0 else 1.0
-    values = np.clip(radiance / white, 0, 1)
-    return np.where(values <= 0.0031308, 12.92 * values, 1.055 * np.maximum(values, 0.0031308) ** (1 / 2.4) - 0.055)
+    return encoded(np.clip(radiance / white, 0, 1))

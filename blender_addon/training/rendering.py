@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 
 import bpy
@@ -39,15 +40,14 @@ class Rendering:
         scene = context.scene
         folder = training_folder(scene) / "data"
         cameras = rig_cameras(scene.dogsplat_training) or make_rig(context)
-        try:
+        with ExitStack() as undo:
+            undo.callback(self.close)
             self._borrow(cameras)
             numbers = [_numbers(context, obj) for obj in cameras]
             self.data_set = DataSet(folder, self._decisive(), ".exr" if scene.dogsplat_training.linear else ".png")
             self.frames = [self.data_set.frame(camera) for camera in numbers]
             self._require_names()
-        except Exception:
-            self.close()
-            raise
+            undo.pop_all()
         self._cameras = dict(zip((frame["file_path"] for frame in self.frames), cameras, strict=True))
         self._current: Frame | None = None
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
+import time
 import weakref
 from pathlib import Path
 
-from ..engine.served import RendererError
+from ..package.served import RendererError
 
 LOG, HISTORY, METRICS, CONFIG, MODEL = "training.log", "history.jsonl", "metrics.json", "config.json", "point_cloud.ply"
 PATIENCE = 20.0  # seconds for a training that is asked to stop, which finishes its step and saves a checkpoint
@@ -28,11 +30,12 @@ class TrainingRun:
         try:
             with self._log.open("wb") as log:
                 pipes = {"stdin": subprocess.DEVNULL, "stdout": log, "stderr": subprocess.STDOUT}
-                self._process = subprocess.Popen(command, **pipes, env={**os.environ, "PYTHONUNBUFFERED": "1"})
+                process = subprocess.Popen(command, **pipes, env={**os.environ, "PYTHONUNBUFFERED": "1"})
         except OSError as error:
             name = " ".join(words)
             raise RendererError("{name} cannot be started ({reason})", name=name, reason=error.strerror) from error
-        self.stop = weakref.finalize(self, _stop, self._process)
+        self._process = _Process(process)
+        self.stop = weakref.finalize(self, self._process.stop)  # now; with its owner, or with Blender, at the latest
 
     @property
     def step(self) -> int:
@@ -44,8 +47,17 @@ class TrainingRun:
 
     @property
     def works(self) -> bool:
-        """Whether it is still there."""
-        return self._process.poll() is None
+        """Whether it is still there; one that was asked to stop is killed when ``PATIENCE`` is over."""
+        return self._process.works()
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it came to its end and has left a model."""
+        return self._process.poll() == 0 and (self.folder / MODEL).is_file()
+
+    def ask_to_stop(self) -> None:
+        """At once: it finishes its step, saves a checkpoint and ends, which ``works`` tells."""
+        self._process.ask()
 
     def wait(self) -> None:
         """Until its end."""
@@ -53,7 +65,7 @@ class TrainingRun:
 
     def require_result(self) -> Path:
         """The model, after the end. Raises ``RendererError``: in one line what the training complained of."""
-        if self._process.poll() == 0 and (self.folder / MODEL).is_file():
+        if self.is_complete:
             return self.folder / MODEL
         line = _last_line(self._log).removeprefix("dogsplat: ")
         if line:
@@ -74,12 +86,39 @@ def _last_line(path: Path) -> str:
     return lines[-1].strip() if lines else ""
 
 
-def _stop(process: subprocess.Popen) -> None:
-    """As Ctrl-C does: a checkpoint is saved first, if there is time for it."""
-    if process.poll() is None:
-        process.terminate()
+class _Process:
+    """A process that can be asked to stop, once: a second signal would end it before it has saved."""
+
+    def __init__(self, process: subprocess.Popen):
+        self._process = process
+        self._end = math.inf  # time at which it is killed
+
+    def poll(self) -> int | None:
+        """Its exit status; None while it works."""
+        return self._process.poll()
+
+    def works(self) -> bool:
+        """Whether it is still there. One that does not listen is killed when its time is over."""
+        if self.poll() is None and time.monotonic() >= self._end:
+            self._process.kill()
+            self._process.wait()
+        return self.poll() is None
+
+    def ask(self) -> None:
+        """As Ctrl-C does: a checkpoint is saved, if there is time for it."""
+        if self.poll() is None and self._end == math.inf:
+            self._end = time.monotonic() + PATIENCE
+            self._process.terminate()
+
+    def wait(self) -> None:
+        """Until its end."""
+        self._process.wait()
+
+    def stop(self) -> None:
+        """Ask it, and wait for its end."""
+        self.ask()
         try:
-            process.wait(PATIENCE)
+            self._process.wait(max(self._end - time.monotonic(), 0.0) if self.poll() is None else None)
         except subprocess.TimeoutExpired:
-            process.kill()
-    process.wait()
+            self._process.kill()
+            self._process.wait()

@@ -6,9 +6,9 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.props import BoolProperty
 
-from ..engine.renderers import process_words
-from ..engine.served import RendererError
 from ..files.errors import told
+from ..package.renderers import process_words
+from ..package.served import RendererError
 from ..preferences import command_of
 from .data_set import is_complete
 from .rendering import training_folder
@@ -48,7 +48,7 @@ class DOGSPLAT_OT_train(bpy.types.Operator):
         if bpy.app.background:
             self.report({"INFO"}, told("trained, imported from {folder}", folder=run.folder))
             return {"FINISHED"}
-        WORK.training, WORK.scene = run, context.scene.name
+        WORK.begin_training(run, context.scene.name)
         bpy.app.timers.register(look_after)
         return {"FINISHED"}
 
@@ -61,12 +61,13 @@ class DOGSPLAT_OT_stop_training(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """One is at work."""
-        return WORK.training is not None
+        """One is at work, and was not asked before."""
+        return WORK.training is not None and not WORK.stopping
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """It takes until the end of a step."""
-        stop()
+        """Blender goes on: the timer that looks after the training notices its end."""
+        WORK.training.ask_to_stop()
+        WORK.stopping = True
         redraw(context)
         return {"FINISHED"}
 
@@ -92,23 +93,29 @@ def flags_of(settings: DogSplatTrainingSettings) -> dict[str, str]:
 
 
 def stop(*_: object) -> None:
-    """End what is at work; it can go on later."""
+    """End what is at work, and wait until it is saved; it can go on later."""
     if WORK.training is not None:
         WORK.training.stop()
-        WORK.training = None
+        WORK.end_training()
 
 
 def look_after() -> float | None:
-    """Called by a timer: bring in the model of a training that is done, and say what went wrong with one."""
+    """Called by a timer: bring in the model of a training that is done, and say what went wrong with one.
+
+    One that was asked to stop ends without a word, unless it was done by then.
+    """
     run, context = WORK.training, bpy.context
     if run is None:
         return None
     redraw(context)
+    if WORK.stopping and not run.works and not run.is_complete:
+        WORK.end_training()
+        return None
     scene = bpy.data.scenes.get(WORK.scene)
     windows = [window for window in context.window_manager.windows if window.scene == scene]
     if run.works or (scene and windows and windows[0].view_layer.objects.active and context.mode != "OBJECT"):
         return INTERVAL
-    WORK.training = None
+    WORK.end_training()
     try:
         model = run.require_result()
         if not windows:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import bpy
 
-if TYPE_CHECKING:
-    from .render_operator import RenderJobs
-    from .run import TrainingRun
+from .render_jobs import RenderJobs
+from .run import TrainingRun
 
 
 class Work:
@@ -17,6 +14,7 @@ class Work:
     def __init__(self):
         self.rendering: RenderJobs | None = None
         self.training: TrainingRun | None = None
+        self.stopping = False  # the training was asked to, and is not yet at its end
         self.scene = ""  # that the training is for
         self.trouble = ""  # one line
 
@@ -24,6 +22,14 @@ class Work:
     def busy(self) -> bool:
         """Whether nothing else can begin."""
         return self.rendering is not None or self.training is not None
+
+    def begin_training(self, run: TrainingRun, scene: str) -> None:
+        """A training is at work, for the scene of that name."""
+        self.training, self.scene, self.stopping = run, scene, False
+
+    def end_training(self) -> None:
+        """No training is at work any more."""
+        self.training, self.stopping = None, False
 
 
 WORK = Work()

@@ -102,6 +102,7 @@ REST = {
     "{done} of {n} views": "{done} von {n} Ansichten",
     "Esc stops; what is rendered is kept": "Esc hält an; was gerendert ist, bleibt",
     "Training starts": "Training beginnt",
+    "Stopping: a checkpoint is saved": "Hält an: ein Sicherungspunkt wird gespeichert",
     "Step {step:,} of {steps:,}": "Schritt {step:,} von {steps:,}",
     "Measuring": "Qualität wird gemessen",
 }

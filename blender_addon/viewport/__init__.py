@@ -1,1 +1,1 @@
-"""What viewports show while they move, and from where: a share of the splats, quads and colours made for the view."""
+"""Viewports: what they show while they move, made for their view, and how our engine draws them."""

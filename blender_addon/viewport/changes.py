@@ -5,8 +5,8 @@ from __future__ import annotations
 import bpy
 
 from ..engine.order import StageSettings, stage_settings
+from ..evaluated.placed import holds_splats
 from ..objects.attributes import has_splats
-from ..objects.placed import holds_splats
 from .tagged import TAGGED
 
 SEEN = (bpy.types.Material, bpy.types.World, bpy.types.Light, bpy.types.Image, bpy.types.Texture, bpy.types.NodeTree)

@@ -10,10 +10,12 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..engine.live import live_renderer
 from ..engine.order import Stage, camera_request, make_stage, square, tidy
-from ..engine.passes import encoded, world_color
-from ..engine.served import RendererError
+from ..engine.passes import world_color
+from ..evaluated.visible import hidden_in
+from ..files.srgb import encoded
+from ..package.live import live_renderer
+from ..package.served import RendererError
 from ..preferences import command_of
 from .blit import Blit
 from .changes import Changes
@@ -41,6 +43,7 @@ class Rendered:
         self._asked: tuple[dict[str, Any], bool] | None = None  # the latest request, and whether the view was at rest
         self._drawn = self._timed = 0  # of the news of the stream
         self._place = "", ""  # names of scene and view layer
+        self._hidden: frozenset[str] = frozenset()  # full names of objects that are not shown
         self._problem, self._redraws = "", False
         self._next = -math.inf  # time before which no other stage is written
         self._undrawn = math.inf  # since when there has been something to draw
@@ -71,6 +74,8 @@ class Rendered:
             self._pace.moved(now)
         self._place = depsgraph.scene.name, depsgraph.view_layer.name
         self._changes.compare(depsgraph.scene)
+        if (hidden := hidden_in(context.space_data, depsgraph)) != self._hidden:
+            self._hidden, self._changes.pending = hidden, True
         if (command := command_of(context)) != self._command:
             self._leave(command)
         if not bpy.app.timers.is_registered(look):
@@ -119,7 +124,7 @@ class Rendered:
                 weakref.finalize(self, self._stream.close)
             layer.depsgraph.update()
             assert self._seen
-            self._stage = make_stage(layer.depsgraph, self._folder, self._seen.camera)
+            self._stage = make_stage(layer.depsgraph, self._folder, self._seen.camera, self._hidden)
         except (ValueError, OSError, RendererError) as error:
             self._problem = str(error)
             return

@@ -37,7 +37,6 @@ class Case:
     extreme: np.ndarray  # rows of the primitives that make the case
     defined: str = ""  # what happens where the formula has no answer; empty: the float64 twin is right
     hidden: bool = False  # below 1/255: compare gradients with the cutoffs, which make them zero
-    roundings: int = 1  # of T in a row that nothing damps: each adds 1e-7 to the tolerance of the image
     near_clip: float = 0.2
     background: tuple[float, float, float] = (0.1, 0.2, 0.3)
 
@@ -99,7 +98,7 @@ def cases(layers: int = 10_000) -> Iterator[Case]:
     yield from _opacities_and_colors()
     yield from _depths(layers)
     yield from _quaternions()
-    yield from _dog()
+    yield from _dog(layers)
     yield from _not_finite()
     yield from _cameras()
 
@@ -169,7 +168,7 @@ def _quaternions() -> Iterator[Case]:
         yield _case("quaternion", name, primitives((0.1, 0.2, 3), (0.1, 0.3, 0.6), quats=direction * length))
 
 
-def _dog() -> Iterator[Case]:
+def _dog(n_layers: int) -> Iterator[Case]:
     def dog(name: str, f_a: float, F: float, count: int = 1, opacity: float = 0.7, defined: str = "", **more) -> Case:
         means = np.column_stack([np.full((count, 2), 0.1), np.linspace(2.5, 3.5, count)])
         return _case("DoG", name, primitives(means, SCALES, opacity, dog=True, f_a=f_a, F=F), defined, **more)
@@ -189,7 +188,8 @@ def _dog() -> Iterator[Case]:
     yield dog("20 negative lobes on each other", 0.9, 1.6, 20)
     yield dog("200 negative lobes on each other", 0.5, 1.3, 200)
     ends = "the walk ends before T would exceed 2^30"
-    yield dog("10,000 negative lobes on each other", 0.9, 2.0, 10_000, 0.9, ends, roundings=10_000)
+    for count in (500, n_layers):
+        yield dog(f"{count:,} negative lobes on each other", 0.9, 2.0, count, 0.9, ends)
 
 
 def _not_finite() -> Iterator[Case]:

@@ -1,19 +1,24 @@
 """The stability table: every case of ``cases.py`` through the engine and its float64 twin.
 
-Errors are relative to the largest value of the right answer, where that is above 1. An image is compared at the twin's
-cutoffs and at cutoffs 1e-5 lower and higher, pixel by pixel, whichever is nearest: on which side of a threshold a
-number falls that lies on it, no rounding can promise. Gradients are compared once over the primitives that make the
-case and once over their neighbours: the distance of the gradients by a parameter over the length of the right one,
-which counts as at least 1e-4 of that by all primitives: what is smaller drowns in its rounding. Their loss is a fixed
-weighting of the pixels, between 0.2 and 0.8.
+An image is compared pixel by pixel, each relative to the sum of magnitudes of what the twin blends there, where that is
+above 1. It may be off by ``IMAGE_TOLERANCE`` of that and by what float32 rounds away (``reference/rounding.py``).
+
+On which side of a cutoff a number falls that lies on it, no rounding can promise. So the twin is rendered twice more,
+with cutoffs that are stricter and more lenient by ``DECISION`` and by that rounding: those at 1/255 and 1e-4, and that
+at 2^30, where walks end behind negative lobes. A pixel counts as the nearest of the three.
+
+Gradients are compared once over the primitives that make the case and once over their neighbours: the distance of the
+gradients by a parameter over the length of the right one, which counts as at least 1e-4 of that by all primitives: what
+is smaller drowns in its rounding. Their loss is a fixed weighting of the pixels, between 0.2 and 0.8.
 
 They are compared without cutoffs, and with those that are the default. There the image is smooth but for jumps where
 an α or a T crosses its cutoff, and so is float64's. Away from the jumps both have one derivative; on a jump none is
-right. So pixels in which the twin's image is not the same at cutoffs 1e-5 lower and higher have no weight in that loss.
+right. So pixels have no weight in the loss where the stricter twin and the more lenient one differ.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +31,9 @@ from ..engine.geometry import SMOOTH, Cutoffs
 from ..engine.parameters import RAW, RAW_DOG, device_array, upload
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import RasterOptions, rasterize
+from ..reference.forward import MAX_T
 from ..reference.gradients import Rendered, gradients_tiled, render_tiled
+from ..reference.rounding import rounding_tiled
 from .cases import Case, cases
 
 IMAGE_TOLERANCE = 1e-4  # a fortieth of an 8-bit step
@@ -48,9 +55,10 @@ class Answer:
 def run(progress: Callable[[str], None] = lambda line: None) -> list[dict[str, Any]]:
     """A row per case: group, name, finite, image_error, gradient_error, worst_gradient, max_T, verdict, note.
 
-    ``gradient_error`` is without cutoffs; ``default_gradient_error`` with them, over the pixels that no cutoff leaves
-    undecided, and ``undecided`` the share of the others. ``verdict`` is "right" where all errors are within tolerance,
-    "defined" where that holds and the answer follows a documented rule instead of the formula, else "wrong".
+    ``tolerance_used`` is the largest error of a pixel as a share of what it may be. ``gradient_error`` is without
+    cutoffs; ``default_gradient_error`` with them, over the pixels that no cutoff leaves undecided, and ``undecided``
+    the share of the others. ``verdict`` is "right" where all errors are within tolerance, "defined" where that holds
+    and the answer follows a documented rule instead of the formula, else "wrong".
     """
     table = []
     for case in cases():
@@ -62,22 +70,26 @@ def run(progress: Callable[[str], None] = lambda line: None) -> list[dict[str, A
 def measure(case: Case) -> dict[str, Any]:
     """The row of a case."""
     weights = adjoint(case.camera.height, case.camera.width)
-    twins = [_twin(case, factor) for factor in (1, 1 - DECISION, 1 + DECISION)]
-    decided = np.abs(twins[1].image - twins[2].image).max(-1) <= UNCHANGED * max(1, np.abs(twins[0].image).max())
-    hard = answer(case, Cutoffs(), weights * decided[..., None])
-    smooth = answer(case, SMOOTH, weights)
+    twins = [_twin(case, Cutoffs(), moved) for moved in (0, -DECISION, DECISION)]
+    decided = weights * _alike(*twins[1:])[..., None]
+    hard = answer(case, Cutoffs(), decided)
+    smoothly = weights
+    if case.splats.n_dog >= math.log2(MAX_T):  # each lobe makes T at most 1.99 times as large
+        smoothly = weights * _alike(*(_twin(case, SMOOTH, moved) for moved in (-DECISION, DECISION)))[..., None]
+    smooth = answer(case, SMOOTH, smoothly)
     values = [hard.image, hard.T, smooth.image, smooth.T, *hard.gradients.values(), *smooth.gradients.values()]
     finite = all(np.isfinite(value).all() for value in values)
-    image_error = _image_error(hard, twins)
-    default = _gradient_errors(case, hard, Cutoffs(), weights * decided[..., None])
-    errors = default if case.hidden else _gradient_errors(case, smooth, SMOOTH, weights)
+    image_error, tolerance_used = _image_errors(case, hard, twins)
+    default = _gradient_errors(case, hard, Cutoffs(), decided)
+    errors = default if case.hidden else _gradient_errors(case, smooth, SMOOTH, smoothly)
     worst = max(errors, key=lambda name: errors[name])
     largest = max(errors[worst], *default.values())
-    right = finite and image_error <= IMAGE_TOLERANCE + 1e-7 * case.roundings and largest <= GRADIENT_TOLERANCE
+    right = finite and tolerance_used <= 1 and largest <= GRADIENT_TOLERANCE
     return {
         "group": case.group, "name": case.name, "finite": finite, "image_error": image_error,
-        "gradient_error": errors[worst], "worst_gradient": worst, "default_gradient_error": max(default.values()),
-        "undecided": float(np.mean(~decided)), "max_T": max(twin.max_T for twin in twins),
+        "tolerance_used": tolerance_used, "gradient_error": errors[worst], "worst_gradient": worst,
+        "default_gradient_error": max(default.values()),
+        "undecided": float(np.mean(decided == 0)), "max_T": max(twin.max_T for twin in twins),
         "verdict": ("defined" if case.defined else "right") if right else "wrong", "note": case.defined,
     }  # fmt: skip
 
@@ -109,18 +121,27 @@ def _host(value: mi.Float) -> np.ndarray:
     return np.array(dr.detach(value).numpy(), np.float64)
 
 
-def _twin(case: Case, factor: float) -> Rendered:
-    """In float64, with the cutoffs times a factor."""
+def _twin(case: Case, cutoffs: Cutoffs, moved: float) -> Rendered:
+    """In float64, with cutoffs that are stricter by a share and by what float32 may have rounded."""
     return render_tiled(
         case.splats, case.camera, case.background, near_clip=case.near_clip,
-        min_alpha=factor * Cutoffs().alpha, min_transmittance=factor * Cutoffs().transmittance,
+        min_alpha=cutoffs.alpha, min_transmittance=cutoffs.transmittance, moved=moved,
     )  # fmt: skip
 
 
-def _image_error(ours: Answer, twins: list[Rendered]) -> float:
-    """Largest error of a pixel, each against the nearest of the twins."""
-    errors = [np.abs(ours.image - twin.image) / max(1, np.abs(twin.image).max()) for twin in twins]
-    return float(np.min(errors, axis=0).max())
+def _alike(lenient: Rendered, strict: Rendered) -> np.ndarray:
+    """[H, W] whether a pixel of the two twins is the same."""
+    size = np.maximum(1, np.abs(lenient.image).max(-1))
+    return np.abs(lenient.image - strict.image).max(-1) <= UNCHANGED * size
+
+
+def _image_errors(case: Case, ours: Answer, twins: list[Rendered]) -> tuple[float, float]:
+    """(Largest error of a pixel relative to its sum of magnitudes, largest share of what it may be), each pixel against
+    the nearest of the twins."""
+    rounding = rounding_tiled(case.splats, case.camera, case.background, near_clip=case.near_clip)
+    size = np.maximum(1, rounding.magnitude)
+    distances = np.min([np.abs(ours.image - twin.image) for twin in twins], axis=0)
+    return float((distances / size).max()), float((distances / (IMAGE_TOLERANCE * size + rounding.error)).max())
 
 
 def _gradient_errors(case: Case, ours: Answer, cutoffs: Cutoffs, weights: np.ndarray) -> dict[str, float]:

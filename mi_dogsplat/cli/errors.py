@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 from ..runs.stopping import Stopped
 from ..support.errors import DataError
@@ -29,11 +30,21 @@ def quiet_pipe(run: Callable[[], int]) -> int:
 
 @contextmanager
 def resumable() -> Iterator[None]:
-    """Work that is stopped here goes on with the same command: the line that ``Stopped`` then carries says so."""
+    """Work that is stopped here, by Ctrl-C or SIGTERM, goes on with the same command: ``Stopped`` then says so."""
+    asked = signal.SIGINT
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = signal.Signals(number)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
     try:
         yield
     except KeyboardInterrupt:
-        raise Stopped("stopped; the same command again goes on from here", signal.SIGINT) from None
+        raise Stopped("stopped; the same command again goes on from here", asked) from None
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def one_line_errors(run: Callable[[], int | None], extra: str = "train", program: str = "dogsplat") -> int:

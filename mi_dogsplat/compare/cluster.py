@@ -6,14 +6,18 @@ takes nothing with it: the scheduler gives its task to another one, three times 
 
 from __future__ import annotations
 
+import signal
+import threading
 import uuid
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from ..support.errors import DataError
 from .execute import Means, Outcome, in_a_process
 from .tasks import Task
+
+SECONDS_TO_SAVE = 120  # for the largest of checkpoints on a slow disk
 
 
 @contextmanager
@@ -29,7 +33,9 @@ def cluster_client(address: str | None, workers: int) -> Iterator[Any]:
         remedy = "pip install 'mi_dogsplat[cluster]', or leave the flag out"
         raise DataError(flag, f"this needs the package {error.name}", remedy) from None
     if address is None:
-        with LocalCluster(**local_options(workers)) as cluster, Client(cluster) as client:
+        with _deaf_to_interrupts():
+            cluster = LocalCluster(**local_options(workers))
+        with cluster, Client(cluster) as client:
             yield client
         return
     try:
@@ -41,6 +47,19 @@ def cluster_client(address: str | None, workers: int) -> Iterator[Any]:
         yield client
 
 
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Processes started here never see Ctrl-C, which a terminal sends to all: they end when this process says so."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def local_options(workers: int) -> dict[str, Any]:
     """Of a ``LocalCluster``: no dashboard, and its HTTP server, which is there all the same, on a port that is free."""
     without_dashboard = {"scheduler_kwargs": {"dashboard": False}, "dashboard_address": "127.0.0.1:0"}
@@ -48,25 +67,35 @@ def local_options(workers: int) -> dict[str, Any]:
 
 
 def on_cluster(tasks: Sequence[Task], means: Means, client: Any) -> Iterator[Outcome]:
-    """Outcomes in the order in which tasks end. Each is submitted as soon as those that it needs have ended."""
-    from distributed import as_completed
+    """Outcomes in the order in which tasks end. Each is submitted as soon as those that it needs have ended.
 
+    After Ctrl-C, which is raised again, all that run save first what they have done.
+    """
+    from distributed import Event, as_completed, wait
+
+    stop = Event(f"stop {uuid.uuid4().hex}", client=client)
     waiting, running = list(tasks), {}
     ended = as_completed([])
 
     def submit_what_is_ready() -> None:
         for task in list(waiting):
-            if not any(task.needs(other) for other in (*waiting, *running.values())):
+            if not any(task.needs(other) for other in (*waiting, *(task for task, _ in running.values()))):
                 waiting.remove(task)
                 key = f"{task.name} {uuid.uuid4().hex}"  # the same task of an earlier call is another one
-                future = client.submit(in_a_process, task, means, key=key, pure=False)
-                running[future.key] = task
+                future = client.submit(in_a_process, task, means, stop.is_set, key=key, pure=False)
+                running[future.key] = task, future
                 ended.add(future)
 
     submit_what_is_ready()
     while running:
-        future = next(ended)
-        task = running.pop(future.key)
+        try:
+            future = next(ended)
+        except KeyboardInterrupt:
+            stop.set()
+            with suppress(TimeoutError):  # of workers that are gone themselves
+                wait([future for _, future in running.values()], timeout=SECONDS_TO_SAVE)
+            raise
+        task, _ = running.pop(future.key)
         error = future.result() if future.status == "finished" else "its workers failed"
         if future.status == "error":
             error = f"its workers failed ({future.exception()})"

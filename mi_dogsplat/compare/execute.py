@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,12 @@ from typing import Any
 from .tasks import Task
 
 PACKAGE = Path(__file__).parents[2]  # the folder that the package is in
+STOP = b"s"  # on the standard input of a task's process: save, and end
+SECONDS_BETWEEN_QUESTIONS = 1.0
+# Ctrl-C in a terminal goes to a whole group of processes: this one alone passes it on, once
+OWN_GROUP: dict[str, Any] = (
+    {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP} if sys.platform == "win32" else {"start_new_session": True}
+)
 
 
 @dataclass(frozen=True)
@@ -34,27 +41,60 @@ class Means:
     free: dict[str, Any] = field(default_factory=dict)  # settings that no result depends on, by their names
 
 
-def in_a_process(task: Task, means: Means) -> str | None:
-    """Perform a task in a process of its own; returns what went wrong in one line, or None."""
+def in_a_process(task: Task, means: Means, asked: Callable[[], bool] = lambda: False) -> str | None:
+    """Perform a task in a process of its own; returns what went wrong in one line, or None.
+
+    Where ``asked`` says so, or Ctrl-C comes, which is raised again, the process saves first what it has done; who
+    presses Ctrl-C once more does not wait for that.
+    """
     task.log.parent.mkdir(parents=True, exist_ok=True)
     given = {"task": dataclasses.asdict(task), "means": dataclasses.asdict(means)}
     paths = [str(PACKAGE), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
     command = [sys.executable, "-m", "mi_dogsplat.compare", json.dumps(given)]
-    with open(task.log, "w", encoding="utf-8") as log:
-        process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=log, env=environment
-        )
-        with process:
-            try:
-                status = process.wait()
-            finally:
-                process.kill()  # does nothing once it has ended
-    if status == 0:
+    try:
+        with open(task.log, "w", encoding="utf-8") as log:
+            process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=log, env=environment, **OWN_GROUP
+            )
+            status = _status_at_the_end(process, asked)
+    except KeyboardInterrupt:
+        task.log.unlink(missing_ok=True)  # nothing has failed
+        raise
+    if status == 0 or asked():
         task.log.unlink(missing_ok=True)
-        return None
+        return None if status == 0 else "stopped"
     lines = task.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     return lines[-1] if lines else f"the process ended with status {status}"
+
+
+def _status_at_the_end(process: subprocess.Popen, asked: Callable[[], bool]) -> int:
+    with process:
+        try:
+            return _status(process, asked)
+        except KeyboardInterrupt:
+            _ask_to_stop(process)
+            process.wait()
+            raise
+        finally:
+            process.kill()  # does nothing once it has ended
+
+
+def _status(process: subprocess.Popen, asked: Callable[[], bool]) -> int:
+    while True:
+        try:
+            return process.wait(SECONDS_BETWEEN_QUESTIONS)
+        except subprocess.TimeoutExpired:
+            if asked():
+                _ask_to_stop(process)
+                return process.wait()
+
+
+def _ask_to_stop(process: subprocess.Popen) -> None:
+    assert process.stdin
+    with contextlib.suppress(OSError):  # it has ended meanwhile
+        process.stdin.write(STOP)
+        process.stdin.flush()
 
 
 def one_after_another(tasks: Sequence[Task], means: Means) -> Iterator[Outcome]:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..scene.camera_file import FORMAT, camera_from_json
-from ..scene.cameras import SQUARE_TOLERANCE, Camera, camera_from_mitsuba
+from ..scene.cameras import Camera
+from ..scene.mitsuba_cameras import SQUARE_TOLERANCE, camera_from_mitsuba
 from ..support.errors import DataError
 from ..support.files import read_json
 from .camera_paths import FAR, NEAR, Shot

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.cameras import camera_from_mitsuba
+from ..scene.mitsuba_cameras import camera_from_mitsuba
 from ..support.errors import DataError, interruptible
 from ..support.srgb import linear_to_srgb
 from .dataset import Dataset, View, every_eighth, held_out, no_points, require_unique_names, views_named

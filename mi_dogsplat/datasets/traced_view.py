@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.cameras import camera_to_mitsuba
+from ..scene.mitsuba_cameras import camera_to_mitsuba
 from ..support.errors import interruptible
 from ..support.srgb import linear_to_srgb
 from .camera_paths import Shot

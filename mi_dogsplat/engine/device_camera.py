@@ -94,7 +94,7 @@ class DeviceCamera:
         numbers = tuple(float(x) for x in numbers)
         packed = mi.Float(numbers)
         v = [dr.gather(mi.Float, packed, k) for k in range(len(numbers))]
-        dr.eval(v)  # one launch makes them opaque
+        dr.eval(v)  # copies of four bytes make them opaque, without a kernel
         fx, fy, cx, cy, *limits, near, far = v[15:]
         return DeviceCamera(
             rotation=[v[0:3], v[3:6], v[6:9]], position=v[9:12], position_rest=v[12:15],

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -44,8 +45,21 @@ def digits_of(count: int, largest: int) -> tuple[int, list[tuple[int, int]]]:
 
 
 def variable_indices(values: list) -> list[int]:
-    """Those of all JIT and AD variables in nested values: equal as long as none is another variable."""
+    """Those of all JIT and AD variables in nested values: equal as long as none is another variable.
+
+    A variable that is gone may give its index to the next one. So whoever compares with indices from before keeps the
+    values of that time, as ``held``.
+    """
     return dr.detail.collect_indices(values)
+
+
+def held(values: Iterable) -> list:
+    """The same JIT variables in arrays of their own, without derivatives.
+
+    The parameters of Mitsuba's objects, and the array of a tensor, are views: assigned to in place, they hold the new
+    variable and let the old one go.
+    """
+    return [type(value)(dr.detach(value)) for value in values]
 
 
 @lru_cache

@@ -14,6 +14,7 @@ import mitsuba as mi
 
 from .arrays import detached
 from .bands import PreparedView, WalkableView
+from .drjit_internals import held
 from .geometry import Blocks, Grid
 from .normals import normals
 from .options import RasterOptions, Settings
@@ -63,7 +64,7 @@ class LastFrame:
         self.key, self._inputs, self.stages = (), [], None
 
     def keep(self, key: tuple, inputs: list, stages: tuple) -> None:
-        self.key, self._inputs, self.stages = key, inputs, stages
+        self.key, self._inputs, self.stages = key, held(inputs), stages
 
 
 class _Fixed:

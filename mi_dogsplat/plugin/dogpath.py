@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..engine.dimmed import dimmed
+from ..engine.drjit_internals import held
 from ..engine.rasterize import Frame
 from ..tracing.options import TraceOptions
 from ..tracing.tracer import SplatTracer
@@ -33,13 +34,13 @@ class LatestTracer:
 
     def __init__(self) -> None:
         self._key: tuple = ()
-        self._params: dict = {}
+        self._params: list = []
         self._found: tuple[SplatTracer, SplatLamps | None] | None = None
 
     def of(self, params: dict, options: TraceOptions, linear: bool) -> tuple[SplatTracer, SplatLamps | None]:
         key = (options, linear, *((name, value.index) for name, value in params.items()))
         if self._found is None or key != self._key:
-            self._key, self._params = key, params
+            self._key, self._params = key, held(params.values())
             self._found = SplatTracer(params, options), lamps_of(params, linear)
         return self._found
 

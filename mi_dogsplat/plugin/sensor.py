@@ -13,9 +13,9 @@ from typing import Any, cast
 import drjit as dr
 import mitsuba as mi
 
-from ..engine.drjit_internals import variable_indices
+from ..engine.drjit_internals import held, variable_indices
 from ..engine.project import DeviceCamera
-from ..scene.cameras import (
+from ..scene.mitsuba_cameras import (
     central_camera_from_mitsuba,
     far_clip_from_mitsuba,
     near_clip_from_mitsuba,
@@ -82,7 +82,8 @@ class SensorReader:
     """Remembers the cameras of the latest sensors.
 
     Reading a sensor waits for the device, which may still be busy with the frame before. Sensors are compared by the
-    identity of their JIT variables, which are immutable and kept alive here, so a match is never a coincidence.
+    identity of their JIT variables, which are immutable and kept alive here, so a match is never a coincidence. A
+    sensor's parameters themselves keep none alive, as they are changed in place.
     """
 
     def __init__(self):
@@ -113,7 +114,7 @@ class SensorReader:
         known, _, camera = self._known.get(slot, (None, None, None))
         if camera is None or key != known:
             camera = _read(sensor, near_clip)
-            self._known[slot] = key, values, camera
+            self._known[slot] = key, held(values.values()), camera
         lens = (values["aperture_radius"], values["focus_distance"]) if kind == "ThinLensCamera" else None
         return View(sensor, _attached(camera, values, size), lens)
 

@@ -24,7 +24,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..engine.drjit_internals import variable_indices
+from ..engine.drjit_internals import held, variable_indices
 from ..engine.normals import normals, shortest_axes
 from ..engine.project import DeviceCamera, rows
 from .samples import STEPS
@@ -79,7 +79,7 @@ def what_matters(parts: Sequence, splats: Sequence) -> tuple[list, list[str]]:
             value = params[name]
             in_arrays = bool(variable_indices([value]))
             texts.append(name if in_arrays else f"{name} {value}")
-            arrays += [type(value)(value)] if in_arrays else []  # a copy: what is traversed changes with the scene
+            arrays += held([value]) if in_arrays else []
     return arrays, texts
 
 

@@ -1,9 +1,10 @@
-"""The sRGB curve on the device, in both directions and differentiable; ``srgb.py`` is its twin.
+"""The sRGB curve of the plugins, in both directions and differentiable; ``support/srgb.py`` is its twin.
 
 ``emitted``: what blended primitives add to light that passes them.
 
 Mitsuba's own (``mi.math``) is a fast approximation made for 0..1: a radiance of 100 loses 6 % on its way there and
 back, one of 1000 three quarters. Brighter pixels take the formula, in a branch that packets without one jump over.
+The curve of ``engine/srgb.py`` takes three times as long within 0..1, and nine values in ten get other bits there.
 """
 
 from __future__ import annotations
@@ -12,16 +13,17 @@ import drjit as dr
 import mitsuba as mi
 
 from ..engine.arrays import if_stmt
+from ..support.srgb import OFFSET, POWER
 
 
 def srgb_to_linear(colors: list[mi.Float]) -> list[mi.Float]:
     """sRGB encoded channels to linear ones (IEC 61966-2-1), not clamped; negative ones stay linear."""
-    return _by_brightness(colors, mi.math.srgb_to_linear, lambda v: dr.power((v + 0.055) * (1 / 1.055), 2.4))
+    return _by_brightness(colors, mi.math.srgb_to_linear, lambda v: dr.power((v + OFFSET) * (1 / (1 + OFFSET)), POWER))
 
 
 def linear_to_srgb(colors: list[mi.Float]) -> list[mi.Float]:
     """The inverse of ``srgb_to_linear``."""
-    return _by_brightness(colors, mi.math.linear_to_srgb, lambda v: dr.fma(1.055, dr.power(v, 1 / 2.4), -0.055))
+    return _by_brightness(colors, mi.math.linear_to_srgb, lambda v: dr.fma(1 + OFFSET, dr.power(v, 1 / POWER), -OFFSET))
 
 
 def emitted(colors: list[mi.Float], T: mi.Float, linear: bool) -> list[mi.Float]:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .forward import MAX_ALPHA, MAX_T, MIN_ALPHA, MIN_T, depth_order, kernels, pixel_centres, project, rotations
+from .forward import MAX_ALPHA, MAX_T, MIN_T, depth_order, kernels, pixel_centres
+from .projection import MIN_ALPHA, project, rotations
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .forward import LOW_PASS, MIN_ANTIALIAS_RATIO, RAW_PARAMETERS, Projection, rotations, sh_basis, sigmoid
+from .forward import RAW_PARAMETERS
 from .mixed_sh import padded_sh, unpadded_sh
+from .projection import LOW_PASS, MIN_ANTIALIAS_RATIO, Projection, rotations, sh_basis, sigmoid
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .forward import MAX_ALPHA, MAX_T, MIN_ALPHA, MIN_T, rotations, sh_basis, sigmoid
+from .forward import MAX_ALPHA, MAX_T, MIN_T
 from .mixed_sh import padded_sh
+from .projection import MIN_ALPHA, rotations, sh_basis, sigmoid
 
 if TYPE_CHECKING:
     from ..scene.splats import Splats

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .forward import MAX_ALPHA, MIN_ALPHA, MIN_T, depth_order, kernels, pixel_centres, project, render
+from .forward import MAX_ALPHA, MIN_T, depth_order, kernels, pixel_centres, render
+from .projection import MIN_ALPHA, project
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera

@@ -8,7 +8,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..scene.cameras import opencv_w2c_to_mitsuba_c2w
+from ..scene.mitsuba_cameras import opencv_w2c_to_mitsuba_c2w
 from .view_request import ViewRequest
 
 NEAREST = 1e-4  # Mitsuba takes no near clip of 0

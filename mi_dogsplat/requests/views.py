@@ -18,7 +18,6 @@ from ..scene.cameras import Camera
 from ..scene.splats import DENSE, Splats
 from ..support.errors import DataError, gist, interruptible
 from .gradual import in_steps, means
-from .headlight import QuickIntegrator
 from .request import SOURCE
 from .scene_description import load_scene
 from .shares import Shares
@@ -52,7 +51,9 @@ class Views:
 
     def _keep(self, name: str, files: list[Path], also: tuple, make: Callable[[], Any]) -> Any:
         """What ``make`` makes of files, until one of them or ``also`` is another."""
-        signature = mi.variant(), *map(_signature, files), *also
+        from ..shape_dog import DogShape  # of the active variant: another one after each change, there and back too
+
+        signature = DogShape, *map(_signature, files), *also
         if name not in self._kept or self._kept[name][0] != signature:
             self._kept.pop(name, None)
             self._kept[name] = signature, make()
@@ -110,6 +111,8 @@ class Views:
 
     def _load(self, request: ViewRequest, sensor: mi.Sensor) -> tuple[mi.Scene, mi.Integrator]:
         """The scene with the integrator of its paths, and the one for views that move."""
+        from .headlight import QuickIntegrator  # of the active variant
+
         splats = self._shape(request.model)
         drawing = {"near_clip": request.near_clip, "antialiased": request.antialiased}
         said = {name: value for name, value in drawing.items() if value is not None}

@@ -47,15 +47,15 @@ def motion_gradient(w2c: np.ndarray, motions: np.ndarray, extent: float, by_pose
     return np.concatenate([by_turn, by_shift], axis=1)
 
 
-def preconditioners(cameras: Sequence[Camera], points: np.ndarray, extent: float) -> np.ndarray:
+def preconditioners(cameras: Sequence[Camera], points: np.ndarray, extent: float, nearest: float = 0.0) -> np.ndarray:
     """Matrices [V, 6, 6] from gradients by motions to motions that change the picture as the gradient asks for.
 
     As in CamP (Park et al. 2023): the inverse of Σ = mean of Jᵀ J, where J [2, 6] is how the picture of one of the
     ``points`` [P, 3] moves with the six numbers, in units of its longer side. A turn and a shift that look alike are
-    told apart, and a shift of a camera that is far from everything is as long as it has to be. Cameras that see too
-    few points get the mean Σ of the others.
+    told apart, and a shift of a camera that is far from everything is as long as it has to be. Points that are not
+    deeper than ``nearest`` are not seen. Cameras that see too few points get the mean Σ of the others.
     """
-    sums = np.array([_picture_motion(camera, points, extent) for camera in cameras])  # [V, 6, 6]
+    sums = np.array([_picture_motion(camera, points, extent, nearest) for camera in cameras])  # [V, 6, 6]
     known = np.isfinite(sums).all(axis=(1, 2))
     usual = sums[known].mean(axis=0) if known.any() else np.eye(6)
     sums[~known] = usual
@@ -64,10 +64,10 @@ def preconditioners(cameras: Sequence[Camera], points: np.ndarray, extent: float
     return np.linalg.inv(damped)
 
 
-def _picture_motion(camera: Camera, points: np.ndarray, extent: float) -> np.ndarray:
+def _picture_motion(camera: Camera, points: np.ndarray, extent: float, nearest: float) -> np.ndarray:
     """Mean of Jᵀ J [6, 6] over the points that the camera sees; NaN where these are too few."""
     pixels, depth = camera.project(points)
-    inside = (depth > 0) & (pixels > 0).all(axis=1) & (pixels < (camera.width, camera.height)).all(axis=1)
+    inside = (depth > nearest) & (pixels > 0).all(axis=1) & (pixels < (camera.width, camera.height)).all(axis=1)
     if inside.sum() < FEWEST_POINTS:
         return np.full((6, 6), np.nan)
     x, y, z = (points[inside] @ camera.w2c[:3, :3].T + camera.w2c[:3, 3]).T  # [P] each

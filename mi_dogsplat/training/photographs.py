@@ -195,6 +195,10 @@ class Photographs:
             truth = self.curve(device_array(np.ascontiguousarray(truth))).numpy().reshape(truth.shape)
         return truth
 
+    def mask(self, view: int) -> np.ndarray | None:
+        """[H, W] of a view of the data, 1 where a pixel counts; None where it counts whole."""
+        return self.mask_folder.of(self.originals[view]) if self.mask_folder else None
+
     def _in_units_of_white(self, image: np.ndarray) -> np.ndarray:
         if self.white is None:
             return image

@@ -1,20 +1,20 @@
 """The exported camera path: its keys see the model as Blender's camera does, and ``dogsplat film`` takes it."""
 
 import json
-import os
 import subprocess
 
 import bpy
 import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
-from conftest import load
-from mathutils import Euler, Matrix, Vector
+from edits import PLACED
+from mathutils import Vector
+from model_files import load
+from package_command import COMMAND
 
 from blender_addon.objects.attributes import read_attributes
 
 FRAMES = 1, 9
-PLACED = Matrix.Translation((0.5, -1.0, 2.0)) @ Euler((0.3, 0.2, 1.0)).to_matrix().to_4x4() @ Matrix.Scale(1.7, 4)
 
 
 @pytest.fixture
@@ -63,7 +63,7 @@ def test_steps_end_with_the_last_frame(animated, tmp_path):
 
 def test_the_film_of_a_path_is_made(animated, model, tmp_path):
     exported(tmp_path)
-    command = [*json.loads(os.environ["DOGSPLAT_COMMAND"]), "film", str(model), "-o", str(tmp_path / "frames")]
+    command = [*COMMAND, "film", str(model), "-o", str(tmp_path / "frames")]
     command += ["--path", str(tmp_path / "keys.json"), "--fps", "3"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

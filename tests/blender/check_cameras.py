@@ -1,20 +1,21 @@
 """Imported cameras: Blender sees a point at the pixel where the data set has it."""
 
 import json
-import os
 import shutil
-import subprocess
 from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
-from conftest import REFERENCES, datablocks, load
 from mathutils import Matrix, Vector
+from model_files import datablocks, load
+from package_command import by_package
+from references import REFERENCES
 
 from blender_addon.cameras.objects import camera_numbers, look_through
 from blender_addon.cameras.read import read_cameras
+from blender_addon.nodes.modifier import get_input, splat_modifier
 
 HALF_A_PIXEL = 0.5
 
@@ -85,8 +86,6 @@ def test_any_camera_of_blender_has_the_intrinsics_that_the_nodes_are_told(scene,
     expected = seen * (1, -1) * (numbers.width, numbers.height) + (0, numbers.height)
     found = projected(numbers.w2c, numbers.fx, numbers.fy, numbers.cx, numbers.cy, points)
     assert np.abs(found - expected).max() < 1e-2
-    from blender_addon.nodes.modifier import get_input, splat_modifier
-
     modifier = splat_modifier(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
     names = {"Focal X": "fx", "Focal Y": "fy", "Center X": "cx", "Center Y": "cy", "Width": "width", "Height": "height"}
     for name, key in names.items():
@@ -105,23 +104,33 @@ def test_cameras_follow_the_model(odd, scene, model, up_axis):
     assert np.abs(blender_pixels(scene, scene.camera, moved) - expected).max() < 2e-2
 
 
-@pytest.mark.parametrize("source", ["fox", "fox/transforms.json", "fern", "lego"])
-def test_real_data_sets_agree_with_the_package(shared, scene, source, tmp_path):
-    """The package reads the data in a process of its own; every camera is compared."""
-    script = (
-        "import sys, numpy as np; from mi_dogsplat.datasets import load_dataset\n"
-        "d = load_dataset(sys.argv[1], 4); v = {x.name: x.camera for x in d.views}\n"
-        "k = [(c.fx, c.fy, c.cx, c.cy) for c in v.values()]\n"
-        "np.savez(sys.argv[2], names=list(v), w2c=[c.w2c for c in v.values()], k=k)"
-    )
-    python = json.loads(os.environ["DOGSPLAT_COMMAND"])[0]
-    subprocess.run([python, "-c", script, str(shared / source), str(tmp_path / "k.npz")], check=True)
-    expected = np.load(tmp_path / "k.npz")
+SOURCES = "fox", "fox/transforms.json", "fern", "lego"
+BY_PACKAGE = """
+import json, sys
+from mi_dogsplat.datasets import load_dataset
+def read(source):
+    cameras = {view.name: view.camera for view in load_dataset(source, 4).views}
+    return {name: (c.w2c.tolist(), (c.fx, c.fy, c.cx, c.cy)) for name, c in cameras.items()}
+print(json.dumps([read(source) for source in sys.argv[1:]]))
+"""
+
+
+@pytest.fixture(scope="module")
+def of_package(shared):
+    """The cameras of all real data sets, as the package reads them in a process of its own."""
+    return dict(zip(SOURCES, by_package(BY_PACKAGE, *(str(shared / source) for source in SOURCES)), strict=True))
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_real_data_sets_agree_with_the_package(shared, scene, of_package, source):
+    """Every camera is compared."""
+    expected = of_package[source]
     bpy.ops.import_scene.dogsplat_cameras(filepath=str(shared / source), downscale=4)
     (collection,) = (c for c in bpy.data.collections if c.name.startswith("Cameras"))
     cameras = {obj.name: obj for obj in collection.objects}
-    assert set(cameras) == set(expected["names"]) and scene.camera in cameras.values()
-    for name, w2c, k in zip(expected["names"], expected["w2c"], expected["k"], strict=True):
+    assert set(cameras) == set(expected) and scene.camera in cameras.values()
+    for name, (w2c, k) in expected.items():
+        w2c = np.array(w2c)
         points = points_before(w2c, 4)
         pixels = blender_pixels(scene, cameras[name], points)
         assert np.abs(pixels - projected(w2c, *k, points)).max() < 0.02 < HALF_A_PIXEL

@@ -3,17 +3,14 @@
 import bpy
 import numpy as np
 import pytest
-from conftest import REFERENCES, load
 from mathutils import Matrix
+from model_files import export, load
+from model_values import assert_equal, assert_moved, colors, covariances, some_directions
+from references import REFERENCES
 
-from blender_addon.files.model import normalized, sigmoid
+from blender_addon.files.model import sigmoid
 from blender_addon.files.ply import read_ply
 from blender_addon.files.sh import C0, sh_basis
-
-
-def export(path, **options):
-    assert bpy.ops.export_scene.dogsplat(filepath=str(path), **options) == {"FINISHED"}
-    return read_ply(path)
 
 
 def test_an_untouched_model_comes_back_byte_for_byte(model, tmp_path):
@@ -33,9 +30,7 @@ def test_a_real_model_comes_back_byte_for_byte(shared, tmp_path):
     """Quaternions that are not of unit length, and opacities that saturate."""
     source = shared / "models" / "kacytran_try_iter7000_9k_sh3.ply"
     load(source)
-    found, expected = export(tmp_path / "out.ply"), read_ply(source)
-    for name in vars(expected):
-        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+    assert_equal(export(tmp_path / "out.ply"), read_ply(source))
 
 
 def test_deleted_splats_are_gone_and_the_rest_keeps_its_bits(model, tmp_path):
@@ -45,9 +40,7 @@ def test_deleted_splats_are_gone_and_the_rest_keeps_its_bits(model, tmp_path):
     obj.data.vertices.foreach_set("select", gone)
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.mesh.delete(type="VERT")
-    found, expected = export(tmp_path / "out.ply"), raw.select(~gone)  # still in edit mode
-    for name in vars(expected):
-        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+    assert_equal(export(tmp_path / "out.ply"), raw.select(~gone))  # still in edit mode
 
 
 def test_an_edited_attribute_arrives_and_its_neighbours_keep_their_bits(model, tmp_path):
@@ -63,24 +56,8 @@ def test_an_edited_attribute_arrives_and_its_neighbours_keep_their_bits(model, t
     assert np.array_equal(found.log_scales[others != 7], raw.log_scales[others != 7])
 
 
-def colors(model, directions):
-    basis = sh_basis(directions, model.sh_degree)
-    return np.einsum("nk,nkc->nc", basis, model.sh_coeffs.astype(float))
-
-
-def covariances(model):
-    w, x, y, z = normalized(model.quats).astype(float).T
-    axes = np.stack([
-        np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
-        np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
-        np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1)], 1)  # fmt: skip
-    scaled = axes * np.exp(model.log_scales.astype(float))[:, None, :]
-    return scaled @ scaled.transpose(0, 2, 1)
-
-
 @pytest.mark.parametrize("applied", [False, True])
 def test_a_moved_model_is_moved_with_its_covariances_and_colors(model, tmp_path, applied):
-    """Oracle: covariance R Σ Rᵀ s², and a colour that is the same from the direction that turned along."""
     obj, raw = load(model, up_axis="Y", scale=1.5), read_ply(model)
     move = Matrix.Translation((1, -2, 0.5)) @ Matrix.Rotation(0.8, 4, (1, 2, -1)) @ Matrix.Scale(1.7, 4)
     imported = np.array(obj.matrix_world)
@@ -92,14 +69,8 @@ def test_a_moved_model_is_moved_with_its_covariances_and_colors(model, tmp_path,
         assert obj.matrix_world == Matrix.Identity(4)
     found = export(tmp_path / "out.ply")
     matrix = np.linalg.inv(imported) @ np.array(move) @ imported  # in coordinates of the file
-    rotation = matrix[:3, :3] / 1.7
-    assert np.allclose(found.means, raw.means @ matrix[:3, :3].T + matrix[:3, 3], atol=1e-4)
-    assert np.allclose(covariances(found), matrix[:3, :3] @ covariances(raw) @ matrix[:3, :3].T, rtol=1e-3, atol=1e-5)
-    directions = np.random.default_rng(1).normal(size=raw.means.shape)
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    assert np.allclose(colors(found, directions @ rotation.T), colors(raw, directions), atol=1e-4)
+    assert_moved(found, raw, matrix)
     assert np.abs(raw.sh_coeffs[:, 1:] - found.sh_coeffs[:, 1:]).max() > 0.1
-    assert np.array_equal(found.is_dog, raw.is_dog)
     assert np.allclose(found.dog_log_scales[raw.is_dog], raw.dog_log_scales[raw.is_dog], atol=1e-5)
 
 
@@ -144,8 +115,7 @@ def test_a_stretched_or_mirrored_model_is_exported_so(model, tmp_path, scale, ap
     assert np.allclose(found.means, raw.means @ linear.T, atol=1e-4)
     expected = linear @ covariances(raw) @ linear.T
     assert np.allclose(covariances(found), expected, rtol=1e-3, atol=1e-5 * np.abs(expected).max())
-    directions = np.random.default_rng(1).normal(size=raw.means.shape)
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = some_directions(raw)
     after = directions @ linear.T
     after /= np.linalg.norm(after, axis=1, keepdims=True)
     error, ignored = (np.abs(colors(m, after) - colors(raw, directions)).mean() for m in (found, raw))

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import bpy
 import pytest
-from conftest import REFERENCES, load
+from model_files import load
+from references import REFERENCES
 
 ROOT = Path(__file__).parents[2]
 KINDS = (bpy.types.Operator, bpy.types.Panel, bpy.types.Menu, bpy.types.PropertyGroup, bpy.types.AddonPreferences,

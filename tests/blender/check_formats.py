@@ -1,31 +1,29 @@
 """Models of every format: SPZ by the reader of the add-on, others by the package; drawn as their files say."""
 
 import gzip
-import json
-import os
 import shlex
 import shutil
 
 import bpy
 import numpy as np
 import pytest
-from conftest import REFERENCES, load
+from model_files import load
+from package_command import COMMAND
+from references import REFERENCES, reference
 
-from blender_addon.engine import renderers
 from blender_addon.files.errors import FileError
 from blender_addon.files.light import Light
 from blender_addon.files.ply import read_ply
 from blender_addon.files.read import EXTENSIONS, Said, direction, read_model, said_in
 from blender_addon.files.sh import C0
 from blender_addon.files.spz import read_spz
+from blender_addon.import_export import import_operator
 from blender_addon.nodes.modifier import get_input, splat_modifier
-from blender_addon.objects import import_operator
 from blender_addon.objects.conventions import conversion
+from blender_addon.package import renderers
 
-COMMAND = shlex.join(json.loads(os.environ["DOGSPLAT_COMMAND"]))
 
-
-def never(path, out):
+def unwanted(path, out):
     raise AssertionError(f"{path} needs no package")
 
 
@@ -34,15 +32,14 @@ def of(obj, *names):
 
 
 @pytest.fixture
-def command(monkeypatch):
+def in_preferences(monkeypatch):
     """The command of the package, as if the preferences named it."""
-    monkeypatch.setattr(import_operator, "command_of", lambda context: COMMAND)
+    monkeypatch.setattr(import_operator, "command_of", lambda context: shlex.join(COMMAND))
 
 
 def test_spz_is_read_without_the_package_and_gives_its_numbers():
     found, antialiased = read_spz(REFERENCES / "plain.spz")
-    with np.load(REFERENCES / "spz.npz") as file:
-        expected = dict(file)
+    expected = reference("spz")
     assert antialiased and found.n_splats == len(expected["means"]) == 150 and not found.is_dog.any()
     for name in ("means", "log_scales", "logit_opacities", "sh_coeffs"):
         assert np.allclose(getattr(found, name), expected[name], atol=1e-5), name
@@ -51,26 +48,26 @@ def test_spz_is_read_without_the_package_and_gives_its_numbers():
 
 
 def test_ply_and_spz_need_no_package():
-    assert read_model(REFERENCES / "plain.spz", never)[1] == Said(antialiased=True)
-    model, said = read_model(REFERENCES / "says.ply", never)
+    assert read_model(REFERENCES / "plain.spz", unwanted)[1] == Said(antialiased=True)
+    model, said = read_model(REFERENCES / "says.ply", unwanted)
     assert model.is_dog.any() and said == Said(True, 0.05, False, (0, -1, 0), 2.0)
-    assert read_model(REFERENCES / "dog.ply", never)[1] == Said()
+    assert read_model(REFERENCES / "dog.ply", unwanted)[1] == Said()
 
 
 def test_an_spz_of_linear_radiance_says_so_in_its_gzip_header(tmp_path):
     data = (REFERENCES / "plain.spz").read_bytes()
     comment = b"dogsplat linear true\ndogsplat white 4.0\0"
     (tmp_path / "a.spz").write_bytes(data[:3] + bytes([16]) + data[4:10] + comment + data[10:])
-    (plain, _), (model, said) = (read_model(path, never) for path in (REFERENCES / "plain.spz", tmp_path / "a.spz"))
+    (plain, _), (model, said) = (read_model(path, unwanted) for path in (REFERENCES / "plain.spz", tmp_path / "a.spz"))
     assert said == Said(antialiased=True, linear=True, white=4.0)
     assert np.allclose(model.sh_coeffs[:, 1:], 4 * plain.sh_coeffs[:, 1:])
     assert np.allclose(0.5 + C0 * model.sh_coeffs[:, 0], 4 * (0.5 + C0 * plain.sh_coeffs[:, 0]), atol=1e-5)
 
 
 def test_radiance_of_a_linear_spz_is_that_of_the_package():
-    model, said = read_model(REFERENCES / "linear.spz", never)
+    model, said = read_model(REFERENCES / "linear.spz", unwanted)
     assert said.light == Light(True, 2.5)
-    expected = np.load(REFERENCES / "linear_spz.npz")["sh_coeffs"]
+    expected = reference("linear_spz")["sh_coeffs"]
     assert expected.max() > 50
     assert np.allclose(model.sh_coeffs, expected, rtol=1e-4, atol=1e-4)
 
@@ -95,7 +92,7 @@ def test_colours_of_primitives_that_are_not_there_are_refused(element, tmp_path)
 
 
 @pytest.mark.parametrize("name", ["plain.spz", "plain.glb", "plain.sog", "plain.splat", "plain.compressed.ply"])
-def test_every_format_is_imported(name, command):
+def test_every_format_is_imported(name, in_preferences):
     obj = load(REFERENCES / name)
     assert len(obj.data.vertices) == 150 and obj["dogsplat_source"].endswith(name)
     assert of(obj, "Antialiased") == [name != "plain.splat"]
@@ -141,7 +138,7 @@ def test_without_the_package_a_line_says_what_to_install(monkeypatch):
     load(REFERENCES / "plain.spz")
 
 
-def test_a_broken_file_is_one_line_that_names_it(tmp_path, command):
+def test_a_broken_file_is_one_line_that_names_it(tmp_path, in_preferences):
     data = (REFERENCES / "plain.spz").read_bytes()
     contents = {"a.spz": data[:100], "b.spz": data[:2], "c.spz": b"\x1f\x8b" + bytes(50), "d.glb": b"glTF and no more"}
     for name, content in contents.items():
@@ -150,7 +147,7 @@ def test_a_broken_file_is_one_line_that_names_it(tmp_path, command):
             load(tmp_path / name)
         assert str(tmp_path) in str(caught.value) and len(str(caught.value).strip().splitlines()) == 1
     with pytest.raises(FileError, match="this is a folder"):
-        read_model(tmp_path, never)
+        read_model(tmp_path, unwanted)
 
 
 @pytest.mark.parametrize("version", [2, 3])

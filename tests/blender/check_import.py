@@ -6,10 +6,11 @@ import time
 import bpy
 import numpy as np
 import pytest
-from conftest import datablocks, load
+from model_files import datablocks, load
 
 from blender_addon.files.model import sigmoid
 from blender_addon.files.ply import read_ply
+from blender_addon.import_export import import_operator
 from blender_addon.nodes.modifier import get_input, splat_modifier
 from blender_addon.objects.attributes import read_attributes
 
@@ -124,8 +125,6 @@ def test_a_bad_file_is_one_line_and_leaves_nothing(model, tmp_path, content, mes
 
 
 def test_a_failure_while_building_leaves_nothing(model, monkeypatch):
-    from blender_addon.objects import import_operator
-
     def broken(obj):
         raise RuntimeError("no memory")
 

@@ -5,51 +5,19 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from check_export import export
-from check_render import place_camera
-from conftest import load
-from mathutils import Euler, Matrix
+from edits import PLACED, cropped, local, paint, shown
+from model_files import export, load
+from model_values import assert_equal
+from references import place_camera
 
+from blender_addon import render_engine
 from blender_addon.editing.stand_in import stand_in_of
-from blender_addon.engine import render_engine
-from blender_addon.files.model import Model, importance, sigmoid
+from blender_addon.evaluated.edited import edited_model
+from blender_addon.files.model import importance, sigmoid
 from blender_addon.files.ply import read_ply
 from blender_addon.files.sh import C0
 from blender_addon.nodes.modifier import edit_modifiers, input_property, set_input
-from blender_addon.nodes.paint import CORNERS
 from blender_addon.objects.attributes import read_attributes
-from blender_addon.objects.edited import edited_model
-
-PLACED = Matrix.Translation((0.3, -1.0, 2.0)) @ Euler((0.3, 0.2, 1.0)).to_matrix().to_4x4() @ Matrix.Scale(1.7, 4)
-
-
-def assert_equal(found: Model, expected: Model) -> None:
-    """Bit by bit."""
-    for name in vars(expected):
-        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
-
-
-def shown(obj) -> Model:
-    """What the modifiers leave now."""
-    obj.update_tag()
-    return edited_model(obj, bpy.context.evaluated_depsgraph_get())
-
-
-def cropped(obj, shape, **options):
-    """(modifier, object) of a new crop, made half as large, so that there is something on both sides."""
-    assert bpy.ops.dogsplat.add_crop(shape=shape, **options) == {"FINISHED"}
-    modifier = edit_modifiers(obj)[-1]
-    target = next(other for other in bpy.context.selected_objects if other != obj)
-    target.scale *= 0.6
-    bpy.context.view_layer.update()
-    return modifier, target
-
-
-def local(obj, target, points) -> np.ndarray:
-    """Points of a model as the crop object sees them."""
-    matrix = np.linalg.inv(np.array(target.matrix_world, np.float64)) @ np.array(obj.matrix_world)
-    return points @ matrix[:3, :3].T + matrix[:3, 3]
-
 
 INSIDE = {
     "BOX": lambda p: np.abs(p).max(axis=1) <= 1,
@@ -140,18 +108,6 @@ def test_sliders_can_be_keyed(scene, model):
     for frame, count in ((1, 20), (21, 120)):
         scene.frame_set(frame)
         assert edited_model(obj, bpy.context.evaluated_depsgraph_get()).n_splats == count
-
-
-def paint(stand_in, rows, weight=None, color=None):
-    """What a stroke over these splats leaves."""
-    corners = (rows[:, None] * CORNERS + np.arange(CORNERS)).ravel()
-    if weight is not None:
-        stand_in.vertex_groups["Erase"].add(corners.tolist(), weight, "REPLACE")
-    if color is not None:
-        for corner in corners:
-            stand_in.data.attributes["Tint"].data[corner].color = color
-    stand_in.data.update()
-    stand_in.update_tag()
 
 
 def test_painting_erases_and_tints_while_it_goes_on_and_afterwards(model):

@@ -4,29 +4,30 @@ No Blender of the tests has them. What 5.3 offers, a type of point clouds, stand
 that everything but the drawing runs.
 """
 
-import json
-import os
+from types import SimpleNamespace
 
 import addon_utils
 import bpy
 import numpy as np
 import pytest
 from bpy.props import EnumProperty
-from check_edited_objects import TURN
-from check_export import export
-from check_live_edits import PLACED, assert_equal, cropped, local
-from check_panel import NO_CAMERA, Layout
-from conftest import REFERENCES, datablocks, load
+from drawn_panels import NO_CAMERA, Layout
+from edits import PLACED, TURN, cropped, local
+from model_files import datablocks, export, load
+from model_values import assert_equal
+from references import REFERENCES, place_camera
 
 from blender_addon.engine.order import make_order
-from blender_addon.engine.renderers import Command
 from blender_addon.files.model import sigmoid
 from blender_addon.files.ply import read_ply
-from blender_addon.native.cloud import read_cloud
+from blender_addon.native import bake
 from blender_addon.native.convert import replace_object, successor
-from blender_addon.native.feature import is_available
 from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import get_column, put_column, read_attributes
+from blender_addon.objects.cloud import read_cloud
+from blender_addon.objects.feature import is_available
+from blender_addon.package.served import RendererError
+from blender_addon.panel import DOGSPLAT_PT_panel
 
 TYPES = (("POINTS", "Points", ""), ("GAUSSIAN_SPLAT", "3D Gaussian Splats", ""))
 
@@ -60,7 +61,7 @@ def test_a_blender_without_native_splats_does_not_offer_them(model):
         bpy.ops.import_scene.dogsplat(filepath=str(model), show_as="NATIVE")
 
 
-def test_imported_as_native_a_dog_model_is_drawn_as_the_gaussians_of_the_package(native, model, tmp_path):
+def test_imported_as_native_a_dog_model_is_drawn_as_the_gaussians_of_the_package(native, model, command, tmp_path):
     """Oracle: what the command bakes, while the import asks the package in this process; 5.3's own names and types."""
     raw, before = read_ply(model), datablocks()
     obj = load(model, show_as="NATIVE", up_axis="-Y", scale=2.0)
@@ -68,7 +69,7 @@ def test_imported_as_native_a_dog_model_is_drawn_as_the_gaussians_of_the_package
     kinds = {a.name: (a.data_type, a.domain) for a in obj.data.attributes}
     assert kinds["radiance:base"] == ("FLOAT4", "POINT") and kinds["rotation"] == ("QUATERNION", "POINT")
     assert kinds["scale"] == kinds["radiance:sh_14"] == ("FLOAT_VECTOR", "POINT")
-    Command(tuple(json.loads(os.environ["DOGSPLAT_COMMAND"]))).convert(model, tmp_path / "plain.ply", bake=True)
+    command.convert(model, tmp_path / "plain.ply", bake=True)
     plain = read_ply(tmp_path / "plain.ply")
     assert not plain.is_dog.any() and raw.is_dog.any()
     assert np.allclose(column(obj, "scale", 3), np.exp(plain.log_scales), rtol=1e-6)
@@ -183,8 +184,6 @@ def test_native_splats_of_blenders_own_import_become_ours(native, model):
 
 def test_exports_and_the_engine_have_native_splats_with_their_dog(native, scene, model, tmp_path):
     """Blender's own export of PLY writes no splats."""
-    from check_render import place_camera
-
     obj, raw = load(model, show_as="NATIVE"), read_ply(model)
     assert_equal(export(tmp_path / "out.ply"), raw)
     obj.matrix_world = TURN
@@ -198,9 +197,6 @@ def test_exports_and_the_engine_have_native_splats_with_their_dog(native, scene,
 
 
 def test_without_the_package_dog_cannot_be_baked_and_nothing_is_left(native, model, monkeypatch):
-    from blender_addon.engine.renderers import RendererError
-    from blender_addon.native import bake
-
     def missing(command):
         raise RendererError("Mitsuba is not there")
 
@@ -218,10 +214,6 @@ def test_without_the_package_dog_cannot_be_baked_and_nothing_is_left(native, mod
 
 
 def test_the_panel_offers_both_ways(native, model):
-    from types import SimpleNamespace
-
-    from blender_addon.panel import DOGSPLAT_PT_panel
-
     def drawn():
         layout, space = Layout(), SimpleNamespace(shading=None, overlay=None)
         panel = SimpleNamespace(layout=layout, _model=lambda *_: None, _viewport=lambda *_: None)

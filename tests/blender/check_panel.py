@@ -1,21 +1,19 @@
 """The panel and the menus draw: every property and operator that they name exists."""
 
-from functools import partial
 from types import SimpleNamespace
 
 import bpy
 import pytest
-from check_render import place_camera
-from conftest import load
+from drawn_panels import NO_CAMERA, Layout, drawn, viewport
+from model_files import load
+from references import place_camera
 
 from blender_addon.engine.passes import SETTINGS
-from blender_addon.engine.render_engine import ENGINE
 from blender_addon.nodes.modifier import input_property, splat_modifier
 from blender_addon.panel import (
     EDITED,
     SHOWN,
     DOGSPLAT_PT_edit,
-    DOGSPLAT_PT_panel,
     DOGSPLAT_PT_passes,
     DOGSPLAT_PT_render,
     apply_menu,
@@ -23,65 +21,7 @@ from blender_addon.panel import (
     import_menu,
     object_menu,
 )
-
-NO_CAMERA = "Colours need an active camera, or Follow View"
-
-
-class Layout:
-    """Stands in for Blender's layout, which needs a window; it checks what it is asked to draw."""
-
-    def __init__(self):
-        self.drawn = []
-
-    def operator(self, name, **options):
-        category, _, function = name.partition(".")
-        getattr(getattr(bpy.ops, category), function).get_rna_type()  # raises where there is none
-        self.drawn.append(name)
-        return SimpleNamespace()
-
-    def progress(self, factor, text, translate=True):
-        assert 0 <= factor <= 1
-        self.drawn.append(text)
-
-    def prop(self, data, name, **options):
-        data.path_resolve(name)
-        self.drawn.append(options.get("text", name))
-
-    def prop_enum(self, data, name, value, **options):
-        assert value in data.bl_rna.properties[name].enum_items
-        self.drawn.append(options["text"])
-
-    def label(self, **options):
-        self.drawn.append(options["text"])
-
-    def row(self, **options):
-        return self
-
-    column = box = row
-
-    def operator_menu_enum(self, name, menu, **options):
-        self.operator(name)
-        category, _, function = name.partition(".")
-        assert menu in getattr(getattr(bpy.ops, category), function).get_rna_type().properties
-
-    def separator(self):
-        pass
-
-
-def viewport():
-    """The space of a viewport of the file: there is one, though no window shows it."""
-    spaces = [area.spaces.active for screen in bpy.data.screens for area in screen.areas]
-    return next(space for space in spaces if space.type == "VIEW_3D")
-
-
-def drawn():
-    layout = Layout()
-    panel = SimpleNamespace(layout=layout)
-    for part in ("_model", "_viewport"):
-        setattr(panel, part, partial(getattr(DOGSPLAT_PT_panel, part), panel))
-    context = SimpleNamespace(object=bpy.context.object, scene=bpy.context.scene, space_data=viewport())
-    DOGSPLAT_PT_panel.draw(panel, context)
-    return layout.drawn
+from blender_addon.render_engine import ENGINE
 
 
 def test_the_panel_shows_the_settings_of_a_model(scene, model):

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
-from training_scene import CENTER, RADIUS, by_package
+from package_command import by_package
+from training_scene import CENTER, RADIUS
 
 from blender_addon.training.rendering import Rendering
 from blender_addon.training.rig import around, held_out

@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from blender_addon.engine.served import RendererError
+from blender_addon.package.served import RendererError
 from blender_addon.viewport.pace import LEVELS, REST, SPARE, TARGET, Level, Pace
 from blender_addon.viewport.stream import Stream
 

@@ -9,18 +9,19 @@ from types import MethodType, SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from check_panel import Layout
-from check_render import psnr
+from blender_pictures import psnr
+from drawn_panels import Layout
 from mathutils import Matrix, Vector
 from training_scene import CENTER, folder_of
 
 from blender_addon.cameras.json_object import read_json_object
-from blender_addon.engine import renderers
-from blender_addon.engine.served import RendererError
+from blender_addon.package import renderers
+from blender_addon.package.served import RendererError
 from blender_addon.training import render_operator, train_operator
 from blender_addon.training import run as training_run
 from blender_addon.training.panel import DOGSPLAT_PT_train
-from blender_addon.training.render_operator import DOGSPLAT_OT_render_views, RenderJobs
+from blender_addon.training.render_jobs import RenderJobs
+from blender_addon.training.render_operator import DOGSPLAT_OT_render_views
 from blender_addon.training.rig_operator import make_rig
 from blender_addon.training.run import TrainingRun, can_go_on
 from blender_addon.training.work import WORK

@@ -4,7 +4,8 @@ from string import Formatter
 
 import bpy
 import pytest
-from conftest import load
+from drawn_panels import drawn
+from model_files import load
 from translatable import formatted_too_early, translatable
 
 from blender_addon.cameras.objects import camera_numbers
@@ -76,8 +77,6 @@ def test_blender_speaks_german(german):
 def test_errors_and_labels_are_german(german, model):
     with pytest.raises(RuntimeError, match=r"nichts.ply: kann nicht gelesen werden \(.*\); den Pfad und seine Rechte"):
         bpy.ops.import_scene.dogsplat(filepath="nichts.ply")
-    from check_panel import drawn
-
     load(model)
     assert "dog: 150 Splats" in drawn()
     assert DOGSPLAT_PT_panel.bl_label == "DoG Splat"

@@ -2,8 +2,9 @@
 
 import bpy
 import pytest
-from check_live_edits import PLACED, assert_equal, cropped
-from conftest import load
+from edits import PLACED, cropped
+from model_files import load
+from model_values import assert_equal
 
 from blender_addon.files.ply import read_ply
 from blender_addon.nodes.modifier import splat_modifier

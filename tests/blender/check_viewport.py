@@ -5,28 +5,25 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from check_live_edits import assert_equal, shown
-from check_render import place_camera
-from conftest import load
+from edits import shown
+from live_views import SIZE, space_of_camera
 from mathutils import Matrix, Vector
+from model_files import load
+from model_values import assert_equal
+from references import place_camera
 
+from blender_addon.engine.settings import ENGINE
 from blender_addon.files.model import importance
 from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import RANK, get_column, read_attributes
-from blender_addon.viewport.handlers import WATCHER, while_moving
+from blender_addon.viewport.handlers import BEHIND_OURS, WATCHER, at_rest, while_moving
 from blender_addon.viewport.view import view_of
 from blender_addon.viewport.watcher import REST, Shown, Watcher, show_models
 
-SIZE = 96, 64
-
 
 def view_of_camera(scene):
-    """The view of a region of that size that looks through the camera."""
-    camera, render, depsgraph = scene.camera, scene.render, bpy.context.evaluated_depsgraph_get()
-    aspect = {"scale_x": render.pixel_aspect_x, "scale_y": render.pixel_aspect_y}
-    projection = camera.calc_matrix_camera(depsgraph, x=SIZE[0], y=SIZE[1], **aspect)
-    space = SimpleNamespace(view_matrix=camera.matrix_world.inverted(), window_matrix=projection, is_perspective=True)
-    return view_of(space, *SIZE)
+    """The view of a small region that looks through the camera."""
+    return view_of(space_of_camera(scene, *SIZE), *SIZE)
 
 
 def drawn(obj) -> np.ndarray:
@@ -152,3 +149,25 @@ def test_following_is_switched_on_and_off_at_once(scene, model, monkeypatch):
     assert get_input(modifier, "View")
     scene.dogsplat_follow_view = False
     assert not get_input(modifier, "View")
+
+
+def test_blender_draws_few_splats_itself_where_our_engine_draws_every_viewport(scene):
+    def window(*kinds):
+        spaces = [SimpleNamespace(shading=SimpleNamespace(type=kind)) for kind in kinds]
+        areas = [SimpleNamespace(type="VIEW_3D", spaces=SimpleNamespace(active=space)) for space in spaces]
+        return SimpleNamespace(screen=SimpleNamespace(areas=areas))
+
+    assert at_rest(scene, [window("RENDERED")]) == Shown()
+    scene.render.engine = ENGINE
+    assert at_rest(scene, [window("RENDERED"), window("RENDERED")]) == Shown(BEHIND_OURS)
+    assert at_rest(scene, [window("RENDERED", "MATERIAL")]) == at_rest(scene, []) == Shown()
+
+
+def test_blender_shows_its_own_splats_again_when_our_engine_leaves(scene, model):
+    modifier, watcher = splat_modifier(load(model)), Watcher()
+    assert watcher.draws(True) and not watcher.draws(True)
+    assert watcher.tick(scene, 100.0, Shown(), Shown(30)) is None
+    assert get_input(modifier, "Moving Share") == pytest.approx(0.2)
+    assert watcher.draws(False)
+    watcher.tick(scene, 101.0, Shown(), Shown())
+    assert get_input(modifier, "Moving Share") == 1

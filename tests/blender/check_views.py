@@ -3,11 +3,12 @@
 import bpy
 import numpy as np
 import pytest
-from check_render import EEVEE
-from training_scene import CENTER, RADIUS, by_package, folder_of, made_unlike, state
+from blender_pictures import EEVEE
+from package_command import by_package
+from training_scene import CENTER, RADIUS, folder_of, made_unlike, state
 
 from blender_addon.training.data_set import is_begun, is_complete
-from blender_addon.training.render_operator import RenderJobs
+from blender_addon.training.render_jobs import RenderJobs
 from blender_addon.training.rendering import Rendering
 from blender_addon.training.rig_operator import make_rig, rig_cameras
 from blender_addon.training.work import WORK

@@ -4,13 +4,17 @@ import atexit
 import os
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import bpy
 import pytest
+from package_command import COMMAND
+from references import REFERENCES
 from training_scene import subject  # noqa: F401  (a fixture)
 
-REFERENCES = Path(os.environ["DOGSPLAT_REFERENCES"])
+from blender_addon import render_engine
+from blender_addon.package.live import LiveCommand, LiveInProcess
+from blender_addon.package.renderers import Command
+
 SHARED = Path(os.environ["DOGSPLAT_SHARED"])
 STATUS = pytest.StashKey[int]()
 
@@ -46,7 +50,7 @@ def model() -> Path:
     return REFERENCES / "dog.ply"
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of real data."""
     if not SHARED.is_dir():
@@ -54,13 +58,34 @@ def shared() -> Path:
     return SHARED
 
 
-def load(path, **options) -> bpy.types.Object:
-    """Import a model and return its object."""
-    assert bpy.ops.import_scene.dogsplat(filepath=str(path), **options) == {"FINISHED"}
-    return bpy.context.object
+@pytest.fixture(scope="session")
+def command():
+    """The process of all final pictures, as the frames of a film have one."""
+    renderer = Command(COMMAND)
+    yield renderer
+    renderer.close()
 
 
-def datablocks() -> SimpleNamespace:
-    """How many there are of each kind that an import can leave behind."""
-    kinds = ("objects", "meshes", "cameras", "collections", "images")
-    return SimpleNamespace(**{kind: len(getattr(bpy.data, kind)) for kind in kinds})
+@pytest.fixture
+def by_command(monkeypatch, command) -> Command:
+    """The render engine draws by that process."""
+    monkeypatch.setattr(render_engine, "choose_renderer", lambda words: command)
+    return command
+
+
+@pytest.fixture(scope="session")
+def live_command():
+    """The process of all pictures of viewports."""
+    renderer = LiveCommand(COMMAND)
+    yield renderer
+    renderer.close()
+    assert not renderer.folder.exists()
+
+
+@pytest.fixture(params=["command", "process"])
+def live(request, live_command):
+    """Both ways to the pictures of a viewport."""
+    if request.param == "command":
+        return live_command
+    pytest.importorskip("mitsuba", reason="mitsuba is not installed beside bpy")
+    return LiveInProcess()

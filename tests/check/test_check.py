@@ -1,82 +1,22 @@
-"""``dogsplat check``: its page, its files, its command line."""
+"""``dogsplat check``: its curves of runs, its files, its command line."""
 
 import json
-import re
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from typing import Any
-from xml.etree.ElementTree import Element
 
 import numpy as np
 import pytest
 import tiny_data
-from html_pages import parsed, rows, section, words
+from check_report import REPORT, figures
+from html_pages import parsed
 from mi_dogsplat import write_ply
 from mi_dogsplat.check import scenes, stability
 from mi_dogsplat.check import settings as settings_module
-from mi_dogsplat.check.page import check_page
 from mi_dogsplat.check.run import check
-from mi_dogsplat.check.tables import cell, table
 from mi_dogsplat.check.training import read_training
 from mi_dogsplat.cli import main
-from mi_dogsplat.report.page import TEMPLATES
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
-
-
-def row(group: str, setting: str, ms: float, error: float, **others) -> dict:
-    return {
-        "group": group, "setting": setting, "default": False, "forward_ms": ms, "total_ms": 3 * ms,
-        "mean_error": error, "max_error": 9 * error, "psnr": 60.0, "rounding_error": 1e-7,
-        "gradient_error": {"means": error, "quats": 2 * error}, "worst_gradient_error": 2 * error,
-        "image_front": False, "gradient_front": False, **others,
-    }  # fmt: skip
-
-
-REPORT = {
-    "model_name": "fox & friends.ply",
-    "machine": {"variant": "llvm_ad_rgb", "cores": 2, "load": 0.1},
-    "work_precision": [
-        {
-            "name": "a < b", "what": "few primitives", "width": 64, "height": 48, "n": 9, "n_dog": 0,
-            "rows": [
-                row("", "default", 5.0, 1e-3, default=True, image_front=True),
-                row("", "no cutoffs", 9.0, 1e-7, image_front=True, gradient_front=True),
-                row("alpha cutoff", "1/64", 4.0, 4e-3, image_front=True),
-                row("alpha cutoff", "1/255", 5.0, 1e-3, default=True, image_front=True),
-                row("bound", "16", 5.5, 2e-3, rounding_error=None),
-                row("bound", "1", 5.0, 1e-3, default=True, image_front=True),
-            ],
-        }
-    ],
-    "training": [
-        {"run": "a", "label": "fox · <3dgs>", "seconds": 100.0, "n": 3000, "final": {"psnr": 27.5, "flip": 0.1},
-         "l1": [[1.0, 0.1], [99.0, 0.01]], "psnr": [[50.0, 25.0], [100.0, 27.5]], "flip": [[100.0, 0.1]]},
-        {"run": "b", "label": "fox · ours", "seconds": 50.0, "n": 300, "final": {"psnr": 27.4},
-         "l1": [[1.0, 0.2], [49.0, 0.02]], "psnr": [], "flip": []},
-    ],
-    "stability": [
-        {"group": "shape", "name": "needle", "finite": True, "image_error": 3e-7, "gradient_error": {"means": 2e-6},
-         "max_T": 1.0, "verdict": "right", "note": ""},
-        {"group": "camera", "name": "lens", "finite": False, "image_error": None, "gradient_error": 0.5,
-         "max_T": 1.0, "verdict": "wrong", "note": "a <defect>"},
-    ],
-}  # fmt: skip
-
-
-def figures(html: str, name: str = "") -> list[str]:
-    return re.findall(rf'<svg [^>]*role="img" aria-label="{name}[^>]*>.*?</svg>', html, re.DOTALL)
-
-
-def page_of(report: dict) -> Element:
-    return parsed(check_page(report))
-
-
-def table_of(values: list[dict]) -> Element:
-    """The table of a page."""
-    macros: Any = TEMPLATES.get_template("check/templates/table.html").module
-    return parsed(macros.table(table(values)))
 
 
 def run(capsys, *argv) -> tuple[int, str, str]:
@@ -116,143 +56,6 @@ def few_points(monkeypatch):
     monkeypatch.setattr(settings_module, "KEPT", {"100 %": 1.0, "50 %": 0.5})
     for name in ("TRANSMITTANCE", "BOUND", "PATCH"):
         monkeypatch.setattr(settings_module, name, {})
-
-
-# --- the page ---
-
-
-def test_the_page_is_well_formed_and_needs_nothing_but_itself():
-    html = check_page(REPORT)
-    parsed(html)
-    svgs = re.findall(r"<svg.*?</svg>", html, re.DOTALL)
-    assert len(svgs) == 5 + 5  # and the swatches of the legends
-    for svg in svgs:
-        ElementTree.fromstring(svg)
-    for word in ("<script", "<link", "http", "url(", "NaN", "None"):
-        assert word not in html
-
-
-def test_the_page_shows_every_part():
-    html = check_page(REPORT)
-    assert "<title>fox &amp; friends.ply · check</title>" in html
-    page = parsed(html)
-    headings = ["Error against run time", "Training error against run time", "Stability"]
-    assert [words(heading) for heading in page.iter("h2")] == headings
-    for heading in headings:
-        part = section(page, heading)
-        assert part is not None and part[0].attrib["class"] == "read"
-    labels = [re.findall('aria-label="([^"]*)"', svg)[0] for svg in figures(html)]
-    assert labels == [
-        "mean error of the image against forward, ms", "relative error, worst gradient against forward + backward, ms",
-        "training L1 against run time, s", "test PSNR, dB against run time, s", "test FLIP against run time, s",
-    ]  # fmt: skip
-    tiles = [words(tile) for tile in page.findall(".//*[@class='tile']")]
-    assert tiles == [
-        "Image error ↓ 0.001 mean, defaults, a < b", "of it rounding ↓ 1.0e−7 float32 against float64",
-        "Gradient error ↓ 0.002 relative, the worst parameter", "Forward 5.0 ms 15.0 with backward",
-        "Stability 2 cases 0 of them defined, 1 wrong", "Training 2 runs error against wall-clock time",
-    ]  # fmt: skip
-    (facts,) = page.findall(".//dl")
-    assert [words(fact) for fact in facts] == ["variantllvm_ad_rgb", "cores2", "load0.1"]
-
-
-def test_text_from_files_cannot_become_markup():
-    html = check_page(REPORT)
-    for text in ("fox &amp; friends", "a &lt; b", "&lt;3dgs&gt;", "a &lt;defect&gt;"):
-        assert text in html
-    assert "<3dgs>" not in html and "<defect>" not in html
-
-
-def test_parts_that_were_not_run_are_left_out():
-    for key in ("work_precision", "training", "stability"):
-        page = page_of({"model_name": None, "machine": {}, key: REPORT[key]})
-        assert len(list(page.iter("h2"))) == 1
-        assert words(next(page.iter("h1"))) == "numerics check"
-    assert not list(page_of({}).iter("h2"))
-
-
-def test_the_front_is_ringed_named_and_joined_and_the_default_drawn_once():
-    (image,) = figures(check_page(REPORT), "mean error")
-    assert image.count('class="ring"') == 3  # default, no cutoffs, 1/64
-    assert sorted(re.findall(r'class="note"[^>]*>([^<]*)<', image)) == ["1/64", "default", "no cutoffs"]
-    assert image.count('class="c0 dashed"') == 1 and image.count('class="c0 points"') == 2
-    assert "<title>alpha cutoff 1/64: 0.004, 4 ms</title>" in image
-    (gradient,) = figures(check_page(REPORT), "relative error")
-    assert gradient.count('class="ring"') == 1
-
-
-def test_both_axes_of_the_settings_are_logarithmic():
-    rows = [row("bound", str(ms), ms, 1 / ms**2) for ms in (1.0, 10.0, 100.0)]
-    scene = REPORT["work_precision"][0]
-    html = check_page({"work_precision": [scene | {"rows": [scene["rows"][0], *rows]}]})
-    for svg in figures(html)[:2]:
-        points = re.findall(r'class="c3 points" transform="translate\(([\d.]+) ([\d.]+)', svg)
-        for a, b, c in zip(*np.array(points, float), strict=True):
-            assert b - a == pytest.approx(c - b, abs=0.2) and abs(b - a) > 20
-
-
-def test_the_table_of_a_scene_has_every_setting_and_parameter():
-    (numbers,) = page_of(REPORT).iter("details")
-    head, *body = rows(numbers)
-    assert {"setting", "means", "quats"} <= set(head) and ["alpha cutoff"] in body
-    assert [line[0] for line in body if len(line) > 1] == [
-        "default", "no cutoffs", "1/64", "1/255 (default)", "16", "1 (default)"
-    ]  # fmt: skip
-    assert body[1][-1] == "image, gradient"
-
-
-def test_an_error_of_zero_or_unknown_is_in_the_table_but_not_on_the_logarithmic_plot():
-    odd = row("bound", "4", 5.0, 0.0), row("bound", "2", 5.0, 1e-3, mean_error=None, psnr=None)
-    scene = REPORT["work_precision"][0]
-    html = check_page({"work_precision": [scene | {"rows": [*scene["rows"], *odd]}]})
-    (image,) = figures(html, "mean error")
-    assert "bound 16:" in image and "bound 4:" not in image and "bound 2:" not in image
-    assert {"4", "2"} <= {line[0] for line in rows(next(parsed(html).iter("details")))}
-
-
-def test_a_busy_machine_is_said_to_be_one():
-    assert not page_of(REPORT).findall(".//*[@class='notice']")
-    (notice,) = page_of(REPORT | {"machine": {"load": 1.5}}).findall(".//*[@class='notice']")
-    assert "Repeat it on a quiet machine." in words(notice)
-
-
-# --- tables ---
-
-
-def test_a_table_takes_whatever_columns_come():
-    found = rows(table_of([{"a_b": 1, "c": "x"}, {"a_b": None, "d": True}]))
-    assert found == [["a b", "c", "d"], ["1", "x", "–"], ["–", "–", "yes"]]
-    assert table([]).groups == []
-
-
-def test_rows_of_a_group_stand_under_its_name_once():
-    found = table_of([{"group": g, "v": i} for i, g in enumerate("aab")])
-    assert rows(found) == [["v"], ["a"], ["0"], ["1"], ["b"], ["2"]]
-    names = [line for line in found.iter("tr") if line.get("class") == "group"]
-    assert [(words(name), name[0].attrib["colspan"]) for name in names] == [("a", "1"), ("b", "1")]
-
-
-def test_numbers_stand_to_the_right_and_defects_stand_out():
-    found = table_of([{"n": 1.0, "verdict": "right", "finite": True}, {"n": None, "verdict": "wrong", "finite": False}])
-    classes = [[(words(cell), cell.get("class")) for cell in line] for line in found.iter("tr")]
-    assert classes == [
-        [("n", "n"), ("verdict", None), ("finite", None)],
-        [("1", "n"), ("right", None), ("yes", None)],
-        [("–", "n"), ("wrong", "bad"), ("no", "bad")],
-    ]
-
-
-@pytest.mark.parametrize(
-    ("value", "shown"),
-    [
-        (1.234e-7, "1.2e\u22127"), (0.0123, "0.0123"), (0.0, "0"), (4.74e18, "4.74e18"), (-2.0, "\u22122"),
-        (3000, "3,000"), (float("nan"), "–"), (None, "–"), (False, "no"), ("<b>", "<b>"), ([1, 2.5], "1, 2.5"),
-        (list("abcdef"), "6 values"), (1e-15, "1.0e\u221215"),
-        ({"means": 1e-6, "quats": 2e-3, "x": None}, ("0.002", "quats")), ({}, "–"), (0, "0"),
-    ],
-)  # fmt: skip
-def test_values_are_shown_short(value, shown):
-    assert cell(value)[:2] == (shown if isinstance(shown, tuple) else (shown, ""))
 
 
 # --- training ---

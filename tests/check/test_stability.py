@@ -43,11 +43,37 @@ def test_all_that_must_be_covered_is():
 def test_a_wrong_answer_is_called_wrong(monkeypatch):
     case = Case("shape", "x", primitives([(0.1, 0.2, 3), (0.3, 0.1, 4)]), camera(), np.arange(2))
     assert measure(case)["verdict"] == "right"
-    for name in ("IMAGE_TOLERANCE", "GRADIENT_TOLERANCE"):
-        with monkeypatch.context() as patch:
-            patch.setattr(f"mi_dogsplat.check.stability.{name}", 1e-12)
-            assert measure(case)["verdict"] == "wrong"
+    assert verdict_of_changed(case, (20, 24), 1.1 * IMAGE_TOLERANCE, monkeypatch) == "wrong"
+    monkeypatch.setattr(stability, "GRADIENT_TOLERANCE", 1e-12)
+    assert measure(case)["verdict"] == "wrong"
     assert 0 < IMAGE_TOLERANCE < 1 / 255 and 0 < GRADIENT_TOLERANCE < 0.1
+
+
+def test_a_pixel_is_judged_by_what_it_blends_and_not_by_the_brightest(monkeypatch):
+    """Between the lobes T grows to 2^30, in a corner of the picture to 500."""
+    case = CASES["DoG: 500 negative lobes on each other"]
+    assert verdict_of_changed(case, (0, 0), 1.0, monkeypatch) == "wrong"
+
+
+def test_a_lobe_that_is_missing_among_500_is_an_error(monkeypatch):
+    case = CASES["DoG: 500 negative lobes on each other"]
+    fewer = replace(case, splats=case.splats.select(np.delete(np.arange(case.splats.n_splats), case.extreme[250])))
+    image = answer(fewer, Cutoffs()).image
+    monkeypatch.setattr(stability, "answer", lambda *given: replace(answer(*given), image=image))
+    assert measure(case)["verdict"] == "wrong"
+
+
+def verdict_of_changed(case: Case, pixel: tuple[int, int], change: float, monkeypatch) -> str:
+    """The verdict if the engine's image were another one at a pixel."""
+
+    def changed(*given):
+        right = answer(*given)
+        right.image[pixel] += change
+        return right
+
+    with monkeypatch.context() as patch:
+        patch.setattr(stability, "answer", changed)
+        return measure(case)["verdict"]
 
 
 def test_gradients_at_the_default_cutoffs_count_too(monkeypatch):

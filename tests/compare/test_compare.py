@@ -3,47 +3,31 @@
 import contextlib
 import csv
 import json
-import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import psutil
 import pytest
 from html_pages import parsed, rows, words
-from mi_dogsplat.compare.cluster import local_options
 from mi_dogsplat.compare.compare import compare
-from mi_dogsplat.compare.execute import Means, in_a_process
-from mi_dogsplat.compare.methods import GROUPS, METHODS
-from mi_dogsplat.compare.names import ABLATION, ALL, EQUAL, PUBLISHED, RIVALS, chosen
+from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.compare.page import comparison_page, pareto
 from mi_dogsplat.compare.table import COLUMNS, MEAN, collect_all, latex
 from mi_dogsplat.compare.tasks import Task, perform, tasks_of
 from mi_dogsplat.measure.lpips import Lpips
 from mi_dogsplat.runs.checkpoint import Checkpoints, load_checkpoint
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.support.locks import locked
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
 from PIL import Image
+from small_comparison import NAMES, SETTINGS
 from small_vgg import install, small_weights
 from tiny_data import write_tiny_data
-
-NAMES = ("3dgs", "mini_splatting", "mask_gaussian", "dash", "ours")
-SETTINGS: dict[str, Any] = {
-    "preset": "3dgs",
-    "steps": 60,
-    "sh_degree": 1,
-    "max_primitives": 120,
-    "target": 0.25,
-    "log_every": 10,
-}
 
 
 @pytest.fixture(scope="module")
@@ -190,24 +174,6 @@ def test_a_run_that_fails_is_named_and_the_others_go_on(comparison, data, tmp_pa
     assert not (out / "tiny" / "seed_0" / "opacity.log").exists()
 
 
-def test_without_its_start_a_run_fails_in_one_line(data, tmp_path):
-    (tmp_path / "tiny").mkdir()
-    settings = {k: v for k, v in vars(TrainConfig(str(data), steps=60)).items() if k not in ("preset", "seed")}
-    (tmp_path / "tiny" / "config.json").write_text(json.dumps(settings))
-    error = in_a_process(Task("train", str(tmp_path / "tiny"), 0, ("3dgs",)), Means())
-    assert error and "there is no densified start" in error
-
-
-def test_tasks_wait_for_the_start_and_times_for_all_runs_of_the_same_data_and_seed(tmp_path):
-    tasks = [t for name in "ab" for t in tasks_of(tmp_path / name, (0, 1), ("3dgs", "ours"))]
-    assert len({task.name for task in tasks}) == len(tasks) == 16
-    for task in tasks:
-        needed = [other for other in tasks if task.needs(other)]
-        assert all(other.seed_folder == task.seed_folder for other in needed)
-        assert len(needed) == {"start": 0, "train": 1, "time": 3}[task.kind]
-        assert all(tasks.index(other) < tasks.index(task) for other in needed)  # so that they can go in this order
-
-
 def test_several_data_sets_have_their_mean_first(comparison, tmp_path):
     out, table, _ = comparison
     for name in ("a", "b"):
@@ -242,51 +208,10 @@ def test_other_folders_and_data_are_refused(comparison, data, tmp_path):
         compare(config, [str(single)], tmp_path / "newer", [0], NAMES)
 
 
-def test_the_command_line_offers_all_methods_in_order_and_sets_of_them():
-    assert list(METHODS) == list(ALL) and len(set(ALL)) == len(ALL)
-    assert sorted(METHODS) == sorted(name for members in GROUPS.values() for name in members)
-    assert set(METHODS) == {*PUBLISHED, *EQUAL, *ABLATION}
-    assert chosen(["ours", "ablation", "3dgs"]) == [name for name in ALL if name in ABLATION]
-    assert chosen(["equal", "published"]) == [name for name in ALL if name in {*EQUAL, *PUBLISHED}]
-    with pytest.raises(ValueError, match="best"):
-        chosen(["ours", "best"])
-
-
-def test_every_rival_has_a_row_with_our_window_and_step_sizes_and_says_in_what_it_deviates():
-    ours = METHODS["ours"].recipe
-    for name in RIVALS:
-        equal, published = METHODS[name + "_equal"], METHODS[name]
-        assert equal.recipe.refinement == ours.refinement and equal.recipe.dog is None
-        if equal.recipe.pruning:
-            assert equal.recipe.pruning.stop == ours.pruning.stop  # type: ignore[union-attr]
-        assert "window and step sizes are ours" in equal.deviations and published.deviations in equal.deviations
-    assert all(METHODS[name].deviations for name in RIVALS if name not in ("opacity", "3dgs_capped"))
-
-
-def test_the_docs_have_every_rival_with_all_that_it_deviates_in():
-    text = (Path(__file__).parents[2] / "docs" / "compare.md").read_text(encoding="utf-8")
-    lines = {line.split("|")[1].strip(" `"): line for line in text.splitlines() if line.startswith("| `")}
-    for name in (*RIVALS, "paper", "released", "released_40k"):
-        assert METHODS[name].deviations in lines[name], name
-
-
 def test_a_worker_without_the_weights_of_lpips_says_so(comparison):
     out, _, _ = comparison
     with pytest.raises(DataError, match="lpips_vgg16.npz.*make lpips"):
         perform(Task("lpips", str(out / "tiny"), 0, NAMES), {})
-
-
-def test_two_comparisons_do_not_write_to_one_folder(data, tmp_path):
-    (tmp_path / "out").mkdir()
-    with locked(tmp_path / "out", "taken"), pytest.raises(DataError, match="another comparison is writing"):
-        compare(TrainConfig("", **SETTINGS), [str(data)], tmp_path / "out", [0], ("3dgs",))
-    assert not list((tmp_path / "out").iterdir())
-
-
-def test_the_memory_that_is_given_holds_for_every_task(data, tmp_path):
-    config = replace(TrainConfig("", **SETTINGS), memory="1M")
-    table = compare(config, [str(data)], tmp_path / "out", [0], ("3dgs",))
-    assert "needs about" in table["failed"]["tiny, seed 0: densified start"]
 
 
 @pytest.mark.slow
@@ -298,15 +223,6 @@ def test_methods_that_come_later_are_timed_with_the_others_and_rows_tell_their_s
     rows = latex(table, "tiny").splitlines()
     assert any(row.startswith("opacity (2 seeds) &") for row in rows)
     assert any(row.startswith("DashGaussian (1 seed) &") for row in rows)
-
-
-@pytest.mark.slow
-def test_neither_the_start_nor_a_method_depends_on_the_distance_of_rows_and_pages_do_without_curves(data, tmp_path):
-    settings: dict[str, Any] = SETTINGS | {"log_every": 45, "test_every": 1000}
-    table = compare(TrainConfig("", **settings), [str(data)], tmp_path / "out", [0], ("3dgs", "lp_3dgs"))
-    start = load_checkpoint(tmp_path / "out" / "tiny" / "seed_0" / "start.npz")
-    assert not table["failed"] and start["step"] == 30 and start["seconds"] > 0
-    assert "Error against run time" in (tmp_path / "out" / "comparison.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(("kind", "methods", "stop"), [("start", (), 17), ("train", ("ours",), 47)])
@@ -390,36 +306,3 @@ def test_workers_on_this_machine_do_the_same(comparison, data, tmp_path):
     table = compare(TrainConfig("", **SETTINGS), [str(data)], tmp_path / "out", [0], ("3dgs",), workers=2)
     again, first = (t["methods"]["3dgs"]["data"]["tiny"]["runs"]["0"] for t in (table, comparison[1]))
     assert again["psnr"] == pytest.approx(first["psnr"], abs=1e-3) and not table["failed"]
-
-
-@pytest.mark.slow
-def test_on_two_workers_of_which_one_is_killed_all_runs_are_complete(data, tmp_path):
-    """The worker dies while it performs a task: the process of the task goes too, and another worker does it again."""
-    from distributed import Client, LocalCluster
-
-    killed: list[psutil.Process] = []
-    cluster: Any = LocalCluster(**local_options(2))
-    with cluster:
-        client: Any = Client(address := cluster.scheduler_address)
-        with client:
-
-            def kill_a_busy_worker(line: str) -> None:
-                """As soon as the start is there and runs have begun."""
-                deadline = time.monotonic() + 30
-                while not killed and time.monotonic() < deadline:
-                    busy = [psutil.Process(pid) for pid in client.run(os.getpid).values()]
-                    runs = [(worker, worker.children()) for worker in busy if worker.children()]
-                    if runs:
-                        worker, children = runs[0]
-                        killed.extend(children)
-                        worker.send_signal(signal.SIGKILL)
-
-            config, out = TrainConfig("", **SETTINGS), tmp_path / "out"
-            names = ("3dgs", "opacity", "radsplat", "ours")
-            table = compare(config, [str(data)], out, [0], names, cluster=address, progress=kill_a_busy_worker)
-    assert killed
-    gone, alive = psutil.wait_procs(killed, timeout=300)
-    assert not alive
-    assert list(table["methods"]) == list(names) and not table["failed"]
-    for name in names:
-        assert len((out / "tiny" / "seed_0" / name / "history.jsonl").read_text().splitlines()) >= 3

@@ -1,6 +1,5 @@
 """COLMAP folders: layouts, encodings, smaller images, lenses, and one line for each kind of damage."""
 
-
 import numpy as np
 import pytest
 from dataset_folders import HEIGHT, N_VIEWS, WIDTH, colmap_folder, error_of, write_images
@@ -115,5 +114,3 @@ def test_poses_in_the_wrong_direction_are_caught_by_the_points_and_the_message_n
     lines = [line if line.count(" ") < 10 or ".png" in line else "" for line in lines]  # without observations
     path.write_text("\n".join(lines) + "\n")
     assert "world-to-camera" in error_of(tmp_path)
-
-

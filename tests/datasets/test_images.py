@@ -119,5 +119,3 @@ def test_camera_extent_is_a_tenth_more_than_the_largest_distance_from_the_mean_c
 
     np.testing.assert_allclose(camera_extent([view(0), view(1), view(5)]), 1.1 * 3)
     assert camera_extent([view(4)]) == 1
-
-

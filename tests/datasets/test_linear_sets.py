@@ -20,8 +20,8 @@ from mi_dogsplat.render.picture import light_of, photograph
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.render.render_files import picture_of
 from mi_dogsplat.runs.evaluation import evaluate_model
-from mi_dogsplat.scene.cameras import camera_to_mitsuba
 from mi_dogsplat.scene.drawing import drawn_as
+from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.pictures import write_png, write_radiance
 from mi_dogsplat.support.srgb import displayed, srgb_to_linear

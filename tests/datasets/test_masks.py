@@ -1,6 +1,5 @@
 """Masks: what they hide has no gradient, is not learned and not measured."""
 
-
 import numpy as np
 import pytest
 import tiny_data

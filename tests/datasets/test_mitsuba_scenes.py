@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.measure.metrics import psnr
-from mi_dogsplat.scene.cameras import camera_from_mitsuba
+from mi_dogsplat.scene.mitsuba_cameras import camera_from_mitsuba
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import dog_dict, logit
 
@@ -51,7 +51,6 @@ def render(splats: Splats, **integrator) -> tuple[np.ndarray, Any]:
     scene: Any = mi.load_dict({"type": "scene", "sensor": SENSOR, "shape": dog_dict(splats),
                                "integrator": {"type": "dogsplat", **integrator}})
     return mi.render(scene).numpy(), camera_from_mitsuba(scene.sensors()[0])
-
 
 
 @CASES

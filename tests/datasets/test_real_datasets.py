@@ -14,7 +14,6 @@ def real(name: str) -> Path:
     return DATA / name
 
 
-
 @pytest.mark.parametrize(("name", "n", "size"), [("fox", 50, (112, 200)), ("fern", 20, (200, 150))])
 def test_real_colmap_captures_load_with_every_eighth_image_for_test_and_cameras_that_see_the_points(
     name, n, size
@@ -73,5 +72,3 @@ def test_our_reader_agrees_with_pycolmap_on_real_models():
         np.testing.assert_allclose(view.camera.w2c[:3], image.cam_from_world().matrix(), atol=1e-12)
     expected = np.array([model.points3D[i].xyz for i in sorted(model.points3D)], np.float32)
     np.testing.assert_array_equal(dataset.points, expected)
-
-

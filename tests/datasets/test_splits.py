@@ -8,7 +8,7 @@ import pytest
 from dataset_folders import HEIGHT, WIDTH, colmap_folder, error_of, transforms_folder
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import held_out
-from test_scene_datasets import scene_file
+from scene_files import scene_file
 
 
 def names_of(path: Path, **options) -> tuple[list[str], list[str]]:

@@ -93,5 +93,3 @@ def test_a_transforms_file_without_focal_length_names_the_keys(tmp_path):
     text = (tmp_path / "transforms.json").read_text()
     (tmp_path / "transforms.json").write_text(text.replace("camera_angle_x", "angle"))
     assert "fl_x" in error_of(tmp_path)
-
-

@@ -2,6 +2,7 @@
 
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import drjit as dr
 import mi_dogsplat
@@ -9,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.engine.arrays import array_types
-from mi_dogsplat.engine.drjit_internals import DIGIT, argsort_small, digits_of, variable_indices
+from mi_dogsplat.engine.drjit_internals import DIGIT, argsort_small, digits_of, held, variable_indices
 
 PACKAGE = Path(mi_dogsplat.__file__).parent
 CHECKED = "1.5."
@@ -61,3 +62,14 @@ def test_the_indices_of_variables_change_when_one_is_replaced_or_attached():
     assert variable_indices([a, [b + 1]]) != known
     dr.enable_grad(a)
     assert variable_indices([a, [b]]) != known
+
+
+def test_what_is_held_stays_when_the_tensor_that_it_was_of_is_assigned_to():
+    tensor: Any = dr.opaque(mi.TensorXf, 1, (6,))
+    dr.enable_grad(tensor)
+    view, (kept,) = tensor.array, held([tensor.array])
+    index = view.index
+    assert kept.index == index and not dr.grad_enabled(kept)
+    tensor[:] = dr.zeros(mi.TensorXf, (6,))
+    assert view.index != index and kept.index == index
+    np.testing.assert_array_equal(kept.numpy(), np.ones(6))

@@ -3,10 +3,15 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
+from mi_dogsplat.datasets.capture import capture
+from mi_dogsplat.datasets.capture_config import CaptureConfig
+from mi_dogsplat.support.errors import DataError
 
 # Eight balls of eight colours at the corners of a box: no rotation or mirroring maps the scene to itself.
 BALLS = [(x, y, z) for x in (-1, 1) for y in (-0.7, 0.7) for z in (-0.5, 0.5)]
 RADIUS = 0.4
+BAND = (12.0, 65.0)  # degrees: elevations of cameras
 BALL = """
 <shape type="sphere"><point name="center" x="{}" y="{}" z="{}"/><float name="radius" value="0.4"/>
 <bsdf type="diffuse"><rgb name="reflectance" value="{}, {}, {}"/></bsdf></shape>"""
@@ -33,3 +38,15 @@ def write_scene(folder: Path, *parts: str, integrator: str = PATH, light: str = 
     file = folder / "scene.xml"
     file.write_text(f'<scene version="3.0.0">{integrator}{light}{balls()}{"".join(parts)}</scene>')
     return file
+
+
+def tiny(**settings) -> CaptureConfig:
+    return CaptureConfig(**{**dict(views=2, test=1, size=(32, 24), spp=4, points=200, elevations=BAND), **settings})
+
+
+def error_of(*arguments) -> str:
+    """The one line that ``capture`` ends with."""
+    with pytest.raises(DataError) as raised:
+        capture(*arguments)
+    assert "\n" not in str(raised.value)
+    return str(raised.value)

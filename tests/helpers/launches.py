@@ -7,6 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
+import mitsuba as mi
+import pytest
+
+llvm_only = pytest.mark.skipif(not (mi.variant() or "").startswith("llvm"), reason="reads LLVM code; use llvm_ad_rgb")
 
 WARM_UP = 4  # calls; a frozen function records its kernels in the first ones
 
@@ -45,6 +49,25 @@ def launches(run: Callable[[], Any]) -> list[Launch]:
         Launch(kind, k["size"], k.get("operation_count", 0), code)
         for k, kind, code in zip(history, kinds, codes, strict=True)
     ]
+
+
+class KernelWatch:
+    """Of a ``with`` block: how many kernels it ``launched``, and hashes of those that were not in memory before."""
+
+    def __enter__(self) -> "KernelWatch":
+        dr.sync_thread()
+        self._flag = dr.scoped_set_flag(dr.JitFlag.KernelHistory)
+        self._flag.__enter__()
+        dr.kernel_history_clear()
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        dr.eval()
+        dr.sync_thread()
+        history = dr.kernel_history([dr.KernelType.JIT])
+        self._flag.__exit__(*problem)
+        self.launched = len(history)
+        self.new = [kernel["hash"] for kernel in history if not kernel["cache_hit"] or kernel["cache_disk"]]
 
 
 def kernels(run: Callable[[], Any]) -> list[tuple[int, int]]:

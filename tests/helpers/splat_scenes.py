@@ -12,7 +12,8 @@ from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import Frame, RasterOptions, rasterize
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
-from mi_dogsplat.scene.cameras import Camera, camera_to_mitsuba
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.splats import Splats
 
 from benchmarks.derivative_cases import dog_dict
@@ -61,6 +62,16 @@ def random_splats(n=40, seed=0, degree=3, dog_share=0.5) -> Any:
     return splats
 
 
+def constant_layers(alphas) -> Any:
+    """Layers of one alpha each, front to back. A negative one is the pseudo-Gaussian of a point beside the image."""
+    alphas = np.array(alphas)
+    negative, depths = alphas < 0, np.linspace(1, 2, len(alphas))
+    means = np.column_stack([np.where(negative, -depths, 0), 0 * depths, depths])
+    return make_splats(means, np.where(negative, 1e-12, 1e5)[:, None],
+                       np.where(negative, 0.985, alphas), (0.3, 0.6, 0.9), dog=np.flatnonzero(negative),
+                       f_a=-alphas[negative] / 0.985, F=1e17)
+
+
 def axis_rotation(axis, angle):
     """Matrix and quaternion (x, y, z, w) of a rotation."""
     axis = np.asarray(axis, float) / np.linalg.norm(axis)
@@ -75,6 +86,14 @@ def tilted_camera(width=64, height=48, f=60.0, cx=None, cy=None) -> Camera:
     w2c[:3, :3] = axis_rotation([0.3, 1, -0.4], 0.2)[0]
     w2c[:3, 3] = 0.3, -0.1, 0.2
     return make_camera(width, height, f, cx, cy, w2c)
+
+
+def opaque_only(splats: Any, kept: np.ndarray) -> Any:
+    """The others become invisible, so that rows stay where they are."""
+    rows = {name: np.array(getattr(splats, name), float) for name in RAW_PARAMETERS}
+    copy = SimpleNamespace(**rows, dog_index=splats.dog_index)
+    copy.logit_opacities[~kept] = -np.inf
+    return copy
 
 
 def rounded(splats: Any) -> Splats:
@@ -187,6 +206,16 @@ def kernels(run: Callable[[], Any]) -> set[str]:
         run()
         dr.sync_thread()
         return {k["hash"] for k in dr.kernel_history([dr.KernelType.JIT])}
+
+
+def variable_in_the_place_of(index: int, value: float, size: int) -> Any:
+    """A new variable, with the index of one that is gone if Dr.Jit gives it out again."""
+    others = []
+    for _ in range(500):
+        others.append(dr.opaque(mi.Float, value, size))
+        if others[-1].index == index:
+            break
+    return others[-1]
 
 
 def to_linear(v: np.ndarray) -> np.ndarray:

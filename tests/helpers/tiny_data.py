@@ -14,23 +14,15 @@ from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.pictures import write_png
 
+from benchmarks.blobs import blobs
+
 WIDTH, HEIGHT = 48, 36
 N_TRUTH = 60
 OPTIONS = RasterOptions(sh_degree=1, depth=True)
 
 
 def truth(seed: int = 0) -> Splats:
-    """Coloured blobs within the unit ball, of SH degree 1 with a small view-dependent part."""
-    rng = np.random.default_rng(seed)
-    sh_coeffs = rng.normal(size=(N_TRUTH, 4, 3)) * 0.05
-    sh_coeffs[:, 0] = (rng.uniform(0.05, 0.95, (N_TRUTH, 3)) - 0.5) / C0
-    return Splats(
-        means=rng.uniform(-0.6, 0.6, (N_TRUTH, 3)),
-        log_scales=np.log(rng.uniform(0.06, 0.2, (N_TRUTH, 3))),
-        quats=rng.normal(size=(N_TRUTH, 4)),
-        logit_opacities=rng.uniform(0.5, 3, N_TRUTH),
-        sh_coeffs=sh_coeffs,
-    )
+    return blobs(N_TRUTH, seed)
 
 
 def cameras(n: int = 8, width: int = WIDTH, height: int = HEIGHT) -> list[Camera]:

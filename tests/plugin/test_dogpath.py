@@ -8,9 +8,20 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.plugin import light_paths
+from mi_dogsplat.plugin.dogpath import LatestTracer
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
-from splat_scenes import dog_dict, make_splats, random_splats, rounded, scene_of, sensor_dict, to_linear
+from mi_dogsplat.tracing.options import TraceOptions
+from splat_scenes import (
+    dog_dict,
+    make_splats,
+    random_splats,
+    rounded,
+    scene_of,
+    sensor_dict,
+    to_linear,
+    variable_in_the_place_of,
+)
 
 CAMERA = Camera(np.eye(4), 18.0, 18.0, 6.0, 5.0, 12, 10)  # at the origin, looks along z
 ALONE = {"type": "dogpath"}
@@ -253,6 +264,27 @@ def test_without_other_shapes_it_has_the_bits_of_dogsplat(spp):
     film, aovs = {"pixel_format": "rgba"}, "depth,normal"
     ours, theirs = (render(splats, sky, spp=spp, film=film, aovs=aovs, type=kind) for kind in ("dogpath", "dogsplat"))
     np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_tracer_is_not_kept_for_a_new_variable_in_the_place_of_one_that_is_gone():
+    scene: Any = scene_of(rounded(random_splats(20, seed=1)), CAMERA, type="dogpath")
+    params: Any = mi.traverse(scene)
+    directions: Any = camera_rays().reshape(-1, 3).T
+    latest, ray = LatestTracer(), mi.Ray3f(mi.Point3f(0), mi.Vector3f(directions))
+    name, (shape,) = "splats.logit_opacities", scene.shapes()
+
+    def transmittance(tracer: LatestTracer) -> np.ndarray:
+        return np.array(tracer.of(shape.parameters, TraceOptions(sh_degree=3), False)[0].transmittance(ray))
+
+    params[name] = dr.opaque(mi.TensorXf, 4, (20,))
+    params.update()
+    index, opaque = params[name].array.index, transmittance(latest)
+    params[name] = dr.zeros(mi.TensorXf, (20,))
+    params.update()
+    params[name] = mi.TensorXf(variable_in_the_place_of(index, -3, 20))
+    params.update()
+    np.testing.assert_array_equal(transmittance(latest), transmittance(LatestTracer()))
+    assert transmittance(latest).mean() > opaque.mean() + 0.1
 
 
 def test_a_moved_shape_and_two_shapes_are_mirrored_where_they_are():

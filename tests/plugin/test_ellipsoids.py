@@ -9,7 +9,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import Splats, reference, to_ellipsoids, write_ply
-from mi_dogsplat.scene.cameras import Camera, camera_to_mitsuba
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.transform import transformed
 from splat_scenes import axis_rotation, dog_dict, make_splats, random_splats, rounded, scalar_transform, select
 

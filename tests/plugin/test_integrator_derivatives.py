@@ -169,8 +169,6 @@ def test_mitsubas_adam_on_all_parameters_reduces_a_loss():
     assert losses[-1] < 0.6 * losses[0], losses
 
 
-
-
 def test_gradients_of_several_passes_are_the_same_in_a_variant_with_one_channel():
     """There the three channels of a sample are one variable."""
     if "llvm_ad_mono" not in mi.variants():

@@ -13,7 +13,8 @@ import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.engine.motion import moved
 from mi_dogsplat.engine.parameters import RAW, upload
-from mi_dogsplat.scene.cameras import Camera, opencv_w2c_to_mitsuba_c2w
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.mitsuba_cameras import opencv_w2c_to_mitsuba_c2w
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
 from splat_scenes import dog_dict, random_splats, rounded, scene_of, sensor_dict, square_camera

@@ -9,7 +9,15 @@ import pytest
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.plugin.sensor import SensorReader
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
-from splat_scenes import random_splats, rounded, scalar_transform, scene_of, sensor_dict, square_camera
+from splat_scenes import (
+    random_splats,
+    rounded,
+    scalar_transform,
+    scene_of,
+    sensor_dict,
+    square_camera,
+    variable_in_the_place_of,
+)
 
 CAMERA = square_camera()
 MODEL = rounded(random_splats(40, seed=3, degree=1, dog_share=0.4))
@@ -38,6 +46,51 @@ def test_a_sensor_is_read_again_when_it_moves_zooms_or_another_one_is_given():
     assert read(sensor, 0.3).numbers != moved.numbers
     other: Any = mi.load_dict(sensor_dict(CAMERA))
     assert read(other, 0.2).numbers == first.numbers
+
+
+def test_a_new_variable_in_the_place_of_one_that_is_gone_is_not_taken_for_it():
+    sensor: Any = mi.load_dict(sensor_dict(CAMERA))
+    params: Any = mi.traverse(sensor)
+    reader = SensorReader()
+    params["x_fov"] = dr.opaque(mi.Float, 30)
+    params.update()
+    index, narrow = params["x_fov"].index, reader.views(sensor, 0.2)[0].camera
+    params["x_fov"] = mi.Float(70)
+    params.update()
+    params["x_fov"] = variable_in_the_place_of(index, 90, 1)
+    params.update()
+    wide = reader.views(sensor, 0.2)[0].camera
+    np.testing.assert_allclose(np.array(wide.fx) / np.array(narrow.fx), np.tan(np.radians(15)), rtol=1e-5)
+
+
+def test_stages_of_a_frame_are_not_recalled_for_a_new_variable_in_the_place_of_one_that_is_gone():
+    scene = scene_of(MODEL, CAMERA)
+    integrator: Any = scene.integrator()
+    params: Any = mi.traverse(scene)
+    sensor, name = scene.sensors()[0], "splats.logit_opacities"
+
+    def gradient(rendered: bool) -> np.ndarray:
+        opacities = params[name]
+        dr.enable_grad(opacities)
+        if rendered:
+            integrator.render(scene, sensor)
+        integrator.render_backward(scene, params, dr.ones(mi.TensorXf, (CAMERA.height, CAMERA.width, 3)), sensor)
+        result = dr.grad(opacities).numpy().copy()
+        dr.disable_grad(opacities)
+        return result
+
+    params[name] = dr.opaque(mi.TensorXf, 3, (MODEL.n_splats,))
+    params.update()
+    index = params[name].array.index
+    opaque = gradient(rendered=True)
+    integrator.render(scene, sensor)
+    params[name] = dr.zeros(mi.TensorXf, (MODEL.n_splats,))
+    params.update()
+    params[name] = mi.TensorXf(variable_in_the_place_of(index, -3, MODEL.n_splats))
+    params.update()
+    alone, after_a_render = gradient(rendered=False), gradient(rendered=True)
+    np.testing.assert_allclose(alone, after_a_render, rtol=1e-4, atol=1e-6)
+    assert np.abs(alone - opaque).max() > 0.1 * np.abs(alone).max()
 
 
 @pytest.mark.parametrize("pixel_format", ["rgb", "rgba", "luminance", "luminance_alpha", "xyz", "xyza"])

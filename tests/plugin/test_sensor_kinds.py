@@ -10,7 +10,8 @@ import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.plugin.samples import Sample, samples
 from mi_dogsplat.plugin.sensor import SensorReader, View
-from mi_dogsplat.scene.cameras import OPENCV_FROM_MITSUBA, Camera
+from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.mitsuba_cameras import OPENCV_FROM_MITSUBA
 from splat_scenes import axis_rotation, dog_dict, random_splats, rounded, scene_of, select, sensor_dict, square_camera
 
 MODEL = rounded(random_splats(60, seed=1))

@@ -4,8 +4,7 @@ import ast
 from pathlib import Path
 
 import pytest
-
-PACKAGE = Path(__file__).parents[2] / "mi_dogsplat"
+from layout import Layout, cycle
 
 # From low to high; modules of one row may import each other. A module may import its own row and those above it here.
 STATIONS = [
@@ -35,85 +34,26 @@ STATIONS = [
     {"cli"},
     {"demo"},
 ]
-LEVEL = {name: level for level, names in enumerate(STATIONS) for name in names}
-MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p.stem not in ("__init__", "__main__") or p.parent != PACKAGE)
+LAYOUT = Layout(Path(__file__).parents[2] / "mi_dogsplat", STATIONS)
+BY_PATH = pytest.mark.parametrize("path", LAYOUT.modules, ids=lambda p: str(p.relative_to(LAYOUT.root)))
 
 
-def station(path: Path) -> str:
-    """The module, or the folder of modules, directly under the package."""
-    return path.relative_to(PACKAGE).with_suffix("").parts[0]
-
-
-def module_of(path: Path) -> str:
-    """Its name within the package, with dots; a folder for its ``__init__``."""
-    parts = path.relative_to(PACKAGE).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-NAMES = {module_of(path) for path in PACKAGE.rglob("*.py")}
-
-
-def imported_modules(path: Path) -> set[str]:
-    """Modules of the package that a file imports anywhere, inside of functions and for type checking too."""
-    found = set()
-    package = ("mi_dogsplat", *path.relative_to(PACKAGE).parent.parts)
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        names = []
-        if isinstance(node, ast.Import):
-            names = [alias.name.split(".") for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            base = list(package[:len(package) - node.level + 1]) if node.level else []
-            base += node.module.split(".") if node.module else []
-            names = [[*base, alias.name] for alias in node.names]
-        for name in (name[1:] for name in names if len(name) > 1 and name[0] == "mi_dogsplat"):
-            while ".".join(name) not in NAMES:  # something in a module
-                name = name[:-1]
-            found.add(".".join(name))
-    return found - {""}
-
-
-def cycle(graph: dict[str, set[str]]) -> list[str]:
-    """Nodes that need each other, in order, the first one again at the end; none if there are none."""
-    done: set[str] = set()
-
-    def visit(node: str, way: list[str]) -> list[str]:
-        if node in way:
-            return [*way[way.index(node):], node]
-        if node in done:
-            return []
-        for other in sorted(graph[node]):
-            if found := visit(other, [*way, node]):
-                return found
-        done.add(node)
-        return []
-
-    return next((found for node in sorted(graph) if (found := visit(node, []))), [])
-
-
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+@BY_PATH
 def test_a_station_imports_no_higher_one(path):
-    own = station(path)
-    assert own in LEVEL, f"{own} has no place among the stations; give it one in {Path(__file__).name}"
-    imported = {name.split(".")[0] for name in imported_modules(path)}
-    higher = {name for name in imported if LEVEL.get(name, -1) > LEVEL[own]}
-    assert not higher, f"{own} imports {', '.join(sorted(higher))}"
+    LAYOUT.require_order(path)
 
 
 def test_no_two_modules_need_each_other():
-    assert not cycle({module_of(path): imported_modules(path) - {module_of(path)} for path in PACKAGE.rglob("*.py")})
+    assert not LAYOUT.cycle_of_modules()
 
 
 def test_no_folder_within_a_room_needs_what_needs_it():
     """As ``training/strategy``: what it stands on knows nothing of it."""
+    assert not LAYOUT.cycle_of_folders()
 
-    def whole(name: str) -> str:
-        return name.rpartition(".")[0] if name.count(".") > 1 else name
 
-    graph: dict[str, set[str]] = {}
-    for path in PACKAGE.rglob("*.py"):
-        node = whole(module_of(path))
-        graph.setdefault(node, set()).update({whole(name) for name in imported_modules(path)} - {node})
-    assert not cycle(graph)
+def test_every_station_exists():
+    LAYOUT.require_rooms()
 
 
 def test_a_cycle_is_found():
@@ -121,25 +61,41 @@ def test_a_cycle_is_found():
     assert cycle({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_an_import_from_a_higher_room_is_found(tmp_path):
+    """Relative or not, at the top or inside of a function."""
+    package = tmp_path / "sample"
+    inside = "def f():\n    from ..high import c\n"
+    files = {"low/a": "", "low/b": inside, "high/c": "from ..low.a import x\n", "low/d": "import sample.high.c\n"}
+    for name, text in files.items():
+        (package / name).parent.mkdir(parents=True, exist_ok=True)
+        (package / f"{name}.py").write_text(text)
+        (package / name).with_name("__init__.py").write_text("")
+    layout = Layout(package, [{"low"}, {"high"}])
+    for name in ("low/a", "high/c"):
+        layout.require_order(package / f"{name}.py")
+    for name in ("low/b", "low/d"):
+        with pytest.raises(AssertionError, match="low imports high"):
+            layout.require_order(package / f"{name}.py")
+    with pytest.raises(AssertionError, match="low has no place"):
+        Layout(package, [{"high"}]).require_order(package / "low/a.py")
+    with pytest.raises(AssertionError, match="no longer there: middle"):
+        Layout(package, [{"low"}, {"middle"}, {"high"}]).require_rooms()
+
+
+@BY_PATH
 def test_nothing_but_checks_imports_the_reference(path):
     """What is tested against it has nothing from it: a mistake there would be on both sides, and invisible."""
-    if station(path) not in ("reference", "check"):
-        assert "reference" not in {name.split(".")[0] for name in imported_modules(path)}
-
-
-def test_every_station_exists():
-    there = {station(path) for path in MODULES}
-    assert set(LEVEL) <= there, f"no longer there: {', '.join(sorted(set(LEVEL) - there))}"
+    if LAYOUT.room(path) not in ("reference", "check"):
+        assert "reference" not in LAYOUT.imported_rooms(path)
 
 
 def test_models_files_and_data_sets_are_read_without_mitsuba():
     """Up to the data sets nothing imports Mitsuba or Dr.Jit when it is imported itself."""
-    for path in MODULES:
-        if LEVEL.get(station(path), 99) > LEVEL["datasets"] or path.stem in ("llvm", "variants"):
+    for path in LAYOUT.modules:
+        if LAYOUT.level.get(LAYOUT.room(path), 99) > LAYOUT.level["datasets"] or path.stem in ("llvm", "variants"):
             continue
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
             heavy = {name.split(".")[0] for name in names} & {"mitsuba", "drjit"}
-            assert not heavy, f"{path.relative_to(PACKAGE)} imports {', '.join(heavy)}"
+            assert not heavy, f"{path.relative_to(LAYOUT.root)} imports {', '.join(heavy)}"

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.reference import gradients as reference_gradients
+from mi_dogsplat.reference import walk as reference_walk
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
 from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled
-from splat_scenes import axis_rotation, make_camera, make_splats, random_splats, tilted_camera
+from splat_scenes import axis_rotation, constant_layers, make_camera, make_splats, random_splats, tilted_camera
 
 BACKGROUND = (0.2, -0.3, 0.6)
 SMOOTH: dict[str, Any] = {"min_alpha": 0, "min_transmittance": 0}
@@ -49,7 +49,7 @@ def test_the_image_and_T_are_those_of_the_plain_twin(dog_share, smooth, choices)
 
 def test_the_image_of_2000_primitives_is_that_of_the_plain_twin():
     splats, camera = random_splats(2000, seed=2, degree=1), tilted_camera(64, 48)
-    blocks = list(reference_gradients._blocks(reference.project(splats, camera), camera, 1 / 255))
+    blocks = list(reference_walk.blocks(reference.project(splats, camera), camera, 1 / 255))
     assert len(blocks) == 12 and 10 < min(len(b.splats) for b in blocks) < max(len(b.splats) for b in blocks) < 1500
     assert_images_equal(splats, camera)
 
@@ -57,8 +57,8 @@ def test_the_image_of_2000_primitives_is_that_of_the_plain_twin():
 def test_tiles_with_long_lists_are_halved_and_nothing_changes(monkeypatch):
     splats, adjoint = random_splats(300, seed=2, degree=1), adjoint_of(SMALL)
     whole = gradients_tiled(splats, SMALL, adjoint)
-    monkeypatch.setattr(reference_gradients, "MAX_PAIRS", 1 << 12)
-    heights = {b.dy.shape[1] for b in reference_gradients._blocks(reference.project(splats, SMALL), SMALL, 1 / 255)}
+    monkeypatch.setattr(reference_walk, "MAX_PAIRS", 1 << 12)
+    heights = {b.dy.shape[1] for b in reference_walk.blocks(reference.project(splats, SMALL), SMALL, 1 / 255)}
     assert max(heights) < 16 and len(heights) > 1
     assert_images_equal(splats, SMALL)
     assert_gradients_equal(gradients_tiled(splats, SMALL, adjoint), whole, rtol=1e-11)
@@ -83,30 +83,20 @@ def test_a_model_without_visible_primitives_shows_the_background():
 
 # Transmittance
 
-def stack(alphas) -> Any:
-    """Layers of one alpha each, front to back. A negative one is the pseudo-Gaussian of a point beside the image."""
-    alphas = np.array(alphas)
-    negative, depths = alphas < 0, np.linspace(1, 2, len(alphas))
-    means = np.column_stack([np.where(negative, -depths, 0), 0 * depths, depths])
-    return make_splats(means, np.where(negative, 1e-12, 1e5)[:, None],
-                       np.where(negative, 0.985, alphas), (0.3, 0.6, 0.9), dog=np.flatnonzero(negative),
-                       f_a=-alphas[negative] / 0.985, F=1e17)
-
-
 def test_the_largest_transmittance_is_that_between_negative_lobes_and_what_hides_them():
-    splats, camera = stack([-0.4, -0.3, 0.9, 0.9]), make_camera(20, 18)
+    splats, camera = constant_layers([-0.4, -0.3, 0.9, 0.9]), make_camera(20, 18)
     shown = assert_images_equal(splats, camera)
     np.testing.assert_allclose(shown.max_T, 1.4 * 1.3, rtol=1e-6)
     np.testing.assert_allclose(shown.T, 1.4 * 1.3 * 0.01, rtol=1e-5)
     np.testing.assert_allclose(render_tiled(splats, camera, **SMOOTH).max_T, 1.4 * 1.3, rtol=1e-6)
-    np.testing.assert_allclose(render_tiled(stack([-0.4, -0.3]), camera).max_T, 1.4 * 1.3, rtol=1e-6)
+    np.testing.assert_allclose(render_tiled(constant_layers([-0.4, -0.3]), camera).max_T, 1.4 * 1.3, rtol=1e-6)
     assert render_tiled(splats, camera, negative_transmittance=False).max_T == 1
 
 
 @pytest.mark.parametrize("alphas, blended", [([0.9, 0.9, 0.9, 0.89, 0.9, 0.01, -0.9], 4), ([-0.97] * 34 + [0.5], 30)],
                          ids=["opaque", "growing"])
 def test_the_walk_ends_where_that_of_the_plain_twin_does(alphas, blended):
-    splats, camera, adjoint = stack(alphas), make_camera(10, 9), np.ones((9, 10, 3))
+    splats, camera, adjoint = constant_layers(alphas), make_camera(10, 9), np.ones((9, 10, 3))
     shown = assert_images_equal(splats, camera)
     np.testing.assert_allclose(shown.T, np.prod(1 - np.array(alphas[:blended])), rtol=1e-4)
     got = gradients_tiled(splats, camera, adjoint, BACKGROUND)
@@ -118,7 +108,7 @@ def test_the_walk_ends_where_that_of_the_plain_twin_does(alphas, blended):
 
 
 def test_a_walk_that_has_ended_does_not_overflow_behind_its_end():
-    assert_images_equal(stack([-0.97] * 1100), make_camera(4, 3))
+    assert_images_equal(constant_layers([-0.97] * 1100), make_camera(4, 3))
 
 
 # Gradients

@@ -1,6 +1,5 @@
 """``dogsplat render``: which camera is taken, what the files hold, and what is said about bad ones."""
 
-import json
 from pathlib import Path
 
 import mitsuba as mi
@@ -10,16 +9,15 @@ import pytest
 import tiny_data
 from mi_dogsplat import write_ply
 from mi_dogsplat.reference import aovs as reference_aovs
-from mi_dogsplat.render.framing import automatic_camera, likely_up, robust_sphere
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.render.render_files import picture_of, render_model, render_scene
 from mi_dogsplat.scene.appearance import Appearance, device_of, radii_squared
-from mi_dogsplat.scene.camera_file import read_camera, write_camera
+from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.srgb import srgb_to_linear
-from PIL import Image
+from rendered_files import read_exr, read_png, render
 
 SENSOR = """<sensor type="perspective"><float name="fov" value="40"/>
 <transform name="to_world"><lookat origin="0, -4, 0" target="0, 0, 0" up="0, 0, 1"/></transform>
@@ -33,18 +31,6 @@ def model(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("model") / "model.ply"
     write_ply(path, tiny_data.truth())
     return path
-
-
-def render(model, out, data=None, camera=None, aovs=None, **options) -> None:
-    render_model(model, out, data, camera, aovs, PictureOptions(**options))
-
-
-def read_png(path) -> np.ndarray:
-    return np.asarray(Image.open(path))
-
-
-def read_exr(path) -> dict[str, np.ndarray]:
-    return {name: channel.pixels for name, channel in OpenEXR.File(str(path)).channels().items()}
 
 
 def scene_file(tmp_path, content) -> Path:
@@ -216,52 +202,6 @@ def test_a_model_without_primitives_is_background_without_depth(tmp_path):
     assert read_png(tmp_path / "v.png").max() == 0
 
 
-# --- the automatic view ---
-
-
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
-def test_the_automatic_view_shows_a_model_of_any_size_wherever_it_is(scale, tmp_path):
-    splats = tiny_data.truth()
-    splats.means = splats.means * np.float32(scale) + np.float32(20 * scale)
-    splats.log_scales += np.float32(np.log(scale))
-    pixels, depth = automatic_camera(splats).project(splats.means)
-    assert (depth > 0).all() and (pixels > 0).all() and (pixels < (800, 600)).all()
-    assert np.ptp(pixels[:, 1]) > 250  # and fills the picture
-    write_ply(tmp_path / "m.ply", splats)
-    render(tmp_path / "m.ply", tmp_path / "v.png", downscale=4)
-    assert np.mean(read_png(tmp_path / "v.png").max(axis=2) > 20) > 0.2  # the near clip left it in
-
-
-def test_far_outliers_do_not_change_what_is_framed():
-    splats = tiny_data.truth()
-    centre, radius = robust_sphere(splats)
-    splats.means[:3] = 1e6
-    moved_centre, larger = robust_sphere(splats)
-    assert np.linalg.norm(moved_centre - centre) < 0.2 and larger < 1.5 * radius
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("sign", [-1, 1])
-def test_what_stands_on_a_ground_is_shown_upright(axis, sign):
-    rng = np.random.default_rng(0)
-    means = rng.uniform(-1, 1, (500, 3)) * (1, 1, 0.02)
-    means[:80] = rng.uniform(-0.2, 0.2, (80, 3)) + (0, 0, 0.4)  # a thing on the ground
-    means = np.roll(means, axis - 2, axis=1) * sign
-    splats = tiny_data.truth().select(np.zeros(500, int))
-    splats.means = means.astype(np.float32)
-    np.testing.assert_array_equal(likely_up(splats), sign * np.eye(3)[axis])
-    camera = automatic_camera(splats)
-    thing, ground = (camera.project(means[rows].mean(axis=0))[0][0] for rows in (slice(80), slice(80, None)))
-    assert thing[1] < ground[1] and abs(thing[0] - ground[0]) < 30
-    assert np.linalg.det(camera.w2c[:3, :3]) == pytest.approx(1)
-
-
-def test_where_nothing_tells_z_is_up():
-    np.testing.assert_array_equal(likely_up(Splats.empty(0)), [0, 0, 1])
-    splats = tiny_data.truth().select([0])
-    np.testing.assert_array_equal(likely_up(splats), [0, 0, 1])
-
-
 # --- Mitsuba scenes ---
 
 
@@ -326,61 +266,6 @@ def test_what_mitsuba_says_about_a_scene_becomes_one_line(tmp_path, content, mes
 def test_a_scene_that_is_not_there_is_named(tmp_path):
     with pytest.raises(DataError, match=r"no\.xml: no such file"):
         render_scene(tmp_path / "no.xml", tmp_path / "s.png")
-
-
-# --- camera files ---
-
-
-def test_a_camera_comes_back_from_its_file(tmp_path):
-    for camera in tiny_data.cameras(3):
-        write_camera(tmp_path / "c.json", camera)
-        back = read_camera(tmp_path / "c.json")
-        np.testing.assert_allclose(back.w2c, camera.w2c, atol=1e-15)
-        assert (back.fx, back.fy, back.cx, back.cy) == (camera.fx, camera.fy, camera.cx, camera.cy)
-        assert (back.width, back.height) == (camera.width, camera.height)
-
-
-def test_a_camera_file_may_leave_out_what_follows_from_the_rest(tmp_path):
-    content = {"w2c": np.eye(4).tolist(), "fx": 50, "width": 40, "height": 30}
-    (tmp_path / "c.json").write_text(json.dumps(content))
-    camera = read_camera(tmp_path / "c.json")
-    assert (camera.fy, camera.cx, camera.cy) == (50, 20, 15)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"w2c": None}, "pose"),
-        ({"w2c": [[1, 0], [0, 1]]}, "shape"),
-        ({"w2c": (2 * np.eye(4)).tolist()}, "last row|not a rotation"),
-        ({"w2c": np.diag([1.0, 1, -1, 1]).tolist()}, "reflection"),
-        ({"fx": -1}, "focal"),
-        ({"fx": "wide"}, "wide"),
-        ({"width": 10.5}, "whole numbers"),
-        ({"width": 1e999}, "whole numbers"),
-        ({"height": 200_000}, "too large: at most 16384"),
-        ({"height": 0}, "must have a pixel"),
-        ({"cx": float("nan")}, "not finite"),
-    ],
-)
-def test_a_wrong_camera_file_is_told_in_one_line_with_the_format(tmp_path, changes, message):
-    content = {"w2c": np.eye(4).tolist(), "fx": 50, "width": 40, "height": 30} | changes
-    (tmp_path / "c.json").write_text(json.dumps(content))
-    with pytest.raises(DataError, match=message) as caught:
-        read_camera(tmp_path / "c.json")
-    assert "4x4 world to camera" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [(b"{", "line 1"), (b"[1]", "not a JSON object"), (b"{}", 'lacks "w2c"'), (b"\xff\xfe\x00", "not a text")],
-)
-def test_what_is_no_camera_file_at_all_is_told_too(tmp_path, content, message):
-    (tmp_path / "c.json").write_bytes(content)
-    with pytest.raises(DataError, match=message):
-        read_camera(tmp_path / "c.json")
-    with pytest.raises(DataError, match="cannot be read"):
-        read_camera(tmp_path / "missing.json")
 
 
 def test_ctrl_c_while_a_scene_is_rendered_is_no_fault_of_the_scene(tmp_path):

@@ -108,6 +108,19 @@ def test_a_linear_model_is_radiance_alone_and_in_a_scene(folder):
         assert scene.integrator().drawn_as(scene).linear == linear
 
 
+def test_a_model_is_not_kept_over_a_change_of_variant(folder):
+    """The shape of before is none of the plugins of now."""
+    answerer, request = Answerer(), {"scene": str(folder / "scene.json"), "model": str(folder / "model.ply")}
+    asked = read_request({**request, "samples": 1})
+    (*_, (_, before)) = answerer.answer(asked)
+    variant = str(mi.variant())
+    mi.set_variant("scalar_rgb")
+    mi.set_variant(variant)
+    (*_, (_, after)) = answerer.answer(asked)
+    assert before and after
+    np.testing.assert_array_equal(after["color"], before["color"])
+
+
 def test_passes_of_a_scene_look_past_lamps(folder):
     request = {"scene": str(folder / "scene.json"), "samples": 4, "passes": ["depth", "normal", "object", "matte"]}
     picture = answered(request)

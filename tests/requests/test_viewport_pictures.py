@@ -4,6 +4,7 @@ import io
 import json
 import threading
 
+import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat import Drawing, Model, read_model, write_model
@@ -11,6 +12,7 @@ from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.render.picture import render_picture
+from mi_dogsplat.requests import headlight
 from mi_dogsplat.requests import views as views_module
 from mi_dogsplat.requests.serve import Lines, serve
 from mi_dogsplat.requests.shares import importance
@@ -108,6 +110,21 @@ def test_a_quick_picture_of_a_scene_has_its_edges_where_its_paths_have(folder, v
     expected[(rows[:, None] > y) & (rows[:, None] < bottom) & (columns > x) & (columns < right)] = 1
     np.testing.assert_array_equal(quick, expected)
     np.testing.assert_allclose(slow.sum(), (right - x) * (min(bottom, HEIGHT) - y), rtol=0.03)
+
+
+def test_quick_pictures_are_of_the_active_variant_there_and_back(folder, views):
+    """What was kept of the variant before is not taken for what the plugins are now."""
+    if "llvm_ad_mono" not in mi.variants():
+        pytest.skip("llvm_ad_mono is not built into this Mitsuba")
+    variant = str(mi.variant())
+    request = {"scene": str(folder / "scene.json"), "model": str(folder / "model.ply"), "camera": camera_json()}
+    color = last(views, {**request, "samples": 0})
+    for name in ("llvm_ad_mono", variant):
+        mi.set_variant(name)
+        assert issubclass(headlight.Headlight, mi.SamplingIntegrator)  # mi.render takes no other
+        assert issubclass(headlight.QuickIntegrator, mi.Integrator)
+    for kept_or_new in (views, Views()):
+        np.testing.assert_array_equal(last(kept_or_new, {**request, "samples": 0}), color)
 
 
 def test_a_scene_without_a_sky_is_lit_while_it_moves(folder, views):

@@ -141,3 +141,12 @@ def test_a_camera_that_sees_nothing_has_the_steps_of_the_others_and_all_of_them_
     others = np.linalg.inv(got[1:]).mean(axis=0)
     np.testing.assert_allclose(np.linalg.inv(got[0]), others, atol=1e-6 * others.max())
     assert np.isfinite(preconditioners(blind, np.zeros((0, 3)), EXTENT)).all()
+
+
+def test_points_before_the_near_plane_are_not_seen():
+    """One of them, right before a camera, would leave it hardly a shift."""
+    cameras, points = tiny_data.cameras()[:1], scattered()
+    before = cameras[0].position + 0.01 * cameras[0].w2c[2, :3]
+    more, expected = np.concatenate([points, before[None]]), preconditioners(cameras, points, EXTENT)
+    np.testing.assert_allclose(preconditioners(cameras, more, EXTENT, 0.02), expected, rtol=1e-9)
+    assert preconditioners(cameras, more, EXTENT, 0.005)[0, 3, 3] < 0.1 * expected[0, 3, 3]

@@ -5,15 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mi_dogsplat.scene.cameras import (
-    Camera,
+from mi_dogsplat.scene.cameras import Camera, nearest_rigid, opengl_c2w_to_opencv_w2c
+from mi_dogsplat.scene.mitsuba_cameras import (
     camera_from_mitsuba,
     camera_to_mitsuba,
     mitsuba_c2w_to_opencv_w2c,
     near_clip_from_mitsuba,
-    nearest_rigid,
     opencv_w2c_to_mitsuba_c2w,
-    opengl_c2w_to_opencv_w2c,
 )
 
 LLVM = Path("/usr/lib/x86_64-linux-gnu/libLLVM-19.so")

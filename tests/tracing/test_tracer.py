@@ -4,6 +4,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from launches import KernelWatch
 from mi_dogsplat.engine.arrays import while_loop
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import upload
@@ -225,11 +226,7 @@ def test_kernels_are_compiled_once():
     run(65, 50, 0)
     run(66, FEW + 30, 1)
     run(90, FEW + 3, 1)
-    dr.sync_thread()
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-        dr.kernel_history_clear()
+    with KernelWatch() as kernels:
         run(100, 70, 2)
         run(120, FEW + 90, 3)
-        dr.sync_thread()
-        history = dr.kernel_history([dr.KernelType.JIT])
-    assert history and not [kernel for kernel in history if not kernel["cache_hit"] or kernel["cache_disk"]]
+    assert kernels.launched and not kernels.new

@@ -6,43 +6,20 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from launches import KernelWatch
 from mi_dogsplat.engine.project import DeviceCamera, project
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.training.adam import Entry
 from mi_dogsplat.training.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer import SplatOptimizer
 from mi_dogsplat.training.strategy.densify import Densification, by_gradient, grow_and_remove
 from mi_dogsplat.training.strategy.densify_stats import DensifyStats
 from numpy.typing import ArrayLike
+from stepped_optimizers import EXTENT, optimizer_of
 
-EXTENT = 2.0
 RULE = Densification()
 LATE = RULE.reset_every + 1
 SMALL, LARGE, HUGE = 0.01, 0.1, 0.5  # world scales: cloned, split, removed late
-
-
-def model_of(scales, opacities) -> Splats:
-    rng, n = np.random.default_rng(0), len(scales)
-    opacities = np.asarray(opacities, float)
-    return Splats(
-        rng.normal(size=(n, 3)),
-        np.log(np.asarray(scales, float))[:, None] + np.array([0, -1, -2]),
-        rng.normal(size=(n, 4)),
-        np.log(opacities / (1 - opacities)),
-        rng.normal(size=(n, 4, 3)),
-    )
-
-
-def optimizer_of(scales, opacities=None) -> SplatOptimizer:
-    """An optimizer whose moments are not zero."""
-    opacities = np.full(len(scales), 0.5) if opacities is None else opacities
-    optimizer = SplatOptimizer(model_of(scales, opacities), LearningRates(EXTENT, 1000))
-    for name in optimizer.adam:
-        entry = Entry.of(optimizer.adam, name)
-        m, v = (type(entry.m)(np.arange(1.0, dr.width(entry.m) + 1)) for _ in range(2))
-        dataclasses.replace(entry, m=m, v=v).put(optimizer.adam, name)
-    return optimizer
 
 
 def stats_of(gradients, radii: ArrayLike = 0.0) -> DensifyStats:
@@ -282,9 +259,7 @@ def test_statistics_compile_nothing_when_views_and_counts_change():
             dr.eval()
 
     collect(20, 64, 48)
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-        dr.kernel_history_clear()
+    with KernelWatch() as kernels:
         for n, width, height in ((30, 33, 48), (17, 64, 20), (80, 50, 50)):
             collect(n, width, height)
-        history = dr.kernel_history([dr.KernelType.JIT])
-    assert history and all(kernel["cache_hit"] and not kernel["cache_disk"] for kernel in history)
+    assert kernels.launched and not kernels.new

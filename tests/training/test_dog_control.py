@@ -6,6 +6,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 import pytest
+from launches import KernelWatch
 from mi_dogsplat import write_ply
 from mi_dogsplat.engine.parameters import RAW_DOG
 from mi_dogsplat.engine.project import DeviceCamera
@@ -250,13 +251,10 @@ def test_no_kernel_is_compiled_while_primitives_degenerate():
         return optimizer.n_dog
 
     counts = [step(), step()]  # warm-up
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-        dr.kernel_history_clear()
+    with KernelWatch() as kernels:
         counts += [step() for _ in range(6)]
-        dr.eval()
-        history = dr.kernel_history([dr.KernelType.JIT])
-    assert counts == sorted(set(counts), reverse=True) and len(history) > 100
-    assert not [kernel for kernel in history if not kernel["cache_hit"] or kernel["cache_disk"]]
+    assert counts == sorted(set(counts), reverse=True) and kernels.launched > 100
+    assert not kernels.new
 
 
 def test_a_model_without_dog_is_left_alone():

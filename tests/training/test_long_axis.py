@@ -3,7 +3,7 @@
 import numpy as np
 from mi_dogsplat.training.strategy.densify import Choice, grow_and_remove
 from mi_dogsplat.training.strategy.long_axis import LongAxisHalves
-from test_densify import optimizer_of
+from stepped_optimizers import optimizer_of
 
 
 def rotation(q: np.ndarray) -> np.ndarray:

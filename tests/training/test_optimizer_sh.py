@@ -4,6 +4,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from launches import KernelWatch
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.sh_groups import ROW_COEFFICIENTS
 from mi_dogsplat.scene.row_groups import SH
@@ -13,6 +14,7 @@ from mi_dogsplat.training.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer import SplatOptimizer
 from mi_dogsplat.training.strategy.broken import broken
 from mi_dogsplat.viewer.source import splats_of_state
+from small_optimizer import alike
 
 RATES = LearningRates(extent=2.0, total_steps=1000)
 DEGREES = np.array([3, 0, 1, 2, 0, 3, 1])
@@ -224,17 +226,11 @@ def test_nothing_is_compiled_after_warm_up_as_rows_of_groups_come_and_go():
 
     def round_of(n: int, first: int):
         optimizer.rearrange(np.arange(n) % optimizer.n, np.arange(n) >= optimizer.n)
-        for offset in range(3):
-            optimizer.schedule(first + offset)
-            for value in optimizer.adam.values():
-                dr.set_grad(value, dr.opaque(mi.Float, 0.1, dr.width(value)))
-            optimizer.step()
+        alike(optimizer, first, 3)
 
     round_of(40, 0)
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-        dr.kernel_history_clear()
+    with KernelWatch() as kernels:
         for n, first in ((60, 10), (33, 200), (75, 900), (74, 1200)):
             round_of(n, first)
-        history = dr.kernel_history([dr.KernelType.JIT])
-    assert len(history) > 20
-    assert all(kernel["cache_hit"] and not kernel["cache_disk"] for kernel in history)
+    assert kernels.launched > 20
+    assert not kernels.new

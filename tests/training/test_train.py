@@ -4,13 +4,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-import drjit as dr
 import mi_dogsplat.runs.run
 import numpy as np
 import pytest
 import tiny_data
 from changed_strategy import change_densification
 from happenings import records, rows_with
+from launches import KernelWatch
 from mi_dogsplat import read_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.measure import metrics
@@ -214,16 +214,12 @@ def test_no_kernel_is_compiled_after_warm_up_while_the_count_changes(data):
     while trainer.step_count < 20:
         trainer.step()
     counts = set()
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-        dr.kernel_history_clear()
+    with KernelWatch() as kernels:
         while trainer.step_count < 100:
             trainer.step()
             counts.add(trainer.optimizer.n)
-        dr.eval()
-        history = dr.kernel_history([dr.KernelType.JIT])
-    assert len(counts) > 5 and len(history) > 500
-    compiled = [kernel for kernel in history if not kernel["cache_hit"] or kernel["cache_disk"]]
-    assert not compiled
+    assert len(counts) > 5 and kernels.launched > 500
+    assert not kernels.new
 
 
 def test_an_interrupted_run_leaves_whole_files_and_no_measurements_of_an_earlier_one(data, tmp_path):

@@ -11,6 +11,7 @@ from ...support.errors import DataError
 from ...support.variants import set_variant
 from ...training.config import TrainConfig
 from ...training.target import checked_target
+from ..errors import resumable
 from ..flags import DATA_HELP, add_settings, training_config
 from ..printing import say
 
@@ -76,7 +77,8 @@ def run(args: argparse.Namespace) -> int:
     from ...compare.compare import compare as run_comparison
 
     where, means = (args.data, args.out, args.seeds, methods), (args.cluster, args.workers, more_targets)
-    table = run_comparison(config, *where, *means, say)
+    with resumable():
+        table = run_comparison(config, *where, *means, say)
     print(args.out / "comparison.html")
     for name, error in table["failed"].items():
         print(f"dogsplat: {name} has failed: {error}", file=sys.stderr)

@@ -134,17 +134,22 @@ class PoseRefinement(Strategy[Poses]):
 def _scales(t: Training) -> np.ndarray:
     """``preconditioners`` of the training views, by the primitives as points."""
     points = t.optimizer.numpy("means").astype(np.float64)
-    return preconditioners([view.camera for view in t.photographs.originals], points, t.extent)
+    cameras = [view.camera for view in t.photographs.originals]
+    return preconditioners(cameras, points, t.extent, t.photographs.near_clip)
 
 
 def _slopes(t: Training) -> np.ndarray:
     """[V] by how much a photograph would change along its longer side if it went on as from pixel to pixel, mean.
 
-    In what the loss sees of it, of which its gradients are: of linear radiance in units of white, through the curve.
+    In what the loss sees of it, of which its gradients are: of linear radiance in units of white, through the curve. It
+    is a mean over all pixels, and so is the loss: what is masked changes nothing, nor does the edge of a mask.
     """
     found = []
-    for view in t.photographs.originals:
-        image = t.photographs.as_seen(view.image)
-        changes = [float(np.abs(np.diff(image, axis=axis)).mean()) for axis in (0, 1) if image.shape[axis] > 1]
+    for k, view in enumerate(t.photographs.originals):
+        image, mask = t.photographs.as_seen(view.image), t.photographs.mask(k)
+        if mask is not None:
+            image = np.where(mask[..., None] > 0, image, np.nan)
+        steps = [np.diff(image, axis=axis) for axis in (0, 1) if image.shape[axis] > 1]
+        changes = [float(np.nan_to_num(np.abs(step)).mean()) for step in steps]
         found.append(max(image.shape[:2]) * float(np.mean(changes or [0.0])))
     return np.maximum(found, FLATTEST)

@@ -1,0 +1,1 @@
+"""Splats as Blender's dependency graph has them: edited by modifiers, placed by objects and instances."""

@@ -1,0 +1,68 @@
+"""Splats where they stand: objects, and instances of collections that hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import bpy
+import numpy as np
+
+from ..files.errors import told
+from ..files.model import Model
+from ..files.transform import transformed
+from ..objects.attributes import has_splats, is_native, read_attributes
+from ..objects.cloud import read_cloud
+from .edited import edited_model
+
+
+def holds_splats(obj: bpy.types.Object) -> bool:
+    """Whether an object is splats, or an instance of a collection with splats."""
+    if obj.instance_type == "COLLECTION" and obj.instance_collection is not None:
+        return any(has_splats(inner) for inner in obj.instance_collection.all_objects)
+    return has_splats(obj)
+
+
+def placed_splats(
+    depsgraph: bpy.types.Depsgraph, wanted: Callable[[bpy.types.Object], bool] = lambda obj: True
+) -> Iterator[tuple[bpy.types.Object, np.ndarray]]:
+    """(object with splats, its matrix to the world [4, 4]), instances after all objects of their own.
+
+    ``wanted`` takes the object, or that which makes the instance.
+    """
+    own = [obj.original for obj in depsgraph.objects]
+    for obj in own:
+        if has_splats(obj) and wanted(obj):
+            yield obj, np.array(obj.evaluated_get(depsgraph).matrix_world, np.float64)
+    if not any(obj.instance_type == "COLLECTION" and holds_splats(obj) and wanted(obj) for obj in own):
+        return
+    for instance in depsgraph.object_instances:
+        if not instance.is_instance or not has_splats(instance.object.original):
+            continue
+        obj, parent = instance.object.original, instance.parent.original
+        drawn = instance.object.data.as_pointer() != obj.evaluated_get(depsgraph).data.as_pointer()
+        if obj != parent and not drawn and wanted(parent):
+            yield obj, np.array(instance.matrix_world, np.float64)
+
+
+def placed_model(
+    obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, matrix: np.ndarray, hidden: bool = False
+) -> Model:
+    """The splats of an object, moved by a [4, 4] matrix; with ``hidden`` as if nothing edited them.
+
+    Raises ``ValueError`` for an object without the attributes or with a transform that flattens them.
+    """
+    try:
+        data = obj.original.data
+        whole = read_cloud if is_native(obj.original) else read_attributes
+        model = whole(data) if hidden else edited_model(obj, depsgraph)
+    except ValueError as error:
+        raise ValueError(told('"{name}": {reason}', name=obj.name, reason=error)) from error
+    return moved_model(model, matrix, obj.name)
+
+
+def moved_model(model: Model, matrix: np.ndarray, name: str) -> Model:
+    """The splats of an object of that name, moved. Raises ``ValueError`` for a transform that flattens them."""
+    try:
+        return transformed(model, matrix)
+    except ValueError as error:
+        raise ValueError(told('"{name}": {reason}', name=name, reason=error)) from error

@@ -1,0 +1,72 @@
+"""Back to files: export of what the selected objects and instances show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, EnumProperty, StringProperty
+from bpy_extras.io_utils import ExportHelper
+
+from ..evaluated.placed import holds_splats, placed_model, placed_splats
+from ..files.errors import FileError, told
+from ..files.light import in_common_light
+from ..files.model import concatenate
+from ..files.ply import write_ply
+from ..objects.conventions import import_matrix, light_of
+
+
+class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
+    """Export the selected splats as one PLY with its DoG data; what nobody changed keeps the bits of its file"""
+
+    bl_idname = "export_scene.dogsplat"
+    bl_label = "Export DoG Splat"
+    bl_options = {"PRESET"}
+
+    filename_ext = ".ply"
+    filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})
+    space: EnumProperty(name="Coordinates", default="FILE", items=(
+        ("FILE", "Of the File", "Undo the up axis and scale of the import, keep what was moved since then"),
+        ("WORLD", "Of the Scene", "As the splats stand in Blender, z up"),
+    ))  # fmt: skip
+    hidden: BoolProperty(
+        name="Hidden Splats",
+        description="Write the objects as if no crop, limit or painting were there; off: only what these show",
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Something to export is selected."""
+        return any(holds_splats(obj) for obj in context.selected_objects)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Several objects become one model, in the coordinates of the first one's file."""
+        if context.mode == "EDIT_MESH":  # attributes cannot be read there
+            bpy.ops.object.mode_set(mode="OBJECT")
+            try:
+                return self.execute(context)
+            finally:
+                bpy.ops.object.mode_set(mode="EDIT")
+        chosen = set(context.selected_objects)
+        depsgraph = context.evaluated_depsgraph_get()
+        placed = list(placed_splats(depsgraph, chosen.__contains__))
+        if not placed:
+            self.report({"ERROR"}, told("the selected splats are hidden in this view layer; show them first"))
+            return {"CANCELLED"}
+        objects = [obj for obj, _ in placed]
+        first = context.object if context.object in objects else objects[0]
+        target = np.linalg.inv(import_matrix(first)) if self.space == "FILE" else np.eye(4)
+        try:
+            models = [placed_model(obj, depsgraph, target @ matrix, self.hidden) for obj, matrix in placed]
+            models, light = in_common_light(models, [light_of(obj) for obj in objects])
+            model = concatenate(models)
+            if model.n_splats == 0:
+                remedy = "select a model that has some, or open its crop"
+                raise FileError(self.filepath, "there is no splat to export", remedy)
+            write_ply(Path(self.filepath), model, light.comments)
+        except ValueError as error:  # FileError too
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, told("{count:,} splats exported", count=model.n_splats))
+        return {"FINISHED"}

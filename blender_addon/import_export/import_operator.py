@@ -1,0 +1,219 @@
+"""File > Import > DoG Splat: models as objects that are visible at once."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.app.translations import pgettext_iface as iface_
+from bpy.app.translations import pgettext_tip as tip_
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
+from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
+from mathutils import Matrix
+
+from ..files.errors import FileError, told
+from ..files.model import Model, importance, sigmoid
+from ..files.read import EXTENSIONS, Said, read_model
+from ..native.bake import baked
+from ..native.convert import native_object, replace_object
+from ..nodes.modifier import add_modifier, set_input
+from ..objects.attributes import write_attributes
+from ..objects.conventions import DOG_COUNT, UP_AXES, conversion, remember, remember_light
+from ..objects.feature import is_available
+from ..package.renderers import converted
+from ..preferences import command_of
+from ..translations import OWN
+
+SHOWN_AS = (
+    ("AUTOMATIC", "Automatic", "Quads in renders, ellipsoids in the viewport"),
+    ("QUADS", "Quads", "Exact for the active camera, meaningless from elsewhere"),
+    ("ELLIPSOIDS", "Ellipsoids", "Instances that are right from everywhere"),
+    ("POINTS", "Points", "A point cloud: opaque and fast"),
+)
+UP_DESCRIPTION = "Which axis of the file is up; unless set here, as the file says"
+CONVENTION = "3DGS PLY: raw values, quaternions w x y z, positions in coordinates of the file"
+
+
+def ways_to_show() -> tuple[tuple[str, str, str], ...]:
+    """What this Blender can show a model as, when the add-on is enabled."""
+    if not is_available():
+        return SHOWN_AS
+    tip = tip_("Drawn by Blender itself in real time, as plain Gaussians: the package bakes DoG into them")
+    return (*SHOWN_AS, ("NATIVE", iface_("Native"), tip))
+
+
+class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
+    """Import 3D Gaussian and Difference-of-Gaussians models (PLY and SPZ; with the package SOG, glTF and others too)"""
+
+    bl_idname = "import_scene.dogsplat"
+    bl_label = "Import DoG Splat"
+    bl_options = {"REGISTER", "UNDO", "PRESET"}
+
+    filename_ext = ".ply"
+    filter_glob: StringProperty(default=";".join(f"*{end}" for end in EXTENSIONS), options={"HIDDEN"})
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
+    directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
+
+    up_axis: EnumProperty(name="Up Axis", items=UP_AXES, default="Z", description=UP_DESCRIPTION)
+    scale: FloatProperty(
+        name="Scale",
+        default=1.0,
+        min=1e-6,
+        soft_max=100.0,
+        description="Unless set here, as the file says",
+        translation_context=OWN,
+    )
+    place: BoolProperty(
+        name="Upright, in Metres",
+        default=True,
+        description="Turn and scale as the file says; else only as it is set here",
+    )
+    sh_degree: IntProperty(
+        name="SH Degree",
+        default=3,
+        min=0,
+        max=3,
+        description="View-dependent colour up to this band; higher ones are not loaded",
+    )
+    min_opacity: FloatProperty(
+        name="Minimum Opacity", default=0.0, min=0.0, max=1.0, description="Splats of a lower opacity are not loaded"
+    )
+    max_count: IntProperty(
+        name="Maximum Count",
+        default=0,
+        min=0,
+        description="Load only the most important splats, by opacity and size; 0 loads all",
+    )
+    use_dog: BoolProperty(name="DoG", default=True, description="Subtract the pseudo-Gaussians of DoG models")
+    color_mode: EnumProperty(name="Colors", default="LINEAR", items=(
+        ("LINEAR", "Scene", "Linear light: right under Standard, Filmic and AgX, together with other objects"),
+        ("DISPLAY", "Exact", "sRGB values blended as trained: the exact picture, for the view transform Raw"),
+    ))  # fmt: skip
+    show_as: EnumProperty(name="Show As", default=SHOWN_AS[0][0], items=ways_to_show())
+    antialiased: BoolProperty(
+        name="Antialiased",
+        default=False,
+        description="For models that were trained with antialiasing; unless set here, as the file says",
+    )
+
+    prepare_viewports: BoolProperty(
+        name="Prepare Viewports",
+        default=True,
+        description="Material preview for solid shading, and no outlines of selected objects: both hide splats",
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """A file dialog, or a dialog of the options alone for files that were dropped."""
+        return self.invoke_popup(context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Read every file first, then build: an error leaves nothing behind."""
+        names = [file.name for file in self.files if file.name]
+        paths = [Path(self.directory) / name for name in names] or [Path(self.filepath)]
+        try:
+            read = [(path, *read_model(path, partial(converted, command_of(context)))) for path in paths]
+            models = [(path, self._reduced(path, model), said) for path, model, said in read]
+            native, command = self.show_as == "NATIVE", command_of(context)
+            plain = [baked(command, model) if native and self.use_dog else model for _, model, _ in models]
+        except ValueError as error:  # FileError too
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        if context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        bpy.ops.object.select_all(action="DESELECT")
+        for (path, model, said), gaussians in zip(models, plain, strict=True):
+            obj = self._placed(context, path, model, said)
+            if native:
+                own = obj
+                obj = native_object(own, own.data, model, gaussians)
+                replace_object(own, obj)
+            obj.select_set(True)
+            context.view_layer.objects.active = obj
+        if self.prepare_viewports:
+            _prepare_viewports(context)
+        total = sum(model.n_splats for _, model, _ in models)
+        dog = sum(int(model.is_dog.sum()) for _, model, _ in models)
+        self.report({"INFO"}, told("{total:,} splats imported, {dog:,} of them DoG", total=total, dog=dog))
+        return {"FINISHED"}
+
+    def _placed(self, context: bpy.types.Context, path: Path, model: Model, said: Said) -> bpy.types.Object:
+        """The object of a model, drawn by our modifier as the options and its file say."""
+        place = said if self.place else replace(said, up=None, scale=None)
+        up_axis, scale = self._choice("up_axis", place.up), self._choice("scale", place.scale)
+        obj = build_object(context, path, model, conversion(up_axis, scale))
+        remember_light(obj, said.light)
+        modifier = obj.modifiers[-1]
+        if self.show_as != "NATIVE":
+            set_input(modifier, "Show As", self.show_as.capitalize())
+        set_input(modifier, "SH Degree", self.sh_degree)
+        set_input(modifier, "DoG", self.use_dog)
+        set_input(modifier, "Linear Colors", self.color_mode == "LINEAR" and not said.linear)
+        set_input(modifier, "Antialiased", self._choice("antialiased", said.antialiased))
+        if said.near_clip is not None:
+            set_input(modifier, "Near Clip", said.near_clip * scale)
+        return obj
+
+    def _choice(self, name: str, said: Any) -> Any:
+        """An option as it is set here, else as the file says, else its default."""
+        if said is None or self.properties.is_property_set(name, ghost=False):
+            return getattr(self, name)
+        return said
+
+    def _reduced(self, path: Path, model: Model) -> Model:
+        """Without what the options leave out, the order kept."""
+        model = model.with_degree(min(self.sh_degree, model.sh_degree))
+        if self.min_opacity > 0:
+            model = model.select(sigmoid(model.logit_opacities) >= self.min_opacity)
+        if 0 < self.max_count < model.n_splats:
+            best = np.argsort(-importance(model), kind="stable")[: self.max_count]
+            model = model.select(np.sort(best))
+        if model.n_splats == 0:
+            raise FileError(path, "no splat is left", "lower the minimum opacity, or check that the model has any")
+        return model
+
+
+def _prepare_viewports(context: bpy.types.Context) -> None:
+    """In every viewport with solid shading that a window shows."""
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            space = area.spaces.active
+            if area.type == "VIEW_3D" and space.shading.type == "SOLID":
+                space.shading.type = "MATERIAL"
+                space.overlay.show_outline_selected = False
+
+
+def build_object(context: bpy.types.Context, path: Path, model: Model, matrix: Matrix) -> bpy.types.Object:
+    """An object of a model in the active collection, with modifier and materials; after an error, nothing."""
+    name = path.stem if path.stem != "point_cloud" else path.resolve().parent.name  # of a run folder
+    mesh = bpy.data.meshes.new(name)
+    obj = bpy.data.objects.new(name, mesh)
+    with ExitStack() as undo:
+        undo.callback(bpy.data.meshes.remove, mesh)
+        undo.callback(bpy.data.objects.remove, obj)  # first
+        write_attributes(mesh, model)
+        obj.matrix_world = matrix
+        remember(obj, str(path), CONVENTION, matrix)
+        obj[DOG_COUNT] = int(model.is_dog.sum())
+        context.collection.objects.link(obj)
+        add_modifier(obj)
+        undo.pop_all()
+    return obj
+
+
+class DOGSPLAT_FH_model(bpy.types.FileHandler):
+    """Drag and drop of models into the viewport."""
+
+    bl_idname = "DOGSPLAT_FH_model"
+    bl_label = "DoG Splat"
+    bl_import_operator = "import_scene.dogsplat"
+    bl_file_extensions = ";".join(EXTENSIONS)
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """Where objects can be dropped: the viewport and the outliner."""
+        return poll_file_object_drop(context)

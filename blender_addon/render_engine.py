@@ -1,0 +1,90 @@
+"""Render engine "DoG Splat (Mitsuba)": splats and the scene around them, through Mitsuba."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from bpy.app.translations import pgettext_iface as iface_
+
+from .engine import passes
+from .engine.order import Order, make_order, tidy
+from .engine.settings import ENGINE
+from .package.renderers import choose_renderer
+from .package.served import Cancelled, RendererError
+from .preferences import command_of
+from .viewport.rendered import Rendered
+
+
+class DogSplatEngine(bpy.types.RenderEngine):
+    """Renders a scene with its splats, or the splats alone over the colour of its world."""
+
+    bl_idname = ENGINE
+    bl_label = "DoG Splat (Mitsuba)"
+    bl_use_preview = False
+    bl_use_eevee_viewport = True  # material preview shows the splats as with the other engines
+
+    def render(self, depsgraph: bpy.types.Depsgraph) -> None:
+        """Render one view layer; errors end up in the status bar and in the report of the operator."""
+        scene, layer = depsgraph.scene, depsgraph.view_layer_eval
+        try:
+            renderer = choose_renderer(command_of(bpy.context))
+            self.update_stats("", iface_("sending the scene"))
+            order = make_order(depsgraph, renderer.folder, passes.wanted(layer))
+            tidy(renderer.folder, order.files)
+            for note in order.notes:
+                self.report({"WARNING"}, note)
+            count = sum(order.request["counts"])
+            self.update_stats("", iface_("{count:,} splats, {name}").format(count=count, name=renderer.name))
+            for name, (channels, letters, _, _) in passes.offered(layer).items():
+                self.add_pass(name, channels, letters)
+            picture = renderer.render(
+                order.request, self.test_break, self.update_progress, lambda seen: self._show(scene, order, seen)
+            )
+        except Cancelled:
+            return
+        except (ValueError, OSError, RendererError) as error:
+            self.report({"ERROR"}, str(error))
+            self.error_set(str(error))
+            return
+        self._show(scene, order, picture)
+        if "matte" in order.request["passes"]:
+            for key, text in passes.matte_metadata(layer.name, order).items():
+                self.get_result().stamp_data_add_field(key, text)
+
+    def view_update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        """Something has changed that a viewport in Rendered shading may show."""
+        self._viewport().note(depsgraph)
+
+    def view_draw(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        """Draw such a viewport; errors stand in its corner."""
+        viewport = self._viewport()
+        viewport.draw(context, depsgraph)
+        self.update_stats("", viewport.error)
+
+    def _viewport(self) -> Rendered:
+        if not hasattr(self, "_rendered"):
+            self._rendered = Rendered()
+        return self._rendered
+
+    def update_render_passes(self, scene: bpy.types.Scene, renderlayer: bpy.types.ViewLayer) -> None:
+        """Offer the passes to the compositor."""
+        self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
+        for name, (channels, letters, kind, _) in passes.offered(renderlayer).items():
+            self.register_pass(scene, renderlayer, name, channels, letters, kind)
+
+    def _show(self, scene: bpy.types.Scene, order: Order, picture: dict[str, np.ndarray]) -> None:
+        """Hand the picture (rows from the top) to Blender (rows from the bottom)."""
+        result = self.begin_result(0, 0, order.camera.width, order.camera.height)
+        for name, values in passes.values(order, picture, scene).items():
+            target = result.layers[0].passes.get(name)
+            if target is not None:
+                target.rect.foreach_set(np.ascontiguousarray(values[::-1], np.float32).ravel())
+        self.end_result(result)
+
+
+def panels_for_all_engines() -> list[type]:
+    """Blender's own panels that make sense with any engine: resolution, camera, output, …"""
+    return [
+        panel for panel in bpy.types.Panel.__subclasses__()
+        if "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ())
+    ]  # fmt: skip

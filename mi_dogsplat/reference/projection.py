@@ -1,0 +1,161 @@
+"""The float64 projection: primitives as one camera sees them, with their colours. Notation of `forward.py`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .mixed_sh import padded_sh
+
+if TYPE_CHECKING:
+    from ..scene.cameras import Camera
+    from ..scene.splats import Splats
+
+LOW_PASS = 0.3  # px^2, added to the diagonal of every screen covariance
+MIN_ALPHA = 1 / 255  # weaker contributions are skipped
+MIN_ANTIALIAS_RATIO = 2.5e-5
+
+
+@dataclass
+class Projection:
+    """All primitives as one camera sees them, float64; rows are zero where `visible` is false."""
+
+    visible: np.ndarray  # [N] bool, in front of the near plane and everything finite (but for logit opacities)
+    means2d: np.ndarray  # [N, 2] px
+    depths: np.ndarray  # [N] camera z of the centre
+    cov2d: np.ndarray  # [N, 3] px^2, with the low-pass
+    conics: np.ndarray  # [N, 3] inverse of cov2d
+    opacities: np.ndarray  # [N] with the antialias factor, if any
+    colors: np.ndarray  # [N, 3]
+    dog: np.ndarray  # [N] bool; the pseudo_* rows are zero where false
+    pseudo_cov2d: np.ndarray  # [N, 3]
+    pseudo_conics: np.ndarray  # [N, 3]
+    pseudo_opacities: np.ndarray  # [N]
+    extents: np.ndarray  # [N, 2] px, half size of the box around {G or G_p >= 1/255}; 0 where that is empty
+
+
+def sh_basis(dirs: np.ndarray, degree: int) -> np.ndarray:
+    """Real spherical harmonics of unit vectors [N, 3], signs and order as in 3DGS -> [N, (degree + 1)^2].
+
+    Within a degree the order is m = -l..l; odd m carry the Condon-Shortley sign. Orthonormal on the sphere.
+    """
+    if not 0 <= degree <= 3:
+        raise ValueError(f"sh_basis: degree is {degree}; 0, 1, 2 and 3 exist")
+    x, y, z = dirs.T
+    xx, yy, zz, pi = x * x, y * y, z * z, np.pi
+    c1 = np.sqrt(3 / (4 * pi))
+    c2, c20 = np.sqrt(15 / (4 * pi)), np.sqrt(5 / (16 * pi))
+    c33, c32, c31, c30 = np.sqrt(np.array([35 / 32, 105 / 4, 21 / 32, 7 / 16]) / pi)
+    basis = [np.full_like(x, np.sqrt(1 / (4 * pi)))]
+    if degree >= 1:
+        basis += [-c1 * y, c1 * z, -c1 * x]
+    if degree >= 2:
+        basis += [c2 * x * y, -c2 * y * z, c20 * (2 * zz - xx - yy), -c2 * x * z, c2 / 2 * (xx - yy)]
+    if degree >= 3:
+        basis += [-c33 * y * (3 * xx - yy), c32 * x * y * z, -c31 * y * (4 * zz - xx - yy),
+                  c30 * z * (2 * zz - 3 * xx - 3 * yy),
+                  -c31 * x * (4 * zz - xx - yy), c32 / 2 * z * (xx - yy), -c33 * x * (xx - 3 * yy)]
+    return np.stack(basis, axis=1)
+
+
+def rotations(quats: np.ndarray) -> np.ndarray:
+    """Rotation matrices [N, 3, 3] of quaternions [N, 4] (x, y, z, w) of any length; 0 gives the identity."""
+    length = np.linalg.norm(quats, axis=1, keepdims=True)
+    unit = np.where(length > 0, quats / np.where(length > 0, length, 1), [0, 0, 0, 1])
+    v, w = unit[:, :3], unit[:, 3, None, None]
+    cross = np.cross(v[:, None, :], np.eye(3)[None]).swapaxes(1, 2)  # [N, 3, 3], cross @ u = v x u
+    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+
+
+def sigmoid(x: np.ndarray) -> np.ndarray:
+    """The logistic function; small values keep their relative precision."""
+    return np.exp(-np.logaddexp(0, -x))
+
+
+def _covariance(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """From A = J W R S [N, 2, 3]: Sigma' = A A^T + 0.3 I [N, 3], its inverse, the antialias factor [N].
+
+    det A A^T is the squared length of the cross product of the rows of A (Lagrange): for needle-shaped
+    primitives xx yy - xy^2 would cancel.
+    """
+    xx, xy, yy = (A[:, 0] ** 2).sum(1), (A[:, 0] * A[:, 1]).sum(1), (A[:, 1] ** 2).sum(1)
+    det_raw = (np.cross(A[:, 0], A[:, 1]) ** 2).sum(1)
+    det = det_raw + LOW_PASS * (xx + yy) + LOW_PASS**2
+    xx, yy = xx + LOW_PASS, yy + LOW_PASS
+    cov2d = np.stack([xx, xy, yy], axis=1)
+    conics = np.stack([yy, -xy, xx], axis=1) / det[:, None]
+    return cov2d, conics, np.sqrt(np.maximum(MIN_ANTIALIAS_RATIO, det_raw / det))
+
+
+def _extents(cov2d: np.ndarray, opacities: np.ndarray) -> np.ndarray:
+    """Half size [N, 2] of the box around {o exp(-d^T conic d / 2) >= 1/255}; 0 where o is below 1/255."""
+    t = 2 * np.log(np.maximum(opacities / MIN_ALPHA, 1))
+    return np.sqrt(t[:, None] * cov2d[:, [0, 2]])
+
+
+def _finite_parameters(splats: Splats, sh: np.ndarray) -> np.ndarray:
+    """[N] no parameter in use is NaN or infinite, `sh` those of the colour; logit opacities may be infinite."""
+    raw = [splats.means, splats.log_scales, splats.quats, sh]
+    finite = np.logical_and.reduce([np.isfinite(r).all(axis=tuple(range(1, r.ndim))) for r in raw])
+    finite &= ~np.isnan(splats.logit_opacities)
+    dog = np.asarray(splats.dog_index, np.int64)
+    finite[dog] &= np.isfinite(splats.dog_log_scales).all(1) & ~np.isnan(splats.dog_logit_opacities)
+    return finite
+
+
+@np.errstate(all="ignore")  # what is not finite or not in front of the camera is computed, then discarded
+def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialiased: bool = False,
+            sh_degree: int | None = None) -> Projection:
+    """Project primitives into a camera; `sh_degree` uses that many degrees only (None: all there are).
+
+    Raises ValueError if `sh_degree` exceeds what the primitives have.
+    """
+    means, sh = np.asarray(splats.means, np.float64), padded_sh(splats)
+    scales = np.exp(np.asarray(splats.log_scales, np.float64))
+    n, degree = len(means), int(np.sqrt(sh.shape[1])) - 1
+    if sh_degree is not None and sh_degree > degree:
+        raise ValueError(f"project: sh_degree is {sh_degree}, the splats have {degree}; ask for at most that")
+    degree = degree if sh_degree is None else sh_degree
+    W, t = camera.w2c[:3, :3], camera.w2c[:3, 3]
+
+    x, y, z = (means @ W.T + t).T
+    means2d = np.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], axis=1)
+    # Far outside the image the linearisation explodes: take J at most 15 % of an image outside.
+    margin_x, margin_y = 0.15 * camera.width, 0.15 * camera.height
+    cx, cy = camera.cx, camera.cy
+    u = np.clip(x / z, -(cx + margin_x) / camera.fx, (camera.width - cx + margin_x) / camera.fx)
+    v = np.clip(y / z, -(cy + margin_y) / camera.fy, (camera.height - cy + margin_y) / camera.fy)
+    J = np.zeros((n, 2, 3))
+    J[:, 0, 0], J[:, 0, 2] = camera.fx / z, -camera.fx * u / z
+    J[:, 1, 1], J[:, 1, 2] = camera.fy / z, -camera.fy * v / z
+    JWR = J @ W @ rotations(np.asarray(splats.quats, np.float64))  # [N, 2, 3]
+
+    cov2d, conics, factor = _covariance(JWR * scales[:, None, :])
+    raw_opacities = sigmoid(np.asarray(splats.logit_opacities, np.float64))
+    opacities = raw_opacities * factor if antialiased else raw_opacities
+
+    dog, pseudo_opacities = np.zeros(n, bool), np.zeros(n)
+    pseudo_cov2d, pseudo_conics = np.zeros((n, 3)), np.zeros((n, 3))
+    i = np.asarray(splats.dog_index, np.int64)  # [M]
+    f_a = sigmoid(np.asarray(splats.dog_logit_opacities, np.float64))  # [M]
+    F = np.exp(np.asarray(splats.dog_log_scales, np.float64))  # [M, 3]
+    pseudo_cov2d[i], pseudo_conics[i], pseudo_factor = _covariance(JWR[i] * (F * scales[i])[:, None, :])
+    pseudo_opacities[i] = f_a * raw_opacities[i] * (pseudo_factor if antialiased else 1)
+    dog[i] = True
+
+    dirs = means + W.T @ t  # from the camera centre -W^T t, world space
+    dirs /= np.linalg.norm(dirs, axis=1, keepdims=True)
+    basis = sh_basis(dirs, degree)  # [N, K]
+    sh = sh[:, :basis.shape[1]]
+    colors = np.maximum(0, np.einsum("nk,nkc->nc", basis, sh) + 0.5)
+
+    extents = np.maximum(_extents(cov2d, opacities), _extents(pseudo_cov2d, pseudo_opacities))
+    rows = [means2d, z, cov2d, conics, opacities, colors, pseudo_cov2d, pseudo_conics,
+            pseudo_opacities, extents]
+    visible = (z > near_clip) & np.isfinite(np.column_stack(rows)).all(axis=1) & _finite_parameters(splats, sh)
+    for row in rows:
+        row[~visible] = 0
+    return Projection(visible, means2d, z, cov2d, conics, opacities, colors, dog & visible, pseudo_cov2d,
+                      pseudo_conics, pseudo_opacities, extents)

@@ -1,0 +1,52 @@
+"""What float32 may do to an image, pixel by pixel: bounds to first order, as Higham has them for sums and products.
+
+Notation of `forward.py` and `walk.py`. A kernel's value is right to a few units, of which alpha = G - G_p keeps the
+absolute error: its relative one is larger by (G + G_p) / |alpha|. T is a product, so the relative errors of its factors
+add, and an error of T is one of all that lies behind. An image is a sum of alpha T c: its error is in proportion to
+the sum of their magnitudes, which negative alphas take to any size, and not to what their sum happens to be.
+
+Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), chapters 3 and 4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .forward import MIN_T
+from .projection import MIN_ALPHA, project
+from .walk import KERNEL_UNITS, UNIT, Walk, blocks
+
+if TYPE_CHECKING:
+    from ..scene.cameras import Camera
+    from ..scene.splats import Splats
+
+
+@dataclass
+class Rounding:
+    """Of an image over its background, float64."""
+
+    magnitude: np.ndarray  # [H, W, 3] sum of |alpha| T c, and of T times the background
+    error: np.ndarray  # [H, W, 3] by how much float32 may change the image
+
+
+def rounding_tiled(splats: Splats, camera: Camera, background: Sequence[float] | np.ndarray = (0, 0, 0), *,
+                   near_clip: float = 0.2, min_alpha: float = MIN_ALPHA, min_transmittance: float = MIN_T) -> Rounding:
+    """Magnitude and rounding of the image that `render_tiled` makes with the same options."""
+    projection = project(splats, camera, near_clip=near_clip)
+    light = np.abs(np.asarray(background, np.float64))
+    magnitude = np.tile(light, (camera.height, camera.width, 1))
+    error = UNIT * magnitude
+    for block in blocks(projection, camera, min_alpha):
+        walk = Walk(projection, block, True, min_alpha, min_transmittance)
+        of_T, size = walk.roundings(), np.abs(walk.alpha)
+        in_front = np.concatenate([np.zeros_like(of_T[:1]), of_T[:-1]])
+        of_weights = np.where(walk.blended, KERNEL_UNITS * UNIT * (walk.operands() + size) + in_front * size, 0)
+        colors, of_light = projection.colors[block.splats], walk.T_final[..., None] * light
+        magnitude[block.pixels] = np.tensordot(size * walk.T, colors, (0, 0)) + of_light
+        of_blended = np.tensordot(of_weights * walk.T, colors, (0, 0))
+        error[block.pixels] = of_blended + (of_T[-1][..., None] + UNIT) * of_light
+    return Rounding(magnitude, error)

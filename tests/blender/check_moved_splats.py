@@ -1,0 +1,91 @@
+"""Splats follow what Blender does to their places: applied transforms, mirrors, parts turned in edit mode."""
+
+import bpy
+import numpy as np
+import pytest
+from edits import PLACED, TURN
+from mathutils import Matrix
+from model_files import load
+from model_values import assert_equal, assert_moved, covariances
+
+from blender_addon.files.motion import motions
+from blender_addon.files.ply import read_ply
+from blender_addon.objects.attributes import read_attributes
+
+
+def test_splats_follow_blenders_own_apply_transform(model):
+    obj, raw = load(model), read_ply(model)
+    obj.matrix_world = PLACED
+    bpy.context.view_layer.update()
+    assert bpy.ops.object.transform_apply() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert obj.matrix_world == Matrix.Identity(4)
+    assert_moved(read_attributes(obj.data), raw, np.array(PLACED))
+
+
+@pytest.mark.parametrize("scale", [(-1.5, 1.5, 1.5), (1, 2, 0.7)])
+def test_splats_follow_blenders_own_mirrors_and_stretches(model, scale):
+    obj, raw = load(model), read_ply(model)
+    obj.scale = scale
+    bpy.context.view_layer.update()
+    bpy.ops.object.transform_apply()
+    bpy.context.view_layer.update()
+    found, matrix = read_attributes(obj.data), np.diag([*scale, 1])
+    if scale[0] < 0:
+        assert_moved(found, raw, matrix)
+    expected = matrix[:3, :3] @ covariances(raw) @ matrix[:3, :3]
+    assert np.allclose(covariances(found), expected, rtol=1e-3, atol=1e-5 * np.abs(expected).max())
+    assert np.array_equal(found.logit_opacities, raw.logit_opacities)
+
+
+def test_splats_follow_a_shift_without_losing_a_bit_of_the_rest(model):
+    obj, raw = load(model), read_ply(model)
+    obj.location = 1, 2, 3
+    bpy.context.view_layer.update()
+    bpy.ops.object.transform_apply()
+    bpy.context.view_layer.update()
+    found = read_attributes(obj.data)
+    assert np.allclose(found.means, raw.means + (1, 2, 3), atol=1e-6)
+    found.means = raw.means
+    assert_equal(found, raw)
+
+
+def test_a_part_that_is_turned_in_edit_mode_turns_its_splats(model):
+    """And one splat that is dragged elsewhere afterwards keeps its own values."""
+    obj, raw = load(model), read_ply(model)
+    part = np.arange(raw.n_splats) < 60
+    obj.data.vertices.foreach_set("select", part)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.transform.rotate(value=0.7, orient_axis="Z", center_override=(0, 0, 0))
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.context.view_layer.update()
+    found = read_attributes(obj.data)
+    assert_equal(found.select(~part), raw.select(~part))
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.linalg.lstsq(raw.means[part], found.means[part], rcond=None)[0].T
+    assert abs(np.linalg.det(matrix) - 1) < 1e-4 and abs(matrix[0, 1]) > 0.5
+    assert_moved(found.select(part), raw.select(part), matrix)
+    obj.data.vertices[0].co.x += 1
+    obj.data.update()
+    bpy.context.view_layer.update()
+    moved = read_attributes(obj.data)
+    assert moved.means[0, 0] == found.means[0, 0] + 1
+    moved.means = found.means
+    assert_equal(moved, found)
+
+
+def test_motions_are_found_in_any_order_of_what_was_joined():
+    rng = np.random.default_rng(0)
+    before = rng.normal(size=(1000, 3)).astype(np.float32)
+    after = before.copy()
+    stretched = Matrix.Rotation(1.0, 4, "X") @ Matrix.Diagonal((1, -2, 0.6, 1))
+    pieces = {(0, 300): TURN, (300, 637): stretched, (800, 1000): PLACED}
+    for (a, b), matrix in pieces.items():
+        m = np.array(matrix)
+        after[a:b] = before[a:b] @ m[:3, :3].T + m[:3, 3]
+    after[700] += 1
+    found = {}
+    for rows, matrix in motions(before, after):
+        key = tuple(np.round(matrix, 3).ravel())
+        found.setdefault(key, []).extend(rows.tolist())
+    assert {tuple(sorted(rows)) for rows in found.values()} == {tuple(range(a, b)) for a, b in pieces}

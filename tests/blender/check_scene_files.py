@@ -1,0 +1,44 @@
+"""The scene around the splats as a file of Mitsuba's: what is written once, and what has no counterpart."""
+
+import json
+
+import bpy
+import pytest
+from surroundings import GREY, body, camera, light, material, plane, sphere
+
+from blender_addon.cameras.objects import camera_numbers
+from blender_addon.scene.write import write_scene
+
+
+def written(scene, tmp_path):
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    result = write_scene(depsgraph, None, camera_numbers(scene, scene.camera), tmp_path, 0)
+    return result, json.loads((tmp_path / result.scene).read_text())
+
+
+def test_what_has_no_counterpart_is_drawn_in_its_viewport_colour_and_said(scene, tmp_path):
+    camera(scene, (0, 0, 8))
+    strange = body(plane(2), material("ShaderNodeBsdfHair")).data.materials[0]
+    strange.diffuse_color = (0.25, 0.5, 0.75, 1)
+    result, described = written(scene, tmp_path)
+    (note,) = result.notes
+    assert strange.name in note and "viewport" in note
+    (drawn,) = [value for key, value in described.items() if key.startswith("material_")]
+    assert drawn["bsdf"]["base_color"]["value"] == pytest.approx([0.25, 0.5, 0.75])
+
+
+def test_geometry_that_is_repeated_is_written_once(scene, tmp_path):
+    camera(scene, (0, 0, 8))
+    first = body(sphere(0.5), material("ShaderNodeBsdfDiffuse", Color=GREY))
+    for k in range(3):
+        copy = bpy.data.objects.new(f"copy {k}", first.data)
+        copy.location.x = k
+        scene.collection.objects.link(copy)
+    lamp = light(scene, "POINT", energy=1, shadow_soft_size=0.1)
+    result, described = written(scene, tmp_path)
+    assert result.hide_lamps
+    lamp.data.shadow_soft_size = 0
+    assert not written(scene, tmp_path)[0].hide_lamps
+    kinds = [value["type"] for value in described.values()]
+    assert kinds.count("shapegroup") == 1 and kinds.count("instance") == 4 and len(result.files) == 2
+    assert result.names == [first.name, "copy 0", "copy 1", "copy 2"]

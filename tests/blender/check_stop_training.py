@@ -1,0 +1,105 @@
+"""Stop Training: Blender goes on at once, and the training has the time that it needs to save what it has."""
+
+import subprocess
+import sys
+import time
+
+import bpy
+import pytest
+
+from blender_addon.training import run as training_run
+from blender_addon.training import train_operator
+from blender_addon.training.run import TrainingRun, can_go_on
+from blender_addon.training.work import WORK
+
+SAVES = """
+import signal, sys, time
+from pathlib import Path
+run = Path(sys.argv[sys.argv.index("-o") + 1])
+asked = []
+signal.signal(signal.SIGTERM, lambda *_: asked.append(signal.signal(signal.SIGTERM, signal.SIG_DFL)))
+print("ready", flush=True)
+while not asked:
+    time.sleep(0.01)
+(run / "asked").touch()
+while not (run / "go").exists():
+    time.sleep(0.01)
+(run / "config.json").write_text("{}")
+sys.exit(143)
+"""
+IS_DEAF = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('x', flush=True); time.sleep(600)"
+
+
+@pytest.fixture
+def begun(tmp_path, monkeypatch):
+    """Starts a program in the place of a training, which is the one at work."""
+    monkeypatch.setattr(train_operator, "tell", lambda context: pytest.fail(WORK.trouble))  # it needs a display
+    runs = []
+
+    def begin(program: str) -> TrainingRun:
+        (tmp_path / "run").mkdir()
+        run = TrainingRun([sys.executable, "-c", program], tmp_path, tmp_path / "run", {"steps": "9"}, False)
+        runs.append(run)
+        while not (tmp_path / "training.log").stat().st_size:
+            time.sleep(0.01)
+        WORK.begin_training(run, bpy.context.scene.name)
+        return run
+
+    yield begin
+    for run in runs:
+        run.stop()
+    WORK.end_training()
+
+
+def ask(run: TrainingRun) -> None:
+    """Press the button; the training has noticed it afterwards, and another signal would end it at once."""
+    assert bpy.ops.dogsplat.stop_training() == {"FINISHED"}
+    while not (run.folder / "asked").exists():
+        time.sleep(0.01)
+
+
+def looked_after() -> None:
+    """As the timer does, until it has nothing to look after."""
+    while train_operator.look_after() is not None:
+        time.sleep(0.01)
+
+
+def test_stopping_waits_for_nothing_and_loses_nothing(begun):
+    """The training saves after the operator is done; asked a second time, it would not."""
+    run = begun(SAVES)
+    ask(run)
+    assert run.works and WORK.busy and not bpy.ops.dogsplat.stop_training.poll()
+    assert train_operator.look_after() == train_operator.INTERVAL and not can_go_on(run.folder)
+    run.ask_to_stop()
+    (run.folder / "go").touch()
+    looked_after()
+    assert can_go_on(run.folder) and not WORK.busy and not WORK.stopping and WORK.trouble == ""
+
+
+def test_whoever_leaves_waits_until_a_training_that_stops_is_saved(begun):
+    """The add-on is disabled, or another file opened, right after the button."""
+    run = begun(SAVES)
+    ask(run)
+    later = f"import pathlib, time; time.sleep(0.3); pathlib.Path({str(run.folder / 'go')!r}).touch()"
+    with subprocess.Popen([sys.executable, "-c", later]):
+        train_operator.stop()
+    assert can_go_on(run.folder) and not run.works and not WORK.busy
+
+
+def test_a_training_that_does_not_listen_is_killed(begun, monkeypatch):
+    monkeypatch.setattr(training_run, "PATIENCE", 0.2)
+    run = begun(IS_DEAF)
+    assert bpy.ops.dogsplat.stop_training() == {"FINISHED"}
+    assert run.works
+    looked_after()
+    assert not run.works and not WORK.busy and WORK.trouble == ""
+
+
+def test_a_training_that_is_done_by_then_is_imported(begun, model):
+    """Its model would be lost otherwise: nothing can go on."""
+    run = begun(f"import shutil, sys; shutil.copy({str(model)!r}, sys.argv[4] + '/point_cloud.ply'); print('done')")
+    run.wait()
+    assert bpy.ops.dogsplat.stop_training() == {"FINISHED"}
+    looked_after()
+    result = bpy.context.scene.dogsplat_training.result
+    assert result is not None and len(result.data.vertices) == 150 and not WORK.busy

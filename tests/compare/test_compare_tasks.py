@@ -1,0 +1,93 @@
+"""A comparison as tasks: what they wait for, what all of them share, and workers of which one is killed."""
+
+import json
+import os
+import signal
+import time
+from dataclasses import replace
+from typing import Any
+
+import psutil
+import pytest
+from mi_dogsplat.compare.cluster import local_options
+from mi_dogsplat.compare.compare import compare
+from mi_dogsplat.compare.execute import Means, in_a_process
+from mi_dogsplat.compare.tasks import Task, tasks_of
+from mi_dogsplat.runs.checkpoint import load_checkpoint
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.locks import locked
+from mi_dogsplat.training.config import TrainConfig
+from small_comparison import SETTINGS
+
+
+def test_without_its_start_a_run_fails_in_one_line(data, tmp_path):
+    (tmp_path / "tiny").mkdir()
+    settings = {k: v for k, v in vars(TrainConfig(str(data), steps=60)).items() if k not in ("preset", "seed")}
+    (tmp_path / "tiny" / "config.json").write_text(json.dumps(settings))
+    error = in_a_process(Task("train", str(tmp_path / "tiny"), 0, ("3dgs",)), Means())
+    assert error and "there is no densified start" in error
+
+
+def test_tasks_wait_for_the_start_and_times_for_all_runs_of_the_same_data_and_seed(tmp_path):
+    tasks = [t for name in "ab" for t in tasks_of(tmp_path / name, (0, 1), ("3dgs", "ours"))]
+    assert len({task.name for task in tasks}) == len(tasks) == 16
+    for task in tasks:
+        needed = [other for other in tasks if task.needs(other)]
+        assert all(other.seed_folder == task.seed_folder for other in needed)
+        assert len(needed) == {"start": 0, "train": 1, "time": 3}[task.kind]
+        assert all(tasks.index(other) < tasks.index(task) for other in needed)  # so that they can go in this order
+
+
+def test_two_comparisons_do_not_write_to_one_folder(data, tmp_path):
+    (tmp_path / "out").mkdir()
+    with locked(tmp_path / "out", "taken"), pytest.raises(DataError, match="another comparison is writing"):
+        compare(TrainConfig("", **SETTINGS), [str(data)], tmp_path / "out", [0], ("3dgs",))
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_the_memory_that_is_given_holds_for_every_task(data, tmp_path):
+    config = replace(TrainConfig("", **SETTINGS), memory="1M")
+    table = compare(config, [str(data)], tmp_path / "out", [0], ("3dgs",))
+    assert "needs about" in table["failed"]["tiny, seed 0: densified start"]
+
+
+@pytest.mark.slow
+def test_neither_the_start_nor_a_method_depends_on_the_distance_of_rows_and_pages_do_without_curves(data, tmp_path):
+    settings: dict[str, Any] = SETTINGS | {"log_every": 45, "test_every": 1000}
+    table = compare(TrainConfig("", **settings), [str(data)], tmp_path / "out", [0], ("3dgs", "lp_3dgs"))
+    start = load_checkpoint(tmp_path / "out" / "tiny" / "seed_0" / "start.npz")
+    assert not table["failed"] and start["step"] == 30 and start["seconds"] > 0
+    assert "Error against run time" in (tmp_path / "out" / "comparison.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_on_two_workers_of_which_one_is_killed_all_runs_are_complete(data, tmp_path):
+    """The worker dies while it performs a task: the process of the task goes too, and another worker does it again."""
+    from distributed import Client, LocalCluster
+
+    killed: list[psutil.Process] = []
+    cluster: Any = LocalCluster(**local_options(2))
+    with cluster:
+        client: Any = Client(address := cluster.scheduler_address)
+        with client:
+
+            def kill_a_busy_worker(line: str) -> None:
+                """As soon as the start is there and runs have begun."""
+                deadline = time.monotonic() + 30
+                while not killed and time.monotonic() < deadline:
+                    busy = [psutil.Process(pid) for pid in client.run(os.getpid).values()]
+                    runs = [(worker, worker.children()) for worker in busy if worker.children()]
+                    if runs:
+                        worker, children = runs[0]
+                        killed.extend(children)
+                        worker.send_signal(signal.SIGKILL)
+
+            config, out = TrainConfig("", **SETTINGS), tmp_path / "out"
+            names = ("3dgs", "opacity", "radsplat", "ours")
+            table = compare(config, [str(data)], out, [0], names, cluster=address, progress=kill_a_busy_worker)
+    assert killed
+    gone, alive = psutil.wait_procs(killed, timeout=300)
+    assert not alive
+    assert list(table["methods"]) == list(names) and not table["failed"]
+    for name in names:
+        assert len((out / "tiny" / "seed_0" / name / "history.jsonl").read_text().splitlines()) >= 3

@@ -1,0 +1,66 @@
+"""Adam on a few random primitives, with random gradients."""
+
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer import SplatOptimizer
+
+RATES = LearningRates(extent=2.0, total_steps=1000)
+
+
+def random_model(n: int, degree: int = 1, dog_index=(), seed: int = 0) -> Splats:
+    rng, m = np.random.default_rng(seed), len(dog_index)
+    return Splats(
+        rng.normal(size=(n, 3)), rng.normal(size=(n, 3)), rng.normal(size=(n, 4)), rng.normal(size=n),
+        rng.normal(size=(n, (degree + 1) ** 2, 3)),
+        np.array(dog_index, np.uint32), rng.normal(size=m), rng.normal(size=(m, 3)),
+    )  # fmt: skip
+
+
+def translucent_model(n: int) -> Splats:
+    """Plain and smaller, of SH degree 0."""
+    rng = np.random.default_rng(n)
+    return Splats(
+        rng.normal(size=(n, 3)), rng.normal(size=(n, 3)) - 2, rng.normal(size=(n, 4)), rng.normal(size=n),
+        rng.normal(size=(n, 1, 3)),
+    )  # fmt: skip
+
+
+def set_gradients(optimizer: SplatOptimizer, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    gradients = {}
+    for name, value in optimizer.adam.items():
+        gradients[name] = rng.normal(size=dr.width(value)).astype(np.float32)
+        dr.set_grad(value, mi.Float(gradients[name]))
+    return gradients
+
+
+def run(optimizer: SplatOptimizer, steps: int, seed: int = 1) -> None:
+    rng = np.random.default_rng(seed)
+    for step in range(steps):
+        optimizer.schedule(step)
+        set_gradients(optimizer, rng)
+        optimizer.step()
+
+
+def alike(optimizer: SplatOptimizer, first: int, steps: int) -> None:
+    """Steps with one gradient for all numbers."""
+    for step in range(first, first + steps):
+        optimizer.schedule(step)
+        for value in optimizer.adam.values():
+            dr.set_grad(value, dr.opaque(mi.Float, 0.1, dr.width(value)))
+        optimizer.step()
+
+
+def moments(optimizer: SplatOptimizer, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """First and second moment, [rows, row size]."""
+    state = optimizer.state()
+    m, v = (state[f"{name}.{key}"].reshape(-1, optimizer.row_size[name]) for key in "mv")
+    return m, v
+
+
+def assert_same(a: Splats, b: Splats):
+    for name in a.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
