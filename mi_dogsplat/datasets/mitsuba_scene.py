@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..scene.mitsuba_cameras import camera_from_mitsuba
-from ..support.errors import DataError
+from ..support.errors import DataError, interruptible
 from ..support.srgb import linear_to_srgb
 from .dataset import Dataset, View, every_eighth, held_out, no_points, require_unique_names, views_named
 from .given_cameras import sensor_name
@@ -61,7 +61,8 @@ def load_mitsuba_scene(file: Path, downscale: int, spp: int, split: str = "test"
 
 def _render(mi: Any, scene: Any, sensor_index: int, spp: int) -> np.ndarray:
     """Linear render of one sensor without its AOVs: float32 [H, W, 3], or [H, W, 4] premultiplied."""
-    mi.render(scene, sensor=sensor_index, spp=spp, seed=sensor_index)
+    with interruptible():
+        mi.render(scene, sensor=sensor_index, spp=spp, seed=sensor_index)
     bitmap = scene.sensors()[sensor_index].film().bitmap()
     if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
         bitmap = dict(bitmap.split())["<root>"]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..scene.mitsuba_cameras import camera_to_mitsuba
+from ..support.errors import interruptible
 from ..support.srgb import linear_to_srgb
 from .camera_paths import Shot
 
@@ -38,7 +39,8 @@ def render_shot(mi: Any, scene: Any, shot: Shot, spp: int, seed: int, alpha: boo
     pixel_format = mi.Bitmap.PixelFormat.RGBA if alpha else mi.Bitmap.PixelFormat.RGB
     linear = np.zeros((shot.camera.height, shot.camera.width, 4 if alpha else 3), np.float32)
     for i in range(n_passes):
-        mi.render(scene, sensor=loaded, spp=side**2, seed=seed * n_passes + i)
+        with interruptible():
+            mi.render(scene, sensor=loaded, spp=side**2, seed=seed * n_passes + i)
         bitmap = loaded.film().bitmap()
         if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:  # AOVs come along
             bitmap = dict(bitmap.split())["<root>"]

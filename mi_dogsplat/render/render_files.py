@@ -19,7 +19,7 @@ from ..scene.camera_file import read_camera
 from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, drawn_as
 from ..scene.splats import Splats
-from ..support.errors import DataError, gist
+from ..support.errors import DataError, gist, interruptible
 from ..support.files import replacing
 from ..support.pictures import write_channels, write_exr, write_png
 from ..support.srgb import linear_to_srgb
@@ -174,7 +174,8 @@ def render_scene(
         integrator = scene.integrator()
         if isinstance(integrator, SplatIntegrator):
             integrator.on_pass = on_pass
-        mi.render(scene, spp=spp)
+        with interruptible():
+            mi.render(scene, spp=spp)
         bitmap = scene.sensors()[0].film().bitmap()
     except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
         raise DataError(path, f"Mitsuba cannot render it ({gist(error)})", "correct the scene") from error

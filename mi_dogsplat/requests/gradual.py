@@ -11,6 +11,7 @@ import numpy as np
 from ..plugin.background import radiance
 from ..plugin.samples import samples
 from ..plugin.sensor import SensorReader
+from ..support.errors import interruptible
 from .request import Request
 from .scene_description import hides_background
 
@@ -31,7 +32,8 @@ def means(
     behind = _environment(scene, sensor) if hides_background(request) else None
     for number, count in enumerate(steps):
         seed: Any = int(np.random.SeedSequence((request.seed, part, number)).generate_state(1)[0])
-        total += count * np.array(mi.render(scene, sensor=sensor, spp=count, seed=seed))[..., :4]  # [H, W, 4]
+        with interruptible():
+            total += count * np.array(mi.render(scene, sensor=sensor, spp=count, seed=seed))[..., :4]  # [H, W, 4]
         done += count
         mean = (total / done).astype(np.float32)
         if behind is not None:

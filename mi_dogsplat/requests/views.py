@@ -16,7 +16,7 @@ from ..engine.rasterize import rasterize
 from ..plugin.transfer import linear_to_srgb, srgb_to_linear
 from ..scene.cameras import Camera
 from ..scene.splats import DENSE, Splats
-from ..support.errors import DataError, gist
+from ..support.errors import DataError, gist, interruptible
 from .gradual import in_steps, means
 from .request import SOURCE
 from .scene_description import load_scene
@@ -89,7 +89,8 @@ class Views:
         drawn = request.near_clip, request.antialiased, request.mesh_shadows
         scene, quick = self._keep("scene", files, how + drawn, lambda: self._load(request, sensor))
         if not request.samples:
-            picture = np.array(mi.render(scene, sensor=sensor, integrator=quick, spp=1), np.float32)
+            with interruptible():
+                picture = np.array(mi.render(scene, sensor=sensor, integrator=quick, spp=1), np.float32)
             if not request.transparent:
                 picture[..., 3] = 1
             yield 1.0, picture

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 QUOTED = 600  # characters of a name, or of what quotes a file
@@ -18,6 +20,19 @@ class DataError(ValueError):
         line = " ".join(f"{place}: {what}; {remedy}".split())
         super().__init__("".join(c if c.isprintable() else ascii(c)[1:-1] for c in line))
         self.path = Path(path)
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Ctrl-C within is ``KeyboardInterrupt``, which Dr.Jit wraps in a ``RuntimeError`` where it renders."""
+    try:
+        yield
+    except RuntimeError as error:
+        cause: BaseException | None = error
+        while cause := cause.__cause__ or cause.__context__:
+            if isinstance(cause, KeyboardInterrupt):
+                raise KeyboardInterrupt from error
+        raise
 
 
 def gist(error: BaseException) -> str:

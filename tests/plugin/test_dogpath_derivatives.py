@@ -111,3 +111,26 @@ def test_materials_and_lights_have_derivatives_though_no_primitive_has():
             sides.append((np.array(mi.render(scene_with(SPLATS, changed), spp=SPP, seed=SEED), float) * ADJOINT).sum())
         at = 0.5 if name.startswith("wall") else 9
         assert gradients[name].sum() == pytest.approx((sides[0] - sides[1]) / (0.04 * at), rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["wall.bsdf.reflectance.value", "sky.radiance.value"])
+def test_both_modes_agree_on_what_a_parameter_of_the_scene_is_computed_from(name):
+    """Every segment and every pass meets the parameter, whose own tangent comes from elsewhere."""
+    scene = scene_with(SPLATS, others({"type": "diffuse"}))
+    params: Any = mi.traverse(scene)
+    value = type(params[name])(params[name])
+
+    def rendered() -> tuple[mi.Float, mi.TensorXf]:
+        source = mi.Float(0)
+        dr.enable_grad(source)
+        params[name] = value + source
+        params.update()
+        image = mi.render(scene, params, spp=SPP, seed=SEED, seed_grad=SEED + 1)
+        return source, image * mi.TensorXf(ADJOINT.astype(np.float32))
+
+    source, image = rendered()
+    dr.forward(source)
+    forward = dr.grad(image).numpy().sum()
+    source, image = rendered()
+    dr.backward(dr.sum(image, axis=None))
+    np.testing.assert_allclose(forward, dr.grad(source).numpy()[0], rtol=1e-4)

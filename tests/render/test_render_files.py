@@ -266,3 +266,20 @@ def test_what_mitsuba_says_about_a_scene_becomes_one_line(tmp_path, content, mes
 def test_a_scene_that_is_not_there_is_named(tmp_path):
     with pytest.raises(DataError, match=r"no\.xml: no such file"):
         render_scene(tmp_path / "no.xml", tmp_path / "s.png")
+
+
+def test_ctrl_c_while_a_scene_is_rendered_is_no_fault_of_the_scene(tmp_path):
+    """Dr.Jit says it in an error of its own."""
+    write_ply(tmp_path / "m.ply", tiny_data.truth())
+    (tmp_path / "s.xml").write_text(
+        '<scene version="3.0.0"><integrator type="dogsplat"/><shape type="dog"><string name="filename" value="m.ply"/>'
+        '</shape><sensor type="perspective"><film type="hdrfilm"><integer name="width" value="8"/>'
+        '<integer name="height" value="6"/></film></sensor></scene>'
+    )
+
+    def stop(done: int, of: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        render_scene(tmp_path / "s.xml", tmp_path / "s.png", 2, stop)
+    assert not (tmp_path / "s.png").exists()

@@ -36,6 +36,7 @@ def test_a_camera_file_may_leave_out_what_follows_from_the_rest(tmp_path):
         ({"fx": "wide"}, "wide"),
         ({"width": 10.5}, "whole numbers"),
         ({"width": 1e999}, "whole numbers"),
+        ({"height": 200_000}, "too large: at most 16384"),
         ({"height": 0}, "must have a pixel"),
         ({"cx": float("nan")}, "not finite"),
     ],
