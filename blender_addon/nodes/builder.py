@@ -165,6 +165,8 @@ def arrange(tree: bpy.types.NodeTree) -> None:
         if not moved:
             break
     rows: dict[int, int] = {}
-    for node, x in column.items():
+    places: list[float] = []
+    for x in column.values():  # in the order of the nodes
         y = rows[x] = rows.get(x, -1) + 1
-        node.location = (200 * x, -180 * y)
+        places += 200 * x, -180 * y
+    tree.nodes.foreach_set("location", places)  # at once: each alone makes Blender look at the whole tree

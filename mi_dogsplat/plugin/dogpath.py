@@ -44,10 +44,12 @@ class LatestTracer:
             self._found = SplatTracer(params, options), lamps_of(params, linear)
         return self._found
 
-    def attached(self, params: dict, options: TraceOptions, linear: bool) -> tuple[SplatTracer, SplatLamps | None]:
-        """The same, attached to the AD graph where ``params`` are: their values alone say what the tree is."""
-        detached = {name: dr.detach(value) for name, value in params.items()}
-        return self.of(detached, options, linear)[0].attached_to(params), lamps_of(params, linear)
+    def of_replay(
+        self, params: dict, options: TraceOptions, linear: bool, forward: bool
+    ) -> tuple[SplatTracer, SplatLamps | None]:
+        """The same with derivatives by ``params``: their values alone say what the tree is."""
+        tracer, _ = self.of({name: dr.detach(value) for name, value in params.items()}, options, linear)
+        return (tracer.with_tangents_of if forward else tracer.attached_to)(params), lamps_of(params, linear)
 
 
 class DogPathIntegrator(SplatIntegrator):
@@ -157,7 +159,8 @@ class DogPathIntegrator(SplatIntegrator):
         options = TraceOptions(drawn.options.sh_degree, self.negative_transmittance)
 
         def trace(params: dict, replay: Replay | None) -> Any:
-            tracer, lamps = (self._tracer.attached if replay else self._tracer.of)(params, options, drawn.linear)
+            asked = params, options, drawn.linear
+            tracer, lamps = self._tracer.of_replay(*asked, replay.forward) if replay else self._tracer.of(*asked)
             paths = LightPaths(scene, tracer, lamps, limits, drawn.linear, seen.seed)
             return paths.radiance(seen.ray, probability, replay)
 

@@ -17,7 +17,7 @@ among them (``splat_lamps.py``): then their directions are sampled as well, and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import drjit as dr
@@ -50,14 +50,30 @@ class Replay:
 
     L: Any  # of the primal pass
     δL: Any = None  # None: forward
+    tangents: list[tuple[Any, Any]] = field(default_factory=list)  # forward: parameters of the scene, and theirs
+
+    @property
+    def forward(self) -> bool:
+        return self.δL is None
+
+    def begin(self, scene: Any) -> None:
+        """Before the first segment; ``scene`` is what the paths meet."""
+        if self.forward:
+            params: Any = mi.traverse(scene)
+            met = [params[name] for name in params.keys() if dr.grad_enabled(params[name])]
+            dr.forward_to(met, flags=dr.ADFlag.ClearEdges)
+            self.tangents = [(parameter, dr.grad(parameter)) for parameter in met]
 
     def differentiate(self, value: Any, sample: Any, found: Any) -> None:
         """Take the derivative of what lanes bring."""
         if not dr.grad_enabled(value):
             return
-        if self.δL is None:
-            dr.forward_to(value, flags=dr.ADFlag.ClearInterior)  # edges that lead to the tables of splats are kept
+        if self.forward:
+            # edges are cleared too: calls of BSDFs look at all that leave a parameter, and stop at those of others
+            dr.forward_to(value, flags=dr.ADFlag.ClearEdges | dr.ADFlag.ClearInterior)
             dr.scatter_add(found, dr.grad(value), sample)
+            for parameter, tangent in self.tangents:  # one that is computed from another is interior
+                dr.set_grad(parameter, tangent)
         else:
             δL = dr.gather(mi.Spectrum, self.δL, sample)
             with dr.isolate_grad():  # what all segments share is derived later
@@ -83,7 +99,7 @@ class Lanes:
         return Lanes(*(dr.gather(type(value), value, index) for value in self.values()))
 
     def values(self) -> list:
-        return [getattr(self, field.name) for field in fields(self)]
+        return [getattr(self, f.name) for f in fields(self)]
 
 
 class LightPaths:
@@ -110,6 +126,8 @@ class LightPaths:
             probability: [n] with which a ray is followed, 0 where nobody sees what lies behind its splats.
             replay: only derivatives are wanted.
         """
+        if replay:
+            replay.begin(self.scene)
         with dr.suspend_grad():
             found = dr.zeros(mi.Spectrum, dr.width(ray))
             lanes = self._start(ray, probability, replay)

@@ -60,7 +60,7 @@ class _Paths(dr.CustomOp):
     def forward(self) -> None:
         leaves = self._leaves()
         dr.set_grad(leaves, self.grad_in("values"))
-        with dr.resume_grad(), dr.isolate_grad():  # tangents of the scene's parameters are there, and stay
+        with dr.resume_grad():
             δL = self.fixed.trace(self.fixed.with_values(leaves), Replay(self.L))
         self.set_grad_out(list(δL))
 

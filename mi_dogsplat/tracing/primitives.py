@@ -9,7 +9,7 @@ Notation (3DGRT, Moenne-Loccoz et al. 2024; method paper, Sec. 3)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -39,6 +39,16 @@ class Primitives:
     def kernel(self) -> list:
         """M, μ and lo, 13 columns."""
         return [*self.to_kernel, *self.mean, self.lo]
+
+    def with_tangents(self) -> Primitives:
+        """The same in forward mode: columns with the tangents that reach them now, from which no edge leads back."""
+        columns = [*self.kernel, self.sh, *self.pseudo]
+        dr.forward_to(columns, flags=dr.ADFlag.ClearNone)  # some columns are on the way to others
+        leaves = [mi.Float(dr.detach(column)) for column in columns]
+        dr.enable_grad(leaves)
+        for leaf, column in zip(leaves, columns, strict=True):
+            dr.set_grad(leaf, dr.grad(column))
+        return replace(self, to_kernel=leaves[:9], mean=leaves[9:12], lo=leaves[12], sh=leaves[13], pseudo=leaves[14:])
 
 
 def primitives_of(params: dict, sh_degree: int) -> Primitives:

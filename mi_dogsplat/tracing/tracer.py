@@ -49,6 +49,13 @@ class SplatTracer:
             other._scene = self._scene[0], primitives_of(params, self.options.sh_degree)
         return other
 
+    def with_tangents_of(self, params: dict) -> SplatTracer:
+        """``attached_to`` for forward mode, of the tangents that ``params`` have now: all its edges may be cleared."""
+        other = self.attached_to(params)
+        if other._scene is not None:
+            other._scene = other._scene[0], other._scene[1].with_tangents()
+        return other
+
     def transmittance(self, ray: mi.Ray3f, active: Any = True) -> mi.Float:
         """Product of 1 - alpha over the primitives between ``ray.o`` and ``ray.maxt``; for shadow rays.
 

@@ -113,24 +113,30 @@ def test_materials_and_lights_have_derivatives_though_no_primitive_has():
         assert gradients[name].sum() == pytest.approx((sides[0] - sides[1]) / (0.04 * at), rel=0.01)
 
 
-@pytest.mark.parametrize("name", ["wall.bsdf.reflectance.value", "sky.radiance.value"])
-def test_both_modes_agree_on_what_a_parameter_of_the_scene_is_computed_from(name):
-    """Every segment and every pass meets the parameter, whose own tangent comes from elsewhere."""
-    scene = scene_with(SPLATS, others({"type": "diffuse"}))
+@pytest.mark.parametrize("computed", [False, True], ids=["itself", "from another"])
+@pytest.mark.parametrize("first", ["wall", "floor"])
+@pytest.mark.parametrize("name", ["wall.bsdf.reflectance.value", "floor.bsdf.reflectance.value", "sky.radiance.value"])
+def test_both_modes_agree_on_parameters_of_the_scene(name, first, computed):
+    """Every segment and every pass meets them, in calls of several BSDFs, and their tangent may come from elsewhere."""
+    surroundings = others({"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.4}})
+    scene = scene_with(SPLATS, {first: surroundings.pop(first), **surroundings})
     params: Any = mi.traverse(scene)
     value = type(params[name])(params[name])
 
-    def rendered() -> tuple[mi.Float, mi.TensorXf]:
-        source = mi.Float(0)
+    def rendered() -> tuple[Any, mi.TensorXf]:
+        source = mi.Float(0) if computed else type(value)(value)
         dr.enable_grad(source)
-        params[name] = value + source
+        params[name] = value + source if computed else source
         params.update()
         image = mi.render(scene, params, spp=SPP, seed=SEED, seed_grad=SEED + 1)
         return source, image * mi.TensorXf(ADJOINT.astype(np.float32))
 
     source, image = rendered()
-    dr.forward(source)
-    forward = dr.grad(image).numpy().sum()
-    source, image = rendered()
     dr.backward(dr.sum(image, axis=None))
-    np.testing.assert_allclose(forward, dr.grad(source).numpy()[0], rtol=1e-4)
+    backward = np.array(dr.grad(source)).sum()
+    source, image = rendered()
+    dr.forward(source)
+    np.testing.assert_allclose(dr.grad(image).numpy().sum(), backward, rtol=1e-4)
+    source, image = rendered()
+    dr.set_grad(source, 1)
+    np.testing.assert_allclose(dr.forward_to(image).numpy().sum(), backward, rtol=1e-4)
