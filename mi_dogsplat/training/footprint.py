@@ -19,7 +19,7 @@ from ..support.memory import available_memory, bytes_of
 from ..support.wording import count, file_size
 from .events import MemoryFull
 
-BASE = 180e6  # Python, Mitsuba, LLVM, kernels
+BASE = 230e6  # Python, Mitsuba, LLVM, kernels and, where none are kept from before, their compilation
 TARGET = 40  # bytes per pixel of a training view: its planes on the device and what SSIM needs of them
 AT_WORK = 150  # bytes per pixel of the view that is rendered: planes, what the loss is made of, gradients
 TARGETS_SHARE = 0.25  # of the memory; if they need more, they are made when they are due, in a third of the loss's time
