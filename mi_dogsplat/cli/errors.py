@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from ..runs.stopping import Stopped
+from ..runs.stopping import Stopped, signals_to
 from ..support.errors import DataError
 
 EXTRA_OF = {"pycolmap": "poses", "av": "poses"}  # what a training needs for plain images and videos only
@@ -38,13 +38,11 @@ def resumable() -> Iterator[None]:
         asked = signal.Signals(number)
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, interrupt)
     try:
-        yield
+        with signals_to(interrupt, signal.SIGTERM):
+            yield
     except KeyboardInterrupt:
         raise Stopped("stopped; the same command again goes on from here", asked) from None
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def one_line_errors(run: Callable[[], int | None], extra: str = "train", program: str = "dogsplat") -> int:

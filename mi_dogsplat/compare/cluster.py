@@ -7,12 +7,12 @@ takes nothing with it: the scheduler gives its task to another one, three times 
 from __future__ import annotations
 
 import signal
-import threading
 import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
+from ..runs.stopping import signals_to
 from ..support.errors import DataError
 from .execute import Means, Outcome, in_a_process
 from .tasks import Task
@@ -33,7 +33,7 @@ def cluster_client(address: str | None, workers: int) -> Iterator[Any]:
         remedy = "pip install 'mi_dogsplat[cluster]', or leave the flag out"
         raise DataError(flag, f"this needs the package {error.name}", remedy) from None
     if address is None:
-        with _deaf_to_interrupts():
+        with signals_to(signal.SIG_IGN, signal.SIGINT):  # a terminal sends it to the workers too: this one stops them
             cluster = LocalCluster(**local_options(workers))
         with cluster, Client(cluster) as client:
             yield client
@@ -45,19 +45,6 @@ def cluster_client(address: str | None, workers: int) -> Iterator[Any]:
         raise DataError(f"--cluster {address}", f"no scheduler answers ({error})", remedy) from None
     with client:
         yield client
-
-
-@contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Processes started here never see Ctrl-C, which a terminal sends to all: they end when this process says so."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def local_options(workers: int) -> dict[str, Any]:

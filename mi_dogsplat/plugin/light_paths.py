@@ -61,7 +61,7 @@ class Replay:
         if self.forward:
             params: Any = mi.traverse(scene)
             met = [params[name] for name in params.keys() if dr.grad_enabled(params[name])]
-            dr.forward_to(met, flags=dr.ADFlag.ClearEdges)
+            dr.forward_to(met, flags=dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad)  # none, for a sensor of its own
             self.tangents = [(parameter, dr.grad(parameter)) for parameter in met]
 
     def differentiate(self, value: Any, sample: Any, found: Any) -> None:

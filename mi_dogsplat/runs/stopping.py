@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from types import FrameType
+from typing import Any
 
 
 class Stopped(KeyboardInterrupt):
@@ -27,16 +30,25 @@ class StopRequest:
     signal_number = 0
 
     def __enter__(self) -> StopRequest:
-        self._before = {}
-        if threading.current_thread() is threading.main_thread():
-            self._before = {s: signal.signal(s, self._keep) for s in (signal.SIGINT, signal.SIGTERM)}
+        self._signals = ExitStack()
+        self._signals.enter_context(signals_to(self._keep, signal.SIGINT, signal.SIGTERM))
         return self
 
     def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-        self._before = {}
+        self._signals.close()
 
     def _keep(self, number: int, frame: FrameType | None) -> None:
         self.signal_number = number
-        self.__exit__()
+        self._signals.close()
+
+
+@contextmanager
+def signals_to(handler: Any, *numbers: signal.Signals) -> Iterator[None]:
+    """These signals within, as ``signal.signal`` has it. Nothing changes outside of the main thread, which has none."""
+    here = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, handler) for number in numbers} if here else {}
+    try:
+        yield
+    finally:
+        for number, usual in before.items():
+            signal.signal(number, usual)

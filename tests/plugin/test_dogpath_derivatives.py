@@ -11,6 +11,7 @@ from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.plugin import dogpath, splat_integrator
 from mi_dogsplat.scene.cameras import Camera
+from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.tracing import tracer, tree
 from mi_dogsplat.tracing.options import TraceOptions
 from splat_scenes import make_splats, rounded, scene_of
@@ -140,3 +141,17 @@ def test_both_modes_agree_on_parameters_of_the_scene(name, first, computed):
     source, image = rendered()
     dr.set_grad(source, 1)
     np.testing.assert_allclose(dr.forward_to(image).numpy().sum(), backward, rtol=1e-4)
+
+
+def test_forward_mode_by_a_sensor_that_is_not_of_the_scene():
+    """Nothing that the paths meet is attached."""
+    scene = scene_with(SPLATS, others({"type": "diffuse"}))
+    sensor: Any = mi.load_dict(camera_to_mitsuba(CAMERA))
+    params: Any = mi.traverse(sensor)
+    shift = mi.Float(0)
+    dr.enable_grad(shift)
+    params["to_world"] = params["to_world"] @ mi.Transform4f().translate([shift, 0, 0])
+    params.update()
+    image = mi.render(scene, params, sensor=sensor, spp=SPP, seed=SEED)
+    dr.forward(shift)
+    assert np.abs(dr.grad(image).numpy()).max() > 1e-3
