@@ -13,17 +13,17 @@ import numpy as np
 
 from ..cameras.camera import Camera
 from ..cameras.objects import camera_numbers
+from ..evaluated.masks import mask_of, numbered
 from ..evaluated.placed import moved_model, placed_model, placed_splats
 from ..files.errors import told
 from ..files.light import Light, in_common_light
 from ..files.model import Model, concatenate
 from ..files.ply import write_ply
 from ..native.convert import drawing_of
-from ..objects.attributes import has_splats
 from ..objects.conventions import light_of
 from ..scene.export import Plugin
 from ..scene.sensor import sensor
-from ..scene.write import WITH_FACES, has_surroundings, write_scene
+from ..scene.write import has_surroundings, write_scene
 
 MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
 NEAR_CLIP = 0.2  # where no model of the scene has a modifier that says otherwise
@@ -71,6 +71,7 @@ class _Splats:
     matrices: list[np.ndarray] = field(default_factory=list)
     lights: list[Light] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
+    masks: list[str] = field(default_factory=list)
     near: list[float] = field(default_factory=list)
     antialiased: bool = False
 
@@ -114,17 +115,16 @@ def make_stage(
     splats.models, light = in_common_light(splats.models, splats.lights)
     if any(other.linear != light.linear for other in splats.lights):
         notes.append(told(MIXED))
-    notes += _masks(depsgraph)
     if splats.models:
         model = _write_model(folder, splats, light)
         request["model"] = str(model)
         files.add(model.name)
     if not whole:
-        return Stage(request, splats.names, False, light, files, notes)
+        return Stage(request | numbered(splats.masks), splats.names, False, light, files, notes)
     written = write_scene(depsgraph, seen_by, camera, folder, len(splats.models), hidden)
     request |= {"scene": str(folder / written.scene), "max_depth": settings.bounces + 1}
     request |= {"mesh_shadows": settings.mesh_shadows, "transparent": settings.transparent}
-    request["hide_lamps"] = written.hide_lamps
+    request |= {"hide_lamps": written.hide_lamps} | numbered(splats.masks + written.masks)
     files |= written.files
     return Stage(request, splats.names + written.names, True, light, files, notes + written.notes)
 
@@ -151,7 +151,7 @@ def square(camera: Camera) -> Camera:
 
 def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
     found = _Splats()
-    for obj, matrix in placed_splats(depsgraph, lambda owner: owner.name_full not in hidden):
+    for obj, matrix, owner in placed_splats(depsgraph, lambda owner: owner.name_full not in hidden):
         model = placed_model(obj, depsgraph, np.eye(4))
         if drawing := drawing_of(obj):
             model = model.with_degree(min(drawing["SH Degree"], model.sh_degree))
@@ -162,18 +162,8 @@ def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
         found.lights.append(light_of(obj))
         found.matrices.append(matrix)
         found.names.append(obj.name)
+        found.masks.append(mask_of(owner, obj, depsgraph.view_layer))
     return found
-
-
-def _masks(depsgraph: bpy.types.Depsgraph) -> list[str]:
-    """A line about each object that is a mask of the view layer, by itself or by its collection."""
-    notes, layer = [], depsgraph.view_layer
-    for obj in (obj.original for obj in depsgraph.objects if has_splats(obj.original) or obj.type in WITH_FACES):
-        if obj.holdout_get(view_layer=layer):
-            notes.append(told('"{name}" is a holdout, but is drawn as it is', name=obj.name))
-        elif obj.indirect_only_get(view_layer=layer):
-            notes.append(told('"{name}" is indirect only, but cameras see it too', name=obj.name))
-    return notes
 
 
 def _write_model(folder: Path, splats: _Splats, light: Light) -> Path:

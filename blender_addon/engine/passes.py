@@ -90,18 +90,24 @@ def world_color(world: bpy.types.World | None) -> np.ndarray:
 
 def _combined(order: Order, picture: dict[str, np.ndarray], scene: bpy.types.Scene) -> np.ndarray:
     color, alpha = picture["color"], picture["alpha"][..., None]
+    hole = picture["hole"][..., None] if "hole" in picture else 0.0  # of holdouts, behind which nothing shows
     if order.whole:
         return np.concatenate([color, alpha], axis=2)
     linear = scene.dogsplat_colors == "LINEAR"
     if not scene.render.film_transparent:
         behind = world_color(scene.world)
-        color = color + (1 - alpha) * (encoded(behind) if linear and not order.light.linear else behind)
-        alpha = np.ones_like(alpha)
+        color = color + (1 - alpha - hole) * (encoded(behind) if linear and not order.light.linear else behind)
+        alpha = np.ones_like(alpha) - hole
     if order.light.linear:
         shown = color if linear else np.clip(encoded(color / order.light.white), 0, 1)
     else:
-        shown = decoded(color) if linear else color
+        shown = _radiance(color, 1 - hole) if linear else color
     return np.concatenate([shown, alpha], axis=2)
+
+
+def _radiance(color: np.ndarray, share: Any) -> np.ndarray:
+    """Linear colours of sRGB values that cover this share of a pixel, by their mean."""
+    return share * decoded(color / np.where(share > 1e-6, share, 1.0))
 
 
 def _as_high(array: Any, height: int) -> np.ndarray:

@@ -24,15 +24,15 @@ def holds_splats(obj: bpy.types.Object) -> bool:
 
 def placed_splats(
     depsgraph: bpy.types.Depsgraph, wanted: Callable[[bpy.types.Object], bool] = lambda obj: True
-) -> Iterator[tuple[bpy.types.Object, np.ndarray]]:
-    """(object with splats, its matrix to the world [4, 4]), instances after all objects of their own.
+) -> Iterator[tuple[bpy.types.Object, np.ndarray, bpy.types.Object]]:
+    """(object with splats, its matrix to the world [4, 4], owner), instances after all objects of their own.
 
-    ``wanted`` takes the object, or that which makes the instance.
+    The owner is the object itself, or that which makes the instance; ``wanted`` takes it.
     """
     own = [obj.original for obj in depsgraph.objects]
     for obj in own:
         if has_splats(obj) and wanted(obj):
-            yield obj, np.array(obj.evaluated_get(depsgraph).matrix_world, np.float64)
+            yield obj, np.array(obj.evaluated_get(depsgraph).matrix_world, np.float64), obj
     if not any(obj.instance_type == "COLLECTION" and holds_splats(obj) and wanted(obj) for obj in own):
         return
     for instance in depsgraph.object_instances:
@@ -41,7 +41,7 @@ def placed_splats(
         obj, parent = instance.object.original, instance.parent.original
         drawn = instance.object.data.as_pointer() != obj.evaluated_get(depsgraph).data.as_pointer()
         if obj != parent and not drawn and wanted(parent):
-            yield obj, np.array(instance.matrix_world, np.float64)
+            yield obj, np.array(instance.matrix_world, np.float64), parent
 
 
 def placed_model(

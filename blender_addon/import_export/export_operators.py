@@ -54,11 +54,11 @@ class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
         if not placed:
             self.report({"ERROR"}, told("the selected splats are hidden in this view layer; show them first"))
             return {"CANCELLED"}
-        objects = [obj for obj, _ in placed]
+        objects = [obj for obj, _, _ in placed]
         first = context.object if context.object in objects else objects[0]
         target = np.linalg.inv(import_matrix(first)) if self.space == "FILE" else np.eye(4)
         try:
-            models = [placed_model(obj, depsgraph, target @ matrix, self.hidden) for obj, matrix in placed]
+            models = [placed_model(obj, depsgraph, target @ matrix, self.hidden) for obj, matrix, _ in placed]
             models, light = in_common_light(models, [light_of(obj) for obj in objects])
             model = concatenate(models)
             if model.n_splats == 0:

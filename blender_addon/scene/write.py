@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 
 from ..cameras.camera import Camera
+from ..evaluated.masks import mask_of
 from ..evaluated.visible import is_shown
 from ..files.errors import type_name
 from ..objects.attributes import has_splats
@@ -35,6 +36,7 @@ class Placed:
     key: int  # of its geometry
     world: np.ndarray  # [4, 4]
     materials: list[bpy.types.Material | None]
+    mask: str  # how cameras see it
 
 
 @dataclass
@@ -59,11 +61,12 @@ def has_surroundings(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> 
 
 @dataclass
 class Written:
-    """scene: the name of its file. names: of the objects, by their numbers. hide_lamps: no camera sees lamps, and
-    nothing else that shines would be hidden with them. files: in the folder, that of the scene among them."""
+    """scene: the name of its file. names, masks: of the objects, by their numbers. hide_lamps: no camera sees lamps,
+    and nothing else that shines would be hidden with them. files: in the folder, that of the scene among them."""
 
     scene: str
     names: list[str]
+    masks: list[str]
     hide_lamps: bool
     files: set[str]
     notes: list[str]
@@ -86,11 +89,11 @@ def write_scene(
     """
     export, scene = Export(folder), depsgraph.scene
     found = _gather(export, depsgraph, hidden)
-    names = list(dict.fromkeys(body.name for body in found.bodies))
+    objects = list(dict.fromkeys((body.name, body.mask) for body in found.bodies))
     described: Plugin = {"sensor": sensor} if sensor else {}
     looks = _materials(export, found)
     described |= {name: look.whole() for name, look in looks.items()}
-    described |= _bodies(export, found, looks, {name: first + k for k, name in enumerate(names)})
+    described |= _bodies(export, found, looks, {known: first + k for k, known in enumerate(objects)})
     size = _radius(found, camera)
     for number, (obj, world) in enumerate(found.lights):
         if emitter := light(export, obj, world, size):
@@ -100,7 +103,8 @@ def write_scene(
     name = export.write(json.dumps(described).encode(), ".json")
     are_shapes = any("emitter" in plugin for name, plugin in described.items() if name.startswith(LAMP))
     shines = any(look.radiance for look in looks.values())
-    return Written(name, names, are_shapes and not shines, export.files, export.notes)
+    names, masks = ([known[k] for known in objects] for k in (0, 1))
+    return Written(name, names, masks, are_shapes and not shines, export.files, export.notes)
 
 
 def _is_of_splats(instance: bpy.types.DepsgraphObjectInstance) -> bool:
@@ -123,7 +127,9 @@ def _gather(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[st
             if key not in found.geometry:
                 found.geometry[key] = parts(obj)
             materials = [slot.material for slot in obj.material_slots]
-            found.bodies.append(Placed(obj.original.name, key, world, materials))
+            owner = instance.parent if instance.is_instance else obj
+            mask = mask_of(owner.original, obj.original, depsgraph.view_layer)
+            found.bodies.append(Placed(obj.original.name, key, world, materials, mask))
         elif obj.type in WITHOUT:
             export.note('"{name}" is left out ({kind})', name=obj.original.name, kind=type_name(obj))
     return found
@@ -147,7 +153,9 @@ def _materials(export: Export, found: Gathered) -> dict[str, Surface]:
     return surfaces
 
 
-def _bodies(export: Export, found: Gathered, looks: dict[str, Surface], numbers: dict[str, int]) -> dict[str, Any]:
+def _bodies(
+    export: Export, found: Gathered, looks: dict[str, Surface], numbers: dict[tuple[str, str], int]
+) -> dict[str, Any]:
     """Shapes; geometry that is there several times is stored once, unless it shines, which Mitsuba does not repeat."""
     kinds = [_kind(body, found.geometry[body.key]) for body in found.bodies]
     times = Counter(kinds)
@@ -155,7 +163,7 @@ def _bodies(export: Export, found: Gathered, looks: dict[str, Surface], numbers:
     shapes: dict[str, Any] = {}
     for k, (body, kind) in enumerate(zip(found.bodies, kinds, strict=True)):
         own = list(zip(found.geometry[body.key], kind[1], strict=True))
-        name = f"object_{numbers[body.name]}_{k}"
+        name = f"object_{numbers[body.name, body.mask]}_{k}"
         if times[kind] > 1 and not any(looks[material].radiance for material in kind[1]):
             if kind not in groups:
                 groups[kind] = f"group_{len(groups)}"

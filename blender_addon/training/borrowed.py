@@ -7,7 +7,6 @@ from typing import Any
 
 import bpy
 
-from ..render_engine import ENGINE
 from .subject import UNSEEN
 
 OFF = (
@@ -87,7 +86,7 @@ class Borrowed:
         if settings.result is not None:
             self.set(settings.result, hide_render=True)
         for obj in hidden_objects(scene):
-            if scene.render.engine == ENGINE or obj.type == "EMPTY":  # neither can light without being seen
+            if obj.type == "EMPTY":  # what it makes cannot light without being seen
                 self.set(obj, hide_render=True)
             else:
                 self.set(obj, visible_camera=False)

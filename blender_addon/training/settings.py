@@ -82,7 +82,7 @@ class DogSplatTrainingSettings(bpy.types.PropertyGroup):
     alone: BoolProperty(
         name="Subject Alone",
         default=True,
-        description="Cameras do not see other objects; their shadows and light stay, in Cycles and EEVEE",
+        description="Cameras do not see other objects; their shadows and light stay",
     )
     transparent: BoolProperty(
         name="Transparent",

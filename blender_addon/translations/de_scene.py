@@ -39,10 +39,6 @@ NOTES = {
     '"{image}" takes the texture coordinates of the mesh, instead of "{node}"': (
         "„{image}“ nimmt die Texturkoordinaten des Meshs statt „{node}“"
     ),
-    '"{name}" is a holdout, but is drawn as it is': "„{name}“ ist ein Holdout, wird aber gezeichnet, wie es ist",
-    '"{name}" is indirect only, but cameras see it too': (
-        "„{name}“ ist nur indirekt sichtbar, aber auch Kameras sehen es"
-    ),
     'what "{socket}" of a mapping is linked to is left out': (
         "womit „{socket}“ eines Mappings verbunden ist, wird weggelassen"
     ),

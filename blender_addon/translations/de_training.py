@@ -48,8 +48,8 @@ REST = {
     "Size": "Größe",
     "Of the pictures, in pixels": "Der Bilder, in Pixeln",
     "Subject Alone": "Nur das Motiv",
-    "Cameras do not see other objects; their shadows and light stay, in Cycles and EEVEE": (
-        "Kameras sehen keine anderen Objekte; deren Schatten und Licht bleiben, in Cycles und EEVEE"
+    "Cameras do not see other objects; their shadows and light stay": (
+        "Kameras sehen keine anderen Objekte; deren Schatten und Licht bleiben"
     ),
     "Transparent": "Transparent",
     "Nothing behind the subject: the model ends where it ends. Off: the world is trained too": (

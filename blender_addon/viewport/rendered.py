@@ -12,6 +12,7 @@ import numpy as np
 
 from ..engine.order import Stage, camera_request, make_stage, square, tidy
 from ..engine.passes import world_color
+from ..evaluated.masks import masks_in
 from ..evaluated.visible import hidden_in
 from ..files.srgb import encoded
 from ..package.live import live_renderer
@@ -44,6 +45,7 @@ class Rendered:
         self._drawn = self._timed = 0  # of the news of the stream
         self._place = "", ""  # names of scene and view layer
         self._hidden: frozenset[str] = frozenset()  # full names of objects that are not shown
+        self._masks: frozenset[tuple[str, str]] = frozenset()  # how cameras see objects
         self._problem, self._redraws = "", False
         self._next = -math.inf  # time before which no other stage is written
         self._undrawn = math.inf  # since when there has been something to draw
@@ -76,6 +78,8 @@ class Rendered:
         self._changes.compare(depsgraph.scene)
         if (hidden := hidden_in(context.space_data, depsgraph)) != self._hidden:
             self._hidden, self._changes.pending = hidden, True
+        if (masks := masks_in(depsgraph)) != self._masks:
+            self._masks, self._changes.pending = masks, True
         if (command := command_of(context)) != self._command:
             self._leave(command)
         if not bpy.app.timers.is_registered(look):
@@ -166,8 +170,7 @@ class Rendered:
 
 def request_of(stage: Stage, scene: bpy.types.Scene, seen: Seen, level: Level, rests: bool) -> dict[str, Any]:
     """The picture of a stage as ``dogsplat serve`` is asked for it."""
-    request = {name: value for name, value in stage.request.items() if name != "counts"}
-    request |= {"orthographic": seen.orthographic, "clip": list(seen.clip)}
+    request = stage.request | {"orthographic": seen.orthographic, "clip": list(seen.clip)}
     if seen.orthographic:
         request["near_clip"] = 0.0  # where the camera stands says nothing
     if stage.whole:

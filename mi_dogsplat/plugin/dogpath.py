@@ -152,7 +152,7 @@ class DogPathIntegrator(SplatIntegrator):
 
     def over_surfaces(self, frame: Frame, seen: Surfaces, drawn: Drawn) -> list:
         T = frame.T
-        light = emitted(frame.colors, T, drawn.linear)
+        light = emitted(frame.colors, drawn.uncovered(T), drawn.linear)
         limits = Limits(self.max_depth, self.rr_depth, self.hide_emitters)
         probability = dr.clip(abs(dr.detach(T)) / SURE, 0, 1)
         scene = drawn.scene

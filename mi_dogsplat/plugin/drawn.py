@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import mitsuba as mi
+
 from ..engine.options import RasterOptions
 from ..scene.drawing import DrawnAs
 from .sensor import Look
@@ -30,6 +32,11 @@ class Drawn:
     options: RasterOptions
     linear: bool  # colours of primitives, not sRGB
     derivative: bool
+    hole: mi.Float | None = None  # [H*W] share of holdouts, if there are masks; T lets nothing pass there
+
+    def uncovered(self, T: mi.Float) -> mi.Float:
+        """What splats that are shown leave of each pixel."""
+        return T if self.hole is None else T + self.hole
 
     def encoded(self, radiance: list) -> list:
         """Radiance in the primitives' colour space."""

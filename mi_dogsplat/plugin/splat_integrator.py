@@ -16,6 +16,7 @@ from ..scene.sh_basis import sh_degree_of
 from ..shape_dog import DogShape
 from . import background, surfaces
 from .agreement import agreed
+from .camera_masks import CHANNEL, CameraMasks
 from .drawn import Drawn, SplattedModel
 from .film import Filter, develop, has_alpha, normalized, side_by_side
 from .properties import given
@@ -29,7 +30,8 @@ class SplatIntegrator(ADIntegrator):
 
     What other shapes look like, how they show through splats, and what they do to them, is for its children to say:
     ``sees_surfaces``, ``over_surfaces`` and ``shown_params``. ``on_pass``, where it is set, is called after each of
-    several passes with the number of those that are done, and of all.
+    several passes with the number of those that are done, and of all. ``masks``, where they are set, say what the
+    camera sees otherwise than light does, without derivatives; then the film has one more channel.
     """
 
     name: str  # of the plugin, in messages
@@ -42,6 +44,7 @@ class SplatIntegrator(ADIntegrator):
         self.hide_emitters = given(props, "hide_emitters", bool, False)
         self.negative_transmittance = given(props, "negative_transmittance", bool, True)
         self.on_pass: Any = None
+        self.masks: CameraMasks | None = None
         self._sensors, self._last = SensorReader(), LastFrame()
         try:
             self.aovs = aovs.read_names(given(props, "aovs", str, ""))
@@ -71,7 +74,7 @@ class SplatIntegrator(ADIntegrator):
     # --- what Mitsuba calls ---
 
     def aov_names(self) -> list[str]:
-        return aovs.channel_names(self.aovs)
+        return aovs.channel_names(self.aovs) + ([CHANNEL] if self.masks else [])
 
     def sample(self, *args, **kwargs):
         """What an integrator that this one is nested in calls, for rays that are no longer those of an image."""
@@ -191,10 +194,14 @@ class SplatIntegrator(ADIntegrator):
         seen = None
         if self.sees_surfaces(scene):
             passed = surfaces.emits if self.hidden_lights() else None
+            passed = self.masks.passed(passed) if self.masks else passed
             seen = surfaces.meet(scene, look, normal="normal" in self.aovs, passed=passed)
         last = None if seen else self._last  # it does not know depths from before
         stop_depth = seen.depth if seen else None
-        frame = rasterize(params, look.camera, drawn.options, None, last, derivative and alone, stop_depth)
+        if self.masks:
+            frame = self.masks.frame(drawn, seen)
+        else:
+            frame = rasterize(params, look.camera, drawn.options, None, last, derivative and alone, stop_depth)
         colors: list
         if seen:
             colors = self.over_surfaces(frame, seen, drawn)
@@ -204,7 +211,9 @@ class SplatIntegrator(ADIntegrator):
         if mi.is_monochromatic:
             colors = [mi.luminance(mi.Color3f(colors))] * 3
         alpha = [1 - frame.T] if has_alpha(film) else []
-        extra = dict(zip(self.aov_names(), aovs.channels(self.aovs, frame, derivative), strict=True))
+        extra = dict(zip(aovs.channel_names(self.aovs), aovs.channels(self.aovs, frame, derivative), strict=True))
+        if drawn.hole is not None:
+            extra[CHANNEL] = drawn.hole
         if seen and "median_depth.Z" in extra:
             extra["median_depth.Z"] = seen.median_depth(extra["median_depth.Z"])
         return [*colors, *alpha, *extra.values()]

@@ -10,17 +10,19 @@ import mitsuba as mi
 import numpy as np
 
 from ..engine.aovs import options_for
+from ..engine.device_camera import DeviceCamera
 from ..engine.rasterize import RasterOptions
 from ..render.picture import Picture, render_picture
 from ..scene.cameras import Camera
 from ..scene.sh_basis import sh_degree_of
 from ..support.errors import DataError, gist
-from .data_passes import data_passes
+from .data_passes import data_passes, emptied
 from .gradual import in_steps, means
+from .masks import splat_masks, without_holdouts
 from .mattes import ranked
 from .objects import object_of_primitive
 from .request import SOURCE, Request
-from .scene_description import load_scene
+from .scene_description import load_scene, number_of
 
 BAND_PIXELS = 2**21  # of splats alone, between two steps: each band sorts all primitives
 STEP_SAMPLES = 8  # per pixel of a scene, between two steps at least
@@ -40,8 +42,9 @@ class Answerer:
         """Steps of the picture; the last one is whole and has all passes. Needs a Mitsuba variant.
 
         Splats alone: ``color`` [H, W, 3] sRGB values over black, or radiance where the model is linear, and ``alpha``
-        [H, W]. A scene: ``color`` is linear radiance, premultiplied with ``alpha``. Further those of ``data_passes``
-        that are asked for.
+        [H, W]; where there are holdouts also ``hole`` [H, W], their share, which is no part of alpha and behind which
+        nothing shows. A scene: ``color`` is linear radiance, premultiplied with ``alpha``. Further those of
+        ``data_passes`` that are asked for.
 
         Raises ``DataError``.
         """
@@ -77,17 +80,27 @@ class Answerer:
         degree = sh_degree_of(shape.sh_size)
         plain = RasterOptions(sh_degree=degree, antialiased=antialiased)
         options, bands = options_for(names, plain), []
+        near, linear = _near(request, shape), bool(drawing.linear)
+        params, masks = shape.parameters, splat_masks(request, number_of(shape))
+        if masks:
+            params = masks.shown(params, linear)
         most = max(BAND_PIXELS // camera.width, 1)
         for top in range(0, camera.height, most):
             rows = min(most, camera.height - top)
             band = Camera(camera.w2c, camera.fx, camera.fy, camera.cx, camera.cy - top, camera.width, rows)
             film = (0.0, -float(top), float(camera.width), float(camera.height - top))
-            near, linear = _near(request, shape), bool(drawing.linear)
-            picture = render_picture(shape.parameters, band, options, 0.0, near, names, film=film, linear=linear)
+            picture = render_picture(params, band, options, 0.0, near, names, film=film, linear=linear)
             color = picture.color if picture.radiance is None else np.maximum(picture.radiance, 0)
-            found = {"color": color, "alpha": picture.alpha, **_planes(picture, request)}
+            hole = np.zeros_like(picture.alpha)
+            if masks:
+                seen = DeviceCamera.upload(band, near, film=film)
+                hole = masks.hole(params, seen, plain, None).numpy().reshape(hole.shape)
+            alpha = picture.alpha - hole
+            found = {"color": color, "alpha": alpha, **_planes(picture, alpha, request)}
             if picture.depth is not None:
                 found["depth"] = np.where(picture.alpha > 0, picture.depth, np.inf)
+            if masks:
+                found = emptied(found, hole) | {"hole": hole}
             bands.append(found)
             if top + rows < camera.height:
                 yield (top + rows) / camera.height, None
@@ -113,12 +126,13 @@ def _near(request: Request, shape: Any) -> float:
     return 0.2 if shape is None or shape.drawing.near_clip is None else shape.drawing.near_clip
 
 
-def _planes(picture: Picture, request: Request) -> Arrays:
+def _planes(picture: Picture, alpha: np.ndarray, request: Request) -> Arrays:
     """AOVs of splats as passes; an object covers what all splats of a pixel cover where it is the first of them."""
     found = {}
     if "normal" in request.passes:
         found["normal"] = np.stack([picture.aovs[f"normal.{axis}"] for axis in "XYZ"], -1)
     if "index" in (AOV_OF_PASS[name] for name in request.passes):
         number = object_of_primitive(picture.aovs["index.I"].astype(np.int64), request.counts)
-        found["object"], found["matte"] = number, ranked([(number, picture.alpha.clip(0, 1))])
+        number = without_holdouts(number, request)
+        found["object"], found["matte"] = number, ranked([(number, alpha.clip(0, 1))])
     return {name: array for name, array in found.items() if name in request.passes}

@@ -13,12 +13,15 @@ import numpy as np
 from ..engine.aovs import channels, options_for
 from ..engine.parameters import concatenate
 from ..engine.rasterize import Frame, RasterOptions, rasterize
+from ..plugin.camera_masks import CameraMasks
 from ..plugin.samples import Sample, samples
 from ..plugin.sensor import Look, SensorReader
 from ..plugin.surfaces import Surfaces, meet
+from .masks import camera_masks, without_holdouts
 from .mattes import NOTHING, ranked
 from .objects import SurfaceObjects, object_of_primitive
 from .request import Request
+from .scene_description import number_of
 
 MATTE_SAMPLES = 8  # per pixel
 
@@ -30,10 +33,12 @@ def data_passes(request: Request, scene: mi.Scene, splats: Any | None, near_clip
     [H, W, 3] in world space, turned to the camera; ``object`` [H, W], the number of the one that covers most. Averaged
     over the pixels: ``matte``, as in ``mattes.py``.
 
-    Objects of splats come first, those of surfaces are numbered by their ids.
+    Objects of splats come first, those of surfaces are numbered by their ids. Where holdouts cover most of a pixel
+    nothing is.
     """
     (view,) = SensorReader().views(scene.sensors()[0], near_clip)
-    seen, found = _Seen(request, SurfaceObjects(scene), scene, splats), {}
+    masks = camera_masks(request, scene, number_of(splats))
+    seen, found = _Seen(request, SurfaceObjects(scene), scene, splats, masks), {}
     with dr.suspend_grad():
         if set(request.passes) - {"matte"}:
             found = _centre(seen, view.through(Sample()))
@@ -53,29 +58,40 @@ class _Seen:
     objects: SurfaceObjects
     scene: mi.Scene
     splats: Any | None
+    masks: CameraMasks | None
 
     def surfaces(self, look: Look, normal: bool = False) -> Surfaces:
         """Those of objects; rays pass through lamps, which are none."""
-        return meet(self.scene, look, normal, lambda meeting: self.objects.number(meeting) == NOTHING)
 
-    def in_front(self, look: Look, stop: mi.Float, names: Sequence[str]) -> tuple[Frame, mi.Int32]:
-        """(the splats in front of the surfaces with these AOVs, the number of the object that covers most)."""
+        def is_lamp(meeting: Any) -> mi.Bool:
+            return self.objects.number(meeting) == NOTHING
+
+        return meet(self.scene, look, normal, self.masks.passed(is_lamp) if self.masks else is_lamp)
+
+    def in_front(self, look: Look, stop: mi.Float, names: Sequence[str]) -> tuple[Frame, mi.Int32, mi.Float]:
+        """(the splats in front of the surfaces with these AOVs, the number of the object that covers most, the share
+        of holdouts)."""
+        hole = zero = dr.zeros(mi.Float, dr.width(stop))
         if self.splats is None:
-            zero = dr.zeros(mi.Float, dr.width(stop))
-            return Frame([zero] * 3, zero + 1, zero, [zero] * 3), mi.Int32(NOTHING)
+            return Frame([zero] * 3, zero + 1, zero, [zero] * 3), mi.Int32(NOTHING), hole
         params, _ = concatenate([self.splats.parameters], [self.splats.sh_size])
         antialiased = self.request.antialiased
         if antialiased is None:
             antialiased = bool(self.splats.drawing.antialiased)
         options = options_for(names, RasterOptions(sh_degree=0, antialiased=antialiased))  # colours are not asked for
+        if self.masks and self.masks.splats:
+            params = self.masks.splats.shown(params, True)
+            hole = self.masks.splats.hole(params, look.camera, options, stop)
         frame = rasterize(params, look.camera, options, None, None, False, stop)
         (index,) = channels(["index"], frame)
-        return frame, mi.Int32(object_of_primitive(mi.Int32(index).numpy(), self.request.counts))
+        return frame, mi.Int32(object_of_primitive(mi.Int32(index).numpy(), self.request.counts)), hole
 
 
 def _centre(seen: _Seen, look: Look) -> dict[str, np.ndarray]:
     surfaces = seen.surfaces(look, normal=True)
-    frame, number = seen.in_front(look, surfaces.depth, ["depth", "normal"])
+    frame, number, hole = seen.in_front(look, surfaces.depth, ["depth", "normal"])
+    if seen.masks:
+        hole += dr.select(surfaces.hit & seen.masks.holdout(surfaces.meeting), frame.T, 0)
     behind = surfaces.hit & ((number == NOTHING) | (frame.T > 0.5))
     number = dr.select(behind, seen.objects.number(surfaces.meeting), number)
     frame = surfaces.behind(frame)
@@ -84,18 +100,27 @@ def _centre(seen: _Seen, look: Look) -> dict[str, np.ndarray]:
     depth = dr.select(alpha > 0, frame.depth / alpha, dr.inf)
     normal = mi.Vector3f(frame.normal)
     normal = dr.select(dr.squared_norm(normal) > 0, dr.normalize(normal), 0)
-    planes = {"depth": _array(depth, look), "object": _array(number, look)}
-    return planes | {"normal": np.stack([_array(n, look) for n in normal], -1)}
+    planes = {"depth": _array(depth, look), "object": without_holdouts(_array(number, look), seen.request)}
+    planes["normal"] = np.stack([_array(n, look) for n in normal], -1)
+    return emptied(planes, _array(hole, look)) if seen.masks else planes
 
 
 def _coverages(seen: _Seen, look: Look) -> list[tuple[np.ndarray, np.ndarray]]:
     """(number, weight) [H, W] of the splats and of the surface that one sample sees."""
     surfaces = seen.surfaces(look)
-    frame, number = seen.in_front(look, surfaces.depth, [])
+    frame, number, hole = seen.in_front(look, surfaces.depth, [])
     T = dr.clip(frame.T, 0, 1)
     of_surface = seen.objects.number(surfaces.meeting)
-    parts = [(number, 1 - T), (of_surface, dr.select(surfaces.hit, T, 0))]
-    return [(_array(number, look), _array(weight, look)) for number, weight in parts]
+    parts = [(number, 1 - T - hole), (of_surface, dr.select(surfaces.hit, T, 0))]
+    return [(without_holdouts(_array(number, look), seen.request), _array(weight, look)) for number, weight in parts]
+
+
+def emptied(planes: dict[str, np.ndarray], hole: np.ndarray) -> dict[str, np.ndarray]:
+    """Planes, of which depth, normal and object tell of nothing where holdouts, [H, W], cover most of a pixel."""
+    empty, nothing = hole > 0.5, {"depth": np.inf, "normal": 0, "object": NOTHING}
+    shaped = {name: empty[..., None] if plane.ndim > 2 else empty for name, plane in planes.items()}
+    values = {name: np.where(shaped[name], nothing[name], planes[name]) for name in planes.keys() & nothing}
+    return planes | {name: value.astype(planes[name].dtype) for name, value in values.items()}
 
 
 def _array(values: Any, look: Look) -> np.ndarray:

@@ -33,12 +33,15 @@ def _list_of(holds: Callable[[Any], bool], length: int | None = None) -> Callabl
 
 SWITCH = Kind("true or false", lambda value: isinstance(value, bool))
 PATH = Kind("the name of a file", lambda value: isinstance(value, str) and value != "")
+NUMBERS = Kind("a list of whole numbers of at least 0", _list_of(lambda value: _is_whole(value) and value >= 0))
 KINDS = {
     "model": PATH,
     "scene": PATH,
     "near_clip": Kind("a number of at least 0", lambda value: _is_number(value) and value >= 0),
     "antialiased": SWITCH,
-    "counts": Kind("a list of whole numbers of at least 0", _list_of(lambda value: _is_whole(value) and value >= 0)),
+    "counts": NUMBERS,
+    "holdout": NUMBERS,
+    "indirect_only": NUMBERS,
     "passes": Kind("a list of names", _list_of(lambda value: isinstance(value, str))),
     "samples": Kind("a whole number of at least 0", lambda value: _is_whole(value) and value >= 0),
     "max_depth": Kind("a whole number of at least 1", lambda value: _is_whole(value) and value >= 1),

@@ -24,23 +24,27 @@ def means(
     """(samples that are done, their mean [H, W, 4]: linear radiance premultiplied with alpha) after each step.
 
     steps: samples for each pixel between two means. part: of the picture, where the sensor sees no more of it. Random
-    numbers of each step are independent of those of other steps, parts and seeds. Where the scene is not to be
-    transparent, alpha is 1.
+    numbers of each step are independent of those of other steps, parts and seeds.
     """
-    width, height = sensor.film().crop_size()
-    total, done = np.zeros((height, width, 4)), 0
+    total, done = 0.0, 0
     behind = _environment(scene, sensor) if hides_background(request) else None
     for number, count in enumerate(steps):
         seed: Any = int(np.random.SeedSequence((request.seed, part, number)).generate_state(1)[0])
         with interruptible():
-            total += count * np.array(mi.render(scene, sensor=sensor, spp=count, seed=seed))[..., :4]  # [H, W, 4]
+            total += count * np.array(mi.render(scene, sensor=sensor, spp=count, seed=seed))
         done += count
-        mean = (total / done).astype(np.float32)
-        if behind is not None:
-            mean[..., :3] += (1 - mean[..., 3:]) * behind
-        if not request.transparent:
-            mean[..., 3] = 1
-        yield done, mean
+        yield done, finished(np.asarray(total / done, np.float32), request, behind)
+
+
+def finished(image: np.ndarray, request: Request, behind: np.ndarray | None = None) -> np.ndarray:
+    """[H, W, 4] of an image [H, W, 4 or 5] of the film, over what is behind it; where the scene is not to be
+    transparent, alpha is 1. The fifth channel is the share of holdouts, which have neither background nor alpha."""
+    color, alpha = image[..., :3], image[..., 3:4]
+    if behind is not None:
+        color = color + (1 - alpha) * behind
+    if not request.transparent:
+        alpha = np.ones_like(alpha)
+    return np.concatenate([color, alpha - image[..., 4:] if image.shape[-1] > 4 else alpha], -1)
 
 
 def in_steps(count: int, least: int, first: int = 0) -> list[int]:

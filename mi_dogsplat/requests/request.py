@@ -35,7 +35,8 @@ class Request:
     primitives each object of the model has, one after the other. passes: of ``PASSES``. transparent: nothing is shown
     behind a scene. hide_lamps: the camera does not see shapes that emit light, though surfaces reflect them. max_depth:
     of light paths, as in Mitsuba's ``path``. mesh_shadows: surfaces of a scene cast shadows onto the splats, see
-    ``dogpath``.
+    ``dogpath``. holdout, indirect_only: numbers of objects that cut a hole into the picture, and that the camera looks
+    through; both are there for light.
     """
 
     model: Path | None = None
@@ -51,6 +52,8 @@ class Request:
     transparent: bool = False
     hide_lamps: bool = False
     mesh_shadows: bool = False
+    holdout: tuple[int, ...] = ()
+    indirect_only: tuple[int, ...] = ()
 
 
 def read_request(content: Any) -> Request:

@@ -12,8 +12,10 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..scene.splats import DENSE, Splats
 from ..support.errors import DataError, gist
 from ..support.files import read_json
+from .masks import camera_masks, is_masked
 from .request import Request
 
 FORMAT = 'write the dictionary of a Mitsuba scene, its transforms as {"matrix": [[...], ...]}'
@@ -27,6 +29,8 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
         raise DataError(request.scene, "is not a JSON object", FORMAT)
     try:
         described = _decoded(content, request.scene.resolve().parent)
+        if splats is None and is_masked(request):
+            splats = no_splats()
         described |= {"type": "scene", "integrator": _integrator(request, splats)}
         if splats is not None:
             described["splats"] = splats
@@ -37,7 +41,21 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
         raise DataError(request.scene, f"Mitsuba cannot load it ({gist(error)})", "correct the scene") from error
     if len(scene.sensors()) != 1:
         raise DataError(request.scene, f"has {len(scene.sensors())} sensors", "give it one")
+    if is_masked(request):
+        integrator: Any = scene.integrator()
+        integrator.masks = camera_masks(request, scene, number_of(splats))
     return scene
+
+
+def no_splats() -> Any:
+    """A model without primitives, for integrators that ask for one."""
+    empty = Splats.empty(0)
+    return mi.load_dict({"type": "dog", **{name: mi.TensorXf(getattr(empty, name)) for name in DENSE}})
+
+
+def number_of(splats: Any | None) -> int:
+    """Of the primitives of a shape, if there is one."""
+    return 0 if splats is None else splats.means.shape[0]
 
 
 def hides_background(request: Request) -> bool:
@@ -52,7 +70,7 @@ def _integrator(request: Request, splats: Any | None) -> dict[str, Any]:
     opacity of a surface weakens it twice. ``prb`` keeps it, but a mask is opaque in its alpha.
     """
     common = {"max_depth": request.max_depth, "hide_emitters": request.transparent or request.hide_lamps}
-    if splats is None or not splats.means.shape[0]:
+    if not (number_of(splats) or is_masked(request)):
         return {"type": "path" if request.transparent else "prb", **common}
     said = {"near_clip": request.near_clip, "antialiased": request.antialiased}
     common["mesh_shadows"] = request.mesh_shadows

@@ -23,12 +23,20 @@ class Shares:
 
     def part(self, share: float) -> dict:
         """Parameters as ``upload`` makes them, of at least one primitive where there are any."""
-        n = self.splats.n_splats
-        count = min(max(round(share * n), 1), n)
+        n, count = self.splats.n_splats, self._count(share)
         if count not in self._parts:
             self._parts = {size: part for size, part in self._parts.items() if size == n}
             self._parts[count] = upload(self.splats if count == n else self.splats.select(self._first(count)))
         return self._parts[count]
+
+    def chosen(self, share: float) -> np.ndarray | None:
+        """Numbers of the primitives of a ``part``; None: all."""
+        count = self._count(share)
+        return None if count == self.splats.n_splats else self._first(count)
+
+    def _count(self, share: float) -> int:
+        n = self.splats.n_splats
+        return min(max(round(share * n), 1), n)
 
     def _first(self, count: int) -> np.ndarray:
         """Those of most importance, in the order of the file."""

@@ -15,11 +15,11 @@ from ..engine.options import RasterOptions
 from ..engine.rasterize import rasterize
 from ..plugin.transfer import linear_to_srgb, srgb_to_linear
 from ..scene.cameras import Camera
-from ..scene.splats import DENSE, Splats
 from ..support.errors import DataError, gist, interruptible
-from .gradual import in_steps, means
+from .gradual import finished, in_steps, means
+from .masks import camera_masks, splat_masks
 from .request import SOURCE
-from .scene_description import load_scene
+from .scene_description import load_scene, no_splats, number_of
 from .shares import Shares
 from .view_request import ViewRequest
 from .view_sensor import sensor_of
@@ -67,7 +67,11 @@ class Views:
         near = model.drawing.near_clip if request.near_clip is None else request.near_clip
         seen = DeviceCamera.upload(camera, near, perspective=not request.orthographic)
         options = RasterOptions(sh_degree=model.splats.sh_degree, antialiased=antialiased)
-        frame = rasterize(model.part(request.share), seen, options)
+        params, hole = model.part(request.share), None
+        if masks := splat_masks(request, model.splats.n_splats, model.chosen(request.share)):
+            params = masks.shown(params, bool(model.drawing.linear))
+            hole = masks.hole(params, seen, options, None)
+        frame = rasterize(params, seen, options)
         of_light, white = model.drawing.linear, dr.opaque(mi.Float, model.drawing.white)
         colors, alpha = [dr.maximum(c, 0) if of_light else dr.clip(c, 0, 1) for c in frame.colors], 1 - frame.T
         if request.background is not None:
@@ -75,9 +79,11 @@ class Views:
             colors = [dr.fma(frame.T, b, c) for c, b in zip(colors, behind, strict=True)]
             alpha = dr.full(mi.Float, 1, dr.width(frame.T))
         if request.linear and not of_light:
-            colors = srgb_to_linear(colors)
+            share = 1.0 if hole is None else dr.maximum(1 - hole, 1e-6)  # of the pixel, of which colours are the mean
+            colors = [share * c for c in srgb_to_linear([c / share for c in colors])]
         elif of_light and not request.linear:
             colors = [dr.clip(c, 0, 1) for c in linear_to_srgb([c / white for c in colors])]
+        alpha = alpha if hole is None else alpha - hole
         pixels: Any = dr.ravel(mi.Vector4f(*colors, alpha))
         yield 1.0, pixels.numpy().reshape(camera.height, camera.width, 4)
 
@@ -87,13 +93,12 @@ class Views:
         files = [path for path in (request.scene, request.model) if path]
         how = request.max_depth, request.transparent, request.hide_lamps
         drawn = request.near_clip, request.antialiased, request.mesh_shadows
-        scene, quick = self._keep("scene", files, how + drawn, lambda: self._load(request, sensor))
+        masked = request.counts, request.holdout, request.indirect_only
+        scene, quick = self._keep("scene", files, how + drawn + masked, lambda: self._load(request, sensor))
         if not request.samples:
             with interruptible():
                 picture = np.array(mi.render(scene, sensor=sensor, integrator=quick, spp=1), np.float32)
-            if not request.transparent:
-                picture[..., 3] = 1
-            yield 1.0, picture
+            yield 1.0, finished(picture, request)
             return
         bands = [(rows, self._means(scene, request, rows)) for rows in _bands(camera)]
         picture, share = np.zeros((camera.height, camera.width, 4), np.float32), 0.0
@@ -117,13 +122,14 @@ class Views:
         drawing = {"near_clip": request.near_clip, "antialiased": request.antialiased}
         said = {name: value for name, value in drawing.items() if value is not None}
         hidden = request.hide_lamps or request.transparent
-        return load_scene(request, splats, sensor), QuickIntegrator(said, request.transparent, hidden)
+        scene, quick = load_scene(request, splats, sensor), QuickIntegrator(said, request.transparent, hidden)
+        quick.masks = camera_masks(request, scene, number_of(splats))
+        return scene, quick
 
     def _shape(self, path: Path | None) -> Any:
         """The model, or one without primitives."""
         if path is None:
-            empty = Splats.empty(0)
-            return mi.load_dict({"type": "dog", **{name: mi.TensorXf(getattr(empty, name)) for name in DENSE}})
+            return no_splats()
         return self._keep("shape", [path], (), lambda: mi.load_dict({"type": "dog", "filename": str(path)}))
 
 

@@ -3,12 +3,14 @@
 from types import SimpleNamespace
 
 import bpy
+import numpy as np
 import pytest
+from blender_pictures import with_alpha
 from drawn_panels import viewport
 from live_views import a_context, drawn_viewport, staged, through_the_camera
 from model_files import load
-from references import place_camera
-from surroundings import body, material, plane
+from references import REFERENCES, place_camera, reference
+from surroundings import GREY, background, blocks, body, camera, material, plane
 
 from blender_addon import render_engine
 from blender_addon.evaluated.visible import hidden_in
@@ -140,19 +142,106 @@ def test_a_viewport_has_another_stage_when_the_eye_of_a_collection_closes(scene,
     assert len(stages) == 3
 
 
-@pytest.mark.parametrize("by_collection", [False, True])
-def test_a_render_says_that_a_holdout_is_drawn(scene, monkeypatch, tmp_path, model, by_collection):
-    place_camera(scene, "dog")
-    obj = load(model)
-    assert not rendered_order(scene, monkeypatch, tmp_path).notes
-    if by_collection:
-        in_collection(obj).holdout = True
-    else:
+def by_object(obj, mask):
+    if mask == "holdout":
         obj.is_holdout = True
-    (note,) = rendered_order(scene, monkeypatch, tmp_path).notes
-    assert note == f'"{obj.name}" is a holdout, but is drawn as it is'
-    if by_collection:
-        in_layer = bpy.context.view_layer.layer_collection.children["Own"]
-        in_layer.holdout, in_layer.indirect_only = False, True
-        (note,) = rendered_order(scene, monkeypatch, tmp_path).notes
-        assert note == f'"{obj.name}" is indirect only, but cameras see it too'
+    else:
+        obj.visible_camera = False
+
+
+def by_collection(obj, mask):
+    setattr(in_collection(obj), mask, True)
+
+
+MASKS = ["holdout", "indirect_only"]
+
+
+@pytest.mark.parametrize("mask", MASKS)
+@pytest.mark.parametrize("mark", [by_object, by_collection])
+def test_a_render_and_a_viewport_ask_for_masks(scene, monkeypatch, tmp_path, model, mark, mask):
+    """By the numbers of the objects; a mesh follows the splats."""
+    place_camera(scene, "dog")
+    first, second, wall = load(model), load(model), body(plane(5), material("ShaderNodeBsdfDiffuse"))
+    order = rendered_order(scene, monkeypatch, tmp_path)
+    assert order.objects == [first.name, second.name, wall.name] and not order.request.keys() & set(MASKS)
+    mark(second, mask)
+    mark(wall, mask)
+    order = rendered_order(scene, monkeypatch, tmp_path)
+    assert order.notes == [] and {name: order.request.get(name) for name in MASKS} == {
+        name: [order.objects.index(obj.name) for obj in (second, wall)] if name == mask else None for name in MASKS
+    }
+    bpy.context.view_layer.update()
+    stage = staged(tmp_path, through_the_camera(scene).camera)
+    assert sorted(stage.objects[number] for number in stage.request[mask]) == sorted([second.name, wall.name])
+    scene.dogsplat.send = "SPLATS"
+    order = rendered_order(scene, monkeypatch, tmp_path)
+    assert [order.objects[number] for number in order.request[mask]] == [second.name]
+
+
+def test_instances_are_masked_with_what_makes_them(scene, monkeypatch, tmp_path, model):
+    place_camera(scene, "dog")
+    objects = [load(model), plane(5)]
+    for obj in objects:
+        obj.name = f"Inner {obj.type}"
+    collection = in_collection(objects[0]).collection
+    scene.collection.objects.unlink(objects[1])
+    collection.objects.link(objects[1])
+    empty = bpy.data.objects.new("Instance", None)
+    empty.instance_type, empty.instance_collection, empty.is_holdout = "COLLECTION", collection, True
+    scene.collection.objects.link(empty)
+    order = rendered_order(scene, monkeypatch, tmp_path)
+    held = [order.objects[number] for number in order.request["holdout"]]
+    assert sorted(held) == sorted(obj.name for obj in objects)
+    assert sorted(order.objects) == sorted(2 * held)
+
+
+def test_a_viewport_has_another_stage_when_a_mask_changes(scene, monkeypatch, tmp_path, model):
+    """That of a collection changes none of its objects."""
+    place_camera(scene, "dog")
+    layer_collection, seen, stages = in_collection(load(model)), drawn_viewport(monkeypatch, tmp_path), []
+    make = rendered.make_stage
+    monkeypatch.setattr(rendered, "PAUSE", 0.0)
+    monkeypatch.setattr(rendered, "make_stage", lambda *values: stages.append(make(*values)) or stages[-1])
+    for holdout in (False, False, True, True, False):
+        layer_collection.holdout = holdout
+        bpy.context.view_layer.update()
+        seen.draw(a_context(), bpy.context.evaluated_depsgraph_get())
+        seen.restage()
+        assert ("holdout" in stages[-1].request) is holdout
+    assert len(stages) == 3
+
+
+@pytest.mark.parametrize("transparent", [False, True])
+@pytest.mark.parametrize("mask", ["", *MASKS])
+def test_masks_of_meshes_are_those_of_cycles(scene, by_command, tmp_path, mask, transparent):
+    """A square before the left part of a wall, and another before both; each stands for an area of the picture."""
+    camera(scene, (0, 0, 8))
+    background(scene)
+    scene.render.film_transparent = transparent
+    body(plane(4), material("ShaderNodeBsdfDiffuse", Color=(0.9, 0.2, 0.2, 1)))
+    masked = body(plane(2, location=(-2, 0, 1)), material("ShaderNodeBsdfDiffuse", Color=GREY))
+    body(plane(1, location=(-1.5, 0, 2)), material("ShaderNodeBsdfDiffuse", Color=(0.2, 0.2, 0.9, 1)))
+    if mask:
+        by_collection(masked, mask)
+    cycles, ours = (blocks(with_alpha(scene, name, tmp_path)) for name in ("CYCLES", render_engine.ENGINE))
+    assert np.abs(ours - cycles).mean() < 0.01
+    assert np.percentile(np.abs(ours - cycles), 95) < 0.05  # noise, and edges that filters blur
+    if mask == "holdout":
+        assert cycles[..., 3].min() < 0.5
+
+
+@pytest.mark.parametrize("transparent", [False, True])
+def test_a_holdout_of_splats_is_a_hole(scene, by_command, tmp_path, transparent):
+    """In the world behind it too; what is indirect only is not there."""
+    place_camera(scene, "square")
+    obj, scene.render.film_transparent = load(REFERENCES / "square.ply"), transparent
+    background(scene, (0.2, 0.4, 0.6, 1))
+    before = with_alpha(scene, render_engine.ENGINE, tmp_path)
+    obj.is_holdout = True
+    after, alpha = with_alpha(scene, render_engine.ENGINE, tmp_path), reference("square")["alpha"]
+    assert np.allclose(before[..., 3], alpha if transparent else 1, atol=1e-5)
+    assert np.allclose(after[..., 3], 0 if transparent else 1 - alpha, atol=1e-4)
+    assert np.allclose(after[..., :3], after[..., 3:] * (0.2, 0.4, 0.6), atol=1e-4)
+    by_object(obj, "indirect_only")
+    empty = with_alpha(scene, render_engine.ENGINE, tmp_path)
+    assert np.allclose(empty, (0, 0, 0, 0) if transparent else (0.2, 0.4, 0.6, 1), atol=1e-5)

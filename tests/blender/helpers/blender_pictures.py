@@ -10,17 +10,23 @@ EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0) else "BLENDER_EEVEE_NEXT"
 
 def picture(scene: bpy.types.Scene, engine: str, folder: Path) -> np.ndarray:
     """[H, W, 3] as Blender writes it in floats, rows from the top."""
+    return with_alpha(scene, engine, folder)[..., :3]
+
+
+def with_alpha(scene: bpy.types.Scene, engine: str, folder: Path) -> np.ndarray:
+    """[H, W, 4] of the same, premultiplied."""
     scene.render.engine = engine
     settings = scene.render.image_settings
-    settings.file_format, settings.color_depth = "OPEN_EXR", "32"
+    settings.file_format, settings.color_depth, settings.color_mode = "OPEN_EXR", "32", "RGBA"
     scene.render.filepath = str(folder / "out.exr")
     bpy.ops.render.render(write_still=True)
     image = bpy.data.images.load(scene.render.filepath)
+    image.alpha_mode = "PREMUL"
     width, height = image.size
     pixels = np.empty(width * height * 4, np.float32)
     image.pixels.foreach_get(pixels)
     bpy.data.images.remove(image)
-    return pixels.reshape(height, width, 4)[::-1, :, :3]
+    return pixels.reshape(height, width, 4)[::-1]
 
 
 def rendered(scene: bpy.types.Scene, engine: str, folder: Path) -> np.ndarray:

@@ -1,0 +1,33 @@
+"""How cameras see objects, as Cycles has it: of instances, what makes them says so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import bpy
+
+HOLDOUT, INDIRECT_ONLY = "holdout", "indirect_only"  # as requests call them; what has neither is seen as it is
+
+
+def mask_of(owner: bpy.types.Object, obj: bpy.types.Object, layer: bpy.types.ViewLayer) -> str:
+    """One of the above, or nothing. ``owner``: the original object, or that which makes the instance ``obj``."""
+    if not (owner.visible_camera and obj.visible_camera):
+        return INDIRECT_ONLY
+    if owner.holdout_get(view_layer=layer):
+        return HOLDOUT
+    return INDIRECT_ONLY if owner.indirect_only_get(view_layer=layer) else ""
+
+
+def masks_in(depsgraph: bpy.types.Depsgraph) -> frozenset[tuple[str, str]]:
+    """(full name, mask) of the objects that have one."""
+    layer, originals = depsgraph.view_layer, [obj.original for obj in depsgraph.objects]
+    return frozenset((obj.name_full, mask) for obj in originals if (mask := mask_of(obj, obj, layer)))
+
+
+def numbered(masks: Iterable[str]) -> dict[str, list[int]]:
+    """The fields of a request, of the masks of all objects by their numbers; none where all are seen as they are."""
+    found: dict[str, list[int]] = {}
+    for number, mask in enumerate(masks):
+        if mask:
+            found.setdefault(mask, []).append(number)
+    return found
