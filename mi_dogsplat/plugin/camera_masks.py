@@ -36,11 +36,8 @@ class SplatMasks:
     def shown(self, params: dict, linear: bool) -> dict:
         """Parameters of the primitives as the camera sees them: holdouts are black."""
         params = dimmed(params, [dr.select(self.holdout, mi.Float(0), 1)] * 3, linear)
-        changed = {"logit_opacities": dr.select(self._dropped(), NO_OPACITY, params["logit_opacities"])}
-        if "dog_index" in params:
-            dropped = dr.gather(mi.Bool, self._dropped(), params["dog_index"])
-            changed["dog_logit_opacities"] = dr.select(dropped, NO_OPACITY, params["dog_logit_opacities"])
-        return params | changed
+        dropped = self.unseen & ~self.holdout
+        return params | {"logit_opacities": dr.select(dropped, NO_OPACITY, params["logit_opacities"])}
 
     def hole(self, shown: dict, camera: DeviceCamera, options: RasterOptions, stop: mi.Float | None) -> mi.Float:
         """Share of each pixel that holdouts cover, [H*W], of what ``shown`` returns; ``stop`` as in ``rasterize``."""
@@ -50,9 +47,6 @@ class SplatMasks:
         params["sh_coeffs"] = dr.ravel(mi.Vector3f(white))  # pyright: ignore[reportArgumentType]
         plain = replace(options, sh_degree=0, depth=False, normal=False)
         return rasterize(params, camera, plain, stop_depth=stop).colors[0]
-
-    def _dropped(self) -> mi.Bool:
-        return self.unseen & ~self.holdout
 
 
 @dataclass(frozen=True)

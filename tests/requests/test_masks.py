@@ -128,6 +128,8 @@ def test_a_holdout_among_splats_leaves_its_share_of_the_picture_empty(folder):
     np.testing.assert_allclose(picture["alpha"], expected.alpha - hole, atol=1e-5)
     assert np.isinf(picture["depth"][hole > 0.5]).all() and (picture["object"][hole > 0.5] == -1).all()
     assert set(np.unique(picture["object"])) == {-1, 1} and not (picture["matte"][..., 0] == 0).any()
+    matte, others = picture["matte"][..., 0, :], (picture["object"] == 1) & (picture["alpha"] > 0.01)
+    np.testing.assert_allclose(matte[others][:, 1], picture["alpha"][others], rtol=1e-5)
     everything = alone(folder)
     np.testing.assert_allclose(everything["alpha"], expected.alpha, atol=1e-6)
     assert "hole" not in everything and np.abs(everything["color"] - picture["color"]).max() > 0.1
@@ -197,7 +199,7 @@ def test_the_camera_looks_through_a_surface_that_is_indirect_only(folder):
 
 def test_a_holdout_among_splats_in_a_scene_hides_the_surfaces_behind_it(folder):
     """Splats of sRGB values are blended as such, and those of holdouts are no part of the mean colour."""
-    picture = scene(folder, indirect_only=[3], holdout=[0], samples=1, passes=["object"])
+    picture = scene(folder, indirect_only=[3], holdout=[0], samples=1, passes=["object", "matte"])
     of_others, hole, color = shares(SECOND)[..., None], shares(FIRST)[..., None], blended(held_out(FIRST))
     T = 1 - of_others - hole
     some = np.abs(of_others) > 1e-3
@@ -206,6 +208,9 @@ def test_a_holdout_among_splats_in_a_scene_hides_the_surfaces_behind_it(folder):
     sure = np.broadcast_to(some & ((T > 0.1) | (T < 1e-4)), color.shape)  # what of a path is seen is random elsewhere
     np.testing.assert_allclose(picture["color"][sure], expected[sure], atol=2e-3)
     np.testing.assert_allclose(picture["alpha"], 1 - hole[..., 0], atol=1e-4)
+    some = (hole[..., 0] > 0.2) & (hole[..., 0] < 0.45)  # others cover most
+    of_objects = picture["matte"][some][..., 1].sum(-1)
+    assert some.sum() > 10 and of_objects.mean() == pytest.approx(1 - hole[some].mean(), abs=0.1)
     assert sure.mean() > 0.3 and (picture["object"][hole[..., 0] > 0.5] == -1).all()
 
 
