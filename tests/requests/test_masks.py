@@ -208,9 +208,9 @@ def test_a_holdout_among_splats_in_a_scene_hides_the_surfaces_behind_it(folder):
     sure = np.broadcast_to(some & ((T > 0.1) | (T < 1e-4)), color.shape)  # what of a path is seen is random elsewhere
     np.testing.assert_allclose(picture["color"][sure], expected[sure], atol=2e-3)
     np.testing.assert_allclose(picture["alpha"], 1 - hole[..., 0], atol=1e-4)
-    some = (hole[..., 0] > 0.2) & (hole[..., 0] < 0.45)  # others cover most
+    some = (hole[..., 0] > 0.1) & (of_others[..., 0] > hole[..., 0] + 0.1)  # others are what covers most
     of_objects = picture["matte"][some][..., 1].sum(-1)
-    assert some.sum() > 10 and of_objects.mean() == pytest.approx(1 - hole[some].mean(), abs=0.1)
+    assert some.sum() > 5 and of_objects.mean() == pytest.approx(1 - hole[some].mean(), abs=0.05)
     assert sure.mean() > 0.3 and (picture["object"][hole[..., 0] > 0.5] == -1).all()
 
 
