@@ -7,6 +7,7 @@ import bpy
 from ..engine.order import StageSettings, stage_settings
 from ..evaluated.placed import holds_splats
 from ..objects.attributes import has_splats
+from .camera_moves import CameraMoves
 from .tagged import TAGGED
 
 SEEN = (bpy.types.Material, bpy.types.World, bpy.types.Light, bpy.types.Image, bpy.types.Texture, bpy.types.NodeTree)
@@ -17,6 +18,7 @@ class Changes:
 
     def __init__(self):
         self.pending = True
+        self._moves = CameraMoves()
         self._objects: tuple[tuple[str, bool], ...] = ()
         self._settings: StageSettings | None = None
 
@@ -25,7 +27,9 @@ class Changes:
         objects = tuple((obj.name_full, obj.hide_render) for obj in depsgraph.objects)
         if objects != self._objects:  # shown or hidden
             self._objects, self.pending = objects, True
-        self.pending |= any(_matters(update) for update in depsgraph.updates)
+        self._moves.learn(depsgraph.objects)
+        by_cameras = self._moves.explain(depsgraph.updates)
+        self.pending |= not by_cameras and any(_matters(update) for update in depsgraph.updates)
 
     def compare(self, scene: bpy.types.Scene) -> None:
         """Note what a stage depends on besides."""

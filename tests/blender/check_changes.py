@@ -11,7 +11,7 @@ from package_command import never, nothing
 from references import place_camera
 from surroundings import plane
 
-from blender_addon.nodes.modifier import get_input, splat_modifier
+from blender_addon.nodes.modifier import edit_modifiers, get_input, input_property, set_input, splat_modifier
 from blender_addon.viewport import rendered
 from blender_addon.viewport.changes import Changes
 from blender_addon.viewport.pace import REST
@@ -49,6 +49,9 @@ def test_what_is_the_same_is_neither_written_nor_drawn_again(monkeypatch, tmp_pa
     def move(other):
         other.location.x += 1
 
+    def zoom():
+        scene.camera.data.lens += 5
+
     def edit():
         obj.data.vertices[0].co.x += 1
         obj.data.update_tag()
@@ -57,7 +60,7 @@ def test_what_is_the_same_is_neither_written_nor_drawn_again(monkeypatch, tmp_pa
     assert after(nothing) == (1, 1)
     assert after(nothing) == after(obj.select_set, False) == after(move, other_camera) == (0, 0)
     assert after(look_from, 0.5) == (0, 1)
-    assert after(move, scene.camera)[1] == 0 and len(list(tmp_path.iterdir())) == 1
+    assert after(move, scene.camera) == after(zoom) == (0, 0) and len(list(tmp_path.iterdir())) == 1
     assert after(move, obj) == after(edit) == (1, 1)
     assert after(obj.hide_set, True) == (0, 0) and "no splats" in viewport.error
     assert after(obj.hide_set, False) == (1, 0) and viewport.error == ""  # what was asked for last is shown again
@@ -123,6 +126,60 @@ def test_what_the_watcher_changes_asks_for_no_stage(scene, model):
     scene.frame_set(2)
     obj.update_tag()
     assert told() == [True, True]
+
+
+def test_a_camera_that_moves_hides_no_other_change(scene, model):
+    """Of edits, by whatever they come, at the same time; and what a camera edits is another stage."""
+    place_camera(scene, "dog")
+    obj, changes = load(model), Changes()
+    assert bpy.ops.dogsplat.add_crop(shape="BOX") == bpy.ops.dogsplat.add_limits() == {"FINISHED"}
+    crop, limits = edit_modifiers(obj)
+    box = get_input(crop, "Object")
+
+    def asked(*change) -> bool:
+        """Whether a stage is, when the camera moves as well."""
+        scene.camera.location.x += 0.1
+        if change:
+            change[0](*change[1:])
+        found = []
+
+        def note(depsgraph):
+            changes.note(depsgraph)
+            found.append(changes.pending)
+            changes.pending = False
+
+        tell(note)
+        return any(found)
+
+    def edit():
+        obj.data.vertices[0].co.x += 1
+        obj.data.update_tag()
+
+    asked()
+    assert not asked()
+    for change in (
+        (set_input, limits, "Minimum Opacity", 0.5),
+        (set_input, crop, "Invert", True),
+        (set_input, splat_modifier(obj), "SH Degree", 1),
+        (setattr, limits, "show_viewport", False),
+        (setattr, box.location, "x", 1),
+        (setattr, obj.location, "x", 1),
+        (setattr, box, "parent", scene.camera),
+        (edit,),
+    ):
+        assert asked(*change), change
+        obj.update_tag()
+        tell(changes.note)
+        changes.pending = False
+        assert asked() == (box.parent is not None)
+    box.parent = None
+    assert asked() and not asked()
+    owner, key = input_property(limits, "Minimum Opacity")
+    driver = owner.driver_add(key).driver
+    variable = driver.variables.new()
+    variable.name, variable.type, variable.targets[0].id = "x", "TRANSFORMS", scene.camera
+    driver.expression = "x / 100"
+    assert asked() and asked()
 
 
 def test_which_updates_matter(scene, model):
