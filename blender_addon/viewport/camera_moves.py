@@ -1,4 +1,4 @@
-"""Cameras that move: Blender evaluates splats anew for them, whose quads face the active one, and no splat is another."""
+"""Cameras that move: Blender evaluates splats anew, whose quads face the active one, and no splat is another."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _is_camera(thing: bpy.types.ID) -> bool:
 
 
 def _edits(obj: bpy.types.Object) -> Edits | None:
-    """The modifiers of an object and their inputs; None where a camera may change more than how its splats are drawn."""
+    """The modifiers of an object and their inputs; None where a camera may change more than how splats are drawn."""
     ours, drawing = edit_modifiers(obj), splat_modifier(obj)
     if len(ours) + (drawing is not None) != len(obj.modifiers) or obj.data.shape_keys:
         return None

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-REST = 0.25  # seconds without another view, until everything is due
+REST = 0.25  # seconds without another view, until everything is due, with every engine
 TARGET = 0.06  # seconds for a picture while the view moves: 10 a second with what Blender needs besides
 SPARE = 0.5  # of it: below, the next better level is tried, which takes less than twice as long
 

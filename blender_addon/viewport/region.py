@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..cameras.camera import OPENCV_FROM_OPENGL, Camera
+from .projection import projection_of
 
 Part = tuple[int, int, int, int]
 FAR = 1e30  # where single precision knows no end of the view
@@ -49,17 +50,14 @@ class Seen:
 
 def seen_by(space: Any, width: int, height: int) -> Seen:
     """What a region of so many pixels sees: ``space`` is its ``RegionView3D``."""
-    w2c, projection = np.array(space.view_matrix, np.float64), np.array(space.window_matrix, np.float64)
-    half, (a, b) = (width / 2, height / 2), projection[2, 2:]
+    w2c, (focal, center) = np.array(space.view_matrix, np.float64), projection_of(space, width, height)
+    a, b = np.array(space.window_matrix, np.float64)[2, 2:]
     if space.is_perspective:
-        center = half[0] * (1 - projection[0, 2]), half[1] * (1 + projection[1, 2])
         clip = b / (a - 1), b / (a + 1) if a < -1 else FAR
     else:
-        center = half[0] * (1 + projection[0, 3]), half[1] * (1 - projection[1, 3])
         near = (-1 - b) / a  # along the view's z axis, which points at the viewer
         w2c[2, 3] -= near  # behind all that is seen
         clip = 0.0, -2 / a
-    focal = half[0] * projection[0, 0], half[1] * projection[1, 1]
     camera = Camera("viewport", OPENCV_FROM_OPENGL @ w2c, *focal, *center, width, height)
     return Seen(camera, not space.is_perspective, (float(clip[0]), float(clip[1])))
 

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 
 from mathutils import Matrix, Vector
 
+from .projection import projection_of
+
 FAR = 100.0  # half-widths of the picture: from there a camera sees as an orthographic view does
 
 
@@ -20,15 +22,11 @@ class View(NamedTuple):
 
 def view_of(space: Any, width: int, height: int) -> View:
     """The view of a region: ``space`` is its ``RegionView3D``."""
-    pose, projection = space.view_matrix.inverted(), space.window_matrix
-    half = width / 2, height / 2
-    center = half[0] * (1 - projection[0][2]), half[1] * (1 + projection[1][2])
-    focal = half[0] * projection[0][0], half[1] * projection[1][1]
+    pose, (focal, center) = space.view_matrix.inverted(), projection_of(space, width, height)
     if not space.is_perspective:
-        distance = FAR / projection[0][0]
+        distance = FAR / space.window_matrix[0][0]
         pose = pose.copy()
         pose.translation = space.view_location + pose.to_3x3() @ Vector((0, 0, distance))
-        center = half[0] * (1 + projection[0][3]), half[1] * (1 - projection[1][3])
         focal = focal[0] * distance, focal[1] * distance
     return View(tuple(map(tuple, pose)), focal, center, (width, height))
 

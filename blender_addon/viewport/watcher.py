@@ -13,10 +13,10 @@ import bpy
 
 from ..nodes.modifier import get_input, has_input, set_input, splat_modifier
 from ..objects.attributes import is_splats
+from .pace import REST
 from .tagged import TAGGED
 from .view import View, view_inputs
 
-REST = 0.25  # seconds without another view
 TICKS = 3  # of the timer without another view: a drawing may take longer than REST
 INTERVAL = 0.03  # of the timer
 COARSE = "4"  # pixels of the window to a drawn one, along each axis

@@ -17,8 +17,9 @@ from blender_addon.files.model import importance
 from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import RANK, get_column, read_attributes
 from blender_addon.viewport.handlers import BEHIND_OURS, WATCHER, at_rest, while_moving
+from blender_addon.viewport.pace import REST
 from blender_addon.viewport.view import view_of
-from blender_addon.viewport.watcher import REST, Shown, Watcher, show_models
+from blender_addon.viewport.watcher import Shown, Watcher, show_models
 
 
 def view_of_camera(scene):

@@ -7,6 +7,7 @@ from blender_pictures import EEVEE
 from package_command import by_package
 from training_scene import CENTER, RADIUS, folder_of, made_unlike, state
 
+from blender_addon.engine.settings import ENGINE
 from blender_addon.training.data_set import is_begun, is_complete
 from blender_addon.training.render_jobs import RenderJobs
 from blender_addon.training.rendering import Rendering
@@ -14,8 +15,8 @@ from blender_addon.training.rig_operator import make_rig, rig_cameras
 from blender_addon.training.work import WORK
 
 
-@pytest.mark.parametrize("engine", ["CYCLES", EEVEE])
-def test_all_settings_are_given_back_and_only_the_subject_is_seen(subject, scene, engine):
+@pytest.mark.parametrize("engine", ["CYCLES", EEVEE, ENGINE])
+def test_all_settings_are_given_back_and_only_the_subject_is_seen(subject, scene, engine, by_command):
     """A subject, too, that a model has taken the place of."""
     scene.render.engine = engine
     scene.dogsplat_training.views = 1
