@@ -14,6 +14,7 @@ from ..training.config import FREE
 from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, load_checkpoint
 from .history import HISTORY
+from .inputs import INPUTS, is_same_input, noted_inputs
 
 
 def resume_run(trainer: Trainer, out: Path) -> None:
@@ -22,7 +23,14 @@ def resume_run(trainer: Trainer, out: Path) -> None:
     if not (out / "config.json").is_file():
         raise DataError(out, "there is no run, so there is no checkpoint", "train without --resume")
     now = json.loads(json.dumps(dataclasses.asdict(trainer.config)))
-    changed = [name for name in now if name in before.config and before.config[name] != now[name] and name not in FREE]
+    places = noted_inputs(out)
+
+    def differs(name: str) -> bool:
+        if name in INPUTS:
+            return not is_same_input(before.config[name], now[name], places.get(name))
+        return before.config[name] != now[name] and name not in FREE
+
+    changed = [name for name in now if name in before.config and differs(name)]
     if changed:
         name = changed[0]
         problem = f"{name} was {before.config[name]} and is {now[name]} now"

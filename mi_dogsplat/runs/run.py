@@ -26,6 +26,7 @@ from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, Checkpoints
 from .finish import finish
 from .history import HISTORY, run_to_end
+from .inputs import note_inputs
 from .resume import forget_results, restore_from, resume_run
 from .stopping import Stopped, StopRequest
 
@@ -151,6 +152,7 @@ def _begun(trainer: Trainer, out: Path, resume: bool) -> Iterator[None]:
             (out / HISTORY).unlink(missing_ok=True)
         forget_results(out)
         write_json(out / "config.json", dataclasses.asdict(trainer.config))
+        note_inputs(trainer.config, out)
         yield
 
 

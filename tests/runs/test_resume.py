@@ -1,9 +1,13 @@
 """A run that was stopped goes on from its checkpoint as if nothing had happened."""
 
 import json
+import re
+import shutil
 import signal
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import mitsuba as mi
 import numpy as np
@@ -12,6 +16,8 @@ from happenings import records
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.runs import run
 from mi_dogsplat.runs.checkpoint import Checkpoints, load_checkpoint, save_checkpoint
+from mi_dogsplat.runs.inputs import PLACES
+from mi_dogsplat.runs.resume import resume_run
 from mi_dogsplat.runs.stopping import Stopped
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
@@ -25,6 +31,9 @@ def config_of(data: Path, **changes) -> TrainConfig:
     base: dict[str, Any] = {"preset": "3dgs", "steps": STEPS, "sh_degree": 1, "log_every": 10, "max_primitives": 100}
     base["checkpoint_seconds"] = 0.0
     return TrainConfig(str(data), **(base | changes))
+
+
+ONE_STEP = config_of(Path(), steps=1, near_clip=0.2)
 
 
 def rows_of(folder: Path) -> list[dict]:
@@ -166,6 +175,58 @@ def test_resuming_needs_the_same_settings(data, tmp_path, monkeypatch):
     run.train(config_of(data), tmp_path)
     with pytest.raises(DataError, match="seed was 0 and is 1 now"):
         run.train(config_of(data, seed=1), tmp_path, resume=True)
+
+
+@pytest.fixture(scope="module")
+def begun(data, tmp_path_factory):
+    """A run of one step, whose data were named by a relative path, and the folder that this is relative to."""
+    folder = tmp_path_factory.mktemp("begun")
+    shutil.copytree(data, folder / "photos")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        run.train(replace(ONE_STEP, data="photos"), Path("run"))
+    return folder
+
+
+@pytest.mark.parametrize("place, name", [
+    (".", "photos/"), (".", "./photos"), (".", "{folder}/photos"), ("photos", "../photos"), (".", "link"),
+])  # fmt: skip
+def test_data_are_the_same_however_they_are_named(begun, monkeypatch, place, name):
+    if name == "link":
+        (begun / name).symlink_to(begun / "photos")
+    monkeypatch.chdir(begun / place)
+    assert resumes(replace(ONE_STEP, data=name.format(folder=begun)), begun / "run")
+
+
+def test_other_data_of_the_same_name_are_refused(begun, monkeypatch, tmp_path):
+    shutil.copytree(begun / "photos", tmp_path / "photos")
+    monkeypatch.chdir(tmp_path)
+    for data in ("photos", str(tmp_path / "photos")):
+        with pytest.raises(DataError, match=f"data was photos and is {re.escape(data)} now"):
+            resumes(replace(ONE_STEP, data=data), begun / "run")
+
+
+def test_data_may_move_with_their_run_and_runs_of_older_versions_go_on(begun, monkeypatch, tmp_path):
+    """Which did not keep where their data were."""
+    shutil.copytree(begun / "run", tmp_path / "run")
+    shutil.copytree(begun / "photos", tmp_path / "photos")
+    places = tmp_path / "run" / PLACES
+    places.write_text(places.read_text().replace(str(begun), str(begun / "gone")))
+    monkeypatch.chdir(tmp_path)
+    assert resumes(replace(ONE_STEP, data="photos"), tmp_path / "run")
+    places.unlink()
+    for data in ("photos", "photos/", str(tmp_path / "photos")):
+        assert resumes(replace(ONE_STEP, data=data), tmp_path / "run")
+    with pytest.raises(DataError, match="data was photos and is run now"):
+        resumes(replace(ONE_STEP, data="run"), tmp_path / "run")
+
+
+def resumes(config, out) -> bool:
+    """Whether a run goes on at its step; its data are read all the same."""
+    trainer = SimpleNamespace(config=config, step_count=0)
+    trainer.restore = lambda state: setattr(trainer, "step_count", int(state["step"]))
+    resume_run(cast(Trainer, trainer), out)
+    return trainer.step_count == 1
 
 
 def test_resuming_without_a_checkpoint_says_so(data, tmp_path):

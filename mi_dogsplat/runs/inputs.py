@@ -1,0 +1,45 @@
+"""The files and folders that a run reads: its settings name them as the user did, from the folder where he was."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..support.errors import DataError
+from ..support.files import read_json, write_json
+from ..training.config import TrainConfig
+
+INPUTS = ("data", "masks", "model")  # settings that are paths
+PLACES = Path("checkpoint") / "inputs.json"  # in a run folder: where they were
+
+
+def note_inputs(config: TrainConfig, out: Path) -> None:
+    """Keep where the inputs of a run are."""
+    named = {name: getattr(config, name) for name in INPUTS}
+    (out / PLACES).parent.mkdir(exist_ok=True)
+    write_json(out / PLACES, {name: _place(path) for name, path in named.items() if path is not None})
+
+
+def noted_inputs(out: Path) -> dict[str, str]:
+    """What ``note_inputs`` kept; nothing for runs of versions that did not. Raises ``DataError``."""
+    path = out / PLACES
+    found = read_json(path, "remove it") if path.is_file() else {}
+    if not isinstance(found, dict) or not all(isinstance(place, str) for place in found.values()):
+        raise DataError(path, "does not say where the inputs of the run were", "remove it")
+    return found
+
+
+def is_same_input(before: str | None, now: str | None, place: str | None) -> bool:
+    """Whether two names, at the begin of a run and when it goes on, are of one thing.
+
+    ``place`` is where it was at the begin, None where nobody knows. If it is not there any more, it may have been moved
+    together with the run, under the same name.
+    """
+    if before is None or now is None:
+        return before is now
+    if place is not None and Path(place).exists():
+        return _place(now) == place
+    return before == now or _place(before) == _place(now)
+
+
+def _place(path: str) -> str:
+    return str(Path(path).resolve())
