@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..support.errors import DataError, gist
+from ..support.errors import DataError
+from ..support.scene_errors import scene_error
 
 SURROUNDING = 4.0  # a floor or dome is so many times larger than all that is smaller
 FLAT = 0.02  # thickness of a floor, times its diagonal
@@ -34,7 +35,7 @@ def load_scene(path: Path, hide_emitters: bool = False) -> tuple[Any, bool]:
         hidden = any("hide_emitters" in properties and properties["hide_emitters"] for properties in integrators)
         scene = mi.parser.instantiate(config, state)
     except Exception as error:  # Mitsuba raises several kinds, all of them with a message to show
-        raise DataError(path, f"Mitsuba cannot load it ({gist(error)})", "correct the scene") from error
+        raise scene_error(path, error, "Mitsuba cannot load it") from error
     finally:
         del folders[0]
     if not isinstance(scene, mi.Scene):
@@ -52,7 +53,7 @@ def has_splats(path: Path) -> bool:
     try:
         state = mi.parser.parse_file(config, str(path))
     except Exception as error:  # as above
-        raise DataError(path, f"Mitsuba cannot load it ({gist(error)})", "correct the scene") from error
+        raise scene_error(path, error, "Mitsuba cannot load it") from error
     return any(node.type == mi.ObjectType.Shape and node.props.plugin_name() == "dog" for node in state.nodes)
 
 

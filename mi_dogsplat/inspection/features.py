@@ -19,7 +19,7 @@ from ..engine.options import RasterOptions, Settings
 from ..engine.walks.aovs import WALKED, walked
 from ..plugin.transfer import srgb_to_linear
 from ..scene.splats import MAX_SH_DEGREE, Splats
-from ..support.errors import DataError
+from ..support.scene_errors import scene_error
 from ..support.wording import count, file_size
 from .unneeded import Unneeded, used_sh_degrees
 
@@ -183,7 +183,7 @@ def splat_scene(path: Path) -> mi.Scene | None:
     try:
         scene = mi.load_file(str(path))
     except Exception as error:  # Mitsuba raises several kinds, all of them with a message to show
-        raise DataError(path, f"Mitsuba cannot load it ({error})", "correct the scene") from error
+        raise scene_error(path, error, "Mitsuba cannot load it") from error
     if not isinstance(scene, mi.Scene) or not isinstance(scene.integrator(), SplatIntegrator):
         return None
     return scene if any(isinstance(shape, DogShape) for shape in scene.shapes()) else None

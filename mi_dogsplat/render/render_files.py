@@ -19,9 +19,10 @@ from ..scene.camera_file import read_camera
 from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, drawn_as
 from ..scene.splats import Splats
-from ..support.errors import DataError, gist, interruptible
+from ..support.errors import DataError, interruptible
 from ..support.files import replacing
 from ..support.pictures import write_channels, write_exr, write_png
+from ..support.scene_errors import scene_error
 from ..support.srgb import linear_to_srgb
 from .framing import NEAR_SHARE, automatic_camera, robust_sphere
 from .picture import Picture, as_taken, background_color, premultiplied, render_picture
@@ -178,7 +179,7 @@ def render_scene(
             mi.render(scene, spp=spp)
         bitmap = scene.sensors()[0].film().bitmap()
     except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
-        raise DataError(path, f"Mitsuba cannot render it ({gist(error)})", "correct the scene") from error
+        raise scene_error(path, error, "Mitsuba cannot render it") from error
     if out.suffix.lower() == ".npz":
         raise DataError(out, "arrays hold pictures of models only", "name a file that ends in .png or .exr")
     if out.suffix.lower() == ".exr":

@@ -15,7 +15,8 @@ from ..engine.rasterize import RasterOptions
 from ..render.picture import Picture, render_picture
 from ..scene.cameras import Camera
 from ..scene.sh_basis import sh_degree_of
-from ..support.errors import DataError, gist
+from ..support.errors import DataError
+from ..support.scene_errors import scene_error
 from .data_passes import data_passes, emptied
 from .gradual import in_steps, means
 from .masks import splat_masks, without_holdouts
@@ -53,8 +54,8 @@ class Answerer:
         except (RuntimeError, ValueError, TypeError) as error:
             if isinstance(error, DataError):
                 raise
-            source = request.scene or request.model or SOURCE
-            raise DataError(source, f"cannot be drawn ({gist(error)})", "correct it") from error
+            source = request.scene or request.model or Path(SOURCE)
+            raise scene_error(source, error, "cannot be drawn", "correct it") from error
 
     def _model(self, path: Path) -> Any:
         from ..shape_dog import DogShape  # of the active variant: another one after each change, there and back too

@@ -13,8 +13,9 @@ import mitsuba as mi
 import numpy as np
 
 from ..scene.splats import DENSE, Splats
-from ..support.errors import DataError, gist
+from ..support.errors import DataError
 from ..support.files import read_json
+from ..support.scene_errors import scene_error
 from .masks import camera_masks, is_masked
 from .request import Request
 
@@ -38,7 +39,7 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
             described["sensor"] = sensor
         scene = mi.load_dict(described)
     except (RuntimeError, ValueError, TypeError) as error:
-        raise DataError(request.scene, f"Mitsuba cannot load it ({gist(error)})", "correct the scene") from error
+        raise scene_error(request.scene, error, "Mitsuba cannot load it") from error
     if len(scene.sensors()) != 1:
         raise DataError(request.scene, f"has {len(scene.sensors())} sensors", "give it one")
     if is_masked(request):

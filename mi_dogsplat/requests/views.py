@@ -15,7 +15,8 @@ from ..engine.options import RasterOptions
 from ..engine.rasterize import rasterize
 from ..plugin.transfer import linear_to_srgb, srgb_to_linear
 from ..scene.cameras import Camera
-from ..support.errors import DataError, gist, interruptible
+from ..support.errors import DataError, interruptible
+from ..support.scene_errors import scene_error
 from .gradual import finished, in_steps, means
 from .masks import camera_masks, splat_masks
 from .request import SOURCE
@@ -46,8 +47,8 @@ class Views:
         except (RuntimeError, ValueError, TypeError) as error:
             if isinstance(error, DataError):
                 raise
-            source = request.scene or request.model or SOURCE
-            raise DataError(source, f"cannot be drawn ({gist(error)})", "correct it") from error
+            source = request.scene or request.model or Path(SOURCE)
+            raise scene_error(source, error, "cannot be drawn", "correct it") from error
 
     def _keep(self, name: str, files: list[Path], also: tuple, make: Callable[[], Any]) -> Any:
         """What ``make`` makes of files, until one of them or ``also`` is another."""

@@ -1,0 +1,37 @@
+"""What is wrong with a scene, as Mitsuba tells it or a plugin of ours: one line, without what is wrapped around it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from .errors import DataError, gist
+
+PLUGINS = ("dog", "dogsplat", "dogpath")  # their messages begin with their names
+_SOURCE = re.compile(r"\[\w+\.\w+:\d+\] ")  # where in Mitsuba
+_PLACE = re.compile(
+    r'(?:At|While loading) (?:dictionary node "(?P<node>[^"]*)"|(?P<file>.+?) \(line (?P<line>\d+), col \d+\)): '
+)
+_PLUGIN = re.compile(r'failed to instantiate \w+ plugin of type "(?P<type>[^"]+)":\s+(?:\w+: )?')
+
+
+def scene_error(path: Path, error: BaseException, problem: str, remedy: str = "correct the scene") -> DataError:
+    """What an exception says about the scene of a file, with the line that it is about where that is known.
+
+    A plugin of ours says what is wrong by itself, and often what to do; what Mitsuba says follows ``problem`` in
+    parentheses.
+    """
+    said, place = _SOURCE.sub("", gist(error), count=1), ""
+    if found := _PLACE.match(said):
+        said = said[found.end() :]
+        if found["file"]:
+            path, place = Path(found["file"]), f"line {found['line']}: "
+        elif found["node"] != "root":
+            place = f'"{found["node"]}": '
+    if (found := _PLUGIN.match(said)) and found["type"] in PLUGINS:
+        said = said[found.end() :]
+    if not said.startswith(tuple(f"{name}: " for name in PLUGINS)):
+        return DataError(path, f"{place}{problem} ({said})", remedy)
+    said = re.sub(rf"^\w+: {re.escape(str(path))}: ", "", said)  # a model alone is named once
+    wrong, semicolon, better = said.rpartition("; ")
+    return DataError(path, place + wrong, better) if semicolon else DataError(path, place + said, remedy)
