@@ -18,8 +18,9 @@ from ..support.errors import DataError
 from .check import require_plausible
 from .colmap_files import ColmapImage, ColmapPoints, read_cameras, read_images, read_points
 from .dataset import Dataset, Observations, View, every_eighth, held_out, require_unique_names, view_name, views_named
-from .images import ViewSource, is_file, load_views, require_files
+from .images import is_file
 from .lens import undistortion
+from .view_images import ViewSource, load_views, require_files
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
 

@@ -20,9 +20,10 @@ from ..support.files import read_json
 from .check import require_plausible
 from .colmap import find_model, read_model_points, read_sources
 from .dataset import Dataset, every_eighth, held_out, no_points, require_unique_names, view_name, views_named
-from .images import ViewSource, image_size, is_file, load_views, require_files
+from .images import image_size, is_file
 from .lens import Lens
 from .point_ply import read_point_ply
+from .view_images import ViewSource, load_views, require_files
 
 NAME = "view_name"  # ours: of a frame that is named otherwise than by its file, as where this lies elsewhere
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp", ".exr")

@@ -12,7 +12,7 @@ import psutil
 import pytest
 from happenings import records
 from mi_dogsplat.cli import main
-from mi_dogsplat.datasets import images, load_dataset
+from mi_dogsplat.datasets import load_dataset, view_images
 from mi_dogsplat.engine.bands import BandedView
 from mi_dogsplat.runs import run
 from mi_dogsplat.support import memory
@@ -210,11 +210,11 @@ def test_the_cap_falls_as_primitives_touch_more_tiles_and_removes_none():
 
 
 def test_images_that_do_not_fit_are_refused_before_they_are_read(data, monkeypatch):
-    monkeypatch.setattr(images, "usable_cores", lambda: 2)  # as many are decoded at a time, which takes memory too
-    monkeypatch.setattr(images, "available_memory", lambda: 150_000)
+    monkeypatch.setattr(view_images, "usable_cores", lambda: 2)  # as many are decoded at a time, which takes memory too
+    monkeypatch.setattr(view_images, "available_memory", lambda: 150_000)
     with pytest.raises(DataError, match=r"8 images need .* and 150 kB are free; shrink them: --downscale 2"):
         load_dataset(data)
-    monkeypatch.setattr(images, "available_memory", lambda: 250_000)
+    monkeypatch.setattr(view_images, "available_memory", lambda: 250_000)
     assert len(load_dataset(data).views) == 8
 
 
