@@ -23,8 +23,14 @@ FORMAT = 'write the dictionary of a Mitsuba scene, its transforms as {"matrix": 
 
 
 def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | None = None) -> mi.Scene:
-    """The scene of a request with the model in it, and with a sensor where that is given. Raises ``DataError``."""
+    """The scene of a request with the model in it, and with a sensor where that is given.
+
+    Raises ``DataError``, also in variants that are not RGB.
+    """
     assert request.scene
+    if not mi.is_rgb:  # films of one channel have no alpha, and radiance of several wavelengths is no colour
+        problem = f"is drawn in colour with alpha, which the variant {mi.variant()} has not"
+        raise DataError(request.scene, problem, "use llvm_ad_rgb or cuda_ad_rgb")
     content = read_json(request.scene, FORMAT)
     if not isinstance(content, dict):
         raise DataError(request.scene, "is not a JSON object", FORMAT)

@@ -127,6 +127,26 @@ def test_quick_pictures_are_of_the_active_variant_there_and_back(folder, views):
         np.testing.assert_array_equal(last(kept_or_new, {**request, "samples": 0}), color)
 
 
+@pytest.mark.parametrize("name", ["llvm_ad_mono", "llvm_ad_spectral"])
+@pytest.mark.parametrize("samples", [0, 1])
+def test_scenes_are_drawn_in_variants_of_rgb_and_others_say_so(folder, name, samples):
+    """Models alone are drawn in those of luminance too."""
+    if name not in mi.variants():
+        pytest.skip(f"{name} is not built into this Mitsuba")
+    variant, alone = str(mi.variant()), {"model": str(folder / "model.ply"), "camera": camera_json()}
+    color = last(Views(), alone)
+    mi.set_variant(name)
+    try:
+        with pytest.raises(DataError) as caught:
+            last(Views(), {"scene": str(folder / "scene.json"), "camera": camera_json(), "samples": samples})
+        if name == "llvm_ad_mono":
+            np.testing.assert_allclose(last(Views(), alone), color, atol=1e-5)
+    finally:
+        mi.set_variant(variant)
+    problem = f"is drawn in colour with alpha, which the variant {name} has not; use llvm_ad_rgb or cuda_ad_rgb"
+    assert str(caught.value) == f"{folder / 'scene.json'}: {problem}"
+
+
 def test_a_scene_without_a_sky_is_lit_while_it_moves(folder, views):
     request = {"scene": str(folder / "dark.json"), "model": str(folder / "model.ply"), "camera": camera_json()}
     quick = last(views, {**request, "samples": 0})
