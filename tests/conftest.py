@@ -1,10 +1,14 @@
-"""One variant for the whole suite. mi_dogsplat comes before mitsuba: it chooses the LLVM that Dr.Jit loads."""
+"""One variant for the whole suite. mi_dogsplat comes before mitsuba: it chooses the LLVM that Dr.Jit loads.
+
+Before both comes what decides how many threads they start.
+"""
 
 import os
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+import core_shares
 import mi_dogsplat  # noqa: F401
 import mitsuba as mi
 import pytest
@@ -15,7 +19,7 @@ from mi_dogsplat.support.llvm import find_llvm
 VARIANT = os.environ.get("DOGSPLAT_TEST_VARIANT", "llvm_ad_rgb")
 mi.set_variant(VARIANT)
 WITHOUT_OPTIX = {"DRJIT_LIBCUDA_PATH", "DOGSPLAT_TEST_WITHOUT_OPTIX"} & set(os.environ)
-WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0"))  # 0: all tests run in this process
+WORKERS = core_shares.WORKERS
 
 
 @pytest.hookimpl(optionalhook=True)  # unknown where pytest-xdist is not installed
@@ -25,7 +29,7 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 def pytest_configure() -> None:
-    """Processes share the cores, with two threads at least.
+    """Two threads at least, on one core too.
 
     So what depends on the order of threads shows; and with one Mitsuba 3.9 waits for ever to write or read OpenEXR.
     """
@@ -70,6 +74,18 @@ def ordered():
     """For tests of equal bits after training: skips where these depend on the order of threads."""
     if not lanes_add_in_turn(mi.variant()):
         pytest.skip("this backend adds the gradients of a tile with atomics, in any order")
+
+
+@pytest.fixture
+def all_cores() -> Iterator[None]:
+    """For tests of what threads at the same time could spoil: a thread for each core, and four at least."""
+    import drjit as dr
+
+    before = dr.thread_count()
+    with core_shares.on_all_cores():
+        dr.set_thread_count(max(4, len(core_shares.ALL_CORES)))
+        yield
+        dr.set_thread_count(before)
 
 
 @pytest.fixture

@@ -22,6 +22,7 @@ def test_a_tile_has_a_lane_for_each_of_a_packet():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("all_cores")
 @pytest.mark.skipif(not LLVM, reason="compares with LLVM's code for other processors; use llvm_ad_rgb")
 @pytest.mark.parametrize("target, lanes", [("avx2", 8), ("sse", 4)])
 def test_narrower_packets_give_the_same_picture_and_gradients_with_the_same_bits_in_every_run(target, lanes, tmp_path):

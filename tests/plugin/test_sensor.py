@@ -117,6 +117,7 @@ def test_a_derivative_pass_leaves_the_film_as_it_was():
     np.testing.assert_array_equal(np.array(scene.sensors()[0].film().bitmap()), before)
 
 
+@pytest.mark.usefixtures("all_cores")
 def test_adjoints_have_the_same_bits_in_every_run():
     if not lanes_add_in_turn(mi.variant()):
         pytest.skip("this backend adds the lanes of a tile with atomics, in any order")

@@ -249,6 +249,7 @@ def test_random_signs_give_the_sum_over_frequencies_with_an_error_of_one_over_ro
     assert 0.75 < ratio < 1.25, f"the variance is {ratio:.2f} of what it should be"
 
 
+@pytest.mark.usefixtures("all_cores")
 @pytest.mark.parametrize("rule", [EXACT, ScoreRule(probes=2), ScoreRule("leave-one-out"), ScoreRule("released")])
 def test_the_seed_decides_and_every_run_has_the_same_bits_where_lanes_add_in_turn(rule):
     splats = rounded(random_splats(500, seed=2, degree=0))

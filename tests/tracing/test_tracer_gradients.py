@@ -16,6 +16,7 @@ from ray_sets import RaySet, random_rays
 from splat_scenes import attached, random_splats, rounded
 
 STEP = 1e-5
+pytestmark = pytest.mark.usefixtures("all_cores")  # adjoints of many rays meet in one place
 
 
 @pytest.fixture(scope="module")
