@@ -28,10 +28,12 @@ CHANNEL = "holdout.Y"  # share of a pixel that holdouts cover
 
 @dataclass(frozen=True)
 class SplatMasks:
-    """Which primitives are unseen, and which are holdouts, [N]; what is both is a holdout."""
+    """Which primitives are unseen, and which are holdouts, [N]; what is both is a holdout. cuts: whether there are
+    holdouts, which take a pass of their own."""
 
     unseen: mi.Bool
     holdout: mi.Bool
+    cuts: bool
 
     def shown(self, params: dict, linear: bool) -> dict:
         """Parameters of the primitives as the camera sees them: holdouts are black."""
@@ -41,6 +43,8 @@ class SplatMasks:
 
     def hole(self, shown: dict, camera: DeviceCamera, options: RasterOptions, stop: mi.Float | None) -> mi.Float:
         """Share of each pixel that holdouts cover, [H*W], of what ``shown`` returns; ``stop`` as in ``rasterize``."""
+        if not self.cuts:
+            return dr.zeros(mi.Float, camera.width * camera.height)
         of_colors = {name for group in SH.values() for name in (group.index, *group.names)}
         white = dr.select(self.holdout, 0.5 / C0, -0.5 / C0)
         params = {name: value for name, value in shown.items() if name not in of_colors}

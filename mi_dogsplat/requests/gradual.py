@@ -26,14 +26,14 @@ def means(
     steps: samples for each pixel between two means. part: of the picture, where the sensor sees no more of it. Random
     numbers of each step are independent of those of other steps, parts and seeds.
     """
-    total, done = 0.0, 0
+    total, done = np.zeros(1), 0
     behind = _environment(scene, sensor) if hides_background(request) else None
     for number, count in enumerate(steps):
         seed: Any = int(np.random.SeedSequence((request.seed, part, number)).generate_state(1)[0])
         with interruptible():
-            total += count * np.array(mi.render(scene, sensor=sensor, spp=count, seed=seed))
+            total = total + count * np.array(mi.render(scene, sensor=sensor, spp=count, seed=seed))
         done += count
-        yield done, finished(np.asarray(total / done, np.float32), request, behind)
+        yield done, finished((total / done).astype(np.float32), request, behind)
 
 
 def finished(image: np.ndarray, request: Request, behind: np.ndarray | None = None) -> np.ndarray:

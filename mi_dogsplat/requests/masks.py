@@ -33,7 +33,7 @@ def splat_masks(request: Request, n: int, chosen: np.ndarray | None = None) -> S
         raise DataError(SOURCE, problem, "give the number of primitives of each object")
     objects = object_of_primitive(np.arange(n) if chosen is None else chosen, request.counts)
     unseen, holdout = (np.isin(objects, numbers) for numbers in (request.indirect_only, request.holdout))
-    return SplatMasks(mi.Bool(unseen), mi.Bool(holdout)) if (unseen | holdout).any() else None
+    return SplatMasks(mi.Bool(unseen), mi.Bool(holdout), bool(holdout.any())) if (unseen | holdout).any() else None
 
 
 def camera_masks(request: Request, scene: mi.Scene, n: int) -> CameraMasks | None:
@@ -49,8 +49,8 @@ class _Among:
     """Whether what a ``mi.PreliminaryIntersection3f`` is of is one of these objects."""
 
     def __init__(self, objects: SurfaceObjects, numbers: Collection[int]):
-        table = np.zeros(max(numbers, default=0) + 1, bool)
-        table[list(numbers)] = True
+        table = np.zeros(objects.largest + 1, bool)
+        table[[number for number in numbers if number < len(table)]] = True
         self._objects, self._table = objects, mi.Bool(table)
 
     def __call__(self, meeting: Any) -> mi.Bool:

@@ -32,7 +32,7 @@ class SurfaceObjects:
             numbers[slot] = int(name.split("_")[1]) if name.startswith(OBJECT) else NOTHING
         values = np.full(max(numbers) + 1, NOTHING, np.int32)
         values[list(numbers)] = list(numbers.values())
-        self._numbers = mi.Int32(values)
+        self._numbers, self.largest = mi.Int32(values), max(int(values.max()), 0)
 
     def number(self, meeting: Any) -> mi.Int32:
         """Of the shape that a ``mi.PreliminaryIntersection3f`` is of; an instance counts for what it repeats."""

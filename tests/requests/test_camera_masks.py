@@ -235,6 +235,12 @@ def test_what_is_masked_is_there_for_light(folder):
     np.testing.assert_allclose(hole["color"][edge].mean(), answered(request)["color"][edge].mean(), rtol=0.2)
 
 
+def test_numbers_of_no_object_change_nothing(folder):
+    everything, picture = scene(folder), scene(folder, holdout=[10**15], indirect_only=[7])
+    np.testing.assert_allclose(picture["color"], everything["color"], atol=1e-6)
+    assert (picture["alpha"] == 1).all()
+
+
 def test_objects_that_are_not_those_of_the_model_are_one_line(folder):
     with pytest.raises(DataError, match='"counts" adds up to 3, the model has 40 primitives; give the number of'):
         alone(folder, counts=[1, 2], holdout=[0])
