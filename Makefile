@@ -14,9 +14,13 @@ demo: $(FOR_DEMO) llvm
 	$(PY) -m mi_dogsplat.demo
 
 # pytest comes last, so that its closing line is the last one.
-test: lint
-	-@$(MAKE) --no-print-directory blender
+test: setup
+	@$(MAKE) --no-print-directory -j 2 lint blender-or-not
 	$(PY) -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
+
+.PHONY: blender-or-not
+blender-or-not:
+	-@$(MAKE) --no-print-directory blender
 
 # Engine, tracing, scores, training and pruning in cuda_ad_rgb, on a CPU that stands in for the GPU. Skipped with a line
 # that says why where it cannot be done.
