@@ -82,7 +82,7 @@ class Replay:
 
 @dataclass
 class Lanes:
-    """Paths at the begin of a segment."""
+    """Paths at the beginning of a segment."""
 
     sample: Any  # of the pass, that a path belongs to
     o: Any

@@ -29,9 +29,9 @@ def noted_inputs(out: Path) -> dict[str, str]:
 
 
 def is_same_input(before: str | None, now: str | None, place: str | None) -> bool:
-    """Whether two names, at the begin of a run and when it goes on, are of one thing.
+    """Whether two names, when a run began and when it goes on, are of one thing.
 
-    ``place`` is where it was at the begin, None where nobody knows. If it is not there any more, it may have been moved
+    ``place`` is where it was then, None where nobody knows. If it is not there any more, it may have been moved
     together with the run, under the same name.
     """
     if before is None or now is None:
