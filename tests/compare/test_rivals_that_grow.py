@@ -192,6 +192,18 @@ def test_mcmc_shakes_positions_by_the_covariance_where_opacities_are_low():
     assert gate[::2].min() > 0.5 and gate[1::2].max() < 0.1
 
 
+def test_mcmc_starts_small_and_half_opaque_and_once(trainer_of):
+    trainer = trainer_of(mcmc.RECIPE, 3000)
+    before = trainer.optimizer.numpy("log_scales")
+    trainer.begin()
+    splats = trainer.optimizer.to_splats()
+    np.testing.assert_allclose(splats.opacities, 0.5, rtol=1e-6)
+    np.testing.assert_allclose(np.exp(splats.log_scales), 0.1 * np.exp(before), rtol=1e-5)
+    trainer.step_count = 1  # as where a run goes on
+    trainer.begin()
+    np.testing.assert_array_equal(trainer.optimizer.to_splats().log_scales, splats.log_scales)
+
+
 def test_mcmcs_regularisers_are_gradients_of_two_means(trainer_of):
     trainer = trainer_of(mcmc.RECIPE, 3000)
     params = trainer.optimizer.params

@@ -7,6 +7,7 @@ before covers it still (``training/strategy/relocation.py``). After each step po
     λ_noise λ_means σ(-100 (o - .005)) Σ η,   η normal, Σ the covariance in world space, λ_noise = 5e5
 
 which moves the faint ones only; λ_means is the step size of positions. The loss has .01 mean o + .01 mean s beside it.
+Primitives start with an opacity of .5, and a tenth as large as in 3DGS, as in the authors' code.
 """
 
 from __future__ import annotations
@@ -57,10 +58,19 @@ class Mcmc(Strategy[None]):
     noise: float = 5e5  # times the step size of positions
     opacity_weight: float = 0.01
     scale_weight: float = 0.01
+    first_opacity: float = 0.5
+    first_size: float = 0.1  # of that of 3DGS
 
     def scaled(self, factor: float) -> Mcmc:
         start, stop = scaled_milestone(self.start, factor), scaled_milestone(self.stop, factor)
         return replace(self, start=start, stop=stop, every=max(1, min(self.every, (stop - start) // MIN_ROUNDS)))
+
+    def begin(self, t: Training, state: None) -> list[Event]:
+        if t.step_count == 0:
+            logit = np.log(self.first_opacity / (1 - self.first_opacity))
+            t.optimizer.assign("logit_opacities", np.full(t.optimizer.n, logit))
+            t.optimizer.assign("log_scales", t.optimizer.numpy("log_scales") + np.log(self.first_size))
+        return []
 
     def due(self, t: Training, state: None) -> bool:
         return self.start < t.step_count < self.stop and t.step_count % self.every == 0
