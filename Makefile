@@ -15,12 +15,8 @@ demo: $(FOR_DEMO) llvm
 
 # pytest comes last, so that its closing line is the last one.
 test: setup
-	@$(MAKE) --no-print-directory -j 2 lint blender-or-not
+	@$(MAKE) --no-print-directory -j 2 lint-alone blender-or-not
 	$(PY) -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
-
-.PHONY: blender-or-not
-blender-or-not:
-	-@$(MAKE) --no-print-directory blender
 
 # Engine, tracing, scores, training and pruning in cuda_ad_rgb, on a CPU that stands in for the GPU. Skipped with a line
 # that says why where it cannot be done.
@@ -35,9 +31,16 @@ gpu:
 gpu-bundle: $(FOR_DEMO) llvm
 	$(PY) -m scripts.gpu.bundle dist/gpu-bundle.tar.xz
 
-lint: setup
+lint: setup lint-alone
+
+# What "make test" does at the same time, once all is set up.
+.PHONY: lint-alone blender-or-not
+lint-alone:
 	$(PY) -m ruff check .
 	$(PY) -m pyright
+
+blender-or-not:
+	-@$(MAKE) --no-print-directory blender
 
 bench: setup
 	$(PY) -m benchmarks

@@ -63,7 +63,8 @@ def embedded_jpeg(picture: Image.Image) -> str:
     small = picture.copy()
     small.thumbnail((MAX_SIDE, MAX_SIDE), Image.Resampling.LANCZOS)
     data = io.BytesIO()
-    small.save(data, "JPEG", quality=90, subsampling=0, optimize=True)
+    # Without optimize=True: then Pillow has room for a byte per pixel, which a noisy picture exceeds, and raises.
+    small.save(data, "JPEG", quality=90, subsampling=0)
     return "data:image/jpeg;base64," + base64.b64encode(data.getvalue()).decode()
 
 

@@ -1,17 +1,20 @@
 """The report of complete, partial and broken run folders."""
 
+import base64
+import io
 import json
 import re
 
 import numpy as np
 import pytest
 from html_pages import parsed, rows, section, words
-from mi_dogsplat.report.pictures import worst_box
+from mi_dogsplat.report.pictures import embedded_jpeg, worst_box
 from mi_dogsplat.report.views import ranked, shown
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.support import pictures
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.events import Densified, DogActivated, Event, OpacityReset, Pruned, ShDegree, row_of
+from PIL import Image
 
 VIEWS = {f"view{i}": {"psnr": 20.0 + i, "ssim": 0.5 + i / 20, "flip": 0.1, "l1": 0.02} for i in range(9)}
 
@@ -214,3 +217,10 @@ def test_the_close_up_covers_the_largest_error():
     left, top, width, height = worst_box(error)
     assert (width, height) == (30, 20)
     assert left <= 90 and left + width >= 110 and top <= 50 and top + height >= 60
+
+
+def test_a_picture_that_is_noise_is_embedded_too():
+    noise = np.random.default_rng(0).integers(0, 256, (200, 300, 3), dtype=np.uint8)
+    source = embedded_jpeg(Image.fromarray(noise))
+    back = np.asarray(Image.open(io.BytesIO(base64.b64decode(source.partition(",")[2]))))
+    assert back.shape == noise.shape and np.abs(back.astype(int) - noise).mean() < 20
