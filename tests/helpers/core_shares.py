@@ -8,7 +8,7 @@ Importing this gives up the other cores. It comes before all that starts threads
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 THREADS = Path("/proc/self/task")
@@ -30,7 +30,8 @@ def on_all_cores() -> Iterator[None]:
 
 def _run_on(cores: set[int]) -> None:
     for thread in THREADS.iterdir():  # what is asked for a process holds for one of its threads
-        os.sched_setaffinity(int(thread.name), cores)
+        with suppress(ProcessLookupError):  # it has ended meanwhile
+            os.sched_setaffinity(int(thread.name), cores)
 
 
 def _all_cores() -> set[int]:

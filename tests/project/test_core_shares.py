@@ -40,3 +40,11 @@ def test_a_test_may_have_all_cores_for_its_threads():
         assert of_threads == {frozenset(core_shares.ALL_CORES)}
         dr.set_thread_count(threads)
     assert os.sched_getaffinity(0) == before
+
+
+@pytest.mark.skipif(not LINUX, reason="only Linux lets a process choose its cores")
+def test_a_thread_that_ends_meanwhile_does_not_matter(monkeypatch, tmp_path):
+    (tmp_path / str(2**22 + 1)).touch()  # beyond the largest number that Linux gives
+    monkeypatch.setattr(core_shares, "THREADS", tmp_path)
+    with core_shares.on_all_cores():
+        pass
