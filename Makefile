@@ -31,7 +31,8 @@ gpu:
 gpu-bundle: $(FOR_DEMO) llvm
 	$(PY) -m scripts.gpu.bundle dist/gpu-bundle.tar.xz
 
-lint: setup lint-alone
+lint: setup
+	@$(MAKE) --no-print-directory lint-alone
 
 # What "make test" does at the same time, once all is set up.
 .PHONY: lint-alone blender-or-not

@@ -5,7 +5,7 @@
   names the tag (``images.py`` ignores it).
 - **Downscaling** by K averages K x K blocks of premultiplied values (exact box filter); a remainder at the
   right and bottom is cut off, so that intrinsics are divided by exactly K.
-- Of linear images (``exr.py``) are all of a data set, or none.
+- Either all images of a data set are linear (``exr.py``), or none is.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ def means(
     steps: samples for each pixel between two means. part: of the picture, where the sensor sees no more of it. Random
     numbers of each step are independent of those of other steps, parts and seeds.
     """
-    total, done = np.zeros(1), 0
+    total, done = np.zeros(1), 0  # in double precision
     behind = _environment(scene, sensor) if hides_background(request) else None
     for number, count in enumerate(steps):
         seed: Any = int(np.random.SeedSequence((request.seed, part, number)).generate_state(1)[0])

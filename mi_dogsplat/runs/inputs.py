@@ -1,4 +1,4 @@
-"""The files and folders that a run reads: its settings name them as the user did, from the folder where he was."""
+"""The files and folders that a run reads, which its settings name as the user did, from some working folder."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from pathlib import Path
 from ..support.errors import DataError
 from ..support.files import read_json, write_json
 from ..training.config import TrainConfig
+from .checkpoint import CHECKPOINT
 
 INPUTS = ("data", "masks", "model")  # settings that are paths
-PLACES = Path("checkpoint") / "inputs.json"  # in a run folder: where they were
+PLACES = CHECKPOINT.parent / "inputs.json"  # in a run folder: where they were
 
 
 def note_inputs(config: TrainConfig, out: Path) -> None:
@@ -29,10 +30,10 @@ def noted_inputs(out: Path) -> dict[str, str]:
 
 
 def is_same_input(before: str | None, now: str | None, place: str | None) -> bool:
-    """Whether two names, when a run began and when it goes on, are of one thing.
+    """Whether the name that a run began with and the one that it goes on with mean the same file or folder.
 
-    ``place`` is where it was then, None where nobody knows. If it is not there any more, it may have been moved
-    together with the run, under the same name.
+    ``place`` is where that was in the beginning, None where nobody knows. If it is not there any more, it may have been
+    moved together with the run, under the same name.
     """
     if before is None or now is None:
         return before is now
