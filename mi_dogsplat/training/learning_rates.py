@@ -9,6 +9,8 @@ from ..engine.parameters import RAW_DOG
 from .milestones import scaled_milestone
 from .sh_rows import SH_INDEX
 
+FEW_VIEWS = 50  # up to which view-dependent colour has no factor of its own: docs/experiments.md
+
 
 @dataclass(frozen=True)
 class Refinement:
@@ -16,25 +18,32 @@ class Refinement:
 
     Factors on the step sizes of the 3DGS recipe; the first falls linearly to its end. So it stays large
     for longer than in an exponential fall, which is at a tenth of the gain after half of the run.
+
+    View-dependent colour has a factor of its own besides, which grows with the number of training views up to
+    ``sh_gain``: what few views see from few sides is learned by heart. The factor of positions falls with the root
+    of the number of primitives, as the distances between them on a surface do.
     """
 
     start: int  # step
     gain: float  # of all but the positions, at the start
     end_gain: float  # and at the end
     means_gain: float  # of the positions, all along
+    few: int | None = None  # primitives, up to which that holds, and above which it falls; None: it never does
+    sh_gain: float = 1.0  # of SH above degree 0 where views are many
 
     def scaled(self, factor: float) -> Refinement:
         """The rule of a run ``factor`` times as long."""
         return replace(self, start=scaled_milestone(self.start, factor))
 
-    def factor(self, name: str, step: int, total_steps: int) -> float:
-        """On the step size of a parameter."""
+    def factor(self, name: str, step: int, total_steps: int, views: int, n: int) -> float:
+        """On the step size of a parameter, with that many training views and ``n`` primitives."""
         if step < self.start:
             return 1.0
         if name == "means":
-            return self.means_gain
+            return self.means_gain if self.few is None else self.means_gain * min(math.sqrt(self.few / n), 1.0)
         progress = min((step - self.start) / max(total_steps - self.start, 1), 1.0)
-        return self.gain + (self.end_gain - self.gain) * progress
+        gain = self.gain + (self.end_gain - self.gain) * progress
+        return gain * min(max(views / FEW_VIEWS, 1.0), self.sh_gain) if name == "sh_rest" else gain
 
 
 @dataclass(frozen=True)
@@ -57,19 +66,21 @@ class LearningRates:
     dog_log_scales: float = 5e-3
     refinement: Refinement | None = None
     batch_views: int = 1  # K, views whose gradients a step averages
+    views: int = 1  # of the training, in all
 
     @property
     def batch_gain(self) -> float:
         """√K, on every step size."""
         return math.sqrt(self.batch_views)
 
-    def at(self, step: int) -> dict[str, float]:
-        """Step size of every parameter."""
+    def at(self, step: int, n: int = 1) -> dict[str, float]:
+        """Step size of every parameter in a model of ``n`` primitives; without that, in one of few."""
         progress = min(step / max(self.total_steps, 1), 1.0)
         means = self.extent * self.means_start * (self.means_end / self.means_start) ** progress
         names = ("log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest", *RAW_DOG)
         rates = {"means": means} | {name: getattr(self, name) for name in names}
-        if self.refinement:
-            rates = {name: r * self.refinement.factor(name, step, self.total_steps) for name, r in rates.items()}
+        if rule := self.refinement:
+            here = step, self.total_steps, self.views, n
+            rates = {name: rate * rule.factor(name, *here) for name, rate in rates.items()}
         rates |= dict.fromkeys(SH_INDEX, rates["sh_rest"])
         return {name: rate * self.batch_gain for name, rate in rates.items()}

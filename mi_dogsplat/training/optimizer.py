@@ -118,7 +118,7 @@ class SplatOptimizer:
         parameter and, if differentiable, be multiplied in place (Dr.Jit 1.5).
         """
         gain = self.learning_rates.batch_gain
-        rates = self.learning_rates.at(step) | {name: rate * gain for name, rate in self.other_rates.items()}
+        rates = self.learning_rates.at(step, self.n) | {name: rate * gain for name, rate in self.other_rates.items()}
         factors = self.rate_factors
         if "sh_rest" in factors:
             factors = dict.fromkeys(SH_INDEX, factors["sh_rest"]) | factors

@@ -120,7 +120,7 @@ RECIPES = {
         pruning=PruningRule(stop=17_500, max_interval=500, rounds=5),
         score=ScoreRule("leave-one-out", spectral_weight=0.0),
         dog=DogRule(start=18_000, opacity=0.05, scale=0.6),
-        refinement=Refinement(start=15_000, gain=4.0, end_gain=0.1, means_gain=16.0),
+        refinement=Refinement(15_000, gain=4.0, end_gain=0.1, means_gain=16.0, few=10_000, sh_gain=4.0),
     ),
     # the text: all factors below 1. Their starts, the weights, gamma and the threshold are ours: docs/training.md
     "paper": Recipe(

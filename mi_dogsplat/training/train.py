@@ -84,8 +84,9 @@ class Trainer:
             self.memory is None or self.memory.keep_targets, recipe.curve,
         )  # fmt: skip
         rates = LearningRates(
-            self.extent, self.recipe.position_steps, refinement=self.recipe.refinement, batch_views=config.batch_views
-        )
+            self.extent, self.recipe.position_steps, refinement=self.recipe.refinement,
+            batch_views=config.batch_views, views=len(dataset.train),
+        )  # fmt: skip
         self.optimizer = SplatOptimizer(splats, rates, self.photographs.curve)
         self.steps, self.target = config.steps, 0.0 if config.target_bytes else float(config.target)
         self.step_count, self.seconds = 0, 0.0

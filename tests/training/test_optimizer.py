@@ -11,6 +11,7 @@ from launches import KernelWatch
 from mi_dogsplat.training.adam import Entry
 from mi_dogsplat.training.learning_rates import Refinement
 from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.sh_rows import SH_INDEX
 from small_optimizer import RATES, alike, assert_same, random_model, run, set_gradients
 
 
@@ -48,6 +49,29 @@ def test_refinement_raises_the_rates_from_its_start_and_lowers_all_but_those_of_
         others = [name for name in plain if name != "means"]
         assert [got[name] for name in others] == pytest.approx([factor * plain[name] for name in others])
     assert refined.refinement and refined.refinement.scaled(0.5) == Refinement(300, 4.0, 0.25, 10.0)
+
+
+def test_position_steps_fall_with_the_root_of_the_number_of_primitives_from_some_number_on():
+    plain = replace(RATES, refinement=Refinement(start=600, gain=4.0, end_gain=0.25, means_gain=10.0))
+    assert plain.refinement
+    rates = replace(plain, refinement=replace(plain.refinement, few=900))
+    assert plain.at(700, 3600) == plain.at(700) == rates.at(700)
+    for n, factor in ((1, 1), (900, 1), (3600, 1 / 2), (90_000, 1 / 10)):
+        assert rates.at(700, n) == pytest.approx(plain.at(700) | {"means": factor * plain.at(700)["means"]})
+        assert rates.at(599, n) == RATES.at(599)
+
+
+@pytest.mark.parametrize("views, factor", [(1, 1), (50, 1), (75, 1.5), (200, 4), (1000, 4)])
+def test_view_dependent_colour_is_refined_in_larger_steps_where_views_are_many(views, factor):
+    plain = replace(RATES, refinement=Refinement(start=600, gain=4.0, end_gain=0.25, means_gain=10.0), views=views)
+    assert plain.refinement
+    rates = replace(plain, refinement=replace(plain.refinement, sh_gain=4.0))
+    assert rates.at(599) == plain.at(599) == RATES.at(599)
+    for step in (600, 800, 1000):
+        usual, got = plain.at(step), rates.at(step)
+        for name in usual:
+            expected = factor * usual[name] if name in ("sh_rest", *SH_INDEX) else usual[name]
+            assert got[name] == pytest.approx(expected), name
 
 
 def test_what_no_render_has_read_yet_is_left_out_of_a_step_and_loses_no_bit_by_it():

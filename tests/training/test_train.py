@@ -13,6 +13,7 @@ from happenings import records, rows_with
 from launches import KernelWatch
 from mi_dogsplat import read_ply
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.datasets.dataset import camera_extent
 from mi_dogsplat.measure import metrics
 from mi_dogsplat.render.picture import over_background
 from mi_dogsplat.runs.history import run_to_end
@@ -146,6 +147,12 @@ def test_another_seed_shows_views_in_another_order(data):
     first_rows = [next(run_to_end(Trainer(config_of(data, seed=s, log_every=1), dataset))) for s in (0, 0, 1)]
     a, b, c = (row["l1"] for row in first_rows)
     assert a == pytest.approx(b, rel=1e-5) and a != pytest.approx(c, rel=1e-3)
+
+
+def test_step_sizes_know_how_many_views_and_how_large_a_scene_there_are(data):
+    dataset = load_dataset(data)
+    rates = Trainer(config_of(data, batch_views=2), dataset).optimizer.learning_rates
+    assert (rates.views, rates.extent, rates.batch_views) == (len(dataset.train), camera_extent(dataset.train), 2)
 
 
 def test_every_view_is_shown_once_before_any_is_shown_again(data):
