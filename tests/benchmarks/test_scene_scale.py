@@ -34,7 +34,7 @@ def test_a_scene_in_other_units_trains_alike(config, usual, scale):
 
 def test_with_position_steps_in_units_of_the_world_it_does_not(config, usual, monkeypatch):
     at = LearningRates.at
-    monkeypatch.setattr(LearningRates, "at", lambda self, step: at(replace(self, extent=3.3), step))
+    monkeypatch.setattr(LearningRates, "at", lambda self, *now: at(replace(self, extent=3.3), *now))
     dataset = load_dataset(config.data)
     assert camera_extent(dataset.train) == pytest.approx(3.3, abs=0.5)
     assert abs(scene_scale.trained(config, dataset, 0.0001)["test_psnr"] - usual) > 5 * ALIKE
