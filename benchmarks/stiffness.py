@@ -148,7 +148,7 @@ def measure(situation: Situation, parameter: str) -> dict[str, Any]:
 
 
 def largest_rate(parameter: tuple[str, int]) -> float:
-    """Largest step size of Adam over a run with the recipe "ours"."""
+    """Largest step size of Adam over a run with the recipe "ours", of few views and down to few primitives."""
     recipe, (field, index) = RECIPES["ours"], parameter
     rates = LearningRates(EXTENT, recipe.position_steps, refinement=recipe.refinement)
     name = ("sh_dc" if index < 3 else "sh_rest") if field == "sh_coeffs" else field
