@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from .engine.motion import moved
-from .engine.parameters import RAW, device_array, dog_rows
+from .engine.parameters import RAW, device_array, rows_of_splats
 from .engine.sh_groups import padded_on_device
 from .formats.model import Model
 from .formats.read import read_model
@@ -129,7 +129,7 @@ class DogShape(mi.Mesh):
                 setattr(self, name, _tensor(getattr(splats, name)))
             setattr(self, group.index, device_array(getattr(splats, group.index), mi.UInt32))
         if splats.n_dog:
-            self._dog_row = dog_rows(splats.dog_index, splats.n_splats)
+            self._dog_row = rows_of_splats(splats.dog_index, splats.n_splats)
 
     def traverse(self, callback: mi.TraversalCallback):
         for name in (*RAW, *(name for group in self.groups for name in group.names)):
@@ -161,7 +161,7 @@ class DogShape(mi.Mesh):
             if np.any(index[1:] <= index[:-1]):
                 raise RuntimeError(f'dog: "{group.index}" is not strictly increasing; sort it, each primitive once')
             if group is DOG:
-                self._dog_row = dog_rows(index, n)
+                self._dog_row = rows_of_splats(index, n)
         if any(group is not DOG for group in self.groups) and (changed or "sh_coeffs" in keys):
             self._check_sh_groups(k)
 

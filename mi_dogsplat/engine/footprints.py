@@ -15,7 +15,7 @@ import drjit as dr
 
 from .arrays import array_types, constant, detached
 from .geometry import Grid
-from .project import NOT_DOG, Kernels, Projection
+from .project import NO_ROW, Kernels, Projection
 
 SLACK = 1e-3  # px, above the rounding error of the spans
 
@@ -70,7 +70,7 @@ class Footprints:
         extent_y = dr.select(self.ellipses[0].seen, self.ellipses[0].extent_y, -1)
         if projection.pseudo is not None:
             row = detached(projection.dog_row)
-            is_dog = row != NOT_DOG
+            is_dog = row != NO_ROW
             other = _Ellipses(projection.pseudo, log2_range, lambda v: dr.gather(Float, v, row, is_dog))
             other.seen &= is_dog
             self.ellipses.append(other)

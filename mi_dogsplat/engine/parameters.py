@@ -8,14 +8,17 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..scene.row_groups import DOG, GROUPS, SH
+from ..scene.row_groups import DOG, GROUPS, SH, SLOPES
 from ..scene.sh_basis import sh_degree_of
 from ..scene.splats import DENSE, Splats
-from .project import NOT_DOG
+from .project import NO_ROW
 from .sh_groups import ROW_COEFFICIENTS, has_groups, padded_rows
 
 RAW = DENSE
 RAW_DOG = DOG.names
+RAW_SLOPES = SLOPES.names
+ROWS = {DOG.index: "dog_row", SLOPES.index: "slope_row"}
+"""Index of a group to the name of its inverse [N], ``rows_of_splats``, where kernels ask for the row of a primitive."""
 
 
 ALIGNMENT = 64  # bytes; Dr.Jit compiles another kernel for memory that is less aligned
@@ -43,10 +46,12 @@ def upload(splats: Splats) -> dict:
     Rows of ``sh1_coeffs`` and ``sh3_coeffs`` are padded, see ``sh_groups.py``.
     """
     params: dict = {name: device_array(getattr(splats, name)) for name in RAW}
-    if splats.n_dog:
-        params |= {name: device_array(getattr(splats, name)) for name in RAW_DOG}
-        params["dog_index"] = device_array(splats.dog_index, mi.UInt32)
-        params["dog_row"] = dog_rows(splats.dog_index, splats.n_splats)
+    for group in (DOG, SLOPES):
+        index = getattr(splats, group.index)
+        if len(index):
+            params |= {name: device_array(getattr(splats, name)) for name in group.names}
+            params[group.index] = device_array(index, mi.UInt32)
+            params[ROWS[group.index]] = rows_of_splats(index, splats.n_splats)
     for group in SH.values():
         index, (name,) = getattr(splats, group.index), group.names
         if len(index):
@@ -55,10 +60,10 @@ def upload(splats: Splats) -> dict:
     return params
 
 
-def dog_rows(dog_index: np.ndarray, n_splats: int) -> mi.UInt32:
-    """[N] row of each primitive among the DoG ones, or NOT_DOG: the inverse of ``dog_index`` [M]."""
-    rows = np.full(n_splats, NOT_DOG, np.uint32)
-    rows[dog_index] = np.arange(len(dog_index), dtype=np.uint32)
+def rows_of_splats(index: np.ndarray, n_splats: int) -> mi.UInt32:
+    """[N] row of each primitive in a group, or NO_ROW: the inverse of its index [M]."""
+    rows = np.full(n_splats, NO_ROW, np.uint32)
+    rows[index] = np.arange(len(index), dtype=np.uint32)
     return device_array(rows, mi.UInt32)
 
 
@@ -90,8 +95,8 @@ def concatenate(parts: list[dict], sh_sizes: list[int]) -> tuple[dict, int]:
             joined |= {name: dr.concat([p[name] for p, _ in having]) for name in group.names}
             index = np.concatenate([p[group.index].numpy() + first for p, first in having])
             joined[group.index] = device_array(index, mi.UInt32)
-            if group is DOG:
-                joined["dog_row"] = dog_rows(index, sum(counts))
+            if group.index in ROWS:
+                joined[ROWS[group.index]] = rows_of_splats(index, sum(counts))
     return joined, size
 
 

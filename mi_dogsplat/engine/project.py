@@ -28,7 +28,7 @@ from .sh_groups import evaluate_groups, has_groups
 LOW_PASS = 0.3  # px², added to the diagonal of Σ' so that no primitive falls between the pixels
 LOG2_E = 1.4426950408889634
 MAX_AXIS = 1e8  # px; a longer axis of a kernel is cut to this, which changes no pixel and keeps squares in range
-NOT_DOG = 0xFFFFFFFF  # row of a primitive without a pseudo-Gaussian
+NO_ROW = 0xFFFFFFFF  # row of a primitive that is not in a group: is no DoG, or has no slopes
 
 
 @dataclass
@@ -54,7 +54,7 @@ class Projection:
     colors: list  # 3 channels, max(0, SH + 0.5)
     visible: mi.Bool
     pseudo: Kernels | None
-    dog_row: mi.UInt32 | None  # [N] row in ``pseudo`` or NOT_DOG
+    dog_row: mi.UInt32 | None  # [N] row in ``pseudo`` or NO_ROW
     dog_index: mi.UInt32 | None  # [M] its inverse
 
 
@@ -185,7 +185,7 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
         )
         usable = _all_finite(log_factors) & ~dr.isnan(pseudo.lo)
         dr.eval(pseudo, usable)  # for the same reason
-        visible &= (dog_row == NOT_DOG) | dr.gather(mi.Bool, usable, dog_row, dog_row != NOT_DOG)
+        visible &= (dog_row == NO_ROW) | dr.gather(mi.Bool, usable, dog_row, dog_row != NO_ROW)
 
     mixed = has_groups(params)
     radiance = evaluate_sh(params, direction, index, visible, 0 if mixed else sh_degree)

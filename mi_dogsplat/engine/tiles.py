@@ -19,7 +19,7 @@ from .drjit_internals import argsort_small
 from .footprints import Footprints
 from .geometry import Blocks, Cutoffs, Grid, Lanes
 from .isects import Isects, count_isects, depth_bits
-from .project import NOT_DOG, Projection
+from .project import NO_ROW, Projection
 from .tile_buckets import sort_into_buckets
 
 WORD, AT_ONCE = 32, 8  # bits of a word, and how many masks are read at once
@@ -121,7 +121,7 @@ def _dog_tiles(dog_row: Any, tile_from_isect: Any, splat_from_isect: Any, n_tile
     """``TileLists.dog``."""
     UInt = array_types().UInt
     found = dr.zeros(UInt, n_tiles)
-    is_dog = dr.gather(UInt, dog_row, splat_from_isect) != NOT_DOG
+    is_dog = dr.gather(UInt, dog_row, splat_from_isect) != NO_ROW
     dr.scatter(found, UInt(1), tile_from_isect, is_dog)
     return found
 

@@ -65,6 +65,20 @@ def mapped_factors(linear: Array, before: tuple[Array, Array], after: tuple[Arra
     return np.linalg.norm(along, axis=2) / new_scales
 
 
+def mapped_slopes(linear: Array, before: tuple[Array, Array], after: tuple[Array, Array], slopes: Array) -> Array:
+    """Slopes of colours [S, 3, 3], axis by channel, of primitives whose (quaternions, scales) were and are these.
+
+    A point that is w standard deviations along the old axes is S'⁻¹ R'ᵀ A R S w along the new ones. This matrix is
+    orthogonal, and so it takes the slopes along, too: nothing is lost.
+    """
+    (quats, scales), (new_quats, new_scales) = before, after
+    if not len(quats):
+        return slopes
+    columns = linear @ rotation_from_quaternion(quats) * scales[:, None]
+    turn = rotation_from_quaternion(new_quats).swapaxes(1, 2) @ columns / new_scales[:, :, None]
+    return turn @ slopes.astype(np.float64)
+
+
 def sh_projection(linear: Array, degree: int) -> Array:
     """Matrix [K, K] from the coefficients of f to those nearest to d ↦ f(A⁻¹ d / |A⁻¹ d|).
 

@@ -2,8 +2,9 @@
 
 Raw values are what is stored, trained and written; properties without ``log_``/``logit_`` are activated.
 Some parts are sparse (``row_groups.py``): row ``j`` of the ``dog_*`` arrays belongs to primitive ``dog_index[j]``,
-every other primitive is a plain Gaussian and pays nothing for it. So it is with colour: a model is uniform, all
-primitives of one SH degree, or mixed, with a group for each degree above 0.
+every other primitive is a plain Gaussian and pays nothing for it. So it is with colours that vary over their primitive
+(docs/slopes.md), and with those that vary with the direction: a model is uniform, all primitives of one SH degree, or
+mixed, with a group for each degree above 0.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .row_groups import DOG, GROUPS, MAX_SH_DEGREE, SH, Array, checked_index, in_several, selected
+from .row_groups import DOG, GROUPS, MAX_SH_DEGREE, SH, SLOPES, Array, RowGroup, checked_index, in_several, selected
 from .sh_basis import SH_SIZES, sh_degree_of
 
 DENSE = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
@@ -48,6 +49,10 @@ class Splats:
     """[M] logit of f_a: the pseudo-Gaussian has opacity f_a * opacity"""
     dog_log_scales: Array = _no_rows(3)
     """[M, 3] log of F: the pseudo-Gaussian has scales F * scales"""
+    slope_index: Array = _no_rows(dtype=np.uint32)
+    """[S] strictly increasing: the primitives whose colour varies linearly over them"""
+    color_slopes: Array = _no_rows(3, 3)
+    """[S, 3, 3] the change of their colour per standard deviation along each axis of their own: axis, channel"""
     sh1_index: Array = _no_rows(dtype=np.uint32)
     """[M1] strictly increasing: the primitives of degree 1, in a mixed model"""
     sh1_coeffs: Array = _no_rows(3, 3)
@@ -125,6 +130,11 @@ class Splats:
         return self.dog_index.shape[0]
 
     @property
+    def n_slopes(self) -> int:
+        """S, the number of primitives whose colour varies over them."""
+        return self.slope_index.shape[0]
+
+    @property
     def sh_degree(self) -> int:
         """The highest degree of spherical harmonics that a primitive has, 0..3."""
         of_groups = [degree for degree, group in SH.items() if len(getattr(self, group.index))]
@@ -183,8 +193,15 @@ class Splats:
 
     def plain(self) -> Splats:
         """All N primitives as plain Gaussians: the primaries, without what their pseudo-Gaussians subtract."""
-        of_dog = (DOG.index, *DOG.names)
-        return Splats(**{name: values.copy() for name, values in vars(self).items() if name not in of_dog})
+        return self._without(DOG)
+
+    def without_slopes(self) -> Splats:
+        """All N primitives in their mean colours, the same all over each of them."""
+        return self._without(SLOPES)
+
+    def _without(self, group: RowGroup) -> Splats:
+        left_out = (group.index, *group.names)
+        return Splats(**{name: values.copy() for name, values in vars(self).items() if name not in left_out})
 
     def uniform_sh(self, degree: int | None = None) -> Splats:
         """The model with one SH degree for all primitives, itself if that is what it is; what is missing is zero.

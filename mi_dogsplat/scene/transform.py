@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .linear_map import check_regular, mapped_factors, mapped_kernels, sh_projection
+from .linear_map import check_regular, mapped_factors, mapped_kernels, mapped_slopes, sh_projection
 from .quaternions import quaternion_from_rotation, quaternion_product
 from .row_groups import SH
 from .sh_basis import sh_basis_table
@@ -76,13 +76,15 @@ def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
 
     groups = [group for group in SH.values() if len(getattr(splats, group.index))]
     of_groups = {name: turned(getattr(splats, name), 1) for group in groups for name in group.names}
-    rotation = isometry if np.linalg.det(isometry) > 0 else -isometry  # the same of a kernel, which is symmetric
+    turns = np.linalg.det(isometry) > 0
+    rotation = isometry if turns else -isometry  # the same of a kernel, which is symmetric; its axes are turned round
     return replace(
         splats,
         means=splats.means.astype(np.float64) @ (scale * isometry).T + translation,
         log_scales=splats.log_scales + np.log(scale),
         quats=quaternion_product(quaternion_from_rotation(rotation), splats.quats.astype(np.float64)),
         sh_coeffs=turned(splats.sh_coeffs, 0),
+        color_slopes=splats.color_slopes if turns else -splats.color_slopes,
         **of_groups,
     )
 
@@ -92,10 +94,14 @@ def _mapped(splats: Splats, linear: np.ndarray) -> dict[str, Any]:
     with np.errstate(over="ignore"):  # what no file should hold becomes NaN
         before = splats.quats.astype(np.float64), np.exp(splats.log_scales.astype(np.float64))
     after = mapped_kernels(linear, *before)
-    dog = splats.dog_index
-    of_dog = [(quats[dog], scales[dog]) for quats, scales in (before, after)]
-    factors = mapped_factors(linear, of_dog[0], of_dog[1], splats.dog_scales.astype(np.float64))
-    return {"quats": after[0], "log_scales": np.log(after[1]), "dog_log_scales": np.log(factors)}
+
+    def of(index: np.ndarray) -> list:
+        return [(quats[index], scales[index]) for quats, scales in (before, after)]
+
+    factors = mapped_factors(linear, *of(splats.dog_index), splats.dog_scales.astype(np.float64))
+    slopes = mapped_slopes(linear, *of(splats.slope_index), splats.color_slopes)
+    kernels = {"quats": after[0], "log_scales": np.log(after[1]), "dog_log_scales": np.log(factors)}
+    return kernels | {"color_slopes": slopes}
 
 
 def _projected(splats: Splats, linear: np.ndarray) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import Any
 import drjit as dr
 
 from ..engine.arrays import array_types, detached
-from ..engine.project import NOT_DOG
+from ..engine.project import NO_ROW
 from .primitives import Primitives
 
 SLACK = 1e-5  # of a box, against the rounding of what is met in it
@@ -44,7 +44,7 @@ def bounds_of(primitives: Primitives, log2_range: float) -> Bounds:
         weights = [dr.select(pseudo_reach > 0, dr.minimum(1, ratio * f * f), 1) for f in inverse]
         weights = [dr.select(w > 0, w, 1) for w in weights]  # of what is not drawn
         dr.eval(weights)
-        is_dog = dog_row != NOT_DOG
+        is_dog = dog_row != NO_ROW
         reach = [r * dr.rcp(dr.select(is_dog, dr.gather(types.Float, w, dog_row, is_dog), 1))
                  for r, w in zip(reach, weights, strict=True)]
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..engine.arrays import array_types
 from ..engine.geometry import Cutoffs
-from ..engine.project import NOT_DOG
+from ..engine.project import NO_ROW
 from .tree import PSEUDO_ROW, ROW, Tree
 
 MAX_ALPHA = float(np.float32(0.99))
@@ -79,7 +79,7 @@ def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Mee
     alpha = dr.minimum(primary.value, MAX_ALPHA)
     is_dog, inverse, pseudo = None, [], None
     if tree.pseudo is not None:
-        is_dog = (dog_row != NOT_DOG) & active
+        is_dog = (dog_row != NO_ROW) & active
         more = read_row(tree.pseudo, dog_row, PSEUDO_ROW, PSEUDO_ROW, is_dog)
         inverse, weights, pseudo_lo = [dr.select(is_dog, f, 1) for f in more[0:3]], more[3:6], more[6]
         o_p, d_p = ([f * x for f, x in zip(inverse, vector, strict=True)] for vector in (o, d))

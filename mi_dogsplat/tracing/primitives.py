@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
-from ..engine.project import LOG2_E, NOT_DOG, rotation_matrix, rows, softplus
+from ..engine.project import LOG2_E, NO_ROW, rotation_matrix, rows, softplus
 from ..engine.sh import read_rows
 from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups
 from ..scene.row_groups import SH
@@ -32,7 +32,7 @@ class Primitives:
     sh: mi.Float  # [N, K, 3] of one degree, flat
     usable: mi.Bool  # everything finite (but for logit opacities)
     pseudo: list  # F⁻¹ and lo_p, four columns of [M]; empty without DoG
-    dog_row: mi.UInt32 | None  # [N] row of the pseudo-Gaussian or NOT_DOG
+    dog_row: mi.UInt32 | None  # [N] row of the pseudo-Gaussian or NO_ROW
     dog_index: mi.UInt32 | None  # [M] its inverse
 
     @property
@@ -75,7 +75,7 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     of_primary = dr.gather(mi.Float, lo, dog_index, mode=dr.ReduceMode.NoConflicts)
     pseudo_lo = of_primary - LOG2_E * softplus(-params["dog_logit_opacities"])
     finite = _finite(log_factors) & ~dr.isnan(pseudo_lo)
-    usable &= (dog_row == NOT_DOG) | dr.gather(mi.Bool, finite, dog_row, dog_row != NOT_DOG)
+    usable &= (dog_row == NO_ROW) | dr.gather(mi.Bool, finite, dog_row, dog_row != NO_ROW)
     pseudo = [*(_exp_minus(f) for f in log_factors), pseudo_lo]
     return Primitives(to_kernel, mean, lo, sh, usable, pseudo, dog_row, dog_index)
 

@@ -15,7 +15,7 @@ from typing import Any
 import drjit as dr
 
 from ..engine.arrays import array_types, constant, detached
-from ..engine.project import NOT_DOG
+from ..engine.project import NO_ROW
 from .bounds import bounds_of
 from .primitives import Primitives
 
@@ -135,9 +135,9 @@ def _write_leaves(nodes: Any, primitives: Primitives, splat_from_leaf: Any, full
     columns = [detached(c) for c in primitives.kernel]
     dr.eval(columns)
     *kernel, lo = (dr.gather(types.Float, c, splat_from_leaf, full) for c in columns)
-    dog_row = dr.full(types.UInt, NOT_DOG, dr.width(leaf))
+    dog_row = dr.full(types.UInt, NO_ROW, dr.width(leaf))
     if primitives.dog_row is not None:
-        dog_row = dr.select(full, dr.gather(types.UInt, detached(primitives.dog_row), splat_from_leaf, full), NOT_DOG)
+        dog_row = dr.select(full, dr.gather(types.UInt, detached(primitives.dog_row), splat_from_leaf, full), NO_ROW)
     for k in (0, 4, 8):  # an empty one has a kernel, so that nothing is divided by 0
         kernel[k] = dr.select(full, kernel[k], 1)
     bits = [dr.reinterpret_array(types.Float, b) for b in (dog_row, splat_from_leaf)]

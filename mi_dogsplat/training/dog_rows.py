@@ -6,8 +6,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.parameters import device_array, dog_rows
-from ..engine.project import NOT_DOG
+from ..engine.parameters import device_array, rows_of_splats
+from ..engine.project import NO_ROW
 from ..scene.row_groups import row_of_splats
 
 DOG_ROW_SIZE = {"dog_logit_opacities": 1, "dog_log_scales": 3}
@@ -21,7 +21,7 @@ class DogRows:
         self.dropped = False
         if len(self.index):
             self.on_device = device_array(self.index, mi.UInt32)
-            self.row = dog_rows(self.index, n)  # [N] of each primitive, or NOT_DOG
+            self.row = rows_of_splats(self.index, n)  # [N] of each primitive, or NO_ROW
 
     @property
     def params(self) -> dict:
@@ -30,7 +30,7 @@ class DogRows:
 
     def drop(self, drop: mi.Bool) -> None:
         """Make plain Gaussians of the primitives ``drop`` [N] on the device, at once."""
-        self.row = dr.select(drop, NOT_DOG, self.row)
+        self.row = dr.select(drop, NO_ROW, self.row)
         dr.eval(self.row)
         self.dropped = True
 
@@ -39,7 +39,7 @@ class DogRows:
         if not self.dropped:
             return np.arange(len(self.index))
         self.dropped = False
-        return np.flatnonzero(self.row.numpy()[self.index] != NOT_DOG)
+        return np.flatnonzero(self.row.numpy()[self.index] != NO_ROW)
 
     def of_splats(self) -> np.ndarray:
         """[N] row of each primitive, or -1."""

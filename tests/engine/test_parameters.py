@@ -3,8 +3,8 @@
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.engine.parameters import RAW, RAW_DOG, concatenate, dog_rows, upload
-from mi_dogsplat.engine.project import NOT_DOG
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, concatenate, rows_of_splats, upload
+from mi_dogsplat.engine.project import NO_ROW
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import random_splats, rounded
 
@@ -33,8 +33,8 @@ def test_a_later_change_of_the_host_arrays_does_not_reach_the_device():
 
 
 def test_dog_rows_invert_the_index():
-    np.testing.assert_array_equal(dog_rows(np.array([1, 4], np.uint32), 5), [NOT_DOG, 0, NOT_DOG, NOT_DOG, 1])
-    np.testing.assert_array_equal(dog_rows(np.zeros(0, np.uint32), 2), [NOT_DOG, NOT_DOG])
+    np.testing.assert_array_equal(rows_of_splats(np.array([1, 4], np.uint32), 5), [NO_ROW, 0, NO_ROW, NO_ROW, 1])
+    np.testing.assert_array_equal(rows_of_splats(np.zeros(0, np.uint32), 2), [NO_ROW, NO_ROW])
 
 
 def test_one_model_is_passed_through():
@@ -58,7 +58,7 @@ def test_joined_models_are_their_rows_in_turn_with_lower_sh_degrees_padded():
         assert not rows[:, k:].any()
     index = np.concatenate([models[0].dog_index, models[2].dog_index + 7])
     np.testing.assert_array_equal(joined["dog_index"].numpy(), index)
-    np.testing.assert_array_equal(joined["dog_row"].numpy(), dog_rows(index, 12).numpy())
+    np.testing.assert_array_equal(joined["dog_row"].numpy(), rows_of_splats(index, 12).numpy())
 
 
 def test_models_without_primitives_are_left_out_of_a_joined_one():

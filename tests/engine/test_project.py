@@ -9,7 +9,7 @@ import pytest
 from mi_dogsplat import reference
 from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.engine.parameters import upload
-from mi_dogsplat.engine.project import LOG2_E, NOT_DOG, DeviceCamera, Kernels, project, softplus
+from mi_dogsplat.engine.project import LOG2_E, NO_ROW, DeviceCamera, Kernels, project, softplus
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
@@ -57,7 +57,7 @@ def assert_same(splats: Splats, camera: Camera, **choices):
     if not splats.n_dog:
         assert ours.pseudo is None and ours.dog_row is None
         return
-    expected_rows = np.full(splats.n_splats, NOT_DOG, np.uint32)
+    expected_rows = np.full(splats.n_splats, NO_ROW, np.uint32)
     expected_rows[splats.dog_index] = np.arange(splats.n_dog)
     np.testing.assert_array_equal(ours.dog_row, expected_rows)
     at = splats.dog_index[seen[splats.dog_index]]  # visible DoG primitives

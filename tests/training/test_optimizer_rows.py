@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.engine.parameters import RAW_DOG
-from mi_dogsplat.engine.project import NOT_DOG
+from mi_dogsplat.engine.project import NO_ROW
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer import SplatOptimizer
 from small_optimizer import RATES, assert_same, moments, random_model, run
@@ -82,7 +82,7 @@ def test_dog_rows_follow_their_primitives_and_fresh_copies_are_plain():
     np.testing.assert_array_equal(after.dog_logit_opacities, before.dog_logit_opacities[[2, 1]])
     np.testing.assert_array_equal(moments(optimizer, "dog_log_scales")[0], m[[2, 1]])
     dog_row = optimizer.params["dog_row"].numpy()
-    np.testing.assert_array_equal(dog_row, [0, NOT_DOG, 1, NOT_DOG, NOT_DOG])
+    np.testing.assert_array_equal(dog_row, [0, NO_ROW, 1, NO_ROW, NO_ROW])
 
     optimizer.rearrange(np.array([1, 3]), np.zeros(2, bool))
     assert optimizer.n_dog == 0 and not any(name.startswith("dog") for name in optimizer.params)
@@ -113,7 +113,7 @@ def test_dropped_dog_rows_go_and_the_others_lose_no_bit():
     before = {name: (optimizer.numpy(name), *moments(optimizer, name)) for name in RAW_DOG}
     optimizer.drop_dog(mi.Bool([True, True, True, False, True, True, False]))
     row = optimizer.params["dog_row"].numpy()
-    np.testing.assert_array_equal(row == NOT_DOG, [1, 1, 1, 0, 1, 1, 0])  # at once
+    np.testing.assert_array_equal(row == NO_ROW, [1, 1, 1, 0, 1, 1, 0])  # at once
     assert optimizer.n_dog == 2
     np.testing.assert_array_equal(optimizer.params["dog_index"].numpy(), [3, 6])
     np.testing.assert_array_equal(optimizer.params["dog_row"].numpy()[[3, 6]], [0, 1])

@@ -24,7 +24,7 @@ import drjit as dr
 
 from ..arrays import array_types, if_stmt, while_loop
 from ..bands import PreparedView
-from ..project import NOT_DOG
+from ..project import NO_ROW
 from ..tables import DEPTH_FEATURE, FIRST_FEATURE, KERNEL_COLUMNS, PSEUDO_COLUMNS, KernelRow, SplatRow, row_size
 from .exp2 import exp2
 from .lane_list import AheadList, LaneList
@@ -207,7 +207,7 @@ class Walk:
     def _pseudo_kernel(self, meeting: Meeting) -> tuple:
         """2^p' of the pseudo-Gaussian, zeros for a plain primitive: packets without a DoG primitive jump over it."""
         row = dr.gather(self.types.UInt, self.tables.dog_row, meeting.splat, meeting.active)
-        is_dog = meeting.active & (row != NOT_DOG)
+        is_dog = meeting.active & (row != NO_ROW)
 
         def evaluate(row, dx, dy):
             return self._kernel(self.pseudo_row(row), dx, dy)

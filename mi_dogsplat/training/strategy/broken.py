@@ -17,7 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 from ...engine.geometry import Cutoffs
-from ...engine.project import NOT_DOG
+from ...engine.project import NO_ROW
 from ...scene.sh_basis import C0
 from ..dog_rows import DOG_ROW_SIZE
 from ..optimizer import SplatOptimizer
@@ -36,12 +36,12 @@ def broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
         extent: radius of the camera positions, world units.
     """
     params, splat = optimizer.params, dr.arange(mi.UInt32, optimizer.n)
-    row = params.get("dog_row", dr.full(mi.UInt32, NOT_DOG, 1))
+    row = params.get("dog_row", dr.full(mi.UInt32, NO_ROW, 1))
     limits = {"log_scales": math.log(MAX_SCALE * extent), **dict.fromkeys(("sh_dc", "sh_rest", *SH_INDEX), MAX_SH)}
     sound, of_groups = dr.full(mi.Bool, True, optimizer.n), []
     for name, values in optimizer.adam.items():
         if name in DOG_ROW_SIZE:
-            index, active = row, row != NOT_DOG
+            index, active = row, row != NO_ROW
         elif name in SH_INDEX:
             index, active = dr.arange(mi.UInt32, dr.width(params[SH_INDEX[name]])), True
         else:

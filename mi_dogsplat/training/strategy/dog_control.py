@@ -14,7 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ...engine.project import NOT_DOG, softplus
+from ...engine.project import NO_ROW, softplus
 from ..events import DogActivated, Event
 from ..milestones import scaled_milestone
 from ..optimizer import SplatOptimizer
@@ -72,7 +72,7 @@ def degenerate(rule: DogRule, optimizer: SplatOptimizer) -> None:
     if "dog_row" not in params:
         return
     splat, row = dr.arange(mi.UInt32, optimizer.n), params["dog_row"]  # one lane per primitive
-    is_dog = row != NOT_DOG
+    is_dog = row != NO_ROW
 
     def dog(name: str, index) -> mi.Float:
         return dr.gather(mi.Float, params[name], index, is_dog)
