@@ -91,6 +91,10 @@ class Walk:
         self.G_p = _gaussian(p.pseudo_opacities[i], p.pseudo_cov2d[i], p.pseudo_conics[i],
                              block.dx[self.dog], block.dy[self.dog])  # [m, h, w]
         alpha[self.dog] -= np.minimum(MAX_ALPHA, self.G_p)
+        self.colors = p.colors[block.splats]  # [n, 3] at the centres
+        self.sloped = np.flatnonzero(p.sloped[block.splats])  # [m] rows of the block
+        self.offsets = np.stack(np.broadcast_arrays(block.dx[self.sloped, None, :], block.dy[self.sloped, :, None]), -1)
+        self.slopes = p.slopes[block.splats[self.sloped]]  # [m, 3, 2], and offsets [m, h, w, 2]
         slack = moved * min_alpha + np.sign(moved) * KERNEL_UNITS * UNIT * self.operands() if moved else 0.0
         self.blended = np.abs(alpha) >= min_alpha + slack
         alpha[~self.blended] = 0
@@ -107,6 +111,25 @@ class Walk:
             behind = np.cumprod(1 - np.where(self.attenuates, alpha, 0), axis=0)
         self.T = np.concatenate([np.ones_like(behind[:1]), behind[:-1]])  # in front of each primitive
         self.T_final = behind[-1]  # [h, w]
+
+    def blended_colors(self) -> np.ndarray:
+        """[h, w, 3] sum of alpha T c, without the background."""
+        weights = self.alpha * self.T
+        image = np.tensordot(weights, self.colors, (0, 0))
+        if self.sloped.size:
+            image += np.einsum("nhw,nhwc->hwc", weights[self.sloped], self.variations())
+        return image
+
+    def colors_times(self, δpixels: np.ndarray) -> np.ndarray:
+        """[n, h, w] the colour of each primitive at each pixel times the adjoint of the pixel [h, w, 3]."""
+        products = np.tensordot(self.colors, δpixels, (1, 2))
+        if self.sloped.size:
+            products[self.sloped] += np.einsum("hwc,nhwc->nhw", δpixels, self.variations())
+        return products
+
+    def variations(self) -> np.ndarray:
+        """[m, h, w, 3] what the slopes add to the colours."""
+        return self.offsets @ self.slopes.swapaxes(1, 2)[:, None]
 
     def operands(self) -> np.ndarray:
         """G + G_p, of which alpha is the difference."""

@@ -8,10 +8,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.engine.geometry import SMOOTH
-from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, RAW_SLOPES, upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import Frame, RasterOptions, rasterize
-from mi_dogsplat.reference.forward import RAW_PARAMETERS
+from mi_dogsplat.reference.forward import raw_indices, raw_names
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.splats import Splats
@@ -48,7 +48,7 @@ def make_splats(means, scales: Any = 0.1, opacities: Any = 0.5, colors: Any = 1.
     )
 
 
-def random_splats(n=40, seed=0, degree=3, dog_share=0.5) -> Any:
+def random_splats(n=40, seed=0, degree=3, dog_share=0.5, slope_share=0.0) -> Any:
     """Of all sizes, opacities and orientations, in front of a camera at the origin; float64."""
     rng = np.random.default_rng(seed)
     splats = make_splats(
@@ -59,6 +59,9 @@ def random_splats(n=40, seed=0, degree=3, dog_share=0.5) -> Any:
     splats.dog_logit_opacities, splats.dog_log_scales = rng.normal(size=m), rng.normal(0.2, 0.4, (m, 3))
     rest = rng.normal(0, 0.2, (n, (degree + 1) ** 2 - 1, 3))
     splats.sh_coeffs = np.concatenate([splats.sh_coeffs, rest], axis=1)
+    if slope_share:
+        splats.slope_index = np.flatnonzero(rng.uniform(size=n) < slope_share)
+        splats.color_slopes = rng.normal(0, 0.3, (len(splats.slope_index), 3, 3))
     return splats
 
 
@@ -90,8 +93,8 @@ def tilted_camera(width=64, height=48, f=60.0, cx=None, cy=None) -> Camera:
 
 def opaque_only(splats: Any, kept: np.ndarray) -> Any:
     """The others become invisible, so that rows stay where they are."""
-    rows = {name: np.array(getattr(splats, name), float) for name in RAW_PARAMETERS}
-    copy = SimpleNamespace(**rows, dog_index=splats.dog_index)
+    rows = {name: np.array(getattr(splats, name), float) for name in raw_names(splats)}
+    copy = SimpleNamespace(**rows, **raw_indices(splats))
     copy.logit_opacities[~kept] = -np.inf
     return copy
 
@@ -116,7 +119,7 @@ SMOOTH_OPTIONS: dict[str, Any] = {"cutoffs": SMOOTH}
 def attached(splats: Splats) -> dict:
     """Parameters on the device, every one of them part of the AD graph."""
     params = upload(splats)
-    for name in RAW + RAW_DOG:
+    for name in RAW + RAW_DOG + RAW_SLOPES:
         if name in params:
             dr.enable_grad(params[name])
     return params
@@ -184,8 +187,8 @@ def assert_gradients_equal(got: dict[str, np.ndarray], expected: dict[str, np.nd
 
 def differences(splats: Splats, loss: Callable[[Splats], float], eps=1e-5) -> dict[str, np.ndarray]:
     """Central differences of a loss of float64 parameters by every one of their entries."""
-    raw = {name: np.array(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
-    perturbed = cast("Splats", SimpleNamespace(**raw, dog_index=splats.dog_index))
+    raw = {name: np.array(getattr(splats, name), np.float64) for name in raw_names(splats)}
+    perturbed = cast("Splats", SimpleNamespace(**raw, **raw_indices(splats)))
     result = {name: np.zeros_like(values) for name, values in raw.items()}
     for name, values in raw.items():
         for index in np.ndindex(values.shape):
