@@ -54,7 +54,7 @@ def render_tiled(splats: Splats, camera: Camera, background: Sequence[float] | n
     image, T, max_T = np.zeros((camera.height, camera.width, 3)), np.ones((camera.height, camera.width)), 1.0
     for block in blocks(projection, camera, (1 - 2 * abs(moved)) * min_alpha):
         walk = Walk(projection, block, negative_transmittance, min_alpha, min_transmittance, moved)
-        image[block.pixels] = walk.blended_colors()
+        image[block.pixels] = walk.sum_of_colors(walk.alpha * walk.T, walk.variations())
         T[block.pixels] = walk.T_final
         max_T = max(max_T, walk.T.max(), walk.T_final.max())
     return Rendered(image + T[..., None] * np.asarray(background, np.float64), T, float(max_T))
