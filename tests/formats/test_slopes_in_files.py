@@ -1,4 +1,4 @@
-"""Colours that vary over their primitive: PLY keeps them, a compressed one in bytes; others leave them out with a line."""
+"""Colours that vary over their primitive: a PLY keeps them, a compressed one in bytes; others say that they do not."""
 
 import struct
 from dataclasses import replace
