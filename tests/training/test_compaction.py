@@ -117,12 +117,16 @@ def test_comparisons_are_of_numbers_of_primitives(data, tmp_path, capsys, comman
 # --- what is chosen ---
 
 
-def options_of(removal, by_degree, without_dog, splats: Splats) -> Options:
+def options_of(removal, by_degree, without_dog, splats: Splats, without_slopes=None) -> Options:
     is_dog = np.isin(np.arange(splats.n_splats), splats.dog_index)
     whole = splats.uniform_sh()
     nothing = [np.zeros(splats.n_splats)] * (whole.sh_coeffs.shape[1] * (whole.sh_coeffs.shape[1] + 1) // 2)
     bands = Bands(whole.sh_coeffs, nothing, [])
-    return Options(np.array(removal), np.array(by_degree), np.array(without_dog), splats.sh_degrees, is_dog, bands)
+    without_dog = np.array(without_dog)
+    without_slopes = np.zeros(splats.n_splats) if without_slopes is None else np.array(without_slopes)
+    has_slopes = np.isin(np.arange(splats.n_splats), splats.slope_index)
+    losses = np.array(removal), np.array(by_degree), without_dog, splats.sh_degrees, is_dog, without_slopes, has_slopes
+    return Options(*losses, bands)
 
 
 def four() -> Splats:
