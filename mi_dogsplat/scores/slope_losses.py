@@ -1,43 +1,49 @@
 """What slopes contribute to the training views, primitive by primitive: an estimate in the units of the other scores.
 
-Without its slopes s_a a primitive has one colour all over, and the pictures change by α T Σ w_a s_a. With T nearly the
-same all over it, (α T)² falls as exp(-|z|²), z the pixel in standard deviations of the kernel on the screen, so that
-each axis of z has a mean square of 1/2. There w is z in the plane of the primitive's own axes that the view shows: all
-but the direction x = S⁻¹ Rᵀ d, along which the ray d runs. The energy of the change is
+Without its slopes a primitive has one colour all over, and a picture changes by w (gx dx + gy dy), w = α T its weight
+at a pixel and d the offset from its centre (``engine/slopes.py``). Where T is the same all over it and α is that of the
+kernel alone, w² falls as exp(-dᵀ Σ'⁻¹ d), so that the mean of d dᵀ under w² is Σ'/2, and the energy of the change is
 
-    h / 2 Σ_c |s_c - x̂ (x̂·s_c)|²,   h = Σ (α T)² over the pixels,
+    Σ w² (g·d)² = h / 2 gᵀ Σ' g,   h = Σ w² over the pixels,
 
-of which h is known for all views together (``scores/bands.py``), and the rest is the mean over the views. What the
-low-pass filter takes from slopes of primitives as small as a pixel is left out, and so is that something in front may
-hide one side: measured against the pictures, within 3 % for one primitive alone (tests/scores/test_slope_losses.py).
+summed over channels and views. Of one primitive alone that is within 2 % of what its pictures change by
+(``tests/scores/test_slope_losses.py``); what hides a side of it, or is DoG, makes it an estimate.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import drjit as dr
 import numpy as np
 
-from ..scene.quaternions import rotation_from_quaternion
-from ..scene.splats import Splats
+from ..engine.arrays import array_types
+from ..engine.device_camera import DeviceCamera
+from ..engine.options import RasterOptions
+from ..engine.project import project
+from ..engine.slopes import TWO_LN2
+from ..engine.view import prepare
+from ..engine.walks.color_products import composite_color_products
 
-ROWS = 4096  # primitives at a time, which bounds the memory
 
-
-def slope_losses(splats: Splats, weights: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    """[N] energy of the change of the pictures without the slopes of a primitive; 0 where it has none.
+def slope_losses(params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions) -> np.ndarray:
+    """[N] energy of the change of all views without the slopes of a primitive; 0 where it has none.
 
     Args:
-        weights: [N] h, squares of what each primitive weighs in the pixels of all views.
-        positions: [V, 3] of the cameras, world space.
+        params: as in ``rasterize``, with slopes.
+        cameras: all training views.
     """
-    losses = np.zeros(splats.n_splats)
-    for start in range(0, splats.n_slopes, ROWS):
-        rows = slice(start, start + ROWS)
-        index = splats.slope_index[rows]
-        rays = splats.means[index, None].astype(np.float64) - positions  # [n, V, 3]
-        x = np.einsum("nji,nvj->nvi", rotation_from_quaternion(splats.quats[index]), rays)
-        x /= splats.scales[index, None]
-        x /= np.maximum(np.linalg.norm(x, axis=2, keepdims=True), np.finfo(np.float64).tiny)
-        slopes = splats.color_slopes[rows].astype(np.float64)  # [n, axis, channel]
-        hidden = np.square(np.einsum("nva,nac->nvc", x, slopes)).sum(axis=2).mean(axis=1)
-        losses[index] = weights[index] / 2 * (np.square(slopes).sum(axis=(1, 2)) - hidden)
-    return losses
+    params = {name: dr.detach(value) for name, value in params.items()}
+    total = dr.zeros(array_types().Double, dr.width(params["logit_opacities"]))
+    for camera in cameras:
+        (h,) = composite_color_products(prepare(params, camera, options), [])
+        projection = project(params, camera, sh_degree=0)
+        kernels, slopes = projection.kernels, projection.slopes or []
+        square = 0
+        for gx, gy in zip(slopes[:3], slopes[3:], strict=True):  # gᵀ Σ' g = |K⁻ᵀ g|² / 2 ln 2
+            along = gx / kernels.ux
+            across = (gy - kernels.uy * along) / kernels.vy
+            square += dr.square(along) + dr.square(across)
+        total += array_types().Double(dr.select(projection.visible & (h > 0), h * square * (0.5 / TWO_LN2), 0))
+        dr.eval(total)
+    return total.numpy()

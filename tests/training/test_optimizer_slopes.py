@@ -1,4 +1,4 @@
-"""Slopes in the optimizer: rows of some primitives that follow them, with their moments, through all that moves rows."""
+"""Slopes in the optimizer: rows of some primitives, which follow them with their moments whatever moves rows."""
 
 from dataclasses import replace
 
@@ -83,7 +83,8 @@ def test_choosing_primitives_keeps_the_moments_of_those_that_stay():
 
 
 def test_steps_are_those_of_the_constant_colour_with_all_factors_on_it():
-    refined = replace(RATES, refinement=Refinement(600, gain=4.0, end_gain=0.1, means_gain=16.0, sh_gain=4.0), views=300)
+    refinement = Refinement(600, gain=4.0, end_gain=0.1, means_gain=16.0, sh_gain=4.0)
+    refined = replace(RATES, refinement=refinement, views=300)
     for step in (0, 600, 800, 1000):
         rates = refined.at(step, 5)
         assert rates["color_slopes"] == rates["sh_dc"]
@@ -99,7 +100,8 @@ def test_training_goes_on_from_a_state_with_the_same_bits(tmp_path):
     resumed = SplatOptimizer(random_model(2, 1, seed=9), RATES)
     with np.load(tmp_path / "state.npz") as saved:
         resumed.restore(saved)
-        assert_same(splats_of_state({f"optimizer.{name}": values for name, values in saved.items()}), straight.to_splats())
+        of_run = {f"optimizer.{name}": values for name, values in saved.items()}
+        assert_same(splats_of_state(of_run), straight.to_splats())
     for optimizer in (straight, resumed):
         run(optimizer, 3, seed=2)
     expected, got = straight.state(), resumed.state()

@@ -15,7 +15,6 @@ import numpy as np
 
 from ...formats.sizes import Prices
 from ...scene.row_groups import MAX_SH_DEGREE
-from ...scene.sh_basis import C0
 from ...scene.splats import Splats
 from ...scores.bands import Bands, bands
 from ...scores.score import ScoreRule, energies
@@ -71,7 +70,7 @@ class Options:
         without_dog = energy(DOG) if splats.n_dog else np.zeros(splats.n_splats)
         without_slopes = np.where(has_slopes, np.inf, 0.0)
         if t.optimizer.n_slopes:
-            without_slopes = slope_losses(splats, found.H[0] / C0**2, t.photographs.positions)
+            without_slopes = slope_losses(params, cameras, options)
         losses = found.losses(), without_dog, splats.sh_degrees, is_dog, without_slopes, has_slopes
         return cls(energy(REMOVAL), *losses, found)
 
