@@ -134,8 +134,9 @@ def describe_run(path: Path) -> list[str]:
     lines.append(line("steps", count(done) + (f" of {count(planned)}" if planned else "")))
     seconds = metrics.get("train_seconds", last.get("seconds"))
     lines.append(line("training time", duration(seconds)))
-    n, n_dog = (metrics.get(key, last.get(key)) for key in ("n", "n_dog"))
-    lines.append(line("primitives", f"{count(n)}, {count(n_dog)} of them DoG"))
+    n, n_dog, n_slopes = (metrics.get(key, last.get(key)) for key in ("n", "n_dog", "n_slopes"))
+    slopes = "" if n_slopes is None else f", {count(n_slopes)} with slopes"
+    lines.append(line("primitives", f"{count(n)}, {count(n_dog)} of them DoG{slopes}"))
     if metrics:
         lines.append(line("model", file_size(metrics.get("bytes"))))
         lines.append(line("render time", f"{fixed(metrics.get('render_ms'), 1)} ms"))
