@@ -4,6 +4,8 @@ A kernel counts with its largest value on the ray (3DGRT, Moenne-Loccoz et al. 2
 ray: where that comes nearest to the centre, measured by the primitive's cutoff ellipsoid. The semi-axes of this are the
 larger ones of r s and r_p F s, r and r_p being the radii, in standard deviations, at which the two kernels fall to
 1/255. For a Gaussian it is the point of the largest value.
+
+A colour that varies over its primitive is that at the point of the ray where the primary kernel is largest.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ class RayMeetings:
 
     places: np.ndarray  # [P, N] in units of the directions
     alphas: np.ndarray  # [P, N], 0 outside of the segment and below the cutoff
-    colors: np.ndarray  # [P, N, 3] in the direction of the ray
+    colors: np.ndarray  # [P, N, 3] in the direction of the ray, and where it is met
 
 
 def meet(splats: Splats, origins: np.ndarray, directions: np.ndarray, maxt: np.ndarray | float = np.inf, *,
@@ -63,6 +65,11 @@ def meet(splats: Splats, origins: np.ndarray, directions: np.ndarray, maxt: np.n
     sh = padded_sh(splats)
     basis = sh_basis(unit, int(np.sqrt(sh.shape[1])) - 1 if sh_degree is None else sh_degree)
     colors = np.maximum(np.einsum("pk,nkc->pnc", basis, sh[:, : basis.shape[1]]) + 0.5, 0)
+    v = np.asarray(getattr(splats, "slope_index", ()), np.int64)
+    if len(v):
+        o, d = o[:, v] / scales[v], d[:, v] / scales[v]
+        w = o + _largest(o, d)[1][..., None] * d  # [P, S, 3] standard deviations along the axes
+        colors[:, v] += np.einsum("psa,sac->psc", w, np.asarray(splats.color_slopes, np.float64))
     return RayMeetings(places, alphas, colors)
 
 
