@@ -38,7 +38,8 @@ def pair_operations(settings: Settings, dog: bool, variant: str) -> tuple[float,
     """Operations of the compositor per primitive and pixel that it meets, as (forward, derivative) passes.
 
     The difference of kernels that take two primitives per iteration and one: what is done once per pixel drops out.
-    ``dog``: of a DoG primitive, with what the branch to its second kernel costs. ``variant``: the active one.
+    ``dog``: of a DoG primitive, with what the branch to its second kernel costs. ``settings.slopes``: of one whose
+    colour varies over it. ``variant``: the active one.
     """
     one, two = (_compositor_operations(settings, dog, unroll) for unroll in (1, 2))
     pixels = SIZE * SIZE
@@ -100,6 +101,8 @@ def _view(settings: Settings, dog: bool, unroll: int) -> WalkableView:
     """What the compositor takes; which planes it blends matters to no kernel."""
     splats, camera = _model(0, dog)
     projection = project(upload(splats), camera, sh_degree=0)
+    if settings.slopes:
+        projection.slopes = 2 * projection.colors
     features = (2 * projection.colors)[: settings.n_features]
     view = arrange(projection, features, Grid(SIZE, SIZE, replace(Blocks.of_backend(), unroll=unroll)), settings)
     dr.eval(view)

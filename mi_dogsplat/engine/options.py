@@ -27,12 +27,14 @@ class Settings:
 
     negative_transmittance: a negative α amplifies what lies behind, T (1 - α) > T; else it leaves T as it is.
     patch: width and height of the pixels that share their exponentials, 1 to 4; 1 gives each pixel its own.
+    slopes: whether the first three features, the colours, vary over their primitives.
     """
 
     n_features: int
     cutoffs: Cutoffs = Cutoffs()
     negative_transmittance: bool = True
     patch: int = 4
+    slopes: bool = False
 
     @staticmethod
     def of(options: RasterOptions, n_features: int) -> Settings:

@@ -24,6 +24,7 @@ import mitsuba as mi
 from .device_camera import DeviceCamera
 from .sh import evaluate_sh, read_rows
 from .sh_groups import evaluate_groups, has_groups
+from .slopes import ROW, slopes_on_screen
 
 LOW_PASS = 0.3  # px², added to the diagonal of Σ' so that no primitive falls between the pixels
 LOG2_E = 1.4426950408889634
@@ -56,6 +57,7 @@ class Projection:
     pseudo: Kernels | None
     dog_row: mi.UInt32 | None  # [N] row in ``pseudo`` or NO_ROW
     dog_index: mi.UInt32 | None  # [M] its inverse
+    slopes: list | None = None  # of the colours: gx of 3 channels, then gy, per pixel; None without any
 
 
 def rows(array: mi.Float, count: int, index: mi.UInt32, active=True) -> list[mi.Float]:
@@ -95,13 +97,18 @@ def _all_finite(values: list[mi.Float]) -> mi.Bool:
     return finite
 
 
+def _in_range(axes, scales) -> list:
+    """Scales with which no axis is longer than ``MAX_AXIS``."""
+    lengths = [dr.maximum(abs(dr.detach(x)), abs(dr.detach(y))) for x, y in zip(*axes, strict=True)]
+    return [dr.minimum(s, MAX_AXIS / length) for s, length in zip(scales, lengths, strict=True)]
+
+
 def _screen_kernels(axes, scales, log2_opacity, antialiased: bool) -> Kernels:
     """2D kernel of the 3D Gaussian whose scaled axes project to the columns of ``axes`` x ``scales``.
 
     vy² is the inverse of the variance of y, ux² that of the variance of x given y, both times log2(e) / 2.
     """
-    lengths = [dr.maximum(abs(dr.detach(x)), abs(dr.detach(y))) for x, y in zip(*axes, strict=True)]
-    scales = [dr.minimum(s, MAX_AXIS / length) for s, length in zip(scales, lengths, strict=True)]
+    scales = _in_range(axes, scales)
     v0 = [a * s for a, s in zip(axes[0], scales, strict=True)]  # J W R S, first row
     v1 = [a * s for a, s in zip(axes[1], scales, strict=True)]
     raw_xx = v0[0] * v0[0] + v0[1] * v0[1] + v0[2] * v0[2]
@@ -126,8 +133,9 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
 
     Args:
         params: raw parameters as flat row-major ``mi.Float`` arrays, keys as in ``mi.traverse`` of the ``dog`` shape;
-            ``dog_row`` [N] and ``dog_index`` [M] are present when a primitive is DoG, groups of SH degrees where
-            primitives have degrees of their own (see ``evaluate_groups``).
+            ``dog_row`` [N] and ``dog_index`` [M] are present when a primitive is DoG, ``slope_row`` [N] and
+            ``color_slopes`` [S, 3, 3] when the colour of one varies over it, groups of SH degrees where primitives have
+            degrees of their own (see ``evaluate_groups``).
         camera: the view.
         sh_degree: highest degree evaluated (at most the degree stored).
         antialiased: scale opacities by the area that the low-pass filter adds (Mip-Splatting's 2D filter).
@@ -195,5 +203,10 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
         if dr.grad_enabled(radiance):
             dr.schedule(radiance)  # or groups would wait for its sign, which takes all of the projection again
     visible &= _all_finite(radiance)
-    colors = [dr.maximum(value, 0) for value in radiance]
-    return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index)
+    colors, slopes = [dr.maximum(value, 0) for value in radiance], None
+    if "color_slopes" in params:
+        row = params["slope_row"]
+        own = rows(params["color_slopes"], ROW, row, row != NO_ROW)
+        slopes = slopes_on_screen(own, axes, _in_range(axes, scales), kernels)
+        visible &= _all_finite(slopes)
+    return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index, slopes)

@@ -78,7 +78,7 @@ class _Fixed:
 
 
 class _Composite(dr.CustomOp):
-    """``composite`` as an operation on AD variables: lists of projected quantities and features, planes."""
+    """``composite`` as an operation on AD variables: lists of projected quantities, features and slopes, planes."""
 
     def eval(self, fixed: _Fixed, splats: list, pseudo: list):
         self.view, self.has_dog = fixed.view, bool(pseudo)
@@ -141,7 +141,7 @@ def rasterize(
         blended = None
 
     k, p = projection.kernels, projection.pseudo
-    splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *features]
+    splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *features, *(projection.slopes or [])]
     pseudo = [] if p is None else [p.ux, p.uy, p.vy, p.lo]
     composited: Any = dr.custom(_Composite, _Fixed(view, blended), splats, pseudo)
     planes, T = composited

@@ -11,6 +11,7 @@ import mitsuba as mi
 
 from .arrays import array_types, detached
 from .project import Kernels, Projection
+from .slopes import COLUMNS as SLOPE_COLUMNS
 
 
 class KernelRow(namedtuple("KernelRow", "ux uy vy lo q s t")):
@@ -18,7 +19,7 @@ class KernelRow(namedtuple("KernelRow", "ux uy vy lo q s t")):
 
 
 KERNEL_COLUMNS = len(KernelRow._fields)
-FIRST_FEATURE = 2 + KERNEL_COLUMNS  # column of the primitives' table: x, y, kernel, features, padding
+FIRST_FEATURE = 2 + KERNEL_COLUMNS  # column of the primitives' table: x, y, kernel, features, slopes, padding
 PSEUDO_COLUMNS = 8  # of the pseudo-Gaussians' table: kernel, padding
 DEPTH_FEATURE = 3  # the feature after the colours, in views that stop at a depth
 
@@ -31,11 +32,13 @@ class SplatRow:
     y: Any
     kernel: KernelRow
     features: list
+    slopes: list  # gx of the three colours, then gy; none where no colour varies
 
     @staticmethod
-    def of(columns: list) -> SplatRow:
+    def of(columns: list, n_features: int) -> SplatRow:
         x, y, *kernel = columns[:FIRST_FEATURE]
-        return SplatRow(x, y, KernelRow(*kernel), columns[FIRST_FEATURE:])
+        end = FIRST_FEATURE + n_features
+        return SplatRow(x, y, KernelRow(*kernel), columns[FIRST_FEATURE:end], columns[end:])
 
 
 @dataclass
@@ -49,15 +52,21 @@ class Tables:
     stop_depth: mi.Float | None = None  # [H*W], primitives with a larger DEPTH_FEATURE are not blended
 
 
-def row_size(n_features: int) -> int:
+def columns_used(n_features: int, slopes: bool) -> int:
+    """Floats of a row in the table, without padding."""
+    return FIRST_FEATURE + n_features + slopes * SLOPE_COLUMNS
+
+
+def row_size(n_features: int, slopes: bool) -> int:
     """Floats per primitive in the table: whole cache lines, in which every eight are aligned."""
-    return -(-(FIRST_FEATURE + n_features) // 16) * 16
+    return -(-columns_used(n_features, slopes) // 16) * 16
 
 
 def pack(projection: Projection, features: list) -> Tables:
     """Lay out a projection for the compositor (detached: derivatives are passed by hand, see ``rasterize.py``)."""
-    columns = [projection.x, projection.y, *_kernel_columns(projection.kernels), *features]
-    splats = _table(columns, row_size(len(features)))
+    slopes = projection.slopes or []
+    columns = [projection.x, projection.y, *_kernel_columns(projection.kernels), *features, *slopes]
+    splats = _table(columns, row_size(len(features), bool(slopes)))
     if projection.pseudo is None:
         return Tables(splats, None, None, None)
     pseudo = _table(_kernel_columns(projection.pseudo), PSEUDO_COLUMNS)

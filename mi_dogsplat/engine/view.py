@@ -36,7 +36,7 @@ def prepare_both(
     grid, other = (Grid.of(camera.width, camera.height, b) for b in (Blocks.of_backend(), blocks))
     view = arrange(projection, projection.colors, other, settings, isect_memory=options.isect_memory)
     if not blocks.tiles_as(grid.blocks):
-        return listed(projection, view.tables, grid, settings, options.isect_memory), view
+        return listed(projection, view.tables, grid, view.settings, options.isect_memory), view
     # tiles that overlap list more than blending needs, and are in the same places
     same = replace(view, grid=grid, lanes=grid.lanes) if isinstance(view, PreparedView) else replace(view, grid=grid)
     return same, view
@@ -53,10 +53,12 @@ def arrange(
     """Lay out and list primitives that have been projected.
 
     Args:
-        features: what is blended, [N] each, as many as ``settings`` says.
+        features: what is blended, [N] each, as many as ``settings`` says; the colours first, if they vary.
+        settings: whatever they say of slopes, it is the projection that has some or none.
         stop_depth: [H*W], a primitive whose fourth feature, its depth, is larger is not blended into a pixel.
         isect_memory: as in ``RasterOptions``.
     """
+    settings = replace(settings, slopes=projection.slopes is not None)
     tables = pack(projection, features)
     tables.stop_depth = detached(stop_depth) if stop_depth is not None else None
     return listed(projection, tables, grid, settings, isect_memory)

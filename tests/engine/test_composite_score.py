@@ -71,11 +71,9 @@ def assert_as_brute_force(splats: Splats, camera: Camera, background=BLACK, **op
 
 
 @pytest.mark.parametrize("background", [BLACK, WHITE, COLORED])
-@pytest.mark.parametrize("dog_share", [0, 0.5])
-def test_sums_over_footprints_equal_brute_force(background, dog_share):
-    assert_as_brute_force(
-        rounded(random_splats(50, seed=1, degree=1, dog_share=dog_share)), tilted_camera(45, 37), background
-    )
+@pytest.mark.parametrize("shares", [(0, 0), (0.5, 0), (0.5, 0.5)], ids=["plain", "DoG", "slopes"])
+def test_sums_over_footprints_equal_brute_force(background, shares):
+    assert_as_brute_force(rounded(random_splats(50, 1, 1, *shares)), tilted_camera(45, 37), background)
 
 
 @pytest.mark.parametrize("width, height", SIZES)
@@ -135,9 +133,10 @@ def test_what_is_outside_or_too_faint_counts_nothing():
 
 @pytest.mark.parametrize("background", [BLACK, COLORED])
 @pytest.mark.parametrize("negative_transmittance", [True, False])
-def test_sums_over_removals_equal_real_removals_without_cutoffs(background, negative_transmittance):
+@pytest.mark.parametrize("slope_share", [0, 0.6])
+def test_sums_over_removals_equal_real_removals_without_cutoffs(background, negative_transmittance, slope_share):
     """Without cutoffs no walk ends, and the change of the image is exact."""
-    splats, camera = rounded(random_splats(40, seed=6, degree=1)), tilted_camera(30, 22)
+    splats, camera = rounded(random_splats(40, 6, 1, slope_share=slope_share)), tilted_camera(30, 22)
     planes = noise(camera, 3)
     got = engine(
         splats, camera, Sums(removal=True, gradient=True, probes=1), background, planes, SMOOTH, negative_transmittance

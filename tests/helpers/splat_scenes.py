@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.engine.geometry import SMOOTH
-from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, RAW_SLOPES, upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import Frame, RasterOptions, rasterize
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
@@ -48,7 +48,7 @@ def make_splats(means, scales: Any = 0.1, opacities: Any = 0.5, colors: Any = 1.
     )
 
 
-def random_splats(n=40, seed=0, degree=3, dog_share=0.5) -> Any:
+def random_splats(n=40, seed=0, degree=3, dog_share=0.5, slope_share=0.0) -> Any:
     """Of all sizes, opacities and orientations, in front of a camera at the origin; float64."""
     rng = np.random.default_rng(seed)
     splats = make_splats(
@@ -59,6 +59,9 @@ def random_splats(n=40, seed=0, degree=3, dog_share=0.5) -> Any:
     splats.dog_logit_opacities, splats.dog_log_scales = rng.normal(size=m), rng.normal(0.2, 0.4, (m, 3))
     rest = rng.normal(0, 0.2, (n, (degree + 1) ** 2 - 1, 3))
     splats.sh_coeffs = np.concatenate([splats.sh_coeffs, rest], axis=1)
+    if slope_share:
+        splats.slope_index = np.flatnonzero(rng.uniform(size=n) < slope_share)
+        splats.color_slopes = rng.normal(0, 0.3, (len(splats.slope_index), 3, 3))
     return splats
 
 
@@ -116,7 +119,7 @@ SMOOTH_OPTIONS: dict[str, Any] = {"cutoffs": SMOOTH}
 def attached(splats: Splats) -> dict:
     """Parameters on the device, every one of them part of the AD graph."""
     params = upload(splats)
-    for name in RAW + RAW_DOG:
+    for name in RAW + RAW_DOG + RAW_SLOPES:
         if name in params:
             dr.enable_grad(params[name])
     return params

@@ -5,7 +5,8 @@ Notation (Kerbl et al. 2023, Sec. 6; DoG as in the method paper, Sec. 3.3)
     α      min(.99, 2^p), for a DoG primitive min(.99, 2^p) - min(.99, 2^p'), ignored where |α| < 1/255
     T      transmittance in front of the primitive; T ← T (1 - α), the walk ends before T would fall below 1e-4, or,
            behind very many negative α, exceed 2^30
-    C      Σ c α T, for each feature c (the colour channels, and depth if asked for)
+    C      Σ c α T, for each feature c (the colour channels, and depth if asked for); a colour with slopes is
+           c + gx dx + gy dy (``slopes.py``)
 
 ``walk.py`` says how it runs.
 """
@@ -48,12 +49,12 @@ def _blended(walk: Walk, written: list) -> list:
     features = range(walk.settings.n_features)
 
     def step(meeting: Meeting, T: list, C: list) -> None:
-        alpha = walk.alphas(meeting).values
+        alpha, values = walk.alphas(meeting).values, walk.features(meeting)
         for k in range(walk.pixels.count):
             weight, T[k], goes_on = walk.advance(alpha[k], T[k], meeting, k)
             for f in features:
                 c = C[f][k]
-                C[f][k] = dr.select(goes_on, dr.fma(weight, meeting.row.features[f], c), c)
+                C[f][k] = dr.select(goes_on, dr.fma(weight, values[f][k], c), c)
 
     T, C = walk.run(step, [walk.pixels.zeros() for _ in features], "composite")
     return walk.pixels.write([*C, [dr.abs(t) for t in T]], written, walk.walked)

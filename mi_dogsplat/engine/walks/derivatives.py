@@ -17,6 +17,7 @@ import mitsuba as mi
 from ..arrays import if_stmt
 from ..bands import PreparedView, WalkableView
 from ..frozen import frozen
+from ..slopes import CHANNELS, COLUMNS
 from .pixels import Planes, planes_of
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import ALPHA_MAX, Alphas, Meeting, Walk
@@ -25,7 +26,7 @@ LN2 = 0.6931471805599453
 
 
 class Projected(namedtuple("Projected", "x y ux uy vy lo")):
-    """What blending depends on of a primitive, or the derivatives of it, without its features."""
+    """What blending depends on of a primitive, or the derivatives of it, without its features and slopes."""
 
 
 N_PSEUDO = 4  # the last of these are the pseudo-Gaussian's own; its centre is that of the primary
@@ -38,10 +39,10 @@ def composite_backward(view: WalkableView, blended: Planes, δ: Planes) -> tuple
         blended: what ``composite`` returned.
         δ: adjoints of it.
 
-    Returns (δ of what ``Projected`` names and of each feature, [N] each; δ of its last ``N_PSEUDO`` of the
-    pseudo-Gaussians, [M] each, nothing without DoG).
+    Returns (δ of what ``Projected`` names, of each feature and of the slopes, if there are any, [N] each; δ of its last
+    ``N_PSEUDO`` of the pseudo-Gaussians, [M] each, nothing without DoG).
     """
-    columns, dog_index = len(Projected._fields) + view.settings.n_features, view.tables.dog_index
+    columns, dog_index = _columns(view), view.tables.dog_index
     in_turn = lanes_add_in_turn(mi.variant())
 
     def walk(band: PreparedView, above: tuple[list, list]) -> tuple[list, list]:
@@ -52,12 +53,16 @@ def composite_backward(view: WalkableView, blended: Planes, δ: Planes) -> tuple
     return view.walked(walk, ([], []))
 
 
+def _columns(view: WalkableView) -> int:
+    return len(Projected._fields) + view.settings.n_features + view.settings.slopes * COLUMNS
+
+
 @frozen
 def _composite_backward(
     view: PreparedView, blended: Planes, δplanes: Planes, in_turn: bool, above: list, pseudo_above: list
 ) -> tuple[list, list]:
     walk, features = Walk(view), range(view.settings.n_features)
-    rows = SlotRows(view.lists, len(Projected._fields) + len(features), in_turn)
+    rows = SlotRows(view.lists, _columns(view), in_turn)
     pseudo_rows = SlotRows(view.lists, N_PSEUDO, in_turn) if walk.has_dog else None
     pixels, blocks, Float = walk.pixels, walk.blocks, walk.types.Float
 
@@ -99,18 +104,23 @@ def _composite_backward(
         return if_stmt((slot, alphas.dog_row, dx, dy, δp), alphas.is_dog, add, lambda *_: (Float(0), Float(0)))
 
     def step(meeting: Meeting, T: list, rest: list) -> None:
-        slot, colors, dx, dy = walk.slot(meeting), meeting.row.features, meeting.dx, meeting.dy
+        slot, colors, dx, dy = walk.slot(meeting), walk.features(meeting), meeting.dx, meeting.dy
         alphas = walk.alphas(meeting)
         δp, δp_pseudo = [], []
         δf = [Float(0) for _ in features]
+        δby_column, δby_row = ([Float(0) for _ in meeting.row.slopes[:CHANNELS]] for _ in range(2))
         for k, a in enumerate(alphas.values):
             weight, behind, goes_on = walk.advance(a, T[k], meeting, k)
             weight = dr.select(goes_on, weight, 0)
-            c = colors[0] * δC[0][k]
+            c = colors[0][k] * δC[0][k]
             for f in features:
                 δf[f] = dr.fma(weight, δC[f][k], δf[f])
                 if f:
-                    c = dr.fma(colors[f], δC[f][k], c)
+                    c = dr.fma(colors[f][k], δC[f][k], c)
+            for f in range(len(δby_column)):
+                δcolor = weight * δC[f][k]
+                δby_column[f] = dr.fma(k % blocks.width, δcolor, δby_column[f])
+                δby_row[f] = dr.fma(k // blocks.width, δcolor, δby_row[f])
             rest[k] = dr.fma(-weight, c, rest[k])
             δα = LN2 * dr.fma(T[k], c, -walk.hidden(rest[k], a, a))
             # zero where the primitive was ignored, or the walk had ended
@@ -124,7 +134,11 @@ def _composite_backward(
         if pseudo_rows is not None:
             δx, δy = pseudo_part(pseudo_rows, alphas, slot, dx, dy, δp_pseudo)
             δrow = δrow._replace(x=δrow.x + δx, y=δrow.y + δy)
-        rows.add(slot, [*δrow, *δf], meeting.active)
+        δgx = [dr.fma(dx, δ, by) for δ, by in zip(δf, δby_column, strict=False)]
+        δgy = [dr.fma(dy, δ, by) for δ, by in zip(δf, δby_row, strict=False)]
+        for δ, gx, gy in zip(δf, meeting.row.slopes, meeting.row.slopes[CHANNELS:], strict=False):
+            δrow = δrow._replace(x=dr.fma(-gx, δ, δrow.x), y=dr.fma(-gy, δ, δrow.y))  # dx, dy are from there
+        rows.add(slot, [*δrow, *δf, *δgx, *δgy], meeting.active)
 
     walk.run(step, rest, "composite_backward")
     return rows.sums(above=above), pseudo_rows.sums(view.tables.dog_index, pseudo_above) if pseudo_rows else []
@@ -151,11 +165,22 @@ def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above
             result.append(dr.select(value < ALPHA_MAX, LN2 * value * δp, 0))
         return result
 
+    def tangents_of_features(meeting: Meeting, δ: Projected, δf: list, δslopes: list) -> list[list]:
+        """δ of ``Walk.features``: [feature][pixel]."""
+        offsets, slopes = walk.offsets(meeting), meeting.row.slopes
+        planes = [[δfeature] * len(offsets) for δfeature in δf]
+        for f in range(len(slopes) // 2):
+            gx, gy, δgx, δgy = slopes[f], slopes[CHANNELS + f], δslopes[f], δslopes[CHANNELS + f]
+            δcenter = δf[f] - gx * δ.x - gy * δ.y
+            planes[f] = [dr.fma(δgx, x, dr.fma(δgy, y, δcenter)) for x, y in offsets]
+        return planes
+
     def step(meeting: Meeting, T: list, δplanes: list) -> None:
         δT, *δC = δplanes
         alphas = walk.alphas(meeting)
         δrow = [dr.gather(walk.types.Float, values, meeting.splat, meeting.active) for values in δsplats]
-        δ, δf, kernel = Projected(*δrow[:n]), δrow[n:], meeting.row.kernel
+        δ, kernel, values = Projected(*δrow[:n]), meeting.row.kernel, walk.features(meeting)
+        δvalues = tangents_of_features(meeting, δ, δrow[n : n + len(features)], δrow[n + len(features) :])
         δα = tangents(alphas.primary, meeting, kernel.ux, kernel.uy, kernel.vy, δ)
         if alphas.pseudo is not None:
             is_dog = alphas.is_dog
@@ -170,7 +195,7 @@ def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above
             δa = dr.select(goes_on & (a != 0), δα[k], 0)
             δweight = dr.select(goes_on, dr.fma(δa, T[k], a * δT[k]), 0)
             for f in features:
-                δC[f][k] = dr.fma(δweight, meeting.row.features[f], dr.fma(weight, δf[f], δC[f][k]))
+                δC[f][k] = dr.fma(δweight, values[f][k], dr.fma(weight, δvalues[f][k], δC[f][k]))
             passes = goes_on if walk.amplifies else goes_on & (a > 0)
             δT[k] = dr.select(passes, δT[k] - δweight, δT[k])
             T[k] = behind

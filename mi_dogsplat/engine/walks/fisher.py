@@ -7,6 +7,7 @@ Notation as in ``score.py``: d, the derivative of a channel by α. Of a primitiv
 
 and the result adds up, over patches, their products: what the squares of derivatives of the image by any parameters
 behind the projection are made of (``compare/rivals/pup.py``). Of a DoG primitive: by the shape of the primary kernel.
+That a colour with slopes moves along with the shape is left out: g is what the weights do.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ def _composite_fisher(view: PreparedView, image: list, in_turn: bool, above: lis
     Float = walk.types.Float
 
     def step(meeting: Meeting, T: list, behind: list) -> None:
-        slot, color, kernel = walk.slot(meeting), meeting.row.features, meeting.row.kernel
+        slot, colors, kernel = walk.slot(meeting), walk.features(meeting), meeting.row.kernel
         ux, uy, vy = kernel.ux, kernel.uy, kernel.vy
         alphas, offsets = walk.alphas(meeting), walk.offsets(meeting)
         g = [[Float(0)] * SHAPE for _ in range(3)]
@@ -69,8 +70,8 @@ def _composite_fisher(view: PreparedView, image: list, in_turn: bool, above: lis
             slope = dr.select(blended & (primary < ALPHA_MAX), LN2 * primary, 0)  # ∂α/∂p
             by_shape = [2 * u * ux, 2 * dr.fma(u, uy, v * vy), -2 * u * x, -2 * u * y, -2 * v * y]  # ∂p
             for c in range(3):
-                behind[c][k] = dr.fma(-weight, color[c], behind[c][k])
-                d = slope * dr.fma(T[k], color[c], -walk.hidden(behind[c][k], a, a))
+                behind[c][k] = dr.fma(-weight, colors[c][k], behind[c][k])
+                d = slope * dr.fma(T[k], colors[c][k], -walk.hidden(behind[c][k], a, a))
                 g[c] = [dr.fma(d, by, value) for by, value in zip(by_shape, g[c], strict=True)]
             T[k] = T_behind
         products = [g[0][i] * g[0][j] + g[1][i] * g[1][j] + g[2][i] * g[2][j] for i, j in PAIRS]

@@ -1,7 +1,7 @@
 """Stage 3 once more: replay the walk of ``composite`` and add up, per primitive, what it contributes to a view.
 
 Notation as in ``composite.py``; for primitive i, at a pixel,
-    T, α, c    transmittance in front of it, its α, its colour
+    T, α, c    transmittance in front of it, its α, its colour there
     B          colour of the image that lies behind it, background included
     d = T c - B / (1 - α)
                derivative of the image by α, per channel. The image is affine in α: d is exact for changes of any size.
@@ -150,8 +150,7 @@ def _composite_score(
         changes = alpha
         if sums.degeneration:
             changes = [a - p for a, p in zip(alpha, walk.primary_alphas(alphas.primary), strict=True)]
-        color, opacity = meeting.row.features, dr.exp2(meeting.row.kernel.lo)
-        summed = [sum(color)] if sums.channels == 1 else color
+        color, opacity = walk.features(meeting), dr.exp2(meeting.row.kernel.lo)
         blends = 1 if share is None else dr.gather(Float, share, meeting.splat, meeting.active)
         F = [[] for _ in channels]
         for k, a in enumerate(alpha):
@@ -159,7 +158,11 @@ def _composite_score(
             weight, T_behind, goes_on = walk.advance(blended_alpha, T[k], meeting, k)
             weight = dr.select(goes_on, weight, 0)
             blended = goes_on & (changes[k] != 0)
-            colors = [sum(m[k] * c for m, c in zip(shown, color, strict=True))] if shown else summed
+            colors = [plane[k] for plane in color]
+            if shown:
+                colors = [sum(m[k] * c for m, c in zip(shown, colors, strict=True))]
+            elif sums.channels == 1:
+                colors = [sum(colors)]
             for f in channels:
                 behind[f][k] = dr.fma(-weight, colors[f], behind[f][k])
                 hidden = walk.hidden(behind[f][k], a, blended_alpha)

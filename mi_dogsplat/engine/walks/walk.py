@@ -25,7 +25,16 @@ import drjit as dr
 from ..arrays import array_types, if_stmt, while_loop
 from ..bands import PreparedView
 from ..project import NO_ROW
-from ..tables import DEPTH_FEATURE, FIRST_FEATURE, KERNEL_COLUMNS, PSEUDO_COLUMNS, KernelRow, SplatRow, row_size
+from ..slopes import CHANNELS
+from ..tables import (
+    DEPTH_FEATURE,
+    KERNEL_COLUMNS,
+    PSEUDO_COLUMNS,
+    KernelRow,
+    SplatRow,
+    columns_used,
+    row_size,
+)
 from .exp2 import exp2
 from .lane_list import AheadList, LaneList
 from .pixels import BlockPixels
@@ -71,7 +80,8 @@ class Walk:
         self.types = types = array_types()
         self.exp2: Callable[[Any], Any] = exp2 if types.is_llvm else dr.exp2
         self.grid, self.tables, self.lists, self.settings = view.grid, view.tables, view.lists, view.settings
-        self.row_size = row_size(view.settings.n_features)
+        row = view.settings.n_features, view.settings.slopes
+        self.columns, self.row_size = columns_used(*row), row_size(*row)
         self.has_dog = view.tables.pseudo is not None and dog is not False
         # whether a negative α raises T; a model without DoG has none, and is not asked
         self.amplifies = view.settings.negative_transmittance or not self.has_dog
@@ -138,8 +148,8 @@ class Walk:
         """The next primitive, and where the lane then is. Lanes that meet none get an empty kernel."""
         isect, active, place = self.list.next(place)
         splat = dr.gather(self.types.UInt, self.lists.splat_from_isect, isect, active)
-        columns = FIRST_FEATURE + self.settings.n_features
-        row = SplatRow.of(self._floats(self.tables.splats, splat, self.row_size, columns, active))
+        columns = self._floats(self.tables.splats, splat, self.row_size, self.columns, active)
+        row = SplatRow.of(columns[: self.columns], self.settings.n_features)
         row.kernel = row.kernel._replace(lo=dr.select(active, row.kernel.lo, 2 * DEAD_PATCH))
         return Meeting(isect, active, splat, row, self.x0 - row.x, self.y0 - row.y), place
 
@@ -165,6 +175,18 @@ class Walk:
         """(dx, dy) from its centre to each pixel of the block."""
         width = self.blocks.width
         return [(meeting.dx + k % width, meeting.dy + k // width) for k in range(self.pixels.count)]
+
+    def features(self, meeting: Meeting) -> list[list]:
+        """What is blended of it, at each pixel of the block: [feature][pixel]."""
+        row, (width, count) = meeting.row, (self.blocks.width, self.pixels.count)
+        planes = [[feature] * count for feature in row.features]
+        for c, (gx, gy) in enumerate(zip(row.slopes[:CHANNELS], row.slopes[CHANNELS:], strict=True)):
+            plane = []
+            for k in range(0, count, width):
+                first = dr.fma(gx, meeting.dx, dr.fma(gy, meeting.dy + k // width, row.features[c]))
+                plane += [first, *(dr.fma(gx, column, first) for column in range(1, width))]
+            planes[c] = plane
+        return planes
 
     def alphas(self, meeting: Meeting) -> Alphas:
         """α, and what it is made of."""
