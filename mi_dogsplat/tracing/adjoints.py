@@ -141,7 +141,7 @@ class Tangents:
         v, y = varying.along, _inside(varying)
         moved = [dot(δ, met.primary.offset) - dot(m, mean) for δ, m in zip(M, met.M, strict=True)]
         share = (dot(v, moved) + dot(y, [dot(δ, varying.d) for δ in M])) / dot(v, v)
-        δw = [(δ - share * a) * (1 / PER_DEVIATION) for δ, a in zip(moved, v, strict=True)]
+        δw = [dr.select(here, (δ - share * a) * (1 / PER_DEVIATION), 0) for δ, a in zip(moved, v, strict=True)]
         of_point = along_slopes(replace(varying, w=δw), slopes_of(self.tree.slopes, varying, active))
         of_values = along_slopes(varying, slopes_of(self.slopes, varying, active))
         return [a + b for a, b in zip(of_point, of_values, strict=True)]

@@ -44,7 +44,7 @@ class Varying:
 
     row: Any  # UInt, of its slopes
     here: Any  # Bool, whether there is one
-    w: list  # the point where the primary is largest, in standard deviations along the axes
+    w: list  # the point where the primary is largest, in standard deviations along the axes; 0 without slopes
     d: list  # direction of the ray
     along: list  # M d
 
@@ -112,8 +112,7 @@ def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Mee
     alpha = dr.select(abs(alpha) >= cutoffs.alpha, alpha, 0)
     varying = None
     if tree.slopes is not None:
-        row: Any = dr.reinterpret_array(types.UInt, values[15])
-        varying = Varying(row, (row != NO_ROW) & active, [x * (1 / PER_DEVIATION) for x in _nearest(o, d)], ray.d, d)
+        varying = _varying(cast(Any, dr.reinterpret_array(types.UInt, values[15])), o, d, ray.d, active)
     return Meeting(node, splat, t + near, alpha, M, primary, is_dog, dog_row, inverse, pseudo, varying)
 
 
@@ -127,10 +126,12 @@ def _kernel(o: list, d: list, lo: Any, away: list, world_d: list) -> tuple[Kerne
     return Kernel(value, offset, inside), t
 
 
-def _nearest(o: list, d: list) -> list:
-    """The point of a line that is nearest to the origin, as d x (o x d) / |d|²: o + t d has no digits on a disk."""
-    inverse = dr.rcp(dot(d, d))
-    return [x * inverse for x in cross(d, cross(o, d))]
+def _varying(row: Any, o: list, d: list, world_d: list, active: Any) -> Varying:
+    """The point of a line that is nearest to the origin is d x (o x d) / |d|²: o + t d has no digits on a disk."""
+    here = (row != NO_ROW) & active
+    scale = dr.rcp(PER_DEVIATION * dot(d, d))
+    w = [dr.select(here, x * scale, 0) for x in cross(d, cross(o, d))]  # what is weighted by 0 is finite
+    return Varying(row, here, w, world_d, d)
 
 
 def read_row(table: Any, row: Any, stride: int, count: int, active: Any) -> list:
