@@ -7,7 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat import Splats, to_ellipsoids, write_ply
+from mi_dogsplat import Splats, reference, to_ellipsoids, write_ply
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
@@ -16,6 +16,7 @@ from mi_dogsplat.plugin import splat_integrator
 from mi_dogsplat.plugin.camera_masks import SplatMasks
 from mi_dogsplat.scene.transform import transformed
 from splat_scenes import (
+    assert_gradients_equal,
     axis_rotation,
     dog_dict,
     image_of,
@@ -26,6 +27,7 @@ from splat_scenes import (
     scalar_transform,
     scene_of,
     square_camera,
+    to_linear,
 )
 
 CAMERA = square_camera(16, 12, f=14.0)
@@ -111,6 +113,21 @@ def test_gradients_through_the_film_equal_differences(monkeypatch):
     change = scene.integrator().render_forward(scene, params).numpy()
     expected = sum((gradients[name] * along[name]).sum() for name in names)
     assert (change * ADJOINT).sum() == pytest.approx(expected, rel=2e-3)
+
+
+def test_gradients_with_cutoffs_equal_differences_in_float64():
+    splats, adjoint = varying(10, seed=4), ADJOINT.astype(np.float32)
+    scene, params = traversed(splats)
+    names = (*RAW, *RAW_DOG, "color_slopes")
+    for name in names:
+        dr.enable_grad(params[f"splats.{name}"])
+        params.set_dirty(f"splats.{name}")
+    params.update()
+    dr.backward(dr.sum(mi.render(scene, params) * mi.TensorXf(adjoint)))
+    got = {name: dr.grad(params[f"splats.{name}"]).numpy() for name in names}
+    image, step = reference.render(splats, CAMERA)[0], 1e-6
+    curve = (to_linear(image + step) - to_linear(image - step)) / (2 * step)
+    assert_gradients_equal(got, reference.loss_gradients(splats, CAMERA, adjoint * curve, smooth=False, eps=1e-7))
 
 
 def test_adam_finds_them():
