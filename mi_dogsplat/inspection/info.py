@@ -77,7 +77,7 @@ def describe_model(path: Path) -> list[str]:
     lines = [
         f"{path}: model",
         line("format", format_of(path).name),
-        line("primitives", f"{count(n)}, {dog_and_slopes(m, splats.n_slopes)}"),
+        line("primitives", f"{count(n)}, {dog_and_slopes(m, splats.n_slopes or None)}"),
         line("SH degree", sh_degrees(splats)),
         line("size", file_size(size) + (f", {size / n:.0f} bytes per primitive" if n else "")),
     ]

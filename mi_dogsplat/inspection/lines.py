@@ -15,8 +15,8 @@ def line(name: str, value: str) -> str:
 
 
 def dog_and_slopes(n_dog: object, n_slopes: object) -> str:
-    """``1,200 of them DoG, 300 with slopes``; of slopes only where there are some."""
-    return f"{count(n_dog)} of them DoG" + (f", {count(n_slopes)} with slopes" if n_slopes else "")
+    """``1,200 of them DoG, 300 with slopes``; nothing about slopes where their number is None."""
+    return f"{count(n_dog)} of them DoG" + ("" if n_slopes is None else f", {count(n_slopes)} with slopes")
 
 
 def sh_degrees(splats: Splats) -> str:

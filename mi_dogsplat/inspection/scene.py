@@ -27,7 +27,7 @@ def describe_scene(path: Path) -> list[str]:
     lines = [f"{path}: Mitsuba scene of splats, not a data set", line("integrator", name)]
     for shape in splats:
         model = shape.to_splats()
-        kinds = dog_and_slopes(model.n_dog, model.n_slopes)
+        kinds = dog_and_slopes(model.n_dog, model.n_slopes or None)
         what = f"{count(model.n_splats)} primitives, {kinds}, SH degree {sh_degrees(model)}"
         lines += [line("splats", f"{shape.source}: {what}")]
         lines += [line("drawn", drawn(shape.drawing))] if shape.drawing.said() else []
