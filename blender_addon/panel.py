@@ -12,7 +12,7 @@ from .nodes.crop import NAME as CROP
 from .nodes.limits import NAME as LIMITS
 from .nodes.modifier import SHOWN, edit_modifiers, has_input, input_property, splat_modifier, tree_name
 from .nodes.paint import NAME as PAINT
-from .objects.attributes import can_edit, is_native, is_splats
+from .objects.attributes import can_edit, is_native, is_splats, varies
 from .objects.conventions import DOG_COUNT, SOURCE
 from .objects.feature import is_available
 from .render_engine import ENGINE
@@ -44,6 +44,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         elif is_native(obj):
             text = iface_("{name}: plain Gaussians, by Blender").format(name=obj.name)
             layout.label(text=text, translate=False, icon="POINTCLOUD_DATA")
+            self._slopes(context, obj)
             layout.operator("dogsplat.to_dog")
         row = layout.row(align=True)
         row.operator("import_scene.dogsplat", text="Import", icon="IMPORT")
@@ -74,6 +75,12 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             layout.label(text="Colours need an active camera, or Follow View", icon="INFO")
         elif obj.get(DOG_COUNT) and "EEVEE" in context.scene.render.engine:
             layout.label(text="EEVEE: no negative lobes", icon="INFO")
+        self._slopes(context, obj)
+
+    def _slopes(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
+        """What Blender's own engines leave out of colours."""
+        if varies(obj) and context.scene.render.engine != ENGINE:
+            self.layout.label(text="Blender draws mean colours, no slopes", icon="INFO")
 
     def _viewport(self, scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> None:
         """What a moving viewport shows, and what hides the splats in one as Blender opens it."""
