@@ -44,7 +44,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         elif is_native(obj):
             text = iface_("{name}: plain Gaussians, by Blender").format(name=obj.name)
             layout.label(text=text, translate=False, icon="POINTCLOUD_DATA")
-            self._slopes(context, obj)
+            _note_slopes(layout, context.scene, obj)
             layout.operator("dogsplat.to_dog")
         row = layout.row(align=True)
         row.operator("import_scene.dogsplat", text="Import", icon="IMPORT")
@@ -75,12 +75,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             layout.label(text="Colours need an active camera, or Follow View", icon="INFO")
         elif obj.get(DOG_COUNT) and "EEVEE" in context.scene.render.engine:
             layout.label(text="EEVEE: no negative lobes", icon="INFO")
-        self._slopes(context, obj)
-
-    def _slopes(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
-        """What Blender's own engines leave out of colours."""
-        if varies(obj) and context.scene.render.engine != ENGINE:
-            self.layout.label(text="Blender draws mean colours, no slopes", icon="INFO")
+        _note_slopes(layout, context.scene, obj)
 
     def _viewport(self, scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> None:
         """What a moving viewport shows, and what hides the splats in one as Blender opens it."""
@@ -93,6 +88,12 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             layout.label(text="Solid shading has no colours", icon="INFO")
             layout.prop_enum(space.shading, "type", "MATERIAL", text="Material Preview")
         layout.prop(space.overlay, "show_outline_selected", text="Outline Selected")
+
+
+def _note_slopes(layout: bpy.types.UILayout, scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
+    """What the engines of Blender leave out of colours."""
+    if varies(obj) and scene.render.engine != ENGINE:
+        layout.label(text="Blender draws mean colours, no slopes", icon="INFO")
 
 
 class OfEngine:

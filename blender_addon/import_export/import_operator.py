@@ -140,7 +140,10 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         dog = sum(int(model.is_dog.sum()) for _, model, _ in models)
         slopes = sum(int(model.has_slopes.sum()) for _, model, _ in models)
         text = told("{total:,} splats imported, {dog:,} of them DoG", total=total, dog=dog)
-        self.report({"INFO"}, told("{text}, {count:,} with slopes", text=text, count=slopes) if slopes else text)
+        if slopes:
+            sloped = "{total:,} splats imported, {dog:,} of them DoG, {slopes:,} with slopes"
+            text = told(sloped, total=total, dog=dog, slopes=slopes)
+        self.report({"INFO"}, text)
         return {"FINISHED"}
 
     def _placed(self, context: bpy.types.Context, path: Path, model: Model, said: Said) -> bpy.types.Object:
