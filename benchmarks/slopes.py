@@ -2,8 +2,8 @@
 
 ``python -m benchmarks slopes`` on the points of fern as training starts, or ``--model point_cloud.ply --scene fern`` on
 a trained model. All primitives have what a row says; DoG are of f_a .05 and F .6. Slopes are random, which costs what
-any others do. Colours are the same from all sides. All rows are timed in turns, medians; "x" is the time against the first.
-Operations are the compositor's, per primitive and pixel.
+any others do. Colours are the same from all sides. All rows are timed in turns, medians; "x" is the time against the
+first. Operations are the compositor's, per primitive and pixel.
 """
 
 from __future__ import annotations
