@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +16,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat import reference
-from mi_dogsplat.engine.parameters import RAW, RAW_DOG
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, RAW_SLOPES
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba, opencv_w2c_to_mitsuba_c2w
 from mi_dogsplat.scene.row_groups import GROUPS
@@ -53,6 +53,7 @@ class Case:
     sky: str = "constant"
     step: float = 0.1  # longest of the steps that differences try
     least_spp: int = 1  # with fewer samples it has no effect
+    model: Callable[[Splats], Splats] = lambda splats: splats  # what the case needs of the given one
 
 
 def broad_splats() -> Splats:
@@ -75,6 +76,12 @@ def broad_splats() -> Splats:
         dog_logit_opacities=rng.uniform(-1.2, -0.4, len(dog)),
         dog_log_scales=np.log(rng.uniform(0.3, 0.7, (len(dog), 3))),
     )
+
+
+def with_slopes(splats: Splats) -> Splats:
+    """The same where every third colour varies over its primitive."""
+    index = np.arange(0, splats.n_splats, 3)
+    return replace(splats, slope_index=index, color_slopes=np.random.default_rng(6).normal(0, 0.1, (len(index), 3, 3)))
 
 
 def dog_dict(splats: Splats, **others: Any) -> dict[str, Any]:
@@ -105,7 +112,7 @@ def scene_with(case: Case, splats: Splats, film: dict[str, Any]) -> mi.Scene:
     emitters = {"constant": {"type": "constant", "radiance": {"type": "rgb", "value": SKY.tolist()}},
                 "envmap": {"type": "envmap", "bitmap": mi.Bitmap(smooth_sky())}}
     return mi.load_dict({"type": "scene", "integrator": {"type": "dogsplat"}, "sensor": sensor,
-                         "splats": dog_dict(splats), "sky": emitters[case.sky]})
+                         "splats": dog_dict(case.model(splats)), "sky": emitters[case.sky]})
 
 
 def linear(blended: np.ndarray) -> np.ndarray:
@@ -133,11 +140,18 @@ def _of_splats() -> list[Case]:
         return {f"splats.{name}": value + mi.TensorXf(_direction(name, value.shape).astype(np.float32)) * θ}
 
     def twin(name, splats, θ):
-        raw = {key: np.array(getattr(splats, key), np.float64) for key in RAW + RAW_DOG}
+        raw = {key: np.array(getattr(splats, key), np.float64) for key in RAW + RAW_DOG + RAW_SLOPES}
         raw[name] += θ * _direction(name, raw[name].shape)
-        return twin_image(SimpleNamespace(**raw, dog_index=splats.dog_index))
+        return twin_image(SimpleNamespace(**raw, dog_index=splats.dog_index, slope_index=splats.slope_index))
 
-    return [Case(f"`{name}`", partial(move, name), partial(twin, name), step=0.4) for name in RAW + RAW_DOG]
+    def twin_with_slopes(splats, θ):
+        return twin(RAW_SLOPES[0], with_slopes(splats), θ)
+
+    of_slopes = partial(move, RAW_SLOPES[0]), twin_with_slopes
+    return [
+        *(Case(f"`{name}`", partial(move, name), partial(twin, name), step=0.4) for name in RAW + RAW_DOG),
+        Case(f"`{RAW_SLOPES[0]}`", *of_slopes, step=0.4, model=with_slopes),
+    ]
 
 
 def _axis(k: int) -> np.ndarray:

@@ -11,11 +11,11 @@ import mitsuba as mi
 import numpy as np
 
 from .engine.motion import moved
-from .engine.parameters import RAW, device_array, rows_of_splats
+from .engine.parameters import RAW, ROWS, device_array, rows_of_splats
 from .engine.sh_groups import padded_on_device
 from .formats.model import Model
 from .formats.read import read_model
-from .scene.row_groups import DOG, GROUPS, SH, RowGroup, in_several
+from .scene.row_groups import DOG, GROUPS, SH, SLOPES, RowGroup, in_several
 from .scene.sh_basis import SH_SIZES
 from .scene.splats import Splats
 from .scene.transform import decompose_similarity, mean_scale, transformed
@@ -31,8 +31,9 @@ class DogShape(mi.Mesh):
 
      * - filename
        - |string|
-       - Model: PLY (with a second element ``dog`` for DoG primitives), compressed PLY, SPZ, SOG, glTF or .splat. The
-         integrator draws it as its file says, unless it is told otherwise.
+       - Model: PLY (with an element ``dog`` for DoG primitives, and ``slopes`` for colours that vary over their
+         primitive), compressed PLY, SPZ, SOG, glTF or .splat. The integrator draws it as its file says, unless it is
+         told otherwise.
 
      * - means, log_scales, quats, logit_opacities, sh_coeffs
        - |tensor|
@@ -43,6 +44,13 @@ class DogShape(mi.Mesh):
        - |tensor|
        - The M primitives that are DoG: their rows [M], logit of the opacity factor f_a [M], log of the scale
          factors F [M, 3]. Absent for a model of plain Gaussians.
+       - |exposed|, |differentiable| (not the index)
+
+     * - slope_index, color_slopes
+       - |tensor|
+       - The S primitives whose colour varies linearly over them: their rows [S], and the change of the colour per
+         standard deviation along each axis of the primitive [S, 3, 3], axis by channel. Absent for a model of which
+         each primitive has one colour.
        - |exposed|, |differentiable| (not the index)
 
      * - sh1_index, sh1_coeffs, sh2_index, sh2_coeffs, sh3_index, sh3_coeffs
@@ -60,7 +68,7 @@ class DogShape(mi.Mesh):
        - |exposed|, |differentiable|
 
     A DoG primitive is the difference of its Gaussian and a wider or narrower *pseudo-Gaussian* with the same centre,
-    orientation and colour, opacity f_a·a and scales F·s (method paper, Sec. 3.3).
+    orientation and colour, slopes included, opacity f_a·a and scales F·s (method paper, Sec. 3.3).
 
     The shape has no surface: rays do not meet it. Render it with the ``dogsplat`` integrator. The number of primitives
     may change through ``params.update()``.
@@ -81,10 +89,12 @@ class DogShape(mi.Mesh):
     sh_coeffs: mi.TensorXf
     dog_logit_opacities: mi.TensorXf
     dog_log_scales: mi.TensorXf
+    color_slopes: mi.TensorXf
     sh1_coeffs: mi.TensorXf
     sh2_coeffs: mi.TensorXf
     sh3_coeffs: mi.TensorXf
     dog_index: mi.UInt32
+    slope_index: mi.UInt32
     sh1_index: mi.UInt32
     sh2_index: mi.UInt32
     sh3_index: mi.UInt32
@@ -128,8 +138,11 @@ class DogShape(mi.Mesh):
             for name in group.names:
                 setattr(self, name, _tensor(getattr(splats, name)))
             setattr(self, group.index, device_array(getattr(splats, group.index), mi.UInt32))
-        if splats.n_dog:
-            self._dog_row = rows_of_splats(splats.dog_index, splats.n_splats)
+        self._rows = {  # of the groups of which kernels ask for the row of a primitive: index [M] to its inverse [N]
+            group.index: rows_of_splats(getattr(splats, group.index), splats.n_splats)
+            for group in self.groups
+            if group.index in ROWS
+        }
 
     def traverse(self, callback: mi.TraversalCallback):
         for name in (*RAW, *(name for group in self.groups for name in group.names)):
@@ -160,14 +173,14 @@ class DogShape(mi.Mesh):
                 raise RuntimeError(f'dog: "{group.index}" names primitive {int(index.max())}, "means" has {n} rows')
             if np.any(index[1:] <= index[:-1]):
                 raise RuntimeError(f'dog: "{group.index}" is not strictly increasing; sort it, each primitive once')
-            if group is DOG:
-                self._dog_row = rows_of_splats(index, n)
-        if any(group is not DOG for group in self.groups) and (changed or "sh_coeffs" in keys):
+            if group.index in ROWS:
+                self._rows[group.index] = rows_of_splats(index, n)
+        if any(group in self.groups for group in SH.values()) and (changed or "sh_coeffs" in keys):
             self._check_sh_groups(k)
 
     def _check_sh_groups(self, k: int):
         """Raise unless a primitive has one degree."""
-        indices = [getattr(self, group.index).numpy() for group in self.groups if group is not DOG]
+        indices = [getattr(self, group.index).numpy() for group in SH.values() if group in self.groups]
         if k > 1 and any(len(index) for index in indices):
             raise RuntimeError(f'dog: "sh_coeffs" has {k} coefficients; beside groups of SH degrees it has 1')
         if (twice := in_several(indices)) is not None:
@@ -187,8 +200,8 @@ class DogShape(mi.Mesh):
         for group in self._in_use():
             params |= {name: getattr(self, name).array for name in group.names}
             params[group.index] = getattr(self, group.index)
-            if group is DOG:
-                params["dog_row"] = self._dog_row
+            if group.index in ROWS:
+                params[ROWS[group.index]] = self._rows[group.index]
         for degree, group in SH.items():
             if group.index in params:
                 (name,) = group.names
@@ -230,7 +243,10 @@ class DogShape(mi.Mesh):
     def to_string(self) -> str:
         lines = [f"source = {self.source}", f"primitives = {self.means.shape[0]}"]
         lines.append(f"dog = {len(self.dog_index) if DOG in self.groups else 0}")
-        lines += [f"{group.index} = {len(getattr(self, group.index))}" for group in self.groups if group is not DOG]
+        if SLOPES in self.groups:
+            lines.append(f"slopes = {len(self.slope_index)}")
+        degrees = [group for group in SH.values() if group in self.groups]
+        lines += [f"{group.index} = {len(getattr(self, group.index))}" for group in degrees]
         return "DogShape[\n  " + ",\n  ".join(lines) + "\n]"
 
 

@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from ..reference.forward import RAW_PARAMETERS
 from ..scene.cameras import Camera
-from ..scene.splats import Splats
+from ..scene.row_groups import DOG, SLOPES
+from ..scene.splats import DENSE, Splats
 
 WIDTH, HEIGHT, FOCAL = 48, 40, 45.0
 C0 = 0.28209479177387814  # colour = 0.5 + C0 * (constant SH coefficient)
 SCALES = (0.2, 0.3, 0.45)
+SLOPES_OF_ONE = 0.4 * np.sin(1 + np.arange(9)).reshape(3, 3)
 BELOW = "below 1/255 everywhere: not drawn, gradient zero"
 _K = np.array([[0, -0.1, -0.2], [0.1, 0, -0.3], [0.2, 0.3, 0]])
 TURN = np.linalg.solve(np.eye(3) - _K, np.eye(3) + _K)  # world to camera, a rotation (Cayley)
@@ -51,7 +52,7 @@ def camera(width: int = WIDTH, height: int = HEIGHT, focal: float = FOCAL, centr
 def primitives(
     means: Any, scales: Any = SCALES, opacity: Any = 0.6, quats: Any = (0.3, -0.2, 0.5, 0.8),
     color: Any = (0.9, 0.5, 0.2), logits: Any = None, dog: bool = False, f_a: Any = 0.5, F: Any = 1.6,
-    log_scales: Any = None,
+    log_scales: Any = None, slopes: Any = None,
 ) -> Splats:  # fmt: skip
     """One primitive per row of ``means`` (camera space of ``camera()``), SH degree 1; scalars are spread."""
     means = np.asarray(means, float).reshape(-1, 3) @ TURN
@@ -68,28 +69,35 @@ def primitives(
             "dog_logit_opacities": np.log(f_a) - np.log1p(-f_a),
             "dog_log_scales": np.log(np.broadcast_to(F, (n, 3))),
         }
+    slope_part = {"slope_index": np.arange(n), "color_slopes": np.broadcast_to(slopes, (n, 3, 3))}
     return Splats(
         means=means, log_scales=np.broadcast_to(log_scales, (n, 3)), quats=np.broadcast_to(quats, (n, 4)),
         logit_opacities=logits, sh_coeffs=sh, **(dog_part if dog else {}),
+        **({} if slopes is None else slope_part),
     )  # fmt: skip
 
 
-def bystanders(distance: float = 4.0, size: float = 0.25) -> Splats:
-    """Twelve ordinary primitives around ``distance``, three of them DoG."""
+def bystanders(distance: float = 4.0, size: float = 0.25, slopes: Any = None) -> Splats:
+    """Twelve ordinary primitives around ``distance``, three of them DoG; ``slopes`` [3, 3] are those of six."""
     rng = np.random.default_rng(7)
     means = rng.uniform([-1.6, -1.3, 0.7], [1.6, 1.3, 1.6], (12, 3)) * distance / 4 * (1, 1, 4)
     scales = size * distance / 4 * np.exp(rng.normal(0, 0.4, (12, 3)))
     color, quats = rng.uniform(0.1, 1, (12, 3)), rng.normal(size=(12, 4))
     plain = primitives(means[:9], scales[:9], rng.uniform(0.2, 0.9, 9), quats[:9], color[:9])
-    return together(plain, primitives(means[9:], scales[9:], 0.7, quats[9:], color[9:], dog=True))
+    splats = together(plain, primitives(means[9:], scales[9:], 0.7, quats[9:], color[9:], dog=True))
+    some = {"slope_index": np.arange(0, 12, 2), "color_slopes": np.broadcast_to(slopes, (6, 3, 3))}
+    return splats if slopes is None else replace(splats, **some)
 
 
 def together(*parts: Splats) -> Splats:
     """Several models as one."""
     first = np.cumsum([0, *(p.n_splats for p in parts[:-1])])
-    joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in RAW_PARAMETERS}
-    index = np.concatenate([p.dog_index.astype(np.int64) + k for p, k in zip(parts, first, strict=True)])
-    return Splats(dog_index=index, **joined)
+    names = DENSE + DOG.names + SLOPES.names
+    joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
+    for group in (DOG, SLOPES):
+        indices = [getattr(p, group.index).astype(np.int64) + k for p, k in zip(parts, first, strict=True)]
+        joined[group.index] = np.concatenate(indices)
+    return Splats(**joined)
 
 
 def cases(layers: int = 10_000) -> Iterator[Case]:
@@ -99,13 +107,14 @@ def cases(layers: int = 10_000) -> Iterator[Case]:
     yield from _depths(layers)
     yield from _quaternions()
     yield from _dog(layers)
+    yield from _slopes()
     yield from _not_finite()
     yield from _cameras()
 
 
 def _case(group: str, name: str, extreme: Splats, defined: str = "", view: Camera | None = None, **settings) -> Case:
-    """``extreme`` among the bystanders, its rows last."""
-    neighbours = bystanders()
+    """``extreme`` among the bystanders, its rows last; among such with slopes, if it has some."""
+    neighbours = bystanders(slopes=SLOPES_OF_ONE if extreme.n_slopes else None)
     splats = together(neighbours, extreme)
     rows = np.arange(neighbours.n_splats, splats.n_splats)
     return Case(group, name, splats, view or camera(), rows, defined, **settings)
@@ -192,13 +201,47 @@ def _dog(n_layers: int) -> Iterator[Case]:
         yield dog(f"{count:,} negative lobes on each other", 0.9, 2.0, count, 0.9, ends)
 
 
+def _slopes() -> Iterator[Case]:
+    def sloped(name: str, means: Any = (0.1, 0.2, 4), *given: Any, slopes: Any = SLOPES_OF_ONE, **more: Any) -> Case:
+        return _case("slopes", name, primitives(means, *given, slopes=slopes, **more))
+
+    yield sloped("ordinary")
+    for exponent in range(1, 7):
+        ratio = 10.0**exponent
+        for name, scales in {"needle": (1 / ratio, 1 / ratio, 1), "disc": (1 / ratio, 1, 1)}.items():
+            yield sloped(f"{name}, axis ratio 1e{exponent}", (0.1, 0.2, 4), scales)
+    yield sloped("needle, 40,000 px long", (0.1, 0.2, 4), (1e-3, 1e-3, 1e3))
+    yield sloped("needle along the optical axis", (0.02, 0.01, 4), (0.05, 0.05, 50))
+    for exponent in (-12, -6, -3, 3, 6, 12):
+        yield sloped(f"scale 1e{exponent}", (0.1, 0.2, 4), 10.0**exponent)
+    yield sloped("scales 1e-12, 1 and 1e6 in one", (0.1, 0.2, 4), (1e-12, 1, 1e6))
+    yield sloped("wide, its centre just before the near plane", (0.1, 0, 0.21), (2, 3, 4))
+    yield sloped("wide, its centre far beside the image", (30, 5, 4), (20, 15, 10))
+    for value in (0, 1e4, 1e8, -1e8, 1e30):
+        yield sloped(f"slopes of {value:g}", slopes=value * SLOPES_OF_ONE)
+    yield sloped("black in the middle", color=-5.0)
+    yield sloped("opaque", logits=17)
+    rng = np.random.default_rng(8)
+    many = rng.uniform([-1.2, -1, 3], [1.2, 1, 5], (300, 3))
+    various = rng.normal(0, 1, (300, 3, 3))
+    yield sloped("300 of a thousandth of a pixel", many, (1e-4, 2e-4, 3e-4), slopes=various)
+    yield sloped("300 of various slopes", many, 0.3, slopes=various)
+    yield sloped("20 that fill the screen", many[:20], (20, 30, 40), 0.3, slopes=various[:20])
+    stack = np.column_stack([np.full((20, 2), 0.1), np.linspace(2.5, 3.5, 20)])
+    for f_a, F in ((0.5, 1.6), (0.5, 0.1), (0.9, 10), (0.999999, 0.5)):
+        yield sloped(f"DoG, f_a {f_a:g}, F {F:g}", (0.1, 0.2, 3), dog=True, f_a=f_a, F=F)
+    yield sloped("20 negative lobes on each other", stack, SCALES, 0.7, dog=True, f_a=0.9, slopes=various[:20])
+
+
 def _not_finite() -> Iterator[Case]:
-    names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs", "dog_logit_opacities", "dog_log_scales")
+    names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs", "dog_logit_opacities", "dog_log_scales",
+             "color_slopes")  # fmt: skip
     for name in names:
         for value in (np.nan, np.inf, -np.inf):
             if "logit" in name and not np.isnan(value):
                 continue  # an opacity of 0 or 1, see there
-            extreme = primitives([(0.1, 0.2, 3), (0.3, 0.2, 3.2)], dog=name.startswith("dog"))
+            extreme = primitives([(0.1, 0.2, 3), (0.3, 0.2, 3.2)], dog=name.startswith("dog"),
+                                 slopes=SLOPES_OF_ONE if name == "color_slopes" else None)  # fmt: skip
             broken = getattr(extreme, name).copy()
             broken.reshape(2, -1)[0, -1] = value
             broken_splats = replace(extreme, **{name: broken})

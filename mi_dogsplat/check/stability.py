@@ -28,12 +28,13 @@ import mitsuba as mi
 import numpy as np
 
 from ..engine.geometry import SMOOTH, Cutoffs
-from ..engine.parameters import RAW, RAW_DOG, device_array, upload
+from ..engine.parameters import RAW, RAW_DOG, RAW_SLOPES, device_array, upload
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import RasterOptions, rasterize
 from ..reference.forward import MAX_T
 from ..reference.gradients import Rendered, gradients_tiled, render_tiled
 from ..reference.rounding import rounding_tiled
+from ..scene.splats import Splats
 from .cases import Case, cases
 
 IMAGE_TOLERANCE = 1e-4  # a fortieth of an 8-bit step
@@ -98,7 +99,7 @@ def answer(case: Case, cutoffs: Cutoffs, weights: np.ndarray | None = None) -> A
     """Image and gradients from the engine; ``weights`` [H, W, 3] of the loss are ``adjoint`` if not given."""
     splats, height, width = case.splats, case.camera.height, case.camera.width
     params = upload(splats)
-    trained = {name: params[name] for name in (RAW + RAW_DOG if splats.n_dog else RAW)}
+    trained = {name: params[name] for name in RAW + RAW_DOG + RAW_SLOPES if name in params}
     for value in trained.values():
         dr.enable_grad(value)
     options = RasterOptions(sh_degree=splats.sh_degree, cutoffs=cutoffs)
@@ -152,8 +153,7 @@ def _gradient_errors(case: Case, ours: Answer, cutoffs: Cutoffs, weights: np.nda
     )  # fmt: skip
     errors = {}
     for name, got in ours.gradients.items():
-        rows = case.splats.dog_index if name in RAW_DOG else np.arange(case.splats.n_splats)
-        extreme = np.isin(rows, case.extreme)
+        extreme = np.isin(rows_of(case.splats, name), case.extreme)
         least = max(LEAST_SHARE * np.linalg.norm(right[name]), 1e-30)
         distances = [
             np.linalg.norm(got[group] - right[name][group]) / max(np.linalg.norm(right[name][group]), least)
@@ -161,3 +161,10 @@ def _gradient_errors(case: Case, ours: Answer, cutoffs: Cutoffs, weights: np.nda
         ]
         errors[name] = float(max(distances))
     return errors
+
+
+def rows_of(splats: Splats, name: str) -> np.ndarray:
+    """The primitives whose values are the rows of a parameter."""
+    if name in RAW_DOG:
+        return splats.dog_index
+    return splats.slope_index if name in RAW_SLOPES else np.arange(splats.n_splats)

@@ -3,6 +3,7 @@
 Of linear colours the factor k takes SH(direction) + 0.5 to k (SH(direction) + 0.5), which is a change of coefficients.
 Of sRGB ones it is one too: above its linear foot the curve is 1.055 L^(1/2.4) - 0.055, so that light times k takes the
 colour c to k' (c + 0.055) - 0.055 with k' = k^(1/2.4). Below c = 0.04 this is too dark, by .014 at most.
+Slopes are differences of colours: they scale by k, or by k'.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..scene.row_groups import SH
+from ..scene.row_groups import SH, SLOPES
 from ..scene.sh_basis import C0
 from ..support.srgb import OFFSET, POWER
 from .sh_groups import ROW_COEFFICIENTS
@@ -36,6 +37,9 @@ def dimmed(params: dict, factor: list, linear: bool) -> dict:
     dc = dr.arange(mi.UInt32, dr.width(sh)) % stored < 3
     k = _of_coefficients(of_rows, dr.arange(mi.UInt32, n), stored)
     changed = {"sh_coeffs": dr.fma(sh, k, dr.select(dc, (k - 1) * ((0.5 - black) / C0), 0))}
+    if SLOPES.index in params:
+        (name,) = SLOPES.names
+        changed[name] = params[name] * _of_coefficients(of_rows, params[SLOPES.index], 9)
     for degree, group in SH.items():
         if group.index in params:
             (name,) = group.names

@@ -8,8 +8,10 @@ Notation. A primitive has the centre mu, the rotation R, the scales s and Sigma 
 rotation of the camera, J the Jacobian of the perspective projection at mu, and Sigma' = J W Sigma W^T J^T +
 0.3 I its covariance in pixels (EWA splatting). A DoG primitive is primary minus pseudo: the pseudo-Gaussian
 has the same centre, rotation and colour, the opacity f_a o and the scales F s. `alpha` is what gets
-composited and may be negative. Symmetric 2x2 matrices are stored as rows (xx, xy, yy). The pixel in column
-i, row j has its centre at (i + .5, j + .5).
+composited and may be negative. A colour c may vary over its primitive: w = S^-1 R^T (x - mu) standard
+deviations away from the centre it is c + sum_a w_a slopes_a. A pixel at the offset d sees the colour of the mean
+w there, (J W R S)^T Sigma'^-1 d. Symmetric 2x2 matrices are stored as rows (xx, xy, yy). The pixel in column i,
+row j has its centre at (i + .5, j + .5).
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ import numpy as np
 
 from .mixed_sh import group_names, sh_groups
 from .projection import MIN_ALPHA, Projection, project
+from .slopes import slope_index, slope_names
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -35,6 +38,17 @@ MAX_T = 2.0**30  # and before negative alphas take it above this
 
 RAW_PARAMETERS = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs",
                   "dog_logit_opacities", "dog_log_scales")
+
+
+def raw_names(splats: Splats) -> tuple[str, ...]:
+    """`RAW_PARAMETERS` and those that only some models have."""
+    return RAW_PARAMETERS + slope_names(splats) + group_names(splats)
+
+
+def raw_indices(splats: Splats) -> dict[str, np.ndarray]:
+    """The primitives of those that only some primitives have."""
+    of_degrees = {f"sh{degree}_index": index for degree, index in sh_groups(splats).items()}
+    return {"dog_index": splats.dog_index, "slope_index": slope_index(splats)} | of_degrees
 
 
 def depth_order(projection: Projection) -> np.ndarray:
@@ -54,6 +68,12 @@ def kernels(projection: Projection, i: int, x: np.ndarray, y: np.ndarray) -> tup
     if not projection.dog[i]:
         return G, np.zeros_like(G)
     return G, gaussian(projection.pseudo_opacities[i], projection.pseudo_conics[i])
+
+
+def colors_at(projection: Projection, i: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The colour of primitive i at P points (x, y), [P, 3]."""
+    offsets = np.stack([x, y], axis=1) - projection.means2d[i]
+    return projection.colors[i] + offsets @ projection.slopes[i].T
 
 
 def pixel_centres(x0: int, y0: int, x1: int, y1: int) -> tuple[np.ndarray, np.ndarray]:
@@ -82,10 +102,14 @@ def tiles(projection: Projection, width: int, height: int, tile_width: int = 16,
     return [np.array(indices, np.int64) for indices in lists]
 
 
-def _blend(projection: Projection, order: np.ndarray, x: np.ndarray, y: np.ndarray, features: np.ndarray,
+def _blend(projection: Projection, order: np.ndarray, x: np.ndarray, y: np.ndarray, features: np.ndarray | None,
            negative_transmittance: bool, smooth: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Walk through `order` front to back at P points -> features [P, C], T [P], depth [P]; no background."""
-    out, T, depth = np.zeros((len(x), features.shape[1])), np.ones(len(x)), np.zeros(len(x))
+    """Walk through `order` front to back at P points -> features [P, C], T [P], depth [P]; no background.
+
+    `features` [N, C] or, of None, the colours.
+    """
+    channels = 3 if features is None else features.shape[1]
+    out, T, depth = np.zeros((len(x), channels)), np.ones(len(x)), np.zeros(len(x))
     walking = np.ones(len(x), bool)
     for i in order:
         G, G_p = kernels(projection, i, x, y)
@@ -97,7 +121,7 @@ def _blend(projection: Projection, order: np.ndarray, x: np.ndarray, y: np.ndarr
         if not smooth:
             walking &= T_next >= MIN_T
         weight = np.where(walking, alpha * T, 0)
-        out += weight[:, None] * features[i]
+        out += weight[:, None] * (colors_at(projection, i, x, y) if features is None else features[i])
         depth += weight * projection.depths[i]
         T = np.where(walking, T_next, T)
     return out, T, depth
@@ -117,8 +141,8 @@ def composite(projection: Projection, tiles: Sequence[np.ndarray], width: int, h
     boxes = _tile_boxes(width, height, tile_width, tile_height)
     if len(boxes) != len(tiles):
         raise ValueError(f"composite: {len(tiles)} lists for {len(boxes)} tiles; pass one list per tile")
-    features = projection.colors if features is None else np.asarray(features, np.float64)
-    image = np.empty((height, width, features.shape[1]))
+    features = None if features is None else np.asarray(features, np.float64)
+    image = np.empty((height, width, 3 if features is None else features.shape[1]))
     T, depth = np.empty((height, width)), np.empty((height, width))
     for (x0, y0, x1, y1), order in zip(boxes, tiles, strict=True):
         x, y = pixel_centres(x0, y0, x1, y1)
@@ -150,10 +174,9 @@ def loss_gradients(splats: Splats, camera: Camera, adjoint: np.ndarray, *,
     if np.shape(adjoint) != (camera.height, camera.width, 3):
         raise ValueError(f"loss_gradients: adjoint has the shape {np.shape(adjoint)}, the image "
                          f"{(camera.height, camera.width, 3)}; both need to be equal")
-    raw = {name: np.array(getattr(splats, name), np.float64) for name in RAW_PARAMETERS + group_names(splats)}
-    indices = {f"sh{degree}_index": index for degree, index in sh_groups(splats).items()}
+    raw = {name: np.array(getattr(splats, name), np.float64) for name in raw_names(splats)}
     # Not a `Splats`, which is float32: too coarse for these steps.
-    perturbed = cast("Splats", SimpleNamespace(**raw, **indices, dog_index=splats.dog_index))
+    perturbed = cast("Splats", SimpleNamespace(**raw, **raw_indices(splats)))
 
     def loss() -> float:
         return float(np.sum(adjoint * render(perturbed, camera, background, smooth=smooth, **options)[0]))

@@ -5,6 +5,7 @@ two renders per parameter. Here 100,000 primitives at 400 x 300 pixels take seco
 
 Notation of `forward.py` and `walk.py`, and
     δx           d loss / d x, loss = sum(adjoint * image)
+    δcolor_slopes by the slopes per pixel
     moments      δlog G summed over the pixels with 1, d and d d^T: all that the projection needs of it
 
 image = sum_i alpha_i T_i c_i + T_final background gives
@@ -53,7 +54,7 @@ def render_tiled(splats: Splats, camera: Camera, background: Sequence[float] | n
     image, T, max_T = np.zeros((camera.height, camera.width, 3)), np.ones((camera.height, camera.width)), 1.0
     for block in blocks(projection, camera, (1 - 2 * abs(moved)) * min_alpha):
         walk = Walk(projection, block, negative_transmittance, min_alpha, min_transmittance, moved)
-        image[block.pixels] = np.tensordot(walk.alpha * walk.T, projection.colors[block.splats], (0, 0))
+        image[block.pixels] = walk.sum_of_colors(walk.alpha * walk.T, walk.variations())
         T[block.pixels] = walk.T_final
         max_T = max(max_T, walk.T.max(), walk.T_final.max())
     return Rendered(image + T[..., None] * np.asarray(background, np.float64), T, float(max_T))
@@ -75,18 +76,24 @@ def gradients_tiled(splats: Splats, camera: Camera, adjoint: np.ndarray,
                          f"{(camera.height, camera.width, 3)}; both need to be equal")
     projection = project(splats, camera, near_clip=near_clip, antialiased=antialiased, sh_degree=sh_degree)
     n = len(projection.depths)
-    δcolors, moments, pseudo_moments = np.zeros((n, 3)), np.zeros((n, 6)), np.zeros((n, 6))
+    δcolors, δcolor_slopes = np.zeros((n, 3)), np.zeros((n, 3, 2))
+    moments, pseudo_moments = np.zeros((n, 6)), np.zeros((n, 6))
     for block in blocks(projection, camera, min_alpha):
         walk = Walk(projection, block, negative_transmittance, min_alpha, min_transmittance)
         δpixels = adjoint[block.pixels]  # [h, w, 3]
-        δcolors[block.splats] += np.tensordot(walk.alpha * walk.T, δpixels, ((1, 2), (0, 1)))
-        δalpha = walk.backward(np.tensordot(projection.colors[block.splats], δpixels, (1, 2)), δpixels @ background)
+        weights = walk.alpha * walk.T
+        δcolors[block.splats] += np.tensordot(weights, δpixels, ((1, 2), (0, 1)))
+        if walk.sloped.size:
+            δcolor_slopes[block.splats[walk.sloped]] += np.einsum(
+                "nhw,hwc,nhwd->ncd", weights[walk.sloped], δpixels, walk.offsets, optimize=True)
+        δalpha = walk.backward(walk.colors_times(δpixels), δpixels @ background)
         δlog_G = np.where(walk.G < MAX_ALPHA, δalpha * walk.G, 0)
         moments[block.splats] += _moments(δlog_G, block.dx, block.dy)
         if walk.dog.size:
             δlog_G = np.where(walk.G_p < MAX_ALPHA, -δalpha[walk.dog] * walk.G_p, 0)
             pseudo_moments[block.splats[walk.dog]] += _moments(δlog_G, block.dx[walk.dog], block.dy[walk.dog])
-    return project_backward(splats, camera, projection, δcolors, moments, pseudo_moments, antialiased, sh_degree)
+    return project_backward(splats, camera, projection, δcolors, δcolor_slopes, moments, pseudo_moments, antialiased,
+                            sh_degree)
 
 
 def _moments(values: np.ndarray, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:

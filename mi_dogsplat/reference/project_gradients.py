@@ -8,8 +8,7 @@ Notation of `forward.py`, and
 
 From d log G = d^T conic dSigma' conic d / 2 with D = sum δlog G d d^T and B = conic C:
     E = B^T D B,   δlog_scales_k = s_k^2 E_kk,   δω = (s_2^2 - s_3^2) E_23 and cyclic,   δJ = conic D B S^2 (W R)^T
-where ω turns the primitive about its own axes, R exp([ω]). B is taken from cross products of the columns of C, which
-do not cancel on needles as conic times C would.
+where ω turns the primitive about its own axes, R exp([ω]). What comes through slopes is in `slope_gradients.py`.
 """
 
 from __future__ import annotations
@@ -20,20 +19,32 @@ import numpy as np
 
 from .forward import RAW_PARAMETERS
 from .mixed_sh import padded_sh, unpadded_sh
-from .projection import LOW_PASS, MIN_ANTIALIAS_RATIO, Projection, rotations, sh_basis, sigmoid
+from .projection import (
+    LOW_PASS,
+    MIN_ANTIALIAS_RATIO,
+    Projection,
+    conics_times_axes,
+    rotations,
+    sh_basis,
+    sigmoid,
+)
+from .slope_gradients import slopes_backward
+from .slopes import color_slopes, slope_index, slope_names
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
     from ..scene.splats import Splats
 
 
-def project_backward(splats: Splats, camera: Camera, projection: Projection, δcolors: np.ndarray, moments: np.ndarray,
-                     pseudo_moments: np.ndarray, antialiased: bool, sh_degree: int | None) -> dict[str, np.ndarray]:
+def project_backward(splats: Splats, camera: Camera, projection: Projection, δcolors: np.ndarray,
+                     δcolor_slopes: np.ndarray, moments: np.ndarray, pseudo_moments: np.ndarray, antialiased: bool,
+                     sh_degree: int | None) -> dict[str, np.ndarray]:
     """d loss / d raw parameter, by name and in the shapes of `splats`, float64.
 
-    `projection` is what `reference.project` makes of `splats` and `camera` with the same options. `δcolors` [N, 3];
-    `moments` and `pseudo_moments` [N, 6] are the sums of δlog G and δlog G_p times 1, dx, dy, dx^2, dx dy, dy^2. The
-    derivative is 0 through the limits: of a primitive that is not visible, of a colour at 0, of a clamped slope.
+    `projection` is what `reference.project` makes of `splats` and `camera` with the same options. `δcolors` [N, 3] and
+    `δcolor_slopes` [N, 3, 2] are by what that has of them; `moments` and `pseudo_moments` [N, 6] are the sums of δlog G
+    and δlog G_p times 1, dx, dy, dx^2, dx dy, dy^2. The derivative is 0 through the limits: of a primitive that is not
+    visible, of a colour at 0, of a clamped tangent.
     """
     p, seen = projection, np.flatnonzero(projection.visible)  # [n]
     raw = {name: np.asarray(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
@@ -45,16 +56,18 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
     means, sh = raw["means"][seen], raw["sh_coeffs"][seen, :n_coeffs]
     δ["means"][seen], δ["sh_coeffs"][seen, :n_coeffs] = _colors_backward(means, sh, camera, δunclamped)
 
-    # both rows of J W are focal / z (W_0 - slope W_2), with x / z or y / z for the slope
+    # both rows of J W are focal / z (W_0 - tangent W_2), with x / z or y / z for the tangent
     W, focal, centre = camera.w2c[:3, :3], np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     position = means @ W.T + camera.w2c[:3, 3]
     z, size = position[:, 2:], np.array([camera.width, camera.height])
-    slopes, low, high = position[:, :2] / z, -(centre + 0.15 * size) / focal, (1.15 * size - centre) / focal
-    bases = W[:2] - np.clip(slopes, low, high)[:, :, None] * W[2]  # [n, 2, 3]
+    tangents, low, high = position[:, :2] / z, -(centre + 0.15 * size) / focal, (1.15 * size - centre) / focal
+    bases = W[:2] - np.clip(tangents, low, high)[:, :, None] * W[2]  # [n, 2, 3]
     R, scales = rotations(raw["quats"][seen]), np.exp(raw["log_scales"][seen])
     C = (focal / z)[:, :, None] * bases @ R
     δmeans2d, δlog_scales, δω, δC = _kernel_backward(C, scales, p.cov2d[seen], p.conics[seen], moments[seen],
                                                      antialiased)
+    # what is at a pixel of a colour that varies depends on where the centre is
+    δmeans2d -= np.einsum("ncd,nc->nd", p.slopes[seen], δcolors[seen])
     δlog_opacities = moments[:, 0].copy()
 
     dog_index = np.asarray(splats.dog_index, np.int64)
@@ -69,16 +82,26 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
     δlog_opacities += pseudo_moments[:, 0]
     δ["dog_logit_opacities"][dog] = pseudo_moments[i, 0] * sigmoid(-raw["dog_logit_opacities"][dog])
     δ["logit_opacities"][seen] = δlog_opacities[seen] * sigmoid(-raw["logit_opacities"][seen])
-    δ["log_scales"][seen] = δlog_scales
 
+    if slope_names(splats):
+        δ["color_slopes"] = np.zeros_like(color_slopes(splats))
+        sloped = np.flatnonzero(p.visible[slope_index(splats)])  # rows of the slopes
+        i = slope_index(splats)[sloped]
+        at = np.searchsorted(seen, i)
+        δ["color_slopes"][sloped], *parts = slopes_backward(
+            C[at], scales[at], p.cov2d[i], p.conics[i], color_slopes(splats)[sloped], δcolor_slopes[i])
+        for whole, part in zip((δlog_scales, δω, δC), parts, strict=True):
+            whole[at] += part
+
+    δ["log_scales"][seen] = δlog_scales
     δ["quats"][seen] = _quats_backward(raw["quats"][seen], δω)
 
     δJW = δC @ R.swapaxes(1, 2)
     δfocal_by_z = (δJW * bases).sum(2)  # [n, 2]
-    inside = (slopes > low) & (slopes < high)
-    δslopes = focal * (δmeans2d - np.where(inside, δJW @ W[2], 0) / z)
-    δz = -((δfocal_by_z * focal / z + δslopes * slopes) / z).sum(1, keepdims=True)
-    δ["means"][seen] += np.concatenate([δslopes / z, δz], axis=1) @ W
+    inside = (tangents > low) & (tangents < high)
+    δtangents = focal * (δmeans2d - np.where(inside, δJW @ W[2], 0) / z)
+    δz = -((δfocal_by_z * focal / z + δtangents * tangents) / z).sum(1, keepdims=True)
+    δ["means"][seen] += np.concatenate([δtangents / z, δz], axis=1) @ W
     return δ | unpadded_sh(δ["sh_coeffs"], splats)
 
 
@@ -90,17 +113,16 @@ def _kernel_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, conic
                      antialiased: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """δmeans2d [n, 2], δlog_scales [n, 3], δω [n, 3] and δC [n, 2, 3] of one kernel per primitive."""
     variances, conic = scales**2, _symmetric(conics)
-    det = (cov2d[:, 2] / conics[:, 0])[:, None, None]
     D = _symmetric(moments[:, 3:])
-    turned = np.stack([-C[:, 1], C[:, 0]], axis=1)  # columns of C by 90 degrees
     if antialiased:
         # log of the factor: (log det(A A^T) - log det Sigma') / 2, again as a D
+        det = (cov2d[:, 2] / conics[:, 0])[:, None, None]
+        turned = np.stack([-C[:, 1], C[:, 0]], axis=1)  # columns of C by 90 degrees
         det_raw = (np.cross(*(C * scales[:, None, :]).swapaxes(0, 1)) ** 2).sum(1)[:, None, None]
         free = det_raw > MIN_ANTIALIAS_RATIO * det
         inverse = (turned * variances[:, None, :]) @ turned.swapaxes(1, 2) / np.where(free, det_raw, 1)  # of A A^T
         D = D + np.where(free, moments[:, 0, None, None] * LOW_PASS * (np.eye(2) + LOW_PASS * inverse), 0)
-    minors = C[:, 0, :, None] * C[:, 1, None, :] - C[:, 1, :, None] * C[:, 0, None, :]  # [n, j, k] = C_j x C_k
-    B = (LOW_PASS * C + (turned * variances[:, None, :]) @ minors) / det  # conic C, [n, 2, 3]
+    B = conics_times_axes(C, variances, cov2d, conics)  # [n, 2, 3]
     E = B.swapaxes(1, 2) @ D @ B
     δω = (np.roll(variances, -1, 1) - np.roll(variances, -2, 1)) * E[:, [1, 2, 0], [2, 0, 1]]
     δC = conic @ D @ B * variances[:, None, :]

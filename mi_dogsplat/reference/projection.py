@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .mixed_sh import padded_sh
+from .slopes import color_slopes, slope_index
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -28,7 +29,9 @@ class Projection:
     cov2d: np.ndarray  # [N, 3] px^2, with the low-pass
     conics: np.ndarray  # [N, 3] inverse of cov2d
     opacities: np.ndarray  # [N] with the antialias factor, if any
-    colors: np.ndarray  # [N, 3]
+    colors: np.ndarray  # [N, 3] at the centre
+    sloped: np.ndarray  # [N] bool, their colour varies over them
+    slopes: np.ndarray  # [N, 3, 2] change of colour per px in x and in y, zero elsewhere
     dog: np.ndarray  # [N] bool; the pseudo_* rows are zero where false
     pseudo_cov2d: np.ndarray  # [N, 3]
     pseudo_conics: np.ndarray  # [N, 3]
@@ -89,19 +92,35 @@ def _covariance(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return cov2d, conics, np.sqrt(np.maximum(MIN_ANTIALIAS_RATIO, det_raw / det))
 
 
+def conics_times_axes(C: np.ndarray, variances: np.ndarray, cov2d: np.ndarray, conics: np.ndarray) -> np.ndarray:
+    """Sigma'^-1 C [N, 2, 3] from C = J W R and the variances [N, 3] along its columns.
+
+    Taken from cross products of the columns, which do not cancel on needles as the conic times C would.
+    """
+    det = (cov2d[:, 2] / conics[:, 0])[:, None, None]
+    turned = np.stack([-C[:, 1], C[:, 0]], axis=1)  # columns of C by 90 degrees
+    minors = C[:, 0, :, None] * C[:, 1, None, :] - C[:, 1, :, None] * C[:, 0, None, :]  # [n, j, k] = C_j x C_k
+    return (LOW_PASS * C + (turned * variances[:, None, :]) @ minors) / det
+
+
 def _extents(cov2d: np.ndarray, opacities: np.ndarray) -> np.ndarray:
     """Half size [N, 2] of the box around {o exp(-d^T conic d / 2) >= 1/255}; 0 where o is below 1/255."""
     t = 2 * np.log(np.maximum(opacities / MIN_ALPHA, 1))
     return np.sqrt(t[:, None] * cov2d[:, [0, 2]])
 
 
+def _finite_rows(*arrays: np.ndarray) -> np.ndarray:
+    """[N] whether all numbers of a row are finite, in each of the arrays [N, ...]."""
+    return np.logical_and.reduce([np.isfinite(a).all(axis=tuple(range(1, a.ndim))) for a in arrays])
+
+
 def _finite_parameters(splats: Splats, sh: np.ndarray) -> np.ndarray:
     """[N] no parameter in use is NaN or infinite, `sh` those of the colour; logit opacities may be infinite."""
-    raw = [splats.means, splats.log_scales, splats.quats, sh]
-    finite = np.logical_and.reduce([np.isfinite(r).all(axis=tuple(range(1, r.ndim))) for r in raw])
+    finite = _finite_rows(splats.means, splats.log_scales, splats.quats, sh)
     finite &= ~np.isnan(splats.logit_opacities)
     dog = np.asarray(splats.dog_index, np.int64)
     finite[dog] &= np.isfinite(splats.dog_log_scales).all(1) & ~np.isnan(splats.dog_logit_opacities)
+    finite[slope_index(splats)] &= _finite_rows(color_slopes(splats))
     return finite
 
 
@@ -151,11 +170,18 @@ def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialias
     sh = sh[:, :basis.shape[1]]
     colors = np.maximum(0, np.einsum("nk,nkc->nc", basis, sh) + 0.5)
 
+    sloped, slopes = np.zeros(n, bool), np.zeros((n, 3, 2))
+    i = slope_index(splats)  # [S]
+    # the axes V = J W R S are seen as w = V^T Sigma'^-1 d standard deviations away at offset d
+    per_pixel = conics_times_axes(JWR[i], scales[i] ** 2, cov2d[i], conics[i]) * scales[i, None, :]
+    slopes[i] = (per_pixel @ color_slopes(splats)).swapaxes(1, 2)
+    sloped[i] = True
+
     extents = np.maximum(_extents(cov2d, opacities), _extents(pseudo_cov2d, pseudo_opacities))
-    rows = [means2d, z, cov2d, conics, opacities, colors, pseudo_cov2d, pseudo_conics,
+    rows = [means2d, z, cov2d, conics, opacities, colors, slopes, pseudo_cov2d, pseudo_conics,
             pseudo_opacities, extents]
-    visible = (z > near_clip) & np.isfinite(np.column_stack(rows)).all(axis=1) & _finite_parameters(splats, sh)
+    visible = (z > near_clip) & _finite_rows(*rows) & _finite_parameters(splats, sh)
     for row in rows:
         row[~visible] = 0
-    return Projection(visible, means2d, z, cov2d, conics, opacities, colors, dog & visible, pseudo_cov2d,
-                      pseudo_conics, pseudo_opacities, extents)
+    return Projection(visible, means2d, z, cov2d, conics, opacities, colors, sloped & visible, slopes,
+                      dog & visible, pseudo_cov2d, pseudo_conics, pseudo_opacities, extents)

@@ -4,6 +4,9 @@ A kernel counts with its largest value on the ray (3DGRT, Moenne-Loccoz et al. 2
 ray: where that comes nearest to the centre, measured by the primitive's cutoff ellipsoid. The semi-axes of this are the
 larger ones of r s and r_p F s, r and r_p being the radii, in standard deviations, at which the two kernels fall to
 1/255. For a Gaussian it is the point of the largest value.
+
+A colour that varies over its primitive is that of the point where the primary is largest: w there, in standard
+deviations, is what the primary expects of a point of the ray.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ import numpy as np
 from .forward import MAX_ALPHA, MAX_T, MIN_T
 from .mixed_sh import padded_sh
 from .projection import MIN_ALPHA, rotations, sh_basis, sigmoid
+from .slopes import color_slopes, slope_index
 
 if TYPE_CHECKING:
     from ..scene.splats import Splats
@@ -29,7 +33,7 @@ class RayMeetings:
 
     places: np.ndarray  # [P, N] in units of the directions
     alphas: np.ndarray  # [P, N], 0 outside of the segment and below the cutoff
-    colors: np.ndarray  # [P, N, 3] in the direction of the ray
+    colors: np.ndarray  # [P, N, 3] in the direction of the ray, and at its point
 
 
 def meet(splats: Splats, origins: np.ndarray, directions: np.ndarray, maxt: np.ndarray | float = np.inf, *,
@@ -43,7 +47,8 @@ def meet(splats: Splats, origins: np.ndarray, directions: np.ndarray, maxt: np.n
     o = np.einsum("nij,pni->pnj", R, away)  # [P, N, 3] in the frames of the primitives
     d = np.einsum("nij,pi->pnj", R, np.asarray(directions, np.float64))
 
-    values = opacities * _largest(o / scales, d / scales)[0]
+    largest, at = _largest(o / scales, d / scales)
+    values = opacities * largest
     alphas = np.minimum(MAX_ALPHA, values)
     axes = _radius(opacities, cutoff)[:, None] * scales
     i = np.asarray(splats.dog_index, np.int64)
@@ -63,6 +68,9 @@ def meet(splats: Splats, origins: np.ndarray, directions: np.ndarray, maxt: np.n
     sh = padded_sh(splats)
     basis = sh_basis(unit, int(np.sqrt(sh.shape[1])) - 1 if sh_degree is None else sh_degree)
     colors = np.maximum(np.einsum("pk,nkc->pnc", basis, sh[:, : basis.shape[1]]) + 0.5, 0)
+    i = slope_index(splats)
+    w = (o[:, i] + at[:, i, None] * d[:, i]) / scales[i]  # [P, S, 3]
+    colors[:, i] += np.einsum("psa,sac->psc", w, color_slopes(splats))
     return RayMeetings(places, alphas, colors)
 
 

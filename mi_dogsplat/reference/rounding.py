@@ -3,7 +3,8 @@
 Notation of `forward.py` and `walk.py`. A kernel's value is right to a few units, of which alpha = G - G_p keeps the
 absolute error: its relative one is larger by (G + G_p) / |alpha|. T is a product, so the relative errors of its factors
 add, and an error of T is one of all that lies behind. An image is a sum of alpha T c: its error is in proportion to
-the sum of their magnitudes, which negative alphas take to any size, and not to what their sum happens to be.
+the sum of their magnitudes, which negative alphas take to any size, and not to what their sum happens to be. A colour
+that varies is itself a sum, of what it is at the centre and of what it has changed in x and in y.
 
 Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), chapters 3 and 4.
 """
@@ -18,7 +19,7 @@ import numpy as np
 
 from .forward import MIN_T
 from .projection import MIN_ALPHA, project
-from .walk import KERNEL_UNITS, UNIT, Walk, blocks
+from .walk import COLOR_UNITS, KERNEL_UNITS, UNIT, Walk, blocks
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 class Rounding:
     """Of an image over its background, float64."""
 
-    magnitude: np.ndarray  # [H, W, 3] sum of |alpha| T c, and of T times the background
+    magnitude: np.ndarray  # [H, W, 3] sum of |alpha| T |c|, and of T times the background
     error: np.ndarray  # [H, W, 3] by how much float32 may change the image
 
 
@@ -45,8 +46,11 @@ def rounding_tiled(splats: Splats, camera: Camera, background: Sequence[float] |
         of_T, size = walk.roundings(), np.abs(walk.alpha)
         in_front = np.concatenate([np.zeros_like(of_T[:1]), of_T[:-1]])
         of_weights = np.where(walk.blended, KERNEL_UNITS * UNIT * (walk.operands() + size) + in_front * size, 0)
-        colors, of_light = projection.colors[block.splats], walk.T_final[..., None] * light
-        magnitude[block.pixels] = np.tensordot(size * walk.T, colors, (0, 0)) + of_light
-        of_blended = np.tensordot(of_weights * walk.T, colors, (0, 0))
-        error[block.pixels] = of_blended + (of_T[-1][..., None] + UNIT) * of_light
+        of_light, centres = walk.T_final[..., None] * light, walk.colors[walk.sloped, None, None]
+        to_sizes = np.abs(centres + walk.variations()) - centres  # what makes of the colours there their magnitudes
+        magnitude[block.pixels] = walk.sum_of_colors(size * walk.T, to_sizes) + of_light
+        error[block.pixels] = walk.sum_of_colors(of_weights * walk.T, to_sizes) + (of_T[-1][..., None] + UNIT) * of_light
+        if walk.sloped.size:
+            of_colors = COLOR_UNITS * UNIT * walk.terms()
+            error[block.pixels] += np.einsum("nhw,nhwc->hwc", (size * walk.T)[walk.sloped], of_colors)
     return Rounding(magnitude, error)

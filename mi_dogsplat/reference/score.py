@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .forward import MAX_ALPHA, MIN_T, depth_order, kernels, pixel_centres, render
+from .forward import MAX_ALPHA, MIN_T, colors_at, depth_order, kernels, pixel_centres, render
 from .projection import MIN_ALPHA, project
 
 if TYPE_CHECKING:
@@ -41,13 +41,13 @@ def footprints(
     projection = project(splats, camera, **options)
     alphas, order = _blended_alphas(projection, camera, negative_transmittance), depth_order(projection)
     result = np.zeros((len(projection.depths), camera.height * camera.width))
-    shown = np.ones((alphas.shape[1], 3))
+    shown, (x, y) = np.ones((alphas.shape[1], 3)), pixel_centres(0, 0, camera.width, camera.height)
 
     def image(i, alpha):
         total, T = np.zeros((alphas.shape[1], 3)), np.ones((alphas.shape[1], 1))
         for j in order:
             a = (alpha if j == i else alphas[j])[:, None]
-            total += projection.colors[j] * a * T
+            total += colors_at(projection, j, x, y) * a * T
             T = T * (1 - (a if negative_transmittance else np.maximum(a, 0)))
         return total + T * np.asarray(background)
 

@@ -26,6 +26,7 @@ LEAST_KERNEL = 2.0**-60  # where the lists end when min_alpha does not end them
 SLACK = 1e-6  # px, far above the rounding of a box and far below a pixel
 UNIT = 2.0**-24  # the largest relative error of a float32 operation
 KERNEL_UNITS = 16  # of one kernel's value: the engine has up to 15 on needles, 9 elsewhere
+COLOR_UNITS = 8  # of a colour that varies: of each slope per pixel, and of their sum
 MEAN_UNITS = 4  # of many kernels, whose errors are of either sign: the engine has up to 3.4 in stacks of hundreds
 
 
@@ -91,6 +92,10 @@ class Walk:
         self.G_p = _gaussian(p.pseudo_opacities[i], p.pseudo_cov2d[i], p.pseudo_conics[i],
                              block.dx[self.dog], block.dy[self.dog])  # [m, h, w]
         alpha[self.dog] -= np.minimum(MAX_ALPHA, self.G_p)
+        self.colors = p.colors[block.splats]  # [n, 3] at the centres
+        self.sloped = np.flatnonzero(p.sloped[block.splats])  # [m] rows of the block
+        self.offsets = np.stack(np.broadcast_arrays(block.dx[self.sloped, None, :], block.dy[self.sloped, :, None]), -1)
+        self.slopes = p.slopes[block.splats[self.sloped]]  # [m, 3, 2], and offsets [m, h, w, 2]
         slack = moved * min_alpha + np.sign(moved) * KERNEL_UNITS * UNIT * self.operands() if moved else 0.0
         self.blended = np.abs(alpha) >= min_alpha + slack
         alpha[~self.blended] = 0
@@ -107,6 +112,28 @@ class Walk:
             behind = np.cumprod(1 - np.where(self.attenuates, alpha, 0), axis=0)
         self.T = np.concatenate([np.ones_like(behind[:1]), behind[:-1]])  # in front of each primitive
         self.T_final = behind[-1]  # [h, w]
+
+    def sum_of_colors(self, weights: np.ndarray, variations: np.ndarray) -> np.ndarray:
+        """[h, w, 3] sum of weights [n, h, w] times the colours, to which `variations` [m, h, w, 3] are added."""
+        image = np.tensordot(weights, self.colors, (0, 0))
+        if self.sloped.size:
+            image += np.einsum("nhw,nhwc->hwc", weights[self.sloped], variations)
+        return image
+
+    def colors_times(self, δpixels: np.ndarray) -> np.ndarray:
+        """[n, h, w] the colour of each primitive at each pixel times the adjoint of the pixel [h, w, 3]."""
+        products = np.tensordot(self.colors, δpixels, (1, 2))
+        if self.sloped.size:
+            products[self.sloped] += np.einsum("hwc,nhwc->nhw", δpixels, self.variations())
+        return products
+
+    def variations(self) -> np.ndarray:
+        """[m, h, w, 3] what the slopes add to the colours."""
+        return self.offsets @ self.slopes.swapaxes(1, 2)[:, None]
+
+    def terms(self) -> np.ndarray:
+        """[m, h, w, 3] sums of magnitudes of what such a colour is added up from."""
+        return self.colors[self.sloped, None, None] + np.abs(self.offsets) @ np.abs(self.slopes).swapaxes(1, 2)[:, None]
 
     def operands(self) -> np.ndarray:
         """G + G_p, of which alpha is the difference."""

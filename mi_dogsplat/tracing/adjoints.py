@@ -2,18 +2,24 @@
 
 A kernel is 2^(lo - Q) with Q = |M x|², x the offset where that is least on the ray. Since it is least, x may be taken
 as constant: ∂Q/∂M = 2 (M x) xᵀ and ∂Q/∂μ = -2 Mᵀ M x. Of the pseudo-Gaussian the same holds with F⁻¹ M, at its own x.
+
+A colour that varies needs more, as the point itself moves: y = M x of the primary changes by
+P (∂M x - M ∂μ) - v (y · ∂M d) / |v|², where d is the ray's direction, v = M d and P = I - v vᵀ / |v|².
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
 
 from ..engine.arrays import array_types, detached
-from .kernels import MAX_ALPHA, Kernel, Meeting, dot, read_row
-from .tree import NONE, Tree
+from .blend import along_slopes, slopes_of
+from .kernels import MAX_ALPHA, Kernel, Meeting, Varying, dot, read_row
+from .primitives import PER_DEVIATION
+from .tree import NONE, SLOPE_ROW, Tree, table
 
 ROW = 16  # floats: M, μ, lo; three are free
 PSEUDO_ROW = 4  # floats: F⁻¹, lo_p
@@ -29,6 +35,7 @@ class Adjoints:
         self.rows = dr.zeros(Float, tree.n_leaves * ROW)
         self.pseudo = None if tree.pseudo is None else dr.zeros(Float, dr.width(tree.pseudo) // 8 * PSEUDO_ROW)
         self.sh = dr.zeros(Float, dr.width(tree.sh))
+        self.slopes = None if tree.slopes is None else dr.zeros(Float, dr.width(tree.slopes))
 
     def add_alpha(self, met: Meeting, δα: Any, active: Any) -> None:
         """Of the kernels of what is met."""
@@ -45,6 +52,11 @@ class Adjoints:
             M = [m + p * x for m, (p, x) in zip(M, ((p, x) for p in more for x in met.pseudo.offset), strict=True)]
             pull = [a + b for a, b in zip(pull, more, strict=True)]
             dr.scatter_add(self.pseudo, types.Quad(*inverse, δpseudo), met.dog_row, is_dog, mode=dr.ReduceMode.Local)
+        self._add_to_kernel(met, M, pull, lo, active)
+
+    def _add_to_kernel(self, met: Meeting, M: list, pull: list, lo: Any, active: Any) -> None:
+        """``pull``: adjoint of M x, x the offset from μ."""
+        types = array_types()
         mean = [-dot(pull, [row[c] for row in met.M]) for c in range(3)]
         leaf = met.leaf - self.tree.first_leaf
         row = types.Floats([*M, *mean, lo, *[types.Float(0)] * 3])
@@ -61,10 +73,25 @@ class Adjoints:
             at = dr.fma(met.splat, stride // size, first // size)
             dr.scatter_add(self.sh, part, at, active, mode=dr.ReduceMode.Local)
 
-    def of_columns(self) -> tuple[list, Any, list]:
-        """(of ``Primitives.kernel``, of ``sh``, of ``pseudo``)"""
+    def add_slopes(self, met: Meeting, varying: Varying, δcolors: list, active: Any) -> None:
+        """Of three channels of what the colour has beyond that of its centre."""
+        types, here = array_types(), active & varying.here
+        values = [w * δ for w in varying.w for δ in δcolors] + [types.Float(0)] * 3
+        for k in range(SLOPE_ROW // 4):
+            part, at = types.Quad(*values[4 * k : 4 * k + 4]), dr.fma(varying.row, SLOPE_ROW // 4, k)
+            dr.scatter_add(self.slopes, part, at, here, mode=dr.ReduceMode.Local)
+        slopes, v, y = slopes_of(self.tree.slopes, varying, active), varying.along, _inside(varying)
+        δy = [dot(axis, δcolors) * (1 / PER_DEVIATION) for axis in slopes]
+        share = dot(δy, v) / dot(v, v)
+        pull = [δ - share * a for δ, a in zip(δy, v, strict=True)]
+        M = [p * x - share * a * d for p, a in zip(pull, y, strict=True)
+             for x, d in zip(met.primary.offset, varying.d, strict=True)]
+        self._add_to_kernel(met, M, pull, types.Float(0), here)
+
+    def of_columns(self) -> tuple[list, Any, list, list]:
+        """(of ``Primitives.kernel``, of ``sh``, of ``pseudo``, of ``slopes``)"""
         types, tree = array_types(), self.tree
-        dr.eval(self.rows, self.pseudo, self.sh)
+        dr.eval(self.rows, self.pseudo, self.slopes, self.sh)
         n, splat = dr.width(tree.sh) // tree.sh_row, tree.splat_from_leaf
         leaf = dr.arange(types.UInt, tree.n_leaves)
         kernel = []
@@ -73,28 +100,26 @@ class Adjoints:
             dr.scatter(column, dr.gather(types.Float, self.rows, dr.fma(leaf, ROW, k)), splat, splat != NONE)
             kernel.append(column)
         dr.eval(kernel)  # what AD adds to a column while its scatter still waits may be lost: docs/performance.md
-        if self.pseudo is None:
-            return kernel, self.sh, []
-        row = dr.arange(types.UInt, dr.width(self.pseudo) // PSEUDO_ROW)
-        return kernel, self.sh, [dr.gather(types.Float, self.pseudo, dr.fma(row, PSEUDO_ROW, k)) for k in range(4)]
+        return kernel, self.sh, _columns(self.pseudo, PSEUDO_ROW, 4), _columns(self.slopes, SLOPE_ROW, 9)
 
 
 class Tangents:
     """Tangents of all parameters, which the walks read."""
 
-    def __init__(self, tree: Tree, kernel: list, sh: Any, pseudo: list):
+    def __init__(self, tree: Tree, kernel: list, sh: Any, pseudo: list, slopes: list):
         types = array_types()
         n = dr.width(tree.sh) // tree.sh_row
         self.tree, self.sh = tree, _wide(sh, dr.width(tree.sh))
-        self.rows = _table([_wide(c, n) for c in kernel], n, ROW)
+        self.rows = table([_wide(c, n) for c in kernel], ROW)
         m = dr.width(tree.pseudo) // 8 if tree.pseudo is not None else 0
-        self.pseudo = _table([_wide(c, m) for c in pseudo], m, PSEUDO_ROW) if m else None
-        dr.eval(self.rows, self.pseudo, self.sh)
+        self.pseudo = table([_wide(c, m) for c in pseudo], PSEUDO_ROW) if m else None
+        s = dr.width(tree.slopes) // SLOPE_ROW if tree.slopes is not None else 0
+        self.slopes = table([_wide(c, s) for c in slopes], SLOPE_ROW) if s else None
+        dr.eval(self.rows, self.pseudo, self.slopes, self.sh)
         self.types = types
 
     def of_alpha(self, met: Meeting, active: Any) -> Any:
-        row = read_row(self.rows, met.splat, ROW, 13, active)
-        M, mean, lo = [row[0:3], row[3:6], row[6:9]], row[9:12], row[12]
+        M, mean, lo = self._of_kernel(met, active)
 
         def of_inside(kernel: Kernel) -> list:
             return [dot(δ, kernel.offset) - dot(m, mean) for δ, m in zip(M, met.M, strict=True)]
@@ -108,6 +133,23 @@ class Tangents:
         y, f = met.pseudo.inside, met.inverse_factors
         δy = [a * b + δ * c / a for a, b, δ, c in zip(f, of_inside(met.pseudo), inverse, y, strict=True)]
         return δα - _unlimited(met.pseudo, LN2 * (lo - 2 * dot(y, δy)), is_dog)
+
+    def of_slopes(self, met: Meeting, varying: Varying, active: Any) -> list:
+        """Of what the colour has beyond that of its centre, three channels."""
+        here = active & varying.here
+        M, mean, _ = self._of_kernel(met, here)
+        v, y = varying.along, _inside(varying)
+        moved = [dot(δ, met.primary.offset) - dot(m, mean) for δ, m in zip(M, met.M, strict=True)]
+        share = (dot(v, moved) + dot(y, [dot(δ, varying.d) for δ in M])) / dot(v, v)
+        δw = [dr.select(here, (δ - share * a) * (1 / PER_DEVIATION), 0) for δ, a in zip(moved, v, strict=True)]
+        of_point = along_slopes(replace(varying, w=δw), slopes_of(self.tree.slopes, varying, active))
+        of_values = along_slopes(varying, slopes_of(self.slopes, varying, active))
+        return [a + b for a, b in zip(of_point, of_values, strict=True)]
+
+    def _of_kernel(self, met: Meeting, active: Any) -> tuple[list, list, Any]:
+        """(M, μ, lo)"""
+        row = read_row(self.rows, met.splat, ROW, 13, active)
+        return [row[0:3], row[3:6], row[6:9]], row[9:12], row[12]
 
     def of_colors(self, met: Meeting, basis: list, active: Any) -> list:
         values = read_row(self.sh, met.splat, self.tree.sh_row, 3 * len(basis), active)
@@ -124,9 +166,15 @@ def _wide(column: Any, n: int) -> Any:
     return detached(column) + dr.zeros(array_types().Float, n)
 
 
-def _table(columns: list, n: int, stride: int) -> Any:
+def _columns(rows: Any, stride: int, count: int) -> list:
+    """The first ``count`` columns of a table, none of None."""
+    if rows is None:
+        return []
     types = array_types()
-    table, row = dr.zeros(types.Float, n * stride), dr.arange(types.UInt, n)
-    for k, column in enumerate(columns):
-        dr.scatter(table, column, dr.fma(row, stride, k), mode=dr.ReduceMode.Permute)
-    return table
+    row = dr.arange(types.UInt, dr.width(rows) // stride)
+    return [dr.gather(types.Float, rows, dr.fma(row, stride, k)) for k in range(count)]
+
+
+def _inside(varying: Varying) -> list:
+    """M x of the point that w is of."""
+    return [PER_DEVIATION * w for w in varying.w]

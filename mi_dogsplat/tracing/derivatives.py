@@ -14,8 +14,8 @@ import drjit as dr
 from ..engine.arrays import array_types
 from ..engine.sh import unit_basis
 from .adjoints import Adjoints, Tangents
-from .blend import hides, passes, radiance
-from .kernels import Meeting
+from .blend import beyond_centre, hides, passes, radiance
+from .kernels import Meeting, dot
 from .visits import Walk, visit_all, visit_in_order
 
 
@@ -57,6 +57,9 @@ def gather_backward(
         seen = radiance(walk.tree, met, basis, walking)
         weight = met.alpha * T
         of_color = sum(δ * dr.maximum(c, 0) for δ, c in zip(δcolors, seen, strict=True))
+        if met.varying:
+            of_color += dot(δcolors, beyond_centre(walk.tree, met.varying, walking))
+            adjoints.add_slopes(met, met.varying, [δ * weight for δ in δcolors], walking)
         behind = dr.select(walking, behind - weight * of_color, behind)
         hidden = hides(met, walk.options)
         through = dr.select(hidden == met.alpha, (behind + last) / (1 - hidden), 0)
@@ -85,6 +88,11 @@ def gather_forward(
             dr.select(walking & (c > 0), dr.fma(δweight, c, dr.fma(met.alpha * T, δc, δ)), δ)
             for c, δc, δ in zip(seen, δseen, δcolors, strict=True)
         ]
+        if met.varying:  # not limited, as the colour of the centre is
+            more, δmore = beyond_centre(walk.tree, met.varying, walking), tangents.of_slopes(met, met.varying, walking)
+            weight = dr.select(walking, met.alpha * T, 0)
+            blended = [dr.fma(dr.select(walking, δweight, 0), c, dr.fma(weight, δc, δ))
+                       for c, δc, δ in zip(more, δmore, blended, strict=True)]
         hidden = hides(met, walk.options)
         δT_next = δT * (1 - hidden) - dr.select(hidden == met.alpha, δα * T, 0)
         return walking, dr.select(walking, T_next, T), dr.select(walking, δT_next, δT), *blended

@@ -7,6 +7,9 @@ as a cross product it stays exact for disks as thin as a float.
 A primitive has one place on a ray: the point nearest to its centre, measured by its cutoff ellipsoid (``bounds.py``).
 Of a Gaussian this is where the kernel is largest, and so it is of both kernels of a DoG primitive where F is the same
 along all axes; else it lies between the two. What a ray meets it meets in that ellipsoid, so in the primitive's box.
+
+A colour that varies over its primitive has one value on a ray: that at the point where the primary kernel is largest,
+which for splatting is the mean of the Gaussian along the ray. The pseudo-Gaussian has the same.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ import numpy as np
 from ..engine.arrays import array_types
 from ..engine.geometry import Cutoffs
 from ..engine.project import NO_ROW
+from .primitives import PER_DEVIATION
 from .tree import PSEUDO_ROW, ROW, Tree
 
 MAX_ALPHA = float(np.float32(0.99))
@@ -32,6 +36,17 @@ class Kernel:
     value: Any  # not yet limited to ``MAX_ALPHA``
     offset: list  # from the centre to where it is largest, world space
     inside: list  # the same in the kernel's space
+
+
+@dataclass
+class Varying:
+    """Where a primitive is met whose colour varies over it."""
+
+    row: Any  # UInt, of its slopes
+    here: Any  # Bool, whether there is one
+    w: list  # the point where the primary is largest, in standard deviations along the axes; 0 without slopes
+    d: list  # direction of the ray
+    along: list  # M d
 
 
 @dataclass
@@ -48,6 +63,7 @@ class Meeting:
     dog_row: Any
     inverse_factors: list
     pseudo: Kernel | None
+    varying: Varying | None  # None in a model without slopes
 
 
 @dataclass
@@ -63,6 +79,12 @@ class Line:
 def dot(a: list, b: list) -> Any:
     """Of two lists of three."""
     return dr.fma(a[0], b[0], dr.fma(a[1], b[1], a[2] * b[2]))
+
+
+def cross(a: list, b: list) -> list:
+    """Of two lists of three."""
+    x, y = dr.fma(a[1], b[2], -a[2] * b[1]), dr.fma(a[2], b[0], -a[0] * b[2])
+    return [x, y, dr.fma(a[0], b[1], -a[1] * b[0])]
 
 
 def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Meeting:
@@ -88,18 +110,28 @@ def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Mee
         t = dr.select(is_dog, -dot(weighed, o) / dot(weighed, d), t)
         alpha = dr.select(is_dog, alpha - dr.minimum(pseudo.value, MAX_ALPHA), alpha)
     alpha = dr.select(abs(alpha) >= cutoffs.alpha, alpha, 0)
-    return Meeting(node, splat, t + near, alpha, M, primary, is_dog, dog_row, inverse, pseudo)
+    varying = None
+    if tree.slopes is not None:
+        varying = _varying(cast(Any, dr.reinterpret_array(types.UInt, values[15])), o, d, ray.d, active)
+    return Meeting(node, splat, t + near, alpha, M, primary, is_dog, dog_row, inverse, pseudo, varying)
 
 
 def _kernel(o: list, d: list, lo: Any, away: list, world_d: list) -> tuple[Kernel, Any]:
     """(a kernel at its largest value on the ray, where that is)"""
     inverse = dr.rcp(dot(d, d))
     t = -dot(o, d) * inverse
-    x, y = dr.fma(o[1], d[2], -o[2] * d[1]), dr.fma(o[2], d[0], -o[0] * d[2])
-    z = dr.fma(o[0], d[1], -o[1] * d[0])
+    x, y, z = cross(o, d)
     value = dr.exp2(lo - dr.fma(x, x, dr.fma(y, y, z * z)) * inverse)
     offset, inside = ([dr.fma(t, b, a) for a, b in zip(*pair, strict=True)] for pair in ((away, world_d), (o, d)))
     return Kernel(value, offset, inside), t
+
+
+def _varying(row: Any, o: list, d: list, world_d: list, active: Any) -> Varying:
+    """The point of a line that is nearest to the origin is d x (o x d) / |d|²: o + t d has no digits on a disk."""
+    here = (row != NO_ROW) & active
+    scale = dr.rcp(PER_DEVIATION * dot(d, d))
+    w = [dr.select(here, x * scale, 0) for x in cross(d, cross(o, d))]  # what is weighted by 0 is finite
+    return Varying(row, here, w, world_d, d)
 
 
 def read_row(table: Any, row: Any, stride: int, count: int, active: Any) -> list:

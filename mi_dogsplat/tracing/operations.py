@@ -29,18 +29,20 @@ class _OfPrimitives(dr.CustomOp):
 
     def tangents(self, query: Query) -> Tangents:
         of: Any = self.grad_in
-        return Tangents(query.walk.tree, of("kernel"), of("sh"), of("pseudo"))
+        return Tangents(query.walk.tree, of("kernel"), of("sh"), of("pseudo"), of("slopes"))
 
     def set_adjoints(self, adjoints: Adjoints) -> None:
-        kernel, sh, pseudo = adjoints.of_columns()
+        kernel, sh, pseudo, slopes = adjoints.of_columns()
         self.set_grad_in("kernel", [mi.Float(δ) for δ in kernel])
         self.set_grad_in("sh", mi.Float(sh))
         if pseudo:
             self.set_grad_in("pseudo", [mi.Float(δ) for δ in pseudo])
+        if slopes:
+            self.set_grad_in("slopes", [mi.Float(δ) for δ in slopes])
 
 
 class _Transmittance(_OfPrimitives):
-    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list):
+    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list, slopes: list):
         self.query, self.T = query, transmittance(query.walk)
         return query.rays.put(self.T, 1)
 
@@ -54,7 +56,7 @@ class _Transmittance(_OfPrimitives):
 
 
 class _Gather(_OfPrimitives):
-    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list):
+    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list, slopes: list):
         self.query, (self.colors, self.T) = query, gather(query.walk)
         return [query.rays.put(c, 0) for c in self.colors], query.rays.put(self.T, 1)
 
@@ -72,7 +74,7 @@ class _Gather(_OfPrimitives):
 def asked_transmittance(query: Query, primitives: Primitives) -> mi.Float:
     """Attached to the AD graph where the primitives are."""
     if _attached(primitives):
-        result: Any = dr.custom(_Transmittance, query, primitives.kernel, primitives.sh, primitives.pseudo)
+        result: Any = dr.custom(_Transmittance, query, *_columns(primitives))
         return result
     return query.rays.put(transmittance(query.walk), 1)
 
@@ -80,7 +82,7 @@ def asked_transmittance(query: Query, primitives: Primitives) -> mi.Float:
 def asked_colors(query: Query, primitives: Primitives) -> tuple[list, mi.Float]:
     """The same of (three channels, transmittance)."""
     if _attached(primitives):
-        result: Any = dr.custom(_Gather, query, primitives.kernel, primitives.sh, primitives.pseudo)
+        result: Any = dr.custom(_Gather, query, *_columns(primitives))
         return result
     colors, T = gather(query.walk)
     return [query.rays.put(c, 0) for c in colors], query.rays.put(T, 1)
@@ -88,5 +90,9 @@ def asked_colors(query: Query, primitives: Primitives) -> tuple[list, mi.Float]:
 
 def _attached(primitives: Primitives) -> bool:
     """Not within symbolic loops, whose lanes cannot add to arrays that are made in them."""
-    columns = primitives.kernel, primitives.sh, primitives.pseudo
-    return dr.grad_enabled(columns) and not dr.flag(dr.JitFlag.SymbolicScope)
+    return dr.grad_enabled(_columns(primitives)) and not dr.flag(dr.JitFlag.SymbolicScope)
+
+
+def _columns(primitives: Primitives) -> tuple:
+    """What operations have derivatives by."""
+    return primitives.kernel, primitives.sh, primitives.pseudo, primitives.slopes

@@ -5,6 +5,8 @@ Notation (3DGRT, Moenne-Loccoz et al. 2024; method paper, Sec. 3)
     M           sqrt(log2(e) / 2) S⁻¹ Rᵀ: takes an offset from μ to where all kernels are 2^-|x|²
     lo          log2 of the opacity; a kernel is 2^(lo - |M (x - μ)|²)
     F, f_a      of a DoG primitive: its pseudo-Gaussian has F⁻¹ M for M, and lo_p = lo + log2 f_a
+    w           S⁻¹ Rᵀ (x - μ), a point in standard deviations along the axes; where a colour varies it is
+                c + Σ_a w_a slope_a
 """
 
 from __future__ import annotations
@@ -19,12 +21,14 @@ from ..engine.sh import read_rows
 from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups
 from ..scene.row_groups import SH
 
+PER_DEVIATION = (0.5 * LOG2_E) ** 0.5  # |M (x - μ)| of a point that is one standard deviation away
 MAX_LOG_SCALE = 27.0  # scales are kept within e^±27, so that squares of what is divided by them are floats
 
 
 @dataclass
 class Primitives:
-    """Columns of N primitives; of their pseudo-Gaussians, where there are any, a row per DoG primitive."""
+    """Columns of N primitives; of their pseudo-Gaussians, where there are any, a row per DoG primitive; of slopes a row
+    per primitive whose colour varies over it."""
 
     to_kernel: list  # M, nine columns, row-major
     mean: list  # three
@@ -34,6 +38,8 @@ class Primitives:
     pseudo: list  # F⁻¹ and lo_p, four columns of [M]; empty without DoG
     dog_row: mi.UInt32 | None  # [N] row of the pseudo-Gaussian or NO_ROW
     dog_index: mi.UInt32 | None  # [M] its inverse
+    slopes: list  # nine columns of [S], axis by axis, three channels each; empty without
+    slope_row: mi.UInt32 | None  # [N] row of the slopes or NO_ROW
 
     @property
     def kernel(self) -> list:
@@ -42,13 +48,14 @@ class Primitives:
 
     def with_tangents(self) -> Primitives:
         """The same in forward mode: columns with the tangents that reach them now, from which no edge leads back."""
-        columns = [*self.kernel, self.sh, *self.pseudo]
+        columns = [*self.kernel, self.sh, *self.pseudo, *self.slopes]
         dr.forward_to(columns, flags=dr.ADFlag.ClearNone)  # some columns are on the way to others
         leaves = [mi.Float(dr.detach(column)) for column in columns]
         dr.enable_grad(leaves)
         for leaf, column in zip(leaves, columns, strict=True):
             dr.set_grad(leaf, dr.grad(column))
-        return replace(self, to_kernel=leaves[:9], mean=leaves[9:12], lo=leaves[12], sh=leaves[13], pseudo=leaves[14:])
+        sparse = {"pseudo": leaves[14 : 14 + len(self.pseudo)], "slopes": leaves[14 + len(self.pseudo) :]}
+        return replace(self, to_kernel=leaves[:9], mean=leaves[9:12], lo=leaves[12], sh=leaves[13], **sparse)
 
 
 def primitives_of(params: dict, sh_degree: int) -> Primitives:
@@ -61,23 +68,33 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     quats, log_scales = read_rows(params["quats"], 4, 4, index), rows(params["log_scales"], 3, index)
     mean = rows(params["means"], 3, index)
     R = rotation_matrix(quats)
-    inverse = [(0.5 * LOG2_E) ** 0.5 * _exp_minus(s) for s in log_scales]
+    inverse = [PER_DEVIATION * _exp_minus(s) for s in log_scales]
     to_kernel = [inverse[k] * R[c][k] for k in range(3) for c in range(3)]
     lo = -LOG2_E * softplus(-params["logit_opacities"])
     sh = uniform_sh(params, sh_degree)
     broken = dr.block_sum(dr.select(dr.isfinite(dr.detach(sh)), mi.Float(0), mi.Float(1)), dr.width(sh) // n)
     usable = _finite([*mean, *log_scales, *quats]) & ~dr.isnan(lo) & (broken == 0)
+    slopes, slope_row = [], None
+    if "slope_index" in params:
+        slope_row = params["slope_row"]
+        slopes = rows(params["color_slopes"], 9, dr.arange(mi.UInt32, dr.width(params["slope_index"])))
+        usable &= _of_row(_finite(slopes), slope_row)
     if "dog_index" not in params:
-        return Primitives(to_kernel, mean, lo, sh, usable, [], None, None)
+        return Primitives(to_kernel, mean, lo, sh, usable, [], None, None, slopes, slope_row)
 
     dog_row, dog_index = params["dog_row"], params["dog_index"]
     log_factors = rows(params["dog_log_scales"], 3, dr.arange(mi.UInt32, dr.width(dog_index)))
     of_primary = dr.gather(mi.Float, lo, dog_index, mode=dr.ReduceMode.NoConflicts)
     pseudo_lo = of_primary - LOG2_E * softplus(-params["dog_logit_opacities"])
     finite = _finite(log_factors) & ~dr.isnan(pseudo_lo)
-    usable &= (dog_row == NO_ROW) | dr.gather(mi.Bool, finite, dog_row, dog_row != NO_ROW)
+    usable &= _of_row(finite, dog_row)
     pseudo = [*(_exp_minus(f) for f in log_factors), pseudo_lo]
-    return Primitives(to_kernel, mean, lo, sh, usable, pseudo, dog_row, dog_index)
+    return Primitives(to_kernel, mean, lo, sh, usable, pseudo, dog_row, dog_index, slopes, slope_row)
+
+
+def _of_row(finite: mi.Bool, row: mi.UInt32) -> mi.Bool:
+    """[N] whether what primitives have in a group is finite; true of those that are not in it."""
+    return (row == NO_ROW) | dr.gather(mi.Bool, finite, row, row != NO_ROW)
 
 
 def _exp_minus(x: mi.Float) -> mi.Float:

@@ -10,7 +10,7 @@ axis of the box of their centres, all nodes by one sort, and cut in the middle.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import drjit as dr
 
@@ -19,8 +19,9 @@ from ..engine.project import NO_ROW
 from .bounds import bounds_of
 from .primitives import Primitives
 
-ROW = 16  # floats: of an inner node its children's boxes; of a leaf M, μ, lo and, as bits, DoG row and primitive
+ROW = 16  # floats: of an inner node its children's boxes; of a leaf M, μ, lo, and as bits DoG row, primitive, slope row
 PSEUDO_ROW = 8  # floats: F⁻¹, weights of the common ellipsoid, lo_p; one is free
+SLOPE_ROW = 12  # floats: slopes, axis by axis; three are free
 NONE = 0xFFFFFFFF  # primitive of an empty leaf
 FAR = 1e30  # where the boxes of empty nodes are, points that no ray passes
 OUT_OF_SIGHT = -1e30  # lo of empty leaves
@@ -34,6 +35,7 @@ class Tree:
     n_leaves: int
     splat_from_leaf: Any  # UInt [n_leaves], NONE where it is empty
     pseudo: Any  # Float [M, PSEUDO_ROW], or None without DoG
+    slopes: Any  # Float [S, SLOPE_ROW], or None without slopes
     sh: Any  # Float [N, K, 3]
     sh_row: int  # 3 K
     middle: list  # of the root's box
@@ -81,10 +83,21 @@ def build(primitives: Primitives, log2_range: float) -> Tree | None:
         *inverse, lo = (detached(c) for c in primitives.pseudo)
         row = dr.arange(types.UInt, dr.width(lo))
         dr.scatter(pseudo, types.Floats([*inverse, *bounds.weights, lo, dr.zeros(types.Float)]), row)
+    slopes = table([detached(c) for c in primitives.slopes], SLOPE_ROW) if primitives.slopes else None
     sh = detached(primitives.sh)
     dr.make_opaque(middle, size)
-    dr.eval(nodes, pseudo, sh)
-    return Tree(nodes, leaves, splat_from_leaf, pseudo, sh, dr.width(sh) // dr.width(primitives.lo), middle, size)
+    dr.eval(nodes, pseudo, slopes, sh)
+    sh_row = dr.width(sh) // dr.width(primitives.lo)
+    return Tree(nodes, leaves, splat_from_leaf, pseudo, slopes, sh, sh_row, middle, size)
+
+
+def table(columns: list, stride: int) -> Any:
+    """Columns [n] as a row-major table with rows of ``stride`` floats, zeros beyond them."""
+    types, n = array_types(), dr.width(columns[0])
+    rows, row = dr.zeros(types.Float, n * stride), dr.arange(types.UInt, n)
+    for k, column in enumerate(columns):
+        dr.scatter(rows, column, dr.fma(row, stride, k), mode=dr.ReduceMode.Permute)
+    return rows
 
 
 def leaf_order(centre: list, n: int) -> Any:
@@ -135,13 +148,19 @@ def _write_leaves(nodes: Any, primitives: Primitives, splat_from_leaf: Any, full
     columns = [detached(c) for c in primitives.kernel]
     dr.eval(columns)
     *kernel, lo = (dr.gather(types.Float, c, splat_from_leaf, full) for c in columns)
-    dog_row = dr.full(types.UInt, NO_ROW, dr.width(leaf))
-    if primitives.dog_row is not None:
-        dog_row = dr.select(full, dr.gather(types.UInt, detached(primitives.dog_row), splat_from_leaf, full), NO_ROW)
+
+    def row_of(row_of_splats: Any) -> Any:
+        return dr.select(full, dr.gather(types.UInt, detached(row_of_splats), splat_from_leaf, full), NO_ROW)
+
+    no_row = dr.full(types.UInt, NO_ROW, dr.width(leaf))
+    dog_row = no_row if primitives.dog_row is None else row_of(primitives.dog_row)
     for k in (0, 4, 8):  # an empty one has a kernel, so that nothing is divided by 0
         kernel[k] = dr.select(full, kernel[k], 1)
     bits = [dr.reinterpret_array(types.Float, b) for b in (dog_row, splat_from_leaf)]
-    row = [*kernel, dr.select(full, lo, OUT_OF_SIGHT), *bits, dr.zeros(types.Float)]
+    last = dr.zeros(types.Float)
+    if primitives.slope_row is not None:
+        last = cast(Any, dr.reinterpret_array(types.Float, row_of(primitives.slope_row)))
+    row = [*kernel, dr.select(full, lo, OUT_OF_SIGHT), *bits, last]
     dr.scatter(nodes, types.Floats(row[:8]), 2 * node)
     dr.scatter(nodes, types.Floats(row[8:]), 2 * node + 1)
     dr.eval(nodes)

@@ -56,6 +56,27 @@ def test_all_of_the_light_leaves_the_bits_and_none_of_it_black(linear):
     assert (coefficients[:, 0] * sh_basis(0, 0, 1, 0)[0] + 0.5 <= 1e-6).all() and (coefficients[:, 1:] == 0).all()
 
 
+@pytest.mark.parametrize("linear", [True, False], ids=["linear", "sRGB"])
+def test_colours_that_vary_are_dimmed_all_over_their_primitive(linear):
+    """So slopes scale as colours do."""
+    splats = rounded(random_splats(12, degree=0, seed=2, slope_share=0.5))
+    factor = np.random.default_rng(3).uniform(0.05, 1, (12, 3)).astype(np.float32)
+    after = dimmed(upload(splats), [mi.Float(column) for column in factor.T], linear)
+    w = np.random.default_rng(4).uniform(-0.2, 0.2, (50, 3))
+
+    def colors(sh: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        base = sh.reshape(12, 3)[splats.slope_index] * sh_basis(0, 0, 1, 0)[0] + 0.5
+        return base[:, None] + np.einsum("pa,sac->spc", w, slopes.reshape(-1, 3, 3))
+
+    before = colors(splats.sh_coeffs.astype(float), splats.color_slopes.astype(float))
+    seen = colors(after["sh_coeffs"].numpy(), after["color_slopes"].numpy())
+    k = factor[splats.slope_index][:, None]
+    expected = before * k if linear else to_srgb(to_linear(np.maximum(before, 0)) * k)
+    bright = linear | ((expected > 0.0405) & (before > 0.0405))
+    assert bright.mean() > 0.5
+    np.testing.assert_allclose(seen[bright], expected[bright], atol=2e-5)
+
+
 def test_derivatives_go_to_the_colours_and_not_to_the_factor():
     params, factor = upload(rounded(random_splats(5, degree=1))), dr.linspace(mi.Float, 0.2, 1, 5)
     dr.enable_grad(params["sh_coeffs"], factor)

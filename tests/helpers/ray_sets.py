@@ -11,6 +11,8 @@ from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.tracing.options import TraceOptions
 from mi_dogsplat.tracing.tracer import SplatTracer
 
+MARGIN = 1e-4  # relative, of alphas to the cutoff and of transmittances to theirs: nearer ones may fall on either side
+
 
 @dataclass
 class RaySet:
@@ -58,3 +60,15 @@ def gathered(tracer: SplatTracer, rays: RaySet, active: Any = True) -> tuple[np.
     """(colours [P, 3], transmittance [P])"""
     colors, T = tracer.gather(rays.ray, active)
     return np.stack([c.numpy() for c in colors], -1), T.numpy()
+
+
+def decided(splats: Splats, rays: RaySet, **options) -> np.ndarray:
+    """[P] whether no cutoff hangs on the rounding of float32, neither of an alpha nor of the transmittance."""
+    near = np.abs(np.abs(rays.meet(splats, smooth=True).alphas) * 255 - 1).min(axis=1) < MARGIN
+    meetings = rays.meet(splats)
+    order = np.argsort(np.where(meetings.alphas != 0, meetings.places, np.inf), axis=1)
+    hidden = np.take_along_axis(meetings.alphas, order, 1)
+    if not options.get("negative_transmittance", True):
+        hidden = np.maximum(hidden, 0)
+    T = np.cumprod(1 - hidden, axis=1)
+    return ~near & (np.abs(T / 1e-4 - 1).min(axis=1) > MARGIN)

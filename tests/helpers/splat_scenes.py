@@ -11,7 +11,7 @@ from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, RAW_SLOPES, upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import Frame, RasterOptions, rasterize
-from mi_dogsplat.reference.forward import RAW_PARAMETERS
+from mi_dogsplat.reference.forward import raw_indices, raw_names
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.splats import Splats
@@ -93,8 +93,8 @@ def tilted_camera(width=64, height=48, f=60.0, cx=None, cy=None) -> Camera:
 
 def opaque_only(splats: Any, kept: np.ndarray) -> Any:
     """The others become invisible, so that rows stay where they are."""
-    rows = {name: np.array(getattr(splats, name), float) for name in RAW_PARAMETERS}
-    copy = SimpleNamespace(**rows, dog_index=splats.dog_index)
+    rows = {name: np.array(getattr(splats, name), float) for name in raw_names(splats)}
+    copy = SimpleNamespace(**rows, **raw_indices(splats))
     copy.logit_opacities[~kept] = -np.inf
     return copy
 
@@ -187,8 +187,8 @@ def assert_gradients_equal(got: dict[str, np.ndarray], expected: dict[str, np.nd
 
 def differences(splats: Splats, loss: Callable[[Splats], float], eps=1e-5) -> dict[str, np.ndarray]:
     """Central differences of a loss of float64 parameters by every one of their entries."""
-    raw = {name: np.array(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
-    perturbed = cast("Splats", SimpleNamespace(**raw, dog_index=splats.dog_index))
+    raw = {name: np.array(getattr(splats, name), np.float64) for name in raw_names(splats)}
+    perturbed = cast("Splats", SimpleNamespace(**raw, **raw_indices(splats)))
     result = {name: np.zeros_like(values) for name, values in raw.items()}
     for name, values in raw.items():
         for index in np.ndindex(values.shape):

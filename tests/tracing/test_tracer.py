@@ -14,10 +14,8 @@ from mi_dogsplat.tracing.options import TraceOptions
 from mi_dogsplat.tracing.rays import FEW
 from mi_dogsplat.tracing.tracer import SplatTracer
 from mi_dogsplat.tracing.visits import BUFFER
-from ray_sets import RaySet, gathered, random_rays, ray_set, tracer_of
+from ray_sets import RaySet, decided, gathered, random_rays, ray_set, tracer_of
 from splat_scenes import axis_rotation, make_splats, random_splats, rounded
-
-MARGIN = 1e-4  # relative, of alphas to the cutoff and of transmittances to theirs: nearer ones may fall on either side
 
 
 @pytest.fixture(scope="module")
@@ -28,18 +26,6 @@ def mixture() -> Splats:
 @pytest.fixture(scope="module")
 def rays() -> RaySet:
     return random_rays(250, seed=2)
-
-
-def decided(splats: Splats, rays: RaySet, **options) -> np.ndarray:
-    """[P] whether no cutoff hangs on the rounding of float32, neither of an alpha nor of the transmittance."""
-    near = np.abs(np.abs(rays.meet(splats, smooth=True).alphas) * 255 - 1).min(axis=1) < MARGIN
-    meetings = rays.meet(splats)
-    order = np.argsort(np.where(meetings.alphas != 0, meetings.places, np.inf), axis=1)
-    hidden = np.take_along_axis(meetings.alphas, order, 1)
-    if not options.get("negative_transmittance", True):
-        hidden = np.maximum(hidden, 0)
-    T = np.cumprod(1 - hidden, axis=1)
-    return ~near & (np.abs(T / 1e-4 - 1).min(axis=1) > MARGIN)
 
 
 @pytest.mark.parametrize("negative_transmittance", [True, False])

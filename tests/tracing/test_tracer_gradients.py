@@ -7,8 +7,8 @@ import drjit as dr
 import numpy as np
 import pytest
 from mi_dogsplat.engine.geometry import SMOOTH
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG, RAW_SLOPES
 from mi_dogsplat.reference import rays as twin
-from mi_dogsplat.reference.forward import RAW_PARAMETERS
 from mi_dogsplat.tracing.options import TraceOptions
 from mi_dogsplat.tracing.rays import FEW
 from mi_dogsplat.tracing.tracer import SplatTracer
@@ -16,12 +16,14 @@ from ray_sets import RaySet, random_rays
 from splat_scenes import attached, random_splats, rounded
 
 STEP = 1e-5
+NAMES = RAW + RAW_DOG + RAW_SLOPES
+COLORS = "sh_coeffs", *RAW_SLOPES
 pytestmark = pytest.mark.usefixtures("all_cores")  # adjoints of many rays meet in one place
 
 
-@pytest.fixture(scope="module")
-def splats():
-    return rounded(random_splats(9, seed=21, degree=1))
+@pytest.fixture(scope="module", params=[0, 0.6], ids=["colours of one value", "colours that vary"])
+def splats(request):
+    return rounded(random_splats(9, seed=21, degree=1, slope_share=request.param))
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +44,15 @@ def twin_loss(splats: Any, rays: RaySet, kind: str, **options) -> float:
     return float((δ[:3] * colors.T).sum() + (δ[3] * T).sum())
 
 
+def in_float64(splats: Any) -> tuple[dict[str, np.ndarray], Any]:
+    """(raw parameters that there are, the model that has these arrays)"""
+    raw = {name: np.array(getattr(splats, name), np.float64) for name in NAMES if getattr(splats, name).size}
+    return raw, SimpleNamespace(**raw, dog_index=splats.dog_index, slope_index=splats.slope_index)
+
+
 def differences(splats: Any, rays: RaySet, kind: str, **options) -> dict[str, np.ndarray]:
     """Central ones, by every entry of the raw parameters."""
-    raw = {name: np.array(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
-    changed: Any = SimpleNamespace(**raw, dog_index=splats.dog_index)
+    raw, changed = in_float64(splats)
     result = {}
     for name, values in raw.items():
         result[name] = np.zeros_like(values)
@@ -81,7 +88,7 @@ def test_gradients_are_those_of_the_twin(splats, rays, kind, negative_transmitta
         found = dr.grad(params[name]).numpy().reshape(values.shape)
         error = np.abs(found - values).max() / max(np.abs(values).max(), 1e-3)
         wrong += [f"{name}: {error:.1e}"] if error > 2e-3 else []
-        assert kind == "transmittance" and name == "sh_coeffs" or np.abs(values).max() > 1e-3, name
+        assert kind == "transmittance" and name in COLORS or np.abs(values).max() > 1e-3, name
     assert not wrong, wrong
 
 
@@ -92,7 +99,7 @@ def test_forward_mode_is_the_transpose_of_reverse_mode(splats, kind, n):
     params = attached(splats)
     dr.backward(loss(params, splats.sh_degree, rays, kind))
     rng, inner = np.random.default_rng(25), 0.0
-    names = [name for name in RAW_PARAMETERS if name in params]
+    names = [name for name in NAMES if name in params]
     tangents = {name: rng.normal(size=dr.width(params[name])) for name in names}
     inner = sum(float((dr.grad(params[name]).numpy() * tangents[name]).sum()) for name in names)
     params = attached(splats)
@@ -108,16 +115,15 @@ def test_forward_mode_is_the_transpose_of_reverse_mode(splats, kind, n):
 def test_with_the_cutoffs_opacities_and_colours_have_the_gradients_of_finite_differences(splats, rays):
     """Where no alpha and no transmittance crosses a cutoff, which steps this small avoid."""
     rng = np.random.default_rng(26)
-    for name in ("logit_opacities", "sh_coeffs"):
+    for name in ("logit_opacities", *(name for name in COLORS if getattr(splats, name).size)):
         params = attached(splats)
         dr.backward(loss(params, splats.sh_degree, rays, "gather"))
         direction = rng.normal(size=dr.width(params[name]))
         found = float((dr.grad(params[name]).numpy() * direction).sum())
         values, step, losses = np.array(getattr(splats, name), np.float64), 1e-6, []
         for sign in (1, -1):
-            raw = {key: np.array(getattr(splats, key), np.float64) for key in RAW_PARAMETERS}
-            raw[name] = values + sign * step * direction.reshape(values.shape)
-            changed: Any = SimpleNamespace(**raw, dog_index=splats.dog_index)
+            raw, changed = in_float64(splats)
+            raw[name] += sign * step * direction.reshape(values.shape)
             δ, (colors, T) = adjoints(len(rays.maxt)), twin.gather(rays.meet(changed))
             losses.append(float((δ[:3] * colors.T).sum() + (δ[3] * T).sum()))
         np.testing.assert_allclose(found, (losses[0] - losses[1]) / (2 * step), rtol=5e-3)

@@ -1,0 +1,112 @@
+"""Gradients of the float64 twin at extremes, against differences in 90 digits."""
+
+from decimal import Decimal, localcontext
+
+import numpy as np
+import pytest
+from mi_dogsplat import reference
+from mi_dogsplat.reference.forward import raw_names
+from mi_dogsplat.reference.gradients import gradients_tiled
+from splat_scenes import axis_rotation, make_splats, tilted_camera
+
+BACKGROUND = (0.2, -0.3, 0.6)
+
+
+def exact_loss(raw: dict, color: np.ndarray, camera, adjoint: np.ndarray, antialiased: bool) -> Decimal:
+    """sum(adjoint * image) of one DoG primitive without view dependence, below .99; arrays of Decimal."""
+    number = np.vectorize(Decimal, otypes=[object])
+    W, t, low_pass = number(camera.w2c[:3, :3]), number(camera.w2c[:3, 3]), Decimal(reference.LOW_PASS)
+    focal, centre = number([camera.fx, camera.fy]), number([camera.cx, camera.cy])
+    margin = number([0.15 * camera.width, 0.15 * camera.height])
+    size = number([camera.width, camera.height])
+    position = W @ raw["means"] + t
+    tangents = position[:2] / position[2]
+    clamped = np.clip(tangents, -(centre + margin) / focal, (size + margin - centre) / focal)
+    JW = (focal / position[2])[:, None] * (W[:2] - clamped[:, None] * W[2])
+    x, y, z, w = raw["quats"] / (raw["quats"] @ raw["quats"]).sqrt()
+    R = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                  [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                  [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+    pixels = number(np.mgrid[: camera.width, : camera.height].reshape(2, -1) + 0.5)  # [2, P] x, y
+    offsets = pixels - (focal * tangents + centre)[:, None]
+
+    dx, dy = offsets
+
+    def axes(log_scales):
+        return JW @ R * np.array([s.exp() for s in log_scales])
+
+    def kernel(logits, log_scales):
+        A = axes(log_scales)
+        xx, xy, yy = A[0] @ A[0] + low_pass, A[0] @ A[1], A[1] @ A[1] + low_pass
+        det = xx * yy - xy * xy
+        ratio = ((xx - low_pass) * (yy - low_pass) - xy * xy) / det
+        opacity = max(Decimal(reference.MIN_ANTIALIAS_RATIO), ratio).sqrt() if antialiased else Decimal(1)
+        for logit in logits:
+            opacity /= 1 + (-logit).exp()
+        return np.array([opacity * (q / -2).exp() for q in (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / det])
+
+    opacity, scales = raw["logit_opacities"], raw["log_scales"]
+    alpha = kernel([opacity], scales) - kernel([opacity, raw["dog_logit_opacities"]], scales + raw["dog_log_scales"])
+    A = axes(scales)
+    covariance = A @ A.T + low_pass * np.eye(2, dtype=int)
+    inverse = np.array([[covariance[1, 1], -covariance[0, 1]], [-covariance[1, 0], covariance[0, 0]]])
+    inverse /= covariance[0, 0] * covariance[1, 1] - covariance[0, 1] ** 2
+    colors = color + offsets.T @ (inverse @ A @ raw["color_slopes"]) if "color_slopes" in raw else color
+    over = (colors - number(BACKGROUND)) * number(adjoint.swapaxes(0, 1).reshape(-1, 3))
+    return (alpha[:, None] * over).sum()
+
+
+def exact_gradients(splats, camera, adjoint: np.ndarray, antialiased: bool) -> dict[str, np.ndarray]:
+    """Differences in 90 digits of all but the coefficients; a step is 1e-30 of the largest value of its kind."""
+    number = np.vectorize(Decimal, otypes=[object])
+    raw = {name: number(getattr(splats, name)) for name in raw_names(splats) if name != "sh_coeffs"}
+    gradients = {name: np.zeros(values.shape) for name, values in raw.items()}
+    (color,) = number(reference.project(splats, camera).colors)
+    with localcontext() as context:
+        context.prec = 90
+        for name, values in raw.items():
+            step = max(map(abs, values.ravel())) * Decimal("1e-30")
+            for index in np.ndindex(values.shape):
+                value, sides = values[index], []
+                for side in (step, -step):
+                    values[index] = value + side
+                    one = {key: array[0] for key, array in raw.items()}
+                    sides.append(exact_loss(one, color, camera, adjoint, antialiased))
+                values[index] = value
+                gradients[name][index] = (sides[0] - sides[1]) / (2 * step)
+    return gradients
+
+
+EXTREMES = {
+    "round": {},
+    "needle": {"scales": (0.5, 5e-7, 5e-7)},
+    "long needle": {"scales": (1e3, 1e-3, 1e-3)},
+    "disc": {"scales": (1, 1e-6, 1)},
+    "tiny": {"scales": 1e-12},
+    "huge": {"scales": (1e6, 2e6, 3e6)},
+    "huge needle": {"scales": (1e6, 1, 1)},
+    "huge quaternion": {"scales": (0.5, 5e-7, 0.1), "length": 1e15},
+    "tiny quaternion": {"scales": (0.5, 5e-7, 0.1), "length": 1e-15},
+    "far": {"means": (300, 200, 1e4), "scales": (1e3, 2e3, 500)},
+    "beside the image": {"means": (6, 1, 2), "scales": (6, 3, 4)},
+}
+
+
+@pytest.mark.parametrize("slopes", [False, True], ids=["even", "slopes"])
+@pytest.mark.parametrize("antialiased", [False, True])
+@pytest.mark.parametrize("case", EXTREMES)
+def test_gradients_of_extreme_primitives_have_ten_digits(case, antialiased, slopes):
+    changes = {"means": (0.1, -0.05, 2), "scales": (0.3, 0.2, 0.1), "length": 1.0, **EXTREMES[case]}
+    quat = changes.pop("length") * axis_rotation([0.3, -0.5, 0.8], 1.1)[1]
+    splats = make_splats(changes.pop("means"), opacities=0.7, colors=(0.2, 0.5, 0.9), quats=quat, dog=[0],
+                         f_a=0.6, F=(1.5, 1.2, 1.8), **changes)
+    if slopes:
+        splats.slope_index, splats.color_slopes = np.array([0]), np.random.default_rng(1).normal(size=(1, 3, 3))
+    camera = tilted_camera(5, 4, f=4.0)
+    adjoint = np.random.default_rng(0).normal(size=(4, 5, 3))
+    got = gradients_tiled(splats, camera, adjoint, BACKGROUND, antialiased=antialiased, min_alpha=0,
+                          min_transmittance=0)
+    for name, values in exact_gradients(splats, camera, adjoint, antialiased).items():
+        assert values.any()
+        atol = 1e-10 * np.abs(values).max() if slopes else 0  # a turn of a needle moves its slopes about
+        np.testing.assert_allclose(got[name], values, rtol=1e-10, atol=atol, err_msg=name)

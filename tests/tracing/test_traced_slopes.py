@@ -1,0 +1,122 @@
+"""Colours that vary over their primitive, on rays: against the float64 twin, a search and closed forms."""
+
+import numpy as np
+import pytest
+from mi_dogsplat import reference
+from mi_dogsplat.engine.parameters import concatenate, upload
+from mi_dogsplat.reference import rays as twin
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.tracing.options import TraceOptions
+from mi_dogsplat.tracing.tracer import SplatTracer
+from ray_sets import decided, gathered, random_rays, ray_set, tracer_of
+from scipy.optimize import minimize_scalar
+from splat_scenes import axis_rotation, make_splats, random_splats, rounded
+
+SLOPES = np.array([[0.1, -0.2, 0.3], [0.4, 0.05, -0.1], [-0.3, 0.2, 0.15]])  # axis, channel
+
+
+def one(colors, slopes=SLOPES, **others) -> Splats:
+    """A primitive at (.1, -.2, 4) that is turned, of three different scales."""
+    quat = axis_rotation([1, 2, 0.5], 0.7)[1]
+    splats = make_splats([[0.1, -0.2, 4.0]], [[0.3, 0.2, 0.1]], 0.9, colors, quat, **others)
+    splats.slope_index, splats.color_slopes = [0], slopes[None]
+    return rounded(splats)
+
+
+def test_the_twin_has_the_colour_where_a_search_finds_the_largest_kernel():
+    splats, rays = one([[0.5, 0.4, 0.6]]), random_rays(40, seed=1, bounded=False)
+    colors = rays.meet(splats, smooth=True).colors[:, 0]
+    R, scales = reference.rotations(splats.quats.astype(float))[0], np.exp(splats.log_scales[0].astype(float))
+    base = splats.sh_coeffs[0, 0] * 0.28209479177387814 + 0.5
+
+    def local(o, d, t):
+        return R.T @ (o + t * d - splats.means[0]) / scales
+
+    for color, o, d in zip(colors, rays.origins.astype(float), rays.directions.astype(float), strict=True):
+        t = minimize_scalar(lambda t, o=o, d=d: np.sum(local(o, d, t) ** 2), bracket=(-1, 1), tol=1e-12).x  # pyright: ignore
+        np.testing.assert_allclose(color, base + local(o, d, t) @ SLOPES, atol=1e-6)
+
+
+@pytest.mark.parametrize("negative_transmittance", [True, False])
+def test_colours_are_those_of_the_twin(negative_transmittance):
+    splats, rays = rounded(random_splats(200, seed=1, slope_share=0.5)), random_rays(250, seed=2)
+    assert np.isin(splats.dog_index, splats.slope_index).any() and splats.n_slopes < 120
+    options = {"negative_transmittance": negative_transmittance}
+    sure = decided(splats, rays, **options)
+    colors, T = gathered(tracer_of(splats, **options), rays)
+    expected, expected_T = twin.gather(rays.meet(splats), **options)
+    np.testing.assert_allclose(colors[sure], expected[sure], atol=2e-5, rtol=1e-4)
+    np.testing.assert_allclose(T[sure], expected_T[sure], atol=2e-6, rtol=1e-4)
+    without, T_without = gathered(tracer_of(splats.without_slopes(), **options), rays)
+    assert np.abs(colors - without).max() > 0.1
+    np.testing.assert_array_equal(T, T_without)
+
+
+def test_the_colour_of_the_centre_is_kept_from_below_0_and_the_sum_is_not():
+    base = np.array([0.2, -0.4, 0.6])
+    splats, rays = one([base]), random_rays(200, seed=3, bounded=False)
+    colors, T = gathered(tracer_of(splats), rays)
+    seen = 1 - T > 0.05
+    R, scales = reference.rotations(splats.quats.astype(float))[0], np.exp(splats.log_scales[0].astype(float))
+    o, d = (rays.origins - splats.means[0]) @ R / scales, rays.directions @ R / scales
+    w = o - d * ((o * d).sum(1) / (d * d).sum(1))[:, None]
+    expected = np.maximum(base, 0) + w @ SLOPES
+    np.testing.assert_allclose(colors[seen] / (1 - T[seen])[:, None], expected[seen], atol=1e-4)
+    assert colors[seen].min() < -0.01
+
+
+def test_a_pseudo_gaussian_has_the_colour_that_its_primary_has_there():
+    """So the colour over alpha is that of the Gaussian alone, and slopes are per deviation of the primary."""
+    dog, plain = one([[0.5, 0.4, 0.6]], dog=[0], f_a=0.4, F=0.6), one([[0.5, 0.4, 0.6]])
+    rays = random_rays(300, seed=4, bounded=False)
+    (colors, T), (of_plain, T_plain) = (gathered(tracer_of(splats), rays) for splats in (dog, plain))
+    seen = 1 - T > 0.05
+    assert seen.sum() > 20 and not np.allclose(T[seen], T_plain[seen], atol=0.01)
+    ratio, of_plain = (c[seen] / (1 - left[seen])[:, None] for c, left in ((colors, T), (of_plain, T_plain)))
+    np.testing.assert_allclose(ratio, of_plain, atol=2e-4)
+
+
+@pytest.mark.parametrize("thickness", [1e-2, 1e-5, 1e-9])
+def test_disks_of_any_thickness_have_the_colour_of_where_the_ray_meets_their_plane(thickness):
+    R, quat = axis_rotation([1, 2, 0.5], 0.7)
+    centre, inside = np.array([0.2, -0.1, 4.0]), np.array([0.15, -0.05, 0])
+    disk = make_splats([centre], [[0.3, 0.2, thickness]], 0.9, 0.5, quat)
+    disk.slope_index, disk.color_slopes = [0], SLOPES[None]
+    target = centre + R @ inside
+    colors, T = gathered(tracer_of(rounded(disk)), ray_set([[0, 0, 0], [1, 0.5, 1]], [target, target - [1, 0.5, 1]]))
+    expected = 0.5 + (inside / [0.3, 0.2, 1]) @ SLOPES
+    np.testing.assert_allclose(colors / (1 - T)[:, None], [expected] * 2, atol=0.02 * (thickness == 1e-2) + 1e-4)
+
+
+def test_a_model_without_slopes_beside_one_with_them():
+    parts = [rounded(random_splats(20, seed=5 + k, degree=1, slope_share=share)) for k, share in enumerate((0, 0.5, 0))]
+    params, _ = concatenate([upload(part) for part in parts], [4, 4, 4])
+    assert len(params["slope_index"]) == parts[1].n_slopes > 0
+    rays = random_rays(150, seed=6)
+    colors, _ = gathered(SplatTracer(params, TraceOptions(1)), rays)
+    names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs", "dog_logit_opacities", "dog_log_scales")
+    whole = Splats(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+        dog_index=np.concatenate([part.dog_index + 20 * k for k, part in enumerate(parts)]),
+        slope_index=parts[1].slope_index + 20, color_slopes=parts[1].color_slopes,
+    )
+    sure = decided(whole, rays)
+    np.testing.assert_allclose(colors[sure], twin.gather(rays.meet(whole))[0][sure], atol=2e-5, rtol=1e-4)
+
+
+def test_a_primitive_whose_slopes_are_not_finite_is_not_drawn():
+    splats = rounded(random_splats(20, seed=7, slope_share=0.5))
+    broken = Splats(**vars(splats))
+    broken.color_slopes = splats.color_slopes.copy()
+    broken.color_slopes[2, 1, 0] = np.nan
+    rest = splats.select(np.delete(np.arange(20), splats.slope_index[2]))
+    rays = random_rays(100, seed=8)
+    for a, b in zip(gathered(tracer_of(broken), rays), gathered(tracer_of(rest), rays), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-6)
+
+
+def test_slopes_leave_shadows_as_they_are():
+    splats, rays = rounded(random_splats(50, seed=9, slope_share=1)), random_rays(100, seed=10)
+    shadow, without = (tracer_of(of).transmittance(rays.ray).numpy() for of in (splats, splats.without_slopes()))
+    np.testing.assert_array_equal(shadow, without)
+    assert (shadow < 1).any()
