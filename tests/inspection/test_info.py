@@ -132,6 +132,13 @@ def test_a_complete_run_shows_its_result(tmp_path):
     assert lines[-1] == "problems: none found"
 
 
+def test_a_run_that_gives_slopes_to_primitives_tells_of_how_many(tmp_path):
+    run = write_run(tmp_path)
+    metrics = json.loads((run / "metrics.json").read_text())
+    (run / "metrics.json").write_text(json.dumps(metrics | {"n_slopes": 1234}))
+    assert value_of(describe(run), "primitives") == "12,345, 67 of them DoG, 1,234 with slopes"
+
+
 def test_an_interrupted_run_shows_how_far_it_came(tmp_path):
     write_run(tmp_path)
     for name in ("metrics.json", "point_cloud.ply"):

@@ -13,7 +13,17 @@ from mi_dogsplat.report.views import ranked, shown
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.support import pictures
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.training.events import Densified, DogActivated, Event, OpacityReset, Pruned, ShDegree, row_of
+from mi_dogsplat.training.events import (
+    Densified,
+    DogActivated,
+    Event,
+    OpacityReset,
+    Pruned,
+    ShDegree,
+    SlopesActivated,
+    SlopesLeftOut,
+    row_of,
+)
 from PIL import Image
 
 VIEWS = {f"view{i}": {"psnr": 20.0 + i, "ssim": 0.5 + i / 20, "flip": 0.1, "l1": 0.02} for i in range(9)}
@@ -119,6 +129,16 @@ def test_every_kind_of_event_has_its_lane(run):
     for lane in ("densify", "reset", "SH up", "prune", "other"):
         assert html.count(f">{lane}</text>") == 2
     assert html.count(">DoG</text>") == 2 + 4  # and a mark in each plot
+
+
+def test_slopes_have_a_lane_and_are_counted_where_a_run_gives_them(run):
+    assert "slopes" not in text_of(write_report(run))
+    history = [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
+    history[-1] |= row_of([SlopesActivated(7), SlopesLeftOut(2, 5)])
+    (run / "history.jsonl").write_text("".join(json.dumps(row) + "\n" for row in history))
+    (run / "metrics.json").write_text(json.dumps(METRICS | {"n_slopes": 5432}))
+    html = text_of(write_report(run))
+    assert html.count(">slopes</text>") == 2 and "6,604 of them DoG, 5,432 with slopes" in html
 
 
 def test_test_psnr_is_drawn_where_the_history_has_it(run):

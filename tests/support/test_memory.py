@@ -4,13 +4,16 @@ import json
 import resource
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import psutil
 import pytest
+import tiny_data
 from happenings import records
+from mi_dogsplat import write_ply
 from mi_dogsplat.cli import main
 from mi_dogsplat.datasets import load_dataset, view_images
 from mi_dogsplat.engine.bands import BandedView
@@ -22,6 +25,8 @@ from mi_dogsplat.training import footprint
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import MemoryFull
 from mi_dogsplat.training.footprint import FIRST_PAIRS, MARGIN, TARGET, Budget, budget
+from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.strategy.slope_activation import SlopeRule
 from mi_dogsplat.training.train import Trainer
 
 ROOT = Path(__file__).parents[2]
@@ -37,6 +42,27 @@ def enough_for(n: int, data: Path) -> str:
     known = budget("1G", load_dataset(data), 1)
     assert known
     return str(int((known.fixed + (n + 0.5) * known.each(FIRST_PAIRS)) / MARGIN))
+
+
+@pytest.mark.parametrize(
+    ("recipe", "slopes"),
+    [
+        (RECIPES["3dgs"], False),
+        (RECIPES["ours"], False),
+        (RECIPES["ours_slopes"], False),  # they come when most primitives are gone
+        (replace(RECIPES["3dgs"], slopes=SlopeRule()), True),
+    ],
+)
+def test_slopes_count_where_they_come_to_all_primitives_that_there_ever_are(data, recipe, slopes):
+    trainer = Trainer(config_of(data, memory="1G"), load_dataset(data), recipe)
+    assert trainer.memory and trainer.memory.floats == 14 + 12 + 9 * slopes
+
+
+def test_slopes_of_a_model_count(data, tmp_path):
+    write_ply(tmp_path / "model.ply", tiny_data.sloped_truth())
+    config = config_of(data, memory="1G", model=str(tmp_path / "model.ply"), preset="ours")
+    trainer = Trainer(config, load_dataset(data))
+    assert trainer.memory and trainer.memory.floats == 14 + 3 * (trainer.optimizer.sh_degree + 1) ** 2 + 9
 
 
 @pytest.mark.parametrize(

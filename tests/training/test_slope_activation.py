@@ -21,9 +21,11 @@ from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.initialize import model_to_prune
 from mi_dogsplat.training.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer import SplatOptimizer
 from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.quantiser import Quantiser, Tables
 from mi_dogsplat.training.strategy.dog_control import DogRule, activate
 from mi_dogsplat.training.strategy.slope_activation import SlopeRule, activate_slopes, shown_slopes
 from mi_dogsplat.training.tone_curve import SrgbLog
@@ -261,3 +263,16 @@ def test_a_format_without_slopes_is_refused_in_one_line(data, capsys, tmp_path, 
     with pytest.raises(ValueError, match=f"slopes to primitives, which {name} does not hold"):
         RECIPES["ours_slopes"].for_format(name)
     assert RECIPES["ours_slopes"].for_format("ply") is RECIPES["ours_slopes"]
+
+
+def test_a_model_that_is_to_end_in_such_a_format_starts_in_its_mean_colours(tmp_path):
+    splats = tiny_data.sloped_truth()
+    write_ply(tmp_path / "model.ply", splats)
+    for name, n_slopes in (("ply", splats.n_slopes), ("spz", 0)):
+        assert model_to_prune(str(tmp_path / "model.ply"), 0.5, name).n_slopes == n_slopes
+
+
+def test_what_sees_a_model_as_such_a_file_refuses_slopes():
+    optimizer, camera = optimizer_of(model(slope_share=0.5)), DeviceCamera.upload(CAMERA)
+    with pytest.raises(ValueError, match="Quantiser: spz holds no slopes"):
+        Quantiser("spz").before_step(Tables(), optimizer, [camera], options(model()), 0, 10)
