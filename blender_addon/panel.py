@@ -12,7 +12,7 @@ from .nodes.crop import NAME as CROP
 from .nodes.limits import NAME as LIMITS
 from .nodes.modifier import SHOWN, edit_modifiers, has_input, input_property, splat_modifier, tree_name
 from .nodes.paint import NAME as PAINT
-from .objects.attributes import can_edit, is_native, is_splats
+from .objects.attributes import can_edit, is_native, is_splats, varies
 from .objects.conventions import DOG_COUNT, SOURCE
 from .objects.feature import is_available
 from .render_engine import ENGINE
@@ -44,6 +44,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         elif is_native(obj):
             text = iface_("{name}: plain Gaussians, by Blender").format(name=obj.name)
             layout.label(text=text, translate=False, icon="POINTCLOUD_DATA")
+            _note_slopes(layout, context.scene, obj)
             layout.operator("dogsplat.to_dog")
         row = layout.row(align=True)
         row.operator("import_scene.dogsplat", text="Import", icon="IMPORT")
@@ -74,6 +75,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             layout.label(text="Colours need an active camera, or Follow View", icon="INFO")
         elif obj.get(DOG_COUNT) and "EEVEE" in context.scene.render.engine:
             layout.label(text="EEVEE: no negative lobes", icon="INFO")
+        _note_slopes(layout, context.scene, obj)
 
     def _viewport(self, scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> None:
         """What a moving viewport shows, and what hides the splats in one as Blender opens it."""
@@ -86,6 +88,12 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             layout.label(text="Solid shading has no colours", icon="INFO")
             layout.prop_enum(space.shading, "type", "MATERIAL", text="Material Preview")
         layout.prop(space.overlay, "show_outline_selected", text="Outline Selected")
+
+
+def _note_slopes(layout: bpy.types.UILayout, scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
+    """What the engines of Blender leave out of colours."""
+    if varies(obj) and scene.render.engine != ENGINE:
+        layout.label(text="Blender draws mean colours, no slopes", icon="INFO")
 
 
 class OfEngine:

@@ -36,11 +36,12 @@ def in_common_light(models: Sequence[Model], lights: Sequence[Light]) -> tuple[l
 
 
 def made_linear(model: Model) -> Model:
-    """A model of sRGB values in linear radiance: exact for mean colours, to first order for what directions add."""
+    """A model of sRGB values in linear radiance: exact for mean colours, to first order for directions and slopes."""
     color = 0.5 + C0 * model.sh_coeffs[:, 0].astype(np.float64)  # [N, 3]
     sh = model.sh_coeffs * decoded_slope(color)[:, None]
     sh[:, 0] = (decoded(color) - 0.5) / C0
-    return replace(model, sh_coeffs=sh.astype(np.float32))
+    slopes = model.color_slopes * decoded_slope(color)[:, None]
+    return replace(model, sh_coeffs=sh.astype(np.float32), color_slopes=slopes.astype(np.float32))
 
 
 def spz_radiance(model: Model, light: Light, comments: Sequence[str]) -> Model:

@@ -37,6 +37,9 @@ def mapped(model: Model, linear: NDArray) -> Model:
     factors = np.exp(np.where(model.is_dog[:, None], model.dog_log_scales, 0).astype(np.float64))
     pseudo = u.swapaxes(1, 2) @ columns * (factors * scales)[:, None]  # rows are the new axes
     log_factors = np.log(np.linalg.norm(pseudo, axis=2) / sizes)
+    along = u.swapaxes(1, 2) @ columns * scales[:, None] / sizes[:, :, None]  # from old deviations to new ones
+    k = model.color_slopes.shape[1]  # 3, or 0 where there are none
+    slopes = along[:, :k, :k] @ model.color_slopes.astype(np.float64)
     project = sh_projection(linear, model.sh_degree)
     return replace(
         model,
@@ -44,6 +47,7 @@ def mapped(model: Model, linear: NDArray) -> Model:
         quats=quaternion_from_rotation(u).astype(np.float32),
         sh_coeffs=np.einsum("ij,njc->nic", project, model.sh_coeffs.astype(np.float64)).astype(np.float32),
         dog_log_scales=np.where(model.is_dog[:, None], log_factors, model.dog_log_scales).astype(np.float32),
+        color_slopes=slopes.astype(np.float32),
     )
 
 

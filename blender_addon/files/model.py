@@ -1,7 +1,8 @@
 """A model as NumPy arrays: the raw values of a 3DGS file, and what Blender shows of them.
 
 Nothing here knows Blender, so it can be tested with any Python. Raw values (``log_``, ``logit_``) are what files hold;
-every other name is activated. DoG values have a row for every primitive; those of a plain Gaussian mean nothing.
+every other name is activated. DoG values have a row for every primitive; those of a plain Gaussian mean nothing. So
+have slopes, of colours that vary over their primitive, where any primitive has them.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ class Model:
     is_dog: NDArray[np.bool_]  # [N]
     dog_logit_opacities: Array  # [N] logit of f_a: the pseudo-Gaussian has opacity f_a a
     dog_log_scales: Array  # [N, 3] log of F: the pseudo-Gaussian has scales F s
+    has_slopes: NDArray[np.bool_]  # [N]
+    color_slopes: Array  # [N, 3, 3] of the colour per standard deviation: axis, channel; [N, 0, 3] where none has any
 
     @property
     def n_splats(self) -> int:
@@ -47,11 +50,17 @@ class Model:
 
 
 def concatenate(models: list[Model]) -> Model:
-    """One model of several; lower degrees of spherical harmonics are filled up with zeros."""
-    k = max(model.sh_coeffs.shape[1] for model in models)
+    """One model of several; lower degrees of spherical harmonics, and missing slopes, are filled up with zeros."""
     columns = {field.name: [getattr(model, field.name) for model in models] for field in fields(Model)}
-    columns["sh_coeffs"] = [np.pad(sh, ((0, 0), (0, k - sh.shape[1]), (0, 0))) for sh in columns["sh_coeffs"]]
+    for name in ("sh_coeffs", "color_slopes"):
+        k = max(values.shape[1] for values in columns[name])
+        columns[name] = [np.pad(values, ((0, 0), (0, k - values.shape[1]), (0, 0))) for values in columns[name]]
     return Model(**{name: np.concatenate(parts) for name, parts in columns.items()})
+
+
+def no_slopes(n: int) -> tuple[NDArray[np.bool_], Array]:
+    """``has_slopes`` and ``color_slopes`` of ``n`` primitives of one colour each."""
+    return np.zeros(n, bool), np.zeros((n, 0, 3), np.float32)
 
 
 def sigmoid(x: Array) -> Array:

@@ -28,7 +28,8 @@ def transformed(model: Model, matrix: np.ndarray) -> Model:
         return replace(mapped(model, linear), means=means)
     isometry = linear / scale
     turn = sh_rotation(isometry, model.sh_degree)
-    rotation = isometry if np.linalg.det(isometry) > 0 else -isometry  # the same of a kernel, which is symmetric
+    turns = np.linalg.det(isometry) > 0
+    rotation = isometry if turns else -isometry  # the same of a kernel, which is symmetric; its axes are turned round
     quats = quaternion_product(quaternion_from_rotation(rotation), normalized(model.quats).astype(np.float64))
     return replace(
         model,
@@ -36,6 +37,7 @@ def transformed(model: Model, matrix: np.ndarray) -> Model:
         log_scales=(model.log_scales + np.log(scale)).astype(np.float32),
         quats=quats.astype(np.float32),
         sh_coeffs=np.einsum("ij,njc->nic", turn, model.sh_coeffs.astype(np.float64)).astype(np.float32),
+        color_slopes=model.color_slopes if turns else -model.color_slopes,
     )
 
 

@@ -138,7 +138,12 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
             _prepare_viewports(context)
         total = sum(model.n_splats for _, model, _ in models)
         dog = sum(int(model.is_dog.sum()) for _, model, _ in models)
-        self.report({"INFO"}, told("{total:,} splats imported, {dog:,} of them DoG", total=total, dog=dog))
+        slopes = sum(int(model.has_slopes.sum()) for _, model, _ in models)
+        text = told("{total:,} splats imported, {dog:,} of them DoG", total=total, dog=dog)
+        if slopes:
+            sloped = "{total:,} splats imported, {dog:,} of them DoG, {slopes:,} with slopes"
+            text = told(sloped, total=total, dog=dog, slopes=slopes)
+        self.report({"INFO"}, text)
         return {"FINISHED"}
 
     def _placed(self, context: bpy.types.Context, path: Path, model: Model, said: Said) -> bpy.types.Object:

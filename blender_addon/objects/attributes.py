@@ -13,10 +13,11 @@ import bpy
 import numpy as np
 
 from ..files.errors import told
-from ..files.model import Model, importance, logit, normalized, positive_log, sigmoid
+from ..files.model import Model, importance, logit, no_slopes, normalized, positive_log, sigmoid
 
 SCALE, ROTATION, BASE, SH = "scale", "rotation", "radiance:base", "radiance:sh_{}"
 OPACITY_FACTOR, SCALE_FACTOR = "dog:opacity_factor", "dog:scale_factor"
+SLOPES, HAS_SLOPES = "dog:slope_{}", "dog:has_slopes"  # along the axes of "xyz", 1 or 0; where any splat has them
 RAW_LOGITS = "dog:raw_logits"  # logit opacity, logit of the opacity factor, 0
 RAW_SCALE, RAW_ROTATION, RAW_FACTOR = "dog:raw_scale", "dog:raw_rotation", "dog:raw_factor"
 NATIVE_SCALE, NATIVE_OPACITY = "dog:native_scale", "dog:native_opacity"  # as baked: how edits of them are noticed
@@ -53,7 +54,7 @@ def put_columns(geometry: Geometry, model: Model, base_kind: str) -> None:
         put_column(geometry, name, array, kind)
     for k in range(1, model.sh_coeffs.shape[1]):
         put_column(geometry, SH.format(k - 1), model.sh_coeffs[:, k])
-    for name, array in _raw(model).items():
+    for name, array in (_raw(model) | _slopes(model)).items():
         put_column(geometry, name, array)
 
 
@@ -77,6 +78,11 @@ def is_native(obj: bpy.types.Object | None) -> bool:
 def has_splats(obj: bpy.types.Object | None) -> bool:
     """Either of them."""
     return is_splats(obj) or is_native(obj)
+
+
+def varies(obj: bpy.types.Object) -> bool:
+    """Whether colours of its splats vary over them, which Blender's own engines do not draw."""
+    return HAS_SLOPES in obj.data.attributes
 
 
 def can_edit(obj: bpy.types.Object | None) -> bool:
@@ -103,6 +109,7 @@ def read_attributes(mesh: Geometry) -> Model:
 
 def model_of(mesh: Geometry, scale: np.ndarray, base: np.ndarray) -> Model:
     """The same with these scales [N, 3], colours and opacities [N, 4] in place of its own."""
+    has_slopes, slopes = _slope_values(mesh, len(base))
     now = {SCALE: scale, ROTATION: get_column(mesh, ROTATION, 4), **_dog_values(mesh, len(base))}
     edited = Model(
         means=get_column(mesh, "position", 3),
@@ -113,6 +120,8 @@ def model_of(mesh: Geometry, scale: np.ndarray, base: np.ndarray) -> Model:
         is_dog=now[OPACITY_FACTOR] > 0,
         dog_logit_opacities=logit(now[OPACITY_FACTOR]),
         dog_log_scales=positive_log(now[SCALE_FACTOR]),
+        has_slopes=has_slopes,
+        color_slopes=slopes,
     )
     if not all(name in mesh.attributes for name in (RAW_LOGITS, RAW_SCALE, RAW_ROTATION, RAW_FACTOR)):
         return edited
@@ -142,6 +151,14 @@ def _dog_values(mesh: Geometry, n: int) -> dict[str, np.ndarray]:
     if OPACITY_FACTOR not in mesh.attributes:
         return {OPACITY_FACTOR: np.zeros(n, np.float32), SCALE_FACTOR: np.ones((n, 3), np.float32)}
     return {OPACITY_FACTOR: get_column(mesh, OPACITY_FACTOR, 1)[:, 0], SCALE_FACTOR: get_column(mesh, SCALE_FACTOR, 3)}
+
+
+def _slope_values(mesh: Geometry, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Which splats have slopes [N], and what they are [N, 3, 3]; [N, 0, 3] where none has any."""
+    if HAS_SLOPES not in mesh.attributes:
+        return no_slopes(n)
+    slopes = np.stack([get_column(mesh, SLOPES.format(axis), 3) for axis in "xyz"], axis=1)
+    return get_column(mesh, HAS_SLOPES, 1)[:, 0] > 0, slopes
 
 
 def _bands(mesh: Geometry, base: np.ndarray) -> np.ndarray:
@@ -196,6 +213,13 @@ def _raw(model: Model) -> dict[str, np.ndarray]:
     values = {RAW_LOGITS: logits, RAW_SCALE: model.log_scales, RAW_ROTATION: model.quats,
               RAW_FACTOR: model.dog_log_scales}  # fmt: skip
     return {name: array.astype(np.float32) for name, array in values.items()}
+
+
+def _slopes(model: Model) -> dict[str, np.ndarray]:
+    if not model.color_slopes.shape[1]:
+        return {}
+    along = {SLOPES.format(axis): model.color_slopes[:, k] for k, axis in enumerate("xyz")}
+    return {HAS_SLOPES: model.has_slopes.astype(np.int32), **along}
 
 
 def put_column(mesh: Geometry, name: str, values: np.ndarray, kind: str | None = None) -> None:

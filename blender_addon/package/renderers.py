@@ -147,8 +147,8 @@ class Command:
 
     def convert(self, path: Path, out: Path, bake: bool = False) -> None:
         """As that of ``InProcess``."""
-        dog = ("bake", "--refine", "0") if bake else ("keep",)
-        words = [*self.words, "export", str(path), "-o", str(out), "--views", "0", "--dog", *dog]
+        how = ("--dog", "bake", "--refine", "0") if bake else ("--dog", "keep", "--slopes", "keep")
+        words = [*self.words, "export", str(path), "-o", str(out), "--views", "0", *how]
         try:
             done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")
         except OSError as error:

@@ -3,6 +3,9 @@
 MESSAGES = {
     # What was done
     "{total:,} splats imported, {dog:,} of them DoG": "{total:,} Splats importiert, davon {dog:,} DoG",
+    "{total:,} splats imported, {dog:,} of them DoG, {slopes:,} with slopes": (
+        "{total:,} Splats importiert, davon {dog:,} DoG, {slopes:,} mit Farbverläufen"
+    ),
     "{count:,} splats exported": "{count:,} Splats exportiert",
     "{count:,} splats deleted": "{count:,} Splats gelöscht",
     "{count} cameras imported": "{count} Kameras importiert",

@@ -25,7 +25,7 @@ from ..runs.run import train, train_until
 from ..scene.drawing import Drawing, drawn_as
 from ..support.files import write_json
 from ..training.config import TrainConfig
-from ..training.presets import RECIPES
+from ..training.presets import RECIPES, Recipe
 from .methods import METHODS, WITHOUT_DOG, Method
 
 
@@ -51,8 +51,12 @@ def is_complete(folder: Path, method: Method) -> bool:
 
 
 def _recipe_in(folder: Path) -> Any:
-    known = folder / RECIPE
-    return json.loads(known.read_text(encoding="utf-8")) if known.exists() else None
+    """As ``recipe_of`` has it; what an earlier version did not write down was as a recipe has it by default."""
+    path = folder / RECIPE
+    known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+    if known and isinstance(known.get("recipe"), dict):
+        known["recipe"] = json.loads(json.dumps(dataclasses.asdict(Recipe()))) | known["recipe"]
+    return known
 
 
 def train_method(config: TrainConfig, name: str, folder: Path, start: Path) -> None:

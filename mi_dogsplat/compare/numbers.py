@@ -41,6 +41,7 @@ def numbers(folder: Path) -> dict[str, float]:
     metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
     found = {name: metrics["test"][name] for name in ("psnr", "ssim", "flip")}
     found |= {name: metrics[name] for name in ("n", "n_dog", "train_seconds", "render_ms", "peak_memory_mb")}
+    found |= {name: metrics[name] for name in ("n_slopes",) if name in metrics}
     found |= {"train_l1": metrics["train"]["l1"], "megabytes": metrics["bytes"] / 1e6}
     for name in (RENDER_MS, LPIPS):  # measured with the other runs of a seed
         if (folder / name).exists():

@@ -28,6 +28,7 @@ from ..scene.splats import Array, Splats
 from ..scores.weights import weights
 from ..support.errors import DataError
 from ..support.srgb import displayed
+from ..support.wording import count
 from ..training.fit import GAINS, Look, fit
 from ..training.strategy.dog_control import DogRule
 from .merge import merge
@@ -99,6 +100,8 @@ def simplify_model(
         raise DataError(model, f"{start.n_splats} primitives could not be merged any further", "use a larger --target")
     found = fitted(start, splats, cameras, look, config, show) if config.steps else start
     left_out = [f"{model.name}: {line}" for line in read.left_out]
+    if splats.n_slopes:
+        left_out.append(f"the slopes of {count(splats.n_slopes)} primitives are left out: what is merged has none")
     left_out += write_model(out, replace(read, splats=found, drawing=options.drawing.over(read.drawing)))
     after = quality(found) if config.steps else None
     return Simplified(splats.n_splats, found.n_splats, found.n_dog, len(others), quality(start), after, left_out)
@@ -122,7 +125,7 @@ def cameras_of(splats: Splats, config: SimplifyConfig, n: int, seed: int, up: st
 
 def merged(splats: Splats, target: int, cameras: list[Camera], look: Look) -> Splats:
     """``target`` plain Gaussians, merged by how much of each primitive the cameras see (Σ α T over all pixels)."""
-    plain = baked(splats) if splats.n_dog else splats
+    plain = (baked(splats) if splats.n_dog else splats).without_slopes()
     needed = Unneeded.of(plain).taken_out(plain).uniform_sh()
     seen = amounts_seen(needed, cameras, look)
     seen = np.maximum(seen, LEAST_WEIGHT * (seen.mean() or 1.0))

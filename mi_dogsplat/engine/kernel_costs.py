@@ -59,9 +59,10 @@ def aov_operations(names: tuple[str, ...], dog: bool, variant: str) -> float:
 
 
 @lru_cache
-def primitive_operations(options: RasterOptions, dog: bool, variant: str) -> float:
-    """Operations of the projection per primitive; with ``dog``, per DoG primitive. ``variant``: the active one."""
-    splats, camera = _model(options.sh_degree, dog)
+def primitive_operations(options: RasterOptions, dog: bool, variant: str, slopes: bool = False) -> float:
+    """Operations of the projection per primitive; with ``dog``, per DoG primitive, with ``slopes``, per one whose
+    colour varies over it. ``variant``: the active one."""
+    splats, camera = _model(options.sh_degree, dog, slopes)
     params = upload(splats)
 
     def run() -> None:
@@ -109,10 +110,10 @@ def _view(settings: Settings, dog: bool, unroll: int) -> WalkableView:
     return view
 
 
-def _model(sh_degree: int, dog: bool) -> tuple[Splats, DeviceCamera]:
+def _model(sh_degree: int, dog: bool, slopes: bool = False) -> tuple[Splats, DeviceCamera]:
     """A model in front of a camera; what it shows matters to no kernel."""
     rng = np.random.default_rng(0)
-    index = np.arange(N if dog else 0)
+    index, sloped = np.arange(N if dog else 0), np.arange(N if slopes else 0)
     splats = Splats(
         means=rng.uniform([-1, -1, 2], [1, 1, 4], (N, 3)),
         log_scales=np.full((N, 3), -2),
@@ -122,5 +123,7 @@ def _model(sh_degree: int, dog: bool) -> tuple[Splats, DeviceCamera]:
         dog_index=index,
         dog_logit_opacities=np.zeros(len(index)),
         dog_log_scales=np.zeros((len(index), 3)),
+        slope_index=sloped,
+        color_slopes=np.zeros((len(sloped), 3, 3)),
     )
     return splats, DeviceCamera.upload(Camera(np.eye(4), SIZE, SIZE, SIZE / 2, SIZE / 2, SIZE, SIZE))

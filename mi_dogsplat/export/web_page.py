@@ -50,6 +50,7 @@ class Opening:
         tangents: of half the angles of view that have to be seen, across and up.
         background: grey level, 0..1.
         n_dog: primitives that were DoG; dog: what became of them, "bake" or "drop".
+        n_slopes: primitives whose colour varied over them.
     """
 
     title: str
@@ -60,6 +61,7 @@ class Opening:
     background: float = 0.0
     n_dog: int = 0
     dog: str = "bake"
+    n_slopes: int = 0
 
 
 def opening_of(subject: Subject, title: str, dog: str = "bake") -> Opening:
@@ -73,7 +75,8 @@ def opening_of(subject: Subject, title: str, dog: str = "bake") -> Opening:
     depth = next((depth for depth in depths if depth > 0), 1.0)  # visitors turn about a point that far away
     tangents = 0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy
     target = camera.position + depth * forward
-    return Opening(title, camera.position, target, subject.up, tangents, subject.background, splats.n_dog, dog)
+    had = splats.n_dog, dog, splats.n_slopes
+    return Opening(title, camera.position, target, subject.up, tangents, subject.background, *had)
 
 
 def write_page(out: Path, model: Model, opening: Opening) -> list[str]:
@@ -102,7 +105,7 @@ def write_page(out: Path, model: Model, opening: Opening) -> list[str]:
     parts = {
         "version": versions()["mi_dogsplat"],
         "title": html.escape(opening.title),
-        "caption": html.escape(f"{opening.title}: {model.splats.n_splats:,} Gaussians{_of_dog(opening)}"),
+        "caption": html.escape(f"{opening.title}: {model.splats.n_splats:,} Gaussians{_of_them(opening)}"),
         "about": html.escape(_about(opening)),
         "background": f"rgb({', '.join([str(round(255 * opening.background))] * 3)})",
         "viewer": _vendored("VERSION").decode().strip(),
@@ -137,20 +140,31 @@ def read_page(path: Path) -> Model:
     return replace(read, splats=transformed(read.splats, back), drawing=replace(read.drawing, up=None))
 
 
-def _of_dog(opening: Opening) -> str:
-    if not opening.n_dog:
-        return ""
-    became = {"bake": "baked", "drop": "without their negative lobes"}[opening.dog]
-    return f" ({opening.n_dog:,} of them Differences of Gaussians, {became})"
+def _of_them(opening: Opening) -> str:
+    """What the Gaussians were, in brackets."""
+    said = []
+    if opening.n_dog:
+        became = {"bake": "baked", "drop": "without their negative lobes"}[opening.dog]
+        said.append(f"{opening.n_dog:,} of them Differences of Gaussians, {became}")
+    if opening.n_slopes:
+        said.append(f"{opening.n_slopes:,} with colours that varied over them, in their mean colours")
+    return f" ({'; '.join(said)})" if said else ""
 
 
 def _about(opening: Opening) -> str:
+    """How to use the page, and before it why its picture is not that of the model."""
+    why, differences = [], []
+    if opening.n_dog:
+        shown = {"bake": "the Gaussian nearest to it", "drop": "its primary Gaussian alone"}[opening.dog]
+        why.append("no negative lobes")
+        differences.append(f"each Difference of Gaussians is shown as {shown}")
+    if opening.n_slopes:
+        why.append("no colours that vary over a Gaussian")
+        differences.append("these are shown in their mean colours")
     about = "Drag to turn, scroll to come nearer. Made by mi_dogsplat; shown by SuperSplat Viewer."
-    if not opening.n_dog:
+    if not why:
         return about
-    shown = {"bake": "the Gaussian nearest to it", "drop": "its primary Gaussian alone"}[opening.dog]
-    difference = f"each Difference of Gaussians is shown as {shown}, so this is not quite the model."
-    return f"Web viewers know no negative lobes: {difference} {about}"
+    return f"Web viewers know {' and '.join(why)}: {', '.join(differences)}, so this is not quite the model. {about}"
 
 
 def _vendored(name: str) -> bytes:

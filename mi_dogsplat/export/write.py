@@ -26,13 +26,14 @@ from ..scene.radiance import brightened
 from ..scene.splats import Splats
 from ..scene.transform import transformed
 from ..support.errors import DataError
+from ..support.wording import count
 from .bake import baked
 from .losses import Loss, losses, views_of
 from .refine import goal_of, refined, steps_for
 from .web_page import PAGE, opening_of, read_page, write_page
 
 SMALL = {"SPZ": "spz", "SOG": "sog"}  # of the formats that have coarse grids, their names there
-DOG_CHOICES = ("bake", "drop", "keep")
+DOG_CHOICES, SLOPE_CHOICES = ("bake", "drop", "keep"), ("drop", "keep")
 
 
 def plain_gaussians(splats: Splats, dog: str) -> Splats:
@@ -67,6 +68,7 @@ def export_model(
     show: Callable[[int, int], None] | None = None,
     small: bool = False,
     world: WorldConfig = WorldConfig(),
+    slopes: str = "drop",
 ) -> Exported:
     """Write a model file in the format that the name of ``out`` asks for, and measure what is lost.
 
@@ -79,11 +81,13 @@ def export_model(
         views: at most so many; 0 measures nothing.
         options: how the pictures are drawn; what they do not say, the model's file does.
         spz_version: of an SPZ file.
-        refine: steps that make up for DoG that were taken out (``refine.py``); None: ``steps_for`` the data set where
-            they were baked and a Mitsuba variant is set.
+        refine: steps that make up for DoG and slopes that were taken out (``refine.py``); None: ``steps_for`` the data
+            set where there were any, DoG not dropped, and a Mitsuba variant is set.
         show: called with the steps of it that are done, and how many there are.
         small: coarse grids and a palette, for which the model is refined too (docs/quantisation.md); SPZ and SOG.
         world: what is up, and how long a unit is, where the model's file is not to say so.
+        slopes: what becomes of colours that vary over their primitive, one of ``SLOPE_CHOICES``; drop: mean colours,
+            which are the nearest; keep: only where the format knows them.
 
     Measuring and refining need a Mitsuba variant. Raises ``DataError``.
     """
@@ -93,6 +97,9 @@ def export_model(
     if dog not in DOG_CHOICES or (dog == "keep" and not chosen.dog):
         problem = f'"{dog}" is unknown' if dog not in DOG_CHOICES else f"{chosen.name} has no room for DoG to keep"
         raise DataError("--dog", problem, "use bake or drop")
+    if slopes not in SLOPE_CHOICES or (slopes == "keep" and not chosen.slopes):
+        problem = f'"{slopes}" is unknown' if slopes not in SLOPE_CHOICES else f"{chosen.name} has no room for them"
+        raise DataError("--slopes", problem, "use drop")
     if small and chosen.name not in SMALL:
         raise DataError("--small", f"{chosen.name} has no codes that compress", "name a file that ends in .spz or .sog")
     if small and world.upright:
@@ -110,13 +117,16 @@ def export_model(
     if not out.parent.is_dir():  # said before what takes long
         raise DataError(out, "cannot be written (there is no such folder)", "make it, or name another one")
     stages = {"as it is": splats}
-    plain = plain_gaussians(splats, dog)
-    taken_out = splats.n_dog > 0 and not plain.n_dog
+    flat = splats.without_slopes() if slopes == "drop" and splats.n_slopes else splats
+    plain = plain_gaussians(flat, dog)
+    taken_out = {"slopes": splats.n_slopes > flat.n_slopes, "DoG": splats.n_dog > plain.n_dog}
     steps, drawn, seconds = _steps(refine, dog, taken_out, small), drawn_as(drawing), None
     grids = SMALL[chosen.name] if small else None
     dataset = _loaded(data, options) if steps != 0 or views else None
     steps = steps_for(dataset) if steps is None else steps
-    if taken_out:
+    if taken_out["slopes"]:
+        stages["without slopes"] = flat
+    if taken_out["DoG"]:
         stages[f"without DoG ({dog})"] = plain
     if steps:
         start = time.perf_counter()
@@ -128,6 +138,9 @@ def export_model(
         on_grids = snapped(grids, brightened(plain, 1 / unit) if drawn.linear else plain, linear=drawn.linear)
         plain = stages["on the grids of a small file"] = brightened(on_grids, unit) if drawn.linear else on_grids
     left_out = [f"{model.name}: {line}" for line in read.left_out]
+    if taken_out["slopes"]:
+        left = f"the slopes of {count(splats.n_slopes)} primitives are left out, which have their mean colours"
+        left_out.append(left + ("; --slopes keep keeps them" if chosen.slopes else ""))
     written, matrix = replace(read, splats=plain, drawing=drawing), np.eye(4)
     if world.upright and not page:  # a page is always upright
         written, matrix = upright(written)
@@ -152,17 +165,17 @@ def _write_page(
     return write_page(out, written, opening_of(subject, title, dog))
 
 
-def _steps(refine: int | None, dog: str, taken_out: bool, small: bool) -> int | None:
-    """Of the refinement, None for as many as the data set needs.
+def _steps(refine: int | None, dog: str, taken_out: dict[str, bool], small: bool) -> int | None:
+    """Of the refinement, None for as many as the data set needs; ``taken_out``: whether there were slopes, DoG.
 
     Raises ``DataError`` where it is asked for and has nothing to make up for.
     """
     if refine is None:
-        return None if (small or (taken_out and dog == "bake")) and mi.variant() else 0
+        return None if (small or (any(taken_out.values()) and dog != "drop")) and mi.variant() else 0
     if refine < 0:
         raise DataError("--refine", f"{refine} is too small", "use at least 0")
-    if refine and not taken_out and not small:
-        raise DataError("--refine", "no DoG is taken out that could be made up for", "leave it out")
+    if refine and not any(taken_out.values()) and not small:
+        raise DataError("--refine", "no DoG or slopes are taken out that could be made up for", "leave it out")
     return refine
 
 

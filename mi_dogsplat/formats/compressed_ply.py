@@ -4,7 +4,7 @@
 lies between them: position and log scale with 11, 10 and 11 bits per axis, the rotation as the smallest three of
 (w, x, y, z) with 10 bits each and the index of the largest in the two upper bits, and colour and opacity with 8 bits
 each. ``sh`` holds a byte per coefficient from -4 to 4, channel-major. Axes and order of bands are those of 3DGS PLY.
-What makes primitives DoG is our own and follows the last element (``dog_trailer.py``).
+What makes primitives DoG, and slopes of their colours, are our own and follow the last element (``trailer.py``).
 
 Layout: developer.playcanvas.com (PLY format), github.com/playcanvas/splat-transform (MIT).
 """
@@ -19,7 +19,7 @@ import numpy as np
 from ..scene.drawing import drawing_of
 from ..scene.ply_tables import TableReader
 from ..scene.splats import Array, Splats
-from . import dog_trailer
+from . import trailer
 from .model import Model
 from .packing import SQRT2, from_smallest_three, logits, smallest_three, unit_quats
 
@@ -57,8 +57,8 @@ def encode(splats: Splats, comments: Sequence[str] = ()) -> bytes:
     rest = splats.sh_coeffs[:, 1:].transpose(0, 2, 1).reshape(n, -1)  # [N, 3 (K - 1)] channel-major
     sh = np.clip(np.floor((rest / SH_RANGE + 0.5) * 256), 0, 255).astype(np.uint8)
     chunks = np.concatenate(bounds, axis=1)  # [chunks, 18]
-    about_dog, trailer = dog_trailer.encode(splats)
-    header = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in (*comments, *about_dog))]
+    about_rows, rows = trailer.encode(splats)
+    header = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in (*comments, *about_rows))]
     header += [f"element chunk {len(chunks)}"]
     header += [f"property float {name}" for name in COLUMNS]
     header += [f"element vertex {n}", *(f"property uint {name}" for name in WORDS)]
@@ -66,7 +66,7 @@ def encode(splats: Splats, comments: Sequence[str] = ()) -> bytes:
         header += [f"element sh {n}", *(f"property uchar f_rest_{i}" for i in range(sh.shape[1]))]
     vertex = np.stack([positions, rotations, packed_scales, packed_colors], axis=1)  # [N, 4]
     text = "\n".join([*header, "end_header\n"]).encode()
-    return text + chunks.astype("<f4").tobytes() + vertex.astype("<u4").tobytes() + sh.tobytes() + trailer
+    return text + chunks.astype("<f4").tobytes() + vertex.astype("<u4").tobytes() + sh.tobytes() + rows
 
 
 def decode(path: Path) -> Splats:
@@ -79,7 +79,7 @@ def read(path: Path) -> Model:
     with path.open("rb") as file:
         reader = TableReader(path, file, path.stat().st_size)
         tables = reader.tables({"chunk", "vertex", "sh"}, trailer=True)
-        trailer = reader.trailer()
+        rows = reader.trailer()
     vertex = tables.get("vertex", np.zeros(0))
     if "chunk" not in tables or not set(WORDS) <= set(vertex.dtype.names or ()):
         reader.fail("no chunks of packed primitives", "give a compressed PLY")
@@ -114,7 +114,7 @@ def read(path: Path) -> Model:
         quats=from_smallest_three(rotation >> 30, three)[:, [1, 2, 3, 0]],
         logit_opacities=logits(_unpacked(vertex["packed_color"].astype(np.uint32), ((0, 8),))[:, 0]),
         sh_coeffs=sh,
-        **dog_trailer.decode(reader, trailer, n),
+        **trailer.decode(reader, rows, n),
     )
     return Model(splats, drawing_of(reader.comments))
 

@@ -23,10 +23,10 @@ ALL = frozenset(NAMES)
 class Format:
     """A format; readers and writers have the axes of the file, which ``turn`` takes from those of 3DGS PLY, or back.
 
-    carries: fields of ``Drawing`` that it can say. dog, mixed_sh: it holds DoG primitives, SH degrees of single ones.
-    sh_degree: the highest that it holds. order: in which primitives compress best; None: it does not matter.
-    in_white: linear colours are in units of white in the file, as its codes are made for 0 to 1. brightest: of colours,
-    in these units, which it can say.
+    carries: fields of ``Drawing`` that it can say. dog, slopes, mixed_sh: it holds DoG primitives, colours that vary
+    over theirs, SH degrees of single ones. sh_degree: the highest that it holds. order: in which primitives compress
+    best; None: it does not matter. in_white: linear colours are in units of white in the file, as its codes are made
+    for 0 to 1. brightest: of colours, in these units, which it can say.
     """
 
     name: str
@@ -35,6 +35,7 @@ class Format:
     carries: frozenset[str] = frozenset()
     turn: Turn | None = None
     dog: bool = False
+    slopes: bool = False
     mixed_sh: bool = False
     sh_degree: int = 3
     order: Callable[[Splats], Array] | None = None
@@ -69,6 +70,7 @@ PLY = Format(
     lambda path, model: write_ply(path, model.splats, "rows", comments_of(model.drawing)),
     ALL,
     dog=True,
+    slopes=True,
     mixed_sh=True,
 )
 COMPRESSED_PLY = Format(
@@ -77,6 +79,7 @@ COMPRESSED_PLY = Format(
     _written(lambda model: compressed_ply.encode(model.splats, comments_of(model.drawing))),
     ALL,
     dog=True,
+    slopes=True,
     order=in_space,
     in_white=True,
 )

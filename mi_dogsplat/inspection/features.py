@@ -25,7 +25,7 @@ from .unneeded import Unneeded, used_sh_degrees
 
 NEEDED, LEFT_OUT, UNUSED = "needed", "left out", "paid, not needed"
 PARAMETERS = 14  # of a Gaussian: centre 3, scales 3, quaternion 4, opacity, colour 3
-DOG_PARAMETERS = 4  # opacity, scales 3
+DOG_PARAMETERS, SLOPE_PARAMETERS = 4, 9  # opacity, scales 3; three channels along three axes
 FLOAT = 4  # bytes, of an index too
 CLEAN = "dogsplat clean takes them out"
 
@@ -54,7 +54,7 @@ def model_features(parts: list[Splats], negative_transmittance: bool = True) -> 
     pair = pair_operations(Settings(3), False, variant)
     cost = f"each {_size(PARAMETERS)}, {operations_each:.0f} operations; per pixel {_sum(pair)}"
     gaussians = Feature("Gaussians", NEEDED, f"{count(n)} primitives; {cost}")
-    features = [gaussians, *_dog_features(parts, negative_transmittance), *_sh_features(parts)]
+    features = [gaussians, *_dog_features(parts, negative_transmittance), *_slope_features(parts), *_sh_features(parts)]
     return features + [Feature(name, UNUSED, f"{rest}; {CLEAN}") for name, rest in _unneeded_rows(parts)]
 
 
@@ -76,6 +76,21 @@ def _dog_features(parts: list[Splats], negative_transmittance: bool) -> list[Fea
         features.append(Feature("faded DoG", UNUSED, f"{count(faded)} pseudo-Gaussians are below 1/255 everywhere"))
     amplifies = "where a weight is negative, what lies behind is amplified"
     return [*features, feature("negative T", negative_transmittance, amplifies, "negative_transmittance is false")]
+
+
+def _slope_features(parts: list[Splats]) -> list[Feature]:
+    n, s = sum(part.n_splats for part in parts), sum(part.n_slopes for part in parts)
+    share, variant = f"{count(s)} of {count(n)} primitives", mi.variant()
+    if s == 0:
+        return [Feature("slopes", LEFT_OUT, share)]
+    pair = _sum(_difference(*(pair_operations(Settings(3, slopes=on), False, variant) for on in (True, False))))
+    each = [primitive_operations(RasterOptions(0), False, variant, on) for on in (True, False)]
+    cost = f"each {_size(SLOPE_PARAMETERS, indices=1)}, {each[0] - each[1]:.0f} operations; per pixel {pair}"
+    features = [Feature("slopes", NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")]
+    if s < n:
+        rest = f"{count(n - s)} primitives of one colour pay for slopes of zero, as many operations"
+        features.append(Feature("slopes of others", UNUSED, rest))
+    return features
 
 
 def _sh_features(parts: list[Splats]) -> list[Feature]:

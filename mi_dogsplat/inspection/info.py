@@ -14,7 +14,7 @@ from ..report.run_folder import read_run
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.wording import count, duration, file_size, finite, fixed
-from .lines import drawn, line, sh_degrees
+from .lines import dog_and_slopes, drawn, line, sh_degrees
 
 if TYPE_CHECKING:
     from ..datasets import Dataset
@@ -77,7 +77,7 @@ def describe_model(path: Path) -> list[str]:
     lines = [
         f"{path}: model",
         line("format", format_of(path).name),
-        line("primitives", f"{count(n)}, {count(m)} of them DoG"),
+        line("primitives", f"{count(n)}, {dog_and_slopes(m, splats.n_slopes or None)}"),
         line("SH degree", sh_degrees(splats)),
         line("size", file_size(size) + (f", {size / n:.0f} bytes per primitive" if n else "")),
     ]
@@ -96,6 +96,7 @@ def describe_model(path: Path) -> list[str]:
             line("DoG opacity", _range(splats.dog_opacities)),
             line("DoG scale", _range(splats.dog_scales)),
         ]
+    lines += [line("slopes", _range(splats.color_slopes))] if splats.n_slopes else []
     problems = model_problems(splats)
     return lines + ["problems: none found" if not problems else "problems:", *(f"  {p}" for p in problems)]
 
@@ -134,8 +135,8 @@ def describe_run(path: Path) -> list[str]:
     lines.append(line("steps", count(done) + (f" of {count(planned)}" if planned else "")))
     seconds = metrics.get("train_seconds", last.get("seconds"))
     lines.append(line("training time", duration(seconds)))
-    n, n_dog = (metrics.get(key, last.get(key)) for key in ("n", "n_dog"))
-    lines.append(line("primitives", f"{count(n)}, {count(n_dog)} of them DoG"))
+    n, *kinds = (metrics.get(key, last.get(key)) for key in ("n", "n_dog", "n_slopes"))
+    lines.append(line("primitives", f"{count(n)}, {dog_and_slopes(*kinds)}"))
     if metrics:
         lines.append(line("model", file_size(metrics.get("bytes"))))
         lines.append(line("render time", f"{fixed(metrics.get('render_ms'), 1)} ms"))

@@ -14,6 +14,11 @@ def line(name: str, value: str) -> str:
     return f"  {name:16s}{value}"
 
 
+def dog_and_slopes(n_dog: object, n_slopes: object) -> str:
+    """``1,200 of them DoG, 300 with slopes``; nothing about slopes where their number is None."""
+    return f"{count(n_dog)} of them DoG" + ("" if n_slopes is None else f", {count(n_slopes)} with slopes")
+
+
 def sh_degrees(splats: Splats) -> str:
     """``3``, or how many primitives have each."""
     if not splats.mixed_sh:

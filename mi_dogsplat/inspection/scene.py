@@ -8,7 +8,7 @@ from typing import Any
 
 from ..datasets.scene_file import load_scene
 from ..support.wording import count
-from .lines import drawn, line, sh_degrees
+from .lines import dog_and_slopes, drawn, line, sh_degrees
 
 
 def describe_scene(path: Path) -> list[str]:
@@ -27,7 +27,8 @@ def describe_scene(path: Path) -> list[str]:
     lines = [f"{path}: Mitsuba scene of splats, not a data set", line("integrator", name)]
     for shape in splats:
         model = shape.to_splats()
-        what = f"{count(model.n_splats)} primitives, {count(model.n_dog)} of them DoG, SH degree {sh_degrees(model)}"
+        kinds = dog_and_slopes(model.n_dog, model.n_slopes or None)
+        what = f"{count(model.n_splats)} primitives, {kinds}, SH degree {sh_degrees(model)}"
         lines += [line("splats", f"{shape.source}: {what}")]
         lines += [line("drawn", drawn(shape.drawing))] if shape.drawing.said() else []
     lines += [

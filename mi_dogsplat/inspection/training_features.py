@@ -67,7 +67,8 @@ def _recipe_features(recipe: dict[str, Any], config: dict[str, Any]) -> list[Fea
     centres = f"to {part(density['stop'])}: {gradients}; their sums, {3 * FLOAT} bytes, stay"
     dense = density["stop"] > density["start"]
     features.append(feature("densification", dense, centres, "training started from a model"))
-    for name, rule in (("pruning", recipe["pruning"]), ("training DoG", recipe["dog"])):
+    rules = {"pruning": recipe["pruning"], "training DoG": recipe["dog"], "training slopes": recipe.get("slopes")}
+    for name, rule in rules.items():
         start = f"from {part(rule['start'])} on, left out before" if rule else ""
         features.append(feature(name, bool(rule), start, "not in the recipe"))
     in_turn = f"one more every {part(every)}; those still to come are stored and updated all the same"

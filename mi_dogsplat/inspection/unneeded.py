@@ -4,6 +4,7 @@ invisible   a primitive whose opacity is below 1/255, the smallest α that is bl
             finite: it enters no list of a tile.
 faded DoG   a pseudo-Gaussian whose peak f_a o is below 2^-33. Its primary is blended where 2^p is at least 1/255, and
             there float32 has a spacing of 2^-31 or more: 2^p - 2^p' rounds to 2^p. Elsewhere α is ignored, as without.
+zero slope  a row of slopes that are all 0: they add 0 to a colour.
 zero SH     the highest bands of primitives whose every coefficient is 0: they add 0 to a colour. Where a model of one
             degree becomes one of several, sums are made in another order, and pictures are equal to rounding.
 """
@@ -15,24 +16,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..engine.geometry import Cutoffs
-from ..scene.row_groups import DOG, SH
+from ..scene.row_groups import DOG, SH, SLOPES, RowGroup
 from ..scene.splats import Array, Splats
 from ..support.wording import count, file_size
 
 LEAST_ALPHA = Cutoffs().alpha * (1 - 1e-4)  # below the cutoff by more than the rounding of the engine's opacity
 FADED = 2.0**-33  # of f_a o; half of what could round, for the same reason
 FLOAT = 4  # bytes
-GAUSSIAN, DOG_ROW = 14 * FLOAT, 5 * FLOAT  # bytes of a primitive of SH degree 0, and of a row that makes it DoG
+GAUSSIAN = 14 * FLOAT  # bytes of a primitive of SH degree 0
+DOG_ROW, SLOPE_ROW = 5 * FLOAT, 10 * FLOAT  # of a row that makes it DoG, and of one that lets its colour vary over it
 
 
 @dataclass(frozen=True)
 class Unneeded:
-    """What can leave, of a model of N primitives with M rows of DoG."""
+    """What can leave, of a model of N primitives with M rows of DoG and S of slopes."""
 
     invisible: Array
     """[N] bool"""
     faded_dog: Array
     """[M] bool, of primitives that are visible"""
+    zero_slopes: Array
+    """[S] bool, of primitives that are visible"""
     sh_degrees: Array
     """[N] the highest degree with a coefficient that is not zero"""
 
@@ -43,7 +47,8 @@ class Unneeded:
         invisible = ~_finite(splats) | (opacities < LEAST_ALPHA)
         peaks = _opacities(splats.dog_logit_opacities) * opacities[splats.dog_index]  # [M]
         faded = (peaks < FADED) & ~invisible[splats.dog_index]
-        return Unneeded(invisible, faded, used_sh_degrees(splats))
+        zero = ~splats.color_slopes.any(axis=(1, 2)) & ~invisible[splats.slope_index]  # [S]
+        return Unneeded(invisible, faded, zero, used_sh_degrees(splats))
 
     def degrees_left(self, splats: Splats, mixed_sh: bool) -> Array:
         """[N] SH degree of each primitive without its zero bands: its own one, or the same for all (``taken_out``)."""
@@ -58,6 +63,7 @@ class Unneeded:
         kinds = [
             ("invisible primitives", self.invisible, GAUSSIAN + bands),
             ("DoG without effect", self.faded_dog, np.full(splats.n_dog, DOG_ROW)),
+            ("slopes that are zero", self.zero_slopes, np.full(splats.n_slopes, SLOPE_ROW)),
         ]
         for degree in SH:
             zero = ~self.invisible & (splats.sh_degrees >= degree) & (left < degree)
@@ -73,9 +79,14 @@ class Unneeded:
             splats: what it was found in.
             mixed_sh: a model of one SH degree may become one of several; else it keeps one that all can do with.
         """
-        rows = {name: getattr(splats, name)[~self.faded_dog] for name in (DOG.index, *DOG.names)}
+        rows = _rows(splats, DOG, ~self.faded_dog) | _rows(splats, SLOPES, ~self.zero_slopes)
         lean = replace(splats, **rows).select(~self.invisible)
         return lean.with_sh_degrees(self.degrees_left(splats, mixed_sh)[~self.invisible])
+
+
+def _rows(splats: Splats, group: RowGroup, which: Array) -> dict[str, Array]:
+    """Those rows of a group, by the names of its arrays."""
+    return {name: getattr(splats, name)[which] for name in (group.index, *group.names)}
 
 
 def used_sh_degrees(splats: Splats) -> Array:
@@ -106,7 +117,7 @@ def _finite(splats: Splats) -> Array:
     for values in dense:
         finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     finite[splats.dog_index] &= np.isfinite(splats.dog_log_scales).all(axis=1) & ~np.isnan(splats.dog_logit_opacities)
-    for group in SH.values():
+    for group in (SLOPES, *SH.values()):
         (name,) = group.names
         finite[getattr(splats, group.index)] &= np.isfinite(getattr(splats, name)).all(axis=(1, 2))
     return finite

@@ -9,7 +9,16 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ..support.wording import finite
-from ..training.events import Densified, DogActivated, OpacityReset, Pruned, Refined, ShDegree
+from ..training.events import (
+    Densified,
+    DogActivated,
+    OpacityReset,
+    Pruned,
+    Refined,
+    ShDegree,
+    SlopesActivated,
+    SlopesLeftOut,
+)
 from .plot import Lane, Series, line_plot
 from .prunes import marks, with_drops
 from .run_folder import Run
@@ -22,6 +31,8 @@ EVENT_LANES = {  # the lane of an event by its kind
     OpacityReset.kind: "reset",
     ShDegree.kind: "SH up",
     DogActivated.kind: "DoG",
+    SlopesActivated.kind: "slopes",
+    SlopesLeftOut.kind: "slopes",
 }
 
 

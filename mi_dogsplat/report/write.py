@@ -46,7 +46,7 @@ def report_page(run: Run) -> str:
         test=metrics.get("test") or {},
         train=metrics.get("train") or {},
         n=metrics.get("n", last.get("n")),
-        n_dog=metrics.get("n_dog", last.get("n_dog")),
+        kinds=_kinds(*(metrics.get(name, last.get(name)) for name in ("n_dog", "n_slopes"))),
         size=file_size(metrics.get("bytes")).split(" "),
         seconds=metrics.get("train_seconds", last.get("seconds")),
         steps=metrics.get("steps", last.get("step")),
@@ -64,6 +64,12 @@ def report_page(run: Run) -> str:
         sheets=[sheet(view, run.path / "test") for view in shown(found)],
         settings=_flat(run.config),
     )
+
+
+def _kinds(n_dog: Any, n_slopes: Any) -> str:
+    """How many primitives are DoG and, in a run that gives them some, have slopes."""
+    dog = f"{count(n_dog)} of them DoG" if n_dog else "no DoG"
+    return dog if n_slopes is None else f"{dog}, {count(n_slopes)} with slopes"
 
 
 def _others(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:

@@ -22,9 +22,10 @@ def run_to_end(
 ) -> Iterator[dict[str, Any]]:
     """Run to the end; yields rows of the history.
 
-    Every row has ``step``, ``seconds`` (without ``save`` and measurements on test views), ``n`` and ``n_dog``. Some
-    have means since the row before (``l1``, ``loss``), means over the test views (``test_psnr``; ``test_flip`` where
-    it is not a prune or an activation that asks), and what happened (``events.row_of``).
+    Every row has ``step``, ``seconds`` (without ``save`` and measurements on test views), ``n`` and ``n_dog``, and
+    ``n_slopes`` where there are some, or are to be. Some have means since the row before (``l1``, ``loss``), means over
+    the test views (``test_psnr``; ``test_flip`` where it is not a prune or an activation that asks), and what happened
+    (``events.row_of``).
     After a step, and after its row, ``save`` is called where that is ``due``. ``until`` is a step before the end.
     """
     config = trainer.config
@@ -40,6 +41,7 @@ def run_to_end(
                 row |= trainer.losses.take()
             _count_seconds(trainer, tick)
             row |= {"seconds": trainer.seconds, "n": trainer.optimizer.n, "n_dog": trainer.optimizer.n_dog}
+            row |= {"n_slopes": trainer.optimizer.n_slopes} if has_slopes(trainer) else {}
             row |= row_of(happened)
             if scheduled or compacted:
                 row |= trainer.test_errors(with_flip=scheduled)
@@ -51,6 +53,11 @@ def run_to_end(
             tick = time.perf_counter()
     if until is not None:  # there need not be a row at the last step
         _count_seconds(trainer, tick)
+
+
+def has_slopes(trainer: Trainer) -> bool:
+    """Whether colours vary over primitives, or are to."""
+    return trainer.recipe.slopes is not None or trainer.optimizer.n_slopes > 0
 
 
 def _count_seconds(trainer: Trainer, since: float) -> None:

@@ -69,14 +69,15 @@ def mapped_slopes(linear: Array, before: tuple[Array, Array], after: tuple[Array
     """Slopes of colours [S, 3, 3], axis by channel, of primitives whose (quaternions, scales) were and are these.
 
     A point that is w standard deviations along the old axes is S'⁻¹ R'ᵀ A R S w along the new ones. This matrix is
-    orthogonal, and so it takes the slopes along, too: nothing is lost.
+    orthogonal, and so it takes the slopes along, too: nothing is lost. Those of kernels that are not finite become NaN.
     """
     (quats, scales), (new_quats, new_scales) = before, after
     if not len(quats):
         return slopes
     columns = linear @ rotation_from_quaternion(quats) * scales[:, None]
-    turn = rotation_from_quaternion(new_quats).swapaxes(1, 2) @ columns / new_scales[:, :, None]
-    return turn @ slopes.astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        turn = rotation_from_quaternion(new_quats).swapaxes(1, 2) @ columns / new_scales[:, :, None]
+        return turn @ slopes.astype(np.float64)
 
 
 def sh_projection(linear: Array, degree: int) -> Array:

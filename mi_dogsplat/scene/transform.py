@@ -95,8 +95,8 @@ def _mapped(splats: Splats, linear: np.ndarray) -> dict[str, Any]:
         before = splats.quats.astype(np.float64), np.exp(splats.log_scales.astype(np.float64))
     after = mapped_kernels(linear, *before)
 
-    def of(index: np.ndarray) -> list:
-        return [(quats[index], scales[index]) for quats, scales in (before, after)]
+    def of(index: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        return (before[0][index], before[1][index]), (after[0][index], after[1][index])
 
     factors = mapped_factors(linear, *of(splats.dog_index), splats.dog_scales.astype(np.float64))
     slopes = mapped_slopes(linear, *of(splats.slope_index), splats.color_slopes)

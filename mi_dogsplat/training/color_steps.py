@@ -13,15 +13,17 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..scene.row_groups import SLOPES
 from ..scene.sh_basis import C0
 from .sh_rows import SH_INDEX
 from .tone_curve import ToneCurve
 
-COLORS = ("sh_dc", "sh_rest", *SH_INDEX)
+INDEX = SH_INDEX | dict.fromkeys(SLOPES.names, SLOPES.index)
+COLORS = ("sh_dc", "sh_rest", *INDEX)
 
 
 class ColorSteps:
-    """Changes of radiance for a change of 1 on the curve, for each coefficient of the colours."""
+    """Changes of radiance for a change of 1 on the curve, for each coefficient of the colours and their slopes."""
 
     def __init__(self, curve: ToneCurve, values: Mapping[str, Any], sizes: Mapping[str, int], rows: Mapping[str, Any]):
         """``values``: parameters of the optimizer; ``sizes`` of their rows; ``rows``: primitives of groups' rows."""
@@ -33,7 +35,7 @@ class ColorSteps:
             i, size = dr.arange(mi.UInt32, dr.width(values[name])), dr.opaque(mi.UInt32, sizes[name])
             row = i // size
             channel = (i - row * size) % 3
-            primitive = dr.gather(mi.UInt32, rows[SH_INDEX[name]], row) if name in SH_INDEX else row
+            primitive = dr.gather(mi.UInt32, rows[INDEX[name]], row) if name in INDEX else row
             self.of[name] = dr.gather(mi.Float, steps, dr.fma(primitive, 3, channel))
 
     def before(self, adam: Any) -> dict[str, Any]:

@@ -140,6 +140,23 @@ class DogActivated(Event):
 
 
 @dataclass(frozen=True)
+class SlopesActivated(Event):
+    """All ``count`` primitives got slopes, so that their colours may vary over them."""
+
+    kind, words = "slopes_activated", "slopes activated for {count} primitives"
+    count: int
+
+
+@dataclass(frozen=True)
+class SlopesLeftOut(Event):
+    """``count`` primitives lost their slopes, which no pixel shows; ``left`` have slopes still."""
+
+    kind, words = "slopes_left_out", "slopes of {count} primitives left out, {left} have some"
+    count: int
+    left: int
+
+
+@dataclass(frozen=True)
 class Quantised(Event):
     """The model became what its file holds; ``entries`` of the palette."""
 

@@ -1,7 +1,8 @@
 """What a training needs of memory, and how many primitives fit into what there is.
 
 Measured on the CPU (LLVM, resident size; docs/trust.md has the table): within 10 % from 50,000 to 600,000 primitives.
-F is the number of floats of a primitive: 14 without SH, 62 at degree 3 (``SplatOptimizer``).
+F is the number of floats of a primitive: 14 without SH, 62 at degree 3 (``SplatOptimizer``). Rows of DoG and slopes
+that come when pruning is over do not count: what was pruned needed more.
 """
 
 from __future__ import annotations
@@ -91,12 +92,15 @@ class Budget:
         return most, MemoryFull(most, file_size(self.total)) if most < 2 * n else None
 
 
-def budget(memory: str | None, dataset: Dataset, sh_degree: int, on_disk: bool = False) -> Budget | None:
+def budget(
+    memory: str | None, dataset: Dataset, sh_degree: int, on_disk: bool = False, slopes: bool = False
+) -> Budget | None:
     """The budget of a training on the data; None where nobody knows how much memory there is.
 
     Args:
         memory: as ``TrainConfig.memory``; None is what the machine has to give now.
         on_disk: pictures are decoded when they are due, and weigh nothing.
+        slopes: primitives have slopes before any are pruned.
     """
     pictures = 0 if on_disk else sum(view.n_bytes for view in dataset.views)
     if memory is None and "cuda" in str(mi.variant()):
@@ -114,7 +118,7 @@ def budget(memory: str | None, dataset: Dataset, sh_degree: int, on_disk: bool =
     if not keep:
         targets = sum(view.n_bytes for view in dataset.train)
     at_work = (AT_WORK + (0 if keep else TARGET)) * max(pixels)
-    floats = 14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0)
+    floats = 14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0) + 9 * slopes
     rows = min(view.camera.height for view in dataset.train) // Blocks.of_backend().tile_height
     bands = min(MOST_BANDS, max(1, rows // ROWS_OF_BAND))
     return Budget(total, BASE + pictures + targets + at_work, floats, bands, keep)

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from .adam import forget, restore_entry, saved_entry
-from .dog_rows import DOG_ROW_SIZE
+from .group_rows import SPARSE_ROW_SIZE, check_groups
 from .sh_rows import SH_INDEX, check_bands, row_sizes
 
 
@@ -36,20 +36,21 @@ def restore_parameters(
     if not_finite:
         raise ValueError(f"SplatOptimizer.restore: {not_finite[0]} of the state is not finite")
     n = np.size(saved.get("logit_opacities", ()))
-    names = [name for name in row_size if name not in ("sh_rest", *SH_INDEX, *DOG_ROW_SIZE)]
+    names = [name for name in row_size if name not in ("sh_rest", *SH_INDEX, *SPARSE_ROW_SIZE)]
     wrong = [name for name in names if np.size(saved.get(name, ())) != n * row_size[name]]
     if n == 0 or wrong:
         raise ValueError(f"SplatOptimizer.restore: {wrong or 'logit_opacities'} of the state is missing rows")
+    check_groups(saved)
     check_bands(saved, {name: row_size[name] for name in bands}, n)
 
     new_bands = row_sizes({name: saved[name] for name in ("sh_rest", *SH_INDEX) if name in saved}, n)
-    known = {*names, *new_bands, *DOG_ROW_SIZE}
+    known = {*names, *new_bands, *SPARSE_ROW_SIZE}
     learned = [name for name in saved if f"{name}.rate" in saved and name not in known]
     for name in list(adam):
         forget(adam, name)
     for name in [name for name in ("sh_rest", *SH_INDEX) if name not in new_bands]:
         row_size.pop(name, None)
-    row_size |= new_bands | DOG_ROW_SIZE | dict.fromkeys(learned, 1)
+    row_size |= new_bands | SPARSE_ROW_SIZE | dict.fromkeys(learned, 1)
     for name in [name for name in row_size if name in saved]:
         restore_entry(adam, name, saved)
     return {name: float(saved[f"{name}.rate"]) for name in learned}

@@ -22,6 +22,7 @@ from .strategy.quantise import Quantisation
 from .strategy.scheduler import PruningRule
 from .strategy.sh_ramp import ShRamp
 from .strategy.sieve import Sieve
+from .strategy.slope_activation import SlopeActivation, SlopeControl, SlopeRule
 from .strategy.strategy import Strategy
 from .tone_curve import SrgbLog, ToneCurve
 
@@ -46,6 +47,7 @@ class Recipe:
     quantisation: Quantisation | None = None  # of the last part, for a file that is no PLY
     curve: ToneCurve = SrgbLog()  # through which the loss sees linear images
     start_share: float | None = None  # of the target, a count, that training starts with at most: for one that grows
+    slopes: SlopeRule | None = None  # colours that vary over their primitive
 
     def __post_init__(self) -> None:
         if self.pruning and not self.score:
@@ -62,6 +64,7 @@ class Recipe:
             densification=self.densification.scaled(factor),
             pruning=self.pruning and self.pruning.scaled(factor),
             dog=self.dog and self.dog.scaled(factor),
+            slopes=self.slopes and self.slopes.scaled(factor),
             refinement=self.refinement and self.refinement.scaled(factor),
             also=tuple(strategy.scaled(factor) for strategy in self.also),
             reference_steps=steps,
@@ -69,7 +72,12 @@ class Recipe:
         )
 
     def for_format(self, name: str) -> Recipe:
-        """The recipe of a model that ends in a file of that format: only PLY holds DoG, and numbers as they are."""
+        """The recipe of a model that ends in a file of that format: only PLY holds DoG, and numbers as they are.
+
+        Raises ``ValueError`` for a recipe with slopes and another format, which would leave nothing of them.
+        """
+        if name != "ply" and self.slopes:
+            raise ValueError(f"Recipe.for_format: this recipe gives slopes to primitives, which {name} does not hold")
         return self if name == "ply" else replace(self, dog=None, quantisation=Quantisation(name))
 
     def from_pruning(self) -> Recipe:
@@ -85,6 +93,7 @@ class Recipe:
             densification=replace(self.densification, start=0, stop=0),
             pruning=replace(self.pruning, start=0, stop=self.pruning.stop - start),
             dog=self.dog and replace(self.dog, start=max(0, self.dog.start - start)),
+            slopes=self.slopes and replace(self.slopes, start=max(0, self.slopes.start - start)),
             reference_steps=self.reference_steps - start,
             sh_every=0,
             first_step=start,
@@ -100,12 +109,14 @@ class Recipe:
         Raises ``ValueError`` where two of them have one name.
         """
         parts: list[Strategy[Any]] = [DogControl(self.dog)] if self.dog and self.dog.control else []
+        parts += [SlopeControl(self.slopes)] if self.slopes else []
         parts += [sieve, self.densification, ShRamp(self.sh_every), *self.also]
         if self.pruning and size:
-            parts += [Compaction(self.pruning, *size)]
+            parts += [Compaction(self.pruning, *size, slopes=self.slopes is not None)]
         elif self.pruning and self.score:
             parts += [Pruning(self.pruning, self.score)]
         parts += [DogActivation(self.dog)] if self.dog else []
+        parts += [SlopeActivation(self.slopes)] if self.slopes else []
         parts += [self.quantisation] if self.quantisation else []
         names = [part.name for part in parts]
         if twice := [name for name in names if names.count(name) > 1]:
@@ -113,15 +124,17 @@ class Recipe:
         return parts
 
 
+# why these numbers: docs/experiments.md
+OURS = Recipe(
+    densification=Densification(max_world_scale=math.inf),
+    pruning=PruningRule(stop=17_500, max_interval=500, rounds=5),
+    score=ScoreRule("leave-one-out", spectral_weight=0.0),
+    dog=DogRule(start=18_000, opacity=0.05, scale=0.6),
+    refinement=Refinement(15_000, gain=4.0, end_gain=0.1, means_gain=16.0, few=10_000, sh_gain=4.0),
+)
 RECIPES = {
-    # why these numbers: docs/experiments.md
-    "ours": Recipe(
-        densification=Densification(max_world_scale=math.inf),
-        pruning=PruningRule(stop=17_500, max_interval=500, rounds=5),
-        score=ScoreRule("leave-one-out", spectral_weight=0.0),
-        dog=DogRule(start=18_000, opacity=0.05, scale=0.6),
-        refinement=Refinement(15_000, gain=4.0, end_gain=0.1, means_gain=16.0, few=10_000, sh_gain=4.0),
-    ),
+    "ours": OURS,
+    "ours_slopes": replace(OURS, slopes=SlopeRule(start=18_000)),
     # the text: all factors below 1. Their starts, the weights, gamma and the threshold are ours: docs/training.md
     "paper": Recipe(
         pruning=PruningRule(),

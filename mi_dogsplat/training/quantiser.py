@@ -109,6 +109,8 @@ class Quantiser:
         self, tables: Tables, optimizer: SplatOptimizer, cameras: Sequence[DeviceCamera], options: RasterOptions
     ) -> None:
         """Of the ways to write a rotation down take the shortest: the moments of the others mean nothing then."""
+        if optimizer.n_slopes:
+            raise ValueError(f"Quantiser: {self.format} holds no slopes; begin with Splats.without_slopes()")
         splats = nearest_to_identity(optimizer.to_splats())
         for name in ("log_scales", "quats"):
             optimizer.assign(name, getattr(splats, name))

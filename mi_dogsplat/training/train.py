@@ -74,7 +74,8 @@ class Trainer:
         limit = config.max_primitives if share is None else max(1, int(share * float(config.target)))
         splats = initial_splats(config, dataset, limit)
         self.n_start = splats.n_splats
-        self.memory = budget(config.memory, dataset, splats.sh_degree, config.data_on_disk)
+        slopes = bool(splats.n_slopes or (recipe.slopes and not recipe.pruning))
+        self.memory = budget(config.memory, dataset, splats.sh_degree, config.data_on_disk, slopes)
         if self.memory:
             self.memory.require(config.data, splats.n_splats)
         self.rng = np.random.default_rng(config.seed)

@@ -23,7 +23,9 @@ from .view_state import (
     ONLY_DOG,
     ONLY_GAUSSIANS,
     PHOTOGRAPH,
+    SLOPE_DIFFERENCE,
     WITHOUT_DOG,
+    WITHOUT_SLOPES,
     Pose,
     Settings,
 )
@@ -33,7 +35,9 @@ PARTS: dict[str, Callable[[Splats], Splats]] = {
     WITHOUT_DOG: Splats.plain,
     ONLY_DOG: Splats.only_dog,
     ONLY_GAUSSIANS: Splats.only_gaussians,
+    WITHOUT_SLOPES: Splats.without_slopes,
 }
+DIFFERENCES = {DOG_DIFFERENCE: WITHOUT_DOG, SLOPE_DIFFERENCE: WITHOUT_SLOPES}  # of the model to its part
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,8 @@ class Drawing:
     def choices(self) -> list[str]:
         """What can be shown of this model and its data."""
         dog = [WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE] if self.splats.n_dog else []
-        return [MODEL, *dog, *([ERROR, PHOTOGRAPH] if self.views else [])]
+        slopes = [WITHOUT_SLOPES, SLOPE_DIFFERENCE] if self.splats.n_slopes else []
+        return [MODEL, *dog, *slopes, *([ERROR, PHOTOGRAPH] if self.views else [])]
 
     def draw(self, pose: Pose, settings: Settings, moving: bool = False) -> Drawn:
         """The picture that is due. What the model does not have is drawn as the model."""
@@ -86,9 +91,9 @@ class Drawing:
                 error = np.abs(self._render(MODEL, view.camera, settings) - photograph).mean(axis=-1)
                 image, about = _as_colors(error, settings.gain), f"{about}: mean error {error.mean():.4f}"
             image = fitted(image, camera.width, camera.height)
-        elif show == DOG_DIFFERENCE:
-            with_dog, without = (self._render(part, camera, settings) for part in (MODEL, WITHOUT_DOG))
-            difference = np.abs(with_dog - without).mean(axis=-1)
+        elif show in DIFFERENCES:
+            whole, without = (self._render(part, camera, settings) for part in (MODEL, DIFFERENCES[show]))
+            difference = np.abs(whole - without).mean(axis=-1)
             image, about = _as_colors(difference, settings.gain), f"mean difference {difference.mean():.4f}"
         else:
             image = self._render(show, camera, settings)

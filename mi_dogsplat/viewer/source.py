@@ -14,6 +14,7 @@ from ..scene.drawing import Drawing
 from ..scene.radiance import brightened
 from ..scene.splats import Splats
 from ..support.errors import DataError
+from ..training.group_rows import group_arrays
 from ..training.sh_rows import sh_arrays
 
 MODEL_FILE = "point_cloud.ply"
@@ -75,7 +76,4 @@ def splats_of_state(state: Mapping[str, np.ndarray]) -> Splats:
     n = part["logit_opacities"].size
     arrays = {name: part[name].reshape(n, -1) if name != "logit_opacities" else part[name] for name in RAW}
     arrays |= sh_arrays(part["sh_dc"].reshape(n, 3), part, part)
-    if m := part["dog_index"].size:
-        arrays |= {"dog_index": part["dog_index"], "dog_logit_opacities": part["dog_logit_opacities"]}
-        arrays["dog_log_scales"] = part["dog_log_scales"].reshape(m, 3)
-    return Splats(**arrays)
+    return Splats(**arrays, **group_arrays(part))

@@ -18,6 +18,7 @@ MOVING_SHARE = 0.4  # of the height, while the camera moves
 SMALLEST = 16  # pixels
 
 MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS = "model", "DoG switched off", "DoG alone", "Gaussians alone"
+WITHOUT_SLOPES, SLOPE_DIFFERENCE = "slopes switched off", "slopes on and off: difference"
 DOG_DIFFERENCE, ERROR, PHOTOGRAPH = "DoG on and off: difference", "error at nearest photograph", "nearest photograph"
 
 

@@ -17,6 +17,7 @@ from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from PIL import Image
+from sloped_models import with_slopes
 
 
 def wasteful() -> Splats:
@@ -59,6 +60,25 @@ def test_a_clean_model_stays_as_it_is(capsys, tmp_path):
     status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", "-o", tmp_path / "same.ply")
     assert status == 0 and printed.startswith("60 primitives, taken out: nothing\n")
     assert (tmp_path / "same.ply").read_bytes() == (tmp_path / "m.ply").read_bytes()
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".spz"])
+def test_slopes_stay_with_their_primitives_or_a_line_says_that_they_do_not(capsys, tmp_path, suffix):
+    splats = with_slopes(tiny_data.truth(), every=3)
+    splats.color_slopes[4] = 0
+    write_ply(tmp_path / "m.ply", splats)
+    out = tmp_path / f"o{suffix}"
+    status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", "-o", out, "--box", "-1", "-1", "-1", "0", "1", "1")
+    assert status == 0 and ("has no colour that varies over a primitive" in printed) == (suffix == ".spz")
+    assert ("not needed, slopes that are zero: 1, 40 bytes" in printed) == bool(in_box(splats, (-1, -1, -1),
+                                                                                        (0, 1, 1))[12])  # fmt: skip
+    expected = splats.select(in_box(splats, (-1, -1, -1), (0, 1, 1)))
+    rows = expected.color_slopes.any(axis=(1, 2))
+    found = read_model(out).splats
+    assert found.n_slopes == (0 if suffix == ".spz" else rows.sum()) and 2 < rows.sum() < 19
+    if suffix == ".ply":
+        np.testing.assert_array_equal(found.slope_index, expected.slope_index[rows])
+        np.testing.assert_array_equal(found.color_slopes, expected.color_slopes[rows])
 
 
 def test_each_rule_takes_out_what_it_says(model, tmp_path):

@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mi_dogsplat.formats import compressed_ply
-from mi_dogsplat.formats.dog_trailer import BOUNDS_BYTES, ROW_BYTES, encode
 from mi_dogsplat.formats.packing import morton_order
 from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.formats.trailer import encode
 from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from splat_scenes import random_splats, rounded
 
+BOUNDS_BYTES, ROW_BYTES = 24, 5
 GAPS = [0, 1, 254, 255, 256, 257, 511, 512, 768, 1999]  # primitives that are DoG: steps around those of a byte
 
 

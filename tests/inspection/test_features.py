@@ -23,9 +23,10 @@ from mi_dogsplat.inspection.describe_features import describe_features
 from mi_dogsplat.inspection.features import model_features, scene_features
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from sloped_models import with_slopes
 from splat_scenes import dog_dict, make_camera, random_splats, rounded, scene_of, square_camera
 
-MODEL = {"Gaussians", "DoG", "negative T", "SH degree 1", "SH degree 2", "SH degree 3"}
+MODEL = {"Gaussians", "DoG", "negative T", "slopes", "SH degree 1", "SH degree 2", "SH degree 3"}
 RENDER = {"background", "antialiasing", "depth", "other AOVs", "derivatives"}
 
 
@@ -64,10 +65,11 @@ def test_a_plain_model_leaves_out_what_it_has_not(tmp_path):
 
 
 def test_the_parameters_add_up_to_those_of_the_model():
-    splats = model(degree=3, dog_share=0.5)
+    splats = with_slopes(model(degree=3, dog_share=0.5), every=3)
     each = {f.name: int(f.reason.split("each ")[1].split()[0]) for f in model_features([splats]) if "each" in f.reason}
     m = each.pop("DoG") * splats.n_dog
-    arrays = [getattr(splats, name) for name in vars(splats) if name != "dog_index"]
+    m += each.pop("slopes") * splats.n_slopes
+    arrays = [getattr(splats, name) for name in vars(splats) if name not in ("dog_index", "slope_index")]
     assert sum(each.values()) * splats.n_splats + m == sum(array.size for array in arrays)
 
 
@@ -83,6 +85,21 @@ def test_dog_is_needed_by_the_primitives_that_are():
     assert read([str(f) for f in model_features([splats])])["faded DoG"] == (
         "paid, not needed", "3 pseudo-Gaussians are below 1/255 everywhere"
     )  # fmt: skip
+
+
+def test_slopes_are_needed_by_the_primitives_that_have_them():
+    splats = with_slopes(model(dog_share=0.5), every=4)
+    found = read([str(f) for f in model_features([splats, model()])])
+    assert found["slopes"][0] == "needed"
+    assert found["slopes"][1].startswith("10 of 80 primitives; each 9 parameters, 40 bytes, ")
+    operations = [int(word) for word in found["slopes"][1].replace(" +", "").split() if word.isdecimal()]
+    assert all(number > 0 for number in operations) and "per pixel" in found["slopes"][1]
+    assert found["slopes of others"][0] == "paid, not needed" and found["slopes of others"][1].startswith("70 primit")
+    every = read([str(f) for f in model_features([with_slopes(model(), every=1)])])
+    assert every["slopes"][0] == "needed" and "slopes of others" not in every
+    zeros = dataclasses.replace(splats, color_slopes=0 * splats.color_slopes)
+    unneeded = read([str(f) for f in model_features([zeros])])["slopes that are zero"]
+    assert unneeded == ("paid, not needed", "10, 400 bytes; dogsplat clean takes them out")
 
 
 def test_degrees_whose_coefficients_are_all_zero_are_paid_without_need():
@@ -138,6 +155,8 @@ def test_each_choice_adds_operations():
     assert costs == sorted(set(costs))
     assert primitive_operations(RasterOptions(0, antialiased=True), False, variant) > costs[0]
     assert primitive_operations(RasterOptions(0), True, variant) > costs[0]
+    assert primitive_operations(RasterOptions(0), False, variant, True) > costs[0]
+    assert (np.array(pair_operations(Settings(3, slopes=True), False, variant)) > plain).all()
 
 
 # --- scenes ---

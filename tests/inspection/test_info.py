@@ -12,6 +12,7 @@ from mi_dogsplat import Drawing, Model, write_model, write_ply
 from mi_dogsplat.inspection.info import describe, model_problems
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from sloped_models import with_slopes
 
 
 def healthy(n: int = 200) -> Splats:
@@ -60,9 +61,21 @@ def test_a_mixed_model_is_counted_by_sh_degree_and_its_bytes_by_part(tmp_path):
     assert names == ["primitives", "sh1", "dog"]
 
 
+def test_slopes_are_counted_where_there_are_some(tmp_path):
+    splats = with_slopes(healthy(), every=50)
+    splats.color_slopes[:] = np.linspace(-0.25, 1.75, 36).reshape(4, 3, 3)
+    write_ply(tmp_path / "m.ply", splats)
+    lines = describe(tmp_path / "m.ply")
+    assert value_of(lines, "primitives") == "200, 3 of them DoG, 4 with slopes"
+    assert value_of(lines, "slopes") == "-0.25 to 1.75, median 0.75" and lines[-1] == "problems: none found"
+    write_ply(tmp_path / "rows.ply", splats.with_sh_degrees(np.repeat([0, 1], [150, 50])), "rows")
+    parts = value_of(describe(tmp_path / "rows.ply"), "bytes of").split(", ")
+    assert parts[-1].startswith("slopes ") and parts[-2].startswith("dog ")
+
+
 def test_a_model_without_dog_says_nothing_about_it(tmp_path):
     write_ply(tmp_path / "m.ply", tiny_data.truth())
-    assert not any(line.startswith("  DoG") for line in describe(tmp_path / "m.ply"))
+    assert not any(line.startswith("  DoG") or "slopes" in line for line in describe(tmp_path / "m.ply"))
 
 
 @pytest.mark.parametrize(

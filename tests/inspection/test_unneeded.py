@@ -10,6 +10,7 @@ from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.inspection.unneeded import FADED, Unneeded, used_sh_degrees
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.scene.splats import Splats
+from sloped_models import with_slopes
 from splat_scenes import logit, make_camera, make_splats, random_splats, rounded
 
 CUTOFF = 1 / 255
@@ -31,6 +32,14 @@ def wasteful(seed=0) -> Splats:
     return splats
 
 
+def sloped(seed=0) -> Splats:
+    """The same, and every third primitive has slopes, of which each fourth row is zero."""
+    splats = with_slopes(wasteful(seed), every=3)
+    splats.color_slopes[::4] = 0
+    splats.color_slopes[1, 2] = 0  # not all of the row
+    return splats
+
+
 @pytest.mark.parametrize("antialiased", [False, True])
 def test_without_it_every_picture_has_the_same_bits(antialiased):
     splats = wasteful()
@@ -49,6 +58,40 @@ def test_pictures_keep_their_bits_where_all_dog_have_faded():
     splats.dog_logit_opacities[:] = -25
     lean = Unneeded.of(splats).taken_out(splats)
     assert splats.n_dog and not lean.n_dog
+    for before, after in zip(pictures(splats), pictures(lean), strict=True):
+        assert np.array_equal(before, after)
+
+
+def test_zero_slopes_leave_and_the_others_keep_the_bits_of_every_picture():
+    splats = sloped()
+    found = Unneeded.of(splats)
+    lean = found.taken_out(splats)
+    seen = splats.slope_index % 5 != 0  # not faint
+    assert found.zero_slopes.tolist() == (seen & (np.arange(27) % 4 == 0)).tolist() and found.zero_slopes.sum() == 5
+    assert lean.n_slopes == seen.sum() - 5
+    flat = Unneeded.of(splats.without_slopes()).taken_out(splats.without_slopes())
+    for before, after, other in zip(pictures(splats), pictures(lean), pictures(flat), strict=True):
+        assert np.array_equal(before, after) and not np.array_equal(before, other)
+
+
+def test_pictures_keep_their_bits_where_all_slopes_are_zero():
+    """The kernels of a model without slopes are others."""
+    splats = sloped()
+    splats.color_slopes[:] = 0
+    splats.color_slopes[::2] = -0.0
+    lean = Unneeded.of(splats).taken_out(splats)
+    assert splats.n_slopes and not lean.n_slopes
+    for before, after in zip(pictures(splats), pictures(lean), strict=True):
+        assert np.array_equal(before, after)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_slopes_that_are_not_finite_are_drawn_by_no_kernel(value):
+    splats = sloped()
+    splats.color_slopes[2, 1, 0] = value
+    row = int(splats.slope_index[2])
+    assert row % 5 and Unneeded.of(splats).invisible[row]
+    lean = Unneeded.of(splats).taken_out(splats)
     for before, after in zip(pictures(splats), pictures(lean), strict=True):
         assert np.array_equal(before, after)
 
@@ -113,6 +156,8 @@ def test_each_kind_is_named_with_its_number_and_bytes():
         f"DoG without effect: {found.faded_dog.sum()}, {found.faded_dog.sum() * 20} bytes",
         f"zero bands of SH degree 2: 64, {64 * 15 * 4 / 1000:.3g} kB",
     ]
+    slopes = [line for line in Unneeded.of(sloped()).described(sloped()) if "slopes" in line]
+    assert slopes == ["slopes that are zero: 5, 200 bytes"]
     lean = found.taken_out(splats)
     assert Unneeded.of(lean).described(lean) == []
     lean.sh_coeffs[::2, 1:] = 0

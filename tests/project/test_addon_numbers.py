@@ -1,19 +1,24 @@
 """What the add-on has a copy of, as it runs without the package: both give the same numbers.
 
-Its ``__init__.py`` needs Blender; its files of numbers do not, and are imported past it.
+Its ``__init__.py`` needs Blender; its files of numbers need the language of its messages alone, and are imported
+past it.
 """
 
 import importlib
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 from mi_dogsplat.scene.linear_map import sh_projection
+from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.sh_basis import sh_basis_table
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.srgb import linear_to_srgb, srgb_to_linear
+from sloped_models import points_in, slope_colors, with_slopes
 from splat_scenes import axis_rotation, random_splats, rounded
 
 ADDON = Path(__file__).parents[2] / "blender_addon"
@@ -27,20 +32,34 @@ def addon():
     """``addon("files.sh")`` is that module."""
     package = ModuleType("blender_addon")
     package.__path__ = [str(ADDON)]
+    language: Any = ModuleType("bpy.app.translations")  # all that files know of Blender: here English
+    language.pgettext_iface = language.pgettext_rpt = lambda text, context=None: text
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "blender_addon", package)
+        for module in (ModuleType("bpy"), ModuleType("bpy.app"), language):
+            patch.setitem(sys.modules, module.__name__, module)
         yield lambda name: importlib.import_module(f"blender_addon.{name}")
         for name in [name for name in sys.modules if name.startswith("blender_addon.")]:
             del sys.modules[name]
 
 
 def as_model(addon, splats):
-    """The same primitives as the add-on has them: a row of DoG values for each, quaternions w, x, y, z."""
+    """The same primitives as the add-on has them: a row of DoG values and slopes for each, quaternions w, x, y, z."""
     n, dog = splats.n_splats, splats.dog_index
     is_dog, logits, scales = np.zeros(n, bool), np.zeros(n, np.float32), np.zeros((n, 3), np.float32)
     is_dog[dog], logits[dog], scales[dog] = True, splats.dog_logit_opacities, splats.dog_log_scales
     values = splats.means, splats.log_scales, splats.quats[:, [3, 0, 1, 2]], splats.logit_opacities, splats.sh_coeffs
-    return addon("files.model").Model(*values, is_dog, logits, scales)
+    has_slopes, slopes = np.zeros(n, bool), np.zeros((n, 3 * bool(splats.n_slopes), 3), np.float32)
+    if splats.n_slopes:
+        has_slopes[splats.slope_index], slopes[splats.slope_index] = True, splats.color_slopes
+    return addon("files.model").Model(*values, is_dog, logits, scales, has_slopes, slopes)
+
+
+def with_slopes_of(splats, model):
+    """Primitives with kernels and slopes as the add-on has them."""
+    kernels = {"means": model.means, "log_scales": model.log_scales, "quats": model.quats[:, [1, 2, 3, 0]]}
+    rows = {"slope_index": np.flatnonzero(model.has_slopes), "color_slopes": model.color_slopes[model.has_slopes]}
+    return replace(splats, **kernels, **rows)
 
 
 @pytest.mark.parametrize("name", MAPS)
@@ -57,6 +76,81 @@ def test_a_transform_makes_the_same_of_a_model(addon, name):
     np.testing.assert_allclose(got.dog_log_scales[dog], wanted.dog_log_scales[dog], rtol=1e-5, atol=2e-6)
     both = (model.quats / np.linalg.norm(model.quats, axis=1, keepdims=True) for model in (got, wanted))
     np.testing.assert_allclose(np.abs(np.einsum("nk,nk->n", *both)), 1, atol=1e-5)  # q and -q are one rotation
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_slopes_are_the_same_over_a_moved_primitive(addon, name):
+    """By the colours of places: axes may be named in another order."""
+    matrix, splats = np.eye(4), with_slopes(random_splats(40, seed=7), every=3)
+    matrix[:3, :3], matrix[:3, 3] = MAPS[name], (0.4, -0.3, 0.2)
+    moved = addon("files.transform").transformed(as_model(addon, splats), matrix)
+    points = points_in(splats)
+    expected = slope_colors(splats, points)
+    got = slope_colors(with_slopes_of(splats, moved), points @ matrix[:3, :3].T + matrix[:3, 3])
+    np.testing.assert_allclose(got, expected, atol=2e-4)
+    assert moved.has_slopes.sum() == splats.n_slopes
+    flat = addon("files.transform").transformed(as_model(addon, splats.without_slopes()), matrix)
+    assert flat.color_slopes.shape == (40, 0, 3)
+
+
+@pytest.mark.parametrize("every", [1, 3, 100])
+def test_a_file_with_slopes_comes_back_byte_for_byte(addon, tmp_path, every):
+    splats, ply = with_slopes(random_splats(40, seed=7), every, first=2), addon("files.ply")
+    splats.color_slopes[0] = 0  # a row is a row
+    write_ply(tmp_path / "a.ply", splats)
+    model = ply.read_ply(tmp_path / "a.ply")
+    wanted = as_model(addon, splats)
+    np.testing.assert_array_equal(model.has_slopes, wanted.has_slopes)
+    np.testing.assert_array_equal(model.color_slopes, wanted.color_slopes)
+    ply.write_ply(tmp_path / "b.ply", model)
+    assert (tmp_path / "b.ply").read_bytes() == (tmp_path / "a.ply").read_bytes()
+    chosen = np.arange(39, 0, -2)
+    ply.write_ply(tmp_path / "c.ply", model.select(chosen))
+    write_ply(tmp_path / "d.ply", splats.select(chosen))
+    assert (tmp_path / "c.ply").read_bytes() == (tmp_path / "d.ply").read_bytes()
+
+
+def test_a_model_without_slopes_joins_one_that_has_some(addon, tmp_path):
+    sloped, flat = with_slopes(random_splats(9, seed=1), every=2), rounded(random_splats(5, seed=2))
+    join = addon("files.model").concatenate
+    for models, index in (((flat, sloped), sloped.slope_index + 5), ((sloped, flat), sloped.slope_index)):
+        joined = join([as_model(addon, splats) for splats in models])
+        np.testing.assert_array_equal(np.flatnonzero(joined.has_slopes), index)
+        np.testing.assert_array_equal(joined.color_slopes[index], sloped.color_slopes)
+        assert not joined.color_slopes[~joined.has_slopes].any()
+    assert join([as_model(addon, flat)] * 2).color_slopes.shape == (10, 0, 3)
+
+
+def test_slopes_that_are_wrong_in_a_file_are_one_line(addon, tmp_path):
+    splats = with_slopes(random_splats(9, seed=1), every=2)
+    write_ply(tmp_path / "a.ply", splats)
+    whole = (tmp_path / "a.ply").read_bytes()
+    twice = whole[:-40] + whole[-80:-76] + whole[-36:]
+    unknown = whole.replace(b"slope_4", b"slide_4")
+    infinite = whole[:-4] + np.float32(np.inf).tobytes()
+    for content, words in ((twice, 'element "slopes" does not name different'), (unknown, 'no property "slope_4"'),
+                           (infinite, '"slope_8" in row 4 is not finite')):  # fmt: skip
+        (tmp_path / "b.ply").write_bytes(content)
+        with pytest.raises(ValueError) as error:
+            addon("files.ply").read_ply(tmp_path / "b.ply")
+        assert words in str(error.value) and "\n" not in str(error.value)
+    model = as_model(addon, splats)
+    model.color_slopes[2, 1, 1] = np.nan
+    with pytest.raises(ValueError, match="not finite"):
+        addon("files.ply").write_ply(tmp_path / "c.ply", model)
+
+
+def test_slopes_of_srgb_values_become_those_of_radiance_to_first_order(addon):
+    """Oracle: the curve at the colours of places near the centre of each primitive."""
+    splats = with_slopes(random_splats(30, seed=7, degree=0), every=1)
+    model = as_model(addon, splats)
+    linear, decoded = addon("files.light").made_linear(model), addon("files.srgb").decoded
+    color = 0.5 + 0.28209479177387814 * splats.sh_coeffs[:, 0].astype(float)
+    for axis in range(3):
+        step = 1e-4
+        ends = [decoded(color + sign * step * splats.color_slopes[:, axis]) for sign in (1, -1)]
+        slope = (ends[0] - ends[1]) / (2 * step)
+        np.testing.assert_allclose(linear.color_slopes[:, axis], slope, rtol=1e-3, atol=1e-5)
 
 
 @pytest.mark.parametrize("degree", range(4))

@@ -28,6 +28,7 @@ from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import read_ply, write_ply
 from mi_dogsplat.scene.radiance import brightened
+from sloped_models import with_slopes
 from splat_scenes import random_splats, rounded, square_camera, tilted_camera
 
 ROOT = Path(__file__).parents[2]
@@ -72,6 +73,8 @@ def references(tmp_path_factory) -> Path:
     dog = rounded(random_splats(150, seed=3))
     reference(folder, "dog", dog, camera)
     reference(folder, "plain", dog.plain(), camera)
+    reference(folder, "slopes", with_slopes(dog, every=3), camera)
+    write_model(folder / "slopes.compressed.ply", with_slopes(dog, every=3))
     for suffix in (".spz", ".glb", ".sog", ".splat", ".compressed.ply"):
         write_model(folder / f"plain{suffix}", Model(dog.plain(), Drawing(antialiased=True)))
     write_model(folder / "says.ply", Model(dog, Drawing(True, 0.05, False, "-y", 2.0)))

@@ -23,11 +23,12 @@ from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.adam import Entry
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.learning_rates import LearningRates
-from mi_dogsplat.training.optimizer import EPSILON, SplatOptimizer
+from mi_dogsplat.training.optimizer import SplatOptimizer
 from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.strategy.densify import Densification
 from mi_dogsplat.training.strategy.strategy import Seen, Strategy, Training, arrays_of
 from mi_dogsplat.training.train import Trainer
+from mi_dogsplat.training.trained_arrays import EPSILON
 from PIL import Image
 from splat_scenes import SMOOTH_OPTIONS, assert_gradients_equal
 from tiny_data import HEIGHT, WIDTH, dog_model

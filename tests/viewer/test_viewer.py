@@ -27,14 +27,18 @@ from mi_dogsplat.viewer.view_state import (
     ONLY_GAUSSIANS,
     PHOTOGRAPH,
     REST_SECONDS,
+    SLOPE_DIFFERENCE,
     WITHOUT_DOG,
+    WITHOUT_SLOPES,
     Pace,
     Pose,
     Settings,
 )
 from scipy.spatial.transform import Rotation
+from sloped_models import with_slopes
 
 SMALL = Settings(height=48, gain=1.0)
+SLOPES = [WITHOUT_SLOPES, SLOPE_DIFFERENCE]
 
 
 def pose_of(camera) -> Pose:
@@ -84,6 +88,21 @@ def test_each_choice_draws_its_part_of_the_model():
         assert np.abs(uint8(expected) - picture[show]).max() <= 1, show
     difference = np.abs(floats[MODEL] - floats[WITHOUT_DOG]).mean(axis=-1)
     assert np.abs(uint8(heat_map(np.clip(2 * difference, 0, 1))) - picture[DOG_DIFFERENCE]).max() <= 2
+
+
+def test_slopes_can_be_switched_off_and_their_difference_shown():
+    model, camera = with_slopes(tiny_data.dog_model(), every=3), tiny_data.cameras()[0]
+    drawing, pose = Drawing(model, 0.05), pose_of(camera)
+    assert drawing.choices == [MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE, *SLOPES]
+    whole, flat = (render_picture(upload(part), camera, RasterOptions(1), 0.0, 0.05).color
+                   for part in (model, model.without_slopes()))  # fmt: skip
+    assert np.abs(uint8(flat) - drawing.draw(pose, Settings(WITHOUT_SLOPES, camera.height)).image).max() <= 1
+    drawn = drawing.draw(pose, Settings(SLOPE_DIFFERENCE, camera.height, gain=2.0))
+    difference = np.abs(whole - flat).mean(axis=-1)
+    assert np.abs(uint8(heat_map(np.clip(2 * difference, 0, 1))) - drawn.image).max() <= 2
+    assert difference.mean() > 1e-3 and f"{difference.mean():.4f}" in drawn.about
+    drawing.replace(model.plain())
+    assert drawing.choices == [MODEL, *SLOPES]
 
 
 def test_the_sh_degree_is_limited():

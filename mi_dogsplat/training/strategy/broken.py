@@ -18,17 +18,19 @@ import numpy as np
 
 from ...engine.geometry import Cutoffs
 from ...engine.project import NO_ROW
+from ...scene.row_groups import SLOPES
 from ...scene.sh_basis import C0
-from ..dog_rows import DOG_ROW_SIZE
+from ..group_rows import SPARSE_ROW
 from ..optimizer import SplatOptimizer
 from ..sh_rows import SH_INDEX
 
-MAX_SH = 1 / (Cutoffs().alpha * C0)  # 904; trained models stay below 10
+MAX_COLOR = 1 / Cutoffs().alpha  # of a slope, per standard deviation; trained models stay below 2
+MAX_SH = MAX_COLOR / C0  # 904; trained models stay below 10
 MAX_SCALE = 1e4  # times the extent of the cameras; trained models stay below 10
 
 
 def broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
-    """[N] whether a primitive, or its pseudo-Gaussian, has a value that is not finite or beyond the limits above.
+    """[N] whether a primitive, or its row of DoG or slopes, has a value that is not finite or beyond the limits above.
 
     One kernel, one wait for the device; in a mixed model one more for each group.
 
@@ -36,12 +38,14 @@ def broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
         extent: radius of the camera positions, world units.
     """
     params, splat = optimizer.params, dr.arange(mi.UInt32, optimizer.n)
-    row = params.get("dog_row", dr.full(mi.UInt32, NO_ROW, 1))
-    limits = {"log_scales": math.log(MAX_SCALE * extent), **dict.fromkeys(("sh_dc", "sh_rest", *SH_INDEX), MAX_SH)}
+    nobody = dr.full(mi.UInt32, NO_ROW, 1)
+    colors = dict.fromkeys(("sh_dc", "sh_rest", *SH_INDEX), MAX_SH) | dict.fromkeys(SLOPES.names, MAX_COLOR)
+    limits = {"log_scales": math.log(MAX_SCALE * extent), **colors}
     sound, of_groups = dr.full(mi.Bool, True, optimizer.n), []
     for name, values in optimizer.adam.items():
-        if name in DOG_ROW_SIZE:
-            index, active = row, row != NO_ROW
+        if name in SPARSE_ROW:
+            index = params.get(SPARSE_ROW[name], nobody)
+            active = index != NO_ROW
         elif name in SH_INDEX:
             index, active = dr.arange(mi.UInt32, dr.width(params[SH_INDEX[name]])), True
         else:
