@@ -13,7 +13,7 @@ EXPERIMENTS = (
     *("poison", "widths", "popping", "curvature", "renderers", "device_memory", "launches", "warps"),
     *("scene_scale", "million", "mixed_sh", "rate_distortion", "simplify", "poses", "dogpath", "shade", "rays"),
     *("refine_poses", "hdr", "misfits", "up", "appearance", "stretched", "indoors", "mesh_shadows"),
-    "splat_lamps",
+    "splat_lamps", "slopes",
 )
 
 if sys.argv[1:] and sys.argv[1] in EXPERIMENTS:

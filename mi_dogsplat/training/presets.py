@@ -112,7 +112,7 @@ class Recipe:
         parts += [SlopeControl(self.slopes)] if self.slopes else []
         parts += [sieve, self.densification, ShRamp(self.sh_every), *self.also]
         if self.pruning and size:
-            parts += [Compaction(self.pruning, *size)]
+            parts += [Compaction(self.pruning, *size, slopes=self.slopes is not None)]
         elif self.pruning and self.score:
             parts += [Pruning(self.pruning, self.score)]
         parts += [DogActivation(self.dog)] if self.dog else []

@@ -1,6 +1,7 @@
 """A data set of eight small pictures that our own rasterizer makes of a known model: training can only succeed."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,9 +38,11 @@ def picture(splats: Splats, camera: Camera, background: float = 0.0) -> Picture:
     return render_picture(upload(splats), camera, OPTIONS, background)
 
 
-def write_tiny_data(folder: Path, n: int = 8, alpha: bool = False, points: bool = True) -> Path:
+def write_tiny_data(
+    folder: Path, n: int = 8, alpha: bool = False, points: bool = True, splats: Splats | None = None
+) -> Path:
     """Write ``transforms.json``, ``images/0.png`` ... and ``points.ply`` (the truth's centres, perturbed)."""
-    splats, frames = truth(), []
+    splats, frames = truth() if splats is None else splats, []
     for i, camera in enumerate(cameras(n)):
         image = picture(splats, camera)
         pixels = image.color
@@ -58,6 +61,13 @@ def write_tiny_data(folder: Path, n: int = 8, alpha: bool = False, points: bool 
         content["ply_file_path"] = "points.ply"
     (folder / "transforms.json").write_text(json.dumps(content))
     return folder
+
+
+def sloped_truth() -> Splats:
+    """The truth, larger and with colours that vary over its primitives."""
+    model, rng = truth(), np.random.default_rng(3)
+    rows = {"slope_index": np.arange(N_TRUTH), "color_slopes": rng.normal(0, 0.12, (N_TRUTH, 3, 3))}
+    return replace(model, log_scales=model.log_scales + np.log(1.6), **rows)
 
 
 def dog_model(f_a: float = 0.4, F: float = 1.5) -> Splats:

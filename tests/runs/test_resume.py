@@ -25,6 +25,7 @@ from mi_dogsplat.training.optimizer import SplatOptimizer
 from mi_dogsplat.training.train import Trainer
 
 STEPS = 60
+PRESETS = ("3dgs", "ours", "ours_slopes", "released")
 
 
 def config_of(data: Path, **changes) -> TrainConfig:
@@ -52,7 +53,7 @@ def assert_same_state(folder: Path, expected: Path) -> None:
 
 
 @pytest.mark.usefixtures("ordered")
-@pytest.mark.parametrize("preset", ["3dgs", "ours", "released"])
+@pytest.mark.parametrize("preset", PRESETS)
 def test_a_run_stopped_at_several_steps_and_resumed_has_the_bits_of_one_that_was_not(data, whole, tmp_path, preset):
     config = config_of(data, preset=preset)
     for step in (7, 34, 47, 56):  # in densification, pruning, with DoG: neither is a row
@@ -75,11 +76,12 @@ def test_a_run_stopped_at_several_steps_and_resumed_has_the_bits_of_one_that_was
 @pytest.fixture(scope="module")
 def whole(data, tmp_path_factory) -> dict[str, Path]:
     """Runs that nobody stops, with a checkpoint after every step: writing one changes nothing."""
-    folders = {preset: tmp_path_factory.mktemp(preset) for preset in ("3dgs", "ours", "released")}
+    folders = {preset: tmp_path_factory.mktemp(preset) for preset in PRESETS}
     for preset, folder in folders.items():
         run.train(config_of(data, preset=preset), folder)
     rows = rows_of(folders["ours"])
     assert all(records(rows, kind) for kind in ("densified", "pruned", "dog_activated"))
+    assert records(rows_of(folders["ours_slopes"]), "slopes_activated")[0]["count"] > 0
     return folders
 
 

@@ -1,6 +1,7 @@
 """Training to the size of a file: never above it, bytes divided among primitives, bands and DoG rows."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -117,12 +118,16 @@ def test_comparisons_are_of_numbers_of_primitives(data, tmp_path, capsys, comman
 # --- what is chosen ---
 
 
-def options_of(removal, by_degree, without_dog, splats: Splats) -> Options:
+def options_of(removal, by_degree, without_dog, splats: Splats, without_slopes=None) -> Options:
     is_dog = np.isin(np.arange(splats.n_splats), splats.dog_index)
     whole = splats.uniform_sh()
     nothing = [np.zeros(splats.n_splats)] * (whole.sh_coeffs.shape[1] * (whole.sh_coeffs.shape[1] + 1) // 2)
     bands = Bands(whole.sh_coeffs, nothing, [])
-    return Options(np.array(removal), np.array(by_degree), np.array(without_dog), splats.sh_degrees, is_dog, bands)
+    without_dog = np.array(without_dog)
+    without_slopes = np.zeros(splats.n_splats) if without_slopes is None else np.array(without_slopes)
+    has_slopes = np.isin(np.arange(splats.n_splats), splats.slope_index)
+    losses = np.array(removal), np.array(by_degree), without_dog, splats.sh_degrees, is_dog, without_slopes, has_slopes
+    return Options(*losses, bands)
 
 
 def four() -> Splats:
@@ -152,6 +157,58 @@ def test_bytes_go_where_they_gain_most(budget, kept, degrees, dog):
     np.testing.assert_array_equal(chosen.kept, kept)
     np.testing.assert_array_equal(chosen.degrees, degrees)
     np.testing.assert_array_equal(chosen.dog, dog)
+
+
+SLOPED = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0, 40.0)
+
+
+def four_sloped() -> Splats:
+    """The same, all but the second with slopes."""
+    rng = np.random.default_rng(0)
+    return replace(four(), slope_index=[0, 2, 3], color_slopes=rng.normal(size=(3, 3, 3)))
+
+
+@pytest.mark.parametrize(
+    ("budget", "kept", "degrees", "dog", "slopes"),
+    [
+        (1000, [0, 1, 2, 3], [1, 1, 1, 0], [0, 1], [0, 2, 3]),  # all of it
+        (665, [0, 1, 2, 3], [1, 1, 1, 0], [0], [0, 2]),  # what hardly matters goes first
+        (565, [0, 1, 2, 3], [1, 0, 0, 0], [0], [0, 2]),
+        (525, [0, 1, 2, 3], [1, 0, 0, 0], [0], [0]),
+        (425, [0, 1, 2], [1, 0, 0], [0], [0]),  # then the last primitive, before slopes that matter
+    ],
+)
+def test_slopes_go_where_they_gain_least_for_their_bytes(budget, kept, degrees, dog, slopes):
+    options = options_of([9, 5, 4, 3.0], *LOSSES[1:], four_sloped(), without_slopes=[2.0, 0, 0.5, 0.02])
+    chosen = options.chosen(SLOPED, budget)
+    np.testing.assert_array_equal(chosen.kept, kept)
+    np.testing.assert_array_equal(chosen.degrees, degrees)
+    np.testing.assert_array_equal(chosen.dog, dog)
+    np.testing.assert_array_equal(chosen.slopes, slopes)
+    model = as_chosen(four_sloped(), options, chosen)
+    np.testing.assert_array_equal(model.slope_index, slopes)
+    expected = four_sloped().color_slopes[np.searchsorted([0, 2, 3], slopes)]
+    np.testing.assert_array_equal(model.color_slopes, expected)
+
+
+def test_slopes_that_are_to_come_cost_what_they_will_and_are_not_given_up():
+    losses = [np.inf, 0, np.inf, np.inf]
+    chosen = options_of(*LOSSES, four_sloped(), without_slopes=losses).chosen(SLOPED, 10 + 3 * 140 + 100)
+    assert chosen.kept.tolist() == [0, 1, 2] and chosen.slopes.tolist() == [0, 2]
+
+
+def test_a_run_with_slopes_ends_with_a_file_of_its_size(tmp_path):
+    data = tiny_data.write_tiny_data(tmp_path / "data", splats=tiny_data.sloped_truth())
+    config = config_of(data, target="7kB", preset="ours_slopes", sh_degree=1)
+    metrics = mi_dogsplat.runs.run.train(config, tmp_path / "run")
+    rows, splats = rows_of(tmp_path / "run"), read_ply(tmp_path / "run" / "point_cloud.ply")
+    assert 6300 < metrics["bytes"] == sum(metrics["bytes_by_part"].values()) <= 7000
+    assert metrics["bytes_by_part"]["slopes"] > 40 * splats.n_slopes
+    assert metrics["n_slopes"] == splats.n_slopes > 10
+    last = [row for row in rows if records([row], "pruned") and row["step"] <= 70][-1]  # before slopes come
+    assert last["n"] <= 7000 / (68 + 40) and last["n_slopes"] == 0
+    (come,) = records(rows, "slopes_activated")
+    assert come["count"] <= last["n"]
 
 
 def test_a_degree_does_not_rise():

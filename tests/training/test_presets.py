@@ -11,17 +11,26 @@ from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.presets import RECIPES, Recipe
 from mi_dogsplat.training.strategy.densify import Densification
 from mi_dogsplat.training.strategy.scheduler import PruningRule
+from mi_dogsplat.training.strategy.slope_activation import SlopeRule
 
 PRUNING = [name for name, recipe in RECIPES.items() if recipe.pruning]
 
 
-def test_the_presets_are_the_four_of_the_interface_and_the_default_is_ours():
-    assert list(RECIPES) == ["ours", "paper", "released", "3dgs"]
+def test_the_presets_are_the_five_of_the_interface_and_the_default_is_ours():
+    assert list(RECIPES) == ["ours", "ours_slopes", "paper", "released", "3dgs"]
     assert TrainConfig("data").preset == "ours"
 
 
 def test_the_baseline_neither_prunes_nor_knows_dog():
     assert RECIPES["3dgs"] == Recipe(Densification(), None, None, None)
+
+
+def test_slopes_come_with_dog_and_are_all_that_is_added_to_ours():
+    ours, sloped = RECIPES["ours"], RECIPES["ours_slopes"]
+    assert ours.dog and sloped == dataclasses.replace(ours, slopes=SlopeRule(start=ours.dog.start))
+    assert [name for name, recipe in RECIPES.items() if recipe.slopes] == ["ours_slopes"]
+    for recipe in (sloped.scaled(7000), sloped.from_pruning(), sloped.from_pruning().scaled(350)):
+        assert recipe.slopes and recipe.dog and recipe.slopes.start == recipe.dog.start
 
 
 def test_the_papers_recipe_is_that_of_its_text():
@@ -114,7 +123,7 @@ def test_the_preset_decides_on_the_largest_scale_unless_it_is_given():
         ({"target": math.inf}, "--target"),
         ({"target": 500, "max_primitives": 500}, "--target: 500 .* --max-primitives 500"),
         ({"target": 501, "max_primitives": 500}, "smaller target"),
-        ({"preset": "3dgs", "model": "m.ply"}, '--preset: "3dgs" does not prune; use ours or paper or released'),
+        ({"preset": "3dgs", "model": "m.ply"}, '"3dgs" does not prune; use ours or ours_slopes or paper or released'),
     ],
 )
 def test_settings_that_cannot_be_met_name_their_flag(settings, words):

@@ -1,9 +1,10 @@
-"""Compaction to a file of a given size: bytes are divided between primitives, their bands of colour and DoG rows.
+"""Compaction to a file of a given size: bytes are divided between primitives, their bands of colour and their rows.
 
 In the window in which a count is pruned to, and by the same rule (``scheduler.py``), in bytes: of what the file has
 more than it may have, rounds take away their parts. Each round measures all options (``options.py``) and the size of
 the file as it is, which scales the prices. Bands that go do not come back. Half-way between the window and the end of
-the run, when DoG rows are there and bands have settled, the bytes are divided once more.
+the run, when rows of DoG and slopes are there and bands have settled, the bytes are divided once more. Slopes that the
+primitives are to get count from the first check on, as if they were there.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 
 from ...engine.geometry import Cutoffs
 from ...formats.sizes import FileKind, prices
-from ...scene.row_groups import DOG
+from ...scene.row_groups import DOG, SLOPES
 from ...scene.splats import Splats
 from ...support.errors import DataError
 from ..events import Allocated, Event, NotPruned, Pruned, Refined
@@ -42,6 +43,7 @@ class Compaction(Strategy[Compacted]):
     rule: PruningRule
     size: int
     kind: FileKind
+    slopes: bool = False  # whether all primitives are to get some
 
     def new_state(self, t: Training) -> Compacted:
         return Compacted()
@@ -58,6 +60,9 @@ class Compaction(Strategy[Compacted]):
         if not self.due(t, state):
             return []
         splats = t.optimizer.to_splats()
+        if self.slopes and not splats.n_slopes:
+            n = splats.n_splats
+            splats = replace(splats, slope_index=np.arange(n), color_slopes=np.zeros((n, 3, 3)))
         size = self.kind.size(self.kind.foreseen(splats))
         if self._settles(t, state):
             state.settled = True
@@ -138,9 +143,11 @@ def as_chosen(splats: Splats, options: Options, chosen: Chosen) -> Splats:
     degrees = splats.sh_degrees
     degrees[chosen.kept] = chosen.degrees
     whole = replace(splats.uniform_sh(), sh_coeffs=options.bands.fitted(degrees)).select(chosen.kept)
-    rows = np.isin(whole.dog_index, chosen.dog)
-    dog = {name: getattr(whole, name)[rows] for name in (DOG.index, *DOG.names)}
-    return replace(whole, **dog).with_sh_degrees(chosen.degrees)
+    left: dict[str, np.ndarray] = {}
+    for group, places in ((DOG, chosen.dog), (SLOPES, chosen.slopes)):
+        rows = np.isin(getattr(whole, group.index), places)
+        left |= {name: getattr(whole, name)[rows] for name in (group.index, *group.names)}
+    return replace(whole, **left).with_sh_degrees(chosen.degrees)
 
 
 def take(optimizer: SplatOptimizer, model: Splats, kept: np.ndarray) -> None:
@@ -152,3 +159,5 @@ def take(optimizer: SplatOptimizer, model: Splats, kept: np.ndarray) -> None:
         optimizer.assign(name, values.reshape(len(values), -1))
     if optimizer.n_dog != model.n_dog:
         optimizer.set_dog(model.dog_index, model.dog_logit_opacities, model.dog_log_scales)
+    if optimizer.n_slopes not in (0, model.n_slopes):  # 0: they are still to come
+        optimizer.set_slopes(model.slope_index, model.color_slopes)

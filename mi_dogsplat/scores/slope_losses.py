@@ -1,0 +1,49 @@
+"""What slopes contribute to the training views, primitive by primitive: an estimate in the units of the other scores.
+
+Without its slopes a primitive has one colour all over, and a picture changes by w (gx dx + gy dy), w = α T its weight
+at a pixel and d the offset from its centre (``engine/slopes.py``). Where T is the same all over it and α is that of the
+kernel alone, w² falls as exp(-dᵀ Σ'⁻¹ d), so that the mean of d dᵀ under w² is Σ'/2, and the energy of the change is
+
+    Σ w² (g·d)² = h / 2 gᵀ Σ' g,   h = Σ w² over the pixels,
+
+summed over channels and views. Of one primitive alone that is within 2 % of what its pictures change by
+(``tests/scores/test_slope_losses.py``); what hides a side of it, or is DoG, makes it an estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import drjit as dr
+import numpy as np
+
+from ..engine.arrays import array_types
+from ..engine.device_camera import DeviceCamera
+from ..engine.options import RasterOptions
+from ..engine.project import project
+from ..engine.slopes import TWO_LN2
+from ..engine.view import prepare
+from ..engine.walks.color_products import composite_color_products
+
+
+def slope_losses(params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions) -> np.ndarray:
+    """[N] energy of the change of all views without the slopes of a primitive; 0 where it has none.
+
+    Args:
+        params: as in ``rasterize``, with slopes.
+        cameras: all training views.
+    """
+    params = {name: dr.detach(value) for name, value in params.items()}
+    total = dr.zeros(array_types().Double, dr.width(params["logit_opacities"]))
+    for camera in cameras:
+        (h,) = composite_color_products(prepare(params, camera, options), [])
+        projection = project(params, camera, sh_degree=0)
+        kernels, slopes = projection.kernels, projection.slopes or []
+        square = 0
+        for gx, gy in zip(slopes[:3], slopes[3:], strict=True):  # gᵀ Σ' g = |K⁻ᵀ g|² / 2 ln 2
+            along = gx / kernels.ux
+            across = (gy - kernels.uy * along) / kernels.vy
+            square += dr.square(along) + dr.square(across)
+        total += array_types().Double(dr.select(projection.visible & (h > 0), h * square * (0.5 / TWO_LN2), 0))
+        dr.eval(total)
+    return total.numpy()
