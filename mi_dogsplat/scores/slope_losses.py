@@ -20,8 +20,7 @@ import numpy as np
 from ..engine.arrays import array_types
 from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
-from ..engine.project import project
-from ..engine.slopes import TWO_LN2
+from ..engine.project import LOG2_E, project
 from ..engine.view import prepare
 from ..engine.walks.color_products import composite_color_products
 
@@ -44,6 +43,6 @@ def slope_losses(params: dict, cameras: Sequence[DeviceCamera], options: RasterO
             along = gx / kernels.ux
             across = (gy - kernels.uy * along) / kernels.vy
             square += dr.square(along) + dr.square(across)
-        total += array_types().Double(dr.select(projection.visible & (h > 0), h * square * (0.5 / TWO_LN2), 0))
+        total += array_types().Double(dr.select(projection.visible & (h > 0), h * square * (0.25 * LOG2_E), 0))
         dr.eval(total)
     return total.numpy()
