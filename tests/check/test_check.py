@@ -118,6 +118,22 @@ def test_a_model_is_framed_when_no_camera_is_named(capsys, model, tmp_path, monk
     assert whole["mean_error"] > 1e-3  # it is in view
 
 
+def test_a_model_with_slopes_is_measured_with_theirs(capsys, tmp_path, monkeypatch, few_points):
+    monkeypatch.setattr("mi_dogsplat.check.run.synthetic_scenes", lambda width: [])
+    splats = tiny_data.sloped_truth()
+    write_ply(tmp_path / "sloped.ply", splats)
+    flags = ["--only", "work-precision", "--width", 32, "--rounds", 1]
+    assert run(capsys, tmp_path / "sloped.ply", "-o", tmp_path / "out", *flags)[0] == 0
+    (scene,) = json.loads((tmp_path / "out" / "check.json").read_text())["work_precision"]
+    rows = {row["setting"]: row for row in scene["rows"]}
+    assert scene["n_slopes"] == splats.n_slopes and rows["no cutoffs"]["mean_error"] < 1e-6
+    assert rows["no cutoffs"]["gradient_error"]["color_slopes"] < 1e-4
+    assert rows["without slopes"]["mean_error"] > 2 * rows["with slopes"]["mean_error"]
+    html = (tmp_path / "out" / "check.html").read_text(encoding="utf-8")
+    parsed(html)
+    assert f"{splats.n_slopes} with slopes" in html and "without slopes" in html and 'class="c8 points"' in html
+
+
 def test_training_of_two_runs(capsys, finished_run, tmp_path):
     out = tmp_path / "out"
     status, printed, _ = run(capsys, "-o", out, "--only", "training", "--runs", finished_run, finished_run)
