@@ -79,8 +79,8 @@ def broad_splats() -> Splats:
 
 
 def with_slopes(splats: Splats) -> Splats:
-    """The same where every third colour varies over its primitive."""
-    index = np.arange(0, splats.n_splats, 3)
+    """The same where every second colour varies over its primitive, of DoG primitives and of others."""
+    index = np.flatnonzero(np.arange(splats.n_splats) % 4 > 1)
     return replace(splats, slope_index=index, color_slopes=np.random.default_rng(6).normal(0, 0.1, (len(index), 3, 3)))
 
 

@@ -48,6 +48,7 @@ def model_scene(name: str, splats: Splats, camera: Camera, width: int, **others:
     scale = min(1.0, width / max(camera.width, camera.height))
     small = camera.resized(max(1, round(scale * camera.width)), max(1, round(scale * camera.height)))
     kinds = f", {splats.n_dog:,} of them DoG" if splats.n_dog else ""
+    kinds += f", {splats.n_slopes:,} with slopes" if splats.n_slopes else ""
     what = f"{splats.n_splats:,} primitives{kinds}, SH degree {splats.sh_degree}"
     return Scene(name, what, splats, small, **others)
 

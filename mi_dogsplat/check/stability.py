@@ -34,8 +34,8 @@ from ..engine.rasterize import RasterOptions, rasterize
 from ..reference.forward import MAX_T
 from ..reference.gradients import Rendered, gradients_tiled, render_tiled
 from ..reference.rounding import rounding_tiled
-from ..scene.splats import Splats
 from .cases import Case, cases
+from .rows import rows_of
 
 IMAGE_TOLERANCE = 1e-4  # a fortieth of an 8-bit step
 GRADIENT_TOLERANCE = 1e-2
@@ -161,10 +161,3 @@ def _gradient_errors(case: Case, ours: Answer, cutoffs: Cutoffs, weights: np.nda
         ]
         errors[name] = float(max(distances))
     return errors
-
-
-def rows_of(splats: Splats, name: str) -> np.ndarray:
-    """The primitives whose values are the rows of a parameter."""
-    if name in RAW_DOG:
-        return splats.dog_index
-    return splats.slope_index if name in RAW_SLOPES else np.arange(splats.n_splats)

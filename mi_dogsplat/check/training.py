@@ -13,7 +13,7 @@ from ..report.smoothing import running_mean, thinned
 from ..support.errors import DataError
 from ..support.wording import finite
 
-MAX_RUNS = 7  # as many colours as a plot has
+MAX_RUNS = 7  # as many colours as a plot of curves can tell apart
 COLUMNS = {"l1": "l1", "psnr": "test_psnr", "flip": "test_flip"}  # name here: in the history
 
 

@@ -207,6 +207,6 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     if "color_slopes" in params:
         row = params["slope_row"]
         own = rows(params["color_slopes"], ROW, row, row != NO_ROW)
-        slopes = slopes_on_screen(own, axes, _in_range(axes, scales), kernels)
+        slopes = slopes_on_screen(own, axes, _in_range(axes, scales), (kernels.ux, kernels.uy, kernels.vy))
         visible &= _all_finite(slopes)
     return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index, slopes)

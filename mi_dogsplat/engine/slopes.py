@@ -12,13 +12,10 @@ which is linear in d: c + gx dx + gy dy with (gx, gy) = Σ_a s_a V_aᵀ Σ'⁻¹
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-
-if TYPE_CHECKING:
-    from .project import Kernels
 
 CHANNELS = 3
 COLUMNS = 2 * CHANNELS  # gx of the channels, then gy
@@ -26,20 +23,21 @@ ROW = 3 * CHANNELS  # of ``color_slopes``: by axis, then channel
 TWO_LN2 = 1.3862943611198906
 
 
-def slopes_on_screen(slopes: list, axes: list, scales: list, kernels: Kernels) -> list:
+def slopes_on_screen(slopes: list, axes: list, scales: list, kernel: tuple) -> list:
     """gx of the three channels, then gy, per pixel; [N] each.
 
     Args:
         slopes: ``ROW`` arrays [N], zeros for a primitive without.
         axes: J W R, 2 x 3 arrays [N]; with ``scales``, 3 arrays [N], the columns V_a.
-        kernels: of the primaries.
+        kernel: ux, uy, vy of the primaries.
     """
+    ux, uy, kernel_vy = kernel
     gx: list[Any] = [0] * CHANNELS
     gy: list[Any] = [0] * CHANNELS
     for a, scale in enumerate(scales):
         vx, vy = axes[0][a] * scale, axes[1][a] * scale
-        u, v = dr.fma(kernels.ux, vx, kernels.uy * vy), kernels.vy * vy  # K V_a, which is never above 1 / √(2 ln 2)
-        to_x, to_y = TWO_LN2 * kernels.ux * u, TWO_LN2 * dr.fma(kernels.uy, u, kernels.vy * v)
+        u, v = dr.fma(ux, vx, uy * vy), kernel_vy * vy  # K V_a, which is never above 1 / √(2 ln 2)
+        to_x, to_y = TWO_LN2 * ux * u, TWO_LN2 * dr.fma(uy, u, kernel_vy * v)
         for c in range(CHANNELS):
             slope = slopes[CHANNELS * a + c]
             gx[c], gy[c] = dr.fma(slope, to_x, gx[c]), dr.fma(slope, to_y, gy[c])

@@ -76,6 +76,9 @@ def _density(cones: list, d: Any) -> Any:
 def lamps_of(params: dict, linear: bool) -> SplatLamps | None:
     """The lamps among primitives, by their colour without the directions; None where nothing is bright enough.
 
+    A colour that varies over its primitive counts with that of the centre, which is its mean: what slopes add on one
+    side they take on the other. Where paths aim changes no mean, and what they find there has its slopes.
+
     Args:
         params: raw parameters as flat arrays; constants here.
         linear: colours are linear, not sRGB.

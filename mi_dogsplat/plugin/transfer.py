@@ -32,8 +32,8 @@ def emitted(colors: list[mi.Float], T: mi.Float, linear: bool) -> list[mi.Float]
     Primitives of linear colours send what was blended. Of sRGB ones the blended colour C is that of a coverage
     a = 1 - T by the mean colour C / a, which is converted: a linear(C / a). So it is the light of an opaque model where
     T is 0, and of a model of one colour everywhere; and no sum of it and T times what is behind is brighter than the
-    brighter of both. Where DoG primitives subtract, C / a may be of any size or sign: what is beyond 0 and the larger
-    of 1 and C counts as light over black, linear(C).
+    brighter of both. Where DoG primitives subtract, C / a may be of any size or sign, and where colours vary over
+    their primitives of either sign: what is beyond 0 and the larger of 1 and C counts as light over black, linear(C).
     """
     if linear:
         return colors

@@ -49,7 +49,8 @@ def rounding_tiled(splats: Splats, camera: Camera, background: Sequence[float] |
         of_light, centres = walk.T_final[..., None] * light, walk.colors[walk.sloped, None, None]
         to_sizes = np.abs(centres + walk.variations()) - centres  # what makes of the colours there their magnitudes
         magnitude[block.pixels] = walk.sum_of_colors(size * walk.T, to_sizes) + of_light
-        error[block.pixels] = walk.sum_of_colors(of_weights * walk.T, to_sizes) + (of_T[-1][..., None] + UNIT) * of_light
+        of_blended = walk.sum_of_colors(of_weights * walk.T, to_sizes)
+        error[block.pixels] = of_blended + (of_T[-1][..., None] + UNIT) * of_light
         if walk.sloped.size:
             of_colors = COLOR_UNITS * UNIT * walk.terms()
             error[block.pixels] += np.einsum("nhw,nhwc->hwc", (size * walk.T)[walk.sloped], of_colors)

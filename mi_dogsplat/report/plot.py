@@ -27,7 +27,7 @@ DIGIT, GAP, MAX_SHIFT = 9, 5, 24  # of the labels of marks: width of a character
 
 @dataclass(frozen=True)
 class Series:
-    """One curve: ``x`` and ``y`` [n]; ``kind`` is line, faint, dashed or points; ``color`` 1 to 7 of the page, or 0.
+    """One curve: ``x`` and ``y`` [n]; ``kind`` is line, faint, dashed or points; ``color`` 1 to 8 of the page, or 0.
 
     ``notes`` are for points, one each: then they have the shape of their colour, and tooltips.
     """

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.check.cases import together
+from mi_dogsplat.check.case_models import together
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mi_dogsplat.check import stability
-from mi_dogsplat.check.cases import Case, bystanders, camera, cases, primitives, together
+from mi_dogsplat.check.case_models import bystanders, camera, primitives, together
+from mi_dogsplat.check.cases import Case, cases
+from mi_dogsplat.check.rows import rows_of
 from mi_dogsplat.check.stability import GRADIENT_TOLERANCE, IMAGE_TOLERANCE, answer, measure
 from mi_dogsplat.engine.geometry import SMOOTH, Cutoffs
 
@@ -28,14 +30,16 @@ def test_the_primitive_that_is_not_finite_has_no_gradient_and_leaves_its_neighbo
         got, expected = answer(case, cutoffs), answer(without, cutoffs)
         np.testing.assert_array_equal(got.image, expected.image)
         for parameter, gradient in got.gradients.items():
-            if not parameter.startswith("dog"):
-                assert not gradient[broken].any()
-                np.testing.assert_allclose(gradient[whole], expected.gradients[parameter], rtol=1e-5, atol=1e-6)
+            of_broken = rows_of(case.splats, parameter) == broken
+            assert not gradient[of_broken].any()
+            others = expected.gradients[parameter]
+            np.testing.assert_allclose(gradient[~of_broken], others, rtol=1e-5, atol=1e-6, err_msg=parameter)
 
 
 def test_all_that_must_be_covered_is():
     groups = {case.group for case in CASES.values()}
-    assert groups == {"shape", "size", "opacity", "colour", "depth", "quaternion", "DoG", "not finite", "camera"}
+    assert groups == {"shape", "size", "opacity", "colour", "depth", "quaternion", "DoG", "slopes", "not finite",
+                      "camera"}  # fmt: skip
     assert len(CASES) == len(list(cases(layers=1000)))  # no two of one name
     assert sum(len(case.extreme) == 10_000 for case in cases()) == 5
 
@@ -47,6 +51,29 @@ def test_a_wrong_answer_is_called_wrong(monkeypatch):
     monkeypatch.setattr(stability, "GRADIENT_TOLERANCE", 1e-12)
     assert measure(case)["verdict"] == "wrong"
     assert 0 < IMAGE_TOLERANCE < 1 / 255 and 0 < GRADIENT_TOLERANCE < 0.1
+
+
+def test_slopes_that_the_engine_forgets_or_turns_are_an_error(monkeypatch):
+    case = CASES["slopes: ordinary"]
+    for other in (case.splats.without_slopes(),
+                  replace(case.splats, color_slopes=case.splats.color_slopes.swapaxes(1, 2))):  # fmt: skip
+        image = answer(replace(case, splats=other), Cutoffs()).image
+        with monkeypatch.context() as patch:
+            patch.setattr(stability, "answer", lambda *given, image=image: replace(answer(*given), image=image))
+            assert measure(case)["verdict"] == "wrong"
+
+
+def test_a_gradient_of_slopes_that_is_a_percent_off_is_an_error(monkeypatch):
+    case = CASES["slopes: ordinary"]
+
+    def changed(*given):
+        right = answer(*given)
+        right.gradients["color_slopes"] *= 1 + 1.1 * GRADIENT_TOLERANCE
+        return right
+
+    monkeypatch.setattr(stability, "answer", changed)
+    row = measure(case)
+    assert row["verdict"] == "wrong" and row["worst_gradient"] == "color_slopes"
 
 
 def test_a_pixel_is_judged_by_what_it_blends_and_not_by_the_brightest(monkeypatch):

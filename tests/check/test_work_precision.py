@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from mi_dogsplat.check import settings as settings_module
+from mi_dogsplat.check.rows import rows_of
 from mi_dogsplat.check.scenes import Scene, model_scene, synthetic_scenes
 from mi_dogsplat.check.settings import GROUPS, Model, Setting, settings
 from mi_dogsplat.check.work_precision import Job, adjoint, measure, on_all_rows, pareto_front
 from mi_dogsplat.engine.geometry import SMOOTH, Cutoffs
 from mi_dogsplat.engine.rasterize import RasterOptions
-from mi_dogsplat.reference.forward import RAW_PARAMETERS
+from mi_dogsplat.reference.forward import RAW_PARAMETERS, raw_names
 from splat_scenes import make_camera, make_splats, random_splats, rounded
 
 KNOBS = {  # a few points of each curve: every setting is a kernel to compile
@@ -75,8 +76,8 @@ def test_the_default_is_a_point_on_every_curve_and_every_knob_is_turned_alone(fe
     points = settings(faint)
     default, none = points[:2]
     assert (default.label, none.label, none.options.cutoffs) == ("default", "no cutoffs", SMOOTH)
-    assert {p.group for p in points[2:]} == set(GROUPS)
-    for group in GROUPS:
+    assert {p.group for p in points[2:]} == set(GROUPS) - {"slopes"}
+    for group in GROUPS[:-1]:
         curve = [p for p in points if p.group == group]
         assert sum(p.key == default.key for p in curve) == 1, group
         assert len({p.key for p in curve}) == len(curve) > 1, group
@@ -94,7 +95,7 @@ def test_the_primitives_kept_are_those_that_the_picture_would_miss_most(few_poin
 def test_knobs_that_a_model_does_not_have_make_no_curve(few_points):
     plain = make_splats(np.random.default_rng(0).uniform(-0.5, 0.5, (30, 3)) + (0, 0, 3))
     groups = {p.group for p in settings(Scene("", "", rounded(plain), make_camera()))}
-    assert groups == {"", *GROUPS} - {"SH degree", "DoG"}
+    assert groups == {"", *GROUPS} - {"SH degree", "DoG", "slopes"}
 
 
 def test_tighter_settings_are_nearer_to_the_truth(few_points, faint):
@@ -113,8 +114,26 @@ def test_tighter_settings_are_nearer_to_the_truth(few_points, faint):
     exact = rows["", "no cutoffs"]
     assert exact["mean_error"] < 1e-6 and exact["worst_gradient_error"] < 1e-4 and exact["psnr"] > 110
     assert set(exact["gradient_error"]) == set(RAW_PARAMETERS)
+    assert result["n_slopes"] == 0
     assert rows["DoG", "without DoG"]["gradient_error"]["dog_log_scales"] == 1
     assert rows["SH degree", "degree 0"]["gradient_error"]["sh_coeffs"] > 0.5
+
+
+def test_a_model_with_slopes_has_a_curve_with_and_without_them(monkeypatch):
+    for name in KNOBS:
+        monkeypatch.setattr(settings_module, name, {})
+    monkeypatch.setattr(settings_module, "KEPT", {"100 %": 1.0, "50 %": 0.5})
+    splats = rounded(random_splats(60, seed=3, degree=0, dog_share=0, slope_share=0.5))
+    scene = model_scene("sloped", splats, make_camera(40, 32, 36.0), 40)
+    assert f", {splats.n_slopes} with slopes" in scene.what and 20 < splats.n_slopes < 40
+    result = measure(scene, rounds=1)
+    assert result["n_slopes"] == splats.n_slopes
+    rows = {(row["group"], row["setting"]): row for row in result["rows"]}
+    exact, half = rows["", "no cutoffs"], rows["primitives kept", "50 %"]
+    without, default = rows["slopes", "without slopes"], rows["slopes", "with slopes"]
+    assert exact["gradient_error"]["color_slopes"] < 1e-4 and 0.01 < half["gradient_error"]["color_slopes"] < 1
+    assert without["gradient_error"]["color_slopes"] == 1 and without["mean_error"] > 3 * default["mean_error"]
+    assert default["default"] and without["rounding_error"] < 1e-6 and default["rounding_error"] < 1e-6
 
 
 def test_against_the_twin_with_the_same_cutoffs_only_rounding_is_left(few_points, faint):
@@ -127,7 +146,7 @@ def test_against_the_twin_with_the_same_cutoffs_only_rounding_is_left(few_points
 
 def test_the_default_is_measured_once_and_marked(few_points, faint):
     rows = [row for row in measure(faint, rounds=1)["rows"] if row["default"]]
-    assert len(rows) == 1 + len(GROUPS)
+    assert len(rows) == len(GROUPS)  # no slopes here, and none but the default is in no group
     assert all({**row, "group": "", "setting": ""} == {**rows[0], "group": "", "setting": ""} for row in rows)
 
 
@@ -151,17 +170,16 @@ def test_the_image_is_over_the_background_of_the_scene(faint):
     assert np.all(image(empty) == 0.25)
 
 
-def test_primitives_that_are_left_out_have_the_gradient_zero(faint):
-    rng = np.random.default_rng(1)
+def test_primitives_that_are_left_out_have_the_gradient_zero():
+    rng, splats = np.random.default_rng(1), rounded(random_splats(60, seed=3, degree=1, slope_share=0.5))
     kept = np.sort(rng.permutation(60)[:25])
-    model = Model.of(faint.splats.select(kept), kept)
-    dog = np.isin(faint.splats.dog_index, kept)
-    assert 0 < dog.sum() < faint.splats.n_dog
-    gradients = {name: rng.normal(size=getattr(model.splats, name).shape) for name in RAW_PARAMETERS}
-    whole = on_all_rows({name: values.ravel() for name, values in gradients.items()}, model, faint.splats)
+    model = Model.of(splats.select(kept), kept)
+    gradients = {name: rng.normal(size=getattr(model.splats, name).shape) for name in raw_names(splats)}
+    whole = on_all_rows({name: values.ravel() for name, values in gradients.items()}, model, splats)
+    assert set(whole) == {*RAW_PARAMETERS, "color_slopes"}
     for name, values in whole.items():
-        left = dog if name.startswith("dog") else np.isin(np.arange(60), kept)
-        assert values.shape == getattr(faint.splats, name).shape
+        left = np.isin(rows_of(splats, name), kept)
+        assert 0 < left.sum() < len(left) and values.shape == getattr(splats, name).shape
         assert np.array_equal(values[left], gradients[name]) and not values[~left].any()
 
 

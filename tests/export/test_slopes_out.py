@@ -99,6 +99,16 @@ def test_kept_ones_are_in_the_file(capsys, mixed, tmp_path, suffix):
     assert lost > (99 if suffix == ".ply" else 30)
 
 
+def test_kept_ones_are_refined_along_where_dog_are_baked(mixed, tmp_path):
+    exported = export_model(mixed, tmp_path / "out.ply", views=3, refine=40, slopes="keep")
+    assert stages(exported) == ["as it is", "without DoG (bake)", "refined, 40 steps", "read from the file"]
+    assert (exported.losses[2].of_model or 0) > (exported.losses[1].of_model or 0) and not exported.left_out
+    found = read_ply(tmp_path / "out.ply")
+    np.testing.assert_array_equal(found.slope_index, MIXED.slope_index)
+    moved = np.abs(found.color_slopes - MIXED.color_slopes)
+    assert found.n_dog == 0 and 0 < moved.max() < 0.5
+
+
 def test_a_page_says_that_they_are_shown_in_their_mean_colours(capsys, model, mixed, tmp_path):
     out = tmp_path / "page.html"
     run(capsys, "export", model, "-o", out, "--views", "0", "--refine", "0")

@@ -44,6 +44,13 @@ def dog_columns(splats: Splats) -> dict[str, np.ndarray]:
     return dict(zip(DOG, values, strict=True))
 
 
+def slope_columns(splats: Splats) -> dict[str, np.ndarray]:
+    """The element ``slopes`` by column: axis by axis, three channels each."""
+    values = {f"slope_{3 * axis + channel}": splats.color_slopes[:, axis, channel]
+              for axis in range(3) for channel in range(3)}  # fmt: skip
+    return {"index": splats.slope_index} | values
+
+
 def to_bytes(elements, file_format="binary_little_endian", types=None) -> bytes:
     """A PLY from {element: {column: values}}; every column is float unless ``types`` says otherwise."""
     types = types or {}

@@ -87,6 +87,7 @@ EXTREMES = {
     "huge needle": {"scales": (1e6, 1, 1)},
     "huge quaternion": {"scales": (0.5, 5e-7, 0.1), "length": 1e15},
     "tiny quaternion": {"scales": (0.5, 5e-7, 0.1), "length": 1e-15},
+    "three sizes": {"scales": (1e-12, 1, 1e6)},
     "far": {"means": (300, 200, 1e4), "scales": (1e3, 2e3, 500)},
     "beside the image": {"means": (6, 1, 2), "scales": (6, 3, 4)},
 }

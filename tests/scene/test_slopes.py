@@ -9,7 +9,7 @@ from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.errors import DataError
-from ply_files import dog_columns, random_splats, to_bytes, vertex_columns, write
+from ply_files import dog_columns, random_splats, slope_columns, to_bytes, vertex_columns, write
 from sloped_models import points_in, slope_colors, with_slopes
 from splat_scenes import axis_rotation
 from splat_scenes import random_splats as splats_in_view
@@ -26,13 +26,6 @@ MAPS = {"turn": TURN, "mirror": MIRROR, "scale": 1.7 * np.eye(3), "point mirror"
 def model(index=INDEX, **others) -> Splats:
     slopes = np.random.default_rng(8).normal(size=(len(index), 3, 3))
     return replace(random_splats(**others), slope_index=np.array(index, np.uint32), color_slopes=slopes)
-
-
-def slope_columns(splats: Splats) -> dict[str, np.ndarray]:
-    """The element ``slopes`` by column, written down from its definition: axis by axis, three channels each."""
-    values = {f"slope_{3 * axis + channel}": splats.color_slopes[:, axis, channel]
-              for axis in range(3) for channel in range(3)}  # fmt: skip
-    return {"index": splats.slope_index} | values
 
 
 def elements(splats: Splats, **slopes) -> dict:

@@ -1,0 +1,77 @@
+"""What the stability cases are made of: primitives of all kinds, ordinary ones around them, and a camera."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..scene.cameras import Camera
+from ..scene.row_groups import DOG, SLOPES
+from ..scene.splats import DENSE, Splats
+
+WIDTH, HEIGHT, FOCAL = 48, 40, 45.0
+C0 = 0.28209479177387814  # colour = 0.5 + C0 * (constant SH coefficient)
+SCALES = (0.2, 0.3, 0.45)
+SLOPES_OF_ONE = 0.4 * np.sin(1 + np.arange(9)).reshape(3, 3)
+_K = np.array([[0, -0.1, -0.2], [0.1, 0, -0.3], [0.2, 0.3, 0]])
+TURN = np.linalg.solve(np.eye(3) - _K, np.eye(3) + _K)  # world to camera, a rotation (Cayley)
+
+
+def camera(width: int = WIDTH, height: int = HEIGHT, focal: float = FOCAL, centre: Any = (0, 0, 0)) -> Camera:
+    """Looks along +z from ``centre``, a little turned, so that no number is zero by chance."""
+    w2c = np.eye(4)
+    w2c[:3, :3], w2c[:3, 3] = TURN, -TURN @ np.asarray(centre, float)
+    return Camera(w2c, focal, 1.05 * focal, 0.48 * width, 0.53 * height, width, height)
+
+
+def primitives(
+    means: Any, scales: Any = SCALES, opacity: Any = 0.6, quats: Any = (0.3, -0.2, 0.5, 0.8),
+    color: Any = (0.9, 0.5, 0.2), logits: Any = None, dog: bool = False, f_a: Any = 0.5, F: Any = 1.6,
+    log_scales: Any = None, slopes: Any = None,
+) -> Splats:  # fmt: skip
+    """One primitive per row of ``means`` (camera space of ``camera()``), SH degree 1; scalars are spread."""
+    means = np.asarray(means, float).reshape(-1, 3) @ TURN
+    n = len(means)
+    sh = np.zeros((n, 4, 3))
+    sh[:, 0] = (np.broadcast_to(np.asarray(color, float), (n, 3)) - 0.5) / C0
+    sh[:, 1:] = 0.1 * np.cos(np.arange(9)).reshape(3, 3)
+    opacity, f_a = np.broadcast_to(opacity, n), np.broadcast_to(f_a, n)
+    with np.errstate(divide="ignore"):
+        logits = np.log(opacity) - np.log1p(-opacity) if logits is None else np.broadcast_to(logits, n)
+        log_scales = np.log(np.broadcast_to(scales, (n, 3))) if log_scales is None else log_scales
+        dog_part = {
+            "dog_index": np.arange(n),
+            "dog_logit_opacities": np.log(f_a) - np.log1p(-f_a),
+            "dog_log_scales": np.log(np.broadcast_to(F, (n, 3))),
+        }
+    slope_part = {"slope_index": np.arange(n), "color_slopes": np.broadcast_to(slopes, (n, 3, 3))}
+    return Splats(
+        means=means, log_scales=np.broadcast_to(log_scales, (n, 3)), quats=np.broadcast_to(quats, (n, 4)),
+        logit_opacities=logits, sh_coeffs=sh, **(dog_part if dog else {}),
+        **({} if slopes is None else slope_part),
+    )  # fmt: skip
+
+
+def bystanders(distance: float = 4.0, size: float = 0.25, slopes: Any = None) -> Splats:
+    """Twelve ordinary primitives around ``distance``, three of them DoG; ``slopes`` [3, 3] are those of six."""
+    rng = np.random.default_rng(7)
+    means = rng.uniform([-1.6, -1.3, 0.7], [1.6, 1.3, 1.6], (12, 3)) * distance / 4 * (1, 1, 4)
+    scales = size * distance / 4 * np.exp(rng.normal(0, 0.4, (12, 3)))
+    color, quats = rng.uniform(0.1, 1, (12, 3)), rng.normal(size=(12, 4))
+    plain = primitives(means[:9], scales[:9], rng.uniform(0.2, 0.9, 9), quats[:9], color[:9])
+    splats = together(plain, primitives(means[9:], scales[9:], 0.7, quats[9:], color[9:], dog=True))
+    some = {"slope_index": np.arange(0, 12, 2), "color_slopes": np.broadcast_to(slopes, (6, 3, 3))}
+    return splats if slopes is None else replace(splats, **some)
+
+
+def together(*parts: Splats) -> Splats:
+    """Several models as one."""
+    first = np.cumsum([0, *(p.n_splats for p in parts[:-1])])
+    names = DENSE + DOG.names + SLOPES.names
+    joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
+    for group in (DOG, SLOPES):
+        indices = [getattr(p, group.index).astype(np.int64) + k for p, k in zip(parts, first, strict=True)]
+        joined[group.index] = np.concatenate(indices)
+    return Splats(**joined)

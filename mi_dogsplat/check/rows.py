@@ -1,0 +1,16 @@
+"""Whose values the rows of a parameter are: every primitive's, or those of a group."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..scene.row_groups import DOG, SLOPES
+from ..scene.splats import Splats
+
+
+def rows_of(splats: Splats, name: str) -> np.ndarray:
+    """The primitives of the rows of a raw parameter, increasing. A mixed model's coefficients are not looked at."""
+    for group in (DOG, SLOPES):
+        if name in group.names:
+            return getattr(splats, group.index)
+    return np.arange(splats.n_splats)

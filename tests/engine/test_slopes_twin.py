@@ -1,0 +1,222 @@
+"""Colours that vary over their primitive: what the engine makes of them against the float64 twin and differences."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from mi_dogsplat import reference
+from mi_dogsplat.engine.parameters import upload
+from mi_dogsplat.engine.project import DeviceCamera, project
+from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
+from mi_dogsplat.reference.forward import raw_indices, raw_names
+from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled
+from mi_dogsplat.scene.splats import Splats
+from splat_scenes import (
+    SMOOTH_OPTIONS,
+    assert_gradients_equal,
+    attached,
+    image_of,
+    mismatches,
+    options,
+    plane_of,
+    random_splats,
+    rasterized,
+    rounded,
+    tilted_camera,
+)
+
+BACKGROUND = (0.2, -0.3, 0.6)
+CAMERA = tilted_camera(24, 20, f=20.0, cx=11.0, cy=10.5)
+LARGE = tilted_camera(90, 70, f=80.0)
+ADJOINT = np.random.default_rng(0).normal(size=(20, 24, 3))
+MODES = [{"antialiased": a, "negative_transmittance": n} for a in (False, True) for n in (True, False)]
+CUTOFFS = {"cutoffs": ({}, {}), "smooth": (SMOOTH_OPTIONS, {"min_alpha": 0, "min_transmittance": 0})}
+"""Of the engine and of the tiled twin."""
+
+
+def sloped(n=10, seed=3, degree=1, dog_share=0.5, slope_share=0.6) -> Splats:
+    splats = rounded(random_splats(n, seed, degree, dog_share, slope_share))
+    assert 0 < splats.n_slopes <= n
+    return splats
+
+
+def decided(splats: Splats, camera, **choices) -> np.ndarray:
+    """[H, W] pixels where no cutoff hangs on rounding."""
+    strict, lenient = (render_tiled(splats, camera, moved=moved, **choices).image for moved in (1e-4, -1e-4))
+    return np.abs(strict - lenient).max(-1) < 1e-12
+
+
+# --- projection and pictures ---
+
+
+def test_slopes_per_pixel_are_those_of_the_twin():
+    splats = sloped(300)
+    ours, twin = project(upload(splats), DeviceCamera.upload(LARGE), sh_degree=1), reference.project(splats, LARGE)
+    assert ours.slopes is not None
+    np.testing.assert_array_equal(ours.visible.numpy(), twin.visible)
+    got = np.stack([g.numpy() for g in ours.slopes]).reshape(2, 3, 300).transpose(2, 1, 0)
+    size = np.abs(twin.slopes).max((1, 2), keepdims=True)
+    assert not got[~np.isin(np.arange(300), splats.slope_index)].any()
+    assert (np.abs(got - twin.slopes) <= 1e-5 * size)[twin.sloped].all() and 100 < twin.sloped.sum() < 250
+
+
+@pytest.mark.parametrize("kind", CUTOFFS)
+@pytest.mark.parametrize("choices", MODES)
+@pytest.mark.parametrize("dog_share", [0, 0.5])
+@pytest.mark.parametrize("slope_share", [0.3, 1])
+def test_the_picture_is_that_of_the_twin(slope_share, dog_share, choices, kind):
+    splats = sloped(300, seed=5, dog_share=dog_share, slope_share=slope_share)
+    ours, twins = CUTOFFS[kind]
+    frame = rasterized(splats, LARGE, **choices, **ours)
+    twin = render_tiled(splats, LARGE, BACKGROUND, **choices, **twins)
+    sure = decided(splats, LARGE, **choices) if kind == "cutoffs" else np.ones(twin.T.shape, bool)
+    assert sure.mean() > 0.9
+    np.testing.assert_allclose(image_of(frame, LARGE, BACKGROUND)[sure], twin.image[sure], atol=2e-5)
+    np.testing.assert_allclose(plane_of(frame.T, LARGE)[sure], twin.T[sure], atol=2e-5)
+    even = render_tiled(splats.without_slopes(), LARGE, BACKGROUND, **choices, **twins)
+    assert np.abs(even.image - twin.image).max() > 0.1
+
+
+@pytest.mark.parametrize("patch", [1, 2, 4])
+def test_the_pixels_of_a_block_each_have_their_own_colour(patch):
+    splats = sloped(100, seed=6)
+    expected = render_tiled(splats, LARGE, BACKGROUND, **CUTOFFS["smooth"][1]).image
+    frame = rasterized(splats, LARGE, patch=patch, **SMOOTH_OPTIONS)
+    np.testing.assert_allclose(image_of(frame, LARGE, BACKGROUND), expected, atol=2e-5)
+
+
+def test_depth_knows_nothing_of_slopes():
+    splats = sloped(60)
+    planes = [rasterized(s, LARGE, depth=True).depth for s in (splats, splats.without_slopes())]
+    ours, even = (plane_of(plane, LARGE) for plane in planes if plane is not None)
+    np.testing.assert_allclose(ours, even, rtol=1e-6)
+
+
+def test_mixed_degrees_go_with_slopes():
+    splats = sloped(60, degree=3).with_sh_degrees(np.arange(60) % 4)
+    assert splats.n_slopes and splats.mixed_sh
+    expected = render_tiled(splats, LARGE, BACKGROUND, **CUTOFFS["smooth"][1]).image
+    np.testing.assert_allclose(image_of(rasterized(splats, LARGE, **SMOOTH_OPTIONS), LARGE, BACKGROUND), expected,
+                               atol=2e-5)  # fmt: skip
+
+
+# --- reverse mode ---
+
+
+def gradients_of(splats: Splats, choices: RasterOptions, adjoint: np.ndarray = ADJOINT) -> dict[str, np.ndarray]:
+    params = attached(splats)
+    frame = rasterize(params, DeviceCamera.upload(CAMERA), choices)
+    loss = mi.Float(0)
+    for c in range(3):
+        weights = mi.Float(adjoint[..., c].ravel().astype(np.float32))
+        loss += dr.sum(weights * (frame.colors[c] + frame.T * BACKGROUND[c]))
+    dr.backward(loss)
+    return {name: dr.grad(params[name]).numpy().reshape(getattr(splats, name).shape)
+            for name in raw_names(splats) if name in params}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", CUTOFFS)
+@pytest.mark.parametrize("choices", MODES)
+@pytest.mark.parametrize("dog_share", [0, 0.5])
+@pytest.mark.parametrize("slope_share", [0.3, 1])
+def test_gradients_of_every_parameter_are_those_of_the_twin(slope_share, dog_share, choices, kind):
+    splats = sloped(60, seed=5, dog_share=dog_share, slope_share=slope_share)
+    ours, twins = CUTOFFS[kind]
+    adjoint = ADJOINT * (decided(splats, CAMERA, **choices)[..., None] if kind == "cutoffs" else 1)
+    got = gradients_of(splats, options(splats, **choices, **ours), adjoint)
+    expected = gradients_tiled(splats, CAMERA, adjoint, BACKGROUND, **choices, **twins)
+    assert "color_slopes" in got
+    assert_gradients_equal(got, {name: expected[name] for name in got})
+
+
+@pytest.mark.parametrize("dog_share", [0, 0.5])
+def test_gradients_of_every_parameter_equal_differences(dog_share):
+    splats = sloped(dog_share=dog_share)
+    expected = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND)
+    got = gradients_of(splats, options(splats, **SMOOTH_OPTIONS))
+    assert_gradients_equal(got, {name: expected[name] for name in got})
+
+
+def test_slopes_of_a_colour_at_its_limit_have_gradients_and_the_colour_has_none():
+    splats = sloped(6, degree=0, slope_share=1)
+    splats.sh_coeffs[:] = -5
+    got = gradients_of(splats, options(splats, **SMOOTH_OPTIONS))
+    expected = gradients_tiled(splats, CAMERA, ADJOINT, BACKGROUND, **CUTOFFS["smooth"][1])
+    assert not got.pop("sh_coeffs").any() and not expected.pop("sh_coeffs").any()
+    assert_gradients_equal(got, expected)
+
+
+def test_gradients_beyond_the_clamp_of_the_linearisation_are_those_of_the_twin():
+    splats = sloped(8, seed=2, slope_share=1)
+    splats.means[:, 0] *= 3
+    splats.log_scales += 1
+    expected = gradients_tiled(splats, CAMERA, ADJOINT, BACKGROUND, **CUTOFFS["smooth"][1])
+    assert_gradients_equal(gradients_of(splats, options(splats, **SMOOTH_OPTIONS)), expected)
+
+
+# --- forward mode ---
+
+
+def pushed(splats: Splats, directions: dict[str, np.ndarray], choices: RasterOptions) -> dict[str, np.ndarray]:
+    """Derivative of the planes along a direction in parameter space."""
+    params = upload(splats)
+    for name, direction in directions.items():
+        dr.enable_grad(params[name])
+        dr.set_grad(params[name], mi.Float(direction.ravel()))
+    frame = rasterize(params, DeviceCamera.upload(CAMERA), choices)
+    planes = [*frame.colors, frame.T]
+    dr.forward_to(planes)
+    tangents = [plane_of(dr.grad(plane), CAMERA) for plane in planes]
+    return {"image": np.stack(tangents[:3], -1), "T": tangents[3]}
+
+
+def pushed_differences(splats: Splats, directions: dict[str, np.ndarray], eps=1e-5, **choices) -> dict[str, Any]:
+    sides = []
+    for side in (eps, -eps):
+        raw = {name: np.array(getattr(splats, name), np.float64) for name in raw_names(splats)}
+        raw |= {name: raw[name] + side * direction for name, direction in directions.items()}
+        model = cast("Splats", SimpleNamespace(**raw, **raw_indices(splats)))
+        sides.append(reference.render(model, CAMERA, smooth=True, **choices)[:2])
+    return {name: (a - b) / (2 * eps) for name, a, b in zip(("image", "T"), *sides, strict=True)}
+
+
+def random_directions(splats: Splats, seed: int) -> dict[str, np.ndarray]:
+    rng, names = np.random.default_rng(seed), [name for name in raw_names(splats) if getattr(splats, name).size]
+    return {name: rng.normal(size=getattr(splats, name).shape).astype(np.float32) for name in names}
+
+
+@pytest.mark.parametrize("dog_share", [0, 0.5])
+@pytest.mark.parametrize("choices", MODES)
+def test_forward_mode_along_random_directions_equals_differences(dog_share, choices):
+    splats = sloped(dog_share=dog_share)
+    for seed in range(3):
+        directions = random_directions(splats, seed)
+        got = pushed(splats, directions, options(splats, **choices, **SMOOTH_OPTIONS))
+        assert_gradients_equal(got, pushed_differences(splats, directions, **choices))
+
+
+def test_forward_mode_along_each_parameter_alone_equals_differences():
+    splats = sloped()
+    for name, direction in random_directions(splats, 4).items():
+        got = pushed(splats, {name: direction}, options(splats, **SMOOTH_OPTIONS))
+        table = mismatches(got, pushed_differences(splats, {name: direction}))
+        assert not table, f"{name}\n{table}"
+
+
+@pytest.mark.parametrize("kind", CUTOFFS)
+@pytest.mark.parametrize("negative_transmittance", [True, False])
+@pytest.mark.parametrize("dog_share", [0, 0.5])
+def test_forward_and_reverse_mode_are_adjoint(dog_share, negative_transmittance, kind):
+    splats = sloped(400, seed=1, dog_share=dog_share)
+    splats.logit_opacities += 2
+    choices = options(splats, negative_transmittance=negative_transmittance, **CUTOFFS[kind][0])
+    gradients = gradients_of(splats, choices)
+    for name, direction in random_directions(splats, 7).items():
+        tangent = pushed(splats, {name: direction}, choices)
+        forward = ADJOINT * (tangent["image"] + tangent["T"][..., None] * BACKGROUND)
+        reverse = gradients[name] * direction
+        scale = np.abs(forward).sum() + np.abs(reverse).sum()
+        assert scale > 1e-3 and abs(forward.sum() - reverse.sum()) < 1e-3 * scale, name
