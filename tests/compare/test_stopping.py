@@ -18,6 +18,11 @@ from mi_dogsplat.training.config import TrainConfig
 ROOT = Path(__file__).parents[2]
 ENDLESS = {"steps": 10**7, "sh_degree": 1, "log_every": 10, "checkpoint_seconds": 10.0**6}
 SECONDS = 300  # of a machine that does much else
+# A shell that starts the tests in the background has them ignore SIGINT, and whatever they start
+LISTENING = """import os, signal, sys
+signal.signal(signal.SIGINT, signal.SIG_DFL)
+os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
+"""
 
 
 def trains(folder: Path) -> bool:
@@ -42,7 +47,7 @@ def test_a_signal_to_the_command_lets_the_run_save_first(data, tmp_path, name, t
     arguments = ["compare", str(data), "-o", str(tmp_path / "out"), "--only", "3dgs", "--workers", str(workers)]
     for setting, value in ENDLESS.items():
         arguments += [f"--{setting.replace('_', '-')}", f"{value:.0f}"]
-    command = [sys.executable, "-m", "mi_dogsplat", *arguments]
+    command = [sys.executable, "-c", LISTENING, "-m", "mi_dogsplat", *arguments]
     folder, number = tmp_path / "out" / data.name, signal.Signals[name]
     with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
         try:
