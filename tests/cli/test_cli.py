@@ -249,7 +249,7 @@ def test_argparse_stops_at_the_command_line():
         (["--target", "100%"], ["--target", "100%", "a ratio below 1 (0.1, 10%)"]),
         (["--target", "0MB"], ["--target", "0MB", "the size of the file (2MB)"]),
         (["--target", "2MX"], ["--target", "2MX", "the size of the file (2MB)"]),
-        (["--target", "2MB", "--preset", "3dgs"], ["--target", "2MB", "3dgs", "use ours or ours_slopes or paper or released"]),
+        (["--target", "2MB", "--preset", "3dgs"], ["--target", "2MB", "3dgs", "use ours or ours_slopes or paper"]),
         (["--target", "300", "--max-primitives", "300"], ["--target", "300", "--max-primitives"]),
         (["--background", "green"], ["--background", "green", "black or white or auto"]),
         (["--variant", "scalar_rgb"], ["--variant", "scalar_rgb", "llvm_ad_rgb"]),
