@@ -3,29 +3,31 @@
 import argparse
 import importlib
 import sys
+from typing import Any
 
 import mi_dogsplat  # noqa: F401  (before mitsuba: chooses the LLVM)
 import mitsuba as mi
 
-NAMES = ("versus_volprim", "training_step", "lean")
-EXPERIMENTS = (
-    *("dog_start", "scaling", "dog_share", "floor", "ellipsoids", "derivatives", "loss", "stiffness"),
-    *("poison", "widths", "popping", "curvature", "renderers", "device_memory", "launches", "warps"),
-    *("scene_scale", "million", "mixed_sh", "rate_distortion", "simplify", "poses", "dogpath", "shade", "rays"),
-    *("refine_poses", "hdr", "misfits", "up", "appearance", "stretched", "indoors", "mesh_shadows"),
-    "splat_lamps", "slopes",
-)
+from .names import EXPERIMENTS, ROOM_OF, TIMINGS
 
-if sys.argv[1:] and sys.argv[1] in EXPERIMENTS:
-    importlib.import_module(f"benchmarks.{sys.argv[1]}").main(sys.argv[2:])
+
+def module(name: str) -> Any:
+    return importlib.import_module(f"benchmarks.{ROOM_OF[name]}.{name}")
+
+
+if sys.argv[1:] and sys.argv[1] in ROOM_OF and sys.argv[1] not in TIMINGS:
+    module(sys.argv[1]).main(sys.argv[2:])
     sys.exit()
 parser = argparse.ArgumentParser(
-    prog="python -m benchmarks", description=__doc__, epilog="experiments: " + ", ".join(EXPERIMENTS)
+    prog="python -m benchmarks",
+    description=__doc__,
+    epilog="\n".join(["experiments:", *(f"  {room}: {', '.join(names)}" for room, names in EXPERIMENTS.items())]),
+    formatter_class=argparse.RawDescriptionHelpFormatter,
 )
-parser.add_argument("names", nargs="*", choices=[*NAMES, []], help="which (default: all)")
+parser.add_argument("names", nargs="*", choices=[*TIMINGS, []], help="which (default: all)")
 parser.add_argument("--variant", default="llvm_ad_rgb")
 args = parser.parse_args()
 mi.set_variant(args.variant)
-for name in args.names or NAMES:
+for name in args.names or TIMINGS:
     print(f"# {name} ({args.variant})")
-    importlib.import_module(f"benchmarks.{name}").main()
+    module(name).main()

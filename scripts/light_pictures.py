@@ -16,7 +16,7 @@ import mitsuba as mi
 import numpy as np
 from mi_dogsplat.support.srgb import linear_to_srgb
 
-from benchmarks.lit_scenes import INDOORS, LIGHT, SCENES, SHADE, loaded, of_meshes, picture
+from benchmarks.tracing.lit_scenes import INDOORS, LIGHT, SCENES, SHADE, loaded, of_meshes, picture
 
 from .panels import labelled, write_rows
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from mi_dogsplat.datasets.camera_paths import hemisphere, look_at
 
-from benchmarks.lit_scenes import IN_PLACE, in_place
+from benchmarks.tracing.lit_scenes import IN_PLACE, in_place
 
 from .still_life import made
 

@@ -10,7 +10,7 @@ that is done is not done again.
 import sys
 from pathlib import Path
 
-from benchmarks.lit_scenes import INDOORS, INDOORS_MODEL, ROOM, in_place
+from benchmarks.tracing.lit_scenes import INDOORS, INDOORS_MODEL, ROOM, in_place
 
 from .still_life import made
 

@@ -9,7 +9,7 @@ from mi_dogsplat.reference.gradients import gradients_tiled
 from splat_scenes import SMOOTH_OPTIONS, random_splats, rounded, tilted_camera
 from tiny_data import truth, write_tiny_data
 
-from benchmarks import curvature
+from benchmarks.numerics import curvature
 
 OPTIONS = RasterOptions(sh_degree=1, **SMOOTH_OPTIONS)
 BACKGROUND = 0.3

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from mi_dogsplat.engine.arrays import array_types
 
-from benchmarks.hdr import CURVES
+from benchmarks.training.hdr import CURVES
 
 
 @pytest.mark.parametrize("name", CURVES)

@@ -11,7 +11,7 @@ from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.training.adam import Entry
 from mi_dogsplat.training.strategy.sieve import Sieve
 
-from benchmarks import poison
+from benchmarks.numerics import poison
 
 PHASES = ("densification", "pruning", "DoG")
 

@@ -8,8 +8,8 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
 
-from benchmarks import popping
-from benchmarks.stiffness import primitive
+from benchmarks.numerics import popping
+from benchmarks.numerics.stiffness import primitive
 
 CAMERA = Camera(np.eye(4), 50.0, 50.0, 24.0, 18.0, 48, 36)
 COLORS = np.array([[0.9, 0.2, 0.1], [0.1, 0.3, 0.8]])

@@ -10,7 +10,7 @@ from mi_dogsplat.datasets.dataset import camera_extent
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.learning_rates import LearningRates
 
-from benchmarks import scene_scale
+from benchmarks.training import scene_scale
 
 ALIKE = 0.2  # dB; seeds differ by more
 

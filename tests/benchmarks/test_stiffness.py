@@ -13,7 +13,7 @@ from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.reference.forward import render
 from mi_dogsplat.scene.sh_basis import C0
 
-from benchmarks import stiffness
+from benchmarks.numerics import stiffness
 
 SITUATIONS = {situation.case: situation for situation in stiffness.situations()}
 PLAIN, NEEDLE = SITUATIONS["opacity logit 0"], SITUATIONS["needle 1:1000"]

@@ -15,8 +15,8 @@ from mi_dogsplat.scene.mitsuba_cameras import camera_from_mitsuba
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import dog_dict, logit
 
-from benchmarks.ellipsoids import at_centres, scenes
-from benchmarks.ray_model import VOLPRIM, render_points
+from benchmarks.renderers.ellipsoids import at_centres, scenes
+from benchmarks.renderers.ray_model import VOLPRIM, render_points
 
 SENSOR = {
     "type": "perspective", "fov": 61.9275,

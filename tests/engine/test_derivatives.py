@@ -1,4 +1,4 @@
-"""What docs/derivatives.md shows of every kind of parameter, held to a tolerance: ``benchmarks/derivatives.py``.
+"""What docs/derivatives.md shows of every kind of parameter, held to a tolerance.
 
 Per pixel and per entry: ``test_gradients.py``, ``test_mitsuba_derivatives.py``, ``test_pose.py``.
 """
@@ -6,8 +6,8 @@ Per pixel and per entry: ``test_gradients.py``, ``test_mitsuba_derivatives.py``,
 import numpy as np
 import pytest
 
-from benchmarks.derivative_cases import Case, broad_splats, cases, twin_image
-from benchmarks.derivatives import FILMS, TWIN_SPP, Film, derived, differences, rough_splats, twin_difference
+from benchmarks.numerics.derivative_cases import Case, broad_splats, cases, twin_image
+from benchmarks.numerics.derivatives import FILMS, TWIN_SPP, Film, derived, differences, rough_splats, twin_difference
 
 BROAD, ROUGH = broad_splats(), rough_splats()
 FILTERED = Film("luminance", "gaussian", 3)

@@ -1,7 +1,7 @@
 """Nothing is paid for what a scene does not need: shown in the kernels, by their number and their instructions.
 
-What is left out is compared with a renderer that never had it (``benchmarks/plain_renderer.py``), or with the same call
-without it. Kernels are told apart by their size: a lane per primitive, per block of pixels, per pixel.
+What is left out is compared with a renderer that never had it (``plain_renderer.py`` of the benchmarks), or with the
+same call without it. Kernels are told apart by their size: a lane per primitive, per block of pixels, per pixel.
 """
 
 from collections import Counter
@@ -32,7 +32,7 @@ from splat_scenes import (
 )
 from tile_lists import lanes_of_isects
 
-from benchmarks import plain_renderer
+from benchmarks.engine import plain_renderer
 
 pytestmark = pytest.mark.usefixtures("fresh_recordings")
 

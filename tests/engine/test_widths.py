@@ -11,7 +11,7 @@ from mi_dogsplat.engine.geometry import Blocks
 from mi_dogsplat.support.llvm import find_llvm
 from packet_process import in_process, picture_and_gradients
 
-from benchmarks.targets import can_build, environment
+from benchmarks.processors.targets import can_build, environment
 
 LLVM = (mi.variant() or "").startswith("llvm")
 

@@ -1,4 +1,4 @@
-"""The room of ``benchmarks/filmed_scene.py``, photographed and filmed small; and the exact cameras of both."""
+"""The room of ``benchmarks/poses/filmed_scene.py``, photographed and filmed small; and the exact cameras of both."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ from mi_dogsplat.datasets.colmap import find_model, read_sources
 from mi_dogsplat.scene.cameras import Camera
 from PIL import Image
 
-from benchmarks.filmed_scene import arc, film, picture, textured_room, write_video
+from benchmarks.poses.filmed_scene import arc, film, picture, textured_room, write_video
 
 SIZE = 320, 240
 N = 8

@@ -16,7 +16,7 @@ from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.splats import Splats
 
-from benchmarks.derivative_cases import dog_dict
+from benchmarks.numerics.derivative_cases import dog_dict
 
 C0 = 0.28209479177387814
 

@@ -15,7 +15,7 @@ from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.pictures import write_png
 
-from benchmarks.blobs import blobs
+from benchmarks.training.blobs import blobs
 
 WIDTH, HEIGHT = 48, 36
 N_TRUTH = 60

@@ -14,8 +14,8 @@ from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.transform import transformed
 from splat_scenes import axis_rotation, dog_dict, make_splats, random_splats, rounded, scalar_transform, select
 
-from benchmarks.ellipsoids import alone, at_centres, pictures, scenes
-from benchmarks.ray_model import DOGSPLAT, VOLPRIM, render_points
+from benchmarks.renderers.ellipsoids import alone, at_centres, pictures, scenes
+from benchmarks.renderers.ray_model import DOGSPLAT, VOLPRIM, render_points
 
 CAMERA = Camera(np.eye(4), 40.0, 40.0, 24.0, 18.0, 48, 36)
 MODEL = rounded(random_splats(12, seed=1, degree=2))

@@ -17,7 +17,7 @@ from mi_dogsplat import reference
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG
 from splat_scenes import random_splats, rounded, scene_of, square_camera
 
-from benchmarks.derivative_cases import linear
+from benchmarks.numerics.derivative_cases import linear
 
 CAMERA = square_camera(24, 16, f=20.0)
 MODEL = rounded(random_splats(15, seed=6, degree=1))

@@ -19,8 +19,15 @@ from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.transform import transformed
 from splat_scenes import dog_dict, random_splats, rounded, scene_of, sensor_dict, square_camera
 
-from benchmarks.derivative_cases import smooth_sky
-from benchmarks.moved_cameras import device_motion, far_pinhole, host_motion, lens_pinholes, of_moved_world, posed
+from benchmarks.numerics.derivative_cases import smooth_sky
+from benchmarks.numerics.moved_cameras import (
+    device_motion,
+    far_pinhole,
+    host_motion,
+    lens_pinholes,
+    of_moved_world,
+    posed,
+)
 
 CAMERA = square_camera(16, 12, f=14.0)
 MODEL = rounded(random_splats(12, seed=4, degree=2))

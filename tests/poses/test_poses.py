@@ -23,8 +23,8 @@ from PIL import Image
 from posed_room import SIZE, N, filmed, found_cameras, photographed
 from shared_folder import contents
 
-from benchmarks.filmed_scene import arc, picture, textured_room, write_video
-from benchmarks.pose_error import alignment, pose_error
+from benchmarks.poses.filmed_scene import arc, picture, textured_room, write_video
+from benchmarks.poses.pose_error import alignment, pose_error
 
 pycolmap = pytest.importorskip("pycolmap", reason="needs pycolmap: pip install 'mi_dogsplat[poses]'")
 

@@ -15,7 +15,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from scipy.ndimage import shift as moved
 
-from benchmarks.filmed_scene import write_video
+from benchmarks.poses.filmed_scene import write_video
 
 WIDTH, HEIGHT = 160, 96
 # matrix of a track in the header "tkhd": a b u, c d v, x y w

@@ -13,7 +13,7 @@ from mi_dogsplat.support import variants
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.llvm import find_llvm
 
-from benchmarks.targets import can_build, library
+from benchmarks.processors.targets import can_build, library
 
 ROOT = Path(__file__).parents[2]
 LIBRARY = """

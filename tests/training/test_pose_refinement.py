@@ -32,7 +32,7 @@ from mi_dogsplat.training.strategy.strategy import Seen, Strategy, Training, arr
 from mi_dogsplat.training.train import Trainer
 from refined_poses import VIEWS, config_of, poses_of, stepped
 
-from benchmarks.pose_error import PoseError, pose_error
+from benchmarks.poses.pose_error import PoseError, pose_error
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,11 @@ from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
 
+from ..engine.lean import engine_backward, engine_forward
+from ..engine.scaling import even_model, front_camera
+from ..models import DATA, fern_opaque, fern_points, playbot
+from ..timing import medians
 from . import gsplat_passes
-from .lean import engine_backward, engine_forward
-from .models import DATA, fern_opaque, fern_points, playbot
-from .scaling import even_model, front_camera
-from .timing import medians
 from .versus_volprim import passes, scenes
 
 OURS = "rasterize"

@@ -33,7 +33,7 @@ from mi_dogsplat.engine.walks.walk import Walk
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
 
-from .models import fern_opaque, fern_points, playbot
+from ..models import fern_opaque, fern_points, playbot
 
 BLOCKS = Blocks(4, 2, 4, 8, 1)  # CUDA's
 CASES = {

@@ -36,7 +36,7 @@ from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
 
-STILL_LIFE = Path(__file__).parents[1] / "scenes" / "still_life.ply"
+STILL_LIFE = Path(__file__).parents[2] / "scenes" / "still_life.ply"
 ANGLES = (0.01, 0.1, 1.0)  # degrees
 VISIBLE = 1 / 255  # a step of an 8-bit picture
 KEYS = ("depth", "distance")

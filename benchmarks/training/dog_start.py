@@ -23,7 +23,7 @@ from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.strategy.dog_control import DogRule
 from mi_dogsplat.training.train import Trainer
 
-from .models import DATA
+from ..models import DATA
 
 SMALL = DogRule(opacity=0.05)
 STARTS: dict[str, DogRule | None] = {

@@ -31,7 +31,7 @@ from .filmed_scene import film, write_video
 from .pose_error import alignment, pose_error
 from .world_error import world_error
 
-SCENE = Path(__file__).parents[1] / "scenes" / "demo_truth.xml"
+SCENE = Path(__file__).parents[2] / "scenes" / "demo_truth.xml"
 WIDTH, HEIGHT, FRAMES, SHUTTER, SPP = 640, 480, 96, 3, 9
 
 

@@ -73,6 +73,11 @@ class Jacobian:
         frame = rasterize(self.params | leaves, camera, self.options)
         return list(leaves.values()), [dr.fma(frame.T, self.background, color) for color in frame.colors]
 
+    def picture(self, view: int) -> list[Any]:
+        """Of a view: three planes."""
+        _, planes = self._planes(self.cameras[view])
+        return dr.detach(planes)
+
     def forward(self, view: int, tangent: np.ndarray) -> list[Any]:
         """J v in a view: three planes."""
         leaves, planes = self._planes(self.cameras[view], tangent)

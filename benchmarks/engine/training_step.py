@@ -16,8 +16,8 @@ from mi_dogsplat.training.learning_rates import LearningRates
 from mi_dogsplat.training.loss import PhotometricLoss
 from mi_dogsplat.training.optimizer import SplatOptimizer
 
-from .models import fern_points
-from .timing import medians, ratio
+from ..models import fern_points
+from ..timing import medians, ratio
 
 
 def main() -> None:

@@ -16,9 +16,9 @@ from pathlib import Path
 import drjit as dr
 import mitsuba as mi
 
-from .lean import engine_backward, engine_forward
-from .scaling import even_model, front_camera
-from .training_step import contestants
+from ..engine.lean import engine_backward, engine_forward
+from ..engine.scaling import even_model, front_camera
+from ..engine.training_step import contestants
 
 STEPS = 3  # the first allocates what the next ones find
 

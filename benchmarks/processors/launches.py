@@ -25,7 +25,7 @@ from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
 
-from .trainer_passes import passes
+from ..engine.trainer_passes import passes
 
 WARM_UP = 6  # calls, in which frozen functions are recorded
 STAGES = {  # the innermost of these functions that is running, by file and name, has what is launched meanwhile

@@ -2,7 +2,7 @@
 
 The scenes are scenes/still_life_in_the_shade.xml, where boards shade the model, and scenes/still_life_in_the_light.xml,
 where only what it stands among does. Their truth has the meshes that the model was trained from; the model of both is
-still_life.ply. Errors are as of ``benchmarks/dogpath.py``. "picture": of the rendered picture, whose model has an error
+still_life.ply. Errors are as of ``dogpath.py``. "picture": of the rendered picture, whose model has an error
 of its own. "shadow": of the meshes in the light of the capture, without anything around them, times the ratio of the
 two pictures with and without ``mesh_shadows``: so what is wrong with the shadows alone.
 """

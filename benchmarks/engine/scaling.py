@@ -34,8 +34,8 @@ from mi_dogsplat.report.plot import Series, line_plot
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
 
+from ..timing import medians
 from .lean import engine_backward, engine_forward
-from .timing import medians
 
 STAGES = ("project", "tiles", "composite", "forward", "backward", "forward + backward")
 PAGE = """{% extends "report/templates/base.html" %}

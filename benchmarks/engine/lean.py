@@ -17,9 +17,9 @@ from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
 
+from ..models import fern_points
+from ..timing import medians, ratio
 from . import plain_renderer
-from .models import fern_points
-from .timing import medians, ratio
 
 SHARES = (0.0, 0.01, 0.1, 0.5, 1.0)
 DOG_OPACITY, DOG_SCALE = 0.05, 0.6  # f_a and F with which the preset "ours" starts

@@ -31,9 +31,9 @@ from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Array, Splats
 
+from ..models import DATA, fern_points
+from ..timing import medians
 from .lean import engine_backward, engine_forward
-from .models import DATA, fern_points
-from .timing import medians
 
 CASES = {"f_a .05, F .6": (0.05, 0.6), "f_a .5, F 1.6": (0.5, 1.6)}
 PASSES = ("forward", "forward + backward", "render")

@@ -11,8 +11,8 @@ from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.splats import Splats
 
-from .models import CASES
-from .timing import medians
+from ..models import CASES
+from ..timing import medians
 
 
 def scenes(splats: Splats, camera: Camera) -> dict[str, mi.Scene]:

@@ -36,8 +36,8 @@ from mi_dogsplat.engine.tiles import WORD, TileLists
 from mi_dogsplat.engine.view import prepare
 from mi_dogsplat.engine.walks.composite import composite
 
+from ..engine.scaling import even_splats, front_camera
 from .machine_code import bound, compiled, kind_of, loop_of, mca_cycles, pipe_counts, processor
-from .scaling import even_splats, front_camera
 
 COLORS = 3
 DEC_JNZ_RET = bytes.fromhex("48ffcf75fbc3")  # dec rdi; jnz back; ret: one iteration per cycle

@@ -32,11 +32,11 @@ from mi_dogsplat.scene.mitsuba_cameras import camera_from_mitsuba
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
 
-from .lean import engine_backward, engine_forward
-from .models import fern_points
+from ..engine.lean import engine_backward, engine_forward
+from ..models import fern_points
 from .targets import environment
 
-SCENES = Path(__file__).parents[1] / "scenes"
+SCENES = Path(__file__).parents[2] / "scenes"
 CONTESTANTS = ["own", "avx2:4,4,4,4,4", "avx2", "sse:4,4,4,4,4", "sse"]
 WARM_UP = 2  # rounds that compile
 PASSES = {"forward": engine_forward, "forward + backward": engine_backward}

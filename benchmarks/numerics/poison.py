@@ -32,7 +32,7 @@ from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.strategy.strategy import Strategy, Training
 from mi_dogsplat.training.train import Trainer
 
-from .blobs import blobs
+from ..training.blobs import blobs
 
 STEPS = 400
 WIDTH, HEIGHT = 48, 36

@@ -37,7 +37,7 @@ from .ray_model import (
     render_points,
 )
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PICTURE = ROOT / "docs" / "pictures" / "ellipsoids.png"
 POINTS = 500  # pixels at which rules are told apart
 HEAT = 0.25  # error that the picture shows as white

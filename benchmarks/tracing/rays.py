@@ -34,11 +34,11 @@ from mi_dogsplat.tracing.tracer import SplatTracer
 from mi_dogsplat.tracing.tree import Tree, build
 from mi_dogsplat.tracing.visits import Walk
 
-from .models import DATA
-from .ray_model import ray_directions
-from .timing import medians
+from ..models import DATA
+from ..renderers.ray_model import ray_directions
+from ..timing import medians
 
-MODELS = Path(__file__).parents[1] / "scenes" / "still_life.ply", DATA / "models" / "playbot_lod2_sh2.ply"
+MODELS = Path(__file__).parents[2] / "scenes" / "still_life.ply", DATA / "models" / "playbot_lod2_sh2.ply"
 RESTART = 1e-4  # units behind a hit, where ``volprim_rf_basic`` goes on
 
 

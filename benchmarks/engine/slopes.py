@@ -19,9 +19,9 @@ from mi_dogsplat.engine.kernel_costs import pair_operations
 from mi_dogsplat.engine.options import Settings
 from mi_dogsplat.scene.splats import Splats
 
+from ..timing import medians
 from .dog_share import CASES, load, with_dog
 from .lean import engine_backward, engine_forward
-from .timing import medians
 
 PASSES = ("forward", "forward + backward")
 DOG = "f_a .05, F .6"

@@ -14,8 +14,8 @@ import mitsuba as mi
 import numpy as np
 from mi_dogsplat.training.train import Trainer
 
-from .launches import trainer_of
-from .timing import ratio
+from ..processors.launches import trainer_of
+from ..timing import ratio
 from .trainer_passes import passes
 
 PAIRS = 40  # of calls; a training step among them must not densify, which it does after 99

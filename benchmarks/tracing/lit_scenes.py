@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import mitsuba as mi
 import numpy as np
 
-SCENES = Path(__file__).parents[1] / "scenes"
+SCENES = Path(__file__).parents[2] / "scenes"
 LIGHT, INDOORS = SCENES / "still_life_in_the_light.xml", SCENES / "still_life_indoors.xml"
 STAGE = "floor", "foot"  # of LIGHT: what its model stands on
 WALLS = "ceiling", "back_wall", "front_wall", "left_wall", "right_wall"

@@ -1,0 +1,18 @@
+"""What ``python -m benchmarks`` runs, and the room that each is in."""
+
+TIMINGS = {"versus_volprim": "renderers", "training_step": "engine", "lean": "engine"}
+EXPERIMENTS = {
+    "engine": ("dog_share", "loss", "million", "mixed_sh", "scaling", "slopes"),
+    "processors": ("device_memory", "floor", "launches", "warps", "widths"),
+    "renderers": ("ellipsoids", "renderers"),
+    "numerics": ("curvature", "derivatives", "poison", "popping", "stiffness"),
+    "training": (
+        *("appearance", "dog_start", "hdr", "misfits", "rate_distortion", "scene_scale", "second_order", "simplify"),
+        "stretched",
+    ),
+    "poses": ("poses", "refine_poses", "up"),
+    "tracing": ("dogpath", "indoors", "mesh_shadows", "rays", "shade", "splat_lamps"),
+}
+"""Room to the experiments in it."""
+
+ROOM_OF = TIMINGS | {name: room for room, names in EXPERIMENTS.items() for name in names}

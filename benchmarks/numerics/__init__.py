@@ -1,0 +1,1 @@
+"""Stiffness, derivatives, popping, and what a number that is not finite does."""

@@ -1,0 +1,1 @@
+"""Cameras: found, refined, upright, and in metres, beside those that are known."""

@@ -1,0 +1,1 @@
+"""Kernels on processors: instructions, vector widths, warps, launches and memory of the device."""

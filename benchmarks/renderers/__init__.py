@@ -1,0 +1,1 @@
+"""The same splats in other renderers: their times, and what they draw."""

@@ -1,0 +1,1 @@
+"""Recipes and rules of the training, and what becomes of models afterwards."""
