@@ -11,8 +11,8 @@ from typing import Any, cast
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.training.blur import gaussian_window
-from mi_dogsplat.training.loss import C1, C2, PhotometricLoss
+from mi_dogsplat.training.images.blur import gaussian_window
+from mi_dogsplat.training.images.loss import C1, C2, PhotometricLoss
 
 REPEATS = 40
 

@@ -12,9 +12,9 @@ from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.training.learning_rates import LearningRates
-from mi_dogsplat.training.loss import PhotometricLoss
-from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.images.loss import PhotometricLoss
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 
 from ..models import fern_points
 from ..timing import medians, ratio

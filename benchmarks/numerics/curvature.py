@@ -39,8 +39,8 @@ from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.images.photographs import Photographs
 from mi_dogsplat.training.initialize import initial_splats
-from mi_dogsplat.training.photographs import Photographs
 
 FAINT = 1e-14  # of the largest curvature of a kind; what is below no view sees
 DECADES = (10.0, 1.0, 0.1)

@@ -29,9 +29,9 @@ import numpy as np
 from mi_dogsplat.reference.forward import RAW_PARAMETERS, render
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.training.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.trained_arrays import EPSILON
 from mi_dogsplat.training.presets import RECIPES
-from mi_dogsplat.training.trained_arrays import EPSILON
 
 SIZE, FOCAL, DEPTH = 32, 40.0, 3.0  # pixels, pixels, world units: 13.3 pixels per world unit
 EXTENT = 3.3  # of cameras around the origin at that distance

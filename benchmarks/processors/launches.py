@@ -35,9 +35,9 @@ STAGES = {  # the innermost of these functions that is running, by file and name
     ("engine/drjit_internals.py", "argsort_small"): "sort by tile",
     ("walks/composite.py", "composite"): "composite",
     ("walks/derivatives.py", "composite_backward"): "composite backward",
-    ("training/loss.py", "value_and_gradient"): "loss",
+    ("training/images/loss.py", "value_and_gradient"): "loss",
     ("strategy/densify_stats.py", "add"): "statistics",
-    ("training/optimizer.py", "step"): "optimizer",
+    ("training/optimizer/trained_arrays.py", "step"): "optimizer",
 }
 ELSEWHERE = "elsewhere"
 COUNTED = ("launches", "memsets", "device_to_device", "host_to_device", "device_to_host", "stream_syncs")

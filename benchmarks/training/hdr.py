@@ -40,9 +40,9 @@ from mi_dogsplat.support.pictures import write_png
 from mi_dogsplat.support.srgb import displayed, luminance
 from mi_dogsplat.support.variants import set_variant
 from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.images.tone_curve import SrgbLog, ToneCurve
 from mi_dogsplat.training.presets import RECIPES, Recipe
 from mi_dogsplat.training.strategy.strategy import Strategy, Training
-from mi_dogsplat.training.tone_curve import SrgbLog, ToneCurve
 from PIL import Image, ImageDraw, ImageFont
 
 SHADOW, LAMP = 0.05, 10.0  # times white

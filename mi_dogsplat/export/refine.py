@@ -21,8 +21,8 @@ from ..scene.cameras import Camera
 from ..scene.drawing import DrawnAs
 from ..scene.splats import Array, Splats
 from ..training.fit import Look, fit
-from ..training.learning_rates import Refinement
-from ..training.quantiser import Quantiser
+from ..training.optimizer.learning_rates import Refinement
+from ..training.quantisation.quantiser import Quantiser
 
 STEPS, MOST_STEPS = 300, 1000
 PASSES = 10  # over the training views, within these bounds

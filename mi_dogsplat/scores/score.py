@@ -49,7 +49,7 @@ class Score(Protocol):
 
 
 class Curve(Protocol):
-    """A tone curve, ``training/tone_curve.py``."""
+    """A tone curve, ``training/images/tone_curve.py``."""
 
     def slope(self, x: Any) -> Any:
         """Its derivative."""

@@ -37,7 +37,7 @@ def luminance(linear: NDArray) -> NDArray:
 def linear_to_srgb_log(values: ArrayLike) -> NDArray[np.float64]:
     """The sRGB curve up to 1, from there on the logarithm that continues it: 1 + 0.44 ln x; negative ones stay linear.
 
-    The tone curve of training (``training/tone_curve.py``): an error counts as the eye sees it, at any brightness.
+    The tone curve of training (``images/tone_curve.py`` there): an error counts as the eye sees it, at any brightness.
     """
     v = np.asarray(values, np.float64)
     power = (1 + OFFSET) * np.clip(v, LINEAR_KNEE, 1) ** (1 / POWER) - OFFSET

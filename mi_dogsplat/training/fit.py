@@ -21,10 +21,10 @@ from ..scene.cameras import Camera
 from ..scene.radiance import brightened
 from ..scene.splats import Array, Splats
 from .footprint import budget
-from .learning_rates import LearningRates, Refinement
-from .optimizer import SplatOptimizer
-from .photographs import Photographs
-from .quantiser import Quantiser, Tables
+from .images.photographs import Photographs
+from .optimizer.learning_rates import LearningRates, Refinement
+from .optimizer.splat_optimizer import SplatOptimizer
+from .quantisation.quantiser import Quantiser, Tables
 
 GAINS = Refinement(start=0, gain=2.0, end_gain=0.1, means_gain=4.0)  # on the step sizes of 3DGS
 

@@ -12,8 +12,9 @@ from typing import Any
 
 from ..formats.sizes import FileKind
 from ..scores.score import Score, ScoreRule
-from .learning_rates import Refinement
+from .images.tone_curve import SrgbLog, ToneCurve
 from .milestones import scaled_milestone
+from .optimizer.learning_rates import Refinement
 from .strategy.compaction import Compaction
 from .strategy.densify import Densification
 from .strategy.dog_control import DogActivation, DogControl, DogRule
@@ -24,7 +25,6 @@ from .strategy.sh_ramp import ShRamp
 from .strategy.sieve import Sieve
 from .strategy.slope_activation import SlopeActivation, SlopeControl, SlopeRule
 from .strategy.strategy import Strategy
-from .tone_curve import SrgbLog, ToneCurve
 
 
 @dataclass(frozen=True)

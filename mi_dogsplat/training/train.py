@@ -35,11 +35,11 @@ from ..support.errors import DataError
 from .config import TrainConfig
 from .events import Event
 from .footprint import budget
+from .images.photographs import READ_AHEAD, Photographs
 from .initialize import initial_splats
-from .learning_rates import LearningRates
 from .losses import LossMeans
-from .optimizer import SplatOptimizer
-from .photographs import READ_AHEAD, Photographs
+from .optimizer.learning_rates import LearningRates
+from .optimizer.splat_optimizer import SplatOptimizer
 from .presets import RECIPES, Recipe
 from .strategy.pose_refinement import PoseRefinement
 from .strategy.sh_ramp import ShRamp

@@ -14,8 +14,8 @@ from ..scene.drawing import Drawing
 from ..scene.radiance import brightened
 from ..scene.splats import Splats
 from ..support.errors import DataError
-from ..training.group_rows import group_arrays
-from ..training.sh_rows import sh_arrays
+from ..training.optimizer.group_rows import group_arrays
+from ..training.optimizer.sh_rows import sh_arrays
 
 MODEL_FILE = "point_cloud.ply"
 RAW = ("means", "log_scales", "quats", "logit_opacities")

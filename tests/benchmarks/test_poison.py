@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
-from mi_dogsplat.training.adam import Entry
+from mi_dogsplat.training.optimizer.adam import Entry
 from mi_dogsplat.training.strategy.sieve import Sieve
 
 from benchmarks.numerics import poison

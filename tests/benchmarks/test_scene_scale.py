@@ -8,7 +8,7 @@ import pytest
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import camera_extent
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 
 from benchmarks.training import scene_scale
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.compare.rivals import gaussian_spa, mask_gaussian, mini_splatting
-from mi_dogsplat.training.adam import Entry
+from mi_dogsplat.training.optimizer.adam import Entry
 
 # GaussianSpa
 

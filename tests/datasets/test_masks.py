@@ -8,7 +8,7 @@ from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.datasets.masks import Masks
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.pictures import write_png
-from mi_dogsplat.training.photographs import Photographs
+from mi_dogsplat.training.images.photographs import Photographs
 from photographs import SHAPE, changed, config_of, image_of, left_half, planes_of, trained, write_masks
 from PIL import Image
 

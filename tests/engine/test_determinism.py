@@ -6,7 +6,7 @@ from happenings import records
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.train import Trainer
 
 

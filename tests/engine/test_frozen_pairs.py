@@ -27,8 +27,8 @@ from mi_dogsplat.engine.walks.score import Sums, composite_score
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.engine.walks.weights import composite_weights
 from mi_dogsplat.scores.score import ScoreRule, scores
-from mi_dogsplat.training.image_formation import Frame, formed, formed_gradients
-from mi_dogsplat.training.loss import PhotometricLoss
+from mi_dogsplat.training.images.image_formation import Frame, formed, formed_gradients
+from mi_dogsplat.training.images.loss import PhotometricLoss
 from splat_scenes import make_camera, options, random_splats, rounded
 
 CAMERA = make_camera(16, 12, f=14.0)

@@ -5,8 +5,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.training.learning_rates import LearningRates
-from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 
 RATES = LearningRates(extent=2.0, total_steps=1000)
 

@@ -5,9 +5,9 @@ import dataclasses
 import drjit as dr
 import numpy as np
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.training.adam import Entry
-from mi_dogsplat.training.learning_rates import LearningRates
-from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.optimizer.adam import Entry
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 
 EXTENT = 2.0
 

@@ -22,7 +22,7 @@ from mi_dogsplat.runs.mixture import (
 )
 from mi_dogsplat.support.pictures import heat_map
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.train import Trainer
 from PIL import Image
 from splat_scenes import make_camera, make_splats, options, random_splats, rounded

@@ -21,7 +21,7 @@ from mi_dogsplat.runs.resume import resume_run
 from mi_dogsplat.runs.stopping import Stopped
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.train import Trainer
 
 STEPS = 60

@@ -5,7 +5,7 @@ from importlib.metadata import version
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_dogsplat.training.adam import CHECKED_WITH, Entry, forget, step_without
+from mi_dogsplat.training.optimizer.adam import CHECKED_WITH, Entry, forget, step_without
 
 
 def adam_after(steps: int) -> mi.ad.Adam:

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from mi_dogsplat.training.allocation import allocate
+from mi_dogsplat.training.strategy.allocation import allocate
 
 
 def tiny(seed: int):

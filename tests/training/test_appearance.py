@@ -11,8 +11,8 @@ from mi_dogsplat.reference.image_formation import formed, formed_gradients
 from mi_dogsplat.scene.appearance import Appearance, device_of, radii_squared, read_appearance
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.training.appearance import BEND, END, STIFFNESS, LearnedAppearance
-from mi_dogsplat.training.rows_of_numbers import RowsOfNumbers
+from mi_dogsplat.training.images.appearance import BEND, END, STIFFNESS, LearnedAppearance
+from mi_dogsplat.training.images.rows_of_numbers import RowsOfNumbers
 from photographs import SHAPE, changed, image_of, planes_of, trained
 
 SIZE = SHAPE[1], SHAPE[0]

@@ -20,15 +20,15 @@ from mi_dogsplat.runs.checkpoint import load_checkpoint
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.training.adam import Entry
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.learning_rates import LearningRates
-from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.optimizer.adam import Entry
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
+from mi_dogsplat.training.optimizer.trained_arrays import EPSILON
 from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.strategy.densify import Densification
 from mi_dogsplat.training.strategy.strategy import Seen, Strategy, Training, arrays_of
 from mi_dogsplat.training.train import Trainer
-from mi_dogsplat.training.trained_arrays import EPSILON
 from PIL import Image
 from splat_scenes import SMOOTH_OPTIONS, assert_gradients_equal
 from tiny_data import HEIGHT, WIDTH, dog_model

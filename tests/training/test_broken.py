@@ -16,10 +16,10 @@ from mi_dogsplat.runs.checkpoint import load_checkpoint
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.training.adam import Entry
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.learning_rates import LearningRates
-from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.optimizer.adam import Entry
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.strategy.broken import MAX_SCALE, MAX_SH, broken, drop_broken
 from mi_dogsplat.training.strategy.strategy import Strategy, Training

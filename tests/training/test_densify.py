@@ -10,8 +10,8 @@ from launches import KernelWatch
 from mi_dogsplat.engine.project import DeviceCamera, project
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.training.learning_rates import LearningRates
-from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.strategy.densify import Densification, by_gradient, grow_and_remove
 from mi_dogsplat.training.strategy.densify_stats import DensifyStats
 from numpy.typing import ArrayLike

@@ -12,8 +12,8 @@ from mi_dogsplat.engine.parameters import RAW_DOG
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.training.learning_rates import LearningRates
-from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.strategy.dog_control import DogRule, activate, degenerate
 from splat_scenes import image_of, kernels, logit, options, random_splats, rasterized, rounded, tilted_camera
 

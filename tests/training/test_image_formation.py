@@ -8,7 +8,7 @@ from mi_dogsplat.engine.arrays import array_types
 from mi_dogsplat.reference import image_formation as reference
 from mi_dogsplat.scene.appearance import N_NUMBERS, photographed, radii_squared
 from mi_dogsplat.scene.cameras import Camera
-from mi_dogsplat.training.image_formation import N_SUMS, PIXELS, Frame, formed, formed_gradients
+from mi_dogsplat.training.images.image_formation import N_SUMS, PIXELS, Frame, formed, formed_gradients
 
 SIZE = 13, 7  # no multiple of PIXELS
 CAMERA = Camera(np.eye(4), 10.0, 10.0, 6.0, 3.0, *SIZE)

@@ -15,7 +15,7 @@ from mi_dogsplat.engine.geometry import Blocks, Grid
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.support.pictures import write_png
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.photographs import Photographs
+from mi_dogsplat.training.images.photographs import Photographs
 from mi_dogsplat.training.train import Trainer
 from splat_scenes import kernels as compiled
 

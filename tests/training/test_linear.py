@@ -25,11 +25,11 @@ from mi_dogsplat.scores.score import ScoreRule, energies
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.srgb import linear_to_srgb, linear_to_srgb_log, srgb_log_to_linear
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.learning_rates import LearningRates
-from mi_dogsplat.training.optimizer import SplatOptimizer
-from mi_dogsplat.training.photographs import Photographs
+from mi_dogsplat.training.images.photographs import Photographs
+from mi_dogsplat.training.images.tone_curve import SrgbLog
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.point_radiance import point_radiance
-from mi_dogsplat.training.tone_curve import SrgbLog
 from mi_dogsplat.training.train import Trainer
 from mi_dogsplat.viewer.source import Source
 from tiny_data import cameras, truth, write_tiny_data

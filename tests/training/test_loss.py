@@ -9,8 +9,8 @@ mi = pytest.importorskip("mitsuba", reason="needs pip install mitsuba")
 dr = pytest.importorskip("drjit")
 
 from mi_dogsplat.engine.parameters import device_array  # noqa: E402
-from mi_dogsplat.training.blur import gaussian_window  # noqa: E402
-from mi_dogsplat.training.loss import PhotometricLoss  # noqa: E402
+from mi_dogsplat.training.images.blur import gaussian_window  # noqa: E402
+from mi_dogsplat.training.images.loss import PhotometricLoss  # noqa: E402
 
 C1, C2 = 0.01**2, 0.03**2
 SIZES = [(13, 9), (33, 17), (64, 40), (5, 3), (1, 1), (1, 40), (40, 1), (8, 8), (9, 16), (101, 75)]  # W, H

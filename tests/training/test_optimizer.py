@@ -8,10 +8,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from launches import KernelWatch
-from mi_dogsplat.training.adam import Entry
-from mi_dogsplat.training.learning_rates import Refinement
-from mi_dogsplat.training.optimizer import SplatOptimizer
-from mi_dogsplat.training.sh_rows import SH_INDEX
+from mi_dogsplat.training.optimizer.adam import Entry
+from mi_dogsplat.training.optimizer.learning_rates import Refinement
+from mi_dogsplat.training.optimizer.sh_rows import SH_INDEX
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from small_optimizer import RATES, alike, assert_same, random_model, run, set_gradients
 
 

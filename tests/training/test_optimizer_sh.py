@@ -9,9 +9,9 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.sh_groups import ROW_COEFFICIENTS
 from mi_dogsplat.scene.row_groups import SH
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.training.adam import Entry
-from mi_dogsplat.training.learning_rates import LearningRates
-from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.optimizer.adam import Entry
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.strategy.broken import broken
 from mi_dogsplat.viewer.source import splats_of_state
 from small_optimizer import alike

@@ -9,11 +9,11 @@ import pytest
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import NO_ROW
 from mi_dogsplat.scene.sh_basis import C0
-from mi_dogsplat.training.adam import Entry
-from mi_dogsplat.training.learning_rates import Refinement
-from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.images.tone_curve import SrgbLog
+from mi_dogsplat.training.optimizer.adam import Entry
+from mi_dogsplat.training.optimizer.learning_rates import Refinement
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.strategy.broken import MAX_COLOR, broken
-from mi_dogsplat.training.tone_curve import SrgbLog
 from mi_dogsplat.viewer.source import splats_of_state
 from small_optimizer import RATES, assert_same, moments, random_model, run
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mi_dogsplat.scores.score import ScoreRule
 from mi_dogsplat.training.events import row_of
-from mi_dogsplat.training.learning_rates import LearningRates
-from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.strategy.prune import Pruning, keep_best
 from mi_dogsplat.training.strategy.scheduler import Progress, PruningRule
 from mi_dogsplat.training.strategy.strategy import arrays_of, restore_fields

@@ -18,10 +18,10 @@ from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import Quantised
-from mi_dogsplat.training.learning_rates import LearningRates
-from mi_dogsplat.training.optimizer import SplatOptimizer
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.presets import RECIPES
-from mi_dogsplat.training.straight_through import DeviceGrid, StraightThrough
+from mi_dogsplat.training.quantisation.straight_through import DeviceGrid, StraightThrough
 from mi_dogsplat.training.strategy.quantise import SHARE, Quantisation
 from mi_dogsplat.training.train import Trainer
 from splat_scenes import random_splats, rounded

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mi_dogsplat.training.adam import Entry
+from mi_dogsplat.training.optimizer.adam import Entry
 from mi_dogsplat.training.strategy.relocation import MAX_COPIES, draw, duplicate, relocate, shared
 from stepped_optimizers import optimizer_of
 

@@ -8,12 +8,12 @@ import pytest
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import rasterize
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.training.learning_rates import LearningRates
-from mi_dogsplat.training.optimizer import SplatOptimizer
-from mi_dogsplat.training.quantiser import Quantiser, Tables
+from mi_dogsplat.training.images.tone_curve import SrgbLog
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
+from mi_dogsplat.training.quantisation.quantiser import Quantiser, Tables
 from mi_dogsplat.training.strategy.dog_control import DogRule, activate
 from mi_dogsplat.training.strategy.slope_activation import SlopeRule, activate_slopes, shown_slopes
-from mi_dogsplat.training.tone_curve import SrgbLog
 from splat_scenes import C0, image_of, kernels, options, random_splats, rasterized, rounded, tilted_camera
 
 CAMERA = tilted_camera()

@@ -14,9 +14,9 @@ import numpy as np
 
 from ...scene.sh_basis import C0
 from ...training.initialize import splats_from_points
-from ...training.learning_rates import Refinement
 from ...training.milestones import scaled_milestone
-from ...training.optimizer import SplatOptimizer
+from ...training.optimizer.learning_rates import Refinement
+from ...training.optimizer.splat_optimizer import SplatOptimizer
 from ...training.strategy.strategy import Strategy, Training
 
 FIRST, AGAIN = 15_000, 5000  # step at which the position schedule goes back, and to where

@@ -20,9 +20,9 @@ from ...engine.geometry import Cutoffs
 from ...engine.project import NO_ROW
 from ...scene.row_groups import SLOPES
 from ...scene.sh_basis import C0
-from ..group_rows import SPARSE_ROW
-from ..optimizer import SplatOptimizer
-from ..sh_rows import SH_INDEX
+from ..optimizer.group_rows import SPARSE_ROW
+from ..optimizer.sh_rows import SH_INDEX
+from ..optimizer.splat_optimizer import SplatOptimizer
 
 MAX_COLOR = 1 / Cutoffs().alpha  # of a slope, per standard deviation; trained models stay below 2
 MAX_SH = MAX_COLOR / C0  # 904; trained models stay below 10

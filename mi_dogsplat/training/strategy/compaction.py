@@ -19,8 +19,8 @@ from ...scene.row_groups import DOG, SLOPES
 from ...scene.splats import Splats
 from ...support.errors import DataError
 from ..events import Allocated, Event, NotPruned, Pruned, Refined
-from ..optimizer import SplatOptimizer
-from ..sh_rows import bands_of
+from ..optimizer.sh_rows import bands_of
+from ..optimizer.splat_optimizer import SplatOptimizer
 from .options import Chosen, Options
 from .scheduler import Progress, PruningRule, PruningScheduler
 from .strategy import Strategy, Training

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..events import Densified, Event, OpacityReset
 from ..milestones import scaled_milestone
-from ..optimizer import SplatOptimizer
+from ..optimizer.splat_optimizer import SplatOptimizer
 from .densify_stats import DensifyStats
 from .strategy import Seen, Strategy, Training
 

@@ -17,7 +17,7 @@ import numpy as np
 from ...engine.project import NO_ROW, softplus
 from ..events import DogActivated, Event
 from ..milestones import scaled_milestone
-from ..optimizer import SplatOptimizer
+from ..optimizer.splat_optimizer import SplatOptimizer
 from .strategy import Strategy, Training
 
 MAX_LOG_SCALE = 14.0  # of S_p, world units; beyond, the determinant of a screen covariance may overflow

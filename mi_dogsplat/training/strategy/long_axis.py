@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..optimizer import SplatOptimizer
+from ..optimizer.splat_optimizer import SplatOptimizer
 
 REACH = 3.0  # standard deviations that the distance is a part of
 

@@ -19,7 +19,7 @@ from ...scene.splats import Splats
 from ...scores.bands import Bands, bands
 from ...scores.score import ScoreRule, energies
 from ...scores.slope_losses import slope_losses
-from ..allocation import allocate
+from .allocation import allocate
 from .strategy import Training
 
 REMOVAL = ScoreRule("leave-one-out", spectral_weight=0.0)

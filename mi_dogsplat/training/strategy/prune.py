@@ -8,7 +8,7 @@ import numpy as np
 
 from ...scores.score import Score
 from ..events import Event, NotPruned, Pruned, Refined
-from ..optimizer import SplatOptimizer
+from ..optimizer.splat_optimizer import SplatOptimizer
 from .scheduler import Progress, PruningRule, PruningScheduler, target_count
 from .strategy import Strategy, Training
 

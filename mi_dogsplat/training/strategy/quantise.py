@@ -1,6 +1,6 @@
 """The last part of a training sees the model as its file will have it, so that the file loses nothing that matters.
 
-Rendered are the numbers of the file (``training/straight_through.py``), and at the end they become the model.
+Rendered are the numbers of the file (``quantisation/straight_through.py``), and at the end they become the model.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 
 from ...formats.grids import Steps
 from ..events import Event, Quantised
-from ..quantiser import Quantiser, Tables
+from ..quantisation.quantiser import Quantiser, Tables
 from .strategy import Strategy, Training
 
 SHARE = 0.2  # of the run

@@ -14,7 +14,7 @@ from ...engine.parameters import device_array
 from ...scene.sh_basis import C0
 from ..events import Event, SlopesActivated, SlopesLeftOut
 from ..milestones import scaled_milestone
-from ..optimizer import SplatOptimizer
+from ..optimizer.splat_optimizer import SplatOptimizer
 from .dog_control import Activation
 from .strategy import Strategy, Training
 

@@ -49,10 +49,12 @@ from ...scores.score import Score
 from ..events import Event
 from ..footprint import Budget
 from ..losses import LossMeans
-from ..optimizer import SplatOptimizer
+from ..optimizer.splat_optimizer import SplatOptimizer
 
 if TYPE_CHECKING:
-    from ..photographs import Photographs  # needs the extra "train"; recipes, behind the flags of any command, do not
+    from ..images.photographs import (
+        Photographs,  # needs the extra "train"; recipes, behind the flags of any command, do not
+    )
 
 S = TypeVar("S")
 

@@ -33,9 +33,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.arrays import array_types, constant, detached
-from ..engine.frozen import frozen
-from ..engine.parameters import device_array
+from ...engine.arrays import array_types, constant, detached
+from ...engine.frozen import frozen
+from ...engine.parameters import device_array
 from .blur import BLOCK, Sweep, blur
 
 C1, C2 = 0.01**2, 0.03**2

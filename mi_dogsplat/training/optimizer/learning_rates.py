@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from ..engine.parameters import RAW_DOG, RAW_SLOPES
-from .milestones import scaled_milestone
+from ...engine.parameters import RAW_DOG, RAW_SLOPES
+from ..milestones import scaled_milestone
 from .sh_rows import SH_INDEX
 
 FEW_VIEWS = 50  # up to which view-dependent colour has no factor of its own: docs/experiments.md

@@ -14,7 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.parameters import device_array
+from ...engine.parameters import device_array
 
 CHECKED_WITH = "1.5"  # version of Dr.Jit
 

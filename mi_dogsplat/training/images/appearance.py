@@ -20,10 +20,10 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..engine.arrays import detached
-from ..engine.parameters import device_array
-from ..scene.appearance import GAINS, N_NUMBERS, N_OF_IMAGE, VIGNETTING, Appearance, device_of
-from ..scene.cameras import Camera
+from ...engine.arrays import detached
+from ...engine.parameters import device_array
+from ...scene.appearance import GAINS, N_NUMBERS, N_OF_IMAGE, VIGNETTING, Appearance, device_of
+from ...scene.cameras import Camera
 from .image_formation import Frame, formed, formed_gradients
 from .rows_of_numbers import RowsOfNumbers
 

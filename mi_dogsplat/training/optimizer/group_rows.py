@@ -12,10 +12,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.parameters import ROWS, device_array, rows_of_splats
-from ..engine.project import NO_ROW
-from ..scene.row_groups import DOG, SLOPES, RowGroup, row_of_splats
-from ..scene.splats import Splats
+from ...engine.parameters import ROWS, device_array, rows_of_splats
+from ...engine.project import NO_ROW
+from ...scene.row_groups import DOG, SLOPES, RowGroup, row_of_splats
+from ...scene.splats import Splats
 from .adam import gather
 
 SPARSE = (DOG, SLOPES)

@@ -12,10 +12,10 @@ from dataclasses import replace
 import mitsuba as mi
 import numpy as np
 
-from ..engine.parameters import device_array
-from ..engine.sh_groups import ROW_COEFFICIENTS, padded_rows
-from ..scene.row_groups import SH, Array, selected
-from ..scene.splats import Splats
+from ...engine.parameters import device_array
+from ...engine.sh_groups import ROW_COEFFICIENTS, padded_rows
+from ...scene.row_groups import SH, Array, selected
+from ...scene.splats import Splats
 from .adam import Entry, forget, to_host
 
 SH_ROW_SIZE = {SH[degree].names[0]: 3 * coefficients for degree, coefficients in ROW_COEFFICIENTS.items()}

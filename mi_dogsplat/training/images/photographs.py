@@ -15,16 +15,16 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..datasets import Dataset
-from ..datasets.dataset import View, as_bytes, seen_by
-from ..datasets.images import box_downscale
-from ..datasets.masks import Masks
-from ..engine.arrays import detached
-from ..engine.parameters import device_array, device_bytes
-from ..engine.project import DeviceCamera
-from ..engine.rasterize import Frame
-from ..render.picture import over_background
-from ..support.errors import DataError
+from ...datasets import Dataset
+from ...datasets.dataset import View, as_bytes, seen_by
+from ...datasets.images import box_downscale
+from ...datasets.masks import Masks
+from ...engine.arrays import detached
+from ...engine.parameters import device_array, device_bytes
+from ...engine.project import DeviceCamera
+from ...engine.rasterize import Frame
+from ...render.picture import over_background
+from ...support.errors import DataError
 from .appearance import LearnedAppearance
 from .loss import PhotometricLoss, Target
 from .tone_curve import SrgbLog, ToneCurve

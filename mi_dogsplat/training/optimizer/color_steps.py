@@ -13,10 +13,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..scene.row_groups import SLOPES
-from ..scene.sh_basis import C0
+from ...scene.row_groups import SLOPES
+from ...scene.sh_basis import C0
+from ..images.tone_curve import ToneCurve
 from .sh_rows import SH_INDEX
-from .tone_curve import ToneCurve
 
 INDEX = SH_INDEX | dict.fromkeys(SLOPES.names, SLOPES.index)
 COLORS = ("sh_dc", "sh_rest", *INDEX)

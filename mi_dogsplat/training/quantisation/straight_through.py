@@ -14,10 +14,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.parameters import device_array
-from ..engine.sh_groups import padded_rows
-from ..formats.grids import FileGrids, Grid, Palette
-from ..scene.row_groups import SH
+from ...engine.parameters import device_array
+from ...engine.sh_groups import padded_rows
+from ...formats.grids import FileGrids, Grid, Palette
+from ...scene.row_groups import SH
 
 
 class DeviceGrid:

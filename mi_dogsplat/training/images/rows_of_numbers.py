@@ -8,8 +8,8 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..engine.arrays import detached
-from ..engine.parameters import device_array
+from ...engine.arrays import detached
+from ...engine.parameters import device_array
 
 BETA_1, BETA_2, EPSILON = 0.9, 0.95, 1e-15  # a row takes few steps, and large ones at first: to be forgotten soon
 ARRAYS = ("values", "m", "v")

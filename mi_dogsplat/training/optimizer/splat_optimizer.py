@@ -13,14 +13,14 @@ from collections.abc import Callable, Mapping
 import mitsuba as mi
 import numpy as np
 
-from ..scene.row_groups import DOG, SH, SLOPES
-from ..scene.splats import Splats
+from ...scene.row_groups import DOG, SH, SLOPES
+from ...scene.splats import Splats
+from ..images.tone_curve import ToneCurve
 from .adam import gather
 from .group_rows import SPARSE_ROW_SIZE, GroupRows, group_arrays
 from .learning_rates import LearningRates
 from .optimizer_state import restore_parameters, saved_parameters
 from .sh_rows import SH_INDEX, ShRows, bands_of, row_sizes, sh_arrays
-from .tone_curve import ToneCurve
 from .trained_arrays import TrainedArrays
 
 ROW_SIZE = {"means": 3, "log_scales": 3, "quats": 4, "logit_opacities": 1, "sh_dc": 3}

@@ -12,15 +12,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..engine.geometry import Cutoffs
-from ..engine.options import RasterOptions
-from ..engine.project import DeviceCamera
-from ..formats.coded import CODED, STEPS
-from ..formats.grids import LLOYD_ROUNDS, Extents, FileGrids, Palette, Steps
-from ..formats.symmetries import nearest_to_identity
-from ..scores.weights import weights
-from .optimizer import SplatOptimizer
-from .sh_rows import bands_of
+from ...engine.geometry import Cutoffs
+from ...engine.options import RasterOptions
+from ...engine.project import DeviceCamera
+from ...formats.coded import CODED, STEPS
+from ...formats.grids import LLOYD_ROUNDS, Extents, FileGrids, Palette, Steps
+from ...formats.symmetries import nearest_to_identity
+from ...scores.weights import weights
+from ..optimizer.sh_rows import bands_of
+from ..optimizer.splat_optimizer import SplatOptimizer
 from .straight_through import StraightThrough
 
 ROUNDS = 15

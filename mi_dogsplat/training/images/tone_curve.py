@@ -14,8 +14,8 @@ from typing import Any, Protocol
 
 import drjit as dr
 
-from ..engine.srgb import encoded, encoded_slope_of
-from ..support.srgb import WHITE_SLOPE
+from ...engine.srgb import encoded, encoded_slope_of
+from ...support.srgb import WHITE_SLOPE
 
 
 class ToneCurve(Protocol):

@@ -12,11 +12,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.arrays import array_types, detached, while_loop
-from ..engine.frozen import frozen
-from ..engine.parameters import device_array
-from ..engine.srgb import decoded, decoded_slope, encoded, encoded_slope
-from ..scene.appearance import GAINS, N_NUMBERS, VIGNETTING
+from ...engine.arrays import array_types, detached, while_loop
+from ...engine.frozen import frozen
+from ...engine.parameters import device_array
+from ...engine.srgb import decoded, decoded_slope, encoded, encoded_slope
+from ...scene.appearance import GAINS, N_NUMBERS, VIGNETTING
 
 LN2 = math.log(2)
 N_SUMS = N_NUMBERS + 1

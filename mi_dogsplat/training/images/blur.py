@@ -15,8 +15,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.arrays import array_types, detached
-from ..engine.parameters import device_array
+from ...engine.arrays import array_types, detached
+from ...engine.parameters import device_array
 
 RADIUS = 5
 BLOCK = 8  # a power of two (packet stores), at least RADIUS (a window reaches no further than the next block)

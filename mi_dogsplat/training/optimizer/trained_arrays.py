@@ -20,12 +20,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.parameters import device_array
+from ...engine.parameters import device_array
+from ..images.tone_curve import ToneCurve
 from .adam import Entry, forget, step_without, to_host
 from .color_steps import ColorSteps
 from .learning_rates import LearningRates
 from .sh_rows import SH_INDEX
-from .tone_curve import ToneCurve
 
 MAX_GRADIENT = 1e18  # its square is a float32
 BETA_1, BETA_2 = 0.9, 0.999
