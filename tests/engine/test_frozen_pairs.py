@@ -191,20 +191,23 @@ def test_every_frozen_function_of_the_package_is_tried():
     assert {name.split()[0] for name in CASES} == set(frozen_functions())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_a_call_computes_the_same_whichever_was_recorded_before_it(name):
+    """All settings in turn and back again: of each two, either comes first once, when the other is not recorded yet."""
     run, settings = CASES[name]
     alone = [on_its_own(run, setting) for setting in settings]
     # bits, where they are the same in every run: with another patch they are nearly the same numbers
     rtol, atol = (0, 0) if lanes_add_in_turn(mi.variant()) else (1e-3, 1e-5)
     wrong = []
-    for first, second in itertools.permutations(range(len(settings)), 2):
-        on_its_own(run, settings[first])
-        try:
-            np.testing.assert_allclose(run(**settings[second]), alone[second], rtol=rtol, atol=atol)
-        except Exception as error:  # Dr.Jit raises what it likes where a recording does not fit
-            wrong.append(f"{settings[second]} after {settings[first]}: {type(error).__name__}")
+    for order in (range(len(settings)), reversed(range(len(settings)))):
+        forget()
+        before: list[dict] = []
+        for k in order:
+            try:
+                np.testing.assert_allclose(run(**settings[k]), alone[k], rtol=rtol, atol=atol)
+            except Exception as error:  # Dr.Jit raises what it likes where a recording does not fit
+                wrong.append(f"{settings[k]} after {before}: {type(error).__name__}")
+            before.append(settings[k])
     assert not wrong, "\n".join(wrong)
 
 
