@@ -96,7 +96,7 @@ def _gsplat(setup: Setup) -> Step:
 def _tests(setup: Setup) -> list[Step]:
     """Those of what computes on a device; first what needs no OptiX, where single tests that do are skipped."""
     folders = ("tests/engine", "tests/tracing", "tests/scores", "tests/training")
-    arrays = [str(path.relative_to(ROOT)) for folder in folders for path in sorted((ROOT / folder).glob("test_*.py"))]
+    arrays = [str(path.relative_to(ROOT)) for folder in folders for path in sorted((ROOT / folder).rglob("test_*.py"))]
     arrays, scenes = [path for path in arrays if path not in SCENES], list(SCENES)
     if setup.quick:
         arrays, scenes = ["tests/engine/test_tiles.py", "tests/engine/test_view.py"], ["tests/plugin/test_sensor.py"]

@@ -174,6 +174,8 @@ def test_the_steps_name_what_is_there(tmp_path, quick):
         assert step.least <= step.limit
     tests = next(step for step in chosen if step.name == "tests")
     assert not set(SCENES) & set(tests.command)
+    rooms = "engine", "training", "training/strategy"
+    assert quick or {f"tests/{room}" for room in rooms} < {str(Path(word).parent) for word in tests.command}
     assert sum(step.least for step in [PROBE, *chosen]) < 400  # of 10 minutes; the rest is for those that take more
 
 

@@ -56,6 +56,15 @@ def test_every_station_exists():
     LAYOUT.require_rooms()
 
 
+def test_the_tests_have_the_folders_of_what_they_test():
+    tests = Path(__file__).parents[1]
+    of_others = {"benchmarks", "blender", "fuzz", "project"}  # nothing of the package, or all of it
+    folders = {path.parent.relative_to(tests) for path in tests.rglob("test_*.py")}
+    assert len(folders) > 20
+    of_the_package = [folder for folder in folders if folder.parts[0] not in of_others]
+    assert not [folder for folder in of_the_package if not (LAYOUT.root / folder).is_dir()]
+
+
 def test_a_cycle_is_found():
     assert cycle({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c", "b"]
     assert cycle({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
