@@ -21,7 +21,7 @@ test: setup
 # Engine, tracing, scores, training and pruning in cuda_ad_rgb, on a CPU that stands in for the GPU. Skipped with a line
 # that says why where it cannot be done.
 test-cuda: setup
-	@scripts/test_cuda.sh $(PY)
+	@scripts/gpu/test_cuda.sh $(PY)
 
 # Everything that needs a GPU, in one command within 10 minutes, and a report of it: docs/benchmarks.md.
 gpu:
@@ -49,35 +49,35 @@ bench: setup
 # The pictures of docs/gallery.md but for Blender's; needs ../shared/data.
 gallery: setup
 	$(PY) -m mi_dogsplat render scenes/still_life_on_table.xml -o docs/pictures/still_life_on_table.png
-	$(PY) -m scripts.aov_picture
-	$(PY) -m scripts.mitsuba_pictures
-	$(PY) -m scripts.light_pictures
-	$(PY) -m scripts.film_picture
+	$(PY) -m scripts.pictures.aovs
+	$(PY) -m scripts.pictures.mitsuba_scenes
+	$(PY) -m scripts.pictures.light
+	$(PY) -m scripts.pictures.film
 	$(PY) -m benchmarks ellipsoids --picture
 	$(PY) -m mi_dogsplat.demo -o demo/gallery --picture docs/pictures/demo.png
 
 # The reference of the Python interface from its docstrings, in dist/api/.
 api: setup
-	$(PY) -m scripts.api dist/api
+	$(PY) -m scripts.release.api dist/api
 
 # The weights of LPIPS (59 MB), in the user's cache: dogsplat compare and eval have it then.
 lpips: setup
-	$(PY) -m scripts.lpips_weights
+	$(PY) -m scripts.setup.lpips_weights
 
 # The web viewer of dogsplat export -o model.html, from npm; made once for each version of it.
 web-viewer:
-	@scripts/vendor_viewer.sh
+	@scripts/setup/vendor_viewer.sh
 
 # Wheel and sdist, in dist/, tried in an empty environment of each Python.
 WHEEL_PYTHONS ?= $(PYTHON)
 wheel:
-	scripts/try_wheel.sh $(WHEEL_PYTHONS)
+	scripts/release/wheel.sh $(WHEEL_PYTHONS)
 
 # Blender as a Python module (Python 3.11, 400 MB), for the add-on and its tests; they are skipped where it cannot be had.
 blender: $(BLENDER)/.installed
 
-$(BLENDER)/.installed: pyproject.toml scripts/setup_blender.sh
-	@scripts/setup_blender.sh $(PYTHON) $(BLENDER)
+$(BLENDER)/.installed: pyproject.toml scripts/setup/blender.sh
+	@scripts/setup/blender.sh $(PYTHON) $(BLENDER)
 	@touch $@
 
 # Other versions of it, each in an environment of its own, where there is a Python for it; from then on "make test" tries
@@ -86,27 +86,27 @@ BLENDERS ?= 4.2 4.5 5.2
 blenders: blender
 	-@$(MAKE) --no-print-directory --keep-going $(BLENDERS:%=$(BLENDER)-%/.installed)
 
-$(BLENDER)-%/.installed: pyproject.toml scripts/setup_blender.sh
-	@scripts/setup_blender.sh $(PYTHON) $(BLENDER)-$* $*
+$(BLENDER)-%/.installed: pyproject.toml scripts/setup/blender.sh
+	@scripts/setup/blender.sh $(PYTHON) $(BLENDER)-$* $*
 	@touch $@
 
 # The Blender extension, in dist/.
 addon: blender
-	scripts/build_addon.sh $(BLENDER)/bin/python dist
+	scripts/release/addon.sh $(BLENDER)/bin/python dist
 
 setup: $(INSTALLED) llvm
 
 # LLVM is looked for every time: it can disappear without the package being touched.
 llvm: | $(FOR_DEMO)
-	@scripts/setup_llvm.sh $(PY)
+	@scripts/setup/llvm.sh $(PY)
 
 # A demo needs less than half of all (470 MB); what tests use comes with the first target that uses it.
-$(FOR_DEMO): pyproject.toml scripts/setup_venv.sh
-	scripts/setup_venv.sh $(PYTHON) $(VENV) train
+$(FOR_DEMO): pyproject.toml scripts/setup/venv.sh
+	scripts/setup/venv.sh $(PYTHON) $(VENV) train
 	@touch $@
 
 $(INSTALLED): $(FOR_DEMO)
-	scripts/setup_venv.sh $(PYTHON) $(VENV) train,export,view,dev
+	scripts/setup/venv.sh $(PYTHON) $(VENV) train,export,view,dev
 	@touch $@
 
 clean:

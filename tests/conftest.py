@@ -49,7 +49,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_pyfunc_call():
     """What a machine with a GPU may lack: OptiX, without which no scene is loaded; LLVM, which some tests compare with.
 
-    A stand-in for the driver of CUDA (scripts/test_cuda.sh) has no OptiX either.
+    A stand-in for the driver of CUDA (scripts/gpu/test_cuda.sh) has no OptiX either.
     """
     try:
         return (yield)

@@ -1,6 +1,7 @@
 """A model as one page of HTML with a viewer inside, to send to somebody: it needs a browser, and no network.
 
-The viewer is SuperSplat Viewer (PlayCanvas, MIT), kept in ``vendor/`` and made again by ``scripts/vendor_viewer.sh``.
+The viewer is SuperSplat Viewer (PlayCanvas, MIT), kept in ``vendor/`` and made again by
+``scripts/setup/vendor_viewer.sh``.
 The model is in the page as a SOG bundle. The viewer has y up and shows what a SOG file calls -y there, so the model is
 turned first; the page says by which rotation.
 """

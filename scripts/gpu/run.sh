@@ -24,7 +24,7 @@ if [ -n "$bundle" ]; then
     options=(--offline)
     [ ! -d "$site/data" ] || options+=(--bundled-data "$site/data")
 else
-    scripts/setup_venv.sh "$python" .venv-gpu gpu
+    scripts/setup/venv.sh "$python" .venv-gpu gpu
     export PATH="$PWD/.venv-gpu/bin:$PATH" # of ninja, which builds gsplat
     python=.venv-gpu/bin/python
     export PYTHONPATH="$PWD${PYTHONPATH:+:$PYTHONPATH}"

@@ -18,7 +18,8 @@ KINDS = (bpy.types.Operator, bpy.types.Panel, bpy.types.Menu, bpy.types.Property
 @pytest.fixture(scope="module")
 def package(tmp_path_factory):
     folder = tmp_path_factory.mktemp("built")
-    subprocess.run([ROOT / "scripts" / "build_addon.sh", bpy.app.binary_path or sys.executable, folder], check=True)
+    script = ROOT / "scripts" / "release" / "addon.sh"
+    subprocess.run([script, bpy.app.binary_path or sys.executable, folder], check=True)
     (path,) = folder.glob("dogsplat-*.zip")
     return path
 

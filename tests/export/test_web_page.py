@@ -178,7 +178,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(model, tmp_path, capsys):
 
 
 def test_the_viewer_is_what_its_script_makes_and_has_its_licence():
-    script = (ROOT / "scripts" / "vendor_viewer.sh").read_text()
+    script = (ROOT / "scripts" / "setup" / "vendor_viewer.sh").read_text()
     version = re.search(r"^VERSION=(\S+)$", script, re.M)
     assert version and f"supersplat-viewer {version[1]}, playcanvas " in (VIEWER / "VERSION").read_text()
     assert (VIEWER / "LICENSE").read_text().startswith("MIT License")

@@ -111,7 +111,7 @@ def run(line: str) -> None:
     elif program == "make":
         subprocess.run(["make", "-n", *words[1:]], cwd=ROOT, check=True, capture_output=True)
     elif program.startswith("python") and words[1] == "-m":
-        assert words[2] in ("pytest", "benchmarks", "scripts.aov_picture") or import_module(words[2]), line
+        assert words[2] in ("pytest", "benchmarks", "scripts.pictures.aovs") or import_module(words[2]), line
         if words[2] == "benchmarks" and len(words) > 3:
             assert words[3] in ROOM_OF, line
     elif program.startswith("python"):
@@ -280,10 +280,10 @@ def test_the_commands_within_a_sentence_exist(page):
 
 @pytest.mark.slow
 def test_the_reference_of_the_api_is_made_and_has_every_module(tmp_path):
-    command = [sys.executable, "-W", "error", "-m", "scripts.api", str(tmp_path)]
+    command = [sys.executable, "-W", "error", "-m", "scripts.release.api", str(tmp_path)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    named = re.findall(r'"(mi_dogsplat[.\w]*)"', (ROOT / "scripts" / "api.py").read_text())
+    named = re.findall(r'"(mi_dogsplat[.\w]*)"', (ROOT / "scripts" / "release" / "api.py").read_text())
     assert len(named) > 10 and all((tmp_path / f"{name.replace('.', '/')}.html").exists() for name in named)
     assert "[N, 3] world space" in (tmp_path / "mi_dogsplat.html").read_text()
 

@@ -17,12 +17,12 @@ NO_SPACE = "ERROR: Could not install packages due to an OSError: No space left o
 
 
 def set_up(folder: Path, said: str) -> subprocess.CompletedProcess:
-    """scripts/setup_venv.sh with an environment whose pip installs nothing."""
+    """scripts/setup/venv.sh with an environment whose pip installs nothing."""
     python = folder / "bin" / "python"
     python.parent.mkdir()
     python.write_text(f"#!/bin/sh\ncase $* in *install*) cat >&2 <<'END'\n{said}\nEND\nexit 1;; esac\n")
     python.chmod(0o755)
-    command = [str(ROOT / "scripts" / "setup_venv.sh"), "python3", str(folder), "train"]
+    command = [str(ROOT / "scripts" / "setup" / "venv.sh"), "python3", str(folder), "train"]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
@@ -41,12 +41,12 @@ def test_what_else_goes_wrong_is_said_by_pip(tmp_path):
 def test_a_target_installs_what_it_needs(tmp_path, target, installed):
     command = ["make", "-n", target, f"VENV={tmp_path}/none", f"BLENDER={tmp_path}/other"]
     lines = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
-    assert [line.split()[-1] for line in lines if line.startswith("scripts/setup_venv.sh")] == installed
+    assert [line.split()[-1] for line in lines if line.startswith("scripts/setup/venv.sh")] == installed
 
 
 def run_cuda_tests(**environment: str) -> subprocess.CompletedProcess:
-    """scripts/test_cuda.sh with a Python that says what it is given."""
-    command = [str(ROOT / "scripts" / "test_cuda.sh"), "echo"]
+    """scripts/gpu/test_cuda.sh with a Python that says what it is given."""
+    command = [str(ROOT / "scripts" / "gpu" / "test_cuda.sh"), "echo"]
     return subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
 
 

@@ -161,14 +161,14 @@ def stub(folder: Path, name: str, script: str):
 
 
 def run_setup(folder: Path) -> subprocess.CompletedProcess:
-    """scripts/setup_llvm.sh with a stand-in for Python, which finds what a stand-in for apt-get installed."""
+    """scripts/setup/llvm.sh with a stand-in for Python, which finds what a stand-in for apt-get installed."""
     stub(
         folder,
         "python",
         f"cat > /dev/null; echo python >> {folder}/log; test -e {folder}/installed && echo found",
     )
     env = os.environ | {"PATH": f"{folder}:{os.environ['PATH']}"}
-    command = [str(ROOT / "scripts" / "setup_llvm.sh"), str(folder / "python")]
+    command = [str(ROOT / "scripts" / "setup" / "llvm.sh"), str(folder / "python")]
     return subprocess.run(command, env=env, capture_output=True, text=True, timeout=300)
 
 

@@ -1,0 +1,1 @@
+"""What Blender does for the documentation: pictures by it and of its window, and times."""

@@ -1,0 +1,1 @@
+"""Pictures of the documentation, but for those by Blender."""

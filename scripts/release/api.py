@@ -1,0 +1,36 @@
+"""Writes the reference of the Python interface, from docstrings, with pdoc.
+
+    python -m scripts.release.api FOLDER
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from pathlib import Path
+
+import mi_dogsplat  # noqa: F401  (before mitsuba: it chooses the LLVM)
+import mitsuba as mi
+import pdoc
+
+# what is for callers; the rest is read in the source
+MODULES = [
+    "mi_dogsplat", "mi_dogsplat.integrator", "mi_dogsplat.shape_dog", "mi_dogsplat.scene", "mi_dogsplat.datasets",
+    "mi_dogsplat.poses.run", "mi_dogsplat.engine", "mi_dogsplat.reference", "mi_dogsplat.training",
+    "mi_dogsplat.scores", "mi_dogsplat.render", "mi_dogsplat.runs", "mi_dogsplat.measure.evaluate",
+    "mi_dogsplat.measure.metrics", "mi_dogsplat.inspection", "mi_dogsplat.export.write", "mi_dogsplat.editing",
+    "mi_dogsplat.viewer.server", "mi_dogsplat.check.run",
+]  # fmt: skip
+
+
+def write(folder: Path) -> None:
+    """Pages of HTML in ``folder``, which is made."""
+    mi.set_variant("llvm_ad_rgb")  # the plugin classes derive from those of a variant
+    # pdoc (16) looks up types in the wrong place for fields of a NamedTuple; it then shows them as they are written
+    warnings.filterwarnings("ignore", "Error parsing type annotation", UserWarning)
+    pdoc.render.configure(docformat="google", footer_text="mi_dogsplat " + mi_dogsplat.__version__)
+    pdoc.pdoc(*MODULES, output_directory=folder)
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]))

@@ -1,0 +1,1 @@
+"""Models for ``scenes/``, captured and trained where they stand."""
