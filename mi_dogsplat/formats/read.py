@@ -1,4 +1,4 @@
-"""Reading a model, in whatever format: what a file is, its first bytes say, and its name where they do not."""
+"""Reading a model of any format, which is recognised by the first bytes of the file, or else by its name."""
 
 from __future__ import annotations
 
