@@ -14,13 +14,11 @@ from ..formats.read import read_model
 from ..render.framing import NEAR_SHARE, likely_up, robust_sphere
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
-from ..report.run_folder import read_run
+from ..report.run_folder import MODEL, read_run
 from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, DrawnAs, drawn_as
 from ..scene.orientation import up_of_cameras, up_vector
 from ..support.errors import DataError
-
-MODEL = "point_cloud.ply"  # of a run folder
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from .mixture import mixture
 from .moved import moved
 from .page import TEMPLATES
 from .prunes import prunes, refinements
-from .run_folder import Run, read_run
+from .run_folder import REPORT, Run, read_run
 from .views import shares, sheet, shown, views
 
 
@@ -29,7 +29,7 @@ def write_report(run_dir: str | Path) -> Path:
     :raises DataError: the folder does not exist, or one of its .json files is not a JSON object
     """
     run = read_run(run_dir)
-    path = run.path / "report.html"
+    path = run.path / REPORT
     with replacing(path) as part:
         part.write_text(report_page(run), encoding="utf-8")
     return path

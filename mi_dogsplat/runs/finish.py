@@ -12,6 +12,7 @@ from ..datasets import Dataset
 from ..engine.geometry import Cutoffs
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
 from ..render.picture import seen_as
+from ..report.run_folder import METRICS
 from ..report.write import write_report
 from ..scene.appearance import APPEARANCE
 from ..scene.drawing import drawn_as
@@ -48,7 +49,7 @@ def finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
         "variant": mi.variant(),
         "versions": versions(),
     }
-    write_json(out / "metrics.json", metrics)
+    write_json(out / METRICS, metrics)
     if config.refine_poses:
         write_poses(trainer, out)
     fit = trainer.background, trainer.photographs.mask_folder, config.appearance

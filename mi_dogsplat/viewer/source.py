@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..formats.read import read_model
-from ..report.run_folder import read_run
+from ..report.run_folder import MODEL, read_run
 from ..runs.checkpoint import CHECKPOINT, load_checkpoint
 from ..scene.drawing import Drawing
 from ..scene.radiance import brightened
@@ -17,7 +17,6 @@ from ..support.errors import DataError
 from ..training.optimizer.group_rows import group_arrays
 from ..training.optimizer.sh_rows import sh_arrays
 
-MODEL_FILE = "point_cloud.ply"
 RAW = ("means", "log_scales", "quats", "logit_opacities")
 
 
@@ -63,9 +62,9 @@ class Source:
             if not self.path.is_file():
                 raise DataError(self.path, "no such file or folder", "give a model or a run folder")
             return self.path
-        files = [file for name in (CHECKPOINT, MODEL_FILE) if (file := self.path / name).is_file()]
+        files = [file for name in (CHECKPOINT, MODEL) if (file := self.path / name).is_file()]
         if not files:
-            problem = f"holds neither {MODEL_FILE} nor {CHECKPOINT}"
+            problem = f"holds neither {MODEL} nor {CHECKPOINT}"
             raise DataError(self.path, problem, "wait for its first checkpoint (one a minute), or give a run folder")
         return max(files, key=lambda file: file.stat().st_mtime_ns)
 
