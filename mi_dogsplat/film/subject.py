@@ -70,6 +70,5 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
     if not views:
         near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(read.splats)[1])
         drawn = replace(drawn, near_clip=near_clip)
-    chosen = options.background if options.background != "auto" else trained.get("background", "auto")
-    background = background_color(chosen, dataset is not None and dataset.has_alpha)
+    background = background_color(options.or_trained("background", trained), dataset is not None and dataset.has_alpha)
     return Subject(read, [view.camera for view in views], background, drawn, missing)

@@ -43,18 +43,27 @@ class Source:
         if signature == self._seen:
             return None
         if file.suffix == ".npz":
-            state = load_checkpoint(file)
-            steps = self.config.get("steps")
-            of = f" of {steps:,}" if isinstance(steps, int) else ""
-            splats = splats_of_state(state)
-            splats = splats if self.white is None else brightened(splats, self.white)
-            found = splats, f"step {int(state['step']):,}{of}"
+            found = self._of_checkpoint(file)
         else:
             model = read_model(file)
             self.drawing = self.drawing.over(model.drawing)
             found = model.splats, file.name
         self._seen = signature
         return found
+
+    def _of_checkpoint(self, file: Path) -> tuple[Splats, str]:
+        """Its model, and how far it is. Raises ``DataError``."""
+        try:
+            state = load_checkpoint(file)
+            splats, step = splats_of_state(state), int(state["step"])
+        except (ValueError, KeyError, TypeError, IndexError) as error:
+            if self.is_run and isinstance(error, DataError):
+                raise
+            raise DataError(file, "is not the checkpoint of a training", "give a model or a run folder") from error
+        splats = splats if self.white is None else brightened(splats, self.white)
+        steps = self.config.get("steps")
+        of = f" of {steps:,}" if isinstance(steps, int) else ""
+        return splats, f"step {step:,}{of}"
 
     def _newest(self) -> Path:
         """The file to read: of a run the younger of checkpoint and model."""
