@@ -64,8 +64,8 @@ class CameraPath:
         They count to ``DIGITS`` digits: the last ones may be others on another processor.
         """
         lenses = (self.at(float(share)) for share in moments.flat)
-        numbers = ([*lens.c2w[:3].flat, math.log(lens.focal)] for lens in lenses)
-        rows = np.fromiter(numbers, np.dtype((np.float64, 13)), moments.size)
+        numbers = (number for lens in lenses for number in (*lens.c2w[:3].flat, math.log(lens.focal)))
+        rows = np.fromiter(numbers, np.float64).reshape(-1, 13)
         positions = rows[:, 3:12:4]  # [moments, 3]
         size = float(abs(positions).max()) or 1.0
         positions /= size

@@ -60,7 +60,7 @@ class NumberedPictures:
             write_json(self.folder / SETTINGS, settings)
             yield
 
-    def _require_same(self, settings: dict[str, Any]) -> None:
+    def _require_same(self, settings: Mapping[str, Any]) -> None:
         """Raise ``DataError`` for a folder with other contents, frames of another film among them."""
         file = self.folder / SETTINGS
         if not file.is_file():

@@ -13,6 +13,7 @@ from command_line import assert_one_line, run
 from mi_dogsplat import write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.arrays import write_arrays
 from mi_dogsplat.viewer.view_state import ONLY_GAUSSIANS
 
 pytest.importorskip("viser", reason="needs viser: pip install 'mi_dogsplat[view]'", exc_type=ModuleNotFoundError)
@@ -140,7 +141,7 @@ def test_flags_come_before_what_the_run_was_trained_with(capsys, data, model, tm
 def test_arrays_that_are_no_checkpoint_are_refused_in_one_line(capsys, tmp_path):
     np.savez(tmp_path / "arrays.npz", a=np.zeros(3))
     names = ("logit_opacities", "sh_dc", "means", "log_scales", "quats")
-    np.savez(tmp_path / "odd.npz", **{f"optimizer.{name}": np.zeros(4) for name in names})
+    write_arrays(tmp_path / "odd.npz", {f"optimizer.{name}": np.zeros(4) for name in names})
     np.savez_compressed(tmp_path / "compressed.npz", a=np.zeros(3))
     (tmp_path / "text.npz").write_text("no arrays")
     for name in ("arrays.npz", "odd.npz", "compressed.npz", "text.npz"):
