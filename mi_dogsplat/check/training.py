@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..report.run_folder import Run, read_run
+from ..report.run_folder import HISTORY, Run, read_run
 from ..report.smoothing import running_mean, thinned
 from ..support.errors import DataError
 from ..support.wording import finite
@@ -28,7 +28,7 @@ def read_training(folders: Sequence[Path]) -> list[dict[str, Any]]:
     runs = [read_run(folder) for folder in folders]
     for run in runs:
         if not np.isfinite(run.column("l1") * run.column("seconds")).any():
-            raise DataError(run.path, "has no history.jsonl with a logged step", "give a run folder of dogsplat train")
+            raise DataError(run.path, f"has no {HISTORY} with a logged step", "give a run folder of dogsplat train")
     labels = [" · ".join(filter(None, (run.data_name, run.method))) for run in runs]
     return [
         _curves(run, label if labels.count(label) == 1 else f"{label} ({run.path})")

@@ -12,6 +12,7 @@ from .printing import metrics_line
 def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
     """Fill the run folder ``out`` while a bar shows how far it is, then print what came of it."""
     set_variant(config.variant)
+    from ..report.run_folder import REPORT
     from ..runs.run import train
     from .progress import Bar
 
@@ -28,4 +29,4 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
     split = "test views:" if metrics["test"] else "training views (there is no test split):"
     print(split, metrics_line(metrics["test"] or metrics["train"]))
     size, seconds = metrics["bytes"] / 1e6, metrics["train_seconds"]
-    print(f"{metrics['n']:,} primitives, {size:.1f} MB, {seconds:.0f} s; {out / 'report.html'}")
+    print(f"{metrics['n']:,} primitives, {size:.1f} MB, {seconds:.0f} s; {out / REPORT}")

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..measure.metrics import psnr
 from ..report.pictures import Figure, embedded_jpeg, embedded_png, frame, read_pictures, worst_box
+from ..report.run_folder import METRICS
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,6 @@ def crops(folder: Path, rows: dict[str, Any]) -> Crops | None:
 
 def _middle_view(run: Path) -> str:
     """Name of the test view with the median PSNR."""
-    views = json.loads((run / "metrics.json").read_text(encoding="utf-8"))["views"]
+    views = json.loads((run / METRICS).read_text(encoding="utf-8"))["views"]
     ranked = sorted(views, key=lambda name: views[name]["psnr"])
     return ranked[len(ranked) // 2]

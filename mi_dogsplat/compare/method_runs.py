@@ -17,7 +17,7 @@ from ..engine.rasterize import RasterOptions
 from ..formats.read import read_model
 from ..measure.evaluate import render_milliseconds_in_turn
 from ..render.picture import Picture, background_color, render_picture
-from ..report.run_folder import DOG_PROFILE, RECIPE, RENDER_MS
+from ..report.run_folder import DOG_PROFILE, METRICS, MODEL, RECIPE, RENDER_MS
 from ..report.write import write_report
 from ..runs.checkpoint import CHECKPOINT
 from ..runs.mixture import write_comparison
@@ -47,7 +47,7 @@ def recipe_of(method: Method) -> dict:
 
 def is_complete(folder: Path, method: Method) -> bool:
     """Whether a folder holds a finished run of this method."""
-    return (folder / "metrics.json").exists() and _recipe_in(folder) == recipe_of(method)
+    return (folder / METRICS).exists() and _recipe_in(folder) == recipe_of(method)
 
 
 def _recipe_in(folder: Path) -> Any:
@@ -88,7 +88,7 @@ def draw_in_turn(dataset: Dataset, config: TrainConfig, folders: Sequence[Path])
 
 def _drawing(folder: Path, config: TrainConfig, background: float) -> Callable[[View], Picture]:
     """Renders views of the model in a run folder."""
-    model = read_model(folder / "point_cloud.ply")
+    model = read_model(folder / MODEL)
     drawn = drawn_as(Drawing(config.antialiased, config.near_clip), model.drawing)
     options, params = RasterOptions(model.splats.sh_degree, drawn.antialiased), upload(model.splats)
     how = {"linear": drawn.linear, "white": drawn.white}

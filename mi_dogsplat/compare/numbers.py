@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..report.run_folder import RENDER_MS, read_run
+from ..report.run_folder import METRICS, RENDER_MS, read_run
 from ..training.events import DogActivated
 from .names import AT
 from .perceptual import LPIPS
@@ -22,7 +22,7 @@ def collect(folder: Path, names: Iterable[str]) -> dict[str, Runs]:
     found: dict[str, Runs] = {}
     for name in names:
         for run in sorted(folder.glob(f"seed_*/{name}")):
-            if (run / "metrics.json").exists():
+            if (run / METRICS).exists():
                 found.setdefault(name, {})[run.parent.name.removeprefix("seed_")] = numbers(run)
     return found
 
@@ -31,14 +31,14 @@ def collect_targets(folder: Path, name: str) -> dict[str, Runs]:
     """Of a data set: the numbers of a method's runs at other targets, by the target."""
     found: dict[str, Runs] = {}
     for run in sorted(folder.glob(f"seed_*/{name}{AT}*")):
-        if (run / "metrics.json").exists():
+        if (run / METRICS).exists():
             found.setdefault(run.name.partition(AT)[2], {})[run.parent.name.removeprefix("seed_")] = numbers(run)
     return found
 
 
 def numbers(folder: Path) -> dict[str, float]:
     """What a complete run folder tells, by name."""
-    metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    metrics = json.loads((folder / METRICS).read_text(encoding="utf-8"))
     found = {name: metrics["test"][name] for name in ("psnr", "ssim", "flip")}
     found |= {name: metrics[name] for name in ("n", "n_dog", "train_seconds", "render_ms", "peak_memory_mb")}
     found |= {name: metrics[name] for name in ("n_slopes",) if name in metrics}

@@ -8,6 +8,7 @@ from ..cli.printing import metrics_line
 from ..cli.progress import Bar
 from ..datasets.capture import capture
 from ..datasets.capture_config import CaptureConfig
+from ..report.run_folder import MODEL, REPORT
 from ..runs.run import train
 from ..support.errors import DataError
 from ..training.config import TrainConfig
@@ -52,5 +53,5 @@ def tour(out: Path, steps: int, target: int, views: int, size: int, picture: Pat
     print(metrics_line(metrics["test"]))
     print(f"{metrics['n']:,} primitives, {metrics['n_dog']:,} of them DoG, {metrics['bytes'] / 1e6:.1f} MB")
     print("3/3  the path-traced truth beside the model")
-    write_truth_and_model(scene, run / "point_cloud.ply", picture)
-    print(f"look at {picture}, open {run / 'report.html'}")
+    write_truth_and_model(scene, run / MODEL, picture)
+    print(f"look at {picture}, open {run / REPORT}")

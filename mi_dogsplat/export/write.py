@@ -12,7 +12,6 @@ import numpy as np
 
 from ..datasets.dataset import Dataset
 from ..datasets.world_config import WorldConfig
-from ..film.subject import MODEL as RUN_MODEL
 from ..film.subject import read_subject
 from ..formats.coded import snapped
 from ..formats.model import Model
@@ -21,6 +20,7 @@ from ..formats.table import SOG, format_to_write
 from ..formats.upright import upright
 from ..formats.write import SPZ_VERSIONS, write_model
 from ..render.picture_options import PictureOptions
+from ..report.run_folder import MODEL
 from ..scene.drawing import drawn_as
 from ..scene.radiance import brightened
 from ..scene.splats import Splats
@@ -161,7 +161,7 @@ def _write_page(
 ) -> list[str]:
     """A page that opens as the model was photographed, where that is known; what is left out."""
     subject = read_subject(model, data, options)
-    title = model.resolve().parent.name if model.name == RUN_MODEL else model.stem
+    title = model.resolve().parent.name if model.name == MODEL else model.stem
     return write_page(out, written, opening_of(subject, title, dog))
 
 

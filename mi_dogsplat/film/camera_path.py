@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from ..scene.cameras import Camera, inverse_rigid
 
 DEFAULT_SIZE = (1280, 720)  # pixels
 DEFAULT_SECONDS = 10.0
+DIGITS = 9  # of poses and lenses, that tell paths apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +57,20 @@ class CameraPath:
         offsets = ((np.arange(samples) + 0.5) / samples - 0.5) * shutter  # [samples]
         shares = (np.arange(n)[:, None] + offsets) / steps  # [n, samples]
         return shares % 1.0 if self.closed else np.clip(shares, 0, 1)
+
+    def sha256(self, moments: np.ndarray) -> str:
+        """Tells this way from others by its lenses at these shares of it (any shape).
+
+        They count to ``DIGITS`` digits: the last ones may be others on another processor.
+        """
+        lenses = (self.at(float(share)) for share in moments.flat)
+        numbers = (number for lens in lenses for number in (*lens.c2w[:3].flat, math.log(lens.focal)))
+        rows = np.fromiter(numbers, np.float64).reshape(-1, 13)
+        positions = rows[:, 3:12:4]  # [moments, 3]
+        size = float(abs(positions).max()) or 1.0
+        positions /= size
+        digits = np.round(rows, DIGITS) + 0.0  # no -0.0
+        return hashlib.sha256(f"{size:.{DIGITS}g}".encode() + digits.tobytes()).hexdigest()
 
 
 def focal_of_fov(degrees: float) -> float:

@@ -91,8 +91,9 @@ def make_film(
             require_even(out, size)
             _video(out, frame, n, size, config, lambda done: progress(done, n, what))
         else:
-            pictures.begin(_settings(subject, config, n, size))
-            _pictures(pictures, frame, n, lambda done: progress(done, n, what))
+            cameras = path.sha256(moments)
+            with pictures.claimed(_settings(subject, config, n, size) | {"cameras_sha256": cameras}):
+                _pictures(pictures, frame, n, lambda done: progress(done, n, what))
     except OSError as error:
         problem = f"cannot be written ({error.strerror or error})"
         raise DataError(out, problem, "check that the folder exists and is writable") from error
@@ -152,7 +153,7 @@ def _even(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def _settings(subject: Subject, config: FilmConfig, n: int, size: tuple[int, int]) -> dict[str, Any]:
-    """What decides on the pictures."""
+    """What decides on the pictures, but for where the camera is."""
     arrays = (np.asarray(getattr(subject.model.splats, name)) for name in subject.model.splats.__dataclass_fields__)
     digest = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
     drawn = {"background": subject.background, **dataclasses.asdict(subject.drawn)}

@@ -14,13 +14,11 @@ from ..formats.read import read_model
 from ..render.framing import NEAR_SHARE, likely_up, robust_sphere
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
-from ..report.run_folder import read_run
+from ..report.run_folder import MODEL, read_run
 from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, DrawnAs, drawn_as
 from ..scene.orientation import up_of_cameras, up_vector
 from ..support.errors import DataError
-
-MODEL = "point_cloud.ply"  # of a run folder
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +70,5 @@ def read_subject(model: Path, data: str | Path | None, options: PictureOptions) 
     if not views:
         near_clip = min(drawn.near_clip, NEAR_SHARE * robust_sphere(read.splats)[1])
         drawn = replace(drawn, near_clip=near_clip)
-    chosen = options.background if options.background != "auto" else trained.get("background", "auto")
-    background = background_color(chosen, dataset is not None and dataset.has_alpha)
+    background = background_color(options.or_trained("background", trained), dataset is not None and dataset.has_alpha)
     return Subject(read, [view.camera for view in views], background, drawn, missing)

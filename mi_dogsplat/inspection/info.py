@@ -10,7 +10,7 @@ import numpy as np
 from ..formats.read import format_of, is_model_name, read_model
 from ..formats.sizes import FileKind, by_part
 from ..render.framing import CORE, robust_sphere
-from ..report.run_folder import read_run
+from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, read_run
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.wording import count, duration, file_size, finite, fixed
@@ -23,7 +23,7 @@ ACCEPTED = (
     "give a model (.ply .spz .sog .glb .gltf .splat), a run folder, or a data set: a COLMAP folder, a folder with "
     "transforms.json or transforms_train.json, or a Mitsuba scene .xml"
 )
-RUN_FILES = ("config.json", "history.jsonl", "metrics.json")
+RUN_FILES = (CONFIG, HISTORY, METRICS)
 SCENE_SPP = 4  # enough to see that the sensors of a Mitsuba scene see something
 
 UNIT_TOLERANCE = 1e-2  # of a quaternion's length
@@ -146,11 +146,11 @@ def describe_run(path: Path) -> list[str]:
     ]
     if changed:
         lines.append(line("settings", ", ".join(changed)))
-    problems = [f"{name} is missing" for name in (*RUN_FILES, "point_cloud.ply") if not (path / name).is_file()]
+    problems = [f"{name} is missing" for name in (*RUN_FILES, MODEL) if not (path / name).is_file()]
     if run.metrics is None:
         problems.append("the run is not complete: it was interrupted, or is still running")
     if run.broken_rows:
-        problems.append(f"{run.broken_rows} lines of history.jsonl are not JSON")
+        problems.append(f"{run.broken_rows} lines of {HISTORY} are not JSON")
     return lines + ["problems: none found" if not problems else "problems:", *(f"  {p}" for p in problems)]
 
 

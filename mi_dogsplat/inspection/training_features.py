@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..formats.read import read_model
-from ..report.run_folder import read_run
+from ..report.run_folder import CONFIG, MODEL, read_run
 from ..support.errors import DataError
 from ..support.wording import count
 from ..training.config import TrainConfig
@@ -44,7 +44,7 @@ def run_features(path: Path) -> list[Feature]:
     defaults = {field.name: field.default for field in dataclasses.fields(TrainConfig)}
     config: dict[str, Any] = defaults | run.config
     recipe = (run.recipe or {}).get("recipe") or dataclasses.asdict(_recipe(path, config))
-    model = path / "point_cloud.ply"
+    model = path / MODEL
     features = model_features([read_model(model).splats]) if model.is_file() else []
     return features + _recipe_features(recipe, config) + _image_features(config)
 
@@ -52,7 +52,7 @@ def run_features(path: Path) -> list[Feature]:
 def _recipe(path: Path, config: dict[str, Any]) -> Recipe:
     if config["preset"] not in RECIPES:
         problem = f'its preset "{config["preset"]}" is unknown'
-        raise DataError(path / "config.json", problem, "use the version of dogsplat that made it")
+        raise DataError(path / CONFIG, problem, "use the version of dogsplat that made it")
     recipe = RECIPES[config["preset"]]
     return recipe if config["model"] is None else recipe.from_pruning()
 

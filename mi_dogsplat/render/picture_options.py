@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 from ..scene.drawing import Drawing
 from ..support.settings import Setting, check_settings
@@ -43,3 +44,8 @@ class PictureOptions:
     def drawing(self) -> Drawing:
         """What these options say."""
         return Drawing(self.antialiased, self.near_clip, self.linear, white=self.white)
+
+    def or_trained(self, name: str, trained: Mapping[str, Any]) -> Any:
+        """What these options say of ``name`` or, where that is the default, what a run was ``trained`` with."""
+        said, default = getattr(self, name), getattr(PictureOptions, name)
+        return said if said != default else trained.get(name, default)

@@ -17,19 +17,24 @@ from ..support.errors import DataError
 from ..support.files import parse_json, read_json
 from ..support.wording import finite
 
+# Names in a run folder. Two more are beside what reads them: CHECKPOINT (runs/checkpoint.py), and APPEARANCE.
+MODEL = "point_cloud.ply"
+CONFIG = "config.json"
+HISTORY = "history.jsonl"
+METRICS = "metrics.json"
+REPORT = "report.html"
 RECIPE = "recipe.json"  # of a method in a comparison: its label and the numbers of its recipe
 REFINED = "refined"  # the data of the run with the poses that it has refined, a folder
 RENDER_MS = "render_ms.json"  # of the same: its render time, measured in turns with the others'
 DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without DoG (mixture.py)
-
 MISFITS = "train/misfits.json"  # training images that do not fit (runs/misfits.py)
 
 LARGEST = 1e30  # what a run measures is far below
 # Parts of the files that others rely on: objects with their own parts, under given names or any, and lists of numbers.
 ANY, NUMBERS = "*", ("numbers",)
-METRICS: dict[str, Any] = {"test": {}, "train": {}, "versions": {}, "views": {ANY: {}}, "poses": {ANY: {}}}
+METRICS_PARTS: dict[str, Any] = {"test": {}, "train": {}, "versions": {}, "views": {ANY: {}}, "poses": {ANY: {}}}
 SIDE: dict[str, Any] = {"error": NUMBERS, "metrics": {}}
-PROFILE: dict[str, Any] = {"with_dog": SIDE, "without_dog": SIDE}
+PROFILE_PARTS: dict[str, Any] = {"with_dog": SIDE, "without_dog": SIDE}
 MISFIT_PARTS: dict[str, Any] = {"psnr": {}, "misfits": {ANY: {}}}
 
 
@@ -111,9 +116,9 @@ def read_run(path: str | Path) -> Run:
     path = Path(path)
     if not path.is_dir():
         raise DataError(path, "no such folder", "give a run folder, as `dogsplat train DATA -o RUN` makes it")
-    history, broken_rows = _read_rows(path / "history.jsonl")
-    config, metrics = _read_object(path / "config.json"), _read_object(path / "metrics.json", METRICS)
-    profile, recipe = _read_object(path / "test" / DOG_PROFILE, PROFILE), _read_object(path / RECIPE)
+    history, broken_rows = _read_rows(path / HISTORY)
+    config, metrics = _read_object(path / CONFIG), _read_object(path / METRICS, METRICS_PARTS)
+    profile, recipe = _read_object(path / "test" / DOG_PROFILE, PROFILE_PARTS), _read_object(path / RECIPE)
     misfits = _read_object(path / MISFITS, MISFIT_PARTS)
     stored = path / APPEARANCE
     appearance = read_appearance(stored) if stored.is_file() else None

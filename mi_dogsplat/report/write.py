@@ -7,6 +7,7 @@ words what it does not hold.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +20,19 @@ from .mixture import mixture
 from .moved import moved
 from .page import TEMPLATES
 from .prunes import prunes, refinements
-from .run_folder import Run, read_run
+from .run_folder import REPORT, Run, read_run
 from .views import shares, sheet, shown, views
 
 
-def write_report(run_dir: str | Path) -> Path:
+def write_report(run_dir: str | Path, metrics: dict[str, Any] | None = None) -> Path:
     """Writes ``report.html`` into a run folder and returns its path.
 
+    :param metrics: what the run has measured and is yet to write; None: what its folder holds
     :raises DataError: the folder does not exist, or one of its .json files is not a JSON object
     """
     run = read_run(run_dir)
-    path = run.path / "report.html"
+    run = run if metrics is None else replace(run, metrics=metrics)
+    path = run.path / REPORT
     with replacing(path) as part:
         part.write_text(report_page(run), encoding="utf-8")
     return path

@@ -12,6 +12,7 @@ from ..measure.lpips import Lpips
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
 from ..render.render_files import picture_of
+from ..report.run_folder import CONFIG, METRICS
 from ..scene.drawing import drawn_as
 from ..support.errors import DataError
 from ..support.files import write_json
@@ -48,7 +49,7 @@ def evaluate_model(
     background = background_color(options.background, dataset.has_alpha)
     folder = Path(out) if out else None
     if folder:
-        if (folder / "config.json").exists():
+        if (folder / CONFIG).exists():
             raise DataError(folder, "is a training run with metrics of its own", "name another folder")
         prepare_folder(folder)
     aovs = ("depth",) if folder else ()
@@ -61,5 +62,5 @@ def evaluate_model(
     views = evaluate_views(lambda view: picture(view.camera), some, background, folder, measure)
     if folder:
         found = {"test": mean_metrics(views), "views": views, "n": splats.n_splats}
-        write_json(folder / "metrics.json", found)
+        write_json(folder / METRICS, found)
     return views

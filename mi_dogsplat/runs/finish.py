@@ -12,6 +12,7 @@ from ..datasets import Dataset
 from ..engine.geometry import Cutoffs
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
 from ..render.picture import seen_as
+from ..report.run_folder import METRICS
 from ..report.write import write_report
 from ..scene.appearance import APPEARANCE
 from ..scene.drawing import drawn_as
@@ -29,7 +30,10 @@ ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never dra
 
 
 def finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
-    """Write the model, measure it, and write the report; returns what ``metrics.json`` holds."""
+    """Write the model, measure it, and write the report; returns what ``metrics.json`` holds.
+
+    That is the last file: a run that has it is complete, however it was ended.
+    """
     config = trainer.config
     splats = trainer.model()
     splats = splats.select(splats.opacities >= ALPHA_MIN)
@@ -48,13 +52,13 @@ def finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
         "variant": mi.variant(),
         "versions": versions(),
     }
-    write_json(out / "metrics.json", metrics)
     if config.refine_poses:
         write_poses(trainer, out)
     fit = trainer.background, trainer.photographs.mask_folder, config.appearance
     shown, seen = lambda view: seen_as(trainer.picture(view), view), trainer.photographs.originals
     write_misfits(out, shown, seen, config.steps, *fit)
-    write_report(out)
+    write_report(out, metrics)
+    write_json(out / METRICS, metrics)
     return metrics
 
 

@@ -11,8 +11,6 @@ import drjit as dr
 from ..training.events import DogActivated, Event, Pruned, row_of
 from ..training.train import Trainer
 
-HISTORY = "history.jsonl"
-
 
 def run_to_end(
     trainer: Trainer,

@@ -9,11 +9,12 @@ from ..formats.model import Model
 from ..formats.sizes import FileKind, by_part
 from ..formats.table import write_bytes
 from ..formats.write import write_model
+from ..report.run_folder import MODEL
 from ..scene.drawing import Drawing
 from ..scene.splats import Splats
 from ..training.config import FORMATS, TrainConfig
 
-STEM = "point_cloud"
+STEM = Path(MODEL).stem
 
 
 def write_model_files(out: Path, splats: Splats, config: TrainConfig, drawing: Drawing) -> dict[str, Any]:

@@ -6,21 +6,20 @@ import dataclasses
 import json
 from pathlib import Path
 
-from ..report.run_folder import MISFITS, RECIPE, REFINED, RENDER_MS, read_run
+from ..report.run_folder import CONFIG, HISTORY, METRICS, MISFITS, RECIPE, REFINED, RENDER_MS, REPORT, read_run
 from ..scene.appearance import APPEARANCE
 from ..support.errors import DataError
 from ..support.files import replacing
 from ..training.config import FREE
 from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, load_checkpoint
-from .history import HISTORY
 from .inputs import INPUTS, is_same_input, noted_inputs
 
 
 def resume_run(trainer: Trainer, out: Path) -> None:
     """Put the trainer where the checkpoint of ``out`` is, and cut the history there."""
     before = read_run(out)
-    if not (out / "config.json").is_file():
+    if not (out / CONFIG).is_file():
         raise DataError(out, "there is no run, so there is no checkpoint", "train without --resume")
     now = json.loads(json.dumps(dataclasses.asdict(trainer.config)))
     places = noted_inputs(out)
@@ -59,7 +58,7 @@ def forget_results(out: Path) -> None:
     """Remove what an earlier run in this folder measured and drew, and the name that it had in a comparison."""
     folders = out / "test", (out / MISFITS).parent
     pictures = [path for top in folders for suffix in (".png", ".exr", ".json") for path in top.glob(f"*{suffix}")]
-    results = "metrics.json", "report.html", APPEARANCE, RECIPE, RENDER_MS
+    results = METRICS, REPORT, APPEARANCE, RECIPE, RENDER_MS
     for path in (*(out / name for name in results), *pictures):
         path.unlink(missing_ok=True)
     for path in (*(out / REFINED).glob("*.json"), *(out / REFINED).glob("*.ply")):

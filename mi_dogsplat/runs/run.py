@@ -15,7 +15,7 @@ from ..datasets import Dataset, load_dataset
 from ..datasets.refined import require_photographs
 from ..datasets.world import World, check_world, metres_of_unit, world_of
 from ..poses.config import SETTINGS as POSES
-from ..report.run_folder import RECIPE, REFINED
+from ..report.run_folder import CONFIG, HISTORY, METRICS, RECIPE, REFINED
 from ..support.errors import DataError
 from ..support.files import PART, is_empty, remove_parts, write_json
 from ..support.locks import locked
@@ -25,7 +25,7 @@ from ..training.presets import Recipe
 from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, Checkpoints
 from .finish import finish
-from .history import HISTORY, run_to_end
+from .history import run_to_end
 from .inputs import note_inputs
 from .resume import forget_results, restore_from, resume_run
 from .stopping import Stopped, StopRequest
@@ -38,7 +38,7 @@ def prepare_folder(out: Path) -> None:
     """Make the run folder. Raises ``DataError`` if something else is in its place or it cannot be written."""
     if out.exists() and not out.is_dir():
         raise DataError(out, "is a file", "name a folder for the run")
-    ours = any((out / name).exists() for name in ("config.json", "metrics.json", f"{POSED}/{POSES}"))
+    ours = any((out / name).exists() for name in (CONFIG, METRICS, f"{POSED}/{POSES}"))
     try:
         if out.is_dir() and not is_empty(out) and not ours:
             raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier run")
@@ -151,7 +151,7 @@ def _begun(trainer: Trainer, out: Path, resume: bool) -> Iterator[None]:
             (out / CHECKPOINT).unlink(missing_ok=True)
             (out / HISTORY).unlink(missing_ok=True)
         forget_results(out)
-        write_json(out / "config.json", dataclasses.asdict(trainer.config))
+        write_json(out / CONFIG, dataclasses.asdict(trainer.config))
         note_inputs(trainer.config, out)
         yield
 

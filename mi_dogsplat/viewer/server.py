@@ -157,7 +157,7 @@ class Server:
     def _reread(self) -> None:
         try:
             found = self.source.poll()
-        except (DataError, OSError, KeyError) as error:  # in the middle of being written, or gone: the old one stays
+        except (DataError, OSError) as error:  # in the middle of being written, or gone: the old one stays
             found, self.what = None, f"shown as it was; {error}"
         self._polled = time.monotonic()
         if found:
@@ -207,10 +207,9 @@ def serve(
     if not 0 < port < 65536:
         raise DataError("--port", f"{port} is no port", "use 1 to 65535")
     source = Source(Path(model))
-    config = source.config
-    dataset = _dataset(data, source.data, config, options.downscale)
+    dataset = _dataset(data, source, options)
     has_alpha = dataset is not None and dataset.has_alpha
-    background = background_color(config.get("background", options.background), has_alpha)
+    background = background_color(options.or_trained("background", source.config), has_alpha)
     server = Server(source, dataset, background, options, host, port)
     show(f"{server.url} shows {model}; Ctrl-C ends it")
     try:
@@ -231,12 +230,13 @@ def _require_address(host: str) -> None:
         raise DataError("--host", problem, "use 127.0.0.1, or 0.0.0.0 for all addresses") from error
 
 
-def _dataset(data: str | Path | None, own: Path | None, config: dict[str, Any], downscale: int) -> Dataset | None:
+def _dataset(data: str | Path | None, source: Source, options: PictureOptions) -> Dataset | None:
     """The data set that is named, or that of the run if it is still there."""
     from ..datasets import load_dataset
 
     if data:
-        return load_dataset(data, downscale)
-    settings = {name: config.get(name, default) for name, default in (("downscale", 1), ("split", "test"))}
-    on_disk = config.get("data_on_disk", False)
-    return load_dataset(own, on_disk=on_disk, **settings) if own else None
+        return load_dataset(data, options.downscale)
+    if not source.data:
+        return None
+    split, on_disk = source.config.get("split", "test"), source.config.get("data_on_disk", False)
+    return load_dataset(source.data, options.or_trained("downscale", source.config), on_disk=on_disk, split=split)

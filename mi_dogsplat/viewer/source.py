@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..formats.read import read_model
-from ..report.run_folder import read_run
+from ..report.run_folder import MODEL, read_run
 from ..runs.checkpoint import CHECKPOINT, load_checkpoint
 from ..scene.drawing import Drawing
 from ..scene.radiance import brightened
@@ -17,7 +17,6 @@ from ..support.errors import DataError
 from ..training.optimizer.group_rows import group_arrays
 from ..training.optimizer.sh_rows import sh_arrays
 
-MODEL_FILE = "point_cloud.ply"
 RAW = ("means", "log_scales", "quats", "logit_opacities")
 
 
@@ -44,12 +43,7 @@ class Source:
         if signature == self._seen:
             return None
         if file.suffix == ".npz":
-            state = load_checkpoint(file)
-            steps = self.config.get("steps")
-            of = f" of {steps:,}" if isinstance(steps, int) else ""
-            splats = splats_of_state(state)
-            splats = splats if self.white is None else brightened(splats, self.white)
-            found = splats, f"step {int(state['step']):,}{of}"
+            found = self._of_checkpoint(file)
         else:
             model = read_model(file)
             self.drawing = self.drawing.over(model.drawing)
@@ -57,15 +51,29 @@ class Source:
         self._seen = signature
         return found
 
+    def _of_checkpoint(self, file: Path) -> tuple[Splats, str]:
+        """Its model, and how far it is. Raises ``DataError``."""
+        try:
+            state = load_checkpoint(file)
+            splats, step = splats_of_state(state), int(state["step"])
+        except (ValueError, KeyError, TypeError, IndexError) as error:
+            if self.is_run and isinstance(error, DataError):
+                raise
+            raise DataError(file, "is not the checkpoint of a training", "give a model or a run folder") from error
+        splats = splats if self.white is None else brightened(splats, self.white)
+        steps = self.config.get("steps")
+        of = f" of {steps:,}" if isinstance(steps, int) else ""
+        return splats, f"step {step:,}{of}"
+
     def _newest(self) -> Path:
         """The file to read: of a run the younger of checkpoint and model."""
         if not self.is_run:
             if not self.path.is_file():
                 raise DataError(self.path, "no such file or folder", "give a model or a run folder")
             return self.path
-        files = [file for name in (CHECKPOINT, MODEL_FILE) if (file := self.path / name).is_file()]
+        files = [file for name in (CHECKPOINT, MODEL) if (file := self.path / name).is_file()]
         if not files:
-            problem = f"holds neither {MODEL_FILE} nor {CHECKPOINT}"
+            problem = f"holds neither {MODEL} nor {CHECKPOINT}"
             raise DataError(self.path, problem, "wait for its first checkpoint (one a minute), or give a run folder")
         return max(files, key=lambda file: file.stat().st_mtime_ns)
 

@@ -224,6 +224,54 @@ def test_frames_of_two_films_are_not_mixed(model, tmp_path):
         make_film(other, tmp_path / "f", config=SHORT)
 
 
+def test_frames_along_other_key_frames_in_the_same_file_are_another_film(model, keys, tmp_path):
+    config = FilmConfig(path=str(keys), seconds=0.5, fps=8, size=(16, 12))
+    make_film(model, tmp_path / "f", config=config)
+    listed = json.loads(keys.read_text())
+    keys.write_text(json.dumps(listed, indent=4))  # the same
+    make_film(model, tmp_path / "f", config=config)
+    keys.write_text(json.dumps([listed[1], listed[0], *listed[2:]]))
+    with pytest.raises(DataError, match="another film .its cameras_sha256 differs"):
+        make_film(model, tmp_path / "f", config=config)
+
+
+def test_frames_along_the_cameras_of_other_data_are_another_film(model, data, tmp_path, monkeypatch):
+    config = replace(SHORT, path="cameras", size=(16, 12))
+    make_film(model, tmp_path / "f", data, config)
+    some = tiny_data.cameras(16)[:8]
+    monkeypatch.setattr(tiny_data, "cameras", lambda n: some)
+    other = tiny_data.write_tiny_data(tmp_path / "other", n=8)
+    with pytest.raises(DataError, match="another film .its cameras_sha256 differs"):
+        make_film(model, tmp_path / "f", other, config)
+
+
+def test_frames_of_a_version_that_did_not_note_their_cameras_are_refused_in_one_line(model, tmp_path):
+    make_film(model, tmp_path / "f", config=SHORT)
+    file = tmp_path / "f" / "film.json"
+    noted = json.loads(file.read_text())
+    del noted["cameras_sha256"]
+    file.write_text(json.dumps(noted))
+    with pytest.raises(DataError, match="an earlier version, whose film.json has no cameras_sha256 .*; name another"):
+        make_film(model, tmp_path / "f", config=SHORT)
+    file.write_text("[]")
+    with pytest.raises(DataError, match="film.json: is not a JSON object; name another folder"):
+        make_film(model, tmp_path / "f", config=SHORT)
+
+
+def test_two_films_never_share_a_folder(model, tmp_path):
+    part = tmp_path / "f" / ".0001.png.0123.part"
+
+    def start_another(done: int, n: int, what: str) -> None:
+        part.touch()  # what the first one is just writing
+        with pytest.raises(DataError, match="f: another process is writing frames to it; wait for it"):
+            make_film(model, tmp_path / "f", config=SHORT)
+        assert part.is_file()
+
+    make_film(model, tmp_path / "f", config=SHORT, progress=start_another)
+    make_film(model, tmp_path / "f", config=SHORT)
+    assert sorted(p.name for p in (tmp_path / "f").iterdir()) == [*(f"000{i}.png" for i in range(4)), "film.json"]
+
+
 # --- the command line ---
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat.datasets.camera_paths import look_at
-from mi_dogsplat.film.camera_path import CameraPath, focal_of_camera, focal_of_fov
+from mi_dogsplat.film.camera_path import CameraPath, Lens, focal_of_camera, focal_of_fov
 from mi_dogsplat.film.data_path import cameras_path, walk
 from mi_dogsplat.film.film_config import FilmConfig
 from mi_dogsplat.film.key_frames import key_frames_path
@@ -52,6 +52,25 @@ def test_the_moments_of_an_exposure_spread_over_the_open_shutter():
     assert moments.min() >= 0 and moments.max() < 1  # before the first frame is after the last one
     ends = CameraPath(path.at, False, "").moments(10, shutter=0.5, samples=4)
     assert ends.min() == 0 and ends.max() == 1
+
+
+def test_paths_are_told_apart_by_where_they_lead_whatever_the_last_bits():
+    def path(scale: float = 1.0, turn: float = 0.0, focal: float = 1.2) -> CameraPath:
+        def at(share: float) -> Lens:
+            c2w = np.eye(4)
+            c2w[:3, :3] = Rotation.from_euler("y", share + turn).as_matrix()
+            c2w[:3, 3] = scale * np.array([np.cos(share), -0.0 if scale == 1 else 0.0, np.sin(share)])
+            return Lens(c2w, focal)
+
+        return CameraPath(at, False, "an arc")
+
+    def sha256(other: CameraPath) -> str:
+        return other.sha256(other.moments(5, 0.5, 2))
+
+    same = sha256(path())
+    assert sha256(path(1 + 1e-15, 1e-15, 1.2 + 1e-15)) == same
+    others = [sha256(path(2.0)), sha256(path(turn=1e-6)), sha256(path(focal=1.2001)), sha256(path(1 + 1e-6))]
+    assert len({same, *others, path().sha256(np.zeros(1))}) == 6
 
 
 # --- orbits ---

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from layout import Layout, cycle
+from mi_dogsplat.report import run_folder
 
 # From low to high; modules of one row may import each other. A module may import its own row and those above it here.
 STATIONS = [
@@ -96,6 +97,15 @@ def test_nothing_but_checks_imports_the_reference(path):
     """What is tested against it has nothing from it: a mistake there would be on both sides, and invisible."""
     if LAYOUT.room(path) not in ("reference", "check"):
         assert "reference" not in LAYOUT.imported_rooms(path)
+
+
+@BY_PATH
+def test_the_files_of_a_run_folder_are_named_in_one_place(path):
+    """All but config.json: comparisons have one too."""
+    names = {run_folder.MODEL, run_folder.HISTORY, run_folder.METRICS, run_folder.REPORT}
+    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    literals = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    assert not names & literals or path == LAYOUT.root / "report" / "run_folder.py"
 
 
 def test_models_files_and_data_sets_are_read_without_mitsuba():

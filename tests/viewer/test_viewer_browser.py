@@ -1,5 +1,6 @@
 """The viewer in a real browser: the page shows the picture that was rendered for its camera."""
 
+import json
 import threading
 import time
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from command_line import assert_one_line, run
 from mi_dogsplat import write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.arrays import write_arrays
 from mi_dogsplat.viewer.view_state import ONLY_GAUSSIANS
 
 pytest.importorskip("viser", reason="needs viser: pip install 'mi_dogsplat[view]'", exc_type=ModuleNotFoundError)
@@ -115,6 +117,36 @@ def test_the_page_shows_what_is_rendered_for_its_camera_as_it_moves_and_as_setti
         assert wait_for(lambda: "0 primitives" in str(page.evaluate("document.body.innerText")))
 
     with_visitor(server, visit)
+
+
+def test_flags_come_before_what_the_run_was_trained_with(capsys, data, model, tmp_path, monkeypatch):
+    folder, served = tmp_path / "run", []
+    folder.mkdir()
+    (folder / "point_cloud.ply").write_bytes(model.read_bytes())
+    (folder / "config.json").write_text(json.dumps({"data": str(data), "background": "white", "downscale": 2}))
+    monkeypatch.setattr(Server, "serve", lambda self: served.append(self))
+
+    def shown(*flags: object) -> tuple[float, int]:
+        """The background, and the width of the photographs."""
+        status, _, error = run(capsys, "view", folder, "--port", 8792, *flags)
+        assert (status, error) == (0, "")
+        return served[-1].settings.background, served[-1].drawing.views[0].camera.width
+
+    width = tiny_data.cameras()[0].width
+    assert shown() == (1.0, width // 2)
+    assert shown("--background", "black", "--downscale", 3) == (0.0, width // 3)
+    assert shown("--data", data) == (1.0, width)  # of other data the run knows nothing
+
+
+def test_arrays_that_are_no_checkpoint_are_refused_in_one_line(capsys, tmp_path):
+    np.savez(tmp_path / "arrays.npz", a=np.zeros(3))
+    names = ("logit_opacities", "sh_dc", "means", "log_scales", "quats")
+    write_arrays(tmp_path / "odd.npz", {f"optimizer.{name}": np.zeros(4) for name in names})
+    np.savez_compressed(tmp_path / "compressed.npz", a=np.zeros(3))
+    (tmp_path / "text.npz").write_text("no arrays")
+    for name in ("arrays.npz", "odd.npz", "compressed.npz", "text.npz"):
+        words = f"{name}: is not the checkpoint of a training", "give a model or a run folder"
+        assert_one_line(run(capsys, "view", tmp_path / name), *words)
 
 
 def test_view_names_what_is_missing_in_one_line(capsys, tmp_path):

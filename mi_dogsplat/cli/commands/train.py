@@ -50,10 +50,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Train a model on photographs and measure it on those held out; poses are found first where there are none."""
+    from ...report.run_folder import CONFIG
+
     config = training_config(args)
     posed, resume = _posed(config, args.out), args.resume
     if posed is not config:  # what was stopped before it had poses has nothing else to go on with
-        resume = resume and (args.out / "config.json").exists()
+        resume = resume and (args.out / CONFIG).exists()
     run_training(posed, args.out, resume)
 
 

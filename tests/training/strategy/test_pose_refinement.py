@@ -17,7 +17,6 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import render_picture
 from mi_dogsplat.report.write import write_report
-from mi_dogsplat.runs import finish as finish_module
 from mi_dogsplat.runs import run
 from mi_dogsplat.scene.camera_motions import common_motions, moved_w2c, without_common
 from mi_dogsplat.scene.cameras import Camera
@@ -174,16 +173,6 @@ def test_a_run_leaves_the_refined_poses_as_a_data_set_and_tells_how_far_cameras_
         run.train(config_of(out / "refined"), out)
     run.train(config_of(data, steps=5, refine_poses=False), out)
     assert not (out / "refined" / "transforms.json").exists()
-
-
-def test_the_metrics_are_there_when_the_poses_cannot_be_written(data, tmp_path, monkeypatch):
-    def full(trainer: Trainer, out: Path) -> None:
-        raise OSError("no space left")
-
-    monkeypatch.setattr(finish_module, "write_poses", full)
-    with pytest.raises(DataError, match="no space left"):
-        run.train(config_of(data, steps=2), tmp_path / "run")
-    assert len(json.loads((tmp_path / "run" / "metrics.json").read_text())["poses"]) == VIEWS
 
 
 def test_the_cameras_of_a_scene_are_exact_and_refused(tmp_path):

@@ -1,0 +1,44 @@
+"""The end of a run: metrics.json is its last file, by which others tell a run that is complete."""
+
+import json
+from pathlib import Path
+
+import pytest
+from mi_dogsplat.report.run_folder import METRICS, MISFITS, REFINED, REPORT, read_run
+from mi_dogsplat.report.write import report_page
+from mi_dogsplat.runs import finish as finish_module
+from mi_dogsplat.runs.run import train
+from mi_dogsplat.support.errors import DataError
+from refined_poses import VIEWS, config_of
+
+
+class Killed(BaseException):
+    """Nothing catches it."""
+
+
+@pytest.mark.parametrize("last", ["write_poses", "write_misfits", "write_report", "write_json"])
+def test_a_run_that_is_killed_at_its_end_is_not_taken_for_complete_and_resumed(data, tmp_path, monkeypatch, last):
+    def killed(*_):
+        raise Killed
+
+    config, out = config_of(data, steps=2), tmp_path / "run"
+    with monkeypatch.context() as patch, pytest.raises(Killed):
+        patch.setattr(finish_module, last, killed)
+        train(config, out)
+    assert not (out / METRICS).exists()
+    metrics = train(config, out, resume=True)
+    assert json.loads((out / METRICS).read_text()) == metrics
+    assert all((out / name).exists() for name in (MISFITS, REPORT, Path(REFINED) / "transforms.json"))
+    assert (out / REPORT).read_text() == report_page(read_run(out))  # it was there before the metrics
+
+
+def test_poses_that_cannot_be_written_are_when_there_is_room(data, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError("no space left")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(finish_module, "write_poses", full)
+        with pytest.raises(DataError, match="no space left.*--resume goes on from the checkpoint"):
+            train(config_of(data, steps=2), tmp_path)
+    assert len(train(config_of(data, steps=2), tmp_path, resume=True)["poses"]) == VIEWS
+    assert (tmp_path / REFINED / "transforms.json").is_file()
