@@ -79,7 +79,8 @@ class Trainer:
         splats = initial_splats(config, dataset, limit, model)
         self.n_start = splats.n_splats
         slopes = bool(splats.n_slopes or (recipe.slopes and not recipe.pruning))
-        self.memory = budget(config.memory, dataset, splats.sh_degree, config.data_on_disk, slopes)
+        on_disk, masked = config.data_on_disk, config.masks is not None
+        self.memory = budget(config.memory, dataset, splats.sh_degree, on_disk, slopes, masked)
         if self.memory:
             self.memory.require(config.data, splats.n_splats)
         self.rng = np.random.default_rng(config.seed)
