@@ -16,7 +16,7 @@ from typing import Any
 
 import mitsuba as mi
 from mi_dogsplat.datasets import Dataset, load_dataset
-from mi_dogsplat.datasets.dataset import View
+from mi_dogsplat.datasets.dataset import View, seen_by
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.scene.drawing import DrawnAs
 from mi_dogsplat.training.config import TrainConfig
@@ -34,7 +34,7 @@ def in_units(dataset: Dataset, scale: float) -> Dataset:
     def larger(view: View) -> View:
         w2c = view.camera.w2c.copy()
         w2c[:3, 3] *= scale
-        return View(view.name, replace(view.camera, w2c=w2c), view.image, view.straight)
+        return seen_by(view, replace(view.camera, w2c=w2c))
 
     return replace(
         dataset,

@@ -23,6 +23,7 @@ from .splat_lamps import SplatLamps, lamps_of
 from .surfaces import Surfaces
 from .transfer import emitted
 
+LONGEST = 2**31 - 1  # segments, the most that Mitsuba's own integrators take
 SURE = 0.1  # share of a pixel from which on its path is traced for sure; what less is seen of is traced less often
 
 
@@ -142,7 +143,8 @@ class DogPathIntegrator(SplatIntegrator):
         if not (self.mesh_shadows and self.sees_surfaces(scene) and dr.width(model.params["logit_opacities"])):
             return model.params
         splats, samples = dog_shapes(scene), self.mesh_shadow_samples
-        ratios = self._ratios.of(scene, splats, model.params, self.max_depth, samples)
+        depth = self.max_depth if self.max_depth < LONGEST else -1  # which Mitsuba's base class holds as 2**32 - 1
+        ratios = self._ratios.of(scene, splats, model.params, depth, samples)
         with dr.suspend_grad():
             seen = ratios.seen_by(look.camera, model.params)
         return dimmed(model.params, seen, model.drawn_as.linear)

@@ -103,7 +103,7 @@ def estimated(scene: Any, params: dict, max_depth: int, samples: int) -> ShadowR
         sides = _Side(normal, n), _Side(-normal, n)
         sampler: Any = mi.load_dict({"type": "independent"})
         sampler.seed(SEED, n)
-        start, bounces = sampler.next_2d(), _bounces(max_depth - 1)
+        start, bounces = sampler.next_2d(), _bounces(max_depth)
         for k in range(samples):
             place = start + mi.Point2f(*(dr.opaque(mi.Float, k * step % 1) for step in STEPS[:2]))
             sample, light = scene.sample_emitter_direction(at, place - dr.floor(place), False)
@@ -145,10 +145,11 @@ class _Side:
 
 
 def _bounces(max_depth: int) -> Any:
-    """The integrator that finds what surfaces reflect along a ray, without what emitters send; None if that is nothing.
+    """The integrator that finds what surfaces reflect along a ray from a primitive, without what emitters send.
 
-    ``max_depth``: segments of a path, that of the ray counts; below 0 without limit.
+    None if that is nothing. ``max_depth``: as in ``estimated``; the ray is the second segment.
     """
-    if max_depth in (0, 1):
+    if 0 <= max_depth <= 2:
         return None
-    return mi.load_dict({"type": "path", "max_depth": max(max_depth, -1), "hide_emitters": True})
+    left = max_depth - 1 if max_depth > 0 else -1
+    return mi.load_dict({"type": "path", "max_depth": left, "hide_emitters": True})

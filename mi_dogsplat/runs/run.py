@@ -97,16 +97,16 @@ def train(
     """
     out = Path(out)
     check_world(config.up, config.scale, config.unit)
-    if config.model is not None:
-        # what is wrong with it shows before the data set takes its time
-        model_to_prune(config.model, config.target, config.format)
+    # what is wrong with a model shows before the data set takes its time
+    model = None if config.model is None else model_to_prune(config.model, config.target, config.format)
     if config.refine_poses:
         require_photographs(Path(config.data))
     if Path(config.data).resolve() == (out / REFINED).resolve():
         raise DataError(out, "is the run that its data come from", "name another folder for the run")
     dataset = _dataset_of(config)
     config = _placed(config, dataset)
-    trainer = Trainer(config, dataset, recipe)
+    trainer = Trainer(config, dataset, recipe, model)
+    del model  # its memory is for the training
     if start:
         restore_from(trainer, start)
     with _begun(trainer, out, resume):

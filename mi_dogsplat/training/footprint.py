@@ -22,6 +22,7 @@ from .events import MemoryFull
 
 BASE = 230e6  # Python, Mitsuba, LLVM, kernels and, where none are kept from before, their compilation
 TARGET = 40  # bytes per pixel of a training view: its planes on the device and what SSIM needs of them
+MASK = 1  # byte per pixel of a training view that has one
 AT_WORK = 150  # bytes per pixel of the view that is rendered: planes, what the loss is made of, gradients
 TARGETS_SHARE = 0.25  # of the memory; if they need more, they are made when they are due, in a third of the loss's time
 PER_FLOAT = 30  # bytes: value, two moments, gradient, what Adam is about to write; then the copy for a checkpoint
@@ -93,14 +94,20 @@ class Budget:
 
 
 def budget(
-    memory: str | None, dataset: Dataset, sh_degree: int, on_disk: bool = False, slopes: bool = False
+    memory: str | None,
+    dataset: Dataset,
+    sh_degree: int,
+    on_disk: bool = False,
+    slopes: bool = False,
+    masked: bool = False,
 ) -> Budget | None:
     """The budget of a training on the data; None where nobody knows how much memory there is.
 
     Args:
         memory: as ``TrainConfig.memory``; None is what the machine has to give now.
-        on_disk: pictures are decoded when they are due, and weigh nothing.
+        on_disk: pictures and masks are decoded when they are due, and weigh nothing.
         slopes: primitives have slopes before any are pruned.
+        masked: training views have masks.
     """
     pictures = 0 if on_disk else sum(view.n_bytes for view in dataset.views)
     if memory is None and "cuda" in str(mi.variant()):
@@ -117,6 +124,7 @@ def budget(
     keep = targets <= TARGETS_SHARE * total
     if not keep:
         targets = sum(view.n_bytes for view in dataset.train)
+    targets += MASK * sum(pixels) if masked and not on_disk else 0
     at_work = (AT_WORK + (0 if keep else TARGET)) * max(pixels)
     floats = 14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0) + 9 * slopes
     rows = min(view.camera.height for view in dataset.train) // Blocks.of_backend().tile_height

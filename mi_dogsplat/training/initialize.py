@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
 from ..datasets import Dataset
+from ..formats.model import Model
 from ..formats.read import read_model
 from ..formats.sizes import FileKind
 from ..scene.cameras import Camera
@@ -112,14 +113,13 @@ def random_splats(
     return splats_from_points(chosen, srgb_to_linear(colors) if linear else colors, sh_degree)
 
 
-def model_to_prune(path: str, target: float | str, format: str = "ply", white: float | None = None) -> Splats:
+def model_to_prune(path: str, target: float | str, format: str = "ply") -> Model:
     """Read a model of any format. Raises ``DataError`` if it cannot be read, or cannot be pruned to ``target``.
 
     Args:
         path: of the model.
         target: as in ``TrainConfig``.
         format: of the file that a size is of.
-        white: the unit of radiance that a model of linear colours is to be in; None: as it is.
 
     Quaternions are brought to length 1, which changes no picture: a training step of one turns by step / length.
     """
@@ -139,27 +139,28 @@ def model_to_prune(path: str, target: float | str, format: str = "ply", white: f
     length = np.linalg.norm(splats.quats.astype(np.float64), axis=1, keepdims=True)
     usable = np.isfinite(length) & (length > 0)
     splats = replace(splats, quats=np.where(usable, splats.quats / np.where(usable, length, 1), splats.quats))
-    return splats if white is None else brightened(splats, 1 / white)
+    return replace(model, splats=splats)
 
 
-def _require_same_colors(path: str, linear: bool) -> None:
+def _require_same_colors(path: str, model: Model, linear: bool) -> None:
     """Raise ``DataError`` unless the colours of a model are of the kind of the images, linear or display-referred."""
     kinds = "display-referred sRGB", "linear radiance"
-    if bool(read_model(path).drawing.linear) != linear:
+    if bool(model.drawing.linear) != linear:
         problem = f"its colours are {kinds[not linear]}, the images are {kinds[linear]}"
         raise DataError(path, problem, "use images of its own kind: PNG or JPEG for sRGB, OpenEXR for linear")
 
 
-def initial_splats(config: TrainConfig, dataset: Dataset, limit: int | None) -> Splats:
+def initial_splats(config: TrainConfig, dataset: Dataset, limit: int | None, model: Model | None = None) -> Splats:
     """The model to prune, else the points of the data set, else random in the region that the cameras see.
 
     Of linear images the colours are linear too, in units of white. Of points and random primitives there are ``limit``
-    at most.
+    at most. ``model``: the ``model_to_prune``, where it has been read.
     """
     linear = dataset.white is not None
     if config.model is not None:
-        _require_same_colors(config.model, linear)
-        return model_to_prune(config.model, config.target, config.format, dataset.white)
+        model = model or model_to_prune(config.model, config.target, config.format)
+        _require_same_colors(config.model, model, linear)
+        return model.splats if dataset.white is None else brightened(model.splats, 1 / dataset.white)
     if len(dataset.points):
         colors = point_radiance(dataset) if linear else dataset.point_colors
         splats = splats_from_points(dataset.points, colors, config.sh_degree)

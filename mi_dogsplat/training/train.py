@@ -23,6 +23,7 @@ from ..engine.arrays import array_types
 from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.rasterize import Frame, rasterize
+from ..formats.model import Model
 from ..formats.sizes import FileKind
 from ..measure.metrics import flip, psnr
 from ..render.picture import Picture, background_color, photograph, render_picture, seen_as
@@ -54,10 +55,13 @@ class Trainer:
     """State of a run: parameters, optimizer moments, the order of views, and what each strategy remembers.
 
     ``recipe`` takes the place of that of ``config.preset``; it is scaled to ``config.steps``. ``strategies`` are its
-    parts, ``states`` what they remember, by their names. Raises ``DataError`` for a model that cannot be pruned.
+    parts, ``states`` what they remember, by their names. ``model`` is the ``model_to_prune`` of the settings, where
+    that has been read. Raises ``DataError`` for a model that cannot be pruned.
     """
 
-    def __init__(self, config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None):
+    def __init__(
+        self, config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None, model: Model | None = None
+    ):
         self.dataset = dataset = _exposed(config, dataset)
         recipe = (recipe or RECIPES[config.preset]).for_format(config.format)
         bounds = {"max_primitives": config.max_primitives, "max_world_scale": config.max_world_scale}
@@ -72,10 +76,11 @@ class Trainer:
         self.config = config = replace(config, near_clip=self.near_clip, white=dataset.white)
         share = recipe.start_share
         limit = config.max_primitives if share is None else max(1, int(share * float(config.target)))
-        splats = initial_splats(config, dataset, limit)
+        splats = initial_splats(config, dataset, limit, model)
         self.n_start = splats.n_splats
         slopes = bool(splats.n_slopes or (recipe.slopes and not recipe.pruning))
-        self.memory = budget(config.memory, dataset, splats.sh_degree, config.data_on_disk, slopes)
+        on_disk, masked = config.data_on_disk, config.masks is not None
+        self.memory = budget(config.memory, dataset, splats.sh_degree, on_disk, slopes, masked)
         if self.memory:
             self.memory.require(config.data, splats.n_splats)
         self.rng = np.random.default_rng(config.seed)

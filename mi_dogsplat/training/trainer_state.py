@@ -60,9 +60,8 @@ def restore(trainer: WithState, state: Mapping[str, np.ndarray]) -> None:
     trainer.optimizer.restore(part("optimizer"))
     trainer.losses.restore(part("losses"))
     for strategy in trainer.strategies:
-        new = strategy.new_state(trainer)
-        for_it = part(strategy.name) or arrays_of(new)
-        restore_fields(trainer.states[strategy.name], for_it)
+        saved = part(strategy.name) or arrays_of(strategy.new_state(trainer))  # which may take long
+        restore_fields(trainer.states[strategy.name], saved)
     if trainer.photographs.appearance and "appearance.mean" in state:
         trainer.photographs.appearance.restore(part("appearance"))
     trainer.step_count, trainer.seconds = int(state["step"]), float(state["seconds"])

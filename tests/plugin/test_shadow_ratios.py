@@ -137,8 +137,9 @@ SURROUNDINGS = {"floor": square(T4().translate([0, 1.0, 0]).rotate([1, 0, 0], 90
                 "sky": {"type": "constant"}}
 
 
-def lit_scene(splats: Any, others: dict[str, Any] | None = None, **integrator) -> Any:
-    return scene_of(rounded(splats), CAMERA, extra=others or SURROUNDINGS, type="dogpath", max_depth=3, **integrator)
+def lit_scene(splats: Any, others: dict[str, Any] | None = None, max_depth=3, **integrator) -> Any:
+    how = {"type": "dogpath", "max_depth": max_depth, **integrator}
+    return scene_of(rounded(splats), CAMERA, extra=others or SURROUNDINGS, **how)
 
 
 @pytest.mark.parametrize("linear", [True, False], ids=["linear", "sRGB"])
@@ -175,6 +176,26 @@ def test_where_nothing_hides_light_the_bits_are_the_same(linear):
     on, off = (np.array(mi.render(lit_scene(random_splats(12, degree=1), others, mesh_shadows=shadows,
                                             srgb_primitives=not linear), spp=1)) for shadows in (True, False))
     np.testing.assert_array_equal(on, off)
+
+
+@pytest.mark.parametrize("max_depth, same_as, other", [(-1, 60, 2), (0, 1, -1)])
+def test_light_paths_without_limit_and_without_segments(max_depth, same_as, other):
+    """A path along which a floor and a roof reflect light 60 times brings none any more."""
+    facing = {"floor": square(T4().translate([0, 0, -0.1]).scale(2), 0.8),
+              "roof": square(T4().translate([0, 0, 1]).scale(0.8), 0.8), "sky": {"type": "constant"}}
+    same, expected, more_or_less = (upper(ratios_of(make_splats(PLACES, FLAT), facing, 16, depth))
+                                    for depth in (max_depth, same_as, other))
+    np.testing.assert_allclose(same, expected, atol=1e-4)
+    assert np.abs(same - more_or_less).max() > 0.05
+
+
+@pytest.mark.parametrize("max_depth, same_as", [(-1, 60), (2**31 - 1, 60), (0, 0)])
+def test_a_picture_without_limit_or_segments_has_shadows_too(max_depth, same_as):
+    splats = random_splats(12, degree=1)
+    got, expected = (np.array(mi.render(lit_scene(splats, max_depth=depth, mesh_shadows=True), spp=1))
+                     for depth in (max_depth, same_as))
+    np.testing.assert_allclose(got, expected, atol=1e-4)
+    assert np.abs(got - np.array(mi.render(lit_scene(splats, max_depth=same_as), spp=1))).max() > 0.02
 
 
 def test_ratios_are_estimated_again_only_after_a_change_that_matters(monkeypatch):

@@ -102,7 +102,7 @@ def test_masks_appearance_and_random_backgrounds_cost_nothing_when_they_are_off(
     off = step(trainer_of(datasets[1]))
 
     def bare(self, planes, view, step, upcoming=()):
-        l1, _, loss, gradient = self.loss.value_and_gradient(planes, self._kept[view])
+        l1, _, loss, gradient = self.loss.value_and_gradient(planes, self._kept[view][0])
         return l1, loss, gradient
 
     with monkeypatch.context() as patched:

@@ -145,4 +145,4 @@ def test_a_model_that_is_to_end_in_such_a_format_starts_in_its_mean_colours(tmp_
     splats = tiny_data.sloped_truth()
     write_ply(tmp_path / "model.ply", splats)
     for name, n_slopes in (("ply", splats.n_slopes), ("spz", 0)):
-        assert model_to_prune(str(tmp_path / "model.ply"), 0.5, name).n_slopes == n_slopes
+        assert model_to_prune(str(tmp_path / "model.ply"), 0.5, name).splats.n_slopes == n_slopes

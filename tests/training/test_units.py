@@ -1,15 +1,14 @@
 """Training does not depend on the unit of length of a data set: metres or millimetres, whatever a tool came up with."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import tiny_data
 from mi_dogsplat.datasets import Dataset, load_dataset
-from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.measure.evaluate import evaluate_views, mean_metrics
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
+
+from benchmarks.training.scene_scale import in_units
 
 STEPS = 60
 
@@ -17,18 +16,6 @@ STEPS = 60
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory) -> Dataset:
     return load_dataset(tiny_data.write_tiny_data(tmp_path_factory.mktemp("units") / "data"))
-
-
-def in_units(dataset: Dataset, scale: float) -> Dataset:
-    """The data set with every length times ``scale``."""
-
-    def larger(view: View) -> View:
-        w2c = view.camera.w2c.copy()
-        w2c[:3, 3] *= scale
-        return View(view.name, replace(view.camera, w2c=w2c), view.image)
-
-    train, test = ([larger(view) for view in views] for views in (dataset.train, dataset.test))
-    return replace(dataset, train=train, test=test, points=dataset.points * np.float32(scale))
 
 
 def trained(dataset: Dataset, scale: float, **settings) -> tuple[Trainer, float]:

@@ -40,13 +40,14 @@ class Photographs:
         background: grey level behind the views, where it is not random.
         near_clip: of the cameras, world units.
         random: another background at each step, behind images with alpha.
-        masks: folder of masks, named as the images.
+        masks: folder of masks, named as the images; each is read with its image, and held as bytes where that is held.
         appearance_steps: steps over which is learned what the cameras did to single images; None for none.
-        on_disk: images are decoded when they are due.
+        on_disk: images and masks are decoded when they are due.
         keep_targets: what the loss needs of an image is kept, 36 bytes per pixel; else only the image is, 3 to 16.
         curve: through which linear radiance is seen; display-referred images are seen as they are.
 
-    Raises ``DataError`` for masks that cannot be read, and for a random background without alpha.
+    Raises ``DataError`` for masks that cannot be read, those on disk when they are due, and for a random background
+    without alpha.
     """
 
     def __init__(
@@ -88,10 +89,8 @@ class Photographs:
     def _show(self, views: list[View], factor: int) -> None:
         self.views, self.factor = views, factor
         self.cameras = [DeviceCamera.upload(view.camera, self.near_clip) for view in views]
-        masks = [self.mask_folder.of(view) if self.mask_folder else None for view in views]
-        self.masks = [None if mask is None else device_array(mask) for mask in masks]
         self._reading: dict[int, Future] = {}
-        self._kept = [] if self._readers else [self._prepared(view.image, k) for k, view in enumerate(views)]
+        self._kept = [] if self._readers else [self._on_device(*self._decoded(view)) for view in views]
 
     def move(self, view: int, w2c: np.ndarray) -> None:
         """Let a view have been taken from another pose, [4, 4] world to camera."""
@@ -127,9 +126,9 @@ class Photographs:
 
     def compare(self, planes: list, view: int, step: int, upcoming: Sequence[int] = ()) -> tuple[Any, Any, list]:
         """L1, loss, and its gradient by the planes; the appearance takes its step. ``upcoming`` ones are read ahead."""
-        target, mask = self._target(view, upcoming), self.masks[view]
+        target, mask = self._target(view, upcoming)
         recorded = self._recorded(planes, view)
-        l1, _, loss, gradient = self.loss.value_and_gradient(self._seen(recorded, view), target)
+        l1, _, loss, gradient = self.loss.value_and_gradient(self._seen(recorded, mask), target)
         if mask is not None:
             gradient = [δ * detached(mask) for δ in gradient]
         if self.curve:
@@ -144,27 +143,26 @@ class Photographs:
 
     def l1(self, planes: list, view: int) -> Any:
         """The L1 of ``compare`` alone."""
-        target = self._target(view, range(view + 1, len(self.views)))
-        return self.loss.l1(self._seen(self._recorded(planes, view), view), target)
+        target, mask = self._target(view, range(view + 1, len(self.views)))
+        return self.loss.l1(self._seen(self._recorded(planes, view), mask), target)
 
     def _recorded(self, planes: list, view: int) -> list:
         """Rendered planes as the camera of a view recorded them."""
         return self.appearance.applied(planes, view, self._size(view)) if self.appearance else planes
 
-    def _seen(self, planes: list, view: int) -> list:
+    def _seen(self, planes: list, mask: Any) -> list:
         """What the loss gets of recorded planes."""
         if self.curve:
             planes = [self.curve(plane) for plane in detached(planes)]
-        mask = self.masks[view]
         return planes if mask is None else [plane * mask for plane in detached(planes)]
 
-    def _target(self, view: int, upcoming: Sequence[int]) -> Target:
-        if self._readers is None:
-            prepared = self._kept[view]
-        else:
-            prepared = self._prepared(self._read(view, upcoming), view)
-        if isinstance(prepared, Target):
-            return prepared
+    def _target(self, view: int, upcoming: Sequence[int]) -> tuple[Target, Any]:
+        """What a view is compared with, and its mask: a plane, or None where it counts whole."""
+        kept = self._on_device(*self._read(view, upcoming)) if self._readers else self._kept[view]
+        prepared, mask = kept[0], None if kept[1] is None else mi.Float(kept[1])
+        return prepared if isinstance(prepared, Target) else self._target_of(prepared, mask, view), mask
+
+    def _target_of(self, prepared: list | Any, mask: Any, view: int) -> Target:
         camera = self.views[view].camera
         if not isinstance(prepared, list):
             levels = dr.opaque(mi.Float, 255)  # divided by a literal, some levels would be off by a rounding
@@ -174,19 +172,22 @@ class Photographs:
         behind = self.color or [dr.opaque(mi.Float, self.background)] * 3
         planes = [dr.fma(1 - alpha, level, c) for level, c in zip(behind, colors, strict=True)]
         planes = [self.curve(plane) for plane in planes] if self.curve else planes
-        mask = self.masks[view]
         planes = planes if mask is None else [plane * mask for plane in planes]
         return self.loss.target_of_planes(planes, camera.width, camera.height)
 
-    def _read(self, view: int, upcoming: Sequence[int]) -> np.ndarray:
-        """The image of a view, which may have been read ahead, as the next ones are from now on."""
+    def _read(self, view: int, upcoming: Sequence[int]) -> tuple[np.ndarray, np.ndarray | None]:
+        """Image and mask of a view, which may have been read ahead, as the next ones are from now on."""
         assert self._readers is not None
         future = self._reading.pop(view, None)
-        image = future.result() if future else self.views[view].image
+        found = future.result() if future else self._decoded(self.views[view])
         for k in upcoming[:READ_AHEAD]:
             if k not in self._reading:
-                self._reading[k] = self._readers.submit(lambda k=k: self.views[k].image)
-        return image
+                self._reading[k] = self._readers.submit(lambda k=k: self._decoded(self.views[k]))
+        return found
+
+    def _decoded(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
+        """Image and mask."""
+        return view.image, self.mask_folder.of(view) if self.mask_folder else None
 
     def as_seen(self, image: np.ndarray) -> np.ndarray:
         """[H, W, 3] what the loss sees of an image of the data, over the background that is not random, unmasked."""
@@ -204,14 +205,18 @@ class Photographs:
             return image
         return np.concatenate([image[..., :3] / np.float32(self.white), image[..., 3:]], axis=-1)
 
-    def _prepared(self, image: np.ndarray, view: int) -> Target | list | Any:
+    def _on_device(self, image: np.ndarray, mask: np.ndarray | None) -> tuple[Target | list | Any, Any]:
+        """What an image is ``_prepared`` to, and its mask as bytes."""
+        return self._prepared(image, mask), None if mask is None else device_array(mask, device_bytes())
+
+    def _prepared(self, image: np.ndarray, mask: np.ndarray | None) -> Target | list | Any:
         """A target, or the image that it is made of, bytes or floats [3 H W]; or, behind which the background changes,
         premultiplied planes and alpha."""
         if self.random:
             image = self._in_units_of_white(image)
             return [device_array(np.ascontiguousarray(image[..., c])) for c in range(4)]
-        truth, mask = self.as_seen(image), self.masks[view]
-        truth = truth if mask is None else truth * mask.numpy().reshape(*truth.shape[:2], 1)
+        truth = self.as_seen(image)
+        truth = truth if mask is None else truth * mask[..., None]
         if self.keep_targets or self._readers:
             return self.loss.target(truth)
         pixels, planes = as_bytes(truth), (2, 0, 1)

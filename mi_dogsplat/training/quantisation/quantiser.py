@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...engine.geometry import Cutoffs
 from ...engine.options import RasterOptions
 from ...engine.project import DeviceCamera
 from ...formats.coded import CODED, STEPS
 from ...formats.grids import LLOYD_ROUNDS, Extents, FileGrids, Palette, Steps
 from ...formats.symmetries import nearest_to_identity
 from ...scores.weights import weights
+from ..optimizer.faded import drop_faded
 from ..optimizer.sh_rows import bands_of
 from ..optimizer.splat_optimizer import SplatOptimizer
 from .straight_through import StraightThrough
@@ -92,12 +92,13 @@ class Quantiser:
     def settle(self, tables: Tables, optimizer: SplatOptimizer) -> None:
         """Make the model that of its file, without primitives that can never be seen.
 
-        SOG's positions lie between those that are outermost now: they are rounded anew, by less than a step.
+        SOG's positions lie between those that are outermost now: they are rounded anew, by less than a step. Raises
+        ``DataError`` where every primitive has faded.
         """
         if tables.palette is None:
             return
         opacities = self._grids(tables).logit_opacities.snap(optimizer.numpy("logit_opacities"))
-        optimizer.keep(np.flatnonzero(1 / (1 + np.exp(-opacities.astype(np.float64))) >= Cutoffs().alpha))
+        drop_faded(optimizer, 1 / (1 + np.exp(-opacities.astype(np.float64))))
         splats = optimizer.to_splats()
         tables.extents = Extents.of(splats, optimizer.curve is not None).numbers
         splats = self._grids(tables).snap(splats, tables.palette)

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...engine.geometry import Cutoffs
 from ...formats.sizes import FileKind, prices
 from ...scene.row_groups import DOG, SLOPES
 from ...scene.splats import Splats
 from ...support.errors import DataError
 from ..events import Allocated, Event, NotPruned, Pruned, Refined
+from ..optimizer.faded import drop_faded
 from ..optimizer.sh_rows import bands_of
 from ..optimizer.splat_optimizer import SplatOptimizer
 from .options import Chosen, Options
@@ -83,9 +83,10 @@ class Compaction(Strategy[Compacted]):
     def end(self, t: Training, state: Compacted) -> list[Event]:
         """Leave out what can never be seen and, where the file is too large, what the model can do without best.
 
-        Numbers are on the grids of the file by now: primitives go, and none changes.
+        Numbers are on the grids of the file by now: primitives go, and none changes. Raises ``DataError`` where
+        none would be left.
         """
-        t.optimizer.keep(np.flatnonzero(t.optimizer.to_splats().opacities >= Cutoffs().alpha))
+        drop_faded(t.optimizer, t.optimizer.to_splats().opacities)
         splats = t.optimizer.to_splats()
         size = self.kind.size(splats)
         if size <= self.size:

@@ -143,7 +143,8 @@ def by_gradient(
     """3DGS, after ``step`` steps: grow where the image pulls at primitives, remove what cannot be seen.
 
     Neither the result nor anything on the way to it has more than ``rule.max_primitives`` rows; if not all fit, those
-    with the largest gradients come first. Values have to be finite (``broken.py``).
+    with the largest gradients come first. What is too large stays only if it is split, as a half may be small enough.
+    Values have to be finite (``broken.py``).
     """
     n = optimizer.n
     if (rows := dr.width(stats.views)) != n:
@@ -155,21 +156,27 @@ def by_gradient(
     gradient = stats.mean_gradient()
     grow = gradient > rule.gradient_threshold
     small = largest <= rule.clone_scale * extent  # cloned, not split
-    remove = opacity < rule.min_opacity
+    remove, to_halve = opacity < rule.min_opacity, np.zeros(n, bool)
     if rule.removes_large(step):
-        halved = np.where(grow & ~small, largest / rule.split_divisor, largest)  # a half may be small enough
+        limit = rule.max_world_scale * extent
+        halved = np.where(grow & ~small, largest / rule.split_divisor, largest)
         remove |= stats.max_radius.numpy() > rule.max_screen_radius
-        remove |= halved > rule.max_world_scale * extent
+        remove |= halved > limit
+        to_halve = ~remove & (largest > limit)
     if remove.all():
         remove[np.argmax(opacity)] = False  # an empty model cannot recover
 
     grow &= ~remove
     if rule.max_primitives is not None:
-        room = max(0, rule.max_primitives - int(np.sum(~remove)))
+        room = rule.max_primitives - int(np.sum(~remove & ~to_halve))
         candidates = np.flatnonzero(grow)
-        best = candidates[np.argsort(-gradient[candidates], kind="stable")[:room]]
+        candidates = candidates[np.argsort(-gradient[candidates], kind="stable")]
+        rows = np.cumsum(1 + to_halve[candidates])  # one more each, and both halves of what does not stay as it is
         grow = np.zeros(n, bool)
-        grow[best] = True
+        grow[candidates[rows <= room]] = True
+        remove |= to_halve & ~grow
+        if remove.all():
+            remove[np.argmax(opacity)] = False
         if np.sum(~remove) > rule.max_primitives:  # a start above the cap
             alive = np.flatnonzero(~remove)
             remove[alive[np.argsort(-opacity[alive], kind="stable")[rule.max_primitives :]]] = True

@@ -14,6 +14,8 @@ import tiny_data
 from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.datasets.dataset import DiskView, View
 from mi_dogsplat.datasets.images import read_image
+from mi_dogsplat.datasets.masks import Masks
+from mi_dogsplat.engine.parameters import device_bytes
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.picture import over_background, premultiplied
@@ -23,11 +25,12 @@ from mi_dogsplat.scene.appearance import APPEARANCE, read_appearance
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import Dropped
+from mi_dogsplat.training.footprint import budget
 from mi_dogsplat.training.images.loss import PhotometricLoss
 from mi_dogsplat.training.images.photographs import READ_AHEAD, Photographs
 from mi_dogsplat.training.strategy.sieve import near_cameras
 from mi_dogsplat.training.train import Trainer
-from photographs import SHAPE, changed, config_of, image_of, left_half, planes_of, trained, write_masks
+from photographs import PIXELS, SHAPE, changed, config_of, image_of, left_half, planes_of, trained, write_masks
 from PIL import Image
 
 
@@ -140,6 +143,38 @@ def test_only_a_few_images_from_disk_are_held_at_a_time_and_each_is_read_once_pe
     trainer.photographs.l1(planes_of(np.zeros((*SHAPE, 3), np.float32)), 0)
     gc.collect()
     assert sum(ref() is not None for ref in alive) <= READ_AHEAD + 1
+
+
+def test_masks_are_held_as_bytes_or_read_with_their_images(data, tmp_path, monkeypatch):
+    read, of = [], Masks.of
+    monkeypatch.setattr(Masks, "of", lambda self, view: read.append(view.name) or of(self, view))
+    folder = str(write_masks(tmp_path, load_dataset(data), left_half()))
+    (tmp_path / f"{load_dataset(data).train[0].name}.png").unlink()
+    l1, plain, byte = {}, budget("1G", load_dataset(data), 0), device_bytes()
+    for on_disk in (False, True):
+        dataset = load_dataset(data, on_disk=on_disk)
+        read.clear()
+        trainer = Trainer(config_of(masks=folder, data_on_disk=on_disk, memory="1G"), dataset)
+        assert read == ([] if on_disk else [view.name for view in dataset.train])
+        held = [mask for _, mask in trainer.photographs._kept]
+        assert held[:1] == ([] if on_disk else [None]) and all(isinstance(mask, byte) for mask in held[1:])
+        if not on_disk:
+            assert trainer.memory and plain and trainer.memory.fixed - plain.fixed == len(dataset.train) * PIXELS
+        for _ in dataset.train:
+            trainer.step()
+        l1[on_disk] = trainer.losses.take()["l1"], trainer.training_l1()
+        assert len(read) == len(dataset.train) * (1 + on_disk)  # on disk once in each turn
+    assert l1[False] == pytest.approx(l1[True], rel=1e-3)
+
+
+def test_a_mask_on_disk_that_cannot_be_read_is_named_when_it_is_due(data, tmp_path):
+    dataset = load_dataset(data, on_disk=True)
+    folder = write_masks(tmp_path, dataset, left_half())
+    for path in folder.iterdir():
+        path.write_bytes(b"no picture")
+    trainer = Trainer(config_of(masks=str(folder), data_on_disk=True), dataset)
+    with pytest.raises(DataError, match=r"\.png"):
+        trainer.step()
 
 
 # --- near cameras ---

@@ -235,6 +235,22 @@ def test_the_model_of_a_choice_has_what_was_chosen():
     np.testing.assert_array_equal(result.uniform_sh().sh_coeffs[0], splats.uniform_sh().sh_coeffs[0])
 
 
+@pytest.mark.parametrize("name", ["ply", "spz"])
+def test_a_run_whose_primitives_have_all_faded_says_so(data, tmp_path, name, monkeypatch):
+    """Primitives fade for good in the last step; where the file is not a PLY, before they are put on its grids."""
+    trainer = Trainer(config_of(data, format=name), load_dataset(data))
+    step = trainer.optimizer.step
+
+    def fading(**how):
+        step(**how)
+        if trainer.step_count == STEPS - 1:
+            trainer.optimizer.assign("logit_opacities", np.full(trainer.optimizer.n, -20.0))
+
+    monkeypatch.setattr(trainer.optimizer, "step", fading)
+    with pytest.raises(DataError, match="the model in training: every primitive has faded.*; check that its images"):
+        list(run_to_end(trainer))
+
+
 def test_a_file_into_which_nothing_fits_is_refused(data):
     trainer = Trainer(config_of(data, target="20B", format="spz"), load_dataset(data))
     with pytest.raises(DataError, match="--target.*no primitive fits"):

@@ -138,6 +138,43 @@ def test_the_cap_is_exact_at_every_moment_and_the_strongest_gradients_grow_first
     np.testing.assert_allclose(np.unique(fresh_opacities), np.unique(old[strongest]), rtol=1e-5)
 
 
+def one_after_the_other(scales, opacities, gradients, cap) -> tuple[set[int], set[int]]:
+    """(who grows, who is removed) of a late refinement: what is too large is gone, unless there is room for its halves.
+    """
+    limit, rows = RULE.max_world_scale * EXTENT, range(len(scales))
+    stays = {k for k in rows if opacities[k] >= RULE.min_opacity and scales[k] <= limit}
+    grow, count = set(), len(stays)
+    for k in sorted(rows, key=lambda k: -gradients[k]):
+        divided = opacities[k] >= RULE.min_opacity and limit < scales[k] <= limit * RULE.split_divisor
+        if gradients[k] > RULE.gradient_threshold and (k in stays or divided):
+            count += 1 if k in stays else 2
+            if count > cap:
+                break
+            grow.add(k)
+    return grow, set(rows) - stays - grow
+
+
+@pytest.mark.parametrize("cap", [10, 24, 25, 26, 30, 31, 40, 200])
+def test_too_large_primitives_are_split_or_removed_at_the_cap_too(cap):
+    rng, limit, n = np.random.default_rng(cap), RULE.max_world_scale * EXTENT, 40
+    scales = rng.choice([SMALL, LARGE, 1.2 * limit, 1.5 * limit, 1.7 * limit], n)
+    opacities, gradients = rng.choice([0.004, 0.3, 0.5, 0.9], n, p=[0.1, 0.3, 0.3, 0.3]), rng.uniform(0, 5e-4, n)
+    rule, optimizer = dataclasses.replace(RULE, max_primitives=cap), optimizer_of(scales, opacities)
+    choice = by_gradient(rule, optimizer, stats_of(gradients), LATE, EXTENT)
+    grow, removed = one_after_the_other(scales, opacities, gradients, cap)
+    assert set(np.flatnonzero(choice.grow)) == grow
+    assert set(np.flatnonzero(choice.remove)) >= removed and np.sum(~choice.remove) + len(grow) <= cap
+    if n - len(removed) <= cap:
+        assert set(np.flatnonzero(choice.remove)) == removed
+
+
+def test_a_model_of_too_large_primitives_is_not_removed_as_a_whole():
+    limit = RULE.max_world_scale * EXTENT
+    rule, optimizer = dataclasses.replace(RULE, max_primitives=1), optimizer_of([1.2 * limit] * 3, [0.2, 0.9, 0.4])
+    _, before, after = refined(optimizer, stats_of([1e-3] * 3), rule, LATE)
+    np.testing.assert_array_equal(after.means, before.means[[1]])
+
+
 def test_a_start_above_the_cap_keeps_the_most_opaque():
     optimizer = optimizer_of([SMALL] * 5, [0.2, 0.9, 0.4, 0.8, 0.1])
     rule = dataclasses.replace(RULE, max_primitives=2)

@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.runs.history import run_to_end
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training import initialize
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.initialize import model_to_prune
 from mi_dogsplat.training.presets import RECIPES
@@ -205,6 +207,21 @@ def test_a_model_is_pruned_before_its_first_step_with_the_colours_it_has(data, t
     assert json.loads((tmp_path / "config.json").read_text())["model"] == str(truth)
 
 
+@pytest.mark.parametrize("target", [20, "3kB"])
+def test_a_model_to_prune_is_read_and_measured_once(data, truth, tmp_path, monkeypatch, target):
+    done: list[str] = []
+
+    def noting(name: str) -> Callable:
+        original = getattr(initialize, name)
+        return lambda *args: done.append(name) or original(*args)
+
+    for name in ("read_model", "FileKind"):
+        monkeypatch.setattr(initialize, name, noting(name))
+    config = config_of(data, model=str(truth), target=target, max_primitives=None, steps=1)
+    mi_dogsplat.runs.run.train(config, tmp_path)
+    assert done == (["read_model", "FileKind"] if target == "3kB" else ["read_model"])
+
+
 def test_a_pruned_model_resumes_from_its_checkpoint(data, truth, tmp_path):
     config = config_of(data, model=str(truth), target=20, max_primitives=None, checkpoint_seconds=0.0)
     mi_dogsplat.runs.run.train(config, tmp_path / "whole")
@@ -258,7 +275,7 @@ def test_quaternions_of_a_model_to_prune_get_length_1_and_turn_as_before(tmp_pat
     splats = rounded(random_splats(5, seed=3, degree=0))
     splats.quats = splats.quats * np.array([1e-3, 1, 1e3, 1e18, 0], np.float32)[:, None]
     write_ply(tmp_path / "m.ply", splats)
-    quats = model_to_prune(str(tmp_path / "m.ply"), 0.5).quats
+    quats = model_to_prune(str(tmp_path / "m.ply"), 0.5).splats.quats
     np.testing.assert_allclose(np.linalg.norm(quats[:4], axis=1), 1, rtol=1e-6)
     np.testing.assert_allclose(reference.rotations(quats), reference.rotations(splats.quats), atol=1e-6)
     assert not quats[4].any()

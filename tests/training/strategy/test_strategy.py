@@ -152,6 +152,18 @@ def test_the_state_of_a_strategy_stands_in_the_checkpoint_by_its_name_and_goes_o
         second.restore(incomplete)
 
 
+def test_a_state_that_the_checkpoint_holds_is_not_made_anew(data, monkeypatch):
+    """For some of the rivals that is a transform of every photograph."""
+    first, second = trainer_of(data, Recorder()), trainer_of(data, Recorder())
+    first.step()
+    made, new_state = [], Recorder.new_state
+    monkeypatch.setattr(Recorder, "new_state", lambda self, t: made.append(t) or new_state(self, t))
+    second.restore(first.state())
+    assert not made and second.states["recorder"].steps == 1
+    second.restore(trainer_of(data).state())
+    assert made == [second] and second.states["recorder"].steps == 0
+
+
 def test_a_state_without_the_strategy_begins_it(data):
     shared, trainer = trainer_of(data), trainer_of(data, Recorder())
     shared.step()
