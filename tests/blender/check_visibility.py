@@ -125,23 +125,6 @@ def test_an_instance_of_splats_is_hidden_with_what_makes_it(scene, monkeypatch, 
     assert "Inner" in rendered_order(scene, monkeypatch, tmp_path).objects
 
 
-def test_a_viewport_has_another_stage_when_the_eye_of_a_collection_closes(scene, monkeypatch, tmp_path, model):
-    """Which neither hides its objects nor changes them."""
-    place_camera(scene, "dog")
-    load(model)
-    layer_collection, seen, stages = in_collection(load(model)), drawn_viewport(monkeypatch, tmp_path), []
-    make = rendered.make_stage
-    monkeypatch.setattr(rendered, "PAUSE", 0.0)
-    monkeypatch.setattr(rendered, "make_stage", lambda *values: stages.append(make(*values)) or stages[-1])
-    for closed, count in ((False, 2), (False, 2), (True, 1), (False, 2)):
-        layer_collection.hide_viewport = closed
-        bpy.context.view_layer.update()
-        seen.draw(a_context(), bpy.context.evaluated_depsgraph_get())
-        seen.restage()
-        assert len(stages[-1].objects) == count
-    assert len(stages) == 3
-
-
 def by_object(obj, mask):
     if mask == "holdout":
         obj.is_holdout = True
@@ -195,19 +178,28 @@ def test_instances_are_masked_with_what_makes_them(scene, monkeypatch, tmp_path,
     assert sorted(order.objects) == sorted(2 * held)
 
 
-def test_a_viewport_has_another_stage_when_a_mask_changes(scene, monkeypatch, tmp_path, model):
-    """That of a collection changes none of its objects."""
+OF_COLLECTIONS = {
+    "hide_viewport": (lambda stage: len(stage.objects), {False: 2, True: 1}),
+    "holdout": (lambda stage: "holdout" in stage.request, {False: False, True: True}),
+}
+"""What the stage says of a setting, by the setting."""
+
+
+@pytest.mark.parametrize("setting", OF_COLLECTIONS)
+def test_a_viewport_has_another_stage_when_a_collection_changes(scene, monkeypatch, tmp_path, model, setting):
+    """By its eye or its mask, which neither hide its objects nor change them."""
     place_camera(scene, "dog")
+    load(model)
     layer_collection, seen, stages = in_collection(load(model)), drawn_viewport(monkeypatch, tmp_path), []
-    make = rendered.make_stage
+    make, (said, expected) = rendered.make_stage, OF_COLLECTIONS[setting]
     monkeypatch.setattr(rendered, "PAUSE", 0.0)
     monkeypatch.setattr(rendered, "make_stage", lambda *values: stages.append(make(*values)) or stages[-1])
-    for holdout in (False, False, True, True, False):
-        layer_collection.holdout = holdout
+    for value in (False, False, True, True, False):
+        setattr(layer_collection, setting, value)
         bpy.context.view_layer.update()
         seen.draw(a_context(), bpy.context.evaluated_depsgraph_get())
         seen.restage()
-        assert ("holdout" in stages[-1].request) is holdout
+        assert said(stages[-1]) == expected[value]
     assert len(stages) == 3
 
 

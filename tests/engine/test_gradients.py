@@ -4,19 +4,16 @@ The twin is differentiated without cutoffs: with them an image jumps wherever a 
 """
 
 from collections.abc import Callable
-from types import SimpleNamespace
-from typing import Any, cast
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from forward_mode import pushed, pushed_differences, random_directions
 from mi_dogsplat import reference
-from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import Frame, RasterOptions, rasterize
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
-from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import (
     SMOOTH_OPTIONS,
@@ -26,7 +23,6 @@ from splat_scenes import (
     make_splats,
     mismatches,
     options,
-    plane_of,
     random_splats,
     rounded,
     tilted_camera,
@@ -154,45 +150,16 @@ def test_the_gradient_of_the_probe_is_that_of_the_projected_centres():
 
 # Forward mode
 
-def pushed(splats: Splats, directions: dict[str, np.ndarray], choices: RasterOptions) -> dict[str, np.ndarray]:
-    """Derivative of the planes along a direction in parameter space."""
-    params = upload(splats)
-    for name, direction in directions.items():
-        dr.enable_grad(params[name])
-        dr.set_grad(params[name], mi.Float(direction.ravel().astype(np.float32)))
-    frame = rasterize(params, DeviceCamera.upload(CAMERA), choices)
-    planes = [*frame.colors, frame.T, *([] if frame.depth is None else [frame.depth])]
-    dr.forward_to(planes)
-    tangents = [plane_of(dr.grad(plane), CAMERA) for plane in planes]
-    return {"image": np.stack(tangents[:3], -1), "T": tangents[3]} | (
-        {} if frame.depth is None else {"depth": tangents[4]})
-
-
-def pushed_differences(splats: Splats, directions: dict[str, np.ndarray], camera: Camera = CAMERA, eps=1e-5,
-                       **choices) -> dict[str, np.ndarray]:
-    sides = []
-    for side in (eps, -eps):
-        raw: Any = {name: np.array(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
-        for name, direction in directions.items():
-            raw[name] += side * direction
-        sides.append(reference.render(cast("Splats", SimpleNamespace(**raw, dog_index=splats.dog_index)), camera,
-                                      smooth=True, **choices))
-    return {name: (a - b) / (2 * eps) for name, a, b in zip(("image", "T", "depth"), *sides, strict=True)}
-
-
-def random_directions(splats: Splats, seed: int) -> dict[str, np.ndarray]:
-    rng = np.random.default_rng(seed)
-    return {name: rng.normal(size=getattr(splats, name).shape).astype(np.float32) for name in RAW_PARAMETERS}
-
-
 @pytest.mark.parametrize("negative_transmittance", [True, False])
 def test_forward_mode_along_random_directions_equals_differences(negative_transmittance):
     splats = small_model(3)
     choices = options(splats, depth=True, negative_transmittance=negative_transmittance, **SMOOTH_OPTIONS)
     for seed in range(3):
         directions = random_directions(splats, seed)
-        assert_gradients_equal(pushed(splats, directions, choices),
-                    pushed_differences(splats, directions, negative_transmittance=negative_transmittance))
+        expected = pushed_differences(
+            splats, CAMERA, directions, depth=True, negative_transmittance=negative_transmittance
+        )
+        assert_gradients_equal(pushed(splats, CAMERA, directions, choices), expected)
 
 
 @pytest.mark.parametrize("name", RAW_PARAMETERS)
@@ -202,8 +169,8 @@ def test_forward_mode_along_single_entries_of_a_parameter_equals_differences(nam
     for row in (0, shape[0] // 2, shape[0] - 1):
         direction = np.zeros(shape, np.float32)
         direction[(row, *np.random.default_rng(row).integers(shape[1:]))] = 1
-        expected = pushed_differences(splats, {name: direction})
-        got = pushed(splats, {name: direction}, choices)
+        expected = pushed_differences(splats, CAMERA, {name: direction}, depth=True)
+        got = pushed(splats, CAMERA, {name: direction}, choices)
         table = mismatches(got, expected)
         assert not table, f"row {row}\n{table}"
 
@@ -228,7 +195,7 @@ def test_forward_and_reverse_mode_are_adjoint(cutoffs, n, dog_share, negative_tr
     gradients = gradients_of(splats, image_loss, choices)
     for name in gradients:
         direction = random_directions(splats, 7)[name]
-        tangent = pushed(splats, {name: direction}, choices)
+        tangent = pushed(splats, CAMERA, {name: direction}, choices)
         forward = ADJOINT * (tangent["image"] + tangent["T"][..., None] * BACKGROUND)
         reverse = gradients[name] * direction
         scale = np.abs(forward).sum() + np.abs(reverse).sum()

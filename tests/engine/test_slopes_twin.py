@@ -1,17 +1,15 @@
 """Colours that vary over their primitive: what the engine makes of them against the float64 twin and differences."""
 
-from types import SimpleNamespace
-from typing import Any, cast
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from forward_mode import pushed, pushed_differences, random_directions
 from mi_dogsplat import reference
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera, project
 from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
-from mi_dogsplat.reference.forward import raw_indices, raw_names
+from mi_dogsplat.reference.forward import raw_names
 from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import (
@@ -160,49 +158,21 @@ def test_gradients_beyond_the_clamp_of_the_linearisation_are_those_of_the_twin()
 # --- forward mode ---
 
 
-def pushed(splats: Splats, directions: dict[str, np.ndarray], choices: RasterOptions) -> dict[str, np.ndarray]:
-    """Derivative of the planes along a direction in parameter space."""
-    params = upload(splats)
-    for name, direction in directions.items():
-        dr.enable_grad(params[name])
-        dr.set_grad(params[name], mi.Float(direction.ravel()))
-    frame = rasterize(params, DeviceCamera.upload(CAMERA), choices)
-    planes = [*frame.colors, frame.T]
-    dr.forward_to(planes)
-    tangents = [plane_of(dr.grad(plane), CAMERA) for plane in planes]
-    return {"image": np.stack(tangents[:3], -1), "T": tangents[3]}
-
-
-def pushed_differences(splats: Splats, directions: dict[str, np.ndarray], eps=1e-5, **choices) -> dict[str, Any]:
-    sides = []
-    for side in (eps, -eps):
-        raw = {name: np.array(getattr(splats, name), np.float64) for name in raw_names(splats)}
-        raw |= {name: raw[name] + side * direction for name, direction in directions.items()}
-        model = cast("Splats", SimpleNamespace(**raw, **raw_indices(splats)))
-        sides.append(reference.render(model, CAMERA, smooth=True, **choices)[:2])
-    return {name: (a - b) / (2 * eps) for name, a, b in zip(("image", "T"), *sides, strict=True)}
-
-
-def random_directions(splats: Splats, seed: int) -> dict[str, np.ndarray]:
-    rng, names = np.random.default_rng(seed), [name for name in raw_names(splats) if getattr(splats, name).size]
-    return {name: rng.normal(size=getattr(splats, name).shape).astype(np.float32) for name in names}
-
-
 @pytest.mark.parametrize("dog_share", [0, 0.5])
 @pytest.mark.parametrize("choices", MODES)
 def test_forward_mode_along_random_directions_equals_differences(dog_share, choices):
     splats = sloped(dog_share=dog_share)
     for seed in range(3):
         directions = random_directions(splats, seed)
-        got = pushed(splats, directions, options(splats, **choices, **SMOOTH_OPTIONS))
-        assert_gradients_equal(got, pushed_differences(splats, directions, **choices))
+        got = pushed(splats, CAMERA, directions, options(splats, **choices, **SMOOTH_OPTIONS))
+        assert_gradients_equal(got, pushed_differences(splats, CAMERA, directions, **choices))
 
 
 def test_forward_mode_along_each_parameter_alone_equals_differences():
     splats = sloped()
     for name, direction in random_directions(splats, 4).items():
-        got = pushed(splats, {name: direction}, options(splats, **SMOOTH_OPTIONS))
-        table = mismatches(got, pushed_differences(splats, {name: direction}))
+        got = pushed(splats, CAMERA, {name: direction}, options(splats, **SMOOTH_OPTIONS))
+        table = mismatches(got, pushed_differences(splats, CAMERA, {name: direction}))
         assert not table, f"{name}\n{table}"
 
 
@@ -215,7 +185,7 @@ def test_forward_and_reverse_mode_are_adjoint(dog_share, negative_transmittance,
     choices = options(splats, negative_transmittance=negative_transmittance, **CUTOFFS[kind][0])
     gradients = gradients_of(splats, choices)
     for name, direction in random_directions(splats, 7).items():
-        tangent = pushed(splats, {name: direction}, choices)
+        tangent = pushed(splats, CAMERA, {name: direction}, choices)
         forward = ADJOINT * (tangent["image"] + tangent["T"][..., None] * BACKGROUND)
         reverse = gradients[name] * direction
         scale = np.abs(forward).sum() + np.abs(reverse).sum()

@@ -1,5 +1,6 @@
 """Adam on a few random primitives, with random gradients."""
 
+from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
@@ -65,3 +66,19 @@ def moments(optimizer: SplatOptimizer, name: str) -> tuple[np.ndarray, np.ndarra
 def assert_same(a: Splats, b: Splats):
     for name in a.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+
+
+def state_from_file(optimizer: SplatOptimizer, folder: Path) -> dict[str, np.ndarray]:
+    """Its state, as a checkpoint gives it back."""
+    np.savez(folder / "state.npz", **optimizer.state())  # pyright: ignore[reportArgumentType]
+    with np.load(folder / "state.npz") as saved:
+        return dict(saved)
+
+
+def assert_same_state(a: SplatOptimizer, b: SplatOptimizer):
+    """Every bit, moments and numbers of steps too."""
+    first, second = a.state(), b.state()
+    assert first.keys() == second.keys()
+    for name, value in first.items():
+        np.testing.assert_array_equal(value, second[name], err_msg=name)
+    assert_same(a.to_splats(), b.to_splats())

@@ -6,6 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from film_derivatives import errors_of_adam, film_gradients
 from mi_dogsplat import Splats, reference, write_ply
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG
 from mi_dogsplat.scene.row_groups import SH
@@ -95,16 +96,7 @@ def test_a_mixed_shape_beside_others_is_drawn_as_one_model():
 def test_gradients_through_the_film_equal_differences_in_float64():
     splats = mixed(10, seed=4, degree=3)
     adjoint = np.random.default_rng(0).normal(size=(12, 16, 3)).astype(np.float32)
-    scene: Any = scene_of(splats, CAMERA)
-    params: Any = mi.traverse(scene)
-    names = (*RAW, *RAW_DOG, *COEFFS)
-    for name in names:
-        dr.enable_grad(params[f"splats.{name}"])
-        params.set_dirty(f"splats.{name}")
-    params.update()
-    dr.backward(dr.sum(mi.render(scene, params) * mi.TensorXf(adjoint)))
-    got = {name: dr.grad(params[f"splats.{name}"]).numpy() for name in names}
-
+    got = film_gradients(scene_of(splats, CAMERA), (*RAW, *RAW_DOG, *COEFFS), adjoint)
     image = reference.render(splats, CAMERA)[0]
     step = 1e-6
     slope = (to_linear(image + step) - to_linear(image - step)) / (2 * step)
@@ -116,17 +108,7 @@ def test_adam_finds_the_bands_of_every_group():
     splats = mixed(8, seed=3)
     target = mi.render(scene_of(splats, CAMERA))
     start = Splats(**(vars(splats) | {name: 0 * getattr(splats, name) for name in COEFFS}))
-    scene = scene_of(start, CAMERA)
-    params: Any = mi.traverse(scene)
-    adam: Any = mi.ad.Adam(lr=0.02, params={f"splats.{name}": params[f"splats.{name}"] for name in COEFFS})
-    params.update(adam)
-    errors = []
-    for _ in range(60):
-        loss = dr.mean(dr.square(mi.render(scene, params) - target), axis=None)
-        dr.backward(loss)
-        adam.step()
-        params.update(adam)
-        errors.append(float(dr.detach(loss).array[0]))
+    errors = errors_of_adam(scene_of(start, CAMERA), COEFFS, target)
     assert errors[-1] < 0.1 * errors[0]
 
 

@@ -7,6 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from film_derivatives import errors_of_adam, film_gradients
 from mi_dogsplat import Splats, reference, to_ellipsoids, write_ply
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.options import RasterOptions
@@ -84,13 +85,7 @@ def test_gradients_through_the_film_equal_differences(monkeypatch):
     """Without cutoffs: no alpha appears at once where a parameter moves."""
     monkeypatch.setattr(splat_integrator, "RasterOptions", partial(RasterOptions, cutoffs=SMOOTH))
     names = {"color_slopes": 1e-2, "sh_coeffs": 1e-2, "means": 1e-3, "log_scales": 1e-3, "quats": 1e-3}
-    scene, params = traversed()
-    for name in names:
-        dr.enable_grad(params[f"splats.{name}"])
-        params.set_dirty(f"splats.{name}")
-    params.update()
-    dr.backward(dr.sum(mi.render(scene, params) * mi.TensorXf(ADJOINT.astype(np.float32))))
-    gradients = {name: dr.grad(params[f"splats.{name}"]).numpy() for name in names}
+    gradients = film_gradients(scene_of(MODEL, CAMERA), names, ADJOINT)
     rng = np.random.default_rng(1)
     along = {name: rng.choice([-1.0, 1.0], gradient.shape) for name, gradient in gradients.items()}
 
@@ -117,14 +112,7 @@ def test_gradients_through_the_film_equal_differences(monkeypatch):
 
 def test_gradients_with_cutoffs_equal_differences_in_float64():
     splats, adjoint = varying(10, seed=4), ADJOINT.astype(np.float32)
-    scene, params = traversed(splats)
-    names = (*RAW, *RAW_DOG, "color_slopes")
-    for name in names:
-        dr.enable_grad(params[f"splats.{name}"])
-        params.set_dirty(f"splats.{name}")
-    params.update()
-    dr.backward(dr.sum(mi.render(scene, params) * mi.TensorXf(adjoint)))
-    got = {name: dr.grad(params[f"splats.{name}"]).numpy() for name in names}
+    got = film_gradients(scene_of(splats, CAMERA), (*RAW, *RAW_DOG, "color_slopes"), ADJOINT)
     image, step = reference.render(splats, CAMERA)[0], 1e-6
     curve = (to_linear(image + step) - to_linear(image - step)) / (2 * step)
     assert_gradients_equal(got, reference.loss_gradients(splats, CAMERA, adjoint * curve, smooth=False, eps=1e-7))
@@ -133,16 +121,7 @@ def test_gradients_with_cutoffs_equal_differences_in_float64():
 def test_adam_finds_them():
     target = mi.render(scene_of(MODEL, CAMERA))
     start = Splats(**(vars(MODEL) | {"color_slopes": 0 * MODEL.color_slopes}))
-    scene, params = traversed(start)
-    adam: Any = mi.ad.Adam(lr=0.02, params={"splats.color_slopes": params["splats.color_slopes"]})
-    params.update(adam)
-    errors = []
-    for _ in range(60):
-        loss = dr.mean(dr.square(mi.render(scene, params) - target), axis=None)
-        dr.backward(loss)
-        adam.step()
-        params.update(adam)
-        errors.append(float(dr.detach(loss).array[0]))
+    errors = errors_of_adam(scene_of(start, CAMERA), ["color_slopes"], target)
     assert errors[-1] < 0.1 * errors[0]
 
 

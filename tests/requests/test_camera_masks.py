@@ -8,14 +8,13 @@ import pytest
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import render_picture
-from mi_dogsplat.requests.answer import Answerer
-from mi_dogsplat.requests.request import read_request
 from mi_dogsplat.requests.shares import importance
 from mi_dogsplat.requests.view_request import read_view_request
 from mi_dogsplat.requests.views import Views
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.srgb import srgb_to_linear
+from scene_requests import answered, camera_json, matrix
 from splat_scenes import C0, random_splats, rounded, square_camera
 
 WIDTH, HEIGHT = 24, 16
@@ -26,15 +25,6 @@ COUNTS = [15, 25]
 FIRST, SECOND = np.arange(15), np.arange(15, 40)
 SKY, GLOW = 0.25, 0.5
 LEFT, RIGHT = np.s_[:, : WIDTH // 2 - 1], np.s_[:, WIDTH // 2 + 1 :]
-
-
-def matrix(values):
-    return {"matrix": np.asarray(values).tolist()}
-
-
-def camera_json():
-    numbers = {name: getattr(CAMERA, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
-    return {"w2c": CAMERA.w2c.tolist(), **numbers}
 
 
 def at(depth, x=0.0, size=100.0, facing=1):
@@ -65,19 +55,13 @@ def folder(tmp_path_factory):
     return folder
 
 
-def answered(request) -> dict:
-    (*_, (share, picture)) = Answerer().answer(read_request(request))
-    assert share == 1 and picture is not None
-    return picture
-
-
 def viewed(request):
     (*_, (_, picture)) = Views().frames(read_view_request(request))
     return picture
 
 
 def alone(folder, **how):
-    return answered({"model": str(folder / "model.ply"), "camera": camera_json(), "counts": COUNTS, **how})
+    return answered({"model": str(folder / "model.ply"), "camera": camera_json(CAMERA), "counts": COUNTS, **how})
 
 
 def scene(folder, model=True, **how):
@@ -146,7 +130,7 @@ def test_what_is_indirect_only_is_as_if_it_were_not_there_where_there_are_splats
 @pytest.mark.parametrize("share", [1.0, 0.5])
 def test_viewports_of_splats_alone_have_the_same_masks(folder, share):
     """Of their most important primitives too, over a background."""
-    request = {"model": str(folder / "model.ply"), "camera": camera_json(), "counts": COUNTS, "share": share}
+    request = {"model": str(folder / "model.ply"), "camera": camera_json(CAMERA), "counts": COUNTS, "share": share}
     behind = [0.2, 0.4, 0.6]
     picture = viewed({**request, "holdout": [1], "indirect_only": [0], "background": behind})
     chosen = np.sort(np.argsort(-importance(SPLATS))[: round(share * SPLATS.n_splats)])
@@ -164,7 +148,7 @@ def test_viewports_of_splats_alone_have_the_same_masks(folder, share):
 def test_a_surface_that_is_a_holdout_is_a_hole(folder, transparent, samples):
     """The black wall, beside the one that glows, which a transparent picture does not show."""
     how = {"transparent": transparent, "holdout": [3]}
-    view = {"scene": str(folder / "seen.json"), "camera": camera_json(), "samples": samples}
+    view = {"scene": str(folder / "seen.json"), "camera": camera_json(CAMERA), "samples": samples}
     picture = viewed({**view, **how})
     assert (picture[LEFT] == 0).all()
     everything = viewed({**view, "transparent": transparent})

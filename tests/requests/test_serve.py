@@ -27,6 +27,7 @@ from mi_dogsplat.requests.serve import Lines, serve
 from mi_dogsplat.requests.view_request import ViewRequest
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.radiance import brightened
+from scene_requests import answered, camera_json, matrix
 from splat_scenes import random_splats, rounded, square_camera
 
 WIDTH, HEIGHT = 24, 16
@@ -58,21 +59,6 @@ def folder(tmp_path_factory):
     return folder
 
 
-def matrix(values):
-    return {"matrix": np.asarray(values).tolist()}
-
-
-def camera_json():
-    numbers = {name: getattr(CAMERA, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
-    return {"w2c": CAMERA.w2c.tolist(), **numbers}
-
-
-def answered(request) -> dict:
-    (*_, (share, picture)) = Answerer().answer(read_request(request))
-    assert share == 1 and picture is not None
-    return picture
-
-
 def told(lines) -> list[dict]:
     said = []
     serve(io.StringIO("".join(f"{json.dumps(line)}\n" for line in lines)), said.append)
@@ -80,7 +66,7 @@ def told(lines) -> list[dict]:
 
 
 def test_splats_alone_are_the_picture_of_the_command(folder):
-    request = {"model": str(folder / "model.ply"), "camera": camera_json(), "counts": [10, 30]}
+    request = {"model": str(folder / "model.ply"), "camera": camera_json(CAMERA), "counts": [10, 30]}
     picture = answered({**request, "passes": ["depth", "normal", "object", "matte"]})
     options = RasterOptions(sh_degree=SPLATS.sh_degree, depth=True)
     expected = render_picture(upload(SPLATS), CAMERA, options)
@@ -98,7 +84,7 @@ def test_splats_alone_are_the_picture_of_the_command(folder):
 
 def test_a_linear_model_is_radiance_alone_and_in_a_scene(folder):
     write_model(folder / "linear.ply", Model(brightened(SPLATS, 4.0), Drawing(linear=True, white=2.0)))
-    found = answered({"model": str(folder / "linear.ply"), "camera": camera_json()})["color"]
+    found = answered({"model": str(folder / "linear.ply"), "camera": camera_json(CAMERA)})["color"]
     expected = render_picture(upload(brightened(SPLATS, 4.0)), CAMERA, RasterOptions(SPLATS.sh_degree), linear=True)
     assert found.max() > 1 and expected.radiance is not None
     np.testing.assert_allclose(found, np.maximum(expected.radiance, 0), atol=1e-5)
@@ -141,7 +127,7 @@ def test_the_camera_does_not_see_lamps_that_are_hidden(folder):
 def test_splats_in_a_scene_are_in_front_of_its_surfaces(folder):
     request = {"scene": str(folder / "scene.json"), "model": str(folder / "model.ply"), "samples": 1}
     picture = answered({**request, "counts": [10, 30], "passes": ["depth", "object"], "near_clip": 0.2})
-    alone = answered({"model": str(folder / "model.ply"), "camera": camera_json(), "passes": ["depth"]})
+    alone = answered({"model": str(folder / "model.ply"), "camera": camera_json(CAMERA), "passes": ["depth"]})
     assert {-1, 2} & set(np.unique(picture["object"])) == {2} and {0, 1} & set(np.unique(picture["object"]))
     covered = alone["alpha"] > 0  # not where negative lobes prevail
     alpha, depth = alone["alpha"][covered], alone["depth"][covered]
@@ -163,12 +149,12 @@ def test_surfaces_of_a_scene_cast_shadows_onto_splats_where_that_is_asked_for(fo
 
 def test_a_wrong_request_is_one_line_and_the_next_one_is_answered(folder):
     out, model = str(folder / "out.npz"), str(folder / "model.ply")
-    good = {"out": out, "model": model, "camera": camera_json()}
+    good = {"out": out, "model": model, "camera": camera_json(CAMERA)}
     wrong = [
         {"model": model}, {**good, "camera": None}, {**good, "pases": []}, {**good, "passes": ["detph"]}, [1],
         {**good, "model": "none.ply"}, {"out": out, "scene": "none.json"}, {**good, "scene": "scene.json"},
         {**good, "out": "a\0.npz"}, {**good, "out": "a\0.rgba"}, {**good, "out": "\ud800.npz"},
-        {**good, "camera": {**camera_json(), "width": 200_000}},
+        {**good, "camera": {**camera_json(CAMERA), "width": 200_000}},
     ]  # fmt: skip
     said = told([*wrong, good])
     assert [next(iter(line)) for line in said] == ["error"] * len(wrong) + ["done"]
@@ -198,7 +184,7 @@ def test_a_picture_that_does_not_fit_leaves_nothing(folder, tmp_path, monkeypatc
 
     monkeypatch.setattr(Path, "replace", full)
     model = str(folder / "model.ply")
-    (said,) = told([{"out": str(tmp_path / "view.rgba"), "model": model, "camera": camera_json()}])
+    (said,) = told([{"out": str(tmp_path / "view.rgba"), "model": model, "camera": camera_json(CAMERA)}])
     assert "view_0.rgba: cannot be written (5 requested and 3 written)" in said["error"]
     assert not list(tmp_path.iterdir())
 
@@ -213,8 +199,8 @@ def test_a_picture_that_does_not_fit_leaves_nothing(folder, tmp_path, monkeypatc
     ids=json.dumps,
 )  # fmt: skip
 def test_a_field_of_the_wrong_kind_is_named(folder, wrong):
-    request = {"out": str(folder / "out.npz"), "model": str(folder / "model.ply"), "camera": camera_json(), **wrong}
-    (said,) = told([request])
+    good = {"out": str(folder / "out.npz"), "model": str(folder / "model.ply"), "camera": camera_json(CAMERA)}
+    (said,) = told([good | wrong])
     assert f'"{next(iter(wrong))}" is' in said["error"] and "give " in said["error"]
 
 
@@ -290,8 +276,9 @@ def test_waiting_takes_some_time(seconds, capsys):
 
 def test_what_mitsuba_prints_is_no_answer(folder):
     """The command, which has standard output for answers alone."""
-    line = json.dumps({"out": str(folder / "command.npz"), "model": str(folder / "model.ply"), "camera": camera_json()})
+    out, model = str(folder / "command.npz"), str(folder / "model.ply")
+    line = json.dumps({"out": out, "model": model, "camera": camera_json(CAMERA)})
     words = [sys.executable, "-m", "mi_dogsplat", "serve", "--variant", mi.variant() or "auto"]
     done = subprocess.run(words, input=f"{line}\n{{}}\n", capture_output=True, text=True, check=True)
     first, second = map(json.loads, done.stdout.splitlines())
-    assert first == {"done": str(folder / "command.npz")} and "out" in second["error"]
+    assert first == {"done": out} and "out" in second["error"]

@@ -23,16 +23,13 @@ from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.srgb import displayed, srgb_to_linear
+from scene_requests import camera_json
 from splat_scenes import random_splats, rounded, square_camera
 
 WIDTH, HEIGHT = 24, 16
 SPLATS = rounded(random_splats(40, seed=1))
 CAMERA = square_camera(WIDTH, HEIGHT, 22.0)
 WALL_DEPTH = 30.0
-
-
-def camera_json(camera=CAMERA):
-    return {"w2c": camera.w2c.tolist(), **{n: getattr(camera, n) for n in ("fx", "fy", "cx", "cy", "width", "height")}}
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +58,7 @@ def last(views, request):
 
 
 def test_splats_alone_are_those_of_the_final_picture(folder, views):
-    request = {"model": str(folder / "model.ply"), "camera": camera_json()}
+    request = {"model": str(folder / "model.ply"), "camera": camera_json(CAMERA)}
     expected = render_picture(upload(SPLATS), CAMERA, RasterOptions(sh_degree=SPLATS.sh_degree))
     color, alpha = expected.color, expected.alpha[..., None]
     np.testing.assert_allclose(last(views, request), np.concatenate([color, alpha], -1), atol=1e-5)
@@ -73,7 +70,7 @@ def test_splats_alone_are_those_of_the_final_picture(folder, views):
 
 def test_a_share_is_that_of_the_most_important(folder, views):
     """Of 40 primitives a quarter."""
-    request = {"model": str(folder / "model.ply"), "camera": camera_json(), "share": 0.25}
+    request = {"model": str(folder / "model.ply"), "camera": camera_json(CAMERA), "share": 0.25}
     chosen = SPLATS.select(np.sort(np.argsort(-importance(SPLATS))[:10]))
     expected = render_picture(upload(chosen), CAMERA, RasterOptions(sh_degree=SPLATS.sh_degree))
     np.testing.assert_allclose(last(views, request)[..., :3], expected.color, atol=1e-5)
@@ -117,7 +114,7 @@ def test_quick_pictures_are_of_the_active_variant_there_and_back(folder, views):
     if "llvm_ad_mono" not in mi.variants():
         pytest.skip("llvm_ad_mono is not built into this Mitsuba")
     variant = str(mi.variant())
-    request = {"scene": str(folder / "scene.json"), "model": str(folder / "model.ply"), "camera": camera_json()}
+    request = {"scene": str(folder / "scene.json"), "model": str(folder / "model.ply"), "camera": camera_json(CAMERA)}
     color = last(views, {**request, "samples": 0})
     for name in ("llvm_ad_mono", variant):
         mi.set_variant(name)
@@ -133,12 +130,12 @@ def test_scenes_are_drawn_in_variants_of_rgb_and_others_say_so(folder, name, sam
     """Models alone are drawn in those of luminance too."""
     if name not in mi.variants():
         pytest.skip(f"{name} is not built into this Mitsuba")
-    variant, alone = str(mi.variant()), {"model": str(folder / "model.ply"), "camera": camera_json()}
+    variant, alone = str(mi.variant()), {"model": str(folder / "model.ply"), "camera": camera_json(CAMERA)}
     color = last(Views(), alone)
     mi.set_variant(name)
     try:
         with pytest.raises(DataError) as caught:
-            last(Views(), {"scene": str(folder / "scene.json"), "camera": camera_json(), "samples": samples})
+            last(Views(), {"scene": str(folder / "scene.json"), "camera": camera_json(CAMERA), "samples": samples})
         if name == "llvm_ad_mono":
             np.testing.assert_allclose(last(Views(), alone), color, atol=1e-5)
     finally:
@@ -148,9 +145,9 @@ def test_scenes_are_drawn_in_variants_of_rgb_and_others_say_so(folder, name, sam
 
 
 def test_a_scene_without_a_sky_is_lit_while_it_moves(folder, views):
-    request = {"scene": str(folder / "dark.json"), "model": str(folder / "model.ply"), "camera": camera_json()}
+    request = {"scene": str(folder / "dark.json"), "model": str(folder / "model.ply"), "camera": camera_json(CAMERA)}
     quick = last(views, {**request, "samples": 0})
-    alone = last(views, {"model": str(folder / "model.ply"), "camera": camera_json()})
+    alone = last(views, {"model": str(folder / "model.ply"), "camera": camera_json(CAMERA)})
     row = np.s_[HEIGHT // 2, 6:18]  # of the wall
     wall = quick[row][alone[row][:, 3] == 0]
     assert len(wall) and wall[..., :3].min() > 0.5 and (wall[..., 3] == 1).all()
@@ -160,7 +157,7 @@ def test_a_scene_without_a_sky_is_lit_while_it_moves(folder, views):
 
 def test_paths_are_added_until_somebody_asks_for_something_else(folder, views, monkeypatch):
     monkeypatch.setattr(views_module, "BAND_PIXELS", 5 * WIDTH)  # bands of 5 rows, the last from row 11
-    request = read_view_request({"scene": str(folder / "scene.json"), "camera": camera_json(), "samples": 6})
+    request = read_view_request({"scene": str(folder / "scene.json"), "camera": camera_json(CAMERA), "samples": 6})
     steps = list(views.frames(request))
     assert [share for share, _ in steps] == pytest.approx([1 / 6, 3 / 6, 1])
     assert np.abs(steps[0][1] - steps[2][1]).max() > 0
@@ -170,7 +167,7 @@ def test_paths_are_added_until_somebody_asks_for_something_else(folder, views, m
 
 def test_bands_are_parts_of_one_picture(folder, views, monkeypatch):
     """Of one sample at the centre of each pixel, without a light."""
-    request = {"scene": str(folder / "dark.json"), "model": str(folder / "model.ply"), "camera": camera_json()}
+    request = {"scene": str(folder / "dark.json"), "model": str(folder / "model.ply"), "camera": camera_json(CAMERA)}
     request |= {"samples": 1, "max_depth": 1}
     whole = last(views, request)
     monkeypatch.setattr(views_module, "BAND_PIXELS", 5 * WIDTH)
@@ -186,7 +183,7 @@ def told(lines):
 
 def test_a_stream_of_frames_is_files_without_a_format(folder):
     out = folder / "frame.rgba"
-    request = {"out": str(out), "model": str(folder / "model.ply"), "camera": camera_json()}
+    request = {"out": str(out), "model": str(folder / "model.ply"), "camera": camera_json(CAMERA)}
     (said,) = told(io.StringIO(json.dumps(request)))
     pixels = np.fromfile(said["done"], np.float32).reshape(HEIGHT, WIDTH, 4)
     np.testing.assert_array_equal(pixels, last(Views(), {name: request[name] for name in ("model", "camera")}))
@@ -194,7 +191,7 @@ def test_a_stream_of_frames_is_files_without_a_format(folder):
 
 def test_a_picture_is_left_when_another_line_comes(folder):
     """A line that stops gets no answer."""
-    scene = {"out": str(folder / "left.rgba"), "scene": str(folder / "scene.json"), "camera": camera_json()}
+    scene = {"out": str(folder / "left.rgba"), "scene": str(folder / "scene.json"), "camera": camera_json(CAMERA)}
     lines = [{**scene, "samples": 1000}, {"stop": True}, {**scene, "samples": 4}]
     read = threading.Event()
 
@@ -212,14 +209,14 @@ def test_a_picture_is_left_when_another_line_comes(folder):
 def test_a_model_that_has_changed_is_read_again(folder, views, tmp_path):
     path = tmp_path / "model.ply"
     write_ply(path, SPLATS)
-    request = {"model": str(path), "camera": camera_json()}
+    request = {"model": str(path), "camera": camera_json(CAMERA)}
     before = last(views, request)
     write_ply(path, SPLATS.select(np.arange(20)))
     assert np.abs(last(views, request) - before).max() > 0.01
 
 
 def test_a_kept_scene_learns_that_its_surfaces_cast_shadows(folder, views):
-    request = {"model": str(folder / "model.ply"), "scene": str(folder / "scene.json"), "camera": camera_json()}
+    request = {"model": str(folder / "model.ply"), "scene": str(folder / "scene.json"), "camera": camera_json(CAMERA)}
     request["samples"] = 2
     without, shaded = last(views, request), last(views, {**request, "mesh_shadows": True})
     np.testing.assert_allclose(shaded, last(Views(), {**request, "mesh_shadows": True}), atol=1e-5)
@@ -236,7 +233,7 @@ def test_a_kept_scene_learns_that_its_surfaces_cast_shadows(folder, views):
     ],
 )  # fmt: skip
 def test_a_wrong_request_is_one_line(folder, wrong, problem):
-    request = {"model": str(folder / "model.ply"), "camera": camera_json(), **wrong}
+    request = {"model": str(folder / "model.ply"), "camera": camera_json(CAMERA), **wrong}
     with pytest.raises(DataError, match=problem) as caught:
         list(Views().frames(read_view_request(request)))
     assert "\n" not in str(caught.value) and "; " in str(caught.value)
@@ -245,7 +242,7 @@ def test_a_wrong_request_is_one_line(folder, wrong, problem):
 def test_a_linear_model_is_radiance_or_what_a_screen_shows_of_it(folder, views, tmp_path):
     path = tmp_path / "linear.ply"
     write_model(path, Model(brightened(SPLATS, 3.0), Drawing(linear=True, white=2.0)))
-    request = {"model": str(path), "camera": camera_json()}
+    request = {"model": str(path), "camera": camera_json(CAMERA)}
     splats, behind = read_model(path).splats, [0.5, 1.0, 2.0]
     picture = render_picture(upload(splats), CAMERA, RasterOptions(sh_degree=SPLATS.sh_degree), linear=True, white=2.0)
     assert picture.radiance is not None and picture.radiance.max() > 1.2

@@ -6,6 +6,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 import pytest
+from cameras_around import cameras_around
 from mi_dogsplat import reference
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
@@ -13,23 +14,10 @@ from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.scene.sh_basis import SH_SIZES
 from mi_dogsplat.scores import bands as module
 from mi_dogsplat.scores.bands import bands
-from splat_scenes import attached, axis_rotation, kernels, make_camera, options, random_splats, rounded, select
+from splat_scenes import attached, kernels, options, random_splats, rounded, select
 
 N = 8
-
-
-def cameras():
-    """Around the primitives, so that some bands can be told from others."""
-    views = []
-    for angle in np.linspace(-0.9, 0.9, 6):
-        w2c = np.eye(4)
-        w2c[:3, :3] = axis_rotation([0.4, 1, 0.2 * angle], angle)[0]
-        w2c[:3, 3] = np.array([0, 0, 3]) - w2c[:3, :3] @ [0, 0, 3]
-        views.append(make_camera(24, 18, f=20.0, w2c=w2c))
-    return views
-
-
-CAMERAS = cameras()
+CAMERAS = cameras_around(0.9, 6, 24, 18, 20.0)  # so that some bands can be told from others
 
 
 def scene(degree: int, dog_share=0.3):

@@ -4,25 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cameras_around import cameras_around
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scores.slope_losses import slope_losses
-from splat_scenes import axis_rotation, image_of, make_camera, make_splats, options, random_splats, rasterized, rounded
+from splat_scenes import image_of, make_splats, options, random_splats, rasterized, rounded
 
-
-def cameras():
-    """Around the primitives."""
-    views = []
-    for angle in np.linspace(-1.2, 1.2, 5):
-        w2c = np.eye(4)
-        w2c[:3, :3] = axis_rotation([0.4, 1, 0.2 * angle], angle)[0]
-        w2c[:3, 3] = np.array([0, 0, 3]) - w2c[:3, :3] @ [0, 0, 3]
-        views.append(make_camera(96, 72, f=80.0, w2c=w2c))
-    return views
-
-
-CAMERAS = cameras()
+CAMERAS = cameras_around(1.2, 5, 96, 72, 80.0)
 
 
 def estimated(splats: Splats) -> np.ndarray:

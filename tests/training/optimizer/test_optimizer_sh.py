@@ -10,13 +10,11 @@ from mi_dogsplat.engine.sh_groups import ROW_COEFFICIENTS
 from mi_dogsplat.scene.row_groups import SH
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer.adam import Entry
-from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.strategy.broken import broken
 from mi_dogsplat.viewer.source import splats_of_state
-from small_optimizer import alike
+from small_optimizer import RATES, alike, assert_same, assert_same_state, state_from_file
 
-RATES = LearningRates(extent=2.0, total_steps=1000)
 DEGREES = np.array([3, 0, 1, 2, 0, 3, 1])
 N = len(DEGREES)
 MOMENTS = ("", ".m", ".v")
@@ -80,11 +78,6 @@ def kept(degrees: np.ndarray) -> np.ndarray:
     mask = np.arange(16) < (np.asarray(degrees)[:, None] + 1) ** 2
     mask[:, 0] = False
     return mask[:, :, None]
-
-
-def assert_same(a: Splats, b: Splats):
-    for name in Splats.__dataclass_fields__:
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
 
 
 def test_a_mixed_model_goes_in_and_comes_out_unchanged():
@@ -183,19 +176,13 @@ def test_training_goes_on_from_a_checkpoint_with_the_same_bits(tmp_path, change)
     if change is not None:
         straight.set_sh_degrees(np.asarray(change))
     step(straight, 1)
-    np.savez(tmp_path / "state.npz", **straight.state())  # pyright: ignore[reportArgumentType]
-    resumed = SplatOptimizer(uniform(), RATES)
-    with np.load(tmp_path / "state.npz") as saved:
-        resumed.restore(saved)
-        assert_same(splats_of_state({f"optimizer.{name}": values for name, values in saved.items()}),
-                    straight.to_splats())  # fmt: skip
+    resumed, saved = SplatOptimizer(uniform(), RATES), state_from_file(straight, tmp_path)
+    resumed.restore(saved)
+    of_run = {f"optimizer.{name}": values for name, values in saved.items()}
+    assert_same(splats_of_state(of_run), straight.to_splats())
     for optimizer in (straight, resumed):
         step(optimizer, 2)
-    expected = straight.state()
-    assert resumed.state().keys() == expected.keys()
-    for name, value in resumed.state().items():
-        np.testing.assert_array_equal(value, expected[name], err_msg=name)
-    assert_same(resumed.to_splats(), straight.to_splats())
+    assert_same_state(resumed, straight)
 
 
 @pytest.mark.parametrize("name", ["sh1_coeffs", "sh3_coeffs"])

@@ -15,7 +15,7 @@ from mi_dogsplat.training.optimizer.learning_rates import Refinement
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.strategy.broken import MAX_COLOR, broken
 from mi_dogsplat.viewer.source import splats_of_state
-from small_optimizer import RATES, assert_same, moments, random_model, run
+from small_optimizer import RATES, assert_same, assert_same_state, moments, random_model, run, state_from_file
 
 NAMES = ("color_slopes", "slope_index", "slope_row")
 
@@ -96,18 +96,14 @@ def test_steps_are_those_of_the_constant_colour_with_all_factors_on_it():
 def test_training_goes_on_from_a_state_with_the_same_bits(tmp_path):
     straight = optimizer_of()
     run(straight, 3)
-    np.savez(tmp_path / "state.npz", **straight.state())  # pyright: ignore[reportArgumentType]
-    resumed = SplatOptimizer(random_model(2, 1, seed=9), RATES)
-    with np.load(tmp_path / "state.npz") as saved:
-        resumed.restore(saved)
-        of_run = {f"optimizer.{name}": values for name, values in saved.items()}
-        assert_same(splats_of_state(of_run), straight.to_splats())
+    resumed, saved = SplatOptimizer(random_model(2, 1, seed=9), RATES), state_from_file(straight, tmp_path)
+    resumed.restore(saved)
+    of_run = {f"optimizer.{name}": values for name, values in saved.items()}
+    assert_same(splats_of_state(of_run), straight.to_splats())
     for optimizer in (straight, resumed):
         run(optimizer, 3, seed=2)
-    expected, got = straight.state(), resumed.state()
-    assert got.keys() == expected.keys() and got["color_slopes.t"] == 6
-    for name, value in got.items():
-        np.testing.assert_array_equal(value, expected[name], err_msg=name)
+    assert_same_state(resumed, straight)
+    assert resumed.state()["color_slopes.t"] == 6
     assert resumed.learned == set()
 
 
