@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import bpy
+from in_blender import empty_file
 from mathutils import Matrix
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,11 +22,7 @@ FRAMES, SIZE = 12, (640, 480)
 
 def prepare(model: Path) -> bpy.types.Scene:
     """A scene of the model and a camera around it."""
-    import addon_utils  # found once bpy is there
-
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    addon_utils.enable("blender_addon")
-    scene = bpy.context.scene
+    scene = empty_file()
     bpy.ops.import_scene.dogsplat(filepath=str(model))
     splats = bpy.context.object
     centre = sum((v.co for v in splats.data.vertices), splats.data.vertices[0].co * 0) / len(splats.data.vertices)

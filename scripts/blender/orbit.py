@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 import statistics
 import sys
 import time
@@ -34,12 +33,6 @@ def note() -> None:
     DRAWN.append((time.perf_counter(), time.process_time()))
 
 
-def viewport() -> tuple[bpy.types.Area, bpy.types.SpaceView3D]:
-    """The viewport of the window."""
-    area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D")
-    return area, area.spaces.active
-
-
 def settled() -> Iterator[float]:
     """Until no redraw is asked for any more: shaders are compiled by then."""
     area, _ = viewport()
@@ -55,7 +48,7 @@ def orbit(show: str, moving: str, count: int, follow: bool) -> Iterator[float]:
     """Turn the view and print what a redraw takes."""
     from blender_addon.nodes.modifier import set_input, splat_modifier
 
-    scene, (area, space), obj = bpy.context.scene, viewport(), bpy.context.view_layer.objects.active
+    scene, obj = bpy.context.scene, bpy.context.view_layer.objects.active
     obj.hide_viewport = show == "Nothing"
     if show != "Nothing":
         set_input(splat_modifier(obj), "Show As", show)
@@ -63,13 +56,8 @@ def orbit(show: str, moving: str, count: int, follow: bool) -> Iterator[float]:
     scene.dogsplat_moving, scene.dogsplat_moving_count, scene.dogsplat_follow_view = moving, count, follow
     yield from settled()
     start, first = time.perf_counter(), len(DRAWN)
-    turn = Quaternion((0, 0, 1), math.radians(2))
     while len(DRAWN) - first < FEWEST or (time.perf_counter() - start < SECONDS and len(DRAWN) - first < MOST):
-        space.region_3d.view_rotation = turn @ space.region_3d.view_rotation
-        area.tag_redraw()
-        before = len(DRAWN)
-        while len(DRAWN) == before:
-            yield 0.0
+        yield from turn_view(math.radians(2), DRAWN)
     taken = [(b[0] - a[0], b[1] - a[1]) for a, b in itertools.pairwise(DRAWN[first:])]
     wall, cpu = (statistics.median(column) for column in zip(*taken, strict=True))
     print(f"{show}, moving {moving} {count}, follow {follow}: {len(taken)} redraws, median {wall:.3f} s of the wall "
@@ -79,15 +67,10 @@ def orbit(show: str, moving: str, count: int, follow: bool) -> Iterator[float]:
 def steps(model: str, orbits: list[str]) -> Iterator[float]:
     """Import, then every orbit."""
     yield 2.0
-    area, space = viewport()
-    region = next(r for r in area.regions if r.type == "WINDOW")
-    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0], area=area, region=region):
-        bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=model)
-        bpy.ops.view3d.view_selected()
+    _, space = viewport()
+    import_into_view(model)
     bpy.context.scene.eevee.taa_samples = 1
     space.shading.type, space.overlay.show_overlays = "MATERIAL", False
-    print(f"Blender {bpy.app.version_string}, {len(bpy.context.object.data.vertices):,} splats, viewport "
-          f"{region.width}x{region.height}, {len(os.sched_getaffinity(0))} cores", flush=True)  # fmt: skip
     for show, moving, count, follow in (text.split(":") for text in orbits):
         yield from orbit(show, moving, int(count), follow == "1")
 
@@ -99,10 +82,9 @@ def evaluations(model: str, orbits: list[str]) -> None:
     from blender_addon.viewport.view import View
     from blender_addon.viewport.watcher import show_models
 
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    addon_utils.enable("blender_addon")
+    scene = empty_file()
     bpy.ops.import_scene.dogsplat(filepath=model)
-    obj, scene = bpy.context.object, bpy.context.scene
+    obj = bpy.context.object
     for way, scene.dogsplat_moving, count, follow in (text.split(":") for text in orbits):
         scene.dogsplat_moving_count = int(count)
         set_input(splat_modifier(obj), "Show As", way)
@@ -124,7 +106,7 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
     sys.path.insert(1, str(Path(__file__).resolve().parent))  # Blender leaves it out
     import addon_utils
-    from in_blender import step_by_step
+    from in_blender import empty_file, import_into_view, step_by_step, turn_view, viewport
 
     addon_utils.enable("blender_addon")
     MODEL, *ORBITS = sys.argv[sys.argv.index("--") + 1 :]

@@ -26,7 +26,7 @@ from types import SimpleNamespace
 
 import bpy
 import numpy as np
-from mathutils import Matrix, Quaternion
+from mathutils import Matrix
 
 SIZES = (800, 600), (1311, 878)
 PICTURES, ROUNDS = 15, 3
@@ -96,20 +96,15 @@ def redraws(model: str, command: str, picture: str | None) -> Iterator[float]:
     """Times of whole redraws in the window."""
     from blender_addon.viewport import rendered
 
-    preferences, scene, window = bpy.context.preferences, bpy.context.scene, bpy.context.window_manager.windows[0]
+    preferences, scene = bpy.context.preferences, bpy.context.scene
     preferences.addons["blender_addon"].preferences.command = command
     yield 2.0
     subprocess.run(["xdotool", "mousemove", "700", "950", "click", "1"], check=True)  # away with the splash screen
     yield 1.0
-    area = next(a for a in window.screen.areas if a.type == "VIEW_3D")
-    space, region = area.spaces.active, next(r for r in area.regions if r.type == "WINDOW")
+    _, space = viewport()
     bpy.data.objects.remove(bpy.data.objects["Cube"])
-    with bpy.context.temp_override(window=window, area=area, region=region):
-        bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=model)
-        bpy.ops.view3d.view_selected()
+    import_into_view(model)
     scene.view_settings.view_transform = "Standard"
-    print(f"Blender {bpy.app.version_string}, {len(bpy.context.object.data.vertices):,} splats, viewport "
-          f"{region.width}x{region.height}, {len(os.sched_getaffinity(0))} cores", flush=True)  # fmt: skip
     view = None
     bpy.types.SpaceView3D.draw_handler_add(lambda: note(view), (), "WINDOW", "POST_PIXEL")
     for shading, overlays in itertools.product(("SOLID", "RENDERED"), (True, False)):
@@ -130,13 +125,8 @@ def redraws(model: str, command: str, picture: str | None) -> Iterator[float]:
         if picture and shading == "RENDERED" and overlays:
             subprocess.run(["import", "-window", "root", picture], check=True)
         DRAWN.clear()
-        turn = Quaternion((0, 0, 1), TURN)
         while len(DRAWN) < REDRAWS:
-            space.region_3d.view_rotation = turn @ space.region_3d.view_rotation
-            area.tag_redraw()
-            before = len(DRAWN)
-            while len(DRAWN) == before:
-                yield 0.0
+            yield from turn_view(TURN, DRAWN)
         report("empty, solid" if shading == "SOLID" else "our engine", overlays)
 
 
@@ -159,12 +149,11 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
     sys.path.insert(1, str(Path(__file__).resolve().parent))  # Blender leaves it out
     import addon_utils
-    from in_blender import step_by_step
+    from in_blender import empty_file, import_into_view, step_by_step, turn_view, viewport
 
     MODEL, COMMAND, *MORE = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
     if bpy.app.background:
-        bpy.ops.wm.read_factory_settings(use_empty=True)
-        addon_utils.enable("blender_addon", default_set=True)
+        empty_file(COMMAND)
         bpy.ops.import_scene.dogsplat(filepath=MODEL)
         print(f"{len(bpy.context.object.data.vertices):,} splats, {len(os.sched_getaffinity(0))} cores", flush=True)
         pictures(COMMAND)

@@ -28,14 +28,9 @@ BALL = 0.42
 def inside(job: dict) -> None:
     """In Blender: build the scene and render frames into the folder of the job."""
     import bpy
+    from in_blender import empty_studio
 
-    sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "blender" / "helpers")]
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    import addon_utils
-
-    addon_utils.enable("blender_addon", default_set=True)
-    bpy.context.preferences.addons["blender_addon"].preferences.command = job["command"]
-    scene = bpy.context.scene
+    scene = empty_studio(job["command"])
     build(scene, job)
     scene.render.engine = job["engine"]
     scene.render.image_settings.file_format = "PNG"

@@ -29,16 +29,11 @@ MIDDLE = (0.0, 0.0, 0.45)
 def inside(job: dict) -> None:
     """In Blender: render, train, and write the panels and the figures into the folder of the job."""
     import bpy
+    from in_blender import empty_studio
 
-    sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "blender" / "helpers")]
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    import addon_utils
-
-    addon_utils.enable("blender_addon", default_set=True)
-    bpy.context.preferences.addons["blender_addon"].preferences.command = job["command"]
+    scene, work = empty_studio(job["command"]), Path(job["work"])
     from blender_addon.training.data_set import is_complete
 
-    scene, work = bpy.context.scene, Path(job["work"])
     build(scene)
     settings = scene.dogsplat_training
     settings.views, settings.size, settings.steps = VIEWS, (SIZE, SIZE), job["steps"]

@@ -37,6 +37,20 @@ from training_picture import build  # noqa: E402
 FACE = math.radians(-35)  # from Blender's first view to where one sees the robot's face
 
 
+def sidebar() -> Steps:
+    """Ours, beside the viewport."""
+    space().show_region_ui = True
+    yield 5
+    panel()
+
+
+def cropped(model: Path) -> None:
+    """In the viewport: a model, framed, and a crop by a sphere, which is selected."""
+    bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=str(model), up_axis="-Y")
+    bpy.ops.view3d.view_selected()
+    bpy.ops.dogsplat.add_crop("EXEC_DEFAULT", True, shape="SPHERE")
+
+
 def menu(model: Path, run: Path) -> Steps:
     """File > Import, with our two entries."""
     click(43, 33)
@@ -70,9 +84,7 @@ def imported(model: Path, run: Path) -> Steps:
         view = space().region_3d
         view.view_rotation = Quaternion((0, 0, 1), FACE) @ view.view_rotation
         bpy.ops.view3d.view_selected()
-    space().show_region_ui = True
-    yield 5
-    panel()
+    yield from sidebar()
     click(80, 886)  # unfolds the panel of the last operation
     yield from shot(OUT, "imported", STILL_EEVEE)
 
@@ -82,15 +94,11 @@ def editing(model: Path, run: Path) -> Steps:
     yield from new_file()
     bpy.context.scene.dogsplat_follow_view = True
     with viewport():
-        bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=str(model), up_axis="-Y")
-        bpy.ops.view3d.view_selected()
-        bpy.ops.dogsplat.add_crop("EXEC_DEFAULT", True, shape="SPHERE")
+        cropped(model)
         crop = next(obj for obj in bpy.context.selected_objects if obj.type == "EMPTY")
         crop.scale *= 0.5
         bpy.ops.dogsplat.add_limits("EXEC_DEFAULT", True)
-    space().show_region_ui = True
-    yield 5
-    panel()
+    yield from sidebar()
     yield from shot(OUT, "editing", STILL_EEVEE)
 
 
@@ -103,9 +111,7 @@ def training(model: Path, run: Path) -> Steps:
     with viewport():
         bpy.ops.dogsplat.make_cameras("EXEC_DEFAULT", True)
         bpy.ops.view3d.view_selected()
-    space().show_region_ui = True
-    yield 5
-    panel()
+    yield from sidebar()
     yield 2
     click(1080, 297)  # unfolds the panel
     yield from shot(OUT, "training")
@@ -152,12 +158,8 @@ def german(model: Path, run: Path) -> Steps:
     view.use_translate_interface = view.use_translate_tooltips = view.use_translate_reports = True
     yield from new_file()
     with viewport():
-        bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=str(model), up_axis="-Y")
-        bpy.ops.view3d.view_selected()
-        bpy.ops.dogsplat.add_crop("EXEC_DEFAULT", True, shape="SPHERE")
-    space().show_region_ui = True
-    yield 5
-    panel()
+        cropped(model)
+    yield from sidebar()
     yield from shot(OUT, "german", STILL_EEVEE)
 
 
