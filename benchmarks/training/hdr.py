@@ -31,8 +31,7 @@ from mi_dogsplat.export.bake import baked
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.measure.evaluate import evaluate_views, mean_metrics
-from mi_dogsplat.render.picture import Picture, light_of
-from mi_dogsplat.render.render_files import picture_of
+from mi_dogsplat.render.picture import Picture, light_of, picture_of
 from mi_dogsplat.runs.run import train
 from mi_dogsplat.scene.drawing import drawn_as
 from mi_dogsplat.support.files import write_json

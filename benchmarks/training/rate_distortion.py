@@ -29,8 +29,7 @@ from mi_dogsplat.export.write import plain_gaussians
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.measure.evaluate import evaluate_views, mean_metrics, render_milliseconds_in_turn
-from mi_dogsplat.render.picture import Picture, background_color
-from mi_dogsplat.render.render_files import picture_of
+from mi_dogsplat.render.picture import Picture, background_color, picture_of
 from mi_dogsplat.report.page import TEMPLATES
 from mi_dogsplat.report.plot import Series, line_plot
 from mi_dogsplat.report.points import Note

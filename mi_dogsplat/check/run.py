@@ -12,7 +12,7 @@ import numpy as np
 
 from ..formats.read import read_model
 from ..render.picture_options import PictureOptions
-from ..render.render_files import viewpoint
+from ..render.viewpoint import viewpoint
 from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import replacing, write_json
@@ -44,7 +44,7 @@ def check(
         model: model file to measure after the scenes that are made here; None: those alone.
         parts: of ``PARTS``; None: all that can be run.
         runs: run folders to compare by training error.
-        data, camera: from where the model is seen (``render_files.viewpoint``).
+        data, camera: from where the model is seen (``render/viewpoint.py``).
         width: of the pictures, in pixels; one of the model is at most so wide and high.
         rounds: how often each setting is timed.
         options: how the model is drawn.

@@ -19,9 +19,9 @@ from ..formats.upright import upright
 from ..formats.write import write_model
 from ..inspection.unneeded import Unneeded
 from ..measure.metrics import psnr
-from ..render.picture import background_color, photograph, seen_as
+from ..render.picture import background_color, photograph, picture_of, seen_as
 from ..render.picture_options import PictureOptions
-from ..render.render_files import picture_of, viewpoint
+from ..render.viewpoint import viewpoint
 from ..scene.drawing import DrawnAs, comments_of, drawn_as
 from ..scene.ply import write_ply
 from ..scene.splats import Array, Splats

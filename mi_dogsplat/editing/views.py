@@ -13,7 +13,7 @@ from ..datasets.masks import Masks
 from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.parameters import upload
-from ..render.render_files import picture_of
+from ..render.picture import picture_of
 from ..scene.cameras import Camera
 from ..scene.splats import Array, Splats
 from ..scores.weights import weights

@@ -9,9 +9,8 @@ import numpy as np
 from ..datasets.dataset import Dataset
 from ..measure.metrics import psnr
 from ..render.framing import NEAR_SHARE, cameras_around, robust_sphere
-from ..render.picture import background_color, exposed_by, photograph
+from ..render.picture import background_color, exposed_by, photograph, picture_of
 from ..render.picture_options import PictureOptions
-from ..render.render_files import picture_of
 from ..scene.cameras import Camera
 from ..scene.drawing import DrawnAs
 from ..scene.splats import Array, Splats

@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 
 from ..datasets.dataset import Dataset
 from ..render.framing import robust_sphere
-from ..render.picture import background_color, photograph, radiance_of
+from ..render.picture import background_color, photograph, picture_of, radiance_of
 from ..render.picture_options import PictureOptions
-from ..render.render_files import picture_of
 from ..render.vantages import vantage_cameras
 from ..scene.cameras import Camera
 from ..scene.drawing import DrawnAs

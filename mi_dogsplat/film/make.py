@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ..render.picture import picture_of
 from ..render.picture_options import PictureOptions
-from ..render.render_files import picture_of
 from ..runs.stopping import Stopped, StopRequest
 from ..support.errors import DataError
 from .camera_path import DEFAULT_SECONDS, DEFAULT_SIZE, CameraPath

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -10,11 +10,13 @@ import drjit as dr
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..engine.aovs import channel_names, channels
+from ..engine.aovs import channel_names, channels, options_for
+from ..engine.parameters import upload
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import RasterOptions, rasterize
 from ..scene.appearance import photographed, radii_squared
 from ..scene.cameras import Camera
+from ..scene.splats import Splats
 from ..support.srgb import displayed, linear_to_srgb, srgb_to_linear
 
 if TYPE_CHECKING:
@@ -76,6 +78,31 @@ def render_picture(
     if linear:
         return Picture(displayed(color, white), alpha, depth, named, color, white)
     return Picture(np.clip(color, 0, 1), alpha, depth, named)
+
+
+def picture_of(
+    splats: Splats,
+    background: float,
+    near_clip: float,
+    *,
+    antialiased: bool = False,
+    linear: bool = False,
+    white: float = 1.0,
+    aovs: Sequence[str] = (),
+) -> Callable[[Camera], Picture]:
+    """Renderer of a model, which may be empty and is uploaded once.
+
+    Args:
+        background: grey level behind, 0..1.
+        near_clip: world units.
+        antialiased: as in ``RasterOptions``.
+        linear, white: as in ``render_picture``.
+        aovs: names as in ``aovs.py``, which the pictures carry.
+    """
+    params = upload(splats)
+    options = options_for(aovs, RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased))
+    how = {"linear": linear, "white": white}
+    return lambda camera: render_picture(params, camera, options, background, near_clip, aovs, **how)
 
 
 def photograph(view: View, background: float) -> np.ndarray:

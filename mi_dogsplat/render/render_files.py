@@ -2,100 +2,25 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
 
-from ..engine.aovs import options_for, read_names
-from ..engine.parameters import upload
-from ..engine.rasterize import RasterOptions
+from ..engine.aovs import read_names
 from ..formats.read import read_model
 from ..scene.appearance import read_appearance
-from ..scene.camera_file import read_camera
-from ..scene.cameras import Camera
-from ..scene.drawing import Drawing, drawn_as
-from ..scene.splats import Splats
 from ..support.errors import DataError, interruptible
 from ..support.files import replacing
 from ..support.pictures import write_channels, write_exr, write_png
 from ..support.scene_errors import scene_error
 from ..support.srgb import linear_to_srgb
-from .framing import NEAR_SHARE, automatic_camera, robust_sphere
-from .picture import Picture, as_taken, background_color, premultiplied, render_picture
+from .picture import Picture, as_taken, picture_of, premultiplied
 from .picture_options import PictureOptions
+from .viewpoint import viewpoint
 
 SUFFIXES = (".png", ".exr", ".npz")
-MAX_NAMES = 5  # views that an error message lists
-
-
-@dataclass(frozen=True)
-class Viewpoint:
-    """From where a model is looked at, and over what."""
-
-    camera: Camera
-    near_clip: float  # world units
-    background: float  # grey level, 0..1
-    antialiased: bool = False
-    linear: bool = False  # colours of the primitives are linear radiance
-    white: float = 1.0  # which of it is shown as white
-    name: str | None = None  # of the view of a data set that it is
-
-
-def viewpoint(
-    splats: Splats,
-    data: str | Path | None = None,
-    camera: str | Path | None = None,
-    options: PictureOptions = PictureOptions(),
-    drawing: Drawing = Drawing(),
-) -> Viewpoint:
-    """Where a model is looked at from.
-
-    Args:
-        splats: the model.
-        data: a data set.
-        camera: the name of one of its views, or a camera file (``camera_file.py``); None is the first test view of the
-            data, or without data a camera that frames the model.
-        options: ``downscale`` shrinks the picture; ``near_clip`` is smaller where a model is framed and small itself.
-        drawing: what the file of the model says, for what the options do not say.
-
-    Raises ``DataError``.
-    """
-    found, has_alpha, name = _camera(splats, data, camera, options.downscale, drawing.up)
-    drawn = drawn_as(options.drawing, drawing)
-    near_clip = drawn.near_clip
-    if not (camera or data):
-        near_clip = min(near_clip, NEAR_SHARE * robust_sphere(splats)[1])
-    background = background_color(options.background, has_alpha)
-    return Viewpoint(found, near_clip, background, drawn.antialiased, drawn.linear, drawn.white, name)
-
-
-def picture_of(
-    splats: Splats,
-    background: float,
-    near_clip: float,
-    *,
-    antialiased: bool = False,
-    linear: bool = False,
-    white: float = 1.0,
-    aovs: Sequence[str] = (),
-) -> Callable[[Camera], Picture]:
-    """Renderer of a model, which may be empty and is uploaded once.
-
-    Args:
-        background: grey level behind, 0..1.
-        near_clip: world units.
-        antialiased: as in ``RasterOptions``.
-        linear, white: as in ``render_picture``.
-        aovs: names as in ``aovs.py``, which the pictures carry.
-    """
-    params = upload(splats)
-    options = options_for(aovs, RasterOptions(sh_degree=splats.sh_degree, antialiased=antialiased))
-    how = {"linear": linear, "white": white}
-    return lambda camera: render_picture(params, camera, options, background, near_clip, aovs, **how)
 
 
 def render_model(
@@ -115,7 +40,7 @@ def render_model(
     Args:
         model: the model.
         out: ends in one of ``SUFFIXES``.
-        data, camera: from where it is seen (``viewpoint``).
+        data, camera: from where it is seen (``viewpoint.py``).
         aovs: channels of an OpenEXR file, separated by commas (``aovs.py``); None is depth.
         options: how it is drawn; what they do not say, the file of the model does.
         appearance: file of what a run learned of its cameras (``scene/appearance.py``): shown as the camera took the
@@ -215,36 +140,6 @@ def _aovs(out: Path, aovs: str | None) -> list[str]:
     except ValueError as error:
         raise DataError("--aovs", *str(error).split("; ")) from error
     return [name for name in names if name != "alpha"]  # the channel A, which every such file has
-
-
-def _camera(
-    splats: Splats, data: str | Path | None, camera: str | Path | None, downscale: int, up_axis: str | None
-) -> tuple[Camera, bool, str | None]:
-    """The camera to render from, whether the images of its data set have alpha, and the name of the view that it is."""
-    if camera and Path(camera).suffix.lower() == ".json":
-        return _downscaled(read_camera(camera), downscale), False, None
-    if not data:
-        if camera:
-            remedy = "add --data DATA whose view it is, or name a camera file"
-            raise DataError("--camera", f'"{camera}" is no .json file', remedy)
-        return _downscaled(automatic_camera(splats, up_axis), downscale), False, None
-    from ..datasets import load_dataset  # here: it needs the extra "train", a model alone does not
-
-    dataset = load_dataset(data, downscale)
-    views = {view.name: view for view in dataset.test + dataset.train}
-    name = str(camera) if camera else next(iter(views))
-    if name not in views:
-        near = difflib.get_close_matches(name, views, MAX_NAMES, cutoff=0.3) or list(views)[:MAX_NAMES]
-        listed = ", ".join(near)
-        raise DataError("--camera", f'"{name}" is no view of {data}', f"it has {len(views)}, such as {listed}")
-    return views[name].camera, dataset.has_alpha, name
-
-
-def _downscaled(camera: Camera, downscale: int) -> Camera:
-    try:
-        return camera.downscaled(downscale)
-    except ValueError as error:
-        raise DataError("--downscale", str(error), "use a smaller number") from error
 
 
 def _write_arrays(out: Path, picture: Picture) -> None:

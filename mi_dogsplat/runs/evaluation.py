@@ -9,9 +9,8 @@ from ..datasets.masks import Masks
 from ..formats.read import read_model
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics
 from ..measure.lpips import Lpips
-from ..render.picture import background_color
+from ..render.picture import background_color, picture_of
 from ..render.picture_options import PictureOptions
-from ..render.render_files import picture_of
 from ..report.run_folder import CONFIG, METRICS
 from ..scene.drawing import drawn_as
 from ..support.errors import DataError

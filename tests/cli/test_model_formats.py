@@ -12,7 +12,7 @@ from mi_dogsplat.check import run as check
 from mi_dogsplat.check import settings
 from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.render.framing import robust_sphere
-from mi_dogsplat.render.render_files import viewpoint
+from mi_dogsplat.render.viewpoint import viewpoint
 from mi_dogsplat.viewer.source import Source
 from PIL import Image
 

@@ -16,9 +16,8 @@ from mi_dogsplat.datasets.exr import read_exr
 from mi_dogsplat.datasets.images import read_image
 from mi_dogsplat.film.exposure import exposed
 from mi_dogsplat.formats.read import read_model
-from mi_dogsplat.render.picture import light_of, photograph
+from mi_dogsplat.render.picture import light_of, photograph, picture_of
 from mi_dogsplat.render.picture_options import PictureOptions
-from mi_dogsplat.render.render_files import picture_of
 from mi_dogsplat.runs.evaluation import evaluate_model
 from mi_dogsplat.scene.drawing import drawn_as
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba

@@ -50,7 +50,7 @@ def test_without_flags_all_views_keep_their_bits(capsys, model, tmp_path):
 
 
 def bare(splats, camera):
-    from mi_dogsplat.render.render_files import picture_of
+    from mi_dogsplat.render.picture import picture_of
 
     return picture_of(splats, 0.0, 0.2)(camera)
 

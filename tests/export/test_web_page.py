@@ -31,8 +31,8 @@ from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.render.framing import automatic_camera, likely_up, robust_sphere
+from mi_dogsplat.render.picture import picture_of
 from mi_dogsplat.render.picture_options import PictureOptions
-from mi_dogsplat.render.render_files import picture_of
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.orientation import rotation_between
 from mi_dogsplat.support.errors import DataError

@@ -9,9 +9,9 @@ import pytest
 import tiny_data
 from mi_dogsplat import write_ply
 from mi_dogsplat.reference import aovs as reference_aovs
-from mi_dogsplat.render.picture import render_picture
+from mi_dogsplat.render.picture import picture_of, render_picture
 from mi_dogsplat.render.picture_options import PictureOptions
-from mi_dogsplat.render.render_files import picture_of, render_model, render_scene
+from mi_dogsplat.render.render_files import render_model, render_scene
 from mi_dogsplat.scene.appearance import Appearance, device_of, radii_squared
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.splats import Splats
@@ -140,7 +140,7 @@ def test_depth_is_blended_for_files_that_hold_it_only(model, tmp_path, monkeypat
         asked.append(options.depth)
         return render_picture(params, camera, options, *others, **named)
 
-    monkeypatch.setattr("mi_dogsplat.render.render_files.render_picture", recorded)
+    monkeypatch.setattr("mi_dogsplat.render.picture.render_picture", recorded)
     render(model, tmp_path / name)
     assert asked == [depth]
 

@@ -8,7 +8,7 @@ import tiny_data
 from html_pages import parsed, section, words
 from mi_dogsplat.datasets.dataset import View
 from mi_dogsplat.measure.misfit import CAUSES, explained, likely_cause, relative_sharpness, usual_shares
-from mi_dogsplat.render.render_files import picture_of
+from mi_dogsplat.render.picture import picture_of
 from mi_dogsplat.report.run_folder import MISFITS
 from mi_dogsplat.report.write import write_report
 from mi_dogsplat.runs.misfits import FEWEST, find_misfits, write_misfits
