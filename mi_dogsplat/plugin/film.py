@@ -19,13 +19,20 @@ def has_alpha(film: mi.Film) -> bool:
     return mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
 
 
+def pixel_format_of(film: mi.Film) -> str:
+    """As the plugin's parameter has it; a film shows it in its description only."""
+    found = re.search(r"pixel_format = (\w+)", str(film))
+    shown = found[1] if found else "rgb"
+    return {"y": "luminance", "ya": "luminance_alpha"}.get(shown, shown)
+
+
 def develop(film: mi.Film, aov_names: list[str], planes: list[mi.Float], derivative: bool = False) -> Any:
     """The image, a tensor, of planes that have one value per pixel, kept in the film too. Differentiable.
 
     ``derivative``: wanted for its graph only, the film is left as it is.
     """
     width, height = film.crop_size()
-    pixel_format = _pixel_format(film)
+    pixel_format = pixel_format_of(film)
     as_it_is = pixel_format in ("rgb", "rgba")
     if not derivative:
         _fill(film, aov_names, planes)
@@ -48,13 +55,6 @@ def _fill(film: Any, aov_names: list[str], planes: list[mi.Float]) -> None:
 def _image_block(*args: Any, **kwargs: Any) -> Any:
     """``mi.ImageBlock``, whose stub asks for types of Dr.Jit where it takes Mitsuba's."""
     return mi.ImageBlock(*args, **kwargs)
-
-
-def _pixel_format(film: mi.Film) -> str:
-    """As the plugin's parameter has it; a film shows it in its description only."""
-    found = re.search(r"pixel_format = (\w+)", str(film))
-    shown = found[1] if found else "rgb"
-    return {"y": "luminance", "ya": "luminance_alpha"}.get(shown, shown)
 
 
 class Filter:

@@ -86,7 +86,7 @@ class SplatIntegrator(ADIntegrator):
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True) -> mi.TensorXf:
         """The image; empty, as of Mitsuba's own integrators, if not ``develop``: the film has it all the same."""
         with dr.suspend_grad():
-            image = self._image(scene, _sensor(scene, sensor), seed, spp)
+            image = self.developed(scene, _sensor(scene, sensor), seed, spp)
         if not develop:
             return mi.TensorXf()
         if evaluate:
@@ -95,7 +95,7 @@ class SplatIntegrator(ADIntegrator):
 
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0) -> mi.TensorXf:
         with dr.resume_grad():
-            image = self._image(scene, _sensor(scene, sensor), seed, spp, derivative=True)
+            image = self.developed(scene, _sensor(scene, sensor), seed, spp, derivative=True)
             dr.forward_to(image)
             return dr.grad(image)
 
@@ -104,7 +104,7 @@ class SplatIntegrator(ADIntegrator):
         passes, film = self._passes(scene, sensor, seed, spp), sensor.film()
         with dr.resume_grad():
             if len(passes) == 1:
-                image = self._image(scene, sensor, seed, spp, derivative=True)
+                image = self.developed(scene, sensor, seed, spp, derivative=True)
                 _backward([image], [grad_in])
             else:
                 self._backward_by_passes(scene, sensor, passes, film, grad_in)
@@ -129,8 +129,8 @@ class SplatIntegrator(ADIntegrator):
                 sums = spreader.spread(values, sample)
                 _backward(sums[:-1], adjoints)
 
-    def _image(self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, derivative=False) -> Any:
-        """The developed film, attached to the AD graph where the parameters are.
+    def developed(self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, derivative=False) -> Any:
+        """The image of the film, attached to the AD graph where the parameters are.
 
         ``derivative``: wanted for its graph only, after a primal pass; the film is left as it is.
         """
@@ -162,7 +162,7 @@ class SplatIntegrator(ADIntegrator):
         self, scene: mi.Scene, model: SplattedModel, sensor: mi.Sensor, sample: Sample, border: int = 0,
         derivative: bool = False,
     ) -> list[mi.Float]:  # fmt: skip
-        """Planes of the film's channels at the samples of one pass; ``derivative`` as in ``_image``."""
+        """Planes of the film's channels at the samples of one pass; ``derivative`` as in ``developed``."""
         views = self._sensors.views(sensor, model.drawn_as.near_clip)
         looks = [view.through(sample, border) for view in views]
         images = [self._planes(scene, model, sensor.film(), look, derivative, len(views) == 1) for look in looks]

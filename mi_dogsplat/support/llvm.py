@@ -43,7 +43,7 @@ def find_llvm() -> LLVM | None:
     named = _usable(os.environ.get(_ENVIRONMENT, ""))
     if named:
         return named
-    paths = [path for pattern in _search_patterns() for path in sorted(glob.glob(pattern))]
+    paths = [path for pattern in search_patterns() for path in sorted(glob.glob(pattern))]
     found = (_usable(path) for path in paths if _FILE_NAME.fullmatch(os.path.basename(path)))
     return max(filter(None, found), key=lambda llvm: llvm.version, default=None)
 
@@ -92,7 +92,7 @@ def explain() -> str:
     return f'llvm variants need LLVM {MIN_VERSION} or newer: "{command}", or set {_ENVIRONMENT} to a libLLVM'
 
 
-def _search_patterns() -> list[str]:
+def search_patterns() -> list[str]:
     """Globs for libLLVM by platform; environments (conda) come first and win at equal versions."""
     environments = dict.fromkeys([os.environ.get("CONDA_PREFIX") or sys.prefix, sys.prefix])
     if sys.platform == "win32":
@@ -114,12 +114,13 @@ def _usable(path: str) -> LLVM | None:
     if not os.path.isfile(path) or not _same_processor(path):
         return None
     real = os.path.realpath(path)  # "libLLVM.so" is mostly a link to a name with a version
-    named = _version_from_name(os.path.basename(real)) or _version_from_name(os.path.basename(path))
-    version = named or _ask_version(real)
+    named = version_of_name(os.path.basename(real)) or version_of_name(os.path.basename(path))
+    version = named or ask_version(real)
     return LLVM(path, version) if version and version[0] >= MIN_VERSION else None
 
 
-def _version_from_name(name: str) -> tuple[int, ...] | None:
+def version_of_name(name: str) -> tuple[int, ...] | None:
+    """What the name of a file says, as "libLLVM.so.19.1" does; None if it says nothing."""
     match = _FILE_NAME.fullmatch(name)
     digits = match and (match["dash"] or match["end"])
     version = tuple(int(n) for n in digits.split(".") if n) if digits else ()
@@ -141,7 +142,7 @@ def _elf_machine(path: str) -> bytes:
     return header[4:6] + header[18:20] if header.startswith(b"\x7fELF") else b""
 
 
-def _ask_version(path: str) -> tuple[int, ...] | None:
+def ask_version(path: str) -> tuple[int, ...] | None:
     """What the library itself says; None if it cannot be loaded or is older than 16 (no LLVMGetVersion)."""
     command = [sys.executable, "-I", "-S", "-c", _ASK_VERSION, path]
     try:

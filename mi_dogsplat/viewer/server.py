@@ -148,6 +148,10 @@ class Server:
             if not sum(self._attend(client, pace) for client, pace in list(self.visitors.values())):
                 time.sleep(IDLE_SECONDS)
 
+    def choose(self, show: str) -> None:
+        """Show another of ``drawing.choices`` from now on, as by the panel."""
+        self._show.value = show
+
     def stop(self) -> None:
         """End ``serve`` and close the port."""
         self._running = False

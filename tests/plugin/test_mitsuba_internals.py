@@ -10,7 +10,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import pytest
-from mi_dogsplat.plugin.film import _pixel_format
+from mi_dogsplat.plugin.film import pixel_format_of
 from splat_scenes import dog_dict, random_splats, rounded
 
 PACKAGE = Path(__file__).parents[2] / "mi_dogsplat"
@@ -40,7 +40,7 @@ def test_there_are_no_others_outside_of_the_engine():
 @pytest.mark.parametrize("pixel_format", ["rgb", "rgba", "luminance", "luminance_alpha", "xyz"])
 def test_a_film_tells_its_pixel_format_in_its_description_only(pixel_format):
     film: Any = mi.load_dict({"type": "hdrfilm", "pixel_format": pixel_format})
-    assert _pixel_format(film) == pixel_format, VERSIONS
+    assert pixel_format_of(film) == pixel_format, VERSIONS
     assert not any("format" in name for name in dir(film) if name[0] != "_"), f"there is a better way now: {VERSIONS}"
 
 

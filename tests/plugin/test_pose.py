@@ -101,7 +101,7 @@ def test_the_image_is_the_same_with_and_without_derivatives_of_the_pose():
     integrator: Any = scene.integrator()
     primal = np.array(integrator.render(scene))
     with dr.resume_grad():
-        derived = integrator._image(scene, scene.sensors()[0], 0, 1, derivative=True)
+        derived = integrator.developed(scene, scene.sensors()[0], 0, 1, derivative=True)
     assert dr.grad_enabled(derived)
     np.testing.assert_array_equal(np.array(derived), primal)
 

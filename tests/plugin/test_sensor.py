@@ -100,7 +100,7 @@ def test_the_image_that_is_derived_is_the_image_that_is_rendered(pixel_format):
     scene = scene_of(MODEL, CAMERA, film=film, aovs="alpha,depth")
     integrator: Any = scene.integrator()
     rendered = mi.render(scene).numpy()
-    derived = integrator._image(scene, scene.sensors()[0], 0, 1, derivative=True).numpy()
+    derived = integrator.developed(scene, scene.sensors()[0], 0, 1, derivative=True).numpy()
     assert derived.shape == rendered.shape
     np.testing.assert_array_equal(derived, rendered)
 

@@ -35,7 +35,7 @@ def run_python(code: str, **environment: str) -> subprocess.CompletedProcess:
 def only_here(tmp_path, monkeypatch) -> Path:
     """The only folder that is searched."""
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
-    monkeypatch.setattr(llvm, "_search_patterns", lambda: [f"{tmp_path}/libLLVM*.so*"])
+    monkeypatch.setattr(llvm, "search_patterns", lambda: [f"{tmp_path}/libLLVM*.so*"])
     return tmp_path
 
 
@@ -55,7 +55,7 @@ def only_here(tmp_path, monkeypatch) -> Path:
     ],
 )
 def test_the_version_is_taken_from_the_file_name(name, version):
-    assert llvm._version_from_name(name) == version
+    assert llvm.version_of_name(name) == version
 
 
 @linux_only
@@ -116,7 +116,7 @@ def test_the_way_to_a_usable_llvm_is_one_line():
 def test_a_library_that_is_asked_says_the_version_of_its_name():
     found = llvm.find_llvm()
     assert found
-    answer = llvm._ask_version(found.path)
+    answer = llvm.ask_version(found.path)
     assert answer and answer[0] == found.version[0]
 
 
