@@ -184,23 +184,11 @@ class LightPaths:
         with dr.resume_grad(when=attached):
             Le = β * dr.detach(mis) * ds.emitter.eval(si, seen)
 
-        # --- Emitter sampling ---
+        # --- Sampling of emitters, and of lamps among the splats ---
 
         context, bsdf = mi.BSDFContext(), si.bsdf()
         active = si.is_valid() & (depth + 1 < self.limits.max_depth)
-        active_em = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-        ds, weight_em = scene.sample_emitter_direction(si, _next_2d(random), True, active_em)
-        active_em &= ds.pdf != 0
-        shadow = si.spawn_ray_to(ds.p)
-        with dr.resume_grad(when=attached):
-            if attached:
-                value = scene.eval_emitter_direction(si, ds, active_em)
-                weight_em = dr.replace_grad(weight_em, value * dr.select(active_em, dr.rcp(ds.pdf), 0))
-            value_em, pdf_em = bsdf.eval_pdf(context, si, si.to_local(ds.d), active_em)
-            mis_em = dr.select(ds.delta, 1, mis_weight(ds.pdf, pdf_em))
-            T = self.tracer.transmittance(shadow, active_em)
-            Lr_direct = dr.select(active_em, β * dr.detach(mis_em) * value_em * weight_em * T, 0)
-
+        Lr_direct = self._from_emitters(si, bsdf, active, β, random, attached)
         if self.lamps:
             smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
             of_lamps = self._from_lamps(si, smooth, β, random, attached)
@@ -233,6 +221,21 @@ class LightPaths:
         lanes = Lanes(lanes.sample, away.o, away.d, β, η, L, scattered.pdf, delta, si.n)
         dr.eval(found, lanes.values(), active)
         return lanes.select(dr.compress(active))
+
+    def _from_emitters(self, si: Any, bsdf: Any, active: Any, β: Any, random: Any, attached: bool) -> Any:
+        """Light of emitters, as splats let it through, by sampling their directions; none on mirrors."""
+        active = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        ds, weight = self.scene.sample_emitter_direction(si, _next_2d(random), True, active)
+        active = active & (ds.pdf != 0)
+        shadow = si.spawn_ray_to(ds.p)
+        with dr.resume_grad(when=attached):
+            if attached:
+                value = self.scene.eval_emitter_direction(si, ds, active)
+                weight = dr.replace_grad(weight, value * dr.select(active, dr.rcp(ds.pdf), 0))
+            value_bsdf, pdf_bsdf = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(ds.d), active)
+            mis = dr.select(ds.delta, 1, mis_weight(ds.pdf, pdf_bsdf))
+            T = self.tracer.transmittance(shadow, active)
+            return dr.select(active, β * dr.detach(mis) * value_bsdf * weight * T, 0)
 
     def _from_lamps(self, si: Any, active: Any, β: Any, random: Any, attached: bool) -> Any:
         """Light of splats by sampling the directions of lamps among them."""
