@@ -71,7 +71,7 @@ def check_cameras(dataset: Dataset) -> CameraCheck:
 
 
 def require_plausible(dataset: Dataset, convention: str) -> CameraCheck:
-    """``check_cameras``, or a ``DataError`` naming the expected ``convention`` where less than half of it
+    """``check_cameras``; raises ``DataError``, which names the expected ``convention``, where less than half of it
     holds.
 
     Without known observations a camera may rightly have most points behind it (a room seen from its middle),

@@ -35,6 +35,8 @@ def merge(splats: Splats, target: int, resolution: float, weights: Array | None 
         target: number of primitives, at least 1; a smaller model stays as it is.
         resolution: world units, below which shapes are alike.
         weights: [N] > 0, how much of each primitive is seen; None: its opacity over its area.
+
+    Raises ``ValueError`` for a target below 1.
     """
     if target < 1:
         raise ValueError(f"merge: the target is {target}, expected at least 1")
@@ -81,7 +83,13 @@ def pair_costs(clusters: Clusters, log_sizes: Array, ends: Array, resolution: fl
 
 
 def cheapest_disjoint(first: Array, second: Array, costs: Array, most: int) -> Array:
-    """Indices of at most ``most`` pairs, from the cheapest on; each end is taken once, of equals the pair listed first.
+    """[Q] indices of at most ``most`` pairs, from the cheapest on; each end is taken once, of equals the pair listed
+    first.
+
+    Args:
+        first, second: [P] the clusters of each pair.
+        costs: [P] of the pairs.
+        most: at least 0.
 
     A loop in Python: it ends long before the list does, and takes a hundredth of the time of the costs.
     """

@@ -43,7 +43,7 @@ def aligned(
         view: the photograph.
         background: grey level behind an image with alpha.
         extent: of the cameras, world units: the unit of shifts.
-        mask: pixels that count.
+        mask: [H, W] above 0 where a pixel counts; None: all of them.
     """
     truth = photograph(view, background)
 

@@ -100,7 +100,13 @@ def _rotates(H: np.ndarray | None, cameras: list[Any], motion: float) -> np.ndar
 
 
 def translation_shares(H: np.ndarray, sizes: list[tuple[int, int]], motion: float) -> np.ndarray:
-    """Spread of the singular values of K⁻¹ H K over the motion, for each of ``FOCALS``: see the top of this file."""
+    """Spread of the singular values of K⁻¹ H K over the motion, [F] for each of ``FOCALS``: see the top of this file.
+
+    Args:
+        H: [3, 3] from pixels of the first image to those of the second.
+        sizes: width and height of both.
+        motion: of the matches, in longest sides.
+    """
     shares = []
     for focal in FOCALS:
         K1, K2 = (np.array([[focal * max(w, h), 0, w / 2], [0, focal * max(w, h), h / 2], [0, 0, 1]]) for w, h in sizes)

@@ -38,7 +38,7 @@ def pairs_of_video(similarity: np.ndarray) -> list[tuple[int, int]]:
 
 
 def pairs_of_many(similarity: np.ndarray) -> list[tuple[int, int]]:
-    """Pairs (i, j) of photographs, i < j, sorted."""
+    """Pairs (i, j) of photographs, i < j, sorted; ``similarity`` [I, I] of ``retrieval.py``."""
     n = len(similarity)
     beside = {(i, i + offset) for offset in range(1, BESIDE + 1) for i in range(n - offset)}
     return sorted(beside | nearest(similarity, ALIKE))

@@ -170,6 +170,7 @@ def loss_gradients(splats: Splats, camera: Camera, adjoint: np.ndarray, *,
     """Central differences of sum(adjoint [H, W, 3] * image) by every entry of the raw parameters in `keys`, or of all.
 
     Perturbs in float64, one entry at a time: two renders each, for small scenes. `options` go to `render`.
+    Raises ValueError if the adjoint has not the shape of the image.
     """
     if np.shape(adjoint) != (camera.height, camera.width, 3):
         raise ValueError(f"loss_gradients: adjoint has the shape {np.shape(adjoint)}, the image "

@@ -17,7 +17,10 @@ from .inputs import INPUTS, is_same_input, noted_inputs
 
 
 def resume_run(trainer: Trainer, out: Path) -> None:
-    """Put the trainer where the checkpoint of ``out`` is, and cut the history there."""
+    """Put the trainer where the checkpoint of ``out`` is, and cut the history there.
+
+    Raises ``DataError`` where there is no run, or one of other settings, or its files are damaged.
+    """
     before = read_run(out)
     if not (out / CONFIG).is_file():
         raise DataError(out, "there is no run, so there is no checkpoint", "train without --resume")

@@ -108,7 +108,8 @@ def camera_to_mitsuba(camera: Camera, near_clip: float = 0.01, far_clip: float =
 
     Mitsuba's pixels are square (one fov; a scaled ``to_world`` is refused). Where fx and fy differ by at most
     ``SQUARE_TOLERANCE`` the geometric mean is used, which moves a pixel by at most half the relative
-    difference times its distance from the principal point; beyond that ``ValueError``.
+    difference times its distance from the principal point. Raises ``ValueError`` beyond that, and for a pose that
+    scales or shears.
     """
     import mitsuba as mi
 

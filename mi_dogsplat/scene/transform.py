@@ -35,7 +35,7 @@ def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndar
 
 
 def mean_scale(matrix: np.ndarray) -> float:
-    """The factor of a 4x4 matrix on lengths: of a similarity its scale, else the geometric mean along three axes."""
+    """The factor of a matrix [4, 4] on lengths: of a similarity its scale, else the geometric mean along three axes."""
     return float(np.cbrt(abs(np.linalg.det(np.asarray(matrix, dtype=np.float64)[:3, :3]))))
 
 
@@ -51,7 +51,7 @@ def sh_rotation(rotation: np.ndarray, degree: int) -> np.ndarray:
 
 
 def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
-    """The model moved by a 4x4 matrix. Exactly the same arrays for the identity.
+    """The model moved by a matrix [4, 4], which maps its points as columns. Exactly the same arrays for the identity.
 
     Raises ``ValueError`` for a matrix that collapses the model or is not finite.
     """

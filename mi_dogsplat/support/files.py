@@ -56,7 +56,7 @@ def is_empty(folder: Path) -> bool:
 
 
 def parse_json(text: str) -> Any:
-    """``json.loads``, whose every complaint is a ``ValueError``; so is half of a character, which no file can hold."""
+    """``json.loads``. Raises ``ValueError`` for whatever is wrong, half of a character too: no file can hold one."""
     try:
         content = json.loads(text)
     except RecursionError:

@@ -63,7 +63,13 @@ class Entry:
 
 
 def gather(adam: mi.ad.Adam, name: str, rows: np.ndarray, fresh: np.ndarray, size: int) -> None:
-    """Rows of a parameter as ``Entry.gathered`` has them; it is dropped when none is left."""
+    """Take the rows of a parameter that ``Entry.gathered`` names; it is dropped when none is left.
+
+    Args:
+        rows: [R] old row of each new one.
+        fresh: [R] bool, whether a row starts with zero moments.
+        size: values of a row.
+    """
     if len(rows):
         Entry.of(adam, name).gathered(rows, fresh, size).put(adam, name)
     else:

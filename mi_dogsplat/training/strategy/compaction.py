@@ -152,7 +152,12 @@ def as_chosen(splats: Splats, options: Options, chosen: Chosen) -> Splats:
 
 
 def take(optimizer: SplatOptimizer, model: Splats, kept: np.ndarray) -> None:
-    """Make ``model``, of the rows ``kept`` with what was chosen, that of an optimizer; what stays keeps its moments."""
+    """Make a model with what was chosen that of an optimizer; what stays keeps its moments.
+
+    Args:
+        model: of K primitives.
+        kept: [K] the row of the optimizer that each of them is.
+    """
     optimizer.keep(kept)
     optimizer.set_sh_degrees(model.sh_degrees)
     optimizer.assign("sh_dc", model.sh_coeffs[:, 0])

@@ -145,6 +145,8 @@ def by_gradient(
     Neither the result nor anything on the way to it has more than ``rule.max_primitives`` rows; if not all fit, those
     with the largest gradients come first. What is too large stays only if it is split, as a half may be small enough.
     Values have to be finite (``broken.py``).
+
+    Raises ``ValueError`` for statistics of another number of primitives.
     """
     n = optimizer.n
     if (rows := dr.width(stats.views)) != n:

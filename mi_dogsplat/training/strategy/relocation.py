@@ -60,7 +60,7 @@ def relocate(optimizer: SplatOptimizer, dead: np.ndarray, sources: np.ndarray, m
 
 
 def duplicate(optimizer: SplatOptimizer, sources: np.ndarray, min_opacity: float) -> None:
-    """Append copies of the rows ``sources``, as ``relocate`` makes them."""
+    """Append copies of the rows ``sources`` [D], as ``relocate`` makes them; a row may be named several times."""
     n = optimizer.n
     added = np.arange(n, n + len(sources))
     _copy(optimizer, np.concatenate([np.arange(n), sources]), np.concatenate([added, sources]), min_opacity)
