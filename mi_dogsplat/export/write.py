@@ -16,12 +16,12 @@ from ..film.subject import read_subject
 from ..formats.coded import snapped
 from ..formats.model import Model
 from ..formats.read import read_model
-from ..formats.table import SOG, format_to_write
+from ..formats.table import SOG, Format, format_to_write
 from ..formats.upright import upright
 from ..formats.write import SPZ_VERSIONS, write_model
 from ..render.picture_options import PictureOptions
 from ..report.run_folder import MODEL
-from ..scene.drawing import drawn_as
+from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.radiance import brightened
 from ..scene.splats import Splats
 from ..scene.transform import transformed
@@ -94,19 +94,7 @@ def export_model(
     model, out = Path(model), Path(out)
     page = out.name.lower().endswith(PAGE)
     chosen = SOG if page else format_to_write(out, (PAGE,))
-    if dog not in DOG_CHOICES or (dog == "keep" and not chosen.dog):
-        problem = f'"{dog}" is unknown' if dog not in DOG_CHOICES else f"{chosen.name} has no room for DoG to keep"
-        raise DataError("--dog", problem, "use bake or drop")
-    if slopes not in SLOPE_CHOICES or (slopes == "keep" and not chosen.slopes):
-        problem = f'"{slopes}" is unknown' if slopes not in SLOPE_CHOICES else f"{chosen.name} has no room for them"
-        raise DataError("--slopes", problem, "use drop")
-    if small and chosen.name not in SMALL:
-        raise DataError("--small", f"{chosen.name} has no codes that compress", "name a file that ends in .spz or .sog")
-    if small and world.upright:
-        remedy = "make it upright first: dogsplat clean MODEL -o UPRIGHT.ply --upright"
-        raise DataError("--upright", "the grids of a small file are for the model as it lies", remedy)
-    if views < 0:
-        raise DataError("--views", f"{views} is too small", "use at least 0")
+    _require(chosen, dog, slopes, small, world, views)
     read = read_model(model)
     splats = read.splats
     drawing = world.over(options.drawing.over(read.drawing), data)
@@ -116,29 +104,21 @@ def export_model(
         raise DataError(model, "the model is empty", "export one that has primitives")
     if not out.parent.is_dir():  # said before what takes long
         raise DataError(out, "cannot be written (there is no such folder)", "make it, or name another one")
-    stages = {"as it is": splats}
-    flat = splats.without_slopes() if slopes == "drop" and splats.n_slopes else splats
-    plain = plain_gaussians(flat, dog)
-    taken_out = {"slopes": splats.n_slopes > flat.n_slopes, "DoG": splats.n_dog > plain.n_dog}
-    steps, drawn, seconds = _steps(refine, dog, taken_out, small), drawn_as(drawing), None
+    stages = _stages(splats, dog, slopes)
+    plain = list(stages.values())[-1]
+    steps, drawn, seconds = _steps(refine, dog, plain is not splats, small), drawn_as(drawing), None
     grids = SMALL[chosen.name] if small else None
     dataset = _loaded(data, options) if steps != 0 or views else None
     steps = steps_for(dataset) if steps is None else steps
-    if taken_out["slopes"]:
-        stages["without slopes"] = flat
-    if taken_out["DoG"]:
-        stages[f"without DoG ({dog})"] = plain
     if steps:
         start = time.perf_counter()
         goal = goal_of(splats, dataset, steps, options, drawn, drawing.up)
         plain = stages[f"refined, {steps} steps"] = refined(plain, goal, steps, show, grids)
         seconds = time.perf_counter() - start
     elif grids:
-        unit = drawn.white if drawn.linear else 1.0
-        on_grids = snapped(grids, brightened(plain, 1 / unit) if drawn.linear else plain, linear=drawn.linear)
-        plain = stages["on the grids of a small file"] = brightened(on_grids, unit) if drawn.linear else on_grids
+        plain = stages["on the grids of a small file"] = _on_grids(plain, grids, drawn)
     left_out = [f"{model.name}: {line}" for line in read.left_out]
-    if taken_out["slopes"]:
+    if "without slopes" in stages:
         left = f"the slopes of {count(splats.n_slopes)} primitives are left out, which have their mean colours"
         left_out.append(left + ("; --slopes keep keeps them" if chosen.slopes else ""))
     written, matrix = replace(read, splats=plain, drawing=drawing), np.eye(4)
@@ -156,6 +136,40 @@ def export_model(
     return Exported(plain.n_splats, len(seen.cameras), losses(stages, seen), left_out, seconds)
 
 
+def _require(chosen: Format, dog: str, slopes: str, small: bool, world: WorldConfig, views: int) -> None:
+    """Raise ``DataError`` for what does not go with the format that is written, or with the rest."""
+    if dog not in DOG_CHOICES or (dog == "keep" and not chosen.dog):
+        problem = f'"{dog}" is unknown' if dog not in DOG_CHOICES else f"{chosen.name} has no room for DoG to keep"
+        raise DataError("--dog", problem, "use bake or drop")
+    if slopes not in SLOPE_CHOICES or (slopes == "keep" and not chosen.slopes):
+        problem = f'"{slopes}" is unknown' if slopes not in SLOPE_CHOICES else f"{chosen.name} has no room for them"
+        raise DataError("--slopes", problem, "use drop")
+    if small and chosen.name not in SMALL:
+        raise DataError("--small", f"{chosen.name} has no codes that compress", "name a file that ends in .spz or .sog")
+    if small and world.upright:
+        remedy = "make it upright first: dogsplat clean MODEL -o UPRIGHT.ply --upright"
+        raise DataError("--upright", "the grids of a small file are for the model as it lies", remedy)
+    if views < 0:
+        raise DataError("--views", f"{views} is too small", "use at least 0")
+
+
+def _stages(splats: Splats, dog: str, slopes: str) -> dict[str, Splats]:
+    """The model as it is, and after each thing that is taken out of it; the last one is what the format gets."""
+    stages, plain = {"as it is": splats}, splats
+    if slopes == "drop" and splats.n_slopes:
+        plain = stages["without slopes"] = splats.without_slopes()
+    if dog != "keep" and splats.n_dog:
+        stages[f"without DoG ({dog})"] = plain_gaussians(plain, dog)
+    return stages
+
+
+def _on_grids(splats: Splats, grids: str, drawn: DrawnAs) -> Splats:
+    """The model as a small file has it, ``grids`` by their name in ``SMALL``."""
+    if not drawn.linear:
+        return snapped(grids, splats, linear=False)
+    return brightened(snapped(grids, brightened(splats, 1 / drawn.white), linear=True), drawn.white)
+
+
 def _write_page(
     model: Path, out: Path, written: Model, dog: str, data: str | Path | None, options: PictureOptions
 ) -> list[str]:
@@ -165,16 +179,16 @@ def _write_page(
     return write_page(out, written, opening_of(subject, title, dog))
 
 
-def _steps(refine: int | None, dog: str, taken_out: dict[str, bool], small: bool) -> int | None:
-    """Of the refinement, None for as many as the data set needs; ``taken_out``: whether there were slopes, DoG.
+def _steps(refine: int | None, dog: str, taken_out: bool, small: bool) -> int | None:
+    """Of the refinement, None for as many as the data set needs; ``taken_out``: whether slopes or DoG were.
 
     Raises ``DataError`` where it is asked for and has nothing to make up for.
     """
     if refine is None:
-        return None if (small or (any(taken_out.values()) and dog != "drop")) and mi.variant() else 0
+        return None if (small or (taken_out and dog != "drop")) and mi.variant() else 0
     if refine < 0:
         raise DataError("--refine", f"{refine} is too small", "use at least 0")
-    if refine and not any(taken_out.values()) and not small:
+    if refine and not taken_out and not small:
         raise DataError("--refine", "no DoG or slopes are taken out that could be made up for", "leave it out")
     return refine
 
