@@ -79,7 +79,7 @@ class Task:
 
 
 def tasks_of(folder: Path, seeds: Sequence[int], methods: Sequence[str], targets: Sequence[float] = ()) -> list[Task]:
-    """All tasks of a data set, each after those that it needs; ``targets`` beside that of the comparison."""
+    """All tasks of a data set, each once and after those that it needs; ``targets`` beside that of the comparison."""
     where, tasks = str(folder.resolve()), []
     for seed in seeds:
         tasks.append(Task("start", where, seed))
@@ -89,7 +89,7 @@ def tasks_of(folder: Path, seeds: Sequence[int], methods: Sequence[str], targets
         tasks.append(Task("time", where, seed, tuple(methods)))
         if weights_path().exists():
             tasks.append(Task("lpips", where, seed, tuple(methods)))
-    return tasks
+    return list(dict.fromkeys(tasks))  # seeds or targets may be given twice
 
 
 def perform(task: Task, free: Mapping[str, Any]) -> None:
