@@ -11,7 +11,9 @@ from mi_dogsplat.training.strategy.strategy import arrays_of, restore_fields
 
 
 class Said(Once):
-    start = 3
+    @property
+    def start(self) -> int:
+        return 3
 
     def act(self, t):
         return [t.step_count]
