@@ -80,13 +80,13 @@ def film(
         yield open_shutter[shutter // 2], picture(scene, open_shutter, spp, exposure(at / len(cameras)), at)
 
 
-def write_video(path: Path, frames: Iterable[np.ndarray], rate: int = 30, codec: str = "libx264", crf: int = 18) -> int:
-    """Encode uint8 frames [H, W, 3]; returns how many."""
+def write_video(path: Path, frames: Iterable[np.ndarray]) -> int:
+    """Encode uint8 frames [H, W, 3], 30 per second; returns how many."""
     import av
 
     n = 0
     with av.open(str(path), "w") as container:
-        stream: Any = container.add_stream(codec, rate=Fraction(rate), options={"crf": str(crf)})
+        stream: Any = container.add_stream("libx264", rate=Fraction(30), options={"crf": "18"})
         stream.pix_fmt = "yuv420p"
         for frame in frames:
             if not n:

@@ -61,7 +61,7 @@ def _row(name: str, source: Path, exact: dict[str, Camera], data: Path | None, t
     found = _cameras(top / "posed")
     error = pose_error(exact, found)
     if data is None:  # whose up is known
-        world = world_error(exact, top / "posed", "z")
+        world = world_error(exact, top / "posed")
         lengths = f"{world.one_mark:.2%} ({world.refused:.0%} of them refused), in two {world.two_marks:.2%}"
         print(f"{name}: up off by {world.up:.2f} deg; lengths by points marked in one image {lengths}")
     data = data or _exact_data(top, exact, found)

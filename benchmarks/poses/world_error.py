@@ -30,15 +30,15 @@ class WorldError:
     refused: float
 
 
-def world_error(exact: Mapping[str, Camera], posed: Path, up: str) -> WorldError:
-    """Of a folder of poses whose up is -y, against cameras by the names of views, in a world with a known ``up``.
+def world_error(exact: Mapping[str, Camera], posed: Path) -> WorldError:
+    """Of a folder of poses whose up is -y, against cameras by the names of views, in a world whose up is z.
 
     Points are those of structure from motion, where the exact cameras have them; marks are off by a pixel.
     """
     dataset = load_dataset(posed, on_disk=True)
     found = {view.name: view.camera for view in dataset.views}
     similar = alignment(exact, found)
-    angle = np.degrees(np.arccos(np.clip(similar.rotation @ (0, -1, 0) @ up_vector(up), -1, 1)))
+    angle = np.degrees(np.arccos(np.clip(similar.rotation @ (0, -1, 0) @ up_vector("z"), -1, 1)))
     standpoints, rng = standpoints_of(dataset), np.random.default_rng(0)
     points = similar.points(dataset.points.astype(np.float64))
     names, errors, refused = sorted(dataset.observations), {1: [], 2: []}, 0

@@ -216,13 +216,13 @@ def history(run: Callable[[], None], times: int) -> list[dict[str, Any]]:
     return found[1:]  # the first one compiled
 
 
-def clock_ghz(count: int = 400_000, rounds: int = 500) -> float:
+def clock_ghz() -> float:
     """Clock of a core, from a loop of one cycle per iteration."""
     memory = mmap.mmap(-1, mmap.PAGESIZE, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC)
     memory.write(DEC_JNZ_RET)
     loop = ctypes.CFUNCTYPE(None, ctypes.c_uint64)(ctypes.addressof(ctypes.c_char.from_buffer(memory)))
-    best = float("inf")
-    for _ in range(rounds):
+    count, best = 400_000, float("inf")
+    for _ in range(500):
         start = time.perf_counter()
         loop(count)
         best = min(best, time.perf_counter() - start)

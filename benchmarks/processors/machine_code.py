@@ -20,6 +20,7 @@ import drjit as dr
 PIPES = {"multiply": {0, 1}, "add": {2, 3}, "compare": {1, 2}, "any": {0, 1, 2, 3}}  # of the vector unit
 PER_CYCLE = {"load": 2, "store": 1, "to scalar": 2, "decode": 8}
 GATHER_LOADS = 16
+ITERATIONS = 20  # that llvm-mca simulates
 
 # what an instruction is for, the pipe it needs, and how it is recognised: the first match counts
 ROW = "fetch of rows"
@@ -100,14 +101,14 @@ def processor(ir: str) -> str:
     return named[1] if named else "native"
 
 
-def mca_cycles(loop: Sequence[str], cpu: str, folder: Path, iterations: int = 20) -> float:
+def mca_cycles(loop: Sequence[str], cpu: str, folder: Path) -> float:
     """Cycles per iteration of the loop, as llvm-mca simulates it: no caches, no decoder."""
     body = [re.sub(r"\.?[A-Za-z_]\w*(?=\])", "64", line) if "[rip" in line else line for line in loop if line[0] != "j"]
     (folder / "loop.s").write_text("\n".join([".intel_syntax noprefix", *body, ""]))
-    flags = "-mtriple=x86_64", f"-mcpu={cpu}", f"-iterations={iterations}", "loop.s"
+    flags = "-mtriple=x86_64", f"-mcpu={cpu}", f"-iterations={ITERATIONS}", "loop.s"
     said = re.search(r"Total Cycles: +(\d+)", tool("llvm-mca", *flags, folder=folder))
     assert said
-    return int(said[1]) / iterations
+    return int(said[1]) / ITERATIONS
 
 
 def bound(counts: Mapping[str, float]) -> float:

@@ -40,6 +40,7 @@ from .ray_model import (
 ROOT = Path(__file__).parents[2]
 PICTURE = ROOT / "docs" / "pictures" / "ellipsoids.png"
 POINTS = 500  # pixels at which rules are told apart
+RAYS, DEPTH = 30, 30  # whose shells are counted, and how many of each
 HEAT = 0.25  # error that the picture shows as white
 
 
@@ -141,25 +142,25 @@ def models() -> dict[str, tuple[Splats, Camera]]:
     return found
 
 
-def hits(splats: Splats, camera: Camera, n_rays: int = 30, depth: int = 30) -> None:
+def hits(splats: Splats, camera: Camera) -> None:
     """Which shells Mitsuba's rays meet, going on behind each as ``volprim_rf_basic`` does, and which they should."""
-    points = np.random.default_rng(1).uniform(0.3, 0.7, (n_rays, 2)) * (camera.width, camera.height)
+    points = np.random.default_rng(1).uniform(0.3, 0.7, (RAYS, 2)) * (camera.width, camera.height)
     entry = entries(splats, camera, points)  # [rays, N]
     scene = scenes(splats, camera)[1]
-    start = np.repeat(camera.position[:, None], n_rays, 1).astype(np.float32)
+    start = np.repeat(camera.position[:, None], RAYS, 1).astype(np.float32)
     ray: Any = mi.Ray3f(mi.Point3f(start), mi.Vector3f(ray_directions(camera, points).T.astype(np.float32)))
-    met: list[list[int]] = [[] for _ in range(n_rays)]
-    for _ in range(2 * depth):
+    met: list[list[int]] = [[] for _ in range(RAYS)]
+    for _ in range(2 * DEPTH):
         si: Any = scene.ray_intersect(ray)
         for k in np.flatnonzero(si.is_valid().numpy()):
             met[k].append(int(si.prim_index.numpy()[k]))
         ray.o = si.p + ray.d * RESTART
-    expected = [set(np.argsort(row)[:depth]) & set(np.flatnonzero(np.isfinite(row))) for row in entry]
+    expected = [set(np.argsort(row)[:DEPTH]) & set(np.flatnonzero(np.isfinite(row))) for row in entry]
     n_expected = sum(len(those) for those in expected)
     found = sum(len(those & set(these)) for those, these in zip(expected, met, strict=True))
     twice = sum(len(these) - len(set(these)) for these in met)
     wrong = sum(len(set(these) - set(np.flatnonzero(np.isfinite(row)))) for these, row in zip(met, entry, strict=True))
-    print(f"the first {depth} shells of {n_rays} rays: {n_expected}, {found} of them found; "
+    print(f"the first {DEPTH} shells of {RAYS} rays: {n_expected}, {found} of them found; "
           f"{twice} hits of one hit before, {wrong} of one that the ray misses")
 
 

@@ -21,6 +21,7 @@ from mi_dogsplat.scene.splats import Splats
 
 RESTART = 1e-4  # how far behind an intersection ``volprim_rf_basic`` goes on
 MAX_DEPTH = 64  # hits of a ray, unless ``volprim_rf_basic`` is told otherwise
+NEAR_CLIP = 0.2  # of ``dogsplat``, in all these scenes
 SENSOR_NEAR = 0.01  # near plane of the sensors that ``camera_to_mitsuba`` makes
 BATCH = 4_000_000  # entries of the arrays [pixels, primitives] that are alive at once
 
@@ -42,23 +43,20 @@ DOGSPLAT = Rules()
 VOLPRIM = Rules(*[True] * 7)
 
 
-def render_points(splats: Splats, camera: Camera, pixels: np.ndarray, rules: Rules, *, near_clip: float = 0.2,
-                  extent: float = EXTENT) -> np.ndarray:
+def render_points(splats: Splats, camera: Camera, pixels: np.ndarray, rules: Rules) -> np.ndarray:
     """Blended colours [P, 3] over black at the points ``pixels`` [P, 2] of the image, of a model without DoG."""
     assert splats.n_dog == 0
     size = max(1, BATCH // max(1, splats.n_splats))
-    parts = [_batch(splats, camera, pixels[k : k + size], rules, near_clip, extent)
-             for k in range(0, len(pixels), size)]
+    parts = [_batch(splats, camera, pixels[k : k + size], rules) for k in range(0, len(pixels), size)]
     return np.concatenate(parts)
 
 
-def _batch(splats: Splats, camera: Camera, pixels: np.ndarray, rules: Rules, near_clip: float,
-           extent: float) -> np.ndarray:
-    projection = project(splats, camera, near_clip=0 if rules.inside_is_lost else near_clip)
+def _batch(splats: Splats, camera: Camera, pixels: np.ndarray, rules: Rules) -> np.ndarray:
+    projection = project(splats, camera, near_clip=0 if rules.inside_is_lost else NEAR_CLIP)
     directions = ray_directions(camera, pixels)  # [P, 3]
     peak, miss, stretch = _closest(splats, camera.position, directions)  # [P, N] each
-    met = miss < extent**2
-    entry = peak - np.sqrt(np.maximum(extent**2 - miss, 0)) / stretch
+    met = miss < EXTENT**2
+    entry = peak - np.sqrt(np.maximum(EXTENT**2 - miss, 0)) / stretch
 
     if rules.peak_on_ray:
         alpha = splats.opacities.astype(np.float64) * np.exp(-0.5 * miss)
@@ -125,11 +123,11 @@ def _closest(splats: Splats, origin: np.ndarray, directions: np.ndarray) -> tupl
     return t, ((o[None] + t[..., None] * d) ** 2).sum(2), np.sqrt(squared)
 
 
-def entries(splats: Splats, camera: Camera, pixels: np.ndarray, extent: float = EXTENT) -> np.ndarray:
+def entries(splats: Splats, camera: Camera, pixels: np.ndarray) -> np.ndarray:
     """[P, N] how far along the rays through ``pixels`` [P, 2] the shells are entered; inf where they are not."""
     peak, miss, stretch = _closest(splats, camera.position, ray_directions(camera, pixels))
-    entry = peak - np.sqrt(np.maximum(extent**2 - miss, 0)) / stretch
-    return np.where((miss < extent**2) & (entry > 0), entry, np.inf)
+    entry = peak - np.sqrt(np.maximum(EXTENT**2 - miss, 0)) / stretch
+    return np.where((miss < EXTENT**2) & (entry > 0), entry, np.inf)
 
 
 def _screen(projection: Projection, pixels: np.ndarray, taken_off: float) -> np.ndarray:

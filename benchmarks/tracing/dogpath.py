@@ -24,7 +24,7 @@ from .lit_scenes import IN_PLACE, LIGHT, MODEL, empty, loaded, of_meshes, pictur
 from .regions import regions
 
 
-def mirrored(size: tuple[int, int], spp: int) -> None:
+def mirrored(size: tuple[int, int]) -> None:
     """Print how far the image in a plane mirror is from what the camera sees from the mirrored place."""
     eye, target = np.array([-1.4, -4.9, 2.75]), np.array([0, -0.05, 0.2])
     axis = (target - eye) / np.linalg.norm(target - eye)
@@ -39,7 +39,7 @@ def mirrored(size: tuple[int, int], spp: int) -> None:
         sensor = {"type": "perspective", "fov": 38, "to_world": to_world, "film": film}
         integrator = {"type": kind, "srgb_primitives": not linear}
         scene: Any = mi.load_dict({"type": "scene", "integrator": integrator, "sensor": sensor, **rest, **others})
-        return display(np.array(mi.render(scene, spp=spp)))
+        return display(np.array(mi.render(scene, spp=16)))
 
     direct, back = look_at(list(eye), list(target), [0, 0, 1]), look_at(list(eye + 2 * axis), list(eye), [0, 0, 1])
     print("| colours | compared with | mean error | PSNR, dB |")
@@ -58,7 +58,7 @@ def main(argv: list[str]) -> None:
     contestants(parser)
     args = parsed(parser, argv)
     size = args.size
-    mirrored(size, 16)
+    mirrored(size)
     meshes, model = of_meshes(LIGHT), loaded(LIGHT)
     shown, alone = picture(meshes, args.truth, size), picture(empty(LIGHT), args.truth, size)
     masks = regions(meshes, shown, alone, size)

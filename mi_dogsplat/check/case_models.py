@@ -54,11 +54,11 @@ def primitives(
     )  # fmt: skip
 
 
-def bystanders(distance: float = 4.0, size: float = 0.25, slopes: Any = None) -> Splats:
-    """Twelve ordinary primitives around ``distance``, three of them DoG; ``slopes`` [3, 3] are those of six."""
+def bystanders(slopes: Any = None) -> Splats:
+    """Twelve ordinary primitives around a distance of 4, three of them DoG; ``slopes`` [3, 3] are those of six."""
     rng = np.random.default_rng(7)
-    means = rng.uniform([-1.6, -1.3, 0.7], [1.6, 1.3, 1.6], (12, 3)) * distance / 4 * (1, 1, 4)
-    scales = size * distance / 4 * np.exp(rng.normal(0, 0.4, (12, 3)))
+    means = rng.uniform([-1.6, -1.3, 0.7], [1.6, 1.3, 1.6], (12, 3)) * (1, 1, 4)
+    scales = 0.25 * np.exp(rng.normal(0, 0.4, (12, 3)))
     color, quats = rng.uniform(0.1, 1, (12, 3)), rng.normal(size=(12, 4))
     plain = primitives(means[:9], scales[:9], rng.uniform(0.2, 0.9, 9), quats[:9], color[:9])
     splats = together(plain, primitives(means[9:], scales[9:], 0.7, quats[9:], color[9:], dog=True))

@@ -12,7 +12,6 @@ What is complete is not repeated, and what was cut off goes on from its checkpoi
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ..datasets import load_dataset
+from ..report.run_folder import CONFIG
 from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import is_empty, replacing, write_json
@@ -27,6 +27,7 @@ from ..support.locks import locked
 from ..training.config import FREE, TrainConfig
 from .cluster import cluster_client, on_cluster
 from .execute import Means, one_after_another
+from .folders import settings_in
 from .methods import METHODS
 from .names import AT
 from .page import comparison_page
@@ -117,9 +118,9 @@ def _claim(out: Path, settings: dict[Path, TrainConfig]) -> None:
 def claim(out: Path, config: TrainConfig) -> None:
     """Make the folder one of runs with these settings. Raises ``DataError`` if it is something else."""
     settings = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("preset", "seed", *FREE)}
-    path = out / "config.json"
+    path = out / CONFIG
     earlier = {field.name: field.default for field in dataclasses.fields(TrainConfig) if field.name in settings}
-    if path.exists() and earlier | json.loads(path.read_text(encoding="utf-8")) != settings:
+    if path.exists() and earlier | settings_in(out) != settings:
         raise DataError(out, "holds runs with other settings", "name another folder")
     if not path.exists() and out.is_dir() and any(out.iterdir()):
         raise DataError(out, "is a folder with other contents", "name a new folder, or that of an earlier call")

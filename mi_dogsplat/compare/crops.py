@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,8 @@ import numpy as np
 from ..measure.metrics import psnr
 from ..report.pictures import Figure, embedded_jpeg, embedded_png, frame, read_pictures, worst_box
 from ..report.run_folder import METRICS
+from ..support.files import read_object
+from .folders import REMEDY
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,6 @@ def crops(folder: Path, rows: dict[str, Any]) -> Crops | None:
 
 def _middle_view(run: Path) -> str:
     """Name of the test view with the median PSNR."""
-    views = json.loads((run / METRICS).read_text(encoding="utf-8"))["views"]
+    views = read_object(run / METRICS, REMEDY)["views"]
     ranked = sorted(views, key=lambda name: views[name]["psnr"])
     return ranked[len(ranked) // 2]

@@ -23,9 +23,10 @@ from ..runs.checkpoint import CHECKPOINT
 from ..runs.mixture import write_comparison
 from ..runs.run import train, train_until
 from ..scene.drawing import Drawing, drawn_as
-from ..support.files import write_json
+from ..support.files import read_object, write_json
 from ..training.config import TrainConfig
 from ..training.presets import RECIPES, Recipe
+from .folders import REMEDY
 from .methods import METHODS, WITHOUT_DOG, Method
 
 
@@ -53,7 +54,7 @@ def is_complete(folder: Path, method: Method) -> bool:
 def _recipe_in(folder: Path) -> Any:
     """As ``recipe_of`` has it; what an earlier version did not write down was as a recipe has it by default."""
     path = folder / RECIPE
-    known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+    known = read_object(path, REMEDY) if path.exists() else None
     if known and isinstance(known.get("recipe"), dict):
         known["recipe"] = json.loads(json.dumps(dataclasses.asdict(Recipe()))) | known["recipe"]
     return known
@@ -101,7 +102,7 @@ def _compare_without_dog(
     """In the report of a run, the model trained without DoG takes the place of its own, switched off."""
     profile, name = folder / "test" / DOG_PROFILE, WITHOUT_DOG[folder.name]
     if profile.exists():  # else no primitive is DoG any more
-        shown = json.loads(profile.read_text(encoding="utf-8"))["view"]
+        shown = read_object(profile, REMEDY)["view"]
         view = next(view for view in dataset.test if view.name == shown)
         words = f'the model trained without it, "{METHODS[name].label}"'
         write_comparison(drawings[folder.name], drawings[name], view, background, profile.parent, words)

@@ -25,14 +25,14 @@ ALL = (
 )  # in the order of the table
 
 
-def chosen(words: Sequence[str], offered: Sequence[str] = ALL) -> list[str]:
+def chosen(words: Sequence[str]) -> list[str]:
     """The methods that are meant by names of methods and of sets, in the order of the table, each once.
 
     Raises ``ValueError`` with the word that is neither.
     """
     names: set[str] = set()
     for word in words:
-        if word not in SETS and word not in offered:
+        if word not in SETS and word not in ALL:
             raise ValueError(word)
         names.update(SETS.get(word, (word,)))
     return [name for name in ALL if name in names]

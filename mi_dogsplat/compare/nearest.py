@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from .methods import METHODS
 from .pairs import REFERENCES, first_of
 
 QUANTITIES = {"megabytes": ("bytes", "size, MB", 2), "train_seconds": ("time", "training, s", 0)}
@@ -44,7 +45,7 @@ def tables_of_equals(rows: dict[str, Any], own_target: str) -> list[dict[str, An
             found = candidates(row)[target]
             size, known = found[quantity]["value"], [found.get(column) for column in columns]
             cells = [f"{k['value']:.{SHOWN[c][1]}f}" if k else "" for c, k in zip(columns, known, strict=True)]
-            told = "all primitives" if name.startswith("3dgs") and "capped" not in name else target or own_target
+            told = target or own_target if METHODS[name].compact else "all primitives"
             lines.append([row["label"], told, f"{size:,.{digits}f}", f"{size / value:.2f}", *cells])
         headings = ["method", "target", words, "of the reference", *(SHOWN[column][0] for column in columns)]
         tables.append({"headings": headings, "rows": lines, "reference": rows[reference]["label"], "what": what})

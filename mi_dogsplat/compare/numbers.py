@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..report.run_folder import METRICS, RENDER_MS, read_run
+from ..support.errors import DataError
+from ..support.files import read_object
 from ..training.events import DogActivated
+from .folders import REMEDY
 from .names import AT
 from .perceptual import LPIPS
 
@@ -37,22 +40,29 @@ def collect_targets(folder: Path, name: str) -> dict[str, Runs]:
 
 
 def numbers(folder: Path) -> dict[str, float]:
-    """What a complete run folder tells, by name."""
-    metrics = json.loads((folder / METRICS).read_text(encoding="utf-8"))
-    found = {name: metrics["test"][name] for name in ("psnr", "ssim", "flip")}
-    found |= {name: metrics[name] for name in ("n", "n_dog", "train_seconds", "render_ms", "peak_memory_mb")}
-    found |= {name: metrics[name] for name in ("n_slopes",) if name in metrics}
-    found |= {"train_l1": metrics["train"]["l1"], "megabytes": metrics["bytes"] / 1e6}
+    """What a complete run folder tells, by name. Raises ``DataError`` where a file of it is damaged."""
+    run = read_run(folder)
+    try:
+        found = _measured(run.metrics or {})
+    except KeyError as missing:
+        raise DataError(folder / METRICS, f"has no {missing}", REMEDY) from None
     for name in (RENDER_MS, LPIPS):  # measured with the other runs of a seed
         if (folder / name).exists():
-            measured = json.loads((folder / name).read_text(encoding="utf-8"))
+            measured = read_object(folder / name, REMEDY)
             found |= {key: value for key, value in measured.items() if key != "in_turn_with"}
-    run = read_run(folder)
     for i in run.rows_with(DogActivated.kind):
         row = run.history[i]
         if "psnr_before" in row:  # what it costs that primitives become DoG
             found["activation_db"] = row["test_psnr"] - row["psnr_before"]
     return found | {"fps": 1000 / found["render_ms"]}
+
+
+def _measured(metrics: Mapping[str, Any]) -> dict[str, float]:
+    """What a run has measured of itself. Raises ``KeyError`` for what is not there."""
+    found = {name: metrics["test"][name] for name in ("psnr", "ssim", "flip")}
+    found |= {name: metrics[name] for name in ("n", "n_dog", "train_seconds", "render_ms", "peak_memory_mb")}
+    found |= {name: metrics[name] for name in ("n_slopes",) if name in metrics}
+    return found | {"train_l1": metrics["train"]["l1"], "megabytes": metrics["bytes"] / 1e6}
 
 
 def summary(runs: Runs) -> dict[str, dict[str, float]]:

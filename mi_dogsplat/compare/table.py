@@ -6,13 +6,14 @@ A row per method; for each data set the mean over its seeds, as in the tables of
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..report.run_folder import CONFIG
 from ..support.files import replacing, write_json
+from .folders import settings_in
 from .methods import METHODS
 from .names import AT
 from .numbers import collect, collect_targets, summary
@@ -38,7 +39,7 @@ MEAN = "mean over the data sets"
 
 def collect_all(out: Path, failed: dict[str, str]) -> dict[str, Any]:
     """What ``comparison.json`` holds: settings and, of each method, numbers by data set; and what has failed."""
-    folders = [path.parent for path in sorted(out.glob("*/config.json"))]
+    folders = [path.parent for path in sorted(out.glob(f"*/{CONFIG}"))]
     rows: dict[str, dict[str, Any]] = {}
     for folder in folders:
         for name, runs in collect(folder, METHODS).items():
@@ -52,7 +53,7 @@ def collect_all(out: Path, failed: dict[str, str]) -> dict[str, Any]:
         if len(names) > 1 and list(row["data"]) == names:
             row["data"][MEAN] = _mean(list(row["data"].values()))
     methods = {name: rows[name] for name in METHODS if name in rows}
-    config = {folder.name: json.loads((folder / "config.json").read_text(encoding="utf-8")) for folder in folders}
+    config = {folder.name: settings_in(folder) for folder in folders}
     return {"config": config, "methods": methods, "failed": failed}
 
 

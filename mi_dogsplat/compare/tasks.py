@@ -8,7 +8,6 @@ lpips   of all these models, where the weights are installed
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from ..runs.checkpoint import load_checkpoint
 from ..support.errors import DataError
 from ..training.config import TrainConfig
 from ..training.strategy.scheduler import target_count
+from .folders import settings_in
 from .method_runs import densified_start, draw_in_turn, is_complete, train_method
 from .methods import METHODS
 from .names import AT, at_target, method_of
@@ -79,7 +79,7 @@ class Task:
 
 
 def tasks_of(folder: Path, seeds: Sequence[int], methods: Sequence[str], targets: Sequence[float] = ()) -> list[Task]:
-    """All tasks of a data set, each after those that it needs; ``targets`` beside that of the comparison."""
+    """All tasks of a data set, each once and after those that it needs; ``targets`` beside that of the comparison."""
     where, tasks = str(folder.resolve()), []
     for seed in seeds:
         tasks.append(Task("start", where, seed))
@@ -89,7 +89,7 @@ def tasks_of(folder: Path, seeds: Sequence[int], methods: Sequence[str], targets
         tasks.append(Task("time", where, seed, tuple(methods)))
         if weights_path().exists():
             tasks.append(Task("lpips", where, seed, tuple(methods)))
-    return tasks
+    return list(dict.fromkeys(tasks))  # seeds or targets may be given twice
 
 
 def perform(task: Task, free: Mapping[str, Any]) -> None:
@@ -98,8 +98,7 @@ def perform(task: Task, free: Mapping[str, Any]) -> None:
     Args:
         free: settings by name that the folder does not hold, since no result depends on them.
     """
-    settings = json.loads((Path(task.folder) / "config.json").read_text(encoding="utf-8"))
-    config = TrainConfig(**settings, **free, preset="3dgs", seed=task.seed)
+    config = TrainConfig(**settings_in(Path(task.folder)), **free, preset="3dgs", seed=task.seed)
     start = task.seed_folder / "start.npz"
     if task.kind == "start":
         densified_start(config, start)

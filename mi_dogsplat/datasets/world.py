@@ -19,7 +19,7 @@ from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, value_of
 from ..scene.orientation import MAX_ROLL, roll, up_name, up_of_cameras, up_vector
 from ..support.errors import DataError
-from ..support.files import read_json, write_json
+from ..support.files import read_object, write_json
 from ..support.settings import Setting, refuse
 from .dataset import Dataset
 
@@ -80,9 +80,7 @@ def read_world(folder: Path) -> World:
     if not path.is_file():
         return World()
     remedy = 'write {"up": "-y", "scale": 1.0}: an axis or X,Y,Z, and metres of a unit; or remove the file'
-    content = read_json(path, remedy)
-    if not isinstance(content, dict):
-        raise DataError(path, "is no JSON object", remedy)
+    content = read_object(path, remedy)
     if unknown := sorted(set(content) - {"up", "scale"}):
         raise DataError(path, f'"{unknown[0]}" is unknown', remedy)
     found = {name: value_of(name, content[name]) for name in ("up", "scale") if content.get(name) is not None}

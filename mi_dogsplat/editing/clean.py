@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..datasets.dataset import View
+from ..datasets import Dataset, View, load_dataset
 from ..datasets.masks import Masks
 from ..datasets.world_config import WorldConfig
 from ..formats.model import Model
-from ..formats.read import read_model
+from ..formats.read import read_source
 from ..formats.table import PLY, format_to_write
 from ..formats.upright import upright
 from ..formats.write import write_model
@@ -22,17 +21,13 @@ from ..measure.metrics import psnr
 from ..render.picture import background_color, photograph, picture_of, seen_as
 from ..render.picture_options import PictureOptions
 from ..render.viewpoint import viewpoint
-from ..scene.drawing import DrawnAs, comments_of, drawn_as
-from ..scene.ply import write_ply
+from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.splats import Array, Splats
 from ..support.errors import DataError
 from ..support.pictures import write_png
 from .clean_config import CleanConfig
 from .regions import in_box, in_sphere, largest_parts
 from .views import evidence, seen, within_masks
-
-if TYPE_CHECKING:
-    from ..datasets import Dataset
 
 
 @dataclass(frozen=True)
@@ -80,14 +75,10 @@ def clean_model(
         raise DataError(preview, "no known picture format", "name a file that ends in .png")
     if format_to_write(out) is not PLY and config.mixed_sh:
         raise DataError("--mixed-sh", "only PLY has SH degrees of single primitives", "name a file that ends in .ply")
-    read = read_model(model)
+    read = read_source(model, out, "clean")
     splats, drawn = read.splats, drawn_as(options.drawing, read.drawing)
-    if splats.n_splats == 0:
-        raise DataError(model, "the model is empty", "clean one that has primitives")
-    if out.exists() and out.samefile(model):
-        raise DataError(out, "is the model itself, which would be lost", "name another file")
     drawing = world.over(options.drawing.over(read.drawing), data)
-    dataset = _dataset(data, options)
+    dataset = load_dataset(data, options.downscale) if data else None
     views = dataset.train if dataset else []
     wanted, taken_out = np.ones(splats.n_splats, bool), []
     for reason, keep in rules(splats, config, views, drawn):
@@ -104,7 +95,7 @@ def clean_model(
         raise DataError(model, "no primitive would be left", "take out less")
     left_out = [f"{model.name}: {line}" for line in read.left_out]
     written = replace(read, splats=after, drawing=drawing)
-    left_out += _write(out, upright(written)[0] if world.upright else written)
+    left_out += write_model(out, upright(written)[0] if world.upright else written, sh_rows=True)
     quality = _quality(dataset, splats, after, options.background, drawn) if dataset else None
     if preview:
         write_preview(Path(preview), replace(read, drawing=drawing), after, data, options)
@@ -139,22 +130,6 @@ def write_preview(out: Path, before: Model, after: Splats, data: str | Path | No
     how = {"antialiased": view.antialiased, "linear": view.linear, "white": view.white}
     pictures = [picture_of(splats, *look, **how)(view.camera).color for splats in (before.splats, after)]
     write_png(out, np.concatenate(pictures, axis=1))
-
-
-def _write(out: Path, model: Model) -> list[str]:
-    """Write; degrees of single primitives stay theirs where the format has them. Lines about what is lost."""
-    if model.splats.mixed_sh and format_to_write(out) is PLY:
-        write_ply(out, model.splats, "rows", comments_of(model.drawing))
-        return []
-    return write_model(out, model)
-
-
-def _dataset(data: str | Path | None, options: PictureOptions) -> Dataset | None:
-    if not data:
-        return None
-    from ..datasets import load_dataset  # here: a model alone needs none
-
-    return load_dataset(data, options.downscale)
 
 
 def _quality(

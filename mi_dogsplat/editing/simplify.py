@@ -14,7 +14,7 @@ from ..engine.options import RasterOptions
 from ..engine.parameters import upload
 from ..export.bake import baked
 from ..export.refine import GREY, look_from_near, rendered
-from ..formats.read import read_model
+from ..formats.read import read_source
 from ..formats.table import format_to_write
 from ..formats.write import write_model
 from ..inspection.unneeded import Unneeded
@@ -77,12 +77,8 @@ def simplify_model(
     chosen = format_to_write(out)
     if config.dog and not chosen.dog:
         raise DataError("--dog", f"{chosen.name} has no room for DoG", "write a .ply, or leave it out")
-    read = read_model(model)
+    read = read_source(model, out, "simplify")
     splats = read.splats
-    if splats.n_splats == 0:
-        raise DataError(model, "the model is empty", "simplify one that has primitives")
-    if out.exists() and out.samefile(model):
-        raise DataError(out, "is the model itself, which would be lost", "name another file")
     target = config.count(splats.n_splats)
     look = look_of(splats, options, read.drawing)
     others = cameras_of(splats, config, HELD_OUT, config.seed + 1, read.drawing.up)

@@ -10,12 +10,12 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from ..datasets.dataset import Dataset
+from ..datasets import load_dataset
 from ..datasets.world_config import WorldConfig
 from ..film.subject import read_subject
 from ..formats.coded import snapped
 from ..formats.model import Model
-from ..formats.read import read_model
+from ..formats.read import read_model, read_source
 from ..formats.table import SOG, Format, format_to_write
 from ..formats.upright import upright
 from ..formats.write import SPZ_VERSIONS, write_model
@@ -95,20 +95,16 @@ def export_model(
     page = out.name.lower().endswith(PAGE)
     chosen = SOG if page else format_to_write(out, (PAGE,))
     _require(chosen, dog, slopes, small, world, views)
-    read = read_model(model)
+    read = read_source(model, out, "export")
     splats = read.splats
     drawing = world.over(options.drawing.over(read.drawing), data)
-    if out.exists() and out.samefile(model):
-        raise DataError(out, "is the model itself, which would be lost", "name another file")
-    if splats.n_splats == 0:
-        raise DataError(model, "the model is empty", "export one that has primitives")
     if not out.parent.is_dir():  # said before what takes long
         raise DataError(out, "cannot be written (there is no such folder)", "make it, or name another one")
     stages = _stages(splats, dog, slopes)
     plain = list(stages.values())[-1]
     steps, drawn, seconds = _steps(refine, dog, plain is not splats, small), drawn_as(drawing), None
     grids = SMALL[chosen.name] if small else None
-    dataset = _loaded(data, options) if steps != 0 or views else None
+    dataset = load_dataset(data, options.downscale) if data and (steps != 0 or views) else None
     steps = steps_for(dataset) if steps is None else steps
     if steps:
         start = time.perf_counter()
@@ -191,11 +187,3 @@ def _steps(refine: int | None, dog: str, taken_out: bool, small: bool) -> int | 
     if refine and not taken_out and not small:
         raise DataError("--refine", "no DoG or slopes are taken out that could be made up for", "leave it out")
     return refine
-
-
-def _loaded(data: str | Path | None, options: PictureOptions) -> Dataset | None:
-    if not data:
-        return None
-    from ..datasets import load_dataset  # here: it needs the extra "train"
-
-    return load_dataset(data, options.downscale)

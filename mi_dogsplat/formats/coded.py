@@ -61,25 +61,20 @@ STEPS = {"spz": Steps(rotation=3), "sog": Steps(entries=0.375)}  # SPZ packs wor
 
 
 def snapped(
-    name: str,
-    splats: Splats,
-    steps: Steps | None = None,
-    weights: Array | None = None,
-    rounds: int = LLOYD_ROUNDS,
-    linear: bool = False,
+    name: str, splats: Splats, steps: Steps | None = None, rounds: int = LLOYD_ROUNDS, linear: bool = False
 ) -> Splats:
     """A model of plain Gaussians as a small file of a format of ``CODED`` holds it.
 
     Args:
         steps: None: those of ``STEPS``.
-        weights, rounds: as ``FileGrids.palette`` takes them.
+        rounds: as ``FileGrids.palette`` takes them.
         linear: its colours are radiance, in units of white.
     """
     if splats.n_splats == 0:
         return splats
     steps = steps or STEPS[name]
     grids = CODED[name](Extents.of(splats, linear), steps)
-    return grids.snap(splats, grids.palette(splats, steps.entries, weights, rounds=rounds))
+    return grids.snap(splats, grids.palette(splats, steps.entries, rounds=rounds))
 
 
 def _opacities(steps: Steps) -> Grid:

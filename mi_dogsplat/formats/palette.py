@@ -8,26 +8,27 @@ import numpy as np
 
 from ..scene.splats import Array
 
+CODES = 256  # of a codebook: a byte
 LLOYD_STEPS = 30
 ROWS = 4096  # vectors compared with all entries at a time, which bounds the memory
 BINS = 128  # of the first guess: few, so that each holds enough values for a density
 
 
-def codebook(values: Array, size: int = 256) -> Array:
-    """``size`` increasing numbers float32 [size] that come near to all ``values``, in the mean of squares.
+def codebook(values: Array) -> Array:
+    """``CODES`` increasing numbers float32 [CODES] that come near to all ``values``, in the mean of squares.
 
     Lloyd's algorithm in one dimension, where cells are intervals: sums over them are differences of running sums.
     """
     ordered = np.sort(np.asarray(values, np.float64).ravel())
     if not len(ordered):
-        return np.zeros(size, np.float32)
+        return np.zeros(CODES, np.float32)
     distinct = np.unique(ordered)
-    if len(distinct) <= size:
-        return np.pad(distinct, (0, size - len(distinct)), mode="edge").astype(np.float32)
+    if len(distinct) <= CODES:
+        return np.pad(distinct, (0, CODES - len(distinct)), mode="edge").astype(np.float32)
     running = np.concatenate([[0.0], np.cumsum(ordered)])
     counts, edges = np.histogram(ordered, BINS)
     density = np.cumsum(np.cbrt(counts))  # the best centres lie as dense as the cube root of what they stand for
-    centres = np.interp((np.arange(size) + 0.5) / size * density[-1], density, edges[1:])
+    centres = np.interp((np.arange(CODES) + 0.5) / CODES * density[-1], density, edges[1:])
     for _ in range(LLOYD_STEPS):
         edges = np.searchsorted(ordered, (centres[1:] + centres[:-1]) / 2)
         edges = np.concatenate([[0], edges, [len(ordered)]])

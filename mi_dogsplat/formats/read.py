@@ -40,6 +40,22 @@ def read_model(path: str | Path) -> Model:
     return model if chosen.turn is None else replace(model, splats=turned(model.splats, chosen.turn))
 
 
+def read_source(path: Path, out: Path, verb: str) -> Model:
+    """Read the model that ``out`` is to be made of: it is another file, and has primitives.
+
+    Args:
+        verb: what is to be done with it, for the remedy.
+
+    Raises ``DataError``.
+    """
+    model = read_model(path)
+    if out.exists() and out.samefile(path):
+        raise DataError(out, "is the model itself, which would be lost", "name another file")
+    if model.splats.n_splats == 0:
+        raise DataError(path, "the model is empty", f"{verb} one that has primitives")
+    return model
+
+
 def is_model_name(path: Path) -> bool:
     """Whether a name is that of a model, of whatever format."""
     return path.name.lower() == sog_read.META or any(path.name.lower().endswith(suffix) for suffix in FORMATS)

@@ -24,6 +24,7 @@ ACCEPTED = (
     "transforms.json or transforms_train.json, or a Mitsuba scene .xml"
 )
 RUN_FILES = (CONFIG, HISTORY, METRICS)
+NAMES_SHOWN = 4  # of views, and of sizes
 SCENE_SPP = 4  # enough to see that the sensors of a Mitsuba scene see something
 
 UNIT_TOLERANCE = 1e-2  # of a quaternion's length
@@ -202,6 +203,6 @@ def _sizes(dataset: Dataset) -> str:
     return _some([f"{width}x{height}" for width, height in sizes])
 
 
-def _some(names: list[str], shown: int = 4) -> str:
-    more = len(names) - shown
-    return ", ".join(names[:shown]) + (f" and {more} more" if more > 0 else "")
+def _some(names: list[str]) -> str:
+    more = len(names) - NAMES_SHOWN
+    return ", ".join(names[:NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")

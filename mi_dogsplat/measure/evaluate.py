@@ -23,6 +23,7 @@ from .metrics import color_corrected, evaluate, flip, masked, psnr
 from .timing import milliseconds_in_turn
 
 TIMED_VIEWS = 8  # at most
+REPEATS = 3  # renders of each
 
 
 @dataclass(frozen=True)
@@ -112,13 +113,13 @@ def mean_metrics(results: dict[str, dict[str, float]]) -> dict[str, float]:
     return {name: float(np.mean([r[name] for r in results.values()])) for name in next(iter(results.values()))}
 
 
-def render_milliseconds(picture: Callable[[View], Picture], views: Sequence[View], repeats: int = 3) -> float:
-    """Median wall time of ``repeats`` renders of each of a few views, with their pictures on the host, in ms."""
-    return render_milliseconds_in_turn({"": picture}, views, repeats)[""]
+def render_milliseconds(picture: Callable[[View], Picture], views: Sequence[View]) -> float:
+    """Median wall time of ``REPEATS`` renders of each of a few views, with their pictures on the host, in ms."""
+    return render_milliseconds_in_turn({"": picture}, views)[""]
 
 
 def render_milliseconds_in_turn(
-    pictures: Mapping[str, Callable[[View], Picture]], views: Sequence[View], repeats: int = 3
+    pictures: Mapping[str, Callable[[View], Picture]], views: Sequence[View]
 ) -> dict[str, float]:
     """``render_milliseconds`` of several models that take turns: what else the machine does slows all alike."""
     some = views[:TIMED_VIEWS]
@@ -127,4 +128,4 @@ def render_milliseconds_in_turn(
         order = itertools.cycle(some)
         return lambda: picture(next(order))
 
-    return milliseconds_in_turn({name: job(picture) for name, picture in pictures.items()}, repeats * len(some))
+    return milliseconds_in_turn({name: job(picture) for name, picture in pictures.items()}, REPEATS * len(some))

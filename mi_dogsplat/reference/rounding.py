@@ -35,14 +35,14 @@ class Rounding:
 
 
 def rounding_tiled(splats: Splats, camera: Camera, background: Sequence[float] | np.ndarray = (0, 0, 0), *,
-                   near_clip: float = 0.2, min_alpha: float = MIN_ALPHA, min_transmittance: float = MIN_T) -> Rounding:
-    """Magnitude and rounding of the image that `render_tiled` makes with the same options."""
+                   near_clip: float = 0.2) -> Rounding:
+    """Magnitude and rounding of the image that `render_tiled` makes with the same near clip."""
     projection = project(splats, camera, near_clip=near_clip)
     light = np.abs(np.asarray(background, np.float64))
     magnitude = np.tile(light, (camera.height, camera.width, 1))
     error = UNIT * magnitude
-    for block in blocks(projection, camera, min_alpha):
-        walk = Walk(projection, block, True, min_alpha, min_transmittance)
+    for block in blocks(projection, camera, MIN_ALPHA):
+        walk = Walk(projection, block, True, MIN_ALPHA, MIN_T)
         of_T, size = walk.roundings(), np.abs(walk.alpha)
         in_front = np.concatenate([np.zeros_like(of_T[:1]), of_T[:-1]])
         of_weights = np.where(walk.blended, KERNEL_UNITS * UNIT * (walk.operands() + size) + in_front * size, 0)

@@ -152,10 +152,10 @@ def filtered(images: np.ndarray, gamma_f: float) -> np.ndarray:
     return np.real(fourier(spectrum.conj())) / (height * width)
 
 
-def probe_variance(images: np.ndarray, gamma_f: float) -> np.ndarray:
-    """Variance of s^2, s = <h * z, F> with random signs z, for footprints [..., C, H, W] of C channels.
+def probe_variance(images: np.ndarray) -> np.ndarray:
+    """Variance of s^2, s = <h * z, F> with random signs z, for footprints [..., C, H, W] of C channels; gamma_f is 1.
 
     s = <z, u> with u = h * F, so E[s^4] = 3 |u|^4 - 2 sum u_p^4 and Var[s^2] = 2 (|u|^4 - sum u_p^4).
     """
-    u2 = filtered(images, gamma_f) ** 2
+    u2 = filtered(images, 1.0) ** 2
     return 2 * (u2.sum((-3, -2, -1)) ** 2 - (u2**2).sum((-3, -2, -1)))

@@ -6,18 +6,16 @@ direction from view v, and u the change of its SH coefficients in a channel, the
     Σ_v h_v (y_v·u)² = uᵀ H u,   H = Σ_v h_v y_v y_vᵀ,   h_v = Σ w² over the pixels of view v
 
 is in the units of the leave-one-out score (``walks/score.py``: Σ D²), and as exact: for a change of any size, all
-other primitives staying as they are. Given the photographs it is what the squared error changes by,
-
-    bᵀu + uᵀ H u,   b = 2 Σ_v g_v y_v,   g_v = Σ e w,   e the picture minus the photograph.
+other primitives staying as they are.
 
 Without the bands above a degree, u_U = -x_U is given there and the coefficients below, L, are fitted anew: a least
 squares problem of 1, 4 or 9 unknowns that the three channels share,
 
-    u_L = -(H_LL + R)⁻¹ (b_L / 2 + H_LU u_U),
+    u_L = -(H_LL + R)⁻¹ H_LU u_U,
 
-whose energy without b and R is the Schur complement, x_Uᵀ (H_UU - H_UL H_LL⁻¹ H_LU) x_U. R is a small ridge: few views
+whose energy without R is the Schur complement, x_Uᵀ (H_UU - H_UL H_LL⁻¹ H_LU) x_U. R is a small ridge: few views
 leave directions of u_L open, along which the fit would run away for nothing. What is reported is the change for this
-u_L, without the ridge's own part; given photographs, minus that of fitting L alone, bands kept.
+u_L, without the ridge's own part.
 
 A colour below 0 is shown as 0. Here it counts as if it were shown as it is: an upper bound where bands pull the
 colour of a view below 0, the exact value elsewhere.
@@ -35,11 +33,9 @@ import numpy as np
 from ..engine.arrays import array_types, detached
 from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
-from ..engine.parameters import device_array
 from ..engine.sh import unit_basis
 from ..engine.view import prepare
-from ..engine.walks.color_products import composite_color_products
-from ..engine.walks.composite import composite_over
+from ..engine.walks.squared_weights import composite_squared_weights
 from ..scene.sh_basis import SH_SIZES, sh_degree_of
 
 RIDGE = 1e-3  # of what the diagonal of H would be if the views came from all around
@@ -52,7 +48,6 @@ class Bands:
 
     x: np.ndarray
     H: list[np.ndarray]  # upper triangle of H row by row, [N] each
-    b: list[np.ndarray]  # K x 3, [N] each; none without photographs
 
     def losses(self) -> np.ndarray:
         """[N, degrees] float64: what is lost by keeping the bands up to degree 0, 1, ... alone; 0 for the last."""
@@ -66,11 +61,11 @@ class Bands:
         """
         result = self.x.astype(np.float64)
         start = 0
-        for x, H, b in self._parts():
+        for x, H in self._parts():
             rows = slice(start, start + len(x))
             for degree in self._degrees[:-1]:
                 lowered = np.flatnonzero(degrees[rows] == degree)
-                result[start + lowered] += self._fitted(x[lowered], H[lowered], b[lowered], degree)[1]
+                result[start + lowered] += self._fitted(x[lowered], H[lowered], degree)[1]
             start += len(x)
         return result.astype(np.float32)
 
@@ -78,8 +73,8 @@ class Bands:
     def _degrees(self) -> range:
         return range(sh_degree_of(self.x.shape[1]) + 1)
 
-    def _parts(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """x [n, K, 3], H [n, K, K] and b [n, K, 3] of some rows at a time, in float64."""
+    def _parts(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """x [n, K, 3] and H [n, K, K] of some rows at a time, in float64."""
         k = self.x.shape[1]
         upper = np.triu_indices(k)
         for start in range(0, len(self.x), ROWS):
@@ -88,68 +83,44 @@ class Bands:
             H = np.zeros((len(x), k, k))
             for i, j, column in zip(*upper, self.H, strict=True):
                 H[:, i, j] = H[:, j, i] = column[rows]
-            b = np.stack([column[rows] for column in self.b], 1).reshape(x.shape) if self.b else np.zeros_like(x)
-            yield x, H, b.astype(np.float64)
+            yield x, H
 
     @staticmethod
-    def _fitted(x: np.ndarray, H: np.ndarray, b: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
+    def _fitted(x: np.ndarray, H: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
         """Loss [n] of dropping the bands above ``degree``, and the change u [n, K, 3] that does it."""
         size = SH_SIZES[degree]
         lower, upper = slice(0, size), slice(size, None)
         ridge = RIDGE * H[:, 0, 0] + np.finfo(np.float32).tiny  # H_00 is Σ h / 4π, the mean of y² over the sphere
         solved = H[:, lower, lower] + ridge[:, None, None] * np.eye(size)
-
-        def change(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            u[:, lower] = -np.linalg.solve(solved, b[:, lower] / 2 + H[:, lower, upper] @ u[:, upper])
-            return np.einsum("nkc,nkc->n", u, b + H @ u), u
-
-        without, u = change(np.concatenate([np.zeros_like(x[:, lower]), -x[:, upper]], axis=1))
-        return without - (change(np.zeros_like(x))[0] if b.any() else 0), u
+        u = -x
+        u[:, lower] = -np.linalg.solve(solved, H[:, lower, upper] @ u[:, upper])
+        return np.einsum("nkc,nkc->n", u, H @ u), u
 
 
-def bands(
-    params: dict,
-    x: np.ndarray,
-    cameras: Sequence[DeviceCamera],
-    options: RasterOptions,
-    photographs: Sequence[np.ndarray] | None = None,
-    background: float = 0.0,
-) -> Bands:
+def bands(params: dict, x: np.ndarray, cameras: Sequence[DeviceCamera], options: RasterOptions) -> Bands:
     """Walk through all views.
 
     Args:
         params: as in ``rasterize``.
         x: [N, K, 3] the SH coefficients in them, K that of the highest degree.
         cameras: all training views.
-        photographs: [H, W, 3] of each view; None: the pictures as they are.
-        background: grey level behind the primitives, which only photographs are compared over.
 
-    Takes 4 K (K + 1) / 2 bytes a primitive on the device, with photographs 12 K more.
+    Takes 4 K (K + 1) / 2 bytes a primitive on the device.
     """
     types, n, k = array_types(), len(x), x.shape[1]
     pairs = list(zip(*np.triu_indices(k), strict=True))
     if n == 0:
-        return Bands(x, [np.zeros(0)] * len(pairs), [])
+        return Bands(x, [np.zeros(0)] * len(pairs))
     params = {name: dr.detach(value) for name, value in params.items()}
     index = dr.arange(mi.UInt32, n)
     means = [dr.gather(mi.Float, params["means"], dr.fma(index, 3, axis)) for axis in range(3)]
     H = [dr.zeros(types.Float, n) for _ in pairs]
-    b = [dr.zeros(types.Float, n) for _ in range(3 * k if photographs is not None else 0)]
-    for v, camera in enumerate(cameras):
-        view = prepare(params, camera, options)
-        errors = []
-        if photographs is not None:
-            picture = composite_over(view, background)
-            truth = [device_array(photographs[v][..., c]) for c in range(3)]
-            errors = [plane - detached(true) for plane, true in zip(picture, truth, strict=True)]
-            dr.eval(errors)
-        h, *g = composite_color_products(view, errors)
+    for camera in cameras:
+        h = composite_squared_weights(prepare(params, camera, options))
         direction = camera.offset(means) if camera.perspective else camera.rotation[2]
         y = detached(unit_basis(direction, sh_degree_of(k)))
         seen = h > 0
         for at, (i, j) in enumerate(pairs):
             H[at] = dr.select(seen, dr.fma(h * y[i], y[j], H[at]), H[at])
-        for at in range(len(b)):
-            b[at] = dr.select(seen, dr.fma(2 * g[at % 3], y[at // 3], b[at]), b[at])
-        dr.eval(H, b)
-    return Bands(x, [column.numpy() for column in H], [column.numpy() for column in b])
+        dr.eval(H)
+    return Bands(x, [column.numpy() for column in H])

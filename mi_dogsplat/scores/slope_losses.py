@@ -22,7 +22,7 @@ from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.project import LOG2_E, project
 from ..engine.view import prepare
-from ..engine.walks.color_products import composite_color_products
+from ..engine.walks.squared_weights import composite_squared_weights
 
 
 def slope_losses(params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions) -> np.ndarray:
@@ -35,7 +35,7 @@ def slope_losses(params: dict, cameras: Sequence[DeviceCamera], options: RasterO
     params = {name: dr.detach(value) for name, value in params.items()}
     total = dr.zeros(array_types().Double, dr.width(params["logit_opacities"]))
     for camera in cameras:
-        (h,) = composite_color_products(prepare(params, camera, options), [])
+        h = composite_squared_weights(prepare(params, camera, options))
         projection = project(params, camera, sh_degree=0)
         kernels, slopes = projection.kernels, projection.slopes or []
         square = 0

@@ -80,6 +80,14 @@ def read_json(path: Path, remedy: str) -> Any:
         raise DataError(path, f"not usable as JSON ({error})", remedy) from error
 
 
+def read_object(path: Path, remedy: str) -> dict[str, Any]:
+    """What a JSON file holds that holds one object. Raises ``DataError`` as ``read_json`` does."""
+    content = read_json(path, remedy)
+    if not isinstance(content, dict):
+        raise DataError(path, "is not a JSON object", remedy)
+    return content
+
+
 def write_json(path: str | Path, value: Any) -> None:
     """Write a value as JSON, indented. Raises ``OSError``."""
     with replacing(path) as part:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import DataError
-from .files import is_empty, read_json, write_json
+from .files import is_empty, read_object, write_json
 
 
 def begin(file: Path, settings: dict[str, Any], kind: str, free: Sequence[str] = ()) -> None:
@@ -34,9 +34,7 @@ def require_same(file: Path, settings: dict[str, Any], free: Sequence[str] = ())
     A setting whose name ends in ``_sha256`` is the digest of a file.
     """
     remedy = "remove the folder, or name another"
-    before = read_json(file, remedy)
-    if not isinstance(before, dict):
-        raise DataError(file, "is not a JSON object", remedy)
+    before = read_object(file, remedy)
     changed = [name for name in settings if name not in free and before.get(name) != settings[name]]
     if changed:
         name = changed[0]

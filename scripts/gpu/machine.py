@@ -47,7 +47,7 @@ def gpu() -> dict[str, str | int] | None:
     cuda.cuDeviceTotalMem_v2(ctypes.byref(size), device)
     cuda.cuDriverGetVersion(ctypes.byref(version))
     supports = f"CUDA {version.value // 1000}.{version.value % 1000 // 10}"
-    driver = "" if "DRJIT_LIBCUDA_PATH" in os.environ else _of_nvidia_smi("driver_version")
+    driver = "" if "DRJIT_LIBCUDA_PATH" in os.environ else _driver_version()
     return {
         "gpu": name.value.decode(),
         "gpu_memory_mb": size.value // 2**20,
@@ -71,8 +71,9 @@ def _found(library: str) -> str | None:
     return None
 
 
-def _of_nvidia_smi(field: str) -> str:
-    command = ["nvidia-smi", f"--query-gpu={field}", "--format=csv,noheader"]
+def _driver_version() -> str:
+    """As nvidia-smi has it; empty where it is not there."""
+    command = ["nvidia-smi", "--query-gpu=driver_version", "--format=csv,noheader"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=30)
     except (OSError, subprocess.TimeoutExpired):

@@ -326,6 +326,8 @@ def test_bad_files_are_one_line_that_names_them(capsys, model, data, tmp_path):
         (["compare", data, "-o", model], "is a file"),
         (["compare", data, "-o", tmp_path / "run", "--only", "magic"], "magic"),
         (["compare", data, "-o", tmp_path / "run", "--workers", "-1"], "--workers"),
+        (["compare", data, "-o", tmp_path / "run", "--seeds", "0", "-1"], "--seeds: -1 is out of range"),
+        (["ablate", data, "-o", tmp_path / "run", "--seeds", "-1"], "--seeds: -1 is out of range"),
         (["compare", data, "-o", tmp_path / "run", "--cluster", "nowhere"], "nowhere"),
         (["eval", tmp_path / "bad.ply", data], "bad.ply"),
         (["eval", model, tmp_path / "empty"], "empty"),

@@ -38,6 +38,12 @@ def test_tasks_wait_for_the_start_and_times_for_all_runs_of_the_same_data_and_se
         assert all(tasks.index(other) < tasks.index(task) for other in needed)  # so that they can go in this order
 
 
+def test_seeds_and_targets_that_are_given_twice_are_done_once(tmp_path):
+    once = tasks_of(tmp_path, (1, 0), ("3dgs", "ours"), (0.05, 0.2))
+    assert tasks_of(tmp_path, (1, 0, 1), ("3dgs", "ours"), (0.05, 0.2, 0.05)) == once
+    assert len({task.log for task in once}) == len(once)
+
+
 def test_two_comparisons_do_not_write_to_one_folder(data, tmp_path):
     (tmp_path / "out").mkdir()
     with locked(tmp_path / "out", "taken"), pytest.raises(DataError, match="another comparison is writing"):

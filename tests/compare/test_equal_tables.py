@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mi_dogsplat.cli import main
 from mi_dogsplat.compare import execute
+from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.compare.nearest import nearest, tables_of_equals
 from mi_dogsplat.compare.overview import overview
 from mi_dogsplat.compare.pairs import interval, margin, paired, seconds_to, table_of_pairs
@@ -98,6 +99,12 @@ def test_the_nearest_run_is_that_of_the_nearest_ratio_and_nothing_is_interpolate
     by_size, by_time = tables_of_equals(rows, "0.1")
     assert by_size["rows"] == [["ours", "0.1", "2.00", "1.00", "30.00"], ["paper", "0.2", "1.90", "0.95", "29.70"]]
     assert by_time["rows"][1][:4] == ["paper", "0.1", "4,346", "434.60"]
+
+
+def test_only_what_keeps_all_primitives_is_said_to_have_them():
+    rows = {name: row(name, [30.0]) for name in METHODS}
+    by_size, _ = tables_of_equals(rows, "0.1")
+    assert [line[0] for line in by_size["rows"] if line[1] == "all primitives"] == ["3dgs", "3dgs_equal"]
 
 
 def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path, monkeypatch):

@@ -18,13 +18,13 @@ from mi_dogsplat.engine.parameters import device_array, upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.view import prepare, prepare_both
 from mi_dogsplat.engine.walks.aovs import composite_aovs, walked
-from mi_dogsplat.engine.walks.color_products import composite_color_products
 from mi_dogsplat.engine.walks.composite import composite, composite_over
 from mi_dogsplat.engine.walks.derivatives import composite_backward
 from mi_dogsplat.engine.walks.fisher import composite_fisher, patch_blocks
 from mi_dogsplat.engine.walks.pixels import Planes
 from mi_dogsplat.engine.walks.score import Sums, composite_score
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
+from mi_dogsplat.engine.walks.squared_weights import composite_squared_weights
 from mi_dogsplat.engine.walks.weights import composite_weights
 from mi_dogsplat.scores.score import ScoreRule, scores
 from mi_dogsplat.training.images.image_formation import Frame, formed, formed_gradients
@@ -108,8 +108,8 @@ def weighted(order="a", **chosen) -> np.ndarray:
     return rows([*columns, largest])
 
 
-def of_colors(order="ab", **chosen) -> np.ndarray:
-    return rows(composite_color_products(view_of(**chosen), planes(order)))
+def squared(**chosen) -> np.ndarray:
+    return rows([composite_squared_weights(view_of(**chosen))])
 
 
 def picture(letters: str, width: int, height: int) -> np.ndarray:
@@ -162,7 +162,7 @@ CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
     "_rows_and_moments": (target, (*SIZES, {"letters": "xxy"})),
     "_sums_and_gradient": (pulled, (*SIZES, {"dssim_weight": 0}, {"dssim_weight": 1}, {"order": "aaa"},
                                     {"letters": "abc"})),
-    "_color_products": (of_colors, (*OPTIONS, *({"order": o} for o in ("", "a", "ba", "aa")))),
+    "_squared_weights": (squared, OPTIONS),
     "_composite_weights": (weighted, (*OPTIONS, {"order": "b"})),
     "formed": (taken, (*SIZES, {"order": "aba"}, {"order": "aab"})),
     "formed_gradients": (taken_back, (*SIZES, {"order": "aabcde"}, {"order": "abcdee"})),

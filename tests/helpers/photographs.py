@@ -42,9 +42,9 @@ def changed(dataset: Dataset, change) -> Dataset:
     return Dataset(dataset.path, train, dataset.test, dataset.points, dataset.point_colors, dataset.has_alpha)
 
 
-def write_masks(folder: Path, dataset: Dataset, used: np.ndarray, suffix: str = ".png") -> Path:
+def write_masks(folder: Path, dataset: Dataset, used: np.ndarray) -> Path:
     for view in dataset.views:
-        write_png(folder / f"{view.name}{suffix}", used.astype(np.float32))
+        write_png(folder / f"{view.name}.png", used.astype(np.float32))
     return folder
 
 

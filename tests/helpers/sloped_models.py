@@ -8,11 +8,11 @@ from mi_dogsplat import reference
 from mi_dogsplat.scene.splats import Splats
 
 
-def with_slopes(splats: Any, every: int = 2, first: int = 0, seed: int = 5) -> Splats:
+def with_slopes(splats: Any, every: int = 2, first: int = 0) -> Splats:
     """The model in float32 with random slopes for each ``every``-th primitive from ``first`` on."""
     whole = Splats(**vars(splats))
     index = np.arange(first, whole.n_splats, every)
-    slopes = np.random.default_rng(seed).normal(0, 0.3, (len(index), 3, 3))
+    slopes = np.random.default_rng(5).normal(0, 0.3, (len(index), 3, 3))
     return replace(whole, slope_index=index, color_slopes=slopes)
 
 
@@ -25,9 +25,9 @@ def slope_colors(splats: Splats, points: np.ndarray) -> np.ndarray:
     return np.einsum("spa,sac->spc", w, splats.color_slopes.astype(np.float64))
 
 
-def points_in(splats: Splats, n: int = 7, seed: int = 6) -> np.ndarray:
-    """[S, n, 3] places in the world within some standard deviations of each primitive with slopes."""
+def points_in(splats: Splats) -> np.ndarray:
+    """[S, 7, 3] places in the world within some standard deviations of each primitive with slopes."""
     at = splats.slope_index
-    w = np.random.default_rng(seed).normal(size=(len(at), n, 3))
+    w = np.random.default_rng(6).normal(size=(len(at), 7, 3))
     columns = reference.rotations(splats.quats[at].astype(np.float64)) * splats.scales[at].astype(np.float64)[:, None]
     return splats.means[at].astype(np.float64)[:, None] + np.einsum("ska,spa->spk", columns, w)

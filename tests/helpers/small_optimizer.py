@@ -47,9 +47,9 @@ def run(optimizer: SplatOptimizer, steps: int, seed: int = 1) -> None:
         optimizer.step()
 
 
-def alike(optimizer: SplatOptimizer, first: int, steps: int) -> None:
-    """Steps with one gradient for all numbers."""
-    for step in range(first, first + steps):
+def alike(optimizer: SplatOptimizer, first: int) -> None:
+    """Three steps with one gradient for all numbers."""
+    for step in range(first, first + 3):
         optimizer.schedule(step)
         for value in optimizer.adam.values():
             dr.set_grad(value, dr.opaque(mi.Float, 0.1, dr.width(value)))

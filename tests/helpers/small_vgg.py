@@ -11,9 +11,9 @@ from mi_dogsplat.support.arrays import write_arrays
 FEATURES = (4, 5, 6, 6, 7)
 
 
-def small_weights(seed: int = 0) -> dict[str, np.ndarray]:
+def small_weights() -> dict[str, np.ndarray]:
     """By name, as ``mi_dogsplat.measure.lpips.Lpips`` wants them."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     weights: dict[str, np.ndarray] = {}
     inputs, layer = 3, 0
     for block, (convolutions, outputs) in enumerate(zip(BLOCKS, FEATURES, strict=True)):
@@ -25,6 +25,6 @@ def small_weights(seed: int = 0) -> dict[str, np.ndarray]:
     return {name: values.astype(np.float32) for name, values in weights.items()}
 
 
-def install(cache: Path, seed: int = 0) -> None:
+def install(cache: Path) -> None:
     """Where ``weights_path`` looks if ``XDG_CACHE_HOME`` is ``cache``."""
-    write_arrays(cache / "mi_dogsplat" / "lpips_vgg16.npz", small_weights(seed))
+    write_arrays(cache / "mi_dogsplat" / "lpips_vgg16.npz", small_weights())

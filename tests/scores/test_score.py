@@ -239,7 +239,7 @@ def test_random_signs_give_the_sum_over_frequencies_with_an_error_of_one_over_ro
     exact = power(views, 1.0)
     seen = exact > 1e-3 * exact.max()
     assert seen.sum() > 20
-    variance = np.sum([reference_score.probe_variance(F, 1.0) for F in views], 0)[seen] / probes
+    variance = np.sum([reference_score.probe_variance(F) for F in views], 0)[seen] / probes
     rule = ScoreRule(kind, spatial_weight=0, probes=probes)
     on_device, params = [DeviceCamera.upload(c) for c in cameras], upload(SPLATS)
     got = np.stack([energies(rule, params, on_device, options(SPLATS), 0.0, seed)[1][seen] for seed in range(count)])

@@ -68,6 +68,8 @@ def run(args: argparse.Namespace) -> int:
         methods = chosen(args.only)
     except ValueError as error:
         raise DataError("--only", f'"{error}" is unknown', f"use {', '.join((*SETS, *ALL))}") from None
+    if min(args.seeds) < 0:
+        raise DataError("--seeds", f"{min(args.seeds)} is out of range", "use at least 0")
     if args.workers < 0:
         raise DataError("--workers", f"{args.workers} is out of range", "use at least 0")
     _counted("--target", args.target)

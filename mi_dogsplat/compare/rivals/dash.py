@@ -50,10 +50,10 @@ def share_at(factors: np.ndarray, image: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], total])[inside]
 
 
-def largest_factor(image: np.ndarray, share: float = LEAST_SHARE) -> float:
-    """The largest r at which an image keeps this share of its amplitude."""
+def largest_factor(image: np.ndarray) -> float:
+    """The largest r at which an image keeps ``LEAST_SHARE`` of its amplitude."""
     needed, total = reach(image)
-    return 1 / max(float(needed[np.searchsorted(total, share * total[-1])]), 1e-9)
+    return 1 / max(float(needed[np.searchsorted(total, LEAST_SHARE * total[-1])]), 1e-9)
 
 
 @dataclass(frozen=True)

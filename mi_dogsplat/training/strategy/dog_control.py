@@ -18,6 +18,7 @@ from ...engine.project import NO_ROW, softplus
 from ..events import DogActivated, Event
 from ..milestones import scaled_milestone
 from ..optimizer.splat_optimizer import SplatOptimizer
+from .once import Once
 from .strategy import Strategy, Training
 
 MAX_LOG_SCALE = 14.0  # of S_p, world units; beyond, the determinant of a screen covariance may overflow
@@ -98,28 +99,16 @@ class DogControl(Strategy[None]):
         return []
 
 
-@dataclass
-class Activation:
-    """State of ``DogActivation``."""
-
-    done: bool = False
-
-
 @dataclass(frozen=True)
-class DogActivation(Strategy[Activation]):
-    """``activate`` once, at the step of the rule or as soon after it as there is a step."""
+class DogActivation(Once):
+    """``activate`` at the step of the rule."""
 
     rule: DogRule
 
-    def new_state(self, t: Training) -> Activation:
-        return Activation()
+    @property
+    def start(self) -> int:
+        return self.rule.start
 
-    def begin(self, t: Training, state: Activation) -> list[Event]:
-        return self.after_step(t, state)
-
-    def after_step(self, t: Training, state: Activation) -> list[Event]:
-        if state.done or t.step_count < self.rule.start:
-            return []
-        state.done = True
+    def act(self, t: Training) -> list[Event]:
         psnr_before = t.test_psnr()
         return [DogActivated(activate(self.rule, t.optimizer), psnr_before)]

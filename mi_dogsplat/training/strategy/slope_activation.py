@@ -15,7 +15,7 @@ from ...scene.sh_basis import C0
 from ..events import Event, SlopesActivated, SlopesLeftOut
 from ..milestones import scaled_milestone
 from ..optimizer.splat_optimizer import SplatOptimizer
-from .dog_control import Activation
+from .once import Once
 from .strategy import Strategy, Training
 
 
@@ -79,19 +79,14 @@ class SlopeControl(Strategy[None]):
 
 
 @dataclass(frozen=True)
-class SlopeActivation(Strategy[Activation]):
-    """``activate_slopes`` once, at the step of the rule or as soon after it as there is a step."""
+class SlopeActivation(Once):
+    """``activate_slopes`` at the step of the rule."""
 
     rule: SlopeRule
 
-    def new_state(self, t: Training) -> Activation:
-        return Activation()
+    @property
+    def start(self) -> int:
+        return self.rule.start
 
-    def begin(self, t: Training, state: Activation) -> list[Event]:
-        return self.after_step(t, state)
-
-    def after_step(self, t: Training, state: Activation) -> list[Event]:
-        if state.done or t.step_count < self.rule.start:
-            return []
-        state.done = True
+    def act(self, t: Training) -> list[Event]:
         return [SlopesActivated(activate_slopes(t.optimizer))]

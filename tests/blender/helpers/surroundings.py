@@ -95,6 +95,6 @@ def background(scene: bpy.types.Scene, color=(0.5, 0.5, 0.5, 1)) -> bpy.types.No
     return node
 
 
-def blocks(values: np.ndarray, size: int = 4) -> np.ndarray:
-    """Means of square blocks, in which noise is less."""
-    return values.reshape(HEIGHT // size, size, WIDTH // size, size, -1).mean((1, 3))
+def blocks(values: np.ndarray) -> np.ndarray:
+    """Means of blocks of 4 x 4, in which noise is less."""
+    return values.reshape(HEIGHT // 4, 4, WIDTH // 4, 4, -1).mean((1, 3))

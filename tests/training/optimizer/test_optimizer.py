@@ -196,7 +196,7 @@ def test_nothing_is_compiled_after_warm_up_as_rows_rates_and_steps_change():
         optimizer.rearrange(np.arange(n) % optimizer.n, np.arange(n) >= optimizer.n)
         optimizer.assign("logit_opacities", np.minimum(optimizer.numpy("logit_opacities"), 0.5))
         optimizer.reset_moments("logit_opacities")
-        alike(optimizer, step, 3)
+        alike(optimizer, step)
 
     round_of(40, 0)
     with KernelWatch() as kernels:

@@ -213,7 +213,7 @@ def test_nothing_is_compiled_after_warm_up_as_rows_of_groups_come_and_go():
 
     def round_of(n: int, first: int):
         optimizer.rearrange(np.arange(n) % optimizer.n, np.arange(n) >= optimizer.n)
-        alike(optimizer, first, 3)
+        alike(optimizer, first)
 
     round_of(40, 0)
     with KernelWatch() as kernels:

@@ -1,0 +1,44 @@
+"""Stage 3 once more: replay the walk of ``composite`` for how the picture depends on the colours of its primitives.
+
+Notation as in ``composite.py``; w = α T is the weight of a primitive at a pixel. A change δc of its colour changes the
+picture by w δc, and no other weight: its energy, δc² Σ w², is exact for changes of any size. Per primitive, over
+the pixels in which it is blended: Σ w²
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from ..bands import PreparedView, WalkableView
+from ..frozen import frozen
+from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
+from .walk import Meeting, Walk
+
+
+def composite_squared_weights(view: WalkableView):
+    """Σ w², [N]."""
+    in_turn = lanes_add_in_turn(mi.variant())
+
+    def walk(band: PreparedView, above: list) -> list:
+        return columns_of(_squared_weights(band, in_turn, above), band.lists, 1)
+
+    (sums,) = view.walked(walk, [])
+    return sums
+
+
+@frozen
+def _squared_weights(view: PreparedView, in_turn: bool, above: list) -> list:
+    walk, rows = Walk(view), SlotRows(view.lists, 1, in_turn)
+
+    def step(meeting: Meeting, T: list, _: list) -> None:
+        slot = walk.slot(meeting)
+        squared = walk.types.Float(0)
+        for k, a in enumerate(walk.alphas(meeting).values):
+            weight, T[k], goes_on = walk.advance(a, T[k], meeting, k)
+            weight = dr.select(goes_on, weight, 0)
+            squared = dr.fma(weight, weight, squared)
+        rows.add(slot, [squared], meeting.active)
+
+    walk.run(step, [], "composite_squared_weights")
+    return rows.sums(above=above)

@@ -1,0 +1,84 @@
+"""Folders of comparisons with files that a broken disk or an editor has damaged: one line that names the file."""
+
+import json
+from pathlib import Path
+
+import pytest
+from mi_dogsplat.compare.compare import claim, compare
+from mi_dogsplat.compare.crops import crops
+from mi_dogsplat.compare.method_runs import is_complete, recipe_of
+from mi_dogsplat.compare.methods import METHODS
+from mi_dogsplat.compare.table import collect_all
+from mi_dogsplat.compare.tasks import Task, perform
+from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training.config import TrainConfig
+from small_comparison import SETTINGS
+
+METRICS = {
+    "test": {"psnr": 30.0, "ssim": 0.9, "flip": 0.1},
+    "train": {"l1": 0.01},
+    "views": {"0": {"psnr": 30.0}},
+    **{"n": 100, "n_dog": 0, "train_seconds": 1.0, "render_ms": 2.0, "peak_memory_mb": 3.0, "bytes": 4000},
+}
+HALF = '{"psnr": 3'
+
+
+@pytest.fixture
+def out(tmp_path) -> Path:
+    """A comparison of two methods on one data set, without pictures."""
+    claim(tmp_path / "tiny", TrainConfig("", **SETTINGS))
+    for name in ("3dgs", "ours"):
+        files = {"metrics.json": METRICS, "recipe.json": recipe_of(METHODS[name])}
+        files |= {"render_ms.json": {"render_ms": 2.5}, "lpips.json": {"lpips": 0.2}}
+        run = tmp_path / "tiny" / "seed_0" / name
+        run.mkdir(parents=True)
+        for file, content in files.items():
+            (run / file).write_text(json.dumps(content))
+    return tmp_path
+
+
+def test_whole_files_are_read(out):
+    assert collect_all(out, {})["methods"]["ours"]["data"]["tiny"]["runs"]["0"]["lpips"] == 0.2
+    assert is_complete(out / "tiny/seed_0/ours", METHODS["ours"])
+
+
+@pytest.mark.parametrize("text", [HALF, "[1]", ""])
+@pytest.mark.parametrize("name", ["config.json", *(f"seed_0/ours/{n}.json" for n in ("metrics", "render_ms", "lpips"))])
+def test_the_table_names_the_damaged_file(out, name, text):
+    (out / "tiny" / name).write_text(text)
+    with pytest.raises(DataError, match=f"{name}: .*; restore"):
+        collect_all(out, {})
+
+
+def test_the_table_names_what_metrics_lack(out):
+    (out / "tiny/seed_0/ours/metrics.json").write_text(json.dumps(METRICS | {"train": {}}))
+    with pytest.raises(DataError, match="metrics.json: has no 'l1'; restore"):
+        collect_all(out, {})
+
+
+@pytest.mark.parametrize("text", [HALF, "[1]"])
+def test_so_do_the_recipe_the_settings_and_the_crops(out, text):
+    folder, config = out / "tiny", TrainConfig("", **SETTINGS)
+    for name in ("config.json", "seed_0/3dgs/metrics.json", "seed_0/3dgs/recipe.json"):
+        (folder / name).write_text(text)
+    with pytest.raises(DataError, match=r"recipe.json: .*; restore"):
+        is_complete(folder / "seed_0" / "3dgs", METHODS["3dgs"])
+    with pytest.raises(DataError, match=r"config.json: .*; restore"):
+        claim(folder, config)
+    with pytest.raises(DataError, match=r"config.json: .*; restore"):
+        perform(Task("start", str(folder), 0), {})
+    rows = {name: {"label": name, "runs": {"0": {}}} for name in ("3dgs", "ours")}
+    with pytest.raises(DataError, match=r"metrics.json: .*; restore"):
+        crops(folder, rows)
+
+
+def test_a_comparison_that_goes_on_says_so_before_its_first_task(data, out, monkeypatch):
+    (out / "comparison.json").write_text("{}")
+    for config in out.glob("*/config.json"):
+        config.unlink()
+    monkeypatch.setattr("mi_dogsplat.compare.execute.in_a_process", lambda *_: pytest.fail("a task has begun"))
+    with pytest.raises(DataError, match="other contents"):
+        compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], ("3dgs",))
+    (out / "tiny" / "config.json").write_text(HALF)
+    with pytest.raises(DataError, match="config.json: not valid JSON"):
+        compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], ("3dgs",))
