@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from ..support.errors import DataError
-from ..support.files import is_empty, read_json, remove_parts, write_json
+from ..support.files import remove_parts
 from ..support.locks import locked
 from ..support.pictures import write_exr, write_png
+from ..support.resumable import begin
 
 SUFFIXES = (".png", ".exr")
 SETTINGS = "film.json"
@@ -51,31 +52,10 @@ class NumberedPictures:
 
         Raises ``DataError`` for any other folder, and for one that another process is writing to.
         """
-        settings = json.loads(json.dumps({**settings, "pictures": self._pattern}))
-        self._require_same(settings)  # before anything is written there
-        self.folder.mkdir(parents=True, exist_ok=True)
+        begin(self.folder / SETTINGS, json.loads(json.dumps({**settings, "pictures": self._pattern})), "film")
         with locked(self.folder, "another process is writing frames to it"):
-            self._require_same(settings)  # which another process may just have made
             remove_parts(self.folder)
-            write_json(self.folder / SETTINGS, settings)
             yield
-
-    def _require_same(self, settings: Mapping[str, Any]) -> None:
-        """Raise ``DataError`` for a folder with other contents, frames of another film among them."""
-        file = self.folder / SETTINGS
-        if not file.is_file():
-            if self.folder.is_dir() and not is_empty(self.folder):
-                raise DataError(self.folder, "is a folder with other contents", "name a new folder, or that of a film")
-            return
-        remedy = "name another folder, or remove this one"
-        before = read_json(file, remedy)
-        if not isinstance(before, dict):
-            raise DataError(file, "is not a JSON object", remedy)
-        if changed := [name for name in settings if name in before and before[name] != settings[name]]:
-            raise DataError(self.folder, f"holds frames of another film (its {changed[0]} differs)", remedy)
-        if unknown := [name for name in settings if name not in before]:
-            problem = f"holds frames of an earlier version, whose {SETTINGS} has no {unknown[0]} to compare"
-            raise DataError(self.folder, problem, remedy)
 
     def has(self, number: int) -> bool:
         """Whether a frame is there; a picture appears whole or not at all."""

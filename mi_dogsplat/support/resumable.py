@@ -39,6 +39,8 @@ def require_same(file: Path, settings: dict[str, Any], free: Sequence[str] = ())
     if changed:
         name = changed[0]
         what = f"{name} was {before.get(name)} and is {settings[name]} now"
-        if name.endswith("_sha256"):
+        if name not in before:
+            what = f"was begun by an earlier version, which did not note {name}"
+        elif name.endswith("_sha256"):
             what = f"the file of the {name.removesuffix('_sha256')} has changed since it was begun"
         raise DataError(file.parent, what, "go on with the same settings, name another folder, or remove this one")

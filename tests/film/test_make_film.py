@@ -216,11 +216,11 @@ def test_pictures_go_on_where_they_were_stopped(model, tmp_path):
 
 def test_frames_of_two_films_are_not_mixed(model, tmp_path):
     make_film(model, tmp_path / "f", config=SHORT)
-    with pytest.raises(DataError, match="frames of another film .its fps differs.; name another folder"):
+    with pytest.raises(DataError, match="fps was 8 and is 9 now; go on with the same settings, name another folder"):
         make_film(model, tmp_path / "f", config=FilmConfig(seconds=0.5, fps=9, size=(64, 48)))
     other = tmp_path / "other.ply"
     write_ply(other, tiny_data.truth(seed=1))
-    with pytest.raises(DataError, match="its model_sha256 differs"):
+    with pytest.raises(DataError, match="the file of the model has changed"):
         make_film(other, tmp_path / "f", config=SHORT)
 
 
@@ -231,7 +231,7 @@ def test_frames_along_other_key_frames_in_the_same_file_are_another_film(model, 
     keys.write_text(json.dumps(listed, indent=4))  # the same
     make_film(model, tmp_path / "f", config=config)
     keys.write_text(json.dumps([listed[1], listed[0], *listed[2:]]))
-    with pytest.raises(DataError, match="another film .its cameras_sha256 differs"):
+    with pytest.raises(DataError, match="the file of the cameras has changed"):
         make_film(model, tmp_path / "f", config=config)
 
 
@@ -241,7 +241,7 @@ def test_frames_along_the_cameras_of_other_data_are_another_film(model, data, tm
     some = tiny_data.cameras(16)[:8]
     monkeypatch.setattr(tiny_data, "cameras", lambda n: some)
     other = tiny_data.write_tiny_data(tmp_path / "other", n=8)
-    with pytest.raises(DataError, match="another film .its cameras_sha256 differs"):
+    with pytest.raises(DataError, match="the file of the cameras has changed"):
         make_film(model, tmp_path / "f", other, config)
 
 
@@ -251,10 +251,10 @@ def test_frames_of_a_version_that_did_not_note_their_cameras_are_refused_in_one_
     noted = json.loads(file.read_text())
     del noted["cameras_sha256"]
     file.write_text(json.dumps(noted))
-    with pytest.raises(DataError, match="an earlier version, whose film.json has no cameras_sha256 .*; name another"):
+    with pytest.raises(DataError, match="an earlier version, which did not note cameras_sha256; .* name another"):
         make_film(model, tmp_path / "f", config=SHORT)
     file.write_text("[]")
-    with pytest.raises(DataError, match="film.json: is not a JSON object; name another folder"):
+    with pytest.raises(DataError, match="film.json: is not a JSON object; remove the folder, or name another"):
         make_film(model, tmp_path / "f", config=SHORT)
 
 

@@ -84,3 +84,17 @@ def branches(code: str) -> list[str]:
     """The LLVM code of each branch that a packet takes where a condition holds in some lane, and else jumps over."""
     guards = re.findall(r"br i1 %\S+, label %(l_\d+_t), label %(l_\d+_next)", code)
     return [code[code.index(f"\n{start}:") : code.index(f"\n{end}:")] for start, end in guards]
+
+
+def counts_without_compiling(trainer: Any, warm: int, last: int) -> set[int]:
+    """Numbers of primitives of a training after its steps from ``warm`` to ``last``, in which no kernel is new."""
+    while trainer.step_count < warm:
+        trainer.step()
+    counts = set()
+    with KernelWatch() as kernels:
+        while trainer.step_count < last:
+            trainer.step()
+            counts.add(trainer.optimizer.n)
+    assert kernels.launched > 500
+    assert not kernels.new
+    return counts

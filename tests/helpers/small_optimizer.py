@@ -1,10 +1,12 @@
 """Adam on a few random primitives, with random gradients."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from launches import KernelWatch
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
@@ -54,6 +56,16 @@ def alike(optimizer: SplatOptimizer, first: int) -> None:
         for value in optimizer.adam.values():
             dr.set_grad(value, dr.opaque(mi.Float, 0.1, dr.width(value)))
         optimizer.step()
+
+
+def assert_nothing_is_compiled(round_of: Callable[[int, int], None]) -> None:
+    """``round_of`` n primitives and a first step launches no kernel but those of its first call."""
+    round_of(40, 0)
+    with KernelWatch() as kernels:
+        for n, first in ((60, 10), (33, 200), (75, 900), (74, 1200)):
+            round_of(n, first)
+    assert kernels.launched > 20
+    assert not kernels.new
 
 
 def moments(optimizer: SplatOptimizer, name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ import pytest
 import tiny_data
 from changed_strategy import change_densification
 from happenings import records, rows_with
-from launches import KernelWatch
+from launches import counts_without_compiling
 from mi_dogsplat import read_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import camera_extent
@@ -218,15 +218,7 @@ def test_the_cap_holds_for_random_primitives_too(tmp_path):
 
 def test_no_kernel_is_compiled_after_warm_up_while_the_count_changes(data):
     trainer = Trainer(config_of(data, max_primitives=None, steps=300), load_dataset(data))
-    while trainer.step_count < 20:
-        trainer.step()
-    counts = set()
-    with KernelWatch() as kernels:
-        while trainer.step_count < 100:
-            trainer.step()
-            counts.add(trainer.optimizer.n)
-    assert len(counts) > 5 and kernels.launched > 500
-    assert not kernels.new
+    assert len(counts_without_compiling(trainer, 20, 100)) > 5
 
 
 def test_an_interrupted_run_leaves_whole_files_and_no_measurements_of_an_earlier_one(data, tmp_path):

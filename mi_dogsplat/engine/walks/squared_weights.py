@@ -1,8 +1,8 @@
 """Stage 3 once more: replay the walk of ``composite`` for how the picture depends on the colours of its primitives.
 
 Notation as in ``composite.py``; w = α T is the weight of a primitive at a pixel. A change δc of its colour changes the
-picture by w δc, and no other weight: its energy, δc² Σ w², is exact for changes of any size. Per primitive, over
-the pixels in which it is blended: Σ w²
+picture by w δc, and no other weight. So the squared change of the picture is δc² Σ w², for changes of any size. The
+walk finds Σ w² of each primitive, over the pixels in which it is blended.
 """
 
 from __future__ import annotations

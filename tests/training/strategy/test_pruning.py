@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import tiny_data
 from happenings import records, rows_with
-from launches import KernelWatch
+from launches import counts_without_compiling
 from mi_dogsplat import read_ply, reference, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
@@ -116,15 +116,7 @@ def test_a_recipe_can_take_the_place_of_the_preset(data):
 
 def test_prunes_compile_nothing_once_there_were_two(data):
     trainer = Trainer(config_of(data, preset="paper", steps=300, max_primitives=None), load_dataset(data))
-    while trainer.step_count < 175:
-        trainer.step()
-    counts = set()
-    with KernelWatch() as kernels:
-        while trainer.step_count < 249:
-            trainer.step()
-            counts.add(trainer.optimizer.n)
-    assert len(counts) >= 4 and kernels.launched > 500
-    assert not kernels.new
+    assert len(counts_without_compiling(trainer, 175, 249)) >= 4
 
 
 CUTS = (60, 75, 90, 110)
