@@ -24,9 +24,11 @@ parser = argparse.ArgumentParser(
     epilog="\n".join(["experiments:", *(f"  {room}: {', '.join(names)}" for room, names in EXPERIMENTS.items())]),
     formatter_class=argparse.RawDescriptionHelpFormatter,
 )
-parser.add_argument("names", nargs="*", choices=[*TIMINGS, []], help="which (default: all)")
+parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(TIMINGS)} (default: all)")
 parser.add_argument("--variant", default="llvm_ad_rgb")
 args = parser.parse_args()
+if unknown := sorted({*args.names} - {*TIMINGS}):
+    parser.error(f"no benchmark is called {unknown[0]}: --help lists them")
 mi.set_variant(args.variant)
 for name in args.names or TIMINGS:
     print(f"# {name} ({args.variant})")
