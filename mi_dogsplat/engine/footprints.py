@@ -1,8 +1,9 @@
 """Which tiles, and which blocks of pixels inside them, a projected primitive covers.
 
-It covers what its level set {2^p >= cutoff} meets (for a DoG primitive: that of either kernel), with pixels taken at
-their centres. The set is an ellipse; within a band of pixel rows its leftmost and rightmost points are known in closed
-form, so nothing is listed that the ellipse does not enter ("AccuTile", Speedy-Splat 2024).
+It covers what its level set {2^p >= cutoff} meets, with pixels taken at their centres; for a DoG primitive that of
+either kernel, for one that is cut off that of the whole kernel times the largest factor of a cut. The set is an
+ellipse; within a band of pixel rows its leftmost and rightmost points are known in closed form, so nothing is listed
+that the ellipse does not enter ("AccuTile", Speedy-Splat 2024).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any
 import drjit as dr
 
 from .arrays import array_types, constant, detached
+from .cuts import LOG2_LARGEST
 from .geometry import Grid
 from .project import NO_ROW, Kernels, Projection
 
@@ -66,6 +68,8 @@ class Footprints:
         self.blocks, self.types = grid.blocks, array_types()
         Float = self.types.Float
         self.x, self.y = detached(projection.x), detached(projection.y)
+        if projection.cuts is not None:
+            log2_range += LOG2_LARGEST
         self.ellipses = [_Ellipses(projection.kernels, log2_range)]
         extent_y = dr.select(self.ellipses[0].seen, self.ellipses[0].extent_y, -1)
         if projection.pseudo is not None:

@@ -39,7 +39,7 @@ def pair_operations(settings: Settings, dog: bool, variant: str) -> tuple[float,
 
     The difference of kernels that take two primitives per iteration and one: what is done once per pixel drops out.
     ``dog``: of a DoG primitive, with what the branch to its second kernel costs. ``settings.slopes``: of one whose
-    colour varies over it. ``variant``: the active one.
+    colour varies over it; ``settings.cuts``: of one that a plane cuts off. ``variant``: the active one.
     """
     one, two = (_compositor_operations(settings, dog, unroll) for unroll in (1, 2))
     pixels = SIZE * SIZE
@@ -59,10 +59,12 @@ def aov_operations(names: tuple[str, ...], dog: bool, variant: str) -> float:
 
 
 @lru_cache
-def primitive_operations(options: RasterOptions, dog: bool, variant: str, slopes: bool = False) -> float:
+def primitive_operations(
+    options: RasterOptions, dog: bool, variant: str, slopes: bool = False, cuts: bool = False
+) -> float:
     """Operations of the projection per primitive; with ``dog``, per DoG primitive, with ``slopes``, per one whose
-    colour varies over it. ``variant``: the active one."""
-    splats, camera = _model(options.sh_degree, dog, slopes)
+    colour varies over it, with ``cuts``, per one that a plane cuts off. ``variant``: the active one."""
+    splats, camera = _model(options.sh_degree, dog, slopes, cuts)
     params = upload(splats)
 
     def run() -> None:
@@ -104,16 +106,18 @@ def _view(settings: Settings, dog: bool, unroll: int) -> WalkableView:
     projection = project(upload(splats), camera, sh_degree=0)
     if settings.slopes:
         projection.slopes = 2 * projection.colors
+    if settings.cuts:
+        projection.cuts = projection.colors[:2]
     features = (2 * projection.colors)[: settings.n_features]
     view = arrange(projection, features, Grid(SIZE, SIZE, replace(Blocks.of_backend(), unroll=unroll)), settings)
     dr.eval(view)
     return view
 
 
-def _model(sh_degree: int, dog: bool, slopes: bool = False) -> tuple[Splats, DeviceCamera]:
+def _model(sh_degree: int, dog: bool, slopes: bool = False, cuts: bool = False) -> tuple[Splats, DeviceCamera]:
     """A model in front of a camera; what it shows matters to no kernel."""
     rng = np.random.default_rng(0)
-    index, sloped = np.arange(N if dog else 0), np.arange(N if slopes else 0)
+    index, sloped, cut = (np.arange(N if some else 0) for some in (dog, slopes, cuts))
     splats = Splats(
         means=rng.uniform([-1, -1, 2], [1, 1, 4], (N, 3)),
         log_scales=np.full((N, 3), -2),
@@ -125,5 +129,7 @@ def _model(sh_degree: int, dog: bool, slopes: bool = False) -> tuple[Splats, Dev
         dog_log_scales=np.zeros((len(index), 3)),
         slope_index=sloped,
         color_slopes=np.zeros((len(sloped), 3, 3)),
+        cut_index=cut,
+        cut_normals=np.zeros((len(cut), 3)),
     )
     return splats, DeviceCamera.upload(Camera(np.eye(4), SIZE, SIZE, SIZE / 2, SIZE / 2, SIZE, SIZE))

@@ -36,8 +36,9 @@ def moved(params: dict, to_world: mi.Transform4f) -> dict:
     quats = turn * cast(Any, mi.Quaternion4f)(*read_rows(params["quats"], 4, 4, index))
     log_scales = params["log_scales"] + dr.log(scale)
     result = {**params, "means": _table(means), "quats": _table(quats), "log_scales": log_scales}
-    if "slope_index" in params:  # of the primitives' own axes, which a mirror image has turned round
-        result["color_slopes"] = dr.mulsign(params["color_slopes"], dr.detach(signed))
+    for name in ("color_slopes", "cut_normals"):  # of the primitives' own axes, which a mirror image has turned round
+        if name in params:
+            result[name] = dr.mulsign(params[name], dr.detach(signed))
     size = dr.width(params["sh_coeffs"]) // (3 * n)
     if size > 1:
         result["sh_coeffs"] = _table(_turned(read_rows(params["sh_coeffs"], 3 * size, 3 * size, index), isometry))

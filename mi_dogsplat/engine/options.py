@@ -28,6 +28,7 @@ class Settings:
     negative_transmittance: a negative α amplifies what lies behind, T (1 - α) > T; else it leaves T as it is.
     patch: width and height of the pixels that share their exponentials, 1 to 4; 1 gives each pixel its own.
     slopes: whether the first three features, the colours, vary over their primitives.
+    cuts: whether planes cut primitives off.
     """
 
     n_features: int
@@ -35,6 +36,7 @@ class Settings:
     negative_transmittance: bool = True
     patch: int = 4
     slopes: bool = False
+    cuts: bool = False
 
     @staticmethod
     def of(options: RasterOptions, n_features: int) -> Settings:

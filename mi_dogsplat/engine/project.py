@@ -21,15 +21,19 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from .cuts import ROW as CUT_ROW
+from .cuts import cuts_on_screen
 from .device_camera import DeviceCamera
+from .own_axes import own_axes_per_pixel
 from .sh import evaluate_sh, read_rows
 from .sh_groups import evaluate_groups, has_groups
-from .slopes import ROW, slopes_on_screen
+from .slopes import ROW as SLOPE_ROW
+from .slopes import slopes_on_screen
 
 LOW_PASS = 0.3  # px², added to the diagonal of Σ' so that no primitive falls between the pixels
 LOG2_E = 1.4426950408889634
 MAX_AXIS = 1e8  # px; a longer axis of a kernel is cut to this, which changes no pixel and keeps squares in range
-NO_ROW = 0xFFFFFFFF  # row of a primitive that is not in a group: is no DoG, or has no slopes
+NO_ROW = 0xFFFFFFFF  # row of a primitive that is not in a group: is no DoG, has no slopes, or no cut
 
 
 @dataclass
@@ -58,6 +62,7 @@ class Projection:
     dog_row: mi.UInt32 | None  # [N] row in ``pseudo`` or NO_ROW
     dog_index: mi.UInt32 | None  # [M] its inverse
     slopes: list | None = None  # of the colours: gx of 3 channels, then gy, per pixel; None without any
+    cuts: list | None = None  # hx, hy of what is left of the kernels, per pixel; None without any
 
 
 def rows(array: mi.Float, count: int, index: mi.UInt32, active=True) -> list[mi.Float]:
@@ -134,8 +139,9 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     Args:
         params: raw parameters as flat row-major ``mi.Float`` arrays, keys as in ``mi.traverse`` of the ``dog`` shape;
             ``dog_row`` [N] and ``dog_index`` [M] are present when a primitive is DoG, ``slope_row`` [N] and
-            ``color_slopes`` [S, 3, 3] when the colour of one varies over it, groups of SH degrees where primitives have
-            degrees of their own (see ``evaluate_groups``).
+            ``color_slopes`` [S, 3, 3] when the colour of one varies over it, ``cut_row`` [N] and ``cut_normals`` [C, 3]
+            when a plane cuts one off, groups of SH degrees where primitives have degrees of their own (see
+            ``evaluate_groups``).
         camera: the view.
         sh_degree: highest degree evaluated (at most the degree stored).
         antialiased: scale opacities by the area that the low-pass filter adds (Mip-Splatting's 2D filter).
@@ -203,10 +209,15 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
         if dr.grad_enabled(radiance):
             dr.schedule(radiance)  # or groups would wait for its sign, which takes all of the projection again
     visible &= _all_finite(radiance)
-    colors, slopes = [dr.maximum(value, 0) for value in radiance], None
-    if "color_slopes" in params:
-        row = params["slope_row"]
-        own = rows(params["color_slopes"], ROW, row, row != NO_ROW)
-        slopes = slopes_on_screen(own, axes, scales, _in_range(axes, scales), LOW_PASS)
-        visible &= _all_finite(slopes)
-    return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index, slopes)
+    colors, slopes, cuts = [dr.maximum(value, 0) for value in radiance], None, None
+    if "color_slopes" in params or "cut_normals" in params:
+        per_pixel = own_axes_per_pixel(axes, scales, _in_range(axes, scales), LOW_PASS)
+        if "color_slopes" in params:
+            row = params["slope_row"]
+            slopes = slopes_on_screen(rows(params["color_slopes"], SLOPE_ROW, row, row != NO_ROW), per_pixel)
+            visible &= _all_finite(slopes)
+        if "cut_normals" in params:
+            row = params["cut_row"]
+            cuts = cuts_on_screen(rows(params["cut_normals"], CUT_ROW, row, row != NO_ROW), per_pixel)
+            visible &= _all_finite(cuts)
+    return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index, slopes, cuts)

@@ -78,7 +78,8 @@ class _Fixed:
 
 
 class _Composite(dr.CustomOp):
-    """``composite`` as an operation on AD variables: lists of projected quantities, features and slopes, planes."""
+    """``composite`` as an operation on AD variables: lists of projected quantities, with features, slopes and cuts, to
+    planes."""
 
     def eval(self, fixed: _Fixed, splats: list, pseudo: list):
         self.view, self.has_dog = fixed.view, bool(pseudo)
@@ -141,7 +142,8 @@ def rasterize(
         blended = None
 
     k, p = projection.kernels, projection.pseudo
-    splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *features, *(projection.slopes or [])]
+    varying = [*(projection.slopes or []), *(projection.cuts or [])]
+    splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *features, *varying]
     pseudo = [] if p is None else [p.ux, p.uy, p.vy, p.lo]
     composited: Any = dr.custom(_Composite, _Fixed(view, blended), splats, pseudo)
     planes, T = composited

@@ -54,11 +54,11 @@ def arrange(
 
     Args:
         features: what is blended, [N] each, as many as ``settings`` says; the colours first, if they vary.
-        settings: whatever they say of slopes, it is the projection that has some or none.
+        settings: whatever they say of slopes and cuts, it is the projection that has some or none.
         stop_depth: [H*W], a primitive whose fourth feature, its depth, is larger is not blended into a pixel.
         isect_memory: as in ``RasterOptions``.
     """
-    settings = replace(settings, slopes=projection.slopes is not None)
+    settings = replace(settings, slopes=projection.slopes is not None, cuts=projection.cuts is not None)
     tables = pack(projection, features)
     tables.stop_depth = detached(stop_depth) if stop_depth is not None else None
     return listed(projection, tables, grid, settings, isect_memory)

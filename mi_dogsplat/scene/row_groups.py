@@ -1,8 +1,8 @@
 """Groups of rows that only some primitives have: an index [M], and arrays with a row for each entry of it.
 
 Row ``j`` of a group's arrays belongs to primitive ``index[j]``; every other primitive pays nothing for the group. A
-group of its own is what makes a primitive DoG, what lets its colour vary from end to end, and what each degree of
-view-dependent colour takes.
+group of its own is what makes a primitive DoG, what lets its colour vary from end to end, what cuts it off along a
+plane, and what each degree of view-dependent colour takes.
 """
 
 from __future__ import annotations
@@ -35,11 +35,12 @@ class RowGroup:
 
 DOG = RowGroup("dog_index", {"dog_logit_opacities": (), "dog_log_scales": (3,)})
 SLOPES = RowGroup("slope_index", {"color_slopes": (3, 3)})
+CUTS = RowGroup("cut_index", {"cut_normals": (3,)})
 SH = {
     degree: RowGroup(f"sh{degree}_index", {f"sh{degree}_coeffs": ((degree + 1) ** 2 - 1, 3)})
     for degree in range(1, MAX_SH_DEGREE + 1)
 }
-GROUPS = (DOG, SLOPES, *SH.values())
+GROUPS = (DOG, SLOPES, CUTS, *SH.values())
 
 
 def checked_index(name: str, index: ArrayLike, n_splats: int) -> Array:

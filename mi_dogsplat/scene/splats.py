@@ -3,8 +3,8 @@
 Raw values are what is stored, trained and written; properties without ``log_``/``logit_`` are activated.
 Some parts are sparse (``row_groups.py``): row ``j`` of the ``dog_*`` arrays belongs to primitive ``dog_index[j]``,
 every other primitive is a plain Gaussian and pays nothing for it. So it is with colours that vary over their primitive
-(docs/slopes.md), and with those that vary with the direction: a model is uniform, all primitives of one SH degree, or
-mixed, with a group for each degree above 0.
+(docs/slopes.md), with primitives that a plane cuts off (docs/cuts.md), and with colours that vary with the direction: a
+model is uniform, all primitives of one SH degree, or mixed, with a group for each degree above 0.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .row_groups import DOG, GROUPS, MAX_SH_DEGREE, SH, SLOPES, Array, RowGroup, checked_index, in_several, selected
+from .row_groups import CUTS, DOG, GROUPS, MAX_SH_DEGREE, SH, SLOPES, Array, RowGroup, checked_index, in_several, selected
 from .sh_basis import SH_SIZES, sh_degree_of
 
 DENSE = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
@@ -53,6 +53,11 @@ class Splats:
     """[S] strictly increasing: the primitives whose colour varies linearly over them"""
     color_slopes: Array = _no_rows(3, 3)
     """[S, 3, 3] the change of their colour per standard deviation along each axis of their own: axis, channel"""
+    cut_index: Array = _no_rows(dtype=np.uint32)
+    """[C] strictly increasing: the primitives that a plane cuts off"""
+    cut_normals: Array = _no_rows(3)
+    """[C, 3] normals of these planes towards what is kept, along the primitives' own axes and per standard deviation;
+    their length is how steep the cut is"""
     sh1_index: Array = _no_rows(dtype=np.uint32)
     """[M1] strictly increasing: the primitives of degree 1, in a mixed model"""
     sh1_coeffs: Array = _no_rows(3, 3)
@@ -135,6 +140,11 @@ class Splats:
         return self.slope_index.shape[0]
 
     @property
+    def n_cuts(self) -> int:
+        """C, the number of primitives that a plane cuts off."""
+        return self.cut_index.shape[0]
+
+    @property
     def sh_degree(self) -> int:
         """The highest degree of spherical harmonics that a primitive has, 0..3."""
         of_groups = [degree for degree, group in SH.items() if len(getattr(self, group.index))]
@@ -198,6 +208,10 @@ class Splats:
     def without_slopes(self) -> Splats:
         """All N primitives in their mean colours, the same all over each of them."""
         return self._without(SLOPES)
+
+    def without_cuts(self) -> Splats:
+        """All N primitives whole."""
+        return self._without(CUTS)
 
     def _without(self, group: RowGroup) -> Splats:
         left_out = (group.index, *group.names)

@@ -16,8 +16,11 @@ import mitsuba as mi
 
 from ..arrays import if_stmt
 from ..bands import PreparedView, WalkableView
+from ..cuts import COLUMNS as CUT_COLUMNS
+from ..cuts import WHOLE
 from ..frozen import frozen
-from ..slopes import CHANNELS, COLUMNS
+from ..slopes import CHANNELS
+from ..slopes import COLUMNS as SLOPE_COLUMNS
 from .pixels import Planes, planes_of
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import ALPHA_MAX, Alphas, Meeting, Walk
@@ -26,7 +29,7 @@ LN2 = 0.6931471805599453
 
 
 class Projected(namedtuple("Projected", "x y ux uy vy lo")):
-    """What blending depends on of a primitive, or the derivatives of it, without its features and slopes."""
+    """What blending depends on of a primitive, or the derivatives of it, without its features, slopes and cut."""
 
 
 N_PSEUDO = 4  # the last of these are the pseudo-Gaussian's own; its centre is that of the primary
@@ -39,8 +42,8 @@ def composite_backward(view: WalkableView, blended: Planes, δ: Planes) -> tuple
         blended: what ``composite`` returned.
         δ: adjoints of it.
 
-    Returns (δ of what ``Projected`` names, of each feature and of the slopes, if there are any, [N] each; δ of its last
-    ``N_PSEUDO`` of the pseudo-Gaussians, [M] each, nothing without DoG).
+    Returns (δ of what ``Projected`` names, of each feature, of the slopes and of the cuts, if there are any, [N] each; δ of its
+    last ``N_PSEUDO`` of the pseudo-Gaussians, [M] each, nothing without DoG).
     """
     columns, dog_index = _columns(view), view.tables.dog_index
     in_turn = lanes_add_in_turn(mi.variant())
@@ -54,7 +57,9 @@ def composite_backward(view: WalkableView, blended: Planes, δ: Planes) -> tuple
 
 
 def _columns(view: WalkableView) -> int:
-    return len(Projected._fields) + view.settings.n_features + view.settings.slopes * COLUMNS
+    settings = view.settings
+    varying = settings.slopes * SLOPE_COLUMNS + settings.cuts * CUT_COLUMNS
+    return len(Projected._fields) + settings.n_features + varying
 
 
 @frozen
@@ -103,6 +108,18 @@ def _composite_backward(
 
         return if_stmt((slot, alphas.dog_row, dx, dy, δp), alphas.is_dog, add, lambda *_: (Float(0), Float(0)))
 
+    def cut_part(meeting: Meeting, kept: list, δp: list, δp_pseudo: list, δrow: Projected) -> tuple:
+        """(δ of the row with what the centre does by way of the cut, δ of hx and hy)."""
+        both = [a + b for a, b in zip(δp, δp_pseudo, strict=True)] if δp_pseudo else δp
+        # ∂log2 g / ∂exponent = 1 - WHOLE g
+        δexponents = [δ * dr.fma(-WHOLE, g, 1) for δ, g in zip(both, kept, strict=True)]
+        δ0 = δx = δy = Float(0)
+        for k, δ in enumerate(δexponents):
+            δ0, δx, δy = δ0 + δ, dr.fma(k % blocks.width, δ, δx), dr.fma(k // blocks.width, δ, δy)
+        hx, hy = meeting.row.cut
+        moved = δrow._replace(x=dr.fma(-hx, δ0, δrow.x), y=dr.fma(-hy, δ0, δrow.y))
+        return moved, [dr.fma(meeting.dx, δ0, δx), dr.fma(meeting.dy, δ0, δy)]
+
     def step(meeting: Meeting, T: list, rest: list) -> None:
         slot, colors, dx, dy = walk.slot(meeting), walk.features(meeting), meeting.dx, meeting.dy
         alphas = walk.alphas(meeting)
@@ -138,7 +155,10 @@ def _composite_backward(
         δgy = [dr.fma(dy, δ, by) for δ, by in zip(δf, δby_row, strict=False)]
         for δ, gx, gy in zip(δf, meeting.row.slopes, meeting.row.slopes[CHANNELS:], strict=False):
             δrow = δrow._replace(x=dr.fma(-gx, δ, δrow.x), y=dr.fma(-gy, δ, δrow.y))  # dx, dy are from there
-        rows.add(slot, [*δrow, *δf, *δgx, *δgy], meeting.active)
+        δcut = []
+        if alphas.kept is not None:
+            δrow, δcut = cut_part(meeting, alphas.kept, δp, δp_pseudo, δrow)
+        rows.add(slot, [*δrow, *δf, *δgx, *δgy, *δcut], meeting.active)
 
     walk.run(step, rest, "composite_backward")
     return rows.sums(above=above), pseudo_rows.sums(view.tables.dog_index, pseudo_above) if pseudo_rows else []
@@ -154,16 +174,25 @@ def composite_forward(view: WalkableView, δsplats: list, δpseudo: list) -> Pla
 def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above: list) -> list:
     walk, features, n = Walk(view), range(view.settings.n_features), len(Projected._fields)
 
-    def tangents(values: list, meeting: Meeting, ux, uy, vy, δ: Projected) -> list:
-        """δ of 2^p at the pixels of the block, zero where it is limited to .99."""
+    def tangents(values: list, meeting: Meeting, ux, uy, vy, δ: Projected, δkept: list | None) -> list:
+        """δ of 2^p g at the pixels of the block, zero where it is limited to .99; ``δkept``: δ of log2 g."""
         result = []
-        for value, (x, y) in zip(values, walk.offsets(meeting), strict=True):
+        for k, (value, (x, y)) in enumerate(zip(values, walk.offsets(meeting), strict=True)):
             u, v = dr.fma(ux, x, uy * y), vy * y
             δu = δ.ux * x + δ.uy * y - ux * δ.x - uy * δ.y
             δv = δ.vy * y - vy * δ.y
             δp = δ.lo - 2 * (u * δu + v * δv)
+            if δkept:
+                δp = δp + δkept[k]
             result.append(dr.select(value < ALPHA_MAX, LN2 * value * δp, 0))
         return result
+
+    def tangents_of_kept(kept: list, meeting: Meeting, δ: Projected, δhx, δhy) -> list:
+        """δ of log2 g at the pixels of the block."""
+        hx, hy = meeting.row.cut
+        δcenter = -hx * δ.x - hy * δ.y
+        δexponents = [dr.fma(δhx, x, dr.fma(δhy, y, δcenter)) for x, y in walk.offsets(meeting)]
+        return [dr.fma(-WHOLE, g, 1) * δexponent for g, δexponent in zip(kept, δexponents, strict=True)]
 
     def tangents_of_features(meeting: Meeting, δ: Projected, δf: list, δslopes: list) -> list[list]:
         """δ of ``Walk.features``: [feature][pixel]."""
@@ -180,14 +209,17 @@ def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above
         alphas = walk.alphas(meeting)
         δrow = [dr.gather(walk.types.Float, values, meeting.splat, meeting.active) for values in δsplats]
         δ, kernel, values = Projected(*δrow[:n]), meeting.row.kernel, walk.features(meeting)
-        δvalues = tangents_of_features(meeting, δ, δrow[n : n + len(features)], δrow[n + len(features) :])
-        δα = tangents(alphas.primary, meeting, kernel.ux, kernel.uy, kernel.vy, δ)
+        first_slope = n + len(features)
+        first_cut = first_slope + len(meeting.row.slopes)
+        δvalues = tangents_of_features(meeting, δ, δrow[n:first_slope], δrow[first_slope:first_cut])
+        δkept = None if alphas.kept is None else tangents_of_kept(alphas.kept, meeting, δ, *δrow[first_cut:])
+        δα = tangents(alphas.primary, meeting, kernel.ux, kernel.uy, kernel.vy, δ, δkept)
         if alphas.pseudo is not None:
             is_dog = alphas.is_dog
             own = [dr.gather(walk.types.Float, values, alphas.dog_row, is_dog) for values in δpseudo]
             row = walk.pseudo_row(dr.select(is_dog, alphas.dog_row, 0))
             ux, uy, vy = (dr.select(is_dog, value, 0) for value in (row.ux, row.uy, row.vy))
-            δα_pseudo = tangents(alphas.pseudo, meeting, ux, uy, vy, Projected(δ.x, δ.y, *own))
+            δα_pseudo = tangents(alphas.pseudo, meeting, ux, uy, vy, Projected(δ.x, δ.y, *own), δkept)
             δα = [a - b for a, b in zip(δα, δα_pseudo, strict=True)]
         for k, a in enumerate(alphas.values):
             weight, behind, goes_on = walk.advance(a, T[k], meeting, k)

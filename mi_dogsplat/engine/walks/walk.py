@@ -24,6 +24,7 @@ import drjit as dr
 
 from ..arrays import array_types, if_stmt, while_loop
 from ..bands import PreparedView
+from ..cuts import END, LEVEL, WHOLE
 from ..project import NO_ROW
 from ..slopes import CHANNELS
 from ..tables import (
@@ -61,8 +62,9 @@ class Alphas:
     """Of a primitive at the pixels of a block."""
 
     values: list  # α
-    primary: list  # 2^p
-    pseudo: list | None  # 2^p', 0 for a plain primitive; None in a model without DoG, as are the next two
+    kept: list | None  # g: what a cut leaves of the next two; None in a model without cuts
+    primary: list  # 2^p g
+    pseudo: list | None  # 2^p' g, 0 for a plain primitive; None in a model without DoG, as are the next two
     dog_row: Any
     is_dog: Any
 
@@ -80,7 +82,7 @@ class Walk:
         self.types = types = array_types()
         self.exp2: Callable[[Any], Any] = exp2 if types.is_llvm else dr.exp2
         self.grid, self.tables, self.lists, self.settings = view.grid, view.tables, view.lists, view.settings
-        row = view.settings.n_features, view.settings.slopes
+        row = view.settings.n_features, view.settings.slopes, view.settings.cuts
         self.columns, self.row_size = columns_used(*row), row_size(*row)
         self.has_dog = view.tables.pseudo is not None and dog is not False
         # whether a negative α raises T; a model without DoG has none, and is not asked
@@ -149,7 +151,7 @@ class Walk:
         isect, active, place = self.list.next(place)
         splat = dr.gather(self.types.UInt, self.lists.splat_from_isect, isect, active)
         columns = self._floats(self.tables.splats, splat, self.row_size, self.columns, active)
-        row = SplatRow.of(columns[: self.columns], self.settings.n_features)
+        row = SplatRow.of(columns[: self.columns], self.settings.n_features, self.settings.slopes)
         row.kernel = row.kernel._replace(lo=dr.select(active, row.kernel.lo, 2 * DEAD_PATCH))
         return Meeting(isect, active, splat, row, self.x0 - row.x, self.y0 - row.y), place
 
@@ -191,14 +193,19 @@ class Walk:
     def alphas(self, meeting: Meeting) -> Alphas:
         """α, and what it is made of."""
         primary, cutoff = self._kernel(meeting.row.kernel, meeting.dx, meeting.dy), self.settings.cutoffs.alpha
+        kept = self._kept(meeting) if self.settings.cuts else None
+        if kept:
+            primary = [v * g for v, g in zip(primary, kept, strict=True)]
         if not self.has_dog:
-            return Alphas(self.primary_alphas(primary), primary, None, None, None)
+            return Alphas(self.primary_alphas(primary), kept, primary, None, None, None)
         pseudo, dog_row, is_dog = self._pseudo_kernel(meeting)
+        if kept:
+            pseudo = [v * g for v, g in zip(pseudo, kept, strict=True)]
         alpha = []
         for v, v_p in zip(primary, pseudo, strict=True):
             a = dr.minimum(v, ALPHA_MAX) - dr.minimum(v_p, ALPHA_MAX)
             alpha.append(dr.select(dr.abs(a) >= cutoff, a, 0))
-        return Alphas(alpha, primary, pseudo, dog_row, is_dog)
+        return Alphas(alpha, kept, primary, pseudo, dog_row, is_dog)
 
     def primary_alphas(self, primary: list) -> list:
         """α of a primitive without a pseudo-Gaussian, from its ``Alphas.primary``."""
@@ -225,6 +232,15 @@ class Walk:
                         value, ratio = value * ratio, ratio * q
                     first, right, down = first * down, right * s, down * t
         return values
+
+    def _kept(self, meeting: Meeting) -> list:
+        """What the cut of a primitive leaves of its kernels at the pixels of the block."""
+        hx, hy = meeting.row.cut
+        kept = []
+        for x, y in self.offsets(meeting):
+            exponent = dr.clip(dr.fma(hx, x, dr.fma(hy, y, LEVEL)), -END, END)
+            kept.append(dr.rcp(dr.fma(self.exp2(-exponent), WHOLE, WHOLE)))
+        return kept
 
     def _pseudo_kernel(self, meeting: Meeting) -> tuple:
         """2^p' of the pseudo-Gaussian, zeros for a plain primitive: packets without a DoG primitive jump over it."""

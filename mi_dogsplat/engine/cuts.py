@@ -1,0 +1,42 @@
+"""Primitives that a plane cuts off: what is left of them over the image (docs/cuts.md).
+
+At w standard deviations along its axes the kernel of a primitive is multiplied by
+
+    g(w) = (1 + e⁻⁴) / (1 + e^(-4 - n·w))
+
+with a normal n in these axes: it falls from 1 to 0 across the plane n·w = -4, the steeper the longer n is, and n = 0
+leaves the primitive whole. A pixel at the offset d from its centre sees g at E[w | d], which is linear in d
+(``own_axes.py``). In units of log2, as exponents of kernels are: g = (1 + 2^-L) / (1 + 2^-(L + hx dx + hy dy)).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from ..scene.cuts import OFFSET
+
+COLUMNS = 2  # hx, hy
+ROW = 3  # of ``cut_normals``: by axis
+LEVEL = OFFSET * math.log2(math.e)  # L
+WHOLE = 1 / (1 + math.exp(-OFFSET))  # 1 / (1 + 2^-L)
+LOG2_LARGEST = -math.log2(WHOLE)  # log2 of what g tends to on the side that is kept
+END = 60.0  # exponents beyond ±60 are cut to this: g is 0 or its largest value there, to the last bit
+
+
+def cuts_on_screen(normals: list, per_pixel: list[tuple]) -> list:
+    """hx and hy per pixel, in units of log2; [N] each.
+
+    Args:
+        normals: ``ROW`` arrays [N], zeros for a primitive that is whole.
+        per_pixel: ``own_axes_per_pixel``.
+    """
+    hx: Any = 0
+    hy: Any = 0
+    for normal, (to_x, to_y) in zip(normals, per_pixel, strict=True):
+        n = normal * math.log2(math.e)
+        hx, hy = dr.fma(n, to_x, hx), dr.fma(n, to_y, hy)
+    return [mi.Float(hx), mi.Float(hy)]

@@ -1,0 +1,3 @@
+"""Primitives that a plane cuts off: what all that draw them agree on (docs/cuts.md)."""
+
+OFFSET = 4.0  # o: a kernel is multiplied by (1 + e^-o) / (1 + e^(-o - n·w)), so the plane lies at n·w = -o
