@@ -14,7 +14,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .row_groups import CUTS, DOG, GROUPS, MAX_SH_DEGREE, SH, SLOPES, Array, RowGroup, checked_index, in_several, selected
+from .row_groups import (
+    CUTS,
+    DOG,
+    GROUPS,
+    MAX_SH_DEGREE,
+    SH,
+    SLOPES,
+    Array,
+    RowGroup,
+    checked_index,
+    in_several,
+    selected,
+)
 from .sh_basis import SH_SIZES, sh_degree_of
 
 DENSE = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
