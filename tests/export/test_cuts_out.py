@@ -2,6 +2,7 @@
 
 import re
 
+import mi_dogsplat.export.refine as refine
 import numpy as np
 import pytest
 import tiny_data
@@ -63,7 +64,24 @@ def test_refining_makes_up_for_them(model, tmp_path, monkeypatch):
     exported = export_model(model, tmp_path / "out.ply", data=data, refine=60)
     found = {loss.stage: loss.of_photographs or 0 for loss in exported.losses}
     assert list(found) == ["as it is", "without cuts", "refined, 60 steps", "read from the file"]
-    assert found["refined, 60 steps"] > found["without cuts"] + 0.5
+    assert found["refined, 60 steps"] > found["without cuts"] + 0.1
+
+
+def test_by_default_they_are_made_up_for(model, tmp_path, monkeypatch):
+    monkeypatch.setattr(refine, "STEPS", 2)
+    stages = [loss.stage for loss in export_model(model, tmp_path / "out.ply", views=1).losses]
+    assert stages == ["as it is", "without cuts", "refined, 2 steps", "read from the file"]
+
+
+def test_kept_ones_are_refined_along_where_dog_are_baked(mixed, tmp_path):
+    exported = export_model(mixed, tmp_path / "out.ply", views=3, refine=40, slopes="keep", cuts="keep")
+    stages = [loss.stage for loss in exported.losses]
+    assert stages == ["as it is", "without DoG (bake)", "refined, 40 steps", "read from the file"]
+    assert (exported.losses[2].of_model or 0) > (exported.losses[1].of_model or 0) and not exported.left_out
+    found, start = read_ply(tmp_path / "out.ply"), baked(MIXED)
+    np.testing.assert_array_equal(found.cut_index, MIXED.cut_index)
+    moved = np.abs(found.cut_normals - start.cut_normals)
+    assert found.n_dog == 0 and 0 < moved.max() < 3
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".compressed.ply"])
