@@ -6,7 +6,7 @@ Kernels are specialised while they are traced: what is left out has no instructi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +87,8 @@ def _row_features(parts: list[Splats], name: str, parameters: int, others: str) 
     share, variant = f"{count(m)} of {count(n)} primitives", mi.variant()
     if m == 0:
         return [Feature(name, LEFT_OUT, share)]
-    pair = _sum(_difference(*(pair_operations(Settings(3, **{name: on}), False, variant) for on in (True, False))))
+    settings = [replace(Settings(3), **{name: on}) for on in (True, False)]
+    pair = _sum(_difference(*(pair_operations(each, False, variant) for each in settings)))
     each = [primitive_operations(RasterOptions(0), False, variant, **{name: on}) for on in (True, False)]
     cost = f"each {_size(parameters, indices=1)}, {each[0] - each[1]:.0f} operations; per pixel {pair}"
     features = [Feature(name, NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")]
