@@ -104,7 +104,10 @@ def test_a_pseudo_gaussian_goes_along():
     cut = replace(rounded(splats), cut_index=[0, 1], cut_normals=[[3, -7, 2], [0, 9, 0]])
     found = whole(cut)
     np.testing.assert_allclose(found.dog_scales[0], 1, rtol=1e-5)
-    assert sorted(found.dog_scales[1]) == pytest.approx([0.5, 0.7, 1.2], rel=1e-5)
+    pseudo = replace(found, log_scales=found.log_scales + found.dog_log_scales)
+    r = nearest_whole(np.array([9.0]))[1].item()
+    expected = np.diag((np.array([0.5, 0.7 * r, 1.2]) * [0.1, 0.2, 0.3]) ** 2)
+    np.testing.assert_allclose(covariances(pseudo)[1], expected, atol=1e-6)
     np.testing.assert_array_equal(found.dog_logit_opacities, cut.dog_logit_opacities)
 
 
