@@ -17,7 +17,8 @@ from blender_addon.files.ply import read_ply
 from blender_addon.files.rotation import rotations
 from blender_addon.nodes.modifier import edit_modifiers, set_input
 from blender_addon.objects import cloud
-from blender_addon.objects.attributes import put_column, read_attributes
+from blender_addon.objects.attributes import read_attributes
+from blender_addon.objects.columns import put_column
 from blender_addon.package.renderers import InProcess
 from blender_addon.render_engine import ENGINE
 
