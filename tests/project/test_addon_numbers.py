@@ -4,6 +4,7 @@ Its ``__init__.py`` needs Blender; its files of numbers need the language of its
 past it.
 """
 
+import ast
 import importlib
 import sys
 from dataclasses import replace
@@ -20,6 +21,7 @@ from mi_dogsplat.scene.row_groups import CUTS, SLOPES
 from mi_dogsplat.scene.sh_basis import sh_basis_table
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.srgb import linear_to_srgb, srgb_to_linear
+from mi_dogsplat.training.presets import RECIPES
 from sloped_models import points_in, slope_colors, with_slopes
 from splat_scenes import axis_rotation, random_splats, rounded
 
@@ -208,3 +210,11 @@ def test_the_srgb_curve_is_the_same(addon):
     step = 1e-6
     slope = (srgb.decoded(values + step) - srgb.decoded(values - step)) / (2 * step)
     np.testing.assert_allclose(srgb.decoded_slope(values), slope, rtol=1e-3)
+
+
+def test_the_add_on_offers_the_presets_of_the_package():
+    """Its list needs Blender to be imported, so it is read as text."""
+    tree = ast.parse((ADDON / "training" / "settings.py").read_text(encoding="utf-8"))
+    (items,) = (node.value for node in tree.body
+                if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "PRESETS")  # fmt: skip
+    assert [name for name, _, _ in ast.literal_eval(items)] == list(RECIPES)
