@@ -8,11 +8,12 @@ from bpy.app.translations import pgettext_iface as iface_
 from .editing.paint_operators import painted_model
 from .editing.stand_in import stand_in_of
 from .engine.passes import SETTINGS
+from .files.model import CUTS, SLOPES
 from .nodes.crop import NAME as CROP
 from .nodes.limits import NAME as LIMITS
 from .nodes.modifier import SHOWN, edit_modifiers, has_input, input_property, splat_modifier, tree_name
 from .nodes.paint import NAME as PAINT
-from .objects.attributes import can_edit, is_native, is_splats, varies
+from .objects.attributes import can_edit, has_any, is_native, is_splats
 from .objects.conventions import DOG_COUNT, SOURCE
 from .objects.feature import is_available
 from .render_engine import ENGINE
@@ -44,7 +45,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         elif is_native(obj):
             text = iface_("{name}: plain Gaussians, by Blender").format(name=obj.name)
             layout.label(text=text, translate=False, icon="POINTCLOUD_DATA")
-            _note_slopes(layout, context.scene, obj)
+            _note_groups(layout, context.scene, obj)
             layout.operator("dogsplat.to_dog")
         row = layout.row(align=True)
         row.operator("import_scene.dogsplat", text="Import", icon="IMPORT")
@@ -75,7 +76,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             layout.label(text="Colours need an active camera, or Follow View", icon="INFO")
         elif obj.get(DOG_COUNT) and "EEVEE" in context.scene.render.engine:
             layout.label(text="EEVEE: no negative lobes", icon="INFO")
-        _note_slopes(layout, context.scene, obj)
+        _note_groups(layout, context.scene, obj)
 
     def _viewport(self, scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> None:
         """What a moving viewport shows, and what hides the splats in one as Blender opens it."""
@@ -90,10 +91,14 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         layout.prop(space.overlay, "show_outline_selected", text="Outline Selected")
 
 
-def _note_slopes(layout: bpy.types.UILayout, scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
-    """What the engines of Blender leave out of colours."""
-    if varies(obj) and scene.render.engine != ENGINE:
+def _note_groups(layout: bpy.types.UILayout, scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
+    """What the engines of Blender leave out."""
+    if scene.render.engine == ENGINE:
+        return
+    if has_any(obj, SLOPES):
         layout.label(text="Blender draws mean colours, no slopes", icon="INFO")
+    if has_any(obj, CUTS):
+        layout.label(text="Blender draws whole splats, no cuts", icon="INFO")
 
 
 class OfEngine:

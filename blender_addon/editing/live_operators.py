@@ -10,7 +10,8 @@ from mathutils import Matrix, Vector
 from ..nodes.crop import SHAPES, crop_tree
 from ..nodes.limits import limits_tree
 from ..nodes.modifier import add_edit_modifier, set_input
-from ..objects.attributes import can_edit, get_column, is_splats
+from ..objects.attributes import can_edit, is_splats
+from ..objects.columns import get_column
 from ..translations import OWN
 
 SHARE = 0.96  # of the splats along each axis that a new crop object holds: floaters are outside

@@ -8,7 +8,8 @@ import numpy as np
 from ..nodes.modifier import edit_modifiers, get_input, set_input
 from ..nodes.paint import CORNERS
 from ..nodes.paint import NAME as PAINT
-from ..objects.attributes import ERASE, PAINT_INDEX, SCALE, TINT, get_column, put_column
+from ..objects.attributes import ERASE, PAINT_INDEX, SCALE, TINT
+from ..objects.columns import get_column, put_column
 
 TETRAHEDRON = np.array([(1, 1, 1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1)], np.float32)
 FACES = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)], np.int32)

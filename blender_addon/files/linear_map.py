@@ -38,8 +38,7 @@ def mapped(model: Model, linear: NDArray) -> Model:
     pseudo = u.swapaxes(1, 2) @ columns * (factors * scales)[:, None]  # rows are the new axes
     log_factors = np.log(np.linalg.norm(pseudo, axis=2) / sizes)
     along = u.swapaxes(1, 2) @ columns * scales[:, None] / sizes[:, :, None]  # from old deviations to new ones
-    k = model.color_slopes.shape[1]  # 3, or 0 where there are none
-    slopes = along[:, :k, :k] @ model.color_slopes.astype(np.float64)
+    slopes, normals = (_taken_along(along, values) for values in (model.color_slopes, model.cut_normals[..., None]))
     project = sh_projection(linear, model.sh_degree)
     return replace(
         model,
@@ -47,8 +46,15 @@ def mapped(model: Model, linear: NDArray) -> Model:
         quats=quaternion_from_rotation(u).astype(np.float32),
         sh_coeffs=np.einsum("ij,njc->nic", project, model.sh_coeffs.astype(np.float64)).astype(np.float32),
         dog_log_scales=np.where(model.is_dog[:, None], log_factors, model.dog_log_scales).astype(np.float32),
-        color_slopes=slopes.astype(np.float32),
+        color_slopes=slopes,
+        cut_normals=normals[..., 0],
     )
+
+
+def _taken_along(along: NDArray, values: NDArray) -> NDArray[np.float32]:
+    """Values [N, 3, M] per standard deviation of each axis, which an orthogonal [N, 3, 3] takes along; or [N, 0, M]."""
+    k = values.shape[1]
+    return (along[:, :k, :k] @ values.astype(np.float64)).astype(np.float32)
 
 
 def sh_projection(linear: NDArray, degree: int) -> NDArray[np.float64]:

@@ -2,7 +2,8 @@
 
 Nothing here knows Blender, so it can be tested with any Python. Raw values (``log_``, ``logit_``) are what files hold;
 every other name is activated. DoG values have a row for every primitive; those of a plain Gaussian mean nothing. So
-have slopes, of colours that vary over their primitive, where any primitive has them.
+have slopes, of colours that vary over their primitive, and cuts, of planes that cut one off, where any primitive has
+them.
 """
 
 from __future__ import annotations
@@ -13,6 +14,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class RowGroup:
+    """What only some primitives have: the names of its two arrays in a ``Model``, and the shape of a row."""
+
+    has: str
+    values: str
+    shape: tuple[int, ...]
+
+    def of_none(self, n: int) -> dict[str, NDArray]:
+        """Both arrays where none of ``n`` primitives has any."""
+        return {self.has: np.zeros(n, bool), self.values: np.zeros((n, 0, *self.shape[1:]), np.float32)}
+
+    def of_some(self, n: int, index: NDArray, rows: NDArray) -> dict[str, NDArray]:
+        """Both arrays where those of ``index`` have these rows, which may be of any shape."""
+        has, values = np.zeros(n, bool), np.zeros((n, *self.shape), np.float32)
+        has[index], values[index] = True, rows.reshape(-1, *self.shape)
+        return {self.has: has, self.values: values}
+
+
+SLOPES = RowGroup("has_slopes", "color_slopes", (3, 3))
+CUTS = RowGroup("has_cuts", "cut_normals", (3,))
+GROUPS = (SLOPES, CUTS)
 
 
 @dataclass(eq=False)
@@ -29,6 +54,8 @@ class Model:
     dog_log_scales: Array  # [N, 3] log of F: the pseudo-Gaussian has scales F s
     has_slopes: NDArray[np.bool_]  # [N]
     color_slopes: Array  # [N, 3, 3] of the colour per standard deviation: axis, channel; [N, 0, 3] where none has any
+    has_cuts: NDArray[np.bool_]  # [N]
+    cut_normals: Array  # [N, 3] along the axes, per standard deviation; [N, 0] where none has any
 
     @property
     def n_splats(self) -> int:
@@ -50,17 +77,17 @@ class Model:
 
 
 def concatenate(models: list[Model]) -> Model:
-    """One model of several; lower degrees of spherical harmonics, and missing slopes, are filled up with zeros."""
+    """One model of several; missing bands of spherical harmonics, slopes and cuts are filled up with zeros."""
     columns = {field.name: [getattr(model, field.name) for model in models] for field in fields(Model)}
-    for name in ("sh_coeffs", "color_slopes"):
+    for name in ("sh_coeffs", *(group.values for group in GROUPS)):
         k = max(values.shape[1] for values in columns[name])
-        columns[name] = [np.pad(values, ((0, 0), (0, k - values.shape[1]), (0, 0))) for values in columns[name]]
+        columns[name] = [_padded(values, k) for values in columns[name]]
     return Model(**{name: np.concatenate(parts) for name, parts in columns.items()})
 
 
-def no_slopes(n: int) -> tuple[NDArray[np.bool_], Array]:
-    """``has_slopes`` and ``color_slopes`` of ``n`` primitives of one colour each."""
-    return np.zeros(n, bool), np.zeros((n, 0, 3), np.float32)
+def _padded(values: Array, k: int) -> Array:
+    """[N, k, ...] of values [N, up to k, ...]."""
+    return np.pad(values, [(0, k - values.shape[1] if axis == 1 else 0) for axis in range(values.ndim)])
 
 
 def sigmoid(x: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Models as PLY files: 3DGS columns in the element ``vertex``, DoG data in an element ``dog``, slopes in ``slopes``.
+"""Models as PLY files: 3DGS columns in the element ``vertex``, and elements ``dog``, ``slopes`` and ``cuts``.
 
 Colours of primitives that have SH degrees of their own, in the elements ``sh1`` to ``sh3``, are filled up with zeros.
 The same format as ``mi_dogsplat.scene.ply``, which documents it; this copy keeps the add-on free of other packages.
@@ -13,7 +13,7 @@ from typing import BinaryIO
 import numpy as np
 
 from .errors import FileError
-from .model import Model, no_slopes
+from .model import CUTS, SLOPES, Model
 from .whole import write_whole
 
 _POSITION = ("x", "y", "z")
@@ -22,9 +22,10 @@ _DC = ("f_dc_0", "f_dc_1", "f_dc_2")
 _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")  # w, x, y, z
 _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
-_SLOPES = tuple(f"slope_{i}" for i in range(9))  # axis by axis, three channels each
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
-_ELEMENTS = ("vertex", "dog", "slopes", "sh1", "sh2", "sh3")
+_GROUPS = {"slopes": (SLOPES, tuple(f"slope_{i}" for i in range(9))),  # axis by axis, three channels each
+           "cuts": (CUTS, ("cut_0", "cut_1", "cut_2"))}  # fmt: skip
+_ELEMENTS = ("vertex", "dog", *_GROUPS, "sh1", "sh2", "sh3")
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
     "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
@@ -58,7 +59,6 @@ def read_ply(path: str | Path) -> Model:
     means = _columns(path, vertex, _POSITION)
     rest = _rest_columns(path, tables, n_rest)
     is_dog, dog = _dog_columns(path, tables, len(means))
-    has_slopes, slopes = _slope_columns(path, tables, len(means))
     return Model(
         means=means,
         log_scales=_columns(path, vertex, _SCALE),
@@ -68,8 +68,7 @@ def read_ply(path: str | Path) -> Model:
         is_dog=is_dog,
         dog_logit_opacities=dog[:, 0],
         dog_log_scales=dog[:, 1:],
-        has_slopes=has_slopes,
-        color_slopes=slopes,
+        **_group_columns(path, tables, len(means)),
     )
 
 
@@ -96,25 +95,27 @@ def write_ply(path: str | Path, model: Model, comments: Sequence[str] = ()) -> N
     rest = model.sh_coeffs[:, 1:].transpose(0, 2, 1).reshape(n, n_rest)
     columns = [model.means, np.zeros((n, 3)), model.sh_coeffs[:, 0], rest, model.logit_opacities[:, None]]
     vertex = np.concatenate([*columns, model.log_scales, model.quats], axis=1, dtype="<f4")  # [N, len(names)]
-    dog = _rows(model.is_dog, np.concatenate([model.dog_logit_opacities[:, None], model.dog_log_scales], axis=1))
-    slopes = _rows(model.has_slopes, model.color_slopes.reshape(n, 3 * model.color_slopes.shape[1]))
-    if not all(np.isfinite(values).all() for values in (vertex, dog["values"], slopes["values"])):
+    dog = np.concatenate([model.dog_logit_opacities[:, None], model.dog_log_scales], axis=1)
+    groups = [("dog", _DOG, _rows(model.is_dog, dog))]
+    for element, (group, columns_of_group) in _GROUPS.items():
+        groups.append((element, columns_of_group, _rows(getattr(model, group.has), getattr(model, group.values))))
+    if not all(np.isfinite(values).all() for values in (vertex, *(rows["values"] for _, _, rows in groups))):
         raise FileError(path, "the model holds values that are not finite", "delete those splats; nothing was written")
 
     header = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
     header += [f"element vertex {n}"]
     header += [f"property float {name}" for name in names]
-    for element, rows, names in (("dog", dog, _DOG), ("slopes", slopes, _SLOPES)):
+    for element, names, rows in groups:
         if len(rows):
             header += [f"element {element} {len(rows)}", "property uint index"]
             header += [f"property float {name}" for name in names]
-    parts = vertex.tobytes(), dog.tobytes(), slopes.tobytes()
+    parts = vertex.tobytes(), *(rows.tobytes() for _, _, rows in groups)
     write_whole(path, ["\n".join([*header, "end_header\n"]).encode(), *parts])
 
 
 def _rows(which: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """The rows of those primitives [N] that have one of the values [N, columns], each with its index."""
-    rows = np.empty(np.count_nonzero(which), [("index", "<u4"), ("values", "<f4", values.shape[1])])
+    """The rows of those primitives [N] that have one of the values [N, ...], each with its index."""
+    rows = np.empty(np.count_nonzero(which), [("index", "<u4"), ("values", "<f4", values.shape[1:])])
     rows["index"], rows["values"] = np.flatnonzero(which), values[which]
     return rows
 
@@ -152,15 +153,16 @@ def _dog_columns(path: Path, tables: dict[str, np.ndarray], n: int) -> tuple[np.
     return is_dog, dog
 
 
-def _slope_columns(path: Path, tables: dict[str, np.ndarray], n: int) -> tuple[np.ndarray, np.ndarray]:
-    """(has_slopes [N], color_slopes [N, 3, 3]) from the element ``slopes``; [N, 0, 3] without it."""
-    if "slopes" not in tables:
-        return no_slopes(n)
-    table = tables["slopes"]
-    index, has_slopes, slopes = _index(path, table, "slopes", n), np.zeros(n, bool), np.zeros((n, 3, 3), np.float32)
-    has_slopes[index] = True
-    slopes[index] = _columns(path, table, _SLOPES).reshape(-1, 3, 3)
-    return has_slopes, slopes
+def _group_columns(path: Path, tables: dict[str, np.ndarray], n: int) -> dict[str, np.ndarray]:
+    """The arrays of each group of ``_GROUPS``, by their names in a ``Model``."""
+    found: dict[str, np.ndarray] = {}
+    for element, (group, names) in _GROUPS.items():
+        if element in tables:
+            index = _index(path, tables[element], element, n)
+            found |= group.of_some(n, index, _columns(path, tables[element], names))
+        else:
+            found |= group.of_none(n)
+    return found
 
 
 def _rest_columns(path: Path, tables: dict[str, np.ndarray], n_rest: int) -> np.ndarray:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import FileError
-from .model import Model, logit, no_slopes
+from .model import CUTS, SLOPES, Model, logit
 
 GZIP = b"\x1f\x8b"
 ANTIALIASED = 1  # flag
@@ -76,8 +76,8 @@ def read_spz(path: str | Path) -> tuple[Model, bool]:
         is_dog=np.zeros(n, bool),
         dog_logit_opacities=np.zeros(n, np.float32),
         dog_log_scales=np.zeros((n, 3), np.float32),
-        has_slopes=no_slopes(n)[0],
-        color_slopes=no_slopes(n)[1],
+        **SLOPES.of_none(n),
+        **CUTS.of_none(n),
     )
     return model, bool(flags & ANTIALIASED)
 

@@ -38,6 +38,7 @@ def transformed(model: Model, matrix: np.ndarray) -> Model:
         quats=quats.astype(np.float32),
         sh_coeffs=np.einsum("ij,njc->nic", turn, model.sh_coeffs.astype(np.float64)).astype(np.float32),
         color_slopes=model.color_slopes if turns else -model.color_slopes,
+        cut_normals=model.cut_normals if turns else -model.cut_normals,
     )
 
 

@@ -139,11 +139,11 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         total = sum(model.n_splats for _, model, _ in models)
         dog = sum(int(model.is_dog.sum()) for _, model, _ in models)
         slopes = sum(int(model.has_slopes.sum()) for _, model, _ in models)
-        text = told("{total:,} splats imported, {dog:,} of them DoG", total=total, dog=dog)
-        if slopes:
-            sloped = "{total:,} splats imported, {dog:,} of them DoG, {slopes:,} with slopes"
-            text = told(sloped, total=total, dog=dog, slopes=slopes)
-        self.report({"INFO"}, text)
+        cuts = sum(int(model.has_cuts.sum()) for _, model, _ in models)
+        counts = [told("{total:,} splats imported, {dog:,} of them DoG", total=total, dog=dog)]
+        counts += [told("{slopes:,} with slopes", slopes=slopes)] if slopes else []
+        counts += [told("{cuts:,} with a cut", cuts=cuts)] if cuts else []
+        self.report({"INFO"}, ", ".join(counts))
         return {"FINISHED"}
 
     def _placed(self, context: bpy.types.Context, path: Path, model: Model, said: Said) -> bpy.types.Object:

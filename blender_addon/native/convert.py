@@ -6,16 +6,9 @@ import bpy
 
 from ..files.model import Model
 from ..nodes.modifier import SHOWN, add_modifier, get_input, has_input, set_input, splat_modifier
-from ..objects.attributes import (
-    NATIVE_OPACITY,
-    NATIVE_SCALE,
-    POINT_FIELDS,
-    Geometry,
-    get_column,
-    put_column,
-    write_attributes,
-)
+from ..objects.attributes import NATIVE_OPACITY, NATIVE_SCALE, write_attributes
 from ..objects.cloud import write_cloud
+from ..objects.columns import POINT_FIELDS, Geometry, get_column, put_column
 from ..objects.conventions import DRAWING
 
 # TIMES: of a strip, in the order in which they can be set. DERIVED: what a name, other properties or the data decide

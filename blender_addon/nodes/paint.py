@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 
 from ..files.sh import C0
-from ..objects.attributes import BASE, ERASE, PAINT_INDEX, SH, SLOPES, TINT
+from ..objects.attributes import BASE, ERASE, PAINT_INDEX, SH, SLOPE_VECTORS, TINT
 from .builder import Tree, Value, Vector, new_group, wrap
 from .geometry import delete, describe, has_attribute, has_object, store, switch
 from .groups import GEOMETRY, attribute_socket, cached_group, finish_group, linear_to_srgb, named_attribute
@@ -93,7 +93,7 @@ def _tinted(tree: Tree, points: Any, color: Vector, strength: Value, linear: Val
     for socket, value in zip(joined.inputs, (*dc.split(), alpha), strict=True):
         tree.plug(socket, value)
     points = store(tree, points, BASE, joined.outputs[0], "FLOAT_COLOR", tinted)
-    for name in (*(SH.format(k) for k in range(15)), *(SLOPES.format(axis) for axis in "xyz")):
+    for name in (*(SH.format(k) for k in range(15)), *SLOPE_VECTORS):
         changed = store(tree, points, name, named_attribute(tree, name) * factor, where=tinted)
         points = switch(tree, "GEOMETRY", has_attribute(tree, points, name), points, changed)
     return points

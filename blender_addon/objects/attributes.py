@@ -12,26 +12,22 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ..files.errors import told
-from ..files.model import Model, importance, logit, no_slopes, normalized, positive_log, sigmoid
+from ..files.model import CUTS, SLOPES, Model, RowGroup, importance, logit, normalized, positive_log, sigmoid
+from .columns import Geometry, get_column, put_column
 
 SCALE, ROTATION, BASE, SH = "scale", "rotation", "radiance:base", "radiance:sh_{}"
 OPACITY_FACTOR, SCALE_FACTOR = "dog:opacity_factor", "dog:scale_factor"
-SLOPES, HAS_SLOPES = "dog:slope_{}", "dog:has_slopes"  # along the axes of "xyz", 1 or 0; where any splat has them
+SLOPE_VECTORS = tuple(f"dog:slope_{axis}" for axis in "xyz")  # along that axis of the splat
+OF_GROUPS = {  # where any splat has rows of the group: the attribute that is 1 for those, and their vectors
+    SLOPES: ("dog:has_slopes", SLOPE_VECTORS),
+    CUTS: ("dog:has_cuts", ("dog:cut_normal",)),
+}
 RAW_LOGITS = "dog:raw_logits"  # logit opacity, logit of the opacity factor, 0
 RAW_SCALE, RAW_ROTATION, RAW_FACTOR = "dog:raw_scale", "dog:raw_rotation", "dog:raw_factor"
 NATIVE_SCALE, NATIVE_OPACITY = "dog:native_scale", "dog:native_opacity"  # as baked: how edits of them are noticed
 RAW_POSITION = "dog:raw_position"  # where the splat's other attributes were right; see ``following.py``
 RANK = "dog:rank"  # 0 for the most important splat, below 1 for the least, so that a share is a prefix
 ERASE, TINT, PAINT_INDEX = "Erase", "Tint", "paint:index"  # painted; which part of the stand-in is the splat's
-POINT_FIELDS = {
-    "FLOAT": ("value", ()), "FLOAT_VECTOR": ("vector", (3,)), "FLOAT_COLOR": ("color", (4,)),
-    "QUATERNION": ("value", (4,)), "INT": ("value", ()), "BYTE_COLOR": ("color", (4,)),
-    "FLOAT4": ("vector", (4,)),
-}  # fmt: skip
-
-
-Geometry = bpy.types.Mesh | bpy.types.PointCloud
 
 
 def write_attributes(mesh: bpy.types.Mesh, model: Model) -> None:
@@ -54,7 +50,7 @@ def put_columns(geometry: Geometry, model: Model, base_kind: str) -> None:
         put_column(geometry, name, array, kind)
     for k in range(1, model.sh_coeffs.shape[1]):
         put_column(geometry, SH.format(k - 1), model.sh_coeffs[:, k])
-    for name, array in (_raw(model) | _slopes(model)).items():
+    for name, array in (_raw(model) | _groups(model)).items():
         put_column(geometry, name, array)
 
 
@@ -80,9 +76,9 @@ def has_splats(obj: bpy.types.Object | None) -> bool:
     return is_splats(obj) or is_native(obj)
 
 
-def varies(obj: bpy.types.Object) -> bool:
-    """Whether colours of its splats vary over them, which Blender's own engines do not draw."""
-    return HAS_SLOPES in obj.data.attributes
+def has_any(obj: bpy.types.Object, group: RowGroup) -> bool:
+    """Whether any of its splats may have slopes or a cut, which Blender's own engines do not draw."""
+    return OF_GROUPS[group][0] in obj.data.attributes
 
 
 def can_edit(obj: bpy.types.Object | None) -> bool:
@@ -109,7 +105,6 @@ def read_attributes(mesh: Geometry) -> Model:
 
 def model_of(mesh: Geometry, scale: np.ndarray, base: np.ndarray) -> Model:
     """The same with these scales [N, 3], colours and opacities [N, 4] in place of its own."""
-    has_slopes, slopes = _slope_values(mesh, len(base))
     now = {SCALE: scale, ROTATION: get_column(mesh, ROTATION, 4), **_dog_values(mesh, len(base))}
     edited = Model(
         means=get_column(mesh, "position", 3),
@@ -120,8 +115,7 @@ def model_of(mesh: Geometry, scale: np.ndarray, base: np.ndarray) -> Model:
         is_dog=now[OPACITY_FACTOR] > 0,
         dog_logit_opacities=logit(now[OPACITY_FACTOR]),
         dog_log_scales=positive_log(now[SCALE_FACTOR]),
-        has_slopes=has_slopes,
-        color_slopes=slopes,
+        **_group_values(mesh, len(base)),
     )
     if not all(name in mesh.attributes for name in (RAW_LOGITS, RAW_SCALE, RAW_ROTATION, RAW_FACTOR)):
         return edited
@@ -153,12 +147,16 @@ def _dog_values(mesh: Geometry, n: int) -> dict[str, np.ndarray]:
     return {OPACITY_FACTOR: get_column(mesh, OPACITY_FACTOR, 1)[:, 0], SCALE_FACTOR: get_column(mesh, SCALE_FACTOR, 3)}
 
 
-def _slope_values(mesh: Geometry, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Which splats have slopes [N], and what they are [N, 3, 3]; [N, 0, 3] where none has any."""
-    if HAS_SLOPES not in mesh.attributes:
-        return no_slopes(n)
-    slopes = np.stack([get_column(mesh, SLOPES.format(axis), 3) for axis in "xyz"], axis=1)
-    return get_column(mesh, HAS_SLOPES, 1)[:, 0] > 0, slopes
+def _group_values(mesh: Geometry, n: int) -> dict[str, np.ndarray]:
+    """The arrays of each group of rows, by their names in a ``Model``."""
+    found: dict[str, np.ndarray] = {}
+    for group, (has, names) in OF_GROUPS.items():
+        if has in mesh.attributes:
+            rows = np.stack([get_column(mesh, name, 3) for name in names], axis=1)
+            found |= {group.has: get_column(mesh, has, 1)[:, 0] > 0, group.values: rows.reshape(n, *group.shape)}
+        else:
+            found |= group.of_none(n)
+    return found
 
 
 def _bands(mesh: Geometry, base: np.ndarray) -> np.ndarray:
@@ -215,33 +213,11 @@ def _raw(model: Model) -> dict[str, np.ndarray]:
     return {name: array.astype(np.float32) for name, array in values.items()}
 
 
-def _slopes(model: Model) -> dict[str, np.ndarray]:
-    if not model.color_slopes.shape[1]:
-        return {}
-    along = {SLOPES.format(axis): model.color_slopes[:, k] for k, axis in enumerate("xyz")}
-    return {HAS_SLOPES: model.has_slopes.astype(np.int32), **along}
-
-
-def put_column(mesh: Geometry, name: str, values: np.ndarray, kind: str | None = None) -> None:
-    """Store an attribute of the points, [N, width] or [N]; by default a float, vector or colour by its width."""
-    width = 1 if values.ndim == 1 else values.shape[1]
-    whole = np.issubdtype(values.dtype, np.integer)
-    kind = kind or ("INT" if whole else {1: "FLOAT", 3: "FLOAT_VECTOR", 4: "FLOAT_COLOR"}[width])
-    attribute = mesh.attributes.get(name) or mesh.attributes.new(name, kind, "POINT")
-    values = np.ascontiguousarray(values, np.int32 if whole else np.float32)
-    attribute.data.foreach_set(POINT_FIELDS[kind][0], values.ravel())
-
-
-def get_column(mesh: Geometry, name: str, width: int) -> np.ndarray:
-    """An attribute of the points, [N, width]. Raises ``ValueError`` where there is none of that kind."""
-    attribute = mesh.attributes.get(name)
-    if attribute is None or attribute.domain != "POINT" or attribute.data_type not in POINT_FIELDS:
-        problem = 'the mesh "{mesh}" has no usable attribute "{name}"; import the model again'
-        raise ValueError(told(problem, mesh=mesh.name, name=name))
-    field, shape = POINT_FIELDS[attribute.data_type]
-    if (shape or (1,)) != (width,):
-        problem = 'attribute "{name}" of "{mesh}" is {kind}; import the model again'
-        raise ValueError(told(problem, name=name, mesh=mesh.name, kind=attribute.data_type))
-    values = np.empty(len(attribute.data) * width, np.int32 if attribute.data_type == "INT" else np.float32)
-    attribute.data.foreach_get(field, values)
-    return values.reshape(-1, width)
+def _groups(model: Model) -> dict[str, np.ndarray]:
+    found: dict[str, np.ndarray] = {}
+    for group, (has, names) in OF_GROUPS.items():
+        values = getattr(model, group.values)
+        if values.shape[1]:
+            along = values.reshape(-1, len(names), 3).swapaxes(0, 1)
+            found |= {has: getattr(model, group.has).astype(np.int32), **dict(zip(names, along, strict=True))}
+    return found

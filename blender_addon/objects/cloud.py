@@ -18,12 +18,11 @@ from .attributes import (
     RAW_LOGITS,
     RAW_SCALE,
     SCALE,
-    get_column,
     model_of,
-    put_column,
     put_columns,
     read_attributes,
 )
+from .columns import get_column, put_column
 from .feature import TYPE
 
 

@@ -89,7 +89,8 @@ class InProcess:
     def convert(self, path: Path, out: Path, bake: bool = False) -> None:
         """A model of any format as a PLY with comments, its DoG kept or baked into plain Gaussians.
 
-        Raises ``FileError`` and ``RendererError``.
+        Slopes and cuts stay: the whole primitive nearest to one with a cut is elsewhere. Raises ``FileError`` and
+        ``RendererError``.
         """
         try:
             from mi_dogsplat.export.bake import baked
@@ -147,7 +148,7 @@ class Command:
 
     def convert(self, path: Path, out: Path, bake: bool = False) -> None:
         """As that of ``InProcess``."""
-        how = ("--dog", "bake", "--refine", "0") if bake else ("--dog", "keep", "--slopes", "keep")
+        how = ("--dog", "bake" if bake else "keep", "--slopes", "keep", "--cuts", "keep", "--refine", "0")
         words = [*self.words, "export", str(path), "-o", str(out), "--views", "0", *how]
         try:
             done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace")

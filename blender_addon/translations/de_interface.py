@@ -281,6 +281,7 @@ REST = {
     "Colours need an active camera, or Follow View": "Farben brauchen eine aktive Kamera oder „Ansicht folgen“",
     "EEVEE: no negative lobes": "EEVEE: keine negativen Keulen",
     "Blender draws mean colours, no slopes": "Blender zeichnet mittlere Farben, keine Verläufe",
+    "Blender draws whole splats, no cuts": "Blender zeichnet ganze Splats, keine Schnitte",
     "No splat modifier: import the model again": "Kein Splat-Modifikator: Modell neu importieren",
     "{name}: {count:,} splats": "{name}: {count:,} Splats",
     # Native splats

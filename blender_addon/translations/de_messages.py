@@ -3,9 +3,8 @@
 MESSAGES = {
     # What was done
     "{total:,} splats imported, {dog:,} of them DoG": "{total:,} Splats importiert, davon {dog:,} DoG",
-    "{total:,} splats imported, {dog:,} of them DoG, {slopes:,} with slopes": (
-        "{total:,} Splats importiert, davon {dog:,} DoG, {slopes:,} mit Farbverläufen"
-    ),
+    "{slopes:,} with slopes": "{slopes:,} mit Farbverläufen",
+    "{cuts:,} with a cut": "{cuts:,} mit einem Schnitt",
     "{count:,} splats exported": "{count:,} Splats exportiert",
     "{count:,} splats deleted": "{count:,} Splats gelöscht",
     "{count} cameras imported": "{count} Kameras importiert",

@@ -11,6 +11,8 @@ OWN = {
     "Inside": "Innen",
     "Preset": "Vorgabe",
     "Ours": "Unsere",
+    "Ours with Slopes": "Unsere mit Verläufen",
+    "Ours with Slopes and Cuts": "Unsere mit Verläufen und Schnitten",
     "Paper": "Veröffentlichung",
     "Released": "Veröffentlichter Code",
     "3DGS": "3DGS",
@@ -62,6 +64,10 @@ REST = {
     "Folder": "Ordner",
     "For the data set, in data, and the training, in run": "Für den Datensatz, in data, und das Training, in run",
     "Pruned and made DoG: the recipe of this package": "Ausgedünnt und zu DoG gemacht: das Rezept dieses Pakets",
+    "Ours, with colours that vary over their splats": "Unser Rezept, mit Farben, die über ihre Splats verlaufen",
+    "Ours, with such colours, and with splats that planes cut off": (
+        "Unser Rezept, mit solchen Farben und mit Splats, die von Ebenen abgeschnitten werden"
+    ),
     "The published method, as it is printed": "Das veröffentlichte Verfahren, wie es gedruckt steht",
     "The published method, as in its code": "Das veröffentlichte Verfahren, wie in seinem veröffentlichten Code",
     "Plain 3D Gaussian splatting: nothing is pruned, nothing is DoG": (

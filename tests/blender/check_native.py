@@ -23,8 +23,9 @@ from blender_addon.files.ply import read_ply
 from blender_addon.native import bake
 from blender_addon.native.convert import replace_object, successor
 from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
-from blender_addon.objects.attributes import get_column, put_column, read_attributes
+from blender_addon.objects.attributes import read_attributes
 from blender_addon.objects.cloud import read_cloud
+from blender_addon.objects.columns import get_column, put_column
 from blender_addon.objects.feature import is_available
 from blender_addon.package.served import RendererError
 from blender_addon.panel import DOGSPLAT_PT_panel

@@ -15,7 +15,8 @@ from references import place_camera
 from blender_addon.engine.settings import ENGINE
 from blender_addon.files.model import importance
 from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
-from blender_addon.objects.attributes import RANK, get_column, read_attributes
+from blender_addon.objects.attributes import RANK, read_attributes
+from blender_addon.objects.columns import get_column
 from blender_addon.viewport.handlers import BEHIND_OURS, WATCHER, at_rest, while_moving
 from blender_addon.viewport.pace import REST
 from blender_addon.viewport.view import view_of

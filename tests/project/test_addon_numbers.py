@@ -4,6 +4,7 @@ Its ``__init__.py`` needs Blender; its files of numbers need the language of its
 past it.
 """
 
+import ast
 import importlib
 import sys
 from dataclasses import replace
@@ -13,17 +14,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cut_models import kept_shares, with_cuts
 from mi_dogsplat.scene.linear_map import sh_projection
 from mi_dogsplat.scene.ply import write_ply
+from mi_dogsplat.scene.row_groups import CUTS, SLOPES
 from mi_dogsplat.scene.sh_basis import sh_basis_table
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.srgb import linear_to_srgb, srgb_to_linear
+from mi_dogsplat.training.presets import RECIPES
 from sloped_models import points_in, slope_colors, with_slopes
 from splat_scenes import axis_rotation, random_splats, rounded
 
 ADDON = Path(__file__).parents[2] / "blender_addon"
 ROTATION = axis_rotation([1, -2, 0.7], 2.1)[0]
 SHEAR = np.array([[1.2, 0.5, 0], [0, 0.7, -0.3], [0.1, 0, 2.0]])
+GROUPS = {"slopes": SLOPES, "cuts": CUTS}  # by the element of a file; the add-on's models name them has_…
+WITH, SEEN = {"slopes": with_slopes, "cuts": with_cuts}, {"slopes": slope_colors, "cuts": kept_shares}
+EACH = pytest.mark.parametrize("element", GROUPS)
 MAPS = {"turn": 1.7 * ROTATION, "mirror": -0.4 * ROTATION, "shear": SHEAR, "stretch": np.diag([1.0, 1.2, 3.0])}
 
 
@@ -44,22 +51,34 @@ def addon():
 
 
 def as_model(addon, splats):
-    """The same primitives as the add-on has them: a row of DoG values and slopes for each, quaternions w, x, y, z."""
+    """The same primitives as the add-on has them: a row of each kind for each, quaternions w, x, y, z."""
     n, dog = splats.n_splats, splats.dog_index
     is_dog, logits, scales = np.zeros(n, bool), np.zeros(n, np.float32), np.zeros((n, 3), np.float32)
     is_dog[dog], logits[dog], scales[dog] = True, splats.dog_logit_opacities, splats.dog_log_scales
     values = splats.means, splats.log_scales, splats.quats[:, [3, 0, 1, 2]], splats.logit_opacities, splats.sh_coeffs
-    has_slopes, slopes = np.zeros(n, bool), np.zeros((n, 3 * bool(splats.n_slopes), 3), np.float32)
-    if splats.n_slopes:
-        has_slopes[splats.slope_index], slopes[splats.slope_index] = True, splats.color_slopes
-    return addon("files.model").Model(*values, is_dog, logits, scales, has_slopes, slopes)
+    rows: dict[str, np.ndarray] = {}
+    for element, group in GROUPS.items():
+        has, index, (name, shape) = f"has_{element}", getattr(splats, group.index), one_array(element)
+        rows |= {has: np.zeros(n, bool), name: np.zeros((n, 3 * bool(len(index)), *shape[1:]), np.float32)}
+        if len(index):
+            rows[has][index], rows[name][index] = True, getattr(splats, name)
+    return addon("files.model").Model(*values, is_dog, logits, scales, **rows)
 
 
-def with_slopes_of(splats, model):
-    """Primitives with kernels and slopes as the add-on has them."""
-    kernels = {"means": model.means, "log_scales": model.log_scales, "quats": model.quats[:, [1, 2, 3, 0]]}
-    rows = {"slope_index": np.flatnonzero(model.has_slopes), "color_slopes": model.color_slopes[model.has_slopes]}
-    return replace(splats, **kernels, **rows)
+def one_array(element: str) -> tuple[str, tuple[int, ...]]:
+    """Name and shape of a row of what a group holds."""
+    ((name, shape),) = GROUPS[element].arrays.items()
+    return name, shape
+
+
+def with_kernels_of(splats, model):
+    """Primitives with kernels, slopes and cuts as the add-on has them."""
+    changed = {"means": model.means, "log_scales": model.log_scales, "quats": model.quats[:, [1, 2, 3, 0]]}
+    for element, group in GROUPS.items():
+        which, (name, _) = getattr(model, f"has_{element}"), one_array(element)
+        if which.any():
+            changed |= {group.index: np.flatnonzero(which), name: getattr(model, name)[which]}
+    return replace(splats, **changed)
 
 
 @pytest.mark.parametrize("name", MAPS)
@@ -78,64 +97,85 @@ def test_a_transform_makes_the_same_of_a_model(addon, name):
     np.testing.assert_allclose(np.abs(np.einsum("nk,nk->n", *both)), 1, atol=1e-5)  # q and -q are one rotation
 
 
+@EACH
 @pytest.mark.parametrize("name", MAPS)
-def test_slopes_are_the_same_over_a_moved_primitive(addon, name):
-    """By the colours of places: axes may be named in another order."""
-    matrix, splats = np.eye(4), with_slopes(random_splats(40, seed=7), every=3)
+def test_a_moved_primitive_shows_the_same_at_the_same_places(addon, name, element):
+    """By what places show, as axes may be named in another order."""
+    matrix, splats = np.eye(4), WITH[element](random_splats(40, seed=7), every=3)
     matrix[:3, :3], matrix[:3, 3] = MAPS[name], (0.4, -0.3, 0.2)
     moved = addon("files.transform").transformed(as_model(addon, splats), matrix)
-    points = points_in(splats)
-    expected = slope_colors(splats, points)
-    got = slope_colors(with_slopes_of(splats, moved), points @ matrix[:3, :3].T + matrix[:3, 3])
+    points = points_in(splats, getattr(splats, GROUPS[element].index))
+    expected = SEEN[element](splats, points)
+    assert expected.std() > 0.2
+    got = SEEN[element](with_kernels_of(splats, moved), points @ matrix[:3, :3].T + matrix[:3, 3])
     np.testing.assert_allclose(got, expected, atol=2e-4)
-    assert moved.has_slopes.sum() == splats.n_slopes
-    flat = addon("files.transform").transformed(as_model(addon, splats.without_slopes()), matrix)
-    assert flat.color_slopes.shape == (40, 0, 3)
+    assert getattr(moved, f"has_{element}").sum() == 14
+    plain = addon("files.transform").transformed(as_model(addon, splats.without_slopes().without_cuts()), matrix)
+    assert getattr(plain, one_array(element)[0]).shape[:2] == (40, 0)
 
 
 @pytest.mark.parametrize("every", [1, 3, 100])
-def test_a_file_with_slopes_comes_back_byte_for_byte(addon, tmp_path, every):
-    splats, ply = with_slopes(random_splats(40, seed=7), every, first=2), addon("files.ply")
-    splats.color_slopes[0] = 0  # a row is a row
+@EACH
+def test_a_file_comes_back_byte_for_byte(addon, tmp_path, every, element):
+    splats, ply = WITH[element](random_splats(40, seed=7), every, first=2), addon("files.ply")
+    name, _ = one_array(element)
+    getattr(splats, name)[0] = 0  # a row is a row
     write_ply(tmp_path / "a.ply", splats)
     model = ply.read_ply(tmp_path / "a.ply")
     wanted = as_model(addon, splats)
-    np.testing.assert_array_equal(model.has_slopes, wanted.has_slopes)
-    np.testing.assert_array_equal(model.color_slopes, wanted.color_slopes)
-    ply.write_ply(tmp_path / "b.ply", model)
-    assert (tmp_path / "b.ply").read_bytes() == (tmp_path / "a.ply").read_bytes()
+    for field in ("has_slopes", "color_slopes", "has_cuts", "cut_normals"):
+        np.testing.assert_array_equal(getattr(model, field), getattr(wanted, field), err_msg=field)
+    require_same_file(ply, tmp_path, model, splats)
     chosen = np.arange(39, 0, -2)
-    ply.write_ply(tmp_path / "c.ply", model.select(chosen))
-    write_ply(tmp_path / "d.ply", splats.select(chosen))
-    assert (tmp_path / "c.ply").read_bytes() == (tmp_path / "d.ply").read_bytes()
+    require_same_file(ply, tmp_path, model.select(chosen), splats.select(chosen))
 
 
-def test_a_model_without_slopes_joins_one_that_has_some(addon, tmp_path):
-    sloped, flat = with_slopes(random_splats(9, seed=1), every=2), rounded(random_splats(5, seed=2))
-    join = addon("files.model").concatenate
-    for models, index in (((flat, sloped), sloped.slope_index + 5), ((sloped, flat), sloped.slope_index)):
-        joined = join([as_model(addon, splats) for splats in models])
-        np.testing.assert_array_equal(np.flatnonzero(joined.has_slopes), index)
-        np.testing.assert_array_equal(joined.color_slopes[index], sloped.color_slopes)
-        assert not joined.color_slopes[~joined.has_slopes].any()
-    assert join([as_model(addon, flat)] * 2).color_slopes.shape == (10, 0, 3)
-
-
-def test_slopes_that_are_wrong_in_a_file_are_one_line(addon, tmp_path):
-    splats = with_slopes(random_splats(9, seed=1), every=2)
+def test_a_file_with_slopes_and_cuts_comes_back_byte_for_byte(addon, tmp_path):
+    splats, ply = with_cuts(with_slopes(random_splats(40, seed=7), every=3), every=2), addon("files.ply")
     write_ply(tmp_path / "a.ply", splats)
-    whole = (tmp_path / "a.ply").read_bytes()
-    twice = whole[:-40] + whole[-80:-76] + whole[-36:]
-    unknown = whole.replace(b"slope_4", b"slide_4")
+    model = ply.read_ply(tmp_path / "a.ply")
+    assert (model.has_slopes & model.has_cuts).sum() == 7
+    require_same_file(ply, tmp_path, model, splats)
+
+
+def require_same_file(ply, folder, model, splats):
+    """The add-on writes what the package does."""
+    ply.write_ply(folder / "addon.ply", model)
+    write_ply(folder / "package.ply", splats)
+    assert (folder / "addon.ply").read_bytes() == (folder / "package.ply").read_bytes()
+
+
+@EACH
+def test_a_model_without_rows_joins_one_that_has_some(addon, element):
+    some, none = WITH[element](random_splats(9, seed=1), every=2), rounded(random_splats(5, seed=2))
+    join, index, (name, _) = addon("files.model").concatenate, getattr(some, GROUPS[element].index), one_array(element)
+    for models, at in (((none, some), index + 5), ((some, none), index)):
+        joined = join([as_model(addon, splats) for splats in models])
+        has, values = getattr(joined, f"has_{element}"), getattr(joined, name)
+        np.testing.assert_array_equal(np.flatnonzero(has), at)
+        np.testing.assert_array_equal(values[at], getattr(some, name))
+        assert not values[~has].any()
+    assert getattr(join([as_model(addon, none)] * 2), name).shape[:2] == (10, 0)
+
+
+@pytest.mark.parametrize(("element", "column"), [("slopes", "slope_8"), ("cuts", "cut_2")])
+def test_rows_that_are_wrong_in_a_file_are_one_line(addon, tmp_path, element, column):
+    splats = WITH[element](random_splats(9, seed=1), every=2)
+    write_ply(tmp_path / "a.ply", splats)
+    whole, (name, shape) = (tmp_path / "a.ply").read_bytes(), one_array(element)
+    row = 4 + 4 * int(np.prod(shape))  # bytes
+    twice = whole[:-row] + whole[-2 * row : 4 - 2 * row] + whole[4 - row :]
+    unknown = whole.replace(column.encode(), b"x" * len(column))
     infinite = whole[:-4] + np.float32(np.inf).tobytes()
-    for content, words in ((twice, 'element "slopes" does not name different'), (unknown, 'no property "slope_4"'),
-                           (infinite, '"slope_8" in row 4 is not finite')):  # fmt: skip
+    for content, words in ((twice, f'element "{element}" does not name different'),
+                           (unknown, f'no property "{column}"'),
+                           (infinite, f'"{column}" in row 4 is not finite')):  # fmt: skip
         (tmp_path / "b.ply").write_bytes(content)
         with pytest.raises(ValueError) as error:
             addon("files.ply").read_ply(tmp_path / "b.ply")
         assert words in str(error.value) and "\n" not in str(error.value)
     model = as_model(addon, splats)
-    model.color_slopes[2, 1, 1] = np.nan
+    getattr(model, name)[2, 1] = np.nan
     with pytest.raises(ValueError, match="not finite"):
         addon("files.ply").write_ply(tmp_path / "c.ply", model)
 
@@ -170,3 +210,11 @@ def test_the_srgb_curve_is_the_same(addon):
     step = 1e-6
     slope = (srgb.decoded(values + step) - srgb.decoded(values - step)) / (2 * step)
     np.testing.assert_allclose(srgb.decoded_slope(values), slope, rtol=1e-3)
+
+
+def test_the_add_on_offers_the_presets_of_the_package():
+    """Its list needs Blender to be imported, so it is read as text."""
+    tree = ast.parse((ADDON / "training" / "settings.py").read_text(encoding="utf-8"))
+    (items,) = (node.value for node in tree.body
+                if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "PRESETS")  # fmt: skip
+    assert [name for name, _, _ in ast.literal_eval(items)] == list(RECIPES)

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cut_models import with_cuts
 from mi_dogsplat import Drawing, Model, read_model, write_model
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.parameters import upload
@@ -73,8 +74,9 @@ def references(tmp_path_factory) -> Path:
     dog = rounded(random_splats(150, seed=3))
     reference(folder, "dog", dog, camera)
     reference(folder, "plain", dog.plain(), camera)
-    reference(folder, "slopes", with_slopes(dog, every=3), camera)
-    write_model(folder / "slopes.compressed.ply", with_slopes(dog, every=3))
+    for name, some in (("slopes", with_slopes(dog, every=3)), ("cuts", with_cuts(dog, every=3))):
+        reference(folder, name, some, camera)
+        write_model(folder / f"{name}.compressed.ply", some)
     for suffix in (".spz", ".glb", ".sog", ".splat", ".compressed.ply"):
         write_model(folder / f"plain{suffix}", Model(dog.plain(), Drawing(antialiased=True)))
     write_model(folder / "says.ply", Model(dog, Drawing(True, 0.05, False, "-y", 2.0)))

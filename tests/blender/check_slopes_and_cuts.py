@@ -1,0 +1,225 @@
+"""Slopes of colours, and cuts: kept through all that Blender does to splats, drawn by the package."""
+
+import bpy
+import numpy as np
+import pytest
+from blender_pictures import psnr, rendered
+from drawn_panels import drawn
+from edits import PLACED, TURN, cropped, local, paint, shown
+from mathutils import Matrix
+from model_files import export, load
+from model_values import assert_equal
+from references import REFERENCES, place_camera, reference
+
+from blender_addon.editing.stand_in import stand_in_of
+from blender_addon.files.model import Model, concatenate, normalized
+from blender_addon.files.ply import read_ply, write_ply
+from blender_addon.files.rotation import rotations
+from blender_addon.nodes.modifier import edit_modifiers, set_input
+from blender_addon.objects import cloud
+from blender_addon.objects.attributes import read_attributes
+from blender_addon.objects.columns import put_column
+from blender_addon.package.renderers import InProcess
+from blender_addon.render_engine import ENGINE
+
+NOTES = {"slopes": "Blender draws mean colours, no slopes", "cuts": "Blender draws whole splats, no cuts"}
+VALUES = {"slopes": "color_slopes", "cuts": "cut_normals"}
+ATTRIBUTES = {"slopes": [f"dog:slope_{axis}" for axis in "xyz"], "cuts": ["dog:cut_normal"]}
+
+
+@pytest.fixture(params=NOTES)
+def kind(request):
+    return request.param
+
+
+@pytest.fixture
+def path(kind):
+    """A model of which every third splat has slopes, or a cut."""
+    return REFERENCES / f"{kind}.ply"
+
+
+def columns(model: Model) -> np.ndarray:
+    """[N, 3, 3]: standard deviations along the axes of each primitive, in the world."""
+    return rotations(normalized(model.quats).astype(float)) * np.exp(model.log_scales.astype(float))[:, None]
+
+
+def who(model: Model, kind: str) -> np.ndarray:
+    """[N]: which splats have them."""
+    return getattr(model, f"has_{kind}")
+
+
+def shown_at(model: Model, kind: str, points: np.ndarray) -> np.ndarray:
+    """Of those that have some, at points [M, P, 3] of the world: what slopes add to colours, or what a cut leaves."""
+    rows = who(model, kind)
+    w = np.linalg.solve(columns(model)[rows][:, None], (points - model.means[rows][:, None])[..., None])[..., 0]
+    along = np.einsum("mpa,ma...->mp...", w, getattr(model, VALUES[kind])[rows].astype(float))
+    return along if kind == "slopes" else (1 + np.exp(-4)) / (1 + np.exp(-4 - along))
+
+
+def points_in(model: Model, kind: str) -> np.ndarray:
+    """[M, 7, 3] places within some standard deviations of each that has some."""
+    rows = who(model, kind)
+    w = np.random.default_rng(2).normal(size=(rows.sum(), 7, 3))
+    return model.means[rows][:, None] + np.einsum("mka,mpa->mpk", columns(model)[rows], w)
+
+
+def assert_taken_along(found: Model, raw: Model, kind: str, matrix: np.ndarray) -> None:
+    """Oracle: a place shows what it did before it was moved."""
+    points = points_in(raw, kind)
+    expected = shown_at(raw, kind, points)
+    assert np.array_equal(who(found, kind), who(raw, kind)) and expected.std() > 0.2
+    moved = points @ matrix[:3, :3].T + matrix[:3, 3]
+    assert np.allclose(shown_at(found, kind, moved), expected, atol=1e-3)
+
+
+def test_an_untouched_model_comes_back_byte_for_byte(path, kind, tmp_path):
+    load(path, up_axis="-Y", scale=2.5)
+    assert 0 < who(read_ply(path), kind).sum() < 150
+    export(tmp_path / "out.ply")
+    assert (tmp_path / "out.ply").read_bytes() == path.read_bytes()
+
+
+def test_a_model_without_has_no_attributes_for_them(model, path, kind):
+    plain = {a.name for a in load(model).data.attributes}
+    types = {a.name: a.data_type for a in load(path).data.attributes if a.name not in plain}
+    assert types == {f"dog:has_{kind}": "INT", **dict.fromkeys(ATTRIBUTES[kind], "FLOAT_VECTOR")}
+
+
+def test_the_import_counts_them(model, tmp_path, capfd):
+    both = concatenate([read_ply(REFERENCES / f"{name}.ply") for name in NOTES])
+    write_ply(tmp_path / "both.ply", both)
+    expected = {model: "", REFERENCES / "slopes.ply": ", 50 with slopes", REFERENCES / "cuts.ply": ", 50 with a cut",
+                tmp_path / "both.ply": ", 50 with slopes, 50 with a cut"}  # fmt: skip
+    for path, words in expected.items():
+        load(path)
+        assert f"of them DoG{words}\n" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("applied", [False, True])
+@pytest.mark.parametrize("move", [TURN, Matrix.Diagonal((-1, 1, 1, 1)), Matrix.Diagonal((1, 2, 1.3, 1))])
+def test_a_moved_mirrored_or_stretched_model_takes_them_along(path, kind, tmp_path, move, applied):
+    obj, raw = load(path), read_ply(path)
+    obj.matrix_world = Matrix.Translation((0.5, 0, 1)) @ move @ Matrix.Rotation(0.4, 4, (1, 0, 1))
+    bpy.context.view_layer.update()
+    matrix = np.array(obj.matrix_world, float)
+    if applied:
+        assert bpy.ops.dogsplat.apply_transform() == {"FINISHED"}
+    assert_taken_along(export(tmp_path / "out.ply"), raw, kind, matrix)
+
+
+def test_they_follow_vertices_that_blender_turned(path, kind):
+    obj, raw = load(path), read_ply(path)
+    obj.matrix_world = PLACED
+    bpy.context.view_layer.update()
+    obj.select_set(True)
+    assert bpy.ops.object.transform_apply() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert_taken_along(read_attributes(obj.data), raw, kind, np.array(PLACED))
+
+
+def test_hidden_and_deleted_splats_leave_those_of_others_alone(path, kind):
+    obj, raw = load(path), read_ply(path)
+    _, target = cropped(obj, "BOX")
+    inside = (np.abs(local(obj, target, raw.means)) <= 1).all(axis=1)
+    assert 0 < who(raw, kind)[inside].sum() < who(raw, kind).sum()
+    assert_equal(shown(obj), raw.select(inside))
+    bpy.context.view_layer.objects.active = obj
+    obj.select_set(True)
+    assert bpy.ops.dogsplat.apply_edits() == {"FINISHED"}
+    assert_equal(read_attributes(obj.data), raw.select(inside))
+    bpy.ops.dogsplat.add_limits()
+    set_input(edit_modifiers(obj)[0], "Maximum Count", 0)
+    assert not shown(obj).n_splats or shown(obj).n_splats == inside.sum()
+
+
+@pytest.mark.parametrize("join", [bpy.ops.object.join, lambda: bpy.ops.dogsplat.join()])
+@pytest.mark.parametrize("first_has", [True, False])
+def test_joined_with_a_model_without_they_stay_and_the_others_get_none(path, kind, model, join, first_has):
+    names = [model, path] if first_has else [path, model]
+    second, first = load(names[0]), load(names[1])
+    second.matrix_world = PLACED
+    second.select_set(True)
+    bpy.context.view_layer.update()
+    assert join() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    raw, found = read_ply(path), read_attributes(first.data)
+    assert found.n_splats == 300 and who(found, kind).sum() == 50
+    assert not getattr(found, VALUES[kind])[~who(found, kind)].any()
+    start = int(np.flatnonzero(who(found, kind))[0])  # of the model, whose first splat has some
+    matrix = np.eye(4) if first_has else np.array(PLACED)
+    assert_taken_along(found.select(np.arange(start, start + 150)), raw, kind, matrix)
+
+
+def test_a_tint_multiplies_slopes_and_leaves_cuts_alone(path, kind):
+    obj, raw = load(path), read_ply(path)
+    bpy.ops.dogsplat.paint(what="TINT")
+    tinted = np.arange(30, 60)
+    paint(stand_in_of(obj), tinted, color=(1.0, 0.2, 0.0, 1.0))
+    found, factor = shown(obj), np.array([1.0, 1.055 * 0.2 ** (1 / 2.4) - 0.055, 0.0])
+    now, before = (getattr(model, VALUES[kind])[tinted] for model in (found, raw))
+    assert np.allclose(now, before * (factor if kind == "slopes" else 1), atol=1e-5)
+    assert np.abs(before).max() > 0.3
+    others = np.setdiff1d(np.arange(raw.n_splats), tinted)
+    assert_equal(found.select(others), raw.select(others))
+
+
+def test_as_attributes_of_points_they_are_what_they_were(path, kind):
+    """Of a point cloud, which Blender's own splats are; put there without those."""
+    raw = read_ply(path)
+    if "resize" not in bpy.types.PointCloud.bl_rna.functions:
+        pytest.skip("point clouds get points from Python since Blender 5.2")
+    points = bpy.data.pointclouds.new("points")
+    points.resize(raw.n_splats)
+    cloud.put_columns(points, raw, "FLOAT_COLOR")
+    assert_equal(read_attributes(points), raw)
+    put_column(points, ATTRIBUTES[kind][0], np.zeros((raw.n_splats, 3), np.float32))
+    first = getattr(read_attributes(points), VALUES[kind])
+    assert not (first[:, 0] if kind == "slopes" else first).any()
+
+
+def test_the_panel_says_what_blender_does_not_draw(scene, path, kind, model):
+    place_camera(scene, kind)
+    load(model)
+    assert not {*NOTES.values()} & {*drawn()}
+    load(path)
+    assert {*NOTES.values()} & {*drawn()} == {NOTES[kind]}
+    scene.render.engine = "CYCLES"
+    assert NOTES[kind] in drawn()
+    scene.render.engine = ENGINE
+    assert NOTES[kind] not in drawn()
+
+
+@pytest.mark.parametrize("placed", [False, True])
+def test_the_final_frame_shows_them(scene, by_command, path, kind, tmp_path, placed):
+    place_camera(scene, kind)
+    obj = load(path)
+    if placed:
+        obj.matrix_world = TURN @ obj.matrix_world
+        scene.camera.matrix_world = (TURN @ scene.camera.matrix_world).normalized()
+        set_input(obj.modifiers[-1], "Near Clip", 0.34)
+    scene.view_settings.view_transform = "Raw"
+    scene.dogsplat_colors = "DISPLAY"
+    picture = rendered(scene, ENGINE, tmp_path)
+    assert psnr(picture, reference(kind)["color"]) > (50 if placed else 70)
+    assert psnr(picture, reference("dog")["color"]) < 40
+
+
+def test_models_of_other_formats_bring_them_along(command, path, kind, tmp_path):
+    """By the command, and in this process where that has the package."""
+    expected = read_ply(path)
+    ways = [command]
+    try:
+        import mitsuba  # noqa: F401
+    except ImportError:
+        pass
+    else:
+        ways.append(InProcess())
+    for way in ways:
+        way.convert(REFERENCES / f"{kind}.compressed.ply", tmp_path / "out.ply")
+        found = read_ply(tmp_path / "out.ply")
+        assert who(found, kind).sum() == who(expected, kind).sum() and found.is_dog.sum() == expected.is_dog.sum()
+        way.convert(path, tmp_path / "plain.ply", bake=True)
+        plain = read_ply(tmp_path / "plain.ply")
+        assert plain.n_splats == 150 and not plain.is_dog.any()
+        assert np.array_equal(plain.means, expected.means)  # those of the whole one nearest to a cut are elsewhere
+        assert np.array_equal(who(plain, kind), who(expected, kind))
