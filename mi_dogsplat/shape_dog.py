@@ -32,8 +32,8 @@ class DogShape(mi.Mesh):
      * - filename
        - |string|
        - Model: PLY (with an element ``dog`` for DoG primitives, ``slopes`` for colours that vary over their
-         primitive, and ``cuts`` for planes that cut some off), compressed PLY, SPZ, SOG, glTF or .splat. The integrator draws it as its file says, unless it is
-         told otherwise.
+         primitive, and ``cuts`` for planes that cut some off), compressed PLY, SPZ, SOG, glTF or .splat. The
+         integrator draws it as its file says, unless it is told otherwise.
 
      * - means, log_scales, quats, logit_opacities, sh_coeffs
        - |tensor|
