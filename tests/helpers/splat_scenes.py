@@ -64,7 +64,7 @@ def random_splats(n=40, seed=0, degree=3, dog_share=0.5, slope_share=0.0, cut_sh
         splats.color_slopes = rng.normal(0, 0.3, (len(splats.slope_index), 3, 3))
     if cut_share:
         splats.cut_index = np.flatnonzero(rng.uniform(size=n) < cut_share)
-        splats.cut_normals = rng.normal(0, 3, (len(splats.cut_index), 3))
+        splats.cut_normals = rng.normal(0, 4, (len(splats.cut_index), 3))
     return splats
 
 
