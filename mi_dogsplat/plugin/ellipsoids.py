@@ -27,8 +27,9 @@ def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None
     Its ``opacities`` [N', 1] and ``sh_coeffs`` [N', 3 K] (K = (degree + 1)²) are the attributes that
     ``volprim_rf_basic`` reads; the colours are sRGB, as its ``srgb_primitives`` expects by default.
 
-    An ellipsoid is one Gaussian of one colour: of a DoG primitive the positive one is kept, what the pseudo-Gaussian
-    subtracts is left out, and where a colour varies over its primitive that at the centre is kept, which is the mean.
+    An ellipsoid is one whole Gaussian of one colour: of a DoG primitive the positive one is kept, what the
+    pseudo-Gaussian subtracts is left out, where a colour varies over its primitive that at the centre is kept, which is
+    the mean, and a primitive that a plane cuts off is kept whole.
     Left out too are primitives that are not drawn: those fainter than 1/255, and those with values that are not
     finite. What is left out is reported by a warning of Mitsuba's logger.
 
@@ -49,7 +50,7 @@ def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None
         splats = transformed(splats, np.array(getattr(to_world, "matrix", to_world), dtype=np.float64))
     drawn = _drawn(splats)
     _report(splats, int(np.count_nonzero(~drawn)))
-    splats = splats.plain().without_slopes().select(drawn).uniform_sh()
+    splats = splats.plain().without_slopes().without_cuts().select(drawn).uniform_sh()
     if splats.n_splats == 0:
         raise ValueError("to_ellipsoids: the model has no primitive that can be seen; Mitsuba needs one")
     return {
@@ -94,6 +95,8 @@ def _report(splats: Splats, n_hidden: int) -> None:
         left_out.append(f"the negative part of {splats.n_dog} DoG primitives")
     if splats.n_slopes:
         left_out.append(f"the slopes of {splats.n_slopes} primitives whose colour varies over them")
+    if splats.n_cuts:
+        left_out.append(f"the cuts of {splats.n_cuts} primitives")
     if n_hidden:
         left_out.append(f"{n_hidden} of {splats.n_splats} primitives that are fainter than 1/255 or not finite")
     if left_out:
