@@ -133,7 +133,8 @@ class Server:
     def statistics(self, last: str) -> str:
         """Markdown about the model and the last picture."""
         splats = self.drawing.splats
-        kinds = f"{splats.n_dog:,} of them DoG" + (f", {splats.n_slopes:,} with slopes" if splats.n_slopes else "")
+        others = ((splats.n_slopes, "with slopes"), (splats.n_cuts, "cut off"))
+        kinds = ", ".join([f"{splats.n_dog:,} of them DoG", *(f"{n:,} {what}" for n, what in others if n)])
         counts = f"{splats.n_splats:,} primitives, {kinds}, SH degree {splats.sh_degree}"
         scale = self.source.drawing.scale
         size = "" if scale is None else f"\n\nThe core of it is {2 * robust_sphere(splats)[1] * scale:.3g} m across"
