@@ -46,7 +46,7 @@ class Clusters:
 
     @staticmethod
     def of(splats: Splats, weights: Array | None = None) -> Clusters:
-        """Each primitive by itself, without what is DoG about it, in its mean colour.
+        """Each primitive by itself, without what is DoG about it, whole, in its mean colour.
 
         Args:
             splats: finite parameters.

@@ -25,6 +25,7 @@ from ..render.vantages import vantage_cameras
 from ..scene.cameras import Camera
 from ..scene.drawing import Drawing, drawn_as
 from ..scene.splats import Array, Splats
+from ..scene.whole import whole
 from ..scores.weights import weights
 from ..support.errors import DataError
 from ..support.srgb import displayed
@@ -96,6 +97,8 @@ def simplify_model(
         raise DataError(model, f"{start.n_splats} primitives could not be merged any further", "use a larger --target")
     found = fitted(start, splats, cameras, look, config, show) if config.steps else start
     left_out = [f"{model.name}: {line}" for line in read.left_out]
+    if splats.n_cuts:
+        left_out.append(f"the cuts of {count(splats.n_cuts)} primitives are left out: what is merged is whole")
     if splats.n_slopes:
         left_out.append(f"the slopes of {count(splats.n_slopes)} primitives are left out: what is merged has none")
     left_out += write_model(out, replace(read, splats=found, drawing=options.drawing.over(read.drawing)))
@@ -121,7 +124,7 @@ def cameras_of(splats: Splats, config: SimplifyConfig, n: int, seed: int, up: st
 
 def merged(splats: Splats, target: int, cameras: list[Camera], look: Look) -> Splats:
     """``target`` plain Gaussians, merged by how much of each primitive the cameras see (Σ α T over all pixels)."""
-    plain = (baked(splats) if splats.n_dog else splats).without_slopes()
+    plain = whole(baked(splats) if splats.n_dog else splats).without_slopes()
     needed = Unneeded.of(plain).taken_out(plain).uniform_sh()
     seen = amounts_seen(needed, cameras, look)
     seen = np.maximum(seen, LEAST_WEIGHT * (seen.mean() or 1.0))

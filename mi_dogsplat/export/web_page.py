@@ -51,7 +51,7 @@ class Opening:
         tangents: of half the angles of view that have to be seen, across and up.
         background: grey level, 0..1.
         n_dog: primitives that were DoG; dog: what became of them, "bake" or "drop".
-        n_slopes: primitives whose colour varied over them.
+        n_slopes: primitives whose colour varied over them; n_cuts: that a plane cut off.
     """
 
     title: str
@@ -63,6 +63,7 @@ class Opening:
     n_dog: int = 0
     dog: str = "bake"
     n_slopes: int = 0
+    n_cuts: int = 0
 
 
 def opening_of(subject: Subject, title: str, dog: str = "bake") -> Opening:
@@ -76,7 +77,7 @@ def opening_of(subject: Subject, title: str, dog: str = "bake") -> Opening:
     depth = next((depth for depth in depths if depth > 0), 1.0)  # visitors turn about a point that far away
     tangents = 0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy
     target = camera.position + depth * forward
-    had = splats.n_dog, dog, splats.n_slopes
+    had = splats.n_dog, dog, splats.n_slopes, splats.n_cuts
     return Opening(title, camera.position, target, subject.up, tangents, subject.background, *had)
 
 
@@ -149,6 +150,8 @@ def _of_them(opening: Opening) -> str:
         said.append(f"{opening.n_dog:,} of them Differences of Gaussians, {became}")
     if opening.n_slopes:
         said.append(f"{opening.n_slopes:,} with colours that varied over them, in their mean colours")
+    if opening.n_cuts:
+        said.append(f"{opening.n_cuts:,} that were cut off, made whole")
     return f" ({'; '.join(said)})" if said else ""
 
 
@@ -162,10 +165,14 @@ def _about(opening: Opening) -> str:
     if opening.n_slopes:
         why.append("no colours that vary over a Gaussian")
         differences.append("these are shown in their mean colours")
+    if opening.n_cuts:
+        why.append("no Gaussians that a plane cuts off")
+        differences.append("each of those is shown as the whole one nearest to it")
     about = "Drag to turn, scroll to come nearer. Made by mi_dogsplat; shown by SuperSplat Viewer."
     if not why:
         return about
-    return f"Web viewers know {' and '.join(why)}: {', '.join(differences)}, so this is not quite the model. {about}"
+    listed = " and ".join(filter(None, (", ".join(why[:-1]), why[-1])))
+    return f"Web viewers know {listed}: {', '.join(differences)}, so this is not quite the model. {about}"
 
 
 def _vendored(name: str) -> bytes:

@@ -25,6 +25,7 @@ from ..scene.drawing import DrawnAs, drawn_as
 from ..scene.radiance import brightened
 from ..scene.splats import Splats
 from ..scene.transform import transformed
+from ..scene.whole import whole
 from ..support.errors import DataError
 from ..support.wording import count
 from .bake import baked
@@ -33,7 +34,7 @@ from .refine import goal_of, refined, steps_for
 from .web_page import PAGE, opening_of, read_page, write_page
 
 SMALL = {"SPZ": "spz", "SOG": "sog"}  # of the formats that have coarse grids, their names there
-DOG_CHOICES, SLOPE_CHOICES = ("bake", "drop", "keep"), ("drop", "keep")
+DOG_CHOICES, KEPT_OR_NOT = ("bake", "drop", "keep"), ("drop", "keep")
 
 
 def plain_gaussians(splats: Splats, dog: str) -> Splats:
@@ -69,6 +70,7 @@ def export_model(
     small: bool = False,
     world: WorldConfig = WorldConfig(),
     slopes: str = "drop",
+    cuts: str = "drop",
 ) -> Exported:
     """Write a model file in the format that the name of ``out`` asks for, and measure what is lost.
 
@@ -81,26 +83,27 @@ def export_model(
         views: at most so many; 0 measures nothing.
         options: how the pictures are drawn; what they do not say, the model's file does.
         spz_version: of an SPZ file.
-        refine: steps that make up for DoG and slopes that were taken out (``refine.py``); None: ``steps_for`` the data
-            set where there were any, DoG not dropped, and a Mitsuba variant is set.
+        refine: steps that make up for DoG, slopes and cuts that were taken out (``refine.py``); None: ``steps_for`` the
+            data set where there were any, DoG not dropped, and a Mitsuba variant is set.
         show: called with the steps of it that are done, and how many there are.
         small: coarse grids and a palette, for which the model is refined too (docs/quantisation.md); SPZ and SOG.
         world: what is up, and how long a unit is, where the model's file is not to say so.
-        slopes: what becomes of colours that vary over their primitive, one of ``SLOPE_CHOICES``; drop: mean colours,
+        slopes: what becomes of colours that vary over their primitive, one of ``KEPT_OR_NOT``; drop: mean colours,
             which are the nearest; keep: only where the format knows them.
+        cuts: what becomes of primitives that a plane cuts off, likewise; drop: the whole ones nearest to them.
 
     Measuring and refining need a Mitsuba variant. Raises ``DataError``.
     """
     model, out = Path(model), Path(out)
     page = out.name.lower().endswith(PAGE)
     chosen = SOG if page else format_to_write(out, (PAGE,))
-    _require(chosen, dog, slopes, small, world, views)
+    _require(chosen, dog, {"--slopes": slopes, "--cuts": cuts}, small, world, views)
     read = read_source(model, out, "export")
     splats = read.splats
     drawing = world.over(options.drawing.over(read.drawing), data)
     if not out.parent.is_dir():  # said before what takes long
         raise DataError(out, "cannot be written (there is no such folder)", "make it, or name another one")
-    stages = _stages(splats, dog, slopes)
+    stages = _stages(splats, dog, slopes, cuts)
     plain = list(stages.values())[-1]
     steps, drawn, seconds = _steps(refine, dog, plain is not splats, small), drawn_as(drawing), None
     grids = SMALL[chosen.name] if small else None
@@ -114,6 +117,9 @@ def export_model(
     elif grids:
         plain = stages["on the grids of a small file"] = _on_grids(plain, grids, drawn)
     left_out = [f"{model.name}: {line}" for line in read.left_out]
+    if "without cuts" in stages:
+        left = f"the cuts of {count(splats.n_cuts)} primitives are left out, for the whole ones nearest to them"
+        left_out.append(left + ("; --cuts keep keeps them" if chosen.cuts else ""))
     if "without slopes" in stages:
         left = f"the slopes of {count(splats.n_slopes)} primitives are left out, which have their mean colours"
         left_out.append(left + ("; --slopes keep keeps them" if chosen.slopes else ""))
@@ -132,14 +138,18 @@ def export_model(
     return Exported(plain.n_splats, len(seen.cameras), losses(stages, seen), left_out, seconds)
 
 
-def _require(chosen: Format, dog: str, slopes: str, small: bool, world: WorldConfig, views: int) -> None:
-    """Raise ``DataError`` for what does not go with the format that is written, or with the rest."""
+def _require(chosen: Format, dog: str, kept: dict[str, str], small: bool, world: WorldConfig, views: int) -> None:
+    """Raise ``DataError`` for what does not go with the format that is written, or with the rest.
+
+    ``kept``: flag to one of ``KEPT_OR_NOT``.
+    """
     if dog not in DOG_CHOICES or (dog == "keep" and not chosen.dog):
         problem = f'"{dog}" is unknown' if dog not in DOG_CHOICES else f"{chosen.name} has no room for DoG to keep"
         raise DataError("--dog", problem, "use bake or drop")
-    if slopes not in SLOPE_CHOICES or (slopes == "keep" and not chosen.slopes):
-        problem = f'"{slopes}" is unknown' if slopes not in SLOPE_CHOICES else f"{chosen.name} has no room for them"
-        raise DataError("--slopes", problem, "use drop")
+    for flag, how in kept.items():
+        if how not in KEPT_OR_NOT or (how == "keep" and not getattr(chosen, flag.removeprefix("--"))):
+            problem = f'"{how}" is unknown' if how not in KEPT_OR_NOT else f"{chosen.name} has no room for them"
+            raise DataError(flag, problem, "use drop")
     if small and chosen.name not in SMALL:
         raise DataError("--small", f"{chosen.name} has no codes that compress", "name a file that ends in .spz or .sog")
     if small and world.upright:
@@ -149,11 +159,16 @@ def _require(chosen: Format, dog: str, slopes: str, small: bool, world: WorldCon
         raise DataError("--views", f"{views} is too small", "use at least 0")
 
 
-def _stages(splats: Splats, dog: str, slopes: str) -> dict[str, Splats]:
-    """The model as it is, and after each thing that is taken out of it; the last one is what the format gets."""
+def _stages(splats: Splats, dog: str, slopes: str, cuts: str) -> dict[str, Splats]:
+    """The model as it is, and after each thing that is taken out of it; the last one is what the format gets.
+
+    Cuts come first: what is left of a primitive has another mean colour than the whole of it.
+    """
     stages, plain = {"as it is": splats}, splats
+    if cuts == "drop" and splats.n_cuts:
+        plain = stages["without cuts"] = whole(plain)
     if slopes == "drop" and splats.n_slopes:
-        plain = stages["without slopes"] = splats.without_slopes()
+        plain = stages["without slopes"] = plain.without_slopes()
     if dog != "keep" and splats.n_dog:
         stages[f"without DoG ({dog})"] = plain_gaussians(plain, dog)
     return stages
@@ -176,7 +191,7 @@ def _write_page(
 
 
 def _steps(refine: int | None, dog: str, taken_out: bool, small: bool) -> int | None:
-    """Of the refinement, None for as many as the data set needs; ``taken_out``: whether slopes or DoG were.
+    """Of the refinement, None for as many as the data set needs; ``taken_out``: whether DoG, slopes or cuts were.
 
     Raises ``DataError`` where it is asked for and has nothing to make up for.
     """
@@ -185,5 +200,5 @@ def _steps(refine: int | None, dog: str, taken_out: bool, small: bool) -> int | 
     if refine < 0:
         raise DataError("--refine", f"{refine} is too small", "use at least 0")
     if refine and not taken_out and not small:
-        raise DataError("--refine", "no DoG or slopes are taken out that could be made up for", "leave it out")
+        raise DataError("--refine", "no DoG, slopes or cuts are taken out that could be made up for", "leave it out")
     return refine

@@ -11,6 +11,7 @@ from ..scene.orientation import UP
 from ..scene.radiance import brightened
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
+from ..scene.whole import whole
 from ..support.errors import DataError
 from ..support.wording import count
 from .model import Model
@@ -50,6 +51,8 @@ def write_model(
     lost = what_is_lost(replace(SPZ, brightest=BRIGHTEST) if silent else chosen, model)
     if silent:
         lost.append("SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3")
+    if not chosen.cuts:
+        splats = whole(splats)
     if splats.n_slopes and not chosen.slopes:
         splats = splats.without_slopes()
     if not (sh_rows and chosen.mixed_sh):
@@ -74,6 +77,9 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     usual = asdict(DrawnAs()) | {"scale": 1.0, "up": UP}  # what readers take where a file is silent
     if unusual := [f"{name} {value}" for name, value in unsaid.items() if value != usual.get(name)]:
         lost.append(f"{chosen.name} cannot say how it is drawn: {', '.join(unusual)}; give it by hand")
+    if model.splats.n_cuts and not chosen.cuts:
+        n = count(model.splats.n_cuts)
+        lost.append(f"{chosen.name} has no primitive that is cut off: {n} become the whole ones nearest to them")
     if model.splats.n_slopes and not chosen.slopes:
         n = count(model.splats.n_slopes)
         lost.append(f"{chosen.name} has no colour that varies over a primitive: the slopes of {n} are left out")

@@ -21,11 +21,11 @@ from ..plugin.transfer import srgb_to_linear
 from ..scene.splats import MAX_SH_DEGREE, Splats
 from ..support.scene_errors import scene_error
 from ..support.wording import count, file_size
-from .unneeded import Unneeded, used_sh_degrees
+from .unneeded import Unneeded, largest_alphas, used_sh_degrees
 
 NEEDED, LEFT_OUT, UNUSED = "needed", "left out", "paid, not needed"
 PARAMETERS = 14  # of a Gaussian: centre 3, scales 3, quaternion 4, opacity, colour 3
-DOG_PARAMETERS, SLOPE_PARAMETERS = 4, 9  # opacity, scales 3; three channels along three axes
+DOG_PARAMETERS, SLOPE_PARAMETERS, CUT_PARAMETERS = 4, 9, 3  # opacity, scales 3; channels along the axes; normal
 FLOAT = 4  # bytes, of an index too
 CLEAN = "dogsplat clean takes them out"
 
@@ -54,7 +54,10 @@ def model_features(parts: list[Splats], negative_transmittance: bool = True) -> 
     pair = pair_operations(Settings(3), False, variant)
     cost = f"each {_size(PARAMETERS)}, {operations_each:.0f} operations; per pixel {_sum(pair)}"
     gaussians = Feature("Gaussians", NEEDED, f"{count(n)} primitives; {cost}")
-    features = [gaussians, *_dog_features(parts, negative_transmittance), *_slope_features(parts), *_sh_features(parts)]
+    features = [gaussians, *_dog_features(parts, negative_transmittance)]
+    features += _row_features(parts, "slopes", SLOPE_PARAMETERS, "primitives of one colour pay for slopes of zero")
+    features += _row_features(parts, "cuts", CUT_PARAMETERS, "whole primitives pay for normals of zero")
+    features += _sh_features(parts)
     return features + [Feature(name, UNUSED, f"{rest}; {CLEAN}") for name, rest in _unneeded_rows(parts)]
 
 
@@ -67,7 +70,7 @@ def _dog_features(parts: list[Splats], negative_transmittance: bool) -> list[Fea
     more = _difference(pair_operations(settings, True, variant), pair_operations(Settings(3), False, variant))
     each = [primitive_operations(RasterOptions(0), dog, variant) for dog in (True, False)]
     cost = f"each {_size(DOG_PARAMETERS, indices=1)}, {each[0] - each[1]:.0f} operations; per pixel {_sum(more)}"
-    faded = sum(int(np.sum(s.dog_opacities * s.opacities[s.dog_index] < Cutoffs().alpha)) for s in parts)
+    faded = sum(int(np.sum(s.dog_opacities * largest_alphas(s)[s.dog_index] < Cutoffs().alpha)) for s in parts)
     features = [Feature("DoG", NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")]
     if m < n:
         rest = f"{count(n - m)} plain primitives pay for the branch, and for the difference to a kernel of zeros"
@@ -78,18 +81,18 @@ def _dog_features(parts: list[Splats], negative_transmittance: bool) -> list[Fea
     return [*features, feature("negative T", negative_transmittance, amplifies, "negative_transmittance is false")]
 
 
-def _slope_features(parts: list[Splats]) -> list[Feature]:
-    n, s = sum(part.n_splats for part in parts), sum(part.n_slopes for part in parts)
-    share, variant = f"{count(s)} of {count(n)} primitives", mi.variant()
-    if s == 0:
-        return [Feature("slopes", LEFT_OUT, share)]
-    pair = _sum(_difference(*(pair_operations(Settings(3, slopes=on), False, variant) for on in (True, False))))
-    each = [primitive_operations(RasterOptions(0), False, variant, on) for on in (True, False)]
-    cost = f"each {_size(SLOPE_PARAMETERS, indices=1)}, {each[0] - each[1]:.0f} operations; per pixel {pair}"
-    features = [Feature("slopes", NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")]
-    if s < n:
-        rest = f"{count(n - s)} primitives of one colour pay for slopes of zero, as many operations"
-        features.append(Feature("slopes of others", UNUSED, rest))
+def _row_features(parts: list[Splats], name: str, parameters: int, others: str) -> list[Feature]:
+    """Of rows that some primitives have over their whole extent, "slopes" or "cuts"; ``others``: what the rest pays."""
+    n, m = sum(part.n_splats for part in parts), sum(getattr(part, f"n_{name}") for part in parts)
+    share, variant = f"{count(m)} of {count(n)} primitives", mi.variant()
+    if m == 0:
+        return [Feature(name, LEFT_OUT, share)]
+    pair = _sum(_difference(*(pair_operations(Settings(3, **{name: on}), False, variant) for on in (True, False))))
+    each = [primitive_operations(RasterOptions(0), False, variant, **{name: on}) for on in (True, False)]
+    cost = f"each {_size(parameters, indices=1)}, {each[0] - each[1]:.0f} operations; per pixel {pair}"
+    features = [Feature(name, NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")]
+    if m < n:
+        features.append(Feature(f"{name} of others", UNUSED, f"{count(n - m)} {others}, as many operations"))
     return features
 
 

@@ -14,7 +14,7 @@ from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, read_run
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.wording import count, duration, file_size, finite, fixed
-from .lines import dog_and_slopes, drawn, line, sh_degrees
+from .lines import drawn, kinds, line, sh_degrees
 
 if TYPE_CHECKING:
     from ..datasets import Dataset
@@ -78,7 +78,7 @@ def describe_model(path: Path) -> list[str]:
     lines = [
         f"{path}: model",
         line("format", format_of(path).name),
-        line("primitives", f"{count(n)}, {dog_and_slopes(m, splats.n_slopes or None)}"),
+        line("primitives", f"{count(n)}, {kinds(m, splats.n_slopes or None, splats.n_cuts or None)}"),
         line("SH degree", sh_degrees(splats)),
         line("size", file_size(size) + (f", {size / n:.0f} bytes per primitive" if n else "")),
     ]
@@ -98,6 +98,7 @@ def describe_model(path: Path) -> list[str]:
             line("DoG scale", _range(splats.dog_scales)),
         ]
     lines += [line("slopes", _range(splats.color_slopes))] if splats.n_slopes else []
+    lines += [line("cut normals", _range(np.linalg.norm(splats.cut_normals, axis=1)))] if splats.n_cuts else []
     problems = model_problems(splats)
     return lines + ["problems: none found" if not problems else "problems:", *(f"  {p}" for p in problems)]
 
@@ -136,8 +137,8 @@ def describe_run(path: Path) -> list[str]:
     lines.append(line("steps", count(done) + (f" of {count(planned)}" if planned else "")))
     seconds = metrics.get("train_seconds", last.get("seconds"))
     lines.append(line("training time", duration(seconds)))
-    n, *kinds = (metrics.get(key, last.get(key)) for key in ("n", "n_dog", "n_slopes"))
-    lines.append(line("primitives", f"{count(n)}, {dog_and_slopes(*kinds)}"))
+    n, *of_them = (metrics.get(key, last.get(key)) for key in ("n", "n_dog", "n_slopes", "n_cuts"))
+    lines.append(line("primitives", f"{count(n)}, {kinds(*of_them)}"))
     if metrics:
         lines.append(line("model", file_size(metrics.get("bytes"))))
         lines.append(line("render time", f"{fixed(metrics.get('render_ms'), 1)} ms"))

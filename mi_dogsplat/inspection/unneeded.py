@@ -1,10 +1,11 @@
-"""What a model holds that no picture of it shows; without it every picture has the same bits.
+"""What a model holds that no picture of it shows; without it every picture has the same bits, or nearly.
 
 invisible   a primitive whose opacity is below 1/255, the smallest α that is blended, or with a parameter that is not
-            finite: it enters no list of a tile.
+            finite: it enters no list of a tile. What a plane cuts off is a little more opaque on the side that is left.
 faded DoG   a pseudo-Gaussian whose peak f_a o is below 2^-33. Its primary is blended where 2^p is at least 1/255, and
             there float32 has a spacing of 2^-31 or more: 2^p - 2^p' rounds to 2^p. Elsewhere α is ignored, as without.
 zero slope  a row of slopes that are all 0: they add 0 to a colour.
+zero cut    a normal of three times 0: it multiplies a kernel by 1, and pictures are equal to the rounding of that.
 zero SH     the highest bands of primitives whose every coefficient is 0: they add 0 to a colour. Where a model of one
             degree becomes one of several, sums are made in another order, and pictures are equal to rounding.
 """
@@ -16,7 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..engine.geometry import Cutoffs
-from ..scene.row_groups import DOG, SH, SLOPES, RowGroup
+from ..scene.cuts import LARGEST
+from ..scene.row_groups import CUTS, DOG, SH, SLOPES, RowGroup
 from ..scene.splats import Array, Splats
 from ..support.wording import count, file_size
 
@@ -24,12 +26,12 @@ LEAST_ALPHA = Cutoffs().alpha * (1 - 1e-4)  # below the cutoff by more than the 
 FADED = 2.0**-33  # of f_a o; half of what could round, for the same reason
 FLOAT = 4  # bytes
 GAUSSIAN = 14 * FLOAT  # bytes of a primitive of SH degree 0
-DOG_ROW, SLOPE_ROW = 5 * FLOAT, 10 * FLOAT  # of a row that makes it DoG, and of one that lets its colour vary over it
+DOG_ROW, SLOPE_ROW, CUT_ROW = 5 * FLOAT, 10 * FLOAT, 4 * FLOAT  # of rows that make it DoG, sloped and cut off
 
 
 @dataclass(frozen=True)
 class Unneeded:
-    """What can leave, of a model of N primitives with M rows of DoG and S of slopes."""
+    """What can leave, of a model of N primitives with M rows of DoG, S of slopes and C of cuts."""
 
     invisible: Array
     """[N] bool"""
@@ -37,18 +39,21 @@ class Unneeded:
     """[M] bool, of primitives that are visible"""
     zero_slopes: Array
     """[S] bool, of primitives that are visible"""
+    zero_cuts: Array
+    """[C] bool, of primitives that are visible"""
     sh_degrees: Array
     """[N] the highest degree with a coefficient that is not zero"""
 
     @staticmethod
     def of(splats: Splats) -> Unneeded:
         """Found from the parameters alone."""
-        opacities = _opacities(splats.logit_opacities)  # [N]
+        opacities = largest_alphas(splats)  # [N]
         invisible = ~_finite(splats) | (opacities < LEAST_ALPHA)
         peaks = _opacities(splats.dog_logit_opacities) * opacities[splats.dog_index]  # [M]
         faded = (peaks < FADED) & ~invisible[splats.dog_index]
-        zero = ~splats.color_slopes.any(axis=(1, 2)) & ~invisible[splats.slope_index]  # [S]
-        return Unneeded(invisible, faded, zero, used_sh_degrees(splats))
+        flat = ~splats.color_slopes.any(axis=(1, 2)) & ~invisible[splats.slope_index]  # [S]
+        whole = ~splats.cut_normals.any(axis=1) & ~invisible[splats.cut_index]  # [C]
+        return Unneeded(invisible, faded, flat, whole, used_sh_degrees(splats))
 
     def degrees_left(self, splats: Splats, mixed_sh: bool) -> Array:
         """[N] SH degree of each primitive without its zero bands: its own one, or the same for all (``taken_out``)."""
@@ -64,6 +69,7 @@ class Unneeded:
             ("invisible primitives", self.invisible, GAUSSIAN + bands),
             ("DoG without effect", self.faded_dog, np.full(splats.n_dog, DOG_ROW)),
             ("slopes that are zero", self.zero_slopes, np.full(splats.n_slopes, SLOPE_ROW)),
+            ("cuts that are zero", self.zero_cuts, np.full(splats.n_cuts, CUT_ROW)),
         ]
         for degree in SH:
             zero = ~self.invisible & (splats.sh_degrees >= degree) & (left < degree)
@@ -80,6 +86,7 @@ class Unneeded:
             mixed_sh: a model of one SH degree may become one of several; else it keeps one that all can do with.
         """
         rows = _rows(splats, DOG, ~self.faded_dog) | _rows(splats, SLOPES, ~self.zero_slopes)
+        rows |= _rows(splats, CUTS, ~self.zero_cuts)
         lean = replace(splats, **rows).select(~self.invisible)
         return lean.with_sh_degrees(self.degrees_left(splats, mixed_sh)[~self.invisible])
 
@@ -104,6 +111,13 @@ def used_sh_degrees(splats: Splats) -> Array:
     return used
 
 
+def largest_alphas(splats: Splats) -> Array:
+    """[N] the largest value of each kernel, its opacity; with a cut it may be a little more."""
+    found = _opacities(splats.logit_opacities)
+    found[splats.cut_index] *= LARGEST
+    return found
+
+
 def _opacities(logits: Array) -> Array:
     """Sigmoid in float64; of ±∞ it is 0 or 1."""
     with np.errstate(over="ignore"):
@@ -117,7 +131,8 @@ def _finite(splats: Splats) -> Array:
     for values in dense:
         finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     finite[splats.dog_index] &= np.isfinite(splats.dog_log_scales).all(axis=1) & ~np.isnan(splats.dog_logit_opacities)
-    for group in (SLOPES, *SH.values()):
+    for group in (SLOPES, CUTS, *SH.values()):
         (name,) = group.names
-        finite[getattr(splats, group.index)] &= np.isfinite(getattr(splats, name)).all(axis=(1, 2))
+        values = getattr(splats, name)
+        finite[getattr(splats, group.index)] &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     return finite

@@ -47,7 +47,14 @@ def mapped_kernels(linear: Array, quats: Array, scales: Array) -> tuple[Array, A
     """
     if not len(quats):
         return quats, scales
-    columns = linear @ rotation_from_quaternion(quats) * scales[:, None]  # [N, 3, 3]
+    return kernels_of(linear @ rotation_from_quaternion(quats) * scales[:, None])
+
+
+def kernels_of(columns: Array) -> tuple[Array, Array]:
+    """(quaternions [N, 4] x, y, z, w, scales [N, 3]) of Gaussians with the covariances M Mᵀ of ``columns`` M [N, 3, 3].
+
+    Scales of those that are not finite become NaN.
+    """
     finite = np.isfinite(np.abs(columns).sum(axis=(1, 2)))[:, None]
     u, mapped, _ = np.linalg.svd(np.where(finite[..., None], columns, 0))
     u = u * np.where(np.linalg.det(u) < 0, -1.0, 1.0)[:, None, None]  # a rotation, no reflection: Σ' is the same

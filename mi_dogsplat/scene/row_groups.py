@@ -41,6 +41,8 @@ SH = {
     for degree in range(1, MAX_SH_DEGREE + 1)
 }
 GROUPS = (DOG, SLOPES, CUTS, *SH.values())
+ALONG_AXES = {"color_slopes": SLOPES, "cut_normals": CUTS}
+"""Arrays whose rows are per standard deviation along the axes of their primitive; the axis comes first."""
 
 
 def checked_index(name: str, index: ArrayLike, n_splats: int) -> Array:

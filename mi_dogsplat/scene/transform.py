@@ -12,11 +12,9 @@ import numpy as np
 
 from .linear_map import check_regular, mapped_axes, mapped_factors, mapped_kernels, sh_projection
 from .quaternions import quaternion_from_rotation, quaternion_product
-from .row_groups import CUTS, SH, SLOPES
+from .row_groups import ALONG_AXES, SH
 from .sh_basis import sh_basis_table
 from .splats import Splats
-
-ALONG_AXES = {"color_slopes": SLOPES, "cut_normals": CUTS}  # components along a primitive's own axes, per unit of them
 
 
 def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:

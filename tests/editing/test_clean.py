@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import tiny_data
 from command_line import assert_one_line, run
+from cut_models import with_cuts
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.editing.clean import clean_model
@@ -79,6 +80,22 @@ def test_slopes_stay_with_their_primitives_or_a_line_says_that_they_do_not(capsy
     if suffix == ".ply":
         np.testing.assert_array_equal(found.slope_index, expected.slope_index[rows])
         np.testing.assert_array_equal(found.color_slopes, expected.color_slopes[rows])
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".spz"])
+def test_cuts_stay_with_their_primitives_or_a_line_says_that_they_do_not(capsys, tmp_path, suffix):
+    splats = with_cuts(tiny_data.truth(), every=3)
+    splats.cut_normals[4] = 0
+    write_ply(tmp_path / "m.ply", splats)
+    out = tmp_path / f"o{suffix}"
+    status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", "-o", out)
+    assert status == 0 and ("has no primitive that is cut off: 19 become" in printed) == (suffix == ".spz")
+    assert "not needed, cuts that are zero: 1, 16 bytes" in printed
+    found, rows = read_model(out).splats, np.arange(20) != 4
+    assert found.n_cuts == (0 if suffix == ".spz" else 19)
+    if suffix == ".ply":
+        np.testing.assert_array_equal(found.cut_index, splats.cut_index[rows])
+        np.testing.assert_array_equal(found.cut_normals, splats.cut_normals[rows])
 
 
 def test_each_rule_takes_out_what_it_says(model, tmp_path):

@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
+from cut_models import with_cuts
 from launches import launches, loop
 from mi_dogsplat import write_ply
 from mi_dogsplat.cli import main
@@ -26,7 +27,7 @@ from mi_dogsplat.support.errors import DataError
 from sloped_models import with_slopes
 from splat_scenes import dog_dict, make_camera, random_splats, rounded, scene_of, square_camera
 
-MODEL = {"Gaussians", "DoG", "negative T", "slopes", "SH degree 1", "SH degree 2", "SH degree 3"}
+MODEL = {"Gaussians", "DoG", "negative T", "slopes", "cuts", "SH degree 1", "SH degree 2", "SH degree 3"}
 RENDER = {"background", "antialiasing", "depth", "other AOVs", "derivatives"}
 
 
@@ -65,11 +66,11 @@ def test_a_plain_model_leaves_out_what_it_has_not(tmp_path):
 
 
 def test_the_parameters_add_up_to_those_of_the_model():
-    splats = with_slopes(model(degree=3, dog_share=0.5), every=3)
+    splats = with_cuts(with_slopes(model(degree=3, dog_share=0.5), every=3))
     each = {f.name: int(f.reason.split("each ")[1].split()[0]) for f in model_features([splats]) if "each" in f.reason}
     m = each.pop("DoG") * splats.n_dog
-    m += each.pop("slopes") * splats.n_slopes
-    arrays = [getattr(splats, name) for name in vars(splats) if name not in ("dog_index", "slope_index")]
+    m += each.pop("slopes") * splats.n_slopes + each.pop("cuts") * splats.n_cuts
+    arrays = [getattr(splats, name) for name in vars(splats) if not name.endswith("_index")]
     assert sum(each.values()) * splats.n_splats + m == sum(array.size for array in arrays)
 
 
@@ -87,19 +88,27 @@ def test_dog_is_needed_by_the_primitives_that_are():
     )  # fmt: skip
 
 
-def test_slopes_are_needed_by_the_primitives_that_have_them():
-    splats = with_slopes(model(dog_share=0.5), every=4)
+@pytest.mark.parametrize(
+    ("name", "with_rows", "size", "others"),
+    [
+        ("slopes", with_slopes, "9 parameters, 40 bytes", "primitives of one"),
+        ("cuts", with_cuts, "3 parameters, 16 bytes", "whole primitives"),
+    ],
+)
+def test_slopes_and_cuts_are_needed_by_the_primitives_that_have_them(name, with_rows, size, others):
+    splats = with_rows(model(dog_share=0.5), every=4)
     found = read([str(f) for f in model_features([splats, model()])])
-    assert found["slopes"][0] == "needed"
-    assert found["slopes"][1].startswith("10 of 80 primitives; each 9 parameters, 40 bytes, ")
-    operations = [int(word) for word in found["slopes"][1].replace(" +", "").split() if word.isdecimal()]
-    assert all(number > 0 for number in operations) and "per pixel" in found["slopes"][1]
-    assert found["slopes of others"][0] == "paid, not needed" and found["slopes of others"][1].startswith("70 primit")
-    every = read([str(f) for f in model_features([with_slopes(model(), every=1)])])
-    assert every["slopes"][0] == "needed" and "slopes of others" not in every
-    zeros = dataclasses.replace(splats, color_slopes=0 * splats.color_slopes)
-    unneeded = read([str(f) for f in model_features([zeros])])["slopes that are zero"]
-    assert unneeded == ("paid, not needed", "10, 400 bytes; dogsplat clean takes them out")
+    assert found[name][0] == "needed"
+    assert found[name][1].startswith(f"10 of 80 primitives; each {size}, ")
+    operations = [int(word) for word in found[name][1].replace(" +", "").split() if word.isdecimal()]
+    assert all(number > 0 for number in operations) and "per pixel" in found[name][1]
+    rest = found[f"{name} of others"]
+    assert rest[0] == "paid, not needed" and rest[1].startswith(f"70 {others}")
+    every = read([str(f) for f in model_features([with_rows(model(), every=1)])])
+    assert every[name][0] == "needed" and f"{name} of others" not in every
+    zeros = dataclasses.replace(splats, color_slopes=0 * splats.color_slopes, cut_normals=0 * splats.cut_normals)
+    unneeded = read([str(f) for f in model_features([zeros])])[f"{name} that are zero"]
+    assert unneeded == ("paid, not needed", f"10, {10 * int(size.split()[2])} bytes; dogsplat clean takes them out")
 
 
 def test_degrees_whose_coefficients_are_all_zero_are_paid_without_need():

@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
+from cut_models import with_cuts
 from mi_dogsplat import Drawing, Model, write_model, write_ply
 from mi_dogsplat.inspection.info import describe, model_problems
 from mi_dogsplat.scene.splats import Splats
@@ -73,9 +74,21 @@ def test_slopes_are_counted_where_there_are_some(tmp_path):
     assert parts[-1].startswith("slopes ") and parts[-2].startswith("dog ")
 
 
+def test_cuts_are_counted_where_there_are_some(tmp_path):
+    splats = with_cuts(healthy(), every=50)
+    splats.cut_normals[:] = [[3, 4, 0], [0, 0, 2], [0, -8, 6], [0, 12, 5]]
+    write_ply(tmp_path / "m.ply", splats)
+    lines = describe(tmp_path / "m.ply")
+    assert value_of(lines, "primitives") == "200, 3 of them DoG, 4 cut off"
+    assert value_of(lines, "cut normals") == "2 to 13, median 7.5" and lines[-1] == "problems: none found"
+    write_ply(tmp_path / "rows.ply", splats.with_sh_degrees(np.repeat([0, 1], [150, 50])), "rows")
+    assert value_of(describe(tmp_path / "rows.ply"), "bytes of").split(", ")[-1].startswith("cuts ")
+
+
 def test_a_model_without_dog_says_nothing_about_it(tmp_path):
     write_ply(tmp_path / "m.ply", tiny_data.truth())
-    assert not any(line.startswith("  DoG") or "slopes" in line for line in describe(tmp_path / "m.ply"))
+    for line in describe(tmp_path / "m.ply"):
+        assert not line.startswith("  DoG") and "slopes" not in line and "cut" not in line
 
 
 @pytest.mark.parametrize(
@@ -137,6 +150,8 @@ def test_a_run_that_gives_slopes_to_primitives_tells_of_how_many(tmp_path):
     metrics = json.loads((run / "metrics.json").read_text())
     (run / "metrics.json").write_text(json.dumps(metrics | {"n_slopes": 1234}))
     assert value_of(describe(run), "primitives") == "12,345, 67 of them DoG, 1,234 with slopes"
+    (run / "metrics.json").write_text(json.dumps(metrics | {"n_slopes": 1234, "n_cuts": 5}))
+    assert value_of(describe(run), "primitives") == "12,345, 67 of them DoG, 1,234 with slopes, 5 cut off"
 
 
 def test_an_interrupted_run_shows_how_far_it_came(tmp_path):

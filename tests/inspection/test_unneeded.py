@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import tiny_data
+from cut_models import with_cuts
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.inspection.unneeded import FADED, Unneeded, used_sh_degrees
@@ -85,11 +86,52 @@ def test_pictures_keep_their_bits_where_all_slopes_are_zero():
         assert np.array_equal(before, after)
 
 
+def cut_off(seed=0) -> Splats:
+    """The same, and a plane cuts off every third primitive, of which each fourth normal is zero."""
+    splats = with_cuts(wasteful(seed), every=3)
+    splats.cut_normals[::4] = 0
+    splats.cut_normals[::8] = -0.0
+    splats.cut_normals[1, :2] = 0  # not all of the row
+    return splats
+
+
+def test_cuts_with_normals_of_zero_leave_and_the_others_stay():
+    splats = cut_off()
+    found = Unneeded.of(splats)
+    lean = found.taken_out(splats)
+    seen = ~found.invisible[splats.cut_index]
+    assert found.zero_cuts.tolist() == (seen & (np.arange(27) % 4 == 0)).tolist() and found.zero_cuts.sum() >= 5
+    assert lean.n_cuts == seen.sum() - found.zero_cuts.sum()
+    whole = Unneeded.of(splats.without_cuts()).taken_out(splats.without_cuts())
+    for before, after, other in zip(pictures(splats), pictures(lean), pictures(whole), strict=True):
+        assert abs(before - after).max() < 1e-6 and abs(before - other).max() > 1e-3
+
+
+def test_pictures_stay_where_all_cuts_have_normals_of_zero():
+    """The kernels of a model without cuts are others."""
+    splats = replace(cut_off(), cut_normals=np.zeros((27, 3)))
+    lean = Unneeded.of(splats).taken_out(splats)
+    assert splats.n_cuts and not lean.n_cuts
+    for before, after in zip(pictures(splats), pictures(lean), strict=True):
+        assert abs(before - after).max() < 1e-6
+
+
+def test_a_faint_primitive_stays_where_its_cut_makes_it_visible():
+    """Oracle: a picture with a pixel where the most is kept of it."""
+    splats = rounded(make_splats([[0, 0, 2]], 1.0, 0.999 * CUTOFF))
+    cut = replace(splats, cut_index=[0], cut_normals=[[40, 0, 0]])
+    camera = make_camera(99, 9)
+    drawn = [render_picture(upload(s), camera, RasterOptions(sh_degree=0)).color.any() for s in (splats, cut)]
+    assert drawn == [False, True]
+    assert [bool(Unneeded.of(s).invisible[0]) for s in (splats, cut)] == [True, False]
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_slopes_that_are_not_finite_are_drawn_by_no_kernel(value):
-    splats = sloped()
-    splats.color_slopes[2, 1, 0] = value
-    row = int(splats.slope_index[2])
+@pytest.mark.parametrize("kind", ["slopes", "cuts"])
+def test_rows_that_are_not_finite_are_drawn_by_no_kernel(value, kind):
+    splats = sloped() if kind == "slopes" else cut_off()
+    (splats.color_slopes if kind == "slopes" else splats.cut_normals)[2, 1, ...] = value
+    row = int((splats.slope_index if kind == "slopes" else splats.cut_index)[2])
     assert row % 5 and Unneeded.of(splats).invisible[row]
     lean = Unneeded.of(splats).taken_out(splats)
     for before, after in zip(pictures(splats), pictures(lean), strict=True):
@@ -158,6 +200,8 @@ def test_each_kind_is_named_with_its_number_and_bytes():
     ]
     slopes = [line for line in Unneeded.of(sloped()).described(sloped()) if "slopes" in line]
     assert slopes == ["slopes that are zero: 5, 200 bytes"]
+    cuts = [line for line in Unneeded.of(cut_off()).described(cut_off()) if "cuts" in line]
+    assert cuts == ["cuts that are zero: 5, 80 bytes"]
     lean = found.taken_out(splats)
     assert Unneeded.of(lean).described(lean) == []
     lean.sh_coeffs[::2, 1:] = 0

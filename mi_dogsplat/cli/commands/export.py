@@ -31,19 +31,20 @@ Examples:
                                                                       a page with a viewer, to send around
 
 MODEL may have any of these formats. Those that know no negative lobes get the Gaussian nearest to a DoG
-primitive, or its primary (--dog drop), and mean colours where a colour varies over its primitive; --dog keep
-and --slopes keep are for .ply and .compressed.ply. The model is then refined on the photographs of --data, or
-on renders, 10 to 100 ms a step on a CPU (--refine 0: not at all). The file is read back, and the loss of each
-stage is printed. .glb and .gltf are upright and in metres, as far as the model says (--up, --scale); .spz has
-y up if that of the model is -y. The others have the axes of the model; --upright turns and scales the model
-itself. A page (.html, 0.8 MB and the model) needs a browser and no network, and opens with the first
-photograph of the data.
+primitive, or its primary (--dog drop), mean colours where a colour varies over its primitive, and the whole
+primitive nearest to one that a plane cuts off; --dog keep, --slopes keep and --cuts keep are for .ply and
+.compressed.ply. The model is then refined on the photographs of --data, or on renders, 10 to 100 ms a step on
+a CPU (--refine 0: not at all). The file is read back, and the loss of each stage is printed. .glb and .gltf
+are upright and in metres, as far as the model says (--up, --scale); .spz has y up if that of the model is -y.
+The others have the axes of the model; --upright turns and scales the model itself. A page (.html, 0.8 MB and
+the model) needs a browser and no network, and opens with the first photograph of the data.
 """
 
-REFINE_HELP = "steps that make up for DoG and slopes, on a CPU 10 to 100 ms each; 0: none (default: 300 to 1000)"
+REFINE_HELP = "steps that make up for what is left out, on a CPU 10 to 100 ms each; 0: none (default: 300 to 1000)"
 SMALL_HELP = "SPZ, SOG: coarse grids and a palette, half the bytes; refined to lose little"
 DOG_HELP = "DoG: bake (nearest Gaussians), drop, or keep where the format knows them (default: bake)"
 SLOPES_HELP = "colours that vary over their primitive: drop (mean colours), or keep (default: drop)"
+CUTS_HELP = "primitives that a plane cuts off: drop (nearest whole ones), or keep (default: drop)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join((*FORMATS, ".html")))
     parser.add_argument("--dog", default="bake", metavar="HOW", help=DOG_HELP)
     parser.add_argument("--slopes", default="drop", metavar="HOW", help=SLOPES_HELP)
+    parser.add_argument("--cuts", default="drop", metavar="HOW", help=CUTS_HELP)
     parser.add_argument("--spz-version", type=int, default=3, metavar="N", help="of an .spz: 3 or 4 (default: 3)")
     parser.add_argument("--small", action="store_true", help=SMALL_HELP)
     parser.add_argument("--refine", type=int, metavar="STEPS", help=REFINE_HELP)
@@ -64,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Write a model in the format of another program, without DoG and slopes, and measure what that loses."""
+    """Write a model in the format of another program, without DoG, slopes and cuts, and measure what that loses."""
     options, world = given_settings(PictureOptions, args), given_settings(WorldConfig, args)
     set_variant(args.variant)
     from ...export.write import export_model
@@ -72,7 +74,8 @@ def run(args: argparse.Namespace) -> None:
 
     with Bar("step", "refining") as bar:
         which = args.dog, args.data, args.views, options, args.spz_version, args.refine
-        exported = export_model(args.model, args.out, *which, bar.show, args.small, world, args.slopes)
+        how = {"small": args.small, "world": world, "slopes": args.slopes, "cuts": args.cuts}
+        exported = export_model(args.model, args.out, *which, bar.show, **how)
     for line in (*exported.left_out, *loss_table(exported)):
         print(line)
     print(size_line(args.out, exported.n_splats, args.model))

@@ -1,0 +1,116 @@
+"""What a plane cuts off, as whole primitives: the nearest ones, in numbers, in space and in pictures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cut_models import with_cuts
+from mi_dogsplat import reference
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.scene.transform import transformed
+from mi_dogsplat.scene.whole import nearest_whole, whole
+from scipy.optimize import minimize
+from sloped_models import with_slopes
+from splat_scenes import image_of, make_camera, make_splats, random_splats, rasterized, rounded
+
+PLACES = np.linspace(-9, 9, 4001)
+C0 = 0.28209479177387814
+
+
+def left(length: float) -> np.ndarray:
+    """What a cut leaves of a Gaussian along its normal, at ``PLACES``."""
+    return np.exp(-0.5 * PLACES**2) * (1 + np.exp(-4)) / (1 + np.exp(np.minimum(-4 - length * PLACES, 700)))
+
+
+def gaussian(m: float, r: float, a: float) -> np.ndarray:
+    return a * np.exp(-0.5 * ((PLACES - m) / r) ** 2)
+
+
+def covariances(splats: Splats) -> np.ndarray:
+    axes = reference.rotations(splats.quats.astype(np.float64)) * np.exp(splats.log_scales.astype(np.float64))[:, None]
+    return axes @ axes.swapaxes(1, 2)
+
+
+@pytest.mark.parametrize("length", [0.2, 1.0, 3.3, 7.0, 30.0, 300.0])
+def test_no_other_gaussian_is_nearer(length):
+    """Oracle: a search without a table, from elsewhere."""
+    found = [values.item() for values in nearest_whole(np.array([length]))]
+    best = minimize(lambda p: ((gaussian(*p) - left(length)) ** 2).sum(), (0.2, 0.8, 0.9), method="Nelder-Mead",
+                    options={"xatol": 1e-6, "fatol": 1e-12})  # fmt: skip
+    np.testing.assert_allclose(found, best.x, atol=2e-3)
+    error = ((gaussian(*found) - left(length)) ** 2).sum()
+    assert error < 0.15 * ((gaussian(0, 1, 1) - left(length)) ** 2).sum()
+
+
+def test_a_normal_of_zero_leaves_its_primitive_as_it_is():
+    splats = rounded(random_splats(20))
+    same = whole(replace(splats, cut_index=np.arange(20), cut_normals=np.zeros((20, 3))))
+    np.testing.assert_allclose(covariances(same), covariances(splats), rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(same.means, splats.means, atol=1e-6)
+    np.testing.assert_allclose(same.opacities, splats.opacities, rtol=1e-5)
+    assert whole(splats) is splats
+
+
+def test_a_cut_along_an_axis_by_hand():
+    splats = make_splats([[1, 2, 3]], [[0.1, 0.2, 0.4]], 0.5)
+    cut = replace(rounded(splats), cut_index=[0], cut_normals=[[0, -7, 0]])
+    m, r, a = (values.item() for values in nearest_whole(np.array([7.0])))
+    found = whole(cut)
+    assert found.n_cuts == 0 and 0.3 < m < 0.35 and 0.7 < r < 0.72
+    np.testing.assert_allclose(found.means, [[1, 2 - 0.2 * m, 3]], rtol=1e-6)
+    np.testing.assert_allclose(covariances(found)[0], np.diag([0.01, (0.2 * r) ** 2, 0.16]), atol=1e-7)
+    np.testing.assert_allclose(found.opacities, 0.5 * a, rtol=1e-6)
+
+
+def test_the_others_keep_every_bit():
+    splats = with_cuts(with_slopes(random_splats(40)))
+    found, others = whole(splats).select(np.arange(1, 40, 2)), splats.without_cuts().select(np.arange(1, 40, 2))
+    for name, values in vars(others).items():
+        np.testing.assert_array_equal(getattr(found, name), values)
+
+
+@pytest.mark.parametrize("linear", [np.diag([-1.3, 1.3, 1.3]), [[1.2, 0.5, 0], [0, 0.7, -0.3], [0.1, 0, 2.0]]])
+def test_a_map_may_come_before_or_after(linear):
+    """Up to a rounding of all but equal axes, what is whole does not depend on the axes it is told in."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = linear
+    splats = with_cuts(with_slopes(random_splats(40, dog_share=0, degree=0)))
+    one, other = whole(transformed(splats, matrix)), transformed(whole(splats), matrix)
+    np.testing.assert_allclose(one.means, other.means, atol=1e-5)
+    np.testing.assert_allclose(covariances(one), covariances(other), atol=1e-5)
+    np.testing.assert_allclose(one.opacities, other.opacities, rtol=1e-5)
+    np.testing.assert_allclose(one.sh_coeffs, other.sh_coeffs, atol=1e-4)
+
+
+def color_at(splats: Splats, points: np.ndarray) -> np.ndarray:
+    """[N, P, 3] colours at points [N, P, 3] of primitives that all have slopes and SH degree 0."""
+    axes = reference.rotations(splats.quats.astype(np.float64))
+    w = np.einsum("nka,npk->npa", axes, points - splats.means.astype(np.float64)[:, None])
+    w /= np.exp(splats.log_scales.astype(np.float64))[:, None]
+    return 0.5 + C0 * splats.sh_coeffs[:, :1] + np.einsum("npa,nac->npc", w, splats.color_slopes.astype(np.float64))
+
+
+def test_each_place_keeps_its_colour():
+    splats = with_cuts(with_slopes(random_splats(30, degree=0), every=1), every=1)
+    points = splats.means[:, None] + 0.1 * np.random.default_rng(1).normal(size=(30, 5, 3))
+    np.testing.assert_allclose(color_at(whole(splats), points), color_at(splats, points), atol=3e-4)
+    assert np.abs(whole(splats).sh_coeffs - splats.sh_coeffs).max() > 0.1
+
+
+def test_a_pseudo_gaussian_goes_along():
+    """One that is the primary's shape stays so, and another is as much narrower along the normal."""
+    splats = make_splats([[0, 0, 0]] * 2, [[0.1, 0.2, 0.3]] * 2, 0.5, dog=[0, 1], F=1)
+    splats.dog_log_scales[1] = np.log([0.5, 0.7, 1.2])
+    cut = replace(rounded(splats), cut_index=[0, 1], cut_normals=[[3, -7, 2], [0, 9, 0]])
+    found = whole(cut)
+    np.testing.assert_allclose(found.dog_scales[0], 1, rtol=1e-5)
+    assert sorted(found.dog_scales[1]) == pytest.approx([0.5, 0.7, 1.2], rel=1e-5)
+    np.testing.assert_array_equal(found.dog_logit_opacities, cut.dog_logit_opacities)
+
+
+@pytest.mark.parametrize("dog_share", [0, 0.5])
+def test_pictures_are_much_nearer_than_without_the_cuts(dog_share):
+    splats, camera = with_cuts(random_splats(40, degree=0, dog_share=dog_share), every=1), make_camera(96, 72, 90.0)
+    truth, found, left_out = (image_of(rasterized(s, camera), camera) for s in (splats, whole(splats),
+                                                                                splats.without_cuts()))  # fmt: skip
+    assert ((found - truth) ** 2).mean() < 0.3 * ((left_out - truth) ** 2).mean()
