@@ -18,6 +18,7 @@ from mi_dogsplat.plugin import splat_integrator
 from mi_dogsplat.plugin.camera_masks import SplatMasks
 from mi_dogsplat.scene.row_groups import CUTS, SLOPES, RowGroup
 from mi_dogsplat.scene.transform import transformed
+from mi_dogsplat.scene.whole import whole
 from splat_scenes import (
     assert_gradients_equal,
     axis_rotation,
@@ -267,10 +268,21 @@ def test_holdouts_that_are_cut_off_cover_what_is_left_of_them():
 
 def test_ellipsoids_are_without_them_and_that_is_said(capfd, kind):
     model = kind.model.plain()
-    got, expected = to_ellipsoids(model), to_ellipsoids(kind.bare(model))
+    instead = whole(model) if kind is CUT else kind.bare(model)
+    got, expected = to_ellipsoids(model), to_ellipsoids(instead)
     assert f"left out the {kind.word} of {len(kind.index(model))} primitives" in "".join(capfd.readouterr())
-    for name in ("centers", "sh_coeffs"):
+    for name in ("centers", "scales", "opacities", "sh_coeffs"):
         np.testing.assert_array_equal(got[name].numpy(), expected[name].numpy())
+
+
+def test_cut_primitives_with_values_that_are_not_finite_are_no_ellipsoids():
+    broken = replace(CUT.model, log_scales=CUT.model.log_scales.copy(), cut_normals=CUT.model.cut_normals.copy())
+    broken.cut_normals[0, 1] = np.nan
+    broken.log_scales[broken.cut_index[1], 2] = np.inf
+    rest = CUT.model.select(np.delete(np.arange(12), broken.cut_index[:2]))
+    for name, values in to_ellipsoids(rest).items():
+        if name in ("centers", "scales"):
+            np.testing.assert_array_equal(to_ellipsoids(broken)[name].numpy(), values.numpy())
 
 
 @pytest.mark.parametrize(
