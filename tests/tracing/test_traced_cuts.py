@@ -1,6 +1,7 @@
 """Primitives that a plane cuts off, on rays: against the float64 twin, a search and closed forms."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ NORMAL = np.array([3.0, -2.0, 4.0])
 FROM_E4 = 1 + np.exp(-4.0)  # the largest factor of a cut
 
 
-def one(normal=NORMAL, scales=(0.3, 0.2, 0.1), opacity=0.9, **others) -> Splats:
+def one(normal: Any = NORMAL, scales=(0.3, 0.2, 0.1), opacity=0.9, **others) -> Splats:
     """A primitive at (.1, -.2, 4) that is turned, of three different scales."""
     quat = axis_rotation([1, 2, 0.5], 0.7)[1]
     splats = make_splats([[0.1, -0.2, 4.0]], [scales], opacity, 0.5, quat, **others)
@@ -128,11 +129,12 @@ def test_a_model_without_cuts_beside_one_with_them():
     np.testing.assert_allclose(colors[sure], twin.gather(rays.meet(whole))[0][sure], atol=2e-5, rtol=1e-4)
 
 
-def test_a_primitive_whose_normal_is_not_finite_is_not_drawn():
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_primitive_whose_normal_is_not_finite_is_not_drawn(value):
     splats = rounded(random_splats(20, seed=7, cut_share=0.5))
     broken = Splats(**vars(splats))
     broken.cut_normals = splats.cut_normals.copy()
-    broken.cut_normals[2, 1] = np.nan
+    broken.cut_normals[2, 1] = value
     rest = splats.select(np.delete(np.arange(20), splats.cut_index[2]))
     rays = random_rays(100, seed=8)
     for a, b in zip(gathered(tracer_of(broken), rays), gathered(tracer_of(rest), rays), strict=True):
