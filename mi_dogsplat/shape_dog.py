@@ -15,7 +15,7 @@ from .engine.parameters import RAW, ROWS, device_array, rows_of_splats
 from .engine.sh_groups import padded_on_device
 from .formats.model import Model
 from .formats.read import read_model
-from .scene.row_groups import DOG, GROUPS, SH, SLOPES, RowGroup, in_several
+from .scene.row_groups import CUTS, DOG, GROUPS, SH, SLOPES, RowGroup, in_several
 from .scene.sh_basis import SH_SIZES
 from .scene.splats import Splats
 from .scene.transform import decompose_similarity, mean_scale, transformed
@@ -31,9 +31,9 @@ class DogShape(mi.Mesh):
 
      * - filename
        - |string|
-       - Model: PLY (with an element ``dog`` for DoG primitives, and ``slopes`` for colours that vary over their
-         primitive), compressed PLY, SPZ, SOG, glTF or .splat. The integrator draws it as its file says, unless it is
-         told otherwise.
+       - Model: PLY (with an element ``dog`` for DoG primitives, ``slopes`` for colours that vary over their
+         primitive, and ``cuts`` for planes that cut some off), compressed PLY, SPZ, SOG, glTF or .splat. The
+         integrator draws it as its file says, unless it is told otherwise.
 
      * - means, log_scales, quats, logit_opacities, sh_coeffs
        - |tensor|
@@ -53,6 +53,13 @@ class DogShape(mi.Mesh):
          each primitive has one colour.
        - |exposed|, |differentiable| (not the index)
 
+     * - cut_index, cut_normals
+       - |tensor|
+       - The C primitives that a plane cuts off (docs/cuts.md): their rows [C], and the normal of the plane towards what
+         is kept, along the axes of the primitive and per standard deviation [C, 3]; its length is how steep the cut is.
+         Absent for a model of which each primitive is whole.
+       - |exposed|, |differentiable| (not the index)
+
      * - sh1_index, sh1_coeffs, sh2_index, sh2_coeffs, sh3_index, sh3_coeffs
        - |tensor|
        - Primitives with SH degrees of their own, beside sh_coeffs with K = 1: those of degree 1, 2 and 3, their rows
@@ -68,7 +75,8 @@ class DogShape(mi.Mesh):
        - |exposed|, |differentiable|
 
     A DoG primitive is the difference of its Gaussian and a wider or narrower *pseudo-Gaussian* with the same centre,
-    orientation and colour, slopes included, opacity f_a·a and scales F·s (method paper, Sec. 3.3).
+    orientation and colour, slopes included, opacity f_a·a and scales F·s (method paper, Sec. 3.3). A cut takes the same
+    share of both.
 
     The shape has no surface: rays do not meet it. Render it with the ``dogsplat`` integrator. The number of primitives
     may change through ``params.update()``.
@@ -90,11 +98,13 @@ class DogShape(mi.Mesh):
     dog_logit_opacities: mi.TensorXf
     dog_log_scales: mi.TensorXf
     color_slopes: mi.TensorXf
+    cut_normals: mi.TensorXf
     sh1_coeffs: mi.TensorXf
     sh2_coeffs: mi.TensorXf
     sh3_coeffs: mi.TensorXf
     dog_index: mi.UInt32
     slope_index: mi.UInt32
+    cut_index: mi.UInt32
     sh1_index: mi.UInt32
     sh2_index: mi.UInt32
     sh3_index: mi.UInt32
@@ -243,10 +253,8 @@ class DogShape(mi.Mesh):
     def to_string(self) -> str:
         lines = [f"source = {self.source}", f"primitives = {self.means.shape[0]}"]
         lines.append(f"dog = {len(self.dog_index) if DOG in self.groups else 0}")
-        if SLOPES in self.groups:
-            lines.append(f"slopes = {len(self.slope_index)}")
-        degrees = [group for group in SH.values() if group in self.groups]
-        lines += [f"{group.index} = {len(getattr(self, group.index))}" for group in degrees]
+        named = {"slopes": SLOPES, "cuts": CUTS, **{group.index: group for group in SH.values()}}
+        lines += [f"{name} = {len(getattr(self, g.index))}" for name, g in named.items() if g in self.groups]
         return "DogShape[\n  " + ",\n  ".join(lines) + "\n]"
 
 

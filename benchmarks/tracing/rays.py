@@ -27,11 +27,12 @@ from mi_dogsplat.plugin.ellipsoids import to_ellipsoids
 from mi_dogsplat.render.framing import automatic_camera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.tracing.blend import passes, radiance
-from mi_dogsplat.tracing.kernels import Line, dot
+from mi_dogsplat.tracing.kernels import Line
 from mi_dogsplat.tracing.options import TraceOptions
 from mi_dogsplat.tracing.primitives import primitives_of
 from mi_dogsplat.tracing.tracer import SplatTracer
 from mi_dogsplat.tracing.tree import Tree, build
+from mi_dogsplat.tracing.vectors import dot
 from mi_dogsplat.tracing.visits import Walk
 
 from ..models import DATA

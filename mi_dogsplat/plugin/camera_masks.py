@@ -29,12 +29,12 @@ CHANNEL = "holdout.Y"  # share of a pixel that holdouts cover
 
 @dataclass(frozen=True)
 class SplatMasks:
-    """Which primitives are unseen, and which are holdouts, [N]; what is both is a holdout. cuts: whether there are
+    """Which primitives are unseen, and which are holdouts, [N]; what is both is a holdout. holds: whether there are
     holdouts, which take a pass of their own."""
 
     unseen: mi.Bool
     holdout: mi.Bool
-    cuts: bool
+    holds: bool
 
     def shown(self, params: dict, linear: bool) -> dict:
         """Parameters of the primitives as the camera sees them: holdouts are black."""
@@ -44,7 +44,7 @@ class SplatMasks:
 
     def hole(self, shown: dict, camera: DeviceCamera, options: RasterOptions, stop: mi.Float | None) -> mi.Float:
         """Share of each pixel that holdouts cover, [H*W], of what ``shown`` returns; ``stop`` as in ``rasterize``."""
-        if not self.cuts:
+        if not self.holds:
             return dr.zeros(mi.Float, camera.width * camera.height)
         of_colors = {name for group in (SLOPES, *SH.values()) for name in (group.index, *group.names)}
         of_colors.add(ROWS[SLOPES.index])

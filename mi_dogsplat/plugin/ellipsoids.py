@@ -15,6 +15,7 @@ import numpy as np
 from ..formats.read import read_model
 from ..scene.splats import Splats
 from ..scene.transform import transformed
+from ..scene.whole import whole
 
 EXTENT = 3.0  # standard deviations, the default of Mitsuba; a Gaussian is 1.1 % of its peak there
 MIN_OPACITY = 1 / 255  # fainter primitives are not drawn by ``dogsplat`` either
@@ -27,8 +28,9 @@ def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None
     Its ``opacities`` [N', 1] and ``sh_coeffs`` [N', 3 K] (K = (degree + 1)²) are the attributes that
     ``volprim_rf_basic`` reads; the colours are sRGB, as its ``srgb_primitives`` expects by default.
 
-    An ellipsoid is one Gaussian of one colour: of a DoG primitive the positive one is kept, what the pseudo-Gaussian
-    subtracts is left out, and where a colour varies over its primitive that at the centre is kept, which is the mean.
+    An ellipsoid is one whole Gaussian of one colour: of a DoG primitive the positive one is kept, what the
+    pseudo-Gaussian subtracts is left out, where a colour varies over its primitive that at the centre is kept, which is
+    the mean, and a primitive that a plane cuts off becomes the whole one nearest to it.
     Left out too are primitives that are not drawn: those fainter than 1/255, and those with values that are not
     finite. What is left out is reported by a warning of Mitsuba's logger.
 
@@ -47,9 +49,10 @@ def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None
     splats = _splats(model)
     if to_world is not None:
         splats = transformed(splats, np.array(getattr(to_world, "matrix", to_world), dtype=np.float64))
-    drawn = _drawn(splats)
-    _report(splats, int(np.count_nonzero(~drawn)))
-    splats = splats.plain().without_slopes().select(drawn).uniform_sh()
+    found = whole(splats.select(_drawn(splats)).plain())
+    found = found.without_slopes().select(_drawn(found))
+    _report(splats, splats.n_splats - found.n_splats)
+    splats = found.uniform_sh()
     if splats.n_splats == 0:
         raise ValueError("to_ellipsoids: the model has no primitive that can be seen; Mitsuba needs one")
     return {
@@ -78,6 +81,7 @@ def _drawn(splats: Splats) -> np.ndarray:
     finite = np.isfinite(splats.opacities) & (splats.opacities >= MIN_OPACITY)
     for values in (splats.means, splats.scales, splats.quats, splats.uniform_sh().sh_coeffs):
         finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+    finite[splats.cut_index] &= np.isfinite(splats.cut_normals).all(axis=1)
     return finite
 
 
@@ -94,6 +98,8 @@ def _report(splats: Splats, n_hidden: int) -> None:
         left_out.append(f"the negative part of {splats.n_dog} DoG primitives")
     if splats.n_slopes:
         left_out.append(f"the slopes of {splats.n_slopes} primitives whose colour varies over them")
+    if splats.n_cuts:
+        left_out.append(f"the cuts of {splats.n_cuts} primitives")
     if n_hidden:
         left_out.append(f"{n_hidden} of {splats.n_splats} primitives that are fainter than 1/255 or not finite")
     if left_out:

@@ -10,8 +10,8 @@ rotation of the camera, J the Jacobian of the perspective projection at mu, and 
 has the same centre, rotation and colour, the opacity f_a o and the scales F s. `alpha` is what gets
 composited and may be negative. A colour c may vary over its primitive: w = S^-1 R^T (x - mu) standard
 deviations away from the centre it is c + sum_a w_a slopes_a. A pixel at the offset d sees the colour of the mean
-w there, (J W R S)^T Sigma'^-1 d. Symmetric 2x2 matrices are stored as rows (xx, xy, yy). The pixel in column i,
-row j has its centre at (i + .5, j + .5).
+w there, (J W R S)^T Sigma'^-1 d. A cut multiplies both kernels by g of the same mean w (`own_axes.py`). Symmetric
+2x2 matrices are stored as rows (xx, xy, yy). The pixel in column i, row j has its centre at (i + .5, j + .5).
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from .mixed_sh import group_names, sh_groups
+from .own_axes import OWN_AXES, index_of, kept, own_axes_names
 from .projection import MIN_ALPHA, Projection, project
-from .slopes import slope_index, slope_names
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -42,13 +42,13 @@ RAW_PARAMETERS = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs"
 
 def raw_names(splats: Splats) -> tuple[str, ...]:
     """`RAW_PARAMETERS` and those that only some models have."""
-    return RAW_PARAMETERS + slope_names(splats) + group_names(splats)
+    return RAW_PARAMETERS + own_axes_names(splats) + group_names(splats)
 
 
 def raw_indices(splats: Splats) -> dict[str, np.ndarray]:
     """The primitives of those that only some primitives have."""
     of_degrees = {f"sh{degree}_index": index for degree, index in sh_groups(splats).items()}
-    return {"dog_index": splats.dog_index, "slope_index": slope_index(splats)} | of_degrees
+    return {"dog_index": splats.dog_index} | {g.index: index_of(splats, g) for g in OWN_AXES} | of_degrees
 
 
 def depth_order(projection: Projection) -> np.ndarray:
@@ -58,11 +58,16 @@ def depth_order(projection: Projection) -> np.ndarray:
 
 
 def kernels(projection: Projection, i: int, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """G and G_p of primitive i at the points (x, y), not yet limited to .99; G_p is 0 for a Gaussian."""
+    """G and G_p of primitive i at the points (x, y), with what a cut leaves of them, not yet limited to .99.
+
+    G_p is 0 for a Gaussian.
+    """
     dx, dy = x - projection.means2d[i, 0], y - projection.means2d[i, 1]
 
+    of_cut = kept(projection.cuts[i, 0] * dx + projection.cuts[i, 1] * dy) if projection.cut[i] else 1.0
+
     def gaussian(opacity, conic):
-        return opacity * np.exp(-0.5 * (conic[0] * dx * dx + 2 * conic[1] * dx * dy + conic[2] * dy * dy))
+        return of_cut * opacity * np.exp(-0.5 * (conic[0] * dx * dx + 2 * conic[1] * dx * dy + conic[2] * dy * dy))
 
     G = gaussian(projection.opacities[i], projection.conics[i])
     if not projection.dog[i]:

@@ -8,7 +8,8 @@ Notation of `forward.py`, and
 
 From d log G = d^T conic dSigma' conic d / 2 with D = sum δlog G d d^T and B = conic C:
     E = B^T D B,   δlog_scales_k = s_k^2 E_kk,   δω = (s_2^2 - s_3^2) E_23 and cyclic,   δJ = conic D B S^2 (W R)^T
-where ω turns the primitive about its own axes, R exp([ω]). What comes through slopes is in `slope_gradients.py`.
+where ω turns the primitive about its own axes, R exp([ω]). What comes through slopes and cuts is in
+`own_axes_gradients.py`.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ import numpy as np
 
 from .forward import RAW_PARAMETERS
 from .mixed_sh import padded_sh, unpadded_sh
+from .own_axes import CUTS, SLOPES, index_of, values_of
+from .own_axes_gradients import own_axes_backward
 from .projection import (
     LOW_PASS,
     MIN_ANTIALIAS_RATIO,
@@ -28,8 +31,6 @@ from .projection import (
     sh_basis,
     sigmoid,
 )
-from .slope_gradients import slopes_backward
-from .slopes import color_slopes, slope_index, slope_names
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -37,14 +38,14 @@ if TYPE_CHECKING:
 
 
 def project_backward(splats: Splats, camera: Camera, projection: Projection, δcolors: np.ndarray,
-                     δcolor_slopes: np.ndarray, moments: np.ndarray, pseudo_moments: np.ndarray, antialiased: bool,
-                     sh_degree: int | None) -> dict[str, np.ndarray]:
+                     δcolor_slopes: np.ndarray, moments: np.ndarray, pseudo_moments: np.ndarray,
+                     cut_moments: np.ndarray, antialiased: bool, sh_degree: int | None) -> dict[str, np.ndarray]:
     """d loss / d raw parameter, by name and in the shapes of `splats`, float64.
 
     `projection` is what `reference.project` makes of `splats` and `camera` with the same options. `δcolors` [N, 3] and
     `δcolor_slopes` [N, 3, 2] are by what that has of them; `moments` and `pseudo_moments` [N, 6] are the sums of δlog G
-    and δlog G_p times 1, dx, dy, dx^2, dx dy, dy^2. The derivative is 0 through the limits: of a primitive that is not
-    visible, of a colour at 0, of a clamped tangent.
+    and δlog G_p times 1, dx, dy, dx^2, dx dy, dy^2, `cut_moments` [N, 3] those of δ(n.w) times 1, dx, dy. The
+    derivative is 0 through the limits: of a primitive that is not visible, of a colour at 0, of a clamped tangent.
     """
     p, seen = projection, np.flatnonzero(projection.visible)  # [n]
     raw = {name: np.asarray(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
@@ -66,8 +67,8 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
     C = (focal / z)[:, :, None] * bases @ R
     δmeans2d, δlog_scales, δω, δC = _kernel_backward(C, scales, p.cov2d[seen], p.conics[seen], moments[seen],
                                                      antialiased)
-    # what is at a pixel of a colour that varies depends on where the centre is
-    δmeans2d -= np.einsum("ncd,nc->nd", p.slopes[seen], δcolors[seen])
+    # what a pixel has of a colour that varies, and of a cut, depends on where the centre is
+    δmeans2d -= np.einsum("ncd,nc->nd", p.slopes[seen], δcolors[seen]) + p.cuts[seen] * cut_moments[seen, :1]
     δlog_opacities = moments[:, 0].copy()
 
     dog_index = np.asarray(splats.dog_index, np.int64)
@@ -83,13 +84,17 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
     δ["dog_logit_opacities"][dog] = pseudo_moments[i, 0] * sigmoid(-raw["dog_logit_opacities"][dog])
     δ["logit_opacities"][seen] = δlog_opacities[seen] * sigmoid(-raw["logit_opacities"][seen])
 
-    if slope_names(splats):
-        δ["color_slopes"] = np.zeros_like(color_slopes(splats))
-        sloped = np.flatnonzero(p.visible[slope_index(splats)])  # rows of the slopes
-        i = slope_index(splats)[sloped]
+    for group, δper_pixel in ((SLOPES, δcolor_slopes), (CUTS, cut_moments[:, None, 1:])):
+        index, values = index_of(splats, group), values_of(splats, group)
+        if not len(index):
+            continue
+        found = np.flatnonzero(p.visible[index])  # rows of the group
+        i, of_axes = index[found], values[found].reshape(len(found), 3, -1)
         at = np.searchsorted(seen, i)
-        δ["color_slopes"][sloped], *parts = slopes_backward(
-            C[at], scales[at], p.cov2d[i], p.conics[i], color_slopes(splats)[sloped], δcolor_slopes[i])
+        δvalues, *parts = own_axes_backward(C[at], scales[at], p.cov2d[i], p.conics[i], of_axes, δper_pixel[i])
+        (name,) = group.names
+        δ[name] = np.zeros_like(values)
+        δ[name][found] = δvalues.reshape(values[found].shape)
         for whole, part in zip((δlog_scales, δω, δC), parts, strict=True):
             whole[at] += part
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .mixed_sh import padded_sh
-from .slopes import color_slopes, slope_index
+from .own_axes import CUTS, OWN_AXES, SLOPES, index_of, largest_kept, values_of
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -32,11 +32,13 @@ class Projection:
     colors: np.ndarray  # [N, 3] at the centre
     sloped: np.ndarray  # [N] bool, their colour varies over them
     slopes: np.ndarray  # [N, 3, 2] change of colour per px in x and in y, zero elsewhere
+    cut: np.ndarray  # [N] bool, a plane cuts them off
+    cuts: np.ndarray  # [N, 2] change of n.w per px in x and in y, zero elsewhere
     dog: np.ndarray  # [N] bool; the pseudo_* rows are zero where false
     pseudo_cov2d: np.ndarray  # [N, 3]
     pseudo_conics: np.ndarray  # [N, 3]
     pseudo_opacities: np.ndarray  # [N]
-    extents: np.ndarray  # [N, 2] px, half size of the box around {G or G_p >= 1/255}; 0 where that is empty
+    extents: np.ndarray  # [N, 2] px, half size of a box around {G or G_p >= 1/255}; 0 where that is empty
 
 
 def sh_basis(dirs: np.ndarray, degree: int) -> np.ndarray:
@@ -120,7 +122,8 @@ def _finite_parameters(splats: Splats, sh: np.ndarray) -> np.ndarray:
     finite &= ~np.isnan(splats.logit_opacities)
     dog = np.asarray(splats.dog_index, np.int64)
     finite[dog] &= np.isfinite(splats.dog_log_scales).all(1) & ~np.isnan(splats.dog_logit_opacities)
-    finite[slope_index(splats)] &= _finite_rows(color_slopes(splats))
+    for group in OWN_AXES:
+        finite[index_of(splats, group)] &= _finite_rows(values_of(splats, group))
     return finite
 
 
@@ -170,18 +173,21 @@ def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialias
     sh = sh[:, :basis.shape[1]]
     colors = np.maximum(0, np.einsum("nk,nkc->nc", basis, sh) + 0.5)
 
-    sloped, slopes = np.zeros(n, bool), np.zeros((n, 3, 2))
-    i = slope_index(splats)  # [S]
-    # the axes V = J W R S are seen as w = V^T Sigma'^-1 d standard deviations away at offset d
-    per_pixel = conics_times_axes(JWR[i], scales[i] ** 2, cov2d[i], conics[i]) * scales[i, None, :]
-    slopes[i] = (per_pixel @ color_slopes(splats)).swapaxes(1, 2)
-    sloped[i] = True
+    def per_pixel(i: np.ndarray) -> np.ndarray:
+        # [m, 2, 3] P = Sigma'^-1 V: at the offset d it is w = P^T d standard deviations away that primitives are seen
+        return conics_times_axes(JWR[i], scales[i] ** 2, cov2d[i], conics[i]) * scales[i, None, :]
 
-    extents = np.maximum(_extents(cov2d, opacities), _extents(pseudo_cov2d, pseudo_opacities))
-    rows = [means2d, z, cov2d, conics, opacities, colors, slopes, pseudo_cov2d, pseudo_conics,
+    sloped, slopes, cut, cuts = np.zeros(n, bool), np.zeros((n, 3, 2)), np.zeros(n, bool), np.zeros((n, 2))
+    i, j = index_of(splats, SLOPES), index_of(splats, CUTS)
+    slopes[i], sloped[i] = (per_pixel(i) @ values_of(splats, SLOPES)).swapaxes(1, 2), True
+    cuts[j], cut[j] = np.einsum("nij,nj->ni", per_pixel(j), values_of(splats, CUTS)), True
+
+    largest = largest_kept(cut)
+    extents = np.maximum(_extents(cov2d, opacities * largest), _extents(pseudo_cov2d, pseudo_opacities * largest))
+    rows = [means2d, z, cov2d, conics, opacities, colors, slopes, cuts, pseudo_cov2d, pseudo_conics,
             pseudo_opacities, extents]
     visible = (z > near_clip) & _finite_rows(*rows) & _finite_parameters(splats, sh)
     for row in rows:
         row[~visible] = 0
     return Projection(visible, means2d, z, cov2d, conics, opacities, colors, sloped & visible, slopes,
-                      dog & visible, pseudo_cov2d, pseudo_conics, pseudo_opacities, extents)
+                      cut & visible, cuts, dog & visible, pseudo_cov2d, pseudo_conics, pseudo_opacities, extents)

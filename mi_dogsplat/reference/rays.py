@@ -6,7 +6,8 @@ larger ones of r s and r_p F s, r and r_p being the radii, in standard deviation
 1/255. For a Gaussian it is the point of the largest value.
 
 A colour that varies over its primitive is that of the point where the primary is largest: w there, in standard
-deviations, is what the primary expects of a point of the ray.
+deviations, is what the primary expects of a point of the ray. So is what a cut leaves of both kernels. The radii of a
+primitive that is cut off are those of its kernels as large as a cut may make them, 1 + e^-4 times as opaque.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ import numpy as np
 
 from .forward import MAX_ALPHA, MAX_T, MIN_T
 from .mixed_sh import padded_sh
+from .own_axes import CUTS, SLOPES, index_of, kept, largest_kept, values_of
 from .projection import MIN_ALPHA, rotations, sh_basis, sigmoid
-from .slopes import color_slopes, slope_index
 
 if TYPE_CHECKING:
     from ..scene.splats import Splats
@@ -48,18 +49,23 @@ def meet(splats: Splats, origins: np.ndarray, directions: np.ndarray, maxt: np.n
     d = np.einsum("nij,pi->pnj", R, np.asarray(directions, np.float64))
 
     largest, at = _largest(o / scales, d / scales)
-    values = opacities * largest
-    alphas = np.minimum(MAX_ALPHA, values)
-    axes = _radius(opacities, cutoff)[:, None] * scales
+    w = (o + at[..., None] * d) / scales  # [P, N, 3]
+    of_cut, cut, i = np.ones(largest.shape), np.zeros(len(scales), bool), index_of(splats, CUTS)
+    of_cut[:, i], cut[i] = kept((w[:, i] * values_of(splats, CUTS)).sum(-1)), True
+
+    alphas = np.minimum(MAX_ALPHA, opacities * largest * of_cut)
+    at_most = opacities * largest_kept(cut)
+    axes = _radius(at_most, cutoff)[:, None] * scales
     i = np.asarray(splats.dog_index, np.int64)
     if len(i):
         factors = np.exp(np.asarray(splats.dog_log_scales, np.float64)) * scales[i]
         pseudo = opacities[i] * sigmoid(np.asarray(splats.dog_logit_opacities, np.float64))
-        alphas[:, i] -= np.minimum(MAX_ALPHA, pseudo * _largest(o[:, i] / factors, d[:, i] / factors)[0])
-        axes[i] = np.maximum(axes[i], _radius(pseudo, cutoff)[:, None] * factors)
-    axes[opacities <= cutoff] = 1  # not drawn
+        of_pseudo = pseudo * _largest(o[:, i] / factors, d[:, i] / factors)[0]
+        alphas[:, i] -= np.minimum(MAX_ALPHA, of_pseudo * of_cut[:, i])
+        axes[i] = np.maximum(axes[i], _radius(pseudo * largest_kept(cut[i]), cutoff)[:, None] * factors)
+    axes[at_most <= cutoff] = 1  # not drawn
     places = _largest(o / axes, d / axes)[1]
-    inside = (places > 0) & (places < np.broadcast_to(maxt, len(alphas))[:, None]) & (opacities > cutoff)
+    inside = (places > 0) & (places < np.broadcast_to(maxt, len(alphas))[:, None]) & (at_most > cutoff)
     alphas[~inside] = 0
     if not smooth:
         alphas[np.abs(alphas) < MIN_ALPHA] = 0
@@ -68,9 +74,8 @@ def meet(splats: Splats, origins: np.ndarray, directions: np.ndarray, maxt: np.n
     sh = padded_sh(splats)
     basis = sh_basis(unit, int(np.sqrt(sh.shape[1])) - 1 if sh_degree is None else sh_degree)
     colors = np.maximum(np.einsum("pk,nkc->pnc", basis, sh[:, : basis.shape[1]]) + 0.5, 0)
-    i = slope_index(splats)
-    w = (o[:, i] + at[:, i, None] * d[:, i]) / scales[i]  # [P, S, 3]
-    colors[:, i] += np.einsum("psa,sac->psc", w, color_slopes(splats))
+    i = index_of(splats, SLOPES)
+    colors[:, i] += np.einsum("psa,sac->psc", w[:, i], values_of(splats, SLOPES))
     return RayMeetings(places, alphas, colors)
 
 

@@ -1,7 +1,7 @@
 """One block of pixels and the primitives that meet it, in float64: what the twins of real models blend.
 
 Notation of `forward.py`, and
-    d            pixel centre minus means2d, q = d^T conic d, so that G = o exp(-q / 2)
+    d            pixel centre minus means2d, q = d^T conic d, so that G = o exp(-q / 2) g, g = 1 without a cut
 
 `reference.project` is shared with `forward.py`, nothing is shared with the engine.
 """
@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..scene.cuts import OFFSET
 from .forward import MAX_ALPHA, MAX_T, depth_order
+from .own_axes import kept, largest_kept, log_kept_slope
 from .projection import Projection
 
 if TYPE_CHECKING:
@@ -42,10 +44,10 @@ class Block:
 
 def blocks(projection: Projection, camera: Camera, min_alpha: float) -> Iterator[Block]:
     """Tiles, cut where their lists are long, with all primitives whose box {G or G_p >= min_alpha} meets them."""
-    extents = np.full((len(projection.depths), 2), -np.inf)
+    extents, largest = np.full((len(projection.depths), 2), -np.inf), largest_kept(projection.cut)
     for opacities, cov2d in ((projection.opacities, projection.cov2d),
                              (projection.pseudo_opacities, projection.pseudo_cov2d)):
-        ratio = opacities / (min_alpha or LEAST_KERNEL)
+        ratio = largest * opacities / (min_alpha or LEAST_KERNEL)
         half = np.sqrt(2 * np.log(np.maximum(ratio, 1))[:, None] * cov2d[:, [0, 2]]) + SLACK
         extents = np.maximum(extents, np.where(ratio[:, None] >= 1, half, -np.inf))
     order = depth_order(projection)
@@ -86,11 +88,20 @@ class Walk:
                  min_transmittance: float, moved: float = 0.0):
         p, i = projection, block.splats
         self.G = _gaussian(p.opacities[i], p.cov2d[i], p.conics[i], block.dx, block.dy)
-        alpha = np.minimum(MAX_ALPHA, self.G)
         self.dog = np.flatnonzero(p.dog[i])  # [m] rows of the block
-        i = i[self.dog]
-        self.G_p = _gaussian(p.pseudo_opacities[i], p.pseudo_cov2d[i], p.pseudo_conics[i],
+        of_dog = i[self.dog]
+        self.G_p = _gaussian(p.pseudo_opacities[of_dog], p.pseudo_cov2d[of_dog], p.pseudo_conics[of_dog],
                              block.dx[self.dog], block.dy[self.dog])  # [m, h, w]
+        self.cut = np.flatnonzero(p.cut[i])  # [k] rows of the block
+        of_x, of_y = p.cuts[i[self.cut]].T
+        self.along_normal = [(of_x * block.dx[self.cut].T).T[:, None, :],
+                             (of_y * block.dy[self.cut].T).T[:, :, None]]  # n.w [k, h, w] is the sum of both
+        if self.cut.size:
+            left = np.ones_like(self.G)
+            left[self.cut] = kept(sum(self.along_normal))
+            self.G *= left
+            self.G_p *= left[self.dog]
+        alpha = np.minimum(MAX_ALPHA, self.G)
         alpha[self.dog] -= np.minimum(MAX_ALPHA, self.G_p)
         self.colors = p.colors[block.splats]  # [n, 3] at the centres
         self.sloped = np.flatnonzero(p.sloped[block.splats])  # [m] rows of the block
@@ -136,10 +147,17 @@ class Walk:
         return self.colors[self.sloped, None, None] + np.abs(self.offsets) @ np.abs(self.slopes).swapaxes(1, 2)[:, None]
 
     def operands(self) -> np.ndarray:
-        """G + G_p, of which alpha is the difference."""
+        """G + G_p, of which alpha is the difference; with a cut more, by what the terms of its exponent round off."""
         operands = self.G.copy()
         operands[self.dog] += self.G_p
+        if self.cut.size:
+            terms = OFFSET + sum(np.abs(part) for part in self.along_normal)
+            operands[self.cut] *= 1 + self.log_kept_slope() * terms
         return operands
+
+    def log_kept_slope(self) -> np.ndarray:
+        """[k, h, w] the derivative of log g by n.w."""
+        return log_kept_slope(sum(self.along_normal))
 
     def roundings(self) -> np.ndarray:
         """By how much float32 may change T behind each primitive, relative and to first order.

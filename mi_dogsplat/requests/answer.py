@@ -100,7 +100,7 @@ class Answerer:
             found = {"color": color, "alpha": alpha, **_planes(picture, alpha, request)}
             if picture.depth is not None:
                 found["depth"] = np.where(picture.alpha > 0, picture.depth, np.inf)
-            if masks and masks.cuts:
+            if masks and masks.holds:
                 found = emptied(found, hole) | {"hole": hole}
             bands.append(found)
             if top + rows < camera.height:

@@ -3,23 +3,23 @@
 A kernel is 2^(lo - Q) with Q = |M x|², x the offset where that is least on the ray. Since it is least, x may be taken
 as constant: ∂Q/∂M = 2 (M x) xᵀ and ∂Q/∂μ = -2 Mᵀ M x. Of the pseudo-Gaussian the same holds with F⁻¹ M, at its own x.
 
-A colour that varies needs more, as the point itself moves: y = M x of the primary changes by
-P (∂M x - M ∂μ) - v (y · ∂M d) / |v|², where d is the ray's direction, v = M d and P = I - v vᵀ / |v|².
+A colour that varies, and a cut, need more, as the point itself moves (``own_axes.py``). A cut multiplies both kernels
+by g, so that the adjoint of ln g is the sum of those of their logarithms.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import drjit as dr
 
 from ..engine.arrays import array_types, detached
 from .blend import along_slopes, slopes_of
-from .kernels import MAX_ALPHA, Kernel, Meeting, Varying, dot, read_row
-from .primitives import PER_DEVIATION
-from .tree import NONE, SLOPE_ROW, Tree, table
+from .kernels import MAX_ALPHA, Kernel, Meeting
+from .own_axes import moved, pulled
+from .tree import CUT_ROW, NONE, SLOPE_ROW, Tree, read_row, rows_of, table
+from .vectors import dot
 
 ROW = 16  # floats: M, μ, lo; three are free
 PSEUDO_ROW = 4  # floats: F⁻¹, lo_p
@@ -36,23 +36,38 @@ class Adjoints:
         self.pseudo = None if tree.pseudo is None else dr.zeros(Float, dr.width(tree.pseudo) // 8 * PSEUDO_ROW)
         self.sh = dr.zeros(Float, dr.width(tree.sh))
         self.slopes = None if tree.slopes is None else dr.zeros(Float, dr.width(tree.slopes))
+        self.cuts = None if tree.cuts is None else dr.zeros(Float, dr.width(tree.cuts))
 
     def add_alpha(self, met: Meeting, δα: Any, active: Any) -> None:
         """Of the kernels of what is met."""
         types = array_types()
-        δvalue = _unlimited(met.primary, δα, active)
+        δlog = δvalue = _unlimited(met.primary, δα, active)
         lo, pull = LN2 * δvalue, [-2 * LN2 * δvalue * y for y in met.primary.inside]
         M = [p * x for p in pull for x in met.primary.offset]
         if met.pseudo is not None:
             is_dog = active & met.is_dog
-            δpseudo = LN2 * _unlimited(met.pseudo, -δα, is_dog)
+            δvalue = _unlimited(met.pseudo, -δα, is_dog)
+            δlog, δpseudo = δlog + δvalue, LN2 * δvalue
             y = met.pseudo.inside
             inverse = [-2 * δpseudo * dr.square(a) / f for a, f in zip(y, met.inverse_factors, strict=True)]
             more = [-2 * δpseudo * a * f for a, f in zip(y, met.inverse_factors, strict=True)]
             M = [m + p * x for m, (p, x) in zip(M, ((p, x) for p in more for x in met.pseudo.offset), strict=True)]
             pull = [a + b for a, b in zip(pull, more, strict=True)]
             dr.scatter_add(self.pseudo, types.Quad(*inverse, δpseudo), met.dog_row, is_dog, mode=dr.ReduceMode.Local)
+        if met.cut is not None:
+            of_cut, more = self._add_cut(met, δlog, active)
+            M = [a + b for a, b in zip(M, of_cut, strict=True)]
+            pull = [a + b for a, b in zip(pull, more, strict=True)]
         self._add_to_kernel(met, M, pull, lo, active)
+
+    def _add_cut(self, met: Meeting, δlog: Any, active: Any) -> tuple[list, list]:
+        """Of the normal; returns what the point of the ray adds (``pulled``). ``δlog``: adjoint of ln g."""
+        assert met.cut and met.point
+        types, cut = array_types(), met.cut
+        δ = δlog * cut.falls
+        row = types.Quad(*(δ * w for w in met.point.w), types.Float(0))
+        dr.scatter_add(self.cuts, row, met.splat, active & cut.here, mode=dr.ReduceMode.Local)
+        return pulled(met.point, met.primary.offset, [δ * n for n in cut.normal])
 
     def _add_to_kernel(self, met: Meeting, M: list, pull: list, lo: Any, active: Any) -> None:
         """``pull``: adjoint of M x, x the offset from μ."""
@@ -73,25 +88,22 @@ class Adjoints:
             at = dr.fma(met.splat, stride // size, first // size)
             dr.scatter_add(self.sh, part, at, active, mode=dr.ReduceMode.Local)
 
-    def add_slopes(self, met: Meeting, varying: Varying, δcolors: list, active: Any) -> None:
+    def add_slopes(self, met: Meeting, δcolors: list, active: Any) -> None:
         """Of three channels of what the colour has beyond that of its centre."""
-        types, here = array_types(), active & varying.here
-        values = [w * δ for w in varying.w for δ in δcolors] + [types.Float(0)] * 3
+        assert met.varying and met.point
+        types, varying, here = array_types(), met.varying, active & met.varying.here
+        values = [w * δ for w in met.point.w for δ in δcolors] + [types.Float(0)] * 3
         for k in range(SLOPE_ROW // 4):
             part, at = types.Quad(*values[4 * k : 4 * k + 4]), dr.fma(varying.row, SLOPE_ROW // 4, k)
             dr.scatter_add(self.slopes, part, at, here, mode=dr.ReduceMode.Local)
-        slopes, v, y = slopes_of(self.tree.slopes, varying, active), varying.along, _inside(varying)
-        δy = [dot(axis, δcolors) * (1 / PER_DEVIATION) for axis in slopes]
-        share = dot(δy, v) / dot(v, v)
-        pull = [δ - share * a for δ, a in zip(δy, v, strict=True)]
-        M = [p * x - share * a * d for p, a in zip(pull, y, strict=True)
-             for x, d in zip(met.primary.offset, varying.d, strict=True)]
+        δw = [dot(axis, δcolors) for axis in slopes_of(self.tree.slopes, varying, active)]
+        M, pull = pulled(met.point, met.primary.offset, δw)
         self._add_to_kernel(met, M, pull, types.Float(0), here)
 
-    def of_columns(self) -> tuple[list, Any, list, list]:
-        """(of ``Primitives.kernel``, of ``sh``, of ``pseudo``, of ``slopes``)"""
+    def of_columns(self) -> tuple[list, Any, dict[str, list]]:
+        """(of ``Primitives.kernel``, of ``sh``, of each of ``SPARSE``)"""
         types, tree = array_types(), self.tree
-        dr.eval(self.rows, self.pseudo, self.slopes, self.sh)
+        dr.eval(self.rows, self.pseudo, self.slopes, self.cuts, self.sh)
         n, splat = dr.width(tree.sh) // tree.sh_row, tree.splat_from_leaf
         leaf = dr.arange(types.UInt, tree.n_leaves)
         kernel = []
@@ -100,23 +112,31 @@ class Adjoints:
             dr.scatter(column, dr.gather(types.Float, self.rows, dr.fma(leaf, ROW, k)), splat, splat != NONE)
             kernel.append(column)
         dr.eval(kernel)  # what AD adds to a column while its scatter still waits may be lost: docs/performance.md
-        return kernel, self.sh, _columns(self.pseudo, PSEUDO_ROW, 4), _columns(self.slopes, SLOPE_ROW, 9)
+        sparse = {
+            "pseudo": _columns(self.pseudo, PSEUDO_ROW, 4),
+            "slopes": _columns(self.slopes, SLOPE_ROW, 9),
+            "cuts": _columns(self.cuts, CUT_ROW, 3, tree.cut_index),
+        }
+        return kernel, self.sh, sparse
 
 
 class Tangents:
     """Tangents of all parameters, which the walks read."""
 
-    def __init__(self, tree: Tree, kernel: list, sh: Any, pseudo: list, slopes: list):
+    def __init__(self, tree: Tree, kernel: list, sh: Any, sparse: dict[str, list]):
         types = array_types()
         n = dr.width(tree.sh) // tree.sh_row
         self.tree, self.sh = tree, _wide(sh, dr.width(tree.sh))
         self.rows = table([_wide(c, n) for c in kernel], ROW)
         m = dr.width(tree.pseudo) // 8 if tree.pseudo is not None else 0
-        self.pseudo = table([_wide(c, m) for c in pseudo], PSEUDO_ROW) if m else None
+        self.pseudo = table([_wide(c, m) for c in sparse["pseudo"]], PSEUDO_ROW) if m else None
         s = dr.width(tree.slopes) // SLOPE_ROW if tree.slopes is not None else 0
-        self.slopes = table([_wide(c, s) for c in slopes], SLOPE_ROW) if s else None
-        dr.eval(self.rows, self.pseudo, self.slopes, self.sh)
-        self.types = types
+        self.slopes = table([_wide(c, s) for c in sparse["slopes"]], SLOPE_ROW) if s else None
+        self.cuts = None
+        if tree.cuts is not None:
+            columns = [_wide(c, dr.width(tree.cut_index)) for c in sparse["cuts"]]
+            self.cuts = rows_of([*columns, types.Float(0)], tree.cut_index, n)
+        dr.eval(self.rows, self.pseudo, self.slopes, self.cuts, self.sh)
 
     def of_alpha(self, met: Meeting, active: Any) -> Any:
         M, mean, lo = self._of_kernel(met, active)
@@ -125,25 +145,31 @@ class Tangents:
             return [dot(δ, kernel.offset) - dot(m, mean) for δ, m in zip(M, met.M, strict=True)]
 
         δQ = 2 * dot(met.primary.inside, of_inside(met.primary))
-        δα = _unlimited(met.primary, LN2 * (lo - δQ), active)
+        δcut = self._of_cut(met, M, of_inside(met.primary), active) if met.cut else 0
+        δα = _unlimited(met.primary, LN2 * (lo - δQ) + δcut, active)
         if met.pseudo is None:
             return δα
         is_dog = active & met.is_dog
         *inverse, lo = read_row(self.pseudo, met.dog_row, PSEUDO_ROW, 4, is_dog)
         y, f = met.pseudo.inside, met.inverse_factors
         δy = [a * b + δ * c / a for a, b, δ, c in zip(f, of_inside(met.pseudo), inverse, y, strict=True)]
-        return δα - _unlimited(met.pseudo, LN2 * (lo - 2 * dot(y, δy)), is_dog)
+        return δα - _unlimited(met.pseudo, LN2 * (lo - 2 * dot(y, δy)) + δcut, is_dog)
 
-    def of_slopes(self, met: Meeting, varying: Varying, active: Any) -> list:
+    def _of_cut(self, met: Meeting, M: list, inside: list, active: Any) -> Any:
+        """Of ln g. ``M``, ``inside``: tangents of M, and of M x of the primary where x stays."""
+        assert met.cut and met.point
+        cut, here = met.cut, active & met.cut.here
+        δnormal = read_row(self.cuts, met.splat, CUT_ROW, 3, here)
+        return cut.falls * (dot(δnormal, met.point.w) + dot(cut.normal, moved(met.point, inside, M, here)))
+
+    def of_slopes(self, met: Meeting, active: Any) -> list:
         """Of what the colour has beyond that of its centre, three channels."""
-        here = active & varying.here
+        assert met.varying and met.point
+        varying, here = met.varying, active & met.varying.here
         M, mean, _ = self._of_kernel(met, here)
-        v, y = varying.along, _inside(varying)
-        moved = [dot(δ, met.primary.offset) - dot(m, mean) for δ, m in zip(M, met.M, strict=True)]
-        share = (dot(v, moved) + dot(y, [dot(δ, varying.d) for δ in M])) / dot(v, v)
-        δw = [dr.select(here, (δ - share * a) * (1 / PER_DEVIATION), 0) for δ, a in zip(moved, v, strict=True)]
-        of_point = along_slopes(replace(varying, w=δw), slopes_of(self.tree.slopes, varying, active))
-        of_values = along_slopes(varying, slopes_of(self.slopes, varying, active))
+        inside = [dot(δ, met.primary.offset) - dot(m, mean) for δ, m in zip(M, met.M, strict=True)]
+        of_point = along_slopes(moved(met.point, inside, M, here), slopes_of(self.tree.slopes, varying, active))
+        of_values = along_slopes(met.point.w, slopes_of(self.slopes, varying, active))
         return [a + b for a, b in zip(of_point, of_values, strict=True)]
 
     def _of_kernel(self, met: Meeting, active: Any) -> tuple[list, list, Any]:
@@ -166,15 +192,10 @@ def _wide(column: Any, n: int) -> Any:
     return detached(column) + dr.zeros(array_types().Float, n)
 
 
-def _columns(rows: Any, stride: int, count: int) -> list:
-    """The first ``count`` columns of a table, none of None."""
+def _columns(rows: Any, stride: int, count: int, index: Any = None) -> list:
+    """The first ``count`` columns of a table, none of None; ``index``: of these rows alone."""
     if rows is None:
         return []
     types = array_types()
-    row = dr.arange(types.UInt, dr.width(rows) // stride)
+    row = dr.arange(types.UInt, dr.width(rows) // stride) if index is None else index
     return [dr.gather(types.Float, rows, dr.fma(row, stride, k)) for k in range(count)]
-
-
-def _inside(varying: Varying) -> list:
-    """M x of the point that w is of."""
-    return [PER_DEVIATION * w for w in varying.w]

@@ -8,9 +8,11 @@ import drjit as dr
 
 from ..engine.arrays import array_types
 from ..engine.sh import unit_basis
-from .kernels import Meeting, Varying, dot, read_row
+from .kernels import Meeting
 from .options import TraceOptions
-from .tree import SLOPE_ROW, Tree
+from .own_axes import Varying
+from .tree import SLOPE_ROW, Tree, read_row
+from .vectors import dot
 from .visits import Walk, visit_all, visit_in_order
 
 MAX_T = 2.0**30  # a walk stops before negative alphas take the transmittance above this
@@ -36,7 +38,7 @@ def gather(walk: Walk) -> tuple[list, Any]:
         weight = dr.select(walking, met.alpha * T, 0)
         seen = [dr.maximum(c, 0) for c in radiance(walk.tree, met, basis, walking)]
         if met.varying:
-            seen = [c + more for c, more in zip(seen, beyond_centre(walk.tree, met.varying, walking), strict=True)]
+            seen = [c + more for c, more in zip(seen, beyond_centre(walk.tree, met, walking), strict=True)]
         blended = [dr.fma(weight, c, color) for c, color in zip(seen, colors, strict=True)]
         return walking, dr.select(walking, T_next, T), *blended
 
@@ -74,14 +76,16 @@ def slopes_of(table: Any, varying: Varying, active: Any) -> list:
     return [values[0:3], values[3:6], values[6:9]]
 
 
-def beyond_centre(tree: Tree, varying: Varying, active: Any) -> list:
-    """What the colour of the primitive that is met has there beyond that of its centre; three channels, not limited."""
-    return along_slopes(varying, slopes_of(tree.slopes, varying, active))
+def beyond_centre(tree: Tree, met: Meeting, active: Any) -> list:
+    """What the colour of the primitive that is met has there beyond that of its centre, of a model with slopes; three
+    channels, not limited."""
+    assert met.point and met.varying
+    return along_slopes(met.point.w, slopes_of(tree.slopes, met.varying, active))
 
 
-def along_slopes(varying: Varying, slopes: list) -> list:
+def along_slopes(w: list, slopes: list) -> list:
     """Three channels of w · slopes."""
-    return [dot(varying.w, [axis[channel] for axis in slopes]) for channel in range(3)]
+    return [dot(w, [axis[channel] for axis in slopes]) for channel in range(3)]
 
 
 def _ones(walk: Walk) -> Any:

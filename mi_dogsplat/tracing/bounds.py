@@ -1,7 +1,8 @@
 """Where a primitive can be met: its cutoff ellipsoid and the box around that.
 
 Beyond its *cutoff ellipsoid* the kernels of a primitive are below the cutoff. It has the axes of the primitive, and of
-a DoG primitive it is the smallest such one that holds the ellipsoids of both kernels.
+a DoG primitive it is the smallest such one that holds the ellipsoids of both kernels. On the side that it keeps a cut
+makes kernels larger, by the factor 1 + e^-4 at most: the ellipsoids are those of kernels that are so all over.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Any
 import drjit as dr
 
 from ..engine.arrays import array_types, detached
+from ..engine.cuts import LOG2_LARGEST
 from ..engine.project import NO_ROW
 from .primitives import Primitives
 
@@ -32,6 +34,10 @@ def bounds_of(primitives: Primitives, log2_range: float) -> Bounds:
     """log2_range: -log2 of the smallest kernel value that is looked at."""
     types = array_types()
     columns, lo = [detached(c) for c in primitives.to_kernel], detached(primitives.lo)
+    more: Any = None
+    if primitives.cut_row is not None:
+        more = dr.select(detached(primitives.cut_row) != NO_ROW, types.Float(LOG2_LARGEST), 0)
+        lo = lo + more
     reach = [lo + log2_range] * 3  # squared radii in kernel space, by axis
     drawn = detached(primitives.usable) & (reach[0] > 0)
     weights: list = []
@@ -39,6 +45,9 @@ def bounds_of(primitives: Primitives, log2_range: float) -> Bounds:
         dog_row, dog_index = detached(primitives.dog_row), detached(primitives.dog_index)
         *inverse, pseudo_lo = (detached(c) for c in primitives.pseudo)
         pseudo_reach = pseudo_lo + log2_range
+        if more is not None:
+            dr.eval(more)
+            pseudo_reach = pseudo_reach + dr.gather(types.Float, more, dog_index)
         dr.eval(inverse, pseudo_reach, lo)
         ratio = (dr.gather(types.Float, lo, dog_index) + log2_range) / pseudo_reach
         weights = [dr.select(pseudo_reach > 0, dr.minimum(1, ratio * f * f), 1) for f in inverse]

@@ -15,7 +15,8 @@ from ..engine.arrays import array_types
 from ..engine.sh import unit_basis
 from .adjoints import Adjoints, Tangents
 from .blend import beyond_centre, hides, passes, radiance
-from .kernels import Meeting, dot
+from .kernels import Meeting
+from .vectors import dot
 from .visits import Walk, visit_all, visit_in_order
 
 
@@ -58,8 +59,8 @@ def gather_backward(
         weight = met.alpha * T
         of_color = sum(δ * dr.maximum(c, 0) for δ, c in zip(δcolors, seen, strict=True))
         if met.varying:
-            of_color += dot(δcolors, beyond_centre(walk.tree, met.varying, walking))
-            adjoints.add_slopes(met, met.varying, [δ * weight for δ in δcolors], walking)
+            of_color += dot(δcolors, beyond_centre(walk.tree, met, walking))
+            adjoints.add_slopes(met, [δ * weight for δ in δcolors], walking)
         behind = dr.select(walking, behind - weight * of_color, behind)
         hidden = hides(met, walk.options)
         through = dr.select(hidden == met.alpha, (behind + last) / (1 - hidden), 0)
@@ -89,7 +90,7 @@ def gather_forward(
             for c, δc, δ in zip(seen, δseen, δcolors, strict=True)
         ]
         if met.varying:  # not limited, as the colour of the centre is
-            more, δmore = beyond_centre(walk.tree, met.varying, walking), tangents.of_slopes(met, met.varying, walking)
+            more, δmore = beyond_centre(walk.tree, met, walking), tangents.of_slopes(met, walking)
             weight = dr.select(walking, met.alpha * T, 0)
             blended = [dr.fma(dr.select(walking, δweight, 0), c, dr.fma(weight, δc, δ))
                        for c, δc, δ in zip(more, δmore, blended, strict=True)]

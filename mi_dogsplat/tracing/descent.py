@@ -13,8 +13,8 @@ from typing import Any
 import drjit as dr
 
 from ..engine.arrays import array_types
-from .kernels import Line, read_row
-from .tree import ROW, Tree
+from .kernels import Line
+from .tree import ROW, Tree, read_row
 
 SMALLEST_DIRECTION = 1e-18  # of the largest component: others are kept from 0, so that they can be divided by
 T_SLACK = 1e-5  # of where a ray enters and leaves a box, against rounding

@@ -8,8 +8,8 @@ A primitive has one place on a ray: the point nearest to its centre, measured by
 Of a Gaussian this is where the kernel is largest, and so it is of both kernels of a DoG primitive where F is the same
 along all axes; else it lies between the two. What a ray meets it meets in that ellipsoid, so in the primitive's box.
 
-A colour that varies over its primitive has one value on a ray: that at the point where the primary kernel is largest,
-which for splatting is the mean of the Gaussian along the ray. The pseudo-Gaussian has the same.
+What varies over a primitive, its colour and what a cut leaves of its kernels, has one value on a ray: that at the point
+where the primary kernel is largest, which for splatting is the mean of the Gaussian along the ray (``own_axes.py``).
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ import numpy as np
 from ..engine.arrays import array_types
 from ..engine.geometry import Cutoffs
 from ..engine.project import NO_ROW
-from .primitives import PER_DEVIATION
-from .tree import PSEUDO_ROW, ROW, Tree
+from .own_axes import Cut, OwnPoint, Varying, read_own_axes
+from .tree import PSEUDO_ROW, ROW, Tree, read_row
+from .vectors import cross, dot
 
 MAX_ALPHA = float(np.float32(0.99))
 
@@ -33,20 +34,9 @@ MAX_ALPHA = float(np.float32(0.99))
 class Kernel:
     """One of the kernels of a primitive, on a ray."""
 
-    value: Any  # not yet limited to ``MAX_ALPHA``
+    value: Any  # with what a cut leaves of it, not yet limited to ``MAX_ALPHA``
     offset: list  # from the centre to where it is largest, world space
     inside: list  # the same in the kernel's space
-
-
-@dataclass
-class Varying:
-    """Where a primitive is met whose colour varies over it."""
-
-    row: Any  # UInt, of its slopes
-    here: Any  # Bool, whether there is one
-    w: list  # the point where the primary is largest, in standard deviations along the axes; 0 without slopes
-    d: list  # direction of the ray
-    along: list  # M d
 
 
 @dataclass
@@ -63,7 +53,9 @@ class Meeting:
     dog_row: Any
     inverse_factors: list
     pseudo: Kernel | None
+    point: OwnPoint | None  # None in a model without slopes and cuts
     varying: Varying | None  # None in a model without slopes
+    cut: Cut | None  # None in a model without cuts
 
 
 @dataclass
@@ -74,17 +66,6 @@ class Line:
     d: list
     inverse_square: Any  # 1 / |d|²
     maxt: Any
-
-
-def dot(a: list, b: list) -> Any:
-    """Of two lists of three."""
-    return dr.fma(a[0], b[0], dr.fma(a[1], b[1], a[2] * b[2]))
-
-
-def cross(a: list, b: list) -> list:
-    """Of two lists of three."""
-    x, y = dr.fma(a[1], b[2], -a[2] * b[1]), dr.fma(a[2], b[0], -a[0] * b[2])
-    return [x, y, dr.fma(a[0], b[1], -a[1] * b[0])]
 
 
 def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Meeting:
@@ -98,6 +79,9 @@ def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Mee
     away = [dr.fma(near, d, a) for a, d in zip(away, ray.d, strict=True)]  # from the centre, no longer than it must be
     o, d = [dot(row, away) for row in M], [dot(row, ray.d) for row in M]
     primary, t = _kernel(o, d, lo, away, ray.d)
+    point, varying, cut = read_own_axes(tree, values[15], splat, o, d, ray.d, active)
+    if cut:
+        primary.value = primary.value * cut.kept
     alpha = dr.minimum(primary.value, MAX_ALPHA)
     is_dog, inverse, pseudo = None, [], None
     if tree.pseudo is not None:
@@ -106,14 +90,13 @@ def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Mee
         inverse, weights, pseudo_lo = [dr.select(is_dog, f, 1) for f in more[0:3]], more[3:6], more[6]
         o_p, d_p = ([f * x for f, x in zip(inverse, vector, strict=True)] for vector in (o, d))
         pseudo, _ = _kernel(o_p, d_p, pseudo_lo, away, ray.d)
+        if cut:
+            pseudo.value = pseudo.value * cut.kept
         weighed = [w * x for w, x in zip(weights, d, strict=True)]
         t = dr.select(is_dog, -dot(weighed, o) / dot(weighed, d), t)
         alpha = dr.select(is_dog, alpha - dr.minimum(pseudo.value, MAX_ALPHA), alpha)
     alpha = dr.select(abs(alpha) >= cutoffs.alpha, alpha, 0)
-    varying = None
-    if tree.slopes is not None:
-        varying = _varying(cast(Any, dr.reinterpret_array(types.UInt, values[15])), o, d, ray.d, active)
-    return Meeting(node, splat, t + near, alpha, M, primary, is_dog, dog_row, inverse, pseudo, varying)
+    return Meeting(node, splat, t + near, alpha, M, primary, is_dog, dog_row, inverse, pseudo, point, varying, cut)
 
 
 def _kernel(o: list, d: list, lo: Any, away: list, world_d: list) -> tuple[Kernel, Any]:
@@ -124,25 +107,3 @@ def _kernel(o: list, d: list, lo: Any, away: list, world_d: list) -> tuple[Kerne
     value = dr.exp2(lo - dr.fma(x, x, dr.fma(y, y, z * z)) * inverse)
     offset, inside = ([dr.fma(t, b, a) for a, b in zip(*pair, strict=True)] for pair in ((away, world_d), (o, d)))
     return Kernel(value, offset, inside), t
-
-
-def _varying(row: Any, o: list, d: list, world_d: list, active: Any) -> Varying:
-    """The point of a line that is nearest to the origin is d x (o x d) / |d|²: o + t d has no digits on a disk."""
-    here = (row != NO_ROW) & active
-    scale = dr.rcp(PER_DEVIATION * dot(d, d))
-    w = [dr.select(here, x * scale, 0) for x in cross(d, cross(o, d))]  # what is weighted by 0 is finite
-    return Varying(row, here, w, world_d, d)
-
-
-def read_row(table: Any, row: Any, stride: int, count: int, active: Any) -> list:
-    """The first ``count`` floats of a row, eight and four at a time."""
-    types, values = array_types(), []
-    while len(values) < count:
-        size = 8 if count - len(values) > 4 and stride % 8 == 0 else 4 if stride % 4 == 0 else 1
-        index = dr.fma(row, stride // size, len(values) // size)
-        if size == 8:
-            values += list(dr.gather(types.Floats, table, index, active, shape=(8, dr.width(index))))
-        else:
-            read = dr.gather(types.Quad if size == 4 else types.Float, table, index, active)
-            values += list(read) if size == 4 else [read]
-    return values[:count]

@@ -11,7 +11,7 @@ from .adjoints import Adjoints, Tangents
 from .blend import gather, transmittance
 from .derivatives import gather_backward, gather_forward, transmittance_backward, transmittance_forward
 from .options import TraceOptions
-from .primitives import Primitives
+from .primitives import SPARSE, Primitives
 from .rays import Rays
 from .tree import Tree
 from .visits import Walk
@@ -29,20 +29,19 @@ class _OfPrimitives(dr.CustomOp):
 
     def tangents(self, query: Query) -> Tangents:
         of: Any = self.grad_in
-        return Tangents(query.walk.tree, of("kernel"), of("sh"), of("pseudo"), of("slopes"))
+        return Tangents(query.walk.tree, of("kernel"), of("sh"), {name: of(name) for name in SPARSE})
 
     def set_adjoints(self, adjoints: Adjoints) -> None:
-        kernel, sh, pseudo, slopes = adjoints.of_columns()
+        kernel, sh, sparse = adjoints.of_columns()
         self.set_grad_in("kernel", [mi.Float(δ) for δ in kernel])
         self.set_grad_in("sh", mi.Float(sh))
-        if pseudo:
-            self.set_grad_in("pseudo", [mi.Float(δ) for δ in pseudo])
-        if slopes:
-            self.set_grad_in("slopes", [mi.Float(δ) for δ in slopes])
+        for name, columns in sparse.items():
+            if columns:
+                self.set_grad_in(name, [mi.Float(δ) for δ in columns])
 
 
 class _Transmittance(_OfPrimitives):
-    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list, slopes: list):
+    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list, slopes: list, cuts: list):
         self.query, self.T = query, transmittance(query.walk)
         return query.rays.put(self.T, 1)
 
@@ -56,7 +55,7 @@ class _Transmittance(_OfPrimitives):
 
 
 class _Gather(_OfPrimitives):
-    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list, slopes: list):
+    def eval(self, query: Query, kernel: list, sh: Any, pseudo: list, slopes: list, cuts: list):
         self.query, (self.colors, self.T) = query, gather(query.walk)
         return [query.rays.put(c, 0) for c in self.colors], query.rays.put(self.T, 1)
 
@@ -95,4 +94,4 @@ def _attached(primitives: Primitives) -> bool:
 
 def _columns(primitives: Primitives) -> tuple:
     """What operations have derivatives by."""
-    return primitives.kernel, primitives.sh, primitives.pseudo, primitives.slopes
+    return primitives.kernel, primitives.sh, *(getattr(primitives, name) for name in SPARSE)

@@ -7,6 +7,7 @@ Notation (3DGRT, Moenne-Loccoz et al. 2024; method paper, Sec. 3)
     F, f_a      of a DoG primitive: its pseudo-Gaussian has F⁻¹ M for M, and lo_p = lo + log2 f_a
     w           S⁻¹ Rᵀ (x - μ), a point in standard deviations along the axes; where a colour varies it is
                 c + Σ_a w_a slope_a
+    n           of a primitive that is cut off: its kernels are multiplied by g(n·w) (docs/cuts.md)
 """
 
 from __future__ import annotations
@@ -23,12 +24,13 @@ from ..scene.row_groups import SH
 
 PER_DEVIATION = (0.5 * LOG2_E) ** 0.5  # |M (x - μ)| of a point that is one standard deviation away
 MAX_LOG_SCALE = 27.0  # scales are kept within e^±27, so that squares of what is divided by them are floats
+SPARSE = "pseudo", "slopes", "cuts"  # columns of ``Primitives`` that have a row for some of them only
 
 
 @dataclass
 class Primitives:
     """Columns of N primitives; of their pseudo-Gaussians, where there are any, a row per DoG primitive; of slopes a row
-    per primitive whose colour varies over it."""
+    per primitive whose colour varies over it; of cuts a row per primitive that is cut off."""
 
     to_kernel: list  # M, nine columns, row-major
     mean: list  # three
@@ -40,6 +42,9 @@ class Primitives:
     dog_index: mi.UInt32 | None  # [M] its inverse
     slopes: list  # nine columns of [S], axis by axis, three channels each; empty without
     slope_row: mi.UInt32 | None  # [N] row of the slopes or NO_ROW
+    cuts: list  # n, three columns of [C]; empty without
+    cut_row: mi.UInt32 | None  # [N] row of the cut or NO_ROW
+    cut_index: mi.UInt32 | None  # [C] its inverse
 
     @property
     def kernel(self) -> list:
@@ -48,13 +53,14 @@ class Primitives:
 
     def with_tangents(self) -> Primitives:
         """The same in forward mode: columns with the tangents that reach them now, from which no edge leads back."""
-        columns = [*self.kernel, self.sh, *self.pseudo, *self.slopes]
+        columns = [*self.kernel, self.sh, *self.pseudo, *self.slopes, *self.cuts]
         dr.forward_to(columns, flags=dr.ADFlag.ClearNone)  # some columns are on the way to others
         leaves = [mi.Float(dr.detach(column)) for column in columns]
         dr.enable_grad(leaves)
         for leaf, column in zip(leaves, columns, strict=True):
             dr.set_grad(leaf, dr.grad(column))
-        sparse = {"pseudo": leaves[14 : 14 + len(self.pseudo)], "slopes": leaves[14 + len(self.pseudo) :]}
+        rest = iter(leaves[14:])
+        sparse = {name: [next(rest) for _ in getattr(self, name)] for name in SPARSE}
         return replace(self, to_kernel=leaves[:9], mean=leaves[9:12], lo=leaves[12], sh=leaves[13], **sparse)
 
 
@@ -79,8 +85,14 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
         slope_row = params["slope_row"]
         slopes = rows(params["color_slopes"], 9, dr.arange(mi.UInt32, dr.width(params["slope_index"])))
         usable &= _of_row(_finite(slopes), slope_row)
+    cuts, cut_row, cut_index = [], None, None
+    if "cut_index" in params:
+        cut_row, cut_index = params["cut_row"], params["cut_index"]
+        cuts = rows(params["cut_normals"], 3, dr.arange(mi.UInt32, dr.width(cut_index)))
+        usable &= _of_row(_finite(cuts), cut_row)
+    some = slopes, slope_row, cuts, cut_row, cut_index
     if "dog_index" not in params:
-        return Primitives(to_kernel, mean, lo, sh, usable, [], None, None, slopes, slope_row)
+        return Primitives(to_kernel, mean, lo, sh, usable, [], None, None, *some)
 
     dog_row, dog_index = params["dog_row"], params["dog_index"]
     log_factors = rows(params["dog_log_scales"], 3, dr.arange(mi.UInt32, dr.width(dog_index)))
@@ -89,7 +101,7 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     finite = _finite(log_factors) & ~dr.isnan(pseudo_lo)
     usable &= _of_row(finite, dog_row)
     pseudo = [*(_exp_minus(f) for f in log_factors), pseudo_lo]
-    return Primitives(to_kernel, mean, lo, sh, usable, pseudo, dog_row, dog_index, slopes, slope_row)
+    return Primitives(to_kernel, mean, lo, sh, usable, pseudo, dog_row, dog_index, *some)
 
 
 def _of_row(finite: mi.Bool, row: mi.UInt32) -> mi.Bool:

@@ -15,8 +15,9 @@ import mitsuba as mi
 
 from ..engine.arrays import array_types, constant, detached
 from ..engine.drjit_internals import argsort_small
-from .kernels import Line, dot
+from .kernels import Line
 from .tree import Tree
+from .vectors import dot
 
 CELL_BITS = 4  # along each axis
 FEW = 1024  # rays, fewer stay in the order they have

@@ -22,6 +22,7 @@ from .primitives import Primitives
 ROW = 16  # floats: of an inner node its children's boxes; of a leaf M, μ, lo, and as bits DoG row, primitive, slope row
 PSEUDO_ROW = 8  # floats: F⁻¹, weights of the common ellipsoid, lo_p; one is free
 SLOPE_ROW = 12  # floats: slopes, axis by axis; three are free
+CUT_ROW = 4  # floats: normal of the cut, and 1 where there is one
 NONE = 0xFFFFFFFF  # primitive of an empty leaf
 FAR = 1e30  # where the boxes of empty nodes are, points that no ray passes
 OUT_OF_SIGHT = -1e30  # lo of empty leaves
@@ -36,6 +37,8 @@ class Tree:
     splat_from_leaf: Any  # UInt [n_leaves], NONE where it is empty
     pseudo: Any  # Float [M, PSEUDO_ROW], or None without DoG
     slopes: Any  # Float [S, SLOPE_ROW], or None without slopes
+    cuts: Any  # Float [N, CUT_ROW], or None without cuts
+    cut_index: Any  # UInt [C], or None without cuts
     sh: Any  # Float [N, K, 3]
     sh_row: int  # 3 K
     middle: list  # of the root's box
@@ -84,11 +87,17 @@ def build(primitives: Primitives, log2_range: float) -> Tree | None:
         row = dr.arange(types.UInt, dr.width(lo))
         dr.scatter(pseudo, types.Floats([*inverse, *bounds.weights, lo, dr.zeros(types.Float)]), row)
     slopes = table([detached(c) for c in primitives.slopes], SLOPE_ROW) if primitives.slopes else None
+    cuts = None
+    if primitives.cuts:
+        row = detached(primitives.cut_index)
+        one = dr.full(types.Float, 1, dr.width(row))
+        cuts = rows_of([*(detached(c) for c in primitives.cuts), one], row, dr.width(primitives.lo))
     sh = detached(primitives.sh)
     dr.make_opaque(middle, size)
-    dr.eval(nodes, pseudo, slopes, sh)
+    dr.eval(nodes, pseudo, slopes, cuts, sh)
     sh_row = dr.width(sh) // dr.width(primitives.lo)
-    return Tree(nodes, leaves, splat_from_leaf, pseudo, slopes, sh, sh_row, middle, size)
+    cut_index = detached(primitives.cut_index) if primitives.cuts else None
+    return Tree(nodes, leaves, splat_from_leaf, pseudo, slopes, cuts, cut_index, sh, sh_row, middle, size)
 
 
 def table(columns: list, stride: int) -> Any:
@@ -98,6 +107,28 @@ def table(columns: list, stride: int) -> Any:
     for k, column in enumerate(columns):
         dr.scatter(rows, column, dr.fma(row, stride, k), mode=dr.ReduceMode.Permute)
     return rows
+
+
+def rows_of(columns: list, index: Any, n: int) -> Any:
+    """Four columns [C] as a row-major table [n, 4]: row ``j`` of them in the row ``index[j]``, zeros in others."""
+    types = array_types()
+    rows = dr.zeros(types.Float, 4 * n)
+    dr.scatter(rows, types.Quad(*columns), index, mode=dr.ReduceMode.Permute)
+    return rows
+
+
+def read_row(table: Any, row: Any, stride: int, count: int, active: Any) -> list:
+    """The first ``count`` floats of a row, eight and four at a time."""
+    types, values = array_types(), []
+    while len(values) < count:
+        size = 8 if count - len(values) > 4 and stride % 8 == 0 else 4 if stride % 4 == 0 else 1
+        index = dr.fma(row, stride // size, len(values) // size)
+        if size == 8:
+            values += list(dr.gather(types.Floats, table, index, active, shape=(8, dr.width(index))))
+        else:
+            read = dr.gather(types.Quad if size == 4 else types.Float, table, index, active)
+            values += list(read) if size == 4 else [read]
+    return values[:count]
 
 
 def leaf_order(centre: list, n: int) -> Any:

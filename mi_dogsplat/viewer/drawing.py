@@ -17,6 +17,7 @@ from ..scene.cameras import Camera
 from ..scene.splats import Array, Splats
 from ..support.pictures import heat_map
 from .view_state import (
+    CUT_DIFFERENCE,
     DOG_DIFFERENCE,
     ERROR,
     MODEL,
@@ -24,6 +25,7 @@ from .view_state import (
     ONLY_GAUSSIANS,
     PHOTOGRAPH,
     SLOPE_DIFFERENCE,
+    WITHOUT_CUTS,
     WITHOUT_DOG,
     WITHOUT_SLOPES,
     Pose,
@@ -36,8 +38,13 @@ PARTS: dict[str, Callable[[Splats], Splats]] = {
     ONLY_DOG: Splats.only_dog,
     ONLY_GAUSSIANS: Splats.only_gaussians,
     WITHOUT_SLOPES: Splats.without_slopes,
+    WITHOUT_CUTS: Splats.without_cuts,
 }
-DIFFERENCES = {DOG_DIFFERENCE: WITHOUT_DOG, SLOPE_DIFFERENCE: WITHOUT_SLOPES}  # of the model to its part
+DIFFERENCES = {  # of the model to its part
+    DOG_DIFFERENCE: WITHOUT_DOG,
+    SLOPE_DIFFERENCE: WITHOUT_SLOPES,
+    CUT_DIFFERENCE: WITHOUT_CUTS,
+}
 
 
 @dataclass(frozen=True)
@@ -75,7 +82,8 @@ class Drawing:
         """What can be shown of this model and its data."""
         dog = [WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE] if self.splats.n_dog else []
         slopes = [WITHOUT_SLOPES, SLOPE_DIFFERENCE] if self.splats.n_slopes else []
-        return [MODEL, *dog, *slopes, *([ERROR, PHOTOGRAPH] if self.views else [])]
+        cuts = [WITHOUT_CUTS, CUT_DIFFERENCE] if self.splats.n_cuts else []
+        return [MODEL, *dog, *slopes, *cuts, *([ERROR, PHOTOGRAPH] if self.views else [])]
 
     def draw(self, pose: Pose, settings: Settings, moving: bool = False) -> Drawn:
         """The picture that is due. What the model does not have is drawn as the model."""

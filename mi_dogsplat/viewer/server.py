@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..datasets.dataset import Dataset
+from ..inspection.lines import kinds
 from ..render.framing import NEAR_SHARE, automatic_camera, robust_sphere, vertical
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
@@ -133,8 +134,8 @@ class Server:
     def statistics(self, last: str) -> str:
         """Markdown about the model and the last picture."""
         splats = self.drawing.splats
-        kinds = f"{splats.n_dog:,} of them DoG" + (f", {splats.n_slopes:,} with slopes" if splats.n_slopes else "")
-        counts = f"{splats.n_splats:,} primitives, {kinds}, SH degree {splats.sh_degree}"
+        what = kinds(splats.n_dog, splats.n_slopes or None, splats.n_cuts or None)
+        counts = f"{splats.n_splats:,} primitives, {what}, SH degree {splats.sh_degree}"
         scale = self.source.drawing.scale
         size = "" if scale is None else f"\n\nThe core of it is {2 * robust_sphere(splats)[1] * scale:.3g} m across"
         return f"**{self.source.path.name}**, {self.what}\n\n{counts}{size}\n\n{last}"

@@ -19,6 +19,7 @@ SMALLEST = 16  # pixels
 
 MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS = "model", "DoG switched off", "DoG alone", "Gaussians alone"
 WITHOUT_SLOPES, SLOPE_DIFFERENCE = "slopes switched off", "slopes on and off: difference"
+WITHOUT_CUTS, CUT_DIFFERENCE = "cuts switched off", "cuts on and off: difference"
 DOG_DIFFERENCE, ERROR, PHOTOGRAPH = "DoG on and off: difference", "error at nearest photograph", "nearest photograph"
 
 

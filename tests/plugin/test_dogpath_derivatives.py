@@ -25,7 +25,14 @@ SPLATS = make_splats([[0.3, 0, -1.0], [-0.4, 0.2, -1.5], [1.5, 0, 2.2], [0, 0, 2
                      [[0.9, 0.5, 0.2], [0.2, 0.6, 0.7], [0.5, 0.4, 0.3], [0.3, 0.6, 0.3]], dog=[1, 3], f_a=0.6, F=1.4)
 ADJOINT = np.random.default_rng(0).normal(size=(5, 6, 3))
 SPLATS.slope_index, SPLATS.color_slopes = np.array([0, 1, 2, 3]), np.random.default_rng(2).normal(0, 0.05, (4, 3, 3))
-NAMES = {"sh_coeffs": 1e-2, "logit_opacities": 1e-2, "dog_logit_opacities": 1e-2, "color_slopes": 1e-3}
+SPLATS.cut_index, SPLATS.cut_normals = np.array([0, 2, 3]), np.random.default_rng(3).normal(0, 3, (3, 3))
+NAMES = {
+    "sh_coeffs": 1e-2,
+    "logit_opacities": 1e-2,
+    "dog_logit_opacities": 1e-2,
+    "color_slopes": 1e-3,
+    "cut_normals": 1e-2,
+}
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,7 @@ import drjit as dr
 import numpy as np
 import pytest
 from mi_dogsplat.engine.geometry import SMOOTH
-from mi_dogsplat.engine.parameters import RAW, RAW_DOG, RAW_SLOPES
+from mi_dogsplat.engine.parameters import RAW, RAW_CUTS, RAW_DOG, RAW_SLOPES
 from mi_dogsplat.reference import rays as twin
 from mi_dogsplat.tracing.options import TraceOptions
 from mi_dogsplat.tracing.rays import FEW
@@ -16,14 +16,19 @@ from ray_sets import RaySet, random_rays
 from splat_scenes import attached, random_splats, rounded
 
 STEP = 1e-5
-NAMES = RAW + RAW_DOG + RAW_SLOPES
+NAMES = RAW + RAW_DOG + RAW_SLOPES + RAW_CUTS
 COLORS = "sh_coeffs", *RAW_SLOPES
 pytestmark = pytest.mark.usefixtures("all_cores")  # adjoints of many rays meet in one place
 
 
-@pytest.fixture(scope="module", params=[0, 0.6], ids=["colours of one value", "colours that vary"])
+@pytest.fixture(
+    scope="module",
+    params=[(0, 0), (0.6, 0), (0, 0.6), (0.6, 0.6)],
+    ids=["colours of one value", "colours that vary", "cut off", "colours that vary, and cut off"],
+)
 def splats(request):
-    return rounded(random_splats(9, seed=21, degree=1, slope_share=request.param))
+    slope_share, cut_share = request.param
+    return rounded(random_splats(9, seed=21, degree=1, slope_share=slope_share, cut_share=cut_share))
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +52,8 @@ def twin_loss(splats: Any, rays: RaySet, kind: str, **options) -> float:
 def in_float64(splats: Any) -> tuple[dict[str, np.ndarray], Any]:
     """(raw parameters that there are, the model that has these arrays)"""
     raw = {name: np.array(getattr(splats, name), np.float64) for name in NAMES if getattr(splats, name).size}
-    return raw, SimpleNamespace(**raw, dog_index=splats.dog_index, slope_index=splats.slope_index)
+    indices = {name: getattr(splats, name) for name in ("dog_index", "slope_index", "cut_index")}
+    return raw, SimpleNamespace(**raw, **indices)
 
 
 def differences(splats: Any, rays: RaySet, kind: str, **options) -> dict[str, np.ndarray]:

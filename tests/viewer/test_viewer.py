@@ -6,6 +6,7 @@ import os
 import numpy as np
 import pytest
 import tiny_data
+from cut_models import with_cuts
 from mi_dogsplat import write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.parameters import upload
@@ -13,6 +14,7 @@ from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.picture import over_background, render_picture
 from mi_dogsplat.runs.checkpoint import save_checkpoint
 from mi_dogsplat.runs.run import CHECKPOINT, train
+from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.pictures import heat_map
 from mi_dogsplat.training.config import TrainConfig
@@ -20,6 +22,7 @@ from mi_dogsplat.training.train import Trainer
 from mi_dogsplat.viewer.drawing import Drawing, fitted, nearest_view
 from mi_dogsplat.viewer.source import Source, splats_of_state
 from mi_dogsplat.viewer.view_state import (
+    CUT_DIFFERENCE,
     DOG_DIFFERENCE,
     ERROR,
     MODEL,
@@ -28,6 +31,7 @@ from mi_dogsplat.viewer.view_state import (
     PHOTOGRAPH,
     REST_SECONDS,
     SLOPE_DIFFERENCE,
+    WITHOUT_CUTS,
     WITHOUT_DOG,
     WITHOUT_SLOPES,
     Pace,
@@ -38,7 +42,7 @@ from scipy.spatial.transform import Rotation
 from sloped_models import with_slopes
 
 SMALL = Settings(height=48, gain=1.0)
-SLOPES = [WITHOUT_SLOPES, SLOPE_DIFFERENCE]
+SLOPES, CUTS = [WITHOUT_SLOPES, SLOPE_DIFFERENCE], [WITHOUT_CUTS, CUT_DIFFERENCE]
 
 
 def pose_of(camera) -> Pose:
@@ -90,19 +94,24 @@ def test_each_choice_draws_its_part_of_the_model():
     assert np.abs(uint8(heat_map(np.clip(2 * difference, 0, 1))) - picture[DOG_DIFFERENCE]).max() <= 2
 
 
-def test_slopes_can_be_switched_off_and_their_difference_shown():
-    model, camera = with_slopes(tiny_data.dog_model(), every=3), tiny_data.cameras()[0]
+@pytest.mark.parametrize(
+    ("changed", "bare", "choices"),
+    [(with_slopes, Splats.without_slopes, SLOPES), (with_cuts, Splats.without_cuts, CUTS)],
+    ids=["slopes", "cuts"],
+)
+def test_slopes_and_cuts_can_be_switched_off_and_their_difference_shown(changed, bare, choices):
+    model, camera = changed(tiny_data.dog_model(), every=3), tiny_data.cameras()[0]
     drawing, pose = Drawing(model, 0.05), pose_of(camera)
-    assert drawing.choices == [MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE, *SLOPES]
-    whole, flat = (render_picture(upload(part), camera, RasterOptions(1), 0.0, 0.05).color
-                   for part in (model, model.without_slopes()))  # fmt: skip
-    assert np.abs(uint8(flat) - drawing.draw(pose, Settings(WITHOUT_SLOPES, camera.height)).image).max() <= 1
-    drawn = drawing.draw(pose, Settings(SLOPE_DIFFERENCE, camera.height, gain=2.0))
-    difference = np.abs(whole - flat).mean(axis=-1)
+    assert drawing.choices == [MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS, DOG_DIFFERENCE, *choices]
+    with_them, without = (render_picture(upload(part), camera, RasterOptions(1), 0.0, 0.05).color
+                          for part in (model, bare(model)))  # fmt: skip
+    assert np.abs(uint8(without) - drawing.draw(pose, Settings(choices[0], camera.height)).image).max() <= 1
+    drawn = drawing.draw(pose, Settings(choices[1], camera.height, gain=2.0))
+    difference = np.abs(with_them - without).mean(axis=-1)
     assert np.abs(uint8(heat_map(np.clip(2 * difference, 0, 1))) - drawn.image).max() <= 2
     assert difference.mean() > 1e-3 and f"{difference.mean():.4f}" in drawn.about
     drawing.replace(model.plain())
-    assert drawing.choices == [MODEL, *SLOPES]
+    assert drawing.choices == [MODEL, *choices]
 
 
 def test_the_sh_degree_is_limited():

@@ -1,10 +1,10 @@
-"""The derivative of slopes per pixel: back to those per standard deviation and to the primitive's shape, in float64.
+"""The derivative of what changes per pixel: back to per standard deviation, and to the primitive's shape; in float64.
 
 Notation of `forward.py` and `project_gradients.py`, and
     V = C S          [2, 3] the scaled axes on the screen, P = Sigma'^-1 V, so that w = P^T d
-    g = P slopes     [2, 3] per channel
+    g = P values     [2, K] for slopes of K = 3 channels, or the normal of a cut, K = 1
 
-From dP = Sigma'^-1 dV - Sigma'^-1 (dV V^T + V dV^T) P, with δP = δg slopes^T, H = P^T V and G = P^T δP:
+From dP = Sigma'^-1 dV - Sigma'^-1 (dV V^T + V dV^T) P, with δP = δg values^T, H = P^T V and G = P^T δP:
     δV = Sigma'^-1 δP (1 - H) - P G^T,   V^T δV = G (1 - H) - H G^T
 1 - H is what the pixel does not tell of w. On large primitives it is next to nothing, but for the line of sight, which
 is n = v_0 x v_1 from the rows of V. So it is taken from its own formula, the adjugate of V^T V + .3 over det Sigma':
@@ -18,15 +18,15 @@ import numpy as np
 from .projection import LOW_PASS, conics_times_axes
 
 
-def slopes_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, conics: np.ndarray, slopes: np.ndarray,
-                    δg: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """δslopes [n, 3, 3] (axis, channel), δlog_scales [n, 3], δω [n, 3] and δC [n, 2, 3].
+def own_axes_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, conics: np.ndarray, values: np.ndarray,
+                      δg: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """δvalues [n, 3, K], δlog_scales [n, 3], δω [n, 3] and δC [n, 2, 3].
 
-    From δg [n, 3, 2], the adjoint of `Projection.slopes`, and the slopes per standard deviation [n, 3, 3].
+    From δg [n, K, 2], the adjoint of `Projection.slopes` or `cuts`, and the values per standard deviation [n, 3, K].
     """
     S, δg = scales[:, None, :], δg.swapaxes(1, 2)  # [n, 1, 3], [n, 2, 3]
     V, B = C * S, conics_times_axes(C, scales**2, cov2d, conics)  # B = Sigma'^-1 C
-    P, δP = B * S, δg @ slopes.swapaxes(1, 2)
+    P, δP = B * S, δg @ values.swapaxes(1, 2)
     det = (cov2d[:, 2] / conics[:, 0])[:, None, None]
     n, gram = np.cross(V[:, 0], V[:, 1]), V.swapaxes(1, 2) @ V
     trace = (V**2).sum((1, 2))[:, None, None]

@@ -1,0 +1,58 @@
+"""Models of which some primitives have numbers along their own axes, for the twins: slopes of a colour, and cuts.
+
+The primitives `slope_index` [S] have `color_slopes` [S, 3, 3], the change of colour per standard deviation along each
+axis (axis, channel). The primitives `cut_index` [C] have `cut_normals` [C, 3], n, by which a cut multiplies kernels w
+standard deviations away from the centre:
+
+    g(w) = (1 + e^-4) / (1 + e^(-4 - n.w))
+
+A model that has no such arrays is of even colours, or whole.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..scene.cuts import OFFSET
+from ..scene.row_groups import CUTS, SLOPES, RowGroup
+
+if TYPE_CHECKING:
+    from ..scene.splats import Splats
+
+OWN_AXES = SLOPES, CUTS
+LARGEST_KEPT = 1 + np.exp(-OFFSET)  # g far out on the side that is kept
+
+
+def index_of(splats: Splats, group: RowGroup) -> np.ndarray:
+    """The primitives that are in the group."""
+    return np.asarray(getattr(splats, group.index, ()), np.int64)
+
+
+def values_of(splats: Splats, group: RowGroup) -> np.ndarray:
+    """What they have along their axes, float64: [S, 3, 3] slopes or [C, 3] normals."""
+    ((name, row),) = group.arrays.items()
+    if not len(index_of(splats, group)):
+        return np.zeros((0, *row))
+    return np.asarray(getattr(splats, name), np.float64)
+
+
+def own_axes_names(splats: Splats) -> tuple[str, ...]:
+    """Names of the arrays that there are."""
+    return tuple(name for group in OWN_AXES for name in group.names if len(index_of(splats, group)))
+
+
+def kept(along_normal: np.ndarray) -> np.ndarray:
+    """g of n.w; neither far out nor far beyond the plane does it overflow."""
+    return LARGEST_KEPT * np.exp(-np.logaddexp(0, -OFFSET - along_normal))
+
+
+def largest_kept(cut: np.ndarray) -> np.ndarray:
+    """By what a kernel may be multiplied at most, of primitives that are `cut` or not."""
+    return np.where(cut, LARGEST_KEPT, 1.0)
+
+
+def log_kept_slope(along_normal: np.ndarray) -> np.ndarray:
+    """The derivative of log g by n.w, from 0 far out to 1 far beyond the plane."""
+    return np.exp(-np.logaddexp(0, OFFSET + along_normal))

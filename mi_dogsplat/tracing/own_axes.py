@@ -1,0 +1,122 @@
+"""Where a ray sees a primitive, along the primitive's own axes, and what depends on that: slopes and cuts.
+
+It is the point where the primary kernel is largest on the ray, y = M x with x its offset from μ. The colour of a
+primitive that varies over it, and what a cut leaves of its kernels, are those at this point: one colour and one share
+for each ray, of the pseudo-Gaussian too.
+
+Where parameters change, the point moves along with them: y of the primary changes by
+
+    P (∂M x - M ∂μ) - v (y · ∂M d) / |v|²,   v = M d,   P = I - v vᵀ / |v|²,
+
+where d is the ray's direction.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, cast
+
+import drjit as dr
+
+from ..engine.arrays import array_types
+from ..engine.cuts import END, LEVEL, WHOLE
+from ..engine.project import NO_ROW
+from .primitives import PER_DEVIATION
+from .tree import CUT_ROW, NONE, Tree, read_row
+from .vectors import cross, dot
+
+
+@dataclass
+class OwnPoint:
+    """Where the primary is largest on the ray."""
+
+    w: list  # in standard deviations along the axes; 0 of a primitive that has neither slopes nor a cut
+    d: list  # direction of the ray
+    along: list  # v = M d
+
+
+@dataclass
+class Varying:
+    """Whether the colour of a primitive varies over it."""
+
+    row: Any  # UInt, of its slopes
+    here: Any  # Bool, whether there is one
+
+
+@dataclass
+class Cut:
+    """What a plane leaves of the kernels of a primitive (docs/cuts.md)."""
+
+    normal: list  # n; 0 of a primitive that is whole
+    here: Any  # Bool, whether it has a cut
+    kept: Any  # g
+    falls: Any  # ∂ ln g / ∂(n·w)
+
+
+def read_own_axes(
+    tree: Tree, slope_bits: Any, splat: Any, o: list, d: list, world_d: list, active: Any
+) -> tuple[OwnPoint | None, Varying | None, Cut | None]:
+    """Of a primitive on its ray; None in a model that has no use for it.
+
+    Args:
+        slope_bits: row of its slopes, as its leaf has it.
+        o, d: M (o - μ) and M d of the ray.
+        world_d: direction of the ray.
+    """
+    types, here = array_types(), None
+    varying, cut = None, None
+    if tree.slopes is not None:
+        row = cast(Any, dr.reinterpret_array(types.UInt, slope_bits))
+        here = (row != NO_ROW) & active
+        varying = Varying(row, here)
+    if tree.cuts is not None:
+        *normal, there = read_row(tree.cuts, splat, CUT_ROW, CUT_ROW, active & (splat != NONE))
+        is_cut = there != 0
+        here = is_cut if here is None else here | is_cut
+        point = _point(o, d, world_d, here)
+        return point, varying, _cut(normal, is_cut, point.w)
+    return None if here is None else _point(o, d, world_d, here), varying, cut
+
+
+def _point(o: list, d: list, world_d: list, here: Any) -> OwnPoint:
+    """That of a line which is nearest to the origin is d x (o x d) / |d|²: o + t d has no digits on a disk."""
+    scale = dr.rcp(PER_DEVIATION * dot(d, d))
+    w = [dr.select(here, x * scale, 0) for x in cross(d, cross(o, d))]  # what is weighted by 0 is finite
+    return OwnPoint(w, world_d, d)
+
+
+def _cut(normal: list, here: Any, w: list) -> Cut:
+    beyond = dr.exp2(-dr.clip(dr.fma(math.log2(math.e), dot(normal, w), LEVEL), -END, END))
+    kept = dr.rcp(dr.fma(beyond, WHOLE, WHOLE))
+    return Cut(normal, here, kept, beyond * WHOLE * kept)
+
+
+def pulled(point: OwnPoint, offset: list, δw: list) -> tuple[list, list]:
+    """(adjoint of M, nine; that of M x by which μ moves) where w has the adjoint ``δw``.
+
+    offset: x.
+    """
+    δy, v = [δ * (1 / PER_DEVIATION) for δ in δw], point.along
+    share = dot(δy, v) / dot(v, v)
+    pull = [δ - share * a for δ, a in zip(δy, v, strict=True)]
+    M = [p * x - share * a * d for p, a in zip(pull, _inside(point), strict=True)
+         for x, d in zip(offset, point.d, strict=True)]
+    return M, pull
+
+
+def moved(point: OwnPoint, inside: list, M: list, here: Any) -> list:
+    """Tangent of w; 0 where not ``here``.
+
+    Args:
+        inside: tangent of M x for the x of this moment.
+        M: tangent of M.
+    """
+    v, y = point.along, _inside(point)
+    share = (dot(v, inside) + dot(y, [dot(δ, point.d) for δ in M])) / dot(v, v)
+    return [dr.select(here, (δ - share * a) * (1 / PER_DEVIATION), 0) for δ, a in zip(inside, v, strict=True)]
+
+
+def _inside(point: OwnPoint) -> list:
+    """y"""
+    return [PER_DEVIATION * w for w in point.w]

@@ -1,0 +1,141 @@
+"""Primitives that a plane cuts off, on rays: against the float64 twin, a search and closed forms."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from mi_dogsplat import reference
+from mi_dogsplat.engine.parameters import concatenate, upload
+from mi_dogsplat.reference import rays as twin
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.tracing.options import TraceOptions
+from mi_dogsplat.tracing.tracer import SplatTracer
+from ray_sets import RaySet, decided, gathered, random_rays, ray_set, tracer_of
+from scipy.optimize import minimize_scalar
+from splat_scenes import axis_rotation, make_splats, random_splats, rounded
+
+NORMAL = np.array([3.0, -2.0, 4.0])
+FROM_E4 = 1 + np.exp(-4.0)  # the largest factor of a cut
+
+
+def one(normal: Any = NORMAL, scales=(0.3, 0.2, 0.1), opacity=0.9, **others) -> Splats:
+    """A primitive at (.1, -.2, 4) that is turned, of three different scales."""
+    quat = axis_rotation([1, 2, 0.5], 0.7)[1]
+    splats = make_splats([[0.1, -0.2, 4.0]], [scales], opacity, 0.5, quat, **others)
+    splats.cut_index, splats.cut_normals = [0], np.asarray(normal, float)[None]
+    return rounded(splats)
+
+
+def on_own_axes(splats: Splats, rays: RaySet) -> tuple[np.ndarray, np.ndarray]:
+    """(origins, directions) of rays in standard deviations along the axes of the first primitive."""
+    R, scales = reference.rotations(splats.quats.astype(float))[0], np.exp(splats.log_scales[0].astype(float))
+    return (rays.origins - splats.means[0]).astype(float) @ R / scales, rays.directions.astype(float) @ R / scales
+
+
+def factor(along_normal: np.ndarray) -> np.ndarray:
+    return FROM_E4 / (1 + np.exp(-4 - along_normal))
+
+
+@pytest.mark.parametrize("F", [None, [[1.6, 0.7, 1.2]]], ids=["Gaussian", "DoG"])
+def test_alpha_is_that_of_the_whole_times_the_factor_where_a_search_finds_the_largest_primary(F):
+    others = {} if F is None else {"dog": [0], "f_a": 0.5, "F": F}
+    splats, rays = one(**others), random_rays(400, seed=1, bounded=False)
+    o, d = on_own_axes(splats, rays)
+    t = np.array([minimize_scalar(lambda t, o=o, d=d: np.sum((o + t * d) ** 2), bracket=(-1, 1), tol=1e-12).x  # pyright: ignore
+                  for o, d in zip(o, d, strict=True)])
+    left = factor((o + t[:, None] * d) @ NORMAL)
+    alpha, whole = (1 - tracer_of(s).transmittance(rays.ray).numpy() for s in (splats, splats.without_cuts()))
+    seen = (np.abs(whole) > 0.01) & (np.abs(whole * left) > 0.01)
+    assert seen.sum() > 20 and left[seen].min() < 0.7 and left[seen].max() > 1.01
+    np.testing.assert_allclose(alpha[seen], (whole * left)[seen], rtol=2e-3)
+    gone = (np.abs(whole) > 0.01) & (np.abs(whole * left) < 0.5 / 255)
+    assert gone.any() and not alpha[gone].any()
+
+
+@pytest.mark.parametrize("slope_share", [0, 0.5])
+@pytest.mark.parametrize("negative_transmittance", [True, False])
+def test_colours_and_shadows_are_those_of_the_twin(negative_transmittance, slope_share):
+    splats = rounded(random_splats(200, seed=1, slope_share=slope_share, cut_share=0.5))
+    rays = random_rays(250, seed=2)
+    assert np.isin(splats.dog_index, splats.cut_index).any() and splats.n_cuts < 120
+    options = {"negative_transmittance": negative_transmittance}
+    sure, tracer = decided(splats, rays, **options), tracer_of(splats, **options)
+    colors, T = gathered(tracer, rays)
+    expected, expected_T = twin.gather(rays.meet(splats), **options)
+    np.testing.assert_allclose(colors[sure], expected[sure], atol=2e-5, rtol=1e-4)
+    np.testing.assert_allclose(T[sure], expected_T[sure], atol=2e-6, rtol=1e-4)
+    shadow = tracer.transmittance(rays.ray).numpy()
+    np.testing.assert_allclose(
+        shadow[sure], twin.transmittance(rays.meet(splats), **options)[sure], atol=2e-6, rtol=1e-4)
+    whole = tracer_of(splats.without_cuts(), **options)
+    for a, b in ((colors, gathered(whole, rays)[0]), (shadow, whole.transmittance(rays.ray).numpy())):
+        assert np.abs(a - b).max() > 0.1
+
+
+@pytest.mark.parametrize("thickness", [1e-2, 1e-5, 1e-9])
+def test_disks_of_any_thickness_are_cut_where_the_ray_meets_their_plane(thickness):
+    R, quat = axis_rotation([1, 2, 0.5], 0.7)
+    centre, inside = np.array([0.2, -0.1, 4.0]), np.array([0.15, -0.05, 0])
+    disk = make_splats([centre], [[0.3, 0.2, thickness]], 0.9, 0.5, quat)
+    disk.cut_index, disk.cut_normals = [0], [[-8.0, 3.0, 0.0]]
+    target = centre + R @ inside
+    rays = ray_set([[0, 0, 0], [1, 0.5, 1]], [target, target - [1, 0.5, 1]])
+    w = inside / [0.3, 0.2, 1]
+    expected = 0.9 * np.exp(-0.5 * w @ w) * factor(w @ [-8.0, 3.0, 0.0])
+    alpha = 1 - tracer_of(rounded(disk)).transmittance(rays.ray).numpy()
+    np.testing.assert_allclose(alpha, [expected] * 2, atol=0.02 * (thickness == 1e-2) + 1e-4)
+
+
+@pytest.mark.parametrize(
+    ("splats", "reach"),
+    [
+        (one([60, 0, 0], [0.3] * 3, 0.99 / 255), 0.045),
+        (one([1, 0, 0], [0.01] * 3, 0.5, dog=[0], f_a=0.99 / 255 / 0.5, F=100.0), 0.1),
+    ],
+    ids=["Gaussian", "pseudo-Gaussian"],
+)
+def test_what_only_the_factor_lifts_above_the_cutoff_is_drawn(splats, reach):
+    """The whole kernel is below 1/255 everywhere; of the DoG primitive the pseudo-Gaussian is, far from the primary."""
+    R = reference.rotations(splats.quats.astype(float))[0]
+    target = splats.means[0] + np.linspace(0, reach, 50)[:, None] * R[:, 0]
+    rays = ray_set(target - 2 * R[:, 1], R[:, 1])
+    expected = twin.transmittance(rays.meet(splats))
+    np.testing.assert_allclose(tracer_of(splats).transmittance(rays.ray).numpy(), expected, atol=1e-6)
+    whole = tracer_of(splats.without_cuts()).transmittance(rays.ray).numpy()
+    assert (expected != 1).sum() > (whole != 1).sum() + 10
+
+
+def test_a_normal_of_zero_leaves_a_primitive_whole():
+    splats, rays = rounded(random_splats(50, seed=3, cut_share=1)), random_rays(100, seed=4)
+    flat = replace(splats, cut_normals=0 * splats.cut_normals)
+    for a, b in zip(gathered(tracer_of(flat), rays), gathered(tracer_of(splats.without_cuts()), rays), strict=True):
+        np.testing.assert_allclose(a, b, atol=2e-6)
+
+
+def test_a_model_without_cuts_beside_one_with_them():
+    parts = [rounded(random_splats(20, seed=5 + k, degree=1, cut_share=share)) for k, share in enumerate((0, 0.5, 0))]
+    params, _ = concatenate([upload(part) for part in parts], [4, 4, 4])
+    assert len(params["cut_index"]) == parts[1].n_cuts > 0
+    rays = random_rays(150, seed=6)
+    colors, _ = gathered(SplatTracer(params, TraceOptions(1)), rays)
+    names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs", "dog_logit_opacities", "dog_log_scales")
+    whole = Splats(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+        dog_index=np.concatenate([part.dog_index + 20 * k for k, part in enumerate(parts)]),
+        cut_index=parts[1].cut_index + 20, cut_normals=parts[1].cut_normals,
+    )
+    sure = decided(whole, rays)
+    np.testing.assert_allclose(colors[sure], twin.gather(rays.meet(whole))[0][sure], atol=2e-5, rtol=1e-4)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_primitive_whose_normal_is_not_finite_is_not_drawn(value):
+    splats = rounded(random_splats(20, seed=7, cut_share=0.5))
+    broken = Splats(**vars(splats))
+    broken.cut_normals = splats.cut_normals.copy()
+    broken.cut_normals[2, 1] = value
+    rest = splats.select(np.delete(np.arange(20), splats.cut_index[2]))
+    rays = random_rays(100, seed=8)
+    for a, b in zip(gathered(tracer_of(broken), rays), gathered(tracer_of(rest), rays), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-6)
