@@ -34,9 +34,10 @@ from splat_scenes import make_camera, options, random_splats, rounded
 CAMERA = make_camera(16, 12, f=14.0)
 NUMBERS = (0.3, -0.2, 0.1, -0.4, -0.2)  # of a camera: gains, vignetting
 OPTIONS = ({}, {"patch": 1}, {"patch": 2}, {"negative_transmittance": False}, {"cutoffs": SMOOTH},
-           {"patch": 1, "negative_transmittance": False}, {"dog_share": 0}, {"dog_share": 0, "patch": 1})
-SLOPED = (*OPTIONS, {"slope_share": 0.5}, {"slope_share": 0.5, "dog_share": 0}, {"slope_share": 0.5, "patch": 1})
-VARYING = (*SLOPED, {"cut_share": 0.5}, {"cut_share": 0.5, "dog_share": 0}, {"cut_share": 0.5, "slope_share": 0.5})
+           {"patch": 1, "negative_transmittance": False}, {"cut_share": 0.5}, {"dog_share": 0},
+           {"cut_share": 0.5, "dog_share": 0}, {"dog_share": 0, "patch": 1})
+SLOPED = (*OPTIONS, {"slope_share": 0.5}, {"slope_share": 0.5, "dog_share": 0}, {"slope_share": 0.5, "patch": 1},
+          {"slope_share": 0.5, "cut_share": 0.5})
 RULES = ({}, {"kind": "released"}, {"kind": "leave-one-out"}, {"spectral_weight": 0}, {"spatial_weight": 0},
          {"kind": "leave-one-out", "spectral_weight": 0}, {"gamma_f": 2, "probes": 0}, {"probes": 2}, {"probes": 3},
          {"kind": "leave-one-out", "gamma_f": 2, "probes": 0}, {"spatial_weight": 0, "probes": 2},
@@ -98,7 +99,8 @@ def found(names=("median_depth", "index", "count", "dog_share"), dog_share=0.5, 
 
 
 def products(order=None, background=0.3, **chosen) -> np.ndarray:
-    splats = model(*(chosen.pop(f"{kind}_share", default) for kind, default in (("dog", 0.5), ("slope", 0), ("cut", 0))))
+    shares = (("dog_share", 0.5), ("slope_share", 0), ("cut_share", 0))
+    splats = model(*(chosen.pop(*share) for share in shares))
     pictured, patches = prepare_both(upload(splats), DeviceCamera.upload(CAMERA), options(splats, **chosen),
                                      patch_blocks())
     return rows(composite_fisher(patches, composite_over(pictured, background) if order is None else planes(order)))
@@ -152,14 +154,14 @@ def taken_back(width=9, height=5, order="abcdef") -> np.ndarray:
 
 SIZES = ({}, *({"width": w, "height": h} for w, h in ((5, 9), (15, 3), (1, 1))))
 CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
-    "_composite": (blended, VARYING),
-    "_composite_backward": (adjoints, (*VARYING, *({"order": o} for o in ("aaaa", "abab", "abba", "abaa", "abbb")))),
-    "_composite_score": (summed, (*VARYING, {"removal": False}, {"removal": False, "probes": 2}, {"probes": 1},
+    "_composite": (blended, SLOPED),
+    "_composite_backward": (adjoints, (*SLOPED, *({"order": o} for o in ("aaaa", "abab", "abba", "abaa", "abbb")))),
+    "_composite_score": (summed, (*SLOPED, {"removal": False}, {"removal": False, "probes": 2}, {"probes": 1},
                                   {"shared": True}, {"order": "aba"}, {"order": "abb"}, {"order": "aaa"})),
     "_composite_score by rules": (score, RULES),
     "_composite_aovs": (found, (*OPTIONS[:-1], *({"names": (name,)} for name in ("median_depth", "index", "count")),
                                 {"names": ("index", "count")}, {"names": ("count", "dog_share")})),
-    "_composite_fisher": (products, (*VARYING, {"order": "aba"}, {"order": "abb"}, {"order": "aab"})),
+    "_composite_fisher": (products, (*SLOPED, {"order": "aba"}, {"order": "abb"}, {"order": "aab"})),
     "_rows_and_moments": (target, (*SIZES, {"letters": "xxy"})),
     "_sums_and_gradient": (pulled, (*SIZES, {"dssim_weight": 0}, {"dssim_weight": 1}, {"order": "aaa"},
                                     {"letters": "abc"})),
