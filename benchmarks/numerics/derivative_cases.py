@@ -16,10 +16,11 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat import reference
-from mi_dogsplat.engine.parameters import RAW, RAW_DOG, RAW_SLOPES
+from mi_dogsplat.engine.parameters import RAW, RAW_DOG
+from mi_dogsplat.reference.forward import raw_indices, raw_names
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba, opencv_w2c_to_mitsuba_c2w
-from mi_dogsplat.scene.row_groups import GROUPS
+from mi_dogsplat.scene.row_groups import CUTS, GROUPS, SLOPES, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from scipy.spatial.transform import Rotation
 
@@ -78,10 +79,11 @@ def broad_splats() -> Splats:
     )
 
 
-def with_slopes(splats: Splats) -> Splats:
-    """The same where every second colour varies over its primitive, of DoG primitives and of others."""
-    index = np.flatnonzero(np.arange(splats.n_splats) % 4 > 1)
-    return replace(splats, slope_index=index, color_slopes=np.random.default_rng(6).normal(0, 0.1, (len(index), 3, 3)))
+def with_rows(group: RowGroup, size: float, splats: Splats) -> Splats:
+    """The same where every second primitive is in the group, of DoG primitives and of others, with values of a size."""
+    index, ((name, row),) = np.flatnonzero(np.arange(splats.n_splats) % 4 > 1), group.arrays.items()
+    values = np.random.default_rng(6).normal(0, size, (len(index), *row))
+    return replace(splats, **{group.index: index, name: values})
 
 
 def dog_dict(splats: Splats, **others: Any) -> dict[str, Any]:
@@ -140,18 +142,17 @@ def _of_splats() -> list[Case]:
         return {f"splats.{name}": value + mi.TensorXf(_direction(name, value.shape).astype(np.float32)) * θ}
 
     def twin(name, splats, θ):
-        raw = {key: np.array(getattr(splats, key), np.float64) for key in RAW + RAW_DOG + RAW_SLOPES}
+        raw = {key: np.array(getattr(splats, key), np.float64) for key in raw_names(splats)}
         raw[name] += θ * _direction(name, raw[name].shape)
-        return twin_image(SimpleNamespace(**raw, dog_index=splats.dog_index, slope_index=splats.slope_index))
+        return twin_image(SimpleNamespace(**raw, **raw_indices(splats)))
 
-    def twin_with_slopes(splats, θ):
-        return twin(RAW_SLOPES[0], with_slopes(splats), θ)
+    def of_group(group, size):
+        (name,), model = group.names, partial(with_rows, group, size)
+        return Case(f"`{name}`", partial(move, name), lambda splats, θ: twin(name, model(splats), θ), step=0.4,
+                    model=model)
 
-    of_slopes = partial(move, RAW_SLOPES[0]), twin_with_slopes
-    return [
-        *(Case(f"`{name}`", partial(move, name), partial(twin, name), step=0.4) for name in RAW + RAW_DOG),
-        Case(f"`{RAW_SLOPES[0]}`", *of_slopes, step=0.4, model=with_slopes),
-    ]
+    whole = [Case(f"`{name}`", partial(move, name), partial(twin, name), step=0.4) for name in RAW + RAW_DOG]
+    return [*whole, of_group(SLOPES, 0.1), of_group(CUTS, 2.0)]
 
 
 def _axis(k: int) -> np.ndarray:

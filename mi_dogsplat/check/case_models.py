@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from ..scene.cameras import Camera
-from ..scene.row_groups import DOG, SLOPES
+from ..scene.row_groups import CUTS, DOG, SLOPES
 from ..scene.splats import DENSE, Splats
 
 WIDTH, HEIGHT, FOCAL = 48, 40, 45.0
 C0 = 0.28209479177387814  # colour = 0.5 + C0 * (constant SH coefficient)
 SCALES = (0.2, 0.3, 0.45)
 SLOPES_OF_ONE = 0.4 * np.sin(1 + np.arange(9)).reshape(3, 3)
+NORMAL_OF_ONE = np.array([-3.0, 4, 2])
 _K = np.array([[0, -0.1, -0.2], [0.1, 0, -0.3], [0.2, 0.3, 0]])
 TURN = np.linalg.solve(np.eye(3) - _K, np.eye(3) + _K)  # world to camera, a rotation (Cayley)
 
@@ -29,7 +30,7 @@ def camera(width: int = WIDTH, height: int = HEIGHT, focal: float = FOCAL, centr
 def primitives(
     means: Any, scales: Any = SCALES, opacity: Any = 0.6, quats: Any = (0.3, -0.2, 0.5, 0.8),
     color: Any = (0.9, 0.5, 0.2), logits: Any = None, dog: bool = False, f_a: Any = 0.5, F: Any = 1.6,
-    log_scales: Any = None, slopes: Any = None,
+    log_scales: Any = None, slopes: Any = None, normals: Any = None,
 ) -> Splats:  # fmt: skip
     """One primitive per row of ``means`` (camera space of ``camera()``), SH degree 1; scalars are spread."""
     means = np.asarray(means, float).reshape(-1, 3) @ TURN
@@ -46,32 +47,41 @@ def primitives(
             "dog_logit_opacities": np.log(f_a) - np.log1p(-f_a),
             "dog_log_scales": np.log(np.broadcast_to(F, (n, 3))),
         }
-    slope_part = {"slope_index": np.arange(n), "color_slopes": np.broadcast_to(slopes, (n, 3, 3))}
     return Splats(
         means=means, log_scales=np.broadcast_to(log_scales, (n, 3)), quats=np.broadcast_to(quats, (n, 4)),
-        logit_opacities=logits, sh_coeffs=sh, **(dog_part if dog else {}),
-        **({} if slopes is None else slope_part),
+        logit_opacities=logits, sh_coeffs=sh, **(dog_part if dog else {}), **_own_axes(np.arange(n), slopes, normals),
     )  # fmt: skip
 
 
-def bystanders(slopes: Any = None) -> Splats:
-    """Twelve ordinary primitives around a distance of 4, three of them DoG; ``slopes`` [3, 3] are those of six."""
+def _own_axes(index: np.ndarray, slopes: Any, normals: Any) -> dict[str, np.ndarray]:
+    """Slopes and cuts of the primitives ``index``, where such are given."""
+    found: dict[str, np.ndarray] = {}
+    for group, values in ((SLOPES, slopes), (CUTS, normals)):
+        ((name, row),) = group.arrays.items()
+        if values is not None:
+            found |= {group.index: index, name: np.broadcast_to(values, (len(index), *row))}
+    return found
+
+
+def bystanders(slopes: Any = None, normals: Any = None) -> Splats:
+    """Twelve ordinary primitives around a distance of 4, three of them DoG; ``slopes`` [3, 3] and ``normals`` [3] are
+    those of six."""
     rng = np.random.default_rng(7)
     means = rng.uniform([-1.6, -1.3, 0.7], [1.6, 1.3, 1.6], (12, 3)) * (1, 1, 4)
     scales = 0.25 * np.exp(rng.normal(0, 0.4, (12, 3)))
     color, quats = rng.uniform(0.1, 1, (12, 3)), rng.normal(size=(12, 4))
     plain = primitives(means[:9], scales[:9], rng.uniform(0.2, 0.9, 9), quats[:9], color[:9])
     splats = together(plain, primitives(means[9:], scales[9:], 0.7, quats[9:], color[9:], dog=True))
-    some = {"slope_index": np.arange(0, 12, 2), "color_slopes": np.broadcast_to(slopes, (6, 3, 3))}
-    return splats if slopes is None else replace(splats, **some)
+    return replace(splats, **_own_axes(np.arange(0, 12, 2), slopes, normals))
 
 
 def together(*parts: Splats) -> Splats:
     """Several models as one."""
     first = np.cumsum([0, *(p.n_splats for p in parts[:-1])])
-    names = DENSE + DOG.names + SLOPES.names
+    groups = (DOG, SLOPES, CUTS)
+    names = [*DENSE, *(name for group in groups for name in group.names)]
     joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
-    for group in (DOG, SLOPES):
+    for group in groups:
         indices = [getattr(p, group.index).astype(np.int64) + k for p, k in zip(parts, first, strict=True)]
         joined[group.index] = np.concatenate(indices)
     return Splats(**joined)

@@ -8,16 +8,16 @@ words what happens instead.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..scene.cameras import Camera
-from ..scene.row_groups import SLOPES
+from ..scene.row_groups import CUTS, SLOPES
 from ..scene.splats import Splats
-from .case_models import C0, SCALES, SLOPES_OF_ONE, WIDTH, bystanders, camera, primitives, together
+from .case_models import C0, NORMAL_OF_ONE, SCALES, SLOPES_OF_ONE, WIDTH, bystanders, camera, primitives, together
 
 BELOW = "below 1/255 everywhere: not drawn, gradient zero"
 
@@ -45,13 +45,14 @@ def cases(layers: int = 10_000) -> Iterator[Case]:
     yield from _quaternions()
     yield from _dog(layers)
     yield from _slopes()
+    yield from _cuts()
     yield from _not_finite()
     yield from _cameras()
 
 
 def _case(group: str, name: str, extreme: Splats, defined: str = "", view: Camera | None = None, **settings) -> Case:
-    """``extreme`` among the bystanders, its rows last; among such with slopes, if it has some."""
-    neighbours = bystanders(slopes=SLOPES_OF_ONE if extreme.n_slopes else None)
+    """``extreme`` among the bystanders, its rows last; among such with slopes or cuts, if it has some."""
+    neighbours = bystanders(SLOPES_OF_ONE if extreme.n_slopes else None, NORMAL_OF_ONE if extreme.n_cuts else None)
     splats = together(neighbours, extreme)
     rows = np.arange(neighbours.n_splats, splats.n_splats)
     return Case(group, name, splats, view or camera(), rows, defined, **settings)
@@ -138,26 +139,33 @@ def _dog(n_layers: int) -> Iterator[Case]:
         yield dog(f"{count:,} negative lobes on each other", 0.9, 2.0, count, 0.9, ends)
 
 
+def _along_own_axes(of_one: Callable[..., Case]) -> Iterator[Case]:
+    """Of a group whose numbers are along the axes of the primitive, everything that these may be."""
+    yield of_one("ordinary")
+    for exponent in range(1, 7):
+        ratio = 10.0**exponent
+        for name, scales in {"needle": (1 / ratio, 1 / ratio, 1), "disc": (1 / ratio, 1, 1)}.items():
+            yield of_one(f"{name}, axis ratio 1e{exponent}", (0.1, 0.2, 4), scales)
+    yield of_one("needle, 40,000 px long", (0.1, 0.2, 4), (1e-3, 1e-3, 1e3))
+    yield of_one("needle along the optical axis", (0.02, 0.01, 4), (0.05, 0.05, 50))
+    for exponent in (-12, -6, -3, 3, 6, 12):
+        yield of_one(f"scale 1e{exponent}", (0.1, 0.2, 4), 10.0**exponent)
+    yield of_one("scales 1e-12, 1 and 1e6 in one", (0.1, 0.2, 4), (1e-12, 1, 1e6))
+    yield of_one("wide, its centre just before the near plane", (0.1, 0, 0.21), (2, 3, 4))
+    yield of_one("wide, its centre far beside the image", (30, 5, 4), (20, 15, 10))
+    yield of_one("opaque", logits=17)
+    for f_a, F in ((0.5, 1.6), (0.5, 0.1), (0.9, 10), (0.999999, 0.5)):
+        yield of_one(f"DoG, f_a {f_a:g}, F {F:g}", (0.1, 0.2, 3), dog=True, f_a=f_a, F=F)
+
+
 def _slopes() -> Iterator[Case]:
     def sloped(name: str, means: Any = (0.1, 0.2, 4), *given: Any, slopes: Any = SLOPES_OF_ONE, **more: Any) -> Case:
         return _case("slopes", name, primitives(means, *given, slopes=slopes, **more))
 
-    yield sloped("ordinary")
-    for exponent in range(1, 7):
-        ratio = 10.0**exponent
-        for name, scales in {"needle": (1 / ratio, 1 / ratio, 1), "disc": (1 / ratio, 1, 1)}.items():
-            yield sloped(f"{name}, axis ratio 1e{exponent}", (0.1, 0.2, 4), scales)
-    yield sloped("needle, 40,000 px long", (0.1, 0.2, 4), (1e-3, 1e-3, 1e3))
-    yield sloped("needle along the optical axis", (0.02, 0.01, 4), (0.05, 0.05, 50))
-    for exponent in (-12, -6, -3, 3, 6, 12):
-        yield sloped(f"scale 1e{exponent}", (0.1, 0.2, 4), 10.0**exponent)
-    yield sloped("scales 1e-12, 1 and 1e6 in one", (0.1, 0.2, 4), (1e-12, 1, 1e6))
-    yield sloped("wide, its centre just before the near plane", (0.1, 0, 0.21), (2, 3, 4))
-    yield sloped("wide, its centre far beside the image", (30, 5, 4), (20, 15, 10))
+    yield from _along_own_axes(sloped)
     for value in (0, 1e4, 1e8, -1e8, 1e30):
         yield sloped(f"slopes of {value:g}", slopes=value * SLOPES_OF_ONE)
     yield sloped("black in the middle", color=-5.0)
-    yield sloped("opaque", logits=17)
     rng = np.random.default_rng(8)
     many = rng.uniform([-1.2, -1, 3], [1.2, 1, 5], (300, 3))
     various = rng.normal(0, 1, (300, 3, 3))
@@ -165,20 +173,38 @@ def _slopes() -> Iterator[Case]:
     yield sloped("300 of various slopes", many, 0.3, slopes=various)
     yield sloped("20 that fill the screen", many[:20], (20, 30, 40), 0.3, slopes=various[:20])
     stack = np.column_stack([np.full((20, 2), 0.1), np.linspace(2.5, 3.5, 20)])
-    for f_a, F in ((0.5, 1.6), (0.5, 0.1), (0.9, 10), (0.999999, 0.5)):
-        yield sloped(f"DoG, f_a {f_a:g}, F {F:g}", (0.1, 0.2, 3), dog=True, f_a=f_a, F=F)
     yield sloped("20 negative lobes on each other", stack, SCALES, 0.7, dog=True, f_a=0.9, slopes=various[:20])
+
+
+def _cuts() -> Iterator[Case]:
+    def cut(name: str, means: Any = (0.1, 0.2, 4), *given: Any, normals: Any = NORMAL_OF_ONE, **more: Any) -> Case:
+        return _case("cuts", name, primitives(means, *given, normals=normals, **more))
+
+    yield from _along_own_axes(cut)
+    for length in (0, 1e-30, 1e-12, 1e-3, 10, 100, 1e4, 1e8, 1e30):
+        yield cut(f"normals of {length:g} times the ordinary", normals=length * NORMAL_OF_ONE)
+    yield cut("gone but for what is far out", normals=(-1e4, 0, 0), F=1.6, dog=True)
+    yield cut("with slopes", slopes=SLOPES_OF_ONE)
+    rng = np.random.default_rng(9)
+    many, various = rng.uniform([-1.2, -1, 3], [1.2, 1, 5], (300, 3)), rng.normal(0, 4, (300, 3))
+    yield cut("300 of a thousandth of a pixel", many, (1e-4, 2e-4, 3e-4), normals=various)
+    yield cut("300 of various normals", many, 0.3, normals=various)
+    yield cut("20 that fill the screen", many[:20], (20, 30, 40), 0.3, normals=various[:20])
+    stack = np.column_stack([np.full((20, 2), 0.1), np.linspace(2.5, 3.5, 20)])
+    yield cut("20 negative lobes on each other", stack, SCALES, 0.7, dog=True, f_a=0.9, normals=various[:20])
 
 
 def _not_finite() -> Iterator[Case]:
     names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs", "dog_logit_opacities", "dog_log_scales",
-             "color_slopes")  # fmt: skip
+             "color_slopes", "cut_normals")  # fmt: skip
     for name in names:
         slopes = SLOPES_OF_ONE if name in (*SLOPES.names, "log_scales") else None  # which a size changes, too
+        normals = NORMAL_OF_ONE if name in (*CUTS.names, "log_scales") else None
         for value in (np.nan, np.inf, -np.inf):
             if "logit" in name and not np.isnan(value):
                 continue  # an opacity of 0 or 1, see there
-            extreme = primitives([(0.1, 0.2, 3), (0.3, 0.2, 3.2)], dog=name.startswith("dog"), slopes=slopes)
+            pair = [(0.1, 0.2, 3), (0.3, 0.2, 3.2)]
+            extreme = primitives(pair, dog=name.startswith("dog"), slopes=slopes, normals=normals)
             broken = getattr(extreme, name).copy()
             broken.reshape(2, -1)[0, -1] = value
             broken_splats = replace(extreme, **{name: broken})

@@ -49,6 +49,7 @@ def model_scene(name: str, splats: Splats, camera: Camera, width: int, **others:
     small = camera.resized(max(1, round(scale * camera.width)), max(1, round(scale * camera.height)))
     kinds = f", {splats.n_dog:,} of them DoG" if splats.n_dog else ""
     kinds += f", {splats.n_slopes:,} with slopes" if splats.n_slopes else ""
+    kinds += f", {splats.n_cuts:,} cut off" if splats.n_cuts else ""
     what = f"{splats.n_splats:,} primitives{kinds}, SH degree {splats.sh_degree}"
     return Scene(name, what, splats, small, **others)
 

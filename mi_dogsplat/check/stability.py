@@ -28,14 +28,14 @@ import mitsuba as mi
 import numpy as np
 
 from ..engine.geometry import SMOOTH, Cutoffs
-from ..engine.parameters import RAW, RAW_DOG, RAW_SLOPES, device_array, upload
+from ..engine.parameters import device_array, upload
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import RasterOptions, rasterize
 from ..reference.forward import MAX_T
 from ..reference.gradients import Rendered, gradients_tiled, render_tiled
 from ..reference.rounding import rounding_tiled
 from .cases import Case, cases
-from .rows import rows_of
+from .rows import NAMES, rows_of
 
 IMAGE_TOLERANCE = 1e-4  # a fortieth of an 8-bit step
 GRADIENT_TOLERANCE = 1e-2
@@ -99,7 +99,7 @@ def answer(case: Case, cutoffs: Cutoffs, weights: np.ndarray | None = None) -> A
     """Image and gradients from the engine; ``weights`` [H, W, 3] of the loss are ``adjoint`` if not given."""
     splats, height, width = case.splats, case.camera.height, case.camera.width
     params = upload(splats)
-    trained = {name: params[name] for name in RAW + RAW_DOG + RAW_SLOPES if name in params}
+    trained = {name: params[name] for name in NAMES if name in params}
     for value in trained.values():
         dr.enable_grad(value)
     options = RasterOptions(sh_degree=splats.sh_degree, cutoffs=cutoffs)

@@ -17,13 +17,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.parameters import RAW, RAW_DOG, RAW_SLOPES, device_array
+from ..engine.parameters import device_array
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import Frame, rasterize
 from ..measure.timing import milliseconds_in_turn
 from ..reference.gradients import gradients_tiled, render_tiled
 from ..scene.splats import Splats
-from .rows import rows_of
+from .rows import NAMES, rows_of
 from .scenes import Scene
 from .settings import Model, Setting, settings
 
@@ -38,8 +38,8 @@ def measure(scene: Scene, rounds: int, progress: Callable[[str], None] = lambda 
         rounds: how often each setting is timed; all take turns.
         progress: told in one line what is being done.
 
-    Returns: ``name``, ``what``, ``width``, ``height``, ``n``, ``n_dog``, ``n_slopes`` and ``rows``, one per
-    setting: ``group``, ``setting``, ``default``; ``forward_ms`` and ``total_ms`` (with the backward pass), medians;
+    Returns: ``name``, ``what``, ``width``, ``height``, ``n``, ``n_dog``, ``n_slopes``, ``n_cuts`` and ``rows``, one
+    per setting: ``group``, ``setting``, ``default``; ``forward_ms`` and ``total_ms`` (with the backward pass), medians;
     ``mean_error``, ``max_error`` (absolute, colours 0..1) and ``psnr`` of the image; ``rounding_error``, the mean error
     against the twin, or None where there is none (``bound`` above 1); ``gradient_error`` by parameter and
     ``worst_gradient_error``, its largest; ``image_front`` and ``gradient_front``: no setting is at once faster and
@@ -65,7 +65,8 @@ def measure(scene: Scene, rounds: int, progress: Callable[[str], None] = lambda 
     default = points[0].key
     rows = [{"group": p.group, "setting": p.label, "default": p.key == default, **measured[p.key]} for p in points]
     size = {"width": scene.camera.width, "height": scene.camera.height}
-    counts = {"n": scene.splats.n_splats, "n_dog": scene.splats.n_dog, "n_slopes": scene.splats.n_slopes}
+    splats = scene.splats
+    counts = {"n": splats.n_splats, "n_dog": splats.n_dog, "n_slopes": splats.n_slopes, "n_cuts": splats.n_cuts}
     return {"name": scene.name, "what": scene.what, **size, **counts, "rows": rows}
 
 
@@ -96,7 +97,7 @@ def adjoint(height: int, width: int) -> np.ndarray:
 
 def on_all_rows(found: Mapping[str, np.ndarray], model: Model, splats: Splats) -> dict[str, np.ndarray]:
     """Flat gradients of a setting's model in the rows of ``splats``, the model of the scene; 0 for what is left out."""
-    whole = {name: np.zeros(getattr(splats, name).shape) for name in RAW + RAW_DOG + RAW_SLOPES}
+    whole = {name: np.zeros(getattr(splats, name).shape) for name in NAMES}
     for name, values in found.items():
         rows = np.searchsorted(rows_of(splats, name), model.kept[rows_of(model.splats, name)])
         whole[name][rows] = values.reshape(len(rows), *whole[name].shape[1:])
@@ -123,7 +124,7 @@ class Job:
     def gradients(self) -> dict[str, mi.Float]:
         """Of Σ a · image by the parameters of the setting's model; waits until they are there."""
         params = dict(self.setting.model.params)
-        leaves = {name: mi.Float(params[name]) for name in RAW + RAW_DOG + RAW_SLOPES if name in params}
+        leaves = {name: mi.Float(params[name]) for name in NAMES if name in params}
         dr.enable_grad(leaves)
         frame = rasterize(params | leaves, self.camera, self.setting.options)
         planes = [*frame.colors, frame.T]

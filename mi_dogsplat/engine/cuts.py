@@ -24,7 +24,7 @@ ROW = 3  # of ``cut_normals``: by axis
 LEVEL = OFFSET * math.log2(math.e)  # L
 WHOLE = 1 / (1 + math.exp(-OFFSET))  # 1 / (1 + 2^-L)
 LOG2_LARGEST = -math.log2(WHOLE)  # log2 of what g tends to on the side that is kept
-END = 60.0  # exponents beyond ±60 are cut to this: g is 0 or its largest value there, to the last bit
+END = 120.0  # exponents beyond ±120 are cut to this, where neither g nor its slope is more than 2^-120 from its limit
 
 
 def cuts_on_screen(normals: list, per_pixel: list[tuple]) -> list:

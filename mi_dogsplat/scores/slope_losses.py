@@ -7,7 +7,7 @@ kernel alone, w² falls as exp(-dᵀ Σ'⁻¹ d), so that the mean of d dᵀ und
     Σ w² (g·d)² = h / 2 gᵀ Σ' g,   h = Σ w² over the pixels,
 
 summed over channels and views. Of one primitive alone that is within 2 % of what its pictures change by
-(``tests/scores/test_slope_losses.py``); what hides a side of it, or is DoG, makes it an estimate.
+(``tests/scores/test_slope_losses.py``); what hides a side of it, or cuts one off, makes it an estimate, as DoG do.
 """
 
 from __future__ import annotations

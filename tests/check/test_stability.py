@@ -38,8 +38,8 @@ def test_the_primitive_that_is_not_finite_has_no_gradient_and_leaves_its_neighbo
 
 def test_all_that_must_be_covered_is():
     groups = {case.group for case in CASES.values()}
-    assert groups == {"shape", "size", "opacity", "colour", "depth", "quaternion", "DoG", "slopes", "not finite",
-                      "camera"}  # fmt: skip
+    assert groups == {"shape", "size", "opacity", "colour", "depth", "quaternion", "DoG", "slopes", "cuts",
+                      "not finite", "camera"}  # fmt: skip
     assert len(CASES) == len(list(cases(layers=1000)))  # no two of one name
     assert sum(len(case.extreme) == 10_000 for case in cases()) == 5
 
@@ -53,27 +53,34 @@ def test_a_wrong_answer_is_called_wrong(monkeypatch):
     assert 0 < IMAGE_TOLERANCE < 1 / 255 and 0 < GRADIENT_TOLERANCE < 0.1
 
 
-def test_slopes_that_the_engine_forgets_or_turns_are_an_error(monkeypatch):
-    case = CASES["slopes: ordinary"]
-    for other in (case.splats.without_slopes(),
-                  replace(case.splats, color_slopes=case.splats.color_slopes.swapaxes(1, 2))):  # fmt: skip
-        image = answer(replace(case, splats=other), Cutoffs()).image
-        with monkeypatch.context() as patch:
-            patch.setattr(stability, "answer", lambda *given, image=image: replace(answer(*given), image=image))
-            assert measure(case)["verdict"] == "wrong"
+OTHERS = {
+    "slopes, forgotten": lambda splats: splats.without_slopes(),
+    "slopes, turned": lambda splats: replace(splats, color_slopes=splats.color_slopes.swapaxes(1, 2)),
+    "cuts, forgotten": lambda splats: splats.without_cuts(),
+    "cuts, turned": lambda splats: replace(splats, cut_normals=np.roll(splats.cut_normals, 1, axis=1)),
+}
 
 
-def test_a_gradient_of_slopes_that_is_a_percent_off_is_an_error(monkeypatch):
-    case = CASES["slopes: ordinary"]
+@pytest.mark.parametrize("other", OTHERS)
+def test_slopes_and_cuts_that_the_engine_forgets_or_turns_are_an_error(other, monkeypatch):
+    case = CASES[f"{other.split(',')[0]}: ordinary"]
+    image = answer(replace(case, splats=OTHERS[other](case.splats)), Cutoffs()).image
+    monkeypatch.setattr(stability, "answer", lambda *given: replace(answer(*given), image=image))
+    assert measure(case)["verdict"] == "wrong"
+
+
+@pytest.mark.parametrize(("group", "parameter"), [("slopes", "color_slopes"), ("cuts", "cut_normals")])
+def test_a_gradient_that_is_a_percent_off_is_an_error(group, parameter, monkeypatch):
+    case = CASES[f"{group}: ordinary"]
 
     def changed(*given):
         right = answer(*given)
-        right.gradients["color_slopes"] *= 1 + 1.1 * GRADIENT_TOLERANCE
+        right.gradients[parameter] *= 1 + 1.1 * GRADIENT_TOLERANCE
         return right
 
     monkeypatch.setattr(stability, "answer", changed)
     row = measure(case)
-    assert row["verdict"] == "wrong" and row["worst_gradient"] == "color_slopes"
+    assert row["verdict"] == "wrong" and row["worst_gradient"] == parameter
 
 
 def test_a_pixel_is_judged_by_what_it_blends_and_not_by_the_brightest(monkeypatch):

@@ -76,8 +76,8 @@ def test_the_default_is_a_point_on_every_curve_and_every_knob_is_turned_alone(fe
     points = settings(faint)
     default, none = points[:2]
     assert (default.label, none.label, none.options.cutoffs) == ("default", "no cutoffs", SMOOTH)
-    assert {p.group for p in points[2:]} == set(GROUPS) - {"slopes"}
-    for group in GROUPS[:-1]:
+    assert {p.group for p in points[2:]} == set(GROUPS) - {"slopes", "cuts"}
+    for group in GROUPS[:-2]:
         curve = [p for p in points if p.group == group]
         assert sum(p.key == default.key for p in curve) == 1, group
         assert len({p.key for p in curve}) == len(curve) > 1, group
@@ -95,7 +95,7 @@ def test_the_primitives_kept_are_those_that_the_picture_would_miss_most(few_poin
 def test_knobs_that_a_model_does_not_have_make_no_curve(few_points):
     plain = make_splats(np.random.default_rng(0).uniform(-0.5, 0.5, (30, 3)) + (0, 0, 3))
     groups = {p.group for p in settings(Scene("", "", rounded(plain), make_camera()))}
-    assert groups == {"", *GROUPS} - {"SH degree", "DoG", "slopes"}
+    assert groups == {"", *GROUPS} - {"SH degree", "DoG", "slopes", "cuts"}
 
 
 def test_tighter_settings_are_nearer_to_the_truth(few_points, faint):
@@ -114,25 +114,29 @@ def test_tighter_settings_are_nearer_to_the_truth(few_points, faint):
     exact = rows["", "no cutoffs"]
     assert exact["mean_error"] < 1e-6 and exact["worst_gradient_error"] < 1e-4 and exact["psnr"] > 110
     assert set(exact["gradient_error"]) == set(RAW_PARAMETERS)
-    assert result["n_slopes"] == 0
+    assert result["n_slopes"] == result["n_cuts"] == 0
     assert rows["DoG", "without DoG"]["gradient_error"]["dog_log_scales"] == 1
     assert rows["SH degree", "degree 0"]["gradient_error"]["sh_coeffs"] > 0.5
 
 
-def test_a_model_with_slopes_has_a_curve_with_and_without_them(monkeypatch):
-    for name in KNOBS:
-        monkeypatch.setattr(settings_module, name, {})
+@pytest.mark.parametrize(
+    ("kind", "name", "said"), [("slopes", "color_slopes", "with slopes"), ("cuts", "cut_normals", "cut off")]
+)
+def test_a_model_with_slopes_or_cuts_has_a_curve_with_and_without_them(kind, name, said, monkeypatch):
+    for knob in KNOBS:
+        monkeypatch.setattr(settings_module, knob, {})
     monkeypatch.setattr(settings_module, "KEPT", {"100 %": 1.0, "50 %": 0.5})
-    splats = rounded(random_splats(60, seed=3, degree=0, dog_share=0, slope_share=0.5))
+    splats = rounded(random_splats(60, 3, 0, 0, *((0.5, 0) if kind == "slopes" else (0, 0.5))))
+    count = getattr(splats, f"n_{kind}")
     scene = model_scene("sloped", splats, make_camera(40, 32, 36.0), 40)
-    assert f", {splats.n_slopes} with slopes" in scene.what and 20 < splats.n_slopes < 40
+    assert f", {count} {said}" in scene.what and 20 < count < 40
     result = measure(scene, rounds=1)
-    assert result["n_slopes"] == splats.n_slopes
+    assert result[f"n_{kind}"] == count
     rows = {(row["group"], row["setting"]): row for row in result["rows"]}
     exact, half = rows["", "no cutoffs"], rows["primitives kept", "50 %"]
-    without, default = rows["slopes", "without slopes"], rows["slopes", "with slopes"]
-    assert exact["gradient_error"]["color_slopes"] < 1e-4 and 0.01 < half["gradient_error"]["color_slopes"] < 1
-    assert without["gradient_error"]["color_slopes"] == 1 and without["mean_error"] > 3 * default["mean_error"]
+    without, default = rows[kind, f"without {kind}"], rows[kind, f"with {kind}"]
+    assert exact["gradient_error"][name] < 1e-4 and 0.01 < half["gradient_error"][name] < 1
+    assert without["gradient_error"][name] == 1 and without["mean_error"] > 3 * default["mean_error"]
     assert default["default"] and without["rounding_error"] < 1e-6 and default["rounding_error"] < 1e-6
 
 
@@ -146,7 +150,7 @@ def test_against_the_twin_with_the_same_cutoffs_only_rounding_is_left(few_points
 
 def test_the_default_is_measured_once_and_marked(few_points, faint):
     rows = [row for row in measure(faint, rounds=1)["rows"] if row["default"]]
-    assert len(rows) == len(GROUPS)  # no slopes here, and none but the default is in no group
+    assert len(rows) == len(GROUPS) - 1  # neither slopes nor cuts here, and none but the default is in no group
     assert all({**row, "group": "", "setting": ""} == {**rows[0], "group": "", "setting": ""} for row in rows)
 
 
@@ -171,12 +175,12 @@ def test_the_image_is_over_the_background_of_the_scene(faint):
 
 
 def test_primitives_that_are_left_out_have_the_gradient_zero():
-    rng, splats = np.random.default_rng(1), rounded(random_splats(60, seed=3, degree=1, slope_share=0.5))
+    rng, splats = np.random.default_rng(1), rounded(random_splats(60, 3, 1, 0.5, 0.5, 0.5))
     kept = np.sort(rng.permutation(60)[:25])
     model = Model.of(splats.select(kept), kept)
     gradients = {name: rng.normal(size=getattr(model.splats, name).shape) for name in raw_names(splats)}
     whole = on_all_rows({name: values.ravel() for name, values in gradients.items()}, model, splats)
-    assert set(whole) == {*RAW_PARAMETERS, "color_slopes"}
+    assert set(whole) == {*RAW_PARAMETERS, "color_slopes", "cut_normals"}
     for name, values in whole.items():
         left = np.isin(rows_of(splats, name), kept)
         assert 0 < left.sum() < len(left) and values.shape == getattr(splats, name).shape

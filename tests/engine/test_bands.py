@@ -32,6 +32,8 @@ pytestmark = pytest.mark.skipif(
     reason="on CUDA a view is in one piece, as its isects have no sums of their own; use llvm_ad_rgb",
 )
 COUNTS = (2, 5)  # of bands
+SHARES = {"plain": (0,), "DoG": (0.5,), "slopes": (0.5, 0.5), "cuts": (0, 0, 0.5), "DoG, slopes, cuts": (0.5, 0.5, 0.5)}
+"""Of DoG primitives, and of those with slopes and cuts."""
 SIZES = ((150, 117), (97, 200), (33, 81))
 
 
@@ -91,7 +93,7 @@ def test_bands_have_all_rows_in_order_and_are_as_few_as_fit(rows, most):
      {"negative_transmittance": False}],
     ids=["probe", "features", "stop depth", "mode"],
 )  # fmt: skip
-@pytest.mark.parametrize("shares", [(0, 0), (0.5, 0), (0.5, 0.5)], ids=["plain", "DoG", "slopes"])
+@pytest.mark.parametrize("shares", SHARES.values(), ids=SHARES)
 def test_picture_and_gradients_have_the_same_bits(shares, chosen, count):
     for k, size in enumerate(SIZES):
         splats, camera = rounded(random_splats(200, k, 1, *shares)), tilted_camera(*size)
@@ -126,7 +128,7 @@ def test_rows_that_nothing_touches_are_background():
     assert passes(behind, camera, isect_memory=0)[1][3].min() == 1
 
 
-@pytest.mark.parametrize("shares", [(0, 0), (0.5, 0), (0.5, 0.5)], ids=["plain", "DoG", "slopes"])
+@pytest.mark.parametrize("shares", SHARES.values(), ids=SHARES)
 def test_tangents_have_the_same_bits(shares):
     splats, camera = rounded(random_splats(100, 1, 1, *shares)), tilted_camera(90, 77)
 
@@ -176,9 +178,10 @@ def aovs_of(params: dict, camera: DeviceCamera, chosen) -> tuple[Any, list]:
     return view, numbers(composite_aovs(view, AOVS, depths))
 
 
+@pytest.mark.parametrize("shares", [SHARES["DoG"], SHARES["DoG, slopes, cuts"]], ids=["DoG", "DoG, slopes, cuts"])
 @pytest.mark.parametrize("walk", [score_of, fisher_of, weights_of, aovs_of])
-def test_every_other_walk_has_the_same_bits(walk: Callable):
-    splats, camera = rounded(random_splats(150, seed=2, degree=1)), tilted_camera(101, 93)
+def test_every_other_walk_has_the_same_bits(walk: Callable, shares):
+    splats, camera = rounded(random_splats(150, 2, 1, *shares)), tilted_camera(101, 93)
     params, device_camera, rows = upload(splats), DeviceCamera.upload(camera), per_row(splats, camera)
     _, expected = walk(params, device_camera, options(splats))
     for count in COUNTS:

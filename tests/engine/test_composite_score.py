@@ -19,6 +19,8 @@ from mi_dogsplat.scene.splats import Splats
 from splat_scenes import make_camera, make_splats, random_splats, rounded, tilted_camera
 
 WHITE, BLACK, COLORED = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.2, 0.7, 0.4)
+SHARES = {"plain": (0,), "DoG": (0.5,), "slopes": (0.5, 0.5), "cuts": (0, 0, 0.5), "DoG, slopes, cuts": (0.5, 0.5, 0.5)}
+"""Of DoG primitives, and of those with slopes and cuts."""
 EVERYTHING = Sums(gradient=True, probes=2)
 SIZES = [(45, 37), (32, 16), (1, 1), (1, 33), (17, 2)]
 
@@ -71,7 +73,7 @@ def assert_as_brute_force(splats: Splats, camera: Camera, background=BLACK, **op
 
 
 @pytest.mark.parametrize("background", [BLACK, WHITE, COLORED])
-@pytest.mark.parametrize("shares", [(0, 0), (0.5, 0), (0.5, 0.5)], ids=["plain", "DoG", "slopes"])
+@pytest.mark.parametrize("shares", SHARES.values(), ids=SHARES)
 def test_sums_over_footprints_equal_brute_force(background, shares):
     assert_as_brute_force(rounded(random_splats(50, 1, 1, *shares)), tilted_camera(45, 37), background)
 
@@ -133,10 +135,10 @@ def test_what_is_outside_or_too_faint_counts_nothing():
 
 @pytest.mark.parametrize("background", [BLACK, COLORED])
 @pytest.mark.parametrize("negative_transmittance", [True, False])
-@pytest.mark.parametrize("slope_share", [0, 0.6])
-def test_sums_over_removals_equal_real_removals_without_cutoffs(background, negative_transmittance, slope_share):
+@pytest.mark.parametrize("varying", [(), (0.6,), (0, 0.6)], ids=["even", "slopes", "cuts"])
+def test_sums_over_removals_equal_real_removals_without_cutoffs(background, negative_transmittance, varying):
     """Without cutoffs no walk ends, and the change of the image is exact."""
-    splats, camera = rounded(random_splats(40, 6, 1, slope_share=slope_share)), tilted_camera(30, 22)
+    splats, camera = rounded(random_splats(40, 6, 1, 0.5, *varying)), tilted_camera(30, 22)
     planes = noise(camera, 3)
     got = engine(
         splats, camera, Sums(removal=True, gradient=True, probes=1), background, planes, SMOOTH, negative_transmittance

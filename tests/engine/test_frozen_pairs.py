@@ -34,8 +34,10 @@ from splat_scenes import make_camera, options, random_splats, rounded
 CAMERA = make_camera(16, 12, f=14.0)
 NUMBERS = (0.3, -0.2, 0.1, -0.4, -0.2)  # of a camera: gains, vignetting
 OPTIONS = ({}, {"patch": 1}, {"patch": 2}, {"negative_transmittance": False}, {"cutoffs": SMOOTH},
-           {"patch": 1, "negative_transmittance": False}, {"dog_share": 0}, {"dog_share": 0, "patch": 1})
-SLOPED = (*OPTIONS, {"slope_share": 0.5}, {"slope_share": 0.5, "dog_share": 0}, {"slope_share": 0.5, "patch": 1})
+           {"patch": 1, "negative_transmittance": False}, {"cut_share": 0.5}, {"dog_share": 0},
+           {"cut_share": 0.5, "dog_share": 0}, {"dog_share": 0, "patch": 1})
+SLOPED = (*OPTIONS, {"slope_share": 0.5}, {"slope_share": 0.5, "dog_share": 0}, {"slope_share": 0.5, "patch": 1},
+          {"slope_share": 0.5, "cut_share": 0.5})
 RULES = ({}, {"kind": "released"}, {"kind": "leave-one-out"}, {"spectral_weight": 0}, {"spatial_weight": 0},
          {"kind": "leave-one-out", "spectral_weight": 0}, {"gamma_f": 2, "probes": 0}, {"probes": 2}, {"probes": 3},
          {"kind": "leave-one-out", "gamma_f": 2, "probes": 0}, {"spatial_weight": 0, "probes": 2},
@@ -43,12 +45,12 @@ RULES = ({}, {"kind": "released"}, {"kind": "leave-one-out"}, {"spectral_weight"
 
 
 @cache
-def model(dog_share: float, slope_share: float = 0):
-    return rounded(random_splats(10, 3, 1, dog_share, slope_share))
+def model(dog_share: float, slope_share: float = 0, cut_share: float = 0):
+    return rounded(random_splats(10, 3, 1, dog_share, slope_share, cut_share))
 
 
-def view_of(dog_share=0.5, blocks=None, slope_share=0.0, **chosen) -> WalkableView:
-    splats = model(dog_share, slope_share)
+def view_of(dog_share=0.5, blocks=None, slope_share=0.0, cut_share=0.0, **chosen) -> WalkableView:
+    splats = model(dog_share, slope_share, cut_share)
     return prepare(upload(splats), DeviceCamera.upload(CAMERA), options(splats, **chosen), blocks)
 
 
@@ -97,7 +99,8 @@ def found(names=("median_depth", "index", "count", "dog_share"), dog_share=0.5, 
 
 
 def products(order=None, background=0.3, **chosen) -> np.ndarray:
-    splats = model(chosen.pop("dog_share", 0.5), chosen.pop("slope_share", 0))
+    shares = (("dog_share", 0.5), ("slope_share", 0), ("cut_share", 0))
+    splats = model(*(chosen.pop(*share) for share in shares))
     pictured, patches = prepare_both(upload(splats), DeviceCamera.upload(CAMERA), options(splats, **chosen),
                                      patch_blocks())
     return rows(composite_fisher(patches, composite_over(pictured, background) if order is None else planes(order)))

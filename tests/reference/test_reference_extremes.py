@@ -51,7 +51,11 @@ def exact_loss(raw: dict, color: np.ndarray, camera, adjoint: np.ndarray, antial
     covariance = A @ A.T + low_pass * np.eye(2, dtype=int)
     inverse = np.array([[covariance[1, 1], -covariance[0, 1]], [-covariance[1, 0], covariance[0, 0]]])
     inverse /= covariance[0, 0] * covariance[1, 1] - covariance[0, 1] ** 2
-    colors = color + offsets.T @ (inverse @ A @ raw["color_slopes"]) if "color_slopes" in raw else color
+    w = offsets.T @ (inverse @ A)  # [P, 3]
+    colors = color + w @ raw["color_slopes"] if "color_slopes" in raw else color
+    if "cut_normals" in raw:
+        plane = Decimal(-4)
+        alpha = alpha * np.array([(1 + plane.exp()) / (1 + (plane - n).exp()) for n in w @ raw["cut_normals"]])
     over = (colors - number(BACKGROUND)) * number(adjoint.swapaxes(0, 1).reshape(-1, 3))
     return (alpha[:, None] * over).sum()
 
@@ -93,21 +97,25 @@ EXTREMES = {
 }
 
 
-@pytest.mark.parametrize("slopes", [False, True], ids=["even", "slopes"])
+@pytest.mark.parametrize("varies", ["even", "slopes", "slopes and cut", "steep cut"])
 @pytest.mark.parametrize("antialiased", [False, True])
 @pytest.mark.parametrize("case", EXTREMES)
-def test_gradients_of_extreme_primitives_have_ten_digits(case, antialiased, slopes):
+def test_gradients_of_extreme_primitives_have_ten_digits(case, antialiased, varies):
     changes = {"means": (0.1, -0.05, 2), "scales": (0.3, 0.2, 0.1), "length": 1.0, **EXTREMES[case]}
     quat = changes.pop("length") * axis_rotation([0.3, -0.5, 0.8], 1.1)[1]
     splats = make_splats(changes.pop("means"), opacities=0.7, colors=(0.2, 0.5, 0.9), quats=quat, dog=[0],
                          f_a=0.6, F=(1.5, 1.2, 1.8), **changes)
-    if slopes:
+    if "slopes" in varies:
         splats.slope_index, splats.color_slopes = np.array([0]), np.random.default_rng(1).normal(size=(1, 3, 3))
+    if "cut" in varies:
+        steep = 30 if "steep" in varies else 1
+        splats.cut_index, splats.cut_normals = np.array([0]), steep * np.array([[3.0, -2, 1.5]])
     camera = tilted_camera(5, 4, f=4.0)
     adjoint = np.random.default_rng(0).normal(size=(4, 5, 3))
     got = gradients_tiled(splats, camera, adjoint, BACKGROUND, antialiased=antialiased, min_alpha=0,
                           min_transmittance=0)
     for name, values in exact_gradients(splats, camera, adjoint, antialiased).items():
         assert values.any()
-        atol = 1e-10 * np.abs(values).max() if slopes else 0  # a turn of a needle moves its slopes about
-        np.testing.assert_allclose(got[name], values, rtol=1e-10, atol=atol, err_msg=name)
+        rtol = 1e-9 if varies == "steep cut" else 1e-10  # whose n.w may be in the hundreds
+        atol = 0 if varies == "even" else rtol * np.abs(values).max()  # a turn of a needle moves its slopes about
+        np.testing.assert_allclose(got[name], values, rtol=rtol, atol=atol, err_msg=name)

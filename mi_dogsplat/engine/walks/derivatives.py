@@ -17,13 +17,12 @@ import mitsuba as mi
 from ..arrays import if_stmt
 from ..bands import PreparedView, WalkableView
 from ..cuts import COLUMNS as CUT_COLUMNS
-from ..cuts import WHOLE
 from ..frozen import frozen
 from ..slopes import CHANNELS
 from ..slopes import COLUMNS as SLOPE_COLUMNS
 from .pixels import Planes, planes_of
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
-from .walk import ALPHA_MAX, Alphas, Meeting, Walk
+from .walk import ALPHA_MAX, Alphas, Kept, Meeting, Walk
 
 LN2 = 0.6931471805599453
 
@@ -108,11 +107,10 @@ def _composite_backward(
 
         return if_stmt((slot, alphas.dog_row, dx, dy, δp), alphas.is_dog, add, lambda *_: (Float(0), Float(0)))
 
-    def cut_part(meeting: Meeting, kept: list, δp: list, δp_pseudo: list, δrow: Projected) -> tuple:
+    def cut_part(meeting: Meeting, kept: Kept, δp: list, δp_pseudo: list, δrow: Projected) -> tuple:
         """(δ of the row with what the centre does by way of the cut, δ of hx and hy)."""
         both = [a + b for a, b in zip(δp, δp_pseudo, strict=True)] if δp_pseudo else δp
-        # ∂log2 g / ∂exponent = 1 - WHOLE g
-        δexponents = [δ * dr.fma(-WHOLE, g, 1) for δ, g in zip(both, kept, strict=True)]
+        δexponents = [δ * fall for δ, fall in zip(both, kept.falls, strict=True)]
         δ0 = δx = δy = Float(0)
         for k, δ in enumerate(δexponents):
             δ0, δx, δy = δ0 + δ, dr.fma(k % blocks.width, δ, δx), dr.fma(k // blocks.width, δ, δy)
@@ -187,12 +185,12 @@ def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above
             result.append(dr.select(value < ALPHA_MAX, LN2 * value * δp, 0))
         return result
 
-    def tangents_of_kept(kept: list, meeting: Meeting, δ: Projected, δhx, δhy) -> list:
+    def tangents_of_kept(kept: Kept, meeting: Meeting, δ: Projected, δhx, δhy) -> list:
         """δ of log2 g at the pixels of the block."""
         hx, hy = meeting.row.cut
         δcenter = -hx * δ.x - hy * δ.y
         δexponents = [dr.fma(δhx, x, dr.fma(δhy, y, δcenter)) for x, y in walk.offsets(meeting)]
-        return [dr.fma(-WHOLE, g, 1) * δexponent for g, δexponent in zip(kept, δexponents, strict=True)]
+        return [fall * δexponent for fall, δexponent in zip(kept.falls, δexponents, strict=True)]
 
     def tangents_of_features(meeting: Meeting, δ: Projected, δf: list, δslopes: list) -> list[list]:
         """δ of ``Walk.features``: [feature][pixel]."""

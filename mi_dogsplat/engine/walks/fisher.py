@@ -7,7 +7,7 @@ Notation as in ``score.py``: d, the derivative of a channel by α. Of a primitiv
 
 and the result adds up, over patches, their products: what the squares of derivatives of the image by any parameters
 behind the projection are made of (``compare/rivals/pup.py``). Of a DoG primitive: by the shape of the primary kernel.
-That a colour with slopes moves along with the shape is left out: g is what the weights do.
+That a colour with slopes moves along with the shape is left out, and so is that a cut does: g is what the kernel does.
 """
 
 from __future__ import annotations

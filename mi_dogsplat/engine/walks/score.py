@@ -10,7 +10,8 @@ Notation as in ``composite.py``; for primitive i, at a pixel,
                Splat defines it: not limited where o times that value exceeds .99, 0 where |α| < 1/255 or the walk
                had ended before. Of a DoG primitive: by the value of the primary kernel
     D = α d    the image minus the image without the primitive, per channel
-    P = (α - α⁺) d, with α⁺ = min(.99, 2^p): the image minus the image in which a DoG primitive is its primary alone
+    P = (α - α⁺) d, with α⁺ = min(.99, 2^p), times what a cut leaves: the image minus the image in which a DoG primitive
+               is its primary alone
 
 J, D and P are footprint images, of one channel F (J) or three, and a pass adds up sums over their pixels.
 

@@ -58,11 +58,19 @@ class Meeting:
 
 
 @dataclass
+class Kept:
+    """What a cut leaves of the kernels of a primitive at the pixels of a block."""
+
+    values: list  # g
+    falls: list  # ∂log2 g / ∂exponent, which is 1 - WHOLE g but for the rounding: next to nothing where hx may be huge
+
+
+@dataclass
 class Alphas:
     """Of a primitive at the pixels of a block."""
 
     values: list  # α
-    kept: list | None  # g: what a cut leaves of the next two; None in a model without cuts
+    kept: Kept | None  # what a cut leaves of the next two; None in a model without cuts
     primary: list  # 2^p g
     pseudo: list | None  # 2^p' g, 0 for a plain primitive; None in a model without DoG, as are the next two
     dog_row: Any
@@ -195,12 +203,12 @@ class Walk:
         primary, cutoff = self._kernel(meeting.row.kernel, meeting.dx, meeting.dy), self.settings.cutoffs.alpha
         kept = self._kept(meeting) if self.settings.cuts else None
         if kept:
-            primary = [v * g for v, g in zip(primary, kept, strict=True)]
+            primary = [v * g for v, g in zip(primary, kept.values, strict=True)]
         if not self.has_dog:
             return Alphas(self.primary_alphas(primary), kept, primary, None, None, None)
         pseudo, dog_row, is_dog = self._pseudo_kernel(meeting)
         if kept:
-            pseudo = [v * g for v, g in zip(pseudo, kept, strict=True)]
+            pseudo = [v * g for v, g in zip(pseudo, kept.values, strict=True)]
         alpha = []
         for v, v_p in zip(primary, pseudo, strict=True):
             a = dr.minimum(v, ALPHA_MAX) - dr.minimum(v_p, ALPHA_MAX)
@@ -233,14 +241,15 @@ class Walk:
                     first, right, down = first * down, right * s, down * t
         return values
 
-    def _kept(self, meeting: Meeting) -> list:
-        """What the cut of a primitive leaves of its kernels at the pixels of the block."""
+    def _kept(self, meeting: Meeting) -> Kept:
         hx, hy = meeting.row.cut
-        kept = []
+        values, falls = [], []
         for x, y in self.offsets(meeting):
             exponent = dr.clip(dr.fma(hx, x, dr.fma(hy, y, LEVEL)), -END, END)
-            kept.append(dr.rcp(dr.fma(self.exp2(-exponent), WHOLE, WHOLE)))
-        return kept
+            inverse = self.exp2(-exponent)
+            values.append(dr.rcp(dr.fma(inverse, WHOLE, WHOLE)))
+            falls.append(inverse * (WHOLE * values[-1]))
+        return Kept(values, falls)
 
     def _pseudo_kernel(self, meeting: Meeting) -> tuple:
         """2^p' of the pseudo-Gaussian, zeros for a plain primitive: packets without a DoG primitive jump over it."""

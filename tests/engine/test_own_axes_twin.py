@@ -1,4 +1,4 @@
-"""Colours that vary over their primitive: what the engine makes of them against the float64 twin and differences."""
+"""Slopes and cuts: what the engine makes of them against the float64 twin and differences."""
 
 import drjit as dr
 import mitsuba as mi
@@ -31,13 +31,15 @@ CAMERA = tilted_camera(24, 20, f=20.0, cx=11.0, cy=10.5)
 LARGE = tilted_camera(90, 70, f=80.0)
 ADJOINT = np.random.default_rng(0).normal(size=(20, 24, 3))
 MODES = [{"antialiased": a, "negative_transmittance": n} for a in (False, True) for n in (True, False)]
+SHARES = {"slopes": (0.6, 0), "cuts": (0, 0.6), "slopes and cuts": (0.6, 0.6), "cuts of all": (0, 1)}
+"""Of primitives with slopes and with cuts."""
 CUTOFFS = {"cutoffs": ({}, {}), "smooth": (SMOOTH_OPTIONS, {"min_alpha": 0, "min_transmittance": 0})}
 """Of the engine and of the tiled twin."""
 
 
-def sloped(n=10, seed=3, degree=1, dog_share=0.5, slope_share=0.6) -> Splats:
-    splats = rounded(random_splats(n, seed, degree, dog_share, slope_share))
-    assert 0 < splats.n_slopes <= n
+def model(kind: str, n=10, seed=3, degree=1, dog_share=0.5) -> Splats:
+    splats = rounded(random_splats(n, seed, degree, dog_share, *SHARES[kind]))
+    assert [splats.n_slopes > 0, splats.n_cuts > 0] == [share > 0 for share in SHARES[kind]]
     return splats
 
 
@@ -50,23 +52,26 @@ def decided(splats: Splats, camera, **choices) -> np.ndarray:
 # --- projection and pictures ---
 
 
-def test_slopes_per_pixel_are_those_of_the_twin():
-    splats = sloped(300)
+def test_what_changes_per_pixel_is_that_of_the_twin():
+    splats = model("slopes and cuts", 300)
     ours, twin = project(upload(splats), DeviceCamera.upload(LARGE), sh_degree=1), reference.project(splats, LARGE)
-    assert ours.slopes is not None
+    assert ours.slopes is not None and ours.cuts is not None
     np.testing.assert_array_equal(ours.visible.numpy(), twin.visible)
-    got = np.stack([g.numpy() for g in ours.slopes]).reshape(2, 3, 300).transpose(2, 1, 0)
-    size = np.abs(twin.slopes).max((1, 2), keepdims=True)
-    assert not got[~np.isin(np.arange(300), splats.slope_index)].any()
-    assert (np.abs(got - twin.slopes) <= 1e-5 * size)[twin.sloped].all() and 100 < twin.sloped.sum() < 250
+    slopes = np.stack([g.numpy() for g in ours.slopes]).reshape(2, 3, 300).transpose(2, 1, 0)
+    cuts = np.stack([h.numpy() for h in ours.cuts], 1)[:, None] * np.log(2)  # the engine's are exponents of 2
+    for got, expected, some, index in ((slopes, twin.slopes, twin.sloped, splats.slope_index),
+                                       (cuts, twin.cuts[:, None], twin.cut, splats.cut_index)):  # fmt: skip
+        size = np.abs(expected).max((1, 2), keepdims=True)
+        assert not got[~np.isin(np.arange(300), index)].any()
+        assert (np.abs(got - expected) <= 1e-5 * size)[some].all() and 100 < some.sum() < 250
 
 
 @pytest.mark.parametrize("kind", CUTOFFS)
 @pytest.mark.parametrize("choices", MODES)
 @pytest.mark.parametrize("dog_share", [0, 0.5])
-@pytest.mark.parametrize("slope_share", [0.3, 1])
-def test_the_picture_is_that_of_the_twin(slope_share, dog_share, choices, kind):
-    splats = sloped(300, seed=5, dog_share=dog_share, slope_share=slope_share)
+@pytest.mark.parametrize("varies", SHARES)
+def test_the_picture_is_that_of_the_twin(varies, dog_share, choices, kind):
+    splats = model(varies, 300, seed=5, dog_share=dog_share)
     ours, twins = CUTOFFS[kind]
     frame = rasterized(splats, LARGE, **choices, **ours)
     twin = render_tiled(splats, LARGE, BACKGROUND, **choices, **twins)
@@ -74,28 +79,28 @@ def test_the_picture_is_that_of_the_twin(slope_share, dog_share, choices, kind):
     assert sure.mean() > 0.9
     np.testing.assert_allclose(image_of(frame, LARGE, BACKGROUND)[sure], twin.image[sure], atol=2e-5)
     np.testing.assert_allclose(plane_of(frame.T, LARGE)[sure], twin.T[sure], atol=2e-5)
-    even = render_tiled(splats.without_slopes(), LARGE, BACKGROUND, **choices, **twins)
+    even = render_tiled(splats.without_slopes().without_cuts(), LARGE, BACKGROUND, **choices, **twins)
     assert np.abs(even.image - twin.image).max() > 0.1
 
 
 @pytest.mark.parametrize("patch", [1, 2, 4])
-def test_the_pixels_of_a_block_each_have_their_own_colour(patch):
-    splats = sloped(100, seed=6)
+def test_the_pixels_of_a_block_each_have_their_own_colour_and_kernel(patch):
+    splats = model("slopes and cuts", 100, seed=6)
     expected = render_tiled(splats, LARGE, BACKGROUND, **CUTOFFS["smooth"][1]).image
     frame = rasterized(splats, LARGE, patch=patch, **SMOOTH_OPTIONS)
     np.testing.assert_allclose(image_of(frame, LARGE, BACKGROUND), expected, atol=2e-5)
 
 
 def test_depth_knows_nothing_of_slopes():
-    splats = sloped(60)
+    splats = model("slopes", 60)
     planes = [rasterized(s, LARGE, depth=True).depth for s in (splats, splats.without_slopes())]
     ours, even = (plane_of(plane, LARGE) for plane in planes if plane is not None)
     np.testing.assert_allclose(ours, even, rtol=1e-6)
 
 
-def test_mixed_degrees_go_with_slopes():
-    splats = sloped(60, degree=3).with_sh_degrees(np.arange(60) % 4)
-    assert splats.n_slopes and splats.mixed_sh
+def test_mixed_degrees_go_with_slopes_and_cuts():
+    splats = model("slopes and cuts", 60, degree=3).with_sh_degrees(np.arange(60) % 4)
+    assert splats.n_slopes and splats.n_cuts and splats.mixed_sh
     expected = render_tiled(splats, LARGE, BACKGROUND, **CUTOFFS["smooth"][1]).image
     np.testing.assert_allclose(image_of(rasterized(splats, LARGE, **SMOOTH_OPTIONS), LARGE, BACKGROUND), expected,
                                atol=2e-5)  # fmt: skip
@@ -119,27 +124,28 @@ def gradients_of(splats: Splats, choices: RasterOptions, adjoint: np.ndarray = A
 @pytest.mark.parametrize("kind", CUTOFFS)
 @pytest.mark.parametrize("choices", MODES)
 @pytest.mark.parametrize("dog_share", [0, 0.5])
-@pytest.mark.parametrize("slope_share", [0.3, 1])
-def test_gradients_of_every_parameter_are_those_of_the_twin(slope_share, dog_share, choices, kind):
-    splats = sloped(60, seed=5, dog_share=dog_share, slope_share=slope_share)
+@pytest.mark.parametrize("varies", SHARES)
+def test_gradients_of_every_parameter_are_those_of_the_twin(varies, dog_share, choices, kind):
+    splats = model(varies, 60, seed=5, dog_share=dog_share)
     ours, twins = CUTOFFS[kind]
     adjoint = ADJOINT * (decided(splats, CAMERA, **choices)[..., None] if kind == "cutoffs" else 1)
     got = gradients_of(splats, options(splats, **choices, **ours), adjoint)
     expected = gradients_tiled(splats, CAMERA, adjoint, BACKGROUND, **choices, **twins)
-    assert "color_slopes" in got
+    assert ["color_slopes" in got, "cut_normals" in got] == [share > 0 for share in SHARES[varies]]
     assert_gradients_equal(got, {name: expected[name] for name in got})
 
 
 @pytest.mark.parametrize("dog_share", [0, 0.5])
-def test_gradients_of_every_parameter_equal_differences(dog_share):
-    splats = sloped(dog_share=dog_share)
+@pytest.mark.parametrize("varies", SHARES)
+def test_gradients_of_every_parameter_equal_differences(varies, dog_share):
+    splats = model(varies, dog_share=dog_share)
     expected = reference.loss_gradients(splats, CAMERA, ADJOINT, background=BACKGROUND)
     got = gradients_of(splats, options(splats, **SMOOTH_OPTIONS))
     assert_gradients_equal(got, {name: expected[name] for name in got})
 
 
 def test_slopes_of_a_colour_at_its_limit_have_gradients_and_the_colour_has_none():
-    splats = sloped(6, degree=0, slope_share=1)
+    splats = model("slopes", 6, degree=0)
     splats.sh_coeffs[:] = -5
     got = gradients_of(splats, options(splats, **SMOOTH_OPTIONS))
     expected = gradients_tiled(splats, CAMERA, ADJOINT, BACKGROUND, **CUTOFFS["smooth"][1])
@@ -147,8 +153,9 @@ def test_slopes_of_a_colour_at_its_limit_have_gradients_and_the_colour_has_none(
     assert_gradients_equal(got, expected)
 
 
-def test_gradients_beyond_the_clamp_of_the_linearisation_are_those_of_the_twin():
-    splats = sloped(8, seed=2, slope_share=1)
+@pytest.mark.parametrize("varies", SHARES)
+def test_gradients_beyond_the_clamp_of_the_linearisation_are_those_of_the_twin(varies):
+    splats = model(varies, 8, seed=2)
     splats.means[:, 0] *= 3
     splats.log_scales += 1
     expected = gradients_tiled(splats, CAMERA, ADJOINT, BACKGROUND, **CUTOFFS["smooth"][1])
@@ -160,16 +167,17 @@ def test_gradients_beyond_the_clamp_of_the_linearisation_are_those_of_the_twin()
 
 @pytest.mark.parametrize("dog_share", [0, 0.5])
 @pytest.mark.parametrize("choices", MODES)
-def test_forward_mode_along_random_directions_equals_differences(dog_share, choices):
-    splats = sloped(dog_share=dog_share)
-    for seed in range(3):
+@pytest.mark.parametrize("varies", ["slopes", "slopes and cuts"])
+def test_forward_mode_along_random_directions_equals_differences(varies, dog_share, choices):
+    splats = model(varies, dog_share=dog_share)
+    for seed in range(2):
         directions = random_directions(splats, seed)
         got = pushed(splats, CAMERA, directions, options(splats, **choices, **SMOOTH_OPTIONS))
         assert_gradients_equal(got, pushed_differences(splats, CAMERA, directions, **choices))
 
 
 def test_forward_mode_along_each_parameter_alone_equals_differences():
-    splats = sloped()
+    splats = model("slopes and cuts")
     for name, direction in random_directions(splats, 4).items():
         got = pushed(splats, CAMERA, {name: direction}, options(splats, **SMOOTH_OPTIONS))
         table = mismatches(got, pushed_differences(splats, CAMERA, {name: direction}))
@@ -179,8 +187,9 @@ def test_forward_mode_along_each_parameter_alone_equals_differences():
 @pytest.mark.parametrize("kind", CUTOFFS)
 @pytest.mark.parametrize("negative_transmittance", [True, False])
 @pytest.mark.parametrize("dog_share", [0, 0.5])
-def test_forward_and_reverse_mode_are_adjoint(dog_share, negative_transmittance, kind):
-    splats = sloped(400, seed=1, dog_share=dog_share)
+@pytest.mark.parametrize("varies", ["slopes", "slopes and cuts"])
+def test_forward_and_reverse_mode_are_adjoint(varies, dog_share, negative_transmittance, kind):
+    splats = model(varies, 400, seed=1, dog_share=dog_share)
     splats.logit_opacities += 2
     choices = options(splats, negative_transmittance=negative_transmittance, **CUTOFFS[kind][0])
     gradients = gradients_of(splats, choices)

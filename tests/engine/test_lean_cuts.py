@@ -1,0 +1,67 @@
+"""Nothing is paid for cuts where none is: shown in the kernels, by their hashes and their instructions."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from launches import kernels as launched_kernels
+from lean_calls import backward, forget_recordings, forward, stages
+from mi_dogsplat.engine.walks.walk import Walk
+from mi_dogsplat.scene.splats import Splats
+from splat_scenes import kernels, random_splats, rounded
+
+pytestmark = pytest.mark.usefixtures("fresh_recordings")
+KINDS = {"plain": (0, 0), "DoG": (0.5, 0), "slopes": (0, 0.5), "DoG, slopes": (0.5, 0.5)}
+
+
+def model(kind: str) -> Splats:
+    return rounded(random_splats(200, 0, 0, *KINDS[kind]))
+
+
+def cut(splats: Splats, every: int = 2) -> Splats:
+    index = np.arange(0, splats.n_splats, every)
+    return replace(splats, cut_index=index, cut_normals=np.random.default_rng(1).normal(0, 3, (len(index), 3)))
+
+
+def hashes(run: Callable[[], Any]) -> set[str]:
+    """Of all kernels of a call that replays nothing; what a process computes once has been before."""
+    run()
+    forget_recordings()
+    return kernels(run)
+
+
+@pytest.mark.parametrize("run", [forward, backward])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_model_without_cuts_has_the_kernels_of_one_that_never_had_any(kind, run):
+    splats = model(kind)
+    expected = hashes(run(splats))
+    assert hashes(run(cut(splats).without_cuts())) == expected
+    no_row = replace(splats, cut_index=np.zeros(0, np.uint32), cut_normals=np.zeros((0, 3)))
+    assert hashes(run(no_row)) == expected
+    assert hashes(run(cut(splats))) != expected
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_cuts_take_no_kernel_more_and_work_for_primitives_and_blocks_alone(kind):
+    splats = model(kind)
+    without, with_cuts = forward(splats), forward(cut(splats))
+    assert len(launched_kernels(with_cuts)) == len(launched_kernels(without))
+    costs = stages(without), stages(with_cuts)
+    assert {stage for stage, least in costs[0].items() if costs[1][stage] > least} == {"primitives", "compositor"}
+
+
+def test_a_forward_pass_does_not_evaluate_what_derivatives_alone_need(monkeypatch):
+    """How steep a cut falls at a pixel costs an operation per pixel, which a picture has no use for."""
+    whole = Walk._kept
+
+    def without_falls(self, meeting):
+        found = whole(self, meeting)
+        found.falls = found.values
+        return found
+
+    expected = stages(forward(cut(model("plain"))))
+    monkeypatch.setattr(Walk, "_kept", without_falls)
+    forget_recordings()
+    assert stages(forward(cut(model("plain")))) == expected
