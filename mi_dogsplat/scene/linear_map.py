@@ -65,19 +65,21 @@ def mapped_factors(linear: Array, before: tuple[Array, Array], after: tuple[Arra
     return np.linalg.norm(along, axis=2) / new_scales
 
 
-def mapped_slopes(linear: Array, before: tuple[Array, Array], after: tuple[Array, Array], slopes: Array) -> Array:
-    """Slopes of colours [S, 3, 3], axis by channel, of primitives whose (quaternions, scales) were and are these.
+def mapped_axes(linear: Array, before: tuple[Array, Array], after: tuple[Array, Array], values: Array) -> Array:
+    """What is told by the axes of primitives whose (quaternions, scales) were and are these: slopes of colours
+    [M, 3, channel] or normals of cuts [M, 3].
 
     A point that is w standard deviations along the old axes is S'⁻¹ R'ᵀ A R S w along the new ones. This matrix is
-    orthogonal, and so it takes the slopes along, too: nothing is lost. Those of kernels that are not finite become NaN.
+    orthogonal, and so it takes slopes and normals along, too: nothing is lost. Those of kernels that are not finite
+    become NaN.
     """
     (quats, scales), (new_quats, new_scales) = before, after
     if not len(quats):
-        return slopes
+        return values
     columns = linear @ rotation_from_quaternion(quats) * scales[:, None]
     with np.errstate(invalid="ignore"):
         turn = rotation_from_quaternion(new_quats).swapaxes(1, 2) @ columns / new_scales[:, :, None]
-        return turn @ slopes.astype(np.float64)
+        return np.einsum("mba,ma...->mb...", turn, values.astype(np.float64))
 
 
 def sh_projection(linear: Array, degree: int) -> Array:

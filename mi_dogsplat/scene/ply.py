@@ -3,8 +3,8 @@
 Layout written: binary little-endian; ``vertex`` in INRIA's column order (x y z nx ny nz f_dc_* f_rest_*
 opacity scale_* rot_*), so that other 3DGS tools and Mitsuba's ``ellipsoids`` open it; then ``dog`` (uint
 index, float dog_opacity, float dog_scale_0..2), one row per DoG primitive, absent in a model without DoG; then
-``slopes`` (uint index, float slope_0..8: by axis, then channel), one row per primitive whose colour varies over it. All
-values are raw.
+``slopes`` (uint index, float slope_0..8: by axis, then channel), one row per primitive whose colour varies over it;
+then ``cuts`` (uint index, float cut_0..2), one row per primitive that a plane cuts off. All values are raw.
 
 A model whose primitives have SH degrees of their own is padded with zeros to the highest one, or, in the layout
 "rows", written with f_dc_* alone in ``vertex``, and at the end an element ``sh1``, ``sh2``, ``sh3`` for each degree
@@ -17,6 +17,7 @@ elements, files without normals (gsplat), SH degree 0..3, and the method authors
 
 from __future__ import annotations
 
+import math
 import stat
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,7 +28,7 @@ import numpy as np
 from ..support.errors import DataError
 from ..support.files import replacing
 from .ply_tables import NOT_3DGS, TableReader, check_finite
-from .row_groups import SH, Array, in_several
+from .row_groups import CUTS, SH, SLOPES, Array, in_several
 from .splats import Splats
 
 _POSITION = ("x", "y", "z")
@@ -38,10 +39,10 @@ _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")  # w, x, y, z
 _XYZW_FROM_WXYZ = [1, 2, 3, 0]
 _WXYZ_FROM_XYZW = [3, 0, 1, 2]
 _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
-_SLOPES = tuple(f"slope_{i}" for i in range(9))  # axis by axis, three channels each
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
 _NOT_WRITTEN = "nothing was written; remove those primitives or train with smaller steps"
 _SH_ELEMENTS = {degree: f"sh{degree}" for degree in SH}
+_OVER_PRIMITIVES = {"slopes": (SLOPES, "slope"), "cuts": (CUTS, "cut")}  # by element, and how its columns begin
 
 
 def read_ply(path: str | Path) -> Splats:
@@ -65,7 +66,7 @@ def read_ply_and_comments(path: str | Path) -> tuple[Splats, list[str]]:
 
 
 def _read_model(reader: TableReader) -> Splats:
-    tables = reader.tables({"vertex", "dog", "slopes", *_SH_ELEMENTS.values()})
+    tables = reader.tables({"vertex", "dog", *_OVER_PRIMITIVES, *_SH_ELEMENTS.values()})
     if "vertex" not in tables:
         reader.fail('there is no element "vertex"', NOT_3DGS)
     vertex = tables["vertex"]
@@ -80,7 +81,6 @@ def _read_model(reader: TableReader) -> Splats:
     log_scales = reader.columns(vertex, "vertex", _SCALE)  # [N, 3]
     quats = reader.columns(vertex, "vertex", _ROTATION)[:, _XYZW_FROM_WXYZ]  # [N, 4]
     dog_index, dog = _read_dog(reader, tables, len(means))  # [M], [M, 4]
-    slope_index, slopes = _read_slopes(reader, tables, len(means))  # [S], [S, 9]
     return Splats(
         means=means,
         log_scales=log_scales,
@@ -90,8 +90,7 @@ def _read_model(reader: TableReader) -> Splats:
         dog_index=dog_index,
         dog_logit_opacities=dog[:, 0],
         dog_log_scales=dog[:, 1:],
-        slope_index=slope_index,
-        color_slopes=slopes.reshape(-1, 3, 3),
+        **_read_over_primitives(reader, tables, len(means)),
         **_read_sh_groups(reader, tables, len(means), n_rest),
     )
 
@@ -110,12 +109,16 @@ def _read_dog(reader: TableReader, tables: dict[str, Array], n_splats: int) -> t
     return index, reader.columns(tables["dog"], "dog", _DOG)[order]
 
 
-def _read_slopes(reader: TableReader, tables: dict[str, Array], n_splats: int) -> tuple[Array, Array]:
-    """slope_index [S], sorted, and the columns of ``_SLOPES`` [S, 9]."""
-    if "slopes" not in tables:
-        return np.zeros(0, np.uint32), np.zeros((0, len(_SLOPES)), np.float32)
-    index, order = _read_index(reader, tables["slopes"], "slopes", n_splats, "primitive with slopes")
-    return index, reader.columns(tables["slopes"], "slopes", _SLOPES)[order]
+def _read_over_primitives(reader: TableReader, tables: dict[str, Array], n_splats: int) -> dict[str, Array]:
+    """The arrays of slopes and cuts, of those that are there."""
+    found: dict[str, Array] = {}
+    for element, (group, column) in _OVER_PRIMITIVES.items():
+        if element in tables:
+            index, order = _read_index(reader, tables[element], element, n_splats, f"primitive with {element}")
+            ((name, shape),) = group.arrays.items()
+            values = reader.columns(tables[element], element, _numbered(column, shape))[order]
+            found |= {group.index: index, name: values.reshape(-1, *shape)}
+    return found
 
 
 def _read_sh_groups(reader: TableReader, tables: dict[str, Array], n_splats: int, n_rest: int) -> dict[str, Array]:
@@ -142,7 +145,7 @@ def _read_index(reader: TableReader, table: Array, element: str, n_splats: int, 
     """(the column ``index`` [M] of an element, sorted, the rows in that order); ``row`` is what a row stands for."""
     reader.columns(table, element, ("index",))  # it is there and finite; float32 would round it
     index = table["index"].astype(np.float64)  # [M] any 32-bit integer is exact
-    data = {"dog": "DoG", "slopes": "slope"}.get(element, "SH")
+    data = {"dog": "DoG", "slopes": "slope", "cuts": "cut"}.get(element, "SH")
     remedy = f"write the {data} data again, one row per {row}"
     bad = np.flatnonzero((index < 0) | (index >= n_splats) | (index != np.floor(index)))
     if bad.size:
@@ -194,7 +197,10 @@ def write_ply(
 
     dog = np.concatenate([splats.dog_logit_opacities[:, None], splats.dog_log_scales], axis=1)  # [M, 4]
     groups: list[tuple[str, tuple[str, ...], Array, Array]] = [("dog", _DOG, splats.dog_index, dog)]
-    groups.append(("slopes", _SLOPES, splats.slope_index, splats.color_slopes.reshape(-1, len(_SLOPES))))
+    for element, (group, column) in _OVER_PRIMITIVES.items():
+        ((name, shape),) = group.arrays.items()
+        names, index = _numbered(column, shape), getattr(splats, group.index)
+        groups.append((element, names, index, getattr(splats, name).reshape(-1, len(names))))
     for degree, element in _SH_ELEMENTS.items():
         (name,) = SH[degree].names
         rest = _by_channel(getattr(splats, name))
@@ -223,6 +229,11 @@ def _by_coefficient(rest: Array) -> Array:
 def _by_channel(coeffs: Array) -> Array:
     """SH coefficients [n, K-1, 3] as columns f_rest_* [n, 3 (K-1)]."""
     return coeffs.transpose(0, 2, 1).reshape(len(coeffs), 3 * coeffs.shape[1])
+
+
+def _numbered(column: str, shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Names of the columns that hold a row of this shape, the last axis fastest."""
+    return tuple(f"{column}_{i}" for i in range(math.prod(shape)))
 
 
 def _rest_names(n_rest: int) -> tuple[str, ...]:

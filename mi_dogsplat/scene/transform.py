@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from .linear_map import check_regular, mapped_factors, mapped_kernels, mapped_slopes, sh_projection
+from .linear_map import check_regular, mapped_axes, mapped_factors, mapped_kernels, sh_projection
 from .quaternions import quaternion_from_rotation, quaternion_product
-from .row_groups import SH
+from .row_groups import CUTS, SH, SLOPES
 from .sh_basis import sh_basis_table
 from .splats import Splats
+
+ALONG_AXES = {"color_slopes": SLOPES, "cut_normals": CUTS}  # components along a primitive's own axes, per unit of them
 
 
 def decompose_similarity(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
@@ -78,13 +80,14 @@ def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
     of_groups = {name: turned(getattr(splats, name), 1) for group in groups for name in group.names}
     turns = np.linalg.det(isometry) > 0
     rotation = isometry if turns else -isometry  # the same of a kernel, which is symmetric; its axes are turned round
+    along_axes = {name: getattr(splats, name) * np.float32(1 if turns else -1) for name in ALONG_AXES}
     return replace(
         splats,
         means=splats.means.astype(np.float64) @ (scale * isometry).T + translation,
         log_scales=splats.log_scales + np.log(scale),
         quats=quaternion_product(quaternion_from_rotation(rotation), splats.quats.astype(np.float64)),
         sh_coeffs=turned(splats.sh_coeffs, 0),
-        color_slopes=splats.color_slopes if turns else -splats.color_slopes,
+        **along_axes,
         **of_groups,
     )
 
@@ -99,9 +102,10 @@ def _mapped(splats: Splats, linear: np.ndarray) -> dict[str, Any]:
         return (before[0][index], before[1][index]), (after[0][index], after[1][index])
 
     factors = mapped_factors(linear, *of(splats.dog_index), splats.dog_scales.astype(np.float64))
-    slopes = mapped_slopes(linear, *of(splats.slope_index), splats.color_slopes)
-    kernels = {"quats": after[0], "log_scales": np.log(after[1]), "dog_log_scales": np.log(factors)}
-    return kernels | {"color_slopes": slopes}
+    found = {"quats": after[0], "log_scales": np.log(after[1]), "dog_log_scales": np.log(factors)}
+    for name, group in ALONG_AXES.items():
+        found[name] = mapped_axes(linear, *of(getattr(splats, group.index)), getattr(splats, name))
+    return found
 
 
 def _projected(splats: Splats, linear: np.ndarray) -> dict[str, Any]:

@@ -51,6 +51,11 @@ def slope_columns(splats: Splats) -> dict[str, np.ndarray]:
     return {"index": splats.slope_index} | values
 
 
+def cut_columns(splats: Splats) -> dict[str, np.ndarray]:
+    """The element ``cuts`` by column."""
+    return {"index": splats.cut_index} | {f"cut_{axis}": splats.cut_normals[:, axis] for axis in range(3)}
+
+
 def to_bytes(elements, file_format="binary_little_endian", types=None) -> bytes:
     """A PLY from {element: {column: values}}; every column is float unless ``types`` says otherwise."""
     types = types or {}

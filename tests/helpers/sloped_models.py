@@ -25,9 +25,12 @@ def slope_colors(splats: Splats, points: np.ndarray) -> np.ndarray:
     return np.einsum("spa,sac->spc", w, splats.color_slopes.astype(np.float64))
 
 
-def points_in(splats: Splats) -> np.ndarray:
-    """[S, 7, 3] places in the world within some standard deviations of each primitive with slopes."""
-    at = splats.slope_index
-    w = np.random.default_rng(6).normal(size=(len(at), 7, 3))
-    columns = reference.rotations(splats.quats[at].astype(np.float64)) * splats.scales[at].astype(np.float64)[:, None]
-    return splats.means[at].astype(np.float64)[:, None] + np.einsum("ska,spa->spk", columns, w)
+def points_in(splats: Splats, index: np.ndarray | None = None) -> np.ndarray:
+    """[M, 7, 3] places in the world within some standard deviations of each primitive of ``index`` [M].
+
+    Default: of each with slopes.
+    """
+    index = splats.slope_index if index is None else index
+    w = np.random.default_rng(6).normal(size=(len(index), 7, 3))
+    turns, scales = reference.rotations(splats.quats[index].astype(np.float64)), splats.scales[index].astype(np.float64)
+    return splats.means[index].astype(np.float64)[:, None] + np.einsum("mka,mpa->mpk", turns * scales[:, None], w)

@@ -1,0 +1,255 @@
+"""Slopes of colours, and cuts: in memory, in a PLY file, under maps and in another unit of light."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cut_models import kept_shares, with_cuts
+from mi_dogsplat.scene.ply import read_ply, write_ply
+from mi_dogsplat.scene.radiance import brightened
+from mi_dogsplat.scene.row_groups import CUTS, SLOPES, RowGroup
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.scene.transform import transformed
+from mi_dogsplat.support.errors import DataError
+from ply_files import cut_columns, dog_columns, random_splats, slope_columns, to_bytes, vertex_columns, write
+from sloped_models import points_in, slope_colors, with_slopes
+from splat_scenes import axis_rotation
+from splat_scenes import random_splats as splats_in_view
+
+INDEX = [1, 3, 4, 6]
+FIELDS = tuple(Splats.__dataclass_fields__)
+TURN = axis_rotation([1, -2, 0.7], 2.1)[0]
+MIRROR = np.eye(3) - 2 * np.outer([0.6, 0, 0.8], [0.6, 0, 0.8])
+SHEAR = np.array([[1.2, 0.5, 0], [0, 0.7, -0.3], [0.1, 0, 2.0]])
+MAPS = {"turn": TURN, "mirror": MIRROR, "scale": 1.7 * np.eye(3), "point mirror": -0.4 * TURN, "shear": SHEAR,
+        "mirrored shear": SHEAR @ MIRROR, "stretch": np.diag([1.0, 1, 3])}  # fmt: skip
+ROWS = {"slopes": (SLOPES, slope_columns), "cuts": (CUTS, cut_columns)}  # by the element that holds them
+NAMES = {"slopes": "color_slopes", "cuts": "cut_normals"}
+both = pytest.mark.parametrize("element", ROWS)
+
+
+def with_rows(splats: Splats, group: RowGroup, index=INDEX) -> Splats:
+    """The model with random rows of a group for the primitives ``index``."""
+    ((name, shape),) = group.arrays.items()
+    values = np.random.default_rng(8).normal(size=(len(index), *shape))
+    return replace(splats, **{group.index: np.array(index, np.uint32), name: values})
+
+
+def model(element: str, index=INDEX, **others) -> Splats:
+    return with_rows(random_splats(**others), ROWS[element][0], index)
+
+
+def without(splats: Splats, element: str) -> Splats:
+    return splats.without_slopes() if element == "slopes" else splats.without_cuts()
+
+
+def elements(splats: Splats, element: str, **changed) -> dict:
+    columns = {name: values for name, values in (ROWS[element][1](splats) | changed).items() if values is not None}
+    return {"vertex": vertex_columns(splats), element: columns}
+
+
+def same(a: Splats, b: Splats):
+    for name in FIELDS:
+        left, right = getattr(a, name), getattr(b, name)
+        assert left.shape == right.shape and left.tobytes() == right.tobytes(), name
+
+
+@pytest.mark.parametrize("index", [INDEX, [0], list(range(7)), []])
+@pytest.mark.parametrize("dog_index", [(0, 3, 4), ()])
+@pytest.mark.parametrize("sh_degree", [0, 3])
+@both
+def test_a_written_model_comes_back_bit_for_bit(tmp_path, element, index, dog_index, sh_degree):
+    splats = model(element, index, dog_index=dog_index, sh_degree=sh_degree)
+    write_ply(tmp_path / "a.ply", splats)
+    assert (f"element {element} ".encode() in (tmp_path / "a.ply").read_bytes()) == bool(index)
+    same(read_ply(tmp_path / "a.ply"), splats)
+
+
+def test_a_model_of_both_comes_back_and_a_primitive_may_have_both(tmp_path):
+    splats = with_rows(model("slopes"), CUTS, [0, 3, 6])
+    write_ply(tmp_path / "a.ply", splats)
+    same(read_ply(tmp_path / "a.ply"), splats)
+
+
+@pytest.mark.parametrize("layout", ["3dgs", "rows"])
+@both
+def test_they_stand_beside_degrees_of_single_primitives(tmp_path, layout, element):
+    mixed = model(element).with_sh_degrees([3, 0, 1, 2, 0, 3, 1])
+    assert (mixed.n_slopes, mixed.n_cuts) == ((4, 0) if element == "slopes" else (0, 4))
+    write_ply(tmp_path / "a.ply", mixed, layout)
+    same(read_ply(tmp_path / "a.ply"), mixed if layout == "rows" else mixed.uniform_sh())
+
+
+@pytest.mark.parametrize(("element", "columns"), [("slopes", 9), ("cuts", 3)])
+def test_the_file_has_the_fixed_layout_byte_for_byte(tmp_path, element, columns):
+    splats = model(element, dog_index=(0, 3))
+    write_ply(tmp_path / "with.ply", splats)
+    write_ply(tmp_path / "without.ply", without(splats, element))
+    parts = elements(splats, element) | {"dog": {"index": splats.dog_index, **dog_columns(splats)}}
+    rows = to_bytes({name: parts[name] for name in ("vertex", "dog", element)}, types={"index": "uint"})
+    header, body = (tmp_path / "with.ply").read_bytes().split(b"end_header\n", 1)
+    expected_header, expected_body = rows.split(b"end_header\n", 1)
+    assert header.endswith(expected_header[expected_header.index(f"element {element}".encode()) :])
+    size = 4 * (1 + columns) * len(INDEX)
+    assert body[-size:] == expected_body[-size:]
+    shorter_header, shorter = (tmp_path / "without.ply").read_bytes().split(b"end_header\n", 1)
+    assert body[:-size] == shorter and header.startswith(shorter_header)
+
+
+def test_cuts_follow_slopes_and_precede_degrees(tmp_path):
+    splats = with_rows(model("slopes"), CUTS).with_sh_degrees([3, 0, 1, 2, 0, 3, 1])
+    write_ply(tmp_path / "a.ply", splats, "rows")
+    header = (tmp_path / "a.ply").read_bytes().split(b"end_header\n", 1)[0].decode()
+    found = [line.split()[1] for line in header.splitlines() if line.startswith("element")]
+    assert found == ["vertex", "dog", "slopes", "cuts", "sh1", "sh2", "sh3"]
+
+
+@pytest.mark.parametrize("file_format", ["binary_little_endian", "binary_big_endian", "ascii"])
+@both
+def test_rows_in_any_order_are_sorted_with_their_values(tmp_path, file_format, element):
+    splats = model(element, dog_index=())
+    order = [2, 0, 3, 1]
+    shuffled = {name: values[order] for name, values in ROWS[element][1](splats).items()}
+    data = to_bytes(elements(splats, element, **shuffled), file_format, {"index": "uint"})
+    same(read_ply(write(tmp_path, data)), splats)
+
+
+@pytest.mark.parametrize(
+    ("changed", "types", "message"),
+    [
+        ({"index": np.array([1, 3, 4, 7])}, {}, 'row 3 of the element "ROWS" has index 7, but the model has 7 primi'),
+        ({"index": np.array([-1, 3, 4, 5])}, {"index": "int"}, 'row 0 of the element "ROWS" has index -1, but the'),
+        ({"index": np.array([1, 3.5, 4, 5])}, {"index": "float"}, 'row 1 of the element "ROWS" has index 3.5, but'),
+        ({"index": np.array([1, 4, 3, 4])}, {}, 'the element "ROWS" names primitive 4 more than once; write the ROW '),
+        ({"index": None}, {}, '"index"'),
+        ({"ROW_1": None}, {}, '"ROW_1"'),
+        ({"ROW_2": np.array([0, 1, np.nan, 0])}, {}, '"ROW_2" in row 2'),
+        ({"ROW_0": np.array([0, -np.inf, 1, 0])}, {}, '"ROW_0" in row 1'),
+    ],
+)
+@both
+def test_what_is_wrong_with_the_rows_is_one_line(tmp_path, changed, types, message, element):
+    splats, row = model(element, dog_index=()), element.removesuffix("s")
+    changed = {name.replace("ROW", row): values for name, values in changed.items()}
+    path = write(tmp_path, to_bytes(elements(splats, element, **changed), types={"index": "uint"} | types))
+    with pytest.raises(DataError) as error:
+        read_ply(path)
+    told = str(error.value)
+    assert message.replace("ROWS", element).replace("ROW", row) in told and "\n" not in told and row in told
+
+
+@pytest.mark.parametrize(("element", "column"), [("slopes", "slope_3"), ("cuts", "cut_1")])
+def test_what_is_not_finite_is_not_written(tmp_path, element, column):
+    splats = model(element)
+    getattr(splats, NAMES[element])[2, 1] = np.inf
+    with pytest.raises(DataError, match=f'"{column}" in row 2; nothing was written'):
+        write_ply(tmp_path / "a.ply", splats)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("which", "index", "rows"),
+    [
+        (np.array([0, 1, 1, 0, 1, 0, 1], bool), [0, 2, 3], [0, 2, 3]),
+        ([6, 0, 1], [0, 2], [3, 0]),
+        ([3, 3, 2, 4], [0, 1, 3], [1, 1, 2]),
+        ([0, 2], [], []),
+        ([], [], []),
+    ],
+)
+@both
+def test_selected_primitives_keep_their_own_rows(which, index, rows, element):
+    chosen, (group, _), name = model(element).select(which), ROWS[element], NAMES[element]
+    assert getattr(chosen, group.index).tolist() == index and getattr(chosen, f"n_{element}") == len(index)
+    np.testing.assert_array_equal(getattr(chosen, name), getattr(model(element), name)[rows])
+
+
+@both
+def test_without_them_all_else_stays(element):
+    splats, (group, _) = with_rows(model("slopes"), CUTS), ROWS[element]
+    left = without(splats, element)
+    assert (splats.n_slopes, splats.n_cuts, left.n_dog) == (4, 4, 3)
+    for name in FIELDS:
+        if name in (group.index, *group.names):
+            assert len(getattr(left, name)) == 0
+        else:
+            np.testing.assert_array_equal(getattr(left, name), getattr(splats, name))
+            assert not np.shares_memory(getattr(left, name), getattr(splats, name))
+    assert (splats.plain().n_slopes, splats.plain().n_cuts, splats.plain().n_dog) == (4, 4, 0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"color_slopes": np.zeros((3, 3, 3))}, '"color_slopes" has 3 rows, "slope_index" has 4'),
+        ({"color_slopes": np.zeros((4, 9))}, '"color_slopes" has shape [4, 9], expected [4, 3, 3]'),
+        ({"slope_index": [1, 3, 4, 7]}, '"slope_index" spans 1 to 7, "means" has 7 rows'),
+        ({"slope_index": [1, 4, 3, 6]}, '"slope_index" is not strictly increasing'),
+        ({"cut_normals": np.zeros((3, 3))}, '"cut_normals" has 3 rows, "cut_index" has 4'),
+        ({"cut_normals": np.zeros(4)}, '"cut_normals" has shape [4], expected [4, 3]'),
+        ({"cut_index": [1, 3, 4, 7]}, '"cut_index" spans 1 to 7, "means" has 7 rows'),
+        ({"cut_index": [1, 4, 4, 6]}, '"cut_index" is not strictly increasing'),
+    ],
+)
+def test_a_mismatch_names_both_sides(changes, message):
+    with pytest.raises(ValueError) as error:
+        replace(with_rows(model("slopes"), CUTS), **changes)
+    assert message in str(error.value)
+
+
+def moved_by(name: str, splats: Splats) -> tuple[Splats, np.ndarray, np.ndarray]:
+    """A model after a map of ``MAPS`` and a translation; places in the primitives with rows, before and after."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = MAPS[name], (0.4, -0.3, 0.2)
+    points = points_in(splats, np.arange(0, splats.n_splats, 2))
+    return transformed(splats, matrix), points, points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_the_colour_of_a_place_is_that_of_the_place_where_it_is_moved_to(name):
+    splats = with_slopes(splats_in_view(60))
+    splats.log_scales[::3, 1] = -6  # flat ones
+    moved, points, moved_points = moved_by(name, splats)
+    before, after = slope_colors(splats, points), slope_colors(moved, moved_points)
+    assert np.abs(before).mean() > 0.2
+    # Rounding of float32 in a mean is some 1e-7 of a world unit, in units of the thinnest scale 1e-4 of it.
+    np.testing.assert_allclose(after, before, atol=2e-4)
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_a_cut_leaves_as_much_of_a_place_as_of_the_place_where_it_is_moved_to(name):
+    splats = with_cuts(splats_in_view(60))
+    splats.log_scales[::3, 1] = -6  # flat ones
+    moved, points, moved_points = moved_by(name, splats)
+    before, after = kept_shares(splats, points), kept_shares(moved, moved_points)
+    assert 0.2 < np.mean(before < 0.5) < 0.8 and moved.n_cuts == 30
+    np.testing.assert_allclose(after, before, atol=1e-3)  # as for slopes, and normals are some ten times longer
+
+
+def test_the_identity_keeps_every_bit_and_two_mirrors_do():
+    splats = with_cuts(with_slopes(splats_in_view(20)))
+    same(transformed(splats, np.eye(4)), splats)
+    mirror = np.diag([-1.0, 1, 1, 1])
+    twice = transformed(transformed(splats, mirror), mirror)
+    for name in ("slope_index", "color_slopes", "cut_index", "cut_normals"):
+        np.testing.assert_array_equal(getattr(twice, name), getattr(splats, name))
+
+
+@pytest.mark.parametrize("name", ["color_slopes", "cut_normals"])
+def test_a_map_of_what_is_not_finite_warns_of_nothing_and_leaves_the_others_alone(name):
+    splats = with_cuts(with_slopes(splats_in_view(20), every=1), every=1)
+    broken = replace(splats, log_scales=np.where(np.arange(20)[:, None] == 3, np.float32(800), splats.log_scales))
+    matrix = np.diag([1.0, 1, 3, 1])
+    got, expected = transformed(broken, matrix), transformed(splats, matrix)
+    others = np.arange(20) != 3
+    np.testing.assert_array_equal(getattr(got, name)[others], getattr(expected, name)[others])
+
+
+@pytest.mark.parametrize("factor", [7.0, 0.25])
+def test_a_brighter_model_has_brighter_slopes_and_the_same_cuts(factor):
+    splats = with_cuts(with_slopes(splats_in_view(20, degree=1)))
+    points = points_in(splats)
+    bright = brightened(splats, factor)
+    np.testing.assert_allclose(slope_colors(bright, points), factor * slope_colors(splats, points), rtol=1e-5)
+    for name in ("slope_index", "cut_index", "cut_normals"):
+        np.testing.assert_array_equal(getattr(bright, name), getattr(splats, name))
