@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..formats.sizes import FileKind
+from ..scene.row_groups import CUTS, SLOPES
 from ..scores.score import Score, ScoreRule
 from .images.tone_curve import SrgbLog, ToneCurve
 from .milestones import scaled_milestone
@@ -122,7 +123,8 @@ class Recipe:
         parts += [CutControl(self.cuts)] if self.cuts else []
         parts += [sieve, self.densification, ShRamp(self.sh_every), *self.also]
         if self.pruning and size:
-            parts += [Compaction(self.pruning, *size, slopes=self.slopes is not None)]
+            groups = tuple(g for g, rule in ((SLOPES, self.slopes), (CUTS, self.cuts)) if rule)
+            parts += [Compaction(self.pruning, *size, given=groups)]
         elif self.pruning and self.score:
             parts += [Pruning(self.pruning, self.score)]
         parts += [DogActivation(self.dog)] if self.dog else []
