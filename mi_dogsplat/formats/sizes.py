@@ -23,7 +23,7 @@ from .write import write_model
 KINDS = ("ply", "spz", "sog")
 FLOAT, INDEX = 4, 4  # bytes
 VERTEX = 17 * FLOAT  # position, normal, constant colour, opacity, scales, rotation
-DOG_ROW, SLOPE_ROW = INDEX + 4 * FLOAT, INDEX + 9 * FLOAT
+DOG_ROW, SLOPE_ROW, CUT_ROW = INDEX + 4 * FLOAT, INDEX + 9 * FLOAT, INDEX + 3 * FLOAT
 BLOCK = 1024  # primitives that are neighbours in the order of a file
 BLOCKS = 12  # of them, at most, are encoded to measure prices: for a larger model, spread over it
 
@@ -36,16 +36,17 @@ class Prices:
     bands: tuple[float, ...]  # of a primitive with the bands up to degree 0, 1, 2, 3
     dog: float  # of a DoG row
     slopes: float = 0.0  # of a row of slopes
+    cuts: float = 0.0  # of a row of a cut
 
     def of(self, splats: Splats) -> float:
         """Bytes of the file of a model, as far as prices tell."""
-        rows = self.dog * splats.n_dog + self.slopes * splats.n_slopes
+        rows = self.dog * splats.n_dog + self.slopes * splats.n_slopes + self.cuts * splats.n_cuts
         return self.fixed + float(np.take(self.bands, splats.sh_degrees).sum()) + rows
 
     def scaled(self, factor: float) -> Prices:
         """All but the fixed part times ``factor``."""
         bands = tuple(factor * price for price in self.bands)
-        return Prices(self.fixed, bands, factor * self.dog, factor * self.slopes)
+        return Prices(self.fixed, bands, factor * self.dog, factor * self.slopes, factor * self.cuts)
 
 
 @dataclass(frozen=True)
@@ -56,13 +57,13 @@ class FileKind:
     drawing: Drawing = Drawing()
 
     def encoded(self, splats: Splats) -> bytes:
-        """The file of a model; its primaries in their mean colours where the format has neither DoG nor slopes."""
+        """The file of a model; its primaries, whole and in their mean colours, where the format has no more."""
         with TemporaryDirectory() as folder:
             path = Path(folder) / f"model.{self.name}"
             if self.name == "ply":
                 write_ply(path, splats, "rows", comments_of(self.drawing))
             else:
-                write_model(path, Model(splats.plain().uniform_sh(), self.drawing))
+                write_model(path, Model(splats.plain().without_cuts().uniform_sh(), self.drawing))
             return path.read_bytes()
 
     def size(self, splats: Splats) -> int:
@@ -73,25 +74,32 @@ class FileKind:
         """A model in training as its end will leave it: on the grids of the format (``coded.py``), where it has any."""
         if self.name not in CODED:
             return splats
-        return snapped(self.name, splats.plain().without_slopes(), rounds=0, linear=bool(self.drawing.linear))
+        return snapped(self.name, _bare(splats), rounds=0, linear=bool(self.drawing.linear))
 
 
 def by_part(kind: FileKind, splats: Splats) -> dict[str, int]:
     """Bytes of the file of a model by what is in it, in order: what each part adds to a file with those before it.
 
-    ``primitives``: all but what follows; ``sh1``, ``sh2``, ``sh3``: the bands of that degree; ``dog``; ``slopes``.
-    Parts that add nothing are left out.
+    ``primitives``: all but what follows; ``sh1``, ``sh2``, ``sh3``: the bands of that degree; ``dog``; ``slopes``;
+    ``cuts``. Parts that add nothing are left out.
     """
-    degrees, flat = splats.sh_degrees, splats.plain().without_slopes()
-    sizes = {"primitives": kind.size(flat.uniform_sh(0))}
+    degrees, bare = splats.sh_degrees, _bare(splats)
+    sizes = {"primitives": kind.size(bare.uniform_sh(0))}
     for degree in range(1, splats.sh_degree + 1):
-        sizes[f"sh{degree}"] = kind.size(flat.with_sh_degrees(np.minimum(degrees, degree)))
+        sizes[f"sh{degree}"] = kind.size(bare.with_sh_degrees(np.minimum(degrees, degree)))
     if splats.n_dog:
-        sizes["dog"] = kind.size(splats.without_slopes())
+        sizes["dog"] = kind.size(splats.without_slopes().without_cuts())
     if splats.n_slopes:
-        sizes["slopes"] = kind.size(splats)
+        sizes["slopes"] = kind.size(splats.without_cuts())
+    if splats.n_cuts:
+        sizes["cuts"] = kind.size(splats)
     added = np.diff([0, *sizes.values()]).tolist()
     return {part: size for part, size in zip(sizes, added, strict=True) if size}
+
+
+def _bare(splats: Splats) -> Splats:
+    """Its primaries, whole and in their mean colours."""
+    return splats.plain().without_slopes().without_cuts()
 
 
 def prices(kind: FileKind, splats: Splats) -> Prices:
@@ -103,7 +111,7 @@ def prices(kind: FileKind, splats: Splats) -> Prices:
         raise ValueError("prices: the model is empty")
     if kind.name == "ply":
         bands = (VERTEX, *(VERTEX + INDEX + 3 * FLOAT * ((d + 1) ** 2 - 1) for d in range(1, MAX_SH_DEGREE + 1)))
-        return Prices(kind.size(Splats.empty(0)), bands, DOG_ROW, SLOPE_ROW)
+        return Prices(kind.size(Splats.empty(0)), bands, DOG_ROW, SLOPE_ROW, CUT_ROW)
     return _measured(kind, splats)
 
 

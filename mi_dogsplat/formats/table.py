@@ -23,10 +23,10 @@ ALL = frozenset(NAMES)
 class Format:
     """A format; readers and writers have the axes of the file, which ``turn`` takes from those of 3DGS PLY, or back.
 
-    carries: fields of ``Drawing`` that it can say. dog, slopes, mixed_sh: it holds DoG primitives, colours that vary
-    over theirs, SH degrees of single ones. sh_degree: the highest that it holds. order: in which primitives compress
-    best; None: it does not matter. in_white: linear colours are in units of white in the file, as its codes are made
-    for 0 to 1. brightest: of colours, in these units, which it can say.
+    carries: fields of ``Drawing`` that it can say. dog, slopes, cuts, mixed_sh: it holds DoG primitives, colours that
+    vary over theirs, primitives that a plane cuts off, SH degrees of single ones. sh_degree: the highest that it holds.
+    order: in which primitives compress best; None: it does not matter. in_white: linear colours are in units of white
+    in the file, as its codes are made for 0 to 1. brightest: of colours, in these units, which it can say.
     """
 
     name: str
@@ -36,6 +36,7 @@ class Format:
     turn: Turn | None = None
     dog: bool = False
     slopes: bool = False
+    cuts: bool = False
     mixed_sh: bool = False
     sh_degree: int = 3
     order: Callable[[Splats], Array] | None = None
@@ -71,6 +72,7 @@ PLY = Format(
     ALL,
     dog=True,
     slopes=True,
+    cuts=True,
     mixed_sh=True,
 )
 COMPRESSED_PLY = Format(
@@ -80,6 +82,7 @@ COMPRESSED_PLY = Format(
     ALL,
     dog=True,
     slopes=True,
+    cuts=True,
     order=in_space,
     in_white=True,
 )

@@ -1,7 +1,7 @@
-"""Rows of DoG and of slopes at the end of a compressed PLY, a byte a number, where other readers do not look.
+"""Rows of DoG, slopes and cuts at the end of a compressed PLY, a byte a number, where other readers do not look.
 
-The header says ``comment dogsplat dog VERSION ROWS``, and ``comment dogsplat slopes VERSION ROWS``. Behind the data of
-the last element follow the DoG, then the slopes, each as (little-endian):
+The header says ``comment dogsplat dog VERSION ROWS``, and so of ``slopes`` and ``cuts``. Behind the data of the last
+element follow the DoG, the slopes and the cuts, each as (little-endian):
 
 ==========  ===========================================================================================
 bounds      float32: the smallest of each number between bounds, then the largest
@@ -9,8 +9,9 @@ rows        ROWS times: skip, of DoG f_a, and the numbers between bounds
 ==========  ===========================================================================================
 
 ``skip`` counts the primitives without a row since the one of the row before; 255 passes over 255 of them, and the rest
-of such a row means nothing. f_a is (byte + 1/2) / 256. Between bounds, at byte / 255, lie log F of three axes, and nine
-sign(s) log(1 + 64 |s|) of the slopes s, axis by axis: so a faint one keeps its share beside a strong one.
+of such a row means nothing. f_a is (byte + 1/2) / 256. Between bounds, at byte / 255, lie log F of three axes, nine
+sign(s) log(1 + 64 |s|) of the slopes s, axis by axis, and three sign(n) log(1 + |n|) of the normal n of a cut: so a
+faint one keeps its share beside a strong one.
 
 They are no elements because readers count these: splat-transform refuses a compressed PLY with one more. Bytes behind
 the last element and comments it leaves alone, as PlayCanvas does. Of DoG eight bits lose 0.005 dB at most
@@ -23,13 +24,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..scene import row_groups
 from ..scene.ply_tables import TableReader
 from ..scene.splats import Array, Splats
 from .packing import logits
 
 VERSION = 1
 MAX_LOG_F = 20.0
-SLOPE_UNIT = 1 / 64  # below it slopes are told apart evenly, above by their ratio
+MAX_LOG = 85.0  # of a slope or normal in its unit: beyond lies the end of float32
 LONGEST_SKIP = 255  # of a row without a primitive
 
 
@@ -43,6 +45,8 @@ class Rows:
     bounded: int
     most: float
     """that a bound can be, of either sign"""
+    unit: float = 1.0
+    """of signed numbers: below it they are told apart evenly, above by their ratio"""
 
     @property
     def bounds_bytes(self) -> int:
@@ -74,6 +78,17 @@ class Rows:
         rows[at, 1 + self.whole :] = np.clip(np.round(share * 255), 0, 255)
         return [f"dogsplat {self.name} {VERSION} {len(rows)}"], bounds.tobytes() + rows.tobytes()
 
+    def encode_signed(self, index: Array, values: Array) -> tuple[list[str], bytes]:
+        """The same of rows that are signed numbers [M, …] alone."""
+        values = values.reshape(-1, self.bounded).astype(np.float64)
+        logs = np.sign(values) * np.minimum(np.log1p(np.abs(values) / self.unit), self.most)
+        return self.encode(index, np.zeros((len(logs), 0), np.uint8), logs)
+
+    def decode_signed(self, reader: TableReader, part: bytes, n: int) -> tuple[Array, Array]:
+        """(index [M], signed numbers [M, bounded]), as ``decode``."""
+        index, _, logs = self.decode(reader, part, n)
+        return index, np.sign(logs) * np.expm1(np.abs(logs)) * self.unit
+
     def decode(self, reader: TableReader, part: bytes, n: int) -> tuple[Array, Array, Array]:
         """(index [M] below ``n``, bytes [M, whole], numbers [M, bounded]) of ``size`` bytes. Raises ``DataError``."""
         low, high = np.frombuffer(part, "<f4", 2 * self.bounded).astype(np.float64).reshape(2, self.bounded)
@@ -101,34 +116,39 @@ class Rows:
 
 
 DOG = Rows("dog", "DoG", 1, 3, MAX_LOG_F)
-SLOPES = Rows("slopes", "slope", 0, 9, 100.0)
+SLOPES, CUTS = Rows("slopes", "slope", 0, 9, MAX_LOG, 1 / 64), Rows("cuts", "cut", 0, 3, MAX_LOG)
+SIGNED = {SLOPES: row_groups.SLOPES, CUTS: row_groups.CUTS}
 
 
 def encode(splats: Splats) -> tuple[list[str], bytes]:
-    """Comments for the header, and what is to follow the last element; nothing for a model of neither."""
+    """Comments for the header, and what is to follow the last element; nothing for a model of none of them."""
     f_a = np.clip(np.floor(splats.dog_opacities.astype(np.float64) * 256), 0, 255).astype(np.uint8)[:, None]
     logs = np.clip(splats.dog_log_scales.astype(np.float64), -MAX_LOG_F, MAX_LOG_F)  # [M, 3]
-    slopes = splats.color_slopes.reshape(-1, SLOPES.bounded).astype(np.float64)
-    slopes = np.sign(slopes) * np.log1p(np.abs(slopes) / SLOPE_UNIT)
-    about_dog, dog = DOG.encode(splats.dog_index, f_a, logs)
-    about_slopes, slope_rows = SLOPES.encode(splats.slope_index, np.zeros((len(slopes), 0), np.uint8), slopes)
-    return about_dog + about_slopes, dog + slope_rows
+    comments, rows = DOG.encode(splats.dog_index, f_a, logs)
+    for kind, group in SIGNED.items():
+        (name,) = group.names
+        about, more = kind.encode_signed(getattr(splats, group.index), getattr(splats, name))
+        comments, rows = comments + about, rows + more
+    return comments, rows
 
 
 def decode(reader: TableReader, trailer: bytes, n: int) -> dict[str, Array]:
-    """The arrays of both kinds in ``Splats`` of N primitives, of a file whose tables are read. Raises ``DataError``."""
-    counts = {kind: kind.announced(reader) for kind in (DOG, SLOPES)}
-    if len(trailer) != sum(kind.size(count) for kind, count in counts.items()):
-        told = [f"{count} {kind.kind} rows are {kind.size(count)}" for kind, count in counts.items()]
+    """The arrays of all kinds in ``Splats`` of N primitives, of a file whose tables are read. Raises ``DataError``."""
+    sizes = {kind: kind.size(kind.announced(reader)) for kind in (DOG, *SIGNED)}
+    if len(trailer) != sum(sizes.values()):
+        told = [f"{kind.announced(reader)} {kind.kind} rows are {size}" for kind, size in sizes.items()]
         reader.fail(f"{len(trailer)} bytes follow the last element; {', '.join(told)}")
-    end, found = DOG.size(counts[DOG]), {}
-    if counts[DOG]:
-        index, f_a, logs = DOG.decode(reader, trailer[:end], n)
+    start, found = sizes[DOG], {}
+    if start:
+        index, f_a, logs = DOG.decode(reader, trailer[:start], n)
         found |= {"dog_index": index, "dog_logit_opacities": logits((f_a[:, 0] + 0.5) / 256), "dog_log_scales": logs}
-    if counts[SLOPES]:
-        index, _, slopes = SLOPES.decode(reader, trailer[end:], n)
-        slopes = np.sign(slopes) * np.expm1(np.abs(slopes)) * SLOPE_UNIT
-        found |= {"slope_index": index, "color_slopes": slopes.reshape(-1, 3, 3)}
+    for kind, group in SIGNED.items():
+        part = trailer[start : start + sizes[kind]]
+        if part:
+            ((name, shape),) = group.arrays.items()
+            index, values = kind.decode_signed(reader, part, n)
+            found |= {group.index: index, name: values.reshape(-1, *shape)}
+        start += len(part)
     return found
 
 
