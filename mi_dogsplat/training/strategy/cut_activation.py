@@ -39,7 +39,7 @@ def largest_change(lengths: np.ndarray) -> np.ndarray:
 
 
 def shown_cuts(rule: RowRule, optimizer: SplatOptimizer) -> np.ndarray:
-    """[C] whether a cut changes the α of some pixel by ``rule.least`` or more.
+    """[C] whether a cut may change the α of some pixel by ``rule.least``, where it does not end at 1/255 anyway.
 
     A pixel at the offset d sees g at w = E[w | d], and |w|² is at most dᵀ Σ'⁻¹ d: the kernel over the image is no
     larger there than exp(-|w|²/2), so that opacity times ``largest_change`` bounds the change. α of a DoG primitive
