@@ -117,8 +117,9 @@ class Compaction(Strategy[Compacted]):
         known = prices(self.kind, splats)
         known = known.scaled((size - known.fixed) / (known.of(splats) - known.fixed))
         wanted, low, high, best = float(budget), known.fixed, np.inf, None
+        after, step = 0, 1.2
         for _ in range(ATTEMPTS):
-            chosen, after = options.chosen(known, wanted), 0
+            chosen, before, after = options.chosen(known, wanted), after, 0
             if len(chosen.kept):
                 model = as_chosen(splats, options, chosen)
                 after = self.kind.size(model if ended else self.kind.foreseen(model))
@@ -129,7 +130,8 @@ class Compaction(Strategy[Compacted]):
                 best = (model, chosen.kept, after) if len(chosen.kept) else best
             if best and (best[2] >= FULL * budget or len(best[1]) == splats.n_splats):
                 return best
-            guess = wanted + (budget - after) * (1.2 if after > budget else 1)
+            step = 2 * step if after == before else 1.2  # where the excess is less than what the next part to go takes
+            guess = wanted + (budget - after) * (step if after > budget else 1)
             wanted = guess if low < guess < high else (low + min(high, 2 * wanted)) / 2
         if best:
             return best

@@ -22,7 +22,7 @@ from mi_dogsplat.scores.bands import Bands
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.strategy.compaction import as_chosen
-from mi_dogsplat.training.strategy.options import Options
+from mi_dogsplat.training.strategy.options import Options, Rows
 from mi_dogsplat.training.train import Trainer
 from splat_scenes import random_splats, rounded
 
@@ -118,16 +118,16 @@ def test_comparisons_are_of_numbers_of_primitives(data, tmp_path, capsys, comman
 # --- what is chosen ---
 
 
-def options_of(removal, by_degree, without_dog, splats: Splats, without_slopes=None) -> Options:
-    is_dog = np.isin(np.arange(splats.n_splats), splats.dog_index)
+def options_of(removal, by_degree, without_dog, splats: Splats, without_slopes=None, without_cuts=None) -> Options:
     whole = splats.uniform_sh()
     nothing = [np.zeros(splats.n_splats)] * (whole.sh_coeffs.shape[1] * (whole.sh_coeffs.shape[1] + 1) // 2)
     bands = Bands(whole.sh_coeffs, nothing)
-    without_dog = np.array(without_dog)
-    without_slopes = np.zeros(splats.n_splats) if without_slopes is None else np.array(without_slopes)
-    has_slopes = np.isin(np.arange(splats.n_splats), splats.slope_index)
-    losses = np.array(removal), np.array(by_degree), without_dog, splats.sh_degrees, is_dog, without_slopes, has_slopes
-    return Options(*losses, bands)
+    losses = {"dog_index": without_dog, "slope_index": without_slopes, "cut_index": without_cuts}
+    rows = []
+    for index, loss in losses.items():
+        has = np.isin(np.arange(splats.n_splats), getattr(splats, index))
+        rows.append(Rows(has, np.zeros(splats.n_splats) if loss is None else np.array(loss)))
+    return Options(np.array(removal), np.array(by_degree), splats.sh_degrees, *rows, bands)
 
 
 def four() -> Splats:
@@ -191,6 +191,38 @@ def test_slopes_go_where_they_gain_least_for_their_bytes(budget, kept, degrees, 
     np.testing.assert_array_equal(model.color_slopes, expected)
 
 
+PRICED = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0, 40.0, 30.0)
+
+
+def four_cut(sloped: bool) -> Splats:
+    """Four, all but the third cut off."""
+    normals = np.random.default_rng(1).normal(size=(3, 3))
+    return replace(four_sloped() if sloped else four(), cut_index=[0, 1, 3], cut_normals=normals)
+
+
+@pytest.mark.parametrize("sloped", [False, True])
+@pytest.mark.parametrize(
+    ("budget", "kept", "cuts"),
+    [
+        (1e9, [0, 1, 2, 3], [0, 1, 3]),  # all of it
+        (655, [0, 1, 2, 3], [0, 1]),  # what hardly matters goes first
+        (515, [0, 1, 2, 3], [0]),
+        (410, [0, 1, 2], [0]),  # then the last primitive, before a cut that matters
+    ],
+)
+def test_cuts_go_where_they_gain_least_for_their_bytes(sloped, budget, kept, cuts):
+    splats = four_cut(sloped)
+    without_slopes = [2.0, 0, 1.8, 1.7] if sloped else None  # more for their bytes than any cut
+    options = options_of([9, 6, 5, 3.0], *LOSSES[1:], splats, without_slopes, [1.5, 0.2, 0, 0.05])
+    chosen = options.chosen(PRICED, budget + 40 * (len(kept) - 1) * sloped)
+    np.testing.assert_array_equal(chosen.kept, kept)
+    np.testing.assert_array_equal(chosen.cuts, cuts)
+    np.testing.assert_array_equal(chosen.slopes, np.intersect1d(splats.slope_index, kept))
+    model = as_chosen(splats, options, chosen)
+    np.testing.assert_array_equal(model.cut_index, cuts)
+    np.testing.assert_array_equal(model.cut_normals, splats.cut_normals[np.searchsorted([0, 1, 3], cuts)])
+
+
 def test_slopes_that_are_to_come_cost_what_they_will_and_are_not_given_up():
     losses = [np.inf, 0, np.inf, np.inf]
     chosen = options_of(*LOSSES, four_sloped(), without_slopes=losses).chosen(SLOPED, 10 + 3 * 140 + 100)
@@ -208,6 +240,20 @@ def test_a_run_with_slopes_ends_with_a_file_of_its_size(tmp_path):
     last = [row for row in rows if records([row], "pruned") and row["step"] <= 70][-1]  # before slopes come
     assert last["n"] <= 7000 / (68 + 40) and last["n_slopes"] == 0
     (come,) = records(rows, "slopes_activated")
+    assert come["count"] <= last["n"]
+
+
+def test_a_run_with_cuts_ends_with_a_file_of_its_size(tmp_path):
+    data = tiny_data.write_tiny_data(tmp_path / "data", splats=tiny_data.sloped_truth())
+    config = config_of(data, target="7kB", preset="ours_cuts", sh_degree=1)
+    metrics = mi_dogsplat.runs.run.train(config, tmp_path / "run")
+    rows, splats = rows_of(tmp_path / "run"), read_ply(tmp_path / "run" / "point_cloud.ply")
+    assert 6300 < metrics["bytes"] == sum(metrics["bytes_by_part"].values()) <= 7000
+    assert metrics["bytes_by_part"]["cuts"] > 16 * splats.n_cuts
+    assert metrics["n_cuts"] == splats.n_cuts > 5
+    last = [row for row in rows if records([row], "pruned") and row["step"] <= 70][-1]  # before cuts come
+    assert last["n"] <= 7000 / (68 + 40 + 16) and last["n_cuts"] == last["n_slopes"] == 0
+    (come,) = records(rows, "cuts_activated")
     assert come["count"] <= last["n"]
 
 
