@@ -111,6 +111,7 @@ AS_PUBLISHED = {
     "ours_gaussian": Method("ours, without DoG", replace(RECIPES["ours"], dog=None), "this project"),
     "ours": Method("ours", RECIPES["ours"], "this project; removal error: GaussianPOP, arXiv 2602.06830"),
     "ours_slopes": Method("ours, with slopes", RECIPES["ours_slopes"], "this project: docs/slopes.md"),
+    "ours_cuts": Method("ours, with slopes and cuts", RECIPES["ours_cuts"], "this project: docs/cuts.md"),
 }
 
 
@@ -131,7 +132,7 @@ GROUPS = {
     "learned sparsity": ("mask_gaussian", "lp_3dgs", "gaussian_spa", "gns"),
     "grown to the budget": ("taming", "dash", "mcmc", "improved_gs", "3dgs_capped"),
     "the paper": ("v1", "v2", "v3", "full", "paper", "released", "released_40k"),
-    "ours": ("ours_published", "ours_gaussian", "ours", "ours_slopes"),
+    "ours": ("ours_published", "ours_gaussian", "ours", "ours_slopes", "ours_cuts"),
 }
 GROUPS = {
     group: (*names, *(name + SUFFIX for name in names if name + SUFFIX in METHODS)) for group, names in GROUPS.items()

@@ -67,7 +67,8 @@ def _recipe_features(recipe: dict[str, Any], config: dict[str, Any]) -> list[Fea
     centres = f"to {part(density['stop'])}: {gradients}; their sums, {3 * FLOAT} bytes, stay"
     dense = density["stop"] > density["start"]
     features.append(feature("densification", dense, centres, "training started from a model"))
-    rules = {"pruning": recipe["pruning"], "training DoG": recipe["dog"], "training slopes": recipe.get("slopes")}
+    rules = {"pruning": recipe["pruning"], "training DoG": recipe["dog"]}
+    rules |= {f"training {rows}": recipe.get(rows) for rows in ("slopes", "cuts")}  # which earlier versions lack
     for name, rule in rules.items():
         start = f"from {part(rule['start'])} on, left out before" if rule else ""
         features.append(feature(name, bool(rule), start, "not in the recipe"))

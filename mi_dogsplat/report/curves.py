@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from ..support.wording import finite
 from ..training.events import (
+    CutsActivated,
+    CutsLeftOut,
     Densified,
     DogActivated,
     OpacityReset,
@@ -33,6 +35,8 @@ EVENT_LANES = {  # the lane of an event by its kind
     DogActivated.kind: "DoG",
     SlopesActivated.kind: "slopes",
     SlopesLeftOut.kind: "slopes",
+    CutsActivated.kind: "cuts",
+    CutsLeftOut.kind: "cuts",
 }
 
 

@@ -20,7 +20,7 @@ from ..support.files import write_json
 from ..support.memory import peak_memory_mb
 from ..support.versions import versions
 from ..training.train import Trainer
-from .history import has_slopes
+from .history import counted_rows
 from .misfits import write_misfits
 from .mixture import write_mixture
 from .model_files import write_model_files
@@ -43,7 +43,7 @@ def finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
         **poses,
         "n": splats.n_splats,
         "n_dog": splats.n_dog,
-        **({"n_slopes": splats.n_slopes} if has_slopes(trainer) else {}),
+        **{name: getattr(splats, name) for name in counted_rows(trainer)},
         **sizes,
         "train_seconds": trainer.seconds,
         "peak_memory_mb": peak_memory_mb(),

@@ -20,10 +20,9 @@ def run_to_end(
 ) -> Iterator[dict[str, Any]]:
     """Run to the end; yields rows of the history.
 
-    Every row has ``step``, ``seconds`` (without ``save`` and measurements on test views), ``n`` and ``n_dog``, and
-    ``n_slopes`` where there are some, or are to be. Some have means since the row before (``l1``, ``loss``), means over
-    the test views (``test_psnr``; ``test_flip`` where it is not a prune or an activation that asks), and what happened
-    (``events.row_of``).
+    Every row has ``step``, ``seconds`` (without ``save`` and measurements on test views), ``n`` and ``n_dog``, and the
+    ``counted_rows``. Some have means since the row before (``l1``, ``loss``), means over the test views (``test_psnr``;
+    ``test_flip`` where it is not a prune or an activation that asks), and what happened (``events.row_of``).
     After a step, and after its row, ``save`` is called where that is ``due``. ``until`` is a step before the end.
     """
     config = trainer.config
@@ -39,7 +38,7 @@ def run_to_end(
                 row |= trainer.losses.take()
             _count_seconds(trainer, tick)
             row |= {"seconds": trainer.seconds, "n": trainer.optimizer.n, "n_dog": trainer.optimizer.n_dog}
-            row |= {"n_slopes": trainer.optimizer.n_slopes} if has_slopes(trainer) else {}
+            row |= {name: getattr(trainer.optimizer, name) for name in counted_rows(trainer)}
             row |= row_of(happened)
             if scheduled or compacted:
                 row |= trainer.test_errors(with_flip=scheduled)
@@ -53,9 +52,11 @@ def run_to_end(
         _count_seconds(trainer, tick)
 
 
-def has_slopes(trainer: Trainer) -> bool:
-    """Whether colours vary over primitives, or are to."""
-    return trainer.recipe.slopes is not None or trainer.optimizer.n_slopes > 0
+def counted_rows(trainer: Trainer) -> list[str]:
+    """``n_slopes`` and ``n_cuts``, each where there are some, or are to be."""
+    recipe, optimizer = trainer.recipe, trainer.optimizer
+    rules = {"n_slopes": recipe.slopes, "n_cuts": recipe.cuts}
+    return [name for name, rule in rules.items() if rule is not None or getattr(optimizer, name) > 0]
 
 
 def _count_seconds(trainer: Trainer, since: float) -> None:

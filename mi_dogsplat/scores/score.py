@@ -2,7 +2,7 @@
 
 All rules but "opacity" sum over the training views and pixels what a primitive's footprint image F contributes
 (``walks/score.py``: J, the derivative of the summed image by the kernel's value, D, the change of the image if the
-primitive is removed, or P, if a DoG primitive becomes its primary):
+primitive is removed, P, if a DoG primitive becomes its primary, or Q, if a primitive loses its cut):
 
     U_i = Σ F_i²                         spatial
     Uf_i = Σ_ω w(ω) |F̂_i(ω)|² / (H W)     spectral, w(ω) = (|ω| / ω_corner)^γ; w = 1 would give U_i (Parseval)
@@ -34,7 +34,7 @@ from ..engine.view import prepare_both
 from ..engine.walks.composite import composite_over
 from ..engine.walks.score import Sums, composite_score
 
-KINDS = ("opacity", "spatio-spectral", "released", "leave-one-out", "leave-dog-out")
+KINDS = ("opacity", "spatio-spectral", "released", "leave-one-out", "leave-dog-out", "leave-cut-out")
 CORNER = float(np.sqrt(0.5))  # cycles per pixel, the highest frequency of an image
 LUMA = (0.299, 0.587, 0.114)  # Rec. 601
 BAND_GAIN, BAND_MAX = 0.1, 3.0  # of the released code's band-pass picture
@@ -60,7 +60,7 @@ class Curve(Protocol):
 class ScoreRule:
     """Which score, and its numbers. Raises ``ValueError`` for numbers that mean nothing."""
 
-    kind: str = "spatio-spectral"  # (F = J), leave-one-out (F = D), leave-dog-out (F = P), released, opacity
+    kind: str = "spatio-spectral"  # (F = J), leave-one-out (D), leave-dog-out (P), leave-cut-out (Q), released, opacity
     spatial_weight: float = 1.0  # λ_s
     spectral_weight: float = 1.0  # λ_f
     gamma_f: float = 1.0  # γ, of the spectral part
@@ -94,6 +94,7 @@ class ScoreRule:
             weighted=self.curve is not None,
             removal=self.kind == "leave-one-out",
             degeneration=self.kind == "leave-dog-out",
+            uncut=self.kind == "leave-cut-out",
             energy=self.spatial_weight > 0,
             gradient=spectral and self.probes == 0,
             probes=self.probes if spectral else 0,

@@ -17,8 +17,8 @@ FROM_RECIPE: Any = None  # a default that the preset decides on when the configu
 PRUNING_PRESETS = "use " + " or ".join(name for name in RECIPES if RECIPES[name].pruning)
 # may change from one start of a run to the next, as no result depends on them
 FREE = ("checkpoint_seconds", "memory", "up", "scale", "unit")
-PRESETS = "recipe: ours; ours_slopes (with colours that vary over their primitives); paper or released (the method as "
-PRESETS += "printed, as in its code); 3dgs (baseline)"
+PRESETS = "recipe: ours; ours_slopes (with colours that vary over their primitives); ours_cuts (and planes that "
+PRESETS += "cut them off); paper or released (the method as printed, as in its code); 3dgs (baseline)"
 WORLD_SCALE = "remove larger primitives, times the camera extent (default: the preset's)"
 VARIANT = "Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb"
 TESTS = "steps between measurements of PSNR and FLIP on the test views; 0: eight times a run"
@@ -86,8 +86,8 @@ class TrainConfig:
         check_settings(self)
         check_world(self.up, self.scale)
         self._fill_from_recipe()
-        if self.format != "ply" and RECIPES[self.preset].slopes:
-            problem = f'"{self.preset}" gives slopes to primitives, and {self.format} does not hold them'
+        if self.format != "ply" and (rows := RECIPES[self.preset].given):
+            problem = f'"{self.preset}" gives {rows} to primitives, and {self.format} does not hold them'
             refuse("preset", problem, "use ours, or --format ply")
         if self.memory is not None:
             try:

@@ -157,6 +157,23 @@ class SlopesLeftOut(Event):
 
 
 @dataclass(frozen=True)
+class CutsActivated(Event):
+    """All ``count`` primitives got cuts, so that a plane may cut them off."""
+
+    kind, words = "cuts_activated", "cuts activated for {count} primitives"
+    count: int
+
+
+@dataclass(frozen=True)
+class CutsLeftOut(Event):
+    """``count`` primitives lost their cuts, which no pixel shows; ``left`` have one still."""
+
+    kind, words = "cuts_left_out", "cuts of {count} primitives left out, {left} have one"
+    count: int
+    left: int
+
+
+@dataclass(frozen=True)
 class Quantised(Event):
     """The model became what its file holds; ``entries`` of the palette."""
 

@@ -1,12 +1,14 @@
 """What a training needs of memory, and how many primitives fit into what there is.
 
 Measured on the CPU (LLVM, resident size; docs/trust.md has the table): within 10 % from 50,000 to 600,000 primitives.
-F is the number of floats of a primitive: 14 without SH, 62 at degree 3 (``SplatOptimizer``). Rows of DoG and slopes
-that come when pruning is over do not count: what was pruned needed more.
+F is the number of floats of a primitive: 14 without SH, 62 at degree 3 (``SplatOptimizer``). Rows of DoG, slopes
+and cuts that come when pruning is over do not count: what was pruned needed more.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import drjit as dr
@@ -15,6 +17,7 @@ import mitsuba as mi
 from ..datasets import Dataset
 from ..engine.bands import LISTED, WALKED
 from ..engine.geometry import Blocks
+from ..scene.row_groups import RowGroup
 from ..support.errors import DataError
 from ..support.memory import available_memory, bytes_of
 from ..support.wording import count, file_size
@@ -98,7 +101,7 @@ def budget(
     dataset: Dataset,
     sh_degree: int,
     on_disk: bool = False,
-    slopes: bool = False,
+    groups: Collection[RowGroup] = (),
     masked: bool = False,
 ) -> Budget | None:
     """The budget of a training on the data; None where nobody knows how much memory there is.
@@ -106,7 +109,7 @@ def budget(
     Args:
         memory: as ``TrainConfig.memory``; None is what the machine has to give now.
         on_disk: pictures and masks are decoded when they are due, and weigh nothing.
-        slopes: primitives have slopes before any are pruned.
+        groups: of which primitives have rows before any are pruned.
         masked: training views have masks.
     """
     pictures = 0 if on_disk else sum(view.n_bytes for view in dataset.views)
@@ -126,7 +129,8 @@ def budget(
         targets = sum(view.n_bytes for view in dataset.train)
     targets += MASK * sum(pixels) if masked and not on_disk else 0
     at_work = (AT_WORK + (0 if keep else TARGET)) * max(pixels)
-    floats = 14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0) + 9 * slopes
+    floats = 14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0)
+    floats += sum(math.prod(shape) for group in groups for shape in group.arrays.values())
     rows = min(view.camera.height for view in dataset.train) // Blocks.of_backend().tile_height
     bands = min(MOST_BANDS, max(1, rows // ROWS_OF_BAND))
     return Budget(total, BASE + pictures + targets + at_work, floats, bands, keep)

@@ -126,7 +126,7 @@ def model_to_prune(path: str, target: float | str, format: str = "ply") -> Model
     model = read_model(path)
     splats = model.splats
     if format != "ply":
-        splats = splats.plain().without_slopes()  # no other format holds them; the training makes up for it
+        splats = splats.plain().without_slopes().without_cuts()  # no other format holds them; training makes up for it
     if splats.n_splats < 2:
         raise DataError(path, f"holds {splats.n_splats} primitives", "pruning needs at least 2")
     try:

@@ -11,11 +11,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..formats.sizes import FileKind
+from ..scene.row_groups import CUTS, SLOPES
 from ..scores.score import Score, ScoreRule
 from .images.tone_curve import SrgbLog, ToneCurve
 from .milestones import scaled_milestone
 from .optimizer.learning_rates import Refinement
 from .strategy.compaction import Compaction
+from .strategy.cut_activation import CutActivation, CutControl, CutRule
 from .strategy.densify import Densification
 from .strategy.dog_control import DogActivation, DogControl, DogRule
 from .strategy.prune import Pruning
@@ -48,6 +50,7 @@ class Recipe:
     curve: ToneCurve = SrgbLog()  # through which the loss sees linear images
     start_share: float | None = None  # of the target, a count, that training starts with at most: for one that grows
     slopes: SlopeRule | None = None  # colours that vary over their primitive
+    cuts: CutRule | None = None  # primitives that a plane cuts off
 
     def __post_init__(self) -> None:
         if self.pruning and not self.score:
@@ -65,19 +68,25 @@ class Recipe:
             pruning=self.pruning and self.pruning.scaled(factor),
             dog=self.dog and self.dog.scaled(factor),
             slopes=self.slopes and self.slopes.scaled(factor),
+            cuts=self.cuts and self.cuts.scaled(factor),
             refinement=self.refinement and self.refinement.scaled(factor),
             also=tuple(strategy.scaled(factor) for strategy in self.also),
             reference_steps=steps,
             **milestones,
         )
 
+    @property
+    def given(self) -> str:
+        """What it gives to primitives that PLY alone holds, beside DoG: ``slopes and cuts``, or nothing."""
+        return " and ".join(name for name in ("slopes", "cuts") if getattr(self, name))
+
     def for_format(self, name: str) -> Recipe:
         """The recipe of a model that ends in a file of that format: only PLY holds DoG, and numbers as they are.
 
-        Raises ``ValueError`` for a recipe with slopes and another format, which would leave nothing of them.
+        Raises ``ValueError`` for a recipe with slopes or cuts and another format, which would leave nothing of them.
         """
-        if name != "ply" and self.slopes:
-            raise ValueError(f"Recipe.for_format: this recipe gives slopes to primitives, which {name} does not hold")
+        if name != "ply" and (rows := self.given):
+            raise ValueError(f"Recipe.for_format: this recipe gives {rows} to primitives, which {name} does not hold")
         return self if name == "ply" else replace(self, dog=None, quantisation=Quantisation(name))
 
     def from_pruning(self) -> Recipe:
@@ -93,7 +102,8 @@ class Recipe:
             densification=replace(self.densification, start=0, stop=0),
             pruning=replace(self.pruning, start=0, stop=self.pruning.stop - start),
             dog=self.dog and replace(self.dog, start=max(0, self.dog.start - start)),
-            slopes=self.slopes and replace(self.slopes, start=max(0, self.slopes.start - start)),
+            slopes=self.slopes and self.slopes.earlier(start),
+            cuts=self.cuts and self.cuts.earlier(start),
             reference_steps=self.reference_steps - start,
             sh_every=0,
             first_step=start,
@@ -110,13 +120,16 @@ class Recipe:
         """
         parts: list[Strategy[Any]] = [DogControl(self.dog)] if self.dog and self.dog.control else []
         parts += [SlopeControl(self.slopes)] if self.slopes else []
+        parts += [CutControl(self.cuts)] if self.cuts else []
         parts += [sieve, self.densification, ShRamp(self.sh_every), *self.also]
         if self.pruning and size:
-            parts += [Compaction(self.pruning, *size, slopes=self.slopes is not None)]
+            groups = tuple(g for g, rule in ((SLOPES, self.slopes), (CUTS, self.cuts)) if rule)
+            parts += [Compaction(self.pruning, *size, given=groups)]
         elif self.pruning and self.score:
             parts += [Pruning(self.pruning, self.score)]
         parts += [DogActivation(self.dog)] if self.dog else []
         parts += [SlopeActivation(self.slopes)] if self.slopes else []
+        parts += [CutActivation(self.cuts)] if self.cuts else []
         parts += [self.quantisation] if self.quantisation else []
         names = [part.name for part in parts]
         if twice := [name for name in names if names.count(name) > 1]:
@@ -132,9 +145,11 @@ OURS = Recipe(
     dog=DogRule(start=18_000, opacity=0.05, scale=0.6),
     refinement=Refinement(15_000, gain=4.0, end_gain=0.1, means_gain=16.0, few=10_000, sh_gain=4.0),
 )
+OURS_SLOPES = replace(OURS, slopes=SlopeRule(start=18_000))
 RECIPES = {
     "ours": OURS,
-    "ours_slopes": replace(OURS, slopes=SlopeRule(start=18_000)),
+    "ours_slopes": OURS_SLOPES,
+    "ours_cuts": replace(OURS_SLOPES, cuts=CutRule(start=18_000)),
     # the text: all factors below 1. Their starts, the weights, gamma and the threshold are ours: docs/training.md
     "paper": Recipe(
         pruning=PruningRule(),

@@ -30,6 +30,7 @@ from ..render.picture import Picture, background_color, photograph, render_pictu
 from ..scene.appearance import Appearance
 from ..scene.drawing import Drawing, DrawnAs
 from ..scene.radiance import brightened
+from ..scene.row_groups import CUTS, SLOPES
 from ..scene.splats import Splats
 from ..scores.score import Score, ScoreRule
 from ..support.errors import DataError
@@ -78,9 +79,10 @@ class Trainer:
         limit = config.max_primitives if share is None else max(1, int(share * float(config.target)))
         splats = initial_splats(config, dataset, limit, model)
         self.n_start = splats.n_splats
-        slopes = bool(splats.n_slopes or (recipe.slopes and not recipe.pruning))
+        rules = (SLOPES, recipe.slopes), (CUTS, recipe.cuts)
+        early = [g for g, rule in rules if len(getattr(splats, g.index)) or (rule and not recipe.pruning)]
         on_disk, masked = config.data_on_disk, config.masks is not None
-        self.memory = budget(config.memory, dataset, splats.sh_degree, on_disk, slopes, masked)
+        self.memory = budget(config.memory, dataset, splats.sh_degree, on_disk, early, masked)
         if self.memory:
             self.memory.require(config.data, splats.n_splats)
         self.rng = np.random.default_rng(config.seed)

@@ -153,9 +153,9 @@ def test_what_is_complete_is_not_repeated(comparison, data, tmp_path):
     compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=again.append)
     assert len(again) == 1 and "render times" in again[0]
     assert {path: path.stat().st_mtime_ns for path in before} == before
-    for path in out.glob("*/*/*/recipe.json"):  # as an earlier version wrote it, which knew no slopes
+    for path in out.glob("*/*/*/recipe.json"):  # as an earlier version wrote it, which knew no slopes and cuts
         method = json.loads(path.read_text())
-        assert method["recipe"].pop("slopes") is None
+        assert (method["recipe"].pop("slopes"), method["recipe"].pop("cuts")) == (None, None)
         path.write_text(json.dumps(method))
     compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=again.append)
     assert len(again) == 2 and {path: path.stat().st_mtime_ns for path in before} == before

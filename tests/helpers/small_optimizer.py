@@ -14,13 +14,14 @@ from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 RATES = LearningRates(extent=2.0, total_steps=1000)
 
 
-def random_model(n: int, degree: int = 1, dog_index=(), seed: int = 0, slope_index=()) -> Splats:
+def random_model(n: int, degree: int = 1, dog_index=(), seed: int = 0, slope_index=(), cut_index=()) -> Splats:
     rng, m = np.random.default_rng(seed), len(dog_index)
     return Splats(
         rng.normal(size=(n, 3)), rng.normal(size=(n, 3)), rng.normal(size=(n, 4)), rng.normal(size=n),
         rng.normal(size=(n, (degree + 1) ** 2, 3)),
         np.array(dog_index, np.uint32), rng.normal(size=m), rng.normal(size=(m, 3)),
         np.array(slope_index, np.uint32), rng.normal(size=(len(slope_index), 3, 3)),
+        np.array(cut_index, np.uint32), rng.normal(size=(len(cut_index), 3)),
     )  # fmt: skip
 
 

@@ -270,6 +270,7 @@ def test_a_run_of_a_comparison_needs_what_the_recipe_of_its_method_asks_for(tmp_
         ({"preset": "3dgs"}, "pruning", "left out"),
         ({"preset": "3dgs"}, "training DoG", "left out"),
         ({"preset": "ours_slopes"}, "training slopes", "needed"),
+        ({"preset": "ours_cuts"}, "training cuts", "needed"),
         ({"model": "m.ply"}, "densification", "left out"),
         ({"sh_degree": 0}, "SH degree in turn", "left out"),
         ({"background": "white"}, "background", "needed"),

@@ -14,6 +14,8 @@ from mi_dogsplat.report.write import write_report
 from mi_dogsplat.support import pictures
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.events import (
+    CutsActivated,
+    CutsLeftOut,
     Densified,
     DogActivated,
     Event,
@@ -131,14 +133,23 @@ def test_every_kind_of_event_has_its_lane(run):
     assert html.count(">DoG</text>") == 2 + 4  # and a mark in each plot
 
 
-def test_slopes_have_a_lane_and_are_counted_where_a_run_gives_them(run):
-    assert "slopes" not in text_of(write_report(run))
+@pytest.mark.parametrize(
+    ("lane", "events", "counted", "words"),
+    [
+        ("slopes", [SlopesActivated(7), SlopesLeftOut(2, 5)], {"n_slopes": 5432}, "5,432 with slopes"),
+        ("cuts", [CutsActivated(7), CutsLeftOut(2, 5)], {"n_cuts": 3210}, "3,210 with a cut"),
+        ("cuts", [CutsActivated(7)], {"n_slopes": 9, "n_cuts": 8}, "9 with slopes, 8 with a cut"),
+    ],
+)
+def test_rows_have_a_lane_and_are_counted_where_a_run_gives_them(run, lane, events, counted, words):
+    before = text_of(write_report(run))
+    assert f">{lane}</text>" not in before and "slopes" not in before and "a cut" not in before
     history = [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
-    history[-1] |= row_of([SlopesActivated(7), SlopesLeftOut(2, 5)])
+    history[-1] |= row_of(events)
     (run / "history.jsonl").write_text("".join(json.dumps(row) + "\n" for row in history))
-    (run / "metrics.json").write_text(json.dumps(METRICS | {"n_slopes": 5432}))
+    (run / "metrics.json").write_text(json.dumps(METRICS | counted))
     html = text_of(write_report(run))
-    assert html.count(">slopes</text>") == 2 and "6,604 of them DoG, 5,432 with slopes" in html
+    assert html.count(f">{lane}</text>") == 2 and f"6,604 of them DoG, {words}" in html
 
 
 def test_test_psnr_is_drawn_where_the_history_has_it(run):

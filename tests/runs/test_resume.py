@@ -25,7 +25,7 @@ from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.train import Trainer
 
 STEPS = 60
-PRESETS = ("3dgs", "ours", "ours_slopes", "released")
+PRESETS = ("3dgs", "ours", "ours_slopes", "ours_cuts", "released")
 
 
 def config_of(data: Path, **changes) -> TrainConfig:
@@ -82,6 +82,7 @@ def whole(data, tmp_path_factory) -> dict[str, Path]:
     rows = rows_of(folders["ours"])
     assert all(records(rows, kind) for kind in ("densified", "pruned", "dog_activated"))
     assert records(rows_of(folders["ours_slopes"]), "slopes_activated")[0]["count"] > 0
+    assert records(rows_of(folders["ours_cuts"]), "cuts_activated")[0]["count"] > 0
     return folders
 
 

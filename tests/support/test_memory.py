@@ -26,6 +26,7 @@ from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import MemoryFull
 from mi_dogsplat.training.footprint import FIRST_PAIRS, MARGIN, TARGET, Budget, budget
 from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.strategy.cut_activation import CutRule
 from mi_dogsplat.training.strategy.slope_activation import SlopeRule
 from mi_dogsplat.training.train import Trainer
 
@@ -45,17 +46,19 @@ def enough_for(n: int, data: Path) -> str:
 
 
 @pytest.mark.parametrize(
-    ("recipe", "slopes"),
+    ("recipe", "rows"),
     [
-        (RECIPES["3dgs"], False),
-        (RECIPES["ours"], False),
-        (RECIPES["ours_slopes"], False),  # they come when most primitives are gone
-        (replace(RECIPES["3dgs"], slopes=SlopeRule()), True),
+        (RECIPES["3dgs"], 0),
+        (RECIPES["ours"], 0),
+        (RECIPES["ours_cuts"], 0),  # they come when most primitives are gone
+        (replace(RECIPES["3dgs"], slopes=SlopeRule()), 9),
+        (replace(RECIPES["3dgs"], cuts=CutRule()), 3),
+        (replace(RECIPES["3dgs"], slopes=SlopeRule(), cuts=CutRule()), 12),
     ],
 )
-def test_slopes_count_where_they_come_to_all_primitives_that_there_ever_are(data, recipe, slopes):
+def test_slopes_and_cuts_count_where_they_come_to_all_primitives_that_there_ever_are(data, recipe, rows):
     trainer = Trainer(config_of(data, memory="1G"), load_dataset(data), recipe)
-    assert trainer.memory and trainer.memory.floats == 14 + 12 + 9 * slopes
+    assert trainer.memory and trainer.memory.floats == 14 + 12 + rows
 
 
 def test_slopes_of_a_model_count(data, tmp_path):

@@ -9,6 +9,7 @@ from mi_dogsplat.scores.score import ScoreRule
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.presets import RECIPES, Recipe
+from mi_dogsplat.training.strategy.cut_activation import CutRule
 from mi_dogsplat.training.strategy.densify import Densification
 from mi_dogsplat.training.strategy.scheduler import PruningRule
 from mi_dogsplat.training.strategy.slope_activation import SlopeRule
@@ -16,8 +17,8 @@ from mi_dogsplat.training.strategy.slope_activation import SlopeRule
 PRUNING = [name for name, recipe in RECIPES.items() if recipe.pruning]
 
 
-def test_the_presets_are_the_five_of_the_interface_and_the_default_is_ours():
-    assert list(RECIPES) == ["ours", "ours_slopes", "paper", "released", "3dgs"]
+def test_the_presets_are_the_six_of_the_interface_and_the_default_is_ours():
+    assert list(RECIPES) == ["ours", "ours_slopes", "ours_cuts", "paper", "released", "3dgs"]
     assert TrainConfig("data").preset == "ours"
 
 
@@ -28,9 +29,21 @@ def test_the_baseline_neither_prunes_nor_knows_dog():
 def test_slopes_come_with_dog_and_are_all_that_is_added_to_ours():
     ours, sloped = RECIPES["ours"], RECIPES["ours_slopes"]
     assert ours.dog and sloped == dataclasses.replace(ours, slopes=SlopeRule(start=ours.dog.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.slopes] == ["ours_slopes"]
-    for recipe in (sloped.scaled(7000), sloped.from_pruning(), sloped.from_pruning().scaled(350)):
-        assert recipe.slopes and recipe.dog and recipe.slopes.start == recipe.dog.start
+    assert [name for name, recipe in RECIPES.items() if recipe.slopes] == ["ours_slopes", "ours_cuts"]
+
+
+def test_cuts_come_with_slopes_and_are_all_that_is_added_to_them():
+    sloped, cut = RECIPES["ours_slopes"], RECIPES["ours_cuts"]
+    assert sloped.slopes and cut == dataclasses.replace(sloped, cuts=CutRule(start=sloped.slopes.start))
+    assert [name for name, recipe in RECIPES.items() if recipe.cuts] == ["ours_cuts"]
+    for recipe in (cut.scaled(7000), cut.from_pruning(), cut.from_pruning().scaled(350)):
+        assert recipe.slopes and recipe.cuts and recipe.dog
+        assert recipe.slopes.start == recipe.cuts.start == recipe.dog.start
+
+
+def test_what_ply_alone_holds_is_named():
+    given = {name: recipe.given for name, recipe in RECIPES.items() if recipe.given}
+    assert given == {"ours_slopes": "slopes", "ours_cuts": "slopes and cuts"}
 
 
 def test_the_papers_recipe_is_that_of_its_text():
@@ -123,7 +136,7 @@ def test_the_preset_decides_on_the_largest_scale_unless_it_is_given():
         ({"target": math.inf}, "--target"),
         ({"target": 500, "max_primitives": 500}, "--target: 500 .* --max-primitives 500"),
         ({"target": 501, "max_primitives": 500}, "smaller target"),
-        ({"preset": "3dgs", "model": "m.ply"}, '"3dgs" does not prune; use ours or ours_slopes or paper or released'),
+        ({"preset": "3dgs", "model": "m.ply"}, '"3dgs" does not prune; use ours or ours_slopes or ours_cuts or'),
     ],
 )
 def test_settings_that_cannot_be_met_name_their_flag(settings, words):

@@ -12,8 +12,9 @@ Notation as in ``composite.py``; for primitive i, at a pixel,
     D = α d    the image minus the image without the primitive, per channel
     P = (α - α⁺) d, with α⁺ = min(.99, 2^p), times what a cut leaves: the image minus the image in which a DoG primitive
                is its primary alone
+    Q = (α - α°) d, with α° of the primitive without its cut: the image minus the image in which it is whole
 
-J, D and P are footprint images, of one channel F (J) or three, and a pass adds up sums over their pixels.
+J, D, P and Q are footprint images, of one channel F (J) or three, and a pass adds up sums over their pixels.
 
 Without a primitive some walks would end later; D puts the background there. That errs by up to T_end / (1 - α), where
 T_end is what the walk left: little, unless the primitive is nearly opaque itself. Measured against real removals on a
@@ -47,6 +48,7 @@ class Sums:
 
     removal: F is D. Else F is J.
     degeneration: F is P
+    uncut: F is Q
     energy: Σ F²
     weighted: ... Σ (w F)² instead, with a plane w
     clamped: F is Σ m d o instead of J, with a plane m per channel: where the image is clamped, m is 0
@@ -57,6 +59,7 @@ class Sums:
 
     removal: bool = False
     degeneration: bool = False
+    uncut: bool = False
     energy: bool = True
     weighted: bool = False
     clamped: bool = False
@@ -66,7 +69,7 @@ class Sums:
     @property
     def channels(self) -> int:
         """Of F."""
-        return 3 if self.removal or self.degeneration else 1
+        return 3 if self.removal or self.degeneration or self.uncut else 1
 
     @property
     def columns(self) -> int:
@@ -151,6 +154,8 @@ def _composite_score(
         changes = alpha
         if sums.degeneration:
             changes = [a - p for a, p in zip(alpha, walk.primary_alphas(alphas.primary), strict=True)]
+        elif sums.uncut:
+            changes = [a - whole for a, whole in zip(alpha, walk.whole_alphas(alphas), strict=True)]
         color, opacity = walk.features(meeting), dr.exp2(meeting.row.kernel.lo)
         blends = 1 if share is None else dr.gather(Float, share, meeting.splat, meeting.active)
         F = [[] for _ in channels]

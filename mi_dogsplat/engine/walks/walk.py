@@ -200,20 +200,34 @@ class Walk:
 
     def alphas(self, meeting: Meeting) -> Alphas:
         """α, and what it is made of."""
-        primary, cutoff = self._kernel(meeting.row.kernel, meeting.dx, meeting.dy), self.settings.cutoffs.alpha
+        primary = self._kernel(meeting.row.kernel, meeting.dx, meeting.dy)
         kept = self._kept(meeting) if self.settings.cuts else None
         if kept:
             primary = [v * g for v, g in zip(primary, kept.values, strict=True)]
         if not self.has_dog:
-            return Alphas(self.primary_alphas(primary), kept, primary, None, None, None)
+            return Alphas(self._alphas_of(primary, None), kept, primary, None, None, None)
         pseudo, dog_row, is_dog = self._pseudo_kernel(meeting)
         if kept:
             pseudo = [v * g for v, g in zip(pseudo, kept.values, strict=True)]
+        return Alphas(self._alphas_of(primary, pseudo), kept, primary, pseudo, dog_row, is_dog)
+
+    def _alphas_of(self, primary: list, pseudo: list | None) -> list:
+        if pseudo is None:
+            return self.primary_alphas(primary)
         alpha = []
         for v, v_p in zip(primary, pseudo, strict=True):
             a = dr.minimum(v, ALPHA_MAX) - dr.minimum(v_p, ALPHA_MAX)
-            alpha.append(dr.select(dr.abs(a) >= cutoff, a, 0))
-        return Alphas(alpha, kept, primary, pseudo, dog_row, is_dog)
+            alpha.append(dr.select(dr.abs(a) >= self.settings.cutoffs.alpha, a, 0))
+        return alpha
+
+    def whole_alphas(self, alphas: Alphas) -> list:
+        """α of a primitive without its cut."""
+        if alphas.kept is None:
+            return alphas.values
+        back = [dr.rcp(g) for g in alphas.kept.values]  # no g is 0
+        primary = [v * b for v, b in zip(alphas.primary, back, strict=True)]
+        pseudo = None if alphas.pseudo is None else [v * b for v, b in zip(alphas.pseudo, back, strict=True)]
+        return self._alphas_of(primary, pseudo)
 
     def primary_alphas(self, primary: list) -> list:
         """α of a primitive without a pseudo-Gaussian, from its ``Alphas.primary``."""

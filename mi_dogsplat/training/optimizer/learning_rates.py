@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from ...engine.parameters import RAW_DOG, RAW_SLOPES
+from ...engine.parameters import RAW_CUTS, RAW_DOG, RAW_SLOPES
 from ..milestones import scaled_milestone
 from .sh_rows import SH_INDEX
 
@@ -65,6 +65,7 @@ class LearningRates:
     dog_logit_opacities: float = 0.025
     dog_log_scales: float = 5e-3
     color_slopes: float = 2.5e-3
+    cut_normals: float = 0.0625  # 25 times that of slopes: a normal that cuts is some units long
     refinement: Refinement | None = None
     batch_views: int = 1  # K, views whose gradients a step averages
     views: int = 1  # of the training, in all
@@ -78,7 +79,8 @@ class LearningRates:
         """Step size of every parameter in a model of ``n`` primitives; without that, in one of few."""
         progress = min(step / max(self.total_steps, 1), 1.0)
         means = self.extent * self.means_start * (self.means_end / self.means_start) ** progress
-        names = ("log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest", *RAW_DOG, *RAW_SLOPES)
+        dense = ("log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest")
+        names = (*dense, *RAW_DOG, *RAW_SLOPES, *RAW_CUTS)
         rates = {"means": means} | {name: getattr(self, name) for name in names}
         if rule := self.refinement:
             here = step, self.total_steps, self.views, n

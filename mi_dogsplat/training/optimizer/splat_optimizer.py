@@ -1,8 +1,8 @@
 """The model in training: its parameters with their Adam moments; the one place where the number of primitives changes.
 
 What Adam does with arrays is in ``trained_arrays.py``. Here rows move: cloning, splitting and removing primitives must
-carry both moments along, or training forgets. And here is which primitives have rows that others have not: of DoG and
-of slopes (``group_rows.py``), and those of their SH degrees (``sh_rows.py``).
+carry both moments along, or training forgets. And here is which primitives have rows that others have not: of DoG,
+of slopes and of cuts (``group_rows.py``), and those of their SH degrees (``sh_rows.py``).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 import mitsuba as mi
 import numpy as np
 
-from ...scene.row_groups import DOG, SH, SLOPES
+from ...scene.row_groups import CUTS, DOG, SH, SLOPES, RowGroup
 from ...scene.splats import Splats
 from ..images.tone_curve import ToneCurve
 from .adam import gather
@@ -80,7 +80,7 @@ class SplatOptimizer(TrainedArrays):
     @property
     def dog_index(self) -> np.ndarray:
         """[M] which primitives are DoG, those included that have been dropped since ``n_dog`` was asked for."""
-        return self._groups[DOG.index].index
+        return self.index_of(DOG)
 
     @property
     def n_slopes(self) -> int:
@@ -90,7 +90,21 @@ class SplatOptimizer(TrainedArrays):
     @property
     def slope_index(self) -> np.ndarray:
         """[S] which primitives have slopes."""
-        return self._groups[SLOPES.index].index
+        return self.index_of(SLOPES)
+
+    @property
+    def n_cuts(self) -> int:
+        """Number of primitives that a plane cuts off."""
+        return len(self.cut_index)
+
+    @property
+    def cut_index(self) -> np.ndarray:
+        """[C] which primitives have a cut."""
+        return self.index_of(CUTS)
+
+    def index_of(self, group: RowGroup) -> np.ndarray:
+        """[M] which primitives have a row of a group: of DoG, of slopes or of cuts."""
+        return self._groups[group.index].index
 
     @property
     def params(self) -> dict:
@@ -109,7 +123,7 @@ class SplatOptimizer(TrainedArrays):
             log_scales: [M, 3] log of F.
         """
         values = {"dog_logit_opacities": logit_opacities, "dog_log_scales": log_scales}
-        self._set(DOG.index, dog_index, values)
+        self.set_rows(DOG, dog_index, values)
 
     def set_slopes(self, slope_index: np.ndarray, color_slopes: np.ndarray) -> None:
         """Give slopes to exactly the primitives ``slope_index``; those that already had some keep their moments.
@@ -118,13 +132,27 @@ class SplatOptimizer(TrainedArrays):
             slope_index: [S] strictly increasing; none leaves every primitive in one colour all over.
             color_slopes: [S, 3, 3] as in ``Splats``.
         """
-        self._set(SLOPES.index, slope_index, {"color_slopes": color_slopes})
+        self.set_rows(SLOPES, slope_index, {"color_slopes": color_slopes})
 
-    def _set(self, group: str, index: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
+    def set_cuts(self, cut_index: np.ndarray, cut_normals: np.ndarray) -> None:
+        """Cut exactly the primitives ``cut_index`` off; those that were already keep their moments.
+
+        Args:
+            cut_index: [C] strictly increasing; none leaves every primitive whole.
+            cut_normals: [C, 3] as in ``Splats``.
+        """
+        self.set_rows(CUTS, cut_index, {"cut_normals": cut_normals})
+
+    def set_rows(self, group: RowGroup, index: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
+        """Give rows of a group to exactly the primitives ``index`` [M]; those that had one keep their moments.
+
+        Args:
+            values: of each array of the group, [M] or [M, …].
+        """
         self._sweep()
-        rows = self._groups[group]
+        rows = self._groups[group.index]
         self.row_size |= rows.row_size
-        self._groups[group] = rows.replaced(self.adam, index, values, self.learning_rates.at(0))
+        self._groups[group.index] = rows.replaced(self.adam, index, values, self.learning_rates.at(0))
 
     def drop_dog(self, drop: mi.Bool) -> None:
         """Make plain Gaussians of the primitives ``drop`` [N] for all renders to come; waits for nothing.
@@ -155,7 +183,7 @@ class SplatOptimizer(TrainedArrays):
 
         Args:
             index: [N'] old row of each new row. N' must not be 0.
-            fresh: [N'] bool; a fresh row starts with zero moments, as a plain Gaussian of one colour all over.
+            fresh: [N'] bool; a fresh row starts with zero moments, as a plain Gaussian that is whole, of one colour.
         """
         index, fresh = np.asarray(index), np.asarray(fresh)
         if len(index) == 0:

@@ -110,8 +110,9 @@ class Quantiser:
         self, tables: Tables, optimizer: SplatOptimizer, cameras: Sequence[DeviceCamera], options: RasterOptions
     ) -> None:
         """Of the ways to write a rotation down take the shortest: the moments of the others mean nothing then."""
-        if optimizer.n_slopes:
-            raise ValueError(f"Quantiser: {self.format} holds no slopes; begin with Splats.without_slopes()")
+        for rows, count in (("slopes", optimizer.n_slopes), ("cuts", optimizer.n_cuts)):
+            if count:
+                raise ValueError(f"Quantiser: {self.format} holds no {rows}; begin with Splats.without_{rows}()")
         splats = nearest_to_identity(optimizer.to_splats())
         for name in ("log_scales", "quats"):
             optimizer.assign(name, getattr(splats, name))

@@ -1,11 +1,12 @@
 """Primitives that no step of the optimizer can bring back; training removes them before they count or are written.
 
 The engine does not draw a primitive with a value that is not finite, and its gradient is zero: it harms nobody, but it
-stays, takes memory, and no file may hold it. Two kinds of finite values are as final, and do harm: they have no
-gradient wherever they show,
+stays, takes memory, and no file may hold it. Some finite values are as final, and do harm: they have no gradient
+wherever they show,
 
 * a colour so bright that the faintest blend (α = 1/255) is white already: the loss clamps at white;
-* a primitive that fills every view: where it is opaque, min(.99, ·) is flat everywhere.
+* a primitive that fills every view: where it is opaque, min(.99, ·) is flat everywhere;
+* a cut so steep that no pixel lies in its fall: nothing says where its plane should be.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 
 from ...engine.geometry import Cutoffs
 from ...engine.project import NO_ROW
-from ...scene.row_groups import SLOPES
+from ...scene.row_groups import CUTS, SLOPES
 from ...scene.sh_basis import C0
 from ..optimizer.group_rows import SPARSE_ROW
 from ..optimizer.sh_rows import SH_INDEX
@@ -26,11 +27,12 @@ from ..optimizer.splat_optimizer import SplatOptimizer
 
 MAX_COLOR = 1 / Cutoffs().alpha  # of a slope, per standard deviation; trained models stay below 2
 MAX_SH = MAX_COLOR / C0  # 904; trained models stay below 10
+MAX_NORMAL = 1e4  # of a cut, per standard deviation; trained models stay below 200
 MAX_SCALE = 1e4  # times the extent of the cameras; trained models stay below 10
 
 
 def broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
-    """[N] whether a primitive, or its row of DoG or slopes, has a value that is not finite or beyond the limits above.
+    """[N] whether a primitive, or a row that it has, has a value that is not finite or beyond the limits above.
 
     One kernel, one wait for the device; in a mixed model one more for each group.
 
@@ -40,7 +42,7 @@ def broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
     params, splat = optimizer.params, dr.arange(mi.UInt32, optimizer.n)
     nobody = dr.full(mi.UInt32, NO_ROW, 1)
     colors = dict.fromkeys(("sh_dc", "sh_rest", *SH_INDEX), MAX_SH) | dict.fromkeys(SLOPES.names, MAX_COLOR)
-    limits = {"log_scales": math.log(MAX_SCALE * extent), **colors}
+    limits = {"log_scales": math.log(MAX_SCALE * extent), **colors, **dict.fromkeys(CUTS.names, MAX_NORMAL)}
     sound, of_groups = dr.full(mi.Bool, True, optimizer.n), []
     for name, values in optimizer.adam.items():
         if name in SPARSE_ROW:

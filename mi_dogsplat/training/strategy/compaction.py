@@ -3,18 +3,19 @@
 In the window in which a count is pruned to, and by the same rule (``scheduler.py``), in bytes: of what the file has
 more than it may have, rounds take away their parts. Each round measures all options (``options.py``) and the size of
 the file as it is, which scales the prices. Bands that go do not come back. Half-way between the window and the end of
-the run, when rows of DoG and slopes are there and bands have settled, the bytes are divided once more. Slopes that the
-primitives are to get count from the first check on, as if they were there.
+the run, when rows of DoG, slopes and cuts are there and bands have settled, the bytes are divided once more. Slopes and
+cuts that the primitives are to get count from the first check on, as if they were there.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...formats.sizes import FileKind, prices
-from ...scene.row_groups import DOG, SLOPES
+from ...scene.row_groups import CUTS, DOG, SLOPES, RowGroup
 from ...scene.splats import Splats
 from ...support.errors import DataError
 from ..events import Allocated, Event, NotPruned, Pruned, Refined
@@ -43,7 +44,7 @@ class Compaction(Strategy[Compacted]):
     rule: PruningRule
     size: int
     kind: FileKind
-    slopes: bool = False  # whether all primitives are to get some
+    given: tuple[RowGroup, ...] = ()  # of which all primitives are to get rows
 
     def new_state(self, t: Training) -> Compacted:
         return Compacted()
@@ -59,10 +60,7 @@ class Compaction(Strategy[Compacted]):
         """Where a check is due, measure, decide, and divide the bytes anew if that is the decision."""
         if not self.due(t, state):
             return []
-        splats = t.optimizer.to_splats()
-        if self.slopes and not splats.n_slopes:
-            n = splats.n_splats
-            splats = replace(splats, slope_index=np.arange(n), color_slopes=np.zeros((n, 3, 3)))
+        splats = with_rows(t.optimizer.to_splats(), self.given)
         size = self.kind.size(self.kind.foreseen(splats))
         if self._settles(t, state):
             state.settled = True
@@ -119,8 +117,9 @@ class Compaction(Strategy[Compacted]):
         known = prices(self.kind, splats)
         known = known.scaled((size - known.fixed) / (known.of(splats) - known.fixed))
         wanted, low, high, best = float(budget), known.fixed, np.inf, None
+        after, step = 0, 1.2
         for _ in range(ATTEMPTS):
-            chosen, after = options.chosen(known, wanted), 0
+            chosen, before, after = options.chosen(known, wanted), after, 0
             if len(chosen.kept):
                 model = as_chosen(splats, options, chosen)
                 after = self.kind.size(model if ended else self.kind.foreseen(model))
@@ -131,12 +130,22 @@ class Compaction(Strategy[Compacted]):
                 best = (model, chosen.kept, after) if len(chosen.kept) else best
             if best and (best[2] >= FULL * budget or len(best[1]) == splats.n_splats):
                 return best
-            guess = wanted + (budget - after) * (1.2 if after > budget else 1)
+            step = 2 * step if after == before else 1.2  # where the excess is less than what the next part to go takes
+            guess = wanted + (budget - after) * (step if after > budget else 1)
             wanted = guess if low < guess < high else (low + min(high, 2 * wanted)) / 2
         if best:
             return best
         problem = f"no primitive fits into {budget} bytes of {self.kind.name}"
         raise DataError("--target", problem, "use a larger size")
+
+
+def with_rows(splats: Splats, groups: Sequence[RowGroup]) -> Splats:
+    """The model with rows of zeros for all primitives, of groups that no primitive is in."""
+    n, rows = splats.n_splats, {}
+    for group in groups:
+        if not len(getattr(splats, group.index)):
+            rows |= {name: np.zeros((n, *shape)) for name, shape in group.arrays.items()} | {group.index: np.arange(n)}
+    return replace(splats, **rows)
 
 
 def as_chosen(splats: Splats, options: Options, chosen: Chosen) -> Splats:
@@ -145,7 +154,7 @@ def as_chosen(splats: Splats, options: Options, chosen: Chosen) -> Splats:
     degrees[chosen.kept] = chosen.degrees
     whole = replace(splats.uniform_sh(), sh_coeffs=options.bands.fitted(degrees)).select(chosen.kept)
     left: dict[str, np.ndarray] = {}
-    for group, places in ((DOG, chosen.dog), (SLOPES, chosen.slopes)):
+    for group, places in ((DOG, chosen.dog), (SLOPES, chosen.slopes), (CUTS, chosen.cuts)):
         rows = np.isin(getattr(whole, group.index), places)
         left |= {name: getattr(whole, name)[rows] for name in (group.index, *group.names)}
     return replace(whole, **left).with_sh_degrees(chosen.degrees)
@@ -165,5 +174,7 @@ def take(optimizer: SplatOptimizer, model: Splats, kept: np.ndarray) -> None:
         optimizer.assign(name, values.reshape(len(values), -1))
     if optimizer.n_dog != model.n_dog:
         optimizer.set_dog(model.dog_index, model.dog_logit_opacities, model.dog_log_scales)
-    if optimizer.n_slopes not in (0, model.n_slopes):  # 0: they are still to come
-        optimizer.set_slopes(model.slope_index, model.color_slopes)
+    for group in (SLOPES, CUTS):
+        index = getattr(model, group.index)
+        if len(optimizer.index_of(group)) not in (0, len(index)):  # 0: they are still to come
+            optimizer.set_rows(group, index, {name: getattr(model, name) for name in group.names})

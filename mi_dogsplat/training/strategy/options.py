@@ -1,14 +1,16 @@
 """What a primitive may be left with, and what that loses and costs: the options among which bytes are divided.
 
-Option 0 is to be removed. Then come, without and with its DoG row, and again with its slopes, the bands of colour up to
-degree 0, 1, 2, 3 of those that it has. The loss of each is in one unit, the energy of the change of the training
-pictures (``scores/``), and is measured as if nothing else changed: of a removal by leave-one-out, of bands with the
-others fitted anew, of a DoG row by the pictures with the primary alone; that of slopes is an estimate. What an option
-is worth is the loss of a removal minus its own.
+Option 0 is to be removed. Then come the bands of colour up to degree 0, 1, 2, 3 of those that it has: without and with
+its DoG row, all these again with its slopes, and all these with its cut. The loss of each is in one unit, the energy of
+the change of the training pictures (``scores/``), and is measured as if nothing else changed: of a removal by
+leave-one-out, of bands with the others fitted anew, of a DoG row by the pictures with the primary alone, of a cut by
+those with the primitive whole; that of slopes is an estimate. What an option is worth is the loss of a removal minus
+its own.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,8 +26,11 @@ from .strategy import Training
 
 REMOVAL = ScoreRule("leave-one-out", spectral_weight=0.0)
 DOG = ScoreRule("leave-dog-out", spectral_weight=0.0)
+CUT = ScoreRule("leave-cut-out", spectral_weight=0.0)
 DEGREES = MAX_SH_DEGREE + 1
 NEVER = 1e6  # times as much as the primitive that matters most
+GROUPS = "dog", "slopes", "cuts"  # each a field of ``Options``, ``Chosen`` and ``Prices``
+NOBODY = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,28 @@ class Chosen:
     degrees: np.ndarray  # [n] their SH degrees
     dog: np.ndarray  # [m] those of the rows kept that stay DoG, as places among them
     slopes: np.ndarray  # [s] those that keep their slopes
+    cuts: np.ndarray  # [c] those that keep their cut
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Of a group of rows: who has one, and what is lost without it."""
+
+    has: np.ndarray  # [N]
+    without: np.ndarray  # [N], 0 where there is none
+
+    @classmethod
+    def of(cls, index: np.ndarray, n: int, loss: Callable[[], np.ndarray] | None) -> Rows:
+        """``loss`` measures [N]; None: rows that the run has not yet are as good as needed."""
+        has = np.zeros(n, bool)
+        has[index] = True
+        lost = loss() if loss and has.any() else np.full(n, np.inf)
+        return cls(has, np.where(has, lost, 0.0))
+
+    @property
+    def held(self) -> Rows:
+        """Where no row may go."""
+        return replace(self, without=np.where(self.has, np.inf, self.without))
 
 
 @dataclass(frozen=True)
@@ -44,35 +71,31 @@ class Options:
 
     removal: np.ndarray  # [N] what is lost without the primitive
     by_degree: np.ndarray  # [N, highest degree + 1] ... without the bands above
-    without_dog: np.ndarray  # [N] ... without the DoG row, 0 where there is none
     degrees: np.ndarray  # [N] that it has
-    is_dog: np.ndarray  # [N]
-    without_slopes: np.ndarray  # [N] ... without the slopes, 0 where there are none
-    has_slopes: np.ndarray  # [N]
+    dog: Rows
+    slopes: Rows
+    cuts: Rows
     bands: Bands
 
     @classmethod
     def of(cls, t: Training, splats: Splats) -> Options:
-        """Measured over all training views of a run; ``splats`` is its model on the host.
-
-        Slopes that the model has and the run has not yet are as good as needed.
-        """
+        """Measured over all training views of a run; ``splats`` is its model, with rows that are to come."""
         params, cameras, options = t.optimizer.params, t.photographs.cameras, t.options
-        whole = splats.uniform_sh()
+        n, whole = splats.n_splats, splats.uniform_sh()
         found = bands(params, whole.sh_coeffs, cameras, options)
         background = t.photographs.background
 
         def energy(rule: ScoreRule) -> np.ndarray:
             return energies(rule, params, cameras, options, background, 0)[0]
 
-        is_dog, has_slopes = (np.zeros(splats.n_splats, bool) for _ in range(2))
-        is_dog[splats.dog_index], has_slopes[splats.slope_index] = True, True
-        without_dog = energy(DOG) if splats.n_dog else np.zeros(splats.n_splats)
-        without_slopes = np.where(has_slopes, np.inf, 0.0)
-        if t.optimizer.n_slopes:
-            without_slopes = slope_losses(params, cameras, options)
-        losses = found.losses(), without_dog, splats.sh_degrees, is_dog, without_slopes, has_slopes
-        return cls(energy(REMOVAL), *losses, found)
+        sloped = (lambda: slope_losses(params, cameras, options)) if t.optimizer.n_slopes else None
+        cut = (lambda: energy(CUT)) if t.optimizer.n_cuts else None
+        rows = (
+            Rows.of(splats.dog_index, n, lambda: energy(DOG)),
+            Rows.of(splats.slope_index, n, sloped),
+            Rows.of(splats.cut_index, n, cut),
+        )
+        return cls(energy(REMOVAL), found.losses(), splats.sh_degrees, *rows, found)
 
     def of_whole_primitives(self, means: np.ndarray) -> Options:
         """The same, when a primitive can only go or stay as it is; those that are outermost are the last to go.
@@ -82,13 +105,9 @@ class Options:
         removal = self.removal.copy()
         removal[np.concatenate([means.argmin(axis=0), means.argmax(axis=0)])] = NEVER * max(removal.max(), 1.0)
         whole = np.arange(self.by_degree.shape[1]) == self.degrees[:, None]
-        return replace(
-            self,
-            removal=removal,
-            by_degree=np.where(whole, self.by_degree, np.inf),
-            without_dog=np.where(self.is_dog, np.inf, self.without_dog),
-            without_slopes=np.where(self.has_slopes, np.inf, self.without_slopes),
-        )
+        by_degree = np.where(whole, self.by_degree, np.inf)
+        rows = {name: getattr(self, name).held for name in GROUPS}
+        return replace(self, removal=removal, by_degree=by_degree, **rows)
 
     def chosen(self, prices: Prices, budget: float) -> Chosen:
         """What gains most for its bytes in a file of at most ``budget`` bytes, as far as prices tell."""
@@ -97,14 +116,15 @@ class Options:
         plain[:, : highest + 1] = self.removal[:, None] - self.by_degree
         plain[np.arange(DEGREES) > self.degrees[:, None]] = -np.inf
         values, bytes_of = plain, np.array(prices.bands)
-        rows = [(self.is_dog, self.without_dog, prices.dog)]
-        rows += [(self.has_slopes, self.without_slopes, prices.slopes)] if self.has_slopes.any() else []
-        for has, without, price in rows:
-            values = np.concatenate([values - without[:, None], np.where(has[:, None], values, -np.inf)], axis=1)
+        groups = [name for name in GROUPS if getattr(self, name).has.any()]
+        for rows, price in [(getattr(self, name), getattr(prices, name)) for name in groups]:
+            having = np.where(rows.has[:, None], values, -np.inf)
+            values = np.concatenate([values - rows.without[:, None], having], axis=1)
             bytes_of = np.concatenate([bytes_of, bytes_of + max(price, 1e-9)])
         values, bytes_of = np.concatenate([np.zeros((n, 1)), values], axis=1), np.append(0.0, bytes_of)
         choice = allocate(values, bytes_of, max(0.0, budget - prices.fixed))
         kept = np.flatnonzero(choice)
         what = choice[kept] - 1
-        dog, slopes = what // DEGREES % 2, what // (2 * DEGREES)
-        return Chosen(kept, what % DEGREES, np.flatnonzero(dog), np.flatnonzero(slopes))
+        left = dict.fromkeys(GROUPS, NOBODY)
+        left |= {name: np.flatnonzero(what // (DEGREES << k) % 2) for k, name in enumerate(groups)}
+        return Chosen(kept, what % DEGREES, **left)

@@ -1,7 +1,6 @@
 """Training to the size of a file: never above it, bytes divided among primitives, bands and DoG rows."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +14,10 @@ from happenings import records, rows_with
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.formats.read import read_model
-from mi_dogsplat.formats.sizes import Prices
 from mi_dogsplat.runs.history import run_to_end
-from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.scores.bands import Bands
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
-from mi_dogsplat.training.strategy.compaction import as_chosen
-from mi_dogsplat.training.strategy.options import Options
 from mi_dogsplat.training.train import Trainer
-from splat_scenes import random_splats, rounded
 
 STEPS = 120
 
@@ -115,88 +108,6 @@ def test_comparisons_are_of_numbers_of_primitives(data, tmp_path, capsys, comman
     assert_one_line(result, "--target", "2MB is the size of a file", "a ratio or a number of primitives")
 
 
-# --- what is chosen ---
-
-
-def options_of(removal, by_degree, without_dog, splats: Splats, without_slopes=None) -> Options:
-    is_dog = np.isin(np.arange(splats.n_splats), splats.dog_index)
-    whole = splats.uniform_sh()
-    nothing = [np.zeros(splats.n_splats)] * (whole.sh_coeffs.shape[1] * (whole.sh_coeffs.shape[1] + 1) // 2)
-    bands = Bands(whole.sh_coeffs, nothing)
-    without_dog = np.array(without_dog)
-    without_slopes = np.zeros(splats.n_splats) if without_slopes is None else np.array(without_slopes)
-    has_slopes = np.isin(np.arange(splats.n_splats), splats.slope_index)
-    losses = np.array(removal), np.array(by_degree), without_dog, splats.sh_degrees, is_dog, without_slopes, has_slopes
-    return Options(*losses, bands)
-
-
-def four() -> Splats:
-    """Of degrees 1, 1, 1, 0; the first two are DoG."""
-    splats = rounded(random_splats(4, seed=0, degree=1, dog_share=0))
-    dog = {"dog_index": [0, 1], "dog_logit_opacities": [0.0, 1.0], "dog_log_scales": np.zeros((2, 3))}
-    arrays = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")}
-    return Splats(**arrays, **dog).with_sh_degrees([1, 1, 1, 0])
-
-
-PRICES = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0)
-LOSSES = ([9, 5, 4, 1.0], [[4, 0], [0.1, 0], [0.1, 0], [0, 0.0]], [3, 0.01, 0, 0.0])
-
-
-@pytest.mark.parametrize(
-    ("budget", "kept", "degrees", "dog"),
-    [
-        (1000, [0, 1, 2, 3], [1, 1, 1, 0], [0, 1]),  # all of it
-        (485, [0, 1, 2, 3], [1, 0, 0, 0], [0]),  # bands and rows that hardly matter go first
-        (385, [0, 1, 2], [1, 0, 0], [0]),  # then the last primitive
-        (285, [0, 1], [1, 0], [0]),
-        (60, [], [], []),
-    ],
-)
-def test_bytes_go_where_they_gain_most(budget, kept, degrees, dog):
-    chosen = options_of(*LOSSES, four()).chosen(PRICES, budget)
-    np.testing.assert_array_equal(chosen.kept, kept)
-    np.testing.assert_array_equal(chosen.degrees, degrees)
-    np.testing.assert_array_equal(chosen.dog, dog)
-
-
-SLOPED = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0, 40.0)
-
-
-def four_sloped() -> Splats:
-    """The same, all but the second with slopes."""
-    rng = np.random.default_rng(0)
-    return replace(four(), slope_index=[0, 2, 3], color_slopes=rng.normal(size=(3, 3, 3)))
-
-
-@pytest.mark.parametrize(
-    ("budget", "kept", "degrees", "dog", "slopes"),
-    [
-        (1000, [0, 1, 2, 3], [1, 1, 1, 0], [0, 1], [0, 2, 3]),  # all of it
-        (665, [0, 1, 2, 3], [1, 1, 1, 0], [0], [0, 2]),  # what hardly matters goes first
-        (565, [0, 1, 2, 3], [1, 0, 0, 0], [0], [0, 2]),
-        (525, [0, 1, 2, 3], [1, 0, 0, 0], [0], [0]),
-        (425, [0, 1, 2], [1, 0, 0], [0], [0]),  # then the last primitive, before slopes that matter
-    ],
-)
-def test_slopes_go_where_they_gain_least_for_their_bytes(budget, kept, degrees, dog, slopes):
-    options = options_of([9, 5, 4, 3.0], *LOSSES[1:], four_sloped(), without_slopes=[2.0, 0, 0.5, 0.02])
-    chosen = options.chosen(SLOPED, budget)
-    np.testing.assert_array_equal(chosen.kept, kept)
-    np.testing.assert_array_equal(chosen.degrees, degrees)
-    np.testing.assert_array_equal(chosen.dog, dog)
-    np.testing.assert_array_equal(chosen.slopes, slopes)
-    model = as_chosen(four_sloped(), options, chosen)
-    np.testing.assert_array_equal(model.slope_index, slopes)
-    expected = four_sloped().color_slopes[np.searchsorted([0, 2, 3], slopes)]
-    np.testing.assert_array_equal(model.color_slopes, expected)
-
-
-def test_slopes_that_are_to_come_cost_what_they_will_and_are_not_given_up():
-    losses = [np.inf, 0, np.inf, np.inf]
-    chosen = options_of(*LOSSES, four_sloped(), without_slopes=losses).chosen(SLOPED, 10 + 3 * 140 + 100)
-    assert chosen.kept.tolist() == [0, 1, 2] and chosen.slopes.tolist() == [0, 2]
-
-
 def test_a_run_with_slopes_ends_with_a_file_of_its_size(tmp_path):
     data = tiny_data.write_tiny_data(tmp_path / "data", splats=tiny_data.sloped_truth())
     config = config_of(data, target="7kB", preset="ours_slopes", sh_degree=1)
@@ -211,28 +122,18 @@ def test_a_run_with_slopes_ends_with_a_file_of_its_size(tmp_path):
     assert come["count"] <= last["n"]
 
 
-def test_a_degree_does_not_rise():
-    options = options_of([9, 9, 9, 9.0], np.array([[1, -5.0]] * 4), np.zeros(4), four())
-    assert options.chosen(PRICES, 1e9).degrees.tolist() == [1, 1, 1, 0]
-
-
-def test_at_the_end_whole_primitives_go_and_the_outermost_stay():
-    splats = four()
-    splats.means[:] = [[0, 0, 0.5], [1, 1, 1], [-1, 0, 2], [0.5, -3, 0]]  # the first is in the middle
-    options = options_of(*LOSSES, splats).of_whole_primitives(splats.means)
-    everything = options.chosen(PRICES, 1e9)
-    assert everything.degrees.tolist() == [1, 1, 1, 0] and everything.dog.tolist() == [0, 1]
-    fewer = options.chosen(PRICES, 10 + 100 + 150 + 170)
-    assert fewer.kept.tolist() == [1, 2, 3] and fewer.degrees.tolist() == [1, 1, 0] and fewer.dog.tolist() == [0]
-
-
-def test_the_model_of_a_choice_has_what_was_chosen():
-    splats, options = four(), options_of(*LOSSES, four())
-    result = as_chosen(splats, options, options.chosen(PRICES, 385))
-    np.testing.assert_array_equal(result.means, splats.means[:3])
-    assert result.sh_degrees.tolist() == [1, 0, 0] and result.dog_index.tolist() == [0]
-    assert result.dog_logit_opacities.tolist() == [0.0]
-    np.testing.assert_array_equal(result.uniform_sh().sh_coeffs[0], splats.uniform_sh().sh_coeffs[0])
+def test_a_run_with_cuts_ends_with_a_file_of_its_size(tmp_path):
+    data = tiny_data.write_tiny_data(tmp_path / "data", splats=tiny_data.sloped_truth())
+    config = config_of(data, target="7kB", preset="ours_cuts", sh_degree=1)
+    metrics = mi_dogsplat.runs.run.train(config, tmp_path / "run")
+    rows, splats = rows_of(tmp_path / "run"), read_ply(tmp_path / "run" / "point_cloud.ply")
+    assert 6300 < metrics["bytes"] == sum(metrics["bytes_by_part"].values()) <= 7000
+    assert metrics["bytes_by_part"]["cuts"] > 16 * splats.n_cuts
+    assert metrics["n_cuts"] == splats.n_cuts > 5
+    last = [row for row in rows if records([row], "pruned") and row["step"] <= 70][-1]  # before cuts come
+    assert last["n"] <= 7000 / (68 + 40 + 16) and last["n_cuts"] == last["n_slopes"] == 0
+    (come,) = records(rows, "cuts_activated")
+    assert come["count"] <= last["n"]
 
 
 @pytest.mark.parametrize("name", ["ply", "spz"])

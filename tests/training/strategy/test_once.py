@@ -4,6 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from mi_dogsplat.training.strategy.cut_activation import CutActivation, CutRule
 from mi_dogsplat.training.strategy.dog_control import DogActivation, DogRule
 from mi_dogsplat.training.strategy.once import Once
 from mi_dogsplat.training.strategy.slope_activation import SlopeActivation, SlopeRule
@@ -41,7 +42,9 @@ def test_what_has_happened_before_a_checkpoint_does_not_happen_again():
 
 
 def test_states_have_the_names_that_checkpoints_of_earlier_versions_have():
-    for strategy in (DogActivation(DogRule(start=7)), SlopeActivation(SlopeRule(start=7))):
+    strategies = DogActivation(DogRule(start=7)), SlopeActivation(SlopeRule(start=7)), CutActivation(CutRule(start=7))
+    for strategy in strategies:
         assert strategy.start == 7
         assert list(arrays_of(strategy.new_state(SimpleNamespace()))) == ["done"]  # type: ignore[arg-type]
-    assert (DogActivation(DogRule()).name, SlopeActivation(SlopeRule()).name) == ("dogactivation", "slopeactivation")
+    names = [strategy.name for strategy in strategies]
+    assert names == ["dogactivation", "slopeactivation", "cutactivation"]

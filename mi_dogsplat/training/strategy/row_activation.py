@@ -1,0 +1,100 @@
+"""Rows that all primitives get at a step of the run, and that leave them at its end where no pixel shows them.
+
+They begin at zero, so that the pictures stay what they are. They come when pruning is over: few primitives, each of
+which stands for what several have shown before, gain most by them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+
+from ...scene.row_groups import RowGroup
+from ..events import Event
+from ..milestones import scaled_milestone
+from ..optimizer.splat_optimizer import SplatOptimizer
+from .once import Once
+from .strategy import Strategy, Training
+
+R = TypeVar("R", bound="RowRule")
+
+
+@dataclass(frozen=True)
+class RowRule:
+    """Numbers of the recipe, for a run of 30,000 steps.
+
+    Raises ``ValueError`` for a number out of range.
+    """
+
+    least_of: ClassVar[str]  # what ``least`` is a change of
+
+    start: int = 25_000  # step at which all primitives get rows
+    least: float = 1 / 255  # rows that change less are left out at the end
+
+    def __post_init__(self) -> None:
+        if self.start < 0:
+            raise ValueError(f"{type(self).__name__}: start is {self.start}, expected a step")
+        if not 0 <= self.least < np.inf:
+            raise ValueError(f"{type(self).__name__}: least is {self.least}, expected a change of {self.least_of}")
+
+    def scaled(self: R, factor: float) -> R:
+        """The rule of a run ``factor`` times as long."""
+        return replace(self, start=scaled_milestone(self.start, factor))
+
+    def earlier(self: R, steps: int) -> R:
+        """The rule of a run that begins ``steps`` steps later."""
+        return replace(self, start=max(0, self.start - steps))
+
+
+def give_rows(optimizer: SplatOptimizer, group: RowGroup) -> int:
+    """Give rows of zeros to every primitive, and return how many there are; those that have some keep them."""
+    index = optimizer.index_of(group)
+    values = {name: np.zeros((optimizer.n, *shape), np.float32) for name, shape in group.arrays.items()}
+    for name, shape in group.arrays.items():
+        if len(index):
+            values[name][index] = optimizer.numpy(name).reshape(-1, *shape)
+    optimizer.set_rows(group, np.arange(optimizer.n), values)
+    return optimizer.n
+
+
+@dataclass(frozen=True)
+class RowControl(Strategy[None]):
+    """At the end of the run, rows that no pixel shows are left out, before anybody looks at the size of the file."""
+
+    group: ClassVar[RowGroup]
+    left_out: ClassVar[type[Any]]  # the record of it, of how many rows and how many are left
+
+    rule: RowRule
+
+    def shown(self, optimizer: SplatOptimizer) -> np.ndarray:
+        """[M] whether a pixel may show a row; there is one at least."""
+        raise NotImplementedError
+
+    def end(self, t: Training, state: None) -> list[Event]:
+        index = t.optimizer.index_of(self.group)
+        shown = self.shown(t.optimizer) if len(index) else np.zeros(0, bool)
+        if shown.all():
+            return []
+        rows = {name: t.optimizer.numpy(name)[shown].reshape(-1, *shape) for name, shape in self.group.arrays.items()}
+        t.optimizer.set_rows(self.group, index[shown], rows)
+        left = int(shown.sum())
+        return [self.left_out(len(index) - left, left)]
+
+
+@dataclass(frozen=True)
+class RowActivation(Once):
+    """``give_rows`` at the step of the rule."""
+
+    group: ClassVar[RowGroup]
+    activated: ClassVar[type[Any]]  # the record of it, of how many primitives
+
+    rule: RowRule
+
+    @property
+    def start(self) -> int:
+        return self.rule.start
+
+    def act(self, t: Training) -> list[Event]:
+        return [self.activated(give_rows(t.optimizer, self.group))]

@@ -1,0 +1,49 @@
+"""Slopes and cuts in the table of a comparison: a column for each, where a method gives some to primitives."""
+
+import json
+from pathlib import Path
+
+import pytest
+from mi_dogsplat.compare.compare import claim
+from mi_dogsplat.compare.method_runs import recipe_of
+from mi_dogsplat.compare.methods import METHODS
+from mi_dogsplat.compare.names import ABLATION, chosen
+from mi_dogsplat.compare.table import collect_all, columns, markdown
+from mi_dogsplat.training.config import TrainConfig
+from small_comparison import SETTINGS
+
+METRICS = {
+    "test": {"psnr": 30.0, "ssim": 0.9, "flip": 0.1},
+    "train": {"l1": 0.01},
+    **{"n": 1200, "n_dog": 7, "train_seconds": 1.0, "render_ms": 2.0, "peak_memory_mb": 3.0, "bytes": 4000},
+}
+ROWS = {"ours": {}, "ours_slopes": {"n_slopes": 1111}, "ours_cuts": {"n_slopes": 1112, "n_cuts": 1113}}
+
+
+def comparison(out: Path, names) -> dict:
+    claim(out / "tiny", TrainConfig("", **SETTINGS))
+    for name in names:
+        run = out / "tiny" / "seed_0" / name
+        run.mkdir(parents=True)
+        (run / "metrics.json").write_text(json.dumps(METRICS | ROWS[name]))
+        (run / "recipe.json").write_text(json.dumps(recipe_of(METHODS[name])))
+    return collect_all(out, {})
+
+
+@pytest.mark.parametrize(
+    ("names", "shown"),
+    [(["ours"], []), (["ours", "ours_slopes"], ["n_slopes"]), (list(ROWS), ["n_slopes", "n_cuts"])],
+)
+def test_a_column_is_there_where_a_method_has_such_rows(tmp_path, names, shown):
+    table = comparison(tmp_path, names)
+    assert columns(table, "tiny")[:4] == ["n", "n_dog", *shown, "megabytes", "psnr"][:4]
+    if "n_cuts" in shown:
+        text = markdown(table, "tiny")
+        assert "| primitives | of them DoG | with slopes | with a cut |" in text
+        assert "| ours, with slopes and cuts | 1,200 | 7 | 1,112 | 1,113 |" in text
+        assert "| ours, with slopes | 1,200 | 7 | 1,111 |  |" in text
+
+
+def test_an_ablation_goes_on_to_cuts_and_so_do_all_sets():
+    assert ABLATION[-3:] == ("ours", "ours_slopes", "ours_cuts")
+    assert all(chosen([words])[-1] == "ours_cuts" for words in ("published", "equal", "ablation"))

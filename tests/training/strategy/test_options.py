@@ -1,0 +1,147 @@
+"""What bytes are divided among: primitives, bands, DoG rows, slopes and cuts go where they gain least."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mi_dogsplat.formats.sizes import Prices
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.scores.bands import Bands
+from mi_dogsplat.training.strategy.compaction import as_chosen
+from mi_dogsplat.training.strategy.options import Options, Rows
+from splat_scenes import random_splats, rounded
+
+
+def options_of(removal, by_degree, without_dog, splats: Splats, without_slopes=None, without_cuts=None) -> Options:
+    whole = splats.uniform_sh()
+    nothing = [np.zeros(splats.n_splats)] * (whole.sh_coeffs.shape[1] * (whole.sh_coeffs.shape[1] + 1) // 2)
+    bands = Bands(whole.sh_coeffs, nothing)
+    losses = {"dog_index": without_dog, "slope_index": without_slopes, "cut_index": without_cuts}
+    rows = []
+    for index, loss in losses.items():
+        has = np.isin(np.arange(splats.n_splats), getattr(splats, index))
+        rows.append(Rows(has, np.zeros(splats.n_splats) if loss is None else np.array(loss)))
+    return Options(np.array(removal), np.array(by_degree), splats.sh_degrees, *rows, bands)
+
+
+def four() -> Splats:
+    """Of degrees 1, 1, 1, 0; the first two are DoG."""
+    splats = rounded(random_splats(4, seed=0, degree=1, dog_share=0))
+    dog = {"dog_index": [0, 1], "dog_logit_opacities": [0.0, 1.0], "dog_log_scales": np.zeros((2, 3))}
+    arrays = {name: getattr(splats, name) for name in ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")}
+    return Splats(**arrays, **dog).with_sh_degrees([1, 1, 1, 0])
+
+
+PRICES = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0)
+LOSSES = ([9, 5, 4, 1.0], [[4, 0], [0.1, 0], [0.1, 0], [0, 0.0]], [3, 0.01, 0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("budget", "kept", "degrees", "dog"),
+    [
+        (1000, [0, 1, 2, 3], [1, 1, 1, 0], [0, 1]),  # all of it
+        (485, [0, 1, 2, 3], [1, 0, 0, 0], [0]),  # bands and rows that hardly matter go first
+        (385, [0, 1, 2], [1, 0, 0], [0]),  # then the last primitive
+        (285, [0, 1], [1, 0], [0]),
+        (60, [], [], []),
+    ],
+)
+def test_bytes_go_where_they_gain_most(budget, kept, degrees, dog):
+    chosen = options_of(*LOSSES, four()).chosen(PRICES, budget)
+    np.testing.assert_array_equal(chosen.kept, kept)
+    np.testing.assert_array_equal(chosen.degrees, degrees)
+    np.testing.assert_array_equal(chosen.dog, dog)
+
+
+SLOPED = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0, 40.0)
+
+
+def four_sloped() -> Splats:
+    """The same, all but the second with slopes."""
+    rng = np.random.default_rng(0)
+    return replace(four(), slope_index=[0, 2, 3], color_slopes=rng.normal(size=(3, 3, 3)))
+
+
+@pytest.mark.parametrize(
+    ("budget", "kept", "degrees", "dog", "slopes"),
+    [
+        (1000, [0, 1, 2, 3], [1, 1, 1, 0], [0, 1], [0, 2, 3]),  # all of it
+        (665, [0, 1, 2, 3], [1, 1, 1, 0], [0], [0, 2]),  # what hardly matters goes first
+        (565, [0, 1, 2, 3], [1, 0, 0, 0], [0], [0, 2]),
+        (525, [0, 1, 2, 3], [1, 0, 0, 0], [0], [0]),
+        (425, [0, 1, 2], [1, 0, 0], [0], [0]),  # then the last primitive, before slopes that matter
+    ],
+)
+def test_slopes_go_where_they_gain_least_for_their_bytes(budget, kept, degrees, dog, slopes):
+    options = options_of([9, 5, 4, 3.0], *LOSSES[1:], four_sloped(), without_slopes=[2.0, 0, 0.5, 0.02])
+    chosen = options.chosen(SLOPED, budget)
+    np.testing.assert_array_equal(chosen.kept, kept)
+    np.testing.assert_array_equal(chosen.degrees, degrees)
+    np.testing.assert_array_equal(chosen.dog, dog)
+    np.testing.assert_array_equal(chosen.slopes, slopes)
+    model = as_chosen(four_sloped(), options, chosen)
+    np.testing.assert_array_equal(model.slope_index, slopes)
+    expected = four_sloped().color_slopes[np.searchsorted([0, 2, 3], slopes)]
+    np.testing.assert_array_equal(model.color_slopes, expected)
+
+
+PRICED = Prices(10.0, (100.0, 150.0, 200.0, 300.0), 20.0, 40.0, 30.0)
+
+
+def four_cut(sloped: bool) -> Splats:
+    """Four, all but the third cut off."""
+    normals = np.random.default_rng(1).normal(size=(3, 3))
+    return replace(four_sloped() if sloped else four(), cut_index=[0, 1, 3], cut_normals=normals)
+
+
+@pytest.mark.parametrize("sloped", [False, True])
+@pytest.mark.parametrize(
+    ("budget", "kept", "cuts"),
+    [
+        (1e9, [0, 1, 2, 3], [0, 1, 3]),  # all of it
+        (655, [0, 1, 2, 3], [0, 1]),  # what hardly matters goes first
+        (515, [0, 1, 2, 3], [0]),
+        (410, [0, 1, 2], [0]),  # then the last primitive, before a cut that matters
+    ],
+)
+def test_cuts_go_where_they_gain_least_for_their_bytes(sloped, budget, kept, cuts):
+    splats = four_cut(sloped)
+    without_slopes = [2.0, 0, 1.8, 1.7] if sloped else None  # more for their bytes than any cut
+    options = options_of([9, 6, 5, 3.0], *LOSSES[1:], splats, without_slopes, [1.5, 0.2, 0, 0.05])
+    chosen = options.chosen(PRICED, budget + 40 * (len(kept) - 1) * sloped)
+    np.testing.assert_array_equal(chosen.kept, kept)
+    np.testing.assert_array_equal(chosen.cuts, cuts)
+    np.testing.assert_array_equal(chosen.slopes, np.intersect1d(splats.slope_index, kept))
+    model = as_chosen(splats, options, chosen)
+    np.testing.assert_array_equal(model.cut_index, cuts)
+    np.testing.assert_array_equal(model.cut_normals, splats.cut_normals[np.searchsorted([0, 1, 3], cuts)])
+
+
+def test_slopes_that_are_to_come_cost_what_they_will_and_are_not_given_up():
+    losses = [np.inf, 0, np.inf, np.inf]
+    chosen = options_of(*LOSSES, four_sloped(), without_slopes=losses).chosen(SLOPED, 10 + 3 * 140 + 100)
+    assert chosen.kept.tolist() == [0, 1, 2] and chosen.slopes.tolist() == [0, 2]
+
+
+def test_a_degree_does_not_rise():
+    options = options_of([9, 9, 9, 9.0], np.array([[1, -5.0]] * 4), np.zeros(4), four())
+    assert options.chosen(PRICES, 1e9).degrees.tolist() == [1, 1, 1, 0]
+
+
+def test_at_the_end_whole_primitives_go_and_the_outermost_stay():
+    splats = four()
+    splats.means[:] = [[0, 0, 0.5], [1, 1, 1], [-1, 0, 2], [0.5, -3, 0]]  # the first is in the middle
+    options = options_of(*LOSSES, splats).of_whole_primitives(splats.means)
+    everything = options.chosen(PRICES, 1e9)
+    assert everything.degrees.tolist() == [1, 1, 1, 0] and everything.dog.tolist() == [0, 1]
+    fewer = options.chosen(PRICES, 10 + 100 + 150 + 170)
+    assert fewer.kept.tolist() == [1, 2, 3] and fewer.degrees.tolist() == [1, 1, 0] and fewer.dog.tolist() == [0]
+
+
+def test_the_model_of_a_choice_has_what_was_chosen():
+    splats, options = four(), options_of(*LOSSES, four())
+    result = as_chosen(splats, options, options.chosen(PRICES, 385))
+    np.testing.assert_array_equal(result.means, splats.means[:3])
+    assert result.sh_degrees.tolist() == [1, 0, 0] and result.dog_index.tolist() == [0]
+    assert result.dog_logit_opacities.tolist() == [0.0]
+    np.testing.assert_array_equal(result.uniform_sh().sh_coeffs[0], splats.uniform_sh().sh_coeffs[0])

@@ -1,0 +1,120 @@
+"""Slopes and cuts come without a change of the pictures, and learn; their rules scale with the run."""
+
+from collections.abc import Callable
+
+import drjit as dr
+import numpy as np
+import pytest
+from cut_models import with_cuts
+from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.rasterize import rasterize
+from mi_dogsplat.scene.row_groups import CUTS, SLOPES, RowGroup
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.training.optimizer.learning_rates import LearningRates
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
+from mi_dogsplat.training.quantisation.quantiser import Quantiser, Tables
+from mi_dogsplat.training.strategy.cut_activation import CutRule
+from mi_dogsplat.training.strategy.dog_control import DogRule, activate
+from mi_dogsplat.training.strategy.row_activation import RowRule, give_rows
+from mi_dogsplat.training.strategy.slope_activation import SlopeRule
+from sloped_models import with_slopes
+from splat_scenes import image_of, kernels, options, random_splats, rounded, tilted_camera
+
+CAMERA = tilted_camera()
+BOTH = pytest.mark.parametrize(
+    ("group", "with_rows", "rate"), [(SLOPES, with_slopes, 2.5e-3), (CUTS, with_cuts, 0.0625)], ids=["slopes", "cuts"]
+)
+Given = Callable[..., Splats]
+
+
+def model(dog_share: float = 0.5) -> Splats:
+    return rounded(random_splats(40, degree=1, dog_share=dog_share))
+
+
+def optimizer_of(splats: Splats) -> SplatOptimizer:
+    return SplatOptimizer(splats, LearningRates(extent=1.0, total_steps=1000))
+
+
+def image(optimizer: SplatOptimizer) -> np.ndarray:
+    return image_of(rasterize(optimizer.params, DeviceCamera.upload(CAMERA), options(model())), CAMERA)
+
+
+def step(optimizer: SplatOptimizer) -> None:
+    r, g, b = rasterize(optimizer.params, DeviceCamera.upload(CAMERA), options(model())).colors
+    dr.backward(dr.square(r - 0.2) + dr.square(g - 0.4) + dr.square(b - 0.2))
+    optimizer.step()
+
+
+@BOTH
+def test_activation_leaves_the_picture_and_then_every_row_learns(group: RowGroup, with_rows: Given, rate: float):
+    optimizer, (name,) = optimizer_of(model()), group.names
+    before = image(optimizer)
+    assert give_rows(optimizer, group) == len(optimizer.index_of(group)) == 40
+    np.testing.assert_allclose(image(optimizer), before, rtol=0, atol=5e-7)
+    step(optimizer)
+    rows = getattr(optimizer.to_splats(), name)
+    seen = np.unique(np.nonzero(rows)[0])
+    assert len(seen) > 30 and np.abs(rows).max() == pytest.approx(rate, rel=1e-3)
+
+
+@BOTH
+def test_rows_that_are_there_stay_with_their_moments(group: RowGroup, with_rows: Given, rate: float):
+    optimizer, (name,) = optimizer_of(with_rows(model(), every=3)), group.names
+    size = optimizer.row_size[name]
+    step(optimizer)
+    before, state = optimizer.to_splats(), optimizer.state()
+    index = getattr(before, group.index)
+    assert index.tolist() == list(range(0, 40, 3))
+    give_rows(optimizer, group)
+    after, m = optimizer.to_splats(), optimizer.state()[f"{name}.m"].reshape(40, size)
+    np.testing.assert_array_equal(getattr(after, name)[index], getattr(before, name))
+    np.testing.assert_array_equal(m[index], state[f"{name}.m"].reshape(-1, size))
+    others = np.delete(np.arange(40), index)
+    assert not getattr(after, name)[others].any() and not m[others].any()
+
+
+def test_a_primitive_becomes_dog_and_gets_slopes_and_a_cut_in_any_order():
+    models = []
+    for order in (("dog", SLOPES, CUTS), (CUTS, "dog", SLOPES), (SLOPES, CUTS, "dog")):
+        optimizer = optimizer_of(with_cuts(with_slopes(model(dog_share=0.2)), every=3))
+        for part in order:
+            activate(DogRule(opacity=0.05), optimizer) if part == "dog" else give_rows(optimizer, part)
+        models.append(optimizer.to_splats())
+    for other in models[1:]:
+        for name in Splats.__dataclass_fields__:
+            np.testing.assert_array_equal(getattr(models[0], name), getattr(other, name), err_msg=name)
+
+
+@BOTH
+def test_with_no_row_left_training_runs_the_kernels_of_one_that_never_had_any(
+    group: RowGroup, with_rows: Given, rate: float
+):
+    plain, optimizer = optimizer_of(model()), optimizer_of(model())
+    give_rows(optimizer, group)
+    step(optimizer)
+    optimizer.set_rows(group, np.zeros(0, int), {})
+    assert set(optimizer.params) == set(plain.params)
+    step(plain)
+    assert kernels(lambda: step(optimizer)) == kernels(lambda: step(plain))
+
+
+@pytest.mark.parametrize("kind", [SlopeRule, CutRule])
+@pytest.mark.parametrize(("changes", "words"), [({"start": -1}, "start"), ({"least": -0.1}, "least")])
+def test_a_number_out_of_range_is_refused_by_name(kind: type[RowRule], changes, words):
+    with pytest.raises(ValueError, match=f"{kind.__name__}: {words} is"):
+        kind(**changes)
+
+
+@pytest.mark.parametrize("kind", [SlopeRule, CutRule])
+def test_the_start_scales_with_the_run_and_moves_with_its_beginning(kind: type[RowRule]):
+    assert kind(start=18_000).scaled(7 / 30) == kind(start=4200)
+    assert kind().scaled(1e-6).start == 1
+    assert kind(start=18_000).earlier(15_000) == kind(start=3000) and kind(start=5).earlier(9).start == 0
+
+
+@BOTH
+def test_what_sees_a_model_as_such_a_file_refuses_rows(group: RowGroup, with_rows: Given, rate: float):
+    optimizer, camera = optimizer_of(with_rows(model())), DeviceCamera.upload(CAMERA)
+    words = {SLOPES.index: "slopes", CUTS.index: "cuts"}[group.index]
+    with pytest.raises(ValueError, match=rf"Quantiser: spz holds no {words}; begin with Splats.without_{words}\(\)"):
+        Quantiser("spz").before_step(Tables(), optimizer, [camera], options(model()), 0, 10)
