@@ -27,10 +27,12 @@ def on_device(cameras=CAMERAS):
     return [DeviceCamera.upload(camera) for camera in cameras]
 
 
-@pytest.mark.parametrize("dog_share", [0, 0.5])
+@pytest.mark.parametrize(
+    ("dog_share", "cut_share"), [(0, 0), (0.5, 0), (0, 0.6), (0.5, 0.6)], ids=["plain", "DoG", "cuts", "DoG, cuts"]
+)
 @pytest.mark.parametrize("antialiased", [False, True])
-def test_sums_largest_and_dominance_equal_brute_force(dog_share, antialiased):
-    splats = rounded(random_splats(60, seed=4, degree=1, dog_share=dog_share))
+def test_sums_largest_and_dominance_equal_brute_force(dog_share, cut_share, antialiased):
+    splats = rounded(random_splats(60, seed=4, degree=1, dog_share=dog_share, cut_share=cut_share))
     planes = [np.random.default_rng(0).uniform(size=(camera.height, camera.width)) for camera in CAMERAS]
     got = weights(upload(splats), on_device(), options(splats, antialiased=antialiased), planes)
     views = [reference_score.weights(splats, camera, antialiased=antialiased) for camera in CAMERAS]

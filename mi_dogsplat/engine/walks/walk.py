@@ -256,11 +256,10 @@ class Walk:
         return values
 
     def _kept(self, meeting: Meeting) -> Kept:
-        hx, hy = meeting.row.cut
+        hx, hy = (-h for h in meeting.row.cut)
         values, falls = [], []
         for x, y in self.offsets(meeting):
-            exponent = dr.clip(dr.fma(hx, x, dr.fma(hy, y, LEVEL)), -END, END)
-            inverse = self.exp2(-exponent)
+            inverse = self.exp2(dr.clip(dr.fma(hx, x, dr.fma(hy, y, -LEVEL)), -END, END))
             values.append(dr.rcp(dr.fma(inverse, WHOLE, WHOLE)))
             falls.append(inverse * (WHOLE * values[-1]))
         return Kept(values, falls)
