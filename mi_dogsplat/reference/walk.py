@@ -98,7 +98,7 @@ class Walk:
                              (of_y * block.dy[self.cut].T).T[:, :, None]]  # n.w [k, h, w] is the sum of both
         if self.cut.size:
             left = np.ones_like(self.G)
-            left[self.cut] = kept(sum(self.along_normal))
+            left[self.cut] = kept(np.add(*self.along_normal))
             self.G *= left
             self.G_p *= left[self.dog]
         alpha = np.minimum(MAX_ALPHA, self.G)
@@ -157,7 +157,7 @@ class Walk:
 
     def log_kept_slope(self) -> np.ndarray:
         """[k, h, w] the derivative of log g by n.w."""
-        return log_kept_slope(sum(self.along_normal))
+        return log_kept_slope(np.add(*self.along_normal))
 
     def roundings(self) -> np.ndarray:
         """By how much float32 may change T behind each primitive, relative and to first order.

@@ -1,6 +1,6 @@
 """Adam on a few random primitives, with random gradients."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import drjit as dr
@@ -14,8 +14,12 @@ from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 RATES = LearningRates(extent=2.0, total_steps=1000)
 
 
-def random_model(n: int, degree: int = 1, dog_index=(), seed: int = 0, slope_index=(), cut_index=()) -> Splats:
+def random_model(
+    n: int, degree: int = 1, dog_index=(), seed: int = 0, rows: Mapping[str, Sequence[int]] | None = None
+) -> Splats:
+    """``rows``: who has slopes, by ``slope_index``, and cuts, by ``cut_index``."""
     rng, m = np.random.default_rng(seed), len(dog_index)
+    slope_index, cut_index = ((rows or {}).get(name, ()) for name in ("slope_index", "cut_index"))
     return Splats(
         rng.normal(size=(n, 3)), rng.normal(size=(n, 3)), rng.normal(size=(n, 4)), rng.normal(size=n),
         rng.normal(size=(n, (degree + 1) ** 2, 3)),

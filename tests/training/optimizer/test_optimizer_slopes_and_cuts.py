@@ -35,7 +35,7 @@ def params_of(group: RowGroup) -> set[str]:
 
 
 def optimizer_of(group: RowGroup, index=(1, 4, 6), n: int = 8, degree: int = 1) -> SplatOptimizer:
-    return SplatOptimizer(random_model(n, degree, (0, 4), **{group.index: index}), RATES)
+    return SplatOptimizer(random_model(n, degree, (0, 4), rows={group.index: index}), RATES)
 
 
 @BOTH
@@ -43,7 +43,7 @@ def optimizer_of(group: RowGroup, index=(1, 4, 6), n: int = 8, degree: int = 1) 
 @pytest.mark.parametrize("dog_index", [(), (1, 4)])
 @pytest.mark.parametrize("index", [(3,), (1, 4), range(6)])
 def test_a_model_with_rows_goes_in_and_comes_out_unchanged(group, degree, dog_index, index):
-    model = random_model(6, degree, dog_index, **{group.index: index})
+    model = random_model(6, degree, dog_index, rows={group.index: index})
     optimizer = SplatOptimizer(model, RATES)
     assert_same(optimizer.to_splats(), model)
     assert (optimizer.n_slopes, optimizer.n_cuts) == (model.n_slopes, model.n_cuts)
@@ -51,7 +51,7 @@ def test_a_model_with_rows_goes_in_and_comes_out_unchanged(group, degree, dog_in
 
 
 def test_slopes_and_cuts_of_one_model_do_not_mix():
-    model = random_model(6, 1, (1, 4), slope_index=(0, 3), cut_index=(3, 4, 5))
+    model = random_model(6, 1, (1, 4), rows={"slope_index": (0, 3), "cut_index": (3, 4, 5)})
     optimizer = SplatOptimizer(model, RATES)
     run(optimizer, 1)
     optimizer.keep(np.array([5, 3, 2]))
@@ -65,7 +65,7 @@ def test_slopes_and_cuts_of_one_model_do_not_mix():
 
 @BOTH
 def test_renders_get_the_arrays_of_an_upload_and_none_without_rows(group):
-    model = random_model(6, 0, (2,), **{group.index: (0, 3)})
+    model = random_model(6, 0, (2,), rows={group.index: (0, 3)})
     params, expected = SplatOptimizer(model, RATES).params, upload(model)
     for name in params_of(group):
         np.testing.assert_array_equal(params[name].numpy(), expected[name].numpy(), err_msg=name)
@@ -124,7 +124,7 @@ def test_steps_have_all_factors_of_those_of_the_constant_colour(group, step):
     rates = replace(RATES, refinement=refinement, views=300)
     times, name = {SLOPES.index: 1, CUTS.index: 25}[group.index], name_of(group)
     assert rates.at(step, 5)[name] == pytest.approx(times * rates.at(step, 5)["sh_dc"])
-    optimizer = SplatOptimizer(random_model(4, 0, **{group.index: (1,)}), rates)
+    optimizer = SplatOptimizer(random_model(4, 0, rows={group.index: (1,)}), rates)
     optimizer.schedule(step)
     assert float(Entry.of(optimizer.adam, name).rate) == pytest.approx(rates.at(step)[name])
 
@@ -181,7 +181,7 @@ def test_a_primitive_whose_rows_no_step_repairs_is_broken_and_no_other(group, va
 
 def change_of_equal_gradients(group: RowGroup) -> np.ndarray:
     """By how much rows [2, …] change in a step, of primitives in the shadows and of a lamp."""
-    model = random_model(3, 0, **{group.index: (0, 2)})
+    model = random_model(3, 0, rows={group.index: (0, 2)})
     model.sh_coeffs[[0, 2], 0] = (np.array([0.01, 20.0])[:, None] - 0.5) / C0
     optimizer = SplatOptimizer(model, RATES, SrgbLog())
     for value in optimizer.adam.values():

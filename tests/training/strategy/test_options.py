@@ -17,11 +17,13 @@ def options_of(removal, by_degree, without_dog, splats: Splats, without_slopes=N
     nothing = [np.zeros(splats.n_splats)] * (whole.sh_coeffs.shape[1] * (whole.sh_coeffs.shape[1] + 1) // 2)
     bands = Bands(whole.sh_coeffs, nothing)
     losses = {"dog_index": without_dog, "slope_index": without_slopes, "cut_index": without_cuts}
-    rows = []
-    for index, loss in losses.items():
-        has = np.isin(np.arange(splats.n_splats), getattr(splats, index))
-        rows.append(Rows(has, np.zeros(splats.n_splats) if loss is None else np.array(loss)))
-    return Options(np.array(removal), np.array(by_degree), splats.sh_degrees, *rows, bands)
+
+    def rows(index: str) -> Rows:
+        has, loss = np.isin(np.arange(splats.n_splats), getattr(splats, index)), losses[index]
+        return Rows(has, np.zeros(splats.n_splats) if loss is None else np.array(loss))
+
+    dog, slopes, cuts = rows("dog_index"), rows("slope_index"), rows("cut_index")
+    return Options(np.array(removal), np.array(by_degree), splats.sh_degrees, dog, slopes, cuts, bands)
 
 
 def four() -> Splats:
