@@ -26,7 +26,7 @@ PASSES = ("forward", "forward + backward")
 Kind = Callable[[Splats], Splats]
 
 
-def compare(flags: Sequence[str], name: str, description: str, kinds: Mapping[str, Kind]) -> None:
+def compare(flags: Sequence[str], name: str, description: str | None, kinds: Mapping[str, Kind]) -> None:
     """Print the table of the experiment ``name``; ``kinds`` make the models of its rows, each of the plain one."""
     parser = argparse.ArgumentParser(
         prog=f"python -m benchmarks {name}",
