@@ -24,7 +24,6 @@ import drjit as dr
 
 from ..arrays import array_types, if_stmt, while_loop
 from ..bands import PreparedView
-from ..cuts import END, LEVEL, WHOLE
 from ..project import NO_ROW
 from ..slopes import CHANNELS
 from ..tables import (
@@ -37,6 +36,7 @@ from ..tables import (
     row_size,
 )
 from .exp2 import exp2
+from .kept import Kept, kept_of
 from .lane_list import AheadList, LaneList
 from .pixels import BlockPixels
 
@@ -55,14 +55,6 @@ class Meeting:
     row: SplatRow
     dx: Any  # from its centre to the first pixel of the block
     dy: Any
-
-
-@dataclass
-class Kept:
-    """What a cut leaves of the kernels of a primitive at the pixels of a block."""
-
-    values: list  # g
-    falls: list  # ∂log2 g / ∂exponent, which is 1 - WHOLE g but for the rounding: next to nothing where hx may be huge
 
 
 @dataclass
@@ -201,7 +193,7 @@ class Walk:
     def alphas(self, meeting: Meeting) -> Alphas:
         """α, and what it is made of."""
         primary, cutoff = self._kernel(meeting.row.kernel, meeting.dx, meeting.dy), self.settings.cutoffs.alpha
-        kept = self._kept(meeting) if self.settings.cuts else None
+        kept = kept_of(meeting.row.cut, self.offsets(meeting), self.exp2) if self.settings.cuts else None
         if kept:
             primary = [v * g for v, g in zip(primary, kept.values, strict=True)]
         if not self.has_dog:
@@ -240,15 +232,6 @@ class Walk:
                         value, ratio = value * ratio, ratio * q
                     first, right, down = first * down, right * s, down * t
         return values
-
-    def _kept(self, meeting: Meeting) -> Kept:
-        hx, hy = (-h for h in meeting.row.cut)
-        values, falls = [], []
-        for x, y in self.offsets(meeting):
-            inverse = self.exp2(dr.clip(dr.fma(hx, x, dr.fma(hy, y, -LEVEL)), -END, END))
-            values.append(dr.rcp(dr.fma(inverse, WHOLE, WHOLE)))
-            falls.append(inverse * (WHOLE * values[-1]))
-        return Kept(values, falls)
 
     def _pseudo_kernel(self, meeting: Meeting) -> tuple:
         """2^p' of the pseudo-Gaussian, zeros for a plain primitive: packets without a DoG primitive jump over it."""
