@@ -94,11 +94,11 @@ class Walk:
                              block.dx[self.dog], block.dy[self.dog])  # [m, h, w]
         self.cut = np.flatnonzero(p.cut[i])  # [k] rows of the block
         of_x, of_y = p.cuts[i[self.cut]].T
-        self.along_normal = [(of_x * block.dx[self.cut].T).T[:, None, :],
-                             (of_y * block.dy[self.cut].T).T[:, :, None]]  # n.w [k, h, w] is the sum of both
+        # n.w is what it has changed by in x, [k, 1, w], and in y, [k, h, 1]
+        self.in_x, self.in_y = (of_x * block.dx[self.cut].T).T[:, None, :], (of_y * block.dy[self.cut].T).T[:, :, None]
         if self.cut.size:
             left = np.ones_like(self.G)
-            left[self.cut] = kept(np.add(*self.along_normal))
+            left[self.cut] = kept(self.in_x + self.in_y)
             self.G *= left
             self.G_p *= left[self.dog]
         alpha = np.minimum(MAX_ALPHA, self.G)
@@ -151,13 +151,13 @@ class Walk:
         operands = self.G.copy()
         operands[self.dog] += self.G_p
         if self.cut.size:
-            terms = OFFSET + sum(np.abs(part) for part in self.along_normal)
+            terms = OFFSET + np.abs(self.in_x) + np.abs(self.in_y)
             operands[self.cut] *= 1 + self.log_kept_slope() * terms
         return operands
 
     def log_kept_slope(self) -> np.ndarray:
         """[k, h, w] the derivative of log g by n.w."""
-        return log_kept_slope(np.add(*self.along_normal))
+        return log_kept_slope(self.in_x + self.in_y)
 
     def roundings(self) -> np.ndarray:
         """By how much float32 may change T behind each primitive, relative and to first order.

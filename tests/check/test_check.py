@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import mi_dogsplat
 import numpy as np
 import pytest
 import tiny_data
@@ -12,11 +13,14 @@ from mi_dogsplat import write_ply
 from mi_dogsplat.check import scenes, stability
 from mi_dogsplat.check import settings as settings_module
 from mi_dogsplat.check.run import check
+from mi_dogsplat.check.settings import GROUPS
 from mi_dogsplat.check.training import read_training
 from mi_dogsplat.cli import main
 from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+
+STYLE = Path(mi_dogsplat.__file__).parent / "report" / "templates" / "style.css"
 
 
 def run(capsys, *argv) -> tuple[int, str, str]:
@@ -116,6 +120,12 @@ def test_a_model_is_framed_when_no_camera_is_named(capsys, model, tmp_path, monk
     (scene,) = json.loads((tmp_path / "out" / "check.json").read_text())["work_precision"]
     whole = next(r for r in scene["rows"] if r["setting"] == "50 %")
     assert whole["mean_error"] > 1e-3  # it is in view
+
+
+def test_every_curve_has_a_colour_of_its_own():
+    style = STYLE.read_text(encoding="utf-8")
+    for number in range(1, len(GROUPS) + 1):
+        assert f".c{number}, .k{number} {{ --of: var(--c{number}); }}" in style and style.count(f"--c{number}: #") == 2
 
 
 def test_a_model_with_slopes_is_measured_with_theirs(capsys, tmp_path, monkeypatch, few_points):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from launches import kernels as launched_kernels
 from lean_calls import backward, forget_recordings, forward, stages
-from mi_dogsplat.engine.walks.walk import Walk
+from mi_dogsplat.engine.walks import walk
 from mi_dogsplat.scene.splats import Splats
 from splat_scenes import kernels, random_splats, rounded
 
@@ -54,14 +54,14 @@ def test_cuts_take_no_kernel_more_and_work_for_primitives_and_blocks_alone(kind)
 
 def test_a_forward_pass_does_not_evaluate_what_derivatives_alone_need(monkeypatch):
     """How steep a cut falls at a pixel costs an operation per pixel, which a picture has no use for."""
-    whole = Walk._kept
+    whole = walk.kept_of
 
-    def without_falls(self, meeting):
-        found = whole(self, meeting)
+    def without_falls(*given):
+        found = whole(*given)
         found.falls = found.values
         return found
 
     expected = stages(forward(cut(model("plain"))))
-    monkeypatch.setattr(Walk, "_kept", without_falls)
+    monkeypatch.setattr(walk, "kept_of", without_falls)
     forget_recordings()
     assert stages(forward(cut(model("plain")))) == expected

@@ -20,9 +20,10 @@ from ..cuts import COLUMNS as CUT_COLUMNS
 from ..frozen import frozen
 from ..slopes import CHANNELS
 from ..slopes import COLUMNS as SLOPE_COLUMNS
+from .kept import Kept
 from .pixels import Planes, planes_of
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
-from .walk import ALPHA_MAX, Alphas, Kept, Meeting, Walk
+from .walk import ALPHA_MAX, Alphas, Meeting, Walk
 
 LN2 = 0.6931471805599453
 

@@ -155,7 +155,7 @@ def _composite_score(
         if sums.degeneration:
             changes = [a - p for a, p in zip(alpha, walk.primary_alphas(alphas.primary), strict=True)]
         elif sums.uncut:
-            changes = [a - whole for a, whole in zip(alpha, walk.whole_alphas(alphas), strict=True)]
+            changes = [a - whole for a, whole in zip(alpha, alphas.whole, strict=True)]
         color, opacity = walk.features(meeting), dr.exp2(meeting.row.kernel.lo)
         blends = 1 if share is None else dr.gather(Float, share, meeting.splat, meeting.active)
         F = [[] for _ in channels]

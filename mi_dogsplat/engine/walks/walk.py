@@ -24,7 +24,6 @@ import drjit as dr
 
 from ..arrays import array_types, if_stmt, while_loop
 from ..bands import PreparedView
-from ..cuts import END, LEVEL, WHOLE
 from ..project import NO_ROW
 from ..slopes import CHANNELS
 from ..tables import (
@@ -37,6 +36,7 @@ from ..tables import (
     row_size,
 )
 from .exp2 import exp2
+from .kept import Kept, kept_of
 from .lane_list import AheadList, LaneList
 from .pixels import BlockPixels
 
@@ -58,18 +58,11 @@ class Meeting:
 
 
 @dataclass
-class Kept:
-    """What a cut leaves of the kernels of a primitive at the pixels of a block."""
-
-    values: list  # g
-    falls: list  # ∂log2 g / ∂exponent, which is 1 - WHOLE g but for the rounding: next to nothing where hx may be huge
-
-
-@dataclass
 class Alphas:
     """Of a primitive at the pixels of a block."""
 
     values: list  # α
+    whole: list  # α of the primitive without its cut
     kept: Kept | None  # what a cut leaves of the next two; None in a model without cuts
     primary: list  # 2^p g
     pseudo: list | None  # 2^p' g, 0 for a plain primitive; None in a model without DoG, as are the next two
@@ -201,15 +194,16 @@ class Walk:
     def alphas(self, meeting: Meeting) -> Alphas:
         """α, and what it is made of."""
         primary = self._kernel(meeting.row.kernel, meeting.dx, meeting.dy)
-        kept = self._kept(meeting) if self.settings.cuts else None
-        if kept:
+        pseudo, dog_row, is_dog = self._pseudo_kernel(meeting) if self.has_dog else (None, None, None)
+        whole, kept = self._alphas_of(primary, pseudo), None
+        values = whole
+        if self.settings.cuts:
+            kept = kept_of(meeting.row.cut, self.offsets(meeting), self.exp2)
             primary = [v * g for v, g in zip(primary, kept.values, strict=True)]
-        if not self.has_dog:
-            return Alphas(self._alphas_of(primary, None), kept, primary, None, None, None)
-        pseudo, dog_row, is_dog = self._pseudo_kernel(meeting)
-        if kept:
-            pseudo = [v * g for v, g in zip(pseudo, kept.values, strict=True)]
-        return Alphas(self._alphas_of(primary, pseudo), kept, primary, pseudo, dog_row, is_dog)
+            if pseudo is not None:
+                pseudo = [v * g for v, g in zip(pseudo, kept.values, strict=True)]
+            values = self._alphas_of(primary, pseudo)
+        return Alphas(values, whole, kept, primary, pseudo, dog_row, is_dog)
 
     def _alphas_of(self, primary: list, pseudo: list | None) -> list:
         if pseudo is None:
@@ -219,15 +213,6 @@ class Walk:
             a = dr.minimum(v, ALPHA_MAX) - dr.minimum(v_p, ALPHA_MAX)
             alpha.append(dr.select(dr.abs(a) >= self.settings.cutoffs.alpha, a, 0))
         return alpha
-
-    def whole_alphas(self, alphas: Alphas) -> list:
-        """α of a primitive without its cut."""
-        if alphas.kept is None:
-            return alphas.values
-        back = [dr.rcp(g) for g in alphas.kept.values]  # no g is 0
-        primary = [v * b for v, b in zip(alphas.primary, back, strict=True)]
-        pseudo = None if alphas.pseudo is None else [v * b for v, b in zip(alphas.pseudo, back, strict=True)]
-        return self._alphas_of(primary, pseudo)
 
     def primary_alphas(self, primary: list) -> list:
         """α of a primitive without a pseudo-Gaussian, from its ``Alphas.primary``."""
@@ -254,15 +239,6 @@ class Walk:
                         value, ratio = value * ratio, ratio * q
                     first, right, down = first * down, right * s, down * t
         return values
-
-    def _kept(self, meeting: Meeting) -> Kept:
-        hx, hy = (-h for h in meeting.row.cut)
-        values, falls = [], []
-        for x, y in self.offsets(meeting):
-            inverse = self.exp2(dr.clip(dr.fma(hx, x, dr.fma(hy, y, -LEVEL)), -END, END))
-            values.append(dr.rcp(dr.fma(inverse, WHOLE, WHOLE)))
-            falls.append(inverse * (WHOLE * values[-1]))
-        return Kept(values, falls)
 
     def _pseudo_kernel(self, meeting: Meeting) -> tuple:
         """2^p' of the pseudo-Gaussian, zeros for a plain primitive: packets without a DoG primitive jump over it."""
