@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, cast
 
@@ -15,8 +14,8 @@ from .engine.parameters import RAW, ROWS, device_array, rows_of_splats
 from .engine.sh_groups import padded_on_device
 from .formats.model import Model
 from .formats.read import read_model
-from .scene.row_groups import CUTS, DOG, GROUPS, SH, SLOPES, RowGroup, in_several
-from .scene.sh_basis import SH_SIZES
+from .plugin.shape_checks import require_index, require_one_degree, require_rows, require_sh_size
+from .scene.row_groups import CUTS, DOG, GROUPS, SH, SLOPES, RowGroup
 from .scene.splats import Splats
 from .scene.transform import decompose_similarity, mean_scale, transformed
 
@@ -162,46 +161,28 @@ class DogShape(mi.Mesh):
         callback.put("to_world", self.to_world, mi.ParamFlags.Differentiable)
 
     def parameters_changed(self, keys: list[str] = []):  # noqa: B006 (signature of Mitsuba)
-        n = self.means.shape[0]
-        k = self.sh_coeffs.shape[1] if len(self.sh_coeffs.shape) == 3 else 0
-        if k not in SH_SIZES:
-            raise RuntimeError(f'dog: "sh_coeffs" has shape {tuple(self.sh_coeffs.shape)}, expected (N, 1/4/9/16, 3)')
+        n, size = self.means.shape[0], require_sh_size(tuple(self.sh_coeffs.shape))
         if "to_world" in keys:
             try:
                 decompose_similarity(self._matrix())
             except ValueError as error:
                 raise RuntimeError(f'dog: "to_world": {error}') from None
             self._moves = True
-        rows = {"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": (), "sh_coeffs": (k, 3)}
-        self._check_rows(rows, n, "means")
-        changed = [g for g in self.groups if not keys or g.index in keys or "means" in keys]
+        rows = {"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": (), "sh_coeffs": (size, 3)}
+        names = (*RAW, *(name for group in self.groups for name in group.names))
+        shapes = {name: tuple(getattr(self, name).shape) for name in names}
+        require_rows(shapes, rows, n, "means")
         for group in self.groups:
-            self._check_rows(group.arrays, dr.width(getattr(self, group.index)), group.index)
+            require_rows(shapes, group.arrays, dr.width(getattr(self, group.index)), group.index)
+        changed = [g for g in self.groups if not keys or g.index in keys or "means" in keys]
         for group in changed:
             index = getattr(self, group.index).numpy()
-            if index.size and int(index.max()) >= n:
-                raise RuntimeError(f'dog: "{group.index}" names primitive {int(index.max())}, "means" has {n} rows')
-            if np.any(index[1:] <= index[:-1]):
-                raise RuntimeError(f'dog: "{group.index}" is not strictly increasing; sort it, each primitive once')
+            require_index(group.index, index, n)
             if group.index in ROWS:
                 self._rows[group.index] = rows_of_splats(index, n)
-        if any(group in self.groups for group in SH.values()) and (changed or "sh_coeffs" in keys):
-            self._check_sh_groups(k)
-
-    def _check_sh_groups(self, k: int):
-        """Raise unless a primitive has one degree."""
-        indices = [getattr(self, group.index).numpy() for group in SH.values() if group in self.groups]
-        if k > 1 and any(len(index) for index in indices):
-            raise RuntimeError(f'dog: "sh_coeffs" has {k} coefficients; beside groups of SH degrees it has 1')
-        if (twice := in_several(indices)) is not None:
-            raise RuntimeError(f'dog: primitive {twice} is in several of "sh1_index", "sh2_index", "sh3_index"')
-
-    def _check_rows(self, rows: Mapping, n: int, like: str):
-        """Raise unless every tensor in ``rows`` (name to the shape of a row) has ``n`` rows, as ``like`` has."""
-        for name, tail in rows.items():
-            shape = tuple(getattr(self, name).shape)
-            if shape != (n, *tail):
-                raise RuntimeError(f'dog: "{name}" has shape {shape}, expected {(n, *tail)} to match "{like}"')
+        of_degrees = [group for group in SH.values() if group in self.groups]
+        if of_degrees and (changed or "sh_coeffs" in keys):
+            require_one_degree([getattr(self, group.index).numpy() for group in of_degrees], size)
 
     @property
     def parameters(self) -> dict:

@@ -4,7 +4,7 @@
     depth          expected depth Σ z α T / alpha, z along the optical axis to the centre of a primitive
     median_depth   z of the first primitive behind which T ≤ 1/2
     normal         Σ n α T, normalised; n as in ``normals.py``, in world space
-    index          primitive of the largest α T; counted through all ``dog`` shapes, in the order of the scene
+    index          primitive of the largest α T; counted through all ``dog`` shapes, in the order of their ids
     count          number of primitives that are blended
     dog_share      share of the DoG primitives in Σ |α T|
 

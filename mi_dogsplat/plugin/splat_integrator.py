@@ -236,8 +236,11 @@ class SplatIntegrator(ADIntegrator):
 
 
 def dog_shapes(scene: mi.Scene) -> list[DogShape]:
-    """The ``dog`` shapes of a scene."""
-    return [shape for shape in scene.shapes() if isinstance(shape, DogShape)]
+    """The ``dog`` shapes of a scene, in the order of their ids.
+
+    Mitsuba's own order changes from load to load, and with it would who is in front where primitives have one depth.
+    """
+    return sorted((shape for shape in scene.shapes() if isinstance(shape, DogShape)), key=lambda shape: shape.id())
 
 
 def _sensor(scene: mi.Scene, sensor: mi.Sensor | int) -> mi.Sensor:

@@ -20,10 +20,11 @@ def film_gradients(scene: Any, names: Iterable[str], adjoint: np.ndarray) -> dic
     return {name: dr.grad(params[f"splats.{name}"]).numpy() for name in names}
 
 
-def errors_of_adam(scene: Any, names: Iterable[str], target: Any, steps: int = 60) -> list[float]:
+def errors_of_adam(scene: Any, names: Iterable[str], target: Any, steps: int = 60, step_size: float = 0.02
+                   ) -> list[float]:
     """Mean squared error to the image ``target`` at each step on these parameters."""
     params: Any = mi.traverse(scene)
-    adam: Any = mi.ad.Adam(lr=0.02, params={f"splats.{name}": params[f"splats.{name}"] for name in names})
+    adam: Any = mi.ad.Adam(lr=step_size, params={f"splats.{name}": params[f"splats.{name}"] for name in names})
     params.update(adam)
     errors = []
     for _ in range(steps):

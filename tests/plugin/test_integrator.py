@@ -101,7 +101,6 @@ def test_several_shapes_are_one_model_whatever_their_sh_degrees_and_dog_parts():
                    dog_logit_opacities=parts[1].dog_logit_opacities, dog_log_scales=parts[1].dog_log_scales)
     extra = {f"part{i}": dog_dict(s) for i, s in enumerate(parts[1:])}
     scene = scene_of(parts[0], CAMERA, extra=extra)
-    # Mitsuba may order the shapes of a scene as it likes; blending sorts them by depth anyway.
     assert_close(render(scene), expected_image(whole))
     assert_close(render(scene_of(Splats.empty(1), CAMERA, extra={"other": dog_dict(MODEL)})), expected_image(MODEL))
 
