@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..scene.cameras import Camera
+from ..scene.kinds import kinds_of
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 
@@ -47,10 +48,7 @@ def model_scene(name: str, splats: Splats, camera: Camera, width: int, **others:
     """A model in a picture of at most ``width`` pixels a side; ``others`` are fields of ``Scene``."""
     scale = min(1.0, width / max(camera.width, camera.height))
     small = camera.resized(max(1, round(scale * camera.width)), max(1, round(scale * camera.height)))
-    kinds = f", {splats.n_dog:,} of them DoG" if splats.n_dog else ""
-    kinds += f", {splats.n_slopes:,} with slopes" if splats.n_slopes else ""
-    kinds += f", {splats.n_cuts:,} cut off" if splats.n_cuts else ""
-    what = f"{splats.n_splats:,} primitives{kinds}, SH degree {splats.sh_degree}"
+    what = f"{splats.n_splats:,} primitives, {kinds_of(splats)}, SH degree {splats.sh_degree}"
     return Scene(name, what, splats, small, **others)
 
 

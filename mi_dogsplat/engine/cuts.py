@@ -17,13 +17,13 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..scene.cuts import OFFSET
+from ..scene.cuts import LARGEST, OFFSET
 
 COLUMNS = 2  # hx, hy
 ROW = 3  # of ``cut_normals``: by axis
 LEVEL = OFFSET * math.log2(math.e)  # L
-WHOLE = 1 / (1 + math.exp(-OFFSET))  # 1 / (1 + 2^-L)
-LOG2_LARGEST = -math.log2(WHOLE)  # log2 of what g tends to on the side that is kept
+WHOLE = 1 / LARGEST  # 1 / (1 + 2^-L)
+LOG2_LARGEST = math.log2(LARGEST)
 END = 120.0  # exponents beyond ±120 are cut to this, where neither g nor its slope is more than 2^-120 from its limit
 
 

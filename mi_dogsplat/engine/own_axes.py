@@ -19,15 +19,15 @@ import mitsuba as mi
 OTHERS = ((1, 2), (2, 0), (0, 1))
 
 
-def own_axes_per_pixel(axes: list, scales: list, cut: list, low_pass: float) -> list[tuple]:
+def own_axes_per_pixel(axes: list, scales: list, in_range: list, low_pass: float) -> list[tuple]:
     """(to x, to y): by how much E[w_a | d] changes per pixel, for each axis a; [N] each.
 
     Args:
         axes: J W R, 2 x 3 arrays [N]; with ``scales``, 3 arrays [N], the columns V_a.
-        cut: scales with which no axis is out of range; one that was longer changes nothing over the image.
+        in_range: scales with which no axis is out of range; one that was longer changes nothing over the image.
         low_pass: px², on the diagonal of Σ'.
     """
-    V = [(axes[0][a] * scale, axes[1][a] * scale) for a, scale in enumerate(cut)]
+    V = [(axes[0][a] * scale, axes[1][a] * scale) for a, scale in enumerate(in_range)]
     # P = Σ'⁻¹ V = r (r² Σ')⁻¹ (r V) for any r: with one that keeps r V below 1 no product of four is out of range
     longest = mi.Float(1)
     for vx, vy in V:
@@ -43,6 +43,6 @@ def own_axes_per_pixel(axes: list, scales: list, cut: list, low_pass: float) -> 
         b, c = OTHERS[a]
         to_x = dr.fma(V[b][1], minors[c], dr.fma(-V[c][1], minors[b], blur * vx))
         to_y = dr.fma(V[c][0], minors[b], dr.fma(-V[b][0], minors[c], blur * vy))
-        in_range = cut[a] >= scales[a]
-        found.append(tuple(dr.select(in_range, to * to_pixels, 0) for to in (to_x, to_y)))
+        as_it_is = in_range[a] >= scales[a]
+        found.append(tuple(dr.select(as_it_is, to * to_pixels, 0) for to in (to_x, to_y)))
     return found

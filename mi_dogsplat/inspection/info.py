@@ -11,10 +11,11 @@ from ..formats.read import format_of, is_model_name, read_model
 from ..formats.sizes import FileKind, by_part
 from ..render.framing import CORE, robust_sphere
 from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, read_run
+from ..scene.kinds import kinds, kinds_of
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.wording import count, duration, file_size, finite, fixed
-from .lines import drawn, kinds, line, sh_degrees
+from .lines import drawn, line, sh_degrees
 
 if TYPE_CHECKING:
     from ..datasets import Dataset
@@ -78,7 +79,7 @@ def describe_model(path: Path) -> list[str]:
     lines = [
         f"{path}: model",
         line("format", format_of(path).name),
-        line("primitives", f"{count(n)}, {kinds(m, splats.n_slopes or None, splats.n_cuts or None)}"),
+        line("primitives", f"{count(n)}, {kinds_of(splats)}"),
         line("SH degree", sh_degrees(splats)),
         line("size", file_size(size) + (f", {size / n:.0f} bytes per primitive" if n else "")),
     ]

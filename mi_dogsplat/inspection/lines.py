@@ -14,12 +14,6 @@ def line(name: str, value: str) -> str:
     return f"  {name:16s}{value}"
 
 
-def kinds(n_dog: object, n_slopes: object, n_cuts: object) -> str:
-    """``1,200 of them DoG, 300 with slopes, 40 cut off``; nothing about slopes or cuts where their number is None."""
-    others = [(n, what) for n, what in ((n_slopes, "with slopes"), (n_cuts, "cut off")) if n is not None]
-    return ", ".join(f"{count(n)} {what}" for n, what in ((n_dog, "of them DoG"), *others))
-
-
 def sh_degrees(splats: Splats) -> str:
     """``3``, or how many primitives have each."""
     if not splats.mixed_sh:

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from ..datasets.scene_file import load_scene
+from ..scene.kinds import kinds_of
 from ..support.wording import count
-from .lines import drawn, kinds, line, sh_degrees
+from .lines import drawn, line, sh_degrees
 
 
 def describe_scene(path: Path) -> list[str]:
@@ -27,8 +28,7 @@ def describe_scene(path: Path) -> list[str]:
     lines = [f"{path}: Mitsuba scene of splats, not a data set", line("integrator", name)]
     for shape in splats:
         model = shape.to_splats()
-        of_them = kinds(model.n_dog, model.n_slopes or None, model.n_cuts or None)
-        what = f"{count(model.n_splats)} primitives, {of_them}, SH degree {sh_degrees(model)}"
+        what = f"{count(model.n_splats)} primitives, {kinds_of(model)}, SH degree {sh_degrees(model)}"
         lines += [line("splats", f"{shape.source}: {what}")]
         lines += [line("drawn", drawn(shape.drawing))] if shape.drawing.said() else []
     lines += [

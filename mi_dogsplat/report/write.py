@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..scene.kinds import kinds
 from ..support.files import replacing
 from ..support.wording import count, file_size, finite, fixed
 from .appearance import appearance_plots, corner_losses
@@ -49,7 +50,7 @@ def report_page(run: Run) -> str:
         test=metrics.get("test") or {},
         train=metrics.get("train") or {},
         n=metrics.get("n", last.get("n")),
-        kinds=_kinds(*(metrics.get(name, last.get(name)) for name in ("n_dog", "n_slopes", "n_cuts"))),
+        kinds=kinds(*(metrics.get(name, last.get(name)) for name in ("n_dog", "n_slopes", "n_cuts"))),
         size=file_size(metrics.get("bytes")).split(" "),
         seconds=metrics.get("train_seconds", last.get("seconds")),
         steps=metrics.get("steps", last.get("step")),
@@ -67,13 +68,6 @@ def report_page(run: Run) -> str:
         sheets=[sheet(view, run.path / "test") for view in shown(found)],
         settings=_flat(run.config),
     )
-
-
-def _kinds(n_dog: Any, n_slopes: Any, n_cuts: Any) -> str:
-    """How many primitives are DoG and, in a run that gives them such, have slopes and a cut."""
-    words = [f"{count(n_dog)} of them DoG" if n_dog else "no DoG"]
-    words += [f"{count(n)} with {what}" for n, what in ((n_slopes, "slopes"), (n_cuts, "a cut")) if n is not None]
-    return ", ".join(words)
 
 
 def _others(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:

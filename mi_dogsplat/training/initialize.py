@@ -16,6 +16,7 @@ from ..scene.cameras import Camera
 from ..scene.radiance import brightened
 from ..scene.sh_basis import C0
 from ..scene.splats import Splats
+from ..scene.whole import whole
 from ..support.errors import DataError
 from ..support.srgb import srgb_to_linear
 from ..support.wording import file_size
@@ -126,7 +127,7 @@ def model_to_prune(path: str, target: float | str, format: str = "ply") -> Model
     model = read_model(path)
     splats = model.splats
     if format != "ply":
-        splats = splats.plain().without_slopes().without_cuts()  # no other format holds them; training makes up for it
+        splats = whole(splats.plain()).without_slopes()  # no other format holds the rest; training makes up for it
     if splats.n_splats < 2:
         raise DataError(path, f"holds {splats.n_splats} primitives", "pruning needs at least 2")
     try:

@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 
 from ..datasets.dataset import Dataset
-from ..inspection.lines import kinds
 from ..render.framing import NEAR_SHARE, automatic_camera, robust_sphere, vertical
 from ..render.picture import background_color
 from ..render.picture_options import PictureOptions
 from ..scene.cameras import Camera
 from ..scene.drawing import drawn_as
+from ..scene.kinds import kinds_of
 from ..scene.orientation import up_of_cameras
 from ..scene.splats import Splats
 from ..support.errors import DataError
@@ -134,8 +134,7 @@ class Server:
     def statistics(self, last: str) -> str:
         """Markdown about the model and the last picture."""
         splats = self.drawing.splats
-        what = kinds(splats.n_dog, splats.n_slopes or None, splats.n_cuts or None)
-        counts = f"{splats.n_splats:,} primitives, {what}, SH degree {splats.sh_degree}"
+        counts = f"{splats.n_splats:,} primitives, {kinds_of(splats)}, SH degree {splats.sh_degree}"
         scale = self.source.drawing.scale
         size = "" if scale is None else f"\n\nThe core of it is {2 * robust_sphere(splats)[1] * scale:.3g} m across"
         return f"**{self.source.path.name}**, {self.what}\n\n{counts}{size}\n\n{last}"

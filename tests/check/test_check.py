@@ -109,7 +109,7 @@ def test_work_precision_of_a_model_from_a_camera_file(capsys, model, tmp_path, m
     assert exact["mean_error"] < 1e-6 and 0 < exact["forward_ms"] and 0 < exact["total_ms"]
     html = (out / "check.html").read_text(encoding="utf-8")
     parsed(html)
-    assert len(figures(html)) == 8 and "60 primitives, SH degree 1; 32 x 24 pixels" in html
+    assert len(figures(html)) == 8 and "60 primitives, 0 of them DoG, SH degree 1; 32 x 24 pixels" in html
     assert sorted(p.name for p in out.iterdir()) == ["check.html", "check.json"]
 
 

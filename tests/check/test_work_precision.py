@@ -120,7 +120,7 @@ def test_tighter_settings_are_nearer_to_the_truth(few_points, faint):
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "said"), [("slopes", "color_slopes", "with slopes"), ("cuts", "cut_normals", "cut off")]
+    ("kind", "name", "said"), [("slopes", "color_slopes", "with slopes"), ("cuts", "cut_normals", "with a cut")]
 )
 def test_a_model_with_slopes_or_cuts_has_a_curve_with_and_without_them(kind, name, said, monkeypatch):
     for knob in KNOBS:

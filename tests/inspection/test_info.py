@@ -79,7 +79,7 @@ def test_cuts_are_counted_where_there_are_some(tmp_path):
     splats.cut_normals[:] = [[3, 4, 0], [0, 0, 2], [0, -8, 6], [0, 12, 5]]
     write_ply(tmp_path / "m.ply", splats)
     lines = describe(tmp_path / "m.ply")
-    assert value_of(lines, "primitives") == "200, 3 of them DoG, 4 cut off"
+    assert value_of(lines, "primitives") == "200, 3 of them DoG, 4 with a cut"
     assert value_of(lines, "cut normals") == "2 to 13, median 7.5" and lines[-1] == "problems: none found"
     write_ply(tmp_path / "rows.ply", splats.with_sh_degrees(np.repeat([0, 1], [150, 50])), "rows")
     assert value_of(describe(tmp_path / "rows.ply"), "bytes of").split(", ")[-1].startswith("cuts ")
@@ -151,7 +151,7 @@ def test_a_run_that_gives_slopes_to_primitives_tells_of_how_many(tmp_path):
     (run / "metrics.json").write_text(json.dumps(metrics | {"n_slopes": 1234}))
     assert value_of(describe(run), "primitives") == "12,345, 67 of them DoG, 1,234 with slopes"
     (run / "metrics.json").write_text(json.dumps(metrics | {"n_slopes": 1234, "n_cuts": 5}))
-    assert value_of(describe(run), "primitives") == "12,345, 67 of them DoG, 1,234 with slopes, 5 cut off"
+    assert value_of(describe(run), "primitives") == "12,345, 67 of them DoG, 1,234 with slopes, 5 with a cut"
 
 
 def test_an_interrupted_run_shows_how_far_it_came(tmp_path):
