@@ -1,16 +1,20 @@
-"""The two things that primitives may have along their own axes, slopes of a colour and cuts, and models that show them.
-"""
+"""What primitives may have along their own axes, slopes of a colour and cuts: models that show them, and pictures."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import mitsuba as mi
 import numpy as np
+import pytest
 from cut_models import with_cuts
-from mi_dogsplat import Splats
+from mi_dogsplat import Splats, reference
 from mi_dogsplat.scene.row_groups import CUTS, SLOPES, RowGroup
 from sloped_models import with_slopes
-from splat_scenes import C0, random_splats
+from splat_scenes import C0, random_splats, scene_of, square_camera
+
+CAMERA = square_camera(16, 12, f=14.0)
+ADJOINT = np.random.default_rng(0).normal(size=(12, 16, 3))
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,27 @@ class Kind:
     @property
     def name(self) -> str:
         return self.group.names[0]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of a row."""
+        return self.group.arrays[self.name]
+
+    @property
+    def share(self) -> str:
+        """What `random_splats` calls the share of the primitives that have them."""
+        return self.group.index.replace("_index", "_share")
+
+    def drawn(self, share: float, n: int, seed=0, degree=3) -> Any:
+        """What `random_splats` makes when such a share of the primitives is to have them."""
+        shares: dict[str, Any] = {self.share: share}
+        return random_splats(n, seed, degree, **shares)
+
+    def given(self, splats: Any, values: Any, rows: Any = (0,)) -> Any:
+        """The same object, in which the primitives ``rows`` have these."""
+        setattr(splats, self.group.index, np.asarray(rows))
+        setattr(splats, self.name, np.reshape(np.asarray(values, float), (-1, *self.shape)))
+        return splats
 
     def random(self, n=12, seed=1, degree=1) -> Splats:
         """Each second primitive has them.
@@ -56,4 +81,27 @@ class Kind:
 
 
 SLOPED, CUT = Kind(SLOPES, "slopes", with_slopes, 0.02), Kind(CUTS, "cuts", with_cuts, 0.2)
-KINDS = {"slopes": SLOPED, "cuts": CUT}
+
+
+def for_each_kind(name: str, slopes: Any, cuts: Any) -> pytest.MarkDecorator:
+    """A test of both as ``kind``, with an argument ``name`` that each has its own of."""
+    return pytest.mark.parametrize(("kind", name), [(SLOPED, slopes), (CUT, cuts)], ids=["slopes", "cuts"])
+
+
+EACH_KIND = pytest.mark.parametrize("kind", [SLOPED, CUT], ids=["slopes", "cuts"])
+
+
+def picture(splats: Splats, **others) -> np.ndarray:
+    return mi.render(scene_of(splats, CAMERA, **others)).numpy()
+
+
+def traversed(splats: Splats, **others) -> tuple[Any, Any]:
+    scene: Any = scene_of(splats, CAMERA, **others)
+    return scene, mi.traverse(scene)
+
+
+def nearest_on_ray(splats: Any, i: int, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """[3] where a ray is nearest to primitive ``i``, in standard deviations along its axes, by a search up to 12."""
+    points = origin + np.linspace(0, 12, 600_001)[:, None] * direction
+    w = (points - splats.means[i]) @ reference.rotations(splats.quats)[i] / np.exp(splats.log_scales[i])
+    return w[(w**2).sum(1).argmin()]

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -16,47 +15,25 @@ from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.plugin import splat_integrator
 from mi_dogsplat.plugin.camera_masks import SplatMasks
-from own_axes_models import CUT, KINDS, SLOPED, Kind
-from splat_scenes import (
-    assert_gradients_equal,
-    image_of,
-    options,
-    rasterized,
-    scene_of,
-    square_camera,
-    to_linear,
-)
-
-CAMERA = square_camera(16, 12, f=14.0)
-ADJOINT = np.random.default_rng(0).normal(size=(12, 16, 3))
+from own_axes_models import ADJOINT, CAMERA, CUT, EACH_KIND, SLOPED, Kind, picture, traversed
+from splat_scenes import assert_gradients_equal, image_of, options, rasterized, scene_of, to_linear
 
 
-@pytest.fixture(params=KINDS.values(), ids=list(KINDS))
-def kind(request) -> Kind:
-    return request.param
-
-
-def picture(splats: Splats, **others) -> np.ndarray:
-    return mi.render(scene_of(splats, CAMERA, **others)).numpy()
-
-
-def traversed(splats: Splats, **others) -> tuple[Any, Any]:
-    scene: Any = scene_of(splats, CAMERA, **others)
-    return scene, mi.traverse(scene)
-
-
-def test_pictures_are_those_of_the_engine(kind):
+@EACH_KIND
+def test_pictures_are_those_of_the_engine(kind: Kind):
     assert np.isin(kind.model.dog_index, kind.index(kind.model)).any()
     ours = picture(kind.model, srgb_primitives=False)
     np.testing.assert_allclose(ours, image_of(rasterized(kind.model, CAMERA), CAMERA), atol=1e-5)
     assert np.abs(ours - picture(kind.without, srgb_primitives=False)).max() > 0.05
 
 
-def test_dogpath_shows_them_to_the_camera_as_dogsplat_does(kind):
+@EACH_KIND
+def test_dogpath_shows_them_to_the_camera_as_dogsplat_does(kind: Kind):
     np.testing.assert_array_equal(picture(kind.model, type="dogpath"), picture(kind.model))
 
 
-def test_gradients_through_the_film_equal_differences(monkeypatch, kind):
+@EACH_KIND
+def test_gradients_through_the_film_equal_differences(monkeypatch, kind: Kind):
     """Without cutoffs: no alpha appears at once where a parameter moves."""
     monkeypatch.setattr(splat_integrator, "RasterOptions", partial(RasterOptions, cutoffs=SMOOTH))
     names = {kind.name: 1e-2, "sh_coeffs": 1e-2, "means": 1e-3, "log_scales": 1e-3, "quats": 1e-3}
@@ -86,7 +63,8 @@ def test_gradients_through_the_film_equal_differences(monkeypatch, kind):
     assert (change * ADJOINT).sum() == pytest.approx(expected, rel=2e-3)
 
 
-def test_gradients_with_cutoffs_equal_differences_in_float64(kind):
+@EACH_KIND
+def test_gradients_with_cutoffs_equal_differences_in_float64(kind: Kind):
     splats, adjoint = kind.random(10, seed=4), ADJOINT.astype(np.float32)
     got = film_gradients(scene_of(splats, CAMERA), (*RAW, *RAW_DOG, kind.name), ADJOINT)
     image, step = reference.render(splats, CAMERA)[0], 1e-6
@@ -94,7 +72,8 @@ def test_gradients_with_cutoffs_equal_differences_in_float64(kind):
     assert_gradients_equal(got, reference.loss_gradients(splats, CAMERA, adjoint * curve, smooth=False, eps=1e-7))
 
 
-def test_adam_finds_them(kind):
+@EACH_KIND
+def test_adam_finds_them(kind: Kind):
     """From zeros, as training starts.
 
     That is no saddle for cuts either: at n = 0 the derivative of log g by n is w / (1 + e⁴), weak, but of opposite

@@ -11,35 +11,13 @@ from mi_dogsplat import Splats, to_ellipsoids, write_ply
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, ROWS, upload
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.scene.whole import whole
-from own_axes_models import CUT, KINDS, Kind
-from splat_scenes import (
-    axis_rotation,
-    dog_dict,
-    scalar_transform,
-    scene_of,
-    square_camera,
-)
-
-CAMERA = square_camera(16, 12, f=14.0)
-ADJOINT = np.random.default_rng(0).normal(size=(12, 16, 3))
+from own_axes_models import ADJOINT, CAMERA, CUT, EACH_KIND, Kind, picture, traversed
+from splat_scenes import axis_rotation, dog_dict, scalar_transform, scene_of
 
 
-@pytest.fixture(params=KINDS.values(), ids=list(KINDS))
-def kind(request) -> Kind:
-    return request.param
-
-
-def picture(splats: Splats, **others) -> np.ndarray:
-    return mi.render(scene_of(splats, CAMERA, **others)).numpy()
-
-
-def traversed(splats: Splats, **others) -> tuple[Any, Any]:
-    scene: Any = scene_of(splats, CAMERA, **others)
-    return scene, mi.traverse(scene)
-
-
+@EACH_KIND
 @pytest.mark.parametrize("source", ["tensors", "file"])
-def test_they_go_in_are_seen_and_come_out(tmp_path, kind, source):
+def test_they_go_in_are_seen_and_come_out(tmp_path, kind: Kind, source):
     model, index, name = kind.model, kind.group.index, kind.name
     write_ply(tmp_path / "model.ply", model)
     file = {"type": "dog", "filename": str(tmp_path / "model.ply")}
@@ -58,7 +36,8 @@ def test_they_go_in_are_seen_and_come_out(tmp_path, kind, source):
     np.testing.assert_array_equal(shape.parameters[ROWS[index]].numpy(), given[ROWS[index]].numpy())
 
 
-def test_updates_change_values_and_rows_and_may_leave_none(kind):
+@EACH_KIND
+def test_updates_change_values_and_rows_and_may_leave_none(kind: Kind):
     model, values, index = kind.model, f"splats.{kind.name}", f"splats.{kind.group.index}"
     scene, params = traversed(model)
     params[values] = params[values] * 2
@@ -79,7 +58,8 @@ def test_updates_change_values_and_rows_and_may_leave_none(kind):
     np.testing.assert_array_equal(mi.render(scene).numpy(), picture(kind.without))
 
 
-def test_a_primitive_may_have_them_and_any_sh_degree(kind):
+@EACH_KIND
+def test_a_primitive_may_have_them_and_any_sh_degree(kind: Kind):
     """A group of slopes or cuts is no group of an SH degree."""
     model, index = kind.model, f"splats.{kind.group.index}"
     scene, params = traversed(model)
@@ -97,7 +77,8 @@ def test_a_primitive_may_have_them_and_any_sh_degree(kind):
     np.testing.assert_allclose(mi.render(scene).numpy(), picture(mixed.uniform_sh()), rtol=1e-5, atol=1e-5)
 
 
-def test_shapes_with_and_without_are_drawn_as_one_model(kind):
+@EACH_KIND
+def test_shapes_with_and_without_are_drawn_as_one_model(kind: Kind):
     parts = [kind.bare(kind.random(9, seed=3)), kind.model, kind.random(8, seed=5)]
     scene = scene_of(parts[0], CAMERA, extra={f"tail_{k}": dog_dict(part) for k, part in enumerate(parts[1:])})
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in (*RAW, *RAW_DOG, kind.name)}
@@ -106,8 +87,9 @@ def test_shapes_with_and_without_are_drawn_as_one_model(kind):
     np.testing.assert_allclose(mi.render(scene).numpy(), picture(Splats(**joined)), atol=1e-5)
 
 
+@EACH_KIND
 @pytest.mark.parametrize("mirror", [False, True], ids=["turned", "mirrored"])
-def test_a_moved_shape_takes_them_along(kind, mirror):
+def test_a_moved_shape_takes_them_along(kind: Kind, mirror):
     matrix: Any = np.eye(4)
     matrix[:3, :3] = axis_rotation([1, 2, -1], 0.4)[0] @ np.diag([1, -1 if mirror else 1, 1]) * 1.2
     matrix[:3, 3] = 0.1, 0.2, 0.5
@@ -134,7 +116,8 @@ def test_a_moved_shape_takes_them_along(kind, mirror):
     np.testing.assert_allclose(dr.grad(params[name]).numpy(), gradient, atol=1e-3)
 
 
-def test_ellipsoids_are_without_them_and_that_is_said(capfd, kind):
+@EACH_KIND
+def test_ellipsoids_are_without_them_and_that_is_said(capfd, kind: Kind):
     model = kind.model.plain()
     instead = whole(model) if kind is CUT else kind.bare(model)
     got, expected = to_ellipsoids(model), to_ellipsoids(instead)
@@ -153,6 +136,7 @@ def test_cut_primitives_with_values_that_are_not_finite_are_no_ellipsoids():
             np.testing.assert_array_equal(to_ellipsoids(broken)[name].numpy(), values.numpy())
 
 
+@EACH_KIND
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
@@ -162,7 +146,7 @@ def test_cut_primitives_with_values_that_are_not_finite_are_no_ellipsoids():
         ({"values": lambda values: values[:, :2]}, r'"NAME" has shape \(\d, 2(, 3)?\)'),
     ],
 )
-def test_updates_that_do_not_fit_are_refused(kind, changes, problem):
+def test_updates_that_do_not_fit_are_refused(kind: Kind, changes, problem):
     params: Any = mi.traverse(mi.load_dict(dog_dict(kind.model)))
     for part, change in changes.items():
         if part == "index":
@@ -173,7 +157,8 @@ def test_updates_that_do_not_fit_are_refused(kind, changes, problem):
         params.update()
 
 
-def test_tensors_that_do_not_fit_are_refused_at_load(kind):
+@EACH_KIND
+def test_tensors_that_do_not_fit_are_refused_at_load(kind: Kind):
     short = {**dog_dict(kind.model), kind.name: mi.TensorXf(kind.values(kind.model)[:1])}
     problem = f'"{kind.name}" has 1 rows, "{kind.group.index}" has {len(kind.index(kind.model))}'
     with pytest.raises(RuntimeError, match=problem):

@@ -9,31 +9,12 @@ from mi_dogsplat.reference import walk as reference_walk
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
 from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled
 from splat_scenes import constant_layers, make_camera, make_splats, random_splats, tilted_camera
-
-BACKGROUND = (0.2, -0.3, 0.6)
-SMOOTH: dict[str, Any] = {"min_alpha": 0, "min_transmittance": 0}
-MODES = [{"antialiased": a, "negative_transmittance": n} for a in (False, True) for n in (True, False)]
-SMALL = tilted_camera(20, 18, f=18.0, cx=8.0, cy=9.5)  # four tiles
-
-
-def adjoint_of(camera) -> np.ndarray:
-    return np.random.default_rng(0).normal(size=(camera.height, camera.width, 3))
-
-
-def assert_images_equal(splats, camera, smooth=False, background=BACKGROUND, **choices):
-    image, T, _ = reference.render(splats, camera, background, smooth=smooth, **choices)
-    ours = render_tiled(splats, camera, background, **choices, **(SMOOTH if smooth else {}))
-    np.testing.assert_allclose(ours.image, image, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(ours.T, T, rtol=1e-12, atol=1e-12)
-    return ours
+from tiled_twin import BACKGROUND, MODES, SMALL, SMOOTH, adjoint_of, assert_gradients_near, assert_images_equal
 
 
 def assert_gradients_equal(got: dict, expected: dict, rtol=1e-6):
-    """Entry by entry, but for the noise of differences: 1e-7 of the largest."""
     assert tuple(got) == RAW_PARAMETERS
-    for name, values in expected.items():
-        atol = 0.1 * rtol * np.abs(values).max(initial=0)
-        np.testing.assert_allclose(got[name], values, rtol=rtol, atol=atol, err_msg=name)
+    assert_gradients_near(got, expected, rtol)
 
 
 # Images

@@ -6,11 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.engine.parameters import concatenate, upload
 from mi_dogsplat.reference import rays as twin
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.tracing.options import TraceOptions
-from mi_dogsplat.tracing.tracer import SplatTracer
 from ray_sets import RaySet, decided, gathered, random_rays, ray_set, tracer_of
 from scipy.optimize import minimize_scalar
 from splat_scenes import axis_rotation, make_splats, random_splats, rounded
@@ -111,31 +108,3 @@ def test_a_normal_of_zero_leaves_a_primitive_whole():
     flat = replace(splats, cut_normals=0 * splats.cut_normals)
     for a, b in zip(gathered(tracer_of(flat), rays), gathered(tracer_of(splats.without_cuts()), rays), strict=True):
         np.testing.assert_allclose(a, b, atol=2e-6)
-
-
-def test_a_model_without_cuts_beside_one_with_them():
-    parts = [rounded(random_splats(20, seed=5 + k, degree=1, cut_share=share)) for k, share in enumerate((0, 0.5, 0))]
-    params, _ = concatenate([upload(part) for part in parts], [4, 4, 4])
-    assert len(params["cut_index"]) == parts[1].n_cuts > 0
-    rays = random_rays(150, seed=6)
-    colors, _ = gathered(SplatTracer(params, TraceOptions(1)), rays)
-    names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs", "dog_logit_opacities", "dog_log_scales")
-    whole = Splats(
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
-        dog_index=np.concatenate([part.dog_index + 20 * k for k, part in enumerate(parts)]),
-        cut_index=parts[1].cut_index + 20, cut_normals=parts[1].cut_normals,
-    )
-    sure = decided(whole, rays)
-    np.testing.assert_allclose(colors[sure], twin.gather(rays.meet(whole))[0][sure], atol=2e-5, rtol=1e-4)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_primitive_whose_normal_is_not_finite_is_not_drawn(value):
-    splats = rounded(random_splats(20, seed=7, cut_share=0.5))
-    broken = Splats(**vars(splats))
-    broken.cut_normals = splats.cut_normals.copy()
-    broken.cut_normals[2, 1] = value
-    rest = splats.select(np.delete(np.arange(20), splats.cut_index[2]))
-    rays = random_rays(100, seed=8)
-    for a, b in zip(gathered(tracer_of(broken), rays), gathered(tracer_of(rest), rays), strict=True):
-        np.testing.assert_allclose(a, b, atol=1e-6)

@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 from mi_dogsplat import reference
-from mi_dogsplat.engine.parameters import concatenate, upload
 from mi_dogsplat.reference import rays as twin
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.tracing.options import TraceOptions
-from mi_dogsplat.tracing.tracer import SplatTracer
 from ray_sets import decided, gathered, random_rays, ray_set, tracer_of
 from scipy.optimize import minimize_scalar
 from splat_scenes import axis_rotation, make_splats, random_splats, rounded
@@ -86,33 +83,6 @@ def test_disks_of_any_thickness_have_the_colour_of_where_the_ray_meets_their_pla
     colors, T = gathered(tracer_of(rounded(disk)), ray_set([[0, 0, 0], [1, 0.5, 1]], [target, target - [1, 0.5, 1]]))
     expected = 0.5 + (inside / [0.3, 0.2, 1]) @ SLOPES
     np.testing.assert_allclose(colors / (1 - T)[:, None], [expected] * 2, atol=0.02 * (thickness == 1e-2) + 1e-4)
-
-
-def test_a_model_without_slopes_beside_one_with_them():
-    parts = [rounded(random_splats(20, seed=5 + k, degree=1, slope_share=share)) for k, share in enumerate((0, 0.5, 0))]
-    params, _ = concatenate([upload(part) for part in parts], [4, 4, 4])
-    assert len(params["slope_index"]) == parts[1].n_slopes > 0
-    rays = random_rays(150, seed=6)
-    colors, _ = gathered(SplatTracer(params, TraceOptions(1)), rays)
-    names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs", "dog_logit_opacities", "dog_log_scales")
-    whole = Splats(
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
-        dog_index=np.concatenate([part.dog_index + 20 * k for k, part in enumerate(parts)]),
-        slope_index=parts[1].slope_index + 20, color_slopes=parts[1].color_slopes,
-    )
-    sure = decided(whole, rays)
-    np.testing.assert_allclose(colors[sure], twin.gather(rays.meet(whole))[0][sure], atol=2e-5, rtol=1e-4)
-
-
-def test_a_primitive_whose_slopes_are_not_finite_is_not_drawn():
-    splats = rounded(random_splats(20, seed=7, slope_share=0.5))
-    broken = Splats(**vars(splats))
-    broken.color_slopes = splats.color_slopes.copy()
-    broken.color_slopes[2, 1, 0] = np.nan
-    rest = splats.select(np.delete(np.arange(20), splats.slope_index[2]))
-    rays = random_rays(100, seed=8)
-    for a, b in zip(gathered(tracer_of(broken), rays), gathered(tracer_of(rest), rays), strict=True):
-        np.testing.assert_allclose(a, b, atol=1e-6)
 
 
 def test_slopes_leave_shadows_as_they_are():
