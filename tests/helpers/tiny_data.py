@@ -70,6 +70,13 @@ def sloped_truth() -> Splats:
     return replace(model, log_scales=model.log_scales + np.log(1.6), **rows)
 
 
+def cut_truth() -> Splats:
+    """The truth, larger and each primitive cut off near its centre."""
+    model = truth()
+    rows = {"cut_index": np.arange(N_TRUTH), "cut_normals": np.random.default_rng(3).normal(0, 6, (N_TRUTH, 3))}
+    return replace(model, log_scales=model.log_scales + np.log(1.6), **rows)
+
+
 def dog_model(f_a: float = 0.4, F: float = 1.5) -> Splats:
     """The truth of the tiny data, every other primitive a DoG."""
     model = truth()

@@ -108,31 +108,22 @@ def test_comparisons_are_of_numbers_of_primitives(data, tmp_path, capsys, comman
     assert_one_line(result, "--target", "2MB is the size of a file", "a ratio or a number of primitives")
 
 
-def test_a_run_with_slopes_ends_with_a_file_of_its_size(tmp_path):
+@pytest.mark.parametrize(
+    ("word", "row_bytes", "primitive_bytes", "least"),  # of a primitive: with all that it will get
+    [("slopes", 40, 68 + 40, 10), ("cuts", 16, 68 + 40 + 16, 5)],
+    ids=["slopes", "cuts"],
+)
+def test_a_run_that_gives_rows_ends_with_a_file_of_its_size(tmp_path, word, row_bytes, primitive_bytes, least):
     data = tiny_data.write_tiny_data(tmp_path / "data", splats=tiny_data.sloped_truth())
-    config = config_of(data, target="7kB", preset="ours_slopes", sh_degree=1)
+    config = config_of(data, target="7kB", preset=f"ours_{word}", sh_degree=1)
     metrics = mi_dogsplat.runs.run.train(config, tmp_path / "run")
-    rows, splats = rows_of(tmp_path / "run"), read_ply(tmp_path / "run" / "point_cloud.ply")
+    rows, n = rows_of(tmp_path / "run"), getattr(read_ply(tmp_path / "run" / "point_cloud.ply"), f"n_{word}")
     assert 6300 < metrics["bytes"] == sum(metrics["bytes_by_part"].values()) <= 7000
-    assert metrics["bytes_by_part"]["slopes"] > 40 * splats.n_slopes
-    assert metrics["n_slopes"] == splats.n_slopes > 10
-    last = [row for row in rows if records([row], "pruned") and row["step"] <= 70][-1]  # before slopes come
-    assert last["n"] <= 7000 / (68 + 40) and last["n_slopes"] == 0
-    (come,) = records(rows, "slopes_activated")
-    assert come["count"] <= last["n"]
-
-
-def test_a_run_with_cuts_ends_with_a_file_of_its_size(tmp_path):
-    data = tiny_data.write_tiny_data(tmp_path / "data", splats=tiny_data.sloped_truth())
-    config = config_of(data, target="7kB", preset="ours_cuts", sh_degree=1)
-    metrics = mi_dogsplat.runs.run.train(config, tmp_path / "run")
-    rows, splats = rows_of(tmp_path / "run"), read_ply(tmp_path / "run" / "point_cloud.ply")
-    assert 6300 < metrics["bytes"] == sum(metrics["bytes_by_part"].values()) <= 7000
-    assert metrics["bytes_by_part"]["cuts"] > 16 * splats.n_cuts
-    assert metrics["n_cuts"] == splats.n_cuts > 5
-    last = [row for row in rows if records([row], "pruned") and row["step"] <= 70][-1]  # before cuts come
-    assert last["n"] <= 7000 / (68 + 40 + 16) and last["n_cuts"] == last["n_slopes"] == 0
-    (come,) = records(rows, "cuts_activated")
+    assert metrics["bytes_by_part"][word] > row_bytes * n
+    assert metrics[f"n_{word}"] == n > least
+    last = [row for row in rows if records([row], "pruned") and row["step"] <= 70][-1]  # before they come
+    assert last["n"] <= 7000 / primitive_bytes and last[f"n_{word}"] == last["n_slopes"] == 0
+    (come,) = records(rows, f"{word}_activated")
     assert come["count"] <= last["n"]
 
 

@@ -1,0 +1,181 @@
+"""The bytes of slopes and cuts in a compressed PLY: how near they are, how many they are, and how damage is told."""
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from cut_models import kept_shares
+from mi_dogsplat import read_model
+from mi_dogsplat.formats import compressed_ply
+from mi_dogsplat.formats.trailer import CUTS as CUT_ROWS
+from mi_dogsplat.formats.trailer import SLOPES as SLOPE_ROWS
+from mi_dogsplat.formats.trailer import Rows, encode
+from mi_dogsplat.scene.row_groups import CUTS, SLOPES
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.errors import DataError
+from row_kinds import RowKind, of_each
+from sloped_models import points_in, with_slopes
+from splat_scenes import random_splats, rounded
+
+N = 2000
+GAPS = [0, 1, 254, 255, 256, 257, 511, 512, 768, 1999]  # primitives with rows: steps around those of a byte
+
+
+def some_strong(n: int) -> np.ndarray:
+    return np.clip(np.random.default_rng(1).standard_cauchy((n, 3, 3)) * 0.1, -5, 5)
+
+
+def slopes_changed(back: Splats, truth: Splats) -> float:
+    return float(np.abs(back.color_slopes - truth.color_slopes).mean())
+
+
+def normals(n: int) -> np.ndarray:
+    return np.random.default_rng(7).normal(0, 6, (n, 3))
+
+
+def kept_share_changed(back: Splats, truth: Splats) -> float:
+    """In the places of the truth, which a compressed PLY moves too."""
+    points = points_in(truth, truth.cut_index)
+    same_planes = replace(truth, cut_normals=back.cut_normals)
+    return float(np.abs(kept_shares(same_planes, points) - kept_shares(truth, points)).mean())
+
+
+@dataclass(frozen=True)
+class Kind(RowKind):
+    """Rows as numbers with a unit, below which they are told apart evenly; behind slopes of other primitives or not."""
+
+    rows: Rows
+    unit: float
+    random: Callable[[int], np.ndarray]
+    changed: Callable[[Splats, Splats], float]
+    behind_slopes: bool = False
+
+    def model(self, index=tuple(range(0, N, 3)), dog_share: float = 0) -> Splats:
+        plain = rounded(random_splats(N, seed=4, degree=1, dog_share=dog_share))
+        before = with_slopes(plain, every=5) if self.behind_slopes else plain
+        return replace(before, **{self.group.index: np.array(index, np.uint32), self.name: self.random(len(index))})
+
+
+SLOPED = Kind("slopes", SLOPES, SLOPE_ROWS, 1 / 64, some_strong, slopes_changed)
+CUT = Kind("cuts", CUTS, CUT_ROWS, 1, normals, kept_share_changed)
+BEHIND = replace(CUT, behind_slopes=True)
+
+
+@pytest.mark.parametrize("index", [GAPS, [0], [1999], [1020], range(N), range(0, N, 3), range(0, N, 700), []])
+@pytest.mark.parametrize("dog_share", [0, 0.3])
+@of_each(SLOPED, CUT, BEHIND)
+def test_they_are_within_half_a_step_and_nothing_else_changes(kind, index, dog_share, tmp_path):
+    truth, path = kind.model(index, dog_share), tmp_path / "model.compressed.ply"
+    path.write_bytes(compressed_ply.encode(truth))
+    back, other = compressed_ply.decode(path), tmp_path / "without.compressed.ply"
+    assert np.array_equal(kind.index(back), kind.index(truth))
+    if len(index):
+        values = [kind.values(splats).astype(float) for splats in (back, truth)]
+        logs = [np.sign(v) * np.log(1 + np.abs(v) / kind.unit) for v in values]
+        steps = np.ptp(logs[1], axis=0) / 255
+        assert (np.abs(logs[0] - logs[1]).max(axis=0) <= 0.501 * steps + 1e-6).all()
+        assert kind.changed(back, truth) < 0.01
+    other.write_bytes(compressed_ply.encode(kind.without(truth)))
+    for name, array in vars(compressed_ply.decode(other)).items():
+        if name not in (kind.group.index, kind.name):
+            np.testing.assert_array_equal(getattr(back, name), array)
+
+
+def test_rows_of_slopes_by_hand():
+    slopes = np.zeros((2, 3, 3))
+    slopes[0, 0, 1], slopes[1, 2, 2] = -1 / 64, 3 / 64  # -log 2 and log 4, each the end of its column
+    plain = rounded(random_splats(600, seed=4, degree=1, dog_share=0))
+    comments, trailer = encode(replace(plain, slope_index=np.array([2, 258]), color_slopes=slopes))
+    assert comments == ["dogsplat slopes 1 3"]
+    low, high = np.array(struct.unpack_from("<18f", trailer)).reshape(2, 9)
+    assert low == pytest.approx([0, -np.log(2), 0, 0, 0, 0, 0, 0, 0], abs=1e-6)
+    assert high == pytest.approx([0, 0, 0, 0, 0, 0, 0, 0, np.log(4)], abs=1e-6)
+    rows = np.frombuffer(trailer, np.uint8, offset=72).reshape(3, 10)
+    assert rows[0].tolist() == [2, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    assert rows[1, 0] == 255 and rows[2].tolist() == [0, 0, 255, 0, 0, 0, 0, 0, 0, 255]
+
+
+def test_rows_of_cuts_by_hand():
+    normals = np.array([[0, -1, 0], [0, 0, 3.0]])  # -log 2 and log 4, each the end of its column
+    cut = replace(rounded(random_splats(600, dog_share=0)), cut_index=[2, 258], cut_normals=normals)
+    comments, trailer = encode(cut)
+    assert comments == ["dogsplat cuts 1 3"]
+    low, high = np.array(struct.unpack_from("<6f", trailer)).reshape(2, 3)
+    assert low == pytest.approx([0, -np.log(2), 0], abs=1e-6) and high == pytest.approx([0, 0, np.log(4)], abs=1e-6)
+    rows = np.frombuffer(trailer, np.uint8, offset=24).reshape(3, 4)
+    assert rows[0].tolist() == [2, 0, 0, 0] and rows[1, 0] == 255 and rows[2].tolist() == [0, 0, 255, 255]
+
+
+@pytest.mark.parametrize(
+    ("kind", "bounds_bytes", "row_bytes"), [(SLOPED, 72, 10), (BEHIND, 24, 4)], ids=["slopes", "cuts"]
+)
+def test_what_a_row_takes(kind, bounds_bytes, row_bytes):
+    full = kind.model(range(0, N, 2), dog_share=0.5)
+    added = len(compressed_ply.encode(full)) - len(compressed_ply.encode(kind.without(full)))
+    assert kind.rows.size(1000) == bounds_bytes + row_bytes * 1000
+    assert added == kind.rows.size(1000) + len(f"comment dogsplat {kind.word} 1 1000\n")
+
+
+def test_the_three_kinds_stand_in_their_order_and_a_model_of_none_has_no_byte_of_them():
+    full = BEHIND.model(dog_share=0.5)
+    assert [line.split()[1] for line in encode(full)[0]] == ["dog", "slopes", "cuts"]
+    assert b"dogsplat" not in compressed_ply.encode(full.plain().without_slopes().without_cuts())
+
+
+@pytest.mark.parametrize("normal", [0.0, 1e38, -3e38])
+def test_normals_of_any_size_can_be_read_again(normal, tmp_path):
+    path = tmp_path / "a.compressed.ply"
+    cut = CUT.model()
+    cut.cut_normals[:], cut.cut_normals[1, 2] = normal, 1
+    path.write_bytes(compressed_ply.encode(cut))
+    found = compressed_ply.decode(path).cut_normals[0, 0]
+    assert np.isfinite(found) and (found == 0 if normal == 0 else 1e36 < found / np.sign(normal) < 1e38)
+
+
+@pytest.mark.parametrize(
+    ("kind", "damage", "complaint"),
+    [
+        (SLOPED, lambda b: b.replace(b"slopes 1 ", b"slopes 2 "), "its slope rows are of version 2, known is 1"),
+        (SLOPED, lambda b: b.replace(b"slopes 1 ", b"slides 1 "), "0 slope rows are 0"),
+        (SLOPED, lambda b: b.replace(b"dog 1 ", b"fog 1 "), "0 DoG rows are 0"),
+        (SLOPED, lambda b: b[:-1], "bytes follow the last element"),
+        (SLOPED, lambda b: b + b"x", "bytes follow the last element"),
+        (SLOPED, lambda b: b[:-10] + b"\xfe" + b[-9:], "a slope row is for primitive"),
+        (BEHIND, lambda b: b.replace(b"cuts 1 ", b"cuts 2 "), "its cut rows are of version 2, known is 1"),
+        (BEHIND, lambda b: b.replace(b"cuts 1 ", b"cats 1 "), "0 cut rows are 0"),
+        (BEHIND, lambda b: b.replace(b"slopes 1 ", b"slides 1 "), "0 slope rows are 0"),
+        (BEHIND, lambda b: b[:-1], "bytes follow the last element"),
+        (BEHIND, lambda b: b[:-4] + b"\xfe" + b[-3:], "a cut row is for primitive"),
+    ],
+)
+def test_damage_is_told_in_one_line(kind, damage, complaint, tmp_path):
+    path = tmp_path / "a.compressed.ply"
+    before = compressed_ply.encode(kind.model(dog_share=0.3))
+    after = damage(before)
+    assert after != before
+    path.write_bytes(after)
+    with pytest.raises(DataError) as error:
+        read_model(path)
+    assert complaint in str(error.value) and len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "bounds"),
+    [
+        (SLOPED, (np.nan,) * 18),
+        (SLOPED, (1, *(0,) * 17)),
+        (SLOPED, (0,) * 17 + (np.inf,)),
+        (SLOPED, (0,) * 9 + (1e5,) * 9),
+        (CUT, (np.nan,) * 6),
+        (CUT, (1, *(0,) * 5)),
+        (CUT, (0,) * 3 + (90.0,) * 3),
+    ],
+)
+def test_bounds_that_make_no_sense_are_refused(kind, bounds, tmp_path):
+    path, (_, trailer) = tmp_path / "a.compressed.ply", encode(kind.model())
+    content, bounds_bytes = compressed_ply.encode(kind.model()), struct.pack(f"<{len(bounds)}f", *bounds)
+    path.write_bytes(content[: -len(trailer)] + bounds_bytes + trailer[len(bounds_bytes) :])
+    with pytest.raises(DataError, match=f"bounds of its {kind.rows.kind} rows"):
+        read_model(path)

@@ -1,0 +1,133 @@
+"""Slopes and cuts in files: a PLY keeps them, a compressed one in bytes; others leave them out and say so."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import pytest
+from cut_models import kept_shares, with_cuts
+from mi_dogsplat import Drawing, Model, read_model, write_model
+from mi_dogsplat.formats.packing import morton_order
+from mi_dogsplat.formats.sizes import KINDS, FileKind, by_part, prices
+from mi_dogsplat.formats.table import FORMATS
+from mi_dogsplat.formats.upright import upright
+from mi_dogsplat.scene.radiance import brightened
+from mi_dogsplat.scene.row_groups import CUTS, SLOPES
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.scene.whole import whole
+from row_kinds import RowKind, of_each
+from sloped_models import points_in, slope_colors, with_slopes
+from splat_scenes import random_splats, rounded
+
+
+@dataclass(frozen=True)
+class Kind(RowKind):
+    """Rows of some primitives."""
+
+    given: Callable[[Splats], Splats]  # every third primitive has some
+    left_out: Callable[[Splats], Splats]  # as by formats that have no room for them
+    said: str  # by these, of 100 primitives
+    row_bytes: int  # in a PLY
+    shown: Callable[[Splats, np.ndarray], np.ndarray]  # at points in the world
+    close: float  # how near that stays in another frame
+
+    def model(self, n: int, dog_share: float = 0.3) -> Splats:
+        return self.given(rounded(random_splats(n, seed=4, degree=1, dog_share=dog_share)))
+
+def with_slopes_and_cuts(splats: Splats) -> Splats:
+    return with_cuts(with_slopes(splats, every=5), every=3)
+
+
+SLOPED = Kind(
+    "slopes", SLOPES, partial(with_slopes, every=3), Splats.without_slopes,
+    "no colour that varies over a primitive: the slopes of 100 are left out", 40, slope_colors, close=2e-4,
+)  # fmt: skip
+CUT = Kind(
+    "cuts", CUTS, with_slopes_and_cuts, whole,
+    "no primitive that is cut off: 100 become the whole ones nearest to them", 16, kept_shares, close=1e-3,
+)  # fmt: skip
+of_both = of_each(SLOPED, CUT)
+NO_ROOM = [".glb", ".gltf", ".sog", ".splat", ".spz"]
+
+
+@of_both
+def test_ply_and_compressed_ply_alone_hold_them(kind):
+    assert sorted(suffix for suffix, chosen in FORMATS.items() if not getattr(chosen, kind.word)) == NO_ROOM
+
+
+@of_both
+@pytest.mark.parametrize("sh_rows", [False, True])
+def test_a_ply_says_nothing_as_it_keeps_them(kind, sh_rows, tmp_path):
+    truth = kind.model(2000)
+    assert write_model(tmp_path / "a.ply", truth, sh_rows=sh_rows) == []
+    np.testing.assert_array_equal(kind.values(read_model(tmp_path / "a.ply").splats), kind.values(truth))
+
+
+@of_both
+def test_they_go_through_a_compressed_ply_by_name_in_its_order(kind, tmp_path):
+    truth = kind.model(2000)
+    assert write_model(tmp_path / "a.compressed.ply", truth) == []
+    back, expected = read_model(tmp_path / "a.compressed.ply").splats, truth.select(morton_order(truth.means))
+    np.testing.assert_array_equal(kind.index(back), kind.index(expected))
+    np.testing.assert_allclose(kind.values(back), kind.values(expected), atol=0.03, rtol=0.03)
+
+
+def test_slopes_go_through_a_compressed_ply_in_units_of_white(tmp_path):
+    truth = SLOPED.model(2000)
+    write_model(tmp_path / "a.compressed.ply", truth)
+    slopes = read_model(tmp_path / "a.compressed.ply").splats.color_slopes
+    linear = Model(brightened(truth, 40.0), Drawing(linear=True, white=40.0))
+    assert write_model(tmp_path / "b.compressed.ply", linear) == []
+    found = read_model(tmp_path / "b.compressed.ply").splats.color_slopes
+    np.testing.assert_allclose(found, 40 * slopes, rtol=1e-3, atol=1e-4)
+
+
+@of_both
+@pytest.mark.parametrize("suffix", NO_ROOM)
+def test_other_formats_have_what_is_nearest_and_a_line_that_says_so(kind, suffix, tmp_path):
+    truth = kind.model(300, dog_share=0)
+    lost, said = write_model(tmp_path / f"with{suffix}", truth), f"{FORMATS[suffix].name} has {kind.said}"
+    assert lost.count(said) == 1
+    assert write_model(tmp_path / f"without{suffix}", kind.left_out(truth)) == [x for x in lost if x != said]
+    assert (tmp_path / f"with{suffix}").read_bytes() == (tmp_path / f"without{suffix}").read_bytes()
+    assert kind.n(read_model(tmp_path / f"with{suffix}").splats) == 0 and kind.n(truth) == 100
+
+
+@of_both
+def test_an_upright_model_shows_the_same_where_its_points_are(kind):
+    truth = kind.given(random_splats(30))
+    turned, matrix = upright(Model(truth, Drawing(up="x", scale=0.3)))
+    points = points_in(truth, kind.index(truth))
+    moved = points @ matrix[:3, :3].T + matrix[:3, 3]
+    np.testing.assert_allclose(kind.shown(turned.splats, moved), kind.shown(truth, points), atol=kind.close)
+
+
+@of_both
+@pytest.mark.parametrize("dog_share", [0, 0.3])
+def test_the_price_of_a_row_is_that_of_the_file(kind, dog_share):
+    splats = kind.model(500, dog_share).with_sh_degrees(np.arange(500) % 2)
+    ply = FileKind("ply")
+    known, others = prices(ply, splats), kind.without(splats)
+    header = [ply.encoded(s).index(b"end_header\n") for s in (splats, others)]
+    assert getattr(known, kind.word) == kind.row_bytes
+    assert getattr(known.scaled(3), kind.word) == 3 * kind.row_bytes
+    assert known.of(splats) - known.of(others) == ply.size(splats) - ply.size(others) - (header[0] - header[1])
+
+
+@of_both
+@pytest.mark.parametrize("name", KINDS)
+def test_parts_add_up_to_the_file(kind, name):
+    splats = kind.model(400)
+    parts, others = by_part(FileKind(name), splats), by_part(FileKind(name), kind.without(splats))
+    assert sum(parts.values()) == FileKind(name).size(splats)
+    assert list(parts)[-1] == kind.word if name == "ply" else kind.word not in parts
+    assert {part: size for part, size in parts.items() if part != kind.word} == others
+
+
+@of_both
+@pytest.mark.parametrize("name", ["spz", "sog"])
+def test_what_a_training_will_end_as_has_none_where_the_format_has_none(kind, name):
+    splats = kind.model(400)
+    assert kind.n(FileKind(name).foreseen(splats)) == 0 and getattr(prices(FileKind(name), splats), kind.word) == 0
+    assert FileKind("ply").foreseen(splats) is splats

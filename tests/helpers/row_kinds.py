@@ -1,0 +1,43 @@
+"""Slopes and cuts by their names, for tests of what is the same of both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from mi_dogsplat.scene.row_groups import RowGroup
+from mi_dogsplat.scene.splats import Splats
+
+
+@dataclass(frozen=True)
+class RowKind:
+    """A kind of rows in models and optimizers. Files of tests add what they need of it."""
+
+    word: str
+    """``slopes`` or ``cuts``"""
+    group: RowGroup
+    """with one array of values"""
+
+    @property
+    def name(self) -> str:
+        """Of the values."""
+        return self.group.names[0]
+
+    def n(self, holder: Any) -> int:
+        return getattr(holder, f"n_{self.word}")
+
+    def index(self, holder: Any) -> np.ndarray:
+        return getattr(holder, self.group.index)
+
+    def values(self, splats: Splats) -> np.ndarray:
+        return getattr(splats, self.name)
+
+    def without(self, splats: Splats) -> Splats:
+        return getattr(splats, f"without_{self.word}")()
+
+
+def of_each(*kinds: RowKind) -> pytest.MarkDecorator:
+    """The test runs with each as its ``kind``."""
+    return pytest.mark.parametrize("kind", kinds, ids=lambda kind: kind.word)
