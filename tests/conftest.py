@@ -29,13 +29,10 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 def pytest_configure() -> None:
-    """Two threads at least, on one core too.
-
-    So what depends on the order of threads shows; and with one Mitsuba 3.9 waits for ever to write or read OpenEXR.
-    """
+    """As many threads as a process has cores: threads that wait spin, and two on one core take twice as long as one."""
     import drjit as dr
 
-    dr.set_thread_count(max(2, dr.thread_count() // max(1, WORKERS)))
+    dr.set_thread_count(max(1, dr.thread_count() // max(1, WORKERS)))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -86,6 +83,17 @@ def all_cores() -> Iterator[None]:
         dr.set_thread_count(max(4, len(core_shares.ALL_CORES)))
         yield
         dr.set_thread_count(before)
+
+
+@pytest.fixture
+def two_threads() -> Iterator[None]:
+    """For tests that have Mitsuba write or read OpenEXR: with one thread Mitsuba 3.9 waits for ever there."""
+    import drjit as dr
+
+    before = dr.thread_count()
+    dr.set_thread_count(max(2, before))
+    yield
+    dr.set_thread_count(before)
 
 
 @pytest.fixture

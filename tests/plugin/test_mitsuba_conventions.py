@@ -126,6 +126,7 @@ def test_a_film_of_any_pixel_format_develops_what_mitsuba_makes_of_the_colours(p
         assert np.abs(got[..., -1] - (1 - reference.render(MODEL, CAMERA)[1])).mean() < 2e-5
 
 
+@pytest.mark.usefixtures("two_threads")
 @pytest.mark.parametrize("component_format", ["float16", "float32", "uint32"])
 def test_the_component_format_concerns_the_files_of_the_film_only(component_format, image, tmp_path):
     scene: Any = scene_of(MODEL, CAMERA, film={"component_format": component_format})
@@ -138,6 +139,7 @@ def test_the_component_format_concerns_the_files_of_the_film_only(component_form
     np.testing.assert_allclose(written, image, atol=0 if component_format == "float32" else 1e-3)
 
 
+@pytest.mark.usefixtures("two_threads")
 def test_an_image_becomes_a_bitmap_of_eight_bits(image, tmp_path):
     tensor = mi.render(scene_of(MODEL, CAMERA))
     bitmap = mi.util.convert_to_bitmap(tensor)
