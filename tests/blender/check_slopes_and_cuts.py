@@ -6,10 +6,12 @@ import pytest
 from blender_pictures import psnr, rendered
 from drawn_panels import drawn
 from edits import PLACED, TURN, cropped, local, paint, shown
+from live_views import staged, through_the_camera
 from mathutils import Matrix
 from model_files import export, load
 from model_values import assert_equal
 from references import REFERENCES, place_camera, reference
+from surroundings import body, material, plane
 
 from blender_addon.editing.stand_in import stand_in_of
 from blender_addon.files.model import Model, concatenate, normalized
@@ -202,6 +204,26 @@ def test_the_final_frame_shows_them(scene, by_command, path, kind, tmp_path, pla
     picture = rendered(scene, ENGINE, tmp_path)
     assert psnr(picture, reference(kind)["color"]) > (50 if placed else 70)
     assert psnr(picture, reference("dog")["color"]) < 40
+
+
+def test_a_whole_scene_shows_them(scene, by_command, path, kind, model, tmp_path):
+    """With a wall that the camera does not see: they change what they change in the final frame of the splats alone.
+
+    Not to the same values, as a whole scene blends linear ones.
+    """
+    place_camera(scene, "square")
+    pictures = {}
+    for name in (path, model):
+        obj = load(name)
+        alone = rendered(scene, ENGINE, tmp_path)
+        wall = body(plane(1), material("ShaderNodeBsdfDiffuse"))
+        wall.matrix_world = scene.camera.matrix_world @ Matrix.Translation((0, 0, 9))
+        assert staged(tmp_path, through_the_camera(scene).camera).whole
+        pictures[name] = np.stack([alone, rendered(scene, ENGINE, tmp_path)])
+        for made in (wall, obj):
+            bpy.data.objects.remove(made)
+    alone, whole = pictures[path] - pictures[model]
+    assert np.corrcoef(alone.ravel(), whole.ravel())[0, 1] > 0.7
 
 
 def test_models_of_other_formats_bring_them_along(command, path, kind, tmp_path):
