@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import tiny_data
 from command_line import assert_one_line, run
-from happenings import records
+from happenings import history_of, records
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.cli import main
 from mi_dogsplat.cli.errors import quiet_pipe
@@ -68,7 +68,7 @@ def test_prune_makes_a_smaller_model_and_a_whole_run_folder(capsys, model, data,
     assert status == 0 and "PSNR" in printed and "report.html" in printed and "12/12" in bar
     splats = read_ply(out / "point_cloud.ply")
     assert splats.n_splats <= 15 and splats.n_dog > 0 and splats.sh_degree == 1
-    history = [json.loads(line) for line in (out / "history.jsonl").read_text().splitlines()]
+    history = history_of(out)
     assert records(history, "pruned")[0]["before"] == 60 and history[-1]["n"] == 15
     assert (out / "report.html").is_file() and (out / "test" / "0.png").is_file()
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from happenings import records
+from happenings import history_of, records
 from html_pages import parsed, rows
 from mi_dogsplat.cli import main
 from mi_dogsplat.compare.execute import Means
@@ -44,17 +44,13 @@ def table(folder) -> dict:
     return json.loads((folder / "comparison.json").read_text())
 
 
-def history(folder: Path) -> list[dict]:
-    return [json.loads(line) for line in (folder / "history.jsonl").read_text(encoding="utf-8").splitlines()]
-
-
 def test_all_variants_of_a_seed_go_on_from_one_start(folder):
     for seed in (0, 1):
         start = load_checkpoint(folder / "tiny" / f"seed_{seed}" / "start.npz")
         assert int(start["step"]) == 30  # the end of densification, half of the run
         n = np.size(start["optimizer.logit_opacities"])
         for name in NAMES:
-            rows = history(folder / "tiny" / f"seed_{seed}" / name)
+            rows = history_of(folder / "tiny" / f"seed_{seed}" / name)
             assert rows[0]["step"] >= 30 and rows[-1]["step"] == STEPS
             prunes = records(rows, "pruned")
             assert bool(prunes) == (name != "3dgs")
@@ -68,7 +64,7 @@ def test_each_variant_is_what_its_recipe_says(folder, table):
     assert json.loads((runs / "v1" / "recipe.json").read_text())["recipe"]["score"]["kind"] == "opacity"
     assert METHODS["v1"].label in (runs / "v1" / "report.html").read_text(encoding="utf-8")
     assert read_ply(runs / "v1" / "point_cloud.ply").n_dog == 0
-    activated = [row for row in history(runs / "full") if "psnr_before" in row]
+    activated = [row for row in history_of(runs / "full") if "psnr_before" in row]
     assert len(activated) == 1 and np.isfinite(activated[0]["test_psnr"])
 
 

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from happenings import history_of
 from mi_dogsplat.compare.execute import Means, in_a_process
 from mi_dogsplat.compare.tasks import Task
 from mi_dogsplat.runs.checkpoint import load_checkpoint
@@ -34,10 +35,6 @@ def saved_step(folder: Path) -> int:
     return int(load_checkpoint(folder / "seed_0" / "start" / "checkpoint" / "state.npz")["step"])
 
 
-def rows(folder: Path) -> list[dict]:
-    return [json.loads(row) for row in (folder / "seed_0/start/history.jsonl").read_text().splitlines()]
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="there a process cannot be sent SIGTERM, only be ended")
 @pytest.mark.parametrize(
     "name, to_the_group, workers", [("SIGTERM", False, 0), ("SIGINT", True, 0), ("SIGINT", True, 1)]
@@ -60,7 +57,7 @@ def test_a_signal_to_the_command_lets_the_run_save_first(data, tmp_path, name, t
             process.kill()
     assert process.returncode == 128 + number, errors
     assert errors.splitlines()[-1] == "dogsplat: stopped; the same command again goes on from here"
-    assert saved_step(folder) >= rows(folder)[-1]["step"] >= 10
+    assert saved_step(folder) >= history_of(folder / "seed_0" / "start")[-1]["step"] >= 10
     assert not list(folder.rglob("*.log"))
 
 
@@ -78,5 +75,5 @@ def test_a_task_of_a_worker_that_is_asked_to_stop_saves_first(data, tmp_path):
     error = in_a_process(
         Task("start", str(tmp_path), 0), Means(free={"checkpoint_seconds": 1e6, "memory": None}), asked
     )
-    assert error == "stopped" and saved_step(tmp_path) >= rows(tmp_path)[-1]["step"] >= 10
+    assert error == "stopped" and saved_step(tmp_path) >= history_of(tmp_path / "seed_0" / "start")[-1]["step"] >= 10
     assert not (tmp_path / "seed_0" / "start.log").exists()

@@ -1,5 +1,13 @@
 """What happened in a training, as the records in the rows of its history tell."""
 
+import json
+from pathlib import Path
+
+
+def history_of(run: Path) -> list[dict]:
+    """The rows of a run folder."""
+    return [json.loads(line) for line in (run / "history.jsonl").read_text(encoding="utf-8").splitlines()]
+
 
 def records(rows: list[dict], *kinds: str) -> list[dict]:
     """Of these kinds, in order."""

@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from happenings import history_of
 from html_pages import parsed, rows, section, words
 from mi_dogsplat.report.pictures import embedded_jpeg, worst_box
 from mi_dogsplat.report.views import ranked, shown
@@ -144,7 +145,7 @@ def test_every_kind_of_event_has_its_lane(run):
 def test_rows_have_a_lane_and_are_counted_where_a_run_gives_them(run, lane, events, counted, words):
     before = text_of(write_report(run))
     assert f">{lane}</text>" not in before and "slopes" not in before and "a cut" not in before
-    history = [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
+    history = history_of(run)
     history[-1] |= row_of(events)
     (run / "history.jsonl").write_text("".join(json.dumps(row) + "\n" for row in history))
     (run / "metrics.json").write_text(json.dumps(METRICS | counted))
@@ -153,7 +154,7 @@ def test_rows_have_a_lane_and_are_counted_where_a_run_gives_them(run, lane, even
 
 
 def test_test_psnr_is_drawn_where_the_history_has_it(run):
-    history = [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
+    history = history_of(run)
     history[20]["test_psnr"] = 19.0
     (run / "history.jsonl").write_text("\n".join(map(json.dumps, history)))
     html = text_of(write_report(run))

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from happenings import history_of
 from html_pages import parsed, rows, section, words
 from mi_dogsplat.report.plot import WIDTH, Mark, Series, line_plot
 from mi_dogsplat.report.prunes import marks, prunes, with_drops
@@ -83,7 +84,7 @@ def test_the_whole_set_error_of_the_checks_is_drawn(run):
 
 
 def test_a_run_without_prunes_has_neither_marks_nor_table(run):
-    history = [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
+    history = history_of(run)
     plain = [{key: row[key] for key in ("step", "seconds", "l1", "n")} for row in history]
     (run / "history.jsonl").write_text("\n".join(map(json.dumps, plain)))
     html = write_report(run).read_text()

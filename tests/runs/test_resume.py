@@ -1,6 +1,5 @@
 """A run that was stopped goes on from its checkpoint as if nothing had happened."""
 
-import json
 import re
 import shutil
 import signal
@@ -12,7 +11,7 @@ from typing import Any, cast
 import mitsuba as mi
 import numpy as np
 import pytest
-from happenings import records
+from happenings import history_of, records
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.runs import run
 from mi_dogsplat.runs.checkpoint import Checkpoints, load_checkpoint, save_checkpoint
@@ -35,10 +34,6 @@ def config_of(data: Path, **changes) -> TrainConfig:
 
 
 ONE_STEP = config_of(Path(), steps=1, near_clip=0.2)
-
-
-def rows_of(folder: Path) -> list[dict]:
-    return [json.loads(line) for line in (folder / "history.jsonl").read_text().splitlines()]
 
 
 def without_clock(rows: list[dict]) -> list[dict]:
@@ -65,8 +60,8 @@ def test_a_run_stopped_at_several_steps_and_resumed_has_the_bits_of_one_that_was
             history.write(b'{"step": 59, "seconds": 1, "n": 1, "n_dog": 0}\n{"step": 4, "event": "\xce')
     run.train(config, tmp_path, resume=True)
 
-    rows = rows_of(tmp_path)
-    assert without_clock(rows) == without_clock(rows_of(whole[preset]))
+    rows = history_of(tmp_path)
+    assert without_clock(rows) == without_clock(history_of(whole[preset]))
     seconds = [row["seconds"] for row in rows]
     assert seconds == sorted(seconds)
     assert_same_state(tmp_path, whole[preset])
@@ -79,10 +74,10 @@ def whole(data, tmp_path_factory) -> dict[str, Path]:
     folders = {preset: tmp_path_factory.mktemp(preset) for preset in PRESETS}
     for preset, folder in folders.items():
         run.train(config_of(data, preset=preset), folder)
-    rows = rows_of(folders["ours"])
+    rows = history_of(folders["ours"])
     assert all(records(rows, kind) for kind in ("densified", "pruned", "dog_activated"))
-    assert records(rows_of(folders["ours_slopes"]), "slopes_activated")[0]["count"] > 0
-    assert records(rows_of(folders["ours_cuts"]), "cuts_activated")[0]["count"] > 0
+    assert records(history_of(folders["ours_slopes"]), "slopes_activated")[0]["count"] > 0
+    assert records(history_of(folders["ours_cuts"]), "cuts_activated")[0]["count"] > 0
     return folders
 
 
@@ -160,7 +155,7 @@ def test_a_run_without_a_checkpoint_yet_is_resumed_from_its_beginning(data, whol
         run.train(config, tmp_path, fail)
     assert (tmp_path / "config.json").exists() and not (tmp_path / run.CHECKPOINT).exists()
     run.train(config, tmp_path, resume=True)
-    rows, expected = rows_of(tmp_path), rows_of(whole["3dgs"])
+    rows, expected = history_of(tmp_path), history_of(whole["3dgs"])
     assert [row["step"] for row in rows] == [row["step"] for row in expected]
     if lanes_add_in_turn(mi.variant()):
         assert without_clock(rows) == without_clock(expected)
@@ -270,4 +265,4 @@ def test_primitives_that_can_never_be_seen_are_left_out_of_the_model(data, tmp_p
 
     monkeypatch.setattr(SplatOptimizer, "to_splats", with_ghosts)
     metrics = run.train(config_of(data, steps=10), tmp_path)
-    assert metrics["n"] == rows_of(tmp_path)[-1]["n"] - 5
+    assert metrics["n"] == history_of(tmp_path)[-1]["n"] - 5

@@ -12,7 +12,7 @@ import numpy as np
 import psutil
 import pytest
 import tiny_data
-from happenings import records
+from happenings import history_of, records
 from mi_dogsplat import write_ply
 from mi_dogsplat.cli import main
 from mi_dogsplat.datasets import load_dataset, view_images
@@ -220,7 +220,7 @@ def test_primitives_grow_until_the_memory_is_full_and_the_history_says_so(data, 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Budget, "most_primitives", lambda self, pairs: most)  # whatever pairs the views have
         run.train(config, tmp_path)
-    rows = [json.loads(line) for line in (tmp_path / "history.jsonl").read_text().splitlines()]
+    rows = history_of(tmp_path)
     assert max(row["n"] for row in rows) == most
     assert {record["most"] for record in records(rows, "memory_full")} == {most}
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tiny_data
 from changed_strategy import change_densification
-from happenings import records, rows_with
+from happenings import history_of, records, rows_with
 from launches import counts_without_compiling
 from mi_dogsplat import read_ply
 from mi_dogsplat.datasets import load_dataset
@@ -39,10 +39,6 @@ def config_of(data, **changes) -> TrainConfig:
         "test_every": 50,
     }
     return TrainConfig(str(data), **{**base, **changes})
-
-
-def rows_of(run: Path) -> list[dict]:
-    return [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +91,7 @@ def test_metrics_have_the_keys_that_others_rely_on(trained):
 
 
 def test_history_rows_tell_step_time_loss_and_count(trained):
-    rows = rows_of(trained[0])
+    rows = history_of(trained[0])
     steps = [row["step"] for row in rows]
     assert steps == sorted(set(steps)) and steps[-1] == STEPS
     assert all({"step", "seconds", "n", "n_dog"} <= set(row) for row in rows)
@@ -111,7 +107,7 @@ def test_history_rows_tell_step_time_loss_and_count(trained):
 
 
 def test_history_tells_the_sh_ramp_and_where_the_count_changed(trained):
-    rows = rows_of(trained[0])
+    rows = history_of(trained[0])
     (ramp,) = rows_with(rows, "sh_degree")
     assert ramp["step"] == 5 and records([ramp], "sh_degree")[0]["degree"] == 1  # 1000 of 30,000 steps
     for before, row in zip([{"n": tiny_data.N_TRUTH}, *rows], rows, strict=False):
@@ -122,7 +118,7 @@ def test_history_tells_the_sh_ramp_and_where_the_count_changed(trained):
 @pytest.mark.parametrize("cap", [1, 37, 60, CAP])
 def test_the_cap_is_exact_in_every_row(data, trained, cap):
     if cap == CAP:
-        counts = [row["n"] for row in rows_of(trained[0])]
+        counts = [row["n"] for row in history_of(trained[0])]
     else:
         config = config_of(data, max_primitives=cap, steps=20, log_every=1)
         trainer = Trainer(config, load_dataset(data))
@@ -133,7 +129,7 @@ def test_the_cap_is_exact_in_every_row(data, trained, cap):
 def test_the_same_seed_gives_the_same_run_up_to_the_order_of_atomics(data, trained, tmp_path):
     """Sums over pixels are made by atomics whose order varies: losses differ by some 1e-7, choices by nothing."""
     mi_dogsplat.runs.run.train(config_of(data), tmp_path / "again")
-    first, again = rows_of(trained[0]), rows_of(tmp_path / "again")
+    first, again = history_of(trained[0]), history_of(tmp_path / "again")
     for key in ("step", "n", "n_dog"):
         assert [row.get(key) for row in first] == [row.get(key) for row in again]
     assert records(first, "densified") == records(again, "densified") != []
@@ -180,7 +176,7 @@ def test_a_run_without_test_split_is_measured_on_its_training_views(tmp_path):
     data = tiny_data.write_tiny_data(tmp_path / "data", n=1)
     result = mi_dogsplat.runs.run.train(config_of(data, steps=10), tmp_path / "run")
     assert result["test"] == {} and result["train"]["psnr"] > 10 and result["render_ms"] > 0
-    assert not any("test_psnr" in row for row in rows_of(tmp_path / "run"))
+    assert not any("test_psnr" in row for row in history_of(tmp_path / "run"))
     assert (tmp_path / "run" / "report.html").is_file()
 
 
@@ -231,7 +227,7 @@ def test_an_interrupted_run_leaves_whole_files_and_no_measurements_of_an_earlier
 
     with pytest.raises(KeyboardInterrupt):
         mi_dogsplat.runs.run.train(config_of(data, steps=30), out, stop)
-    assert rows_of(out)[-1]["step"] == 20
+    assert history_of(out)[-1]["step"] == 20
     assert json.loads((out / "config.json").read_text())["steps"] == 30
     assert not (out / "metrics.json").exists() and not (out / "report.html").exists()
     assert not list((out / "test").iterdir()) and not list(out.rglob(".*"))

@@ -1,6 +1,5 @@
 """Runs whose primitives get slopes or cuts: what they tell and gain, and what becomes of models that have some."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ import pytest
 import tiny_data
 from command_line import assert_one_line
 from command_line import run as dogsplat
-from happenings import records, rows_with
+from happenings import history_of, records, rows_with
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.runs.history import run_to_end
@@ -64,10 +63,6 @@ CUT = Kind(
 )
 
 
-def rows_of(run: Path) -> list[dict]:
-    return [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
-
-
 def after(steps: int, trainer: Trainer) -> Trainer:
     while trainer.step_count < steps:
         trainer.step()
@@ -87,7 +82,7 @@ def pictures(kind, tmp_path_factory) -> Path:
 
 def test_a_run_tells_when_they_come_and_how_many_are_left(kind, pictures, tmp_path):
     metrics = mi_dogsplat.runs.run.train(kind.config(pictures), tmp_path / "run")
-    rows, splats = rows_of(tmp_path / "run"), read_ply(tmp_path / "run" / "point_cloud.ply")
+    rows, splats = history_of(tmp_path / "run"), read_ply(tmp_path / "run" / "point_cloud.ply")
     (come,), (row,) = records(rows, kind.activated), rows_with(rows, kind.activated)
     assert come["count"] == 20 and row["step"] == 72 and records([row], kind.comes_with)  # 18,000 of 30,000 steps
     assert f"{kind.word} activated for 20 primitives" in row["event"]
@@ -158,7 +153,7 @@ def test_slopes_are_left_out_by_their_largest_number_and_nothing_else_is(kind, p
 def test_a_recipe_without_them_says_nothing_of_them(kind, preset, pictures, tmp_path):
     metrics = mi_dogsplat.runs.run.train(kind.config(pictures, preset=preset, steps=12), tmp_path)
     name = f"n_{kind.word}"
-    assert name not in metrics and not any(name in row for row in rows_of(tmp_path))
+    assert name not in metrics and not any(name in row for row in history_of(tmp_path))
     assert kind.word[:-1] not in (tmp_path / "history.jsonl").read_text()
 
 

@@ -1,6 +1,5 @@
 """Straight-through quantisation: the device draws what a file says, and a training ends with the model of its file."""
 
-import json
 from dataclasses import replace
 from typing import Any
 
@@ -8,6 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from happenings import history_of
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.formats.coded import CODED, snapped
 from mi_dogsplat.formats.grids import Extents, FileGrids, Palette, Steps
@@ -134,7 +134,7 @@ def test_the_model_of_a_run_is_that_of_its_file(data, name, tmp_path):
         assert np.array_equal(getattr(back, values), getattr(ply, values)), values
     views = evaluate_model(path, data)
     assert np.mean([v["psnr"] for v in views.values()]) == pytest.approx(metrics["test"]["psnr"], abs=1e-3)
-    rows = [json.loads(line) for line in (tmp_path / "run" / "history.jsonl").read_text().splitlines()]
+    rows = history_of(tmp_path / "run")
     assert any(event["kind"] == "quantised" for row in rows for event in row.get("events", []))
 
 

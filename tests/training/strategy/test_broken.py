@@ -1,6 +1,5 @@
 """Primitives that training cannot repair: who they are, what removing them costs, and that no file ever holds one."""
 
-import json
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,6 +8,7 @@ import mi_dogsplat.runs.run
 import numpy as np
 import pytest
 import tiny_data
+from happenings import history_of
 from launches import KernelWatch
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
@@ -128,7 +128,7 @@ POISONED = replace(RECIPES["3dgs"], also=(Poisoned(),))
 
 def test_no_file_holds_a_broken_primitive_and_the_history_tells_how_many_there_were(data, tmp_path):
     metrics = mi_dogsplat.runs.run.train(config_of(data), tmp_path, recipe=POISONED)
-    rows = [json.loads(line) for line in (tmp_path / "history.jsonl").read_text().splitlines()]
+    rows = history_of(tmp_path)
     assert rows[-1]["event"] == "dropped 5 broken primitives" and rows[-1]["n"] == rows[-2]["n"] - 5
     assert np.isfinite(rows[-1]["l1"]) and metrics["train"]["psnr"] > 15
     state = load_checkpoint(tmp_path / "checkpoint" / "state.npz")

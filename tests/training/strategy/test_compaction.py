@@ -1,6 +1,5 @@
 """Training to the size of a file: never above it, bytes divided among primitives, bands and DoG rows."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ import pytest
 import tiny_data
 from command_line import assert_one_line
 from command_line import run as dogsplat
-from happenings import records, rows_with
+from happenings import history_of, records, rows_with
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.formats.read import read_model
@@ -32,10 +31,6 @@ def config_of(data: Path, **changes) -> TrainConfig:
     return TrainConfig(str(data), **(base | changes))
 
 
-def rows_of(run: Path) -> list[dict]:
-    return [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
-
-
 def test_a_sog_whose_tables_outgrow_what_was_foreseen_is_cut_at_the_end(data, tmp_path):
     metrics = mi_dogsplat.runs.run.train(config_of(data, target="7900B", format="sog"), tmp_path)
     path = tmp_path / "point_cloud.sog"
@@ -49,7 +44,7 @@ def test_a_run_ends_with_a_file_of_its_size_and_tells_its_parts(data, tmp_path, 
     path = tmp_path / f"point_cloud.{name}"
     assert metrics["bytes"] == path.stat().st_size == sum(metrics["bytes_by_part"].values())
     assert 0.9 * size < metrics["bytes"] <= size
-    splats, rows = read_ply(tmp_path / "point_cloud.ply"), rows_of(tmp_path)
+    splats, rows = read_ply(tmp_path / "point_cloud.ply"), history_of(tmp_path)
     assert metrics["n"] == splats.n_splats == rows[-1]["n"] and metrics["n_dog"] == splats.n_dog
     allocated = records(rows, "allocated")
     assert allocated and all(record["bytes"] <= record["budget"] for record in allocated)
@@ -85,7 +80,7 @@ def test_a_model_is_pruned_to_a_size(data, tmp_path):
     config = config_of(data, model=str(tmp_path / "model.ply"), target="3kB", max_primitives=None)
     metrics = mi_dogsplat.runs.run.train(config, tmp_path / "run")
     assert metrics["bytes"] == (tmp_path / "run" / "point_cloud.ply").stat().st_size <= 3000
-    assert rows_of(tmp_path / "run")[0]["step"] == 0
+    assert history_of(tmp_path / "run")[0]["step"] == 0
 
 
 def test_a_size_that_the_model_does_not_reach_is_an_event_and_it_keeps_all_its_bands(data):
@@ -117,7 +112,7 @@ def test_a_run_that_gives_rows_ends_with_a_file_of_its_size(tmp_path, word, row_
     data = tiny_data.write_tiny_data(tmp_path / "data", splats=tiny_data.sloped_truth())
     config = config_of(data, target="7kB", preset=f"ours_{word}", sh_degree=1)
     metrics = mi_dogsplat.runs.run.train(config, tmp_path / "run")
-    rows, n = rows_of(tmp_path / "run"), getattr(read_ply(tmp_path / "run" / "point_cloud.ply"), f"n_{word}")
+    rows, n = history_of(tmp_path / "run"), getattr(read_ply(tmp_path / "run" / "point_cloud.ply"), f"n_{word}")
     assert 6300 < metrics["bytes"] == sum(metrics["bytes_by_part"].values()) <= 7000
     assert metrics["bytes_by_part"][word] > row_bytes * n
     assert metrics[f"n_{word}"] == n > least

@@ -1,6 +1,5 @@
 """Poses of the training views: their gradient, their steps, what is found again, what is kept, what it costs."""
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ import drjit as dr
 import numpy as np
 import pytest
 import tiny_data
+from happenings import history_of
 from launches import launches
 from mi_dogsplat.datasets import Dataset, camera_extent, load_dataset
 from mi_dogsplat.datasets.camera_paths import look_at
@@ -163,7 +163,7 @@ def test_a_run_leaves_the_refined_poses_as_a_data_set_and_tells_how_far_cameras_
         np.testing.assert_allclose(after.camera.w2c, before.camera.w2c, atol=1e-12)
     assert metrics["test"]["aligned_psnr"] >= metrics["test"]["psnr"]
     assert "aligned_psnr" not in metrics["train"]
-    rows = [json.loads(line) for line in (out / "history.jsonl").read_text().splitlines()]
+    rows = history_of(out)
     assert rows[-1]["events"][0]["kind"] == "poses_refined"
     page = write_report(out).read_text()
     assert "How far the cameras moved" in page and page.count('"moved"') == 1

@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import tiny_data
-from happenings import records, rows_with
+from happenings import history_of, records, rows_with
 from launches import counts_without_compiling
 from mi_dogsplat import read_ply, reference, write_ply
 from mi_dogsplat.datasets import load_dataset
@@ -40,10 +40,6 @@ def config_of(data: Path, **changes) -> TrainConfig:
     return TrainConfig(str(data), **(base | changes))
 
 
-def rows_of(run: Path) -> list[dict]:
-    return [json.loads(line) for line in (run / "history.jsonl").read_text().splitlines()]
-
-
 def test_the_mean_error_is_that_of_the_pictures_of_all_training_views(tmp_path):
     folder = tiny_data.write_tiny_data(tmp_path, n=5, alpha=True)
     trainer = Trainer(config_of(folder), load_dataset(folder))
@@ -58,7 +54,7 @@ def test_the_mean_error_is_that_of_the_pictures_of_all_training_views(tmp_path):
 @pytest.mark.parametrize("preset", ["ours", "paper", "released"])
 def test_a_run_densifies_prunes_to_the_exact_target_and_then_makes_the_rest_dog(data, tmp_path, preset):
     metrics = mi_dogsplat.runs.run.train(config_of(data, preset=preset), tmp_path)
-    rows = rows_of(tmp_path)
+    rows = history_of(tmp_path)
     prunes, activations = rows_with(rows, "pruned"), rows_with(rows, "dog_activated")
     start = prunes[0]["pruned_from"]
     target = round(0.3 * start)
@@ -190,7 +186,7 @@ def truth(tmp_path_factory) -> Path:
 def test_a_model_is_pruned_before_its_first_step_with_the_colours_it_has(data, truth, tmp_path):
     config = config_of(data, model=str(truth), target=20, max_primitives=None)
     metrics = mi_dogsplat.runs.run.train(config, tmp_path)
-    rows = rows_of(tmp_path)
+    rows = history_of(tmp_path)
     assert rows[0]["step"] == 0 and rows[0]["event"] == "prune 60 -> 40: first check" and "l1" not in rows[0]
     assert rows[0]["train_l1"] < 0.005  # it is the model that the pictures were made of
     assert rows[-1]["n"] == 20 and rows[-1]["step"] == STEPS
@@ -226,7 +222,7 @@ def test_a_pruned_model_resumes_from_its_checkpoint(data, truth, tmp_path):
         mi_dogsplat.runs.run.train(config, tmp_path / "parts", stop)
     mi_dogsplat.runs.run.train(config, tmp_path / "parts", resume=True)
     whole, parts = (
-        [(row["step"], row["n"]) for row in rows_with(rows_of(tmp_path / run), "pruned", "dog_activated")]
+        [(row["step"], row["n"]) for row in rows_with(history_of(tmp_path / run), "pruned", "dog_activated")]
         for run in ("whole", "parts")
     )
     assert parts == whole and parts[0][0] == 0 and parts[-1][1] == 20

@@ -1,6 +1,5 @@
 """The seam of training: every hook at its place, state in checkpoints, rows that move, and what is refused."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from happenings import records
+from happenings import history_of, records
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.runs import run
 from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
@@ -192,7 +191,7 @@ def test_a_checkpoint_of_an_earlier_version_is_refused_in_one_line(data, tmp_pat
 
 def test_the_history_keeps_text_and_columns_beside_the_records(data, tmp_path):
     run.train(config_of(data, preset="ours", target=0.4), tmp_path)
-    rows = [json.loads(line) for line in (tmp_path / "history.jsonl").read_text().splitlines()]
+    rows = history_of(tmp_path)
     pruned = [(row, e) for row in rows for e in row.get("events", ()) if e["kind"] == "pruned"]
     kinds = {event["kind"] for row in rows for event in row.get("events", ())}
     assert len(pruned) >= 2 and {"densified", "dog_activated"} < kinds
