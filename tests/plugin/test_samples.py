@@ -132,6 +132,7 @@ def test_films_of_every_pixel_format_hold_the_same_image(spp):
     np.testing.assert_allclose(image("luminance_alpha"), np.dstack([rgb @ XYZ[1], rgba[..., 3]]), atol=2e-5)
 
 
+@pytest.mark.usefixtures("two_threads")
 @pytest.mark.parametrize("spp", [1, 4])
 def test_a_film_with_aovs_writes_a_layer_for_each(tmp_path, spp):
     scene = scene_of(MODEL, CAMERA, film={"pixel_format": "rgba"}, aovs="alpha,depth")
