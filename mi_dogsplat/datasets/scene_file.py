@@ -9,6 +9,7 @@ import numpy as np
 
 from ..support.errors import DataError
 from ..support.scene_errors import scene_error
+from ..support.threads import threads_to_load
 
 SURROUNDING = 4.0  # a floor or dome is so many times larger than all that is smaller
 FLAT = 0.02  # thickness of a floor, times its diagonal
@@ -33,7 +34,8 @@ def load_scene(path: Path, hide_emitters: bool = False) -> tuple[Any, bool]:
         for properties in integrators if hide_emitters else ():
             properties["hide_emitters"] = True
         hidden = any("hide_emitters" in properties and properties["hide_emitters"] for properties in integrators)
-        scene = mi.parser.instantiate(config, state)
+        with threads_to_load():
+            scene = mi.parser.instantiate(config, state)
     except Exception as error:  # Mitsuba raises several kinds, all of them with a message to show
         raise scene_error(path, error, "Mitsuba cannot load it") from error
     finally:

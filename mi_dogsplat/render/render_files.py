@@ -16,6 +16,7 @@ from ..support.files import replacing
 from ..support.pictures import write_channels, write_exr, write_png
 from ..support.scene_errors import scene_error
 from ..support.srgb import linear_to_srgb
+from ..support.threads import threads_to_load
 from .picture import Picture, as_taken, picture_of, premultiplied
 from .picture_options import PictureOptions
 from .viewpoint import viewpoint
@@ -92,7 +93,8 @@ def render_scene(
     if not path.is_file():
         raise DataError(path, "no such file", "give a model .ply or a Mitsuba scene .xml")
     try:
-        scene = mi.load_file(str(path))
+        with threads_to_load():
+            scene = mi.load_file(str(path))
         if not isinstance(scene, mi.Scene):
             raise RuntimeError("its root is no scene")
         if not scene.sensors():

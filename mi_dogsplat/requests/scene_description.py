@@ -16,6 +16,7 @@ from ..scene.splats import DENSE, Splats
 from ..support.errors import DataError
 from ..support.files import read_json
 from ..support.scene_errors import scene_error
+from ..support.threads import threads_to_load
 from .masks import camera_masks, is_masked
 from .request import Request
 
@@ -43,7 +44,8 @@ def load_scene(request: Request, splats: mi.Shape | None, sensor: mi.Sensor | No
             described["splats"] = splats
         if sensor is not None:
             described["sensor"] = sensor
-        scene = mi.load_dict(described)
+        with threads_to_load():
+            scene = mi.load_dict(described)
     except (RuntimeError, ValueError, TypeError) as error:
         raise scene_error(request.scene, error, "Mitsuba cannot load it") from error
     if len(scene.sensors()) != 1:

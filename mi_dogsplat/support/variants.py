@@ -11,6 +11,7 @@ import mitsuba as mi
 
 from .errors import DataError
 from .llvm import explain, find_llvm
+from .threads import fit_threads
 
 UNSUPPORTED = ("scalar", "spectral", "polarized")
 
@@ -48,6 +49,7 @@ def set_variant(name: str) -> None:
         raise DataError("--variant", "there is no usable CUDA GPU", "use --variant llvm_ad_rgb")
     if name.startswith("llvm"):
         _require_llvm()
+    fit_threads()
     mi.set_variant(name)
 
 

@@ -33,6 +33,23 @@ def test_the_share_of_a_container_counts(tmp_path, monkeypatch, inner, outer, ex
     assert cores.usable_cores() == expected
 
 
+@pytest.mark.parametrize("controllers", ["cpu", "cpu,cpuacct", "cpuacct", "cpuset"])
+@pytest.mark.parametrize(("inner", "outer", "expected"), [
+    (-1, -1, 8), (-1, 250000, 3), (50000, 400000, 1), (None, -1, 8),
+])
+def test_so_does_one_of_control_groups_version_1(tmp_path, monkeypatch, controllers, inner, outer, expected):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: set(range(8)), raising=False)
+    monkeypatch.setattr(cores, "OWN_GROUP", tmp_path / "cgroup")
+    monkeypatch.setattr(cores, "GROUPS", tmp_path)
+    (tmp_path / "cgroup").write_text(f"5:memory:/other\n2:{controllers}:/docker/1a\n0::/\n")
+    for folder, quota in (("cpu/docker/1a", inner), ("cpu/docker", outer)):
+        (tmp_path / folder).mkdir(parents=True, exist_ok=True)
+        if quota is not None:
+            (tmp_path / folder / "cpu.cfs_quota_us").write_text(f"{quota}\n")
+            (tmp_path / folder / "cpu.cfs_period_us").write_text("100000\n")
+    assert cores.usable_cores() == (expected if "cpu" in controllers.split(",") else 8)
+
+
 def test_without_control_groups_the_affinity_counts(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 5}, raising=False)
     monkeypatch.setattr(cores, "OWN_GROUP", tmp_path / "none")
