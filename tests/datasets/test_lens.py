@@ -121,14 +121,14 @@ def test_a_lens_that_folds_back_within_the_image_is_cut_before_it_does():
 # Data sets
 
 def colmap_data(root: Path, name: str, size=(WIDTH, HEIGHT), images="images") -> np.ndarray:
-    """Nine views of points on a wall and what each observes, written by hand; the points [P, 3]."""
+    """Three views of points on a wall and what each observes, written by hand; the points [P, 3]."""
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-0.5, 0.5, (40, 2)), np.full(40, 2.0)])
     camera, lines = colmap_camera(name), []
     (root / "sparse/0").mkdir(parents=True, exist_ok=True)
     (root / images).mkdir(exist_ok=True)
     picture = Image.fromarray((255 * photograph(name)).astype(np.uint8)).resize(size, Image.Resampling.BOX)
-    for i in range(9):
+    for i in (0, 4, 8):
         pose, t = Rotation.from_euler("y", 0.02 * i), np.array([0.02 * i, 0, 0])
         pixels = np.array(camera.img_from_cam(pose.apply(points) + t))
         x, y, z, w = pose.as_quat()
@@ -148,7 +148,7 @@ def colmap_data(root: Path, name: str, size=(WIDTH, HEIGHT), images="images") ->
 def test_a_distorted_capture_loads_as_pinholes_whose_points_project_to_what_was_observed(tmp_path, name, downscale):
     points = colmap_data(tmp_path, name)
     data = load_dataset(tmp_path, downscale=downscale)
-    assert len(data.views) == 9
+    assert len(data.views) == 3
     for view in data.views:
         assert view.image.shape[:2] == (view.camera.height, view.camera.width)
         seen = data.observations[view.name]

@@ -87,12 +87,11 @@ def test_bands_have_all_rows_in_order_and_are_as_few_as_fit(rows, most):
 
 
 @pytest.mark.parametrize("count", COUNTS)
-@pytest.mark.parametrize(
+@pytest.mark.parametrize(  # what is chosen shares kernels: each plane and each gradient is compared all the same
     "chosen",
-    [{"probed": True}, {"depth": True, "normal": True}, {"stop": True, "depth": True},
-     {"negative_transmittance": False}],
-    ids=["probe", "features", "stop depth", "mode"],
-)  # fmt: skip
+    [{"probed": True, "depth": True, "normal": True}, {"stop": True, "depth": True, "negative_transmittance": False}],
+    ids=["probe and features", "stop depth and mode"],
+)
 @pytest.mark.parametrize("shares", SHARES.values(), ids=SHARES)
 def test_picture_and_gradients_have_the_same_bits(shares, chosen, count):
     for k, size in enumerate(SIZES):

@@ -10,7 +10,7 @@ from benchmarks.numerics.derivative_cases import Case, broad_splats, cases, twin
 from benchmarks.numerics.derivatives import FILMS, TWIN_SPP, Film, derived, differences, rough_splats, twin_difference
 
 BROAD, ROUGH = broad_splats(), rough_splats()
-FILTERED = Film("luminance", "gaussian", 3)
+FILTERED, NARROW = Film("luminance", "gaussian", 3), Film("luminance", "tent", 3)
 CASES = pytest.mark.parametrize("case", cases(), ids=lambda case: case.name)
 
 
@@ -28,9 +28,12 @@ def test_both_modes_equal_differences_of_the_twin_or_of_mi_render_itself(case: C
 
 @CASES
 def test_both_modes_equal_differences_over_filtered_samples_on_a_film_that_converts_colours(case: Case):
-    expected, apart = differences(case, FILTERED, BROAD)
+    # Mitsuba compiles the derivative of a sky once for each pixel that a sample adds to: 16 with the one filter, which
+    # takes seconds, and 4 with the other
+    film = NARROW if case.sky == "envmap" or case.name.startswith("`radiance`") else FILTERED
+    expected, apart = differences(case, film, BROAD)
     assert apart < 1e-2 * abs(expected)
-    np.testing.assert_allclose(derived(case, FILTERED, BROAD), expected, rtol=1e-2)
+    np.testing.assert_allclose(derived(case, film, BROAD), expected, rtol=1e-2)
 
 
 def test_the_names_of_all_cases_differ_and_each_moves_its_twin():

@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from every_pair import every_pair
 from forward_mode import pushed, pushed_differences, random_directions
 from mi_dogsplat import reference
 from mi_dogsplat.engine.project import DeviceCamera
@@ -184,11 +185,10 @@ def test_with_cutoffs_gradients_equal_differences_where_nothing_crosses_one():
     assert_gradients_equal(gradients_of(splats, image_loss, options(splats)), hard)
 
 
-@pytest.mark.parametrize("cutoffs", [{}, SMOOTH_OPTIONS], ids=["hard", "smooth"])
-@pytest.mark.parametrize("n, dog_share", [(60, 0), (60, 0.5), (400, 0.5)])
-@pytest.mark.parametrize("negative_transmittance", [True, False])
-def test_forward_and_reverse_mode_are_adjoint(cutoffs, n, dog_share, negative_transmittance):
+@every_pair(cutoffs=[{}, SMOOTH_OPTIONS], size=[(60, 0), (60, 0.5), (400, 0.5)], negative_transmittance=[True, False])
+def test_forward_and_reverse_mode_are_adjoint(cutoffs, size, negative_transmittance):
     """<δimage, J v> = <Jᵀ δimage, v>, for one parameter at a time; opaque enough that walks end early."""
+    n, dog_share = size
     splats = small_model(n=n, seed=1, dog_share=dog_share)
     splats.logit_opacities += 2
     choices = options(splats, negative_transmittance=negative_transmittance, **cutoffs)

@@ -4,6 +4,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from every_pair import every_pair
 from forward_mode import pushed, pushed_differences, random_directions
 from mi_dogsplat import reference
 from mi_dogsplat.engine.parameters import upload
@@ -30,7 +31,7 @@ BACKGROUND = (0.2, -0.3, 0.6)
 CAMERA = tilted_camera(24, 20, f=20.0, cx=11.0, cy=10.5)
 LARGE = tilted_camera(90, 70, f=80.0)
 ADJOINT = np.random.default_rng(0).normal(size=(20, 24, 3))
-MODES = [{"antialiased": a, "negative_transmittance": n} for a in (False, True) for n in (True, False)]
+MODES = {"antialiased": (False, True), "negative_transmittance": (True, False)}
 SHARES = {"slopes": (0.6, 0), "cuts": (0, 0.6), "slopes and cuts": (0.6, 0.6), "cuts of all": (0, 1)}
 """Of primitives with slopes and with cuts."""
 CUTOFFS = {"cutoffs": ({}, {}), "smooth": (SMOOTH_OPTIONS, {"min_alpha": 0, "min_transmittance": 0})}
@@ -66,12 +67,10 @@ def test_what_changes_per_pixel_is_that_of_the_twin():
         assert (np.abs(got - expected) <= 1e-5 * size)[some].all() and 100 < some.sum() < 250
 
 
-@pytest.mark.parametrize("kind", CUTOFFS)
-@pytest.mark.parametrize("choices", MODES)
-@pytest.mark.parametrize("dog_share", [0, 0.5])
-@pytest.mark.parametrize("varies", SHARES)
-def test_the_picture_is_that_of_the_twin(varies, dog_share, choices, kind):
+@every_pair(varies=SHARES, dog_share=(0, 0.5), **MODES, kind=CUTOFFS)
+def test_the_picture_is_that_of_the_twin(varies, dog_share, antialiased, negative_transmittance, kind):
     splats = model(varies, 300, seed=5, dog_share=dog_share)
+    choices = {"antialiased": antialiased, "negative_transmittance": negative_transmittance}
     ours, twins = CUTOFFS[kind]
     frame = rasterized(splats, LARGE, **choices, **ours)
     twin = render_tiled(splats, LARGE, BACKGROUND, **choices, **twins)
@@ -121,12 +120,11 @@ def gradients_of(splats: Splats, choices: RasterOptions, adjoint: np.ndarray = A
             for name in raw_names(splats) if name in params}  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", CUTOFFS)
-@pytest.mark.parametrize("choices", MODES)
-@pytest.mark.parametrize("dog_share", [0, 0.5])
-@pytest.mark.parametrize("varies", SHARES)
-def test_gradients_of_every_parameter_are_those_of_the_twin(varies, dog_share, choices, kind):
+@every_pair(varies=SHARES, dog_share=(0, 0.5), **MODES, kind=CUTOFFS)
+def test_gradients_of_every_parameter_are_those_of_the_twin(varies, dog_share, antialiased, negative_transmittance,
+                                                            kind):  # fmt: skip
     splats = model(varies, 60, seed=5, dog_share=dog_share)
+    choices = {"antialiased": antialiased, "negative_transmittance": negative_transmittance}
     ours, twins = CUTOFFS[kind]
     adjoint = ADJOINT * (decided(splats, CAMERA, **choices)[..., None] if kind == "cutoffs" else 1)
     got = gradients_of(splats, options(splats, **choices, **ours), adjoint)
@@ -165,11 +163,11 @@ def test_gradients_beyond_the_clamp_of_the_linearisation_are_those_of_the_twin(v
 # --- forward mode ---
 
 
-@pytest.mark.parametrize("dog_share", [0, 0.5])
-@pytest.mark.parametrize("choices", MODES)
-@pytest.mark.parametrize("varies", ["slopes", "slopes and cuts"])
-def test_forward_mode_along_random_directions_equals_differences(varies, dog_share, choices):
+@every_pair(varies=("slopes", "slopes and cuts"), dog_share=(0, 0.5), **MODES)
+def test_forward_mode_along_random_directions_equals_differences(varies, dog_share, antialiased,
+                                                                 negative_transmittance):  # fmt: skip
     splats = model(varies, dog_share=dog_share)
+    choices = {"antialiased": antialiased, "negative_transmittance": negative_transmittance}
     for seed in range(2):
         directions = random_directions(splats, seed)
         got = pushed(splats, CAMERA, directions, options(splats, **choices, **SMOOTH_OPTIONS))
@@ -184,10 +182,8 @@ def test_forward_mode_along_each_parameter_alone_equals_differences():
         assert not table, f"{name}\n{table}"
 
 
-@pytest.mark.parametrize("kind", CUTOFFS)
-@pytest.mark.parametrize("negative_transmittance", [True, False])
-@pytest.mark.parametrize("dog_share", [0, 0.5])
-@pytest.mark.parametrize("varies", ["slopes", "slopes and cuts"])
+@every_pair(varies=("slopes", "slopes and cuts"), dog_share=(0, 0.5), negative_transmittance=(True, False),
+            kind=CUTOFFS)  # fmt: skip
 def test_forward_and_reverse_mode_are_adjoint(varies, dog_share, negative_transmittance, kind):
     splats = model(varies, 400, seed=1, dog_share=dog_share)
     splats.logit_opacities += 2

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from every_pair import every_pair
 from mi_dogsplat import reference
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
@@ -67,11 +68,11 @@ def test_a_primitive_whose_values_are_not_finite_is_not_visible(kind: Kind, plac
 # --- gradients ---
 
 
-@pytest.mark.parametrize("choices", MODES)
-@pytest.mark.parametrize("dog_share", [0, 0.5])
-@pytest.mark.parametrize("shares", [{"slope_share": 0.5}, {"slope_share": 1}, {"cut_share": 0.5}, {"cut_share": 1},
-                                    {"slope_share": 0.5, "cut_share": 0.5}, {"slope_share": 0.5, "cut_share": 1}])
-def test_gradients_of_every_parameter_equal_differences(shares, dog_share, choices):
+@every_pair(shares=[{"slope_share": 0.5}, {"slope_share": 1}, {"cut_share": 0.5}, {"cut_share": 1},
+                    {"slope_share": 0.5, "cut_share": 0.5}, {"slope_share": 0.5, "cut_share": 1}],
+            dog_share=[0, 0.5], antialiased=[False, True], negative_transmittance=[True, False])  # fmt: skip
+def test_gradients_of_every_parameter_equal_differences(shares, dog_share, antialiased, negative_transmittance):
+    choices = {"antialiased": antialiased, "negative_transmittance": negative_transmittance}
     splats = random_splats(6, seed=5, degree=1, dog_share=dog_share, **shares)
     kinds = [kind for kind in (SLOPED, CUT) if kind.share in shares]
     for n, share in [(len(kind.index(splats)), shares[kind.share]) for kind in kinds]:

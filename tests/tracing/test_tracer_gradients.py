@@ -6,9 +6,11 @@ from typing import Any
 import drjit as dr
 import numpy as np
 import pytest
+from every_pair import every_pair
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import RAW, RAW_CUTS, RAW_DOG, RAW_SLOPES
 from mi_dogsplat.reference import rays as twin
+from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.tracing.options import TraceOptions
 from mi_dogsplat.tracing.rays import FEW
 from mi_dogsplat.tracing.tracer import SplatTracer
@@ -18,17 +20,20 @@ from splat_scenes import attached, random_splats, rounded
 STEP = 1e-5
 NAMES = RAW + RAW_DOG + RAW_SLOPES + RAW_CUTS
 COLORS = "sh_coeffs", *RAW_SLOPES
+SHARES = {"colours of one value": (0, 0), "colours that vary": (0.6, 0), "cut off": (0, 0.6),
+          "colours that vary, and cut off": (0.6, 0.6)}  # fmt: skip
+"""Of primitives with slopes and with cuts."""
 pytestmark = pytest.mark.usefixtures("all_cores")  # adjoints of many rays meet in one place
 
 
-@pytest.fixture(
-    scope="module",
-    params=[(0, 0), (0.6, 0), (0, 0.6), (0.6, 0.6)],
-    ids=["colours of one value", "colours that vary", "cut off", "colours that vary, and cut off"],
-)
-def splats(request):
-    slope_share, cut_share = request.param
+def model(shares: str) -> Splats:
+    slope_share, cut_share = SHARES[shares]
     return rounded(random_splats(9, seed=21, degree=1, slope_share=slope_share, cut_share=cut_share))
+
+
+@pytest.fixture(scope="module", params=SHARES)
+def splats(request) -> Splats:
+    return model(request.param)
 
 
 @pytest.fixture(scope="module")
@@ -82,9 +87,9 @@ def loss(params: dict, degree: int, rays: RaySet, kind: str, **options) -> Any:
     return dr.sum(sum(c * d for c, d in zip(colors, δ[:3], strict=True)) + T * δ[3])
 
 
-@pytest.mark.parametrize("negative_transmittance", [True, False])
-@pytest.mark.parametrize("kind", ["transmittance", "gather"])
-def test_gradients_are_those_of_the_twin(splats, rays, kind, negative_transmittance):
+@every_pair(shares=SHARES, kind=["transmittance", "gather"], negative_transmittance=[True, False])
+def test_gradients_are_those_of_the_twin(shares, rays, kind, negative_transmittance):
+    splats = model(shares)
     options = {"negative_transmittance": negative_transmittance}
     expected = differences(splats, rays, kind, **options)
     params = attached(splats)
@@ -98,9 +103,9 @@ def test_gradients_are_those_of_the_twin(splats, rays, kind, negative_transmitta
     assert not wrong, wrong
 
 
-@pytest.mark.parametrize("kind", ["transmittance", "gather"])
-@pytest.mark.parametrize("n", [60, FEW + 10])
-def test_forward_mode_is_the_transpose_of_reverse_mode(splats, kind, n):
+@every_pair(shares=SHARES, n=[60, FEW + 10], kind=["transmittance", "gather"])
+def test_forward_mode_is_the_transpose_of_reverse_mode(shares, kind, n):
+    splats = model(shares)
     rays = random_rays(n, seed=24)
     params = attached(splats)
     dr.backward(loss(params, splats.sh_degree, rays, kind))
