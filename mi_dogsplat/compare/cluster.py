@@ -18,6 +18,7 @@ from .execute import Means, Outcome, in_a_process
 from .tasks import Task
 
 SECONDS_TO_SAVE = 120  # for the largest of checkpoints on a slow disk
+SECONDS_TO_ANSWER = 10  # of a scheduler
 
 
 @contextmanager
@@ -39,7 +40,7 @@ def cluster_client(address: str | None, workers: int) -> Iterator[Any]:
             yield client
         return
     try:
-        client = Client(address, timeout=10)
+        client = Client(address, timeout=SECONDS_TO_ANSWER)
     except (OSError, ValueError) as error:
         remedy = "start `dask scheduler`, and give the address that it prints"
         raise DataError(f"--cluster {address}", f"no scheduler answers ({error})", remedy) from None

@@ -14,6 +14,7 @@ import numpy as np
 import psutil
 import pytest
 from html_pages import parsed, rows, words
+from mi_dogsplat.compare import cluster
 from mi_dogsplat.compare.compare import compare
 from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.compare.page import comparison_page, pareto
@@ -25,7 +26,7 @@ from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
 from PIL import Image
-from small_comparison import NAMES, SETTINGS
+from small_comparison import NAMES, SETTINGS, without_processes
 from small_vgg import install, small_weights
 from tiny_data import write_tiny_data
 
@@ -34,7 +35,8 @@ from tiny_data import write_tiny_data
 def comparison(data, tmp_path_factory):
     lines: list[str] = []
     out = tmp_path_factory.mktemp("comparison") / "out"
-    table = compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=lines.append)
+    with without_processes():
+        table = compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=lines.append)
     return out, table, lines
 
 
@@ -150,14 +152,16 @@ def test_what_is_complete_is_not_repeated(comparison, data, tmp_path):
     assert sum("start" in line for line in lines) == 1 and len(lines) == len(NAMES) + 2
     before = {path: path.stat().st_mtime_ns for path in out.glob("*/*/*/metrics.json")}
     again: list[str] = []
-    compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=again.append)
+    with without_processes():
+        compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=again.append)
     assert len(again) == 1 and "render times" in again[0]
     assert {path: path.stat().st_mtime_ns for path in before} == before
     for path in out.glob("*/*/*/recipe.json"):  # as an earlier version wrote it, which knew no slopes and cuts
         method = json.loads(path.read_text())
         assert (method["recipe"].pop("slopes"), method["recipe"].pop("cuts")) == (None, None)
         path.write_text(json.dumps(method))
-    compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=again.append)
+    with without_processes():
+        compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=again.append)
     assert len(again) == 2 and {path: path.stat().st_mtime_ns for path in before} == before
 
 
@@ -197,7 +201,8 @@ def test_several_data_sets_have_their_mean_first(comparison, tmp_path):
     assert means[MEAN]["summary"]["psnr"]["value"] == pytest.approx(means["a"]["summary"]["psnr"]["value"] + 1)
 
 
-def test_other_folders_and_data_are_refused(comparison, data, tmp_path):
+def test_other_folders_and_data_are_refused(comparison, data, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "SECONDS_TO_ANSWER", 0.5)
     config = TrainConfig("", **SETTINGS)
     with pytest.raises(DataError, match="other settings"):
         compare(replace(config, steps=61), [str(data)], comparison[0], [0], NAMES)
@@ -223,7 +228,8 @@ def test_a_worker_without_the_weights_of_lpips_says_so(comparison):
 @pytest.mark.slow
 def test_methods_that_come_later_are_timed_with_the_others_and_rows_tell_their_seeds(comparison, data, tmp_path):
     out = Path(shutil.copytree(comparison[0], tmp_path / "out"))
-    table = compare(TrainConfig("", **SETTINGS), [str(data)], out, [0, 1], ("opacity",))
+    with without_processes():
+        table = compare(TrainConfig("", **SETTINGS), [str(data)], out, [0, 1], ("opacity",))
     timed = json.loads((out / "tiny" / "seed_0" / "opacity" / "render_ms.json").read_text())
     assert timed["in_turn_with"] == sorted([*NAMES, "opacity"])
     rows = latex(table, "tiny").splitlines()
@@ -294,7 +300,8 @@ def test_lpips_comes_with_its_weights_also_to_runs_that_are_complete(comparison,
     install(tmp_path / "cache")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     lines: list[str] = []
-    table = compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=lines.append)
+    with without_processes():
+        table = compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], NAMES, progress=lines.append)
     assert [line.split(": ")[1] for line in lines] == ["render times", "LPIPS"] and "LPIPS" in latex(table, "tiny")
     for name in NAMES:
         run = out / "tiny" / "seed_0" / name
@@ -309,6 +316,13 @@ def test_lpips_comes_with_its_weights_also_to_runs_that_are_complete(comparison,
 
 @pytest.mark.slow
 def test_workers_on_this_machine_do_the_same(comparison, data, tmp_path):
-    table = compare(TrainConfig("", **SETTINGS), [str(data)], tmp_path / "out", [0], ("3dgs",), workers=2)
+    """Their start is there already: test_compare_tasks.py has workers make one."""
+    out = tmp_path / "out"
+    out.mkdir()
+    shutil.copy(comparison[0] / "comparison.json", out)
+    (out / "tiny" / "seed_0").mkdir(parents=True)
+    for file in ("config.json", "seed_0/start.npz"):
+        shutil.copy(comparison[0] / "tiny" / file, out / "tiny" / file)
+    table = compare(TrainConfig("", **SETTINGS), [str(data)], out, [0], ("3dgs",), workers=2)
     again, first = (t["methods"]["3dgs"]["data"]["tiny"]["runs"]["0"] for t in (table, comparison[1]))
     assert again["psnr"] == pytest.approx(first["psnr"], abs=1e-3) and not table["failed"]

@@ -229,10 +229,10 @@ def test_mcmcs_regularisers_are_gradients_of_two_means(trainer_of):
 
 
 def test_mcmc_grows_by_a_twentieth_to_the_budget_and_then_relocates(trainer_of):
-    trainer = trainer_of(mcmc.RECIPE, 1200, target=90, max_primitives=None)
+    trainer = trainer_of(mcmc.RECIPE, 400, target=90, max_primitives=None)
     start = trainer.optimizer.n
     counts = [trainer.optimizer.n]
-    while trainer.step_count < 1000:
+    while trainer.step_count < 330:
         trainer.step()
         counts.append(trainer.optimizer.n)
     changes = [(a, b) for a, b in zip(counts[:-1], counts[1:], strict=True) if a != b]
@@ -299,7 +299,7 @@ def test_natural_selection_steers_its_weight_meets_the_budget_and_lowers_the_ste
 
 @pytest.mark.parametrize("name", ["improved_gs", "mcmc", "3dgs_capped", "gns", "taming_equal", "dash_equal"])
 def test_what_grows_to_the_budget_ends_there_and_can_see(trainer_of, name):
-    trainer = trainer_of(METHODS[name].recipe, 400)
+    trainer = trainer_of(METHODS[name].recipe, 240, test_every=80)
     rows = list(run_to_end(trainer))
     assert rows[-1]["n"] == 90 or (name == "3dgs_capped" and rows[-1]["n"] <= 90)
     assert rows[-1]["test_psnr"] > 18

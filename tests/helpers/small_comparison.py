@@ -1,6 +1,13 @@
 """Methods and settings of a comparison that takes seconds."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
+
+import pytest
+from mi_dogsplat.compare import execute
+from mi_dogsplat.compare.execute import Means
+from mi_dogsplat.compare.tasks import Task, perform
 
 NAMES = ("3dgs", "mini_splatting", "mask_gaussian", "dash", "ours")
 SETTINGS: dict[str, Any] = {
@@ -11,3 +18,18 @@ SETTINGS: dict[str, Any] = {
     "target": 0.25,
     "log_every": 10,
 }
+
+
+@contextmanager
+def without_processes() -> Iterator[None]:
+    """Tasks are performed here, one after another, and what goes wrong is raised.
+
+    For tests that ask nothing of processes: each takes seconds to begin.
+    """
+
+    def here(task: Task, means: Means) -> None:
+        perform(task, means.free)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(execute, "in_a_process", here)
+        yield

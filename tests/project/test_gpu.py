@@ -33,6 +33,12 @@ FAILED tests/engine/test_view.py::test_two[a b] - assert
 """
 
 
+@pytest.fixture(autouse=True)
+def _short_grace(monkeypatch):
+    """Whoever starts the tests in the background has them ignore SIGINT, and all that they start: that is killed."""
+    monkeypatch.setattr("scripts.gpu.running.GRACE", 0.2)
+
+
 def python(code: str, **settings) -> Step:
     common = {"name": "a", "title": "A step", "limit": 60, "least": 0, "command": [sys.executable, "-c", code]}
     return Step(**common | settings)
@@ -71,8 +77,7 @@ def test_a_step_that_fails_does_not_end_the_others(session, tmp_path):
     assert "### good: python -c" in log and "### failed, status 1" in log and "broken" in log
 
 
-def test_what_is_late_is_asked_to_stop_and_then_killed_with_what_it_started(tmp_path, monkeypatch):
-    monkeypatch.setattr("scripts.gpu.running.GRACE", 0.2)
+def test_what_is_late_is_asked_to_stop_and_then_killed_with_what_it_started(tmp_path):
     deaf = "import signal, subprocess, time; signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
     deaf += "print(subprocess.Popen(['sleep', '600']).pid, flush=True); time.sleep(600)"
     ended = Running([sys.executable, "-c", deaf], tmp_path / "log", 2.0, {}).wait()
@@ -111,11 +116,11 @@ def test_what_runs_aside_has_ended_before_something_is_timed(session):
 
 def test_a_step_leaves_the_time_that_those_behind_it_need_at_least(tmp_path):
     known = {"machine": MACHINE, "command": "", "commit": "", "steps": {}}
-    # a half of what "last" needs at least is more than "long" can take: 4 s, and GRACE where it does not hear SIGINT
-    session = Session(tmp_path, tmp_path, time.time() + 44, known, {})
+    # "last" needs a half of its least at least: what "long" leaves, which may take 2 s and a little
+    session = Session(tmp_path, tmp_path, time.time() + 22, known, {})
     waiting = python("import time; time.sleep(600)", name="long", limit=600, bounded=True)
     never = python("1", name="never", least=1000)  # nothing is kept for what does not fit at all
-    session.run([waiting, never, python("1", name="last", least=40)], True)
+    session.run([waiting, never, python("1", name="last", least=20)], True)
     assert outcomes(session) == {"long": "stopped", "never": "not run", "last": "passed"}
 
 
