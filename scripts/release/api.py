@@ -1,6 +1,6 @@
 """Writes the reference of the Python interface, from docstrings, with pdoc.
 
-    python -m scripts.release.api FOLDER [--bare]
+    python -m scripts.release.api FOLDER
 """
 
 from __future__ import annotations
@@ -23,15 +23,14 @@ MODULES = [
 ]  # fmt: skip
 
 
-def write(folder: Path, bare: bool = False) -> None:
-    """Pages of HTML in ``folder``, which is made; ``bare``: without what takes most of the time, sources and search."""
+def write(folder: Path) -> None:
+    """Pages of HTML in ``folder``, which is made."""
     mi.set_variant("llvm_ad_rgb")  # the plugin classes derive from those of a variant
     # pdoc (16) looks up types in the wrong place for fields of a NamedTuple; it then shows them as they are written
     warnings.filterwarnings("ignore", "Error parsing type annotation", UserWarning)
-    footer = "mi_dogsplat " + mi_dogsplat.__version__
-    pdoc.render.configure(docformat="google", footer_text=footer, show_source=not bare, search=not bare)
+    pdoc.render.configure(docformat="google", footer_text="mi_dogsplat " + mi_dogsplat.__version__)
     pdoc.pdoc(*MODULES, output_directory=folder)
 
 
 if __name__ == "__main__":
-    write(Path(sys.argv[1]), "--bare" in sys.argv)
+    write(Path(sys.argv[1]))
