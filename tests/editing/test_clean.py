@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import tiny_data
 from command_line import assert_one_line, run
-from cut_models import with_cuts
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.editing.clean import clean_model
@@ -17,8 +16,8 @@ from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.scene.drawing import Drawing
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from own_axes_models import Kind, for_each_kind
 from PIL import Image
-from sloped_models import with_slopes
 
 
 def wasteful() -> Splats:
@@ -64,38 +63,25 @@ def test_a_clean_model_stays_as_it_is(capsys, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".spz"])
-def test_slopes_stay_with_their_primitives_or_a_line_says_that_they_do_not(capsys, tmp_path, suffix):
-    splats = with_slopes(tiny_data.truth(), every=3)
-    splats.color_slopes[4] = 0
+@for_each_kind("said", ("has no colour that varies over a primitive", "slopes that are zero: 1, 40 bytes"),
+               ("has no primitive that is cut off", "cuts that are zero: 1, 16 bytes"))  # fmt: skip
+def test_rows_stay_with_their_primitives_or_a_line_says_that_they_do_not(capsys, tmp_path, suffix, kind: Kind, said):
+    (lost, unneeded), splats = said, kind.having(tiny_data.truth(), every=3)
+    box = (-1, -1, -1), (0, 1, 1)
+    kept = in_box(splats, *box)
+    kind.values(splats)[np.flatnonzero(kept[::3])[1]] = 0
     write_ply(tmp_path / "m.ply", splats)
     out = tmp_path / f"o{suffix}"
-    status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", "-o", out, "--box", "-1", "-1", "-1", "0", "1", "1")
-    assert status == 0 and ("has no colour that varies over a primitive" in printed) == (suffix == ".spz")
-    assert ("not needed, slopes that are zero: 1, 40 bytes" in printed) == bool(in_box(splats, (-1, -1, -1),
-                                                                                        (0, 1, 1))[12])  # fmt: skip
-    expected = splats.select(in_box(splats, (-1, -1, -1), (0, 1, 1)))
-    rows = expected.color_slopes.any(axis=(1, 2))
+    status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", "-o", out, "--box", *box[0], *box[1])
+    assert status == 0 and (lost in printed) == (suffix == ".spz")
+    assert f"not needed, {unneeded}" in printed
+    expected = splats.select(kept)
+    rows = kind.values(expected).reshape(kind.n(expected), -1).any(axis=1)
     found = read_model(out).splats
-    assert found.n_slopes == (0 if suffix == ".spz" else rows.sum()) and 2 < rows.sum() < 19
+    assert kind.n(found) == (0 if suffix == ".spz" else rows.sum()) and 2 < rows.sum() < 19
     if suffix == ".ply":
-        np.testing.assert_array_equal(found.slope_index, expected.slope_index[rows])
-        np.testing.assert_array_equal(found.color_slopes, expected.color_slopes[rows])
-
-
-@pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".spz"])
-def test_cuts_stay_with_their_primitives_or_a_line_says_that_they_do_not(capsys, tmp_path, suffix):
-    splats = with_cuts(tiny_data.truth(), every=3)
-    splats.cut_normals[4] = 0
-    write_ply(tmp_path / "m.ply", splats)
-    out = tmp_path / f"o{suffix}"
-    status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", "-o", out)
-    assert status == 0 and ("has no primitive that is cut off: 19 become" in printed) == (suffix == ".spz")
-    assert "not needed, cuts that are zero: 1, 16 bytes" in printed
-    found, rows = read_model(out).splats, np.arange(20) != 4
-    assert found.n_cuts == (0 if suffix == ".spz" else 19)
-    if suffix == ".ply":
-        np.testing.assert_array_equal(found.cut_index, splats.cut_index[rows])
-        np.testing.assert_array_equal(found.cut_normals, splats.cut_normals[rows])
+        np.testing.assert_array_equal(kind.index(found), kind.index(expected)[rows])
+        np.testing.assert_array_equal(kind.values(found), kind.values(expected)[rows])
 
 
 def test_each_rule_takes_out_what_it_says(model, tmp_path):

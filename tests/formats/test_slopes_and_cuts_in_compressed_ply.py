@@ -15,8 +15,9 @@ from mi_dogsplat.formats.trailer import Rows, encode
 from mi_dogsplat.scene.row_groups import CUTS, SLOPES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
+from places import points_in
 from row_kinds import RowKind, of_each
-from sloped_models import points_in, with_slopes
+from sloped_models import with_slopes
 from splat_scenes import random_splats, rounded
 
 N = 2000

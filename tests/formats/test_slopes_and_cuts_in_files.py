@@ -16,8 +16,9 @@ from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.row_groups import CUTS, SLOPES
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.scene.whole import whole
+from places import points_in
 from row_kinds import RowKind, of_each
-from sloped_models import points_in, slope_colors, with_slopes
+from sloped_models import slope_colors, with_slopes
 from splat_scenes import random_splats, rounded
 
 

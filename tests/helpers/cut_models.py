@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from mi_dogsplat import reference
 from mi_dogsplat.scene.splats import Splats
+from places import along_axes
 
 
 def with_cuts(splats: Any, every: int = 2, first: int = 0) -> Splats:
@@ -18,9 +18,5 @@ def with_cuts(splats: Any, every: int = 2, first: int = 0) -> Splats:
 
 def kept_shares(splats: Splats, points: np.ndarray) -> np.ndarray:
     """[C, P] float64 g, what a cut leaves of its primitive at points [C, P, 3] in the world."""
-    at = splats.cut_index
-    scales = np.exp(splats.log_scales[at].astype(np.float64))
-    axes = reference.rotations(splats.quats[at].astype(np.float64))  # [C, 3, 3], columns
-    w = np.einsum("cka,cpk->cpa", axes, points - splats.means[at].astype(np.float64)[:, None]) / scales[:, None]
-    along = np.einsum("cpa,ca->cp", w, splats.cut_normals.astype(np.float64))
+    along = np.einsum("cpa,ca->cp", along_axes(splats, splats.cut_index, points), splats.cut_normals.astype(np.float64))
     return (1 + np.exp(-4)) / (1 + np.exp(-4 - along))

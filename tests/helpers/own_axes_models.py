@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from cut_models import with_cuts
 from mi_dogsplat import Splats, reference
-from mi_dogsplat.scene.row_groups import CUTS, SLOPES, RowGroup
+from mi_dogsplat.scene.row_groups import CUTS, SLOPES
+from row_kinds import RowKind, of_each
 from sloped_models import with_slopes
 from splat_scenes import C0, random_splats, scene_of, square_camera
 
@@ -18,17 +19,11 @@ ADJOINT = np.random.default_rng(0).normal(size=(12, 16, 3))
 
 
 @dataclass(frozen=True)
-class Kind:
+class Kind(RowKind):
     """A model of which some primitives are in a group, and what that changes."""
 
-    group: RowGroup
-    word: str
-    having: Callable[[Any], Splats]
+    having: Callable[..., Splats]  # the model with them in each second primitive, or each `every`-th
     step: float  # of Adam, a part of how large their values are
-
-    @property
-    def name(self) -> str:
-        return self.group.names[0]
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -66,21 +61,8 @@ class Kind:
     def model(self) -> Splats:
         return self.random()
 
-    @property
-    def without(self) -> Splats:
-        return self.bare(self.model)
 
-    def bare(self, splats: Splats) -> Splats:
-        return splats.without_slopes() if self.group is SLOPES else splats.without_cuts()
-
-    def index(self, splats: Splats) -> np.ndarray:
-        return getattr(splats, self.group.index)
-
-    def values(self, splats: Splats) -> np.ndarray:
-        return getattr(splats, self.name)
-
-
-SLOPED, CUT = Kind(SLOPES, "slopes", with_slopes, 0.02), Kind(CUTS, "cuts", with_cuts, 0.2)
+SLOPED, CUT = Kind("slopes", SLOPES, with_slopes, 0.02), Kind("cuts", CUTS, with_cuts, 0.2)
 
 
 def for_each_kind(name: str, slopes: Any, cuts: Any) -> pytest.MarkDecorator:
@@ -88,7 +70,7 @@ def for_each_kind(name: str, slopes: Any, cuts: Any) -> pytest.MarkDecorator:
     return pytest.mark.parametrize(("kind", name), [(SLOPED, slopes), (CUT, cuts)], ids=["slopes", "cuts"])
 
 
-EACH_KIND = pytest.mark.parametrize("kind", [SLOPED, CUT], ids=["slopes", "cuts"])
+EACH_KIND = of_each(SLOPED, CUT)
 
 
 def picture(splats: Splats, **others) -> np.ndarray:

@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from mi_dogsplat import reference
 from mi_dogsplat.scene.splats import Splats
+from places import along_axes
 
 
 def with_slopes(splats: Any, every: int = 2, first: int = 0) -> Splats:
@@ -18,19 +18,5 @@ def with_slopes(splats: Any, every: int = 2, first: int = 0) -> Splats:
 
 def slope_colors(splats: Splats, points: np.ndarray) -> np.ndarray:
     """[S, P, 3] float64, what slopes add to the colour of their primitive at points [S, P, 3] in the world."""
-    at = splats.slope_index
-    scales = np.exp(splats.log_scales[at].astype(np.float64))
-    axes = reference.rotations(splats.quats[at].astype(np.float64))  # [S, 3, 3], columns
-    w = np.einsum("ska,spk->spa", axes, points - splats.means[at].astype(np.float64)[:, None]) / scales[:, None]
+    w = along_axes(splats, splats.slope_index, points)
     return np.einsum("spa,sac->spc", w, splats.color_slopes.astype(np.float64))
-
-
-def points_in(splats: Splats, index: np.ndarray | None = None) -> np.ndarray:
-    """[M, 7, 3] places in the world within some standard deviations of each primitive of ``index`` [M].
-
-    Default: of each with slopes.
-    """
-    index = splats.slope_index if index is None else index
-    w = np.random.default_rng(6).normal(size=(len(index), 7, 3))
-    turns, scales = reference.rotations(splats.quats[index].astype(np.float64)), splats.scales[index].astype(np.float64)
-    return splats.means[index].astype(np.float64)[:, None] + np.einsum("mka,mpa->mpk", turns * scales[:, None], w)

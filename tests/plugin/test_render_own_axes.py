@@ -24,7 +24,7 @@ def test_pictures_are_those_of_the_engine(kind: Kind):
     assert np.isin(kind.model.dog_index, kind.index(kind.model)).any()
     ours = picture(kind.model, srgb_primitives=False)
     np.testing.assert_allclose(ours, image_of(rasterized(kind.model, CAMERA), CAMERA), atol=1e-5)
-    assert np.abs(ours - picture(kind.without, srgb_primitives=False)).max() > 0.05
+    assert np.abs(ours - picture(kind.without(kind.model), srgb_primitives=False)).max() > 0.05
 
 
 @EACH_KIND
@@ -105,6 +105,6 @@ def test_holdouts_that_are_cut_off_cover_what_is_left_of_them():
     everything = mi.Bool(np.ones(12, bool))
     masks = SplatMasks(mi.Bool(np.zeros(12, bool)), everything, True)
     hole, of_whole = (masks.hole(masks.shown(upload(splats), True), camera, options(splats), None).numpy()
-                      for splats in (model, CUT.without))
+                      for splats in (model, CUT.without(model)))
     np.testing.assert_allclose(hole, 1 - rasterized(model, CAMERA).T.numpy(), atol=1e-5)
     assert np.abs(hole - of_whole).max() > 0.05

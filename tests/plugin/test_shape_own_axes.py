@@ -30,7 +30,7 @@ def test_they_go_in_are_seen_and_come_out(tmp_path, kind: Kind, source):
     for key in (index, name):
         np.testing.assert_array_equal(getattr(shape.to_splats(), key), getattr(model, key))
     assert f"{kind.word} = {len(kind.index(model))}" in str(shape)
-    assert kind.word not in str(mi.load_dict(dog_dict(kind.without)))
+    assert kind.word not in str(mi.load_dict(dog_dict(kind.without(kind.model))))
     given = upload(model)
     assert set(shape.parameters) == set(given)
     np.testing.assert_array_equal(shape.parameters[ROWS[index]].numpy(), given[ROWS[index]].numpy())
@@ -55,7 +55,7 @@ def test_updates_change_values_and_rows_and_may_leave_none(kind: Kind):
     params[index] = dr.zeros(mi.UInt32, 0)
     params[values] = mi.TensorXf(two[:0])
     params.update()
-    np.testing.assert_array_equal(mi.render(scene).numpy(), picture(kind.without))
+    np.testing.assert_array_equal(mi.render(scene).numpy(), picture(kind.without(kind.model)))
 
 
 @EACH_KIND
@@ -79,7 +79,7 @@ def test_a_primitive_may_have_them_and_any_sh_degree(kind: Kind):
 
 @EACH_KIND
 def test_shapes_with_and_without_are_drawn_as_one_model(kind: Kind):
-    parts = [kind.bare(kind.random(9, seed=3)), kind.model, kind.random(8, seed=5)]
+    parts = [kind.without(kind.random(9, seed=3)), kind.model, kind.random(8, seed=5)]
     scene = scene_of(parts[0], CAMERA, extra={f"tail_{k}": dog_dict(part) for k, part in enumerate(parts[1:])})
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in (*RAW, *RAW_DOG, kind.name)}
     for name in ("dog_index", kind.group.index):
@@ -100,7 +100,7 @@ def test_a_moved_shape_takes_them_along(kind: Kind, mirror):
     params.update()
     images = mi.render(scene).numpy(), picture(model, shape={"to_world": scalar_transform(matrix)}), picture(expected)
     tolerance = 2e-4
-    assert np.abs(images[2] - picture(kind.bare(expected))).max() > 100 * tolerance
+    assert np.abs(images[2] - picture(kind.without(expected))).max() > 100 * tolerance
     for image in images[:2]:
         np.testing.assert_allclose(image, images[2], atol=tolerance)
     np.testing.assert_allclose(kind.values(scene.shapes()[0].to_splats()), kind.values(expected), atol=1e-6)
@@ -119,7 +119,7 @@ def test_a_moved_shape_takes_them_along(kind: Kind, mirror):
 @EACH_KIND
 def test_ellipsoids_are_without_them_and_that_is_said(capfd, kind: Kind):
     model = kind.model.plain()
-    instead = whole(model) if kind is CUT else kind.bare(model)
+    instead = whole(model) if kind is CUT else kind.without(model)
     got, expected = to_ellipsoids(model), to_ellipsoids(instead)
     assert f"left out the {kind.word} of {len(kind.index(model))} primitives" in "".join(capfd.readouterr())
     for name in ("centers", "scales", "opacities", "sh_coeffs"):

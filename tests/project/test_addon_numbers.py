@@ -22,7 +22,8 @@ from mi_dogsplat.scene.sh_basis import sh_basis_table
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.srgb import linear_to_srgb, srgb_to_linear
 from mi_dogsplat.training.presets import RECIPES
-from sloped_models import points_in, slope_colors, with_slopes
+from places import points_in
+from sloped_models import slope_colors, with_slopes
 from splat_scenes import axis_rotation, random_splats, rounded
 
 ADDON = Path(__file__).parents[2] / "blender_addon"
