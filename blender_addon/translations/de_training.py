@@ -13,6 +13,7 @@ OWN = {
     "Ours": "Unsere",
     "Ours with Slopes": "Unsere mit Verläufen",
     "Ours with Slopes and Cuts": "Unsere mit Verläufen und Schnitten",
+    "Ours, Preconditioned": "Unsere, vorkonditioniert",
     "Paper": "Veröffentlichung",
     "Released": "Veröffentlichter Code",
     "3DGS": "3DGS",

@@ -8,7 +8,7 @@ from ..scores.score import ScoreRule
 from ..training.presets import RECIPES, Recipe
 from ..training.strategy.scheduler import PruningRule
 from .equal import EQUAL_RECIPES, OURS_PUBLISHED
-from .names import ALL, SUFFIX
+from .names import ALL, OURS, SUFFIX
 from .rivals import (
     capped,
     dash,
@@ -112,6 +112,9 @@ AS_PUBLISHED = {
     "ours": Method("ours", RECIPES["ours"], "this project; removal error: GaussianPOP, arXiv 2602.06830"),
     "ours_slopes": Method("ours, with slopes", RECIPES["ours_slopes"], "this project: docs/slopes.md"),
     "ours_cuts": Method("ours, with slopes and cuts", RECIPES["ours_cuts"], "this project: docs/cuts.md"),
+    "ours_preconditioned": Method(
+        "ours, preconditioned", RECIPES["ours_preconditioned"], "this project: docs/preconditioning.md"
+    ),
 }
 
 
@@ -132,7 +135,7 @@ GROUPS = {
     "learned sparsity": ("mask_gaussian", "lp_3dgs", "gaussian_spa", "gns"),
     "grown to the budget": ("taming", "dash", "mcmc", "improved_gs", "3dgs_capped"),
     "the paper": ("v1", "v2", "v3", "full", "paper", "released", "released_40k"),
-    "ours": ("ours_published", "ours_gaussian", "ours", "ours_slopes", "ours_cuts"),
+    "ours": ("ours_published", "ours_gaussian", *OURS),
 }
 GROUPS = {
     group: (*names, *(name + SUFFIX for name in names if name + SUFFIX in METHODS)) for group, names in GROUPS.items()

@@ -1,8 +1,8 @@
 """What a training needs of memory, and how many primitives fit into what there is.
 
 Measured on the CPU (LLVM, resident size; docs/trust.md has the table): within 10 % from 50,000 to 600,000 primitives.
-F is the number of floats of a primitive: 14 without SH, 62 at degree 3 (``SplatOptimizer``). Rows of DoG, slopes
-and cuts that come when pruning is over do not count: what was pruned needed more.
+F is the number of floats of a primitive: 14 without SH, 62 at degree 3 (``SplatOptimizer``). Rows of DoG, slopes and
+cuts that come when pruning is over do not count, nor the products of preconditioned steps: what was pruned needed more.
 """
 
 from __future__ import annotations

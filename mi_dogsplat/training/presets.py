@@ -16,6 +16,7 @@ from ..scores.score import Score, ScoreRule
 from .images.tone_curve import SrgbLog, ToneCurve
 from .milestones import scaled_milestone
 from .optimizer.learning_rates import Refinement
+from .optimizer.preconditioning import Preconditioning
 from .strategy.compaction import Compaction
 from .strategy.cut_activation import CutActivation, CutControl, CutRule
 from .strategy.densify import Densification
@@ -51,6 +52,7 @@ class Recipe:
     start_share: float | None = None  # of the target, a count, that training starts with at most: for one that grows
     slopes: SlopeRule | None = None  # colours that vary over their primitive
     cuts: CutRule | None = None  # primitives that a plane cuts off
+    preconditioning: Preconditioning | None = None  # steps in which the numbers of a primitive move together
 
     def __post_init__(self) -> None:
         if self.pruning and not self.score:
@@ -70,6 +72,7 @@ class Recipe:
             slopes=self.slopes and self.slopes.scaled(factor),
             cuts=self.cuts and self.cuts.scaled(factor),
             refinement=self.refinement and self.refinement.scaled(factor),
+            preconditioning=self.preconditioning and self.preconditioning.scaled(factor),
             also=tuple(strategy.scaled(factor) for strategy in self.also),
             reference_steps=steps,
             **milestones,
@@ -146,10 +149,13 @@ OURS = Recipe(
     refinement=Refinement(15_000, gain=4.0, end_gain=0.1, means_gain=16.0, few=10_000, sh_gain=4.0),
 )
 OURS_SLOPES = replace(OURS, slopes=SlopeRule(start=18_000))
+OURS_CUTS = replace(OURS_SLOPES, cuts=CutRule(start=18_000))
 RECIPES = {
     "ours": OURS,
     "ours_slopes": OURS_SLOPES,
-    "ours_cuts": replace(OURS_SLOPES, cuts=CutRule(start=18_000)),
+    "ours_cuts": OURS_CUTS,
+    # some steps after DoG and cuts have begun: by then Adam knows the size of their gradients
+    "ours_preconditioned": replace(OURS_CUTS, preconditioning=Preconditioning(start=18_500)),
     # the text: all factors below 1. Their starts, the weights, gamma and the threshold are ours: docs/training.md
     "paper": Recipe(
         pruning=PruningRule(),

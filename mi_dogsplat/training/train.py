@@ -92,7 +92,8 @@ class Trainer:
             self.memory is None or self.memory.keep_targets, recipe.curve,
         )  # fmt: skip
         rates = LearningRates(
-            self.extent, self.recipe.position_steps, refinement=self.recipe.refinement,
+            self.extent, self.recipe.position_steps,
+            refinement=self.recipe.refinement, preconditioning=self.recipe.preconditioning,
             batch_views=config.batch_views, views=len(dataset.train),
         )  # fmt: skip
         self.optimizer = SplatOptimizer(splats, rates, self.photographs.curve)

@@ -6,6 +6,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
+import drjit as dr
 import mi_dogsplat
 import mitsuba as mi
 import numpy as np
@@ -15,7 +16,7 @@ from mi_dogsplat.engine.bands import WalkableView
 from mi_dogsplat.engine.frozen import Frozen
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import device_array, upload
-from mi_dogsplat.engine.project import DeviceCamera
+from mi_dogsplat.engine.project import NO_ROW, DeviceCamera
 from mi_dogsplat.engine.view import prepare, prepare_both
 from mi_dogsplat.engine.walks.aovs import composite_aovs, walked
 from mi_dogsplat.engine.walks.composite import composite, composite_over
@@ -29,6 +30,7 @@ from mi_dogsplat.engine.walks.weights import composite_weights
 from mi_dogsplat.scores.score import ScoreRule, scores
 from mi_dogsplat.training.images.image_formation import Frame, formed, formed_gradients
 from mi_dogsplat.training.images.loss import PhotometricLoss
+from mi_dogsplat.training.optimizer.joint_steps import Numbers, TrainedArray, joint_steps, n_pairs
 from splat_scenes import make_camera, options, random_splats, rounded
 
 CAMERA = make_camera(16, 12, f=14.0)
@@ -152,6 +154,25 @@ def taken_back(width=9, height=5, order="abcdef") -> np.ndarray:
     return np.concatenate([rows(by_planes).ravel(), sums.numpy()])
 
 
+def stepped(n=6, sizes=(3, 1), rows=False, order="abcd", t=(2, 2), numbers=(0.9, 0.2, 0.9, 0.999)) -> np.ndarray:
+    """A joint step of arrays with rows of those sizes; with ``rows``, only two primitives have one in the last."""
+    arrays = []
+    for j, size in enumerate(sizes):
+        own = np.array([1, 3]) if rows and j == len(sizes) - 1 else np.arange(n)
+        row = np.full(n, np.uint32(NO_ROW))
+        row[own] = np.arange(len(own))
+        of_group = [detached(mi.UInt32(index.astype(np.uint32))) for index in (row, own)] if rows else [None, None]
+        flat = cut_planes(order, size * len(own))
+        count = detached(dr.opaque(mi.Float, t[j % len(t)], 1))
+        arrays.append(TrainedArray(size, *of_group, *flat[:3], dr.abs(flat[3]) + 0.1, count))
+    d = sum(sizes)
+    S = [detached(dr.opaque(mi.Float, 0.2 if i == j else 0.01, n)) for i in range(d) for j in range(i + 1)]
+    assert len(S) == n_pairs(d)
+    rates = detached(device_array(np.linspace(0.1, 0.2, len(sizes))))
+    values, found = joint_steps(arrays, rates, S, Numbers(*numbers, 1e-8))
+    return np.concatenate([part.numpy().astype(np.float64) for part in (*values, *found)])
+
+
 SIZES = ({}, *({"width": w, "height": h} for w, h in ((5, 9), (15, 3), (1, 1))))
 CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
     "_composite": (blended, SLOPED),
@@ -168,6 +189,10 @@ CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
     "_squared_weights": (squared, OPTIONS),
     "_composite_weights": (weighted, (*OPTIONS, {"order": "b"})),
     "formed": (taken, (*SIZES, {"order": "aba"}, {"order": "aab"})),
+    "joint_steps": (stepped, ({}, {"n": 7}, {"sizes": (1, 3)}, {"sizes": (3, 1, 2)}, {"rows": True}, {"t": (2, 5)},
+                              {"rows": True, "sizes": (1, 3)}, {"order": "aacd"}, {"order": "abbd"}, {"order": "abcc"},
+                              *({"numbers": numbers} for numbers in ((0.8, 0.2, 0.9, 0.999), (0.9, 0.3, 0.9, 0.999),
+                                                                     (0.9, 0.2, 0.8, 0.999), (0.9, 0.2, 0.9, 0.99))))),
     "formed_gradients": (taken_back, (*SIZES, {"order": "aabcde"}, {"order": "abcdee"})),
 }
 

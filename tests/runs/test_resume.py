@@ -24,7 +24,7 @@ from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.train import Trainer
 
 STEPS = 60
-PRESETS = ("3dgs", "ours", "ours_slopes", "ours_cuts", "released")
+PRESETS = ("3dgs", "ours", "ours_slopes", "ours_cuts", "ours_preconditioned", "released")
 
 
 def config_of(data: Path, **changes) -> TrainConfig:

@@ -50,7 +50,7 @@ def enough_for(n: int, data: Path) -> str:
     [
         (RECIPES["3dgs"], 0),
         (RECIPES["ours"], 0),
-        (RECIPES["ours_cuts"], 0),  # they come when most primitives are gone
+        (RECIPES["ours_preconditioned"], 0),  # they come when most primitives are gone
         (replace(RECIPES["3dgs"], slopes=SlopeRule()), 9),
         (replace(RECIPES["3dgs"], cuts=CutRule()), 3),
         (replace(RECIPES["3dgs"], slopes=SlopeRule(), cuts=CutRule()), 12),

@@ -17,8 +17,9 @@ from mi_dogsplat.training.strategy.slope_activation import SlopeRule
 PRUNING = [name for name, recipe in RECIPES.items() if recipe.pruning]
 
 
-def test_the_presets_are_the_six_of_the_interface_and_the_default_is_ours():
-    assert list(RECIPES) == ["ours", "ours_slopes", "ours_cuts", "paper", "released", "3dgs"]
+def test_the_presets_are_those_of_the_interface_and_of_its_extensions_and_the_default_is_ours():
+    extensions = ["ours_slopes", "ours_cuts", "ours_preconditioned"]
+    assert list(RECIPES) == ["ours", *extensions, "paper", "released", "3dgs"]
     assert TrainConfig("data").preset == "ours"
 
 
@@ -29,21 +30,33 @@ def test_the_baseline_neither_prunes_nor_knows_dog():
 def test_slopes_come_with_dog_and_are_all_that_is_added_to_ours():
     ours, sloped = RECIPES["ours"], RECIPES["ours_slopes"]
     assert ours.dog and sloped == dataclasses.replace(ours, slopes=SlopeRule(start=ours.dog.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.slopes] == ["ours_slopes", "ours_cuts"]
+    assert [name for name, recipe in RECIPES.items() if recipe.slopes] == list(RECIPES)[1:4]
 
 
 def test_cuts_come_with_slopes_and_are_all_that_is_added_to_them():
     sloped, cut = RECIPES["ours_slopes"], RECIPES["ours_cuts"]
     assert sloped.slopes and cut == dataclasses.replace(sloped, cuts=CutRule(start=sloped.slopes.start))
-    assert [name for name, recipe in RECIPES.items() if recipe.cuts] == ["ours_cuts"]
+    assert [name for name, recipe in RECIPES.items() if recipe.cuts] == ["ours_cuts", "ours_preconditioned"]
     for recipe in (cut.scaled(7000), cut.from_pruning(), cut.from_pruning().scaled(350)):
         assert recipe.slopes and recipe.cuts and recipe.dog
         assert recipe.slopes.start == recipe.cuts.start == recipe.dog.start
 
 
+def test_preconditioned_steps_come_after_the_activation_of_dog_and_are_all_that_is_added_to_cuts():
+    cut, preconditioned = RECIPES["ours_cuts"], RECIPES["ours_preconditioned"]
+    rule = preconditioned.preconditioning
+    assert rule and dataclasses.replace(cut, preconditioning=rule) == preconditioned
+    assert [name for name, recipe in RECIPES.items() if recipe.preconditioning] == ["ours_preconditioned"]
+    for recipe in (preconditioned, preconditioned.scaled(7000), preconditioned.from_pruning()):
+        assert recipe.preconditioning and recipe.dog
+        after = recipe.preconditioning.start - (recipe.first_step + recipe.dog.start)
+        assert 0 < after <= recipe.reference_steps / 30
+
+
 def test_what_ply_alone_holds_is_named():
     given = {name: recipe.given for name, recipe in RECIPES.items() if recipe.given}
-    assert given == {"ours_slopes": "slopes", "ours_cuts": "slopes and cuts"}
+    both = "slopes and cuts"
+    assert given == {"ours_slopes": "slopes", "ours_cuts": both, "ours_preconditioned": both}
 
 
 def test_the_papers_recipe_is_that_of_its_text():

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from ...engine.parameters import RAW_CUTS, RAW_DOG, RAW_SLOPES
 from ..milestones import scaled_milestone
+from .preconditioning import Preconditioning
 from .sh_rows import SH_INDEX
 
 FEW_VIEWS = 50  # up to which view-dependent colour has no factor of its own: docs/experiments.md
@@ -67,6 +68,7 @@ class LearningRates:
     color_slopes: float = 2.5e-3
     cut_normals: float = 0.0625  # 25 times that of slopes: a normal that cuts is some units long
     refinement: Refinement | None = None
+    preconditioning: Preconditioning | None = None
     batch_views: int = 1  # K, views whose gradients a step averages
     views: int = 1  # of the training, in all
 

@@ -197,6 +197,8 @@ class SplatOptimizer(TrainedArrays):
                 moved = index, fresh
             gather(self.adam, name, *moved, self.row_size[name])
         self._groups = {name: rows.rearranged(self.adam, index, fresh) for name, rows in self._groups.items()}
+        if self.preconditioner:
+            self.preconditioner.rearranged(index, fresh)
         for follow in self.followers:
             follow(index, fresh)
 
@@ -219,6 +221,7 @@ class SplatOptimizer(TrainedArrays):
         saved: dict[str, np.ndarray] = {}
         for rows in self._groups.values():
             saved |= rows.state
+        saved |= self.preconditioner.state() if self.preconditioner else {}
         return saved | self._sh.state() | saved_parameters(self.adam, self.other_rates)
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
@@ -228,3 +231,5 @@ class SplatOptimizer(TrainedArrays):
         """
         self.other_rates = restore_parameters(self.adam, self.row_size, self.bands, saved)
         self._groups, self._sh = GroupRows.of_state(saved), ShRows.of_state(saved)
+        if self.preconditioner:
+            self.preconditioner.restore(saved, self.row_size, self.n)

@@ -25,6 +25,7 @@ from ..images.tone_curve import ToneCurve
 from .adam import Entry, forget, step_without, to_host
 from .color_steps import ColorSteps
 from .learning_rates import LearningRates
+from .preconditioning import Preconditioner
 from .sh_rows import SH_INDEX
 
 MAX_GRADIENT = 1e18  # its square is a float32
@@ -48,6 +49,9 @@ class TrainedArrays:
         self.other_rates: dict[str, float] = {}
         self.rate_factors: dict[str, float] = {}  # of a strategy, on step sizes; it sets them before every step
         self.row_size = dict(row_size)
+        rule = learning_rates.preconditioning
+        self.preconditioner = Preconditioner(rule) if rule else None
+        self.joint = False  # steps of a primitive's numbers, from the start of that rule on
         views, gain = learning_rates.batch_views, learning_rates.batch_gain
         adam: dict[str, Any] = {"beta_1": BETA_1**views, "beta_2": BETA_2**views, "epsilon": EPSILON / gain}
         self.adam = mi.ad.Adam(lr=0.0, params={name: device_array(v) for name, v in values.items()}, **adam)
@@ -68,7 +72,8 @@ class TrainedArrays:
         They are Python numbers, which Adam makes opaque itself. An array here would cost two kernels per
         parameter and, if differentiable, be multiplied in place (Dr.Jit 1.5).
         """
-        gain = self.learning_rates.batch_gain
+        gain, rule = self.learning_rates.batch_gain, self.learning_rates.preconditioning
+        self.joint = rule is not None and step >= rule.start
         rates = self.learning_rates.at(step, self.n) | {name: rate * gain for name, rate in self.other_rates.items()}
         factors = self.rate_factors
         if "sh_rest" in factors:
@@ -107,14 +112,16 @@ class TrainedArrays:
         for value in [value for name, value in self.adam.items() if name not in unused]:
             gradient = dr.grad(value) if views == 1 else dr.grad(value) * (1 / views)
             dr.set_grad(value, dr.select(dr.abs(gradient) < MAX_GRADIENT, gradient, 0))  # false for NaN
-        if self.curve:
-            used = {name: value for name, value in self.adam.items() if name not in unused}
-            color_steps = ColorSteps(self.curve, used, self.row_size, self.params)
-            start = color_steps.before(self.adam)
-            step_without(self.adam, unused)
+        used = {name: value for name, value in self.adam.items() if name not in unused}
+        color_steps = ColorSteps(self.curve, used, self.row_size, self.params) if self.curve else None
+        start = color_steps.before(self.adam) if color_steps else {}
+        preconditioner = self.preconditioner if self.joint else None
+        before = preconditioner.before(self.adam) if preconditioner else {}
+        step_without(self.adam, unused)
+        if preconditioner:
+            preconditioner.step(self.adam, before, self.row_size, self.params, views)
+        if color_steps:
             color_steps.after(self.adam, start)
-        else:
-            step_without(self.adam, unused)
 
     def numpy(self, name: str) -> np.ndarray:
         """Copy of a parameter on the host, [N] or [N, row size]."""
@@ -134,6 +141,8 @@ class TrainedArrays:
     def restart(self) -> None:
         """Forget the moments and step counts of all parameters, as a new optimizer."""
         self.adam.reset()
+        if self.preconditioner:
+            self.preconditioner = Preconditioner(self.preconditioner.rule)
 
     def reset_moments(self, name: str) -> None:
         """Forget both moments of a parameter, not its step count."""

@@ -1,0 +1,126 @@
+"""The kernel of preconditioned steps (``preconditioning.py``): a lane solves the equations of a primitive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from ...engine.arrays import array_types
+from ...engine.frozen import frozen
+from ...engine.project import NO_ROW
+
+
+@dataclass(frozen=True)
+class TrainedArray:
+    """An array in Adam, flat and row-major, in rows of ``size`` numbers."""
+
+    size: int
+    row: Any  # [N] of each primitive, or NO_ROW; None where row i is that of primitive i
+    primitive: Any  # [M] of each row; None likewise
+    value: Any  # before the step
+    gradient: Any
+    m: Any  # with the gradient in it, as v
+    v: Any
+    t: Any  # steps taken, with this one, [1]
+
+    def columns(self, flat: Any, n: int) -> list:
+        """The numbers of a primitive in an array of that layout, [N] each; 0 for one without a row."""
+        kinds = array_types()
+        row = dr.arange(kinds.UInt, n) if self.row is None else self.row
+        return [dr.gather(kinds.Float, flat, dr.fma(row, self.size, k), row != NO_ROW) for k in range(self.size)]
+
+    def moved(self, directions: list, length: Any) -> Any:
+        """The values that far along columns [N]."""
+        kinds = array_types()
+        i = dr.arange(kinds.UInt, dr.width(self.value))
+        row = i // self.size
+        number = i - row * self.size
+        primitive = row if self.primitive is None else dr.gather(kinds.UInt, self.primitive, row)
+        own = kinds.Float(0)
+        for k, column in enumerate(directions):
+            own += dr.gather(kinds.Float, column, primitive, number == k)  # 0 elsewhere
+        return dr.fma(length, own, self.value)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Of the rule, and of Adam."""
+
+    memory: float
+    damping: float
+    beta_1: float
+    beta_2: float
+    epsilon: float
+
+
+def n_pairs(d: int) -> int:
+    """Entries in the lower triangle of a matrix of d rows, and the place of the first one of row d."""
+    return d * (d + 1) // 2
+
+
+@frozen
+def joint_steps(arrays: list[TrainedArray], rates: Any, products: list, numbers: Numbers) -> tuple[list, list]:
+    """A step of each primitive.
+
+    Args:
+        arrays: whose numbers move together.
+        rates: step size of each array.
+        products: lower triangle of S before the step, row by row, [N] each.
+
+    Returns (values of the arrays, the triangle with this gradient in it).
+    """
+    n = dr.width(products[0])
+    biases = _biases(dr.concat([array.t for array in arrays]), numbers)
+    dr.eval(biases)  # in float64, once for all primitives
+    g, u = [], []  # normalised: of all numbers about as large
+    for j, array in enumerate(arrays):
+        of_m, of_v = (dr.gather(type(bias), bias, j) for bias in biases)
+        columns = (array.columns(flat, n) for flat in (array.gradient, array.m, array.v))
+        for gradient, m, v in zip(*columns, strict=True):
+            scale = dr.sqrt(of_v) * dr.rsqrt(v + numbers.epsilon**2)
+            g.append(gradient * scale)
+            u.append(m / of_m * scale)
+    new = [dr.lerp(g[k] * g[j], products[n_pairs(k) + j], numbers.memory) for k in range(len(g)) for j in range(k + 1)]
+    directions = _solved(new, u, numbers.damping)
+    dr.eval(new, directions)  # else each array would solve the equations anew
+    values = []
+    for j, array in enumerate(arrays):
+        own, directions = directions[: array.size], directions[array.size :]
+        values.append(array.moved(own, -dr.gather(type(rates), rates, j)))
+    return values, new
+
+
+def _biases(t: Any, numbers: Numbers) -> list:
+    """What moments that began with zero have to be divided by."""
+    kinds = array_types()
+    return [kinds.Float(1 - kinds.Double(beta) ** t) for beta in (numbers.beta_1, numbers.beta_2)]
+
+
+def _solved(products: list, u: list, damping: float) -> list:
+    """(1 + λ) (C + λ I)⁻¹ u, with C of the products, by its factors L D Lᵀ."""
+    d = len(u)
+    own = [products[n_pairs(k) + k] for k in range(d)]
+    scale = [dr.select(square > 0, dr.rsqrt(square), 0) for square in own]
+    lower: list[list] = []  # rows of L, without its diagonal of ones
+    inverse: list = []  # of D
+    x: list = []
+    for k in range(d):
+        row, times_d, pivot, value = [], [], type(u[k])(1 + damping), u[k]
+        for j in range(k):
+            entry = products[n_pairs(k) + j] * scale[k] * scale[j]
+            for i in range(j):
+                entry = dr.fma(-times_d[i], lower[j][i], entry)
+            row.append(entry * inverse[j])
+            times_d.append(entry)
+            pivot = dr.fma(-entry, row[j], pivot)
+            value = dr.fma(-row[j], x[j], value)
+        lower.append(row)
+        inverse.append(dr.rcp(pivot))
+        x.append(value)
+    x = [value * inverse[k] * (1 + damping) for k, value in enumerate(x)]
+    for k in reversed(range(d)):
+        for j in range(k + 1, d):
+            x[k] = dr.fma(-lower[j][k], x[j], x[k])
+    return x

@@ -1,0 +1,132 @@
+"""Preconditioned steps: the numbers of a primitive move together (docs/preconditioning.md).
+
+Adam divides each gradient by its usual size, as if the numbers of a primitive had nothing to do with each other. But a
+primitive that is too large is too opaque as well, and one that lies too far left is also turned the wrong way: their
+gradients go together, and Adam goes too far where they agree and not far enough where they do not. With Adam's
+moments m̂ and v̂ of a primitive, and S the running mean of ĝ ĝᵀ, ĝ = g / √v̂, a step is
+
+    Δ = -κ r ∘ (1 + λ) (C + λ I)⁻¹ (m̂ / √v̂),    C = D^-½ S D^-½,    D = diag(S),
+
+with the step sizes r of the parameters. Where no gradients go together that is Adam, κ times as far. A matrix for each
+block of parameters is the thought of K-FAC (Martens and Grosse 2015) and Shampoo (Gupta et al. 2018), whose blocks are
+the layers of a network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ...engine.arrays import array_types, detached
+from ...engine.parameters import ROWS, device_array
+from ...scene.row_groups import CUTS, DOG
+from ..milestones import scaled_milestone
+from .adam import Entry, to_host
+from .joint_steps import Numbers, TrainedArray, joint_steps, n_pairs
+
+JOINT = ("means", "log_scales", "quats", "logit_opacities", "sh_dc", *DOG.names, *CUTS.names)
+"""Arrays whose numbers move together. View-dependent colour and slopes have steps of their own."""
+GROUP = {name: group.index for group in (DOG, CUTS) for name in group.names}
+PRIOR = 0.2  # times the identity is what S begins with: nothing goes together
+PRODUCTS = "products of "  # and names of arrays: that part of a state
+
+
+@dataclass(frozen=True)
+class Preconditioning:
+    """The rule, ours. Its numbers were chosen on validation views (docs/preconditioning.md)."""
+
+    start: int  # step
+    gain: float = 1.5  # κ
+    damping: float = 1.0  # λ
+    memory: float = 0.9995  # part of S that the gradient of a view leaves
+
+    def scaled(self, factor: float) -> Preconditioning:
+        """The rule of a run ``factor`` times as long."""
+        return replace(self, start=scaled_milestone(self.start, factor))
+
+
+class Preconditioner:
+    """S of each primitive, from the first step of the rule on.
+
+    ``products`` is its lower triangle, row by row, [N] for each entry; it has a row for each of ``columns``, a number
+    of an array.
+    """
+
+    def __init__(self, rule: Preconditioning):
+        self.rule = rule
+        self.columns: list[tuple[str, int]] = []
+        self.products: list[Any] = []
+
+    def before(self, adam: mi.ad.Adam) -> dict[str, tuple]:
+        """(value, gradient) of each array whose numbers move together; Adam's step takes them away."""
+        return {name: (detached(adam[name]), detached(dr.grad(adam[name]))) for name in JOINT if name in adam}
+
+    def step(
+        self, adam: mi.ad.Adam, before: Mapping[str, tuple], sizes: Mapping[str, int], rows: Mapping[str, Any],
+        views: int,
+    ) -> None:  # fmt: skip
+        """Put joint steps in the place of those that Adam has just taken.
+
+        Args:
+            before: what ``before`` gave ahead of them.
+            sizes: of the rows of each array.
+            rows: arrays of the groups (``GroupRows.params``).
+            views: whose gradients were averaged.
+        """
+        entries = {name: Entry.of(adam, name) for name in before}
+        arrays: dict[str, TrainedArray] = {}
+        for name, e in entries.items():
+            index = GROUP.get(name, "")
+            of_group = detached(rows[ROWS[index]]) if index else None, detached(rows[index]) if index else None
+            arrays[name] = TrainedArray(sizes[name], *of_group, *before[name], *map(detached, (e.m, e.v, e.t)))
+        self._know(arrays)
+        rates = detached(device_array(np.array([self.rule.gain * e.rate for e in entries.values()])))
+        numbers = Numbers(self.rule.memory**views, self.rule.damping, adam.beta_1, adam.beta_2, adam.epsilon)
+        values, self.products = joint_steps(list(arrays.values()), rates, self.products, numbers)
+        for (name, entry), stepped in zip(entries.items(), values, strict=True):
+            value = mi.Float(stepped)
+            dr.enable_grad(value)
+            replace(entry, value=value).put(adam, name)
+
+    def rearranged(self, index: np.ndarray, fresh: np.ndarray) -> None:
+        """After primitive r has become a copy of ``index[r]`` [N']; one that is ``fresh`` has had no gradients."""
+        self._upload(np.where(fresh, 0, values[index]) for values in map(to_host, self.products))
+
+    def state(self) -> dict[str, np.ndarray]:
+        """What ``restore`` needs; nothing before the first step of the rule."""
+        names = "+".join(dict.fromkeys(name for name, _ in self.columns))
+        return {PRODUCTS + names: np.stack([to_host(values) for values in self.products])} if names else {}
+
+    def restore(self, saved: Mapping[str, np.ndarray], sizes: Mapping[str, int], n: int) -> None:
+        """Take over what ``state`` gave. Raises ``ValueError`` unless it is of ``n`` primitives."""
+        self.columns, self.products = [], []
+        for key in [key for key in saved if key.startswith(PRODUCTS)]:
+            names = key[len(PRODUCTS) :].split("+")
+            if set(names) <= set(JOINT):
+                self.columns = [(name, k) for name in names for k in range(sizes[name])]
+            if saved[key].shape != (n_pairs(len(self.columns)), n):
+                raise ValueError(f'SplatOptimizer.restore: "{key}" of the state does not fit its {n} primitives')
+            self._upload(saved[key])
+
+    def _know(self, arrays: Mapping[str, TrainedArray]) -> None:
+        """Entries for columns that are new."""
+        columns = [(name, k) for name, array in arrays.items() for k in range(array.size)]
+        if columns == self.columns:
+            return
+        n = dr.width(arrays["means"].value) // arrays["means"].size
+        known = dict(zip(_triangle(self.columns), self.products, strict=True))
+        new = {(a, b): dr.opaque(array_types().Float, PRIOR if a == b else 0, n) for a, b in _triangle(columns)}
+        self.columns, self.products = columns, [known.get(pair, value) for pair, value in new.items()]
+
+    def _upload(self, products: Iterable[np.ndarray]) -> None:
+        self.products = [detached(device_array(values)) for values in products]
+
+
+def _triangle(columns: list) -> Iterator[tuple]:
+    """Pairs of columns in the order of ``products``."""
+    return ((a, b) for k, a in enumerate(columns) for b in columns[: k + 1])
