@@ -161,15 +161,16 @@ def stepped(n=6, sizes=(3, 1), rows=False, order="abcd", t=(2, 2), numbers=(0.9,
         own = np.array([1, 3]) if rows and j == len(sizes) - 1 else np.arange(n)
         row = np.full(n, np.uint32(NO_ROW))
         row[own] = np.arange(len(own))
-        of_group = [detached(mi.UInt32(index.astype(np.uint32))) for index in (row, own)] if rows else [None, None]
-        flat = cut_planes(order, size * len(own))
+        row_of, of_row = (detached(mi.UInt32(index.astype(np.uint32))) if rows else None for index in (row, own))
+        value, gradient, m, v = cut_planes(order, size * len(own))
         count = detached(dr.opaque(mi.Float, t[j % len(t)], 1))
-        arrays.append(TrainedArray(size, *of_group, *flat[:3], dr.abs(flat[3]) + 0.1, count))
+        arrays.append(TrainedArray(size, row_of, of_row, value, gradient, m, dr.abs(v) + 0.1, count))
     d = sum(sizes)
     S = [detached(dr.opaque(mi.Float, 0.2 if i == j else 0.01, n)) for i in range(d) for j in range(i + 1)]
     assert len(S) == n_pairs(d)
     rates = detached(device_array(np.linspace(0.1, 0.2, len(sizes))))
-    values, found = joint_steps(arrays, rates, S, Numbers(*numbers, 1e-8))
+    memory, damping, beta_1, beta_2 = numbers
+    values, found = joint_steps(arrays, rates, S, Numbers(memory, damping, beta_1, beta_2, 1e-8))
     return np.concatenate([part.numpy().astype(np.float64) for part in (*values, *found)])
 
 
