@@ -8,22 +8,20 @@ added to the table as they are measured.
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets import Dataset, load_dataset
-from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.strategy.dog_control import DogRule
 from mi_dogsplat.training.train import Trainer
 
 from ..models import DATA
+from .activation import add_row, begin_table, measured_psnr, pruned_state, train_on
 
 SMALL = DogRule(opacity=0.05)
 STARTS: dict[str, DogRule | None] = {
@@ -40,28 +38,23 @@ STARTS: dict[str, DogRule | None] = {
 COLUMNS = (
     "scene", "seed", "start", "N", "before", "just after", "steps", "dB", "train L1", "DoG left", "median F", "ms/step",
 )  # fmt: skip
-SWEEP_EVERY = 50  # steps between looks at the number of DoG primitives and the clock, as in a run's history
 
 
 def main(flags: Sequence[str]) -> None:
     args = _arguments(flags)
     mi.set_variant(args.variant)
-    args.out.mkdir(parents=True, exist_ok=True)
     table = args.out / "dog_start.md"
-    if not table.exists():
-        _add_row(table, COLUMNS)
-        _add_row(table, ["---"] * len(COLUMNS))
+    begin_table(table, COLUMNS)
     dataset = load_dataset(str(DATA / args.scene), args.downscale)
     for seed in args.seeds:
         config = TrainConfig(
             str(DATA / args.scene), args.preset, args.steps, target=args.target, downscale=args.downscale,
             max_primitives=args.max_primitives, seed=seed, variant=args.variant,
         )  # fmt: skip
-        state = _pruned_state(config, dataset, args.out)
+        state = pruned_state(config, dataset, args.out)
         for name in args.starts:
-            _add_row(
-                table, [args.scene, str(seed), name, *_continue(config, dataset, state, STARTS[name], args.dog_steps)]
-            )
+            row = _continue(config, dataset, state, STARTS[name], args.dog_steps)
+            add_row(table, [args.scene, str(seed), name, *row])
 
 
 def _arguments(flags: Sequence[str]) -> argparse.Namespace:
@@ -82,26 +75,6 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
     return parser.parse_args(flags)
 
 
-def _pruned_state(config: TrainConfig, dataset: Dataset, out: Path) -> dict[str, np.ndarray]:
-    """State of a run at the step of the activation, from an earlier call or made now."""
-    settings = config.preset, config.steps, config.target, config.downscale, config.max_primitives, config.seed
-    path = out / ("_".join([Path(config.data).name, *map(str, settings)]) + ".npz")
-    if not path.exists():
-        recipe = RECIPES[config.preset]
-        trainer = Trainer(config, dataset, replace(recipe, dog=None))
-        while trainer.step_count < _activation(config):
-            trainer.step()
-        save_checkpoint(path, trainer.state())
-    return load_checkpoint(path)
-
-
-def _activation(config: TrainConfig) -> int:
-    """Step of the run at which the recipe makes the model DoG."""
-    dog = RECIPES[config.preset].scaled(config.steps).dog
-    assert dog is not None  # --preset offers no other
-    return dog.start
-
-
 def _continue(
     config: TrainConfig, dataset: Dataset, state: dict[str, np.ndarray], rule: DogRule | None, steps: int | None
 ) -> list[str]:
@@ -110,36 +83,13 @@ def _continue(
     at_once = replace(rule, start=recipe.dog.start) if rule and recipe.dog else None
     trainer = Trainer(config, dataset, replace(recipe, dog=at_once))
     trainer.restore(state)
-    before = _test_psnr(trainer)
+    before = measured_psnr(trainer)
     trainer.begin()  # makes it DoG
-    after = _test_psnr(trainer)
+    after = measured_psnr(trainer)
     steps = config.steps - trainer.step_count if steps is None else steps
-
-    clock = [(0, time.perf_counter())]
-    for step in range(1, steps + 1):
-        trainer.step()
-        if step % SWEEP_EVERY == 0 or step == steps:
-            _ = trainer.optimizer.n_dog
-            dr.sync_thread()
-            clock.append((step, time.perf_counter()))
-    counts, seconds = np.diff(clock, axis=0).T
-    milliseconds = 1e3 * np.median(seconds / counts)  # the first kernels and a busy machine do not count
-
+    milliseconds = train_on(trainer, steps)
     splats = trainer.optimizer.to_splats()
     median = f"{np.median(splats.dog_scales):.2f}" if splats.n_dog else ""
-    measured = f"{before:.2f}", f"{after:.2f}", str(steps), f"{_test_psnr(trainer):.2f}", f"{trainer.training_l1():.5f}"
+    reached = f"{measured_psnr(trainer):.2f}", f"{trainer.training_l1():.5f}"
+    measured = f"{before:.2f}", f"{after:.2f}", str(steps), *reached
     return [str(splats.n_splats), *measured, str(splats.n_dog), median, f"{milliseconds:.1f}"]
-
-
-def _test_psnr(trainer: Trainer) -> float:
-    """Mean over the test views."""
-    found = trainer.test_psnr()
-    assert found is not None  # the scenes have test views
-    return found
-
-
-def _add_row(table: Path, cells: Sequence[str]) -> None:
-    row = "| " + " | ".join(cells) + " |"
-    print(row, flush=True)
-    with open(table, "a", encoding="utf-8") as file:
-        file.write(row + "\n")

@@ -1,0 +1,84 @@
+"""Preconditioned steps: one pruned model, trained on with each rule, measured on validation views.
+
+    python -m benchmarks preconditioning DATA [--downscale K] [--max-primitives N] [--gains 1 1.5] [--dampings 1 inf] …
+
+There is a row for Adam, and one for each gain, damping, memory and start. A damping of ``inf`` leaves nothing of the
+matrix: Adam with larger steps. A run up to the activation of DoG is made once per seed and kept beside the table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import mitsuba as mi
+from mi_dogsplat.datasets import Dataset, load_dataset
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.optimizer.preconditioning import Preconditioning
+from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.train import Trainer
+
+from .activation import add_row, begin_table, measured_psnr, pruned_state, train_on
+
+COLUMNS = ("seed", "κ", "λ", "memory", "start", "N", "dB", "train L1", "ms/step")
+NO_MATRIX = 1e6  # λ: for inf, of which nothing can be taken
+OURS = RECIPES["ours_preconditioned"].preconditioning or Preconditioning(0)
+
+
+def main(flags: Sequence[str]) -> None:
+    args = _arguments(flags)
+    mi.set_variant(args.variant)
+    table = args.out / "preconditioning.md"
+    begin_table(table, COLUMNS)
+    dataset = load_dataset(args.data, args.downscale, split="validation")
+    for seed in args.seeds:
+        config = TrainConfig(
+            args.data, "ours", args.steps, downscale=args.downscale, max_primitives=args.max_primitives, seed=seed,
+            max_world_scale=math.inf, split="validation", variant=args.variant,
+        )  # fmt: skip
+        numbers = itertools.product(args.gains, args.dampings, args.memories, args.starts)
+        for rule in (None, *(Preconditioning(start, *of_steps) for *of_steps, start in numbers)):
+            add_row(table, [str(seed), *_words(rule), *_trained(config, dataset, args.preset, rule, args.out)])
+
+
+def _arguments(flags: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks preconditioning", description=__doc__)
+    parser.add_argument("data")
+    parser.add_argument("--downscale", type=int, default=4)
+    parser.add_argument("--max-primitives", type=int, default=25_000)
+    parser.add_argument("--steps", type=int, default=7000, help="of the whole run, which the schedule is scaled to")
+    with_dog = [name for name in RECIPES if RECIPES[name].dog]
+    parser.add_argument("--preset", default="ours_cuts", choices=with_dog, help="recipe from the activation on")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
+    parser.add_argument("--gains", type=float, nargs="+", default=[OURS.gain])
+    parser.add_argument("--dampings", type=float, nargs="+", default=[OURS.damping])
+    parser.add_argument("--memories", type=float, nargs="+", default=[OURS.memory])
+    parser.add_argument("--starts", type=int, nargs="+", default=[OURS.start], help="steps of the 30,000")
+    parser.add_argument("--variant", default="llvm_ad_rgb")
+    parser.add_argument("--out", type=Path, default=Path("runs/preconditioning"))
+    return parser.parse_args(flags)
+
+
+def _words(rule: Preconditioning | None) -> list[str]:
+    if not rule:
+        return ["Adam", "", "", ""]
+    return [f"{rule.gain:g}", f"{rule.damping:g}", f"{rule.memory:g}", str(rule.start)]
+
+
+def _trained(
+    config: TrainConfig, dataset: Dataset, preset: str, rule: Preconditioning | None, out: Path
+) -> list[str]:  # fmt: skip
+    """The columns of the table from N on."""
+    if rule and math.isinf(rule.damping):
+        rule = replace(rule, damping=NO_MATRIX)
+    state = pruned_state(config, dataset, out)
+    trainer = Trainer(config, dataset, replace(RECIPES[preset], preconditioning=rule))
+    trainer.restore(state)
+    trainer.begin()
+    milliseconds = train_on(trainer, config.steps - trainer.step_count)
+    reached = f"{measured_psnr(trainer):.3f}", f"{trainer.training_l1():.5f}"
+    return [str(trainer.optimizer.n), *reached, f"{milliseconds:.1f}"]
