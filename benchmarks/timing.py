@@ -41,7 +41,7 @@ class Ratio:
 
 
 def ratio(
-    a: Callable[[], None], b: Callable[[], None], pairs: int = 300, clock: Callable[[], float] = time.perf_counter
+    a: Callable[[], object], b: Callable[[], object], pairs: int = 300, clock: Callable[[], float] = time.perf_counter
 ) -> Ratio:
     """Time of ``a`` over that of ``b``, from pairs of calls in turns a b, b a: what a percent can be read from.
 

@@ -4,6 +4,8 @@
 
 There is a row for Adam, and one for each gain, damping, memory and start. A damping of ``inf`` leaves nothing of the
 matrix: Adam with larger steps. A run up to the activation of DoG is made once per seed and kept beside the table.
+With ``--cost`` two trainings of the first seed, with the preset's rule and without, take their steps in turns, and
+processor time of a step is all that is measured.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,24 +25,32 @@ from mi_dogsplat.training.optimizer.preconditioning import Preconditioning
 from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.train import Trainer
 
+from ..timing import ratio
 from .activation import add_row, begin_table, measured_psnr, pruned_state, train_on
 
 COLUMNS = ("seed", "κ", "λ", "memory", "start", "N", "dB", "train L1", "ms/step")
 NO_MATRIX = 1e6  # λ: for inf, of which nothing can be taken
 OURS = RECIPES["ours_preconditioned"].preconditioning or Preconditioning(0)
+WARM_UP = 20  # steps of the rule before its time is taken
 
 
 def main(flags: Sequence[str]) -> None:
     args = _arguments(flags)
     mi.set_variant(args.variant)
-    table = args.out / "preconditioning.md"
-    begin_table(table, COLUMNS)
     dataset = load_dataset(args.data, args.downscale, split="validation")
-    for seed in args.seeds:
-        config = TrainConfig(
+    configs = [
+        TrainConfig(
             args.data, "ours", args.steps, downscale=args.downscale, max_primitives=args.max_primitives, seed=seed,
             max_world_scale=math.inf, split="validation", variant=args.variant,
-        )  # fmt: skip
+        )
+        for seed in args.seeds
+    ]  # fmt: skip
+    if args.cost:
+        _measure_cost(configs[0], dataset, args.preset, args.out)
+        return
+    table = args.out / "preconditioning.md"
+    begin_table(table, COLUMNS)
+    for seed, config in zip(args.seeds, configs, strict=True):
         numbers = itertools.product(args.gains, args.dampings, args.memories, args.starts)
         for rule in (None, *(Preconditioning(start, *of_steps) for *of_steps, start in numbers)):
             add_row(table, [str(seed), *_words(rule), *_trained(config, dataset, args.preset, rule, args.out)])
@@ -58,6 +69,7 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--dampings", type=float, nargs="+", default=[OURS.damping])
     parser.add_argument("--memories", type=float, nargs="+", default=[OURS.memory])
     parser.add_argument("--starts", type=int, nargs="+", default=[OURS.start], help="steps of the 30,000")
+    parser.add_argument("--cost", action="store_true", help="time of a step with the rule and without")
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--out", type=Path, default=Path("runs/preconditioning"))
     return parser.parse_args(flags)
@@ -75,10 +87,29 @@ def _trained(
     """The columns of the table from N on."""
     if rule and math.isinf(rule.damping):
         rule = replace(rule, damping=NO_MATRIX)
-    state = pruned_state(config, dataset, out)
-    trainer = Trainer(config, dataset, replace(RECIPES[preset], preconditioning=rule))
-    trainer.restore(state)
-    trainer.begin()
+    trainer = _activated(config, dataset, preset, rule, out)
     milliseconds = train_on(trainer, config.steps - trainer.step_count)
     reached = f"{measured_psnr(trainer):.3f}", f"{trainer.training_l1():.5f}"
     return [str(trainer.optimizer.n), *reached, f"{milliseconds:.1f}"]
+
+
+def _measure_cost(config: TrainConfig, dataset: Dataset, preset: str, out: Path) -> None:
+    """Both see the same views, as their seed is one."""
+    jointly, alone = (_activated(config, dataset, preset, rule, out) for rule in (OURS, None))
+    start = OURS.scaled(config.steps / RECIPES[preset].reference_steps).start + WARM_UP
+    for trainer in (jointly, alone):
+        train_on(trainer, start - trainer.step_count)
+    r = ratio(jointly.step, alone.step, 300, time.process_time)
+    print(
+        f"{jointly.optimizer.n:,d} primitives: {r.a_ms:.2f} ms of processor time a step with the rule, "
+        f"{r.b_ms:.2f} without, {r.median:.3f}x ({r.low:.3f} .. {r.high:.3f})"
+    )
+
+
+def _activated(
+    config: TrainConfig, dataset: Dataset, preset: str, rule: Preconditioning | None, out: Path
+) -> Trainer:  # fmt: skip
+    trainer = Trainer(config, dataset, replace(RECIPES[preset], preconditioning=rule))
+    trainer.restore(pruned_state(config, dataset, out))
+    trainer.begin()  # makes it DoG
+    return trainer
