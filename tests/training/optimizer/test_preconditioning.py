@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.training.images.tone_curve import SrgbLog
-from mi_dogsplat.training.optimizer.preconditioning import JOINT, Preconditioning
+from mi_dogsplat.training.optimizer.preconditioning import JOINT, PRIOR, Preconditioning
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from small_optimizer import (
     RATES,
@@ -193,6 +193,17 @@ def test_what_is_known_of_a_primitive_moves_along_with_it():
     for name in ("means", "quats", "sh_dc"):
         np.testing.assert_array_equal(part.numpy(name), whole.numpy(name)[order], err_msg=name)
     np.testing.assert_array_equal(part.numpy("cut_normals"), whole.numpy("cut_normals")[[2, 0]])
+
+
+def test_a_new_primitive_begins_as_all_have_begun():
+    """Nothing goes together, and not all with all, as its first gradient alone would have it."""
+    optimizer = SplatOptimizer(random_model(3, 0, (2,)), JOINTLY)
+    run(optimizer, 3)
+    optimizer.rearrange(np.array([0, 1, 2, 2]), np.array([False, False, False, True]))
+    (products,) = [values for name, values in optimizer.state().items() if name.startswith("products")]
+    row, column = np.tril_indices(18)  # in the order of the entries: 14 numbers, and 4 of DoG
+    np.testing.assert_array_equal(products[:, 3], np.float32(PRIOR) * (row == column))
+    assert np.abs(products[row != column, 0]).max() > 0.01
 
 
 def test_rows_that_come_later_step_from_then_on_and_take_nothing_from_the_others():
