@@ -86,7 +86,7 @@ class Preconditioner:
             arrays[name] = TrainedArray(sizes[name], *of_group, *before[name], *map(detached, (e.m, e.v, e.t)))
         self._know(arrays)
         rates = detached(device_array(np.array([self.rule.gain * e.rate for e in entries.values()])))
-        numbers = Numbers(self.rule.memory**views, self.rule.damping, adam.beta_1, adam.beta_2, adam.epsilon)
+        numbers = Numbers(PRIOR, self.rule.memory**views, self.rule.damping, adam.beta_1, adam.beta_2, adam.epsilon)
         values, self.products = joint_steps(list(arrays.values()), rates, self.products, numbers)
         for (name, entry), stepped in zip(entries.items(), values, strict=True):
             value = mi.Float(stepped)

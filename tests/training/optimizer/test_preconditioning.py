@@ -206,6 +206,25 @@ def test_a_new_primitive_begins_as_all_have_begun():
     assert np.abs(products[row != column, 0]).max() > 0.01
 
 
+def test_a_row_that_is_lost_turns_no_step_from_then_on():
+    """What is left of its primitive steps as if that had never had one; gradients do not depend on values here."""
+    had, plain = (SplatOptimizer(random_model(3, 0, dog_index), JOINTLY) for dog_index in ((0, 1), (0,)))
+    rng = np.random.default_rng(6)
+    for step in range(5):
+        if step == 4:
+            had.drop_dog(mi.Bool([False, True, False]))
+            before = [optimizer.numpy("means")[1] for optimizer in (had, plain)]
+        gradients = correlated(had, rng)
+        for name, value in plain.adam.items():
+            dr.set_grad(value, mi.Float(gradients[name][: dr.width(value)]))
+        for optimizer in (had, plain):
+            optimizer.schedule(step)
+            optimizer.step()
+    moved = [optimizer.numpy("means")[1] - x for optimizer, x in zip((had, plain), before, strict=True)]
+    np.testing.assert_allclose(moved[0], moved[1], rtol=0, atol=1e-3 * RATES.at(4)["means"])
+    assert np.abs(before[0] - before[1]).max() > 0.01 * RATES.at(4)["means"]
+
+
 def test_rows_that_come_later_step_from_then_on_and_take_nothing_from_the_others():
     plain, later = (SplatOptimizer(random_model(4, 0), JOINTLY) for _ in range(2))
     for optimizer in (plain, later):
