@@ -69,6 +69,9 @@ def _recipe_features(recipe: dict[str, Any], config: dict[str, Any]) -> list[Fea
     features.append(feature("densification", dense, centres, "training started from a model"))
     rules = {"pruning": recipe["pruning"], "training DoG": recipe["dog"]}
     rules |= {f"training {rows}": recipe.get(rows) for rows in ("slopes", "cuts")}  # which earlier versions lack
+    if jointly := recipe.get("preconditioning"):  # by the steps of the whole schedule
+        jointly = {"start": jointly["start"] - recipe["first_step"]}
+    rules["preconditioned steps"] = jointly
     for name, rule in rules.items():
         start = f"from {part(rule['start'])} on, left out before" if rule else ""
         features.append(feature(name, bool(rule), start, "not in the recipe"))

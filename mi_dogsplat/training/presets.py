@@ -107,6 +107,7 @@ class Recipe:
             dog=self.dog and replace(self.dog, start=max(0, self.dog.start - start)),
             slopes=self.slopes and self.slopes.earlier(start),
             cuts=self.cuts and self.cuts.earlier(start),
+            also=tuple(strategy.earlier(start) for strategy in self.also),
             reference_steps=self.reference_steps - start,
             sh_every=0,
             first_step=start,

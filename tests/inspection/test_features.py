@@ -256,6 +256,12 @@ def test_a_run_needs_what_its_model_and_its_recipe_ask_for(tmp_path):
     assert found["background"] == ("left out", "black") and found["antialiasing"][0] == "left out"
 
 
+@pytest.mark.parametrize(("model", "part"), [(None, "62%"), ("m.ply", "23%")])
+def test_preconditioned_steps_come_after_training_dog_in_a_run_from_a_model_too(tmp_path, model, part):
+    write_run(tmp_path, False, background="black", preset="ours_preconditioned", model=model)
+    assert read(describe_features(tmp_path))["preconditioned steps"][1] == f"from {part} of the run on, left out before"
+
+
 def test_a_run_of_a_comparison_needs_what_the_recipe_of_its_method_asks_for(tmp_path):
     write_run(tmp_path, False, preset="paper", background="black", sh_degree=1)
     recipe = dataclasses.asdict(METHODS["v3"].recipe)
@@ -271,6 +277,7 @@ def test_a_run_of_a_comparison_needs_what_the_recipe_of_its_method_asks_for(tmp_
         ({"preset": "3dgs"}, "training DoG", "left out"),
         ({"preset": "ours_slopes"}, "training slopes", "needed"),
         ({"preset": "ours_cuts"}, "training cuts", "needed"),
+        ({"preset": "ours_preconditioned"}, "preconditioned steps", "needed"),
         ({"model": "m.ply"}, "densification", "left out"),
         ({"sh_degree": 0}, "SH degree in turn", "left out"),
         ({"background": "white"}, "background", "needed"),

@@ -48,6 +48,7 @@ class TrainedArray:
 class Numbers:
     """Of the rule, and of Adam."""
 
+    prior: float  # times the identity is S of what a primitive has had no gradients of
     memory: float
     damping: float
     beta_1: float
@@ -69,12 +70,14 @@ def joint_steps(arrays: list[TrainedArray], rates: Any, products: list, numbers:
         rates: step size of each array.
         products: lower triangle of S before the step, row by row, [N] each.
 
-    Returns (values of the arrays, the triangle with this gradient in it).
+    Returns (values of the arrays, the triangle with this gradient in it). Numbers that a primitive does not have go
+    together with nothing, also where it has had them before.
     """
     n = dr.width(products[0])
     biases = _biases(dr.concat([array.t for array in arrays]), numbers)
     dr.eval(biases)  # in float64, once for all primitives
     g, u = [], []  # normalised: of all numbers about as large
+    there = []  # whether a primitive has them
     for j, array in enumerate(arrays):
         of_m, of_v = (dr.gather(type(bias), bias, j) for bias in biases)
         columns = (array.columns(flat, n) for flat in (array.gradient, array.m, array.v))
@@ -82,7 +85,12 @@ def joint_steps(arrays: list[TrainedArray], rates: Any, products: list, numbers:
             scale = dr.sqrt(of_v) * dr.rsqrt(v + numbers.epsilon**2)
             g.append(gradient * scale)
             u.append(m / of_m * scale)
-    new = [dr.lerp(g[k] * g[j], products[n_pairs(k) + j], numbers.memory) for k in range(len(g)) for j in range(k + 1)]
+            there.append(True if array.row is None else array.row != NO_ROW)
+    new = []
+    for k in range(len(g)):
+        for j in range(k + 1):
+            entry = dr.lerp(g[k] * g[j], products[n_pairs(k) + j], numbers.memory)
+            new.append(dr.select(there[k] & there[j], entry, numbers.prior if j == k else 0))
     directions = _solved(new, u, numbers.damping)
     dr.eval(new, directions)  # else each array would solve the equations anew
     values = []

@@ -86,7 +86,7 @@ class Preconditioner:
             arrays[name] = TrainedArray(sizes[name], *of_group, *before[name], *map(detached, (e.m, e.v, e.t)))
         self._know(arrays)
         rates = detached(device_array(np.array([self.rule.gain * e.rate for e in entries.values()])))
-        numbers = Numbers(self.rule.memory**views, self.rule.damping, adam.beta_1, adam.beta_2, adam.epsilon)
+        numbers = Numbers(PRIOR, self.rule.memory**views, self.rule.damping, adam.beta_1, adam.beta_2, adam.epsilon)
         values, self.products = joint_steps(list(arrays.values()), rates, self.products, numbers)
         for (name, entry), stepped in zip(entries.items(), values, strict=True):
             value = mi.Float(stepped)
@@ -95,7 +95,8 @@ class Preconditioner:
 
     def rearranged(self, index: np.ndarray, fresh: np.ndarray) -> None:
         """After primitive r has become a copy of ``index[r]`` [N']; one that is ``fresh`` has had no gradients."""
-        self._upload(np.where(fresh, 0, values[index]) for values in map(to_host, self.products))
+        known = zip(_triangle(self.columns), map(to_host, self.products), strict=True)
+        self._upload(np.where(fresh, _prior(*pair), values[index]) for pair, values in known)
 
     def state(self) -> dict[str, np.ndarray]:
         """What ``restore`` needs; nothing before the first step of the rule."""
@@ -120,11 +121,16 @@ class Preconditioner:
             return
         n = dr.width(arrays["means"].value) // arrays["means"].size
         known = dict(zip(_triangle(self.columns), self.products, strict=True))
-        new = {(a, b): dr.opaque(array_types().Float, PRIOR if a == b else 0, n) for a, b in _triangle(columns)}
+        new = {pair: dr.opaque(array_types().Float, _prior(*pair), n) for pair in _triangle(columns)}
         self.columns, self.products = columns, [known.get(pair, value) for pair, value in new.items()]
 
     def _upload(self, products: Iterable[np.ndarray]) -> None:
         self.products = [detached(device_array(values)) for values in products]
+
+
+def _prior(a: tuple, b: tuple) -> float:
+    """Entry of two columns in what S begins with."""
+    return PRIOR if a == b else 0.0
 
 
 def _triangle(columns: list) -> Iterator[tuple]:

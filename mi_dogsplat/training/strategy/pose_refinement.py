@@ -70,6 +70,9 @@ class PoseRefinement(Strategy[Poses]):
     def scaled(self, factor: float) -> PoseRefinement:
         return replace(self, start=scaled_milestone(self.start, factor))
 
+    def earlier(self, steps: int) -> PoseRefinement:
+        return replace(self, start=max(0, self.start - steps))
+
     def new_state(self, t: Training) -> Poses:
         given = np.array([view.camera.w2c for view in t.photographs.originals])
         zeros = np.zeros((len(given), 6))

@@ -118,6 +118,10 @@ class Strategy(Generic[S]):
         """The strategy for a run ``factor`` times as long: every milestone at the same part of the run."""
         return self
 
+    def earlier(self, steps: int) -> Strategy[S]:
+        """The strategy for a run that begins ``steps`` steps later, with a model that exists."""
+        return self
+
     def new_state(self, t: Training) -> S:
         """The state at the beginning of a run: a dataclass of arrays and numbers, or None."""
         return None  # pyright: ignore[reportReturnType] - of a Strategy[None]

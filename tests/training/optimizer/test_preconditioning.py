@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mi_dogsplat.training.images.tone_curve import SrgbLog
-from mi_dogsplat.training.optimizer.preconditioning import JOINT, Preconditioning
+from mi_dogsplat.training.optimizer.preconditioning import JOINT, PRIOR, Preconditioning
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from small_optimizer import (
     RATES,
@@ -38,6 +38,11 @@ def correlated(optimizer: SplatOptimizer, rng: np.random.Generator) -> dict[str,
         gradients[name] = (10.0**-k * own).ravel().astype(np.float32)
         dr.set_grad(value, mi.Float(gradients[name]))
     return gradients
+
+
+def products_of(optimizer: SplatOptimizer) -> np.ndarray:
+    (found,) = [values for name, values in optimizer.state().items() if name.startswith("products")]
+    return found
 
 
 class Twin:
@@ -106,15 +111,15 @@ def test_steps_agree_with_float64(rows, dog_index):
 
 
 def test_a_number_whose_gradient_is_the_only_one_steps_as_in_adam_times_the_gain():
-    model = random_model(5, 0)
+    model = replace(random_model(5, 0), logit_opacities=np.zeros(5))
     jointly, adam = (SplatOptimizer(model, rates) for rates in (JOINTLY, RATES))
     for step in range(4):
         for optimizer in (jointly, adam):
             optimizer.schedule(step)
             dr.set_grad(optimizer.adam["logit_opacities"], mi.Float(np.cos(np.arange(5) + step)))
             optimizer.step()
-    moved = [optimizer.numpy("logit_opacities") - model.logit_opacities for optimizer in (jointly, adam)]
-    np.testing.assert_allclose(moved[0], RULE.gain * moved[1], rtol=1e-4, atol=1e-6)  # of steps of .025
+    moved = [optimizer.numpy("logit_opacities") for optimizer in (jointly, adam)]
+    np.testing.assert_allclose(moved[0], RULE.gain * moved[1], rtol=1e-5)
     assert np.abs(moved[1]).min() > 1e-3
     np.testing.assert_array_equal(jointly.numpy("means"), model.means)
 
@@ -195,6 +200,42 @@ def test_what_is_known_of_a_primitive_moves_along_with_it():
     np.testing.assert_array_equal(part.numpy("cut_normals"), whole.numpy("cut_normals")[[2, 0]])
 
 
+def test_a_new_primitive_begins_as_all_have_begun():
+    """Nothing goes together, and not all with all, as its first gradient alone would have it."""
+    optimizer = SplatOptimizer(random_model(3, 0, (2,)), JOINTLY)
+    run(optimizer, 3)
+    optimizer.rearrange(np.array([0, 1, 2, 2]), np.array([False, False, False, True]))
+    products = products_of(optimizer)
+    row, column = np.tril_indices(18)  # in the order of the entries: 14 numbers, and 4 of DoG
+    np.testing.assert_array_equal(products[:, 3], np.float32(PRIOR) * (row == column))
+    assert np.abs(products[row != column, 0]).max() > 0.01
+
+
+def test_a_row_that_is_lost_turns_no_step_from_then_on():
+    """What is left of its primitive steps as if that had never had one; gradients do not depend on values here."""
+    models = [random_model(3, 0, dog_index, rows={"cut_index": (1,)}) for dog_index in ((0, 1), (0,))]
+    had, plain = (SplatOptimizer(model, JOINTLY) for model in models)
+    rng = np.random.default_rng(6)
+    for step in range(5):
+        if step == 4:
+            had.drop_dog(mi.Bool([False, True, False]))
+            before = [optimizer.numpy("means")[1] for optimizer in (had, plain)]
+        gradients = correlated(had, rng)
+        for name, value in plain.adam.items():
+            dr.set_grad(value, mi.Float(gradients[name][: dr.width(value)]))
+        for optimizer in (had, plain):
+            optimizer.schedule(step)
+            optimizer.step()
+    moved = [optimizer.numpy("means")[1] - x for optimizer, x in zip((had, plain), before, strict=True)]
+    np.testing.assert_allclose(moved[0], moved[1], rtol=0, atol=1e-3 * RATES.at(4)["means"])
+    assert np.abs(before[0] - before[1]).max() > 0.01 * RATES.at(4)["means"]
+    products = [products_of(optimizer)[:, 1] for optimizer in (had, plain)]
+    np.testing.assert_allclose(*products, rtol=0, atol=1e-6)
+    of_dog = np.arange(14, 18)  # after 14 numbers that all have
+    own = products[0][of_dog * (of_dog + 3) // 2]
+    np.testing.assert_array_equal(own, np.float32(PRIOR))  # another row would begin as all do
+
+
 def test_rows_that_come_later_step_from_then_on_and_take_nothing_from_the_others():
     plain, later = (SplatOptimizer(random_model(4, 0), JOINTLY) for _ in range(2))
     for optimizer in (plain, later):
@@ -225,6 +266,27 @@ def test_training_goes_on_from_a_checkpoint_with_the_same_bits(tmp_path):
         run(optimizer, 3, seed=2)
     assert_same_state(resumed, straight)
     assert any("means" in name and "cut_normals" in name for name in straight.state())
+
+
+def test_a_checkpoint_of_before_the_rule_begins_with_no_products():
+    before, used, new = (SplatOptimizer(random_model(4, 0), rates) for rates in (RATES, JOINTLY, JOINTLY))
+    for optimizer in (before, used):
+        run(optimizer, 3)
+    for optimizer in (used, new):
+        optimizer.restore(before.state())
+        run(optimizer, 2, seed=4)
+    assert_same_state(used, new)
+
+
+def test_a_number_without_any_gradient_stays_where_nothing_is_remembered():
+    optimizer = SplatOptimizer(random_model(5, 0), replace(RATES, preconditioning=replace(RULE, memory=0.0)))
+    before = optimizer.numpy("means")
+    for step in range(2):
+        optimizer.schedule(step)
+        dr.set_grad(optimizer.adam["quats"], mi.Float(np.cos(np.arange(20))))
+        optimizer.step()
+    np.testing.assert_array_equal(optimizer.numpy("means"), before)
+    assert np.isfinite(optimizer.numpy("quats")).all()
 
 
 @pytest.mark.parametrize("damage", ["fewer primitives", "fewer entries", "unknown"])
@@ -261,7 +323,7 @@ def test_a_batch_leaves_as_little_of_what_was_as_its_views_one_after_the_other()
             for value in optimizer.adam.values():
                 dr.set_grad(value, dr.opaque(mi.Float, size, dr.width(value)))
             optimizer.step()
-            found += [values for name, values in optimizer.state().items() if name.startswith("products")]
+            found.append(products_of(optimizer))
         left.append(found[-1] / found[0])
     np.testing.assert_allclose(left, RULE.memory**4, rtol=1e-5)
 

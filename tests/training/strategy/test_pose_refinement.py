@@ -10,6 +10,7 @@ import pytest
 import tiny_data
 from happenings import history_of
 from launches import launches
+from mi_dogsplat import write_ply
 from mi_dogsplat.datasets import Dataset, camera_extent, load_dataset
 from mi_dogsplat.datasets.camera_paths import look_at
 from mi_dogsplat.datasets.dataset import View, seen_by
@@ -104,6 +105,13 @@ def test_without_the_option_no_camera_moves(data):
     dataset = load_dataset(data)
     trainer = stepped(Trainer(config_of(data, refine_poses=False), dataset), 2 * VIEWS)
     assert all(a is b for a, b in zip(trainer.photographs.originals, dataset.train, strict=True))
+
+
+def test_of_a_model_that_exists_poses_step_from_the_beginning(data, tmp_path):
+    write_ply(tmp_path / "model.ply", tiny_data.truth())
+    config = config_of(data, preset="ours", model=str(tmp_path / "model.ply"), max_primitives=None)
+    assert poses_of(stepped(Trainer(config, load_dataset(data)), VIEWS)).turns == 1
+    assert PoseRefinement(start=16_000).earlier(15_000).scaled(0.1).start == 100
 
 
 def test_a_run_that_goes_on_has_the_bits_of_one_that_was_not_stopped(data, at_once, ordered):
