@@ -8,7 +8,7 @@ A ``Trainer`` holds the state; ``step()`` does one and returns nothing that wait
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -30,17 +30,19 @@ from ..render.picture import Picture, background_color, photograph, render_pictu
 from ..scene.appearance import Appearance
 from ..scene.drawing import Drawing, DrawnAs
 from ..scene.radiance import brightened
-from ..scene.row_groups import CUTS, SLOPES
+from ..scene.row_groups import CUTS, DOG, SLOPES, RowGroup
 from ..scene.splats import Splats
 from ..scores.score import Score, ScoreRule
 from ..support.errors import DataError
 from .config import TrainConfig
 from .events import Event
-from .footprint import budget
+from .footprint import Later, budget
 from .images.photographs import READ_AHEAD, Photographs
 from .initialize import initial_splats
 from .losses import LossMeans
+from .optimizer.group_rows import SPARSE
 from .optimizer.learning_rates import LearningRates
+from .optimizer.preconditioning import n_products
 from .optimizer.splat_optimizer import SplatOptimizer
 from .presets import RECIPES, Recipe
 from .strategy.pose_refinement import PoseRefinement
@@ -79,10 +81,10 @@ class Trainer:
         limit = config.max_primitives if share is None else max(1, int(share * float(config.target)))
         splats = initial_splats(config, dataset, limit, model)
         self.n_start = splats.n_splats
-        rules = (SLOPES, recipe.slopes), (CUTS, recipe.cuts)
-        early = [g for g, rule in rules if len(getattr(splats, g.index)) or (rule and not recipe.pruning)]
         on_disk, masked = config.data_on_disk, config.masks is not None
-        self.memory = budget(config.memory, dataset, splats.sh_degree, on_disk, early, masked)
+        held = [group for group in SPARSE if len(getattr(splats, group.index))]
+        later = _later(config, recipe, held, splats.n_splats)
+        self.memory = budget(config.memory, dataset, splats.sh_degree, on_disk, held, masked, later)
         if self.memory:
             self.memory.require(config.data, splats.n_splats)
         self.rng = np.random.default_rng(config.seed)
@@ -286,3 +288,18 @@ def _exposed(config: TrainConfig, dataset: Dataset) -> Dataset:
     if config.appearance and dataset.white is not None:
         raise DataError("--appearance", "is for photographs, not for linear images", "leave it out")
     return dataset if config.white is None else dataset.exposed(config.white)
+
+
+def _later(config: TrainConfig, recipe: Recipe, held: Sequence[RowGroup], n: int) -> Later:
+    """What primitives get when the pruning is over, beside rows ``held`` from the start by ``n`` primitives.
+
+    How many are left by then is known of a ratio, and of a count where a model or a cap says of how many.
+    """
+    rules = (DOG, recipe.dog), (SLOPES, recipe.slopes), (CUTS, recipe.cuts)
+    given = [group for group, rule in rules if rule and group not in held]
+    left = 1.0
+    if recipe.pruning:
+        target = 0.0 if config.target_bytes else float(config.target)
+        most = n if config.model else config.max_primitives
+        left = target if target < 1 else min(1.0, target / most) if most else 0.0
+    return Later(given, n_products([*held, *given]) if recipe.preconditioning else 0, left)

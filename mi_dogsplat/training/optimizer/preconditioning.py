@@ -14,7 +14,8 @@ the layers of a network.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import math
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,14 +25,16 @@ import numpy as np
 
 from ...engine.arrays import array_types, detached
 from ...engine.parameters import ROWS, device_array
-from ...scene.row_groups import CUTS, DOG
+from ...scene.row_groups import CUTS, DOG, RowGroup
 from ..milestones import scaled_milestone
 from .adam import Entry, to_host
 from .joint_steps import Numbers, TrainedArray, joint_steps, n_pairs
 
 JOINT = ("means", "log_scales", "quats", "logit_opacities", "sh_dc", *DOG.names, *CUTS.names)
 """Arrays whose numbers move together. View-dependent colour and slopes have steps of their own."""
-GROUP = {name: group.index for group in (DOG, CUTS) for name in group.names}
+IN_GROUPS = DOG, CUTS
+GROUP = {name: group.index for group in IN_GROUPS for name in group.names}
+ALL_HAVE = 14  # numbers of a primitive that are in no group
 PRIOR = 0.2  # times the identity is what S begins with: nothing goes together
 PRODUCTS = "products of "  # and names of arrays: that part of a state
 
@@ -48,6 +51,12 @@ class Preconditioning:
     def scaled(self, factor: float) -> Preconditioning:
         """The rule of a run ``factor`` times as long."""
         return replace(self, start=scaled_milestone(self.start, factor))
+
+
+def n_products(groups: Collection[RowGroup]) -> int:
+    """Entries of S for each primitive of a model with rows of these groups."""
+    shapes = [shape for group in groups if group in IN_GROUPS for shape in group.arrays.values()]
+    return n_pairs(ALL_HAVE + sum(map(math.prod, shapes)))
 
 
 class Preconditioner:
@@ -100,8 +109,12 @@ class Preconditioner:
 
     def state(self) -> dict[str, np.ndarray]:
         """What ``restore`` needs; nothing before the first step of the rule."""
-        names = "+".join(dict.fromkeys(name for name, _ in self.columns))
-        return {PRODUCTS + names: np.stack([to_host(values) for values in self.products])} if names else {}
+        if not self.columns:
+            return {}
+        found = np.empty((len(self.products), dr.width(self.products[0])), np.float32)
+        for row, values in zip(found, self.products, strict=True):
+            row[:] = values.numpy()
+        return {PRODUCTS + "+".join(dict.fromkeys(name for name, _ in self.columns)): found}
 
     def restore(self, saved: Mapping[str, np.ndarray], sizes: Mapping[str, int], n: int) -> None:
         """Take over what ``state`` gave. Raises ``ValueError`` unless it is of ``n`` primitives."""
