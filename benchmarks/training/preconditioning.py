@@ -40,7 +40,8 @@ def main(flags: Sequence[str]) -> None:
             args.data, "ours", args.steps, downscale=args.downscale, max_primitives=args.max_primitives, seed=seed,
             max_world_scale=math.inf, split="validation", variant=args.variant,
         )  # fmt: skip
-        numbers = itertools.product(args.gains, args.dampings, args.memories, args.starts)
+        dampings = [min(damping, NO_MATRIX) for damping in args.dampings]
+        numbers = itertools.product(args.gains, dampings, args.memories, args.starts)
         for rule in (None, *(Preconditioning(start, *of_steps) for *of_steps, start in numbers)):
             add_row(table, [str(seed), *_words(rule), *_trained(config, dataset, args.preset, rule, args.out)])
 
@@ -66,15 +67,14 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
 def _words(rule: Preconditioning | None) -> list[str]:
     if not rule:
         return ["Adam", "", "", ""]
-    return [f"{rule.gain:g}", f"{rule.damping:g}", f"{rule.memory:g}", str(rule.start)]
+    damping = math.inf if rule.damping == NO_MATRIX else rule.damping
+    return [f"{rule.gain:g}", f"{damping:g}", f"{rule.memory:g}", str(rule.start)]
 
 
 def _trained(
     config: TrainConfig, dataset: Dataset, preset: str, rule: Preconditioning | None, out: Path
 ) -> list[str]:  # fmt: skip
     """The columns of the table from N on."""
-    if rule and math.isinf(rule.damping):
-        rule = replace(rule, damping=NO_MATRIX)
     state = pruned_state(config, dataset, out)
     trainer = Trainer(config, dataset, replace(RECIPES[preset], preconditioning=rule))
     trainer.restore(state)

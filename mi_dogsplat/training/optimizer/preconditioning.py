@@ -41,12 +41,24 @@ PRODUCTS = "products of "  # and names of arrays: that part of a state
 
 @dataclass(frozen=True)
 class Preconditioning:
-    """The rule, ours. Its numbers were chosen on validation views (docs/preconditioning.md)."""
+    """The rule, ours. Its numbers were chosen on validation views (docs/preconditioning.md).
+
+    Raises ``ValueError`` for a number out of range.
+    """
 
     start: int  # step
     gain: float = 1.5  # κ
     damping: float = 1.0  # λ
     memory: float = 0.9995  # part of S that the gradient of a view leaves
+
+    def __post_init__(self) -> None:
+        if self.start < 0:
+            raise ValueError(f"Preconditioning: start is {self.start}, expected a step")
+        for name in ("gain", "damping"):  # without damping there is no solution where two gradients are the same
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(f"Preconditioning: {name} is {getattr(self, name)}, expected a positive number")
+        if not 0 <= self.memory < 1:
+            raise ValueError(f"Preconditioning: memory is {self.memory}, expected a part below 1")
 
     def scaled(self, factor: float) -> Preconditioning:
         """The rule of a run ``factor`` times as long."""

@@ -302,6 +302,22 @@ def test_a_checkpoint_whose_products_do_not_fit_is_refused(damage):
         SplatOptimizer(random_model(4, 0), JOINTLY).restore(state)
 
 
+@pytest.mark.parametrize(
+    ("numbers", "problem"),
+    [
+        ({"start": -1}, "start is -1, expected a step"),
+        ({"gain": 0.0}, "gain is 0.0, expected a positive number"),
+        ({"damping": 0.0}, "damping is 0.0, expected a positive number"),
+        ({"damping": np.inf}, "damping is inf, expected a positive number"),
+        ({"memory": 1.0}, "memory is 1.0, expected a part below 1"),
+        ({"memory": np.nan}, "memory is nan, expected a part below 1"),
+    ],
+)
+def test_a_rule_with_a_number_out_of_range_is_refused(numbers, problem):
+    with pytest.raises(ValueError, match=f"^Preconditioning: {problem}$"):
+        replace(RULE, **numbers)
+
+
 def test_a_new_beginning_forgets_what_went_together():
     used, new = SplatOptimizer(random_model(5, 0), JOINTLY), SplatOptimizer(random_model(5, 0), JOINTLY)
     run(used, 3)
