@@ -117,7 +117,14 @@ class Preconditioner:
     def rearranged(self, index: np.ndarray, fresh: np.ndarray) -> None:
         """After primitive r has become a copy of ``index[r]`` [N']; one that is ``fresh`` has had no gradients."""
         known = zip(_triangle(self.columns), map(to_host, self.products), strict=True)
-        self._upload(np.where(fresh, _prior(*pair), values[index]) for pair, values in known)
+        self._upload(np.where(fresh, _prior(pair), values[index]) for pair, values in known)
+
+    def forget(self, name: str) -> None:
+        """What the numbers of an array have to do with each other and with the rest, as its moments are forgotten."""
+        known = zip(_triangle(self.columns), self.products, strict=True)
+        self.products = [
+            _begun(pair, dr.width(values)) if name in (pair[0][0], pair[1][0]) else values for pair, values in known
+        ]
 
     def state(self) -> dict[str, np.ndarray]:
         """What ``restore`` needs; nothing before the first step of the rule."""
@@ -146,16 +153,21 @@ class Preconditioner:
             return
         n = dr.width(arrays["means"].value) // arrays["means"].size
         known = dict(zip(_triangle(self.columns), self.products, strict=True))
-        new = {pair: dr.opaque(array_types().Float, _prior(*pair), n) for pair in _triangle(columns)}
+        new = {pair: _begun(pair, n) for pair in _triangle(columns)}
         self.columns, self.products = columns, [known.get(pair, value) for pair, value in new.items()]
 
     def _upload(self, products: Iterable[np.ndarray]) -> None:
         self.products = [detached(device_array(values)) for values in products]
 
 
-def _prior(a: tuple, b: tuple) -> float:
+def _prior(pair: tuple) -> float:
     """Entry of two columns in what S begins with."""
-    return PRIOR if a == b else 0.0
+    return PRIOR if pair[0] == pair[1] else 0.0
+
+
+def _begun(pair: tuple, n: int) -> Any:
+    """The same, of ``n`` primitives."""
+    return dr.opaque(array_types().Float, _prior(pair), n)
 
 
 def _triangle(columns: list) -> Iterator[tuple]:

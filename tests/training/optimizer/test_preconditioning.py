@@ -329,6 +329,20 @@ def test_a_new_beginning_forgets_what_went_together():
     assert_same(used.to_splats(), new.to_splats())
 
 
+def test_what_forgets_its_moments_goes_together_with_nothing():
+    """As opacities that are reset, or scales and rotations whose axes are written in another order."""
+    optimizer = SplatOptimizer(random_model(4, 0), JOINTLY)
+    optimizer.reset_moments("quats")  # before there is anything to forget
+    run(optimizer, 3)
+    before = products_of(optimizer)
+    optimizer.reset_moments("quats")
+    row, column = np.tril_indices(14)
+    of_quats = np.isin(row, range(6, 10)) | np.isin(column, range(6, 10))
+    prior = np.float32(PRIOR) * (row == column)[:, None]
+    np.testing.assert_array_equal(products_of(optimizer), np.where(of_quats[:, None], prior, before))
+    assert np.abs(before[of_quats & (row != column)]).max() > 0.01
+
+
 def test_a_batch_leaves_as_little_of_what_was_as_its_views_one_after_the_other():
     """Once gradients are over, correlations stay, and their matrix falls with each step."""
     left = []
