@@ -51,7 +51,8 @@ def main(flags: Sequence[str]) -> None:
     table = args.out / "preconditioning.md"
     begin_table(table, COLUMNS)
     for seed, config in zip(args.seeds, configs, strict=True):
-        numbers = itertools.product(args.gains, args.dampings, args.memories, args.starts)
+        dampings = [min(damping, NO_MATRIX) for damping in args.dampings]
+        numbers = itertools.product(args.gains, dampings, args.memories, args.starts)
         for rule in (None, *(Preconditioning(start, *of_steps) for *of_steps, start in numbers)):
             add_row(table, [str(seed), *_words(rule), *_trained(config, dataset, args.preset, rule, args.out)])
 
@@ -78,15 +79,14 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
 def _words(rule: Preconditioning | None) -> list[str]:
     if not rule:
         return ["Adam", "", "", ""]
-    return [f"{rule.gain:g}", f"{rule.damping:g}", f"{rule.memory:g}", str(rule.start)]
+    damping = math.inf if rule.damping == NO_MATRIX else rule.damping
+    return [f"{rule.gain:g}", f"{damping:g}", f"{rule.memory:g}", str(rule.start)]
 
 
 def _trained(
     config: TrainConfig, dataset: Dataset, preset: str, rule: Preconditioning | None, out: Path
 ) -> list[str]:  # fmt: skip
     """The columns of the table from N on."""
-    if rule and math.isinf(rule.damping):
-        rule = replace(rule, damping=NO_MATRIX)
     trainer = _activated(config, dataset, preset, rule, out)
     milliseconds = train_on(trainer, config.steps - trainer.step_count)
     reached = f"{measured_psnr(trainer):.3f}", f"{trainer.training_l1():.5f}"

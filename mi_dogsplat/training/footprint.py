@@ -2,7 +2,8 @@
 
 Measured on the CPU (LLVM, resident size; docs/trust.md has the table): within 10 % from 50,000 to 600,000 primitives.
 F is the number of floats of a primitive: 14 without SH, 62 at degree 3 (``SplatOptimizer``). Rows of DoG, slopes and
-cuts that come when pruning is over do not count, nor the products of preconditioned steps: what was pruned needed more.
+cuts and the products of preconditioned steps come when pruning is over: they count where what is left then needs more
+than all primitives before.
 """
 
 from __future__ import annotations
@@ -29,11 +30,31 @@ MASK = 1  # byte per pixel of a training view that has one
 AT_WORK = 150  # bytes per pixel of the view that is rendered: planes, what the loss is made of, gradients
 TARGETS_SHARE = 0.25  # of the memory; if they need more, they are made when they are due, in a third of the loss's time
 PER_FLOAT = 30  # bytes: value, two moments, gradient, what Adam is about to write; then the copy for a checkpoint
+PER_PRODUCT = 12  # bytes: before and after a step, and the copy for a checkpoint
 PER_PRIMITIVE = 400  # bytes: the projection and its derivative
 MOST_BANDS = 8  # in which a view is walked, by an estimate: more take longer, and less memory still
 ROWS_OF_BAND = 4  # of tiles, at least: bands of few rows differ in size
 FIRST_PAIRS = 8.0  # pairs per primitive before any are counted
 MARGIN = 0.85  # of the budget: the estimate is no better
+
+
+@dataclass(frozen=True)
+class Later:
+    """What primitives get when pruning is over, and ``left``, the part of them that there are then."""
+
+    groups: Collection[RowGroup] = ()  # rows
+    products: int = 0  # of preconditioned steps
+    left: float = 1.0
+
+    @property
+    def bytes(self) -> float:
+        """Of a primitive."""
+        return PER_FLOAT * floats_of(self.groups) + PER_PRODUCT * self.products
+
+
+def floats_of(groups: Collection[RowGroup]) -> int:
+    """In a row of each."""
+    return sum(math.prod(shape) for group in groups for shape in group.arrays.values())
 
 
 @dataclass
@@ -51,10 +72,12 @@ class Budget:
     bands: int = 1
     keep_targets: bool = True
     pairs: int = 0
+    later: Later = Later()
 
     def each(self, pairs_per_primitive: float) -> float:
-        """Bytes that a primitive needs."""
-        return PER_FLOAT * self.floats + PER_PRIMITIVE + (LISTED + WALKED / self.bands) * pairs_per_primitive
+        """Bytes that a primitive needs, before the pruning or what is left of it after that."""
+        now = PER_FLOAT * self.floats + PER_PRIMITIVE + (LISTED + WALKED / self.bands) * pairs_per_primitive
+        return max(now, self.later.left * (now + self.later.bytes))
 
     def for_pairs(self, n: int) -> float:
         """Bytes that ``n`` primitives leave for pairs, ``RasterOptions.isect_memory``."""
@@ -103,6 +126,7 @@ def budget(
     on_disk: bool = False,
     groups: Collection[RowGroup] = (),
     masked: bool = False,
+    later: Later = Later(),  # noqa: B008, it is immutable
 ) -> Budget | None:
     """The budget of a training on the data; None where nobody knows how much memory there is.
 
@@ -111,6 +135,7 @@ def budget(
         on_disk: pictures and masks are decoded when they are due, and weigh nothing.
         groups: of which primitives have rows before any are pruned.
         masked: training views have masks.
+        later: what comes when the pruning is over.
     """
     pictures = 0 if on_disk else sum(view.n_bytes for view in dataset.views)
     if memory is None and "cuda" in str(mi.variant()):
@@ -130,7 +155,7 @@ def budget(
     targets += MASK * sum(pixels) if masked and not on_disk else 0
     at_work = (AT_WORK + (0 if keep else TARGET)) * max(pixels)
     floats = 14 + (3 * (sh_degree + 1) ** 2 if sh_degree else 0)
-    floats += sum(math.prod(shape) for group in groups for shape in group.arrays.values())
+    floats += floats_of(groups)
     rows = min(view.camera.height for view in dataset.train) // Blocks.of_backend().tile_height
     bands = min(MOST_BANDS, max(1, rows // ROWS_OF_BAND))
-    return Budget(total, BASE + pictures + targets + at_work, floats, bands, keep)
+    return Budget(total, BASE + pictures + targets + at_work, floats, bands, keep, later=later)

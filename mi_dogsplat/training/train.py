@@ -30,7 +30,6 @@ from ..render.picture import Picture, background_color, photograph, render_pictu
 from ..scene.appearance import Appearance
 from ..scene.drawing import Drawing, DrawnAs
 from ..scene.radiance import brightened
-from ..scene.row_groups import CUTS, SLOPES
 from ..scene.splats import Splats
 from ..scores.score import Score, ScoreRule
 from ..support.errors import DataError
@@ -39,7 +38,9 @@ from .events import Event
 from .footprint import budget
 from .images.photographs import READ_AHEAD, Photographs
 from .initialize import initial_splats
+from .later_rows import later_rows
 from .losses import LossMeans
+from .optimizer.group_rows import SPARSE
 from .optimizer.learning_rates import LearningRates
 from .optimizer.splat_optimizer import SplatOptimizer
 from .presets import RECIPES, Recipe
@@ -79,10 +80,10 @@ class Trainer:
         limit = config.max_primitives if share is None else max(1, int(share * float(config.target)))
         splats = initial_splats(config, dataset, limit, model)
         self.n_start = splats.n_splats
-        rules = (SLOPES, recipe.slopes), (CUTS, recipe.cuts)
-        early = [g for g, rule in rules if len(getattr(splats, g.index)) or (rule and not recipe.pruning)]
         on_disk, masked = config.data_on_disk, config.masks is not None
-        self.memory = budget(config.memory, dataset, splats.sh_degree, on_disk, early, masked)
+        held = [group for group in SPARSE if len(getattr(splats, group.index))]
+        later = later_rows(config, recipe, held, splats.n_splats)
+        self.memory = budget(config.memory, dataset, splats.sh_degree, on_disk, held, masked, later)
         if self.memory:
             self.memory.require(config.data, splats.n_splats)
         self.rng = np.random.default_rng(config.seed)

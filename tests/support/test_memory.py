@@ -18,19 +18,34 @@ from mi_dogsplat.cli import main
 from mi_dogsplat.datasets import load_dataset, view_images
 from mi_dogsplat.engine.bands import BandedView
 from mi_dogsplat.runs import run
+from mi_dogsplat.scene.row_groups import CUTS, DOG, SLOPES
 from mi_dogsplat.support import memory
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.memory import available_memory, bytes_of, peak_memory_mb
 from mi_dogsplat.training import footprint
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.events import MemoryFull
-from mi_dogsplat.training.footprint import FIRST_PAIRS, MARGIN, TARGET, Budget, budget
+from mi_dogsplat.training.footprint import (
+    FIRST_PAIRS,
+    MARGIN,
+    PER_FLOAT,
+    PER_PRIMITIVE,
+    PER_PRODUCT,
+    TARGET,
+    Budget,
+    budget,
+)
+from mi_dogsplat.training.optimizer.preconditioning import Preconditioning, n_products
+from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.strategy.cut_activation import CutRule
+from mi_dogsplat.training.strategy.dog_control import DogRule
 from mi_dogsplat.training.strategy.slope_activation import SlopeRule
 from mi_dogsplat.training.train import Trainer
+from small_optimizer import RATES, alike, random_model
 
 ROOT = Path(__file__).parents[2]
+JOINTLY = Preconditioning(0)
 
 
 def config_of(data: Path, **changes) -> TrainConfig:
@@ -46,26 +61,60 @@ def enough_for(n: int, data: Path) -> str:
 
 
 @pytest.mark.parametrize(
-    ("recipe", "rows"),
+    ("recipe", "rows", "entries"),
     [
-        (RECIPES["3dgs"], 0),
-        (RECIPES["ours"], 0),
-        (RECIPES["ours_preconditioned"], 0),  # they come when most primitives are gone
-        (replace(RECIPES["3dgs"], slopes=SlopeRule()), 9),
-        (replace(RECIPES["3dgs"], cuts=CutRule()), 3),
-        (replace(RECIPES["3dgs"], slopes=SlopeRule(), cuts=CutRule()), 12),
+        (RECIPES["3dgs"], 0, 0),
+        (replace(RECIPES["3dgs"], slopes=SlopeRule()), 9, 0),
+        (replace(RECIPES["3dgs"], cuts=CutRule()), 3, 0),
+        (replace(RECIPES["3dgs"], slopes=SlopeRule(), cuts=CutRule()), 12, 0),
+        (replace(RECIPES["3dgs"], dog=DogRule()), 4, 0),
+        (replace(RECIPES["3dgs"], preconditioning=JOINTLY), 0, 14 * 15 / 2),
+        (replace(RECIPES["3dgs"], dog=DogRule(), slopes=SlopeRule(), preconditioning=JOINTLY), 13, 18 * 19 / 2),
     ],
 )
-def test_slopes_and_cuts_count_where_they_come_to_all_primitives_that_there_ever_are(data, recipe, rows):
+def test_rows_and_products_count_where_they_come_to_all_primitives_that_there_ever_are(data, recipe, rows, entries):
     trainer = Trainer(config_of(data, memory="1G"), load_dataset(data), recipe)
-    assert trainer.memory and trainer.memory.floats == 14 + 12 + rows
+    expected = PER_FLOAT * (14 + 12 + rows) + PER_PRODUCT * entries + PER_PRIMITIVE
+    assert trainer.memory and trainer.memory.each(0) == expected
 
 
-def test_slopes_of_a_model_count(data, tmp_path):
-    write_ply(tmp_path / "model.ply", tiny_data.sloped_truth())
+@pytest.mark.parametrize(
+    ("preset", "target", "cap", "left"),
+    [
+        ("ours_preconditioned", 0.1, None, 0.1),
+        ("ours_preconditioned", 0.6, None, 0.6),
+        ("ours_preconditioned", 600, 1000, 0.6),
+        ("ours_preconditioned", 600, None, 0),
+        ("ours_preconditioned", "2kB", None, 0),
+        ("ours", 0.95, None, 0.95),
+    ],
+)
+def test_what_comes_after_the_pruning_counts_where_it_takes_more_than_what_has_gone(data, preset, target, cap, left):
+    config = config_of(data, memory="1G", preset=preset, target=target, max_primitives=cap)
+    known = Trainer(config, load_dataset(data)).memory
+    before = PER_FLOAT * (14 + 12) + PER_PRIMITIVE
+    later = PER_FLOAT * 16 + PER_PRODUCT * 21 * 22 / 2 if preset != "ours" else PER_FLOAT * 4
+    assert known and known.each(0) == pytest.approx(max(before, left * (before + later)))
+    assert (known.each(0) > before) == (left > 0.5)
+
+
+def test_entries_of_products_are_as_many_as_foreseen():
+    optimizer = SplatOptimizer(
+        random_model(3, 1, (0,), rows={"slope_index": (0,), "cut_index": (1,)}),
+        replace(RATES, preconditioning=JOINTLY),
+    )
+    alike(optimizer, 0)
+    (products,) = [values for name, values in optimizer.state().items() if name.startswith("products")]
+    assert len(products) == n_products((DOG, SLOPES, CUTS)) == n_products((DOG, CUTS))
+
+
+@pytest.mark.parametrize(("model", "rows"), [("sloped_truth", 9), ("dog_model", 4)])
+def test_rows_of_a_model_count(data, tmp_path, model, rows):
+    write_ply(tmp_path / "model.ply", getattr(tiny_data, model)())
     config = config_of(data, memory="1G", model=str(tmp_path / "model.ply"), preset="ours")
     trainer = Trainer(config, load_dataset(data))
-    assert trainer.memory and trainer.memory.floats == 14 + 3 * (trainer.optimizer.sh_degree + 1) ** 2 + 9
+    degree = trainer.optimizer.sh_degree
+    assert trainer.memory and trainer.memory.floats == 14 + (3 * (degree + 1) ** 2 if degree else 0) + rows
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,8 @@ the layers of a network.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import math
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,30 +25,50 @@ import numpy as np
 
 from ...engine.arrays import array_types, detached
 from ...engine.parameters import ROWS, device_array
-from ...scene.row_groups import CUTS, DOG
+from ...scene.row_groups import CUTS, DOG, RowGroup
 from ..milestones import scaled_milestone
 from .adam import Entry, to_host
 from .joint_steps import Numbers, TrainedArray, joint_steps, n_pairs
 
 JOINT = ("means", "log_scales", "quats", "logit_opacities", "sh_dc", *DOG.names, *CUTS.names)
 """Arrays whose numbers move together. View-dependent colour and slopes have steps of their own."""
-GROUP = {name: group.index for group in (DOG, CUTS) for name in group.names}
+IN_GROUPS = DOG, CUTS
+GROUP = {name: group.index for group in IN_GROUPS for name in group.names}
+ALL_HAVE = 14  # numbers of a primitive that are in no group
 PRIOR = 0.2  # times the identity is what S begins with: nothing goes together
 PRODUCTS = "products of "  # and names of arrays: that part of a state
 
 
 @dataclass(frozen=True)
 class Preconditioning:
-    """The rule, ours. Its numbers were chosen on validation views (docs/preconditioning.md)."""
+    """The rule, ours. Its numbers were chosen on validation views (docs/preconditioning.md).
+
+    Raises ``ValueError`` for a number out of range.
+    """
 
     start: int  # step
     gain: float = 1.5  # κ
     damping: float = 1.0  # λ
     memory: float = 0.9995  # part of S that the gradient of a view leaves
 
+    def __post_init__(self) -> None:
+        if self.start < 0:
+            raise ValueError(f"Preconditioning: start is {self.start}, expected a step")
+        for name in ("gain", "damping"):  # without damping there is no solution where two gradients are the same
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(f"Preconditioning: {name} is {getattr(self, name)}, expected a positive number")
+        if not 0 <= self.memory < 1:
+            raise ValueError(f"Preconditioning: memory is {self.memory}, expected a part below 1")
+
     def scaled(self, factor: float) -> Preconditioning:
         """The rule of a run ``factor`` times as long."""
         return replace(self, start=scaled_milestone(self.start, factor))
+
+
+def n_products(groups: Collection[RowGroup]) -> int:
+    """Entries of S for each primitive of a model with rows of these groups."""
+    shapes = [shape for group in groups if group in IN_GROUPS for shape in group.arrays.values()]
+    return n_pairs(ALL_HAVE + sum(map(math.prod, shapes)))
 
 
 class Preconditioner:
@@ -96,12 +117,23 @@ class Preconditioner:
     def rearranged(self, index: np.ndarray, fresh: np.ndarray) -> None:
         """After primitive r has become a copy of ``index[r]`` [N']; one that is ``fresh`` has had no gradients."""
         known = zip(_triangle(self.columns), map(to_host, self.products), strict=True)
-        self._upload(np.where(fresh, _prior(*pair), values[index]) for pair, values in known)
+        self._upload(np.where(fresh, _prior(pair), values[index]) for pair, values in known)
+
+    def forget(self, name: str) -> None:
+        """What the numbers of an array have to do with each other and with the rest, as its moments are forgotten."""
+        known = zip(_triangle(self.columns), self.products, strict=True)
+        self.products = [
+            _begun(pair, dr.width(values)) if name in (pair[0][0], pair[1][0]) else values for pair, values in known
+        ]
 
     def state(self) -> dict[str, np.ndarray]:
         """What ``restore`` needs; nothing before the first step of the rule."""
-        names = "+".join(dict.fromkeys(name for name, _ in self.columns))
-        return {PRODUCTS + names: np.stack([to_host(values) for values in self.products])} if names else {}
+        if not self.columns:
+            return {}
+        found = np.empty((len(self.products), dr.width(self.products[0])), np.float32)
+        for row, values in zip(found, self.products, strict=True):
+            row[:] = values.numpy()
+        return {PRODUCTS + "+".join(dict.fromkeys(name for name, _ in self.columns)): found}
 
     def restore(self, saved: Mapping[str, np.ndarray], sizes: Mapping[str, int], n: int) -> None:
         """Take over what ``state`` gave. Raises ``ValueError`` unless it is of ``n`` primitives."""
@@ -121,16 +153,21 @@ class Preconditioner:
             return
         n = dr.width(arrays["means"].value) // arrays["means"].size
         known = dict(zip(_triangle(self.columns), self.products, strict=True))
-        new = {pair: dr.opaque(array_types().Float, _prior(*pair), n) for pair in _triangle(columns)}
+        new = {pair: _begun(pair, n) for pair in _triangle(columns)}
         self.columns, self.products = columns, [known.get(pair, value) for pair, value in new.items()]
 
     def _upload(self, products: Iterable[np.ndarray]) -> None:
         self.products = [detached(device_array(values)) for values in products]
 
 
-def _prior(a: tuple, b: tuple) -> float:
+def _prior(pair: tuple) -> float:
     """Entry of two columns in what S begins with."""
-    return PRIOR if a == b else 0.0
+    return PRIOR if pair[0] == pair[1] else 0.0
+
+
+def _begun(pair: tuple, n: int) -> Any:
+    """The same, of ``n`` primitives."""
+    return dr.opaque(array_types().Float, _prior(pair), n)
 
 
 def _triangle(columns: list) -> Iterator[tuple]:

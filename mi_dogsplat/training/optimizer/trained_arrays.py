@@ -147,3 +147,5 @@ class TrainedArrays:
     def reset_moments(self, name: str) -> None:
         """Forget both moments of a parameter, not its step count."""
         Entry.of(self.adam, name).without_moments().put(self.adam, name)
+        if self.preconditioner:
+            self.preconditioner.forget(name)

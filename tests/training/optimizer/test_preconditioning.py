@@ -302,6 +302,22 @@ def test_a_checkpoint_whose_products_do_not_fit_is_refused(damage):
         SplatOptimizer(random_model(4, 0), JOINTLY).restore(state)
 
 
+@pytest.mark.parametrize(
+    ("numbers", "problem"),
+    [
+        ({"start": -1}, "start is -1, expected a step"),
+        ({"gain": 0.0}, "gain is 0.0, expected a positive number"),
+        ({"damping": 0.0}, "damping is 0.0, expected a positive number"),
+        ({"damping": np.inf}, "damping is inf, expected a positive number"),
+        ({"memory": 1.0}, "memory is 1.0, expected a part below 1"),
+        ({"memory": np.nan}, "memory is nan, expected a part below 1"),
+    ],
+)
+def test_a_rule_with_a_number_out_of_range_is_refused(numbers, problem):
+    with pytest.raises(ValueError, match=f"^Preconditioning: {problem}$"):
+        replace(RULE, **numbers)
+
+
 def test_a_new_beginning_forgets_what_went_together():
     used, new = SplatOptimizer(random_model(5, 0), JOINTLY), SplatOptimizer(random_model(5, 0), JOINTLY)
     run(used, 3)
@@ -311,6 +327,20 @@ def test_a_new_beginning_forgets_what_went_together():
     for optimizer in (used, new):
         run(optimizer, 2, seed=4)
     assert_same(used.to_splats(), new.to_splats())
+
+
+def test_what_forgets_its_moments_goes_together_with_nothing():
+    """As opacities that are reset, or scales and rotations whose axes are written in another order."""
+    optimizer = SplatOptimizer(random_model(4, 0), JOINTLY)
+    optimizer.reset_moments("quats")  # before there is anything to forget
+    run(optimizer, 3)
+    before = products_of(optimizer)
+    optimizer.reset_moments("quats")
+    row, column = np.tril_indices(14)
+    of_quats = np.isin(row, range(6, 10)) | np.isin(column, range(6, 10))
+    prior = np.float32(PRIOR) * (row == column)[:, None]
+    np.testing.assert_array_equal(products_of(optimizer), np.where(of_quats[:, None], prior, before))
+    assert np.abs(before[of_quats & (row != column)]).max() > 0.01
 
 
 def test_a_batch_leaves_as_little_of_what_was_as_its_views_one_after_the_other():
