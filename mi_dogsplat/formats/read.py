@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from ..scene.radiance import brightened
-from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.files import parse_json
 from . import gltf_container, sog_read, spz_container
-from .model import Model
+from .model import Model, require_finite
 from .packing import turned
 from .table import COMPRESSED_PLY, FORMATS, GLB, PLY, SOG, SPLAT, SPZ, Format
 
@@ -34,7 +33,7 @@ def read_model(path: str | Path) -> Model:
             model = chosen.read(path)
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
-    _check_finite(path, model.splats)
+    require_finite(path, model.splats, "the file is damaged: copy or export it again")
     if chosen.in_white and model.drawing.linear and model.drawing.white:
         model = replace(model, splats=brightened(model.splats, model.drawing.white))
     return model if chosen.turn is None else replace(model, splats=turned(model.splats, chosen.turn))
@@ -100,12 +99,3 @@ def _has_means(path: Path) -> bool:
     except ValueError:
         return False
     return isinstance(content, dict) and "means" in content
-
-
-def _check_finite(path: Path, splats: Splats) -> None:
-    for name in ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs"):
-        finite = np.isfinite(getattr(splats, name))
-        if not finite.all():
-            bad = np.argwhere(~finite)
-            problem = f"{len(bad)} values of {name} are not finite, first in primitive {bad[0][0]}"
-            raise DataError(path, problem, "the file is damaged: copy or export it again")

@@ -116,7 +116,9 @@ def test_cameras_held_anyhow_say_nothing():
     assert up_as_held(tiny_data.cameras()) == "z"
 
 
-@pytest.mark.parametrize("content", [[], {"up": "down"}, {"scale": 0}, {"scale": "long"}, {"scale": True}, {"unit": 2}])
+@pytest.mark.parametrize("content", [
+    [], {"up": "down"}, {"scale": 0}, {"scale": "long"}, {"scale": True}, {"scale": 10**400}, {"unit": 2},
+])  # fmt: skip
 def test_a_file_that_makes_no_sense_is_refused_in_one_line(tmp_path, content):
     (tmp_path / "world.json").write_text(json.dumps(content))
     with pytest.raises(DataError, match=r'world.json: .*; write \{"up": "-y", "scale": 1.0\}'):
