@@ -84,6 +84,12 @@ def test_a_transforms_file_that_cannot_be_used_is_one_line(tmp_path, change, exp
     assert expected in error_of(transforms_folder(tmp_path, **change))
 
 
+def test_the_mark_that_editors_of_windows_begin_a_file_with_is_passed_over(tmp_path):
+    path = transforms_folder(tmp_path) / "transforms.json"
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert load_dataset(tmp_path).views
+
+
 def test_invalid_json_names_its_line(tmp_path):
     (tmp_path / "transforms.json").write_text('{\n"frames": [\n,]}')
     assert "line 3" in error_of(tmp_path)
