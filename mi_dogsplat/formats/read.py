@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import stat
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from .packing import turned
 from .table import COMPRESSED_PLY, FORMATS, GLB, PLY, SOG, SPLAT, SPZ, Format
 
 HEAD = 4096  # bytes that are looked at first
-ZIP = b"PK\x03\x04"
+ZIP, DEFLATED = b"PK\x03\x04", spz_container.GZIP + b"\x08"  # the only method that gzip has
 MODEL_NAMES = f"a model ({' '.join(FORMATS)}, or the {sog_read.META} of SOG)"
 
 
@@ -83,13 +84,22 @@ def _by_content(path: Path, head: bytes) -> Format | None:
         return COMPRESSED_PLY if b"packed_position" in head else PLY
     if head[:4] == gltf_container.MAGIC.to_bytes(4, "little"):
         return GLB
-    if head[:2] == spz_container.GZIP or head[:4] == spz_container.NGSP:
+    if head[:3] == DEFLATED or head[:4] == spz_container.NGSP:
         return SPZ
     if head[:4] == ZIP:
         return SOG
-    if head.lstrip()[:1] == b"{" and path.suffix.lower() != ".gltf":
+    if head.lstrip()[:1] == b"{" and path.suffix.lower() != ".gltf" and _is_text(head):
         return SOG if path.name.lower() == sog_read.META or _has_means(path) else GLB
     return None
+
+
+def _is_text(head: bytes) -> bool:
+    """Whether bytes begin a text: the first number of one .splat in 256 begins as a JSON does."""
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)  # a character may be cut off at the end
+    except UnicodeDecodeError:
+        return False
+    return b"\0" not in head
 
 
 def _has_means(path: Path) -> bool:

@@ -173,6 +173,14 @@ def test_content_tells_a_format_before_the_name_does(tmp_path, suffix):
         path = tmp_path / name
 
 
+@pytest.mark.parametrize("start", [b"{", b" {", b"\x1f\x8b"])
+def test_a_splat_that_begins_as_other_files_do_is_one_by_its_name(tmp_path, start):
+    """It has no first bytes of its own, but a number."""
+    path = written(tmp_path / "a.splat", foreign_model.model())
+    path.write_bytes(start + path.read_bytes()[len(start) :])
+    assert read_model(path).splats.n_splats == foreign_model.N
+
+
 def test_an_unbundled_sog_is_read_from_its_meta(tmp_path):
     with zipfile.ZipFile(foreign_model.FOLDER / "model.sog") as bundle:
         bundle.extractall(tmp_path)
