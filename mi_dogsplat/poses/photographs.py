@@ -15,7 +15,7 @@ from PIL import Image
 
 from ..datasets.dataset import require_unique_names, view_name
 from ..datasets.images import UNREADABLE, open_image, read_image
-from ..datasets.masks import mask_files, no_mask
+from ..datasets.masks import mask_files, no_mask, require_white
 from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import replacing
@@ -125,6 +125,7 @@ def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> 
             continue
         with _readable(path) as image:
             grey = image.convert("L")
+        require_white(path, float(np.max(grey)) / 255)
         if (grey.width > grey.height) != (photograph.width > photograph.height) and photograph.turn:
             grey = grey.transpose(photograph.turn)  # painted on the pixels as the file has them
         grey = grey.resize((photograph.width, photograph.height))

@@ -75,6 +75,16 @@ def test_a_jpeg_with_a_preview_behind_it_stays_a_jpeg(tmp_path):
         assert image.size == pixels().shape[:2]
 
 
+def test_a_mask_of_ones_instead_of_white_is_refused(tmp_path):
+    for name in ("in", "masks"):
+        (tmp_path / name).mkdir()
+    Image.fromarray(pixels()).save(tmp_path / "in" / "a.png")
+    Image.fromarray(np.ones(pixels().shape[:2], np.uint8)).save(tmp_path / "masks" / "a.png")
+    made = prepared(tmp_path / "in", tmp_path / "out")
+    with pytest.raises(DataError, match="a.png: is of 0 and 1, which are both black; multiply it by 255"):
+        prepare_masks(tmp_path / "masks", made, tmp_path / "out" / "masks")
+
+
 def test_a_second_start_writes_nothing_again(tmp_path):
     (tmp_path / "in").mkdir()
     Image.fromarray(pixels()).save(tmp_path / "in" / "a.jpg", exif=tags(6))
