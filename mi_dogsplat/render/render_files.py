@@ -102,6 +102,8 @@ def render_scene(
         if not scene.sensors():
             raise RuntimeError("it has no sensor")
         integrator = scene.integrator()
+        if integrator is None:
+            raise RuntimeError("it has no integrator")
         if isinstance(integrator, SplatIntegrator):
             integrator.on_pass = on_pass
         with interruptible():

@@ -246,6 +246,7 @@ def test_a_scene_with_a_dog_shape_shows_the_model(model, tmp_path):
     ("content", "message"),
     [
         (SPHERE, "has no sensor"),
+        (SENSOR, "has no integrator"),
         ('<integrator type="dogsplat"/>' + SENSOR, 'no shape of type "dog"'),
         (
             '<integrator type="moment"><integrator type="dogsplat"/></integrator>' + SENSOR,
