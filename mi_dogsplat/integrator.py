@@ -94,6 +94,9 @@ class DogSplatIntegrator(SplatIntegrator):
         if len(nested) > 1:
             raise RuntimeError(f"dogsplat: {len(nested)} nested integrators; one renders all surfaces")
         self.nested = nested[0] if nested else None
+        if self.nested is not None and not isinstance(self.nested, mi.SamplingIntegrator):
+            kind = self.nested.class_name()
+            raise RuntimeError(f"dogsplat: a nested {kind} traces no rays of a camera; nest another, such as path")
         self._warned = False
 
     def averages(self, scene: mi.Scene) -> bool:

@@ -14,6 +14,7 @@ from .engine.parameters import RAW, ROWS, device_array, rows_of_splats
 from .engine.sh_groups import padded_on_device
 from .formats.model import Model
 from .formats.read import read_model
+from .plugin.properties import given
 from .plugin.shape_checks import require_index, require_one_degree, require_rows, require_sh_size
 from .scene.row_groups import CUTS, DOG, GROUPS, SH, SLOPES, RowGroup
 from .scene.splats import Splats
@@ -112,24 +113,24 @@ class DogShape(mi.Mesh):
         _start_as_a_point(self)
         self.set_id(props.id())
         of_groups = [name for group in GROUPS for name in (group.index, *group.names)]
-        given = [name for name in (*RAW, *of_groups) if name in props]
-        if ("filename" in props) == bool(given):
+        tensors = [name for name in (*RAW, *of_groups) if name in props]
+        if ("filename" in props) == bool(tensors):
             raise RuntimeError(
                 'dog: specify either "filename" or the tensors "means", "log_scales", "quats", "logit_opacities" and '
-                f'"sh_coeffs"; found {"both" if given else "neither"}'
+                f'"sh_coeffs"; found {"both" if tensors else "neither"}'
             )
         try:
-            if given:
-                model = Model(Splats(**{name: _to_numpy(props[name]) for name in given}))
+            if tensors:
+                model = Model(Splats(**{name: _to_numpy(props[name]) for name in tensors}))
                 self.source = "tensors"
             else:
                 resolver = cast(Any, mi.file_resolver)()
-                self.source = str(resolver.resolve(props["filename"]))
+                self.source = str(resolver.resolve(given(props, "filename", str)))
                 model = read_model(self.source)
-            matrix = np.array(props.get("to_world", mi.ScalarTransform4f()).matrix, dtype=np.float64)
+            matrix = _on_host(props.get("to_world", mi.ScalarTransform4f()))
             splats = transformed(model.splats, matrix)
         except TypeError:
-            missing = [name for name in RAW if name not in given]
+            missing = [name for name in RAW if name not in tensors]
             raise RuntimeError(f'dog: missing tensors {", ".join(missing)}') from None
         except (ValueError, OSError) as error:
             raise RuntimeError(f"dog: {error}") from None
@@ -201,7 +202,7 @@ class DogShape(mi.Mesh):
 
     def _matrix(self) -> np.ndarray:
         """The parameter ``to_world`` on the host."""
-        return np.array(dr.detach(self.to_world.matrix), dtype=np.float64).reshape(4, 4)
+        return _on_host(dr.detach(self.to_world))
 
     def _in_use(self) -> list[RowGroup]:
         """Groups that have a row; one that has been emptied may get rows again."""
@@ -251,6 +252,11 @@ def _start_as_a_point(mesh: Any) -> None:
         mesh.from_fields(faces=corners(np.zeros((1, 3), np.uint32)), positions=_tensor(np.zeros((3, 3))))
     else:
         mi.Mesh.__init__(mesh, "dog", vertex_count=3, face_count=1)
+
+
+def _on_host(transform: Any) -> np.ndarray:
+    """Matrix [4, 4] of a transform, of Mitsuba's plain numbers or of its arrays."""
+    return np.array(transform.matrix, dtype=np.float64).reshape(4, 4)
 
 
 def _tensor(values: np.ndarray) -> mi.TensorXf:

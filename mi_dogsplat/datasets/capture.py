@@ -23,6 +23,7 @@ from ..support.errors import DataError
 from ..support.files import replacing
 from ..support.pictures import write_exr, write_png, write_radiance
 from ..support.resumable import begin
+from ..support.scene_errors import scene_error
 from ..support.srgb import displayed, luminance
 from .auto_exposure import white_of_lights
 from .camera_paths import Shot, circling_shots
@@ -156,6 +157,8 @@ def _capture_view(mi: Any, plan: Plan, i: int, scene_path: Path, out: Path, conf
     except ValueError as error:
         problem, remedy = str(error).split("; ")
         raise DataError(scene_path, f"view {shot.name} {problem}", remedy) from error
+    except RuntimeError as error:
+        raise scene_error(scene_path, error, f"Mitsuba cannot render view {shot.name}") from error
     if config.depth != "none":
         depth = depth_of(shot, *first_surfaces(mi, plan.scene, shot, plan.hidden_emitters))  # [H, W]
         path = out / _depth_name(shot, config)

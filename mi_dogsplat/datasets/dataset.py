@@ -193,9 +193,9 @@ def views_named(views: Sequence[View], names: Sequence[str]) -> list[View]:
 def view_name(file: str) -> str:
     """View name of an image file as the data set spells it: no extension, no ``images`` folder, ``/`` becomes
     ``_``."""
-    parts = [
-        part for part in Path(file.replace("\\", "/")).with_suffix("").parts if part not in (".", "..", "/")
-    ]
+    path = Path(file.replace("\\", "/"))
+    path = path.with_suffix("") if path.name else path  # nothing, "." and "/" have none
+    parts = [part for part in path.parts if part not in (".", "..", "/")]
     if len(parts) > 1 and parts[0].split("_")[0] == "images":
         parts = parts[1:]
     return "_".join(parts)

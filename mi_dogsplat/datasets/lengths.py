@@ -42,7 +42,7 @@ class Standpoint:
 def length_in_units(ends: tuple[str, str], standpoints: Mapping[str, Standpoint]) -> float:
     """The distance between two places that are told as above. Raises ``DataError``.
 
-    Images have the names of the standpoints, or those of the views (``view_name``).
+    Images have the names of the standpoints, or those of the views (``view_name``); white space may stand for ``_``.
     """
     named = {view_name(name): at for name, at in standpoints.items()} | dict(standpoints)
     first, second = (_place(end, named) for end in ends)
@@ -90,7 +90,9 @@ def _place(told: str, standpoints: Mapping[str, Standpoint]) -> np.ndarray:
 
 
 def _named(name: str, standpoints: Mapping[str, Standpoint]) -> Standpoint | None:
-    return standpoints.get(name) or standpoints.get(view_name(name))
+    plain = view_name(name)
+    spelt = (name, plain, re.sub(r"\s", "_", plain))  # the last as structure from motion has taken it over
+    return next((standpoints[word] for word in spelt if word in standpoints), None)
 
 
 def _no_image(name: str, standpoints: Mapping[str, Standpoint]) -> DataError:

@@ -17,6 +17,7 @@ from .images import box_downscale, read_image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tif", ".tiff", ".webp", ".ppm")  # in lower or upper case
 USED = 0.5  # grey level from which a pixel counts
+ONE = 1.01 / 255  # grey level of the number 1, in 8 bits and in more
 
 
 class Masks:
@@ -43,6 +44,7 @@ class Masks:
         if path is None:
             return None
         grey, camera = read_image(path)[..., :3].mean(axis=2), view.camera  # [H', W']
+        require_white(path, float(grey.max()))
         if view.straight:
             source = view.straight.source
             grey = view.straight.image(_resized(grey, source.width, source.height)[..., None])[..., 0]
@@ -61,6 +63,12 @@ def mask_files(folder: Path) -> dict[str, Path]:
             image = image.with_suffix("")
         paths.setdefault(view_name(str(image)), path)
     return paths
+
+
+def require_white(path: Path, brightest: float) -> None:
+    """Raise ``DataError`` for a mask whose brightest pixel, 0..1, is the number 1: all of it would be black."""
+    if 0 < brightest <= ONE:
+        raise DataError(path, "is of 0 and 1, which are both black", "multiply it by 255: white is what counts")
 
 
 def no_mask(folder: Path, view: str) -> DataError:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..scene.mitsuba_cameras import camera_from_mitsuba
 from ..support.errors import DataError, interruptible
+from ..support.scene_errors import scene_error
 from ..support.srgb import linear_to_srgb
 from .dataset import Dataset, View, every_eighth, held_out, no_points, require_unique_names, views_named
 from .given_cameras import sensor_name
@@ -49,7 +50,10 @@ def load_mitsuba_scene(file: Path, downscale: int, spp: int, split: str = "test"
             raise DataError(
                 file, f'sensor "{sensor.id()}": {error}', "correct or remove that sensor"
             ) from error
-        linear = _render(mi, scene, i, spp)  # [H, W, 3 or 4]
+        try:
+            linear = _render(mi, scene, i, spp)  # [H, W, 3 or 4]
+        except RuntimeError as error:
+            raise scene_error(file, error, f'Mitsuba cannot render sensor "{sensor.id()}"') from error
         if not np.isfinite(linear).all():
             raise DataError(file, f'the render of sensor "{sensor.id()}" is not finite', "correct the scene")
         linear_images.append(box_downscale(linear, downscale))

@@ -38,8 +38,10 @@ def read_point_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     colors = np.stack([table[channel] for channel in ("red", "green", "blue")], axis=1)  # [P, 3]
     if not np.isfinite(colors).all() or np.abs(colors).max(initial=0) > MAX_COLOR:
         raise DataError(path, "a colour is none", REMEDY)
-    # uchar columns hold 0..255. ASCII tables come as doubles whatever the header says: there the values tell.
-    full = 255 if colors.dtype.kind == "u" or colors.max(initial=0) > 1 else 1
+    # uchar columns hold 0..255, ushort those or 0..65535. ASCII tables come as doubles whatever the header says: there
+    # the values tell.
+    brightest = colors.max(initial=0)
+    full = MAX_COLOR if brightest > 255 else 255 if colors.dtype.kind == "u" or brightest > 1 else 1
     return points, (colors / full).astype(np.float32)
 
 

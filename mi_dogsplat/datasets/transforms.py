@@ -141,7 +141,7 @@ def _image_path(folder: Path, name: str) -> Path:
     """The image that ``file_path`` names, which may omit the extension; the name as given if there is
     none."""
     path = folder / name.replace("\\", "/")
-    candidates = (path.with_name(path.name + extension) for extension in EXTENSIONS)
+    candidates = (path.parent / (path.name + extension) for extension in EXTENSIONS)
     return next((candidate for candidate in candidates if is_file(candidate)), path)
 
 

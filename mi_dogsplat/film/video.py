@@ -28,12 +28,15 @@ def require_even(out: Path, size: tuple[int, int]) -> None:
 def write_video(out: Path, frames: Iterable[np.ndarray], size: tuple[int, int], fps: int, crf: int) -> None:
     """Encode frames, float [H, W, 3] in 0..1, as they come; ``out`` appears with the last one.
 
+    ffmpeg gets its whole path: what is before a colon in a relative one would be a protocol.
+
     Raises ``OSError`` where it cannot be written, ``ModuleNotFoundError`` without PyAV.
     """
     import av
     from av.video.reformatter import ColorRange, Colorspace
 
-    with replacing(out) as part, av.open(str(part), "w", format="mp4", options={"movflags": "faststart"}) as file:
+    options = {"movflags": "faststart"}
+    with replacing(out.absolute()) as part, av.open(str(part), "w", format="mp4", options=options) as file:
         stream = file.add_stream("libx264", rate=fps, options={"crf": str(crf)})
         stream.width, stream.height = size
         stream.pix_fmt = "yuv420p"

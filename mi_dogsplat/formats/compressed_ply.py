@@ -54,7 +54,8 @@ def encode(splats: Splats, comments: Sequence[str] = ()) -> bytes:
     rotations = (largest.astype(np.uint32) << 30) | _packed(three / SQRT2 + 0.5, BITS_OF_ROTATION)
     words[2] |= _packed(splats.opacities[:, None], ((0, 8),))
     positions, packed_scales, packed_colors = words
-    rest = splats.sh_coeffs[:, 1:].transpose(0, 2, 1).reshape(n, -1)  # [N, 3 (K - 1)] channel-major
+    k = splats.sh_coeffs.shape[1]
+    rest = splats.sh_coeffs[:, 1:].transpose(0, 2, 1).reshape(n, 3 * (k - 1))  # channel-major
     sh = np.clip(np.floor((rest / SH_RANGE + 0.5) * 256), 0, 255).astype(np.uint8)
     chunks = np.concatenate(bounds, axis=1)  # [chunks, 18]
     about_rows, rows = trailer.encode(splats)
@@ -107,7 +108,7 @@ def read(path: Path) -> Model:
         rest = (middle - 0.5) * SH_RANGE
         if rest.shape[1] not in (0, 9, 24, 45):
             reader.fail(f"{rest.shape[1]} properties of spherical harmonics, but degree 0, 1, 2, 3 has 0, 9, 24, 45")
-        sh = np.concatenate([sh, rest.reshape(n, 3, -1).transpose(0, 2, 1)], axis=1)
+        sh = np.concatenate([sh, rest.reshape(n, 3, rest.shape[1] // 3).transpose(0, 2, 1)], axis=1)
     splats = Splats(
         means=between(0, "packed_position", BITS_OF_POSITION),
         log_scales=between(1, "packed_scale", BITS_OF_POSITION),

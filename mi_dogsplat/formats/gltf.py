@@ -18,7 +18,7 @@ from ..scene.drawing import EXTRAS, Drawing
 from ..scene.splats import Array, Splats
 from .gltf_container import glb, gltf
 from .gltf_read import DISPLAY, LINEAR, NAME, placing, read
-from .packing import unit_quats
+from .packing import finite_scales, unit_quats
 
 FLOAT, BYTE, ARRAY_BUFFER, POINTS = 5126, 5121, 34962, 0
 KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
@@ -32,7 +32,7 @@ def attributes(splats: Splats) -> dict[str, Array]:
         "POSITION": splats.means,
         "COLOR_0": np.round(np.clip(colors, 0, 1) * 255).astype(np.uint8),
         f"{NAME}:ROTATION": unit_quats(splats).astype(np.float32),
-        f"{NAME}:SCALE": splats.scales,
+        f"{NAME}:SCALE": finite_scales(splats),
         f"{NAME}:OPACITY": splats.opacities[:, None],
     }
     return found | {name: splats.sh_coeffs[:, k] for k, name in enumerate(sh_names(splats.sh_degree))}

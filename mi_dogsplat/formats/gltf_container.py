@@ -88,6 +88,8 @@ class Container:
     def _buffer(self, index: Any) -> bytes:
         if index not in self.buffers:
             uri = _entry(self.content["buffers"], index).get("uri")
+            if uri is None and index:  # the bytes of a .glb are its first buffer alone
+                raise ValueError(f"buffer {index} has no bytes that are not compressed")
             self.buffers[index] = self.binary if uri is None else self._fetched(uri)
         return self.buffers[index]
 

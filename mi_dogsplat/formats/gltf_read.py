@@ -19,7 +19,7 @@ import numpy as np
 from ..scene.drawing import Drawing, drawing_of_extras
 from ..scene.orientation import UP, placement
 from ..scene.splats import Array, Splats
-from ..scene.transform import transformed
+from ..scene.transform import mean_scale, transformed
 from ..support.errors import DataError
 from .gltf_container import Container, matrix_of
 from .limits import FREE, RATIO
@@ -80,7 +80,9 @@ def _says(drawing: Drawing, matrix: Array) -> bool:
 def _moved(model: Model, matrix: Array) -> Model:
     """The model where its node has it. What it said of its place is over then: the axes and metres of glTF hold."""
     said, drawing = {"up": UP, "scale": 1.0}, model.drawing
-    now = {name: value for name, value in said.items() if getattr(drawing, name) is not None}
+    now: dict[str, Any] = {name: value for name, value in said.items() if getattr(drawing, name) is not None}
+    if drawing.near_clip is not None:  # a length, too
+        now["near_clip"] = drawing.near_clip * mean_scale(matrix)
     return replace(model, splats=transformed(model.splats, matrix), drawing=replace(drawing, **now))
 
 

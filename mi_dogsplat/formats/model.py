@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
 
 from ..scene.drawing import Drawing
-from ..scene.splats import Splats
+from ..scene.row_groups import GROUPS
+from ..scene.splats import DENSE, Splats
+from ..support.errors import DataError
 
 
 @dataclass(frozen=True)
@@ -17,3 +22,13 @@ class Model:
     drawing: Drawing = Drawing()
     left_out: tuple[str, ...] = ()
     """a line for each thing in the file that has no place here"""
+
+
+def require_finite(path: Path, splats: Splats, remedy: str) -> None:
+    """Raise ``DataError`` about a file where a number of its model is none, with the first such primitive."""
+    of_groups = {name: getattr(splats, group.index) for group in GROUPS for name in group.names}
+    for name in (*DENSE, *of_groups):
+        bad = np.argwhere(~np.isfinite(getattr(splats, name)))
+        if len(bad):
+            first = of_groups[name][bad[0][0]] if name in of_groups else bad[0][0]
+            raise DataError(path, f"{len(bad)} values of {name} are not finite, first in primitive {first}", remedy)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import stat
 from dataclasses import replace
 from pathlib import Path
@@ -9,16 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from ..scene.radiance import brightened
-from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.files import parse_json
 from . import gltf_container, sog_read, spz_container
-from .model import Model
+from .model import Model, require_finite
 from .packing import turned
 from .table import COMPRESSED_PLY, FORMATS, GLB, PLY, SOG, SPLAT, SPZ, Format
 
 HEAD = 4096  # bytes that are looked at first
-ZIP = b"PK\x03\x04"
+ZIP, DEFLATED = b"PK\x03\x04", spz_container.GZIP + b"\x08"  # the only method that gzip has
 MODEL_NAMES = f"a model ({' '.join(FORMATS)}, or the {sog_read.META} of SOG)"
 
 
@@ -34,7 +34,7 @@ def read_model(path: str | Path) -> Model:
             model = chosen.read(path)
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
-    _check_finite(path, model.splats)
+    require_finite(path, model.splats, "the file is damaged: copy or export it again")
     if chosen.in_white and model.drawing.linear and model.drawing.white:
         model = replace(model, splats=brightened(model.splats, model.drawing.white))
     return model if chosen.turn is None else replace(model, splats=turned(model.splats, chosen.turn))
@@ -84,13 +84,22 @@ def _by_content(path: Path, head: bytes) -> Format | None:
         return COMPRESSED_PLY if b"packed_position" in head else PLY
     if head[:4] == gltf_container.MAGIC.to_bytes(4, "little"):
         return GLB
-    if head[:2] == spz_container.GZIP or head[:4] == spz_container.NGSP:
+    if head[:3] == DEFLATED or head[:4] == spz_container.NGSP:
         return SPZ
     if head[:4] == ZIP:
         return SOG
-    if head.lstrip()[:1] == b"{" and path.suffix.lower() != ".gltf":
+    if head.lstrip()[:1] == b"{" and path.suffix.lower() != ".gltf" and _is_text(head):
         return SOG if path.name.lower() == sog_read.META or _has_means(path) else GLB
     return None
+
+
+def _is_text(head: bytes) -> bool:
+    """Whether bytes begin a text: the first number of one .splat in 256 begins as a JSON does."""
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)  # a character may be cut off at the end
+    except UnicodeDecodeError:
+        return False
+    return b"\0" not in head
 
 
 def _has_means(path: Path) -> bool:
@@ -100,12 +109,3 @@ def _has_means(path: Path) -> bool:
     except ValueError:
         return False
     return isinstance(content, dict) and "means" in content
-
-
-def _check_finite(path: Path, splats: Splats) -> None:
-    for name in ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs"):
-        finite = np.isfinite(getattr(splats, name))
-        if not finite.all():
-            bad = np.argwhere(~finite)
-            problem = f"{len(bad)} values of {name} are not finite, first in primitive {bad[0][0]}"
-            raise DataError(path, problem, "the file is damaged: copy or export it again")

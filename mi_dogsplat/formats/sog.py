@@ -47,7 +47,7 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
         return name
 
     logs = np.sign(splats.means) * np.log1p(np.abs(splats.means.astype(np.float64)))  # [N, 3]
-    low, high = logs.min(axis=0), logs.max(axis=0)
+    low, high = (end(logs, axis=0) if n else np.zeros(3) for end in (np.min, np.max))
     steps = np.round((logs - low) / np.where(high > low, high - low, 1) * 65535).astype(np.uint16)
     means = {"mins": low.tolist(), "maxs": high.tolist()}
     means["files"] = [store("means_l.webp", steps & 255), store("means_u.webp", steps >> 8)]
@@ -64,7 +64,7 @@ def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     meta["scales"] = {"codebook": _short(sizes), "files": [scales]}
     meta["quats"] = {"files": [store("quats.webp", quats)]}
     meta["sh0"] = {"codebook": _short(dc), "files": [store("sh0.webp", sh0)]}
-    if splats.sh_degree:
+    if splats.sh_degree and n:
         rest = splats.sh_coeffs[:, 1:].reshape(n, -1)  # [N, 3 (K - 1)] red, green, blue of one coefficient in turn
         labels, centroids = palette(rest, palette_size(n))
         table = codebook(centroids)

@@ -16,7 +16,7 @@ import numpy as np
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .model import Model
-from .packing import logits, unit_quats
+from .packing import finite_scales, logits, unit_quats
 
 C0 = 0.28209479177387814
 ROW = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("rgba", "u1", 4), ("quats", "u1", 4)])
@@ -28,7 +28,7 @@ def encode(splats: Splats) -> bytes:
     """The file of a model of plain Gaussians; view dependence is left out."""
     rows = np.zeros(splats.n_splats, ROW)
     colors = np.concatenate([splats.sh_coeffs[:, 0] * C0 + 0.5, splats.opacities[:, None]], axis=1)  # [N, 4]
-    rows["means"], rows["scales"] = splats.means, splats.scales
+    rows["means"], rows["scales"] = splats.means, finite_scales(splats)
     rows["rgba"] = np.round(np.clip(colors, 0, 1) * 255)
     rows["quats"] = np.clip(np.round(unit_quats(splats)[:, [3, 0, 1, 2]] * MIDDLE + MIDDLE), 0, 255)
     size = splats.log_scales.astype(np.float64).sum(axis=1) + np.log(np.maximum(splats.opacities, 1e-30))

@@ -24,7 +24,8 @@ class Format:
     """A format; readers and writers have the axes of the file, which ``turn`` takes from those of 3DGS PLY, or back.
 
     carries: fields of ``Drawing`` that it can say. dog, slopes, cuts, mixed_sh: it holds DoG primitives, colours that
-    vary over theirs, primitives that a plane cuts off, SH degrees of single ones. sh_degree: the highest that it holds.
+    vary over theirs, primitives that a plane cuts off, SH degrees of single ones. empty: it may hold no primitive at
+    all. sh_degree: the highest that it holds.
     order: in which primitives compress best; None: it does not matter. in_white: linear colours are in units of white
     in the file, as its codes are made for 0 to 1. brightest: of colours, in these units, which it can say.
     """
@@ -38,6 +39,7 @@ class Format:
     slopes: bool = False
     cuts: bool = False
     mixed_sh: bool = False
+    empty: bool = True
     sh_degree: int = 3
     order: Callable[[Splats], Array] | None = None
     in_white: bool = False
@@ -104,8 +106,17 @@ SOG = Format(
     order=in_space,
     in_white=True,
 )
-GLB = Format("glTF", gltf.read, _written(lambda model: gltf.encode(model.splats, model.drawing)), ALL, LUF)
-GLTF = Format("glTF", gltf.read, _written(lambda model: gltf.encode(model.splats, model.drawing, False)), ALL, LUF)
+GLB, GLTF = (
+    Format(
+        "glTF",
+        gltf.read,
+        _written(lambda model, binary=binary: gltf.encode(model.splats, model.drawing, binary)),
+        ALL,
+        LUF,
+        empty=False,  # its accessors have a row at least
+    )
+    for binary in (True, False)
+)
 SPLAT = Format(
     ".splat",
     splat.read,

@@ -14,11 +14,12 @@ from ..scene.splats import Splats
 from ..scene.whole import whole
 from ..support.errors import DataError
 from ..support.wording import count
-from .model import Model
+from .model import Model, require_finite
 from .packing import turned
 from .spz import BRIGHTEST
+from .spz import encode as encode_spz
 from .spz_container import rewrapped
-from .table import SPZ, Format, format_to_write, write_bytes
+from .table import PLY, SPZ, Format, format_to_write, write_bytes
 
 SPZ_VERSIONS = (3, 4)  # that are written
 
@@ -35,8 +36,9 @@ def write_model(
         sh_rows: keep the SH degrees of single primitives where the format can, the layout "rows" of ``write_ply``; else
             all get the coefficients of the highest, as all programs read them.
 
-    Raises ``DataError`` when the format or place cannot be written, and for DoG primitives where it knows none
-    (``export.bake.baked`` makes plain Gaussians of them).
+    Raises ``DataError`` when the format or place cannot be written, for values that are not finite, for no primitives
+    where a format must have some, and for DoG primitives where it knows none (``export.bake.baked`` makes plain
+    Gaussians of them).
     """
     path = Path(path)
     chosen = format_to_write(path)
@@ -45,6 +47,9 @@ def write_model(
     if splats.n_dog and not chosen.dog:
         problem = f"{chosen.name} has no room for DoG, the model has {splats.n_dog} of them"
         raise DataError(path, problem, "bake them first, as dogsplat export does, or write a .ply")
+    if not splats.n_splats and not chosen.empty:
+        problem = f"{chosen.name} has no room for a model without primitives"
+        raise DataError(path, problem, "write one that has some, or a .ply")
     if spz_version not in SPZ_VERSIONS:
         raise DataError(path, f"SPZ {spz_version} is not written", f"use version {' or '.join(map(str, SPZ_VERSIONS))}")
     silent = chosen is SPZ and spz_version == 4 and bool(model.drawing.linear)  # its header has no room for a comment
@@ -57,6 +62,8 @@ def write_model(
         splats = splats.without_slopes()
     if not (sh_rows and chosen.mixed_sh):
         splats = splats.uniform_sh()
+    if chosen is not PLY:  # whose writer looks at its numbers by itself
+        require_finite(path, splats, "nothing was written; remove those primitives")
     if chosen.order:
         splats = splats.select(chosen.order(splats))
     if chosen.in_white and model.drawing.linear and model.drawing.white:
@@ -64,9 +71,10 @@ def write_model(
     if chosen.turn:
         splats = turned(splats, chosen.turn)
     said = replace(model.drawing, linear=None) if silent else model.drawing
-    chosen.write(path, replace(model, splats=splats, drawing=said))
     if chosen is SPZ and spz_version == 4:
-        write_bytes(path, rewrapped(path, path.read_bytes()))
+        write_bytes(path, rewrapped(path, encode_spz(splats, said)))
+    else:
+        chosen.write(path, replace(model, splats=splats, drawing=said))
     return lost
 
 

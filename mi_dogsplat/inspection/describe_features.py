@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..formats.read import read_model
+from ..support.scene_errors import scene_error
 from .features import choices_of_a_render, model_features, scene_features, splat_scene
 from .info import kind_of
 from .training_features import dataset_features, run_features
@@ -25,5 +26,8 @@ def describe_features(path: str | Path) -> list[str]:
         found = run_features(path)
     else:
         scene = splat_scene(path)
-        found = scene_features(scene) if scene else dataset_features(path)
+        try:
+            found = scene_features(scene) if scene else dataset_features(path)
+        except RuntimeError as error:  # of what it is drawn with
+            raise scene_error(path, error, "cannot be drawn") from error
     return [f"{path}: what it needs and what is left out", *map(str, found), LEGEND]

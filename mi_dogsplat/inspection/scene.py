@@ -40,4 +40,9 @@ def describe_scene(path: Path) -> list[str]:
     ]
     problems = [] if ours else [f"  the integrator {name} does not know splats: use dogsplat or dogpath"]
     problems += [] if sizes else ["  there is no sensor: nothing can be rendered"]
+    if ours:
+        try:
+            integrator.drawn_as(scene)
+        except RuntimeError as error:  # its files disagree
+            problems.append(f"  {str(error).removeprefix('dogsplat: ')}")
     return lines + (["problems:", *problems] if problems else ["problems: none found"])

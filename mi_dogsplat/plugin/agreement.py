@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
 from ..scene.drawing import Drawing, DrawnAs, drawn_as
 
 PROPERTIES = {"antialiased": "antialiased", "near_clip": "near_clip", "linear": "srgb_primitives"}  # of the integrator
+ROUNDING = 1e-5  # relative: lengths of a file are scaled by ``to_world``, whose numbers are float32
 
 
 def agreed(own: Drawing, shapes: Iterable[Any]) -> DrawnAs:
@@ -19,9 +21,13 @@ def agreed(own: Drawing, shapes: Iterable[Any]) -> DrawnAs:
     for shape in shapes:
         for name, value in shape.drawing.said().items():
             other, source = said.setdefault(name, (value, shape.source))
-            if name in PROPERTIES and other != value and getattr(own, name) is None:
+            if name in PROPERTIES and not _same(other, value) and getattr(own, name) is None:
                 raise RuntimeError(
                     f"dogsplat: {source} is to be drawn with {name} {other}, {shape.source} with {value}; "
                     f'set "{PROPERTIES[name]}" of the integrator'
                 )
     return drawn_as(own, Drawing(**{name: value for name, (value, _) in said.items()}))
+
+
+def _same(a: float, b: float) -> bool:
+    return math.isclose(a, b, rel_tol=ROUNDING)

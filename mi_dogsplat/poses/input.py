@@ -9,11 +9,13 @@ from ..datasets.colmap import find_model
 from ..datasets.masks import SUFFIXES
 from ..datasets.transforms import find_transforms
 from ..support.errors import DataError
+from .config import SETTINGS
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg")
 PHONES = (".heic", ".heif", ".avif")  # Pillow reads none of the first two, and of no capture are there the third
 RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".srw", ".pef")
 FEWEST = 2
+OURS = {SETTINGS, "capture.json", "film.json"}  # each in a folder that was made here; a run is told by ``_made_here``
 
 
 def is_video(path: Path) -> bool:
@@ -34,13 +36,13 @@ def needs_poses(path: str | Path) -> bool:
 def find_photographs(folder: Path, out: Path) -> dict[str, Path]:
     """Images of a folder and of those below it, by their names in there, sorted.
 
-    Left out: what lies in ``out``, in folders called ``masks``, in hidden ones; and all but ``images`` where there is
-    such a folder, as others beside it hold smaller copies. Raises ``DataError`` where there are fewer than two, and
-    for images that cannot be read here: leaving out a part of a capture would not be noticed.
+    Left out: what lies in ``out``, in results of other commands (``_made_here``), in folders called ``masks``, in
+    hidden ones; and all but ``images`` where there is such a folder, as others beside it hold smaller copies. Raises
+    ``DataError`` where there are fewer than two, and for images that cannot be read here: leaving out a part of a
+    capture would not be noticed.
     """
     top = folder / "images" if (folder / "images").is_dir() else folder
-    others = [path for path in _files(top, (*PHONES, *RAW)) if not path.is_relative_to(out)]
-    found = [path for path in _files(top, SUFFIXES) if not path.is_relative_to(out)]
+    others, found = (_files(top, suffixes, out.resolve()) for suffixes in ((*PHONES, *RAW), SUFFIXES))
     stems = {path.with_suffix("") for path in found}  # a camera may write both
     if unread := [path for path in others if path.with_suffix("") not in stems]:
         kind = "raw" if unread[0].suffix.lower() in RAW else unread[0].suffix[1:].upper()
@@ -74,10 +76,20 @@ def require_input(path: Path) -> None:
         raise DataError(path, f"is {one}", f"give a folder of images, or a video ({', '.join(VIDEOS[:5])})")
 
 
-def _files(top: Path, suffixes: tuple[str, ...]) -> list[Path]:
-    """Files with one of the suffixes, of whatever case, sorted; none of ``masks`` nor of hidden folders."""
+def _files(top: Path, suffixes: tuple[str, ...], out: Path | None = None) -> list[Path]:
+    """Files with one of the suffixes, of whatever case, sorted; none of ``masks``, of hidden folders, of folders that
+    were made here, nor of ``out``, a path without links."""
     found = []
     for folder, names, files in os.walk(top):
         names[:] = [name for name in names if name != "masks" and name[0] != "."]
+        if Path(folder).resolve() == out or (Path(folder) != top and _made_here(files)):
+            names.clear()
+            continue
         found += [Path(folder, file) for file in files if Path(file).suffix.lower() in suffixes and file[0] != "."]
     return sorted(found)
+
+
+def _made_here(files: list[str]) -> bool:
+    """Whether a folder of these files is a result: of poses, a capture, a film, or a run, with settings and history."""
+    is_run = "config.json" in files and any(file.endswith(".jsonl") for file in files)
+    return is_run or not OURS.isdisjoint(files)

@@ -15,13 +15,14 @@ from PIL import Image
 
 from ..datasets.dataset import require_unique_names, view_name
 from ..datasets.images import UNREADABLE, open_image, read_image
-from ..datasets.masks import mask_files, no_mask
+from ..datasets.masks import mask_files, no_mask, require_white
 from ..support.cores import usable_cores
 from ..support.errors import DataError
 from ..support.files import replacing
 from .exif import QUARTER_TURNS, read_exif
 
 AS_THEY_ARE = {"JPEG": "RGB L", "PNG": "RGB L RGBA"}  # modes that every tool reads; the file is copied
+KINDS = {"MPO": "JPEG"}  # a JPEG with a preview behind the picture, as drones and phones write it
 QUALITY = {"quality": 95, "subsampling": 0}  # of JPEG where pixels were turned
 
 
@@ -59,7 +60,7 @@ def prepare(sources: Mapping[str, Path], folder: Path, progress: Callable[[int, 
 
 def _prepared(name: str, source: Path, folder: Path) -> Photograph:
     with _readable(source) as image:
-        exif, kind = read_exif(image), image.format or ""
+        exif, kind = read_exif(image), KINDS.get(image.format or "", image.format or "")
         copied = exif.turn is None and image.mode in AS_THEY_ARE.get(kind, "").split()
         target = folder / _solid(name)
         if not copied and kind != "JPEG":
@@ -124,6 +125,7 @@ def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> 
             continue
         with _readable(path) as image:
             grey = image.convert("L")
+        require_white(path, float(np.max(grey)) / 255)
         if (grey.width > grey.height) != (photograph.width > photograph.height) and photograph.turn:
             grey = grey.transpose(photograph.turn)  # painted on the pixels as the file has them
         grey = grey.resize((photograph.width, photograph.height))

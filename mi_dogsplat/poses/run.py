@@ -81,13 +81,14 @@ def find_poses(
     if not sources:
         require_av()
     masks = mask_folder(source, config.masks)
-    begin(out / SETTINGS, _settings(source, list(sources.values()) or [source], config), "search for poses", FREE)
+    top = out / "distorted" if config.undistort else out
+    free = FREE if _model_folder(top).is_dir() else (*FREE, "scale")  # it is measured in the model, once there is one
+    begin(out / SETTINGS, _settings(source, list(sources.values()) or [source], config), "search for poses", free)
     with locked(out, "another process is looking for poses in it"):
         remove_parts(out)
         if not is_done(out):
             (out / DATABASE).parent.mkdir(exist_ok=True)
             stages = Stages(out / SECONDS, progress)
-            top = out / "distorted" if config.undistort else out
             if not _model_folder(top).is_dir():
                 _reconstruct(pycolmap, source, sources, masks, out, top, config, stages)
             if config.undistort:

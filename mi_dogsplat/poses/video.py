@@ -37,7 +37,7 @@ def read_frames(path: Path) -> Iterator[tuple[int, Any]]:
     logging.set_level(logging.PANIC)  # what is damaged is told in one line, here
     index = damaged = 0
     try:
-        with av.open(str(path), options=OPTIONS) as container:
+        with av.open(str(path.absolute()), options=OPTIONS) as container:  # "12:30.mp4" alone would be a protocol
             if not container.streams.video:
                 raise DataError(path, "holds no pictures, only sound", "give a video")
             stream = container.streams.video[0]

@@ -88,6 +88,8 @@ def render_scene(
 
     path, out = Path(path), Path(out)
     require_suffix(out)
+    if out.suffix.lower() == ".npz":
+        raise DataError(out, "arrays hold pictures of models only", "name a file that ends in .png or .exr")
     if spp < 0:
         raise DataError("--spp", f"{spp} samples per pixel are not possible", "give 1 or more")
     if not path.is_file():
@@ -100,6 +102,8 @@ def render_scene(
         if not scene.sensors():
             raise RuntimeError("it has no sensor")
         integrator = scene.integrator()
+        if integrator is None:
+            raise RuntimeError("it has no integrator")
         if isinstance(integrator, SplatIntegrator):
             integrator.on_pass = on_pass
         with interruptible():
@@ -107,8 +111,6 @@ def render_scene(
         bitmap = scene.sensors()[0].film().bitmap()
     except (RuntimeError, ValueError) as error:  # plugins report wrong parameters and files with either
         raise scene_error(path, error, "Mitsuba cannot render it") from error
-    if out.suffix.lower() == ".npz":
-        raise DataError(out, "arrays hold pictures of models only", "name a file that ends in .png or .exr")
     if out.suffix.lower() == ".exr":
         planes = np.array(bitmap).reshape(bitmap.height(), bitmap.width(), -1)  # [H, W, channels]
         named = {field.name: planes[..., k] for k, field in enumerate(bitmap.struct_())}
@@ -140,7 +142,8 @@ def _aovs(out: Path, aovs: str | None) -> list[str]:
     try:
         names = read_names("depth" if aovs is None else aovs)
     except ValueError as error:
-        raise DataError("--aovs", *str(error).split("; ")) from error
+        problem, _, remedy = str(error).rpartition("; ")
+        raise DataError("--aovs", problem, remedy) from error
     return [name for name in names if name != "alpha"]  # the channel A, which every such file has
 
 

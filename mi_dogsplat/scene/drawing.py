@@ -117,7 +117,7 @@ def value_of(name: str, value: Any) -> Any:
         return None
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None
     usable = math.isfinite(number) and (number > 0 if name in ("scale", "white") else number >= 0)
     return number if usable else None
@@ -132,4 +132,5 @@ def _direction(value: Any) -> str | None:
 
 
 def _text(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    """One word; a direction may have spaces between its numbers."""
+    return str(value).lower() if isinstance(value, bool) else "".join(str(value).split())

@@ -69,7 +69,7 @@ def parse_json(text: str) -> Any:
 def read_json(path: Path, remedy: str) -> Any:
     """What a JSON file holds. Raises ``DataError`` that ends with the remedy."""
     try:
-        return parse_json(path.read_text(encoding="utf-8"))
+        return parse_json(path.read_text(encoding="utf-8-sig"))  # editors of Windows begin a file with a mark
     except json.JSONDecodeError as error:
         raise DataError(path, f"not valid JSON in line {error.lineno} ({error.msg})", remedy) from error
     except OSError as error:

@@ -45,6 +45,12 @@ def test_a_render_that_is_not_finite_names_its_view(tmp_path):
     assert "view 000 renders to NaN or infinity" in error_of(scene, tmp_path / "out", tiny())
 
 
+def test_a_scene_that_is_refused_when_it_is_rendered_is_one_line(tmp_path):
+    scene = write_scene(tmp_path, integrator='<integrator type="dogsplat"/>')
+    error = error_of(scene, tmp_path / "out", tiny())
+    assert error == f'{scene}: dogsplat: the scene has no shape of type "dog"; correct the scene'
+
+
 def test_the_command_shows_where_it_looks_and_how_far_it_is(tmp_path, capsys):
     scene = write_scene(tmp_path, captured_scenes.sensor("a"))
     out = tmp_path / "out"

@@ -22,6 +22,16 @@ def test_colmap_layouts_and_both_encodings_give_the_same_views_points_and_observ
     assert check.color_difference is not None and check.color_difference < 1e-6
 
 
+def test_text_files_of_windows_are_read(tmp_path):
+    colmap_folder(tmp_path, text=True)
+    expected = load_dataset(tmp_path)
+    for path in (tmp_path / "sparse" / "0").glob("*.txt"):
+        path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
+    found = load_dataset(tmp_path)
+    assert [view.name for view in found.views] == [view.name for view in expected.views]
+    np.testing.assert_array_equal(found.points, expected.points)
+
+
 def test_the_model_folder_itself_finds_the_images_above_it(tmp_path):
     colmap_folder(tmp_path)
     assert len(load_dataset(tmp_path / "sparse" / "0").views) == N_VIEWS

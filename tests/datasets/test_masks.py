@@ -75,6 +75,18 @@ def test_masks_of_any_size_are_scaled_and_read_as_black_or_white(tmp_path):
         assert mask is not None and mask.tolist() == expected.tolist()
 
 
+def test_a_mask_of_ones_instead_of_white_is_refused(tmp_path):
+    view = View("a", tiny_data.cameras(1, 4, 6)[0], np.zeros((6, 4, 3), np.float32))
+    for number, kind in ((1, np.uint8), (1, np.uint16), (0, np.uint8)):
+        Image.fromarray(np.full((6, 4), number, kind)).save(tmp_path / "a.png")
+        if number:
+            with pytest.raises(DataError, match="a.png: is of 0 and 1, which are both black; multiply it by 255"):
+                Masks(tmp_path, [view]).of(view)
+            continue
+        mask = Masks(tmp_path, [view]).of(view)
+        assert mask is not None and not mask.any()
+
+
 @pytest.mark.parametrize(
     "mask", ["left/1.png", "left/1.JPG", "left/1.JPG.png", "left_1.webp", "left/1.PNG.png", "images/left/1.tif.png"]
 )

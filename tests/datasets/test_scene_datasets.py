@@ -47,6 +47,14 @@ def test_a_mitsuba_scene_that_cannot_be_loaded_or_has_a_lens_is_one_line(tmp_pat
     assert "perspective" in error_of(file, spp=1)
 
 
+def test_a_scene_that_is_refused_when_it_is_rendered_is_one_line(tmp_path):
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("llvm_ad_rgb")
+    file = scene_file(tmp_path)
+    file.write_text(file.read_text().replace('<integrator type="path">', '<integrator type="dogsplat">'))
+    assert 'scene.xml: dogsplat: the scene has no shape of type "dog"; correct the scene' in error_of(file, spp=1)
+
+
 def test_a_scene_of_splats_is_no_data_set(tmp_path):
     """It is refused before its models are looked for."""
     mi = pytest.importorskip("mitsuba")

@@ -38,7 +38,7 @@ def test_the_split_is_taken_from_the_train_and_test_files_or_from_test_filenames
     transforms_folder(tmp_path / "a", "transforms_test.json", 2, "test")
     dataset = load_dataset(tmp_path / "a")
     assert [view.name for view in dataset.test] == ["test_r_0", "test_r_1"] and len(dataset.train) == 3
-    dataset = load_dataset(transforms_folder(tmp_path / "b", test_filenames=["images/r_1.png"]))
+    dataset = load_dataset(transforms_folder(tmp_path / "b", test_filenames=["images/r_1.png", "", "/"]))
     assert [view.name for view in dataset.test] == ["r_1"]
 
 
@@ -73,6 +73,7 @@ def test_points_come_from_the_named_ply_and_wrong_poses_are_caught_by_them(tmp_p
             "rotation",
         ),
         ({"frames": [{"file_path": "images/r_0", "transform_matrix": [[1, 2], [3]]}]}, "r_0"),
+        ({"frames": [{"file_path": "/", "transform_matrix": np.eye(4).tolist()}]}, "image not found"),
         (
             {"frames": [{"file_path": "images/r_0", "transform_matrix": [[float("nan")] * 4] * 4}]},
             "not finite",
@@ -81,6 +82,12 @@ def test_points_come_from_the_named_ply_and_wrong_poses_are_caught_by_them(tmp_p
 )
 def test_a_transforms_file_that_cannot_be_used_is_one_line(tmp_path, change, expected):
     assert expected in error_of(transforms_folder(tmp_path, **change))
+
+
+def test_the_mark_that_editors_of_windows_begin_a_file_with_is_passed_over(tmp_path):
+    path = transforms_folder(tmp_path) / "transforms.json"
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert load_dataset(tmp_path).views
 
 
 def test_invalid_json_names_its_line(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 import tiny_data
 from dataset_folders import colmap_folder
 from mi_dogsplat.datasets import load_dataset
-from mi_dogsplat.datasets.lengths import length_in_units, standpoints_of
+from mi_dogsplat.datasets.lengths import Standpoint, length_in_units, standpoints_of
 from mi_dogsplat.datasets.world import World, metres_of_unit, read_world, up_as_held, world_of, write_world
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.support.errors import DataError
@@ -104,6 +104,13 @@ def test_the_file_comes_before_the_cameras(data, tmp_path):
     assert world_of(dataset, cameras) == World("-y", 0.3) == read_world(tmp_path)
 
 
+def test_images_are_named_as_they_were_before_poses_took_the_spaces_out_of_their_names():
+    at = {f"IMG_{k}.png": Standpoint(np.array([0.0, k, 0]), lambda _: np.array([0.0, 0, 1])) for k in (1, 4)}
+    assert length_in_units(("IMG 1.jpg", "IMG_4.png"), at) == length_in_units(("IMG 1", "IMG 4.tif"), at) == 3
+    with pytest.raises(DataError, match='no image "IMG 2.jpg" has a pose'):
+        length_in_units(("IMG 1.jpg", "IMG 2.jpg"), at)
+
+
 def test_cameras_held_anyhow_say_nothing():
     rng = np.random.default_rng(0)
 
@@ -116,7 +123,9 @@ def test_cameras_held_anyhow_say_nothing():
     assert up_as_held(tiny_data.cameras()) == "z"
 
 
-@pytest.mark.parametrize("content", [[], {"up": "down"}, {"scale": 0}, {"scale": "long"}, {"scale": True}, {"unit": 2}])
+@pytest.mark.parametrize("content", [
+    [], {"up": "down"}, {"scale": 0}, {"scale": "long"}, {"scale": True}, {"scale": 10**400}, {"unit": 2},
+])  # fmt: skip
 def test_a_file_that_makes_no_sense_is_refused_in_one_line(tmp_path, content):
     (tmp_path / "world.json").write_text(json.dumps(content))
     with pytest.raises(DataError, match=r'world.json: .*; write \{"up": "-y", "scale": 1.0\}'):

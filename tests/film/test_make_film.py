@@ -125,6 +125,14 @@ def test_the_video_shows_the_frames_within_the_error_of_its_codec(model, tmp_pat
         assert int(np.argmin(others)) == number
 
 
+def test_a_video_may_have_a_time_in_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    name = "2026-01-01T10:20:30.mp4"
+    write_video(Path(name), [np.zeros((16, 16, 3))] * 2, (16, 16), fps=10, crf=18)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert len(decoded(tmp_path / name)[0]) == 2
+
+
 @pytest.mark.parametrize("color", [(0, 0, 0), (1, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0.2, 0.5, 0.8)])
 def test_colours_come_back_from_a_video(tmp_path, color):
     """A wrong matrix (that of BT.601) would be off by a twentieth in green, a wrong range by as much in black."""

@@ -47,6 +47,16 @@ def test_nodes_move_what_they_hold(tmp_path, content):
         assert getattr(first, name) == pytest.approx(getattr(expected, name), abs=1e-5), name
 
 
+def test_the_near_clip_is_scaled_by_the_node_that_scales_the_model(tmp_path):
+    write_model(tmp_path / "a.gltf", Model(foreign_model.model(), Drawing(near_clip=0.25)))
+    found = json.loads((tmp_path / "a.gltf").read_text())
+    found["nodes"][0]["scale"] = [4, 4, 4]
+    (tmp_path / "b.gltf").write_text(json.dumps(found))
+    read = read_model(tmp_path / "b.gltf")
+    assert read.splats.means == pytest.approx(4 * foreign_model.model().means, abs=1e-5)
+    assert read.drawing.near_clip == pytest.approx(1.0)
+
+
 def test_a_buffer_may_lie_beside_the_file(tmp_path, content):
     found, binary = content
     found["buffers"][0]["uri"] = "my%20data.bin"
@@ -96,6 +106,8 @@ def test_linear_colours_are_said_in_the_color_space(tmp_path, content):
     (lambda c: c["accessors"][0].update(count=-1), "whole number"),
     (lambda c: c["accessors"][0].update(sparse={}), "sparse"),
     (lambda c: c["bufferViews"][0].update(byteLength=10**6), "ends at"),
+    (lambda c: (c["buffers"].append({"byteLength": 10**6}), c["bufferViews"][0].update(buffer=1)),
+     "buffer 1 has no bytes that are not compressed"),  # as EXT_meshopt_compression has it
     (lambda c: c["nodes"][0].update(children=[0]), "no trees"),
     (lambda c: c["nodes"][0].update(scale=[1, 0, 1]), "cannot be flattened"),
     (lambda c: c.update(scenes=[{"nodes": [7]}]), "IndexError"),

@@ -129,6 +129,12 @@ def test_comments_say_what_they_were_made_of(up, antialiased):
     assert drawing_of(comments_of(drawing)) == drawing
 
 
+def test_a_direction_with_spaces_is_one_word_of_a_comment():
+    comments = comments_of(Drawing(up="0.1, -0.9,\n0.4"))
+    assert comments == ["dogsplat up 0.1,-0.9,0.4"]
+    assert drawing_of(comments) == Drawing(up="0.1,-0.9,0.4")
+
+
 @pytest.mark.parametrize(("comments", "expected"), [
     (["Exported from Brush", "Vertical axis: y", "SH degree: 2", "SplatRenderMode: mip"], Drawing(True, up="-y")),
     (["Vertical axis: Z", "SplatRenderMode: default"], Drawing(False, up="-z")),
@@ -165,6 +171,14 @@ def test_content_tells_a_format_before_the_name_does(tmp_path, suffix):
     for name in ("model", "model.bin", "model.splat", "model.ply"):
         assert np.array_equal(read_model(path.rename(tmp_path / name)).splats.means, expected.means)
         path = tmp_path / name
+
+
+@pytest.mark.parametrize("start", [b"{", b" {", b"\x1f\x8b"])
+def test_a_splat_that_begins_as_other_files_do_is_one_by_its_name(tmp_path, start):
+    """It has no first bytes of its own, but a number."""
+    path = written(tmp_path / "a.splat", foreign_model.model())
+    path.write_bytes(start + path.read_bytes()[len(start) :])
+    assert read_model(path).splats.n_splats == foreign_model.N
 
 
 def test_an_unbundled_sog_is_read_from_its_meta(tmp_path):
@@ -221,6 +235,40 @@ def test_values_that_are_not_finite_are_refused_with_their_place(tmp_path):
     path.write_bytes(data)
     with pytest.raises(DataError, match="means are not finite, first in primitive 3"):
         read_model(path)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_a_model_with_a_position_that_is_none_is_not_written(tmp_path, suffix):
+    path = written(tmp_path / f"a{suffix}", foreign_model.model())
+    before, broken = path.read_bytes(), foreign_model.model()
+    broken.means[7] = np.nan
+    with pytest.raises(DataError, match="3 values.* are not finite, first .* 7; nothing was written; "):
+        write_model(path, broken)
+    assert path.read_bytes() == before
+
+
+def test_of_rows_that_are_not_finite_the_primitive_is_named(tmp_path):
+    slopes = {"slope_index": [2, 5], "color_slopes": [np.zeros((3, 3)), np.full((3, 3), np.inf)]}
+    with pytest.raises(DataError, match="9 values of color_slopes are not finite, first in primitive 5"):
+        write_model(tmp_path / "a.compressed.ply", replace(foreign_model.model(), **slopes))
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_scales_beyond_float32_are_the_largest_that_a_file_can_say(tmp_path, suffix):
+    model = foreign_model.model()
+    model.log_scales[3] = 200
+    back = read_model(written(tmp_path / f"a{suffix}", model)).splats
+    assert np.isfinite(back.log_scales).all() and back.log_scales.max() >= 5.9
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("degree", [0, 3])
+def test_no_primitives_are_written_and_read_or_refused_by_name(tmp_path, suffix, degree):
+    if suffix in (".glb", ".gltf"):
+        with pytest.raises(DataError, match="glTF has no room for a model without primitives; "):
+            write_model(tmp_path / f"a{suffix}", Splats.empty(degree))
+        return
+    assert read_model(written(tmp_path / f"a{suffix}", Splats.empty(degree))).splats.n_splats == 0
 
 
 def test_a_gltf_names_what_it_lacks(tmp_path):

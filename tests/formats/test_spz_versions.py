@@ -2,6 +2,7 @@
 
 import gzip
 import struct
+import sys
 
 import foreign_model
 import numpy as np
@@ -56,6 +57,15 @@ def test_version_4_holds_the_bytes_of_version_3_in_streams(tmp_path):
     assert content == body and at == len(data)
     a, b = read_model(tmp_path / "a.spz"), read_model(tmp_path / "b.spz")
     assert np.array_equal(a.splats.quats, b.splats.quats) and b.drawing.antialiased and not a.drawing.antialiased
+
+
+def test_what_was_there_stays_where_version_4_cannot_be_written(tmp_path, monkeypatch):
+    write_model(tmp_path / "a.spz", foreign_model.model())
+    before = (tmp_path / "a.spz").read_bytes()
+    monkeypatch.setitem(sys.modules, "zstandard", None)
+    with pytest.raises(DataError, match="SPZ 4 needs the package zstandard"):
+        write_model(tmp_path / "a.spz", foreign_model.model().select([0]), spz_version=4)
+    assert (tmp_path / "a.spz").read_bytes() == before
 
 
 def test_degree_4_and_extensions_are_left_out_and_said(tmp_path):

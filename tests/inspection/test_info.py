@@ -10,6 +10,7 @@ import pytest
 import tiny_data
 from cut_models import with_cuts
 from mi_dogsplat import Drawing, Model, write_model, write_ply
+from mi_dogsplat.inspection.describe_features import describe_features
 from mi_dogsplat.inspection.info import describe, model_problems
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
@@ -224,6 +225,18 @@ def test_a_scene_without_sensor_or_model_says_so_in_a_line(tmp_path):
     with pytest.raises(DataError, match="m.ply: the file is empty") as refused:
         describe(tmp_path / "a b.xml")
     assert "Traceback" not in str(refused.value)
+
+
+def test_models_that_are_to_be_drawn_in_different_ways_are_a_problem(tmp_path):
+    for name, antialiased in (("m.ply", True), ("n.ply", False)):
+        write_model(tmp_path / name, Model(tiny_data.truth(), Drawing(antialiased=antialiased)))
+    scene = SCENE_OF_SPLATS.replace("INTEGRATOR", "dogpath")
+    shape = '<shape type="dog"><string name="filename" value="m.ply"/></shape>'
+    (tmp_path / "s.xml").write_text(scene.replace(shape, shape + shape.replace("m.ply", "n.ply")))
+    problem = 'set "antialiased" of the integrator'
+    assert describe(tmp_path / "s.xml")[-1].endswith(problem)
+    with pytest.raises(DataError, match=problem):
+        describe_features(tmp_path / "s.xml")
 
 
 @pytest.mark.parametrize(("integrator", "last"), [

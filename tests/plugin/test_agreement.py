@@ -72,6 +72,18 @@ def test_the_near_clip_of_a_file_is_in_its_units(write):
     assert np.array_equal(image([file], to_world=double), image([write("b.ply")], {"near_clip": 2.5}, to_world=double))
 
 
+def test_a_file_turned_in_one_place_and_not_in_another_agrees_with_itself(write):
+    file = str(write("a.ply", near_clip=0.2, antialiased=True))
+    shapes = {
+        name: {"type": "dog", "filename": file, "to_world": mi.ScalarTransform4f().rotate([0.6, 0, 0.8], angle)}
+        for name, angle in (("a", 0), ("b", 40), ("c", 77))
+    }
+    loaded: Any = mi.load_dict({"type": "scene", "integrator": {"type": "dogsplat"}, **shapes})
+    drawn = loaded.integrator().drawn_as(loaded)
+    assert drawn.antialiased
+    assert drawn.near_clip == pytest.approx(0.2)
+
+
 def test_other_formats_are_shapes_too(write):
     for suffix in (".spz", ".sog", ".glb", ".splat", ".compressed.ply"):
         shape: Any = scene([write(f"a{suffix}", antialiased=True)]).shapes()[0]

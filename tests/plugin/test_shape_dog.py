@@ -65,6 +65,11 @@ def test_to_world_moves_the_model_once_at_load():
     assert_equal(moved, expected, atol=1e-5)
 
 
+def test_to_world_may_be_a_transform_of_mitsubas_arrays():
+    turned, plain = (kind().rotate([0.6, 0, 0.8], 40).scale(2) for kind in (mi.Transform4f, mi.ScalarTransform4f))
+    assert_equal(load(to_world=turned).to_splats(), load(to_world=plain).to_splats(), atol=1e-5)
+
+
 def test_a_model_without_primitives_loads(tmp_path):
     write_ply(tmp_path / "empty.ply", Splats.empty(3))
     shape: Any = mi.load_dict({"type": "dog", "filename": str(tmp_path / "empty.ply")})
@@ -144,6 +149,7 @@ def test_wrong_parameters_are_refused_with_one_line_that_says_why(tmp_path):
         ({"type": "dog", "means": short}, "missing tensors log_scales, quats, logit_opacities, sh_coeffs"),
         ({**dog_dict(MODEL), "to_world": mi.ScalarTransform4f().scale([1, 1, 1e-9])}, "cannot be flattened"),
         ({**dog_dict(MODEL), "to_world": mi.ScalarTransform4f().translate([0, np.nan, 0])}, "is not finite"),
+        ({"type": "dog", "filename": 5}, '"filename" is 5, it must be a string'),
         ({"type": "dog", "filename": file, "radius": 3.0}, "radius"),
         ({**dog_dict(MODEL), "colour": mi.TensorXf(MODEL.means)}, "colour"),
     ]

@@ -249,3 +249,8 @@ def test_derivatives_of_splats_take_surfaces_as_constant():
 def test_two_nested_integrators_are_refused():
     with pytest.raises(RuntimeError, match="2 nested integrators"):
         mi.load_dict({"type": "dogsplat", "a": {"type": "path"}, "b": {"type": "direct"}})
+
+
+def test_a_nested_integrator_that_traces_from_the_lights_is_refused():
+    with pytest.raises(RuntimeError, match="dogsplat: a nested ParticleTracer.* such as path"):
+        mi.load_dict({"type": "dogsplat", "nested": {"type": "ptracer"}})

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from mi_dogsplat.poses.input import find_photographs, mask_folder, needs_poses, require_input
+from mi_dogsplat.report.run_folder import CONFIG, HISTORY
 from mi_dogsplat.support.errors import DataError
 
 
@@ -21,6 +22,25 @@ def test_images_are_found_below_a_folder_but_not_masks_copies_hidden_files_and_r
     assert mask_folder(tmp_path, None) == tmp_path / "masks"
     touch(tmp_path, "images/c.png", "images/d.png", "images_4/c.png")
     assert list(find_photographs(tmp_path, tmp_path / "out")) == ["c.png", "d.png"]
+
+
+def test_results_of_other_starts_within_the_folder_are_no_photographs(tmp_path):
+    touch(tmp_path, "1.jpg", "2.jpg", f"run/{HISTORY}", f"run/{CONFIG}", "run/test/1.png", "run/posed/poses.json")
+    touch(tmp_path, "run/posed/images/1.jpg", "posed/poses.json", "posed/images/1.jpg", "frames/film.json")
+    touch(tmp_path, "frames/0000.png", "left/3.jpg", "left/renders/capture.json", "left/renders/images/1.png")
+    touch(tmp_path, "of_another/config.json", "of_another/4.jpg")
+    assert list(find_photographs(tmp_path, tmp_path / "out")) == ["1.jpg", "2.jpg", "left/3.jpg", "of_another/4.jpg"]
+    assert needs_poses(tmp_path)
+    assert not needs_poses(touch(tmp_path / "films", "a/film.json", "a/0000.png"))
+
+
+def test_results_are_left_out_by_whichever_name(tmp_path, monkeypatch):
+    touch(tmp_path / "photos", "1.jpg", "2.jpg", "out/images/1.jpg")
+    (tmp_path / "link").symlink_to(tmp_path / "photos")
+    monkeypatch.chdir(tmp_path)
+    for folder in ("photos", "../" + tmp_path.name + "/photos", "link"):
+        for out in ("photos/out", tmp_path / "photos" / "out", "link/out"):
+            assert list(find_photographs(Path(folder), Path(out))) == ["1.jpg", "2.jpg"], (folder, out)
 
 
 def test_raw_files_beside_their_jpeg_do_not_count_others_are_refused(tmp_path):

@@ -61,6 +61,30 @@ def test_what_every_tool_reads_is_copied_to_the_byte_and_the_rest_becomes_png(tm
     assert np.abs(grey[..., 0].astype(int) - pixels()[..., 0]).max() <= 1
 
 
+def test_a_jpeg_with_a_preview_behind_it_stays_a_jpeg(tmp_path):
+    """As drones and phones write them (CIPA DC-007), which Pillow calls MPO."""
+    folder = tmp_path / "in"
+    folder.mkdir()
+    preview = {"format": "MPO", "save_all": True, "append_images": [Image.fromarray(pixels()).resize((8, 6))]}
+    Image.fromarray(pixels()).save(folder / "a.jpg", **preview)
+    Image.fromarray(pixels()).save(folder / "b.jpg", exif=tags(6), **preview)
+    assert [p.name for p in prepared(folder, tmp_path / "out")] == ["a.jpg", "b.jpg"]
+    assert (tmp_path / "out" / "a.jpg").read_bytes() == (folder / "a.jpg").read_bytes()
+    with Image.open(tmp_path / "out" / "b.jpg") as image:
+        assert image.format == "JPEG"
+        assert image.size == pixels().shape[:2]
+
+
+def test_a_mask_of_ones_instead_of_white_is_refused(tmp_path):
+    for name in ("in", "masks"):
+        (tmp_path / name).mkdir()
+    Image.fromarray(pixels()).save(tmp_path / "in" / "a.png")
+    Image.fromarray(np.ones(pixels().shape[:2], np.uint8)).save(tmp_path / "masks" / "a.png")
+    made = prepared(tmp_path / "in", tmp_path / "out")
+    with pytest.raises(DataError, match="a.png: is of 0 and 1, which are both black; multiply it by 255"):
+        prepare_masks(tmp_path / "masks", made, tmp_path / "out" / "masks")
+
+
 def test_a_second_start_writes_nothing_again(tmp_path):
     (tmp_path / "in").mkdir()
     Image.fromarray(pixels()).save(tmp_path / "in" / "a.jpg", exif=tags(6))

@@ -169,6 +169,24 @@ def test_other_settings_and_other_images_are_not_mixed_with_the_earlier(source, 
         find_poses(source, tmp_path / "thesis", PosesConfig())
 
 
+def test_a_length_that_could_not_be_measured_is_corrected_without_beginning_anew(tmp_path, monkeypatch):
+    told = []
+
+    def refuse(pycolmap, source, sources, masks, out, top, config, stages):
+        told.append(config.scale)
+        raise DataError("--scale", "no such image", "name another")
+
+    grey = folder_of(tmp_path / "in", [np.full((90, 120, 3), 99, np.uint8)] * 2)
+    monkeypatch.setattr(module, "_reconstruct", refuse)
+    for metres in ("1", "2"):
+        with pytest.raises(DataError, match="no such image"):
+            find_poses(grey, tmp_path / "out", PosesConfig(scale=("a", "b", metres)))
+    assert told == [("a", "b", "1"), ("a", "b", "2")]
+    (tmp_path / "out" / "sparse" / "0").mkdir(parents=True)
+    with pytest.raises(DataError, match=r"scale was .*'2'\] and is .*'3'\] now"):
+        find_poses(grey, tmp_path / "out", PosesConfig(scale=("a", "b", "3")))
+
+
 # --- a lens ---
 
 

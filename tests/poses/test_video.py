@@ -135,6 +135,13 @@ def test_what_is_damaged_in_the_middle_is_left_out_and_what_is_damaged_much_is_r
         list(read_frames(tmp_path / "head.mkv"))
 
 
+def test_a_time_before_the_first_slash_of_a_name_is_no_protocol(tmp_path, monkeypatch):
+    write_video(tmp_path / "walk.mp4", panned([0.0, 1.0, 2.0]))
+    (tmp_path / "walk.mp4").rename(tmp_path / "2026-01-01T10:20:30.mp4")
+    monkeypatch.chdir(tmp_path)
+    assert len(list(read_frames(Path("2026-01-01T10:20:30.mp4")))) == 3
+
+
 def test_a_playlist_called_like_a_video_is_not_followed(tmp_path):
     write_video(tmp_path / "secret.mp4", panned([0.0, 1.0, 2.0]))
     (tmp_path / "walk.mp4").write_text("#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nsecret.mp4\n#EXT-X-ENDLIST\n")

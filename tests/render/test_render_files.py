@@ -123,6 +123,7 @@ def test_an_exr_holds_the_aovs_that_are_asked_for(model, data, tmp_path):
     [
         ("v.exr", "depth,albedo", '--aovs: unknown AOV "albedo"; available are alpha, depth'),
         ("v.exr", "depth,depth", '--aovs: the AOV "depth" is there twice; name it once'),
+        ("v.exr", "depth; normal", '--aovs: unknown AOV "depth; normal"; available are alpha, depth'),
         ("v.png", "depth", "--aovs: .*v.png has no room for them; name a file that ends in .exr"),
     ],
 )
@@ -245,6 +246,7 @@ def test_a_scene_with_a_dog_shape_shows_the_model(model, tmp_path):
     ("content", "message"),
     [
         (SPHERE, "has no sensor"),
+        (SENSOR, "has no integrator"),
         ('<integrator type="dogsplat"/>' + SENSOR, 'no shape of type "dog"'),
         (
             '<integrator type="moment"><integrator type="dogsplat"/></integrator>' + SENSOR,
@@ -261,6 +263,11 @@ def test_what_mitsuba_says_about_a_scene_becomes_one_line(tmp_path, content, mes
     line = str(caught.value)
     assert "\n" not in line and "Traceback" not in line and "scene.xml" in line
     assert not (tmp_path / "s.png").exists()
+
+
+def test_a_scene_is_not_rendered_for_a_format_that_has_no_room_for_it(tmp_path):
+    with pytest.raises(DataError, match="s.npz: arrays hold pictures of models only"):
+        render_scene(scene_file(tmp_path, "what no scene holds"), tmp_path / "s.npz")
 
 
 def test_a_scene_that_is_not_there_is_named(tmp_path):
