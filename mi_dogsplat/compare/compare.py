@@ -122,7 +122,7 @@ def claim(out: Path, config: TrainConfig) -> None:
     earlier = {field.name: field.default for field in dataclasses.fields(TrainConfig) if field.name in settings}
     if path.exists() and earlier | settings_in(out) != settings:
         raise DataError(out, "holds runs with other settings", "name another folder")
-    if not path.exists() and out.is_dir() and any(out.iterdir()):
+    if not path.exists() and out.is_dir() and not is_empty(out):
         raise DataError(out, "is a folder with other contents", "name a new folder, or that of an earlier call")
     out.mkdir(parents=True, exist_ok=True)
     write_json(path, settings)

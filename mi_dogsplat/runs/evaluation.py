@@ -59,6 +59,8 @@ def evaluate_model(
     extent = camera_extent(dataset.train) if align_poses else None
     measure = Measure(mask_folder, color_correct, extent, Lpips.installed(view.camera for view in some))
     views = evaluate_views(lambda view: picture(view.camera), some, background, folder, measure)
+    if masks and not views:
+        raise DataError(masks, "is black in every view that is measured", "paint white what counts, or leave it out")
     if folder:
         found = {"test": mean_metrics(views), "views": views, "n": splats.n_splats}
         write_json(folder / METRICS, found)

@@ -19,6 +19,7 @@ from mi_dogsplat.cli.errors import quiet_pipe
 from mi_dogsplat.cli.parser import build_parser
 from mi_dogsplat.cli.printing import metrics_line
 from mi_dogsplat.scene.camera_file import write_camera
+from mi_dogsplat.support.pictures import write_png
 from PIL import Image
 
 COMMANDS = ("train", "prune", "ablate", "compare", "render", "eval", "capture", "info", "check", "export", "view")
@@ -87,6 +88,13 @@ def test_eval_of_the_true_model_is_near_perfect_and_without_o_writes_nothing(cap
     name, _, psnr, *_ = printed.splitlines()[0].split()
     assert status == 0 and name == "0" and float(psnr) > 50  # 8-bit images
     assert sorted(data.rglob("*")) == before
+
+
+def test_eval_with_masks_that_leave_nothing_to_measure_is_one_line(capsys, model, data, tmp_path):
+    write_png(tmp_path / "0.png", np.zeros((tiny_data.HEIGHT, tiny_data.WIDTH), np.float32))  # the only test view
+    command = ["eval", model, data, "--masks", tmp_path, "-o", tmp_path / "out"]
+    assert_one_line(run(capsys, *command), str(tmp_path), "is black in every view")
+    assert not (tmp_path / "out" / "metrics.json").exists()
 
 
 def test_eval_can_write_into_its_own_earlier_folder(capsys, model, data, tmp_path):
