@@ -72,7 +72,7 @@ def measured(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     )
     if trainer.optimizer.n_dog and views:
         how = trainer.options, trainer.background, drawn_as(trainer.drawing)
-        write_mixture(trainer.model(), dataset.test, views, out / "test", *how)
+        write_mixture(trainer.model(), dataset.test, views, out / "test", *how, measure.masks)
     seen = trainer.photographs.originals
     some, as_they_are = seen[:: max(1, len(seen) // 8)], replace(measure, align_extent=None)
     return {
