@@ -94,7 +94,7 @@ def test_eval_with_masks_that_leave_nothing_to_measure_is_one_line(capsys, model
     write_png(tmp_path / "0.png", np.zeros((tiny_data.HEIGHT, tiny_data.WIDTH), np.float32))  # the only test view
     command = ["eval", model, data, "--masks", tmp_path, "-o", tmp_path / "out"]
     assert_one_line(run(capsys, *command), str(tmp_path), "is black in every view")
-    assert not (tmp_path / "out" / "metrics.json").exists()
+    assert not (tmp_path / "out").exists()
 
 
 def test_eval_can_write_into_its_own_earlier_folder(capsys, model, data, tmp_path):
