@@ -30,7 +30,7 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
             bar.show(row["step"], config.steps, **figures)
 
         metrics = train(config, out, show, resume)
-    split = "test views:" if metrics["test"] else "training views (there is no test split):"
+    split = "test views:" if metrics["test"] else "training views (no test view is measured):"
     print(split, metrics_line(metrics["test"] or metrics["train"]))
     size, seconds = metrics["bytes"] / 1e6, metrics["train_seconds"]
     print(f"{metrics['n']:,} primitives, {size:.1f} MB, {seconds:.0f} s; {out / REPORT}")

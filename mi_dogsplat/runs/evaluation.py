@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..datasets import camera_extent, load_dataset
 from ..datasets.dataset import View
-from ..datasets.masks import Masks
+from ..datasets.masks import Masks, all_black
 from ..formats.read import read_model
 from ..measure.evaluate import ENDS, Measure, evaluate_views, mean_metrics
 from ..measure.lpips import Lpips
@@ -64,8 +64,7 @@ def evaluate_model(
     with _whole_or_not_at_all(folder, some):
         views = evaluate_views(lambda view: picture(view.camera), some, background, folder, measure)
         if masks and not views:
-            remedy = "paint white what counts, or leave it out"
-            raise DataError(masks, "is black in every view that is measured", remedy)
+            raise all_black(masks, "view that is measured")
     if folder:
         found = {"test": mean_metrics(views), "views": views, "n": splats.n_splats}
         write_json(folder / METRICS, found)
