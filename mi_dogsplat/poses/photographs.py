@@ -126,7 +126,7 @@ def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> 
             continue
         with _readable(path) as image:
             grey = image.convert("L")
-        require_white(path, float(np.max(grey)) / 255)
+        require_white(path, float(np.asarray(grey).max()) / 255)
         if (grey.width > grey.height) != (photograph.width > photograph.height) and photograph.turn:
             grey = grey.transpose(photograph.turn)  # painted on the pixels as the file has them
         grey = grey.resize((photograph.width, photograph.height))
