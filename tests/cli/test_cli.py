@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import tiny_data
 from command_line import assert_one_line, run
+from dataset_folders import transforms_folder
 from happenings import history_of, records
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.cli import main
@@ -59,6 +60,21 @@ def test_train_then_info_render_and_eval_on_what_it_made(capsys, data, tmp_path)
     measured = json.loads((tmp_path / "measured" / "metrics.json").read_text())["test"]
     assert measured == pytest.approx(json.loads((out / "metrics.json").read_text())["test"], rel=1e-4)
     assert (tmp_path / "measured" / "0_error.png").is_file()
+
+
+def test_train_says_that_masks_of_frames_are_not_followed_unless_masks_are_given(capsys, tmp_path):
+    file = transforms_folder(tmp_path / "data") / "transforms.json"
+    content = json.loads(file.read_text())
+    content["frames"][1]["mask_path"] = "masks/r_1.png"
+    file.write_text(json.dumps(content))
+    write_png(tmp_path / "data" / "masks" / "r_1.png", np.ones((15, 21), np.float32))
+    command = ["train", file.parent, "-o", tmp_path / "run", "--preset", "3dgs", "--steps", "2", *SMALL[4:]]
+    command += ["--initial-primitives", "50"]
+    said = f'{file.parent}: not read: the "mask_path" of 1 of its frames, which --masks {file.parent / "masks"} would'
+    status, printed, _ = run(capsys, *command)
+    assert status == 0 and said in printed
+    status, printed, _ = run(capsys, *command, "--masks", file.parent / "masks")
+    assert status == 0 and "not read" not in printed
 
 
 def test_prune_makes_a_smaller_model_and_a_whole_run_folder(capsys, model, data, tmp_path):
