@@ -56,6 +56,9 @@ def rigid(path: Path, name: str, matrix: Any) -> np.ndarray:
 
 
 def camera_name(file: str) -> str:
-    """Name of the view of an image file: no extension and no folder ``images``; ``/`` becomes ``_``."""
-    parts = [part for part in Path(file.replace("\\", "/")).with_suffix("").parts if part not in (".", "..", "/")]
+    """Name of the view of an image file: no extension, which begins with a letter, and no folder ``images``; ``/``
+    becomes ``_``."""
+    path = Path(file.replace("\\", "/"))
+    path = path.with_suffix("") if path.suffix[1:2].isalpha() else path
+    parts = [part for part in path.parts if part not in (".", "..", "/")]
     return "_".join(parts[1:] if len(parts) > 1 and parts[0].split("_")[0] == "images" else parts)

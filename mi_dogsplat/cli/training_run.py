@@ -6,15 +6,19 @@ from pathlib import Path
 
 from ..support.variants import set_variant
 from ..training.config import TrainConfig
-from .printing import metrics_line
+from .printing import metrics_line, say
 
 
 def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
     """Fill the run folder ``out`` while a bar shows how far it is, then print what came of it."""
     set_variant(config.variant)
+    from ..datasets.transforms import not_read
     from ..report.run_folder import REPORT
     from ..runs.run import train
     from .progress import Bar
+
+    for line in [] if config.masks else not_read(Path(config.data)):
+        say(f"{config.data}: not read: {line}")
 
     with Bar("step") as bar:
 
@@ -26,7 +30,7 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
             bar.show(row["step"], config.steps, **figures)
 
         metrics = train(config, out, show, resume)
-    split = "test views:" if metrics["test"] else "training views (there is no test split):"
+    split = "test views:" if metrics["test"] else "training views (no test view is measured):"
     print(split, metrics_line(metrics["test"] or metrics["train"]))
     size, seconds = metrics["bytes"] / 1e6, metrics["train_seconds"]
     print(f"{metrics['n']:,} primitives, {size:.1f} MB, {seconds:.0f} s; {out / REPORT}")

@@ -29,7 +29,7 @@ from .cluster import cluster_client, on_cluster
 from .execute import Means, one_after_another
 from .folders import settings_in
 from .methods import METHODS
-from .names import AT
+from .numbers import numbers
 from .page import comparison_page
 from .table import COMPARISON, collect_all, write_tables
 from .tasks import Task, tasks_of
@@ -80,8 +80,8 @@ def compare(
         for number, outcome in enumerate(outcomes, 1):
             if outcome.error:
                 failed[outcome.task.name] = outcome.error
-            table = _write(out, failed)
-            progress(f"{number}/{len(tasks)} {outcome.task.name}: {_result(table, outcome.task, outcome.error)}")
+            _write(out, failed)
+            progress(f"{number}/{len(tasks)} {outcome.task.name}: {_result(outcome.task, outcome.error)}")
     return collect_all(out, failed)
 
 
@@ -122,26 +122,23 @@ def claim(out: Path, config: TrainConfig) -> None:
     earlier = {field.name: field.default for field in dataclasses.fields(TrainConfig) if field.name in settings}
     if path.exists() and earlier | settings_in(out) != settings:
         raise DataError(out, "holds runs with other settings", "name another folder")
-    if not path.exists() and out.is_dir() and any(out.iterdir()):
+    if not path.exists() and out.is_dir() and not is_empty(out):
         raise DataError(out, "is a folder with other contents", "name a new folder, or that of an earlier call")
     out.mkdir(parents=True, exist_ok=True)
     write_json(path, settings)
 
 
-def _write(out: Path, failed: dict[str, str]) -> dict[str, Any]:
+def _write(out: Path, failed: dict[str, str]) -> None:
     table = collect_all(out, failed)
     write_tables(out, table)
     with replacing(out / "comparison.html") as part:
         part.write_text(comparison_page(out, table), encoding="utf-8")
-    return table
 
 
-def _result(table: dict[str, Any], task: Task, error: str | None) -> str:
+def _result(task: Task, error: str | None) -> str:
     if error:
         return f"failed: {error}"
     if task.kind != "train":
         return "done"
-    name, _, target = task.methods[0].partition(AT)
-    of_data = table["methods"][name]["data"][Path(task.folder).name]
-    run = (of_data["others"][target] if target else of_data)["runs"][str(task.seed)]
+    run = numbers(task.seed_folder / task.methods[0])
     return f"{run['psnr']:.2f} dB, {run['n']:,.0f} primitives, {run['train_seconds']:.0f} s"

@@ -12,6 +12,7 @@ from typing import Any
 
 from ..datasets import Dataset
 from ..datasets.dataset import View
+from ..datasets.masks import Masks
 from ..engine.parameters import upload
 from ..engine.rasterize import RasterOptions
 from ..formats.read import read_model
@@ -79,12 +80,13 @@ def train_method(config: TrainConfig, name: str, folder: Path, start: Path) -> N
 def draw_in_turn(dataset: Dataset, config: TrainConfig, folders: Sequence[Path]) -> None:
     """Time the renders of all models of a seed in turns, and compare pictures with and without DoG."""
     background = background_color(config.background, dataset.has_alpha)
+    masks = Masks(config.masks, dataset.views) if config.masks else None
     drawings = {folder.name: _drawing(folder, config, background) for folder in folders}
     times = render_milliseconds_in_turn(drawings, dataset.test)
     for folder in folders:
         write_json(folder / RENDER_MS, {"render_ms": times[folder.name], "in_turn_with": sorted(drawings)})
         if WITHOUT_DOG.get(folder.name) in drawings:
-            _compare_without_dog(dataset, folder, drawings, background)
+            _compare_without_dog(dataset, folder, drawings, background, masks)
 
 
 def _drawing(folder: Path, config: TrainConfig, background: float) -> Callable[[View], Picture]:
@@ -97,7 +99,11 @@ def _drawing(folder: Path, config: TrainConfig, background: float) -> Callable[[
 
 
 def _compare_without_dog(
-    dataset: Dataset, folder: Path, drawings: Mapping[str, Callable[[View], Picture]], background: float
+    dataset: Dataset,
+    folder: Path,
+    drawings: Mapping[str, Callable[[View], Picture]],
+    background: float,
+    masks: Masks | None,
 ) -> None:
     """In the report of a run, the model trained without DoG takes the place of its own, switched off."""
     profile, name = folder / "test" / DOG_PROFILE, WITHOUT_DOG[folder.name]
@@ -105,5 +111,6 @@ def _compare_without_dog(
         shown = read_object(profile, REMEDY)["view"]
         view = next(view for view in dataset.test if view.name == shown)
         words = f'the model trained without it, "{METHODS[name].label}"'
-        write_comparison(drawings[folder.name], drawings[name], view, background, profile.parent, words)
+        mask = masks.of(view) if masks else None
+        write_comparison(drawings[folder.name], drawings[name], view, background, profile.parent, words, mask)
         write_report(folder)

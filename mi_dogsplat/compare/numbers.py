@@ -13,6 +13,8 @@ from ..support.errors import DataError
 from ..support.files import read_object
 from ..training.events import DogActivated
 from .folders import REMEDY
+from .method_runs import is_complete
+from .methods import METHODS
 from .names import AT
 from .perceptual import LPIPS
 
@@ -21,11 +23,12 @@ Runs = dict[str, dict[str, float]]  # numbers by name, by seed
 
 
 def collect(folder: Path, names: Iterable[str]) -> dict[str, Runs]:
-    """Of a data set: the numbers of the methods that are complete for at least one seed."""
+    """Of a data set: the numbers of the methods that are complete for at least one seed, as they are now: of what they
+    were in an earlier version nothing is told."""
     found: dict[str, Runs] = {}
     for name in names:
         for run in sorted(folder.glob(f"seed_*/{name}")):
-            if (run / METRICS).exists():
+            if is_complete(run, METHODS[name]):
                 found.setdefault(name, {})[run.parent.name.removeprefix("seed_")] = numbers(run)
     return found
 
@@ -34,7 +37,7 @@ def collect_targets(folder: Path, name: str) -> dict[str, Runs]:
     """Of a data set: the numbers of a method's runs at other targets, by the target."""
     found: dict[str, Runs] = {}
     for run in sorted(folder.glob(f"seed_*/{name}{AT}*")):
-        if (run / METRICS).exists():
+        if is_complete(run, METHODS[name]):
             found.setdefault(run.name.partition(AT)[2], {})[run.parent.name.removeprefix("seed_")] = numbers(run)
     return found
 

@@ -107,7 +107,10 @@ def perform(task: Task, free: Mapping[str, Any]) -> None:
             raise DataError(start, "there is no densified start", "see start.log beside it, then compare again")
         (name,) = task.methods
         n = np.size(load_checkpoint(start)["optimizer.logit_opacities"])
-        count = target_count(float(name.partition(AT)[2] or config.target), n)
+        try:
+            count = target_count(float(name.partition(AT)[2] or config.target), n)
+        except ValueError as error:
+            raise DataError("--target", str(error), "choose another one, of the densified start") from None
         run = task.seed_folder / name
         if (run / LPIPS).exists():  # of a run with another recipe
             (run / LPIPS).unlink()

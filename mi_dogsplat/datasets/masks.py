@@ -31,7 +31,7 @@ class Masks:
         folder = Path(folder)
         if not folder.is_dir():
             raise DataError(folder, "no such folder", "give a folder with a mask per image")
-        self.paths = mask_files(folder)
+        self.folder, self.paths = folder, mask_files(folder)
         if not any(view.name in self.paths for view in views):
             raise no_mask(folder, views[0].name)
 
@@ -74,6 +74,11 @@ def require_white(path: Path, brightest: float) -> None:
 def no_mask(folder: Path, view: str) -> DataError:
     """The error of a folder without a mask for any of the views, one of which is named."""
     return DataError(folder, "has no mask for any of the images", f"name them as the images, like {view}.png")
+
+
+def all_black(folder: str | Path, views: str) -> DataError:
+    """The error of masks that leave nothing of the ``views``, in words."""
+    return DataError(folder, f"is black in every {views}", "paint white what counts, or leave it out")
 
 
 def _resized(grey: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -26,6 +26,7 @@ from .point_ply import read_point_ply
 from .view_images import ViewSource, load_views, require_files
 
 NAME = "view_name"  # ours: of a frame that is named otherwise than by its file, as where this lies elsewhere
+MASK = "mask_path"  # nerfstudio's, of a frame
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp", ".exr")
 LENSES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
@@ -99,9 +100,24 @@ def split_sources(
     if test_names:
         train = [name for name in names if name not in test_names]
         test = [name for name in names if name in test_names]
+        if not test:
+            raise DataError(file, '"test_filenames" names none of its images', "correct it, or remove it")
     else:
         train, test = every_eighth(names)
     return sources, train, test
+
+
+def not_read(path: Path) -> list[str]:
+    """What the frames of a data set say and no reader follows, in lines; nothing of other data sets. Raises
+    ``DataError``."""
+    given = path if path.suffix == ".json" and path.is_file() else None
+    file = find_transforms(path) if path.is_dir() and not find_model(path) else given
+    frames = _parse(file)["frames"] if file else []
+    masks = [str(frame[MASK]) for frame in frames if isinstance(frame, dict) and frame.get(MASK)]
+    if not file or not masks:
+        return []
+    folder = (file.parent / masks[0].replace("\\", "/")).parent
+    return [f'the "{MASK}" of {len(masks)} of its frames, which --masks {folder} would follow']
 
 
 def _parse(file: Path) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from ..formats.model import Model
 from ..formats.read import read_model, read_source
 from ..formats.table import SOG, Format, format_to_write
 from ..formats.upright import upright
-from ..formats.write import SPZ_VERSIONS, write_model
+from ..formats.write import SPZ_VERSIONS, require_spz_version, write_model
 from ..render.picture_options import PictureOptions
 from ..report.run_folder import MODEL
 from ..scene.drawing import DrawnAs, drawn_as
@@ -98,6 +98,7 @@ def export_model(
     page = out.name.lower().endswith(PAGE)
     chosen = SOG if page else format_to_write(out, (PAGE,))
     _require(chosen, dog, {"--slopes": slopes, "--cuts": cuts}, small, world, views)
+    require_spz_version(out, chosen, spz_version)
     read = read_source(model, out, "export")
     splats = read.splats
     drawing = world.over(options.drawing.over(read.drawing), data)

@@ -34,6 +34,9 @@ from .camera_path import CameraPath, Lens, focal_of_camera, focal_of_fov
 from .splines import rotation_curve, vector_curve
 
 FORMAT = 'write {"keys": [{"time": seconds, "position": [x, y, z], "look_at": [x, y, z], "fov": degrees}, ...]}'
+LARGEST = 1e15  # number in a file: with the squares of larger ones no curve can be computed
+NARROWEST = 1e-6  # degrees of a field of view
+SHORTEST = 1e-6  # seconds between two keys
 STEEPEST = 1 - 1e-6  # cosine between ``up`` and a view; beyond, nothing tells how the picture is turned
 
 
@@ -110,16 +113,21 @@ def _key(entry: Any, up: np.ndarray, focal: float) -> Key:
     time = float(entry["time"]) if "time" in entry else None
     if time is not None and not np.isfinite(time):
         raise ValueError('"time" is not finite')
+    if time is not None and abs(time) > LARGEST:
+        raise ValueError(f'"time" is beyond {LARGEST:g}')
     if "w2c" in entry:
         camera = camera_from_json(entry)
-        return Key(time, camera.c2w, focal_of_camera(camera), None, (camera.width, camera.height))
+        focal = focal_of_camera(camera)
+        if abs(camera.position).max() > LARGEST or not 1 / LARGEST <= focal <= LARGEST:
+            raise ValueError(f"its position is beyond {LARGEST:g}, or its focal length no length of a lens")
+        return Key(time, camera.c2w, focal, None, (camera.width, camera.height))
     position = _numbers(entry, "position", 3)
     if ("look_at" in entry) == ("rotation" in entry):
         raise ValueError('needs "look_at" or "rotation", one of them')
     if "fov" in entry:
         degrees = float(entry["fov"])
-        if not 0 < degrees < 180:
-            raise ValueError(f'"fov" is {degrees:g}, not within 0 to 180 degrees')
+        if not NARROWEST <= degrees < 180:
+            raise ValueError(f'"fov" is {degrees:g}, not within {NARROWEST:g} to 180 degrees')
         focal = focal_of_fov(degrees)
     c2w, target = np.eye(4), None
     if "look_at" in entry:
@@ -144,6 +152,8 @@ def _numbers(entry: dict[str, Any], name: str, count: int) -> np.ndarray:
         values = np.zeros(0)
     if values.shape != (count,) or not np.isfinite(values).all():
         raise ValueError(f'"{name}" is not {count} numbers')
+    if abs(values).max() > LARGEST:
+        raise ValueError(f'"{name}" is beyond {LARGEST:g}')
     return values
 
 
@@ -171,6 +181,6 @@ def _times(path: Path, keys: list[Key]) -> np.ndarray:
     if any(time is None for time in given):
         raise DataError(path, f'key {given.index(None)} lacks "time"', "give each key its time, or none")
     times = np.array(given, np.float64)
-    if late := np.flatnonzero(np.diff(times) <= 0).tolist():
+    if late := np.flatnonzero(np.diff(times) < SHORTEST).tolist():
         raise DataError(path, f"key {late[0] + 1} is not later than the one before", "sort the keys by their times")
     return times

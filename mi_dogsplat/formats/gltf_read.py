@@ -42,6 +42,8 @@ def read(path: Path) -> Model:
         found = list(_models(container))
         if not found:
             raise DataError(path, f"holds no primitive with {NAME}", "export it as Gaussians")
+        if len({bool(model.drawing.linear) for model in found}) > 1:
+            raise DataError(path, "holds linear and display-referred primitives", "export two files, one of each")
         drawing = Drawing()
         for model in reversed(found):
             drawing = model.drawing.over(drawing)
@@ -120,6 +122,9 @@ def _of_primitive(container: Container, primitive: Any, extension: Any) -> Model
         splats = turned(turned(model.splats, RUB), LUF)
         return replace(model, splats=splats, drawing=drawing.over(model.drawing))
     values = {name: container.accessor(index) for name, index in primitive["attributes"].items()}
+    if "indices" in primitive:  # those are drawn, in this order
+        rows = container.accessor(primitive["indices"])[:, 0].astype(np.int64)
+        values = {name: column[rows] for name, column in values.items()}
     scales = values[f"{NAME}:SCALE"].astype(np.float64)
     if scales.min(initial=1) < 0:
         raise ValueError("a scale is negative")

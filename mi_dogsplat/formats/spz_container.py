@@ -93,7 +93,7 @@ def _comment(data: bytes) -> str:
 
 def rewrapped(path: Path, data: bytes) -> bytes:
     """A file of version 3 as one of version 4. Raises ``DataError``, also where the package zstandard is missing."""
-    payload, zstandard = unwrapped(path, data), _zstandard(path)
+    payload, zstandard = unwrapped(path, data), zstandard_for(path)
     packer = zstandard.ZstdCompressor(level=LEVEL)
     raw = [content for content in payload.attributes.values() if content]
     streams = [packer.compress(content) for content in raw]
@@ -119,7 +119,7 @@ def _streams(path: Path, data: bytes) -> Payload:
     if missing > 0 or at + sum(packed for packed, _ in sizes) > len(data):
         raise DataError(path, f"its table of {count} streams does not fit its {len(data)} bytes", AGAIN)
     require_proportion(path, sum(need for _, need in wanted), len(data))
-    zstandard, attributes = _zstandard(path), {"sh": b""}
+    zstandard, attributes = zstandard_for(path), {"sh": b""}
     for (name, need), (packed, unpacked) in zip(wanted, sizes, strict=False):  # others come after those known here
         stream = data[at : at + packed]
         at += packed
@@ -144,7 +144,8 @@ def _check(path: Path, magic: int, version: int, degree: int, versions: tuple[in
         raise DataError(path, f"has spherical harmonics of degree {degree}, there are 0 to {MAX_DEGREE}", AGAIN)
 
 
-def _zstandard(path: Path) -> Any:
+def zstandard_for(path: Path) -> Any:
+    """The package that version 4 needs. Raises ``DataError`` where it is missing."""
     try:
         import zstandard  # here: version 4 alone needs it
     except ImportError:

@@ -18,7 +18,7 @@ from .model import Model, require_finite
 from .packing import turned
 from .spz import BRIGHTEST
 from .spz import encode as encode_spz
-from .spz_container import rewrapped
+from .spz_container import rewrapped, zstandard_for
 from .table import PLY, SPZ, Format, format_to_write, write_bytes
 
 SPZ_VERSIONS = (3, 4)  # that are written
@@ -50,8 +50,7 @@ def write_model(
     if not splats.n_splats and not chosen.empty:
         problem = f"{chosen.name} has no room for a model without primitives"
         raise DataError(path, problem, "write one that has some, or a .ply")
-    if spz_version not in SPZ_VERSIONS:
-        raise DataError(path, f"SPZ {spz_version} is not written", f"use version {' or '.join(map(str, SPZ_VERSIONS))}")
+    require_spz_version(path, chosen, spz_version)
     silent = chosen is SPZ and spz_version == 4 and bool(model.drawing.linear)  # its header has no room for a comment
     lost = what_is_lost(replace(SPZ, brightest=BRIGHTEST) if silent else chosen, model)
     if silent:
@@ -76,6 +75,14 @@ def write_model(
     else:
         chosen.write(path, replace(model, splats=splats, drawing=said))
     return lost
+
+
+def require_spz_version(path: Path, chosen: Format, spz_version: int) -> None:
+    """Raise ``DataError`` for a version of SPZ that is not written, or not here for want of a package."""
+    if spz_version not in SPZ_VERSIONS:
+        raise DataError(path, f"SPZ {spz_version} is not written", f"use version {' or '.join(map(str, SPZ_VERSIONS))}")
+    if chosen is SPZ and spz_version == 4:
+        zstandard_for(path)
 
 
 def what_is_lost(chosen: Format, model: Model) -> list[str]:

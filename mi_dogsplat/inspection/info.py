@@ -160,6 +160,7 @@ def describe_run(path: Path) -> list[str]:
 def describe_dataset(path: Path) -> list[str]:
     """Views, split, points, and whether cameras and points agree."""
     from ..datasets import check_cameras, load_dataset  # here: see ``_is_dataset``
+    from ..datasets.transforms import not_read
 
     dataset = load_dataset(path, spp=SCENE_SPP)
     check = check_cameras(dataset)
@@ -179,7 +180,7 @@ def describe_dataset(path: Path) -> list[str]:
         lines.append(line("colours", f"points and their pixels differ by {check.color_difference:.3f} (median)"))
     if check.reprojection_px is not None:
         lines.append(line("reprojection", f"{check.reprojection_px:.2f} px (median) at full size"))
-    return lines
+    return lines + [line("not read", text) for text in not_read(path)]
 
 
 def _numbers(values: np.ndarray) -> str:

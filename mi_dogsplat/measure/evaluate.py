@@ -24,6 +24,7 @@ from .timing import milliseconds_in_turn
 
 TIMED_VIEWS = 8  # at most
 REPEATS = 3  # renders of each
+ENDS = (".png", "_gt.png", "_error.png", ".exr")  # of the files of a view
 
 
 @dataclass(frozen=True)

@@ -46,8 +46,9 @@ class Photograph:
 def prepare(sources: Mapping[str, Path], folder: Path, progress: Callable[[int, int], None]) -> list[Photograph]:
     """Write each image into ``folder``, turned as its EXIF says, unless it is there; in the order of the names.
 
-    Files are copied as they are, but what has to be turned, or is no plain JPEG or PNG; white space in their names
-    becomes ``_``, as COLMAP's text files have it between names. Raises ``DataError`` for a file that cannot be decoded.
+    Files are copied as they are, but what has to be turned, or is no plain JPEG or PNG. White space in their names
+    becomes ``_``, as COLMAP's text files have it between names, and so do bytes that are no UTF-8. Raises ``DataError``
+    for a file that cannot be decoded.
     """
     require_unique_names(folder, [view_name(_solid(name)) for name in sources])
     made: list[Photograph] = []
@@ -92,7 +93,7 @@ def _readable(source: Path) -> Iterator[Image.Image]:
 
 
 def _solid(name: str) -> str:
-    return re.sub(r"\s", "_", name)
+    return re.sub(r"[\s\ud800-\udfff]", "_", name)  # bytes of a name that are no UTF-8 are halves of characters
 
 
 def _upright(image: Image.Image, source: Path, turn: Image.Transpose | None) -> Image.Image:
@@ -125,7 +126,7 @@ def prepare_masks(source: Path, photographs: list[Photograph], folder: Path) -> 
             continue
         with _readable(path) as image:
             grey = image.convert("L")
-        require_white(path, float(np.max(grey)) / 255)
+        require_white(path, float(np.asarray(grey).max()) / 255)
         if (grey.width > grey.height) != (photograph.width > photograph.height) and photograph.turn:
             grey = grey.transpose(photograph.turn)  # painted on the pixels as the file has them
         grey = grey.resize((photograph.width, photograph.height))

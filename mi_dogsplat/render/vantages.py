@@ -87,8 +87,8 @@ def cameras_inside(
 
 
 def _amounts(splats: Splats) -> Array:
-    """[N] opacity over the largest face of each primitive."""
-    scales = np.sort(splats.scales.astype(np.float64), axis=1)
+    """[N] opacity over the largest face of each primitive; of scales beyond float32 a very large one."""
+    scales = np.exp(np.sort(np.clip(splats.log_scales.astype(np.float64), -60, 60), axis=1))
     return splats.opacities * scales[:, 1] * scales[:, 2] + 1e-300
 
 

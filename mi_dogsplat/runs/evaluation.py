@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..datasets import camera_extent, load_dataset
-from ..datasets.masks import Masks
+from ..datasets.dataset import View
+from ..datasets.masks import Masks, all_black
 from ..formats.read import read_model
-from ..measure.evaluate import Measure, evaluate_views, mean_metrics
+from ..measure.evaluate import ENDS, Measure, evaluate_views, mean_metrics
 from ..measure.lpips import Lpips
 from ..render.picture import background_color, picture_of
 from ..render.picture_options import PictureOptions
@@ -58,8 +61,25 @@ def evaluate_model(
     mask_folder = Masks(masks, [*dataset.train, *dataset.test]) if masks else None
     extent = camera_extent(dataset.train) if align_poses else None
     measure = Measure(mask_folder, color_correct, extent, Lpips.installed(view.camera for view in some))
-    views = evaluate_views(lambda view: picture(view.camera), some, background, folder, measure)
+    with _whole_or_not_at_all(folder, some):
+        views = evaluate_views(lambda view: picture(view.camera), some, background, folder, measure)
+        if masks and not views:
+            raise all_black(masks, "view that is measured")
     if folder:
         found = {"test": mean_metrics(views), "views": views, "n": splats.n_splats}
         write_json(folder / METRICS, found)
     return views
+
+
+@contextmanager
+def _whole_or_not_at_all(folder: Path | None, views: Sequence[View]) -> Iterator[None]:
+    """What is raised here, Ctrl-C too, leaves nothing of the views in the folder, and no metrics of before."""
+    try:
+        yield
+    except BaseException:
+        if folder:
+            for name in (METRICS, *(f"{view.name}{end}" for view in views for end in ENDS)):
+                (folder / name).unlink(missing_ok=True)
+            with suppress(OSError):  # others' files
+                folder.rmdir()
+        raise

@@ -9,7 +9,6 @@ from typing import Any
 import mitsuba as mi
 
 from ..datasets import Dataset
-from ..engine.geometry import Cutoffs
 from ..measure.evaluate import Measure, evaluate_views, mean_metrics, render_milliseconds
 from ..render.picture import seen_as
 from ..report.run_folder import METRICS
@@ -19,6 +18,7 @@ from ..scene.drawing import drawn_as
 from ..support.files import write_json
 from ..support.memory import peak_memory_mb
 from ..support.versions import versions
+from ..training.optimizer.faded import not_faded
 from ..training.train import Trainer
 from .history import counted_rows
 from .misfits import write_misfits
@@ -26,17 +26,16 @@ from .mixture import write_mixture
 from .model_files import write_model_files
 from .refined_poses import moved_views, write_poses
 
-ALPHA_MIN = Cutoffs().alpha  # a primitive whose peak is below this is never drawn
-
 
 def finish(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     """Write the model, measure it, and write the report; returns what ``metrics.json`` holds.
 
-    That is the last file: a run that has it is complete, however it was ended.
+    That is the last file: a run that has it is complete, however it was ended. Raises ``DataError`` if every primitive
+    has faded.
     """
     config = trainer.config
     splats = trainer.model()
-    splats = splats.select(splats.opacities >= ALPHA_MIN)
+    splats = splats.select(not_faded(splats.opacities))
     sizes = write_model_files(out, splats, config, trainer.drawing)
     poses = {"poses": moved_views(trainer)} if config.refine_poses else {}
     metrics = measured(trainer, dataset, out) | {
@@ -73,7 +72,7 @@ def measured(trainer: Trainer, dataset: Dataset, out: Path) -> dict[str, Any]:
     )
     if trainer.optimizer.n_dog and views:
         how = trainer.options, trainer.background, drawn_as(trainer.drawing)
-        write_mixture(trainer.model(), dataset.test, views, out / "test", *how)
+        write_mixture(trainer.model(), dataset.test, views, out / "test", *how, measure.masks)
     seen = trainer.photographs.originals
     some, as_they_are = seen[:: max(1, len(seen) // 8)], replace(measure, align_extent=None)
     return {

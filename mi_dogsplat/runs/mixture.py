@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..datasets.dataset import View
+from ..datasets.masks import Masks
 from ..engine.parameters import upload
 from ..engine.rasterize import RasterOptions
-from ..measure.metrics import evaluate, flip
+from ..measure.metrics import evaluate, flip, masked
 from ..render.picture import Picture, photograph, render_picture
 from ..report.run_folder import DOG_PROFILE
 from ..report.views import ranked
@@ -40,6 +41,7 @@ def write_mixture(
     options: RasterOptions,
     background: float = 0.0,
     drawn: DrawnAs = DrawnAs(),  # noqa: B008, it is immutable
+    masks: Masks | None = None,
 ) -> None:
     """The parts of a model seen from its median view, and the comparison with its pseudo-Gaussians switched off.
 
@@ -47,6 +49,7 @@ def write_mixture(
         splats: a model with DoG primitives.
         views, metrics, out: as ``evaluate_views`` was given, returned and wrote them; at least one view.
         options, background, drawn: as the views were rendered.
+        masks: as they were measured.
 
     Writes ``<name>_gaussian.png`` and ``<name>_dog.png`` beside what ``write_comparison`` does.
     """
@@ -61,7 +64,8 @@ def write_mixture(
 
     write_png(out / f"{name}_gaussian.png", drawing(splats.only_gaussians())(view).color)
     write_png(out / f"{name}_dog.png", drawing(splats.only_dog())(view).color)
-    write_comparison(drawing(splats), drawing(splats.plain()), view, background, out, SWITCHED_OFF)
+    mask = masks.of(view) if masks else None
+    write_comparison(drawing(splats), drawing(splats.plain()), view, background, out, SWITCHED_OFF, mask)
 
 
 def write_comparison(
@@ -71,6 +75,7 @@ def write_comparison(
     background: float,
     out: Path,
     without: str,
+    mask: np.ndarray | None = None,
 ) -> dict[str, Any]:
     """Compare two renders of a view with its photograph.
 
@@ -78,6 +83,7 @@ def write_comparison(
         with_dog, without_dog: render the view; ``evaluate_views`` has written the pictures of the first to ``out``.
         background: grey level behind images with alpha.
         without: says in words what ``without_dog`` draws.
+        mask: pixels that count [H, W], at least one; the error of others is 0. None: all.
 
     Writes ``<name>_plain.png``, ``<name>_plain_error.png`` (FLIP, the scale of ``<name>_error.png``: 0..1) and
     ``dog_profile.json``, whose content it returns: ``view``, ``without``, ``row``, and under ``with_dog`` and
@@ -85,11 +91,12 @@ def write_comparison(
     """
     truth = photograph(view, background)
     ours, plain = with_dog(view).color, without_dog(view).color
-    row = most_different_row(ours, plain)
+    counted = {"with_dog": masked(ours, truth, mask), "without_dog": masked(plain, truth, mask)}
+    row = most_different_row(*counted.values())
     profile: dict[str, Any] = {"view": view.name, "without": without, "row": row}
-    for key, picture in (("with_dog", ours), ("without_dog", plain)):
+    for key, picture in counted.items():
         profile[key] = {
-            "metrics": evaluate(picture, truth, view.name),
+            "metrics": evaluate(picture, truth, view.name, mask),
             "error": np.round(row_error(picture, truth, row), DIGITS).tolist(),
         }
     write_png(out / f"{view.name}_plain.png", plain)

@@ -14,6 +14,7 @@ from .errors import DataError
 
 PART = ".part"  # how a file is called while it is written: .<name>.<random><PART>
 LOCK = ".lock"  # in a folder that a process writes to (locks.py)
+LITTER = (".DS_Store", "Thumbs.db", "desktop.ini")  # that file managers leave in folders which somebody looked at
 
 
 @contextmanager
@@ -51,8 +52,8 @@ def remove_parts(folder: Path) -> None:
 
 
 def is_empty(folder: Path) -> bool:
-    """Whether a folder holds nothing, or only what a process keeps there for itself while it writes."""
-    return all(path.name == LOCK or path.name.endswith(PART) for path in folder.iterdir())
+    """Whether a folder holds nothing, or only what a process keeps there while it writes, or a file manager always."""
+    return all(path.name in (LOCK, *LITTER) or path.name.endswith(PART) for path in folder.iterdir())
 
 
 def parse_json(text: str) -> Any:

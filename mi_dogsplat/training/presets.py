@@ -58,6 +58,17 @@ class Recipe:
         if self.pruning and not self.score:
             raise ValueError("Recipe: pruning needs a score")
 
+    def start_limit(self, target: float | str) -> int | None:
+        """Primitives that training to a target starts with at most, as far as the recipe says.
+
+        Raises ``ValueError`` for one that grows, and a target that is no number of primitives.
+        """
+        if self.start_share is None:
+            return None
+        if isinstance(target, str) or target < 1:
+            raise ValueError(f"Recipe.start_limit: this recipe grows to a number of primitives, not to {target}")
+        return max(1, int(self.start_share * target))
+
     def scaled(self, steps: int) -> Recipe:
         """The recipe for a run of ``steps`` steps: every milestone at the same part of the run."""
         factor = steps / self.reference_steps

@@ -76,9 +76,7 @@ class Trainer:
         usual = min(DrawnAs().near_clip, NEAR_SHARE * self.extent)
         self.near_clip = usual if config.near_clip is None else config.near_clip
         self.config = config = replace(config, near_clip=self.near_clip, white=dataset.white)
-        share = recipe.start_share
-        limit = config.max_primitives if share is None else max(1, int(share * float(config.target)))
-        splats = initial_splats(config, dataset, limit, model)
+        splats = initial_splats(config, dataset, recipe.start_limit(config.target) or config.max_primitives, model)
         self.n_start = splats.n_splats
         on_disk, masked = config.data_on_disk, config.masks is not None
         held = [group for group in SPARSE if len(getattr(splats, group.index))]

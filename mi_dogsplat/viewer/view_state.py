@@ -16,6 +16,7 @@ from ..scene.cameras import Camera, inverse_rigid
 REST_SECONDS = 0.25  # without movement, until the full picture is due
 MOVING_SHARE = 0.4  # of the height, while the camera moves
 SMALLEST = 16  # pixels
+WIDEST = 8.0  # width over height of a full picture: a window that is pulled flat asks for hundreds
 
 MODEL, WITHOUT_DOG, ONLY_DOG, ONLY_GAUSSIANS = "model", "DoG switched off", "DoG alone", "Gaussians alone"
 WITHOUT_SLOPES, SLOPE_DIFFERENCE = "slopes switched off", "slopes on and off: difference"
@@ -33,7 +34,12 @@ class Pose:
     aspect: float  # width / height
 
     def camera(self, height: int) -> Camera:
-        """The pinhole of ``height`` pixels in rows, the principal point in the middle."""
+        """The pinhole of ``height`` pixels in rows, the principal point in the middle.
+
+        A window wider than ``WIDEST`` has fewer rows, so that its picture is no larger; one without an area is square.
+        """
+        aspect = self.aspect if math.isfinite(self.aspect) else 1.0
+        height = max(SMALLEST, min(height, round(height * WIDEST / aspect))) if aspect > WIDEST else height
         w, x, y, z = np.array(self.wxyz) / np.linalg.norm(self.wxyz)
         c2w = np.eye(4)
         c2w[:3, :3] = [
@@ -42,7 +48,7 @@ class Pose:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
         c2w[:3, 3] = self.position
-        width = max(SMALLEST, round(height * self.aspect))
+        width = max(SMALLEST, round(height * aspect))
         focal = 0.5 * height / math.tan(self.fov / 2)
         return Camera(inverse_rigid(c2w), focal, focal, width / 2, height / 2, width, height)
 

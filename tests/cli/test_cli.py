@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import tiny_data
 from command_line import assert_one_line, run
+from dataset_folders import transforms_folder
 from happenings import history_of, records
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.cli import main
@@ -19,6 +20,7 @@ from mi_dogsplat.cli.errors import quiet_pipe
 from mi_dogsplat.cli.parser import build_parser
 from mi_dogsplat.cli.printing import metrics_line
 from mi_dogsplat.scene.camera_file import write_camera
+from mi_dogsplat.support.pictures import write_png
 from PIL import Image
 
 COMMANDS = ("train", "prune", "ablate", "compare", "render", "eval", "capture", "info", "check", "export", "view")
@@ -60,6 +62,21 @@ def test_train_then_info_render_and_eval_on_what_it_made(capsys, data, tmp_path)
     assert (tmp_path / "measured" / "0_error.png").is_file()
 
 
+def test_train_says_that_masks_of_frames_are_not_followed_unless_masks_are_given(capsys, tmp_path):
+    file = transforms_folder(tmp_path / "data") / "transforms.json"
+    content = json.loads(file.read_text())
+    content["frames"][1]["mask_path"] = "masks/r_1.png"
+    file.write_text(json.dumps(content))
+    write_png(tmp_path / "data" / "masks" / "r_1.png", np.ones((15, 21), np.float32))
+    command = ["train", file.parent, "-o", tmp_path / "run", "--preset", "3dgs", "--steps", "2", *SMALL[4:]]
+    command += ["--initial-primitives", "50"]
+    said = f'{file.parent}: not read: the "mask_path" of 1 of its frames, which --masks {file.parent / "masks"} would'
+    status, printed, _ = run(capsys, *command)
+    assert status == 0 and said in printed
+    status, printed, _ = run(capsys, *command, "--masks", file.parent / "masks")
+    assert status == 0 and "not read" not in printed
+
+
 def test_prune_makes_a_smaller_model_and_a_whole_run_folder(capsys, model, data, tmp_path):
     out = tmp_path / "run"
     status, printed, bar = run(
@@ -87,6 +104,13 @@ def test_eval_of_the_true_model_is_near_perfect_and_without_o_writes_nothing(cap
     name, _, psnr, *_ = printed.splitlines()[0].split()
     assert status == 0 and name == "0" and float(psnr) > 50  # 8-bit images
     assert sorted(data.rglob("*")) == before
+
+
+def test_eval_with_masks_that_leave_nothing_to_measure_is_one_line(capsys, model, data, tmp_path):
+    write_png(tmp_path / "0.png", np.zeros((tiny_data.HEIGHT, tiny_data.WIDTH), np.float32))  # the only test view
+    command = ["eval", model, data, "--masks", tmp_path, "-o", tmp_path / "out"]
+    assert_one_line(run(capsys, *command), str(tmp_path), "is black in every view")
+    assert not (tmp_path / "out").exists()
 
 
 def test_eval_can_write_into_its_own_earlier_folder(capsys, model, data, tmp_path):

@@ -194,6 +194,7 @@ def test_several_data_sets_have_their_mean_first(comparison, tmp_path):
         metrics = json.loads((out / "tiny/seed_0/3dgs/metrics.json").read_text())
         metrics["test"]["psnr"] += {"a": 0, "b": 2}[name]
         (run / "metrics.json").write_text(json.dumps(metrics))
+        (run / "recipe.json").write_text((out / "tiny/seed_0/3dgs/recipe.json").read_text())
         (run / "history.jsonl").write_text("")
     both = collect_all(tmp_path, {})
     means = both["methods"]["3dgs"]["data"]

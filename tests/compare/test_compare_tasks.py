@@ -7,13 +7,14 @@ import time
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import psutil
 import pytest
 from mi_dogsplat.compare.cluster import local_options
 from mi_dogsplat.compare.compare import compare
 from mi_dogsplat.compare.execute import Means, in_a_process
-from mi_dogsplat.compare.tasks import Task, tasks_of
-from mi_dogsplat.runs.checkpoint import load_checkpoint
+from mi_dogsplat.compare.tasks import Task, perform, tasks_of
+from mi_dogsplat.runs.checkpoint import load_checkpoint, save_checkpoint
 from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.locks import locked
 from mi_dogsplat.training.config import TrainConfig
@@ -26,6 +27,14 @@ def test_without_its_start_a_run_fails_in_one_line(data, tmp_path):
     (tmp_path / "tiny" / "config.json").write_text(json.dumps(settings))
     error = in_a_process(Task("train", str(tmp_path / "tiny"), 0, ("3dgs",)), Means())
     assert error and "there is no densified start" in error
+
+
+def test_a_target_that_the_start_does_not_reach_is_one_line(tmp_path):
+    (tmp_path / "config.json").write_text(json.dumps({"data": "", "steps": 60, "target": 1000}))
+    save_checkpoint(tmp_path / "seed_0" / "start.npz", {"optimizer.logit_opacities": np.zeros(50)})
+    for name in ("ours", "ours@60"):
+        with pytest.raises(DataError, match="--target: the target of .* primitives is not below the 50 .*; choose"):
+            perform(Task("train", str(tmp_path), 0, (name,)), {})
 
 
 def test_tasks_wait_for_the_start_and_times_for_all_runs_of_the_same_data_and_seed(tmp_path):

@@ -2,10 +2,12 @@
 
 import json
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from mi_dogsplat.compare.compare import claim, compare
 from mi_dogsplat.compare.crops import crops
+from mi_dogsplat.compare.execute import Outcome
 from mi_dogsplat.compare.method_runs import is_complete, recipe_of
 from mi_dogsplat.compare.methods import METHODS
 from mi_dogsplat.compare.table import collect_all
@@ -40,6 +42,35 @@ def out(tmp_path) -> Path:
 def test_whole_files_are_read(out):
     assert collect_all(out, {})["methods"]["ours"]["data"]["tiny"]["runs"]["0"]["lpips"] == 0.2
     assert is_complete(out / "tiny/seed_0/ours", METHODS["ours"])
+
+
+def test_a_run_at_another_target_ends_where_the_method_has_no_run_at_that_of_the_comparison(out, monkeypatch):
+    """As where that has failed, or is still busy on another worker."""
+    (out / "comparison.json").write_text("{}")
+    (out / "tiny" / "seed_0" / "ours").rename(out / "tiny" / "seed_0" / "ours@0.1")
+    told = []
+    outcome = Outcome(Task("train", str(out / "tiny"), 0, ("ours@0.1",)), None)
+    monkeypatch.setattr("mi_dogsplat.compare.compare.one_after_another", lambda *_: [outcome])
+    monkeypatch.setattr("mi_dogsplat.compare.compare.claim", lambda *_: None)
+    monkeypatch.setattr("mi_dogsplat.compare.compare.load_dataset", lambda *_, **__: Mock(test=[0]))
+    compare(TrainConfig("", **SETTINGS), [str(out / "tiny")], out, [0], ("ours",), targets=(0.1,), progress=told.append)
+    assert told == ["1/3 tiny, seed 0: ours@0.1: 30.00 dB, 100 primitives, 1 s"]
+
+
+@pytest.mark.parametrize("change", [{"revision": 7}, {"recipe": {"sh_every": 7}}, None], ids=str)
+def test_a_run_of_what_a_method_was_before_is_not_told_as_one_of_it(out, change):
+    run = out / "tiny" / "seed_0" / "ours"
+    at_target = out / "tiny" / "seed_0" / "3dgs@0.1"
+    at_target.mkdir()
+    for name in ("metrics.json", "render_ms.json"):
+        (at_target / name).write_text((run / name).read_text())
+    recipe = run / "recipe.json"
+    if change is None:
+        recipe.unlink()
+    else:
+        recipe.write_text(json.dumps(recipe_of(METHODS["ours"]) | change))
+    found = collect_all(out, {})["methods"]
+    assert list(found) == ["3dgs"] and not found["3dgs"]["data"]["tiny"]["others"]
 
 
 @pytest.mark.parametrize("text", [HALF, "[1]", ""])

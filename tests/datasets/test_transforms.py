@@ -7,10 +7,14 @@ import pytest
 from dataset_folders import (
     HEIGHT,
     WIDTH,
+    colmap_folder,
     error_of,
     transforms_folder,
+    write_images,
 )
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.datasets.masks import mask_files
+from mi_dogsplat.datasets.transforms import not_read
 
 
 def test_a_transforms_file_with_an_angle_and_no_extensions_gives_opengl_cameras(tmp_path):
@@ -40,6 +44,35 @@ def test_the_split_is_taken_from_the_train_and_test_files_or_from_test_filenames
     assert [view.name for view in dataset.test] == ["test_r_0", "test_r_1"] and len(dataset.train) == 3
     dataset = load_dataset(transforms_folder(tmp_path / "b", test_filenames=["images/r_1.png", "", "/"]))
     assert [view.name for view in dataset.test] == ["r_1"]
+
+
+def test_test_images_that_are_not_there_are_one_line_and_not_a_set_without_test_views(tmp_path):
+    problem = '"test_filenames" names none of its images'
+    assert problem in error_of(transforms_folder(tmp_path, test_filenames=["images/s_1.png", "images/s_2.png"]))
+
+
+def test_what_follows_a_dot_in_a_name_without_extension_tells_images_apart(tmp_path):
+    frames = json.loads((transforms_folder(tmp_path, n=2) / "transforms.json").read_text())["frames"]
+    for frame, name in zip(frames, ("r_0.5", "r_0.25"), strict=True):
+        write_images(tmp_path / "images", [f"{name}.png"])
+        frame["file_path"] = f"images/{name}"
+    for tests in (["images/r_0.25"], ["images/r_0.25.png"]):
+        transforms_folder(tmp_path, frames=frames, test_filenames=tests)
+        assert [view.name for view in load_dataset(tmp_path).views] == ["r_0.5", "r_0.25"]
+    write_images(tmp_path / "masks", ["r_0.25.png"])
+    assert list(mask_files(tmp_path / "masks")) == ["r_0.25"]
+
+
+def test_masks_that_frames_name_are_said_not_to_be_read(tmp_path):
+    assert not_read(transforms_folder(tmp_path)) == not_read(tmp_path / "transforms.json") == []
+    content = json.loads((tmp_path / "transforms.json").read_text())
+    for i in (0, 2):
+        content["frames"][i]["mask_path"] = f"masks/r_{i}.png"
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    said = f'the "mask_path" of 2 of its frames, which --masks {tmp_path / "masks"} would follow'
+    assert not_read(tmp_path) == not_read(tmp_path / "transforms.json") == [said]
+    colmap_folder(tmp_path)  # is what is read then
+    assert not_read(tmp_path) == []
 
 
 def test_points_come_from_the_named_ply_and_wrong_poses_are_caught_by_them(tmp_path):

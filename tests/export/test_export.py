@@ -1,6 +1,7 @@
 """``dogsplat export``: DoG as plain Gaussians, the table of what is lost, and bad input."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -150,6 +151,16 @@ def test_cameras_around_a_model_all_see_its_middle():
     for camera in cameras_around(model, 5):
         pixels, depth = camera.project(centre)
         assert depth > 0 and pixels[0] == pytest.approx([camera.width / 2, camera.height / 2])
+
+
+@pytest.mark.parametrize("version", ["4", "5"])
+def test_a_version_of_spz_that_cannot_be_written_is_told_before_anything_is_refined(
+    capsys, model, tmp_path, monkeypatch, version
+):
+    monkeypatch.setitem(sys.modules, "zstandard", None)
+    monkeypatch.setattr("mi_dogsplat.export.write.refined", lambda *_: pytest.fail("it is being refined"))
+    command = ["export", model, "-o", tmp_path / "out.spz", "--spz-version", version]
+    assert_one_line(run(capsys, *command), "out.spz", f"SPZ {version}")
 
 
 def test_bad_input_is_one_line_and_nothing_is_left_behind(capsys, model, tmp_path):

@@ -253,6 +253,13 @@ GOOD = {"position": [3, 0, 0], "look_at": [0, 0, 0]}
         ({"keys": [GOOD], "up": "z"}, '"up" is not 3 numbers'),
         ({"keys": [GOOD], "loop": "yes"}, '"loop" is'),
         ([{"w2c": np.eye(4).tolist()}], 'key 0: lacks "fx"'),
+        ([{**GOOD, "position": [1e200, 0, 0]}, GOOD], 'key 0: "position" is beyond 1e+15'),
+        ([GOOD, {**GOOD, "look_at": [0, -1e200, 0]}], 'key 1: "look_at" is beyond 1e+15'),
+        ([{**GOOD, "fov": 1e-320}, GOOD], '"fov" is 9.99989e-321, not within 1e-06 to 180 degrees'),
+        ([{**GOOD, "time": -1e308}, {**GOOD, "time": 1e308}], 'key 0: "time" is beyond 1e+15'),
+        ([{**GOOD, "time": 0}, {**GOOD, "time": 1e-320}], "key 1 is not later"),
+        ({"keys": [GOOD], "up": [1e200, 0, 1e200]}, '"up" is beyond 1e+15'),
+        ([{"w2c": np.eye(4).tolist(), "fx": 1e-300, "width": 9, "height": 9}, GOOD], "key 0: its position is beyond"),
     ],
 )
 def test_what_is_no_key_is_named(tmp_path, content, words):

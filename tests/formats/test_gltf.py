@@ -101,6 +101,34 @@ def test_linear_colours_are_said_in_the_color_space(tmp_path, content):
     assert read.drawing == Drawing(linear=True) and read.left_out == ("its kernel cone",)
 
 
+@pytest.mark.parametrize("kind", [(5121, "<u1"), (5123, "<u2"), (5125, "<u4")])
+def test_of_a_primitive_with_indices_those_rows_are_read(tmp_path, content, kind):
+    found, binary = content
+    rows = [7, 2, 11]
+    data = np.array(rows, kind[1]).tobytes()
+    found["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(data)})
+    where = {"bufferView": len(found["bufferViews"]) - 1, "componentType": kind[0], "count": 3, "type": "SCALAR"}
+    found["accessors"].append(where)
+    found["meshes"][0]["primitives"][0]["indices"] = len(found["accessors"]) - 1
+    found["buffers"] = [{"byteLength": len(binary + data)}]
+    (tmp_path / "b.glb").write_bytes(glb(found, binary + data))
+    read, expected = read_model(tmp_path / "b.glb").splats, foreign_model.model().select(rows)
+    assert read.n_splats == 3 and np.array_equal(read.means, expected.means)
+    assert np.array_equal(read.sh_coeffs, expected.sh_coeffs)
+
+
+def test_linear_and_display_referred_primitives_are_not_one_model(tmp_path, content):
+    found, binary = content
+    plain = found["meshes"][0]["primitives"][0]
+    del plain["extras"]
+    linear = {**plain, "extensions": {NAME: plain["extensions"][NAME] | {"colorSpace": "lin_rec709_display"}}}
+    found["meshes"][0]["primitives"] = [plain, linear]
+    found["buffers"] = [{"byteLength": len(binary)}]
+    (tmp_path / "b.glb").write_bytes(glb(found, binary))
+    with pytest.raises(DataError, match="b.glb: holds linear and display-referred primitives; export"):
+        read_model(tmp_path / "b.glb")
+
+
 @pytest.mark.parametrize(("change", "words"), [
     (lambda c: c["accessors"][0].update(count=13), "does not fit"),
     (lambda c: c["accessors"][0].update(count=-1), "whole number"),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import tiny_data
 from cut_models import with_cuts
+from dataset_folders import transforms_folder
 from mi_dogsplat import Drawing, Model, write_model, write_ply
 from mi_dogsplat.inspection.describe_features import describe_features
 from mi_dogsplat.inspection.info import describe, model_problems
@@ -184,6 +185,14 @@ def test_a_data_set_shows_its_views_points_and_whether_they_agree(tmp_path):
     assert value_of(lines, "points") == "60"
     assert value_of(lines, "cameras").startswith("100% of the points")
     assert "differ by 0." in value_of(lines, "colours")
+
+
+def test_a_data_set_tells_what_of_it_is_not_read(tmp_path):
+    file = transforms_folder(tmp_path) / "transforms.json"
+    content = json.loads(file.read_text())
+    content["frames"][0]["mask_path"] = "masks/r_0.png"
+    file.write_text(json.dumps(content))
+    assert f"--masks {tmp_path / 'masks'}" in value_of(describe(tmp_path), "not read")
 
 
 def test_alpha_and_the_lack_of_points_are_told(tmp_path):

@@ -1,5 +1,8 @@
 """Photographs are copied as they are, or turned as their EXIF says; it also says which device took them, and how."""
 
+import os
+import sys
+
 import numpy as np
 import pytest
 from mi_dogsplat.poses.exif import read_exif
@@ -59,6 +62,14 @@ def test_what_every_tool_reads_is_copied_to_the_byte_and_the_rest_becomes_png(tm
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "out" / "c.png")), pixels())
     grey = np.asarray(Image.open(tmp_path / "out" / "d.png"))
     assert np.abs(grey[..., 0].astype(int) - pixels()[..., 0]).max() <= 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a file system whose names are bytes, as Linux has it")
+def test_bytes_of_a_name_that_are_no_utf_8_become_underscores(tmp_path):
+    (tmp_path / "in").mkdir()
+    Image.fromarray(pixels()).save(tmp_path / "in" / os.fsdecode(b"caf\xe9.png"))  # as Windows of old has it
+    assert [p.name for p in prepared(tmp_path / "in", tmp_path / "out")] == ["caf_.png"]
+    assert (tmp_path / "out" / "caf_.png").is_file()
 
 
 def test_a_jpeg_with_a_preview_behind_it_stays_a_jpeg(tmp_path):

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cut_models import kept_shares, with_cuts
+from mi_dogsplat.datasets.dataset import view_name
 from mi_dogsplat.scene.linear_map import sh_projection
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.row_groups import CUTS, SLOPES
@@ -219,3 +220,8 @@ def test_the_add_on_offers_the_presets_of_the_package():
     (items,) = (node.value for node in tree.body
                 if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "PRESETS")  # fmt: skip
     assert [name for name, _, _ in ast.literal_eval(items)] == list(RECIPES)
+
+
+@pytest.mark.parametrize("file", ["images/a/b.JPG", "images_4/r_1.png", "./r_0.5", "r_0.25.png", "c\\d.e.jpg", "", "/"])
+def test_cameras_have_the_names_of_views(addon, file):
+    assert addon("cameras.camera").camera_name(file) == view_name(file)

@@ -76,6 +76,13 @@ def test_a_seed_gives_its_cameras_and_another_one_others():
         assert np.array_equal(a.w2c, b.w2c) and not np.allclose(a.w2c, c.w2c, atol=1e-3)
 
 
+@pytest.mark.parametrize("log_scale", [89.0, 300.0])
+def test_a_primitive_larger_than_any_number_is_no_error(log_scale):
+    splats = room()
+    splats.log_scales[7] = log_scale
+    assert len(vantage_cameras(splats, 8, SIZE)) == 8
+
+
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_a_model_of_few_primitives_is_seen(n):
     splats = rounded(make_splats(np.random.default_rng(n).uniform(-1, 1, (n, 3)), 0.01, 0.9))

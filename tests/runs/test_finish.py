@@ -1,14 +1,18 @@
 """The end of a run: metrics.json is its last file, by which others tell a run that is complete."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
-from mi_dogsplat.report.run_folder import METRICS, MISFITS, REFINED, REPORT, read_run
+import tiny_data
+from mi_dogsplat.report.run_folder import METRICS, MISFITS, MODEL, REFINED, REPORT, read_run
 from mi_dogsplat.report.write import report_page
 from mi_dogsplat.runs import finish as finish_module
 from mi_dogsplat.runs.run import train
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.training.train import Trainer
 from refined_poses import VIEWS, config_of
 
 
@@ -30,6 +34,14 @@ def test_a_run_that_is_killed_at_its_end_is_not_taken_for_complete_and_resumed(d
     assert json.loads((out / METRICS).read_text()) == metrics
     assert all((out / name).exists() for name in (MISFITS, REPORT, Path(REFINED) / "transforms.json"))
     assert (out / REPORT).read_text() == report_page(read_run(out))  # it was there before the metrics
+
+
+def test_a_run_of_which_nothing_can_be_seen_writes_no_empty_model(data, tmp_path, monkeypatch):
+    faded = replace(tiny_data.truth(), logit_opacities=np.full(tiny_data.N_TRUTH, -20.0))
+    monkeypatch.setattr(Trainer, "model", lambda _: faded)
+    with pytest.raises(DataError, match="the model in training: every primitive has faded.*; check that its images"):
+        train(config_of(data, steps=2), tmp_path / "run")
+    assert not any((tmp_path / "run" / name).exists() for name in (MODEL, METRICS))
 
 
 def test_poses_that_cannot_be_written_are_when_there_is_room(data, tmp_path, monkeypatch):

@@ -20,7 +20,7 @@ from mi_dogsplat.runs.mixture import (
     write_comparison,
     write_mixture,
 )
-from mi_dogsplat.support.pictures import heat_map
+from mi_dogsplat.support.pictures import heat_map, write_png
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
 from mi_dogsplat.training.train import Trainer
@@ -95,6 +95,32 @@ def test_a_comparison_takes_any_two_pictures_and_leaves_them_with_their_profile(
     np.testing.assert_allclose(pixels(tmp_path / "a_plain.png"), plain, atol=EIGHT_BITS)
     error = heat_map(flip(plain, truth)[1])  # the scale of every error map: 0..1, not that of this picture
     np.testing.assert_allclose(pixels(tmp_path / "a_plain_error.png"), error, atol=EIGHT_BITS)
+
+
+def test_pixels_that_a_mask_hides_count_neither_in_the_metrics_nor_in_the_profile(tmp_path):
+    truth, mask = noise(0), np.ones((36, 48), np.float32)
+    mask[:, :24] = 0
+    ours, plain = truth * 0.95, truth * 0.95
+    plain[5, :24], plain[20, 24:30] = 0, 0  # the first is hidden
+    pictures = (lambda v: flat(ours)), (lambda v: flat(plain))
+    result = write_comparison(*pictures, view("a", truth), 0.0, tmp_path, "another model", mask)
+    assert result["row"] == 20
+    for key, picture in (("with_dog", ours), ("without_dog", plain)):
+        assert result[key]["metrics"] == evaluate(picture, truth, "a", mask)
+        np.testing.assert_allclose(result[key]["error"], (np.abs(picture - truth).mean(-1) * mask)[20], atol=1e-5)
+    np.testing.assert_allclose(pixels(tmp_path / "a_plain.png"), plain, atol=EIGHT_BITS)  # as all pictures, whole
+
+
+def test_a_masked_run_with_dog_measures_its_mixture_where_it_measures_its_views(data, tmp_path):
+    dataset, mask = load_dataset(data), np.ones((tiny_data.HEIGHT, tiny_data.WIDTH), np.float32)
+    mask[:, : tiny_data.WIDTH // 2] = 0
+    for seen in dataset.views:
+        write_png(tmp_path / "masks" / f"{seen.name}.png", mask)
+    trainer = Trainer(TrainConfig("data", steps=1, sh_degree=1, masks=str(tmp_path / "masks")), dataset)
+    give_dog(trainer)
+    views = finish.measured(trainer, dataset, tmp_path)["views"]
+    profile = json.loads((tmp_path / "test" / DOG_PROFILE).read_text())
+    assert profile["with_dog"]["metrics"] == views[profile["view"]]
 
 
 def test_an_image_with_alpha_is_compared_over_the_background(tmp_path):

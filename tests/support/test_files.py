@@ -3,7 +3,8 @@
 import json
 
 import pytest
-from mi_dogsplat.support.files import replacing, write_json
+from mi_dogsplat.support.files import is_empty, replacing, write_json
+from mi_dogsplat.support.resumable import begin
 
 
 def test_a_write_that_fails_leaves_the_old_file_and_no_remains(tmp_path):
@@ -14,6 +15,14 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_remains(tmp_path):
         raise RuntimeError
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
     assert path.read_text() == "old"
+
+
+def test_what_file_managers_leave_in_a_folder_is_no_content(tmp_path):
+    for name in (".DS_Store", "Thumbs.db", ".lock", ".a.json.0.part"):
+        (tmp_path / name).touch()
+    assert is_empty(tmp_path)
+    begin(tmp_path / "capture.json", {"n": 1}, "capture")
+    assert not is_empty(tmp_path)
 
 
 def test_json_comes_back_and_what_json_cannot_hold_leaves_the_old_file(tmp_path):

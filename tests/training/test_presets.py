@@ -155,3 +155,12 @@ def test_the_preset_decides_on_the_largest_scale_unless_it_is_given():
 def test_settings_that_cannot_be_met_name_their_flag(settings, words):
     with pytest.raises(DataError, match=words):
         TrainConfig("data", **settings)
+
+
+def test_a_recipe_that_grows_needs_a_number_of_primitives_to_grow_to():
+    recipe = Recipe(start_share=0.5)
+    assert (recipe.start_limit(300.0), recipe.start_limit(1.0)) == (150, 1)
+    assert Recipe().start_limit(0.1) is None
+    for target in (0.1, "2MB"):
+        with pytest.raises(ValueError, match=f"grows to a number of primitives, not to {target}"):
+            recipe.start_limit(target)

@@ -51,6 +51,14 @@ def pose_of(camera) -> Pose:
     return Pose((w, x, y, z), tuple(camera.position), fov, camera.width / camera.height)
 
 
+def test_a_window_that_is_pulled_flat_asks_for_no_larger_picture_and_one_without_area_for_any():
+    front = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0
+    sizes = [(c.width, c.height) for a in (1.5, 8, 200, np.inf, np.nan) for c in (Pose(*front, a).camera(600),)]
+    assert sizes == [(900, 600), (4800, 600), (4800, 24), (600, 600), (600, 600)]
+    flat = Pose(*front, 200).camera(600)
+    assert flat.fy == pytest.approx(0.5 * 24 / math.tan(0.5)) and flat.fx == flat.fy  # it sees as much of the height
+
+
 @pytest.fixture(scope="module")
 def dataset(data):
     return load_dataset(data)

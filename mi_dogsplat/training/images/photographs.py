@@ -18,7 +18,7 @@ import numpy as np
 from ...datasets import Dataset
 from ...datasets.dataset import View, as_bytes, seen_by
 from ...datasets.images import box_downscale
-from ...datasets.masks import Masks
+from ...datasets.masks import Masks, all_black
 from ...engine.arrays import detached
 from ...engine.parameters import device_array, device_bytes
 from ...engine.project import DeviceCamera
@@ -46,8 +46,8 @@ class Photographs:
         keep_targets: what the loss needs of an image is kept, 36 bytes per pixel; else only the image is, 3 to 16.
         curve: through which linear radiance is seen; display-referred images are seen as they are.
 
-    Raises ``DataError`` for masks that cannot be read, those on disk when they are due, and for a random background
-    without alpha.
+    Raises ``DataError`` for masks that cannot be read, those on disk when they are due, for masks in memory that are
+    all black, and for a random background without alpha.
     """
 
     def __init__(
@@ -90,7 +90,12 @@ class Photographs:
         self.views, self.factor = views, factor
         self.cameras = [DeviceCamera.upload(view.camera, self.near_clip) for view in views]
         self._reading: dict[int, Future] = {}
-        self._kept = [] if self._readers else [self._on_device(*self._decoded(view)) for view in views]
+        self._kept, counts = [], False
+        for image, mask in (self._decoded(view) for view in views if not self._readers):
+            self._kept.append(self._on_device(image, mask))
+            counts |= mask is None or bool(mask.any())
+        if self._kept and not counts and self.mask_folder:
+            raise all_black(self.mask_folder.folder, "view that is trained on")
 
     def move(self, view: int, w2c: np.ndarray) -> None:
         """Let a view have been taken from another pose, [4, 4] world to camera."""
