@@ -154,7 +154,10 @@ def taken_back(width=9, height=5, order="abcdef") -> np.ndarray:
     return np.concatenate([rows(by_planes).ravel(), sums.numpy()])
 
 
-def stepped(n=6, sizes=(3, 1), rows=False, order="abcd", t=(2, 2), numbers=(0.9, 0.2, 0.9, 0.999)) -> np.ndarray:
+STEP = {"prior": 0.2, "memory": 0.9, "damping": 0.2, "beta_1": 0.9, "beta_2": 0.999}
+
+
+def stepped(n=6, sizes=(3, 1), rows=False, order="abcd", t=(2, 2), **numbers) -> np.ndarray:
     """A joint step of arrays with rows of those sizes; with ``rows``, only two primitives have one in the last."""
     arrays = []
     for j, size in enumerate(sizes):
@@ -169,8 +172,7 @@ def stepped(n=6, sizes=(3, 1), rows=False, order="abcd", t=(2, 2), numbers=(0.9,
     S = [detached(dr.opaque(mi.Float, 0.2 if i == j else 0.01, n)) for i in range(d) for j in range(i + 1)]
     assert len(S) == n_pairs(d)
     rates = detached(device_array(np.linspace(0.1, 0.2, len(sizes))))
-    memory, damping, beta_1, beta_2 = numbers
-    values, found = joint_steps(arrays, rates, S, Numbers(memory, damping, beta_1, beta_2, 1e-8))
+    values, found = joint_steps(arrays, rates, S, Numbers(**STEP | numbers, epsilon=1e-8))
     return np.concatenate([part.numpy().astype(np.float64) for part in (*values, *found)])
 
 
@@ -192,8 +194,7 @@ CASES: dict[str, tuple[Callable[..., np.ndarray], tuple[dict, ...]]] = {
     "formed": (taken, (*SIZES, {"order": "aba"}, {"order": "aab"})),
     "joint_steps": (stepped, ({}, {"n": 7}, {"sizes": (1, 3)}, {"sizes": (3, 1, 2)}, {"rows": True}, {"t": (2, 5)},
                               {"rows": True, "sizes": (1, 3)}, {"order": "aacd"}, {"order": "abbd"}, {"order": "abcc"},
-                              *({"numbers": numbers} for numbers in ((0.8, 0.2, 0.9, 0.999), (0.9, 0.3, 0.9, 0.999),
-                                                                     (0.9, 0.2, 0.8, 0.999), (0.9, 0.2, 0.9, 0.99))))),
+                              *({name: 0.9 * value, "rows": True} for name, value in STEP.items()))),
     "formed_gradients": (taken_back, (*SIZES, {"order": "aabcde"}, {"order": "abcdee"})),
 }
 
