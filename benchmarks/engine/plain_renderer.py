@@ -22,6 +22,7 @@ from mi_dogsplat.engine.project import (
     DeviceCamera,
     Kernels,
     Projection,
+    in_unit,
     rotation_matrix,
     rows,
     softplus,
@@ -109,7 +110,8 @@ def screen_kernels(axes: list, scales: list, log2_opacity) -> Kernels:
     m0, m1, m2 = v0[1] * v1[2] - v0[2] * v1[1], v0[2] * v1[0] - v0[0] * v1[2], v0[0] * v1[1] - v0[1] * v1[0]
     det = m0 * m0 + m1 * m1 + m2 * m2 + LOW_PASS * (xx + yy) + LOW_PASS * LOW_PASS
     xx, yy = xx + LOW_PASS, yy + LOW_PASS
-    ux = dr.sqrt(0.5 * LOG2_E * yy / det)
+    det, unit = in_unit(det)
+    ux = dr.sqrt(0.5 * LOG2_E * yy * unit / det)
     return Kernels(ux, -ux * xy / yy, dr.sqrt(0.5 * LOG2_E / yy), log2_opacity, xx, yy)
 
 

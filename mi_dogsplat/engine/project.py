@@ -33,6 +33,7 @@ from .slopes import slopes_on_screen
 LOW_PASS = 0.3  # px², added to the diagonal of Σ' so that no primitive falls between the pixels
 LOG2_E = 1.4426950408889634
 MAX_AXIS = 1e8  # px; a longer axis of a kernel is cut to this, which changes no pixel and keeps squares in range
+MAX_DET = 2.0**62  # px⁴; the inverse square of a larger determinant is no float, and derivatives need it
 NO_ROW = 0xFFFFFFFF  # row of a primitive that is not in a group: is no DoG, has no slopes, or no cut
 
 
@@ -108,6 +109,15 @@ def _in_range(axes, scales) -> list:
     return [dr.minimum(s, MAX_AXIS / length) for s, length in zip(scales, lengths, strict=True)]
 
 
+def in_unit(det: mi.Float) -> tuple:
+    """(``det`` in a unit in which derivatives can divide by its square, 1 over that unit: a power of two, by which no
+    bit changes)."""
+    if not dr.grad_enabled(det):
+        return det, 1.0
+    unit = dr.select(det < MAX_DET, 1, 1 / MAX_DET)
+    return det * unit, unit
+
+
 def _screen_kernels(axes, scales, log2_opacity, antialiased: bool) -> Kernels:
     """2D kernel of the 3D Gaussian whose scaled axes project to the columns of ``axes`` x ``scales``.
 
@@ -124,9 +134,12 @@ def _screen_kernels(axes, scales, log2_opacity, antialiased: bool) -> Kernels:
     raw_det = m0 * m0 + m1 * m1 + m2 * m2
     det = raw_det + LOW_PASS * (raw_xx + raw_yy) + LOW_PASS * LOW_PASS
     if antialiased:
-        log2_opacity = log2_opacity + 0.5 * dr.log2(dr.maximum(2.5e-5, raw_det / det))
+        factor = 0.5 * dr.log2(dr.maximum(2.5e-5, raw_det / det))
+        # of larger ones the ratio is above .999, and has next to no derivative
+        log2_opacity = log2_opacity + dr.select(det < MAX_DET, factor, dr.detach(factor))
     xx, yy = raw_xx + LOW_PASS, raw_yy + LOW_PASS
-    ux = dr.sqrt(0.5 * LOG2_E * yy / det)
+    det, unit = in_unit(det)
+    ux = dr.sqrt(0.5 * LOG2_E * yy * unit / det)
     return Kernels(ux, -ux * xy / yy, dr.sqrt(0.5 * LOG2_E / yy), log2_opacity, xx, yy)
 
 

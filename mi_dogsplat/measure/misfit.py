@@ -89,8 +89,8 @@ def _error(difference: Image, counts: Image) -> float:
 
 
 def _shrunk(image: NDArray) -> Image:
-    """[H, W, C] by means of k x k pixels, so that no side is much longer than ``LONGEST``."""
-    k = max(1, -(-max(image.shape[:2]) // LONGEST))
+    """[H, W, C] by means of k x k pixels, so that no side is much longer than ``LONGEST``, as far as there are k."""
+    k = min(*image.shape[:2], max(1, -(-max(image.shape[:2]) // LONGEST)))
     height, width = (side // k * k for side in image.shape[:2])
     blocks = np.asarray(image[:height, :width], np.float64).reshape(height // k, k, width // k, k, -1)
     return blocks.mean(axis=(1, 3))
@@ -106,7 +106,7 @@ def _error_after_motion(grey: Image, truth: Image, counts: Image) -> float:
     for deviation in COARSE_TO_FINE:
         a, b = (gaussian_filter(image, deviation) if deviation else image for image in (grey, truth))
         smooth = gaussian_filter(a, max(deviation, 0.5))
-        slopes = np.gradient(smooth)[::-1]  # by x, by y
+        slopes = [_slope(smooth, axis) for axis in (1, 0)]  # by x, by y
         for _ in range(ITERATIONS):
             x, y = _moved(motion, basis, columns, rows)
             moved = _at(a, x, y)
@@ -117,6 +117,10 @@ def _error_after_motion(grey: Image, truth: Image, counts: Image) -> float:
             motion = motion + np.linalg.lstsq(normal, right, rcond=1e-6)[0].reshape(2, 3)
         best = min(best, _error(_at(grey, *_moved(motion, basis, columns, rows)) - truth, counts))
     return best
+
+
+def _slope(image: Image, axis: int) -> Image:
+    return np.gradient(image, axis=axis) if image.shape[axis] > 1 else np.zeros_like(image)
 
 
 def _moved(motion: Image, basis: Image, columns: Image, rows: Image) -> tuple[Image, Image]:

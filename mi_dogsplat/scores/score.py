@@ -217,5 +217,5 @@ def _normalised(values: np.ndarray) -> np.ndarray:
 
 
 def _opacities(logits: np.ndarray) -> np.ndarray:
-    """Sigmoid in float64; 0 for what is not a number."""
-    return np.exp(-np.logaddexp(0, -np.where(np.isfinite(logits), logits, -np.inf).astype(np.float64)))
+    """Sigmoid in float64, of ±∞ 1 and 0; 0 for what is not a number."""
+    return np.exp(-np.logaddexp(0, -np.where(np.isnan(logits), -np.inf, logits).astype(np.float64)))

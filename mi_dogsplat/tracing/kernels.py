@@ -103,7 +103,8 @@ def _kernel(o: list, d: list, lo: Any, away: list, world_d: list) -> tuple[Kerne
     """(a kernel at its largest value on the ray, where that is)"""
     inverse = dr.rcp(dot(d, d))
     t = -dot(o, d) * inverse
-    x, y, z = cross(o, d)
+    x, y, z = moment = cross(o, d)
     value = dr.exp2(lo - dr.fma(x, x, dr.fma(y, y, z * z)) * inverse)
-    offset, inside = ([dr.fma(t, b, a) for a, b in zip(*pair, strict=True)] for pair in ((away, world_d), (o, d)))
+    offset = [dr.fma(t, b, a) for a, b in zip(away, world_d, strict=True)]
+    inside = [c * inverse for c in cross(d, moment)]  # o + t d has no digits along the normal of a disk
     return Kernel(value, offset, inside), t

@@ -107,6 +107,23 @@ def test_gradients_beyond_the_clamp_of_the_linearisation_equal_differences():
     assert_gradients_equal(gradients_of(splats, image_loss, options(splats, **SMOOTH_OPTIONS)), expected)
 
 
+@pytest.mark.parametrize("antialiased", [False, True])
+@pytest.mark.parametrize("scales", [(15, 1e7, 1e-3), (1e4, 1e4, 1e-3)], ids=str)
+def test_gradients_of_kernels_of_huge_areas_equal_differences(scales, antialiased):
+    """70,000 px wide, or a needle of 1e8 px by 100: the square of their determinants is no float."""
+    splats = rounded(make_splats([0.1, 0, 2], scales, 0.6, (0.3, 0.6, 0.9)))
+    adjoint = np.ones((CAMERA.height, CAMERA.width, 3))
+    expected = reference.loss_gradients(splats, CAMERA, adjoint, antialiased=antialiased)
+
+    def loss(frame: Frame) -> mi.Float:
+        return dr.sum(frame.colors[0] + frame.colors[1] + frame.colors[2])
+
+    got = gradients_of(splats, loss, options(splats, antialiased=antialiased, **SMOOTH_OPTIONS))
+    for name in ("log_scales", "logit_opacities"):
+        largest = np.abs(expected[name]).max()
+        np.testing.assert_allclose(got[name], expected[name], rtol=0, atol=1e-2 * largest, err_msg=name)
+
+
 @pytest.mark.parametrize("what", ["T", "depth", "everything"])
 def test_gradients_of_transmittance_and_depth_equal_differences(what):
     splats, weight = small_model(), {"T": (0, 1, 0), "depth": (0, 0, 1), "everything": (1, 0.7, -0.4)}[what]

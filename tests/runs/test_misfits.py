@@ -124,6 +124,12 @@ def test_a_cause_explains_most_of_the_error_that_it_makes(scene, change, cause):
     assert likely_cause(shares, usual_shares([explained(render, noisy(render, 1))])) == cause
 
 
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (7, 1), (2, 900), (900, 1)])
+def test_images_of_few_pixels_have_shares_too(size):
+    render, photograph = np.random.default_rng(0).uniform(size=(2, *size, 3))
+    assert all(0 <= share <= 1 for share in explained(render, photograph).values())
+
+
 def test_pictures_that_are_alike_have_no_cause(scene):
     render = next(iter(scene[0].values()))
     assert set(explained(render, render).values()) == {0.0} and relative_sharpness(render, render) == 0

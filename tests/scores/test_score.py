@@ -152,6 +152,11 @@ def test_the_opacity_needs_no_view():
     assert_close(score(ScoreRule("opacity"), rounded(splats), cameras=[]), np.array([0.1, 0.7, 1e-9, 0]), rtol=1e-6)
 
 
+def test_opacities_of_infinite_logits_are_0_and_1_as_they_are_drawn_and_of_none_0():
+    splats = dataclasses.replace(select(SPLATS, 3), logit_opacities=np.array([np.inf, -np.inf, np.nan]))
+    np.testing.assert_array_equal(score(ScoreRule("opacity"), splats, cameras=[]), [1, 0, 0])
+
+
 @pytest.mark.parametrize("rule", [EXACT, ScoreRule(), ScoreRule("released"), ScoreRule("leave-one-out")])
 def test_what_no_camera_sees_is_worth_nothing_and_all_else_something(rule):
     splats = rounded(make_splats([[0, 0, -2], [0, 0, 2], [50, 0, 2], [0.1, 0, 3]], 0.2, 0.5))
