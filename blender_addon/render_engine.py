@@ -62,12 +62,12 @@ class DogSplatEngine(bpy.types.RenderEngine):
             for key, text in passes.matte_metadata(layer.name, order).items():
                 self.get_result().stamp_data_add_field(key, text)
 
-    def _camera_of(self, view: str) -> tuple[bpy.types.Object, Eye] | tuple[()]:
-        """The camera of a view, and from where it looks; nothing for a scene without one."""
+    def _camera_of(self, view: str) -> tuple[bpy.types.Object | None, Eye | None]:
+        """The camera of a view, and from where it looks; None for a scene without one."""
         self.active_view_set(view)
         camera = self.camera_override
-        if camera is None:
-            return ()
+        if camera is None or camera.type != "CAMERA":  # of which Blender itself would crash
+            return camera, None
         return camera, (self.camera_model_matrix(camera), self.camera_shift_x(camera))
 
     def view_update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ..files.errors import told, type_name
+from ..files.transform import mean_scale
 from ..objects.conventions import remember
 from .camera import OPENCV_FROM_OPENGL, Camera
 
@@ -32,7 +33,7 @@ def build_camera(
     data.lens = camera.fx * SENSOR / camera.width
     data.shift_x = 0.5 - camera.cx / camera.width  # in widths of the picture, and so is shift_y
     data.shift_y = (camera.cy - camera.height / 2) / aspect / camera.width
-    scale = matrix.to_scale()[0]
+    scale = mean_scale(np.array(matrix, np.float64)[:3, :3])  # positive of a mirrored model too
     data.clip_start, data.clip_end = CLIP_START * scale, CLIP_END * scale
     data.display_size = 0.1 * scale
     obj[SIZE] = [camera.width, camera.height, aspect]
@@ -66,9 +67,9 @@ def picture_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
 def camera_numbers(scene: bpy.types.Scene, obj: bpy.types.Object, eye: Eye | None = None) -> Camera:
     """The pinhole camera of a camera object at the resolution of the render. Raises ``ValueError`` for other kinds."""
     data, render = obj.data, scene.render
-    if data.type != "PERSP":
+    if obj.type != "CAMERA" or data.type != "PERSP":  # Blender looks through any object
         problem = 'the camera "{name}" has the type {kind}; splats need a perspective camera'
-        raise ValueError(told(problem, name=obj.name, kind=type_name(data)))
+        raise ValueError(told(problem, name=obj.name, kind=type_name(data if obj.type == "CAMERA" else obj)))
     pose, shift_x = eye or (obj.matrix_world.normalized(), data.shift_x)
     width, height = picture_size(render)
     ax, ay = render.pixel_aspect_x, render.pixel_aspect_y

@@ -22,7 +22,7 @@ from .materials import Surface, surface
 from .meshes import Part, parts
 from .world import is_plain, world_light
 
-WITH_FACES = ("MESH", "CURVE", "SURFACE", "META", "FONT")
+WITH_FACES = ("MESH", "META")  # Blender lists what curves, surfaces and text become as instances that are meshes
 Kind = tuple[int, tuple[str, ...]]  # geometry and materials: what is the same is stored once
 LAMP = "light_"  # begins the id of a lamp
 WITHOUT = ("VOLUME", "POINTCLOUD", "CURVES", "GREASEPENCIL", "GPENCIL")

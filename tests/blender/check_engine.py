@@ -155,6 +155,17 @@ def test_what_is_missing_in_the_scene_is_said(scene, by_command, prepare, messag
         bpy.ops.render.render()
 
 
+@pytest.mark.parametrize("make", [lambda: None, lambda: bpy.data.meshes.new("mesh")])
+def test_an_object_that_is_no_camera_is_refused(scene, by_command, make):
+    """Blender looks through any."""
+    load(REFERENCES / "dog.ply")
+    scene.camera = bpy.data.objects.new("window", make())
+    scene.collection.objects.link(scene.camera)
+    scene.render.engine = engine.ENGINE
+    with pytest.raises(RuntimeError, match='"window" has the type .*perspective'):
+        bpy.ops.render.render()
+
+
 def test_an_orthographic_camera_is_refused(scene, by_command):
     place_camera(scene, "dog")
     load(REFERENCES / "dog.ply")

@@ -84,6 +84,13 @@ def test_cameras_that_were_deleted_and_added_are_respected(subject, scene):
     assert len(make_rig(bpy.context)) == 15 and own.name in scene.dogsplat_training.cameras.objects
 
 
+def test_a_scene_that_looks_through_the_rig_does_so_again_when_it_is_made_anew(subject, scene):
+    made = make_rig(bpy.context)
+    scene.camera = made[2]
+    made = make_rig(bpy.context)
+    assert scene.camera == made[0]
+
+
 def test_cameras_inside_stand_free_and_look_around(scene):
     bpy.ops.mesh.primitive_cube_add(size=6, location=(0, 0, 3))
     room = bpy.context.object
