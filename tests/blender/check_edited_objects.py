@@ -143,6 +143,40 @@ def test_instances_of_a_collection_are_exported_where_they_stand(scene, model, t
     assert_moved(export(tmp_path / "out.ply"), raw, np.array(PLACED))
 
 
+@pytest.mark.parametrize("show", ["Quads", "Ellipsoids"])
+@pytest.mark.parametrize("way", ["VERTS", "NODES"])
+def test_what_points_or_nodes_repeat_is_placed(scene, model, show, way):
+    """Once for each corner of a square, and not the ellipsoids."""
+    obj = load(model)
+    set_input(splat_modifier(obj), "Show As", show)
+    bpy.ops.mesh.primitive_plane_add(size=2)
+    square = bpy.context.object
+    if way == "VERTS":
+        square.instance_type, obj.parent = way, square
+    else:
+        square.modifiers.new("scatter", way).node_group = scattering(obj)
+    square.matrix_world = PLACED
+    bpy.context.view_layer.update()
+    placed = list(placed_splats(bpy.context.evaluated_depsgraph_get(), lambda owner: owner == square))
+    assert [(found, owner) for found, _, owner in placed] == 4 * [(obj, square)]
+    corners = [tuple(square.matrix_world @ vertex.co) for vertex in square.data.vertices]
+    assert np.allclose(sorted(tuple(matrix[:3, 3]) for _, matrix, _ in placed), sorted(corners), atol=1e-5)
+
+
+def scattering(obj: bpy.types.Object) -> bpy.types.NodeTree:
+    """Nodes that put an object on each point."""
+    tree = bpy.data.node_groups.new("scatter", "GeometryNodeTree")
+    for side in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=side, socket_type="NodeSocketGeometry")
+    kinds = "NodeGroupInput", "GeometryNodeObjectInfo", "GeometryNodeInstanceOnPoints", "NodeGroupOutput"
+    points, info, put, end = (tree.nodes.new(kind) for kind in kinds)
+    info.inputs["Object"].default_value, info.inputs["As Instance"].default_value = obj, True
+    tree.links.new(points.outputs[0], put.inputs["Points"])
+    tree.links.new(info.outputs["Geometry"], put.inputs["Instance"])
+    tree.links.new(put.outputs[0], end.inputs[0])
+    return tree
+
+
 def test_what_is_parented_to_a_model_stays_when_its_transform_is_applied(scene, model):
     """Whatever the order in which a family of models is selected; and they are themselves applied."""
     objects = [load(model) for _ in range(3)]
