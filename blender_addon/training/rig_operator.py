@@ -124,7 +124,7 @@ def _emptied(scene: bpy.types.Scene, settings: DogSplatTrainingSettings) -> bpy.
     """The rig's collection without the cameras that were made before; those that were added by hand stay."""
     if settings.cameras is None:
         settings.cameras = bpy.data.collections.new(RIG)
-    if settings.cameras.name not in scene.collection.children:
+    if settings.cameras not in scene.collection.children_recursive:
         scene.collection.children.link(settings.cameras)
     for obj in [obj for obj in settings.cameras.objects if RIG in obj]:
         data = obj.data

@@ -101,6 +101,20 @@ def test_the_final_frame_is_the_picture_of_the_command(scene, by_command, tmp_pa
     assert psnr(rendered(scene, engine.ENGINE, tmp_path), reference()["color"]) > 70
 
 
+def test_nothing_colors_the_exact_picture(scene, rows, tmp_path):
+    """Neither the look of the scene nor its white balance, which holds under Raw too."""
+    view, render = scene.view_settings, scene.render
+    view.exposure, view.gamma = 1.0, 2.0
+    if hasattr(view, "use_white_balance"):
+        view.use_white_balance, view.white_balance_temperature = True, 3000
+    bpy.ops.dogsplat.exact_settings()
+    render.image_settings.file_format, render.dither_intensity = "PNG", 0.0
+    render.filepath = str(tmp_path / "out.png")
+    rows.render = lambda request, *_: {"color": np.full((64, 96, 3), 0.5), "alpha": np.ones((64, 96))}
+    bpy.ops.render.render(write_still=True)
+    assert bpy.data.images.load(render.filepath).pixels[:3] == pytest.approx((0.5, 0.5, 0.5), abs=0.003)
+
+
 def test_linear_colors_are_those_of_the_integrator(scene, by_command, tmp_path):
     place_camera(scene, "dog")
     load(REFERENCES / "dog.ply")
