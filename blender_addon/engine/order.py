@@ -80,17 +80,18 @@ def make_order(
     depsgraph: bpy.types.Depsgraph,
     folder: Path,
     passes: list[str],
-    seen_by: bpy.types.Object | None = None,
+    obj: bpy.types.Object | None = None,
     eye: Eye | None = None,
 ) -> Order:
     """Write what the package needs for a frame. Raises ``ValueError`` where nothing can be drawn.
 
-    ``seen_by``: an evaluated camera in place of the scene's own, from where one of several views has it.
+    ``obj``: an evaluated camera in place of the scene's own; ``eye``: from where one of several views has it.
     """
     scene = depsgraph.scene
-    if scene.camera is None and seen_by is None:
+    if obj is None and scene.camera is not None:
+        obj = scene.camera.evaluated_get(depsgraph)
+    if obj is None:
         raise ValueError(told("the scene has no camera; add one, or import those of the data set"))
-    obj = seen_by or scene.camera.evaluated_get(depsgraph)
     camera = rendered_part(scene.render, camera_numbers(scene, obj, eye))
     stage = make_stage(depsgraph, folder, camera, seen_by=sensor(scene, obj, square(camera)))
     request = {**stage.request, "passes": passes}
