@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 from bpy.app.translations import pgettext_iface as iface_
 
+from .cameras.objects import Eye
 from .engine import passes
 from .engine.order import Order, make_order, tidy
 from .engine.settings import ENGINE
@@ -25,31 +26,49 @@ class DogSplatEngine(bpy.types.RenderEngine):
 
     def render(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Render one view layer; errors end up in the status bar and in the report of the operator."""
-        scene, layer = depsgraph.scene, depsgraph.view_layer_eval
+        layer = depsgraph.view_layer_eval
+        views = [view.name for view in self.get_result().views]  # two eyes, say; mostly one without a name
         try:
-            renderer = choose_renderer(command_of(bpy.context))
-            self.update_stats("", iface_("sending the scene"))
-            order = make_order(depsgraph, renderer.folder, passes.wanted(layer))
-            tidy(renderer.folder, order.files)
-            for note in order.notes:
-                self.report({"WARNING"}, note)
-            count = sum(order.request["counts"])
-            self.update_stats("", iface_("{count:,} splats, {name}").format(count=count, name=renderer.name))
             for name, (channels, letters, _, _) in passes.offered(layer).items():
-                self.add_pass(name, channels, letters)
-            picture = renderer.render(
-                order.request, self.test_break, self.update_progress, lambda seen: self._show(scene, order, seen)
-            )
+                self.add_pass(name, channels, letters, layer=layer.name)
+            for number, view in enumerate(views):
+                self._render_view(depsgraph, view, number / len(views), 1 / len(views))
         except Cancelled:
             return
         except (ValueError, OSError, RendererError) as error:
             self.report({"ERROR"}, str(error))
             self.error_set(str(error))
-            return
-        self._show(scene, order, picture)
+
+    def _render_view(self, depsgraph: bpy.types.Depsgraph, view: str, done: float, share: float) -> None:
+        """Render one of the views of a view layer, which is this share of the work. Raises as ``render`` catches."""
+        scene, layer = depsgraph.scene, depsgraph.view_layer_eval
+        renderer = choose_renderer(command_of(bpy.context))
+        self.update_stats("", iface_("sending the scene"))
+        order = make_order(depsgraph, renderer.folder, passes.wanted(layer), *self._camera_of(view))
+        tidy(renderer.folder, order.files)
+        for note in order.notes:
+            self.report({"WARNING"}, note)
+        count = sum(order.request["counts"])
+        self.update_stats("", iface_("{count:,} splats, {name}").format(count=count, name=renderer.name))
+
+        def show(picture: dict[str, np.ndarray]) -> None:
+            self._show(scene, order, picture, layer.name, view)
+
+        def progress(part: float) -> None:
+            self.update_progress(done + share * part)
+
+        show(renderer.render(order.request, self.test_break, progress, show))
         if "matte" in order.request["passes"]:
             for key, text in passes.matte_metadata(layer.name, order).items():
                 self.get_result().stamp_data_add_field(key, text)
+
+    def _camera_of(self, view: str) -> tuple[bpy.types.Object | None, Eye | None]:
+        """The camera of a view, and from where it looks; None for a scene without one."""
+        self.active_view_set(view)
+        camera = self.camera_override
+        if camera is None or camera.type != "CAMERA":  # of which Blender itself would crash
+            return camera, None
+        return camera, (self.camera_model_matrix(camera), self.camera_shift_x(camera))
 
     def view_update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Something has changed that a viewport in Rendered shading may show."""
@@ -72,9 +91,11 @@ class DogSplatEngine(bpy.types.RenderEngine):
         for name, (channels, letters, kind, _) in passes.offered(renderlayer).items():
             self.register_pass(scene, renderlayer, name, channels, letters, kind)
 
-    def _show(self, scene: bpy.types.Scene, order: Order, picture: dict[str, np.ndarray]) -> None:
+    def _show(
+        self, scene: bpy.types.Scene, order: Order, picture: dict[str, np.ndarray], layer: str, view: str
+    ) -> None:
         """Hand the picture (rows from the top) to Blender (rows from the bottom)."""
-        result = self.begin_result(0, 0, order.camera.width, order.camera.height)
+        result = self.begin_result(0, 0, order.camera.width, order.camera.height, layer=layer, view=view)
         for name, values in passes.values(order, picture, scene).items():
             target = result.layers[0].passes.get(name)
             if target is not None:

@@ -36,6 +36,10 @@ class Camera:
         values = {name: getattr(self, name) / k for name in ("fx", "fy", "cx", "cy")}
         return replace(self, **values, width=max(self.width // k, 1), height=max(self.height // k, 1))
 
+    def window(self, left: int, top: int, right: int, bottom: int) -> Camera:
+        """The camera of a part of the image, in whole pixels from its upper left corner."""
+        return replace(self, cx=self.cx - left, cy=self.cy - top, width=right - left, height=bottom - top)
+
 
 def rigid(path: Path, name: str, matrix: Any) -> np.ndarray:
     """A [3, 4] or [4, 4] matrix that is rigid up to rounding as an exactly rigid [4, 4] one. Raises ``FileError``."""

@@ -7,12 +7,14 @@ import numpy as np
 from mathutils import Matrix
 
 from ..files.errors import told, type_name
+from ..files.transform import mean_scale
 from ..objects.conventions import remember
 from .camera import OPENCV_FROM_OPENGL, Camera
 
 SENSOR = 36.0  # mm
 SIZE = "dogsplat_image_size"  # width, height in pixels, and the aspect of a pixel (fy / fx)
 CLIP_START, CLIP_END = 0.01, 1e4  # a model has no far end
+Eye = tuple[Matrix, float]  # pose and shift along x that one of several views has in place of the camera's own
 CONVENTION = "OpenCV world-to-camera; the centre of the first pixel is (0.5, 0.5)"
 
 
@@ -31,7 +33,7 @@ def build_camera(
     data.lens = camera.fx * SENSOR / camera.width
     data.shift_x = 0.5 - camera.cx / camera.width  # in widths of the picture, and so is shift_y
     data.shift_y = (camera.cy - camera.height / 2) / aspect / camera.width
-    scale = matrix.to_scale()[0]
+    scale = mean_scale(np.array(matrix, np.float64)[:3, :3])  # positive of a mirrored model too
     data.clip_start, data.clip_end = CLIP_START * scale, CLIP_END * scale
     data.display_size = 0.1 * scale
     obj[SIZE] = [camera.width, camera.height, aspect]
@@ -56,18 +58,34 @@ def look_through(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
         render.pixel_aspect_x, render.pixel_aspect_y = max(aspect, 1.0), max(1 / aspect, 1.0)
 
 
-def camera_numbers(scene: bpy.types.Scene, obj: bpy.types.Object) -> Camera:
+def picture_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
+    """Width and height of a render in pixels, as Blender rounds them; at least one."""
+    percent = render.resolution_percentage
+    return max(render.resolution_x * percent // 100, 1), max(render.resolution_y * percent // 100, 1)
+
+
+def camera_numbers(scene: bpy.types.Scene, obj: bpy.types.Object, eye: Eye | None = None) -> Camera:
     """The pinhole camera of a camera object at the resolution of the render. Raises ``ValueError`` for other kinds."""
     data, render = obj.data, scene.render
-    if data.type != "PERSP":
+    if obj.type != "CAMERA" or data.type != "PERSP":  # Blender looks through any object
         problem = 'the camera "{name}" has the type {kind}; splats need a perspective camera'
-        raise ValueError(told(problem, name=obj.name, kind=type_name(data)))
-    percent = render.resolution_percentage / 100
-    width, height = render.resolution_x * percent, render.resolution_y * percent
+        raise ValueError(told(problem, name=obj.name, kind=type_name(data if obj.type == "CAMERA" else obj)))
+    pose, shift_x = eye or (obj.matrix_world.normalized(), data.shift_x)
+    width, height = picture_size(render)
     ax, ay = render.pixel_aspect_x, render.pixel_aspect_y
     horizontal = data.sensor_fit == "HORIZONTAL" or (data.sensor_fit == "AUTO" and width * ax >= height * ay)
     size = width * ax if horizontal else height * ay
     focal = data.lens / (data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width) * size
-    cx, cy = width / 2 - data.shift_x * size / ax, height / 2 + data.shift_y * size / ay
-    c2w = np.array(obj.matrix_world.normalized(), np.float64) @ OPENCV_FROM_OPENGL
-    return Camera(obj.name, np.linalg.inv(c2w), focal / ax, focal / ay, cx, cy, int(width), int(height))
+    cx, cy = width / 2 - shift_x * size / ax, height / 2 + data.shift_y * size / ay
+    c2w = np.array(pose, np.float64) @ OPENCV_FROM_OPENGL
+    return Camera(obj.name, np.linalg.inv(c2w), focal / ax, focal / ay, cx, cy, width, height)
+
+
+def rendered_part(render: bpy.types.RenderSettings, camera: Camera) -> Camera:
+    """The camera of the region that is rendered, where there is one, cut off where Blender cuts it."""
+    if not render.use_border:
+        return camera
+    size = np.array((camera.width, camera.height), np.float32)  # single precision, as in Blender
+    left, low = (size * np.float32((render.border_min_x, render.border_min_y))).astype(int).tolist()
+    right, high = (size * np.float32((render.border_max_x, render.border_max_y))).astype(int).tolist()
+    return camera.window(left, camera.height - high, right, camera.height - low)

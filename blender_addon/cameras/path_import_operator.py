@@ -12,7 +12,7 @@ from mathutils import Matrix
 from ..files.errors import FileError, told
 from ..objects.attributes import is_splats
 from ..translations import OWN
-from .objects import build_camera, look_through
+from .objects import build_camera, look_through, picture_size
 from .path_file import PathKey, read_path
 
 
@@ -34,10 +34,8 @@ class DOGSPLAT_OT_import_path(bpy.types.Operator, ImportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """A camera that follows the active model of splats, as it is placed now; after an error, none."""
         scene, path = context.scene, Path(self.filepath)
-        percent = scene.render.resolution_percentage / 100
-        size = (max(int(pixels * percent), 1) for pixels in (scene.render.resolution_x, scene.render.resolution_y))
         try:
-            keys = read_path(path, *size)
+            keys = read_path(path, *picture_size(scene.render))
         except FileError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

@@ -50,10 +50,10 @@ class DOGSPLAT_OT_apply_edits(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """All selected models, or after an error none of those that follow."""
         objects = [obj for obj in context.selected_objects if can_edit(obj) and edit_modifiers(obj)]
-        for obj in objects:
-            finish_painting(obj)
-        depsgraph = context.evaluated_depsgraph_get()
         try:
+            for obj in objects:
+                finish_painting(obj)
+            depsgraph = context.evaluated_depsgraph_get()
             gone = sum(apply_edits(obj, depsgraph) for obj in objects)
         except ValueError as error:
             self.report({"ERROR"}, str(error))

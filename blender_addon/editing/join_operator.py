@@ -29,8 +29,10 @@ class DOGSPLAT_OT_join(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Blender's own Join keeps all attributes; afterwards the splats follow where their points went."""
         active, models = context.object, _models(context)
-        to_active = np.linalg.inv(np.array(active.matrix_world, np.float64))
         try:
+            for obj in [active, *models]:  # what the active one flattens has no place in it
+                check_regular(np.array(obj.matrix_world, np.float64)[:3, :3])
+            to_active = np.linalg.inv(np.array(active.matrix_world, np.float64))
             for obj in models:
                 check_regular((to_active @ np.array(obj.matrix_world, np.float64))[:3, :3])
         except ValueError as error:
@@ -40,10 +42,10 @@ class DOGSPLAT_OT_join(bpy.types.Operator):
             text = told("some of these models hold radiance, others sRGB values; join those of one kind")
             self.report({"ERROR"}, text)
             return {"CANCELLED"}
-        for obj in models:
-            finish_painting(obj)
-        depsgraph = context.evaluated_depsgraph_get()
         try:
+            for obj in models:
+                finish_painting(obj)
+            depsgraph = context.evaluated_depsgraph_get()
             for obj in models:
                 apply_edits(obj, depsgraph)
         except ValueError as error:

@@ -10,7 +10,7 @@ from ..nodes.paint import NAME as PAINT
 from ..nodes.paint import paint_tree
 from ..objects.attributes import can_edit, is_splats
 from ..objects.conventions import light_of
-from .stand_in import build_stand_in, finish_painting, stand_in_of
+from .stand_in import build_stand_in, finish_painting, show_stand_in, stand_in_of
 
 MODES = {"ERASE": "WEIGHT_PAINT", "TINT": "VERTEX_PAINT"}
 
@@ -39,12 +39,17 @@ class DOGSPLAT_OT_paint(bpy.types.Operator):
             bpy.ops.object.mode_set(mode="OBJECT")
         stand_in = stand_in_of(obj)
         if stand_in is None:
-            stand_in = build_stand_in(obj)
+            try:
+                stand_in = build_stand_in(obj)
+            except ValueError as error:
+                self.report({"ERROR"}, str(error))
+                return {"CANCELLED"}
             modifiers = edit_modifiers(obj, PAINT) or [add_edit_modifier(obj, paint_tree(), first=True)]
             set_input(modifiers[0], "Stand-In", stand_in)
             if has_input(modifiers[0], "Linear Light"):
                 set_input(modifiers[0], "Linear Light", light_of(obj).linear)
             obj.update_tag()
+        show_stand_in(obj, stand_in, context.view_layer)
         bpy.ops.object.select_all(action="DESELECT")
         stand_in.select_set(True)
         context.view_layer.objects.active = stand_in
@@ -70,7 +75,11 @@ class DOGSPLAT_OT_finish_painting(bpy.types.Operator):
         obj = painted_model(context.object)
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
-        finish_painting(obj)
+        try:
+            finish_painting(obj)
+        except ValueError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         obj.select_set(True)
         context.view_layer.objects.active = obj
         return {"FINISHED"}

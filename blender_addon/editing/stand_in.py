@@ -5,25 +5,29 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..files.errors import told
 from ..nodes.modifier import edit_modifiers, get_input, set_input
 from ..nodes.paint import CORNERS
 from ..nodes.paint import NAME as PAINT
-from ..objects.attributes import ERASE, PAINT_INDEX, SCALE, TINT
+from ..objects.attributes import ERASE, PAINT_INDEX, SCALE, TINT, is_splats, own_data
 from ..objects.columns import get_column, put_column
 
 TETRAHEDRON = np.array([(1, 1, 1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1)], np.float32)
 FACES = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)], np.int32)
+SPLATS = "dogsplat_splats"  # how many a stand-in was made for
 UNPAINTED = {ERASE: (0.0,), TINT: (1.0, 1.0, 1.0, 1.0)}
 
 
 def build_stand_in(obj: bpy.types.Object) -> bpy.types.Object:
     """A child of the model with what was painted before, linked to its collections; splats learn their index."""
+    own_data(obj)
     positions, scales = get_column(obj.data, "position", 3), get_column(obj.data, SCALE, 3)
     n = len(positions)
     put_column(obj.data, PAINT_INDEX, np.arange(n, dtype=np.int32))
     radius = np.cbrt(scales.prod(axis=1, keepdims=True))[:, None]  # that of a ball of the same volume
     corners = (positions[:, None] + radius * TETRAHEDRON).reshape(-1, 3)
     mesh = bpy.data.meshes.new(f"{obj.name} paint")
+    mesh[SPLATS] = n
     mesh.vertices.add(len(corners))
     mesh.vertices.foreach_set("co", corners.ravel())
     faces = (np.arange(n, dtype=np.int32)[:, None, None] * CORNERS + FACES).ravel()
@@ -59,24 +63,52 @@ def stand_in_of(obj: bpy.types.Object) -> bpy.types.Object | None:
     return next((get_input(modifier, "Stand-In") for modifier in edit_modifiers(obj, PAINT)), None)
 
 
+def show_stand_in(obj: bpy.types.Object, stand_in: bpy.types.Object, layer: bpy.types.ViewLayer) -> None:
+    """Have a view layer show the stand-in of a model, which was deleted or hidden by hand; the modifier keeps it."""
+    if stand_in.name not in layer.objects:
+        for collection in obj.users_collection:
+            if stand_in.name not in collection.objects:
+                collection.objects.link(stand_in)
+    stand_in.hide_viewport = False
+    stand_in.hide_set(False, view_layer=layer)
+
+
 def finish_painting(obj: bpy.types.Object) -> None:
-    """Make what was painted attributes of the splats, and remove the stand-in; nothing where there is none."""
+    """Make what was painted attributes of the splats, and remove the stand-in; nothing where there is none.
+
+    Duplicates of a model that is being painted have the same stand-in, and get the same. Raises ``ValueError`` for one
+    that has lost points.
+    """
     stand_in = stand_in_of(obj)
     if stand_in is None:
         return
-    index = get_column(obj.data, PAINT_INDEX, 1)[:, 0]
-    for name, values in ((ERASE, _weights(stand_in)), (TINT, get_column(stand_in.data, TINT, 4))):
-        per_splat = values.reshape(-1, CORNERS, values.shape[1]).mean(axis=1, dtype=np.float32)[index]
-        if name in obj.data.attributes or (per_splat != np.float32(UNPAINTED[name])).any():
-            put_column(obj.data, name, per_splat)
-    for modifier in edit_modifiers(obj, PAINT):
-        set_input(modifier, "Stand-In", None)
-    obj.data.attributes.remove(obj.data.attributes[PAINT_INDEX])
+    if len(stand_in.data.vertices) != CORNERS * stand_in.data.get(SPLATS, len(stand_in.data.vertices) // CORNERS):
+        problem = (
+            '"{name}" has lost or got points, so nobody knows what is painted; undo that, or delete it and its modifier'
+        )
+        raise ValueError(told(problem, name=stand_in.name))
+    painted = {ERASE: _weights(stand_in), TINT: get_column(stand_in.data, TINT, 4)}
+    models = [other for other in bpy.data.objects if is_splats(other) and stand_in_of(other) == stand_in]
+    for mesh in {model.data for model in models}:
+        _store(mesh, painted)
+    for model in models:
+        for modifier in edit_modifiers(model, PAINT):
+            set_input(modifier, "Stand-In", None)
+        model.update_tag()
     mesh = stand_in.data
     bpy.data.objects.remove(stand_in)
     bpy.data.meshes.remove(mesh)
-    obj.data.update()
-    obj.update_tag()
+
+
+def _store(mesh: bpy.types.Mesh, painted: dict[str, np.ndarray]) -> None:
+    """Of the corners of all stand-ins, [V, 1] or [V, 4]: those of the splats of a mesh."""
+    index = get_column(mesh, PAINT_INDEX, 1)[:, 0]
+    for attribute, values in painted.items():
+        per_splat = values.reshape(-1, CORNERS, values.shape[1]).mean(axis=1, dtype=np.float32)[index]
+        if attribute in mesh.attributes or (per_splat != np.float32(UNPAINTED[attribute])).any():
+            put_column(mesh, attribute, per_splat)
+    mesh.attributes.remove(mesh.attributes[PAINT_INDEX])
+    mesh.update()
 
 
 def _weights(stand_in: bpy.types.Object) -> np.ndarray:

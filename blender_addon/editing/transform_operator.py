@@ -11,7 +11,7 @@ from ..files.model import Model
 from ..files.transform import mean_scale, transformed
 from ..nodes.limits import NAME as LIMITS
 from ..nodes.modifier import edit_modifiers, get_input, set_input
-from ..objects.attributes import can_edit, read_attributes, write_attributes
+from ..objects.attributes import can_edit, own_data, read_attributes, write_attributes
 from .stand_in import finish_painting
 
 
@@ -32,21 +32,29 @@ class DOGSPLAT_OT_apply_transform(bpy.types.Operator):
         objects = [obj for obj in context.selected_objects if can_edit(obj)]
         try:
             models = [_moved(obj) for obj in objects]
+            for obj in objects:
+                finish_painting(obj)
         except ValueError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        places = {child: child.matrix_world.copy() for obj in objects for child in obj.children}  # they stay there
+        places |= {obj: Matrix.Identity(4) for obj in objects}
         for obj, model in zip(objects, models, strict=True):
-            finish_painting(obj)
-            if obj.data.users > 1:
-                obj.data = obj.data.copy()
+            own_data(obj)
             write_attributes(obj.data, model)
             scale = mean_scale(np.array(obj.matrix_world, np.float64)[:3, :3])
             for modifier in edit_modifiers(obj, LIMITS):  # sizes are those of the object's space
                 for name in ("Minimum Size", "Maximum Size"):
                     set_input(modifier, name, get_input(modifier, name) * scale)
-            obj.matrix_world = Matrix.Identity(4)
             obj.update_tag()
+        for obj in sorted(places, key=_depth):  # whom a matrix is relative to comes first
+            obj.matrix_world = places[obj]
         return {"FINISHED"}
+
+
+def _depth(obj: bpy.types.Object) -> int:
+    """How many parents an object has, theirs included."""
+    return 0 if obj.parent is None else 1 + _depth(obj.parent)
 
 
 def _moved(obj: bpy.types.Object) -> Model:

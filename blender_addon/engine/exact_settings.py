@@ -32,6 +32,8 @@ class DOGSPLAT_OT_exact_settings(bpy.types.Operator):
         view = scene.view_settings
         view.view_transform, view.look, view.exposure, view.gamma = "Raw", "None", 0.0, 1.0
         view.use_curve_mapping = False
+        if hasattr(view, "use_white_balance"):  # from Blender 4.3 on
+            view.use_white_balance = False
         scene.eevee.taa_render_samples = self.samples
         scene.render.filter_size = 0.01 if self.samples == 1 else 1.0
         if hasattr(scene, "cycles"):

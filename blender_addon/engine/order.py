@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from ..cameras.camera import Camera
-from ..cameras.objects import camera_numbers
+from ..cameras.objects import Eye, camera_numbers, rendered_part
 from ..evaluated.masks import mask_of, numbered
 from ..evaluated.placed import moved_model, placed_model, placed_splats
 from ..files.errors import told
@@ -76,13 +76,23 @@ class _Splats:
     antialiased: bool = False
 
 
-def make_order(depsgraph: bpy.types.Depsgraph, folder: Path, passes: list[str]) -> Order:
-    """Write what the package needs for a frame. Raises ``ValueError`` where nothing can be drawn."""
+def make_order(
+    depsgraph: bpy.types.Depsgraph,
+    folder: Path,
+    passes: list[str],
+    obj: bpy.types.Object | None = None,
+    eye: Eye | None = None,
+) -> Order:
+    """Write what the package needs for a frame. Raises ``ValueError`` where nothing can be drawn.
+
+    ``obj``: an evaluated camera in place of the scene's own; ``eye``: from where one of several views has it.
+    """
     scene = depsgraph.scene
-    if scene.camera is None:
+    if obj is None and scene.camera is not None:
+        obj = scene.camera.evaluated_get(depsgraph)
+    if obj is None:
         raise ValueError(told("the scene has no camera; add one, or import those of the data set"))
-    obj = scene.camera.evaluated_get(depsgraph)
-    camera = camera_numbers(scene, obj)
+    camera = rendered_part(scene.render, camera_numbers(scene, obj, eye))
     stage = make_stage(depsgraph, folder, camera, seen_by=sensor(scene, obj, square(camera)))
     request = {**stage.request, "passes": passes}
     if not stage.whole:

@@ -1,4 +1,4 @@
-"""Splats where they stand: objects, and instances of collections that hold them."""
+"""Splats where they stand: objects, and instances of them, by collections, points, faces or nodes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def placed_splats(
     for obj in own:
         if has_splats(obj) and wanted(obj):
             yield obj, np.array(obj.evaluated_get(depsgraph).matrix_world, np.float64), obj
-    if not any(obj.instance_type == "COLLECTION" and holds_splats(obj) and wanted(obj) for obj in own):
+    if not any(_may_repeat_splats(obj) and wanted(obj) for obj in own):
         return
     for instance in depsgraph.object_instances:
         if not instance.is_instance or not has_splats(instance.object.original):
@@ -42,6 +42,13 @@ def placed_splats(
         drawn = instance.object.data.as_pointer() != obj.evaluated_get(depsgraph).data.as_pointer()
         if obj != parent and not drawn and wanted(parent):
             yield obj, np.array(instance.matrix_world, np.float64), parent
+
+
+def _may_repeat_splats(obj: bpy.types.Object) -> bool:
+    """Whether splats may be among the instances that it makes; of those of nodes nobody knows without a look."""
+    if obj.instance_type != "NONE":
+        return obj.instance_type != "COLLECTION" or holds_splats(obj)
+    return not has_splats(obj) and any(modifier.type == "NODES" for modifier in obj.modifiers)
 
 
 def placed_model(

@@ -6,6 +6,7 @@ The same format as ``mi_dogsplat.scene.ply``, which documents it; this copy keep
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
@@ -197,7 +198,7 @@ def _tables(path: Path, file: BinaryIO) -> dict[str, np.ndarray]:
     """Those of ``_ELEMENTS`` that there are as structured arrays; elements after the last of them are not read."""
     byte_order, elements = _header(path, file)
     last = max((i for i, (name, _, _) in enumerate(elements) if name in _ELEMENTS), default=-1)
-    words = file.read().split() if byte_order == "=" else []
+    words, size = file.read().split() if byte_order == "=" else [], os.fstat(file.fileno()).st_size
     tables, at = {}, 0
     for name, count, properties in elements[: last + 1]:
         if "list" in properties.values():
@@ -213,7 +214,7 @@ def _tables(path: Path, file: BinaryIO) -> dict[str, np.ndarray]:
             at += n_values
         else:
             dtype = np.dtype([(key, byte_order + code) for key, code in properties.items()])
-            data = file.read(count * dtype.itemsize)
+            data = file.read(min(count * dtype.itemsize, size))  # no memory for what is not there
         if len(data) != count * dtype.itemsize:
             raise FileError(path, 'the file ends inside of element "{name}"', _DAMAGED, name=name)
         tables[name] = np.frombuffer(data, dtype) if data else np.zeros(0, dtype)
@@ -237,7 +238,7 @@ def _header(path: Path, file: BinaryIO) -> tuple[str, list[tuple[str, int, dict[
                 break
             case ["format", name, "1.0"] if name in _BYTE_ORDERS:
                 byte_order = _BYTE_ORDERS[name]
-            case ["element", name, count] if count.isdecimal():
+            case ["element", name, count] if count.isdecimal() and len(count) <= 18:
                 elements.append((name, int(count), {}))
             case ["property", "list", _, _, name] if elements:
                 elements[-1][2][name] = "list"

@@ -192,6 +192,12 @@ def _prepare_viewports(context: bpy.types.Context) -> None:
                 space.overlay.show_outline_selected = False
 
 
+def _editable(context: bpy.types.Context) -> bpy.types.Collection:
+    """The active collection, or that of the scene where the active one is of another file."""
+    chosen = context.collection
+    return chosen if chosen.library is None and chosen.override_library is None else context.scene.collection
+
+
 def build_object(context: bpy.types.Context, path: Path, model: Model, matrix: Matrix) -> bpy.types.Object:
     """An object of a model in the active collection, with modifier and materials; after an error, nothing."""
     name = path.stem if path.stem != "point_cloud" else path.resolve().parent.name  # of a run folder
@@ -204,7 +210,7 @@ def build_object(context: bpy.types.Context, path: Path, model: Model, matrix: M
         obj.matrix_world = matrix
         remember(obj, str(path), CONVENTION, matrix)
         obj[DOG_COUNT] = int(model.is_dog.sum())
-        context.collection.objects.link(obj)
+        _editable(context).objects.link(obj)
         add_modifier(obj)
         undo.pop_all()
     return obj

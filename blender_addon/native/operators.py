@@ -67,8 +67,12 @@ class DOGSPLAT_OT_to_native(Conversion, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """The points that are shown, with all of their attributes."""
         objects = [obj for obj in context.selected_objects if can_edit(obj)]
-        for obj in objects:
-            finish_painting(obj)
+        try:
+            for obj in objects:
+                finish_painting(obj)
+        except ValueError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         depsgraph = context.evaluated_depsgraph_get()
 
         def make(obj: bpy.types.Object) -> bpy.types.Object:

@@ -95,6 +95,12 @@ def _is_local(obj: bpy.types.Object) -> bool:
     return obj.library is None and obj.override_library is None
 
 
+def own_data(obj: bpy.types.Object) -> None:
+    """Give an object splats that no other object has, and no other file, before they are changed."""
+    if obj.data.users > 1 or obj.data.library is not None:
+        obj.data = obj.data.copy()
+
+
 def read_attributes(mesh: Geometry) -> Model:
     """The model that a mesh or point cloud holds: raw values of the file where nobody changed them, else the activated.
 

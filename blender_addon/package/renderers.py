@@ -177,8 +177,10 @@ def _read(path: str) -> Picture:
 
 def _file_error(path: Path, line: str) -> FileError:
     """Of a line of the package: file, problem, remedy."""
-    problem, _, remedy = line.removeprefix(f"{path}: ").rpartition("; ")
-    return FileError(path, problem or line, remedy)
+    problem, _, remedy = (line := line.removeprefix(f"{path}: ")).rpartition("; ")
+    if not problem:  # the last words of something else
+        return FileError(path, line, "copy or export the file again")
+    return FileError(path, problem, remedy)
 
 
 def converted(command: str, path: Path, out: Path) -> None:

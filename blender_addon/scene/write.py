@@ -22,7 +22,7 @@ from .materials import Surface, surface
 from .meshes import Part, parts
 from .world import is_plain, world_light
 
-WITH_FACES = ("MESH", "CURVE", "SURFACE", "META", "FONT")
+WITH_FACES = ("MESH", "META")  # Blender lists what others become as instances that are meshes; metaballs as both
 Kind = tuple[int, tuple[str, ...]]  # geometry and materials: what is the same is stored once
 LAMP = "light_"  # begins the id of a lamp
 WITHOUT = ("VOLUME", "POINTCLOUD", "CURVES", "GREASEPENCIL", "GPENCIL")
@@ -114,7 +114,7 @@ def _is_of_splats(instance: bpy.types.DepsgraphObjectInstance) -> bool:
 
 
 def _gather(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> Gathered:
-    found = Gathered()
+    found, metaballs, listed = Gathered(), [], set()
     for instance in depsgraph.object_instances:
         obj = instance.object
         if not (instance.show_self and is_shown(instance, depsgraph, hidden)) or _is_of_splats(instance):
@@ -129,9 +129,12 @@ def _gather(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[st
             materials = [slot.material for slot in obj.material_slots]
             owner = instance.parent if instance.is_instance else obj
             mask = mask_of(owner.original, obj.original, depsgraph.view_layer)
-            found.bodies.append(Placed(obj.original.name, key, world, materials, mask))
+            body = Placed(obj.original.name, key, world, materials, mask)
+            (metaballs if obj.type == "META" else found.bodies).append(body)
+            listed.add(obj.original.name if obj.type != obj.original.type else "")
         elif obj.type in WITHOUT:
             export.note('"{name}" is left out ({kind})', name=obj.original.name, kind=type_name(obj))
+    found.bodies += [body for body in metaballs if body.name not in listed]  # where Blender has no mesh of it
     return found
 
 

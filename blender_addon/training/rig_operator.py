@@ -67,6 +67,7 @@ def make_rig(context: bpy.types.Context) -> list[bpy.types.Object]:
         raise
     data.clip_start, data.clip_end = NEAR * reach, FAR * reach
     data.display_size = 0.1 * reach
+    seen_through = scene.camera is not None and RIG in scene.camera
     collection = _emptied(scene, settings)
     for i, pose in enumerate(poses):
         obj = bpy.data.objects.new(f"View {i:03d}", data)
@@ -76,6 +77,8 @@ def make_rig(context: bpy.types.Context) -> list[bpy.types.Object]:
     settings.subjects.clear()
     for obj in objects:
         settings.subjects.add().object = obj
+    if seen_through and scene.camera is None:  # it was one of those that are gone
+        scene.camera = rig_cameras(settings)[0]
     context.view_layer.update()
     return rig_cameras(settings)
 
@@ -83,7 +86,7 @@ def make_rig(context: bpy.types.Context) -> list[bpy.types.Object]:
 def _lens(scene: bpy.types.Scene) -> bpy.types.Camera:
     """A camera with the lens of the scene's own, without its shift and depth of field. Raises ``ValueError``."""
     data = bpy.data.cameras.new(RIG)
-    if scene.camera is None:
+    if scene.camera is None or scene.camera.type != "CAMERA":
         data.angle = np.radians(FOV)
         return data
     own = scene.camera.data
@@ -121,7 +124,7 @@ def _emptied(scene: bpy.types.Scene, settings: DogSplatTrainingSettings) -> bpy.
     """The rig's collection without the cameras that were made before; those that were added by hand stay."""
     if settings.cameras is None:
         settings.cameras = bpy.data.collections.new(RIG)
-    if settings.cameras.name not in scene.collection.children:
+    if settings.cameras not in scene.collection.children_recursive:
         scene.collection.children.link(settings.cameras)
     for obj in [obj for obj in settings.cameras.objects if RIG in obj]:
         data = obj.data

@@ -32,7 +32,7 @@ PRESETS = (
     ("ours", "Ours", "Pruned and made DoG: the recipe of this package"),
     ("ours_slopes", "Ours with Slopes", "Ours, with colours that vary over their splats"),
     ("ours_cuts", "Ours with Slopes and Cuts", "Ours, with such colours, and with splats that planes cut off"),
-    ("ours_preconditioned", "Ours, Preconditioned", "The same, with steps that move the numbers of a splat jointly"),
+    ("ours_preconditioned", "Ours, Preconditioned", "With slopes, cuts, and steps that move a splat's numbers jointly"),
     ("paper", "Paper", "The published method, as it is printed"),
     ("released", "Released", "The published method, as in its code"),
     ("3dgs", "3DGS", "Plain 3D Gaussian splatting: nothing is pruned, nothing is DoG"),

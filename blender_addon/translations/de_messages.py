@@ -82,6 +82,10 @@ MESSAGES = {
     "splats cannot be flattened, but this object is scaled to nothing along an axis": (
         "Splats können nicht flach sein, aber dieses Objekt ist entlang einer Achse auf null skaliert"
     ),
+    '"{name}" has lost or got points, so nobody knows what is painted; undo that, or delete it and its modifier': (
+        "„{name}“ hat Punkte verloren oder bekommen, sodass niemand weiß, was gemalt ist; das rückgängig machen, "
+        "oder es und seinen Modifikator löschen"
+    ),
     "some of these models hold radiance, others sRGB values; join those of one kind": (
         "manche dieser Modelle enthalten Strahldichte, andere sRGB-Werte; solche von einer Art zusammenführen"
     ),

@@ -69,8 +69,8 @@ REST = {
     "Ours, with such colours, and with splats that planes cut off": (
         "Unser Rezept, mit solchen Farben und mit Splats, die von Ebenen abgeschnitten werden"
     ),
-    "The same, with steps that move the numbers of a splat jointly": (
-        "Dasselbe, mit Schritten, die alle Zahlen eines Splats gemeinsam bewegen"
+    "With slopes, cuts, and steps that move a splat's numbers jointly": (
+        "Mit Farbverläufen und Schnitten, und mit Schritten, die die Zahlen eines Splats gemeinsam bewegen"
     ),
     "The published method, as it is printed": "Das veröffentlichte Verfahren, wie es gedruckt steht",
     "The published method, as in its code": "Das veröffentlichte Verfahren, wie in seinem veröffentlichten Code",

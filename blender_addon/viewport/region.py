@@ -43,9 +43,7 @@ class Seen:
 
     def window(self, left: int, top: int, right: int, bottom: int) -> Seen:
         """A part of the picture, in whole pixels from its upper left corner."""
-        camera = self.camera
-        corner = {"cx": camera.cx - left, "cy": camera.cy - top}
-        return replace(self, camera=replace(camera, **corner, width=right - left, height=bottom - top))
+        return replace(self, camera=self.camera.window(left, top, right, bottom))
 
 
 def seen_by(space: Any, width: int, height: int) -> Seen:

@@ -104,6 +104,14 @@ def test_cameras_follow_the_model(odd, scene, model, up_axis):
     assert np.abs(blender_pixels(scene, scene.camera, moved) - expected).max() < 2e-2
 
 
+def test_cameras_of_a_mirrored_model_see_as_far(odd, scene, model):
+    load(model).scale = -2, 2, 2
+    bpy.context.view_layer.update()
+    bpy.ops.import_scene.dogsplat_cameras(filepath=str(odd[0]))
+    data = scene.camera.data
+    assert (data.clip_start, data.clip_end, data.display_size) == pytest.approx((0.02, 2e4, 0.2))
+
+
 SOURCES = "fox", "fox/transforms.json", "fern", "lego"
 BY_PACKAGE = """
 import json, sys

@@ -51,7 +51,11 @@ def test_our_join_leaves_hidden_splats_behind_and_refuses_what_splats_cannot_fol
     with pytest.raises(RuntimeError, match='"dog".*cannot be flattened'):
         bpy.ops.dogsplat.join()
     assert len(bpy.data.objects) == 2
-    second.scale = 1, 1, 1
+    first.scale, second.scale = second.scale.copy(), (1, 1, 1)
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match='"dog.001".*cannot be flattened'):  # the active one
+        bpy.ops.dogsplat.join()
+    first.scale = second.scale = 1, 1, 1
     bpy.context.view_layer.update()
     bpy.ops.dogsplat.join()
     assert len(first.data.vertices) == 180 and not edit_modifiers(first)
@@ -137,6 +141,79 @@ def test_instances_of_a_collection_are_exported_where_they_stand(scene, model, t
     placed = list(placed_splats(bpy.context.evaluated_depsgraph_get()))
     assert len(placed) == 1 and np.allclose(placed[0][1], np.array(PLACED), atol=1e-6)
     assert_moved(export(tmp_path / "out.ply"), raw, np.array(PLACED))
+
+
+@pytest.mark.parametrize("show", ["Quads", "Ellipsoids"])
+@pytest.mark.parametrize("way", ["VERTS", "NODES"])
+def test_what_points_or_nodes_repeat_is_placed(scene, model, show, way):
+    """Once for each corner of a square, and not the ellipsoids."""
+    obj = load(model)
+    set_input(splat_modifier(obj), "Show As", show)
+    bpy.ops.mesh.primitive_plane_add(size=2)
+    square = bpy.context.object
+    if way == "VERTS":
+        square.instance_type, obj.parent = way, square
+    else:
+        square.modifiers.new("scatter", way).node_group = scattering(obj)
+    square.matrix_world = PLACED
+    bpy.context.view_layer.update()
+    placed = list(placed_splats(bpy.context.evaluated_depsgraph_get(), lambda owner: owner == square))
+    assert [(found, owner) for found, _, owner in placed] == 4 * [(obj, square)]
+    corners = [tuple(square.matrix_world @ vertex.co) for vertex in square.data.vertices]
+    assert np.allclose(sorted(tuple(matrix[:3, 3]) for _, matrix, _ in placed), sorted(corners), atol=1e-5)
+
+
+def scattering(obj: bpy.types.Object) -> bpy.types.NodeTree:
+    """Nodes that put an object on each point."""
+    tree = bpy.data.node_groups.new("scatter", "GeometryNodeTree")
+    for side in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=side, socket_type="NodeSocketGeometry")
+    kinds = "NodeGroupInput", "GeometryNodeObjectInfo", "GeometryNodeInstanceOnPoints", "NodeGroupOutput"
+    points, info, put, end = (tree.nodes.new(kind) for kind in kinds)
+    info.inputs["Object"].default_value, info.inputs["As Instance"].default_value = obj, True
+    tree.links.new(points.outputs[0], put.inputs["Points"])
+    tree.links.new(info.outputs["Geometry"], put.inputs["Instance"])
+    tree.links.new(put.outputs[0], end.inputs[0])
+    return tree
+
+
+def test_what_is_parented_to_a_model_stays_when_its_transform_is_applied(scene, model):
+    """Whatever the order in which a family of models is selected; and they are themselves applied."""
+    objects = [load(model) for _ in range(3)]
+    child, middle, top = objects
+    empty = bpy.data.objects.new("empty", None)
+    scene.collection.objects.link(empty)
+    for below, above in ((child, middle), (middle, top), (empty, child)):
+        below.parent, below.location = above, (1, 0, 2)
+    top.matrix_world = PLACED
+    bpy.context.view_layer.update()
+    top.select_set(True)
+    middle.select_set(False)
+    child.select_set(True)
+    before = {obj: np.array(obj.matrix_world) for obj in (middle, empty)}
+    assert bpy.ops.dogsplat.apply_transform() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    for obj, place in before.items():
+        assert np.allclose(obj.matrix_world, place, atol=1e-5)
+    assert np.allclose(top.matrix_world, np.eye(4), atol=1e-5) and np.allclose(child.matrix_world, np.eye(4), atol=1e-5)
+
+
+@pytest.mark.parametrize("change", [lambda: bpy.ops.dogsplat.apply_transform(), lambda: bpy.ops.dogsplat.paint()])
+def test_the_data_of_another_file_is_not_changed(scene, model, tmp_path, change):
+    """An object of this file may have it; what is written there is gone when the file is opened again."""
+    import addon_utils
+
+    load(model)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "source.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    addon_utils.enable("blender_addon")
+    bpy.ops.wm.link(directory=str(tmp_path / "source.blend" / "Object"), filename="dog")
+    obj = bpy.data.objects["dog"].make_local()
+    bpy.context.view_layer.objects.active = obj
+    obj.select_set(True)
+    linked = obj.data
+    assert linked.library is not None and change() == {"FINISHED"}
+    assert obj.data != linked and obj.data.library is None
 
 
 @pytest.mark.parametrize("link", [False, True])

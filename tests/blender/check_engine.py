@@ -3,12 +3,94 @@
 import bpy
 import numpy as np
 import pytest
-from blender_pictures import as_srgb, psnr, rendered
+from blender_pictures import as_srgb, picture, psnr, rendered
 from model_files import load
 from references import REFERENCES, place_camera, reference
 
 from blender_addon import render_engine as engine
 from blender_addon.nodes.modifier import set_input, splat_modifier
+
+
+class Rows:
+    """Draws in place of the package: red is the column, green the row, blue how many pictures there were before."""
+
+    name = "rows"
+
+    def __init__(self, folder):
+        self.folder, self.requests = folder, []
+
+    def render(self, request, cancelled, progress, preview):
+        camera = request["camera"]
+        y, x = np.mgrid[0 : camera["height"], 0 : camera["width"]].astype(np.float32)
+        color = np.stack([x, y, np.full_like(x, len(self.requests))], axis=2)
+        self.requests.append(request)
+        return {"color": color, "alpha": np.ones_like(x), "depth": x}
+
+
+@pytest.fixture
+def rows(scene, monkeypatch, tmp_path) -> Rows:
+    """The engine draws by that, for the camera of a model."""
+    renderer = Rows(tmp_path)
+    monkeypatch.setattr(engine, "choose_renderer", lambda words: renderer)
+    place_camera(scene, "square")
+    load(REFERENCES / "square.ply")
+    scene.render.engine, scene.dogsplat_colors = engine.ENGINE, "DISPLAY"
+    return renderer
+
+
+@pytest.mark.parametrize("crop", [False, True])
+def test_a_region_is_rendered_where_it_belongs(scene, rows, tmp_path, crop):
+    """Alone, by the camera of that part."""
+    render, (height, width) = scene.render, reference("square")["alpha"].shape
+    render.use_border, render.use_crop_to_border = True, crop
+    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.1, 0.55, 0.25, 0.8
+    left, right = int(0.1 * width), int(0.55 * width)
+    top, bottom = height - int(0.8 * height), height - int(0.25 * height)
+    seen = picture(scene, engine.ENGINE, tmp_path)
+    part = seen if crop else seen[top:bottom, left:right]
+    assert part.shape[:2] == (bottom - top, right - left)
+    assert part[0, 0].tolist() == [0, 0, 0] and part[-1, -1].tolist() == [right - left - 1, bottom - top - 1, 0]
+    assert crop or (seen.shape[:2] == (height, width) and seen.sum() == pytest.approx(part.sum()))
+    (request,) = rows.requests
+    assert (request["camera"]["cx"], request["camera"]["cy"]) == pytest.approx((width / 2 - left, height / 2 - top))
+
+
+def test_a_size_in_percent_is_that_of_blender(scene, rows, tmp_path):
+    """29 % of 800 is 232, though 0.29 times 800 is a little less."""
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 800, 100, 29
+    seen = picture(scene, engine.ENGINE, tmp_path)
+    assert seen.shape[:2] == (29, 232) and seen[-1, -1].tolist() == [231, 28, 0]
+
+
+def test_each_eye_has_its_own_picture(scene, rows, tmp_path):
+    """What is as far away as the eyes converge is at the same place in both."""
+    scene.render.use_multiview = True
+    scene.camera.data.stereo.convergence_distance = distance = 3.0
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_depth, settings.views_format = "OPEN_EXR", "32", "INDIVIDUAL"
+    scene.render.filepath = str(tmp_path / "eye.exr")
+    bpy.ops.render.render(write_still=True)
+    for number, name in enumerate(("eye_L.exr", "eye_R.exr")):
+        image = bpy.data.images.load(str(tmp_path / name))
+        assert image.pixels[2] == number and image.pixels[3] == 1
+    left, right = (request["camera"] for request in rows.requests)
+    moved = np.array(right["w2c"]) @ np.linalg.inv(left["w2c"])
+    assert np.allclose(moved[:3, 3], (-scene.camera.data.stereo.interocular_distance, 0, 0), atol=1e-5)
+    ahead = moved @ (0, 0, distance, 1)
+    assert right["fx"] * ahead[0] / ahead[2] + right["cx"] == pytest.approx(left["cx"], abs=1e-3)
+
+
+def test_views_of_several_cameras_are_theirs(scene, rows):
+    scene.render.use_multiview, scene.render.views_format = True, "MULTIVIEW"
+    scene.camera.name = "camera_L"
+    other = scene.camera.copy()
+    other.name = "camera_R"
+    scene.collection.objects.link(other)
+    other.location.x += 1
+    bpy.ops.render.render()
+    cameras = [np.linalg.inv(request["camera"]["w2c"]) for request in rows.requests]
+    places = [scene.camera.location, other.location]
+    assert np.allclose([camera[:3, 3] for camera in cameras], [tuple(place) for place in places], atol=1e-5)
 
 
 def test_the_final_frame_is_the_picture_of_the_command(scene, by_command, tmp_path):
@@ -17,6 +99,20 @@ def test_the_final_frame_is_the_picture_of_the_command(scene, by_command, tmp_pa
     scene.view_settings.view_transform = "Raw"
     scene.dogsplat_colors = "DISPLAY"
     assert psnr(rendered(scene, engine.ENGINE, tmp_path), reference()["color"]) > 70
+
+
+def test_nothing_colors_the_exact_picture(scene, rows, tmp_path):
+    """Neither the look of the scene nor its white balance, which holds under Raw too."""
+    view, render = scene.view_settings, scene.render
+    view.exposure, view.gamma = 1.0, 2.0
+    if hasattr(view, "use_white_balance"):
+        view.use_white_balance, view.white_balance_temperature = True, 3000
+    bpy.ops.dogsplat.exact_settings()
+    render.image_settings.file_format, render.dither_intensity = "PNG", 0.0
+    render.filepath = str(tmp_path / "out.png")
+    rows.render = lambda request, *_: {"color": np.full((64, 96, 3), 0.5), "alpha": np.ones((64, 96))}
+    bpy.ops.render.render(write_still=True)
+    assert bpy.data.images.load(render.filepath).pixels[:3] == pytest.approx((0.5, 0.5, 0.5), abs=0.003)
 
 
 def test_linear_colors_are_those_of_the_integrator(scene, by_command, tmp_path):
@@ -70,6 +166,17 @@ def test_what_is_missing_in_the_scene_is_said(scene, by_command, prepare, messag
     prepare(scene)
     scene.render.engine = engine.ENGINE
     with pytest.raises(RuntimeError, match=message):
+        bpy.ops.render.render()
+
+
+@pytest.mark.parametrize("make", [lambda: None, lambda: bpy.data.meshes.new("mesh")])
+def test_an_object_that_is_no_camera_is_refused(scene, by_command, make):
+    """Blender looks through any."""
+    load(REFERENCES / "dog.ply")
+    scene.camera = bpy.data.objects.new("window", make())
+    scene.collection.objects.link(scene.camera)
+    scene.render.engine = engine.ENGINE
+    with pytest.raises(RuntimeError, match='"window" has the type .*perspective'):
         bpy.ops.render.render()
 
 

@@ -104,6 +104,11 @@ def test_several_files_become_several_objects_that_share_trees_and_materials(mod
     [
         (b"", "not a PLY file"),
         (b"ply\nformat binary_little_endian 1.0\nelement vertex 5\nproperty float x\nend_header\n", "ends inside"),
+        (
+            b"ply\nformat binary_little_endian 1.0\nelement vertex 9999999999999999\nproperty float x\nend_header\n",
+            "ends",
+        ),
+        (b"ply\nformat binary_little_endian 1.0\nelement vertex 9999999999999999999\nend_header\n", "makes no sense"),
         (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n", 'no property "y"'),
         (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\none\n", "not a number"),
         (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty floot x\nend_header\n1\n", "floot"),
@@ -122,6 +127,23 @@ def test_a_bad_file_is_one_line_and_leaves_nothing(model, tmp_path, content, mes
     line = str(caught.value).strip()
     assert "\n" not in line and "bad.ply" in line and message in line and "Traceback" not in line
     assert datablocks() == before
+
+
+def test_a_model_does_not_go_into_a_collection_of_another_file(scene, model, tmp_path):
+    """Which may be the active one, and cannot be changed."""
+    import addon_utils
+
+    scene.collection.children.link(bpy.data.collections.new("library"))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "source.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    addon_utils.enable("blender_addon")
+    with bpy.data.libraries.load(str(tmp_path / "source.blend"), link=True) as (_, target):
+        target.collections = ["library"]
+    collection, layer = bpy.context.scene.collection, bpy.context.view_layer
+    collection.children.link(target.collections[0])
+    layer.active_layer_collection = layer.layer_collection.children[0]
+    assert bpy.context.collection.library is not None
+    assert load(model).users_collection == (collection,)
 
 
 def test_a_failure_while_building_leaves_nothing(model, monkeypatch):

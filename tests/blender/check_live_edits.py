@@ -143,6 +143,60 @@ def test_painting_erases_and_tints_while_it_goes_on_and_afterwards(model):
     assert_equal(shown(obj), live)
 
 
+def test_a_stand_in_that_was_deleted_or_hidden_comes_back_to_be_painted(model):
+    """The modifier keeps it, and what was painted."""
+    obj = load(model)
+    raw = read_attributes(obj.data)
+    for hide in (bpy.ops.object.delete, lambda: bpy.context.object.hide_set(True)):
+        bpy.ops.dogsplat.paint(what="ERASE")
+        paint(stand_in_of(obj), np.arange(40), weight=1.0)
+        bpy.ops.object.mode_set(mode="OBJECT")
+        hide()
+        obj.select_set(True)
+        bpy.context.view_layer.objects.active = obj
+    assert bpy.ops.dogsplat.paint(what="TINT") == {"FINISHED"} and bpy.context.object == stand_in_of(obj)
+    assert_equal(shown(obj), raw.select(np.arange(40, raw.n_splats)))
+
+
+def test_a_stand_in_that_has_lost_points_is_refused_in_one_line(model):
+    obj = load(model)
+    bpy.ops.dogsplat.paint(what="ERASE")
+    stand_in = stand_in_of(obj)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    stand_in.data.vertices.foreach_set("select", np.arange(len(stand_in.data.vertices)) < 4)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.delete(type="VERT")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    obj.select_set(True)
+    for operator in (bpy.ops.dogsplat.finish_painting, bpy.ops.dogsplat.apply_edits, bpy.ops.dogsplat.apply_transform):
+        with pytest.raises(RuntimeError, match="^Error: .dog paint. has lost or got points.*\n$"):
+            operator()
+    assert stand_in_of(obj) == stand_in
+
+
+def test_a_duplicate_of_a_model_that_is_painted_keeps_what_is_painted(model):
+    obj = load(model)
+    raw = read_attributes(obj.data)
+    bpy.ops.dogsplat.paint(what="ERASE")
+    paint(stand_in_of(obj), np.arange(40), weight=1.0)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    copies = [obj.copy(), obj.copy()]  # one of them linked
+    copies[0].data = obj.data.copy()
+    for copy in copies:
+        bpy.context.collection.objects.link(copy)
+    assert bpy.ops.dogsplat.finish_painting() == {"FINISHED"}
+    for other in (obj, *copies):
+        assert stand_in_of(other) is None
+        assert_equal(shown(other), raw.select(np.arange(40, raw.n_splats)))
+
+
+def test_a_model_that_lost_an_attribute_cannot_be_painted_and_says_so(model):
+    obj = load(model)
+    obj.data.attributes.remove(obj.data.attributes["scale"])
+    with pytest.raises(RuntimeError, match='^Error: the mesh "dog" has no usable attribute "scale"'):
+        bpy.ops.dogsplat.paint(what="ERASE")
+
+
 def test_exports_write_what_is_shown_and_if_asked_what_is_hidden(model, tmp_path):
     obj, raw = load(model, up_axis="-Y", scale=2.0), read_ply(model)
     _, target = cropped(obj, "SPHERE")

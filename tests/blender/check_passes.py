@@ -18,7 +18,13 @@ from blender_addon.engine.passes import OBJECT_INDEX, SETTINGS
 
 
 def passes_of(scene, folder):
-    """({channel: [H, W]}, header) of an OpenEXR file of Blender's with all passes, read by the other Python."""
+    """The same as ``layers_of`` without the name of the only layer."""
+    seen, header = layers_of(scene, folder)
+    return {name.split(".", 1)[-1]: values for name, values in seen.items()}, header
+
+
+def layers_of(scene, folder):
+    """({layer.channel: [H, W]}, header) of an OpenEXR file of Blender's with all passes, read by the other Python."""
     scene.render.engine = engine.ENGINE
     settings = scene.render.image_settings
     if hasattr(settings, "media_type"):  # Blender 5
@@ -34,7 +40,7 @@ def passes_of(scene, folder):
         "**{name: c.pixels for p in parts for name, c in p.channels.items()})"
     )
     subprocess.run([COMMAND[0], "-c", script, str(folder / "passes.exr"), str(folder / "passes.npz")], check=True)
-    seen = {name.split(".", 1)[-1]: values for name, values in np.load(folder / "passes.npz").items()}
+    seen = dict(np.load(folder / "passes.npz"))
     return seen, json.loads(str(seen.pop("header")))
 
 
@@ -79,6 +85,27 @@ def test_passes_of_a_scene(scene, by_command, tmp_path):
     (key,) = [name for name in header if name.endswith("/manifest")]
     written = {name: np.uint32(int(bits, 16)).view(np.float32) for name, bits in json.loads(header[key]).items()}
     assert written == ids and header[key.replace("manifest", "name")] == f"{layer.name}.CryptoObject"
+
+
+def test_each_view_layer_has_its_own_picture_and_passes(scene, by_command, tmp_path):
+    """The first one is without one of two models."""
+    place_camera(scene, "square")
+    load(REFERENCES / "square.ply")
+    collection = bpy.data.collections.new("second alone")
+    scene.collection.children.link(collection)
+    other = load(REFERENCES / "square.ply")
+    collection.objects.link(other)
+    scene.collection.objects.unlink(other)
+    first, second = scene.view_layers[0], scene.view_layers.new("second")
+    first.name, first.use_pass_z = "first", True
+    first.layer_collection.children[0].exclude = second.use_pass_object_index = True
+    scene.render.film_transparent = True
+    seen, _ = layers_of(scene, tmp_path)
+    alpha = reference("square")["alpha"]
+    assert np.allclose(seen["first.Combined.A"], alpha, atol=1e-5)
+    assert seen["second.Combined.A"].mean() > alpha.mean() + 0.05
+    assert "first.Depth.Z" in seen and not any(name.startswith("second.Depth") for name in seen)
+    assert not any(name.startswith(f"first.{OBJECT_INDEX}") for name in seen)
 
 
 @pytest.mark.parametrize("text, expected", [("", 0), ("hello", 0x248BFA47), ("hello, world", 0x149BBB7F)])

@@ -1,6 +1,7 @@
 """What draws final pictures: the package in this process or as a process of its own, and how either ends."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from package_command import never, nothing
 from references import REFERENCES, place_camera, reference
 
 from blender_addon.cameras.objects import camera_numbers
+from blender_addon.files.errors import FileError
 from blender_addon.package import renderers
 from blender_addon.package.renderers import Command, InProcess, choose_renderer, close_renderers
 from blender_addon.package.served import Cancelled, RendererError
@@ -94,6 +96,13 @@ def test_what_the_command_complains_about_is_shown_in_one_line(request_of_dog, s
     with pytest.raises(RendererError, match=message) as caught:
         failing.render(request_of_dog, never, nothing, nothing)
     assert "\n" not in str(caught.value)
+    failing.close()
+
+
+def test_a_conversion_that_breaks_off_says_its_last_words_once(tmp_path):
+    failing = Command((sys.executable, "-c", "import sys; sys.exit('killed by somebody')"))
+    with pytest.raises(FileError, match="^model.sog: killed by somebody; copy or export the file again$"):
+        failing.convert(Path("model.sog"), tmp_path / "out.ply")
     failing.close()
 
 

@@ -84,6 +84,26 @@ def test_cameras_that_were_deleted_and_added_are_respected(subject, scene):
     assert len(make_rig(bpy.context)) == 15 and own.name in scene.dogsplat_training.cameras.objects
 
 
+def test_a_rig_stays_in_the_collection_that_it_was_put_into(subject, scene):
+    make_rig(bpy.context)
+    rig, outer = scene.dogsplat_training.cameras, bpy.data.collections.new("outer")
+    scene.collection.children.link(outer)
+    outer.children.link(rig)
+    scene.collection.children.unlink(rig)
+    make_rig(bpy.context)
+    assert list(outer.children) == [rig] and rig.name not in scene.collection.children
+    outer.children.unlink(rig)
+    make_rig(bpy.context)
+    assert rig.name in scene.collection.children
+
+
+def test_a_scene_that_looks_through_the_rig_does_so_again_when_it_is_made_anew(subject, scene):
+    made = make_rig(bpy.context)
+    scene.camera = made[2]
+    made = make_rig(bpy.context)
+    assert scene.camera == made[0]
+
+
 def test_cameras_inside_stand_free_and_look_around(scene):
     bpy.ops.mesh.primitive_cube_add(size=6, location=(0, 0, 3))
     room = bpy.context.object

@@ -42,3 +42,25 @@ def test_geometry_that_is_repeated_is_written_once(scene, tmp_path):
     kinds = [value["type"] for value in described.values()]
     assert kinds.count("shapegroup") == 1 and kinds.count("instance") == 4 and len(result.files) == 2
     assert result.names == [first.name, "copy 0", "copy 1", "copy 2"]
+
+
+def test_text_and_metaballs_are_written_once_each_as_modifiers_leave_them(scene, tmp_path):
+    """Of two objects with one text the first is repeated three times."""
+    camera(scene, (0, 0, 8))
+    text = bpy.data.curves.new("text", "FONT")
+    text.body = "H"
+    for name in ("first", "second"):
+        scene.collection.objects.link(bpy.data.objects.new(name, text))
+    bpy.ops.object.metaball_add(type="BALL")
+    ball = bpy.context.object.name
+    bpy.data.objects["first"].modifiers.new("array", "ARRAY").count = 3
+    result, described = written(scene, tmp_path)
+    faces = {}
+    for name, shape in described.items():
+        if shape.get("type") == "ply":
+            header = (tmp_path / shape["filename"]).read_bytes().split(b"end_header")[0].decode()
+            number = int(name.split("_")[1])
+            faces.setdefault(result.names[number], []).append(int(header.split("element face ")[1].split()[0]))
+    assert not any(shape["type"] == "instance" for shape in described.values())
+    (first,), (second,) = faces["first"], faces["second"]
+    assert first == 3 * second and len(faces[ball]) == 1
