@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..support.errors import DataError
 from ..support.variants import set_variant
 from ..training.config import TrainConfig
 from .printing import metrics_line, say
@@ -12,14 +13,11 @@ from .printing import metrics_line, say
 def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
     """Fill the run folder ``out`` while a bar shows how far it is, then print what came of it."""
     set_variant(config.variant)
-    from ..datasets.transforms import not_read
     from ..report.run_folder import REPORT
     from ..runs.run import train
     from .progress import Bar
 
-    for line in [] if config.masks else not_read(Path(config.data)):
-        say(f"{config.data}: not read: {line}")
-
+    _say_what_is_not_read(config)
     with Bar("step") as bar:
 
         def show(row: dict) -> None:
@@ -34,3 +32,14 @@ def run_training(config: TrainConfig, out: Path, resume: bool) -> None:
     print(split, metrics_line(metrics["test"] or metrics["train"]))
     size, seconds = metrics["bytes"] / 1e6, metrics["train_seconds"]
     print(f"{metrics['n']:,} primitives, {size:.1f} MB, {seconds:.0f} s; {out / REPORT}")
+
+
+def _say_what_is_not_read(config: TrainConfig) -> None:
+    from ..datasets.transforms import not_read
+
+    try:
+        lines = [] if config.masks else not_read(Path(config.data))
+    except DataError:  # the training says so itself, once it has looked at its model
+        return
+    for line in lines:
+        say(f"{config.data}: not read: {line}")
