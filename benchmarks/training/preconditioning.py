@@ -22,7 +22,7 @@ import mitsuba as mi
 from mi_dogsplat.datasets import Dataset, load_dataset
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.optimizer.preconditioning import Preconditioning
-from mi_dogsplat.training.presets import RECIPES
+from mi_dogsplat.training.presets import PRECONDITIONING, RECIPES
 from mi_dogsplat.training.train import Trainer
 
 from ..timing import ratio
@@ -30,7 +30,6 @@ from .activation import add_row, begin_table, measured_psnr, pruned_state, train
 
 COLUMNS = ("seed", "κ", "λ", "memory", "start", "N", "dB", "train L1", "ms/step")
 NO_MATRIX = 1e6  # λ: for inf, of which nothing can be taken
-OURS = RECIPES["ours_preconditioned"].preconditioning or Preconditioning(0)
 WARM_UP = 20  # steps of the rule before its time is taken
 
 
@@ -66,10 +65,10 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
     with_dog = [name for name in RECIPES if RECIPES[name].dog]
     parser.add_argument("--preset", default="ours_cuts", choices=with_dog, help="recipe from the activation on")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
-    parser.add_argument("--gains", type=float, nargs="+", default=[OURS.gain])
-    parser.add_argument("--dampings", type=float, nargs="+", default=[OURS.damping])
-    parser.add_argument("--memories", type=float, nargs="+", default=[OURS.memory])
-    parser.add_argument("--starts", type=int, nargs="+", default=[OURS.start], help="steps of the 30,000")
+    parser.add_argument("--gains", type=float, nargs="+", default=[PRECONDITIONING.gain])
+    parser.add_argument("--dampings", type=float, nargs="+", default=[PRECONDITIONING.damping])
+    parser.add_argument("--memories", type=float, nargs="+", default=[PRECONDITIONING.memory])
+    parser.add_argument("--starts", type=int, nargs="+", default=[PRECONDITIONING.start], help="steps of the 30,000")
     parser.add_argument("--cost", action="store_true", help="time of a step with the rule and without")
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--out", type=Path, default=Path("runs/preconditioning"))
@@ -95,8 +94,8 @@ def _trained(
 
 def _measure_cost(config: TrainConfig, dataset: Dataset, preset: str, out: Path) -> None:
     """Both see the same views, as their seed is one."""
-    jointly, alone = (_activated(config, dataset, preset, rule, out) for rule in (OURS, None))
-    start = OURS.scaled(config.steps / RECIPES[preset].reference_steps).start + WARM_UP
+    jointly, alone = (_activated(config, dataset, preset, rule, out) for rule in (PRECONDITIONING, None))
+    start = PRECONDITIONING.scaled(config.steps / RECIPES[preset].reference_steps).start + WARM_UP
     for trainer in (jointly, alone):
         train_on(trainer, start - trainer.step_count)
     r = ratio(jointly.step, alone.step, 300, time.process_time)

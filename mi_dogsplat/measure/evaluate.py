@@ -24,7 +24,6 @@ from .timing import milliseconds_in_turn
 
 TIMED_VIEWS = 8  # at most
 REPEATS = 3  # renders of each
-ENDS = (".png", "_gt.png", "_error.png", ".exr")  # of the files of a view
 
 
 @dataclass(frozen=True)
@@ -86,14 +85,20 @@ def evaluate_views(
             metrics["lpips"] = measure.lpips(np.clip(masked(seen, truth, mask), 0, 1), truth, mask)
         if out is not None:
             _, error = flip(seen, truth)
-            write_png(out / f"{view.name}.png", seen)
-            write_png(out / f"{view.name}_gt.png", truth)
-            write_png(out / f"{view.name}_error.png", heat_map(error))
+            shown, original, errors, channels = view_files(out, view.name)
+            write_png(shown, seen)
+            write_png(original, truth)
+            write_png(errors, heat_map(error))
             layers = {"color": premultiplied(rendered, background), "error": error}
             if rendered.depth is not None:
                 layers["depth"] = rendered.depth
-            write_exr(out / f"{view.name}.exr", layers)
+            write_exr(channels, layers)
     return results
+
+
+def view_files(folder: Path, name: str) -> list[Path]:
+    """Where ``evaluate_views`` writes a view: the render, its photograph, the map of FLIP, and OpenEXR channels."""
+    return [folder / f"{name}{end}" for end in (".png", "_gt.png", "_error.png", ".exr")]
 
 
 def _after_fits(

@@ -10,7 +10,7 @@ from ..datasets import camera_extent, load_dataset
 from ..datasets.dataset import View
 from ..datasets.masks import Masks, all_black
 from ..formats.read import read_model
-from ..measure.evaluate import ENDS, Measure, evaluate_views, mean_metrics
+from ..measure.evaluate import Measure, evaluate_views, mean_metrics, view_files
 from ..measure.lpips import Lpips
 from ..render.picture import background_color, picture_of
 from ..render.picture_options import PictureOptions
@@ -78,8 +78,8 @@ def _whole_or_not_at_all(folder: Path | None, views: Sequence[View]) -> Iterator
         yield
     except BaseException:
         if folder:
-            for name in (METRICS, *(f"{view.name}{end}" for view in views for end in ENDS)):
-                (folder / name).unlink(missing_ok=True)
+            for path in (folder / METRICS, *(path for view in views for path in view_files(folder, view.name))):
+                path.unlink(missing_ok=True)
             with suppress(OSError):  # others' files
                 folder.rmdir()
         raise

@@ -162,12 +162,13 @@ OURS = Recipe(
 )
 OURS_SLOPES = replace(OURS, slopes=SlopeRule(start=18_000))
 OURS_CUTS = replace(OURS_SLOPES, cuts=CutRule(start=18_000))
+# some steps after DoG and cuts have begun: by then Adam knows the size of their gradients
+PRECONDITIONING = Preconditioning(start=18_500)
 RECIPES = {
     "ours": OURS,
     "ours_slopes": OURS_SLOPES,
     "ours_cuts": OURS_CUTS,
-    # some steps after DoG and cuts have begun: by then Adam knows the size of their gradients
-    "ours_preconditioned": replace(OURS_CUTS, preconditioning=Preconditioning(start=18_500)),
+    "ours_preconditioned": replace(OURS_CUTS, preconditioning=PRECONDITIONING),
     # the text: all factors below 1. Their starts, the weights, gamma and the threshold are ours: docs/training.md
     "paper": Recipe(
         pruning=PruningRule(),

@@ -5,7 +5,7 @@ import json
 import pytest
 import tiny_data
 from mi_dogsplat import write_ply
-from mi_dogsplat.measure.evaluate import ENDS
+from mi_dogsplat.measure.evaluate import view_files
 from mi_dogsplat.runs import evaluation
 from mi_dogsplat.runs.evaluation import evaluate_model
 
@@ -33,4 +33,4 @@ def test_a_measurement_that_is_stopped_leaves_nothing_and_can_be_begun_again(tmp
         assert not out.exists()
         views = evaluate_model(model, data, out)
         assert len(views) == 3 and json.loads((out / "metrics.json").read_text())["views"] == views
-        assert {path.name for path in out.iterdir()} == {"metrics.json", *(f"{v}{end}" for v in views for end in ENDS)}
+        assert {*out.iterdir()} == {out / "metrics.json", *(path for view in views for path in view_files(out, view))}
