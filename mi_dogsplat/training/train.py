@@ -132,7 +132,7 @@ class Trainer:
         return RasterOptions(
             sh_degree=self.active_sh_degree,
             antialiased=self.config.antialiased,
-            isect_memory=self.memory.for_pairs(self.optimizer.n) if self.memory else None,
+            isect_memory=self.memory.for_pairs(self.optimizer) if self.memory else None,
         )
 
     def step(self) -> list[Event]:
