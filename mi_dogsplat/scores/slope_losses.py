@@ -34,7 +34,7 @@ def slope_losses(params: dict, cameras: Sequence[DeviceCamera], options: RasterO
     """
     params = {name: dr.detach(value) for name, value in params.items()}
     total = dr.zeros(array_types().Double, dr.width(params["logit_opacities"]))
-    for camera in cameras:
+    for camera in cameras if len(total) else ():
         h = composite_squared_weights(prepare(params, camera, options))
         projection = project(params, camera, sh_degree=0)
         kernels, slopes = projection.kernels, projection.slopes or []
