@@ -207,6 +207,10 @@ class Photographs:
         """[H, W] of a view of the data, 1 where a pixel counts; None where it counts whole."""
         return self.mask_folder.of(self.originals[view]) if self.mask_folder else None
 
+    def shown_mask(self, view: int) -> np.ndarray | None:
+        """The same at the size at which the view is shown now."""
+        return self.mask_folder.of(self.views[view]) if self.mask_folder else None
+
     def _in_units_of_white(self, image: np.ndarray) -> np.ndarray:
         if self.white is None:
             return image
