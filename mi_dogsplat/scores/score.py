@@ -8,8 +8,8 @@ primitive is removed, P, if a DoG primitive becomes its primary, or Q, if a prim
     Uf_i = Σ_ω w(ω) |F̂_i(ω)|² / (H W)     spectral, w(ω) = (|ω| / ω_corner)^γ; w = 1 would give U_i (Parseval)
     score_i = λ_s U_i / ‖U‖₂ + λ_f Uf_i / ‖Uf‖₂
 
-F is 0 where a mask says that a pixel does not count. ``released`` is the authors' code: U of the image clamped to [0, 1], whose derivative is 0 where a channel is clamped,
-with the weight of its ``band_pass_weight`` on each pixel.
+F is 0 where a mask says that a pixel does not count. ``released`` is the authors' code: U of the image clamped to
+[0, 1], whose derivative is 0 where a channel is clamped, with the weight of its ``band_pass_weight`` on each pixel.
 
 Uf without N Fourier transforms. With h the filter whose frequency response is √w, Uf_i = ‖h * F_i‖². For white noise z
 (independent signs) and ξ = h * z, the pixel sum s_i = Σ ξ F_i has E[s_i²] = Uf_i: one walk serves all primitives and

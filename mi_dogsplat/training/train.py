@@ -209,8 +209,7 @@ class Trainer:
         return not self.sieve.leaving(self).any()
 
     def importance(self, score: Score) -> np.ndarray:
-        """[N] what a score says of the primitives as they are; ``ScoreRule`` sees what the loss does: linear ones through
-        its curve, and no pixel that is masked."""
+        """[N] what a score says of the primitives; a ``ScoreRule`` by its curve and masks, as the loss sees them."""
         p, seed = self.photographs, self.config.seed + self.step_count
         given = self.optimizer.params, p.cameras, self.options, self.background, seed
         if isinstance(score, ScoreRule):

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.engine.device_camera import DeviceCamera
+from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.scores.bands import bands
 from mi_dogsplat.scores.score import ScoreRule, energies, scores
 from mi_dogsplat.training.strategy.options import REMOVAL, Options
@@ -16,7 +18,7 @@ def trainer_of(data, folder, on_disk=False) -> Trainer:
     return Trainer(config_of(masks=masks, data_on_disk=on_disk, sh_degree=1), dataset)
 
 
-def given(trainer: Trainer) -> tuple:
+def given(trainer: Trainer) -> tuple[dict, list[DeviceCamera], RasterOptions]:
     return trainer.optimizer.params, trainer.photographs.cameras, trainer.options
 
 
@@ -45,6 +47,7 @@ def test_so_do_the_options_among_which_bytes_are_divided(data, tmp_path):
     found = Options.of(trainer, splats)
     expected = energies(REMOVAL, *given(trainer), 0.0, 0, lambda _: left_half())[0]
     np.testing.assert_allclose(found.removal, expected, rtol=1e-6)
-    losses = bands(trainer.optimizer.params, splats.sh_coeffs, *given(trainer)[1:], lambda _: left_half()).losses()
+    params, cameras, options = given(trainer)
+    losses = bands(params, splats.sh_coeffs, cameras, options, lambda _: left_half()).losses()
     np.testing.assert_allclose(found.by_degree, losses, rtol=1e-6)
     assert losses[:, 0].max() > 0

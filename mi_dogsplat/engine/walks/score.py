@@ -49,7 +49,7 @@ class Sums:
     removal: F is D. Else F is J.
     degeneration: F is P
     uncut: F is Q
-    masked: F is m F, with a plane m: 0 where a pixel does not count
+    masked: F is μ F, with a plane μ that is 0 where a pixel does not count
     energy: Σ F²
     weighted: ... Σ (w F)² instead, with a plane w
     clamped: F is Σ m d o instead of J, with a plane m per channel: where the image is clamped, m is 0
@@ -92,8 +92,8 @@ def composite_score(view: WalkableView, sums: Sums, image: list, planes: list, s
     Args:
         view: made with ``sums.blocks``.
         image: the 3 planes of the view [H*W], background included.
-        planes: if ``sums.masked``, m; if ``sums.weighted``, w; if ``sums.clamped``, m of the three channels; then ξ of each probe,
-            ``sums.channels`` planes each.
+        planes: if ``sums.masked``, μ; if ``sums.weighted``, w; if ``sums.clamped``, m of the three channels; then ξ of
+            each probe, ``sums.channels`` planes each.
         share: [N], what is blended is share α, the image being made so: F is then D per share, that is the derivative
             of the image by the share, also where it is 0 (needs ``sums.removal``). None: 1 for all.
 
