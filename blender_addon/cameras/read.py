@@ -24,12 +24,15 @@ def read_cameras(path: str | Path, size_of: Callable[[Path], tuple[int, int]]) -
         config_file = path if path.is_file() else path / "config.json"
         config = read_json_object(config_file)
         data = Path(str(config.get("data", "")))
+        remedy = "import the cameras from the data set itself"
         if "data" not in config or not data.exists():
-            remedy = "import the cameras from the data set itself"
             if "data" not in config:
                 raise FileError(config_file, "does not name a data set", remedy)
             raise FileError(config_file, 'its data set "{data}" is not there', remedy, data=data)
-        return read_cameras(data, size_of)[0], int(config.get("downscale", 1))
+        downscale = config.get("downscale", 1)
+        if type(downscale) is not int or downscale < 1:
+            raise FileError(config_file, 'its "downscale" is no whole number above 0', remedy)
+        return read_cameras(data, size_of)[0], downscale
     if path.is_file() and path.suffix in (".bin", ".txt"):
         path = path.parent
     if path.is_dir() and (model := find_model(path)):

@@ -114,6 +114,7 @@ MESSAGES = {
     'has no cameras ("frames" is absent or empty)': "hat keine Kameras („frames“ fehlt oder ist leer)",
     "does not name a data set": "nennt keinen Datensatz",
     'its data set "{data}" is not there': "der Datensatz „{data}“ ist nicht da",
+    'its "downscale" is no whole number above 0': "„downscale“ darin ist keine ganze Zahl über 0",
     "import the cameras from the data set itself": "die Kameras aus dem Datensatz selbst importieren",
     "not valid JSON in line {line} ({reason})": "kein gültiges JSON in Zeile {line} ({reason})",
     "correct that line": "diese Zeile berichtigen",

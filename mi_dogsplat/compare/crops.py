@@ -14,6 +14,7 @@ from ..report.pictures import Figure, embedded_jpeg, embedded_png, frame, read_p
 from ..report.run_folder import METRICS
 from ..support.files import read_object
 from .folders import REMEDY
+from .names import seed_order
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ def crops(folder: Path, rows: dict[str, Any]) -> Crops | None:
         folder: of the data set within the comparison.
         rows: "label" and "runs" by name.
     """
-    seed = min((seed for row in rows.values() for seed in row["runs"]), default="")
+    seed = min((seed for row in rows.values() for seed in row["runs"]), key=seed_order, default="")
     names = [name for name, row in rows.items() if seed in row["runs"]]
     if len(names) < 2:
         return None

@@ -44,6 +44,11 @@ def at_target(name: str, target: float) -> str:
     return f"{name}{AT}{target:g}"
 
 
+def seed_order(seed: str) -> tuple[int, str]:
+    """By which seeds are sorted, as numbers: 2 comes before 10."""
+    return len(seed), seed
+
+
 def method_of(name: str) -> str:
     """The method, without a target."""
     return name.partition(AT)[0]

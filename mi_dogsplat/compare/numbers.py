@@ -15,7 +15,7 @@ from ..training.events import DogActivated
 from .folders import REMEDY
 from .method_runs import is_complete
 from .methods import METHODS
-from .names import AT
+from .names import AT, seed_order
 from .perceptual import LPIPS
 
 TIMES = ("train_seconds", "render_ms", "fps")
@@ -27,19 +27,25 @@ def collect(folder: Path, names: Iterable[str]) -> dict[str, Runs]:
     were in an earlier version nothing is told."""
     found: dict[str, Runs] = {}
     for name in names:
-        for run in sorted(folder.glob(f"seed_*/{name}")):
+        for seed, run in _by_seed(folder, name):
             if is_complete(run, METHODS[name]):
-                found.setdefault(name, {})[run.parent.name.removeprefix("seed_")] = numbers(run)
+                found.setdefault(name, {})[seed] = numbers(run)
     return found
 
 
 def collect_targets(folder: Path, name: str) -> dict[str, Runs]:
     """Of a data set: the numbers of a method's runs at other targets, by the target."""
     found: dict[str, Runs] = {}
-    for run in sorted(folder.glob(f"seed_*/{name}{AT}*")):
+    for seed, run in _by_seed(folder, f"{name}{AT}*"):
         if is_complete(run, METHODS[name]):
-            found.setdefault(run.name.partition(AT)[2], {})[run.parent.name.removeprefix("seed_")] = numbers(run)
+            found.setdefault(run.name.partition(AT)[2], {})[seed] = numbers(run)
     return found
+
+
+def _by_seed(folder: Path, name: str) -> list[tuple[str, Path]]:
+    """Seeds and run folders of that name, in the order of the seeds."""
+    runs = [(run.parent.name.removeprefix("seed_"), run) for run in sorted(folder.glob(f"seed_*/{name}"))]
+    return sorted(runs, key=lambda pair: seed_order(pair[0]))
 
 
 def numbers(folder: Path) -> dict[str, float]:

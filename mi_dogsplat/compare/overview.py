@@ -13,7 +13,7 @@ from markupsafe import Markup
 from ..report.plot import Series, line_plot
 from ..report.points import Note
 from ..report.run_folder import Run, read_run
-from .names import SUFFIX
+from .names import SUFFIX, seed_order
 
 ERRORS = {"test_psnr": "PSNR, dB", "test_flip": "FLIP"}
 START = "start"  # the run folder of the densified start
@@ -35,7 +35,7 @@ def overview(
     seeds = [set(row["runs"]) for row in rows.values()]
     if not seeds:
         return None
-    seed = min(set.intersection(*seeds) or set.union(*seeds))
+    seed = min(set.intersection(*seeds) or set.union(*seeds), key=seed_order)
     runs = {name: read_run(folder / f"seed_{seed}" / name) for name, row in rows.items() if seed in row["runs"]}
     begun = folder / f"seed_{seed}" / START
     plots = []

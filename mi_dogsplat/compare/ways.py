@@ -11,6 +11,7 @@ from markupsafe import Markup
 from ..report.plot import Series, line_plot
 from ..report.prunes import marks
 from ..report.run_folder import Run, read_run
+from .names import seed_order
 
 BASELINE = "3dgs"
 
@@ -25,7 +26,7 @@ def ways(out: Path, rows: dict[str, Any]) -> tuple[str, list[Markup]] | None:
     baseline = rows.get(BASELINE)
     if not baseline:
         return None
-    seed = min(baseline["runs"])
+    seed = min(baseline["runs"], key=seed_order)
     folder = out / f"seed_{seed}"
     x, y = _way(folder / BASELINE)[1:]
     plots = []

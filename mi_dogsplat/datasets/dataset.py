@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 TEST_EVERY = 8  # as in LLFF and 3DGS: images 0, 8, 16, ... by sorted name are held out
 SPLITS = ("test", "validation")
+# of names of pictures that are written beside NAME.png of a view (evaluate.py, mixture.py, misfits.py)
+PICTURE_ENDS = ("_gt", "_error", "_gaussian", "_dog", "_plain", "_plain_error")
 
 T = TypeVar("T")
 
@@ -202,12 +204,17 @@ def view_name(file: str) -> str:
 
 
 def require_unique_names(path: Path, names: Sequence[str]) -> None:
-    """Raise ``DataError`` where two views would share a name, and so their output files."""
+    """Raise ``DataError`` where two views would share a name or an output file: "a" and "a_gt" both write a_gt.png."""
     seen: set[str] = set()
     for name in names:
         if name in seen:
             raise DataError(path, f'two views have the name "{name}"', "give each image its own name")
         seen.add(name)
+    for name in names:
+        for end in PICTURE_ENDS:
+            if (other := name.removesuffix(end)) != name and other in seen:
+                problem = f'of the views "{other}" and "{name}" pictures would have the same name, {name}.png'
+                raise DataError(path, problem, "rename one of the images")
 
 
 def camera_extent(views: Sequence[View]) -> float:

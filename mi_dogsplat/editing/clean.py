@@ -41,7 +41,7 @@ class Cleaned:
     unneeded: list[str]
     """a line for each kind of what is not needed, of all that was wanted"""
     psnr: tuple[float, float] | None
-    """dB on the photographs of the data, before and after; None without data"""
+    """dB on the photographs of the data, before and after; None without data, and where masks are all black"""
     left_out: list[str]
     """a line for each thing that the formats have no room for"""
 
@@ -81,7 +81,8 @@ def clean_model(
     dataset = load_dataset(data, options.downscale) if data else None
     views = dataset.train if dataset else []
     wanted, taken_out = np.ones(splats.n_splats, bool), []
-    for reason, keep in rules(splats, config, views, drawn):
+    masks = Masks(config.masks, views) if config.masks else None
+    for reason, keep in rules(splats, config, views, masks, drawn):
         taken_out.append((reason, int((wanted & ~keep).sum())))
         wanted &= keep
     if config.connected:  # of what is left: a crop may cut a part off
@@ -96,14 +97,16 @@ def clean_model(
     left_out = [f"{model.name}: {line}" for line in read.left_out]
     written = replace(read, splats=after, drawing=drawing)
     left_out += write_model(out, upright(written)[0] if world.upright else written, sh_rows=True)
-    quality = _quality(dataset, splats, after, options.background, drawn) if dataset else None
+    quality = _quality(dataset, splats, after, options.background, drawn, masks) if dataset else None
     if preview:
         write_preview(Path(preview), replace(read, drawing=drawing), after, data, options)
     found = [(reason, number) for reason, number in taken_out if number]
     return Cleaned(splats.n_splats, after.n_splats, found, unneeded.described(kept, config.mixed_sh), quality, left_out)
 
 
-def rules(splats: Splats, config: CleanConfig, views: Sequence[View], drawn: DrawnAs) -> list[tuple[str, Array]]:
+def rules(
+    splats: Splats, config: CleanConfig, views: Sequence[View], masks: Masks | None, drawn: DrawnAs
+) -> list[tuple[str, Array]]:
     """Why primitives leave, and which of them stay [N], rule by rule; parts are looked for later, in what is left."""
     found, cameras, look = [], [view.camera for view in views], (drawn.near_clip, drawn.antialiased)
     if config.box:
@@ -116,8 +119,8 @@ def rules(splats: Splats, config: CleanConfig, views: Sequence[View], drawn: Dra
         found.append(("too large", splats.scales.max(axis=1) <= config.max_scale))
     if config.seen:
         found.append(("never seen", seen(splats, cameras, *look)))
-    if config.masks:
-        found.append(("outside of the masks", within_masks(splats, views, Masks(config.masks, views), *look)))
+    if masks:
+        found.append(("outside of the masks", within_masks(splats, views, masks, *look)))
     if config.floaters:
         found.append(("floaters", ~evidence(splats, cameras, *look).floats))
     return found
@@ -133,16 +136,19 @@ def write_preview(out: Path, before: Model, after: Splats, data: str | Path | No
 
 
 def _quality(
-    dataset: Dataset, before: Splats, after: Splats, background_name: str, drawn: DrawnAs
-) -> tuple[float, float]:
-    """Mean PSNR of two models on the test views, or on all views without a split."""
+    dataset: Dataset, before: Splats, after: Splats, background_name: str, drawn: DrawnAs, masks: Masks | None
+) -> tuple[float, float] | None:
+    """Mean PSNR of two models on the test views, or on all views without a split, where masks are not black."""
     background = background_color(background_name, dataset.has_alpha)
-    views, drawn = dataset.test or dataset.train, drawn.beside(dataset.white)
+    pairs = [(view, masks.of(view) if masks else None) for view in dataset.test or dataset.train]
+    pairs = [(view, mask) for view, mask in pairs if mask is None or mask.any()]
+    if not pairs:
+        return None
+    drawn = drawn.beside(dataset.white)
 
     def mean(splats: Splats) -> float:
         how = {"antialiased": drawn.antialiased, "linear": drawn.linear, "white": drawn.white}
         picture = picture_of(splats, background, drawn.near_clip, **how)
-        found = [psnr(seen_as(picture(view.camera), view), photograph(view, background)) for view in views]
-        return float(np.mean(found))
+        return float(np.mean([psnr(seen_as(picture(v.camera), v), photograph(v, background), m) for v, m in pairs]))
 
     return mean(before), mean(after)

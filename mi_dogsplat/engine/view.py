@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import drjit as dr
+
 from .arrays import detached
 from .bands import PreparedView, WalkableView, listed
 from .geometry import Blocks, Grid
@@ -20,6 +22,8 @@ def prepare(params: dict, camera: DeviceCamera, options: RasterOptions, blocks: 
         camera: the view and its size.
         options: specialisation of the kernels; ``depth`` and ``normal`` are not looked at.
         blocks: of pixels, one per lane; None: the backend's.
+
+    Raises ``ValueError`` if there is no primitive: ``rasterize`` draws the background of none.
     """
     projection = _projection(params, camera, options)
     grid = Grid.of(camera.width, camera.height, blocks or Blocks.of_backend())
@@ -65,4 +69,6 @@ def arrange(
 
 
 def _projection(params: dict, camera: DeviceCamera, options: RasterOptions) -> Projection:
+    if dr.width(params["logit_opacities"]) == 0:
+        raise ValueError("prepare: there is no primitive, so there is no view to walk")
     return project(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)

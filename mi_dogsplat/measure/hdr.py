@@ -26,32 +26,37 @@ def evaluate_radiance(radiance: ArrayLike, truth: ArrayLike, mask: ArrayLike | N
 
 
 def psnr_mu(radiance: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None) -> float:
-    """PSNR in dB of log(1 + μ x) / log(1 + μ), where x is 1 at the brightest value of the truth; ``PSNR_CAP`` at most.
+    """PSNR in dB of log(1 + μ x) / log(1 + μ), where x is 1 at the brightest value of the truth, of pixels that count;
+    ``PSNR_CAP`` at most.
 
     The curve is steep near black: an error of a tenth counts about alike in lamp and shadow.
     """
     a, b = _light(radiance, truth)
+    if mask is not None:
+        a, b = (x[np.asarray(mask) > 0] for x in (a, b))
     brightest = float(b.max()) or 1.0
     a, b = (np.log1p(MU * x / brightest) / math.log1p(MU) for x in (a, b))
-    squared = (a - b) ** 2
-    mse = float(np.mean(squared if mask is None else squared[np.asarray(mask) > 0]))
+    mse = float(np.mean((a - b) ** 2))
     return min(PSNR_CAP, -10 * math.log10(mse)) if mse > 0 else PSNR_CAP
 
 
 def hdr_flip(radiance: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None) -> float:
     """HDR-FLIP (Andersson et al. 2021): of each pixel the largest FLIP error over all exposures that show something.
 
-    67 pixels per degree, tone mapping by ACES. The exposures are those of the paper, of pixels that have any light; the
-    library's own would be infinite, which ends the process, where half of the picture is black.
+    67 pixels per degree, tone mapping by ACES. The exposures are those of the paper, of pixels that count and have any
+    light; the library's own would be infinite, which ends the process, where half of the picture is black.
     """
-    a, b = _light(masked(radiance, truth, mask), truth)
-    low, high = _exposures(luminance(b))
+    a, b = _light(radiance, truth)
+    counts = np.ones(b.shape[:2], bool) if mask is None else np.asarray(mask) > 0
+    b = np.where(counts[..., None], b, np.minimum(b, b[counts].max()))  # float32 may not hold more in this exposure
+    a = masked(a, b, counts)
+    low, high = _exposures(luminance(b[counts]))
     unit = 2.0**low  # so that float32 holds all
     test, reference = (np.ascontiguousarray(x * unit, np.float32) for x in (a, b))
     steps = {"startExposure": 0.0, "stopExposure": high - low, "numExposures": max(2, math.ceil(high - low))}
     error, _, _ = flip_evaluator.evaluate(reference, test, "HDR", True, False, False, steps)
     error = np.asarray(error)[..., 0]
-    return float(np.mean(error if mask is None else error[np.asarray(mask) > 0], dtype=np.float64))
+    return float(np.mean(error[counts], dtype=np.float64))
 
 
 def _exposures(luminances: NDArray[np.float64]) -> tuple[float, float]:

@@ -13,9 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.appearance import APPEARANCE, Appearance, read_appearance
+from ..scene.drawing import value_of
 from ..support.errors import DataError
 from ..support.files import parse_json, read_json
+from ..support.settings import unfit
 from ..support.wording import finite
+from ..training.config import TrainConfig
 
 # Names in a run folder. Two more are beside what reads them: CHECKPOINT (runs/checkpoint.py), and APPEARANCE.
 MODEL = "point_cloud.ply"
@@ -29,6 +32,10 @@ RENDER_MS = "render_ms.json"  # of the same: its render time, measured in turns 
 DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without DoG (mixture.py)
 MISFITS = "train/misfits.json"  # training images that do not fit (runs/misfits.py)
 
+# Settings by which others draw the model of a run and find its data; the rest are only shown.
+FOLLOWED = ("data", "preset", "split", "downscale", "data_on_disk", "background", "antialiased", "near_clip", "white")
+FOLLOWED += ("up", "unit")
+REMEDY = "restore or delete it, then try again"
 LARGEST = 1e30  # what a run measures is far below
 # Parts of the files that others rely on: objects with their own parts, under given names or any, and lists of numbers.
 ANY, NUMBERS = "*", ("numbers",)
@@ -111,29 +118,40 @@ class Run:
 def read_run(path: str | Path) -> Run:
     """Reads config.json, history.jsonl, metrics.json and test/dog_profile.json of a run folder; each may be missing.
 
-    :raises DataError: the folder does not exist, or one of the .json files is not a JSON object
+    :raises DataError: the folder does not exist, one of the .json files is not a JSON object, or something in it that
+        others rely on is of another kind than what a run writes
     """
     path = Path(path)
     if not path.is_dir():
         raise DataError(path, "no such folder", "give a run folder, as `dogsplat train DATA -o RUN` makes it")
     history, broken_rows = _read_rows(path / HISTORY)
-    config, metrics = _read_object(path / CONFIG), _read_object(path / METRICS, METRICS_PARTS)
+    config, metrics = _read_config(path / CONFIG), _read_object(path / METRICS, METRICS_PARTS)
     profile, recipe = _read_object(path / "test" / DOG_PROFILE, PROFILE_PARTS), _read_object(path / RECIPE)
     misfits = _read_object(path / MISFITS, MISFIT_PARTS)
     stored = path / APPEARANCE
     appearance = read_appearance(stored) if stored.is_file() else None
-    return Run(path, config or {}, history, metrics, profile, broken_rows, recipe, misfits, appearance)
+    return Run(path, config, history, metrics, profile, broken_rows, recipe, misfits, appearance)
+
+
+def _read_config(path: Path) -> dict[str, Any]:
+    config = _read_object(path) or {}
+    wrong = unfit(TrainConfig, {name: config[name] for name in FOLLOWED if name in config})
+    up = config.get("up")
+    if not wrong and up is not None and value_of("up", up) is None:
+        wrong = "up"
+    if wrong:
+        raise DataError(path, f'"{wrong}" is not what a run writes', REMEDY)
+    return config
 
 
 def _read_object(path: Path, parts: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any] | None:
     if not path.is_file():
         return None
-    remedy = "restore or delete it, then try again"
-    content = read_json(path, remedy)
+    content = read_json(path, REMEDY)
     if not isinstance(content, dict):
-        raise DataError(path, "not a JSON object", remedy)
+        raise DataError(path, "not a JSON object", REMEDY)
     if wrong := _misfit(content, parts):
-        raise DataError(path, f'"{wrong}" is not what a run writes', remedy)
+        raise DataError(path, f'"{wrong}" is not what a run writes', REMEDY)
     return content
 
 

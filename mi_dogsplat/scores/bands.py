@@ -37,6 +37,7 @@ from ..engine.sh import unit_basis
 from ..engine.view import prepare
 from ..engine.walks.squared_weights import composite_squared_weights
 from ..scene.sh_basis import SH_SIZES, sh_degree_of
+from .counted import MaskOf, counted
 
 RIDGE = 1e-3  # of what the diagonal of H would be if the views came from all around
 ROWS = 16_384  # primitives at a time on the host, which bounds the memory: 2 KB each at degree 3
@@ -97,13 +98,20 @@ class Bands:
         return np.einsum("nkc,nkc->n", u, H @ u), u
 
 
-def bands(params: dict, x: np.ndarray, cameras: Sequence[DeviceCamera], options: RasterOptions) -> Bands:
+def bands(
+    params: dict,
+    x: np.ndarray,
+    cameras: Sequence[DeviceCamera],
+    options: RasterOptions,
+    masks: MaskOf | None = None,
+) -> Bands:
     """Walk through all views.
 
     Args:
         params: as in ``rasterize``.
         x: [N, K, 3] the SH coefficients in them, K that of the highest degree.
         cameras: all training views.
+        masks: of these; None: all pixels count.
 
     Takes 4 K (K + 1) / 2 bytes a primitive on the device.
     """
@@ -115,8 +123,8 @@ def bands(params: dict, x: np.ndarray, cameras: Sequence[DeviceCamera], options:
     index = dr.arange(mi.UInt32, n)
     means = [dr.gather(mi.Float, params["means"], dr.fma(index, 3, axis)) for axis in range(3)]
     H = [dr.zeros(types.Float, n) for _ in pairs]
-    for camera in cameras:
-        h = composite_squared_weights(prepare(params, camera, options))
+    for view, camera in enumerate(cameras):
+        h = composite_squared_weights(prepare(params, camera, options), counted(masks, view))
         direction = camera.offset(means) if camera.perspective else camera.rotation[2]
         y = detached(unit_basis(direction, sh_degree_of(k)))
         seen = h > 0

@@ -8,8 +8,8 @@ primitive is removed, P, if a DoG primitive becomes its primary, or Q, if a prim
     Uf_i = Σ_ω w(ω) |F̂_i(ω)|² / (H W)     spectral, w(ω) = (|ω| / ω_corner)^γ; w = 1 would give U_i (Parseval)
     score_i = λ_s U_i / ‖U‖₂ + λ_f Uf_i / ‖Uf‖₂
 
-``released`` is the authors' code: U of the image clamped to [0, 1], whose derivative is 0 where a channel is clamped,
-with the weight of its ``band_pass_weight`` on each pixel.
+F is 0 where a mask says that a pixel does not count. ``released`` is the authors' code: U of the image clamped to
+[0, 1], whose derivative is 0 where a channel is clamped, with the weight of its ``band_pass_weight`` on each pixel.
 
 Uf without N Fourier transforms. With h the filter whose frequency response is √w, Uf_i = ‖h * F_i‖². For white noise z
 (independent signs) and ξ = h * z, the pixel sum s_i = Σ ξ F_i has E[s_i²] = Uf_i: one walk serves all primitives and
@@ -20,7 +20,7 @@ which falls as 1/√(probes x views). Or, without noise, for γ = 2: the energy 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import drjit as dr
@@ -33,6 +33,7 @@ from ..engine.project import DeviceCamera
 from ..engine.view import prepare_both
 from ..engine.walks.composite import composite_over
 from ..engine.walks.score import Sums, composite_score
+from .counted import MaskOf, counted
 
 KINDS = ("opacity", "spatio-spectral", "released", "leave-one-out", "leave-dog-out", "leave-cut-out")
 CORNER = float(np.sqrt(0.5))  # cycles per pixel, the highest frequency of an image
@@ -79,10 +80,16 @@ class ScoreRule:
             raise ValueError(f"ScoreRule: gamma_f={self.gamma_f} needs a probe; without, only gamma_f=2 is known")
 
     def __call__(
-        self, params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float, seed: int
+        self,
+        params: dict,
+        cameras: list[DeviceCamera],
+        options: RasterOptions,
+        background: float,
+        seed: int,
+        masks: MaskOf | None = None,
     ) -> np.ndarray:
         """``scores`` by this rule."""
-        return scores(self, params, cameras, options, background, seed)
+        return scores(self, params, cameras, options, background, seed, masks)
 
     @property
     def sums(self) -> Sums:
@@ -108,6 +115,7 @@ def scores(
     options: RasterOptions,
     background: float,
     seed: int,
+    masks: MaskOf | None = None,
 ) -> np.ndarray:
     """Importance of each primitive, [N] float64, at least 0, larger is more important; 0 if no camera sees it.
 
@@ -116,12 +124,13 @@ def scores(
         cameras: all training views.
         background: grey level behind the primitives.
         seed: of the noise of the spectral probes.
+        masks: of the views; None: all pixels count.
 
     Raises ``ValueError`` if there is no camera.
     """
     if rule.kind == "opacity":
         return _opacities(params["logit_opacities"].numpy())
-    spatial, spectral = energies(rule, params, cameras, options, background, seed)
+    spatial, spectral = energies(rule, params, cameras, options, background, seed, masks)
     if rule.kind == "released":
         return spatial
     return rule.spatial_weight * _normalised(spatial) + rule.spectral_weight * _normalised(spectral)
@@ -134,6 +143,7 @@ def energies(
     options: RasterOptions,
     background: float,
     seed: int,
+    masks: MaskOf | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(U, Uf) of a rule that looks at the views, [N] float64 each; zeros where the rule gives one no weight.
 
@@ -148,8 +158,9 @@ def energies(
     rng = np.random.default_rng(seed)
     Double = array_types().Double
     spatial, spectral = dr.zeros(Double, n), dr.zeros(Double, n)
-    for camera in cameras:
-        columns = [Double(column) for column in _view_sums(rule, detached, camera, options, background, rng)]
+    for k, camera in enumerate(cameras):
+        mask = counted(masks, k)
+        columns = [Double(column) for column in _view_sums(rule, detached, camera, options, background, rng, mask)]
         if sums.energy:
             spatial += columns.pop(0)
         if sums.gradient:
@@ -167,9 +178,10 @@ def _view_sums(
     options: RasterOptions,
     background: float,
     rng: np.random.Generator,
+    mask: Any,
 ) -> list:
     """Columns of ``sums`` for a view, [N] each, float32."""
-    sums = rule.sums
+    sums = replace(rule.sums, masked=mask is not None)
     pictured, view = prepare_both(params, camera, options, sums.blocks)
     image = composite_over(pictured, background)
     planes = []
@@ -184,7 +196,8 @@ def _view_sums(
     if sums.probes:
         signs = 2.0 * rng.integers(0, 2, (sums.probes * sums.channels, camera.height, camera.width)) - 1
         planes += list(filtered_noise(signs, rule.gamma_f))
-    return composite_score(view, sums, image, [detached(device_array(plane)) for plane in planes])
+    on_device = [detached(device_array(plane)) for plane in planes]
+    return composite_score(view, sums, image, on_device if mask is None else [mask, *on_device])
 
 
 def _frequencies(height: int, width: int) -> np.ndarray:

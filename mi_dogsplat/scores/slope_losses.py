@@ -23,19 +23,23 @@ from ..engine.options import RasterOptions
 from ..engine.project import LOG2_E, project
 from ..engine.view import prepare
 from ..engine.walks.squared_weights import composite_squared_weights
+from .counted import MaskOf, counted
 
 
-def slope_losses(params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions) -> np.ndarray:
+def slope_losses(
+    params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions, masks: MaskOf | None = None
+) -> np.ndarray:
     """[N] energy of the change of all views without the slopes of a primitive; 0 where it has none.
 
     Args:
         params: as in ``rasterize``, with slopes.
         cameras: all training views.
+        masks: of these; None: all pixels count.
     """
     params = {name: dr.detach(value) for name, value in params.items()}
     total = dr.zeros(array_types().Double, dr.width(params["logit_opacities"]))
-    for camera in cameras:
-        h = composite_squared_weights(prepare(params, camera, options))
+    for view, camera in enumerate(cameras if len(total) else ()):
+        h = composite_squared_weights(prepare(params, camera, options), counted(masks, view))
         projection = project(params, camera, sh_degree=0)
         kernels, slopes = projection.kernels, projection.slopes or []
         square = 0

@@ -43,7 +43,7 @@ def weights(
     params = {name: dr.detach(value) for name, value in params.items()}
     sums = np.zeros((4, n))
     largest, dominates = np.zeros(n), np.zeros(n, bool)
-    for k, camera in enumerate(cameras):
+    for k, camera in enumerate(cameras if n else []):
         view = prepare(params, camera, options)
         plane = np.ones((camera.height, camera.width)) if planes is None else planes[k]
         columns, largest_bits = composite_weights(view, detached(device_array(plane)))

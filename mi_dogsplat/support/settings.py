@@ -9,9 +9,10 @@ draws boxes where we have one line, wants four packages, and ``dogsplat --help``
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NoReturn, get_type_hints
+from typing import Any, NoReturn, get_args, get_type_hints
 
 from .errors import DataError
 
@@ -42,9 +43,29 @@ def check_settings(config: object) -> None:
             continue
         if setting.choices and value not in setting.choices:
             refuse(name, f'"{value}" is unknown', "use " + " or ".join(setting.choices))
-        if (math.isfinite(least) or math.isfinite(most)) and not least <= value <= most:  # NaN is in no range
+        if not _in_range(value, setting):
             wanted = f"at least {least:g}" if most == math.inf else f"{least:g} to {most:g}"
             refuse(name, f"{value} is out of range", f"use {wanted}")
+
+
+def unfit(kind: type, values: Mapping[str, Any]) -> str:
+    """Name of the first of ``values``, as JSON holds them, that is of another type than the field of the settings class
+    ``kind`` or out of its range; empty if there is none. Choices are not looked at."""
+    for name, value in values.items():
+        hint, setting = settings_of(kind)[name]
+        types = get_args(hint) or (hint,)
+        fits = isinstance(value, types) or (type(value) is int and float in types)
+        if not fits or (isinstance(value, bool) and bool not in types):
+            return name
+        if value is not None and not _in_range(value, setting):
+            return name
+    return ""
+
+
+def _in_range(value: Any, setting: Setting) -> bool:
+    if math.isinf(setting.least) and math.isinf(setting.most):
+        return True
+    return setting.least <= value <= setting.most  # NaN is in no range
 
 
 def refuse(name: str, problem: str, remedy: str) -> NoReturn:

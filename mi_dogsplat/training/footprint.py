@@ -23,6 +23,7 @@ from ..support.errors import DataError
 from ..support.memory import available_memory, bytes_of
 from ..support.wording import count, file_size
 from .events import MemoryFull
+from .optimizer.trained_arrays import TrainedArrays
 
 BASE = 230e6  # Python, Mitsuba, LLVM, kernels and, where none are kept from before, their compilation
 TARGET = 40  # bytes per pixel of a training view: its planes on the device and what SSIM needs of them
@@ -79,9 +80,11 @@ class Budget:
         now = PER_FLOAT * self.floats + PER_PRIMITIVE + (LISTED + WALKED / self.bands) * pairs_per_primitive
         return max(now, self.later.left * (now + self.later.bytes))
 
-    def for_pairs(self, n: int) -> float:
-        """Bytes that ``n`` primitives leave for pairs, ``RasterOptions.isect_memory``."""
-        return MARGIN * self.total - self.fixed - n * self.each(0)
+    def for_pairs(self, optimizer: TrainedArrays) -> float:
+        """Bytes that primitives, with the rows and products that they have now, leave for pairs:
+        ``RasterOptions.isect_memory``."""
+        held = PER_FLOAT * optimizer.n_floats + PER_PRODUCT * optimizer.n_products + PER_PRIMITIVE * optimizer.n
+        return MARGIN * self.total - self.fixed - held
 
     def most_primitives(self, pairs_per_primitive: float) -> int:
         """How many primitives fit."""

@@ -132,7 +132,7 @@ class Trainer:
         return RasterOptions(
             sh_degree=self.active_sh_degree,
             antialiased=self.config.antialiased,
-            isect_memory=self.memory.for_pairs(self.optimizer.n) if self.memory else None,
+            isect_memory=self.memory.for_pairs(self.optimizer) if self.memory else None,
         )
 
     def step(self) -> list[Event]:
@@ -209,11 +209,12 @@ class Trainer:
         return not self.sieve.leaving(self).any()
 
     def importance(self, score: Score) -> np.ndarray:
-        """[N] what a score says of the primitives as they are; of linear ones through the curve of the loss."""
-        if self.photographs.curve and isinstance(score, ScoreRule):
-            score = replace(score, curve=self.photographs.curve)
-        seed, cameras = self.config.seed + self.step_count, self.photographs.cameras
-        return score(self.optimizer.params, cameras, self.options, self.background, seed)
+        """[N] what a score says of the primitives; a ``ScoreRule`` by its curve and masks, as the loss sees them."""
+        p, seed = self.photographs, self.config.seed + self.step_count
+        given = self.optimizer.params, p.cameras, self.options, self.background, seed
+        if isinstance(score, ScoreRule):
+            return replace(score, curve=p.curve or score.curve)(*given, p.shown_mask)
+        return score(*given)
 
     def scores(self, score: Score) -> np.ndarray:
         """[N] the same, as all strategies have it."""
@@ -258,9 +259,7 @@ class Trainer:
 
     def picture(self, view: View, depth: bool = False) -> Picture:
         """The current model seen from a view."""
-        options = replace(self.options, depth=depth)
-        how = options, self.background, self.near_clip
-        white = self.dataset.white
+        how, white = (replace(self.options, depth=depth), self.background, self.near_clip), self.dataset.white
         found = render_picture(self.optimizer.params, view.camera, *how, linear=white is not None)
         return found if white is None or found.radiance is None else found.in_units_of(white)
 

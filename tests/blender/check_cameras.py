@@ -186,6 +186,8 @@ def test_text_and_binary_models_of_colmap_are_the_same(shared, tmp_path):
             "pose",
         ),
         ("config.json", '{"data": "/nowhere"}', "/nowhere"),
+        ("config.json", '{"data": "/", "downscale": "x"}', "downscale"),
+        ("config.json", '{"data": "/", "downscale": 0}', "downscale"),
     ],
 )
 def test_bad_cameras_are_one_line_and_leave_nothing(tmp_path, name, content, message):

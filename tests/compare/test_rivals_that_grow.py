@@ -266,6 +266,24 @@ def test_the_opacity_pressure_is_the_gradient_of_its_term(gentle):
         assert got[k] == pytest.approx((term(logits + step) - term(logits - step)) / 2e-5, rel=1e-3)
 
 
+@pytest.mark.parametrize("stop", [90, 97])
+def test_natural_selection_draws_at_its_end_what_has_not_faded_by_then(trainer_of, stop):
+    """In a run of 7,000 steps the end is no multiple of the steps between removals."""
+    part = gns.NaturalSelection(start=0, stop=stop, every=10, gentle=50)
+    trainer = trainer_of(replace(METHODS["3dgs"].recipe, also=()), 3000, target=20)
+    state, n = part.new_state(trainer), trainer.optimizer.n
+    for step in range(1, stop):
+        trainer.step_count = step
+        part.after_step(trainer, state)
+    assert trainer.optimizer.n == n > 21 and state.met < 0
+    trainer.step_count = stop
+    assert part.due(trainer, state)
+    part.after_step(trainer, state)
+    assert trainer.optimizer.n == 20 and state.met == stop
+    trainer.step_count = stop + 10 - stop % 10
+    assert not part.due(trainer, state)
+
+
 def test_natural_selection_steers_its_weight_meets_the_budget_and_lowers_the_steps_again(trainer_of):
     part = gns.NaturalSelection(start=0, stop=400, every=10, gentle=50)
     trainer = trainer_of(replace(METHODS["3dgs"].recipe, also=()), 3000, target=20)

@@ -109,14 +109,15 @@ def test_what_downscaling_cuts_off_is_cut_off_masks_too(tmp_path):
     assert mask is not None and not mask.any()
 
 
-def test_masks_that_leave_nothing_to_train_on_are_refused(data, tmp_path):
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_masks_that_leave_nothing_to_train_on_are_refused(data, tmp_path, on_disk):
     dataset, first = load_dataset(data), np.zeros(SHAPE)
     write_masks(tmp_path, dataset, first)
     with pytest.raises(DataError, match=f"{tmp_path}: is black in every view that is trained on; paint white"):
-        Photographs(dataset, 0.0, masks=str(tmp_path))
+        Photographs(dataset, 0.0, masks=str(tmp_path), on_disk=on_disk)
     first[3, 5] = 1  # a pixel of one view counts
     write_png(tmp_path / f"{dataset.train[0].name}.png", first.astype(np.float32))
-    Photographs(dataset, 0.0, masks=str(tmp_path))
+    Photographs(dataset, 0.0, masks=str(tmp_path), on_disk=on_disk)
 
 
 def test_bad_masks_are_refused_in_one_line(data, tmp_path):

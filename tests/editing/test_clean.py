@@ -1,11 +1,13 @@
 """``dogsplat clean``: what leaves is what was asked for, the rest keeps its bits, and bad input is one line."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import read_ply, write_ply
-from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.datasets import View, load_dataset
 from mi_dogsplat.editing.clean import clean_model
 from mi_dogsplat.editing.clean_config import CleanConfig
 from mi_dogsplat.editing.regions import in_box, largest_parts
@@ -151,12 +153,34 @@ def test_masks_lead_to_the_object_that_they_show(capsys, data, tmp_path):
     assert np.array_equal(read_ply(tmp_path / "o.ply").means, splats.means[expected])
 
 
-def test_psnr_is_that_of_eval(capsys, data, model, tmp_path):
-    flags = ["--data", data, "--max-scale", "0.15"]
+def write_masks(folder: Path, views: list[View], white_columns: int) -> Path:
+    """Masks that are white on the left, ``white_columns`` wide."""
+    folder.mkdir()
+    for view in views:
+        mask = np.zeros((view.camera.height, view.camera.width), np.uint8)
+        mask[:, :white_columns] = 255
+        Image.fromarray(mask).save(folder / f"{view.name}.png")
+    return folder
+
+
+@pytest.mark.parametrize("masked", [False, True])
+def test_psnr_is_that_of_eval(capsys, data, model, tmp_path, masked):
+    masks = ["--masks", write_masks(tmp_path / "masks", load_dataset(data).views, 20)] if masked else []
+    flags = ["--data", data, "--max-scale", "0.15", *masks]
     _, printed, _ = run(capsys, "clean", model, "-o", tmp_path / "o.ply", *flags)
     for path, word in ((model, "before"), (tmp_path / "o.ply", "after")):
-        _, measured, _ = run(capsys, "eval", path, data)
+        _, measured, _ = run(capsys, "eval", path, data, *masks)
         assert measured.splitlines()[-1].split("PSNR ")[1].split("  ")[0] + f" {word}" in printed
+
+
+def test_where_masks_leave_nothing_of_the_views_that_are_measured_no_psnr_is_printed(capsys, data, model, tmp_path):
+    dataset = load_dataset(data)
+    masks = write_masks(tmp_path / "masks", dataset.train, 40)
+    for path in write_masks(tmp_path / "black", dataset.test, 0).iterdir():
+        path.rename(masks / path.name)
+    flags = ["--data", data, "--masks", masks]
+    status, printed, _ = run(capsys, "clean", model, "-o", tmp_path / "o.ply", *flags)
+    assert status == 0 and "outside of the masks" in printed and "PSNR" not in printed
 
 
 def test_a_preview_shows_before_and_after_from_one_camera(capsys, model, tmp_path):

@@ -63,3 +63,12 @@ def test_a_choice_of_the_options_reaches_the_kernels():
     params, plain = upload(PARAMS), planes(prepare(upload(PARAMS), camera(), OPTIONS))
     for options in (replace(OPTIONS, negative_transmittance=False), replace(OPTIONS, antialiased=True)):
         assert not np.array_equal(planes(prepare(params, camera(), options)), plain)
+
+
+@pytest.mark.parametrize("degree", [0, 1])
+def test_a_view_of_nothing_is_refused(degree):
+    nothing = upload(PARAMS.select(np.zeros(200, bool)))
+    with pytest.raises(ValueError, match="no primitive"):
+        prepare(nothing, camera(), RasterOptions(degree))
+    with pytest.raises(ValueError, match="no primitive"):
+        prepare_both(nothing, camera(), RasterOptions(degree), Blocks.of_backend())

@@ -41,7 +41,7 @@ for _ in range(4):
 budget = trainer.memory
 assert budget
 foreseen = budget.fixed + N * budget.each(0) + (LISTED + WALKED) * budget.pairs
-in_bands = budget.for_pairs(N) < (LISTED + WALKED) * budget.pairs
+in_bands = budget.for_pairs(trainer.optimizer) < (LISTED + WALKED) * budget.pairs
 with tempfile.TemporaryDirectory() as folder:
     save_checkpoint(Path(folder) / "state.npz", trainer.state())
 print(json.dumps({"foreseen_mb": foreseen / 2**20, "peak_mb": peak_memory_mb(), "pairs": budget.pairs,

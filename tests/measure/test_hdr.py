@@ -44,6 +44,17 @@ def test_pixels_that_do_not_count_do_not():
     assert evaluate_radiance(DIM, TRUTH, mask) == {"psnr_mu": PSNR_CAP, "hdr_flip": 0.0}
 
 
+@pytest.mark.parametrize("brighter", [1, 100, 1e35])
+def test_a_lamp_that_does_not_count_says_nothing_of_how_bright_the_rest_is(brighter):
+    mask, lamp = np.ones((24, 32)), TRUTH.copy()
+    mask[5:12, 6:14] = 0
+    lamp[5:12, 6:14] *= brighter
+    assert evaluate_radiance(0.9 * lamp, lamp, mask) == evaluate_radiance(0.9 * TRUTH, TRUTH, mask)
+    rest = slice(12, None)
+    mask[:12] = 0
+    assert psnr_mu(0.9 * lamp, lamp, mask) == psnr_mu(0.9 * TRUTH[rest], TRUTH[rest])
+
+
 def test_the_library_is_given_the_exposures_that_it_would_find_itself():
     own, _, _ = flip_evaluator.evaluate(np.float32(TRUTH), np.float32(DIM), "HDR", applyMagma=False)
     assert hdr_flip(DIM, TRUTH) == pytest.approx(float(np.mean(own)), rel=0.02)

@@ -7,6 +7,7 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.reference import score as reference_score
+from mi_dogsplat.scores.slope_losses import slope_losses
 from mi_dogsplat.scores.weights import weights
 from splat_scenes import (
     attached,
@@ -67,3 +68,10 @@ def test_no_kernel_is_compiled_whatever_the_number_of_primitives():
     for n in (137, 500, 12, 1000):
         new = kernels(lambda n=n: weights(upload(select(model, n)), cameras, RasterOptions())) - known
         assert not new, f"N = {n}: {len(new)} new kernels"
+
+
+def test_of_no_primitive_there_are_no_weights_and_no_losses():
+    nothing = upload(rounded(random_splats(3, degree=1, slope_share=1.0)).select(np.zeros(3, bool)))
+    got = weights(nothing, on_device(), RasterOptions(1))
+    assert all(values.shape == (0,) for values in vars(got).values()) and got.dominates.dtype == bool
+    assert slope_losses(nothing, on_device(), RasterOptions(1)).shape == (0,)

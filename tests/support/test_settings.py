@@ -8,7 +8,7 @@ import pytest
 from mi_dogsplat.datasets.capture_config import CaptureConfig
 from mi_dogsplat.render.picture_options import PictureOptions
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.support.settings import Setting, check_settings, settings_of
+from mi_dogsplat.support.settings import Setting, check_settings, settings_of, unfit
 from mi_dogsplat.training.config import TrainConfig
 
 
@@ -53,3 +53,20 @@ def test_values_within_their_bounds_are_taken_and_so_is_none():
 def test_other_values_are_one_line_that_names_the_flag(given, line):
     with pytest.raises(DataError, match=f"^{re.escape(line)}$"):
         Some(**given)
+
+
+@pytest.mark.parametrize(
+    ("values", "name"),
+    [
+        ({}, ""),
+        ({"many": None, "share": 1, "far_away": "of a later version"}, ""),
+        ({"share": None}, "share"),
+        ({"share": True}, "share"),
+        ({"share": 2}, "share"),
+        ({"share": float("nan")}, "share"),
+        ({"many": 2.0}, "many"),
+        ({"many": 3, "far_away": ["a"], "share": "x"}, "far_away"),
+    ],
+)
+def test_the_first_value_that_a_field_cannot_have_is_named(values, name):
+    assert unfit(Some, values) == name

@@ -97,11 +97,12 @@ class NaturalSelection(Strategy[Pressure]):
             state.weight *= 0.8 if rank < 0.9 * goal else 1.2 if rank > 1.1 * goal else 1.0
 
     def due(self, t: Training, state: Pressure) -> bool:
-        return self.start <= t.step_count and state.met < 0 and t.step_count % self.every == 0
+        due = t.step_count % self.every == 0 or t.step_count == self.stop  # which need not be a multiple
+        return due and self.start <= t.step_count <= self.stop and state.met < 0
 
     def after_step(self, t: Training, state: Pressure) -> list[Event]:
         """Remove what has faded; draw, where little more than the budget is left."""
-        if not self.due(t, state) or t.step_count > self.stop:
+        if not self.due(t, state):
             return []
         n, opacity = t.optimizer.n, opacities(t)
         left = int(np.sum(opacity >= FAINT)) if t.step_count >= self.start + self.gentle else n

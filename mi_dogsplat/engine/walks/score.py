@@ -49,6 +49,7 @@ class Sums:
     removal: F is D. Else F is J.
     degeneration: F is P
     uncut: F is Q
+    masked: F is μ F, with a plane μ that is 0 where a pixel does not count
     energy: Σ F²
     weighted: ... Σ (w F)² instead, with a plane w
     clamped: F is Σ m d o instead of J, with a plane m per channel: where the image is clamped, m is 0
@@ -60,6 +61,7 @@ class Sums:
     removal: bool = False
     degeneration: bool = False
     uncut: bool = False
+    masked: bool = False
     energy: bool = True
     weighted: bool = False
     clamped: bool = False
@@ -90,8 +92,8 @@ def composite_score(view: WalkableView, sums: Sums, image: list, planes: list, s
     Args:
         view: made with ``sums.blocks``.
         image: the 3 planes of the view [H*W], background included.
-        planes: if ``sums.weighted``, w; if ``sums.clamped``, m of the three channels; then ξ of each probe,
-            ``sums.channels`` planes each.
+        planes: if ``sums.masked``, μ; if ``sums.weighted``, w; if ``sums.clamped``, m of the three channels; then ξ of
+            each probe, ``sums.channels`` planes each.
         share: [N], what is blended is share α, the image being made so: F is then D per share, that is the derivative
             of the image by the share, also where it is 0 (needs ``sums.removal``). None: 1 for all.
 
@@ -116,6 +118,7 @@ def _composite_score(
     own = [r * width + c for r in range(blocks.stride_y) for c in range(blocks.stride_x)]
     behind = [pixels.read(plane) for plane in image]
     values = [pixels.read(plane) for plane in planes]
+    counted = values.pop(0) if sums.masked else None
     weight2 = [w * w for w in values.pop(0)] if sums.weighted else None
     shown = [values.pop(0) for _ in range(3)] if sums.clamped else None
     if shown:
@@ -173,6 +176,7 @@ def _composite_score(
                 behind[f][k] = dr.fma(-weight, colors[f], behind[f][k])
                 hidden = walk.hidden(behind[f][k], a, blended_alpha)
                 d = dr.select(blended, dr.fma(T[k], colors[f], -hidden), 0)
+                d = d if counted is None else d * counted[k]
                 F[f].append((opacity if sums.channels == 1 else changes[k]) * d)
             T[k] = T_behind
         result = ([energy(F)] if sums.energy else []) + ([gradient_energy(F)] if sums.gradient else [])

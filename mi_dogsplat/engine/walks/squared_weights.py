@@ -16,20 +16,21 @@ from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
 from .walk import Meeting, Walk
 
 
-def composite_squared_weights(view: WalkableView):
-    """Σ w², [N]."""
+def composite_squared_weights(view: WalkableView, mask=None):
+    """Σ w², [N]; with a ``mask`` [H*W] over the pixels where it is 1, else 0."""
     in_turn = lanes_add_in_turn(mi.variant())
 
     def walk(band: PreparedView, above: list) -> list:
-        return columns_of(_squared_weights(band, in_turn, above), band.lists, 1)
+        return columns_of(_squared_weights(band, mask, in_turn, above), band.lists, 1)
 
     (sums,) = view.walked(walk, [])
     return sums
 
 
 @frozen
-def _squared_weights(view: PreparedView, in_turn: bool, above: list) -> list:
+def _squared_weights(view: PreparedView, mask, in_turn: bool, above: list) -> list:
     walk, rows = Walk(view), SlotRows(view.lists, 1, in_turn)
+    counted = None if mask is None else walk.pixels.read(mask)
 
     def step(meeting: Meeting, T: list, _: list) -> None:
         slot = walk.slot(meeting)
@@ -37,7 +38,7 @@ def _squared_weights(view: PreparedView, in_turn: bool, above: list) -> list:
         for k, a in enumerate(walk.alphas(meeting).values):
             weight, T[k], goes_on = walk.advance(a, T[k], meeting, k)
             weight = dr.select(goes_on, weight, 0)
-            squared = dr.fma(weight, weight, squared)
+            squared = dr.fma(weight if counted is None else weight * counted[k], weight, squared)
         rows.add(slot, [squared], meeting.active)
 
     walk.run(step, [], "composite_squared_weights")

@@ -46,8 +46,8 @@ class Photographs:
         keep_targets: what the loss needs of an image is kept, 36 bytes per pixel; else only the image is, 3 to 16.
         curve: through which linear radiance is seen; display-referred images are seen as they are.
 
-    Raises ``DataError`` for masks that cannot be read, those on disk when they are due, for masks in memory that are
-    all black, and for a random background without alpha.
+    Raises ``DataError`` for masks that cannot be read, those on disk when they are due, for masks that are all black,
+    and for a random background without alpha.
     """
 
     def __init__(
@@ -94,7 +94,9 @@ class Photographs:
         for image, mask in (self._decoded(view) for view in views if not self._readers):
             self._kept.append(self._on_device(image, mask))
             counts |= mask is None or bool(mask.any())
-        if self._kept and not counts and self.mask_folder:
+        if self._readers:  # reads masks up to the first that counts, mostly one
+            counts = any(mask is None or mask.any() for mask in map(self.mask, range(len(views))))
+        if not counts and self.mask_folder:
             raise all_black(self.mask_folder.folder, "view that is trained on")
 
     def move(self, view: int, w2c: np.ndarray) -> None:
@@ -204,6 +206,10 @@ class Photographs:
     def mask(self, view: int) -> np.ndarray | None:
         """[H, W] of a view of the data, 1 where a pixel counts; None where it counts whole."""
         return self.mask_folder.of(self.originals[view]) if self.mask_folder else None
+
+    def shown_mask(self, view: int) -> np.ndarray | None:
+        """The same at the size at which the view is shown now."""
+        return self.mask_folder.of(self.views[view]) if self.mask_folder else None
 
     def _in_units_of_white(self, image: np.ndarray) -> np.ndarray:
         if self.white is None:

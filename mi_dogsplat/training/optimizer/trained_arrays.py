@@ -62,6 +62,16 @@ class TrainedArrays:
         return dr.width(self.adam["logit_opacities"])
 
     @property
+    def n_floats(self) -> int:
+        """Of all arrays."""
+        return sum(dr.width(values) for values in self.adam.values())
+
+    @property
+    def n_products(self) -> int:
+        """Of preconditioned steps, of all primitives."""
+        return self.n * len(self.preconditioner.products) if self.preconditioner else 0
+
+    @property
     def params(self) -> dict:
         """The arrays, on which gradients accumulate."""
         return dict(self.adam.items())

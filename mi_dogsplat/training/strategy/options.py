@@ -81,14 +81,15 @@ class Options:
     def of(cls, t: Training, splats: Splats) -> Options:
         """Measured over all training views of a run; ``splats`` is its model, with rows that are to come."""
         params, cameras, options = t.optimizer.params, t.photographs.cameras, t.options
+        masks = t.photographs.shown_mask
         n, whole = splats.n_splats, splats.uniform_sh()
-        found = bands(params, whole.sh_coeffs, cameras, options)
+        found = bands(params, whole.sh_coeffs, cameras, options, masks)
         background = t.photographs.background
 
         def energy(rule: ScoreRule) -> np.ndarray:
-            return energies(rule, params, cameras, options, background, 0)[0]
+            return energies(rule, params, cameras, options, background, 0, masks)[0]
 
-        sloped = (lambda: slope_losses(params, cameras, options)) if t.optimizer.n_slopes else None
+        sloped = (lambda: slope_losses(params, cameras, options, masks)) if t.optimizer.n_slopes else None
         cut = (lambda: energy(CUT)) if t.optimizer.n_cuts else None
         rows = (
             Rows.of(splats.dog_index, n, lambda: energy(DOG)),

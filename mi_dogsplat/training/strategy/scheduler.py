@@ -67,9 +67,11 @@ class PruningRule:
 
         Else rounding would delay a forced prune by a check, and a 7,000-step run would have fewer of them.
         """
-        every = scaled_milestone(self.check_every, factor)
-        checks = min(math.ceil(self.max_interval / self.check_every), max(1, round(self.max_interval * factor / every)))
         start, stop = scaled_milestone(self.start, factor), scaled_milestone(self.stop, factor)
+        every = scaled_milestone(self.check_every, factor)
+        if self.check_every == self.stop - self.start:  # else what is due beside the second check may be a step later
+            every = max(1, stop - start)
+        checks = min(math.ceil(self.max_interval / self.check_every), max(1, round(self.max_interval * factor / every)))
         return replace(self, start=start, stop=stop, check_every=every, max_interval=checks * every)
 
 

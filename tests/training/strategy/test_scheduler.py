@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mi_dogsplat.training.milestones import scaled_milestone
 from mi_dogsplat.training.strategy.scheduler import Decision, Progress, PruningRule, PruningScheduler, target_count
 
 PAPER = PruningRule()
@@ -243,6 +244,17 @@ def test_a_rule_scaled_by_one_is_the_same_and_one_for_7000_steps_has_the_same_ch
     assert PAPER.scaled(1) == PAPER and RELEASED.scaled(1) == RELEASED
     scaled = PAPER.scaled(7000 / 30_000)
     assert (scaled.start, scaled.stop, scaled.check_every, scaled.max_interval) == (3500, 5833, 117, 468)
+
+
+@pytest.mark.parametrize("steps", [*range(1, 150), 2857, 2913, 7000])
+def test_a_window_of_two_checks_has_the_second_at_its_end_whatever_the_length_of_the_run(steps):
+    """What else is due at that milestone, as a new optimizer, would else be a step apart."""
+    for start, stop in ((15_000, 20_000), (15_000, 25_200), (16_000, 24_000)):
+        window = PruningRule(start, stop, stop - start, stop - start, division=(0.3, 0.7), rounds=2)
+        rule = window.scaled(steps / 30_000)
+        done = list(prunes(run(rule, 1000, 100, lambda _: STUCK, range(steps + 1))))
+        assert done == sorted({rule.start, rule.stop})
+        assert rule.stop == scaled_milestone(stop, steps / 30_000)
 
 
 # --- targets and wrong use ---

@@ -1,0 +1,38 @@
+"""What primitives leave of the memory for pairs, at every stage of a run: by what they have then."""
+
+import numpy as np
+import pytest
+import tiny_data
+from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.scene.row_groups import CUTS, DOG, SLOPES
+from mi_dogsplat.training.config import TrainConfig
+from mi_dogsplat.training.footprint import MARGIN, PER_FLOAT, PER_PRIMITIVE, PER_PRODUCT
+from mi_dogsplat.training.strategy.row_activation import give_rows
+from mi_dogsplat.training.train import Trainer
+
+PLAIN = 14 + 12  # floats of a primitive at SH degree 1
+
+
+@pytest.mark.parametrize("target", [0.05, 0.5, 0.99])
+def test_pairs_get_what_the_primitives_there_are_leave_whatever_the_target(data, target):
+    """By hand, at the four stages of a run: at its start, pruned, with all rows, with the products of joint steps."""
+    config = TrainConfig(str(data), preset="ours_preconditioned", steps=40, target=target, sh_degree=1, memory="1G")
+    trainer = Trainer(config, load_dataset(data))
+    memory, optimizer = trainer.memory, trainer.optimizer
+    assert memory
+
+    def require(floats: int, products: int = 0) -> None:
+        held = optimizer.n * (PER_FLOAT * floats + PER_PRIMITIVE + PER_PRODUCT * products)
+        assert trainer.options.isect_memory == pytest.approx(MARGIN * memory.total - memory.fixed - held, abs=1)
+
+    require(PLAIN)
+    optimizer.keep(np.arange(round(target * tiny_data.N_TRUTH)))
+    require(PLAIN)
+    for group in (DOG, SLOPES, CUTS):
+        give_rows(optimizer, group)
+    require(PLAIN + 4 + 9 + 3)
+    trainer.step_count = 39  # beyond the start of preconditioned steps
+    trainer.step()
+    require(PLAIN + 4 + 9 + 3, 21 * 22 // 2)
+    optimizer.keep(np.arange(2))
+    require(PLAIN + 4 + 9 + 3, 21 * 22 // 2)

@@ -1,0 +1,53 @@
+"""What a run asks of scores: by its own views, and only by the pixels that its masks leave."""
+
+import numpy as np
+import pytest
+from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.engine.device_camera import DeviceCamera
+from mi_dogsplat.engine.options import RasterOptions
+from mi_dogsplat.scores.bands import bands
+from mi_dogsplat.scores.score import ScoreRule, energies, scores
+from mi_dogsplat.training.strategy.options import REMOVAL, Options
+from mi_dogsplat.training.train import Trainer
+from photographs import config_of, left_half, write_masks
+
+
+def trainer_of(data, folder, on_disk=False) -> Trainer:
+    dataset = load_dataset(data, on_disk=on_disk)
+    masks = str(write_masks(folder, dataset, left_half()))
+    return Trainer(config_of(masks=masks, data_on_disk=on_disk, sh_degree=1), dataset)
+
+
+def given(trainer: Trainer) -> tuple[dict, list[DeviceCamera], RasterOptions]:
+    return trainer.optimizer.params, trainer.photographs.cameras, trainer.options
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_pruning_goes_by_the_pixels_that_count(data, tmp_path, on_disk):
+    trainer, rule = trainer_of(data, tmp_path, on_disk), ScoreRule("leave-one-out", spectral_weight=0.0)
+    expected = scores(rule, *given(trainer), 0.0, 0, lambda _: left_half())
+    np.testing.assert_allclose(trainer.importance(rule), expected, rtol=1e-6)
+    assert not np.allclose(expected, scores(rule, *given(trainer), 0.0, 0), rtol=0.1)
+
+
+def test_masks_are_as_large_as_the_pictures_are_shown(data, tmp_path):
+    trainer = trainer_of(data, tmp_path)
+    trainer.photographs.shrink(2)
+    small = left_half()[::2, ::2]
+    expected = scores(REMOVAL, *given(trainer), 0.0, 0, lambda _: small)
+    np.testing.assert_allclose(trainer.importance(REMOVAL), expected, rtol=1e-6)
+
+
+def test_so_do_the_options_among_which_bytes_are_divided(data, tmp_path):
+    trainer = trainer_of(data, tmp_path)
+    trainer.step_count = 40  # with all bands
+    splats = trainer.optimizer.to_splats()
+    splats.sh_coeffs[:, 1:] = 0.2
+    trainer.optimizer.assign("sh_rest", splats.sh_coeffs.reshape(splats.n_splats, -1))
+    found = Options.of(trainer, splats)
+    expected = energies(REMOVAL, *given(trainer), 0.0, 0, lambda _: left_half())[0]
+    np.testing.assert_allclose(found.removal, expected, rtol=1e-6)
+    params, cameras, options = given(trainer)
+    losses = bands(params, splats.sh_coeffs, cameras, options, lambda _: left_half()).losses()
+    np.testing.assert_allclose(found.by_degree, losses, rtol=1e-6)
+    assert losses[:, 0].max() > 0
