@@ -41,10 +41,10 @@ def cleaned_lines(cleaned: Cleaned) -> list[str]:
     """What was taken out, and what that did to the pictures if there is a data set."""
     lines = [f"  {reason}: {number:,}" for reason, number in cleaned.taken_out]
     lines += [f"  not needed, {line}" for line in cleaned.unneeded]
+    first = f"{cleaned.n_before:,} primitives, taken out:" + ("" if lines else " nothing")
     if cleaned.psnr:
         before, after = cleaned.psnr
         lines.append(f"  PSNR {before:.2f} dB before, {after:.2f} dB after ({after - before:+.2f})")
-    first = f"{cleaned.n_before:,} primitives, taken out:" + ("" if lines else " nothing")
     return [first, *lines, *cleaned.left_out]
 
 

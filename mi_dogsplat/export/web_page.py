@@ -124,7 +124,7 @@ def write_page(out: Path, model: Model, opening: Opening) -> list[str]:
             part.write_text(page, encoding="utf-8")
     except OSError as error:
         problem = f"cannot be written ({error.strerror or error})"
-        raise DataError(out, problem, "check that the folder exists and is writable") from error
+        raise DataError(out, problem, "check that the folder exists, is writable and has space") from error
     return lost
 
 

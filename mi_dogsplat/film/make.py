@@ -96,7 +96,7 @@ def make_film(
                 _pictures(pictures, frame, n, lambda done: progress(done, n, what))
     except OSError as error:
         problem = f"cannot be written ({error.strerror or error})"
-        raise DataError(out, problem, "check that the folder exists and is writable") from error
+        raise DataError(out, problem, "check that the folder exists, is writable and has space") from error
     return Film(n, size, path.what)
 
 

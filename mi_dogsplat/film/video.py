@@ -36,18 +36,20 @@ def write_video(out: Path, frames: Iterable[np.ndarray], size: tuple[int, int], 
     from av.video.reformatter import ColorRange, Colorspace
 
     options = {"movflags": "faststart"}
-    with replacing(out.absolute()) as part, av.open(str(part), "w", format="mp4", options=options) as file:
-        stream = file.add_stream("libx264", rate=fps, options={"crf": str(crf)})
-        stream.width, stream.height = size
-        stream.pix_fmt = "yuv420p"
-        context = stream.codec_context
-        context.color_range = ColorRange.MPEG
-        context.color_primaries = context.color_trc = context.colorspace = BT709
-        for image in frames:
-            pixels = np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)
-            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
-            limited = frame.reformat(
-                format="yuv420p", dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
-            )
-            file.mux(stream.encode(limited))
-        file.mux(stream.encode(None))
+    with replacing(out.absolute()) as part:
+        part.touch()  # PyAV opens it after some dozen frames: what cannot be written shows before one is rendered
+        with av.open(str(part), "w", format="mp4", options=options) as file:
+            stream = file.add_stream("libx264", rate=fps, options={"crf": str(crf)})
+            stream.width, stream.height = size
+            stream.pix_fmt = "yuv420p"
+            context = stream.codec_context
+            context.color_range = ColorRange.MPEG
+            context.color_primaries = context.color_trc = context.colorspace = BT709
+            for image in frames:
+                pixels = np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)
+                frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
+                limited = frame.reformat(
+                    format="yuv420p", dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
+                )
+                file.mux(stream.encode(limited))
+            file.mux(stream.encode(None))

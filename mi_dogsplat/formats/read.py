@@ -65,8 +65,10 @@ def format_of(path: Path) -> Format:
     """What a file is, by its content first. Raises ``DataError`` and ``OSError``."""
     status = path.stat()
     if not stat.S_ISREG(status.st_mode):  # opening a pipe would wait for ever
-        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "not a regular file"
-        raise DataError(path, f"this is {kind}", f"give the path of {MODEL_NAMES}")
+        is_folder = stat.S_ISDIR(status.st_mode)
+        models = sorted(file for file in path.iterdir() if is_model_name(file)) if is_folder else []
+        remedy = f"give the model in it: {models[0]}" if models else f"give the path of {MODEL_NAMES}"
+        raise DataError(path, f"this is {'a folder' if is_folder else 'not a regular file'}", remedy)
     with path.open("rb") as file:
         head = file.read(HEAD)
     if found := _by_content(path, head):

@@ -63,7 +63,7 @@ def write_bytes(path: Path, content: bytes) -> None:
             part.write_bytes(content)
     except OSError as error:
         problem = f"cannot be written ({error.strerror or error})"
-        raise DataError(path, problem, "check that the folder exists and is writable") from error
+        raise DataError(path, problem, "check that the folder exists, is writable and has space") from error
 
 
 LIGHT = frozenset({"antialiased", "linear", "white"})

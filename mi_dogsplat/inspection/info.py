@@ -9,8 +9,9 @@ import numpy as np
 
 from ..formats.read import format_of, is_model_name, read_model
 from ..formats.sizes import FileKind, by_part
+from ..poses.config import SETTINGS as POSES
 from ..render.framing import CORE, robust_sphere
-from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, read_run
+from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, POSED, read_run
 from ..scene.kinds import kinds, kinds_of
 from ..scene.splats import Splats
 from ..support.errors import DataError
@@ -60,7 +61,19 @@ def kind_of(path: Path) -> str:
         return "run"
     if path.suffix in (".xml", ".json") if path.is_file() else _is_dataset(path):
         return "data"
-    raise DataError(path, "not something dogsplat knows", ACCEPTED)
+    raise _unknown(path)
+
+
+def _unknown(path: Path) -> DataError:
+    from ..poses.input import needs_poses, require_input  # here: see ``_is_dataset``
+
+    if (path / POSED / POSES).is_file():
+        return DataError(path, "is a run that has not begun to train", "the same dogsplat train goes on with it")
+    if needs_poses(path):
+        require_input(path)
+        remedy = "dogsplat poses makes a data set of it; dogsplat train does that by itself"
+        return DataError(path, "has no cameras yet", remedy)
+    return DataError(path, "not something dogsplat knows", ACCEPTED)
 
 
 def _is_dataset(folder: Path) -> bool:

@@ -15,7 +15,7 @@ VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3g
 PHONES = (".heic", ".heif", ".avif")  # Pillow reads none of the first two, and of no capture are there the third
 RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".srw", ".pef")
 FEWEST = 2
-OURS = {SETTINGS, "capture.json", "film.json"}  # each in a folder that was made here; a run is told by ``_made_here``
+OURS = {SETTINGS, "capture.json", "film.json"}  # each in a folder that was made here; a run is told by ``_is_run``
 
 
 def is_video(path: Path) -> bool:
@@ -30,7 +30,7 @@ def needs_poses(path: str | Path) -> bool:
         return is_video(path)
     if find_model(path) or find_transforms(path):
         return False
-    return bool(_files(path, (*SUFFIXES, *PHONES, *RAW)))
+    return _is_result(path) or bool(_files(path, (*SUFFIXES, *PHONES, *RAW)))  # of a result ``require_input`` tells
 
 
 def find_photographs(folder: Path, out: Path) -> dict[str, Path]:
@@ -66,10 +66,19 @@ def mask_folder(source: Path, given: str | None) -> Path | None:
 
 
 def require_input(path: Path) -> None:
-    """Raise ``DataError`` for what is neither a folder nor a video."""
+    """Raise ``DataError`` for what is neither a folder of photographs nor a video.
+
+    Such is a run: its pictures are renders. And so is a folder in which poses are still looked for, as not all
+    photographs may have been copied into it.
+    """
     if not path.exists():
         raise DataError(path, "no such file or folder", "check the path")
     if path.is_dir():
+        if _is_result(path):
+            if (path / SETTINGS).is_file():
+                problem = "has no poses yet: the search for them was stopped, or found none"
+                raise DataError(path, problem, "give the photographs that it was begun with, or what has poses")
+            raise DataError(path, "is a run, whose pictures are renders", "give its data set; dogsplat info names it")
         return
     if not is_video(path):
         one = "a single image" if path.suffix.lower() in SUFFIXES else "neither a folder of images nor a video"
@@ -89,7 +98,17 @@ def _files(top: Path, suffixes: tuple[str, ...], out: Path | None = None) -> lis
     return sorted(found)
 
 
+def _is_result(folder: Path) -> bool:
+    """Whether a folder is a run, or what a search for poses has left that was stopped."""
+    files = os.listdir(folder)
+    return _is_run(files) or (SETTINGS in files and not find_model(folder))
+
+
 def _made_here(files: list[str]) -> bool:
-    """Whether a folder of these files is a result: of poses, a capture, a film, or a run, with settings and history."""
-    is_run = "config.json" in files and any(file.endswith(".jsonl") for file in files)
-    return is_run or not OURS.isdisjoint(files)
+    """Whether a folder of these files is a result: of poses, a capture, a film, or a run."""
+    return _is_run(files) or not OURS.isdisjoint(files)
+
+
+def _is_run(files: list[str]) -> bool:
+    """Whether these are the files of a run, which has settings and a history."""
+    return "config.json" in files and any(file.endswith(".jsonl") for file in files)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -41,7 +42,7 @@ from .video import require_av
 from .world import place
 
 SUMMARY = "summary.json"
-DATABASE, SECONDS = "work/database.db", "work/seconds.json"
+DATABASE, SECONDS, COPIED = "work/database.db", "work/seconds.json", "work/copied.json"
 Progress = Callable[[str, int, int], None]
 
 
@@ -76,6 +77,8 @@ def find_poses(
     """
     source, out = Path(source), Path(out)
     require_input(source)
+    if out.resolve() == source.resolve():
+        raise DataError(out, "is the folder of the photographs itself", "name another one for the poses")
     pycolmap = pycolmap_module(config.gpu)
     sources = {} if is_video(source) else find_photographs(source, out)
     if not sources:
@@ -83,13 +86,17 @@ def find_poses(
     masks = mask_folder(source, config.masks)
     top = out / "distorted" if config.undistort else out
     free = FREE if _model_folder(top).is_dir() else (*FREE, "scale")  # it is measured in the model, once there is one
-    begin(out / SETTINGS, _settings(source, list(sources.values()) or [source], config), "search for poses", free)
+    settings = _settings(source, list(sources.values()) or [source], config)
+    if not (out / DATABASE).is_file():  # nothing is known of the images yet: one that cannot be read may be left out
+        free = (*free, "source_sha256")
+    begin(out / SETTINGS, settings, "search for poses", free)
     with locked(out, "another process is looking for poses in it"):
         remove_parts(out)
         if not is_done(out):
             (out / DATABASE).parent.mkdir(exist_ok=True)
             stages = Stages(out / SECONDS, progress)
             if not _model_folder(top).is_dir():
+                _forget_copies_of_others(out, top, settings["source_sha256"])
                 _reconstruct(pycolmap, source, sources, masks, out, top, config, stages)
             if config.undistort:
                 _undistort(pycolmap, top, out, stages)
@@ -111,6 +118,18 @@ def _settings(source: Path, files: list[Path], config: PosesConfig) -> dict[str,
     digest = hashlib.sha256(listed).hexdigest()
     settings = {"source": str(source), "source_sha256": digest, **dataclasses.asdict(config)}
     return json.loads(json.dumps(settings))  # as they are read again
+
+
+def _forget_copies_of_others(out: Path, top: Path, source: str) -> None:
+    """Before there is a database: remove what was copied, or chosen of a video, unless it is of this ``source``."""
+    copied = out / COPIED
+    if (out / DATABASE).is_file() or (copied.is_file() and read_json(copied, "remove the file") == source):
+        return
+    for folder in (top / "images", top / "masks"):
+        if folder.is_dir():
+            shutil.rmtree(folder)
+    (out / DATABASE).with_name(CHOICE).unlink(missing_ok=True)
+    write_json(copied, source)
 
 
 def _reconstruct(

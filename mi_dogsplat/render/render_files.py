@@ -158,4 +158,4 @@ def _write(out: Path, write: Callable[[], None]) -> None:
         write()
     except OSError as error:
         problem = f"cannot be written ({error.strerror or error})"
-        raise DataError(out, problem, "check that the folder exists and is writable") from error
+        raise DataError(out, problem, "check that the folder exists, is writable and has space") from error

@@ -28,6 +28,7 @@ METRICS = "metrics.json"
 REPORT = "report.html"
 RECIPE = "recipe.json"  # of a method in a comparison: its label and the numbers of its recipe
 REFINED = "refined"  # the data of the run with the poses that it has refined, a folder
+POSED = "posed"  # the data of the run where it has found their poses first, a folder
 RENDER_MS = "render_ms.json"  # of the same: its render time, measured in turns with the others'
 DOG_PROFILE = "dog_profile.json"  # in test/: the comparison with and without DoG (mixture.py)
 MISFITS = "train/misfits.json"  # training images that do not fit (runs/misfits.py)

@@ -15,7 +15,7 @@ from ..datasets import Dataset, load_dataset
 from ..datasets.refined import require_photographs
 from ..datasets.world import World, check_world, metres_of_unit, world_of
 from ..poses.config import SETTINGS as POSES
-from ..report.run_folder import CONFIG, HISTORY, METRICS, RECIPE, REFINED
+from ..report.run_folder import CONFIG, HISTORY, METRICS, POSED, RECIPE, REFINED
 from ..support.errors import DataError
 from ..support.files import PART, is_empty, remove_parts, write_json
 from ..support.locks import locked
@@ -30,7 +30,6 @@ from .inputs import note_inputs
 from .resume import forget_results, restore_from, resume_run
 from .stopping import Stopped, StopRequest
 
-POSED = "posed"  # poses of plain images, which the run has found first
 FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)  # somebody else's folder, or one that is read-only
 
 

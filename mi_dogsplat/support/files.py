@@ -22,7 +22,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     """``with replacing(path) as part``: write to ``part``, which becomes ``path`` if nothing is raised.
 
     Whenever the process or the machine dies, ``path`` is the old file or the new one, whole; of a process that is
-    killed a ``part`` may remain (``remove_parts``).
+    killed a ``part`` may remain (``remove_parts``). An ``OSError`` of writing names ``path``.
     """
     path = Path(path)
     part = path.with_name(f".{path.name[:40]}.{uuid.uuid4().hex[:12]}{PART}")  # short: names have at most 255 bytes
@@ -31,6 +31,11 @@ def replacing(path: str | Path) -> Iterator[Path]:
         yield part
         _to_disk(part)  # a crash after the rename must not leave a name without its content
         os.replace(part, path)
+    except OSError as error:
+        # a full disk names nothing, or what was copied; and by its random name nobody knows the part
+        if error.filename is None or str(part) in (str(error.filename), str(error.filename2)):
+            error.filename, error.filename2 = str(path), None
+        raise
     finally:
         part.unlink(missing_ok=True)
     if os.name == "posix":  # elsewhere a folder cannot be opened

@@ -7,8 +7,9 @@ import pytest
 import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import read_ply, write_ply
+from mi_dogsplat.cli.printing import cleaned_lines
 from mi_dogsplat.datasets import View, load_dataset
-from mi_dogsplat.editing.clean import clean_model
+from mi_dogsplat.editing.clean import Cleaned, clean_model
 from mi_dogsplat.editing.clean_config import CleanConfig
 from mi_dogsplat.editing.regions import in_box, largest_parts
 from mi_dogsplat.editing.views import evidence, seen
@@ -62,6 +63,11 @@ def test_a_clean_model_stays_as_it_is(capsys, tmp_path):
     status, printed, _ = run(capsys, "clean", tmp_path / "m.ply", "-o", tmp_path / "same.ply")
     assert status == 0 and printed.startswith("60 primitives, taken out: nothing\n")
     assert (tmp_path / "same.ply").read_bytes() == (tmp_path / "m.ply").read_bytes()
+
+
+def test_nothing_is_said_to_leave_also_where_photographs_are_looked_at():
+    lines = cleaned_lines(Cleaned(60, 60, [], [], (20.0, 20.0), []))
+    assert lines == ["60 primitives, taken out: nothing", "  PSNR 20.00 dB before, 20.00 dB after (+0.00)"]
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".spz"])

@@ -133,6 +133,17 @@ def test_a_video_may_have_a_time_in_its_name(tmp_path, monkeypatch):
     assert len(decoded(tmp_path / name)[0]) == 2
 
 
+def test_the_file_is_opened_before_the_first_frame_is_rendered(tmp_path):
+    """Where it cannot be, nobody waits for frames that are lost."""
+
+    def frames():
+        assert len(list(tmp_path.glob(".a.mp4.*.part"))) == 1
+        yield np.zeros((16, 16, 3))
+
+    write_video(tmp_path / "a.mp4", frames(), (16, 16), fps=10, crf=18)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
+
+
 @pytest.mark.parametrize("color", [(0, 0, 0), (1, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0.2, 0.5, 0.8)])
 def test_colours_come_back_from_a_video(tmp_path, color):
     """A wrong matrix (that of BT.601) would be off by a twentieth in green, a wrong range by as much in black."""

@@ -285,3 +285,11 @@ def test_a_gltf_names_what_it_lacks(tmp_path):
         path.write_text(json.dumps(content))
         with pytest.raises(DataError, match=words):
             read_model(path)
+
+
+def test_for_a_folder_the_model_in_it_is_named(tmp_path):
+    with pytest.raises(DataError, match="this is a folder; give the path of a model"):
+        read_model(tmp_path)
+    model = written(tmp_path / "point_cloud.ply", random_splats())
+    with pytest.raises(DataError, match=f"this is a folder; give the model in it: {model}"):
+        read_model(tmp_path)

@@ -306,3 +306,19 @@ def test_a_broken_run_is_told_too(tmp_path):
     (tmp_path / "config.json").write_text("{")
     with pytest.raises(DataError, match="config.json: not valid JSON"):
         describe(tmp_path)
+
+
+def test_of_what_has_no_cameras_yet_it_says_how_it_gets_them(tmp_path):
+    for name in ("pictures/1.jpg", "walk.mp4", "run/posed/poses.json", "run/posed/images/1.jpg", "empty/notes.txt"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    says = {
+        "pictures": "has no cameras yet; dogsplat poses",
+        "walk.mp4": "has no cameras yet; dogsplat poses",
+        "run": "has not begun to train; the same dogsplat train",
+        "run/posed": "has no poses yet",
+        "empty": "not something dogsplat knows",
+    }
+    for name, words in says.items():
+        with pytest.raises(DataError, match=f"{name}: .*{words}"):
+            describe(tmp_path / name)

@@ -78,3 +78,16 @@ def test_masks_that_were_given_must_be_there(tmp_path):
 def test_a_folder_called_like_a_video_is_a_folder(tmp_path):
     require_input(touch(tmp_path / "walk.mp4", "1.jpg", "2.jpg"))
     assert needs_poses(tmp_path / "walk.mp4")
+
+
+def test_a_run_is_no_capture_nor_is_what_a_search_has_left(tmp_path):
+    """The pictures of a run are renders, and of a search that was stopped some photographs may be missing."""
+    run = touch(tmp_path / "run", HISTORY, CONFIG, "test/1.png", "test/1_gt.png", "train/2.png")
+    with pytest.raises(DataError, match="run: is a run, whose pictures are renders; .*dogsplat info"):
+        require_input(run)
+    stopped = touch(tmp_path / "posed", "poses.json", "images/1.jpg", "images/2.jpg")
+    with pytest.raises(DataError, match="posed: has no poses yet: .*; give the photographs"):
+        require_input(stopped)
+    assert needs_poses(run) and needs_poses(stopped)  # so that they are told
+    require_input(touch(stopped, "sparse/0/cameras.bin", "sparse/0/images.bin"))  # anew, with another lens
+    assert not needs_poses(stopped)

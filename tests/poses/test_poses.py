@@ -169,6 +169,41 @@ def test_other_settings_and_other_images_are_not_mixed_with_the_earlier(source, 
         find_poses(source, tmp_path / "thesis", PosesConfig())
 
 
+def test_an_image_that_cannot_be_read_is_left_out_or_replaced_without_beginning_anew(room, tmp_path):
+    source, out = tmp_path / "pictures", tmp_path / "out"
+    shutil.copytree(room / "pictures", source)
+    first, second, *_ = sorted(source.iterdir())
+    first.write_bytes(second.read_bytes())
+    whole = sorted(source.iterdir())[-1]
+    whole.write_bytes(b"no picture")
+
+    def stop(now: str, done: int, n: int) -> None:
+        if now == "features":
+            raise Killed
+
+    with pytest.raises(DataError, match=f"{whole.name}: cannot be read as an image"):
+        find_poses(source, out, PosesConfig(), stop)
+    whole.unlink()
+    second.unlink()
+    third = Image.open(first).transpose(Image.Transpose.ROTATE_180)
+    third.save(first)  # under a name of which there is a copy already
+    with pytest.raises(Killed):
+        find_poses(source, out, PosesConfig(), stop)
+    copies = {path.name: path.read_bytes() for path in (out / "images").iterdir()}
+    assert copies == {path.name.replace(" ", "_"): path.read_bytes() for path in source.iterdir()}
+    (out / "images" / "mark").touch()
+    with pytest.raises(Killed):
+        find_poses(source, out, PosesConfig(), stop)
+    assert (out / "images" / "mark").exists()  # of the same photographs nothing is copied again
+
+
+def test_the_folder_of_the_photographs_takes_no_poses(room, tmp_path, capsys):
+    source = shutil.copytree(room / "pictures", tmp_path / "pictures")
+    before = contents(source)
+    assert_one_line(run(capsys, "poses", source, "-o", source), "is the folder of the photographs itself", "another")
+    assert contents(source) == before
+
+
 def test_a_length_that_could_not_be_measured_is_corrected_without_beginning_anew(tmp_path, monkeypatch):
     told = []
 
@@ -345,3 +380,20 @@ def test_train_finds_poses_of_plain_images_first(source, posed, tmp_path, capsys
     assert (tmp_path / "run" / "metrics.json").exists()
     status, _, err = run(capsys, "train", source, "-o", tmp_path / "run", *tiny, "--seed", 3, "--resume")
     assert status == 0, err
+
+
+def test_train_says_that_a_search_which_was_stopped_goes_on(source, tmp_path, capsys, monkeypatch):
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "find_poses", stopped)
+    status, _, err = run(capsys, "train", source, "-o", tmp_path / "run", "--steps", 14)
+    assert status == 130 and err == "dogsplat: stopped; the same command again goes on from here\n"
+
+
+def test_train_refuses_a_run_in_place_of_photographs(tmp_path, capsys):
+    for name in ("config.json", "history.jsonl", "test/1.png", "test/2.png"):
+        (tmp_path / "run" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "run" / name).write_bytes(b"")
+    assert_one_line(run(capsys, "train", tmp_path / "run", "-o", tmp_path / "out"), "is a run")
+    assert not (tmp_path / "out").exists()

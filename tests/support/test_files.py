@@ -1,6 +1,8 @@
 """Files appear whole or not at all."""
 
+import errno
 import json
+import os
 
 import pytest
 from mi_dogsplat.support.files import is_empty, replacing, write_json
@@ -32,3 +34,16 @@ def test_json_comes_back_and_what_json_cannot_hold_leaves_the_old_file(tmp_path)
     with pytest.raises(TypeError):
         write_json(path, {"a": object()})
     assert json.loads(path.read_text()) == {"a": [1, None]} and [p.name for p in path.parent.iterdir()] == ["a.json"]
+
+
+@pytest.mark.parametrize("place", [(), ("{part}",), ("photo.jpg", None, "{part}")])
+def test_what_cannot_be_written_is_named_by_its_own_name(tmp_path, place):
+    """A full disk names nothing, or the file that was copied; and the part has a random name."""
+    path = tmp_path / "a.txt"
+    with pytest.raises(OSError) as caught, replacing(path) as part:
+        names = [str(part) if name == "{part}" else name for name in place]
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), *names)
+    assert caught.value.filename == str(path)
+    with pytest.raises(OSError) as caught, replacing(path):
+        (tmp_path / "nothing").read_text()
+    assert caught.value.filename == str(tmp_path / "nothing")

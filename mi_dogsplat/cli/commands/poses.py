@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 from ...poses.config import PosesConfig
-from ..errors import resumable
 from ..flags import add_settings, given_settings
 from ..pose_search import search_poses
 
@@ -44,6 +43,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Find the poses of photographs or of a video by structure from motion, and write a COLMAP folder."""
     config = given_settings(PosesConfig, args)
-    with resumable():
-        search_poses(args.source, args.out, config)
+    search_poses(args.source, args.out, config)
     print(args.out)

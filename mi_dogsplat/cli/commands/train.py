@@ -15,6 +15,7 @@ from ..printing import say
 from ..training_run import run_training
 
 SUMMARY = "photographs to a model"
+PLAIN = "plain images or a video, whose poses are found first"
 EXAMPLES = """
 Examples:
   dogsplat train photos/ -o run                        the full schedule, a tenth of the primitives
@@ -42,7 +43,7 @@ Ctrl-C saves a checkpoint and stops; the same command with --resume goes on ther
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
-    parser.add_argument("data", metavar="DATA", help=DATA_HELP)
+    parser.add_argument("data", metavar="DATA", help=f"{DATA_HELP}; or {PLAIN}")
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     add_settings(parser, TrainConfig, [name for name in settings_of(TrainConfig) if name not in ("data", "model")])
     parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
@@ -61,11 +62,13 @@ def run(args: argparse.Namespace) -> None:
 
 def _posed(config: TrainConfig, run: Path) -> TrainConfig:
     """The settings for data with poses: those given, or what is made of plain images or a video in the run's folder."""
-    from ...poses.input import needs_poses
-    from ...runs.run import POSED, prepare_folder
+    from ...poses.input import needs_poses, require_input
+    from ...report.run_folder import POSED
+    from ...runs.run import prepare_folder
 
     if not needs_poses(config.data):
         return config
+    require_input(Path(config.data))
     prepare_folder(run)
     out = run / POSED
     say(f"{config.data} has no cameras: finding its poses, into {out}")
