@@ -14,7 +14,7 @@ import numpy as np
 from ..cameras.camera import Camera
 from ..cameras.objects import Eye, camera_numbers, rendered_part
 from ..evaluated.masks import mask_of, numbered
-from ..evaluated.placed import moved_model, placed_model, placed_splats
+from ..evaluated.placed import copied_drawings, moved_model, placed_model, placed_splats
 from ..files.errors import told
 from ..files.light import Light, in_common_light
 from ..files.model import Model, concatenate
@@ -26,6 +26,7 @@ from ..scene.sensor import sensor
 from ..scene.write import has_surroundings, write_scene
 
 MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
+COPIED = '"{name}": its nodes copy what draws splats, which is left out; turn on As Instance there, and realize nothing'
 NEAR_CLIP = 0.2  # where no model of the scene has a modifier that says otherwise
 
 
@@ -121,7 +122,8 @@ def make_stage(
         raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
     request: dict[str, Any] = {"counts": [model.n_splats for model in splats.models]}
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
-    files, notes = set(), []
+    copies = copied_drawings(depsgraph, lambda owner: owner.name_full not in hidden)
+    files, notes = set(), [told(COPIED, name=name) for name in copies]
     splats.models, light = in_common_light(splats.models, splats.lights)
     if any(other.linear != light.linear for other in splats.lights):
         notes.append(told(MIXED))

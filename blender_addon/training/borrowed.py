@@ -7,7 +7,9 @@ from typing import Any
 
 import bpy
 
+from ..files.errors import told
 from .subject import UNSEEN
+from .surrounding_collections import chains, is_rendered
 
 OFF = (
     "use_border", "use_multiview", "use_motion_blur", "use_compositing", "use_sequencer", "use_stamp",
@@ -77,10 +79,16 @@ class Borrowed:
         )
 
     def set_visible(self, scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> None:
-        """The subject, even where a model has taken its place, without the others if it is to be alone."""
+        """The subject, even where a model has taken its place, without the others if it is to be alone.
+
+        Raises ``ValueError`` where its collections hide it from renders: these may hold more than the subject.
+        """
         settings = scene.dogsplat_training
         subject = settings.objects()
         for obj in subject:
+            if not is_rendered(layer, obj):
+                problem = '"{name}" is in no collection that this view layer renders; show one, or make new cameras'
+                raise ValueError(told(problem, name=obj.name))
             self.set(obj, hide_render=False, hide_viewport=False)
             self._show(layer, obj)
         if settings.result is not None:
@@ -92,7 +100,11 @@ class Borrowed:
                 self.set(obj, visible_camera=False)
 
     def _show(self, layer: bpy.types.ViewLayer, obj: bpy.types.Object) -> None:
-        """In the view layer, for what asks where its surfaces are."""
+        """In viewports, for what asks where its surfaces are."""
+        for part in (part for chain in chains(layer, obj) for part in chain):
+            for owner in (part, part.collection):
+                if owner.hide_viewport:
+                    self.set(owner, hide_viewport=False)
         if obj.name in layer.objects and obj.hide_get(view_layer=layer):
             obj.hide_set(False, view_layer=layer)
             self._undo.append(lambda: obj.hide_set(True, view_layer=layer))

@@ -3,6 +3,10 @@
 NOTES = {
     '"{name}" is left out': "„{name}“ wird weggelassen",
     '"{name}" is left out ({kind})': "„{name}“ wird weggelassen ({kind})",
+    '"{name}": its nodes copy what draws splats, which is left out; turn on As Instance there, and realize nothing': (
+        "„{name}“: seine Nodes kopieren, was Splats zeichnet, was weggelassen wird; dort „Als Instanz“ einschalten und "
+        "nichts realisieren"
+    ),
     # Lights and the world
     '"{light}": the shadows of a spot are sharp': "„{light}“: die Schatten eines Spots sind scharf",
     '"{light}": an area light shines to all sides, whatever its spread': (

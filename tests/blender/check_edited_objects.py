@@ -7,6 +7,7 @@ from edits import PLACED, cropped, local, paint, shown
 from model_files import export, load
 from model_values import assert_equal, assert_moved
 from references import REFERENCES, place_camera
+from scattering import scattering
 
 from blender_addon.editing.stand_in import stand_in_of
 from blender_addon.evaluated.placed import placed_splats
@@ -161,20 +162,6 @@ def test_what_points_or_nodes_repeat_is_placed(scene, model, show, way):
     assert [(found, owner) for found, _, owner in placed] == 4 * [(obj, square)]
     corners = [tuple(square.matrix_world @ vertex.co) for vertex in square.data.vertices]
     assert np.allclose(sorted(tuple(matrix[:3, 3]) for _, matrix, _ in placed), sorted(corners), atol=1e-5)
-
-
-def scattering(obj: bpy.types.Object) -> bpy.types.NodeTree:
-    """Nodes that put an object on each point."""
-    tree = bpy.data.node_groups.new("scatter", "GeometryNodeTree")
-    for side in ("INPUT", "OUTPUT"):
-        tree.interface.new_socket("Geometry", in_out=side, socket_type="NodeSocketGeometry")
-    kinds = "NodeGroupInput", "GeometryNodeObjectInfo", "GeometryNodeInstanceOnPoints", "NodeGroupOutput"
-    points, info, put, end = (tree.nodes.new(kind) for kind in kinds)
-    info.inputs["Object"].default_value, info.inputs["As Instance"].default_value = obj, True
-    tree.links.new(points.outputs[0], put.inputs["Points"])
-    tree.links.new(info.outputs["Geometry"], put.inputs["Instance"])
-    tree.links.new(put.outputs[0], end.inputs[0])
-    return tree
 
 
 def test_what_is_parented_to_a_model_stays_when_its_transform_is_applied(scene, model):
