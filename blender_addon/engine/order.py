@@ -95,6 +95,10 @@ def make_order(
         raise ValueError(told("the scene has no camera; add one, or import those of the data set"))
     camera = rendered_part(scene.render, camera_numbers(scene, obj, eye))
     stage = make_stage(depsgraph, folder, camera, seen_by=sensor(scene, obj, square(camera)))
+    if scene.render.use_motion_blur:
+        stage.notes.append(told("motion blur is left out"))
+    if obj.data.dof.use_dof and not stage.whole:
+        stage.notes.append(told("depth of field is left out; it takes Whole Scene and Linear colors"))
     request = {**stage.request, "passes": passes}
     if not stage.whole:
         request["camera"] = camera_request(camera)
@@ -117,7 +121,9 @@ def make_stage(
     of objects that a viewport does not show.
     """
     settings, splats = stage_settings(depsgraph.scene), _gather(depsgraph, hidden)
-    whole = settings.send == "SCENE" and has_surroundings(depsgraph, hidden)
+    # No splatting has depth of field; paths have no colours but linear ones
+    blurred = seen_by is not None and seen_by["type"] == "thinlens" and depsgraph.scene.dogsplat_colors == "LINEAR"
+    whole = settings.send == "SCENE" and (blurred or has_surroundings(depsgraph, hidden))
     if not splats.models and not whole:
         raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
     request: dict[str, Any] = {"counts": [model.n_splats for model in splats.models]}

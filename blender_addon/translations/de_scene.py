@@ -7,6 +7,10 @@ NOTES = {
         "„{name}“: seine Nodes kopieren, was Splats zeichnet, was weggelassen wird; dort „Als Instanz“ einschalten und "
         "nichts realisieren"
     ),
+    "motion blur is left out": "Bewegungsunschärfe wird weggelassen",
+    "depth of field is left out; it takes Whole Scene and Linear colors": (
+        "Schärfentiefe wird weggelassen; dazu braucht es „Ganze Szene“ und lineare Farben"
+    ),
     # Lights and the world
     '"{light}": the shadows of a spot are sharp': "„{light}“: die Schatten eines Spots sind scharf",
     '"{light}": an area light shines to all sides, whatever its spread': (

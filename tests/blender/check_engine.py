@@ -1,5 +1,8 @@
 """The render engine: the picture of ``dogsplat render`` as a final frame, and what it refuses."""
 
+import json
+from pathlib import Path
+
 import bpy
 import numpy as np
 import pytest
@@ -8,6 +11,7 @@ from model_files import load
 from references import REFERENCES, place_camera, reference
 
 from blender_addon import render_engine as engine
+from blender_addon.engine.order import make_order
 from blender_addon.nodes.modifier import set_input, splat_modifier
 
 
@@ -165,8 +169,7 @@ def test_what_is_done_so_far_is_shown_and_then_the_picture(scene, monkeypatch, t
 def test_what_is_missing_in_the_scene_is_said(scene, by_command, prepare, message):
     prepare(scene)
     scene.render.engine = engine.ENGINE
-    with pytest.raises(RuntimeError, match=message):
-        bpy.ops.render.render()
+    assert message in refusal()
 
 
 @pytest.mark.parametrize("make", [lambda: None, lambda: bpy.data.meshes.new("mesh")])
@@ -176,8 +179,7 @@ def test_an_object_that_is_no_camera_is_refused(scene, by_command, make):
     scene.camera = bpy.data.objects.new("window", make())
     scene.collection.objects.link(scene.camera)
     scene.render.engine = engine.ENGINE
-    with pytest.raises(RuntimeError, match='"window" has the type .*perspective'):
-        bpy.ops.render.render()
+    assert '"window" has the type' in refusal()
 
 
 def test_an_orthographic_camera_is_refused(scene, by_command):
@@ -185,5 +187,31 @@ def test_an_orthographic_camera_is_refused(scene, by_command):
     load(REFERENCES / "dog.ply")
     scene.camera.data.type = "ORTHO"
     scene.render.engine = engine.ENGINE
-    with pytest.raises(RuntimeError, match="perspective"):
+    assert "perspective" in refusal()
+
+
+def refusal() -> str:
+    """What Blender reports of a render that fails, a line that it may repeat."""
+    with pytest.raises(RuntimeError) as caught:
         bpy.ops.render.render()
+    (line,) = set(str(caught.value).strip().splitlines())
+    return line
+
+
+@pytest.mark.parametrize("send, colors, blurred", [
+    ("SCENE", "LINEAR", True), ("SCENE", "DISPLAY", False), ("SPLATS", "LINEAR", False),
+])  # fmt: skip
+def test_depth_of_field_is_drawn_by_paths_or_said_to_be_left_out(scene, tmp_path, send, colors, blurred):
+    """Of splats alone, too, of which the picture is sharp otherwise; motion blur there is in no picture."""
+    place_camera(scene, "square")
+    load(REFERENCES / "square.ply")
+    scene.dogsplat.send, scene.dogsplat_colors = send, colors
+    order = make_order(bpy.context.evaluated_depsgraph_get(), tmp_path, [])
+    assert not order.whole and order.notes == []
+    scene.camera.data.dof.use_dof = scene.render.use_motion_blur = True
+    order = make_order(bpy.context.evaluated_depsgraph_get(), tmp_path, [])
+    assert order.whole == blurred and order.notes[0] == "motion blur is left out"
+    if blurred:
+        assert json.loads(Path(order.request["scene"]).read_text())["sensor"]["type"] == "thinlens"
+    said = ["depth of field is left out; it takes Whole Scene and Linear colors"]
+    assert order.notes[1:] == ([] if blurred else said)
