@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 import pytest
 from blender_pictures import as_srgb, picture, psnr, rendered
+from edits import cropped, shown
 from model_files import load
 from references import REFERENCES, place_camera, reference
 
@@ -95,6 +96,38 @@ def test_views_of_several_cameras_are_theirs(scene, rows):
     cameras = [np.linalg.inv(request["camera"]["w2c"]) for request in rows.requests]
     places = [scene.camera.location, other.location]
     assert np.allclose([camera[:3, 3] for camera in cameras], [tuple(place) for place in places], atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["objects", "collections"])
+def test_splats_of_a_linked_file_are_rendered_as_they_are_there(scene, rows, tmp_path, kind):
+    """As objects, or as an instance of their collection; with what a crop leaves."""
+    import addon_utils
+
+    collection, obj = bpy.data.collections.new("Linked"), bpy.context.object
+    obj.name = "Model"
+    scene.collection.children.link(collection)
+    collection.objects.link(obj)
+    scene.collection.objects.unlink(obj)
+    cropped(obj, "BOX")
+    left = shown(obj).n_splats
+    assert 0 < left < 150
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "source.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    addon_utils.enable("blender_addon")
+    scene = bpy.context.scene
+    place_camera(scene, "square")
+    with bpy.data.libraries.load(str(tmp_path / "source.blend"), link=True) as (_, wanted):
+        setattr(wanted, kind, ["Model" if kind == "objects" else "Linked"])
+    if kind == "objects":
+        scene.collection.objects.link(wanted.objects[0])
+    else:
+        empty = bpy.data.objects.new("Instance", None)
+        empty.instance_type, empty.instance_collection = "COLLECTION", wanted.collections[0]
+        scene.collection.objects.link(empty)
+    scene.render.engine = engine.ENGINE
+    for _ in range(2):  # the first leaves everything as it was
+        bpy.ops.render.render()
+    assert [request["counts"] for request in rows.requests] == 2 * [[left]]
 
 
 def test_the_final_frame_is_the_picture_of_the_command(scene, by_command, tmp_path):
