@@ -85,6 +85,8 @@ class Borrowed:
         """
         settings = scene.dogsplat_training
         subject = settings.objects()
+        for other in scene.view_layers:  # of several, a picture is that of the first
+            self.set(other, use=other == layer)
         for obj in subject:
             if not is_rendered(layer, obj):
                 problem = '"{name}" is in no collection that this view layer renders; show one, or make new cameras'
