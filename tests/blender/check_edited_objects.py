@@ -185,6 +185,24 @@ def test_what_is_parented_to_a_model_stays_when_its_transform_is_applied(scene, 
     assert np.allclose(top.matrix_world, np.eye(4), atol=1e-5) and np.allclose(child.matrix_world, np.eye(4), atol=1e-5)
 
 
+def test_a_transform_is_applied_under_a_parent_that_is_scaled_unevenly(scene, model):
+    """Location, rotation and scale cannot undo the shear there, nor keep a child in its place."""
+    obj, empties = load(model), [bpy.data.objects.new(name, None) for name in ("above", "below")]
+    for empty in empties:
+        scene.collection.objects.link(empty)
+    above, below = empties
+    above.scale, above.rotation_euler = (2, 1, 0.5), (0.2, 0.5, 0.7)
+    obj.parent, obj.rotation_euler, obj.scale = above, (0, 0.4, 0.9), (-1, 1, 0.5)
+    below.parent, below.location, below.rotation_euler = obj, (1, 0, 2), (0.3, 0.1, 0)
+    bpy.context.view_layer.update()
+    before, place = np.array(obj.matrix_world), np.array(below.matrix_world)
+    assert bpy.ops.dogsplat.apply_transform() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert np.allclose(obj.matrix_world, np.eye(4), atol=1e-5) and np.allclose(below.matrix_world, place, atol=1e-5)
+    means = read_ply(model).means @ before[:3, :3].T + before[:3, 3]
+    assert np.allclose(read_attributes(obj.data).means, means, atol=1e-4)
+
+
 @pytest.mark.parametrize("change", [lambda: bpy.ops.dogsplat.apply_transform(), lambda: bpy.ops.dogsplat.paint()])
 def test_the_data_of_another_file_is_not_changed(scene, model, tmp_path, change):
     """An object of this file may have it; what is written there is gone when the file is opened again."""
