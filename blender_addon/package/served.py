@@ -122,6 +122,8 @@ class Served:
             if "error" in said:
                 raise RendererError(f"{self._name}: {said['error']}")
             left, out = "left" in said, said.get("done", said.get("picture"))
+            if not isinstance(out, str | None):
+                raise TypeError
             return Said(1.0 if left or "done" in said else float(said["share"]), out, left)
         except (ValueError, TypeError, KeyError, AttributeError):
             raise RendererError(STRANGE, name=self._name) from None

@@ -1,4 +1,4 @@
-"""The collections that an object is in, of which each may hide it."""
+"""The collections around objects, of which each may hide them."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from collections.abc import Iterator
 
 import bpy
 
-Chain = tuple[bpy.types.LayerCollection, ...]  # from that of the scene to one that holds the object
+Chain = tuple[bpy.types.LayerCollection, ...]  # from that of the scene down to one that holds objects
 
 
-def chains(layer: bpy.types.ViewLayer, obj: bpy.types.Object) -> list[Chain]:
-    """Those of a view layer that it does not exclude."""
-    return [chain for chain in _chains((layer.layer_collection,), obj) if not chain[-1].exclude]
+def chains(layer: bpy.types.ViewLayer) -> list[Chain]:
+    """To all collections that a view layer does not exclude."""
+    return [chain for chain in _below((layer.layer_collection,)) if not chain[-1].exclude]
 
 
-def is_rendered(layer: bpy.types.ViewLayer, obj: bpy.types.Object) -> bool:
-    """Whether renders of a view layer have an object, unless it is hidden by itself."""
-    return any(not any(part.collection.hide_render for part in chain) for chain in chains(layer, obj))
+def rendered_objects(layer: bpy.types.ViewLayer) -> set[bpy.types.Object]:
+    """Those that renders of a view layer have, unless they are hidden by themselves."""
+    shown = (chain for chain in chains(layer) if not any(part.collection.hide_render for part in chain))
+    return {obj for chain in shown for obj in chain[-1].collection.objects}
 
 
-def _chains(chain: Chain, obj: bpy.types.Object) -> Iterator[Chain]:
-    if obj in chain[-1].collection.objects.values():
-        yield chain
+def _below(chain: Chain) -> Iterator[Chain]:
+    yield chain
     for child in chain[-1].children:
-        yield from _chains((*chain, child), obj)
+        yield from _below((*chain, child))
