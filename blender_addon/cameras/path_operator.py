@@ -12,6 +12,7 @@ from bpy.props import IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from ..files.errors import told
+from ..files.whole import write_whole
 from ..objects.attributes import has_splats
 from .objects import camera_numbers
 
@@ -46,9 +47,9 @@ class DOGSPLAT_OT_export_path(bpy.types.Operator, ExportHelper):
                 scene.frame_set(frame)
                 matrix = np.array(model.matrix_world if model else np.eye(4), np.float64)
                 keys.append({"time": (frame - frames[0]) / rate, **_key(scene, matrix)})
-            Path(self.filepath).write_text(json.dumps({"keys": keys}, indent=1) + "\n", encoding="utf-8")
-        except (ValueError, OSError) as error:
-            self.report({"ERROR"}, " ".join(str(error).split()))
+            write_whole(Path(self.filepath), [(json.dumps({"keys": keys}, indent=1) + "\n").encode()])
+        except ValueError as error:  # FileError too
+            self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         finally:
             scene.frame_set(before)

@@ -48,8 +48,23 @@ class DOGSPLAT_OT_apply_transform(bpy.types.Operator):
                     set_input(modifier, name, get_input(modifier, name) * scale)
             obj.update_tag()
         for obj in sorted(places, key=_depth):  # whom a matrix is relative to comes first
-            obj.matrix_world = places[obj]
+            _place(context, obj, places[obj])
         return {"FINISHED"}
+
+
+def _place(context: bpy.types.Context, obj: bpy.types.Object, matrix: Matrix) -> None:
+    """Give an object its matrix to the world.
+
+    Under a parent that is scaled unevenly that may be a shear, which location, rotation and scale cannot have; the
+    inverse of the parent can.
+    """
+    obj.matrix_world = matrix
+    if obj.parent is None:
+        return
+    context.view_layer.update()
+    own, found = obj.matrix_basis, obj.matrix_world
+    if not np.allclose(found, matrix, atol=1e-6) and own.determinant() and found.determinant():
+        obj.matrix_parent_inverse = obj.matrix_parent_inverse @ own @ found.inverted() @ matrix @ own.inverted()
 
 
 def _depth(obj: bpy.types.Object) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 from ..cameras.camera import Camera
 from ..cameras.objects import Eye, camera_numbers, rendered_part
 from ..evaluated.masks import mask_of, numbered
-from ..evaluated.placed import moved_model, placed_model, placed_splats
+from ..evaluated.placed import copied_drawings, moved_model, placed_model, placed_splats
 from ..files.errors import told
 from ..files.light import Light, in_common_light
 from ..files.model import Model, concatenate
@@ -26,6 +26,7 @@ from ..scene.sensor import sensor
 from ..scene.write import has_surroundings, write_scene
 
 MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
+COPIED = '"{name}": its nodes copy what draws splats, which is left out; turn on As Instance there, and realize nothing'
 NEAR_CLIP = 0.2  # where no model of the scene has a modifier that says otherwise
 
 
@@ -94,6 +95,10 @@ def make_order(
         raise ValueError(told("the scene has no camera; add one, or import those of the data set"))
     camera = rendered_part(scene.render, camera_numbers(scene, obj, eye))
     stage = make_stage(depsgraph, folder, camera, seen_by=sensor(scene, obj, square(camera)))
+    if scene.render.use_motion_blur:
+        stage.notes.append(told("motion blur is left out"))
+    if obj.data.dof.use_dof and not stage.whole:
+        stage.notes.append(told("depth of field is left out; it takes Whole Scene and Linear colors"))
     request = {**stage.request, "passes": passes}
     if not stage.whole:
         request["camera"] = camera_request(camera)
@@ -116,12 +121,15 @@ def make_stage(
     of objects that a viewport does not show.
     """
     settings, splats = stage_settings(depsgraph.scene), _gather(depsgraph, hidden)
-    whole = settings.send == "SCENE" and has_surroundings(depsgraph, hidden)
+    # No splatting has depth of field; paths have no colours but linear ones
+    blurred = seen_by is not None and seen_by["type"] == "thinlens" and depsgraph.scene.dogsplat_colors == "LINEAR"
+    whole = settings.send == "SCENE" and (blurred or has_surroundings(depsgraph, hidden))
     if not splats.models and not whole:
         raise ValueError(told("the scene has no splats to render; import a model with File > Import > DoG Splat"))
     request: dict[str, Any] = {"counts": [model.n_splats for model in splats.models]}
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
-    files, notes = set(), []
+    copies = copied_drawings(depsgraph, lambda owner: owner.name_full not in hidden)
+    files, notes = set(), [told(COPIED, name=name) for name in copies]
     splats.models, light = in_common_light(splats.models, splats.lights)
     if any(other.linear != light.linear for other in splats.lights):
         notes.append(told(MIXED))

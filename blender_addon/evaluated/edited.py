@@ -19,7 +19,7 @@ def edited_model(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Model
     evaluated = obj.evaluated_get(depsgraph)
     if is_native(evaluated):
         return read_cloud(evaluated.data)
-    with _not_drawn(evaluated):
+    with _not_drawn(evaluated, depsgraph):
         mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
         try:
             if not mesh.vertices:  # nor attributes
@@ -32,14 +32,14 @@ def edited_model(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Model
 def edited_mesh(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Mesh:
     """A new mesh in the file with all attributes of the splats that are shown."""
     evaluated = obj.evaluated_get(depsgraph)
-    with _not_drawn(evaluated):
+    with _not_drawn(evaluated, depsgraph):
         mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     mesh.materials.clear()
     return mesh
 
 
 @contextmanager
-def _not_drawn(evaluated: bpy.types.Object) -> Iterator[None]:
+def _not_drawn(evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
     """Leave the drawing modifier and those after it out of the evaluations meanwhile.
 
     Only the evaluated copy of the object is told so, which nothing else sees: Blender evaluates the modifiers anew for
@@ -47,11 +47,18 @@ def _not_drawn(evaluated: bpy.types.Object) -> Iterator[None]:
     """
     drawing, modifiers = splat_modifier(evaluated), evaluated.modifiers
     place = len(modifiers) if drawing is None else modifiers.find(drawing.name)
-    own = {name: [getattr(modifier, name) for modifier in modifiers] for name in ("show_viewport", "show_render")}
-    for name, values in own.items():  # foreach_set tells nobody: else Blender would evaluate the object once more
-        modifiers.foreach_set(name, values[:place] + [False] * (len(values) - place))
+    switch = "show_render" if depsgraph.mode == "RENDER" else "show_viewport"
+    own = [getattr(modifier, switch) for modifier in modifiers]
+    _set(modifiers, switch, own[:place] + [False] * (len(own) - place))
     try:
         yield
     finally:
-        for name, values in own.items():
-            modifiers.foreach_set(name, values)
+        _set(modifiers, switch, own)
+
+
+def _set(modifiers: bpy.types.ObjectModifiers, switch: str, values: list[bool]) -> None:
+    """Without a word to Blender, which would evaluate the object once more, as far as that can be."""
+    modifiers.foreach_set(switch, values)
+    for modifier, value in zip(modifiers, values, strict=True):
+        if getattr(modifier, switch) != value:  # of a linked file, foreach_set leaves show_render as it is
+            setattr(modifier, switch, value)

@@ -10,6 +10,7 @@ import numpy as np
 from ..files.errors import told
 from ..files.model import Model
 from ..files.transform import transformed
+from ..nodes.material import draws_splats
 from ..objects.attributes import has_splats, is_native, read_attributes
 from ..objects.cloud import read_cloud
 from .edited import edited_model
@@ -44,11 +45,33 @@ def placed_splats(
             yield obj, np.array(instance.matrix_world, np.float64), parent
 
 
+def copied_drawings(depsgraph: bpy.types.Depsgraph, wanted: Callable[[bpy.types.Object], bool]) -> list[str]:
+    """Names of the objects whose nodes take over what draws splats, for the view of another camera or as ellipsoids.
+
+    Nothing there says which splats these were.
+    """
+    own = [obj.original for obj in depsgraph.objects]
+    if not any(_has_nodes(obj) and wanted(obj) for obj in own):
+        return []
+    found = {}
+    for instance in depsgraph.object_instances:
+        obj = instance.object
+        owner = (instance.parent if instance.is_instance else obj).original
+        if obj.original == owner and owner.name not in found and not has_splats(owner) and wanted(owner):
+            if any(map(draws_splats, getattr(obj.data, "materials", ()))):
+                found[owner.name] = None
+    return list(found)
+
+
+def _has_nodes(obj: bpy.types.Object) -> bool:
+    return not has_splats(obj) and any(modifier.type == "NODES" for modifier in obj.modifiers)
+
+
 def _may_repeat_splats(obj: bpy.types.Object) -> bool:
     """Whether splats may be among the instances that it makes; of those of nodes nobody knows without a look."""
     if obj.instance_type != "NONE":
         return obj.instance_type != "COLLECTION" or holds_splats(obj)
-    return not has_splats(obj) and any(modifier.type == "NODES" for modifier in obj.modifiers)
+    return _has_nodes(obj)
 
 
 def placed_model(

@@ -70,6 +70,11 @@ def point_material() -> bpy.types.Material:
     return _material("DoG Splat points", "GEOMETRY", alpha, opaque=True)
 
 
+def draws_splats(material: bpy.types.Material | None) -> bool:
+    """Whether it is one of these, of whichever version."""
+    return material is not None and "dogsplat" in material
+
+
 def _bounded(tree: Tree, distance2: Value, opacity: Value) -> Value:
     """min(.99, a exp(-r² / 2))."""
     return tree.math("MINIMUM", tree.math("EXPONENT", distance2 * -0.5) * opacity, MAX_ALPHA)

@@ -9,7 +9,7 @@ import threading
 import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..files.errors import told
 
@@ -27,6 +27,14 @@ class RendererError(RuntimeError):
 
     def __init__(self, text: str, **values: Any):
         super().__init__(told(text, **values))
+
+
+class Said(NamedTuple):
+    """An answer. share: of what was asked for; 1 is its end. out: the file of a picture. left: no other follows."""
+
+    share: float
+    out: str | None
+    left: bool
 
 
 class Served:
@@ -66,8 +74,8 @@ class Served:
             said = self._next()
             if said is None:
                 continue
-            share = 1.0 if "done" in said else said["share"]
-            yield share, said.get("done", said.get("picture"))
+            share = said.share
+            yield share, said.out
 
     def pictures(self, request: dict[str, Any], left: Callable[[], bool]) -> Iterator[tuple[float, str]]:
         """(share that is done, its file) of a viewport, until the last, or until it is ``left`` and that is answered.
@@ -83,10 +91,12 @@ class Served:
             said = self._next(QUICK_POLL_SECONDS)
             if said is None:
                 continue
-            if "left" in said:
+            if said.left:
                 return
-            yield (1.0, said["done"]) if "done" in said else (said["share"], said["picture"])
-            if "done" in said:
+            if said.out is None:
+                raise RendererError(STRANGE, name=self._name)
+            yield said.share, said.out
+            if said.share >= 1:
                 return
 
     def _send(self, line: dict[str, Any]) -> None:
@@ -97,22 +107,25 @@ class Served:
         except OSError:
             raise RendererError(f"{self._name}: {self._last_words()}") from None
 
-    def _next(self, seconds: float = POLL_SECONDS) -> dict[str, Any] | None:
+    def _next(self, seconds: float = POLL_SECONDS) -> Said | None:
         """What it said, None if it said nothing for so long."""
         try:
             return self._said(self._lines.get(timeout=seconds))
         except queue.Empty:
             return None
 
-    def _said(self, line: str | None) -> dict[str, Any]:
+    def _said(self, line: str | None) -> Said:
         if line is None:
             raise RendererError(f"{self._name}: {self._last_words()}")
         try:
             said = json.loads(line)
             if "error" in said:
                 raise RendererError(f"{self._name}: {said['error']}")
-            return said
-        except (ValueError, TypeError):
+            left, out = "left" in said, said.get("done", said.get("picture"))
+            if not isinstance(out, str | None):
+                raise TypeError
+            return Said(1.0 if left or "done" in said else float(said["share"]), out, left)
+        except (ValueError, TypeError, KeyError, AttributeError):
             raise RendererError(STRANGE, name=self._name) from None
 
     def _last_words(self) -> str:

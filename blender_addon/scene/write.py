@@ -15,6 +15,7 @@ from ..cameras.camera import Camera
 from ..evaluated.masks import mask_of
 from ..evaluated.visible import is_shown
 from ..files.errors import type_name
+from ..nodes.material import draws_splats
 from ..objects.attributes import has_splats
 from .export import Export, Plugin, matrix
 from .lights import light
@@ -124,9 +125,10 @@ def _gather(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[st
             found.lights.append((obj.original.evaluated_get(depsgraph), world))
         elif obj.type in WITH_FACES:
             key = obj.data.as_pointer()
-            if key not in found.geometry:
-                found.geometry[key] = parts(obj)
             materials = [slot.material for slot in obj.material_slots]
+            if key not in found.geometry:
+                copies = [slot for slot, known in enumerate(materials) if draws_splats(known)]  # of another object
+                found.geometry[key] = [part for part in parts(obj) if part.slot not in copies]
             owner = instance.parent if instance.is_instance else obj
             mask = mask_of(owner.original, obj.original, depsgraph.view_layer)
             body = Placed(obj.original.name, key, world, materials, mask)
@@ -167,6 +169,8 @@ def _bodies(
     for k, (body, kind) in enumerate(zip(found.bodies, kinds, strict=True)):
         own = list(zip(found.geometry[body.key], kind[1], strict=True))
         name = f"object_{numbers[body.name, body.mask]}_{k}"
+        if not own:  # Mitsuba repeats no group of nothing
+            continue
         if times[kind] > 1 and not any(looks[material].radiance for material in kind[1]):
             if kind not in groups:
                 groups[kind] = f"group_{len(groups)}"

@@ -7,7 +7,9 @@ from typing import Any
 
 import bpy
 
+from ..files.errors import told
 from .subject import UNSEEN
+from .surrounding_collections import chains, rendered_objects
 
 OFF = (
     "use_border", "use_multiview", "use_motion_blur", "use_compositing", "use_sequencer", "use_stamp",
@@ -77,12 +79,21 @@ class Borrowed:
         )
 
     def set_visible(self, scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> None:
-        """The subject, even where a model has taken its place, without the others if it is to be alone."""
+        """The subject, even where a model has taken its place, without the others if it is to be alone.
+
+        Raises ``ValueError`` where its collections hide it from renders: these may hold more than the subject.
+        """
         settings = scene.dogsplat_training
-        subject = settings.objects()
+        subject, rendered = settings.objects(), rendered_objects(layer)
+        for other in scene.view_layers:  # of several, a picture is that of the first
+            self.set(other, use=other == layer)
         for obj in subject:
+            if obj not in rendered:
+                problem = '"{name}" is in no collection that this view layer renders; show one, or make new cameras'
+                raise ValueError(told(problem, name=obj.name))
             self.set(obj, hide_render=False, hide_viewport=False)
             self._show(layer, obj)
+        self._show_collections(layer, set(subject))
         if settings.result is not None:
             self.set(settings.result, hide_render=True)
         for obj in hidden_objects(scene):
@@ -96,6 +107,14 @@ class Borrowed:
         if obj.name in layer.objects and obj.hide_get(view_layer=layer):
             obj.hide_set(False, view_layer=layer)
             self._undo.append(lambda: obj.hide_set(True, view_layer=layer))
+
+    def _show_collections(self, layer: bpy.types.ViewLayer, subject: set[bpy.types.Object]) -> None:
+        """For the same; renders have them anyway."""
+        for chain in chains(layer):
+            if subject.isdisjoint(chain[-1].collection.objects):
+                continue
+            for owner in (owner for part in chain for owner in (part, part.collection) if owner.hide_viewport):
+                self.set(owner, hide_viewport=False)
 
 
 def hidden_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:

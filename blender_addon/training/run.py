@@ -10,6 +10,7 @@ import time
 import weakref
 from pathlib import Path
 
+from ..files.whole import remove
 from ..package.served import RendererError
 
 LOG, HISTORY, METRICS, CONFIG, MODEL = "training.log", "history.jsonl", "metrics.json", "config.json", "point_cloud.ply"
@@ -21,15 +22,19 @@ class TrainingRun:
     """A training from its start to its end."""
 
     def __init__(self, words: list[str], data: Path, folder: Path, flags: dict[str, str], resume: bool):
-        """``words`` start the package; ``flags`` are settings of ``dogsplat train``. Raises ``RendererError``."""
+        """``words`` start the package; ``flags`` are settings of ``dogsplat train``.
+
+        Raises ``FileError`` and ``RendererError``.
+        """
         self.folder, self.steps, self._log = folder, int(flags["steps"]), folder.parent / LOG
         command = [*words, "train", str(data), "-o", str(folder), *(["--resume"] if resume else [])]
+        command += ["--until-input-ends"]
         command += [word for name, value in flags.items() for word in (f"--{name}", value)]
         if not resume:
-            (folder / HISTORY).unlink(missing_ok=True)  # whose last row is not of this training
+            remove(folder / HISTORY)  # whose last row is not of this training
         try:
             with self._log.open("wb") as log:
-                pipes = {"stdin": subprocess.DEVNULL, "stdout": log, "stderr": subprocess.STDOUT}
+                pipes = {"stdin": subprocess.PIPE, "stdout": log, "stderr": subprocess.STDOUT}
                 process = subprocess.Popen(command, **pipes, env={**os.environ, "PYTHONUNBUFFERED": "1"})
         except OSError as error:
             name = " ".join(words)
@@ -87,7 +92,10 @@ def _last_line(path: Path) -> str:
 
 
 class _Process:
-    """A process that can be asked to stop, once: a second signal would end it before it has saved."""
+    """A process that is asked to stop by the end of its input, which comes with that of Blender at the latest.
+
+    A signal would do on Unix alone: what Python calls ``terminate`` ends a process of Windows before it has saved.
+    """
 
     def __init__(self, process: subprocess.Popen):
         self._process = process
@@ -106,9 +114,9 @@ class _Process:
 
     def ask(self) -> None:
         """As Ctrl-C does: a checkpoint is saved, if there is time for it."""
-        if self.poll() is None and self._end == math.inf:
-            self._end = time.monotonic() + PATIENCE
-            self._process.terminate()
+        assert self._process.stdin
+        self._process.stdin.close()
+        self._end = min(self._end, time.monotonic() + PATIENCE)
 
     def wait(self) -> None:
         """Until its end."""

@@ -11,6 +11,7 @@ from ..objects.attributes import is_splats
 from ..scene.meshes import parts
 from ..scene.write import WITH_FACES
 from .settings import DogSplatTrainingSettings
+from .surrounding_collections import rendered_objects
 
 UNSEEN = ("LIGHT", "CAMERA", "LIGHT_PROBE", "SPEAKER")  # by cameras
 
@@ -24,7 +25,8 @@ def subject_objects(context: bpy.types.Context, settings: DogSplatTrainingSettin
         return found
     if settings.subject == "REGION":
         return []
-    return [obj for obj in context.scene.objects if obj.type not in UNSEEN and not obj.hide_render]
+    rendered = rendered_objects(context.view_layer)
+    return [obj for obj in context.scene.objects if obj.type not in UNSEEN and not obj.hide_render and obj in rendered]
 
 
 def surface_points(depsgraph: bpy.types.Depsgraph, objects: list[bpy.types.Object]) -> np.ndarray:

@@ -198,6 +198,9 @@ MESSAGES = {
     "two cameras of the rig would both write {name}; rename one of them": (
         "zwei Kameras der Anordnung würden beide {name} schreiben; eine davon umbenennen"
     ),
+    '"{name}" is in no collection that this view layer renders; show one, or make new cameras': (
+        "„{name}“ ist in keiner Sammlung, die diese Ansichtsebene rendert; eine anzeigen oder neue Kameras machen"
+    ),
     "there is room for {found} of {n} cameras inside; use fewer, or mark an emptier region": (
         "innen ist Platz für {found} von {n} Kameras; weniger verwenden oder einen leereren Bereich markieren"
     ),

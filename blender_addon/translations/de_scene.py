@@ -3,6 +3,14 @@
 NOTES = {
     '"{name}" is left out': "„{name}“ wird weggelassen",
     '"{name}" is left out ({kind})': "„{name}“ wird weggelassen ({kind})",
+    '"{name}": its nodes copy what draws splats, which is left out; turn on As Instance there, and realize nothing': (
+        "„{name}“: seine Nodes kopieren, was Splats zeichnet, was weggelassen wird; dort „Als Instanz“ einschalten und "
+        "nichts realisieren"
+    ),
+    "motion blur is left out": "Bewegungsunschärfe wird weggelassen",
+    "depth of field is left out; it takes Whole Scene and Linear colors": (
+        "Schärfentiefe wird weggelassen; dazu braucht es „Ganze Szene“ und lineare Farben"
+    ),
     # Lights and the world
     '"{light}": the shadows of a spot are sharp': "„{light}“: die Schatten eines Spots sind scharf",
     '"{light}": an area light shines to all sides, whatever its spread': (

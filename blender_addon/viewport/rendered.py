@@ -185,11 +185,14 @@ def request_of(stage: Stage, scene: bpy.types.Scene, seen: Seen, level: Level, r
 
 
 def border_of(context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray | None, Any]:
-    """What ``rendered_part`` asks for: corners of the camera's picture, and the border of what is rendered."""
+    """What ``rendered_part`` asks for: corners of the camera's picture, and the border of what is rendered.
+
+    Blender looks through any object; of one that is no camera nobody knows a picture, and all of the region is drawn.
+    """
     scene, space = depsgraph.scene, context.space_data
     if context.region_data.view_perspective != "CAMERA" or space.camera is None:
         return None, _border(space, "render_border") if space.use_render_border else None
-    if not scene.render.use_border:
+    if not scene.render.use_border or space.camera.type != "CAMERA":
         return None, None
     camera = space.camera.evaluated_get(depsgraph)
     pose = camera.matrix_world.normalized()

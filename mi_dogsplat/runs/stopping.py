@@ -1,7 +1,11 @@
-"""Ctrl-C and SIGTERM as a request: the work goes on to the next place where it can be left, and is saved there."""
+"""Ctrl-C and SIGTERM as a request: the work goes on to the next place where it can be left, and is saved there.
+
+A program that has started this one can ask in another way, on Windows too, where its signals end a process at once.
+"""
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -40,6 +44,17 @@ class StopRequest:
     def _keep(self, number: int, frame: FrameType | None) -> None:
         self.signal_number = number
         self._signals.close()
+
+
+def stop_when_input_ends() -> None:
+    """From now on the end of standard input is SIGTERM: whoever started this process holds it open, and may be gone."""
+
+    def follow() -> None:
+        while os.read(0, 1024):  # not sys.stdin.read, whose lock the interpreter wants when it ends
+            pass
+        signal.raise_signal(signal.SIGTERM)
+
+    threading.Thread(target=follow, daemon=True).start()
 
 
 @contextmanager

@@ -1,6 +1,8 @@
 """The exported camera path: its keys see the model as Blender's camera does, and ``dogsplat film`` takes it."""
 
+import errno
 import json
+import os
 import subprocess
 
 import bpy
@@ -76,6 +78,26 @@ def test_what_no_camera_can_see_is_refused(animated, tmp_path):
     with pytest.raises(RuntimeError, match="mirrored, sheared or scaled unevenly"):
         bpy.ops.export_scene.dogsplat_path(filepath=str(tmp_path / "keys.json"))
     assert not list(tmp_path.iterdir()) and bpy.context.scene.frame_current == 4
+
+
+def test_a_path_that_cannot_be_written_leaves_what_was_there(animated, monkeypatch, tmp_path):
+    """One line names the file; a disk that is full does not cost the old path."""
+    with pytest.raises(RuntimeError) as caught:
+        bpy.ops.export_scene.dogsplat_path(filepath=str(tmp_path / "none" / "keys.json"))
+    said = str(caught.value).strip()
+    assert "keys.json: cannot be written (No such file or directory); check that the folder exists" in said
+    assert len(said.splitlines()) == 1
+    exported(tmp_path)
+    before = (tmp_path / "keys.json").read_bytes()
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(RuntimeError, match="keys.json: cannot be written .No space left on device.; check"):
+        exported(tmp_path, step=2)
+    assert [path.name for path in tmp_path.iterdir()] == ["keys.json"]
+    assert (tmp_path / "keys.json").read_bytes() == before
 
 
 def test_an_exported_path_comes_back_as_the_same_camera(scene, animated, tmp_path):

@@ -7,6 +7,7 @@ from edits import PLACED, cropped, local, paint, shown
 from model_files import export, load
 from model_values import assert_equal, assert_moved
 from references import REFERENCES, place_camera
+from scattering import scattering
 
 from blender_addon.editing.stand_in import stand_in_of
 from blender_addon.evaluated.placed import placed_splats
@@ -163,20 +164,6 @@ def test_what_points_or_nodes_repeat_is_placed(scene, model, show, way):
     assert np.allclose(sorted(tuple(matrix[:3, 3]) for _, matrix, _ in placed), sorted(corners), atol=1e-5)
 
 
-def scattering(obj: bpy.types.Object) -> bpy.types.NodeTree:
-    """Nodes that put an object on each point."""
-    tree = bpy.data.node_groups.new("scatter", "GeometryNodeTree")
-    for side in ("INPUT", "OUTPUT"):
-        tree.interface.new_socket("Geometry", in_out=side, socket_type="NodeSocketGeometry")
-    kinds = "NodeGroupInput", "GeometryNodeObjectInfo", "GeometryNodeInstanceOnPoints", "NodeGroupOutput"
-    points, info, put, end = (tree.nodes.new(kind) for kind in kinds)
-    info.inputs["Object"].default_value, info.inputs["As Instance"].default_value = obj, True
-    tree.links.new(points.outputs[0], put.inputs["Points"])
-    tree.links.new(info.outputs["Geometry"], put.inputs["Instance"])
-    tree.links.new(put.outputs[0], end.inputs[0])
-    return tree
-
-
 def test_what_is_parented_to_a_model_stays_when_its_transform_is_applied(scene, model):
     """Whatever the order in which a family of models is selected; and they are themselves applied."""
     objects = [load(model) for _ in range(3)]
@@ -196,6 +183,24 @@ def test_what_is_parented_to_a_model_stays_when_its_transform_is_applied(scene, 
     for obj, place in before.items():
         assert np.allclose(obj.matrix_world, place, atol=1e-5)
     assert np.allclose(top.matrix_world, np.eye(4), atol=1e-5) and np.allclose(child.matrix_world, np.eye(4), atol=1e-5)
+
+
+def test_a_transform_is_applied_under_a_parent_that_is_scaled_unevenly(scene, model):
+    """Location, rotation and scale cannot undo the shear there, nor keep a child in its place."""
+    obj, empties = load(model), [bpy.data.objects.new(name, None) for name in ("above", "below")]
+    for empty in empties:
+        scene.collection.objects.link(empty)
+    above, below = empties
+    above.scale, above.rotation_euler = (2, 1, 0.5), (0.2, 0.5, 0.7)
+    obj.parent, obj.rotation_euler, obj.scale = above, (0, 0.4, 0.9), (-1, 1, 0.5)
+    below.parent, below.location, below.rotation_euler = obj, (1, 0, 2), (0.3, 0.1, 0)
+    bpy.context.view_layer.update()
+    before, place = np.array(obj.matrix_world), np.array(below.matrix_world)
+    assert bpy.ops.dogsplat.apply_transform() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert np.allclose(obj.matrix_world, np.eye(4), atol=1e-5) and np.allclose(below.matrix_world, place, atol=1e-5)
+    means = read_ply(model).means @ before[:3, :3].T + before[:3, 3]
+    assert np.allclose(read_attributes(obj.data).means, means, atol=1e-4)
 
 
 @pytest.mark.parametrize("change", [lambda: bpy.ops.dogsplat.apply_transform(), lambda: bpy.ops.dogsplat.paint()])

@@ -40,6 +40,14 @@ def test_a_process_that_has_ended_is_started_again(scene):
     dying.close()
 
 
+@pytest.mark.parametrize("said", ["[]", "{}", '{"share": 0.5}', '{"picture": "frame.rgba"}', '{"done": 1}'])
+def test_an_answer_that_lacks_something_is_an_error_of_one_line(said):
+    strange = LiveCommand((sys.executable, "-c", f"print({said!r}, flush=True); import sys; sys.stdin.read()"))
+    with pytest.raises(RendererError, match="does not answer as dogsplat serve does; update the package"):
+        last(strange, {"camera": {"width": 1, "height": 1}})
+    strange.close()
+
+
 def test_the_package_is_found_as_for_final_pictures(monkeypatch):
     live = live_renderer(sys.executable)
     assert isinstance(live, LiveCommand) and live.folder.is_dir()

@@ -2,12 +2,14 @@
 
 from types import SimpleNamespace
 
+import bpy
 import numpy as np
 import pytest
 from live_views import PERSPECTIVE, SIZE
 from mathutils import Matrix, Vector
 
 from blender_addon.viewport.region import rendered_part, seen_by
+from blender_addon.viewport.rendered import border_of
 
 VIEWS = {  # window matrices: as a person looks, through a camera that is zoomed and shifted, and along parallel rays
     "perspective": PERSPECTIVE,
@@ -71,3 +73,17 @@ def test_a_border_is_a_part_of_the_region_or_of_the_picture_of_the_camera(scene,
     half = rendered_part(seen, corners, (0.0, 0.5, 0.5, 1.0))  # its upper left quarter
     assert half[:2] == (left, top) and half[2] <= (left + right) / 2 + 1 and half[3] <= (top + bottom) / 2 + 1
     assert rendered_part(seen, corners + 1e3, (0.0, 1.0, 0.0, 1.0))[2] > 0  # outside: still a pixel
+
+
+def test_a_view_through_what_is_no_camera_is_drawn_as_a_whole(scene):
+    """Blender looks through any object; a border of the render is that of a camera's picture."""
+    scene.render.use_border, scene.render.border_max_x = True, 0.5
+    graph = bpy.context.evaluated_depsgraph_get()
+    for data, kind in ((bpy.data.lights.new("Lamp", "SPOT"), None), (None, None), (bpy.data.cameras.new("C"), 0.5)):
+        obj = bpy.data.objects.new("Eye", data)
+        scene.collection.objects.link(obj)
+        graph.update()
+        space = SimpleNamespace(camera=obj, use_render_border=False)
+        context = SimpleNamespace(space_data=space, region_data=SimpleNamespace(view_perspective="CAMERA"))
+        corners, border = border_of(context, graph)
+        assert (corners is None) == (kind is None) and (border and border[1]) == kind

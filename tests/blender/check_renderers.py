@@ -89,7 +89,8 @@ def test_cancelling_stops_in_this_process(request_of_dog):
 
 @pytest.mark.parametrize("script, message", [
     ("import sys; sys.exit('dogsplat: model.ply: broken; mend it')", "model.ply: broken; mend it"),
-    ("print('hello', flush=True); import sys; sys.stdin.read()", "update the package"),
+    *((f"print({said!r}, flush=True); import sys; sys.stdin.read()", "update the package")
+      for said in ("hello", "7", "[]", "{}", '{"share": "half"}', '{"share": null}')),
 ])  # fmt: skip
 def test_what_the_command_complains_about_is_shown_in_one_line(request_of_dog, script, message):
     failing = Command((sys.executable, "-c", script))

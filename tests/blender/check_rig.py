@@ -11,6 +11,7 @@ from training_scene import CENTER, RADIUS
 from blender_addon.training.rendering import Rendering
 from blender_addon.training.rig import around, held_out
 from blender_addon.training.rig_operator import make_rig
+from blender_addon.training.subject import surface_points
 
 CAPTURED = """
 import json, sys
@@ -139,3 +140,50 @@ def test_a_region_marks_what_is_framed(subject, scene):
     places = np.array([obj.matrix_world.translation for obj in make_rig(bpy.context)])
     reach = 2 * np.sqrt(3) / np.sin(np.radians(20))
     assert np.allclose(np.linalg.norm(places - 5, axis=1), reach, rtol=1e-4)
+
+
+def hide(obj: bpy.types.Object, setting: str) -> tuple[bpy.types.LayerCollection, bpy.types.Collection]:
+    """Put an object into a collection of its own, inside of one that hides it so."""
+    outer, inner = bpy.data.collections.new("Outer"), bpy.data.collections.new("Inner")
+    bpy.context.scene.collection.children.link(outer)
+    outer.children.link(inner)
+    for old in list(obj.users_collection):
+        old.objects.unlink(obj)
+    inner.objects.link(obj)
+    made = bpy.context.view_layer.layer_collection.children["Outer"]
+    setattr(outer if setting in ("hide_render", "disable") else made, HIDING.get(setting, setting), True)
+    bpy.context.view_layer.update()
+    return made, outer
+
+
+HIDING = {"disable": "hide_viewport", "eye": "hide_viewport"}
+"""The property, where it has the name of another's."""
+
+
+@pytest.mark.parametrize("setting", ["exclude", "hide_render"])
+def test_a_subject_that_its_collections_hide_is_no_subject(subject, scene, setting):
+    """Renders would be empty. Whole Scene takes what renders show; one of a rig that was made before is refused."""
+    make_rig(bpy.context)
+    hide(subject, setting)
+    with pytest.raises(ValueError, match='"Ball" is in no collection that this view layer renders; show one') as caught:
+        Rendering(bpy.context)
+    assert "\n" not in str(caught.value) and scene.render.resolution_x == 1920
+    scene.dogsplat_training.subject = "SCENE"
+    make_rig(bpy.context)
+    assert {obj.name for obj in scene.dogsplat_training.objects()} == {"Small", "Wall"}
+    Rendering(bpy.context).close()
+
+
+@pytest.mark.parametrize("setting", ["disable", "eye"])
+def test_a_subject_that_viewports_do_not_show_has_points(subject, scene, setting):
+    """Renders have it, so its pictures are not empty, and its points are looked for where it is seen."""
+    make_rig(bpy.context)
+    hidden = hide(subject, setting)
+    before = [owner.hide_viewport for owner in hidden]
+    rendering = Rendering(bpy.context)
+    try:
+        shown = bpy.context.evaluated_depsgraph_get().objects
+        assert subject.name in shown and len(surface_points(bpy.context.evaluated_depsgraph_get(), [subject]))
+    finally:
+        rendering.close()
+    assert [owner.hide_viewport for owner in hidden] == before and sum(before) == 1

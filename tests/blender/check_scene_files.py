@@ -4,9 +4,11 @@ import json
 
 import bpy
 import pytest
+from blender_pictures import with_alpha
 from surroundings import GREY, body, camera, light, material, plane, sphere
 
 from blender_addon.cameras.objects import camera_numbers
+from blender_addon.engine.settings import ENGINE
 from blender_addon.scene.write import write_scene
 
 
@@ -42,6 +44,18 @@ def test_geometry_that_is_repeated_is_written_once(scene, tmp_path):
     kinds = [value["type"] for value in described.values()]
     assert kinds.count("shapegroup") == 1 and kinds.count("instance") == 4 and len(result.files) == 2
     assert result.names == [first.name, "copy 0", "copy 1", "copy 2"]
+
+
+def test_a_mesh_without_faces_is_no_shape(scene, by_command, tmp_path):
+    """Nor where it is repeated, of which Mitsuba would load nothing."""
+    camera(scene, (0, 0, 8))
+    body(plane(20), material("ShaderNodeBsdfDiffuse", Color=GREY))
+    edges = bpy.data.meshes.new("edges")
+    edges.from_pydata([(0, 0, 0), (1, 0, 0)], [(0, 1)], [])
+    for _ in range(2):
+        scene.collection.objects.link(bpy.data.objects.new("edges", edges))
+    assert [key for key in written(scene, tmp_path)[1] if key.startswith("object_")] == ["object_0_0_0"]
+    assert with_alpha(scene, ENGINE, tmp_path)[..., 3].min() > 0.9
 
 
 def test_text_and_metaballs_are_written_once_each_as_modifiers_leave_them(scene, tmp_path):

@@ -35,6 +35,22 @@ def test_all_settings_are_given_back_and_only_the_subject_is_seen(subject, scene
     assert (seen[:, 0] > 1.5 * seen[:, 1]).all()  # red: neither the wall nor the green ball
 
 
+def test_views_are_of_the_view_layer_at_work(subject, scene):
+    """Though the first one of the file, whose picture Blender would write, has no subject."""
+    scene.dogsplat_training.views = 1
+    make_rig(bpy.context)
+    collection = bpy.data.collections.new("Subject")
+    scene.collection.children.link(collection)
+    collection.objects.link(subject)
+    scene.collection.objects.unlink(subject)
+    first, second = scene.view_layers[0], scene.view_layers.new("Second")
+    first.layer_collection.children["Subject"].exclude = True
+    with bpy.context.temp_override(view_layer=second):
+        assert bpy.ops.dogsplat.render_views() == {"FINISHED"}
+    image = bpy.data.images.load(str(folder_of(scene) / "images" / "View_000.png"))
+    assert np.array(image.pixels[:])[3::4].mean() > 0.2 and first.use and second.use
+
+
 def test_settings_are_given_back_after_an_error(subject, scene, monkeypatch):
     make_rig(bpy.context)
     made_unlike(scene)

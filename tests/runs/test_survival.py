@@ -139,6 +139,21 @@ def test_ctrl_c_saves_and_ends_with_one_line_that_says_how_to_go_on(data, tmp_pa
     assert all(row["step"] <= step for row in read_run(out).history)
 
 
+def test_whoever_starts_a_training_stops_it_by_ending_its_input(data, tmp_path):
+    """Without a signal; bytes mean nothing."""
+    out = tmp_path / "run"
+    command = [*TRAIN, *arguments(data, out, 100_000, "--until-input-ends")]
+    process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdin
+    print("?", file=process.stdin, flush=True)
+    while not (out / CHECKPOINT).exists() and process.poll() is None:
+        time.sleep(0.01)
+    assert process.poll() is None
+    _, err = process.communicate(timeout=300)
+    assert process.returncode == 143 and "--resume" in last_line(err) and "Traceback" not in err
+    assert_every_file_opens(out)
+
+
 @functools.cache
 def can_mount() -> bool:
     """Whether this machine lets us mount a disk in a namespace of our own."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...poses.config import PosesConfig
+from ...runs.stopping import stop_when_input_ends
 from ...support.settings import settings_of
 from ...training.config import TrainConfig
 from ..flags import DATA_HELP, add_settings, training_config
@@ -47,12 +48,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     add_settings(parser, TrainConfig, [name for name in settings_of(TrainConfig) if name not in ("data", "model")])
     parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint of RUN")
+    parser.add_argument(
+        "--until-input-ends",
+        action="store_true",
+        help="the end of standard input stops it as Ctrl-C does: for a program that starts this one",
+    )
 
 
 def run(args: argparse.Namespace) -> None:
     """Train a model on photographs and measure it on those held out; poses are found first where there are none."""
     from ...report.run_folder import CONFIG
 
+    if args.until_input_ends:
+        stop_when_input_ends()
     config = training_config(args)
     posed, resume = _posed(config, args.out), args.resume
     if posed is not config:  # what was stopped before it had poses has nothing else to go on with
