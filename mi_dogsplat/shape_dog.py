@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -12,9 +12,7 @@ import numpy as np
 from .engine.motion import moved
 from .engine.parameters import RAW, ROWS, device_array, rows_of_splats
 from .engine.sh_groups import padded_on_device
-from .formats.model import Model
-from .formats.read import read_model
-from .plugin.properties import given
+from .plugin.given_model import given_model, on_host
 from .plugin.shape_checks import require_index, require_one_degree, require_rows, require_sh_size
 from .scene.row_groups import CUTS, DOG, GROUPS, SH, SLOPES, RowGroup
 from .scene.splats import Splats
@@ -112,27 +110,11 @@ class DogShape(mi.Mesh):
     def __init__(self, props: Any):
         _start_as_a_point(self)
         self.set_id(props.id())
-        of_groups = [name for group in GROUPS for name in (group.index, *group.names)]
-        tensors = [name for name in (*RAW, *of_groups) if name in props]
-        if ("filename" in props) == bool(tensors):
-            raise RuntimeError(
-                'dog: specify either "filename" or the tensors "means", "log_scales", "quats", "logit_opacities" and '
-                f'"sh_coeffs"; found {"both" if tensors else "neither"}'
-            )
         try:
-            if tensors:
-                model = Model(Splats(**{name: _to_numpy(props[name]) for name in tensors}))
-                self.source = "tensors"
-            else:
-                resolver = cast(Any, mi.file_resolver)()
-                self.source = str(resolver.resolve(given(props, "filename", str)))
-                model = read_model(self.source)
-            matrix = _on_host(props.get("to_world", mi.ScalarTransform4f()))
+            model, self.source = given_model(props)
+            matrix = _matrix_of(props.get("to_world", mi.ScalarTransform4f()))
             splats = transformed(model.splats, matrix)
-        except TypeError:
-            missing = [name for name in RAW if name not in tensors]
-            raise RuntimeError(f'dog: missing tensors {", ".join(missing)}') from None
-        except (ValueError, OSError) as error:
+        except (TypeError, ValueError, OSError) as error:
             raise RuntimeError(f"dog: {error}") from None
         self._assign(splats)
         self.drawing = model.drawing
@@ -202,7 +184,7 @@ class DogShape(mi.Mesh):
 
     def _matrix(self) -> np.ndarray:
         """The parameter ``to_world`` on the host."""
-        return _on_host(dr.detach(self.to_world))
+        return _matrix_of(dr.detach(self.to_world))
 
     def _in_use(self) -> list[RowGroup]:
         """Groups that have a row; one that has been emptied may get rows again."""
@@ -217,7 +199,7 @@ class DogShape(mi.Mesh):
     def to_splats(self) -> Splats:
         """The current parameters as a model on the host, e.g. for ``write_ply``."""
         names = [*RAW, *(name for group in self.groups for name in group.names)]
-        arrays = {name: _to_numpy(dr.detach(getattr(self, name))) for name in names}
+        arrays = {name: on_host(dr.detach(getattr(self, name))) for name in names}
         arrays |= {group.index: getattr(self, group.index).numpy() for group in self.groups}
         splats = Splats(**arrays)
         return transformed(splats, self._matrix()) if self._moves else splats
@@ -226,7 +208,7 @@ class DogShape(mi.Mesh):
         """Box of the centres."""
         box = mi.ScalarBoundingBox3f()
         matrix = self._matrix()
-        means = _to_numpy(dr.detach(self.means)) @ matrix[:3, :3].T + matrix[:3, 3]
+        means = on_host(dr.detach(self.means)) @ matrix[:3, :3].T + matrix[:3, 3]
         if len(means):
             box.expand(mi.ScalarPoint3f(means.min(0)))
             box.expand(mi.ScalarPoint3f(means.max(0)))
@@ -254,17 +236,13 @@ def _start_as_a_point(mesh: Any) -> None:
         mi.Mesh.__init__(mesh, "dog", vertex_count=3, face_count=1)
 
 
-def _on_host(transform: Any) -> np.ndarray:
-    """Matrix [4, 4] of a transform, of Mitsuba's plain numbers or of its arrays."""
+def _matrix_of(transform: Any) -> np.ndarray:
+    """[4, 4] of a transform, of Mitsuba's plain numbers or of its arrays."""
     return np.array(transform.matrix, dtype=np.float64).reshape(4, 4)
 
 
 def _tensor(values: np.ndarray) -> mi.TensorXf:
     return mi.TensorXf(device_array(values), values.shape)
-
-
-def _to_numpy(tensor) -> np.ndarray:
-    return tensor.numpy() if dr.is_array_v(tensor) else np.asarray(tensor)
 
 
 mi.register_shape("dog", lambda props: DogShape(props))

@@ -15,8 +15,9 @@ from mi_dogsplat.engine.geometry import Grid, Lanes
 from mi_dogsplat.engine.tiles import WORD, TileLists
 from mi_dogsplat.engine.walks.derivatives import LN2
 from mi_dogsplat.engine.walks.exp2 import exp2
+from mi_dogsplat.engine.walks.kernel_values import DEAD_PATCH
 from mi_dogsplat.engine.walks.slot_rows import SlotRows
-from mi_dogsplat.engine.walks.walk import ALPHA_MAX, DEAD_PATCH
+from mi_dogsplat.engine.walks.walk import ALPHA_MAX
 
 ALPHA_MIN, T_MIN = 1 / 255, 1e-4
 ROW = 16  # x y ux uy vy lo q s t, colour, padding

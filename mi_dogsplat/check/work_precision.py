@@ -17,6 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..engine.arrays import backward
 from ..engine.parameters import device_array
 from ..engine.project import DeviceCamera
 from ..engine.rasterize import Frame, rasterize
@@ -128,10 +129,7 @@ class Job:
         dr.enable_grad(leaves)
         frame = rasterize(params | leaves, self.camera, self.setting.options)
         planes = [*frame.colors, frame.T]
-        for plane, δ in zip(planes, [*self.δcolors, self.δT], strict=True):
-            dr.set_grad(plane, δ)
-        dr.enqueue(dr.ADMode.Backward, planes)
-        dr.traverse(dr.ADMode.Backward)
+        backward(planes, [*self.δcolors, self.δT])
         found = {name: dr.grad(leaf) for name, leaf in leaves.items()}
         dr.eval(found)
         dr.sync_thread()

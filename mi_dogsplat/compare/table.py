@@ -6,6 +6,7 @@ A row per method; for each data set the mean over its seeds, as in the tables of
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -111,16 +112,21 @@ def write_tables(out: Path, table: dict[str, Any]) -> None:
     with replacing(out / "comparison.csv") as part, open(part, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["data", "method", "seed", *COLUMNS])
-        for method, row in table["methods"].items():
-            for data, of_data in row["data"].items():
-                runs = {method: of_data["runs"]}
-                runs |= {f"{method}{AT}{target}": other["runs"] for target, other in of_data["others"].items()}
-                for name, of_seeds in runs.items():
-                    for seed, numbers in of_seeds.items():
-                        writer.writerow([data, name, seed, *(numbers.get(column, "") for column in COLUMNS)])
+        for *run, numbers in _runs(table):
+            writer.writerow([*run, *(numbers.get(column, "") for column in COLUMNS)])
     for suffix, write in ((".md", markdown), (".tex", latex)):
         with replacing(out / f"comparison{suffix}") as part:
             part.write_text("\n".join(write(table, data) for data in data_sets(table)), encoding="utf-8")
+
+
+def _runs(table: dict[str, Any]) -> Iterator[tuple[str, str, str, dict[str, Any]]]:
+    """(data set, method, with its target where it has another one, seed, numbers) of each run."""
+    for method, row in table["methods"].items():
+        for data, of_data in row["data"].items():
+            runs = {method: of_data["runs"]}
+            runs |= {f"{method}{AT}{target}": other["runs"] for target, other in of_data["others"].items()}
+            for name, of_seeds in runs.items():
+                yield from ((data, name, seed, numbers) for seed, numbers in of_seeds.items())
 
 
 def markdown(table: dict[str, Any], data: str) -> str:

@@ -16,7 +16,8 @@ import numpy as np
 from ..scene.cameras import Camera
 from ..support.errors import DataError
 from .check import require_plausible
-from .colmap_files import ColmapImage, ColmapPoints, read_cameras, read_images, read_points
+from .colmap_files import read_cameras, read_images, read_points
+from .colmap_records import ColmapImage, ColmapPoints
 from .dataset import Dataset, Observations, View, every_eighth, held_out, require_unique_names, view_name, views_named
 from .images import is_file
 from .lens import undistortion

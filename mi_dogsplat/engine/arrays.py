@@ -61,6 +61,14 @@ def detached(value: Any) -> Any:
     return dr.detach(value, preserve_type=False)
 
 
+def backward(values: list, adjoints: list) -> None:
+    """Add to the gradients of all that ``values`` depend on, given the adjoint of each."""
+    for value, adjoint in zip(values, adjoints, strict=True):
+        dr.accum_grad(value, adjoint)  # two of them may be one variable, as the channels are in variants with one
+    dr.enqueue(dr.ADMode.Backward, values)
+    dr.traverse(dr.ADMode.Backward)
+
+
 def while_loop(
     state: State, cond: Callable[..., Any], body: Callable[..., State], label: str, labels: tuple[str, ...] = ()
 ) -> State:

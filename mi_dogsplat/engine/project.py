@@ -143,6 +143,57 @@ def _screen_kernels(axes, scales, log2_opacity, antialiased: bool) -> Kernels:
     return Kernels(ux, -ux * xy / yy, dr.sqrt(0.5 * LOG2_E / yy), log2_opacity, xx, yy)
 
 
+def _through_pinhole(camera: DeviceCamera, W, px, py, depth, visible) -> tuple:
+    """(x, y, J W as two rows) of centres in camera space; W as in the notation, row by row."""
+    inv_z = dr.rcp(dr.select(visible, depth, 1))
+    u, v = px * inv_z, py * inv_z  # tangents of the viewing angles
+    x, y = dr.fma(camera.fx, u, camera.cx), dr.fma(camera.fy, v, camera.cy)
+
+    left, right, top, bottom = camera.limits
+    u = dr.clip(u, -left, right)
+    v = dr.clip(v, -top, bottom)
+    jx, jy = camera.fx * inv_z, camera.fy * inv_z
+    JW = [
+        [jx * (W[0][c] - u * W[2][c]) for c in range(3)],
+        [jy * (W[1][c] - v * W[2][c]) for c in range(3)],
+    ]
+    return x, y, JW
+
+
+def _pseudo_kernels(params: dict, axes, scales, log2_opacity, antialiased: bool) -> tuple[Kernels, mi.Bool]:
+    """Of the M DoG primitives, from what the N primaries have, and whether their factors are numbers."""
+    dr.eval(axes, scales, log2_opacity)  # in one kernel: a gather launches one for what is not evaluated yet
+    dog_index = params["dog_index"]
+
+    def of(value):
+        return dr.gather(mi.Float, value, dog_index, mode=dr.ReduceMode.NoConflicts)
+
+    m = dr.arange(mi.UInt32, dr.width(dog_index))
+    log_factors = rows(params["dog_log_scales"], 3, m)
+    factors = [dr.exp(f) for f in log_factors]
+    pseudo = _screen_kernels(
+        [[of(a) for a in row] for row in axes],
+        [of(s) * f for s, f in zip(scales, factors, strict=True)],
+        of(log2_opacity) - LOG2_E * softplus(-params["dog_logit_opacities"]),
+        antialiased,
+    )
+    usable = _all_finite(log_factors) & ~dr.isnan(pseudo.lo)
+    dr.eval(pseudo, usable)  # before the primaries gather from it, for the same reason
+    return pseudo, usable
+
+
+def _radiance(params: dict, camera: DeviceCamera, direction, index: mi.UInt32, visible, sh_degree: int) -> list:
+    """SH + 0.5 in three channels; ``direction`` from the camera to the centres, of any length."""
+    mixed = has_groups(params)
+    radiance = evaluate_sh(params, direction, index, visible, 0 if mixed else sh_degree)
+    if mixed and sh_degree:
+        of_bands = evaluate_groups(params, camera, sh_degree)
+        radiance = [color + more for color, more in zip(radiance, of_bands, strict=True)]
+        if dr.grad_enabled(radiance):
+            dr.schedule(radiance)  # or groups would wait for its sign, which takes all of the projection again
+    return radiance
+
+
 def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: bool = False) -> Projection:
     """Project N primitives; differentiable with respect to every parameter.
 
@@ -167,18 +218,7 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     px, py, depth = (camera.turned(direction, axis) for axis in range(3))
     visible = camera.in_range(depth)
     if camera.perspective:
-        inv_z = dr.rcp(dr.select(visible, depth, 1))
-        u, v = px * inv_z, py * inv_z  # tangents of the viewing angles
-        x, y = dr.fma(camera.fx, u, camera.cx), dr.fma(camera.fy, v, camera.cy)
-
-        left, right, top, bottom = camera.limits
-        u = dr.clip(u, -left, right)
-        v = dr.clip(v, -top, bottom)
-        jx, jy = camera.fx * inv_z, camera.fy * inv_z
-        JW = [
-            [jx * (W[0][c] - u * W[2][c]) for c in range(3)],
-            [jy * (W[1][c] - v * W[2][c]) for c in range(3)],
-        ]
+        x, y, JW = _through_pinhole(camera, W, px, py, depth, visible)
     else:
         x, y = dr.fma(camera.fx, px, camera.cx), dr.fma(camera.fy, py, camera.cy)
         JW = [[camera.fx * W[0][c] for c in range(3)], [camera.fy * W[1][c] for c in range(3)]]
@@ -196,31 +236,10 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     pseudo, dog_row, dog_index = None, None, None
     if "dog_index" in params:
         dog_row, dog_index = params["dog_row"], params["dog_index"]
-        dr.eval(axes, scales, log2_opacity)  # in one kernel: a gather launches one for what is not evaluated yet
-
-        def of(value):
-            return dr.gather(mi.Float, value, dog_index, mode=dr.ReduceMode.NoConflicts)
-
-        m = dr.arange(mi.UInt32, dr.width(dog_index))
-        log_factors = rows(params["dog_log_scales"], 3, m)
-        factors = [dr.exp(f) for f in log_factors]
-        pseudo = _screen_kernels(
-            [[of(a) for a in row] for row in axes],
-            [of(s) * f for s, f in zip(scales, factors, strict=True)],
-            of(log2_opacity) - LOG2_E * softplus(-params["dog_logit_opacities"]),
-            antialiased,
-        )
-        usable = _all_finite(log_factors) & ~dr.isnan(pseudo.lo)
-        dr.eval(pseudo, usable)  # for the same reason
+        pseudo, usable = _pseudo_kernels(params, axes, scales, log2_opacity, antialiased)
         visible &= (dog_row == NO_ROW) | dr.gather(mi.Bool, usable, dog_row, dog_row != NO_ROW)
 
-    mixed = has_groups(params)
-    radiance = evaluate_sh(params, direction, index, visible, 0 if mixed else sh_degree)
-    if mixed and sh_degree:
-        of_bands = evaluate_groups(params, camera, sh_degree)
-        radiance = [color + more for color, more in zip(radiance, of_bands, strict=True)]
-        if dr.grad_enabled(radiance):
-            dr.schedule(radiance)  # or groups would wait for its sign, which takes all of the projection again
+    radiance = _radiance(params, camera, direction, index, visible, sh_degree)
     visible &= _all_finite(radiance)
     colors, slopes, cuts = [dr.maximum(value, 0) for value in radiance], None, None
     if "color_slopes" in params or "cut_normals" in params:

@@ -16,7 +16,7 @@ from .slopes import COLUMNS as SLOPE_COLUMNS
 
 
 class KernelRow(namedtuple("KernelRow", "ux uy vy lo q s t")):
-    """A 2D kernel as lanes evaluate it: p = lo - (ux dx + uy dy)² - (vy dy)², and ratios (``walk.py``)."""
+    """A 2D kernel as lanes evaluate it: p = lo - (ux dx + uy dy)² - (vy dy)², and ratios (``kernel_values.py``)."""
 
 
 KERNEL_COLUMNS = len(KernelRow._fields)

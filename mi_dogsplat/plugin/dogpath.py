@@ -13,9 +13,9 @@ from ..engine.rasterize import Frame
 from ..tracing.options import TraceOptions
 from ..tracing.tracer import SplatTracer
 from .drawn import Drawn, SplattedModel
-from .light_paths import LightPaths, Limits, Replay
+from .light_paths import LightPaths, Limits
 from .properties import given
-from .replayed import radiance
+from .replayed import Replay, radiance
 from .sensor import Look
 from .shadow_ratios import LatestShadowRatios
 from .splat_integrator import SplatIntegrator, dog_shapes

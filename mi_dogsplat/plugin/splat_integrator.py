@@ -9,6 +9,7 @@ import mitsuba as mi
 from mitsuba.python.ad.integrators.common import ADIntegrator
 
 from ..engine import aovs
+from ..engine.arrays import backward
 from ..engine.parameters import concatenate
 from ..engine.rasterize import Frame, LastFrame, RasterOptions, rasterize
 from ..scene.drawing import Drawing, DrawnAs
@@ -105,7 +106,7 @@ class SplatIntegrator(ADIntegrator):
         with dr.resume_grad():
             if len(passes) == 1:
                 image = self.developed(scene, sensor, seed, spp, derivative=True)
-                _backward([image], [grad_in])
+                backward([image], [grad_in])
             else:
                 self._backward_by_passes(scene, sensor, passes, film, grad_in)
         dr.eval()
@@ -118,7 +119,7 @@ class SplatIntegrator(ADIntegrator):
         n_planes = 3 + has_alpha(film) + len(self.aov_names())
         planes = [dr.zeros(mi.Float, pixels) for _ in range(n_planes)]
         dr.enable_grad(planes)
-        _backward([develop(film, self.aov_names(), planes, derivative=True)], [grad_in])
+        backward([develop(film, self.aov_names(), planes, derivative=True)], [grad_in])
         weights = sum(spreader.spread([], sample)[0] for sample in passes)
         adjoints = [dr.select(weights != 0, dr.grad(plane) / weights, 0) for plane in planes]
         dr.eval(adjoints)
@@ -127,7 +128,7 @@ class SplatIntegrator(ADIntegrator):
             with dr.isolate_grad():  # what all passes share is derived once, at the end
                 values = self._pass(scene, model, sensor, sample, spreader.border, derivative=True)
                 sums = spreader.spread(values, sample)
-                _backward(sums[:-1], adjoints)
+                backward(sums[:-1], adjoints)
 
     def developed(self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, derivative=False) -> Any:
         """The image of the film, attached to the AD graph where the parameters are.
@@ -245,11 +246,3 @@ def dog_shapes(scene: mi.Scene) -> list[DogShape]:
 
 def _sensor(scene: mi.Scene, sensor: mi.Sensor | int) -> mi.Sensor:
     return scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-
-
-def _backward(values: list, adjoints: list) -> None:
-    """Accumulate the gradients of all that ``values`` depend on."""
-    for value, adjoint in zip(values, adjoints, strict=True):
-        dr.accum_grad(value, adjoint)  # two of them may be one variable, as the channels are in variants with one
-    dr.enqueue(dr.ADMode.Backward, values)
-    dr.traverse(dr.ADMode.Backward)

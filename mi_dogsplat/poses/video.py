@@ -31,8 +31,7 @@ def read_frames(path: Path) -> Iterator[tuple[int, Any]]:
     """
     import av
     from av import logging
-    from av.error import EOFError as EndOfFile
-    from av.error import FFmpegError, InvalidDataError
+    from av.error import FFmpegError
 
     logging.set_level(logging.PANIC)  # what is damaged is told in one line, here
     index = damaged = 0
@@ -42,21 +41,11 @@ def read_frames(path: Path) -> Iterator[tuple[int, Any]]:
                 raise DataError(path, "holds no pictures, only sound", "give a video")
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
-            packets = container.demux(stream)
-            while True:
-                try:
-                    packet = next(packets)
-                    frames = packet.decode()
-                except StopIteration:
+            for frames in _decoded_packets(container.demux(stream)):
+                damaged += frames is None
+                if damaged > max(10, index):
                     break
-                except InvalidDataError:
-                    damaged += 1
-                    if damaged > max(10, index):
-                        break
-                    continue
-                except EndOfFile:
-                    break
-                for frame in frames:
+                for frame in frames or ():
                     yield index, frame
                     index += 1
     except FFmpegError as error:
@@ -64,6 +53,21 @@ def read_frames(path: Path) -> Iterator[tuple[int, Any]]:
     if index == 0 or damaged > MAX_DAMAGED * index:
         problem = f"is damaged: {index} frames could be decoded, {damaged} packets could not"
         raise DataError(path, problem, REMEDY)
+
+
+def _decoded_packets(packets: Iterator[Any]) -> Iterator[list[Any] | None]:
+    """The frames of each packet, None of a damaged one, which reading it may show as well as decoding it."""
+    from av.error import EOFError as EndOfFile
+    from av.error import InvalidDataError
+
+    while True:
+        try:
+            frames = next(packets).decode()
+        except (StopIteration, EndOfFile):
+            return
+        except InvalidDataError:
+            frames = None
+        yield frames
 
 
 def grey_of(frame: Any, longest: int) -> np.ndarray:

@@ -10,11 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from ..datasets.dataset import Dataset, View, camera_extent, no_points
+from ..engine.arrays import backward
 from ..engine.options import RasterOptions
 from ..engine.rasterize import rasterize
 from ..scene.cameras import Camera
@@ -97,10 +97,7 @@ def fit(
             params = quantiser.params(tables, optimizer.params, optimizer.bands)
         planes = shown.over_background(rasterize(params, shown.cameras[view], options))
         _, loss, gradient = shown.compare(planes, view, step)
-        for plane, δ in zip(planes, gradient, strict=True):
-            dr.set_grad(plane, mi.Float(δ))
-        dr.enqueue(dr.ADMode.Backward, planes)
-        dr.traverse(dr.ADMode.Backward)
+        backward(planes, [mi.Float(δ) for δ in gradient])
         optimizer.step()
         if after_step:
             after_step(step + 1, float(loss[0]))

@@ -19,38 +19,32 @@ import numpy as np
 
 from ..datasets import Dataset
 from ..datasets.dataset import View, camera_extent
-from ..engine.arrays import array_types
+from ..engine.arrays import backward
 from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
 from ..engine.rasterize import Frame, rasterize
 from ..formats.model import Model
 from ..formats.sizes import FileKind
-from ..measure.metrics import flip, psnr
-from ..render.picture import Picture, background_color, photograph, render_picture, seen_as
+from ..render.picture import Picture, background_color, render_picture
 from ..scene.appearance import Appearance
-from ..scene.drawing import Drawing, DrawnAs
+from ..scene.drawing import Drawing
 from ..scene.radiance import brightened
 from ..scene.splats import Splats
 from ..scores.score import Score, ScoreRule
-from ..support.errors import DataError
+from .accuracy import errors_of_test_views, training_l1
 from .config import TrainConfig
 from .events import Event
-from .footprint import budget
 from .images.photographs import READ_AHEAD, Photographs
 from .initialize import initial_splats
-from .later_rows import later_rows
 from .losses import LossMeans
-from .optimizer.group_rows import SPARSE
 from .optimizer.learning_rates import LearningRates
 from .optimizer.splat_optimizer import SplatOptimizer
-from .presets import RECIPES, Recipe
-from .strategy.pose_refinement import PoseRefinement
+from .presets import Recipe
+from .resolve import exposed, memory_of, near_clip_of, recipe_of
 from .strategy.sh_ramp import ShRamp
 from .strategy.sieve import Sieve
 from .strategy.strategy import Seen, Strategy
 from .trainer_state import restore, state_of
-
-NEAR_SHARE = 1 / 16  # of the camera extent: the near clip of captures in small units
 
 
 class Trainer:
@@ -64,26 +58,15 @@ class Trainer:
     def __init__(
         self, config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None, model: Model | None = None
     ):
-        self.dataset = dataset = _exposed(config, dataset)
-        recipe = (recipe or RECIPES[config.preset]).for_format(config.format)
-        bounds = {"max_primitives": config.max_primitives, "max_world_scale": config.max_world_scale}
-        density = replace(recipe.densification, **bounds, batch_views=config.batch_views)
-        also = (*recipe.also, PoseRefinement()) if config.refine_poses else recipe.also
-        recipe = replace(recipe, densification=density, also=also)
-        self.recipe = (recipe if config.model is None else recipe.from_pruning()).scaled(config.steps)
+        self.dataset = dataset = exposed(config, dataset)
+        self.recipe = recipe = recipe_of(config, recipe)
         self.background = background_color(config.background, dataset.has_alpha)
         self.extent = camera_extent(dataset.train)
-        usual = min(DrawnAs().near_clip, NEAR_SHARE * self.extent)
-        self.near_clip = usual if config.near_clip is None else config.near_clip
+        self.near_clip = near_clip_of(config, self.extent)
         self.config = config = replace(config, near_clip=self.near_clip, white=dataset.white)
         splats = initial_splats(config, dataset, recipe.start_limit(config.target) or config.max_primitives, model)
         self.n_start = splats.n_splats
-        on_disk, masked = config.data_on_disk, config.masks is not None
-        held = [group for group in SPARSE if len(getattr(splats, group.index))]
-        later = later_rows(config, recipe, held, splats.n_splats)
-        self.memory = budget(config.memory, dataset, splats.sh_degree, on_disk, held, masked, later)
-        if self.memory:
-            self.memory.require(config.data, splats.n_splats)
+        self.memory = memory_of(config, dataset, recipe, splats)
         self.rng = np.random.default_rng(config.seed)
         self.photographs = Photographs(
             dataset, self.background, self.near_clip, config.background == "random", config.masks,
@@ -91,8 +74,8 @@ class Trainer:
             self.memory is None or self.memory.keep_targets, recipe.curve,
         )  # fmt: skip
         rates = LearningRates(
-            self.extent, self.recipe.position_steps,
-            refinement=self.recipe.refinement, preconditioning=self.recipe.preconditioning,
+            self.extent, recipe.position_steps,
+            refinement=recipe.refinement, preconditioning=recipe.preconditioning,
             batch_views=config.batch_views, views=len(dataset.train),
         )  # fmt: skip
         self.optimizer = SplatOptimizer(splats, rates, self.photographs.curve)
@@ -103,7 +86,7 @@ class Trainer:
         self.sieve = Sieve(config.near_zone)
         kind = FileKind(config.format, replace(self.drawing, white=None))  # whose models are in units of white
         size = None if config.target_bytes is None else (config.target_bytes, kind)
-        self.strategies = self.recipe.strategies(self.sieve, size)
+        self.strategies = recipe.strategies(self.sieve, size)
         self.states: dict[str, Any] = {strategy.name: strategy.new_state(self) for strategy in self.strategies}
         self.optimizer.followers += [partial(s.rearranged, state) for s, state in self._parts()]
 
@@ -170,10 +153,7 @@ class Trainer:
             camera = strategy.camera(self, state, view, camera)
         planes, frame = self._render(params, camera, probe)
         l1, loss, gradient = self.photographs.compare(planes, view, self.step_count, self.order[: -1 - READ_AHEAD : -1])
-        for plane, δ in zip(planes, gradient, strict=True):
-            dr.set_grad(plane, mi.Float(δ))
-        dr.enqueue(dr.ADMode.Backward, planes)
-        dr.traverse(dr.ADMode.Backward)
+        backward(planes, [mi.Float(δ) for δ in gradient])
         by_center = (dr.grad(probe[0]), dr.grad(probe[1])) if probe else None
         seen = Seen(view, camera, params, frame, planes, gradient, by_center, last)
         for strategy, state in parts:
@@ -224,15 +204,8 @@ class Trainer:
         return found()
 
     def training_l1(self) -> float:
-        """Mean L1 over all training views, of what the loss sees: display values clamped to [0, 1], or what its curve
-        makes of radiance, which has no such end."""
-        params = {name: dr.detach(value) for name, value in self.optimizer.params.items()}
-        total = dr.opaque(array_types().Float, 0)
-        self.photographs.keep_background()
-        for view in range(len(self.photographs)):
-            total += self.photographs.l1(self.render(params, view)[0], view)
-            dr.eval(total)
-        return float(total[0]) / len(self.photographs)
+        """Mean L1 over all training views, as the loss sees them."""
+        return training_l1(self)
 
     def test_psnr(self) -> float | None:
         """Mean over the test views, None without any; the clock of the run stands still meanwhile."""
@@ -245,17 +218,7 @@ class Trainer:
 
     def test_errors(self, with_flip: bool = False) -> dict[str, float]:
         """Means over the test views: ``test_psnr``, and ``test_flip``, which takes longer."""
-        errors: dict[str, list[float]] = {"test_psnr": []}
-        masks = self.photographs.mask_folder
-        for view in self.dataset.test:
-            mask = masks.of(view) if masks else None
-            if mask is not None and not mask.any():
-                continue
-            image, truth = seen_as(self.picture(view), view), photograph(view, self.background)
-            errors["test_psnr"].append(psnr(image, truth, mask))
-            if with_flip:
-                errors.setdefault("test_flip", []).append(flip(image, truth, mask)[0])
-        return {name: float(np.mean(values)) for name, values in errors.items() if values}
+        return errors_of_test_views(self, with_flip)
 
     def picture(self, view: View, depth: bool = False) -> Picture:
         """The current model seen from a view."""
@@ -275,12 +238,3 @@ class Trainer:
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
         """Take over a ``state()``. Raises ``ValueError`` or ``KeyError`` if it is of another kind of run."""
         restore(self, state)
-
-
-def _exposed(config: TrainConfig, dataset: Dataset) -> Dataset:
-    """The images with the white of the settings. Raises ``DataError`` for settings that are for others."""
-    if config.white is not None and dataset.white is None:
-        raise DataError("--white", "is for linear images", "leave it out, or train on OpenEXR images")
-    if config.appearance and dataset.white is not None:
-        raise DataError("--appearance", "is for photographs, not for linear images", "leave it out")
-    return dataset if config.white is None else dataset.exposed(config.white)

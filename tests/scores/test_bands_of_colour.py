@@ -52,9 +52,9 @@ def best(A: np.ndarray, target: np.ndarray, ridge: float) -> np.ndarray:
     return np.linalg.lstsq(np.vstack([A, np.sqrt(ridge) * np.eye(k)]), -np.concatenate([target, np.zeros(k)]))[0]
 
 
-def expected(splats, i: int, degree: int) -> tuple[float, np.ndarray]:
-    """(loss, coefficients [K, 3]) without the bands above ``degree``."""
-    A, x, size = jacobian(splats, i), splats.sh_coeffs[i].astype(np.float64), SH_SIZES[degree]
+def expected(A: np.ndarray, sh_coeffs: np.ndarray, degree: int) -> tuple[float, np.ndarray]:
+    """(loss, coefficients [K, 3]) without the bands above ``degree``; ``A`` is the ``jacobian`` of the primitive."""
+    x, size = sh_coeffs.astype(np.float64), SH_SIZES[degree]
     ridge = module.RIDGE * (A[:, 0] ** 2).sum()
     loss, fitted = 0.0, np.zeros_like(x)
     for c in range(3):
@@ -76,7 +76,9 @@ def test_losses_are_those_of_pictures_without_the_bands_and_the_others_fitted(de
     got = found(splats)
     losses = got.losses()
     assert losses.shape == (N, degree + 1) and losses.dtype == np.float64
-    wanted = np.array([[expected(splats, i, d)[0] for d in range(degree + 1)] for i in range(N)])
+    by_primitive = [(jacobian(splats, i), splats.sh_coeffs[i]) for i in range(N)]
+    brute = [[expected(A, sh_coeffs, d) for d in range(degree + 1)] for A, sh_coeffs in by_primitive]
+    wanted = np.array([[loss for loss, _ in of_degrees] for of_degrees in brute])
     scale = np.abs(wanted).max()
     np.testing.assert_allclose(losses, wanted, rtol=2e-3, atol=1e-4 * scale)
     assert (np.abs(wanted[:, 0]) > 0.01 * scale).sum() >= N // 2  # there is something to lose
@@ -85,7 +87,7 @@ def test_losses_are_those_of_pictures_without_the_bands_and_the_others_fitted(de
     for i, d in enumerate(degrees):
         np.testing.assert_allclose(fitted[i, SH_SIZES[d] :], 0)
         if d < degree:
-            np.testing.assert_allclose(fitted[i], expected(splats, i, d)[1], atol=0.02)
+            np.testing.assert_allclose(fitted[i], brute[i][d][1], atol=0.02)
         else:
             np.testing.assert_array_equal(fitted[i], splats.sh_coeffs[i])
 

@@ -151,7 +151,7 @@ def test_with_the_cutoffs_opacities_and_colours_have_the_gradients_of_finite_dif
         np.testing.assert_allclose(found, (losses[0] - losses[1]) / (2 * step), rtol=5e-3)
 
 
-def test_a_primitive_that_no_ray_meets_has_no_gradient(splats, rays):
+def test_a_primitive_that_no_ray_meets_has_no_gradient(rays):
     beside = rounded(random_splats(9, seed=21, degree=1))
     beside.means[2] += 100
     params = attached(beside)

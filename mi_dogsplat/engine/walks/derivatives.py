@@ -14,12 +14,14 @@ from collections import namedtuple
 import drjit as dr
 import mitsuba as mi
 
-from ..arrays import if_stmt
+from ..arrays import array_types, if_stmt
 from ..bands import PreparedView, WalkableView
 from ..cuts import COLUMNS as CUT_COLUMNS
 from ..frozen import frozen
+from ..geometry import Blocks
 from ..slopes import CHANNELS
 from ..slopes import COLUMNS as SLOPE_COLUMNS
+from ..tables import KernelRow
 from .kept import Kept
 from .pixels import Planes, planes_of
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
@@ -77,32 +79,11 @@ def _composite_backward(
     for plane, δ in zip(blended.features, δC, strict=True):
         rest = [dr.fma(c, d, r) for c, d, r in zip(pixels.read(plane), δ, rest, strict=True)]
 
-    def moments(δp: list, ux, uy, vy, dx, dy) -> Projected:
-        """δ from δp at every pixel of the block."""
-        # sums over the block of δp k^a r^b, with column k and row r counted from its corner
-        m0 = mk = mr = mkk = mkr = mrr = Float(0)
-        for r in range(blocks.height):
-            row = δp[r * blocks.width : (r + 1) * blocks.width]
-            s0, sk, skk = row[0], Float(0), Float(0)
-            for k, δ in enumerate(row[1:], 1):
-                s0, sk, skk = s0 + δ, dr.fma(k, δ, sk), dr.fma(k * k, δ, skk)
-            m0, mk, mkk = m0 + s0, mk + sk, mkk + skk
-            if r:
-                mr, mkr, mrr = dr.fma(r, s0, mr), dr.fma(r, sk, mkr), dr.fma(r * r, s0, mrr)
-        # u and v at the corner, where they are small numbers next to a needle; then sums of δp u, δp v, δp u dx, ...
-        u, v = dr.fma(ux, dx, uy * dy), vy * dy
-        mu, mv = dr.fma(u, m0, dr.fma(ux, mk, uy * mr)), dr.fma(v, m0, vy * mr)
-        mux = dr.fma(dx, mu, dr.fma(u, mk, dr.fma(ux, mkk, uy * mkr)))
-        muy = dr.fma(dy, mu, dr.fma(u, mr, dr.fma(ux, mkr, uy * mrr)))
-        mvy = dr.fma(dy, mv, dr.fma(v, mr, vy * mrr))
-        return Projected(2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0)
-
     def pseudo_part(rows: SlotRows, alphas: Alphas, slot, dx, dy, δp: list) -> tuple:
         """Add what is the pseudo-Gaussian's own to its row, in a branch as its kernel; returns δ of x, y."""
 
         def add(slot, dog_row, dx, dy, δp):
-            kernel = walk.pseudo_row(dog_row)
-            δ = moments(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy)
+            δ = _moments(δp, walk.pseudo_row(dog_row), dx, dy, blocks)
             rows.add(slot, [*δ[-N_PSEUDO:]], True)
             return δ.x, δ.y
 
@@ -145,8 +126,7 @@ def _composite_backward(
             if alphas.pseudo is not None:
                 δp_pseudo.append(dr.select(alphas.pseudo[k] < ALPHA_MAX, -δα * alphas.pseudo[k], 0))
             T[k] = behind
-        kernel = meeting.row.kernel
-        δrow = moments(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy)
+        δrow = _moments(δp, meeting.row.kernel, dx, dy, blocks)
         if pseudo_rows is not None:
             δx, δy = pseudo_part(pseudo_rows, alphas, slot, dx, dy, δp_pseudo)
             δrow = δrow._replace(x=δrow.x + δx, y=δrow.y + δy)
@@ -161,6 +141,29 @@ def _composite_backward(
 
     walk.run(step, rest, "composite_backward")
     return rows.sums(above=above), pseudo_rows.sums(view.tables.dog_index, pseudo_above) if pseudo_rows else []
+
+
+def _moments(δp: list, kernel: KernelRow, dx, dy, blocks: Blocks) -> Projected:
+    """δ of a kernel from δp at every pixel of a block, whose first pixel is at (dx, dy) from the centre."""
+    Float = array_types().Float
+    ux, uy, vy = kernel.ux, kernel.uy, kernel.vy
+    # sums over the block of δp k^a r^b, with column k and row r counted from its corner
+    m0 = mk = mr = mkk = mkr = mrr = Float(0)
+    for r in range(blocks.height):
+        row = δp[r * blocks.width : (r + 1) * blocks.width]
+        s0, sk, skk = row[0], Float(0), Float(0)
+        for k, δ in enumerate(row[1:], 1):
+            s0, sk, skk = s0 + δ, dr.fma(k, δ, sk), dr.fma(k * k, δ, skk)
+        m0, mk, mkk = m0 + s0, mk + sk, mkk + skk
+        if r:
+            mr, mkr, mrr = dr.fma(r, s0, mr), dr.fma(r, sk, mkr), dr.fma(r * r, s0, mrr)
+    # u and v at the corner, where they are small numbers next to a needle; then sums of δp u, δp v, δp u dx, ...
+    u, v = dr.fma(ux, dx, uy * dy), vy * dy
+    mu, mv = dr.fma(u, m0, dr.fma(ux, mk, uy * mr)), dr.fma(v, m0, vy * mr)
+    mux = dr.fma(dx, mu, dr.fma(u, mk, dr.fma(ux, mkk, uy * mkr)))
+    muy = dr.fma(dy, mu, dr.fma(u, mr, dr.fma(ux, mkr, uy * mrr)))
+    mvy = dr.fma(dy, mv, dr.fma(v, mr, vy * mrr))
+    return Projected(2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0)
 
 
 def composite_forward(view: WalkableView, δsplats: list, δpseudo: list) -> Planes:

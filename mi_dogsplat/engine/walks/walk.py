@@ -1,15 +1,8 @@
 """How a lane walks down its list of primitives: what all kernels that blend, or replay the blending, have in common.
 
 Notation as in ``composite.py``. A lane owns a block of pixels, unrolled here in Python; the lanes of a packet are one
-tile, each with the isects of the tile's list that touch its block (``tiles.py``). The pixels of a patch of 4 x 4 share
-three exponentials: from pixel to pixel 2^p is multiplied by a ratio, and the ratio by a constant of the primitive,
-
-    2^p(dx+1, dy) = 2^p r,   r = 2^(-ux (2u + ux)),                     r(dx+1, dy) = r q,   r(dx, dy+1) = r s,
-    2^p(dx, dy+1) = 2^p d,   d = 2^(-uy (2u + uy) - vy (2v + vy)),      d(dx, dy+1) = d t,
-    q = 2^(-2 ux²),  s = 2^(-2 ux uy),  t = 2^(-2 (uy² + vy²)).
-
-Thanks to the 0.3 px² low-pass filter a kernel that is visible anywhere in a patch is above 2^-90 at its first pixel:
-float32 does not underflow, and six steps lose a few ulp.
+tile, each with the isects of the tile's list that touch its block (``tiles.py``). How kernels are evaluated at the
+pixels of a block: ``kernel_values.py``.
 """
 
 from __future__ import annotations
@@ -37,11 +30,11 @@ from ..tables import (
 )
 from .exp2 import exp2
 from .kept import Kept, kept_of
+from .kernel_values import DEAD_PATCH, kernel_values
 from .lane_list import AheadList, LaneList
 from .pixels import BlockPixels
 
 ALPHA_MAX = 0.99
-DEAD_PATCH = -120.0  # a patch that starts below 2^-120 is dead: flushed to 0, so that no ratio can revive it
 MAX_T = 2.0**30  # only a stack of negative lobes gets there; float32 would end in ∞ and NaN
 
 
@@ -219,26 +212,7 @@ class Walk:
         return [dr.select(v >= self.settings.cutoffs.alpha, dr.minimum(v, ALPHA_MAX), 0) for v in primary]
 
     def _kernel(self, kernel: KernelRow, dx, dy) -> list:
-        """2^p at the pixels of the block, row by row."""
-        width, height, patch = self.blocks.width, self.blocks.height, self.settings.patch
-        ux, uy, vy, lo, q, s, t = kernel
-        values: list = [None] * self.pixels.count
-        for top in range(0, height, patch):
-            for left in range(0, width, patch):
-                y = dy + top
-                u, v = dr.fma(ux, dx + left, uy * y), vy * y
-                p = dr.fma(-u, u, dr.fma(-v, v, lo))
-                live = p > DEAD_PATCH  # then the ratios are between 2^-37 and 2^37
-                first = dr.select(live, self.exp2(p), 0)
-                right = self.exp2(dr.select(live, -ux * dr.fma(2, u, ux), 0))
-                down = self.exp2(dr.select(live, dr.fma(-uy, dr.fma(2, u, uy), -vy * dr.fma(2, v, vy)), 0))
-                for row in range(top, min(top + patch, height)):
-                    value, ratio = first, right
-                    for column in range(left, min(left + patch, width)):
-                        values[row * width + column] = value
-                        value, ratio = value * ratio, ratio * q
-                    first, right, down = first * down, right * s, down * t
-        return values
+        return kernel_values(kernel, dx, dy, self.blocks, self.settings.patch, self.exp2)
 
     def _pseudo_kernel(self, meeting: Meeting) -> tuple:
         """2^p' of the pseudo-Gaussian, zeros for a plain primitive: packets without a DoG primitive jump over it."""

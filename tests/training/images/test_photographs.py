@@ -64,10 +64,10 @@ def test_with_a_random_background_nothing_opaque_stands_where_the_photograph_is_
     dataset.point_colors = np.ones_like(whole.point_colors)
     coverage = {}
     for background in ("white", "random"):
-        trainer = trained(dataset, steps=300, background=background)
+        trainer = trained(dataset, steps=150, background=background)
         holes = [trainer.picture(v).alpha[v.image[..., 3] < 0.01] for v in dataset.train]
         coverage[background] = float(np.concatenate(holes).mean())
-    assert coverage["random"] < 0.5 * coverage["white"], coverage
+    assert coverage["random"] < 0.2 * coverage["white"], coverage
 
 
 def test_a_random_background_needs_alpha(data):
@@ -128,7 +128,7 @@ def test_only_a_few_images_from_disk_are_held_at_a_time_and_each_is_read_once_pe
             alive.append(weakref.ref(image))
             return image
 
-    train: list[View] = [Counted(v.name, v.camera, lambda v=v: v.image.copy()) for v in dataset.train] * 3
+    train: list[View] = [Counted(v.name, v.camera, lambda v=v: v.image.copy()) for v in dataset.train] * 2
     many = Dataset(dataset.path, train, dataset.test, dataset.points, dataset.point_colors, False)
     trainer = Trainer(config_of(data_on_disk=True), many)
     assert not alive
@@ -207,7 +207,8 @@ def test_primitives_in_the_near_zone_are_dropped_with_a_note(data):
 def test_options_are_written_to_the_run_and_a_whole_run_uses_them(data, tmp_path):
     masks = write_masks(tmp_path / "masks", load_dataset(data), left_half())
     options: dict[str, Any] = {"appearance": True, "masks": str(masks), "data_on_disk": True, "near_zone": 0.5}
-    config = TrainConfig(str(data), preset="ours", target=0.5, steps=40, sh_degree=1, max_primitives=80, **options)
+    settings: dict[str, Any] = {"preset": "ours", "target": 0.5, "steps": 40, "sh_degree": 1, "max_primitives": 80}
+    config = TrainConfig(str(data), **settings, **options)
     metrics = run.train(config, tmp_path / "run")
     assert metrics["n_dog"] > 0 and np.isfinite(metrics["test"]["psnr"])
     assert json.loads((tmp_path / "run" / "config.json").read_text()).items() >= options.items()
@@ -230,10 +231,10 @@ def test_a_run_with_options_stopped_and_resumed_has_the_bits_of_one_that_was_not
     source = alpha_data if "background" in options else data
     if "masks" in options:
         options = options | {"masks": str(write_masks(tmp_path / "masks", load_dataset(source), left_half()))}
-    config = config_of(data=str(source), steps=40, log_every=10, checkpoint_seconds=0, **options)
+    config = config_of(data=str(source), steps=20, log_every=5, checkpoint_seconds=0, **options)
 
     def stop(row: dict) -> None:
-        if row["step"] > 22:
+        if row["step"] > 11:
             raise KeyboardInterrupt
 
     run.train(config, tmp_path / "whole")

@@ -24,7 +24,7 @@ from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
-from mi_dogsplat.training import train as train_module
+from mi_dogsplat.training import resolve
 from mi_dogsplat.training.presets import RECIPES
 from mi_dogsplat.training.strategy.densify import Densification
 from mi_dogsplat.training.strategy.pose_refinement import PoseRefinement
@@ -67,7 +67,7 @@ def room() -> tuple[Splats, Dataset]:
     return model, Dataset(Path("room"), views, [], model.means, colors.astype(np.float32), False)
 
 
-def found(room: tuple[Splats, Dataset], wrong: Dataset, *strategies: Strategy, steps: int = 250) -> Trainer:
+def found(room: tuple[Splats, Dataset], wrong: Dataset, *strategies: Strategy, steps: int = 150) -> Trainer:
     """Trained from the model that the photographs were made of, without densification."""
     recipe = replace(RECIPES["3dgs"], densification=Densification(start=0, stop=0), also=strategies)
     config = config_of(Path("room"), steps=steps, sh_degree=0, max_primitives=None)
@@ -130,7 +130,7 @@ def test_a_run_that_goes_on_has_the_bits_of_one_that_was_not_stopped(data, at_on
 
 
 def test_before_it_starts_it_changes_no_bit_and_launches_nothing(data, monkeypatch, ordered):
-    monkeypatch.setattr(train_module, "PoseRefinement", lambda: PoseRefinement(start=20_000))
+    monkeypatch.setattr(resolve, "PoseRefinement", lambda: PoseRefinement(start=20_000))
     dataset = load_dataset(data)
     trainers = [Trainer(config_of(data, refine_poses=on), dataset) for on in (False, True)]
     launched = [[(k.kind, k.size) for k in launches(trainer.step)] for trainer in trainers]

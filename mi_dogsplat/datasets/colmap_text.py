@@ -1,0 +1,88 @@
+"""COLMAP's model files as text: ``cameras.txt``, ``images.txt``, ``points3D.txt``. Each raises ``DataError``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..support.errors import DataError
+from .colmap_records import (
+    MAX_ID,
+    MODELS,
+    REMEDY,
+    ColmapCamera,
+    ColmapImage,
+    ColmapPoints,
+    camera_of,
+    points_of,
+    pose_of,
+    unknown_model,
+)
+
+
+def cameras(path: Path) -> dict[int, ColmapCamera]:
+    """By id."""
+    found = {}
+    models = {name: model for model, (name, _, _) in MODELS.items()}
+    for number, line in _lines(path):
+        try:
+            camera_id, name, width, height, *values = line.split()
+            if name not in models:
+                raise unknown_model(path, int(camera_id), name)
+            parsed = int(camera_id), models[name], int(width), int(height), tuple(float(v) for v in values)
+        except DataError:
+            raise
+        except ValueError as error:
+            raise _bad_line(path, number, error) from error
+        found[parsed[0]] = camera_of(path, *parsed)
+    return found
+
+
+def images(path: Path) -> list[ColmapImage]:
+    """In file order."""
+    found = []
+    lines = iter(_lines(path, keep_empty=True))  # an image without observations has an empty second line
+    for number, line in lines:
+        if not line:
+            continue
+        try:
+            _, *pose, camera_id, name = line.split(maxsplit=9)
+            w2c = pose_of(path, name, [float(v) for v in pose])
+            camera = int(camera_id)
+            number, line = next(lines, (number + 1, ""))
+            rows = np.array(line.split(), np.float64).reshape(-1, 3)  # [M, 3] x, y, point id
+            if not (np.abs(rows[:, 2]) < MAX_ID).all():  # NaN is not
+                raise ValueError("the id of a point is no whole number")
+        except DataError:
+            raise
+        except ValueError as error:
+            raise _bad_line(path, number, error) from error
+        found.append(ColmapImage(name, camera, w2c, rows[:, :2], rows[:, 2].astype(np.int64)))
+    return found
+
+
+def points(path: Path) -> ColmapPoints:
+    """Ordered by id."""
+    ids, positions, colors = [], [], []
+    for number, line in _lines(path):
+        try:
+            point_id, x, y, z, r, g, b = line.split()[:7]
+            ids.append(int(point_id))
+            positions.append((float(x), float(y), float(z)))
+            colors.append(tuple(bytes((int(r), int(g), int(b)))))  # 0 to 255, or ValueError
+        except ValueError as error:
+            raise _bad_line(path, number, error) from error
+    return points_of(path, ids, positions, colors)
+
+
+def _lines(path: Path, keep_empty: bool = False) -> list[tuple[int, str]]:
+    """(line number from 1, text) of all lines that are no comment."""
+    lines = enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), 1)
+    return [
+        (n, line.strip()) for n, line in lines if (line.strip() or keep_empty) and not line.startswith("#")
+    ]
+
+
+def _bad_line(path: Path, number: int, error: Exception) -> DataError:
+    return DataError(path, f"line {number} cannot be read ({error})", REMEDY)
