@@ -5,7 +5,8 @@ their file, each through the formats it can have. Every file is read back and me
 
 - ``3dgs``: the full model, as PLY and exported to each format;
 - ``count``: ``ours`` to a part of the primitives (``--counts``), as PLY with its DoG and exported to each format;
-- ``size``: ``ours`` trained for a size (``--sizes``) in each format, which the trainer measures and meets.
+- ``size``: ``ours`` trained for a size (``--sizes``) in each format, which the trainer measures and meets; with
+  ``--preconditioned`` by such steps, too.
 
 ``--file LABEL=PATH`` adds a file that another program has made of the same capture. A run that is cut off goes on when
 the same command is given again. Times to draw are measured at the end, all files in turn. Writes
@@ -16,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import itertools
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -102,10 +104,12 @@ def _files(base: TrainConfig, args: argparse.Namespace) -> Iterator[File]:
     for share in args.counts:
         config = replace(base, preset="ours", target=target_count(share, n))
         yield from _exported("count", _trained(config, args.out / f"count_{share:g}", start))
-    for name in args.formats:
-        for size in args.sizes:
-            run = _trained(replace(base, preset="ours", target=size, format=name), args.out / f"{name}_{size}", start)
-            yield File(f"size, {name}", run.name, run / f"point_cloud.{name}", _seconds(run))
+    steps = {"": False} | ({"preconditioned": True} if args.preconditioned else {})
+    for name, size, (words, jointly) in itertools.product(args.formats, args.sizes, steps.items()):
+        config = replace(base, preset="ours", target=size, format=name, preconditioned=jointly)
+        run = _trained(config, args.out / "_".join(filter(None, (name, size, words))), start)
+        curve = ", ".join(filter(None, ("size", name, words)))
+        yield File(curve, run.name, run / f"point_cloud.{name}", _seconds(run))
 
 
 def _trained(config: TrainConfig, out: Path, start: Path) -> Path:
@@ -183,6 +187,7 @@ def _arguments(flags: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--counts", type=float, nargs="*", default=[0.1, 0.2, 0.4])
     parser.add_argument("--sizes", nargs="*", default=["500kB", "1MB", "2MB"])
     parser.add_argument("--formats", nargs="*", default=["spz", "sog"])
+    parser.add_argument("--preconditioned", action="store_true", help="sizes by such steps, beside the usual ones")
     parser.add_argument("--file", action="append", default=[], metavar="LABEL=PATH")
     parser.add_argument("--split", default="test")
     parser.add_argument("--seed", type=int, default=0)

@@ -29,6 +29,7 @@ NEAR_ZONE = "remove primitives nearer than this to a training camera, world unit
 APPEARANCE = "learn exposure and white balance of each training image, and the vignetting of each camera"
 BATCH = "views of a step, which takes the mean of their gradients; step sizes grow with the square root"
 REFINE_POSES = "correct the poses of the training views by the photographs, beside the model"
+PRECONDITIONED = "move the numbers of each primitive jointly once pruning is over; ours_preconditioned does so anyway"
 FORMATS = ("ply", "spz", "sog")
 FORMAT = f"file to train for, of {', '.join(FORMATS)}: the last part of the training sees the model as it will be there"
 TARGET = "what is left after pruning: a ratio (0.1, 10%), a count of primitives (20000), or the size of the file (2MB)"
@@ -64,6 +65,7 @@ class TrainConfig:
     white: Annotated[float | None, Setting(WHITE, "L", least=1e-30, most=1e30)] = None
     appearance: Annotated[bool, Setting(APPEARANCE)] = False
     refine_poses: Annotated[bool, Setting(REFINE_POSES)] = False
+    preconditioned: Annotated[bool, Setting(PRECONDITIONED)] = False
     data_on_disk: Annotated[
         bool, Setting("decode images when they are due, a few ahead, instead of holding all of them")
     ] = False

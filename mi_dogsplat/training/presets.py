@@ -29,6 +29,10 @@ from .strategy.sieve import Sieve
 from .strategy.slope_activation import SlopeActivation, SlopeControl, SlopeRule
 from .strategy.strategy import Strategy
 
+ACTIVATION = 18_000  # step at which primitives of ours become DoG and are given slopes and cuts
+SETTLED = 500  # steps after which Adam knows the size of gradients that are new
+PRECONDITIONING = Preconditioning(start=ACTIVATION + SETTLED)
+
 
 @dataclass(frozen=True)
 class Recipe:
@@ -88,6 +92,17 @@ class Recipe:
             reference_steps=steps,
             **milestones,
         )
+
+    def preconditioned(self) -> Recipe:
+        """The recipe with preconditioned steps once what it gives to primitives has settled, and not while it prunes.
+
+        One that has such steps stays as it is. One that neither prunes nor gives has them from step 18,500 on.
+        """
+        if self.preconditioning:
+            return self
+        begins = [rule.start for rule in (self.dog, self.slopes, self.cuts) if rule]
+        begins += [self.pruning.stop] if self.pruning else []
+        return replace(self, preconditioning=replace(PRECONDITIONING, start=max(ACTIVATION, *begins) + SETTLED))
 
     @property
     def given(self) -> str:
@@ -157,18 +172,16 @@ OURS = Recipe(
     densification=Densification(max_world_scale=math.inf),
     pruning=PruningRule(stop=17_500, max_interval=500, rounds=5),
     score=ScoreRule("leave-one-out", spectral_weight=0.0),
-    dog=DogRule(start=18_000, opacity=0.05, scale=0.6),
+    dog=DogRule(ACTIVATION, opacity=0.05, scale=0.6),
     refinement=Refinement(15_000, gain=4.0, end_gain=0.1, means_gain=16.0, few=10_000, sh_gain=4.0),
 )
-OURS_SLOPES = replace(OURS, slopes=SlopeRule(start=18_000))
-OURS_CUTS = replace(OURS_SLOPES, cuts=CutRule(start=18_000))
-# some steps after DoG and cuts have begun: by then Adam knows the size of their gradients
-PRECONDITIONING = Preconditioning(start=18_500)
+OURS_SLOPES = replace(OURS, slopes=SlopeRule(ACTIVATION))
+OURS_CUTS = replace(OURS_SLOPES, cuts=CutRule(ACTIVATION))
 RECIPES = {
     "ours": OURS,
     "ours_slopes": OURS_SLOPES,
     "ours_cuts": OURS_CUTS,
-    "ours_preconditioned": replace(OURS_CUTS, preconditioning=PRECONDITIONING),
+    "ours_preconditioned": OURS_CUTS.preconditioned(),
     # the text: all factors below 1. Their starts, the weights, gamma and the threshold are ours: docs/training.md
     "paper": Recipe(
         pruning=PruningRule(),

@@ -38,7 +38,7 @@ extra mi_dogsplat[cluster].
 TRAINING_FLAGS = [
     *("steps", "target", "downscale", "max_primitives", "max_world_scale", "split", "sh_degree"),
     *("background", "antialiased", "near_clip", "initial_primitives", "variant", "log_every", "test_every", "memory"),
-    "checkpoint_seconds",
+    *("preconditioned", "checkpoint_seconds"),
 ]
 
 COUNTS = "compare and ablate take a ratio or a number of primitives (0.1, 10%, 20000)"
