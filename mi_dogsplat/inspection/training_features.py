@@ -54,6 +54,8 @@ def _recipe(path: Path, config: dict[str, Any]) -> Recipe:
         problem = f'its preset "{config["preset"]}" is unknown'
         raise DataError(path / CONFIG, problem, "use the version of dogsplat that made it")
     recipe = RECIPES[config["preset"]]
+    recipe = recipe.preconditioned() if config["preconditioned"] else recipe
+    recipe = recipe if recipe.given else recipe.for_format(config["format"])
     return recipe if config["model"] is None else recipe.from_pruning()
 
 
@@ -75,6 +77,8 @@ def _recipe_features(recipe: dict[str, Any], config: dict[str, Any]) -> list[Fea
     for name, rule in rules.items():
         start = f"from {part(rule['start'])} on, left out before" if rule else ""
         features.append(feature(name, bool(rule), start, "not in the recipe"))
+    if config["preconditioned"] and not jointly:  # a method of a comparison, whose recipe is as it is without
+        features[-1] = Feature("preconditioned steps", NEEDED, "once pruning is over, left out before")
     in_turn = f"one more every {part(every)}; those still to come are stored and updated all the same"
     raised = bool(config["sh_degree"] and every)
     return [*features, feature("SH degree in turn", raised, in_turn, "one degree all along")]

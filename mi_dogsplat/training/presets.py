@@ -102,7 +102,7 @@ class Recipe:
             return self
         begins = [rule.start for rule in (self.dog, self.slopes, self.cuts) if rule]
         begins += [self.pruning.stop] if self.pruning else []
-        return replace(self, preconditioning=replace(PRECONDITIONING, start=max(ACTIVATION, *begins) + SETTLED))
+        return replace(self, preconditioning=replace(PRECONDITIONING, start=max([ACTIVATION, *begins]) + SETTLED))
 
     @property
     def given(self) -> str:

@@ -262,6 +262,19 @@ def test_preconditioned_steps_come_after_training_dog_in_a_run_from_a_model_too(
     assert read(describe_features(tmp_path))["preconditioned steps"][1] == f"from {part} of the run on, left out before"
 
 
+def test_a_file_that_holds_no_dog_needs_no_training_of_them(tmp_path):
+    write_run(tmp_path, False, background="black", format="sog")
+    assert read(describe_features(tmp_path))["training DoG"] == ("left out", "not in the recipe")
+
+
+def test_preconditioned_steps_of_a_setting_are_told_of_methods_of_a_comparison_too(tmp_path):
+    write_run(tmp_path, False, preset="paper", background="black", preconditioned=True)
+    assert read(describe_features(tmp_path))["preconditioned steps"][1] == "from 85% of the run on, left out before"
+    recipe = dataclasses.asdict(METHODS["v3"].recipe)
+    (tmp_path / "recipe.json").write_text(json.dumps({"label": "V3", "recipe": recipe}))
+    assert read(describe_features(tmp_path))["preconditioned steps"][0] == "needed"
+
+
 def test_a_run_of_a_comparison_needs_what_the_recipe_of_its_method_asks_for(tmp_path):
     write_run(tmp_path, False, preset="paper", background="black", sh_degree=1)
     recipe = dataclasses.asdict(METHODS["v3"].recipe)
@@ -278,6 +291,7 @@ def test_a_run_of_a_comparison_needs_what_the_recipe_of_its_method_asks_for(tmp_
         ({"preset": "ours_slopes"}, "training slopes", "needed"),
         ({"preset": "ours_cuts"}, "training cuts", "needed"),
         ({"preset": "ours_preconditioned"}, "preconditioned steps", "needed"),
+        ({"preconditioned": True}, "preconditioned steps", "needed"),
         ({"model": "m.ply"}, "densification", "left out"),
         ({"sh_degree": 0}, "SH degree in turn", "left out"),
         ({"background": "white"}, "background", "needed"),

@@ -53,6 +53,15 @@ def test_preconditioned_steps_come_after_the_activation_of_dog_and_are_all_that_
         assert 0 < after <= recipe.reference_steps / 30
 
 
+@pytest.mark.parametrize("name", RECIPES)
+def test_any_recipe_can_have_preconditioned_steps_once_it_has_pruned_and_given_rows(name):
+    recipe = RECIPES[name].preconditioned()
+    rule, begins = recipe.preconditioning, [r.start for r in (recipe.dog, recipe.slopes, recipe.cuts) if r]
+    assert rule and rule.start >= 500 + max([18_000, *begins, recipe.pruning.stop if recipe.pruning else 0])
+    assert recipe.preconditioned() == recipe
+    assert dataclasses.replace(recipe, preconditioning=RECIPES[name].preconditioning) == RECIPES[name]
+
+
 def test_what_ply_alone_holds_is_named():
     given = {name: recipe.given for name, recipe in RECIPES.items() if recipe.given}
     both = "slopes and cuts"
