@@ -91,6 +91,7 @@ def camera_of(
 
 
 def unknown_model(path: Path, camera_id: int, model: str) -> DataError:
+    """The error for a camera whose lens is not known here; ``model`` is its name or number, in words."""
     known = ", ".join(name for name, _, _ in MODELS.values() if name != "FULL_OPENCV")
     return DataError(path, f"camera {camera_id} has the model {model}, which is none of {known}", UNDISTORT)
 
