@@ -102,7 +102,8 @@ def shortened(argv: list[str]) -> list[str]:
     if "--target" in argv:
         at = argv.index("--target") + 1
         target = checked_target(argv[at])
-        size = "700B" if "spz" in argv else "3kB"  # the whole model has 1 kB there
+        sizes = {"spz": "700B", "sog": "6kB"}  # the model has 1 kB as SPZ; 3 kB of SOG hold none
+        size = next((sizes[word] for word in argv if word in sizes), "3kB")
         argv[at] = size if target_bytes(target) else "20" if float(target) > 1 else argv[at]
     return argv
 
