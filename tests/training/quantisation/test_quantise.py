@@ -28,7 +28,7 @@ from splat_scenes import random_splats, rounded
 
 ULP = 2.0**-24  # of a number from 0.5 to 1, as the largest component of a quaternion is
 STEPS = 60
-LONG = 200
+LONG = 400
 
 
 def tables(name: str, model: Splats) -> tuple[FileGrids, Palette]:

@@ -67,7 +67,7 @@ def room() -> tuple[Splats, Dataset]:
     return model, Dataset(Path("room"), views, [], model.means, colors.astype(np.float32), False)
 
 
-def found(room: tuple[Splats, Dataset], wrong: Dataset, *strategies: Strategy, steps: int = 150) -> Trainer:
+def found(room: tuple[Splats, Dataset], wrong: Dataset, *strategies: Strategy, steps: int = 250) -> Trainer:
     """Trained from the model that the photographs were made of, without densification."""
     recipe = replace(RECIPES["3dgs"], densification=Densification(start=0, stop=0), also=strategies)
     config = config_of(Path("room"), steps=steps, sh_degree=0, max_primitives=None)
