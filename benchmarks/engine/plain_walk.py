@@ -13,7 +13,7 @@ from mi_dogsplat.engine.arrays import array_types, while_loop
 from mi_dogsplat.engine.frozen import frozen
 from mi_dogsplat.engine.geometry import Grid, Lanes
 from mi_dogsplat.engine.tiles import WORD, TileLists
-from mi_dogsplat.engine.walks.derivatives import LN2
+from mi_dogsplat.engine.walks.derivatives import LN2, moments
 from mi_dogsplat.engine.walks.exp2 import exp2
 from mi_dogsplat.engine.walks.kernel_values import DEAD_PATCH
 from mi_dogsplat.engine.walks.slot_rows import SlotRows
@@ -173,23 +173,6 @@ def composite_backward(
     for plane, δ in zip(colors, δC, strict=True):
         rest = [dr.fma(c, d, r) for c, d, r in zip(lane.read(plane), δ, rest, strict=True)]
 
-    def moments(δp: list, ux, uy, vy, dx, dy) -> list:
-        m0 = mk = mr = mkk = mkr = mrr = lane.Float(0)
-        for r in range(lane.height):
-            row = δp[r * lane.width : (r + 1) * lane.width]
-            s0, sk, skk = row[0], lane.Float(0), lane.Float(0)
-            for k, δ in enumerate(row[1:], 1):
-                s0, sk, skk = s0 + δ, dr.fma(k, δ, sk), dr.fma(k * k, δ, skk)
-            m0, mk, mkk = m0 + s0, mk + sk, mkk + skk
-            if r:
-                mr, mkr, mrr = dr.fma(r, s0, mr), dr.fma(r, sk, mkr), dr.fma(r * r, s0, mrr)
-        u, v = dr.fma(ux, dx, uy * dy), vy * dy
-        mu, mv = dr.fma(u, m0, dr.fma(ux, mk, uy * mr)), dr.fma(v, m0, vy * mr)
-        mux = dr.fma(dx, mu, dr.fma(u, mk, dr.fma(ux, mkk, uy * mkr)))
-        muy = dr.fma(dy, mu, dr.fma(u, mr, dr.fma(ux, mkr, uy * mrr)))
-        mvy = dr.fma(dy, mv, dr.fma(v, mr, vy * mrr))
-        return [2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0]
-
     def body(at, T, rest):
         T, rest = list(T), list(rest)
         for _ in range(lane.unroll):
@@ -210,7 +193,7 @@ def composite_backward(
                 δα = dr.select(go & (alpha != 0), δα, 0)
                 δp.append(dr.select(value < ALPHA_MAX, δα * value, 0))
                 T[k] = behind
-            rows.add(slot, moments(δp, ux, uy, vy, dx, dy) + δf, active)
+            rows.add(slot, moments(δp, ux, uy, vy, dx, dy, grid.blocks) + δf, active)
         return at, T, rest
 
     start = lane.start(), lane.start_T, rest

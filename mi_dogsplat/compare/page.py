@@ -51,6 +51,7 @@ def _section(folder: Path, table: dict[str, Any], data: str) -> dict[str, Any]:
         "groups": [(group, COLORS[group]) for group, members in GROUPS.items() if set(members) & set(rows)],
         "points": _points(rows, measured),
         "measured": measured,
+        "preconditioned": trained and table["config"][data].get("preconditioned", False),
         "crops": crops(folder, rows) if trained else None,
         "ways": ways(folder, rows) if trained else None,
         "overview": overview(folder, rows, COLOR_OF, measured) if trained else None,

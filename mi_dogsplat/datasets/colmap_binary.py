@@ -34,9 +34,7 @@ class Bytes:
         """Step over ``size`` bytes and return where they began."""
         start, self.at = self.at, self.at + size
         if self.at > len(self.data):
-            raise DataError(
-                self.path, f"ends early: {len(self.data)} bytes, at least {self.at} expected", REMEDY
-            )
+            raise DataError(self.path, f"ends early: {len(self.data)} bytes, at least {self.at} expected", REMEDY)
         return start
 
     def take(self, layout: str) -> tuple[Any, ...]:
@@ -53,9 +51,7 @@ class Bytes:
 
     def finish(self) -> None:
         if self.at != len(self.data):
-            raise DataError(
-                self.path, f"{len(self.data) - self.at} bytes too many after the last entry", REMEDY
-            )
+            raise DataError(self.path, f"{len(self.data) - self.at} bytes too many after the last entry", REMEDY)
 
 
 def cameras(path: Path) -> dict[int, ColmapCamera]:

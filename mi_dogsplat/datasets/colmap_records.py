@@ -70,9 +70,7 @@ def camera_of(
     """``model`` is a number in ``MODELS``, ``values`` its parameters. Raises ``DataError``."""
     name, n_values, separate = MODELS[model]
     if len(values) != n_values:
-        raise DataError(
-            path, f"camera {camera_id} has {len(values)} parameters, {name} has {n_values}", REMEDY
-        )
+        raise DataError(path, f"camera {camera_id} has {len(values)} parameters, {name} has {n_values}", REMEDY)
     if (
         not np.isfinite(values).all()
         or min(values[: 1 + separate]) <= 0

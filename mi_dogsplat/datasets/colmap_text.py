@@ -79,9 +79,7 @@ def points(path: Path) -> ColmapPoints:
 def _lines(path: Path, keep_empty: bool = False) -> list[tuple[int, str]]:
     """(line number from 1, text) of all lines that are no comment."""
     lines = enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), 1)
-    return [
-        (n, line.strip()) for n, line in lines if (line.strip() or keep_empty) and not line.startswith("#")
-    ]
+    return [(n, line.strip()) for n, line in lines if (line.strip() or keep_empty) and not line.startswith("#")]
 
 
 def _bad_line(path: Path, number: int, error: Exception) -> DataError:

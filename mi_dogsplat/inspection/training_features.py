@@ -55,7 +55,10 @@ def _recipe(path: Path, config: dict[str, Any]) -> Recipe:
         raise DataError(path / CONFIG, problem, "use the version of dogsplat that made it")
     recipe = RECIPES[config["preset"]]
     recipe = recipe.preconditioned() if config["preconditioned"] else recipe
-    recipe = recipe if recipe.given else recipe.for_format(config["format"])
+    try:
+        recipe = recipe.for_format(config["format"])
+    except ValueError as error:
+        raise DataError(path / CONFIG, f"does not fit together ({error})", "restore or delete it") from None
     return recipe if config["model"] is None else recipe.from_pruning()
 
 
@@ -71,14 +74,14 @@ def _recipe_features(recipe: dict[str, Any], config: dict[str, Any]) -> list[Fea
     features.append(feature("densification", dense, centres, "training started from a model"))
     rules = {"pruning": recipe["pruning"], "training DoG": recipe["dog"]}
     rules |= {f"training {rows}": recipe.get(rows) for rows in ("slopes", "cuts")}  # which earlier versions lack
+    begins = {name: f"from {part(rule['start'])}" for name, rule in rules.items() if rule}
     if jointly := recipe.get("preconditioning"):  # by the steps of the whole schedule
-        jointly = {"start": jointly["start"] - recipe["first_step"]}
-    rules["preconditioned steps"] = jointly
-    for name, rule in rules.items():
-        start = f"from {part(rule['start'])} on, left out before" if rule else ""
-        features.append(feature(name, bool(rule), start, "not in the recipe"))
-    if config["preconditioned"] and not jointly:  # a method of a comparison, whose recipe is as it is without
-        features[-1] = Feature("preconditioned steps", NEEDED, "once pruning is over, left out before")
+        begins["preconditioned steps"] = f"from {part(jointly['start'] - recipe['first_step'])}"
+    elif config["preconditioned"]:  # of a method in a comparison, whose recipe is stored without the setting
+        begins["preconditioned steps"] = "from the end of pruning"
+    for name in (*rules, "preconditioned steps"):
+        start = f"{begins.get(name)} on, left out before"
+        features.append(feature(name, name in begins, start, "not in the recipe"))
     in_turn = f"one more every {part(every)}; those still to come are stored and updated all the same"
     raised = bool(config["sh_degree"] and every)
     return [*features, feature("SH degree in turn", raised, in_turn, "one degree all along")]

@@ -27,7 +27,7 @@ def exposed(config: TrainConfig, dataset: Dataset) -> Dataset:
     return dataset if config.white is None else dataset.exposed(config.white)
 
 
-def recipe_of(config: TrainConfig, recipe: Recipe | None) -> Recipe:
+def recipe_of_run(config: TrainConfig, recipe: Recipe | None) -> Recipe:
     """The recipe of a run, that of the preset if None is given, with the bounds of the settings, scaled to its steps.
 
     Raises ``ValueError`` for one that does not go with the format of the file, or with a model to prune.

@@ -40,7 +40,7 @@ from .losses import LossMeans
 from .optimizer.learning_rates import LearningRates
 from .optimizer.splat_optimizer import SplatOptimizer
 from .presets import Recipe
-from .resolve import exposed, memory_of, near_clip_of, recipe_of
+from .resolve import exposed, memory_of, near_clip_of, recipe_of_run
 from .strategy.sh_ramp import ShRamp
 from .strategy.sieve import Sieve
 from .strategy.strategy import Seen, Strategy
@@ -59,7 +59,7 @@ class Trainer:
         self, config: TrainConfig, dataset: Dataset, recipe: Recipe | None = None, model: Model | None = None
     ):
         self.dataset = dataset = exposed(config, dataset)
-        self.recipe = recipe = recipe_of(config, recipe)
+        self.recipe = recipe = recipe_of_run(config, recipe)
         self.background = background_color(config.background, dataset.has_alpha)
         self.extent = camera_extent(dataset.train)
         self.near_clip = near_clip_of(config, self.extent)
@@ -222,7 +222,8 @@ class Trainer:
 
     def picture(self, view: View, depth: bool = False) -> Picture:
         """The current model seen from a view."""
-        how, white = (replace(self.options, depth=depth), self.background, self.near_clip), self.dataset.white
+        how = replace(self.options, depth=depth), self.background, self.near_clip
+        white = self.dataset.white
         found = render_picture(self.optimizer.params, view.camera, *how, linear=white is not None)
         return found if white is None or found.radiance is None else found.in_units_of(white)
 

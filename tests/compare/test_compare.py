@@ -109,6 +109,14 @@ def test_the_first_picture_is_error_against_run_time_of_all_methods_and_of_the_s
         assert all(any(title.startswith(f"{label}: {words_of}") for title in titles) for label in labels)
 
 
+def test_the_page_says_that_all_methods_took_preconditioned_steps(comparison):
+    out, table, _ = comparison
+    config = {"tiny": table["config"]["tiny"] | {"preconditioned": True}}
+    said = "All methods take preconditioned steps"
+    assert said in words(parsed(comparison_page(out, table | {"config": config})))
+    assert said not in words(parsed(comparison_page(out, table)))
+
+
 def test_the_best_compact_method_is_bold(comparison):
     out, table, _ = comparison
     numbers = next(parsed((out / "comparison.html").read_text(encoding="utf-8")).iter("table"))

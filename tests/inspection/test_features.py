@@ -283,6 +283,12 @@ def test_a_run_of_a_comparison_needs_what_the_recipe_of_its_method_asks_for(tmp_
     assert (found["pruning"][0], found["training DoG"][0]) == ("needed", "left out")
 
 
+def test_a_format_that_the_preset_of_a_run_cannot_have_is_one_line(tmp_path):
+    write_run(tmp_path, False, background="black", preset="ours_cuts", format="sog")
+    with pytest.raises(DataError, match=r"config\.json.*restore or delete it"):
+        describe_features(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("config", "feature", "state"),
     [

@@ -21,7 +21,6 @@ from ..frozen import frozen
 from ..geometry import Blocks
 from ..slopes import CHANNELS
 from ..slopes import COLUMNS as SLOPE_COLUMNS
-from ..tables import KernelRow
 from .kept import Kept
 from .pixels import Planes, planes_of
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
@@ -83,7 +82,8 @@ def _composite_backward(
         """Add what is the pseudo-Gaussian's own to its row, in a branch as its kernel; returns δ of x, y."""
 
         def add(slot, dog_row, dx, dy, δp):
-            δ = _moments(δp, walk.pseudo_row(dog_row), dx, dy, blocks)
+            kernel = walk.pseudo_row(dog_row)
+            δ = Projected(*moments(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy, blocks))
             rows.add(slot, [*δ[-N_PSEUDO:]], True)
             return δ.x, δ.y
 
@@ -126,7 +126,8 @@ def _composite_backward(
             if alphas.pseudo is not None:
                 δp_pseudo.append(dr.select(alphas.pseudo[k] < ALPHA_MAX, -δα * alphas.pseudo[k], 0))
             T[k] = behind
-        δrow = _moments(δp, meeting.row.kernel, dx, dy, blocks)
+        kernel = meeting.row.kernel
+        δrow = Projected(*moments(δp, kernel.ux, kernel.uy, kernel.vy, dx, dy, blocks))
         if pseudo_rows is not None:
             δx, δy = pseudo_part(pseudo_rows, alphas, slot, dx, dy, δp_pseudo)
             δrow = δrow._replace(x=δrow.x + δx, y=δrow.y + δy)
@@ -143,10 +144,12 @@ def _composite_backward(
     return rows.sums(above=above), pseudo_rows.sums(view.tables.dog_index, pseudo_above) if pseudo_rows else []
 
 
-def _moments(δp: list, kernel: KernelRow, dx, dy, blocks: Blocks) -> Projected:
-    """δ of a kernel from δp at every pixel of a block, whose first pixel is at (dx, dy) from the centre."""
+def moments(δp: list, ux, uy, vy, dx, dy, blocks: Blocks) -> list:
+    """δ of x, y, ux, uy, vy and lo of a kernel from δp at every pixel of a block.
+
+    (dx, dy) lead from the centre of the kernel to the first pixel.
+    """
     Float = array_types().Float
-    ux, uy, vy = kernel.ux, kernel.uy, kernel.vy
     # sums over the block of δp k^a r^b, with column k and row r counted from its corner
     m0 = mk = mr = mkk = mkr = mrr = Float(0)
     for r in range(blocks.height):
@@ -163,7 +166,7 @@ def _moments(δp: list, kernel: KernelRow, dx, dy, blocks: Blocks) -> Projected:
     mux = dr.fma(dx, mu, dr.fma(u, mk, dr.fma(ux, mkk, uy * mkr)))
     muy = dr.fma(dy, mu, dr.fma(u, mr, dr.fma(ux, mkr, uy * mrr)))
     mvy = dr.fma(dy, mv, dr.fma(v, mr, vy * mrr))
-    return Projected(2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0)
+    return [2 * ux * mu, 2 * dr.fma(uy, mu, vy * mv), -2 * mux, -2 * muy, -2 * mvy, m0]
 
 
 def composite_forward(view: WalkableView, δsplats: list, δpseudo: list) -> Planes:
