@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 from mi_dogsplat.compare.method_runs import densified_start
 from mi_dogsplat.datasets import Dataset, View, load_dataset
-from mi_dogsplat.export.write import plain_gaussians
+from mi_dogsplat.export.bake import baked
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.measure.evaluate import evaluate_views, mean_metrics, render_milliseconds_in_turn
@@ -126,7 +126,7 @@ def _exported(curve: str, run: Path) -> Iterator[File]:
     for name, suffix in EXPORTS.items():
         path = run / f"exported{suffix}"
         if not path.exists():
-            write_model(path, replace(model, splats=plain_gaussians(model.splats, "bake")))
+            write_model(path, replace(model, splats=baked(model.splats)))
         yield File(f"{curve}, {name}", run.name, path)
 
 

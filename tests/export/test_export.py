@@ -9,6 +9,7 @@ import tiny_data
 from command_line import assert_one_line, run
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.export.bake import RATIOS, baked, nearest_gaussians
+from mi_dogsplat.export.export_config import ExportConfig
 from mi_dogsplat.export.losses import Loss, Views, losses, mean_psnr
 from mi_dogsplat.export.write import export_model
 from mi_dogsplat.formats import gltf, spz
@@ -138,11 +139,11 @@ def test_the_table_shows_no_loss_where_there_is_none():
 
 
 def test_an_export_says_what_it_wrote_and_measures_nothing_when_no_view_is_asked_for(model, tmp_path):
-    exported = export_model(model, tmp_path / "out.spz", views=3, refine=0)
+    exported = export_model(model, tmp_path / "out.spz", ExportConfig(views=3, refine=0))
     assert (exported.n_splats, exported.n_views) == (tiny_data.N_TRUTH, 3)
     assert [loss.stage for loss in exported.losses] == ["as it is", "without DoG (bake)", "read from the file"]
     assert exported.losses[0].of_model is None and all(loss.of_photographs is None for loss in exported.losses)
-    assert export_model(str(model), str(tmp_path / "out.ply"), views=0, refine=0).losses == []
+    assert export_model(str(model), str(tmp_path / "out.ply"), ExportConfig(views=0, refine=0)).losses == []
 
 
 def test_cameras_around_a_model_all_see_its_middle():
@@ -168,7 +169,7 @@ def test_bad_input_is_one_line_and_nothing_is_left_behind(capsys, model, tmp_pat
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.obj"), "out.obj", ".spz")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz", "--dog", "keep"), "--dog", "bake")
     assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.spz", "--views", "-1"), "--views")
-    refusals = {("--refine", "-1"): "too small", ("--refine", "9", "--dog", "keep"): "no DoG, slopes or cuts are taken"}
+    refusals = {("--refine", "-1"): "out of range", ("--refine", "9", "--dog", "keep"): "no DoG, slopes or cuts are taken"}
     for flags, problem in refusals.items():
         assert_one_line(run(capsys, "export", model, "-o", tmp_path / "out.ply", *flags), "--refine", problem)
     assert_one_line(run(capsys, "export", tmp_path / "no.ply", "-o", tmp_path / "out.spz"), "no.ply")

@@ -13,6 +13,7 @@ from command_line import run
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.export.bake import baked
+from mi_dogsplat.export.export_config import ExportConfig
 from mi_dogsplat.export.losses import Views, mean_psnr
 from mi_dogsplat.export.refine import BY_DATA, GREY, Goal, Look, by_data, by_renders, refined, steps_for
 from mi_dogsplat.export.write import export_model
@@ -74,7 +75,7 @@ def test_a_model_of_linear_radiance_is_fitted_to_its_own_pictures_in_linear_radi
 
 
 def test_an_export_with_data_comes_nearer_to_its_photographs(model, data, tmp_path):
-    exported = export_model(model, tmp_path / "out.ply", data=data, refine=40)
+    exported = export_model(model, tmp_path / "out.ply", ExportConfig(refine=40), data=data)
     stages = {loss.stage: loss.of_photographs or 0 for loss in exported.losses}
     assert list(stages) == ["as it is", "without DoG (bake)", "refined, 40 steps", "read from the file"]
     assert stages["refined, 40 steps"] > stages["without DoG (bake)"] + 1
@@ -83,21 +84,22 @@ def test_an_export_with_data_comes_nearer_to_its_photographs(model, data, tmp_pa
 
 
 def test_dropped_dog_are_refined_on_demand_only_and_kept_ones_stay(model, tmp_path):
-    stages = export_model(model, tmp_path / "out.ply", dog="drop", views=1).losses
+    stages = export_model(model, tmp_path / "out.ply", ExportConfig(dog="drop", views=1)).losses
     assert [loss.stage for loss in stages] == ["as it is", "without DoG (drop)", "read from the file"]
-    stages = export_model(model, tmp_path / "out.ply", dog="drop", views=1, refine=2).losses
+    stages = export_model(model, tmp_path / "out.ply", ExportConfig(dog="drop", views=1, refine=2)).losses
     assert stages[2].stage == "refined, 2 steps"
-    export_model(model, tmp_path / "kept.ply", dog="keep", views=0)
+    export_model(model, tmp_path / "kept.ply", ExportConfig(dog="keep", views=0))
     assert np.array_equal(read_ply(tmp_path / "kept.ply").dog_log_scales, MODEL.dog_log_scales)
 
 
 @pytest.mark.parametrize("suffix", [".spz", ".sog"])
 def test_small_files_are_refined_for_their_grids(model, tmp_path, suffix):
-    export_model(model, tmp_path / f"usual{suffix}", views=0, refine=0)
+    export_model(model, tmp_path / f"usual{suffix}", ExportConfig(views=0, refine=0))
     steps = []
-    stages = export_model(model, tmp_path / f"small{suffix}", views=2, small=True, refine=20,
-                          show=lambda done, of: steps.append(done)).losses  # fmt: skip
-    rounded = export_model(model, tmp_path / f"rounded{suffix}", views=2, small=True, refine=0).losses
+    config = ExportConfig(views=2, small=True, refine=20)
+    refined = export_model(model, tmp_path / f"small{suffix}", config, show=lambda done, of: steps.append(done))
+    stages = refined.losses
+    rounded = export_model(model, tmp_path / f"rounded{suffix}", ExportConfig(views=2, small=True, refine=0)).losses
     assert [stages[2].stage, rounded[2].stage] == ["refined, 20 steps", "on the grids of a small file"]
     assert steps == list(range(1, 21))
     for losses in (stages, rounded):  # the file says what was refined
@@ -112,7 +114,7 @@ def test_baked_ones_are_refined_by_default_where_that_can_be_computed(capsys, mo
     assert status == 0 and "refined, 3 steps" in printed and "refining took" in printed
     without_variant = type("mi", (), {"variant": staticmethod(lambda: None)})
     monkeypatch.setattr(write, "mi", without_variant)
-    assert export_model(model, tmp_path / "out.ply", views=0).refine_seconds is None
+    assert export_model(model, tmp_path / "out.ply", ExportConfig(views=0)).refine_seconds is None
     assert np.array_equal(read_ply(tmp_path / "out.ply").log_scales, baked(MODEL).log_scales)
 
 

@@ -17,6 +17,7 @@ from command_line import assert_one_line, run
 from cut_models import kept_shares, with_cuts
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.export.bake import baked
+from mi_dogsplat.export.export_config import ExportConfig
 from mi_dogsplat.export.write import export_model
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.formats.table import FORMATS
@@ -90,12 +91,12 @@ def test_every_format_is_without_them_unless_told_and_a_line_says_so(kind, suffi
 @of_both
 def test_each_thing_that_is_left_out_is_a_stage_of_its_own_and_cuts_come_first(kind, tmp_path):
     model = written(kind.mixed, tmp_path, "mixed.ply")
-    exported = export_model(model, tmp_path / "out.spz", views=3, refine=0)
+    exported = export_model(model, tmp_path / "out.spz", ExportConfig(views=3, refine=0))
     dropped = [f"without {word}" for word in reversed(kind.given)]
     assert stages(exported) == ["as it is", *dropped, "without DoG (bake)", "read from the file"]
     losses = [loss.of_model or 0 for loss in exported.losses[1:-1]]
     assert all(15 < worse < better < 60 for better, worse in pairwise(losses))
-    export_model(model, tmp_path / "out.ply", views=3, refine=0)
+    export_model(model, tmp_path / "out.ply", ExportConfig(views=3, refine=0))
     found, expected = read_ply(tmp_path / "out.ply"), baked(kind.left_out(kind.mixed).without_slopes())
     for name in ("logit_opacities", "sh_coeffs"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
@@ -104,7 +105,7 @@ def test_each_thing_that_is_left_out_is_a_stage_of_its_own_and_cuts_come_first(k
 @of_both
 def test_refining_makes_up_for_them(kind, tmp_path):
     data = tiny_data.write_tiny_data(tmp_path / "data", splats=kind.model)
-    exported = export_model(written(kind.model, tmp_path), tmp_path / "out.ply", data=data, refine=60)
+    exported = export_model(written(kind.model, tmp_path), tmp_path / "out.ply", ExportConfig(refine=60), data=data)
     found = {loss.stage: loss.of_photographs or 0 for loss in exported.losses}
     assert list(found) == ["as it is", f"without {kind.word}", "refined, 60 steps", "read from the file"]
     assert found["refined, 60 steps"] > found[f"without {kind.word}"] + kind.regained
@@ -112,7 +113,7 @@ def test_refining_makes_up_for_them(kind, tmp_path):
 
 
 def test_without_data_they_are_made_up_for_by_renders_of_the_model(tmp_path):
-    exported = export_model(written(SLOPED.model, tmp_path), tmp_path / "out.ply", views=4, refine=60)
+    exported = export_model(written(SLOPED.model, tmp_path), tmp_path / "out.ply", ExportConfig(views=4, refine=60))
     found = {loss.stage: loss.of_model or 0 for loss in exported.losses}
     assert found["refined, 60 steps"] > found["without slopes"]
 
@@ -120,7 +121,7 @@ def test_without_data_they_are_made_up_for_by_renders_of_the_model(tmp_path):
 @of_both
 def test_by_default_they_are_made_up_for(kind, tmp_path, monkeypatch):
     monkeypatch.setattr(refine, "STEPS", 2)
-    exported = export_model(written(kind.model, tmp_path), tmp_path / "out.ply", views=1)
+    exported = export_model(written(kind.model, tmp_path), tmp_path / "out.ply", ExportConfig(views=1))
     assert stages(exported) == ["as it is", f"without {kind.word}", "refined, 2 steps", "read from the file"]
 
 
@@ -129,17 +130,18 @@ def test_by_default_nothing_is_made_up_for_where_dog_are_just_dropped(tmp_path, 
     monkeypatch.setattr(refine, "STEPS", 2)
     for path, dog, steps in ((model, "bake", True), (mixed, "bake", True), (mixed, "keep", True),
                              (model, "drop", False), (mixed, "drop", False)):  # fmt: skip
-        exported = export_model(path, tmp_path / "out.ply", dog=dog, views=1)
+        exported = export_model(path, tmp_path / "out.ply", ExportConfig(dog=dog, views=1))
         assert ("refined, 2 steps" in stages(exported)) == steps, (path, dog)
         assert read_ply(tmp_path / "out.ply").n_dog == (30 if dog == "keep" else 0)
     monkeypatch.setattr(write, "mi", type("mi", (), {"variant": staticmethod(lambda: None)}))
-    assert export_model(model, tmp_path / "out.ply", views=0).refine_seconds is None
+    assert export_model(model, tmp_path / "out.ply", ExportConfig(views=0)).refine_seconds is None
 
 
 @of_both
 def test_kept_ones_are_refined_along_where_dog_are_baked(kind, tmp_path):
     keep: dict[str, Any] = dict.fromkeys(kind.given, "keep")
-    exported = export_model(written(kind.mixed, tmp_path), tmp_path / "out.ply", views=3, refine=40, **keep)
+    config = ExportConfig(views=3, refine=40, **keep)
+    exported = export_model(written(kind.mixed, tmp_path), tmp_path / "out.ply", config)
     assert stages(exported) == ["as it is", "without DoG (bake)", "refined, 40 steps", "read from the file"]
     assert (exported.losses[2].of_model or 0) > (exported.losses[1].of_model or 0) and not exported.left_out
     found, start = read_ply(tmp_path / "out.ply"), baked(kind.mixed)

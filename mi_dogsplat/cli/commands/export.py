@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from ...datasets.world_config import WorldConfig
+from ...export.export_config import ExportConfig
 from ...formats.table import FORMATS
 from ...render.picture_options import PictureOptions
 from ...support.variants import set_variant
@@ -40,42 +41,28 @@ The others have the axes of the model; --upright turns and scales the model itse
 the model) needs a browser and no network, and opens with the first photograph of the data.
 """
 
-REFINE_HELP = "steps that make up for what is left out, on a CPU 10 to 100 ms each; 0: none (default: 300 to 1000)"
-SMALL_HELP = "SPZ, SOG: coarse grids and a palette, half the bytes; refined to lose little"
-DOG_HELP = "DoG: bake (nearest Gaussians), drop, or keep where the format knows them (default: bake)"
-SLOPES_HELP = "colours that vary over their primitive: drop (mean colours), or keep (default: drop)"
-CUTS_HELP = "primitives that a plane cuts off: drop (nearest whole ones), or keep (default: drop)"
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Give its parser what it is called with."""
     parser.add_argument("model", type=Path, metavar="MODEL", help=MODEL_HELP)
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="OUT", help=" ".join((*FORMATS, ".html")))
-    parser.add_argument("--dog", default="bake", metavar="HOW", help=DOG_HELP)
-    parser.add_argument("--slopes", default="drop", metavar="HOW", help=SLOPES_HELP)
-    parser.add_argument("--cuts", default="drop", metavar="HOW", help=CUTS_HELP)
-    parser.add_argument("--spz-version", type=int, default=3, metavar="N", help="of an .spz: 3 or 4 (default: 3)")
-    parser.add_argument("--small", action="store_true", help=SMALL_HELP)
-    parser.add_argument("--refine", type=int, metavar="STEPS", help=REFINE_HELP)
+    add_settings(parser, ExportConfig)
     parser.add_argument(
         "--data", metavar="DATA", help="refine on its photographs, and measure the loss on its test views"
     )
     add_settings(parser, WorldConfig)
-    parser.add_argument("--views", type=int, default=8, metavar="N", help="views to measure on; 0: none (default: 8)")
     add_picture_flags(parser)
 
 
 def run(args: argparse.Namespace) -> None:
     """Write a model in the format of another program, without DoG, slopes and cuts, and measure what that loses."""
-    options, world = given_settings(PictureOptions, args), given_settings(WorldConfig, args)
+    config, world = given_settings(ExportConfig, args), given_settings(WorldConfig, args)
+    options = given_settings(PictureOptions, args)
     set_variant(args.variant)
     from ...export.write import export_model
     from ..progress import Bar
 
     with Bar("step", "refining") as bar:
-        which = args.dog, args.data, args.views, options, args.spz_version, args.refine
-        how = {"small": args.small, "world": world, "slopes": args.slopes, "cuts": args.cuts}
-        exported = export_model(args.model, args.out, *which, bar.show, **how)
+        exported = export_model(args.model, args.out, config, args.data, options, world, bar.show)
     for line in (*exported.left_out, *loss_table(exported)):
         print(line)
     print(size_line(args.out, exported.n_splats, args.model))

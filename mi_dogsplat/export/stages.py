@@ -1,0 +1,49 @@
+"""What is taken out of a model on its way into another format, stage by stage."""
+
+from __future__ import annotations
+
+from ..formats.coded import snapped
+from ..formats.table import Format
+from ..scene.drawing import DrawnAs
+from ..scene.radiance import brightened
+from ..scene.splats import Splats
+from ..scene.whole import whole
+from ..support.wording import count
+from .bake import baked
+from .export_config import ExportConfig
+
+AS_IT_IS, WITHOUT_CUTS, WITHOUT_SLOPES = "as it is", "without cuts", "without slopes"
+
+
+def stages_of(splats: Splats, config: ExportConfig) -> dict[str, Splats]:
+    """The model as it is, and after each thing that is taken out of it; the last one is what the format gets.
+
+    Cuts come first: what is left of a primitive has another mean colour than the whole of it.
+    """
+    stages, plain = {AS_IT_IS: splats}, splats
+    if config.cuts == "drop" and splats.n_cuts:
+        plain = stages[WITHOUT_CUTS] = whole(plain)
+    if config.slopes == "drop" and splats.n_slopes:
+        plain = stages[WITHOUT_SLOPES] = plain.without_slopes()
+    if config.dog != "keep" and splats.n_dog:
+        stages[f"without DoG ({config.dog})"] = baked(plain) if config.dog == "bake" else plain.plain()
+    return stages
+
+
+def taken_out(stages: dict[str, Splats], chosen: Format) -> list[str]:
+    """A line for the cuts and one for the slopes that the stages have taken out, with how a format can keep them."""
+    splats, lines = stages[AS_IT_IS], []
+    if WITHOUT_CUTS in stages:
+        left = f"the cuts of {count(splats.n_cuts)} primitives are left out, for the whole ones nearest to them"
+        lines.append(left + ("; --cuts keep keeps them" if chosen.cuts else ""))
+    if WITHOUT_SLOPES in stages:
+        left = f"the slopes of {count(splats.n_slopes)} primitives are left out, which have their mean colours"
+        lines.append(left + ("; --slopes keep keeps them" if chosen.slopes else ""))
+    return lines
+
+
+def on_grids(splats: Splats, grids: str, drawn: DrawnAs) -> Splats:
+    """The model as a small file has it, ``grids`` by their name in ``SMALL_GRIDS``."""
+    if not drawn.linear:
+        return snapped(grids, splats, linear=False)
+    return brightened(snapped(grids, brightened(splats, 1 / drawn.white), linear=True), drawn.white)
