@@ -18,7 +18,7 @@ from .names import SUFFIX, seed_order
 ERRORS = {"test_psnr": "PSNR, dB", "test_flip": "FLIP"}
 START = "start"  # the run folder of the densified start
 DECIBELS, TIMES = 8.0, 3.0  # below the best PSNR, of the best FLIP: what is worse is not drawn
-NAMED = ("3dgs", "paper", "ours")  # beside their ends; the others have a name to point at
+NAMED = ("3dgs", "paper", "ours", "ours_preconditioned")  # beside their ends; the others have a name to point at
 
 
 def overview(
