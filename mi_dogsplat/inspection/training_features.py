@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from ..formats.read import read_model
-from ..report.run_folder import CONFIG, MODEL, read_run
-from ..support.errors import DataError
+from ..report.run_folder import MODEL, read_run
 from ..support.wording import count
 from ..training.config import TrainConfig
-from ..training.presets import RECIPES, Recipe
 from .features import FLOAT, LEFT_OUT, NEEDED, Feature, feature, model_features
 from .info import SCENE_SPP
+from .stored_recipe import recipe_of
 
 BEHIND = "per pixel of the image 3 operations, and the adjoint of T"
 STATE = 3 * FLOAT  # bytes beside a parameter in training: its gradient and two moments
@@ -43,23 +42,9 @@ def run_features(path: Path) -> list[Feature]:
     run = read_run(path)
     defaults = {field.name: field.default for field in dataclasses.fields(TrainConfig)}
     config: dict[str, Any] = defaults | run.config
-    recipe = (run.recipe or {}).get("recipe") or dataclasses.asdict(_recipe(path, config))
     model = path / MODEL
     features = model_features([read_model(model).splats]) if model.is_file() else []
-    return features + _recipe_features(recipe, config) + _image_features(config)
-
-
-def _recipe(path: Path, config: dict[str, Any]) -> Recipe:
-    if config["preset"] not in RECIPES:
-        problem = f'its preset "{config["preset"]}" is unknown'
-        raise DataError(path / CONFIG, problem, "use the version of dogsplat that made it")
-    recipe = RECIPES[config["preset"]]
-    recipe = recipe.preconditioned() if config["preconditioned"] else recipe
-    try:
-        recipe = recipe.for_format(config["format"])
-    except ValueError as error:
-        raise DataError(path / CONFIG, f"does not fit together ({error})", "restore or delete it") from None
-    return recipe if config["model"] is None else recipe.from_pruning()
+    return features + _recipe_features(recipe_of(run, config), config) + _image_features(config)
 
 
 def _recipe_features(recipe: dict[str, Any], config: dict[str, Any]) -> list[Feature]:

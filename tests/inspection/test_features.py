@@ -283,6 +283,26 @@ def test_a_run_of_a_comparison_needs_what_the_recipe_of_its_method_asks_for(tmp_
     assert (found["pruning"][0], found["training DoG"][0]) == ("needed", "left out")
 
 
+@pytest.mark.parametrize(
+    ("changed", "wrong"),
+    [
+        ({"reference_steps": 0}, "reference_steps"),
+        ({"sh_every": "often"}, "sh_every"),
+        ({"densification": {"start": 500}}, "densification"),
+        ({"pruning": 3}, "pruning"),
+        ({"dog": {"start": None}}, "dog"),
+        ({"preconditioning": []}, "preconditioning"),
+        (None, "recipe"),
+    ],
+)
+def test_a_damaged_recipe_is_one_line(tmp_path, changed, wrong):
+    write_run(tmp_path, False, preset="paper", background="black")
+    recipe = 5 if changed is None else dataclasses.asdict(METHODS["paper"].recipe) | changed
+    (tmp_path / "recipe.json").write_text(json.dumps({"label": "V3", "recipe": recipe}))
+    with pytest.raises(DataError, match=rf'recipe\.json: "{wrong}" is not what .* writes; restore or delete it'):
+        describe_features(tmp_path)
+
+
 def test_a_format_that_the_preset_of_a_run_cannot_have_is_one_line(tmp_path):
     write_run(tmp_path, False, background="black", preset="ours_cuts", format="sog")
     with pytest.raises(DataError, match=r"config\.json.*restore or delete it"):
