@@ -8,6 +8,7 @@ from ..support.errors import DataError
 from .auto_exposure import auto_exposed
 from .check import CameraCheck, check_cameras
 from .dataset import Dataset, Observations, View, camera_extent
+from .run_folders import refuse_run
 
 __all__ = ["CameraCheck", "Dataset", "Observations", "View", "camera_extent", "check_cameras", "load_dataset"]
 
@@ -41,6 +42,7 @@ def load_dataset(
         return auto_exposed(load_colmap(path, downscale, on_disk, split))
     transforms = find_transforms(path) if path.is_dir() else None
     if transforms is None:
+        refuse_run(path)
         folders = ", ".join(MODEL_FOLDERS)
         raise DataError(
             path,

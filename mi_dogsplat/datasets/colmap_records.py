@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..scene.cameras import RIGID_TOLERANCE
+from ..scene.quaternions import rotation_from_quaternion
 from ..support.errors import DataError
 from .lens import Lens
 
@@ -105,13 +106,9 @@ def pose_of(path: Path, name: str, pose: list[float]) -> np.ndarray:
         norm = float(np.linalg.norm(pose[:4]))
     if not np.isfinite(pose).all() or abs(norm - 1) > RIGID_TOLERANCE:
         raise DataError(path, f'image "{name}" has no valid pose (quaternion {pose[:4]})', REMEDY)
-    w, x, y, z = np.array(pose[:4]) / norm
+    w, *vector = pose[:4]
     w2c = np.eye(4)
-    w2c[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
+    w2c[:3, :3] = rotation_from_quaternion(np.array([[*vector, w]]))[0]
     w2c[:3, 3] = pose[4:]
     return w2c
 

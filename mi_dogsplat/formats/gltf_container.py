@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-import math
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +12,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from ..scene.quaternions import rotation_from_quaternion
 from ..scene.splats import Array
 from ..support.errors import DataError
 from ..support.files import parse_json
@@ -112,14 +112,7 @@ def matrix_of(node: Any) -> Array:
     """[4, 4] of a node, from its matrix or from translation, rotation and scale."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
-    x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), np.float64)
-    norm = math.sqrt(x * x + y * y + z * z + w * w)
-    x, y, z, w = (v / norm for v in (x, y, z, w))
-    turn = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
+    turn = rotation_from_quaternion(np.array(node.get("rotation", (0, 0, 0, 1)), np.float64).reshape(1, 4))[0]
     matrix = np.eye(4)
     matrix[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)), np.float64).reshape(3)
     matrix[:3, 3] = np.array(node.get("translation", (0, 0, 0)), np.float64).reshape(3)

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..scene.quaternions import quaternion_product, rotation_from_quaternion
 from ..scene.splats import Array, Splats
 from .packing import unit_quats
 
@@ -27,11 +28,7 @@ def _cube_rotations() -> tuple[Array, Array]:
             q[j], q[i] = 1, sign
             edges.append(q / np.sqrt(2))
     quats = np.array([*units, *half, *edges])  # [24, 4]
-    x, y, z, w = quats.T
-    first = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)], axis=1)  # where x goes
-    second = np.stack([2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)], axis=1)
-    third = np.stack([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)], axis=1)
-    return quats, np.stack([np.abs(column).argmax(axis=1) for column in (first, second, third)], axis=1)
+    return quats, np.abs(rotation_from_quaternion(quats)).argmax(axis=1)
 
 
 CUBE_QUATS, CUBE_AXES = _cube_rotations()
@@ -40,22 +37,9 @@ CUBE_QUATS, CUBE_AXES = _cube_rotations()
 def nearest_to_identity(splats: Splats) -> Splats:
     """The same ellipsoids, each with the unit quaternion, w positive, that turns least; scales reordered."""
     quats = unit_quats(splats)
-    turned = _product(quats[:, None], CUBE_QUATS[None])  # [N, 24, 4]
+    turned = quaternion_product(quats[:, None], CUBE_QUATS[None])  # [N, 24, 4]
     best = np.abs(turned[..., 3]).argmax(axis=1)  # [N]
     chosen = np.take_along_axis(turned, best[:, None, None], axis=1)[:, 0]
     chosen *= np.where(chosen[:, 3:] < 0, -1, 1)
     scales = np.take_along_axis(splats.log_scales, CUBE_AXES[best], axis=1)
     return replace(splats, log_scales=scales, quats=chosen)
-
-
-def _product(a: Array, b: Array) -> Array:
-    """a b of quaternions [..., 4]: the rotation b, then a."""
-    ax, ay, az, aw = np.moveaxis(a, -1, 0)
-    bx, by, bz, bw = np.moveaxis(b, -1, 0)
-    parts = (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
-    return np.stack(parts, axis=-1)

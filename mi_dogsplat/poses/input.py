@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..datasets.colmap import find_model
 from ..datasets.masks import SUFFIXES
+from ..datasets.run_folders import are_of_run, refuse_run
 from ..datasets.transforms import find_transforms
 from ..support.errors import DataError
 from .config import SETTINGS
@@ -15,7 +16,7 @@ VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3g
 PHONES = (".heic", ".heif", ".avif")  # Pillow reads none of the first two, and of no capture are there the third
 RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".srw", ".pef")
 FEWEST = 2
-OURS = {SETTINGS, "capture.json", "film.json"}  # each in a folder that was made here; a run is told by ``_is_run``
+OURS = {SETTINGS, "capture.json", "film.json"}  # each in a folder that was made here; a run is told by ``are_of_run``
 
 
 def is_video(path: Path) -> bool:
@@ -78,7 +79,7 @@ def require_input(path: Path) -> None:
             if (path / SETTINGS).is_file():
                 problem = "has no poses yet: the search for them was stopped, or found none"
                 raise DataError(path, problem, "give the photographs that it was begun with, or what has poses")
-            raise DataError(path, "is a run, whose pictures are renders", "give its data set; dogsplat info names it")
+            refuse_run(path)
         return
     if not is_video(path):
         one = "a single image" if path.suffix.lower() in SUFFIXES else "neither a folder of images nor a video"
@@ -101,14 +102,9 @@ def _files(top: Path, suffixes: tuple[str, ...], out: Path | None = None) -> lis
 def _is_result(folder: Path) -> bool:
     """Whether a folder is a run, or what a search for poses has left that was stopped."""
     files = os.listdir(folder)
-    return _is_run(files) or (SETTINGS in files and not find_model(folder))
+    return are_of_run(files) or (SETTINGS in files and not find_model(folder))
 
 
 def _made_here(files: list[str]) -> bool:
     """Whether a folder of these files is a result: of poses, a capture, a film, or a run."""
-    return _is_run(files) or not OURS.isdisjoint(files)
-
-
-def _is_run(files: list[str]) -> bool:
-    """Whether these are the files of a run, which has settings and a history."""
-    return "config.json" in files and any(file.endswith(".jsonl") for file in files)
+    return are_of_run(files) or not OURS.isdisjoint(files)

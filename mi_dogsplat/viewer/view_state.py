@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..scene.cameras import Camera, inverse_rigid
+from ..scene.quaternions import rotation_from_quaternion
 
 REST_SECONDS = 0.25  # without movement, until the full picture is due
 MOVING_SHARE = 0.4  # of the height, while the camera moves
@@ -40,13 +41,9 @@ class Pose:
         """
         aspect = self.aspect if math.isfinite(self.aspect) else 1.0
         height = max(SMALLEST, min(height, round(height * WIDEST / aspect))) if aspect > WIDEST else height
-        w, x, y, z = np.array(self.wxyz) / np.linalg.norm(self.wxyz)
+        w, *vector = self.wxyz
         c2w = np.eye(4)
-        c2w[:3, :3] = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
+        c2w[:3, :3] = rotation_from_quaternion(np.array([[*vector, w]]))[0]
         c2w[:3, 3] = self.position
         width = max(SMALLEST, round(height * aspect))
         focal = 0.5 * height / math.tan(self.fov / 2)
