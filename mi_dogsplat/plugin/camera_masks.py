@@ -73,7 +73,7 @@ class CameraMasks:
     def frame(self, drawn: Drawn, seen: Surfaces | None) -> Frame:
         """The splats of a pass in front of its surfaces, as the camera sees them; nothing passes holdouts, whose share
         becomes ``drawn.hole``."""
-        params, camera, stop = drawn.params, drawn.look.camera, seen.depth if seen else None
+        params, camera, stop = drawn.params, drawn.view_pass.camera, seen.depth if seen else None
         hole = mi.Float(0)
         if self.splats:
             params = self.splats.shown(params, drawn.linear)

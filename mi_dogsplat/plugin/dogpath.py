@@ -16,7 +16,7 @@ from .drawn import Drawn, SplattedModel
 from .light_paths import LightPaths, Limits
 from .properties import given
 from .replayed import Replay, radiance
-from .sensor import Look
+from .sensor import ViewPass
 from .shadow_ratios import LatestShadowRatios
 from .splat_integrator import SplatIntegrator, dog_shapes
 from .splat_lamps import SplatLamps, lamps_of
@@ -139,14 +139,14 @@ class DogPathIntegrator(SplatIntegrator):
 
     averages = sees_surfaces
 
-    def shown_params(self, scene: mi.Scene, model: SplattedModel, look: Look) -> dict:
+    def shown_params(self, scene: mi.Scene, model: SplattedModel, view_pass: ViewPass) -> dict:
         if not (self.mesh_shadows and self.sees_surfaces(scene) and dr.width(model.params["logit_opacities"])):
             return model.params
         splats, samples = dog_shapes(scene), self.mesh_shadow_samples
         depth = self.max_depth if self.max_depth < LONGEST else -1  # which Mitsuba's base class holds as 2**32 - 1
         ratios = self._ratios.of(scene, splats, model.params, depth, samples)
         with dr.suspend_grad():
-            seen = ratios.seen_by(look.camera, model.params)
+            seen = ratios.seen_by(view_pass.camera, model.params)
         return dimmed(model.params, seen, model.drawn_as.linear)
 
     def hidden_lights(self) -> bool:

@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from ..engine.options import RasterOptions
 from ..scene.drawing import DrawnAs
-from .sensor import Look
+from .sensor import ViewPass
 from .transfer import linear_to_srgb, srgb_to_linear
 
 
@@ -27,7 +27,7 @@ class Drawn:
     """What a pass draws; ``derivative``: wanted for its graph only."""
 
     scene: Any  # mi.Scene
-    look: Look
+    view_pass: ViewPass
     params: dict
     options: RasterOptions
     linear: bool  # colours of primitives, not sRGB

@@ -36,10 +36,10 @@ class View:
     camera: DeviceCamera
     lens: tuple | None
 
-    def through(self, sample: Sample, border: int = 0) -> Look:
+    def through(self, sample: Sample, border: int = 0) -> ViewPass:
         """The view through the samples of a pass; ``border``: pixels around the crop window, sampled as well."""
         if sample == Sample(seed=sample.seed) and not border:
-            return Look(self.sensor, self.camera, sample)
+            return ViewPass(self.sensor, self.camera, sample)
         camera, W = self.camera, self.camera.rotation
         x, y = dr.opaque(mi.Float, 0.5 - sample.x + border), dr.opaque(mi.Float, 0.5 - sample.y + border)
         cx, cy, rest = camera.cx + x, camera.cy + y, camera.position_rest
@@ -53,11 +53,11 @@ class View:
         size = {"width": camera.width + 2 * border, "height": camera.height + 2 * border}
         numbers = *camera.numbers, sample, border
         moved = replace(camera, cx=cx, cy=cy, position_rest=rest, numbers=numbers, **size)
-        return Look(self.sensor, moved, sample, border)
+        return ViewPass(self.sensor, moved, sample, border)
 
 
 @dataclass
-class Look:
+class ViewPass:
     """A view during one pass: ``camera`` is the pinhole (or of parallel rays) that has the samples at pixel centres."""
 
     sensor: Any  # mi.Sensor

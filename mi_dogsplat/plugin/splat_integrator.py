@@ -22,7 +22,7 @@ from .drawn import Drawn, SplattedModel
 from .film import Filter, develop, has_alpha, normalized, side_by_side
 from .properties import given
 from .samples import Sample, samples
-from .sensor import Look, SensorReader
+from .sensor import SensorReader, ViewPass
 from .surfaces import Surfaces
 
 
@@ -68,7 +68,7 @@ class SplatIntegrator(ADIntegrator):
         """Film radiance, three channels, of splats that end at surfaces, over these and the background."""
         raise NotImplementedError
 
-    def shown_params(self, scene: mi.Scene, model: SplattedModel, look: Look) -> dict:
+    def shown_params(self, scene: mi.Scene, model: SplattedModel, view_pass: ViewPass) -> dict:
         """Parameters of the primitives as a view shows them."""
         return model.params
 
@@ -165,9 +165,9 @@ class SplatIntegrator(ADIntegrator):
     ) -> list[mi.Float]:  # fmt: skip
         """Planes of the film's channels at the samples of one pass; ``derivative`` as in ``developed``."""
         views = self._sensors.views(sensor, model.drawn_as.near_clip)
-        looks = [view.through(sample, border) for view in views]
-        images = [self._planes(scene, model, sensor.film(), look, derivative, len(views) == 1) for look in looks]
-        return side_by_side(images, looks[0].camera.width, looks[0].camera.height)
+        passes, alone = [view.through(sample, border) for view in views], len(views) == 1
+        images = [self._planes(scene, model, sensor.film(), one, derivative, alone) for one in passes]
+        return side_by_side(images, passes[0].camera.width, passes[0].camera.height)
 
     # --- a view of a pass ---
 
@@ -183,26 +183,26 @@ class SplatIntegrator(ADIntegrator):
         return SplattedModel(params, sh_degree_of(sh_size), self.drawn_as(scene))
 
     def _planes(
-        self, scene: mi.Scene, model: SplattedModel, film: mi.Film, look: Look, derivative: bool, alone: bool
+        self, scene: mi.Scene, model: SplattedModel, film: mi.Film, view_pass: ViewPass, derivative: bool, alone: bool
     ) -> list[mi.Float]:
-        params, drawn_as = self.shown_params(scene, model, look), model.drawn_as
+        params, drawn_as = self.shown_params(scene, model, view_pass), model.drawn_as
         options = RasterOptions(
             sh_degree=model.sh_degree,
             antialiased=drawn_as.antialiased,
             negative_transmittance=self.negative_transmittance,
         )
-        drawn = Drawn(scene, look, params, aovs.options_for(self.aovs, options), drawn_as.linear, derivative)
+        drawn = Drawn(scene, view_pass, params, aovs.options_for(self.aovs, options), drawn_as.linear, derivative)
         seen = None
         if self.sees_surfaces(scene):
             passed = surfaces.emits if self.hidden_lights() else None
             passed = self.masks.passed(passed) if self.masks else passed
-            seen = surfaces.meet(scene, look, normal="normal" in self.aovs, passed=passed)
+            seen = surfaces.meet(scene, view_pass, normal="normal" in self.aovs, passed=passed)
         last = None if seen else self._last  # it does not know depths from before
         stop_depth = seen.depth if seen else None
         if self.masks:
             frame = self.masks.frame(drawn, seen)
         else:
-            frame = rasterize(params, look.camera, drawn.options, None, last, derivative and alone, stop_depth)
+            frame = rasterize(params, view_pass.camera, drawn.options, None, last, derivative and alone, stop_depth)
         colors: list
         if seen:
             colors = self.over_surfaces(frame, seen, drawn)
@@ -228,7 +228,7 @@ class SplatIntegrator(ADIntegrator):
         environment = drawn.scene.environment()
         if environment is None or self.hide_emitters:
             return colors
-        behind = drawn.encoded(background.radiance(environment, drawn.look.rays()))
+        behind = drawn.encoded(background.radiance(environment, drawn.view_pass.rays()))
         return [dr.fma(T, b, c) for c, b in zip(colors, behind, strict=True)]
 
     def to_string(self) -> str:

@@ -11,7 +11,7 @@ import mitsuba as mi
 
 from ..engine.arrays import while_loop
 from ..engine.rasterize import Frame
-from .sensor import Look
+from .sensor import ViewPass
 
 
 @dataclass
@@ -45,14 +45,16 @@ def emits(meeting: Any) -> mi.Bool:
     return meeting.shape.emitter() != dr.zeros(mi.EmitterPtr)
 
 
-def meet(scene: Any, look: Look, normal: bool = False, passed: Callable[[Any], mi.Bool] | None = None) -> Surfaces:
+def meet(
+    scene: Any, view_pass: ViewPass, normal: bool = False, passed: Callable[[Any], mi.Bool] | None = None
+) -> Surfaces:
     """Intersect the rays of a pass. ``dog`` shapes have no surface, so that rays do not meet them.
 
     normal: normals are asked for; else they are 0.
     passed: rays start behind what lies in front of everything else and is such a ``mi.PreliminaryIntersection3f``.
     """
     with dr.suspend_grad():
-        ray, camera = look.rays(), look.camera
+        ray, camera = view_pass.rays(), view_pass.camera
         if passed:
             ray.o = _behind(passed, scene, ray)
         meeting = scene.ray_intersect_preliminary(mi.Ray3f(ray), coherent=True)
@@ -66,7 +68,7 @@ def meet(scene: Any, look: Look, normal: bool = False, passed: Callable[[Any], m
             n = meeting.compute_surface_interaction(ray, mi.RayFlags.All, hit).sh_frame.n
             facing = dr.select(hit, dr.select(dr.dot(n, ray.d) > 0, -n, n), 0)
         dr.eval(hit, depth, facing)
-        return Surfaces(ray, look.sample.seed, hit, depth, list(facing), meeting)
+        return Surfaces(ray, view_pass.sample.seed, hit, depth, list(facing), meeting)
 
 
 def radiance(nested: Any, scene: Any, seen: Surfaces) -> list[mi.Float]:

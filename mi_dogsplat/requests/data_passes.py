@@ -15,7 +15,7 @@ from ..engine.parameters import concatenate
 from ..engine.rasterize import Frame, RasterOptions, rasterize
 from ..plugin.camera_masks import CameraMasks
 from ..plugin.samples import Sample, samples
-from ..plugin.sensor import Look, SensorReader
+from ..plugin.sensor import SensorReader, ViewPass
 from ..plugin.surfaces import Surfaces, meet
 from .masks import camera_masks, without_holdouts
 from .mattes import NOTHING, ranked
@@ -60,15 +60,15 @@ class _Seen:
     splats: Any | None
     masks: CameraMasks | None
 
-    def surfaces(self, look: Look, normal: bool = False) -> Surfaces:
+    def surfaces(self, view_pass: ViewPass, normal: bool = False) -> Surfaces:
         """Those of objects; rays pass through lamps, which are none."""
 
         def is_lamp(meeting: Any) -> mi.Bool:
             return self.objects.number(meeting) == NOTHING
 
-        return meet(self.scene, look, normal, self.masks.passed(is_lamp) if self.masks else is_lamp)
+        return meet(self.scene, view_pass, normal, self.masks.passed(is_lamp) if self.masks else is_lamp)
 
-    def in_front(self, look: Look, stop: mi.Float, names: Sequence[str]) -> tuple[Frame, mi.Int32, mi.Float]:
+    def in_front(self, view_pass: ViewPass, stop: mi.Float, names: Sequence[str]) -> tuple[Frame, mi.Int32, mi.Float]:
         """(the splats in front of the surfaces with these AOVs, the number of the object that covers most, the share
         of holdouts)."""
         hole = zero = dr.zeros(mi.Float, dr.width(stop))
@@ -81,15 +81,15 @@ class _Seen:
         options = options_for(names, RasterOptions(sh_degree=0, antialiased=antialiased))  # colours are not asked for
         if self.masks and self.masks.splats:
             params = self.masks.splats.shown(params, True)
-            hole = self.masks.splats.hole(params, look.camera, options, stop)
-        frame = rasterize(params, look.camera, options, None, None, False, stop)
+            hole = self.masks.splats.hole(params, view_pass.camera, options, stop)
+        frame = rasterize(params, view_pass.camera, options, None, None, False, stop)
         (index,) = channels(["index"], frame)
         return frame, mi.Int32(object_of_primitive(mi.Int32(index).numpy(), self.request.counts)), hole
 
 
-def _centre(seen: _Seen, look: Look) -> dict[str, np.ndarray]:
-    surfaces = seen.surfaces(look, normal=True)
-    frame, number, hole = seen.in_front(look, surfaces.depth, ["depth", "normal"])
+def _centre(seen: _Seen, view_pass: ViewPass) -> dict[str, np.ndarray]:
+    surfaces = seen.surfaces(view_pass, normal=True)
+    frame, number, hole = seen.in_front(view_pass, surfaces.depth, ["depth", "normal"])
     if seen.masks:
         hole += dr.select(surfaces.hit & seen.masks.holdout(surfaces.meeting), frame.T, 0)
     behind = surfaces.hit & ((number == NOTHING) | (frame.T > 0.5))
@@ -100,19 +100,20 @@ def _centre(seen: _Seen, look: Look) -> dict[str, np.ndarray]:
     depth = dr.select(alpha > 0, frame.depth / alpha, dr.inf)
     normal = mi.Vector3f(frame.normal)
     normal = dr.select(dr.squared_norm(normal) > 0, dr.normalize(normal), 0)
-    planes = {"depth": _array(depth, look), "object": without_holdouts(_array(number, look), seen.request)}
-    planes["normal"] = np.stack([_array(n, look) for n in normal], -1)
-    return emptied(planes, _array(hole, look)) if seen.masks else planes
+    planes = {"depth": _array(depth, view_pass), "object": without_holdouts(_array(number, view_pass), seen.request)}
+    planes["normal"] = np.stack([_array(n, view_pass) for n in normal], -1)
+    return emptied(planes, _array(hole, view_pass)) if seen.masks else planes
 
 
-def _coverages(seen: _Seen, look: Look) -> list[tuple[np.ndarray, np.ndarray]]:
+def _coverages(seen: _Seen, view_pass: ViewPass) -> list[tuple[np.ndarray, np.ndarray]]:
     """(number, weight) [H, W] of the splats and of the surface that one sample sees."""
-    surfaces = seen.surfaces(look)
-    frame, number, hole = seen.in_front(look, surfaces.depth, [])
+    surfaces = seen.surfaces(view_pass)
+    frame, number, hole = seen.in_front(view_pass, surfaces.depth, [])
     T = dr.clip(frame.T, 0, 1)
     of_surface = seen.objects.number(surfaces.meeting)
     parts = [(number, 1 - T - hole), (of_surface, dr.select(surfaces.hit, T, 0))]
-    return [(without_holdouts(_array(number, look), seen.request), _array(weight, look)) for number, weight in parts]
+    in_picture = [[_array(part, view_pass) for part in of_one] for of_one in parts]
+    return [(without_holdouts(number, seen.request), weight) for number, weight in in_picture]
 
 
 def emptied(planes: dict[str, np.ndarray], hole: np.ndarray) -> dict[str, np.ndarray]:
@@ -123,6 +124,6 @@ def emptied(planes: dict[str, np.ndarray], hole: np.ndarray) -> dict[str, np.nda
     return planes | {name: value.astype(planes[name].dtype) for name, value in values.items()}
 
 
-def _array(values: Any, look: Look) -> np.ndarray:
-    size = look.camera.height, look.camera.width
+def _array(values: Any, view_pass: ViewPass) -> np.ndarray:
+    size = view_pass.camera.height, view_pass.camera.width
     return np.broadcast_to(values.numpy(), size[0] * size[1]).reshape(size)

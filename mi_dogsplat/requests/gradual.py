@@ -60,8 +60,8 @@ def _environment(scene: mi.Scene, sensor: mi.Sensor) -> np.ndarray | None:
     if emitter is None:
         return None
     (view,) = SensorReader().views(sensor, 0.0)
-    looks = [view.through(sample) for sample in samples(BEHIND_SAMPLES)]
-    size = looks[0].camera.height, looks[0].camera.width
-    seen = np.mean([np.array(radiance(emitter, look.rays())) for look in looks], 0)  # [3, H W], or one number for all
+    passes = [view.through(sample) for sample in samples(BEHIND_SAMPLES)]
+    size = passes[0].camera.height, passes[0].camera.width
+    seen = np.mean([np.array(radiance(emitter, one.rays())) for one in passes], 0)  # [3, H W], or one number for all
     color = np.broadcast_to(seen.reshape(3, -1), (3, size[0] * size[1])).reshape(3, *size)
     return np.moveaxis(color, 0, -1)

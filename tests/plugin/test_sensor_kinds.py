@@ -41,8 +41,8 @@ def number(value: Any) -> float:
 
 def assert_rays_meet_their_pixels(view: View, sample: Sample, border: int = 0):
     """Points along the rays through the samples are projected to the centres of the camera's pixels."""
-    look = view.through(sample, border)
-    camera, ray = look.camera, look.rays()
+    view_pass = view.through(sample, border)
+    camera, ray = view_pass.camera, view_pass.rays()
     W = np.array([[number(v) for v in row] for row in camera.rotation])
     fx, fy, cx, cy = map(number, (camera.fx, camera.fy, camera.cx, camera.cy))
     o, d = np.array(ray.o, float), np.array(ray.d, float)  # [3, P]
