@@ -9,7 +9,7 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from types import FrameType
 from typing import Any
 
@@ -47,11 +47,15 @@ class StopRequest:
 
 
 def stop_when_input_ends() -> None:
-    """From now on the end of standard input is SIGTERM: whoever started this process holds it open, and may be gone."""
+    """From now on the end of standard input is SIGTERM: whoever started this process holds it open, and may be gone.
+
+    So is an error in reading it, as of a terminal that was closed.
+    """
 
     def follow() -> None:
-        while os.read(0, 1024):  # not sys.stdin.read, whose lock the interpreter wants when it ends
-            pass
+        with suppress(OSError):
+            while os.read(0, 1024):  # not sys.stdin.read, whose lock the interpreter wants when it ends
+                pass
         signal.raise_signal(signal.SIGTERM)
 
     threading.Thread(target=follow, daemon=True).start()
