@@ -42,7 +42,7 @@ BAND_GAIN, BAND_MAX = 0.1, 3.0  # of the released code's band-pass picture
 
 
 class Score(Protocol):
-    """Importance of each primitive, as ``scores`` returns it and with its arguments."""
+    """Importance of each primitive, as a ``ScoreRule`` gives it."""
 
     def __call__(
         self, params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float, seed: int
@@ -88,8 +88,23 @@ class ScoreRule:
         seed: int,
         masks: MaskOf | None = None,
     ) -> np.ndarray:
-        """``scores`` by this rule."""
-        return scores(self, params, cameras, options, background, seed, masks)
+        """Importance of each primitive, [N] float64, at least 0, larger is more important; 0 if no camera sees it.
+
+        Args:
+            params: as in ``rasterize``.
+            cameras: all training views.
+            background: grey level behind the primitives.
+            seed: of the noise of the spectral probes.
+            masks: of the views; None: all pixels count.
+
+        Raises ``ValueError`` if there is no camera.
+        """
+        if self.kind == "opacity":
+            return _opacities(params["logit_opacities"].numpy())
+        spatial, spectral = energies(self, params, cameras, options, background, seed, masks)
+        if self.kind == "released":
+            return spatial
+        return self.spatial_weight * _normalised(spatial) + self.spectral_weight * _normalised(spectral)
 
     @property
     def sums(self) -> Sums:
@@ -108,34 +123,6 @@ class ScoreRule:
         )
 
 
-def scores(
-    rule: ScoreRule,
-    params: dict,
-    cameras: list[DeviceCamera],
-    options: RasterOptions,
-    background: float,
-    seed: int,
-    masks: MaskOf | None = None,
-) -> np.ndarray:
-    """Importance of each primitive, [N] float64, at least 0, larger is more important; 0 if no camera sees it.
-
-    Args:
-        params: as in ``rasterize``.
-        cameras: all training views.
-        background: grey level behind the primitives.
-        seed: of the noise of the spectral probes.
-        masks: of the views; None: all pixels count.
-
-    Raises ``ValueError`` if there is no camera.
-    """
-    if rule.kind == "opacity":
-        return _opacities(params["logit_opacities"].numpy())
-    spatial, spectral = energies(rule, params, cameras, options, background, seed, masks)
-    if rule.kind == "released":
-        return spatial
-    return rule.spatial_weight * _normalised(spatial) + rule.spectral_weight * _normalised(spectral)
-
-
 def energies(
     rule: ScoreRule,
     params: dict,
@@ -147,10 +134,10 @@ def energies(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(U, Uf) of a rule that looks at the views, [N] float64 each; zeros where the rule gives one no weight.
 
-    Arguments and errors as for ``scores``.
+    Arguments and errors as for the rule itself.
     """
     if not cameras:
-        raise ValueError(f'scores: the score "{rule.kind}" needs a camera, there is none')
+        raise ValueError(f'ScoreRule: "{rule.kind}" needs a camera, there is none')
     n, sums = dr.width(params["logit_opacities"]), rule.sums
     if n == 0:
         return np.zeros(0), np.zeros(0)

@@ -27,7 +27,7 @@ from mi_dogsplat.engine.walks.score import Sums, composite_score
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.engine.walks.squared_weights import composite_squared_weights
 from mi_dogsplat.engine.walks.weights import composite_weights
-from mi_dogsplat.scores.score import ScoreRule, scores
+from mi_dogsplat.scores.score import ScoreRule
 from mi_dogsplat.training.images.image_formation import Frame, formed, formed_gradients
 from mi_dogsplat.training.images.loss import PhotometricLoss
 from mi_dogsplat.training.optimizer.joint_steps import Numbers, TrainedArray, joint_steps, n_pairs
@@ -90,7 +90,7 @@ def summed(order="abc", removal=True, probes=0, shared=False, **chosen) -> np.nd
 
 def score(**rule) -> np.ndarray:
     splats = model(0.5)
-    return scores(ScoreRule(**rule), upload(splats), [DeviceCamera.upload(CAMERA)], options(splats), 0.3, 0)
+    return ScoreRule(**rule)(upload(splats), [DeviceCamera.upload(CAMERA)], options(splats), 0.3, 0)
 
 
 def found(names=("median_depth", "index", "count", "dog_share"), dog_share=0.5, **chosen) -> np.ndarray:

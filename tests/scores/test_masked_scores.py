@@ -7,7 +7,7 @@ from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.scores.bands import bands
-from mi_dogsplat.scores.score import ScoreRule, band_pass_weight, energies, filtered_noise, scores
+from mi_dogsplat.scores.score import ScoreRule, band_pass_weight, energies, filtered_noise
 from mi_dogsplat.scores.slope_losses import slope_losses
 from splat_scenes import make_camera, make_splats, options, random_splats, rounded, tilted_camera
 
@@ -71,7 +71,7 @@ def test_what_shows_in_black_pixels_alone_is_worth_nothing(kind):
     camera = make_camera()
     mask = np.zeros((camera.height, camera.width))
     mask[:, camera.width // 2 :] = 1
-    found = scores(ScoreRule(kind), upload(splats), on_device([camera]), options(splats), 0.0, 0, lambda _: mask)
+    found = ScoreRule(kind)(upload(splats), on_device([camera]), options(splats), 0.0, 0, lambda _: mask)
     assert found[0] == 0 < found[1]
 
 

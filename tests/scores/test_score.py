@@ -13,7 +13,7 @@ from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.engine.walks.slot_rows import lanes_add_in_turn
 from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.scores.score import ScoreRule, band_pass_weight, energies, filtered_noise, scores
+from mi_dogsplat.scores.score import ScoreRule, band_pass_weight, energies, filtered_noise
 from splat_scenes import (
     attached,
     kernels,
@@ -33,9 +33,8 @@ EXACT = ScoreRule(gamma_f=2, probes=0, spatial_weight=0.3, spectral_weight=0.7)
 
 
 def score(rule: ScoreRule, splats: Splats = SPLATS, background=0.0, cameras=CAMERAS, seed=0, **others) -> np.ndarray:
-    return scores(
-        rule, upload(splats), [DeviceCamera.upload(c) for c in cameras], options(splats, **others), background, seed
-    )
+    on_device = [DeviceCamera.upload(c) for c in cameras]
+    return rule(upload(splats), on_device, options(splats, **others), background, seed)
 
 
 def footprints(splats: Splats = SPLATS, background=0.0, cameras=CAMERAS, **others) -> list[np.ndarray]:
@@ -177,7 +176,7 @@ def test_any_number_of_primitives_has_scores(n):
 def test_attached_parameters_are_left_alone():
     params = attached(SPLATS)
     cameras = [DeviceCamera.upload(c) for c in CAMERAS]
-    np.testing.assert_array_equal(scores(EXACT, params, cameras, options(SPLATS), 0.0, 0), score(EXACT))
+    np.testing.assert_array_equal(EXACT(params, cameras, options(SPLATS), 0.0, 0), score(EXACT))
     assert dr.grad_enabled(params["means"]) and not dr.grad(params["means"]).numpy().any()
 
 
@@ -200,7 +199,7 @@ def test_numbers_that_mean_nothing_are_refused(choices, message):
 
 def test_a_score_of_views_needs_a_view():
     with pytest.raises(ValueError, match="released.*camera"):
-        scores(ScoreRule("released"), upload(SPLATS), [], RasterOptions(), 0.0, 0)
+        ScoreRule("released")(upload(SPLATS), [], RasterOptions(), 0.0, 0)
 
 
 # The spectral estimate

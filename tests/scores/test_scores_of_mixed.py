@@ -11,7 +11,7 @@ from mi_dogsplat.engine.walks.composite import composite_over
 from mi_dogsplat.engine.walks.fisher import composite_fisher, patch_blocks
 from mi_dogsplat.engine.walks.weights import composite_weights
 from mi_dogsplat.scene.splats import Splats
-from mi_dogsplat.scores.score import ScoreRule, scores
+from mi_dogsplat.scores.score import ScoreRule
 from splat_scenes import options, random_splats, rounded, tilted_camera
 
 CAMERA = tilted_camera(24, 18, f=20.0)
@@ -32,7 +32,7 @@ def assert_close(a: np.ndarray, b: np.ndarray):
 
 @pytest.mark.parametrize("rule", [ScoreRule(), *(ScoreRule(kind) for kind in KINDS)], ids=lambda rule: rule.kind)
 def test_scores(rule):
-    ours, padded = (scores(rule, upload(s), [DeviceCamera.upload(CAMERA)], options(s), 0.3, 0) for s in models())
+    ours, padded = (rule(upload(s), [DeviceCamera.upload(CAMERA)], options(s), 0.3, 0) for s in models())
     assert_close(ours, padded)
 
 

@@ -6,7 +6,7 @@ from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.device_camera import DeviceCamera
 from mi_dogsplat.engine.options import RasterOptions
 from mi_dogsplat.scores.bands import bands
-from mi_dogsplat.scores.score import ScoreRule, energies, scores
+from mi_dogsplat.scores.score import ScoreRule, energies
 from mi_dogsplat.training.strategy.options import REMOVAL, Options
 from mi_dogsplat.training.train import Trainer
 from photographs import config_of, left_half, write_masks
@@ -25,16 +25,16 @@ def given(trainer: Trainer) -> tuple[dict, list[DeviceCamera], RasterOptions]:
 @pytest.mark.parametrize("on_disk", [False, True])
 def test_pruning_goes_by_the_pixels_that_count(data, tmp_path, on_disk):
     trainer, rule = trainer_of(data, tmp_path, on_disk), ScoreRule("leave-one-out", spectral_weight=0.0)
-    expected = scores(rule, *given(trainer), 0.0, 0, lambda _: left_half())
+    expected = rule(*given(trainer), 0.0, 0, lambda _: left_half())
     np.testing.assert_allclose(trainer.importance(rule), expected, rtol=1e-6)
-    assert not np.allclose(expected, scores(rule, *given(trainer), 0.0, 0), rtol=0.1)
+    assert not np.allclose(expected, rule(*given(trainer), 0.0, 0), rtol=0.1)
 
 
 def test_masks_are_as_large_as_the_pictures_are_shown(data, tmp_path):
     trainer = trainer_of(data, tmp_path)
     trainer.photographs.shrink(2)
     small = left_half()[::2, ::2]
-    expected = scores(REMOVAL, *given(trainer), 0.0, 0, lambda _: small)
+    expected = REMOVAL(*given(trainer), 0.0, 0, lambda _: small)
     np.testing.assert_allclose(trainer.importance(REMOVAL), expected, rtol=1e-6)
 
 
