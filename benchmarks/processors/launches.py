@@ -128,10 +128,11 @@ def table(watch: Watch) -> str:
 
 def watched(run: Callable[[], Any]) -> Watch:
     """One call, once everything is compiled."""
-    for _ in range(WARM_UP):
-        run()
-    with Watch() as watch:
-        run()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):  # frozen functions have recordings of their own under it
+        for _ in range(WARM_UP):
+            run()
+        with Watch() as watch:
+            run()
     return watch
 
 

@@ -35,10 +35,10 @@ def instructions(code: str) -> Counter:
 
 def launches(run: Callable[[], Any]) -> list[Launch]:
     """All that the device is given to do by a call, once everything is compiled; not what frees memory afterwards."""
-    for _ in range(WARM_UP):
-        run()
-    dr.sync_thread()
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):  # see ``KernelWatch``
+        for _ in range(WARM_UP):
+            run()
+        dr.sync_thread()
         dr.kernel_history_clear()
         run()
         dr.sync_thread()
@@ -52,14 +52,22 @@ def launches(run: Callable[[], Any]) -> list[Launch]:
 
 
 class KernelWatch:
-    """Of a ``with`` block: how many kernels it ``launched``, and hashes of those that were not in memory before."""
+    """Of a ``with`` block: how many kernels it ``launched``, and hashes of those that were not in memory before.
+
+    What warms up is within the block, too, and ends with ``forget``. For frozen functions tell recordings apart by the
+    flags of Dr.Jit, and that of the kernel history is one: without, all would be recorded anew in what is watched.
+    """
 
     def __enter__(self) -> "KernelWatch":
-        dr.sync_thread()
         self._flag = dr.scoped_set_flag(dr.JitFlag.KernelHistory)
         self._flag.__enter__()
-        dr.kernel_history_clear()
+        self.forget()
         return self
+
+    def forget(self) -> None:
+        """Count from here on."""
+        dr.sync_thread()
+        dr.kernel_history_clear()
 
     def __exit__(self, *problem: object) -> None:
         dr.eval()
@@ -88,10 +96,11 @@ def branches(code: str) -> list[str]:
 
 def counts_without_compiling(trainer: Any, warm: int, last: int) -> set[int]:
     """Numbers of primitives of a training after its steps from ``warm`` to ``last``, in which no kernel is new."""
-    while trainer.step_count < warm:
-        trainer.step()
     counts = set()
     with KernelWatch() as kernels:
+        while trainer.step_count < warm:
+            trainer.step()
+        kernels.forget()
         while trainer.step_count < last:
             trainer.step()
             counts.add(trainer.optimizer.n)

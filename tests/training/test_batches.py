@@ -1,7 +1,6 @@
 """Several views in a step: the mean of their gradients, step sizes that fit it, and nothing lost on the way."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 import pytest
+from launches import KernelWatch
 from mi_dogsplat.compare.rivals import dash, mask_gaussian
 from mi_dogsplat.compare.rivals.gaussian_spa import GaussianSpa
 from mi_dogsplat.compare.rivals.gns import NaturalSelection
@@ -325,16 +325,13 @@ def test_a_batch_may_be_larger_than_the_data(data):
 
 def test_nothing_is_compiled_after_the_second_step_of_batches(data):
     trainer = Trainer(config_of(data, batch_views=K, steps=30_000), load_dataset(data))
-
-    def compiled(step: Callable[[], Any]) -> int:
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history_clear()
-            step()
-            return sum(not kernel["cache_hit"] for kernel in dr.kernel_history([dr.KernelType.JIT]))
-
-    for _ in range(3):
-        trainer.step()
-    assert [compiled(trainer.step) for _ in range(3)] == [0, 0, 0]
+    with KernelWatch() as kernels:
+        for _ in range(3):
+            trainer.step()
+        kernels.forget()
+        for _ in range(3):
+            trainer.step()
+    assert kernels.launched > 100 and not kernels.new
 
 
 def test_a_batch_of_no_view_is_refused_in_one_line():

@@ -98,9 +98,10 @@ def test_a_model_of_broken_primitives_has_diverged():
 
 def test_looking_launches_one_kernel_and_compiles_none_as_the_count_changes():
     optimizer = optimizer_of()
-    drop_broken(optimizer, EXTENT)
-    optimizer.rearrange(np.arange(6), np.zeros(6, bool))
     with KernelWatch() as kernels:
+        drop_broken(optimizer, EXTENT)
+        optimizer.rearrange(np.arange(6), np.zeros(6, bool))
+        kernels.forget()
         broken(optimizer, 2 * EXTENT)
     assert kernels.launched == 1 and not kernels.new
 
