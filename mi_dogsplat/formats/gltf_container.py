@@ -109,10 +109,13 @@ class Container:
 
 
 def matrix_of(node: Any) -> Array:
-    """[4, 4] of a node, from its matrix or from translation, rotation and scale."""
+    """[4, 4] of a node, from its matrix or from translation, rotation and scale. Raises ``ValueError``."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
-    turn = rotation_from_quaternion(np.array(node.get("rotation", (0, 0, 0, 1)), np.float64).reshape(1, 4))[0]
+    quaternion = np.array(node.get("rotation", (0, 0, 0, 1)), np.float64).reshape(1, 4)
+    if not quaternion.any():
+        raise ValueError("the rotation of a node is zero")
+    turn = rotation_from_quaternion(quaternion)[0]
     matrix = np.eye(4)
     matrix[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)), np.float64).reshape(3)
     matrix[:3, 3] = np.array(node.get("translation", (0, 0, 0)), np.float64).reshape(3)

@@ -138,6 +138,7 @@ def test_linear_and_display_referred_primitives_are_not_one_model(tmp_path, cont
      "buffer 1 has no bytes that are not compressed"),  # as EXT_meshopt_compression has it
     (lambda c: c["nodes"][0].update(children=[0]), "no trees"),
     (lambda c: c["nodes"][0].update(scale=[1, 0, 1]), "cannot be flattened"),
+    (lambda c: c["nodes"][0].update(rotation=[0, 0, 0, 0]), "rotation of a node is zero"),
     (lambda c: c.update(scenes=[{"nodes": [7]}]), "IndexError"),
 ])  # fmt: skip
 def test_what_does_not_fit_together_is_refused(tmp_path, content, change, words):
