@@ -14,8 +14,8 @@ demo: $(FOR_DEMO) llvm
 	$(PY) -m mi_dogsplat.demo
 
 # pytest comes last, so that its closing line is the last one.
-test: setup
-	@$(MAKE) --no-print-directory -j 2 lint-alone blender-or-not
+test:
+	@$(MAKE) --no-print-directory -j 2 lint blender-or-not
 	$(PY) -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 # Engine, tracing, scores, training and pruning in cuda_ad_rgb, on a CPU that stands in for the GPU. Skipped with a line
@@ -34,7 +34,7 @@ gpu-bundle: $(FOR_DEMO) llvm
 lint: setup
 	@$(MAKE) --no-print-directory lint-alone
 
-# What "make test" does at the same time, once all is set up.
+# What "make test" does beside "lint".
 .PHONY: lint-alone blender-or-not
 lint-alone:
 	$(PY) -m ruff check .

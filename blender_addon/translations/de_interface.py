@@ -4,6 +4,7 @@ OPERATORS = {
     "Import DoG Splat": "DoG-Splat importieren",
     "Import": "Importieren",
     "DoG Splat (.ply)": "DoG-Splat (.ply)",
+    "DoG Splat (.ply/.spz/.sog/.glb/.splat)": "DoG-Splat (.ply/.spz/.sog/.glb/.splat)",
     "Import DoG Splat Cameras": "DoG-Splat-Kameras importieren",
     "Import Cameras": "Kameras importieren",
     "DoG Splat Cameras (COLMAP, transforms.json, run)": "DoG-Splat-Kameras (COLMAP, transforms.json, Training)",

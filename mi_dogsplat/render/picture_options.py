@@ -10,10 +10,10 @@ from ..scene.drawing import Drawing
 from ..support.settings import Setting, check_settings
 
 BACKGROUNDS = ("black", "white", "auto", "random")
-BEHIND = "black, white, auto: white for images with alpha, else black; random: another each step"
+BEHIND = "black, white, auto: white for images with alpha, else black"
 
 Downscale = Annotated[int, Setting("shrink the images by this whole factor, once, at load", least=1)]
-Background = Annotated[str, Setting(BEHIND, choices=BACKGROUNDS)]
+Background = Annotated[str, Setting(f"{BEHIND}; random: another each step", choices=BACKGROUNDS)]
 MIP = "compensate opacities for the screen-space low-pass filter"
 NEAR = "primitives nearer to the camera plane are dropped, world units"
 Antialiased = Annotated[bool, Setting(MIP)]
@@ -30,7 +30,7 @@ class PictureOptions:
     """
 
     downscale: Downscale = 1
-    background: Background = "auto"
+    background: Annotated[str, Setting(f"{BEHIND}; random is for training: as auto here", choices=BACKGROUNDS)] = "auto"
     antialiased: Annotated[bool | None, Setting(f"{MIP} {FILE}")] = None
     near_clip: Annotated[float | None, Setting(f"{NEAR} {FILE}", least=0, most=1e30)] = None
     linear: Annotated[bool | None, Setting(f"its colours are linear radiance, not sRGB {FILE}")] = None

@@ -17,9 +17,7 @@ done) || {
     exit 1
 }
 
-if ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
-    "$python" -m venv --clear "$venv"
-fi
+scripts/setup/environment.sh "$python" "$venv"
 if ! "$venv/bin/python" -m pip install -q --disable-pip-version-check -e '.[blender]' ${version:+"bpy==$version.*"}; then
     echo "no Blender: the wheel bpy (about 400 MB) cannot be had; the tests of the add-on are skipped" >&2
     exit 1
@@ -27,12 +25,7 @@ fi
 # Blender links to libraries of a desktop; EEVEE renders without a screen through EGL and Mesa.
 libraries=(libegl1 libgl1 libgl1-mesa-dri libice6 libsm6 libx11-6 libxext6 libxfixes3 libxi6 libxkbcommon0 libxxf86vm1)
 if ! "$venv/bin/python" -c 'import bpy, ctypes; ctypes.CDLL("libEGL.so.1")' >/dev/null 2>&1; then
-    as_root=()
-    if [ "$(id -u)" != 0 ]; then
-        as_root=(sudo -n) # never ask for a password in the middle of a build
-    fi
-    "${as_root[@]}" apt-get update -qq >/dev/null 2>&1 || true
-    if ! "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq "${libraries[@]}" >/dev/null 2>&1; then
+    if ! scripts/setup/apt_install.sh "${libraries[@]}" 2>/dev/null; then
         echo "no Blender: libraries are missing: apt-get install ${libraries[*]}" >&2
         exit 1
     fi

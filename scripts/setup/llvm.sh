@@ -21,18 +21,8 @@ if usable >/dev/null; then
     exit
 fi
 
-as_root=()
-if [ "$(id -u)" != 0 ]; then
-    as_root=(sudo -n) # never ask for a password in the middle of a build
-fi
-if command -v apt-get >/dev/null && "${as_root[@]}" true 2>/dev/null; then
-    echo "LLVM: no usable one found, installing from apt"
-    "${as_root[@]}" apt-get update -qq || true # an unreachable extra source must not stop us
-    for version in 19 22 21 20 18 17; do
-        if apt-cache show "libllvm$version" >/dev/null 2>&1; then
-            "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
-                "libllvm$version" >/dev/null && break
-        fi
-    done
-fi
+echo "LLVM: no usable one found, trying apt"
+for version in 19 22 21 20 18 17; do
+    scripts/setup/apt_install.sh "libllvm$version" 2>/dev/null && break
+done
 usable

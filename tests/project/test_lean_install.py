@@ -19,6 +19,7 @@ MODULES = {"pillow": "PIL", "zstandard": "zstandard", "flip-evaluator": "flip_ev
 MODULES |= {name: name for name in ("scipy", "tqdm", "viser", "jinja2", "markupsafe", "filelock", "psutil")}
 MODULES |= {name: name for name in ("pycolmap", "av")}
 HIDDEN = sorted(MODULES.values())
+BEHIND_VIEW = {"view": {"tqdm"}}  # what viser brings along
 
 WITHOUT = """
 import sys
@@ -140,6 +141,25 @@ def test_a_missing_extra_is_one_line_that_says_what_to_install(model, tmp_path, 
     extra = argv[0] if argv[0] in ("export", "film", "view") else "train"
     assert re.fullmatch(rf"dogsplat: this needs the package \w+: pip install 'mi_dogsplat\[{extra}\]'\n", done.stderr)
     assert not list(tmp_path.glob("out*"))
+
+
+@pytest.mark.parametrize(
+    ("extra", "code"),
+    [
+        ("export", 'sys.exit(main(["export", model, "-o", out + ".spz"]))'),
+        ("export", 'sys.exit(main(["export", model, "-o", out + ".sog"]))'),
+        ("film", 'sys.exit(main(["film", model, "-o", out + ".mp4", *short]))'),
+        ("film", 'sys.exit(main(["film", model, "-o", out, *short]))'),
+        ("view", "import mi_dogsplat.viewer.server; open(out, 'w').close()"),
+    ],
+    ids=["SPZ", "SOG", "video", "numbered pictures", "viewer"],
+)
+def test_an_extra_has_all_that_its_command_needs(model, tmp_path, extra, code):
+    hidden = sorted({MODULES[name] for name in set(MODULES) - requirements(extra)} - BEHIND_VIEW.get(extra, set()))
+    said = "from mi_dogsplat.cli import main; _, model, out = sys.argv; short = '--seconds .1 --size 32 32'.split()\n"
+    done = core(said + code, model, tmp_path / "out", hidden=hidden)
+    assert done.returncode == 0, done.stderr
+    assert list(tmp_path.glob("out*"))
 
 
 @pytest.mark.parametrize("argv", [["poses", "{data}"], ["train", "{data}"], ["poses", "{video}"]], ids=lambda a: a[0])

@@ -175,13 +175,12 @@ def run_setup(folder: Path) -> subprocess.CompletedProcess:
 @linux_only
 def test_setup_installs_an_llvm_from_apt_once(tmp_path):
     stub(tmp_path, "id", "echo 0")
-    stub(tmp_path, "apt-cache", '[ "$2" = libllvm18 ]')  # an older Ubuntu: no other version
     log, installed = tmp_path / "log", tmp_path / "installed"
-    stub(tmp_path, "apt-get", f'echo "apt-get $1" >> {log}; [ "$1" = update ] || touch {installed}')
+    only_18 = f'case "$*" in update*) ;; *libllvm18) echo installed >> {log}; touch {installed} ;; *) exit 100 ;; esac'
+    stub(tmp_path, "apt-get", only_18)  # as on an older Ubuntu
     assert run_setup(tmp_path).returncode == 0
     assert run_setup(tmp_path).returncode == 0
-    lines = log.read_text().splitlines()
-    assert [line for line in lines if line != "python"] == ["apt-get update", "apt-get install"]
+    assert log.read_text().splitlines().count("installed") == 1
 
 
 @linux_only

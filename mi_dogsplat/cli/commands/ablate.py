@@ -7,8 +7,7 @@ from pathlib import Path
 
 from ...compare.names import ABLATION
 from ...support.errors import DataError
-from ...training.config import TrainConfig
-from ..flags import DATA_HELP, add_settings
+from ..flags import DATA_HELP
 from . import compare
 
 SUMMARY = "what each part of the method contributes"
@@ -35,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seeds", type=int, nargs="+", default=[0, 1, 2], metavar="N", help="random seeds (default: 0 1 2)"
     )
     parser.add_argument("--only", nargs="+", default=list(ABLATION), metavar="NAME", help=f"of {' '.join(ABLATION)}")
-    add_settings(parser, TrainConfig, compare.TRAINING_FLAGS)
+    compare.add_training_flags(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -36,12 +36,12 @@ extra mi_dogsplat[cluster].
 """
 
 TRAINING_FLAGS = [
-    *("steps", "target", "downscale", "max_primitives", "max_world_scale", "split", "sh_degree"),
+    *("steps", "downscale", "max_primitives", "max_world_scale", "split", "sh_degree"),
     *("background", "antialiased", "near_clip", "initial_primitives", "variant", "log_every", "test_every", "memory"),
     *("preconditioned", "checkpoint_seconds"),
 ]
 
-COUNTS = "compare and ablate take a ratio or a number of primitives (0.1, 10%, 20000)"
+COUNTS = "a ratio (0.1, 10%) or a count of primitives (20000)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,7 +59,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--workers", type=int, default=0, metavar="N", help="runs at a time, on this machine (default: 0: no Dask)"
     )
+    add_training_flags(parser)
+
+
+def add_training_flags(parser: argparse.ArgumentParser) -> None:
+    """What all trainings of a comparison have in common; their target is no size of a file, as that of a training may
+    be."""
     add_settings(parser, TrainConfig, TRAINING_FLAGS)
+    target = f"what is left after pruning: {COUNTS} (default: {TrainConfig.target})".replace("%", "%%")
+    parser.add_argument("--target", default=TrainConfig.target, metavar="X", help=target)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -92,7 +100,7 @@ def _counted(flag: str, target: str) -> float:
     try:
         counted = checked_target(target)
     except ValueError as error:
-        raise DataError(flag, str(error), COUNTS) from None
+        raise DataError(flag, str(error), f"use {COUNTS}") from None
     if isinstance(counted, str):
-        raise DataError(flag, f"{target} is the size of a file", COUNTS)
+        raise DataError(flag, f"{target} is the size of a file", f"use {COUNTS}")
     return counted

@@ -19,7 +19,7 @@ Examples:
   dogsplat export run/point_cloud.ply -o model.spz                    Niantic, Babylon, Spark; small
   dogsplat export run/point_cloud.ply -o model.sog                    PlayCanvas, SuperSplat; small
   dogsplat export run/point_cloud.ply -o model.sog --small --data photos/ --downscale 2
-                                                                      a third of that, refined for it
+                                                                      two fifths of that, refined for it
   dogsplat export run/point_cloud.ply -o model.compressed.ply         the same; a quarter of a PLY
   dogsplat export run/point_cloud.ply -o model.glb                    glTF (KHR_gaussian_splatting); lossless
   dogsplat export run/point_cloud.ply -o plain.ply --data photos/ --downscale 2

@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--data", metavar="DATA", help="data set whose cameras the path follows (default: that of the run)"
     )
     add_settings(parser, FilmConfig)
-    add_settings(parser, PictureOptions, ["background", "antialiased", "near_clip", "linear"])
+    add_settings(parser, PictureOptions, ["background", "antialiased", "near_clip", "linear", "white"])
     add_settings(parser, TrainConfig, ["variant"])
 
 
