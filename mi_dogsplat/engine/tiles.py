@@ -147,9 +147,10 @@ def _bucket_lists(footprints: Footprints, depth_bits: Any, grid: Grid) -> TileLi
 
 
 def _no_lists(n: int, n_tiles: int) -> TileLists:
-    """Where nothing is seen."""
+    """Where nothing is seen. No literals: with these a frozen function reads no array whose size follows the model, and
+    replays what it recorded for another size."""
     types = array_types()
-    begin, end, nowhere, none = (dr.zeros(types.UInt, size) for size in (n_tiles, n_tiles, n, 1))
+    begin, end, nowhere, none = (dr.opaque(types.UInt, 0, size) for size in (n_tiles, n_tiles, n, 1))
     return TileLists(none, begin, end, none, nowhere, nowhere, none, one_slot_each=not types.is_llvm)
 
 

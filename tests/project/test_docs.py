@@ -125,8 +125,9 @@ def run(line: str) -> None:
     elif program.startswith("python"):
         assert (ROOT / words[1]).exists(), line
     elif words[:2] == ["pip", "install"]:
-        extra = re.fullmatch(r"mi_dogsplat\[(\w+)\]", words[2])
-        assert extra and re.search(rf"^{extra[1]} = ", (ROOT / "pyproject.toml").read_text(), re.M), line
+        package = re.fullmatch(r"(?:mi_dogsplat|\.)(?:\[(\w+)\])?", words[2])
+        assert package and not words[3:], line
+        assert not package[1] or re.search(rf"^{package[1]} = ", (ROOT / "pyproject.toml").read_text(), re.M), line
     elif program == "dask":  # test_compare.py runs a scheduler and workers
         assert words[1] in ("scheduler", "worker"), line
     else:
