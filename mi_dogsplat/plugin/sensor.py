@@ -93,9 +93,13 @@ class SensorReader:
     def views(self, sensor: mi.Sensor, near_clip: float) -> list[View]:
         """What a sensor sees: one image, or those of a ``batch``, from left to right.
 
-        Raises ``ValueError`` for a kind of sensor that cannot be splatted.
+        Raises ``ValueError`` for a sensor that cannot be splatted.
         """
-        sensors = _Sensors(sensor).found if sensor.class_name() == "BatchSensor" else [sensor]
+        sensors = [sensor]
+        if sensor.class_name() == "BatchSensor":
+            film, sensors = sensor.film(), _Sensors(sensor).found
+            if film.sample_border() or any(film.crop_size() != film.size()):
+                raise ValueError("dogsplat: a batch has no sample_border and no crop window; leave them out of its film")
         return [self._view(slot, each, near_clip) for slot, each in enumerate(sensors)]
 
     def _view(self, slot: int, sensor: Any, near_clip: float) -> View:
@@ -112,10 +116,12 @@ class SensorReader:
         indices = variable_indices(list(values.values()))
         key = (*indices, *size, *crop, *offset, near_clip, sensor.near_clip(), sensor.far_clip(), kind)
         known, _, camera = self._known.get(slot, (None, None, None))
+        lens = (values["aperture_radius"], values["focus_distance"]) if kind == "ThinLensCamera" else None
         if camera is None or key != known:
             camera = _read(sensor, near_clip)
+            if lens:  # another lens is another picture, though its pinhole is the same
+                camera = replace(camera, numbers=(*camera.numbers, *(dr.detach(value)[0] for value in lens)))
             self._known[slot] = key, held(values.values()), camera
-        lens = (values["aperture_radius"], values["focus_distance"]) if kind == "ThinLensCamera" else None
         return View(sensor, _attached(camera, values, size), lens)
 
 

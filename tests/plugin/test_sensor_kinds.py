@@ -252,3 +252,33 @@ def test_a_batch_may_hold_cameras_of_several_kinds_but_none_that_cannot_be_splat
     with pytest.raises(RuntimeError) as failed:
         picture({"type": "batch", "film": film(2, 1), "a": sensor_dict(square_camera(1, 1)), "b": meter})
     assert "RadianceMeter" in str(failed.value.__cause__)
+
+
+@pytest.mark.parametrize("chosen", [{"sample_border": True}, CROP], ids=["border", "crop window"])
+def test_a_batch_of_views_that_would_not_fit_together_is_refused_in_one_line(chosen):
+    with pytest.raises(RuntimeError) as failed:
+        picture(batch() | {"film": film(120, 30, **chosen)}, spp=4)
+    assert "a batch has no sample_border and no crop window" in str(failed.value.__cause__)
+
+
+@pytest.mark.parametrize("changed", [{"aperture_radius": 0.4}, {"focus_distance": 4.0}], ids=str)
+def test_the_derivative_after_a_change_of_the_lens_is_that_of_the_new_one(changed):
+    """The pinhole of the sensor is the same, so that the stages of the picture before it could be taken for its own."""
+    lens = {"type": "thinlens", "to_world": mi.ScalarTransform4f(np.diag([-1.0, -1, 1, 1])),  # type: ignore[arg-type]
+            "fov": 50.0, "aperture_radius": 0.01, "focus_distance": 2.5, "film": film(40, 30)}
+
+    def gradient(sensor, before):
+        scene = scene_of(MODEL, square_camera())
+        params, integrator, lens = mi.traverse(scene), scene.integrator(), mi.traverse(sensor)
+        dr.enable_grad(params["splats.means"])
+        params.update()
+        if before:
+            integrator.render(scene, sensor, seed=0, spp=2)
+        for name, value in changed.items():
+            lens[name] = value
+        lens.update()
+        integrator.render_backward(scene, params, dr.ones(mi.TensorXf, (30, 40, 3)), sensor, seed=0, spp=2)
+        return dr.grad(params["splats.means"]).numpy()
+
+    got, expected = (gradient(mi.load_dict(lens), before) for before in (True, False))
+    np.testing.assert_allclose(got, expected, atol=1e-4 * np.abs(expected).max())
