@@ -33,7 +33,9 @@ def moved(params: dict, to_world: mi.Transform4f) -> dict:
     x, y, z = read_rows(params["means"], 3, 3, index)
     means = [row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix]
     turn = cast(Any, dr.matrix_to_quat)(mi.Matrix3f(rotation))
-    quats = turn * cast(Any, mi.Quaternion4f)(*read_rows(params["quats"], 4, 4, index))
+    *xyz, w = read_rows(params["quats"], 4, 4, index)
+    zero = (xyz[0] == 0) & (xyz[1] == 0) & (xyz[2] == 0) & (w == 0)  # read as the identity, which is not 0 in a product
+    quats = turn * cast(Any, mi.Quaternion4f)(*xyz, dr.select(zero, 1, w))
     log_scales = params["log_scales"] + dr.log(scale)
     result = {**params, "means": _table(means), "quats": _table(quats), "log_scales": log_scales}
     for name in ALONG_AXES:  # the primitives' own axes, which a mirror image has turned round

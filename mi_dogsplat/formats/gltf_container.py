@@ -54,12 +54,12 @@ class Container:
 
     def accessor(self, index: Any) -> Array:
         """Values [count, width] of an accessor, as numbers; normalised integers become 0..1 or -1..1."""
-        accessor = _entry(self.content["accessors"], index)
+        accessor = entry(self.content["accessors"], index)
         if "sparse" in accessor:
             raise ValueError("an accessor is sparse")
         width, count = WIDTHS[accessor["type"]], _whole(accessor["count"])
         dtype = np.dtype(TYPES[accessor["componentType"]])
-        view = _entry(self.content["bufferViews"], accessor["bufferView"])
+        view = entry(self.content["bufferViews"], accessor["bufferView"])
         data = self.view(accessor["bufferView"])[_whole(accessor.get("byteOffset", 0)) :]
         row = width * dtype.itemsize
         stride = _whole(view.get("byteStride", row)) or row
@@ -78,7 +78,7 @@ class Container:
 
     def view(self, index: Any) -> bytes:
         """Bytes of a buffer view."""
-        view = _entry(self.content["bufferViews"], index)
+        view = entry(self.content["bufferViews"], index)
         at, size = _whole(view.get("byteOffset", 0)), _whole(view["byteLength"])
         data = self._buffer(view["buffer"])
         if at + size > len(data):
@@ -87,7 +87,7 @@ class Container:
 
     def _buffer(self, index: Any) -> bytes:
         if index not in self.buffers:
-            uri = _entry(self.content["buffers"], index).get("uri")
+            uri = entry(self.content["buffers"], index).get("uri")
             if uri is None and index:  # the bytes of a .glb are its first buffer alone
                 raise ValueError(f"buffer {index} has no bytes that are not compressed")
             self.buffers[index] = self.binary if uri is None else self._fetched(uri)
@@ -137,12 +137,12 @@ def gltf(content: Any, binary: bytes) -> bytes:
     return json.dumps(content | {"buffers": [content["buffers"][0] | {"uri": uri}]}, separators=(",", ":")).encode()
 
 
-def _entry(entries: Any, index: Any) -> Any:
+def entry(entries: Any, index: Any) -> Any:
     """An entry of a list; Python's negative indices are none."""
-    entry = entries[_whole(index)]
-    if not isinstance(entry, dict):
+    found = entries[_whole(index)]
+    if not isinstance(found, dict):
         raise ValueError("an object is expected where there is none")
-    return entry
+    return found
 
 
 def _whole(value: Any) -> int:

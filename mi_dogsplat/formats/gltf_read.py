@@ -9,8 +9,8 @@ says by itself what is up and how long a unit is.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from ..scene.orientation import UP, placement
 from ..scene.splats import Array, Splats
 from ..scene.transform import mean_scale, transformed
 from ..support.errors import DataError
-from .gltf_container import Container, matrix_of
+from .gltf_container import Container, entry, matrix_of
 from .limits import FREE, RATIO
 from .model import Model
 from .packing import LUF, RUB, logits, turned
@@ -61,12 +61,12 @@ def _models(container: Container) -> Iterator[Model]:
     content = container.content
     left = FREE + RATIO * container.path.stat().st_size  # bytes: nodes may name a mesh again and again
     for node, matrix in _nodes(content):
-        for primitive in content["meshes"][node["mesh"]]["primitives"]:
+        for primitive in entry(content["meshes"], node["mesh"])["primitives"]:
             extension = (primitive.get("extensions") or {}).get(NAME)
             if extension is None:
                 continue
             model = _of_primitive(container, primitive, extension)
-            left -= model.splats.means.nbytes
+            left -= sum(getattr(model.splats, field.name).nbytes for field in fields(model.splats))
             if left < 0:
                 raise ValueError("its nodes repeat more primitives than it has bytes for")
             yield model if _says(model.drawing, matrix) else _moved(model, matrix)
@@ -99,7 +99,7 @@ def _nodes(content: Any) -> Iterator[tuple[Any, Array]]:
     nodes = content.get("nodes", [])
     scenes = content.get("scenes")
     children = {child for node in nodes for child in node.get("children", [])}
-    roots = scenes[content.get("scene", 0)]["nodes"] if scenes else set(range(len(nodes))) - children
+    roots = entry(scenes, content.get("scene", 0))["nodes"] if scenes else set(range(len(nodes))) - children
     waiting = [(root, np.eye(4), 0) for root in roots]
     visits = 0
     while waiting:
@@ -107,10 +107,11 @@ def _nodes(content: Any) -> Iterator[tuple[Any, Array]]:
         visits += 1
         if depth > MAX_DEPTH or visits > len(nodes):
             raise ValueError("its nodes are no trees")
-        matrix = above @ matrix_of(nodes[index])
-        if "mesh" in nodes[index]:
-            yield nodes[index], matrix
-        waiting += [(child, matrix, depth + 1) for child in nodes[index].get("children", [])]
+        node = entry(nodes, index)
+        matrix = above @ matrix_of(node)
+        if "mesh" in node:
+            yield node, matrix
+        waiting += [(child, matrix, depth + 1) for child in node.get("children", [])]
 
 
 def _of_primitive(container: Container, primitive: Any, extension: Any) -> Model:
@@ -121,7 +122,10 @@ def _of_primitive(container: Container, primitive: Any, extension: Any) -> Model
         model = content_of(container.path, container.view(compressed["bufferView"]))
         splats = turned(turned(model.splats, RUB), LUF)
         return replace(model, splats=splats, drawing=drawing.over(model.drawing))
-    values = {name: container.accessor(index) for name, index in primitive["attributes"].items()}
+    given = primitive["attributes"]
+    bands = _sh_names(given)
+    names = ["POSITION", *(f"{NAME}:{name}" for name in ("SCALE", "ROTATION", "OPACITY")), *bands]
+    values = {name: container.accessor(given[name]) for name in names}
     if "indices" in primitive:  # those are drawn, in this order
         rows = container.accessor(primitive["indices"])[:, 0].astype(np.int64)
         values = {name: column[rows] for name, column in values.items()}
@@ -134,17 +138,17 @@ def _of_primitive(container: Container, primitive: Any, extension: Any) -> Model
         log_scales=np.log(np.maximum(scales, SMALLEST_SCALE)),
         quats=values[f"{NAME}:ROTATION"],
         logit_opacities=logits(values[f"{NAME}:OPACITY"][:, 0]),
-        sh_coeffs=np.stack([values[name] for name in _sh_names(values)], axis=1),
+        sh_coeffs=np.stack([values[name] for name in bands], axis=1),
     )
     return Model(splats, drawing, left_out)
 
 
-def _sh_names(values: dict[str, Array]) -> list[str]:
+def _sh_names(attributes: Mapping[str, Any]) -> list[str]:
     """Attributes of the coefficients, of the degrees that are there whole."""
     names: list[str] = []
     for degree in range(4):
         band = [f"{NAME}:SH_DEGREE_{degree}_COEF_{n}" for n in range(2 * degree + 1)]
-        if degree and not all(name in values for name in band):
+        if degree and not all(name in attributes for name in band):
             break
         names += band
     return names

@@ -32,11 +32,11 @@ def read_model(path: str | Path) -> Model:
         chosen = format_of(path)
         with np.errstate(all="ignore"):  # what is not finite is found below
             model = chosen.read(path)
+            if chosen.in_white and model.drawing.linear and model.drawing.white:
+                model = replace(model, splats=brightened(model.splats, model.drawing.white))
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "check the path and its permissions") from error
     require_finite(path, model.splats, "the file is damaged: copy or export it again")
-    if chosen.in_white and model.drawing.linear and model.drawing.white:
-        model = replace(model, splats=brightened(model.splats, model.drawing.white))
     return model if chosen.turn is None else replace(model, splats=turned(model.splats, chosen.turn))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ FIRST_TAG = 252
 PER_ROW = 64  # entries of the palette
 META = "meta.json"
 SH_SIZES = (0, 3, 8, 15)  # coefficients by ``bands``, without the first
+BYTES = 4  # of a number of a model in memory; one without ``rest`` has 14 of them
 
 
 def read(path: Path) -> Model:
@@ -87,6 +89,8 @@ def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
             raise ValueError(f'{n} primitives, but a picture of "{part}" has {len(found)} pixels')
         return found[:n]
 
+    rest = SH_SIZES[meta["shN"].get("bands", 3)] if "shN" in meta else 0
+    require_proportion(path, n * BYTES * (14 + 3 * rest), size)
     low, high = (_numbers(meta["means"][end], 3) for end in ("mins", "maxs"))
     logs = low + (high - low) * (pixels("means", 0)[:, :3] + 256.0 * pixels("means", 1)[:, :3]) / 65535
     quats, sh0 = pixels("quats"), pixels("sh0")
@@ -94,7 +98,6 @@ def _read(path: Path, size: int, content: Callable[[str], bytes]) -> Model:
         raise ValueError("a quaternion names no component as its largest")
     sh = _numbers(meta["sh0"]["codebook"])[sh0[:, :3]][:, None]  # [N, 1, 3]
     if "shN" in meta:
-        rest = SH_SIZES[meta["shN"].get("bands", 3)]
         entry = picture("shN")[..., :3]  # [rows, PER_ROW (K - 1), 3]
         entry = entry.reshape(-1, rest, 3) if entry.shape[1] == PER_ROW * rest else entry[:0]
         label = pixels("shN", 1).astype(np.int64)
@@ -122,6 +125,12 @@ def _numbers(values: Any, count: int | None = None) -> Array:
 def _pixels(path: Path, size: int, data: bytes) -> Array:
     from PIL import Image
 
-    with Image.open(io.BytesIO(data)) as picture:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # of what the next line refuses
+            picture = Image.open(io.BytesIO(data))
+    except Image.DecompressionBombError as error:
+        raise ValueError(error) from None
+    with picture:
         require_proportion(path, picture.width * picture.height * 4, size)
         return np.asarray(picture.convert("RGBA"))  # an opaque one may have lost its alpha

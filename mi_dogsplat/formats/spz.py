@@ -34,6 +34,7 @@ from ..scene.drawing import Drawing, comments_of, drawing_of
 from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from ..support.srgb import linear_to_srgb_log, srgb_log_to_linear
+from .grids import Extents, Steps
 from .model import Model
 from .packing import SQRT2, from_smallest_three, logits, smallest_three, unit_quats
 from .spz_container import EXTENSIONS, HEADER, MAGIC, Payload, unwrapped, with_comment
@@ -41,6 +42,7 @@ from .spz_container import EXTENSIONS, HEADER, MAGIC, Payload, unwrapped, with_c
 VERSION = 3  # that is written
 ANTIALIASED = 1  # flag
 FRACTION_BITS = 12  # of a position, as in the reference encoder: a quarter of a millimetre where a unit is a metre
+MOST_BITS = 30  # readers shift a 32-bit 1 by them
 COLOR_SCALE = 0.15
 BRIGHTEST = 0.5 + C0 * 0.5 / COLOR_SCALE  # colour of code 255
 LINEAR_BRIGHTEST = 1024.0  # of linear models, in units of white
@@ -54,7 +56,7 @@ MAGNITUDES = 511  # of a component of a quaternion, 9 bits
 def encode(splats: Splats, drawing: Drawing = Drawing()) -> bytes:
     """The file of a model of plain Gaussians that is in RUB axes; values out of range are clamped."""
     n, degree = splats.n_splats, splats.sh_degree
-    bits = fraction_bits(splats.means)
+    bits = fraction_bits(splats)
     fixed = np.round(splats.means.astype(np.float64) * 2**bits)
     fixed = np.clip(fixed, -(2**23), 2**23 - 1).astype("<i4")  # [N, 3]
     positions = fixed.view(np.uint8).reshape(n, 3, 4)[..., :3]
@@ -134,10 +136,17 @@ def _rotations(payload: Payload) -> Array:
     return from_smallest_three(packed[:, 0] >> 30, three)
 
 
-def fraction_bits(means: Array) -> int:
-    """Bits of the fraction that leave room for all positions [N, 3]; the reference's 12 where they do."""
-    reach = float(np.abs(means).max(initial=0))
-    return max(0, min(FRACTION_BITS, 23 - math.frexp(reach)[1]))
+def fraction_bits(splats: Splats) -> int:
+    """Bits of the fraction of positions: the reference's 12, fewer where positions leave no room for them.
+
+    More where primitives are so small that 12 would move them: one more than their grid has, which was made before
+    their last sizes were known.
+    """
+    if splats.n_splats == 0:
+        return FRACTION_BITS
+    room = 23 - math.frexp(float(np.abs(splats.means).max()))[1]
+    grid = math.ceil(-math.log2(max(Steps.position * Extents.of(splats).small, 2.0**-MOST_BITS)))
+    return max(0, min(max(FRACTION_BITS, grid + 1), room, MOST_BITS))
 
 
 def _gzip(parts: list[bytes], comment: str = "") -> bytes:

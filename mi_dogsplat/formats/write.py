@@ -54,7 +54,8 @@ def write_model(
     silent = chosen is SPZ and spz_version == 4 and bool(model.drawing.linear)  # its header has no room for a comment
     lost = what_is_lost(replace(SPZ, brightest=BRIGHTEST) if silent else chosen, model)
     if silent:
-        lost.append("SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3")
+        unit, by_hand = ("", "give it by hand, or ") if not model.drawing.white else (" and in units of white", "")
+        lost.append(f"SPZ 4 cannot say that its colours are linear{unit}; {by_hand}write version 3")
     if not chosen.cuts:
         splats = whole(splats)
     if splats.n_slopes and not chosen.slopes:

@@ -99,7 +99,7 @@ class SensorReader:
         if sensor.class_name() == "BatchSensor":
             film, sensors = sensor.film(), _Sensors(sensor).found
             if film.sample_border() or any(film.crop_size() != film.size()):
-                raise ValueError("dogsplat: a batch has no sample_border and no crop window; leave them out of its film")
+                raise ValueError("dogsplat: a batch has no sample_border and no crop window; leave them out")
         return [self._view(slot, each, near_clip) for slot, each in enumerate(sensors)]
 
     def _view(self, slot: int, sensor: Any, near_clip: float) -> View:

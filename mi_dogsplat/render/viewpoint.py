@@ -45,7 +45,7 @@ def viewpoint(
         data: a data set.
         camera: the name of one of its views, or a camera file (``camera_file.py``); None is the first test view of the
             data, or without data a camera that frames the model.
-        options: ``downscale`` shrinks the picture; ``near_clip`` is smaller where a model is framed and small itself.
+        options: ``downscale`` shrinks the picture; a ``near_clip`` of None is smaller where a small model is framed.
         drawing: what the file of the model says, for what the options do not say.
 
     Raises ``DataError``.
@@ -53,7 +53,7 @@ def viewpoint(
     found, has_alpha, name = _camera(splats, data, camera, options.downscale, drawing.up)
     drawn = drawn_as(options.drawing, drawing)
     near_clip = drawn.near_clip
-    if not (camera or data):
+    if not (camera or data) and options.near_clip is None:
         near_clip = min(near_clip, NEAR_SHARE * robust_sphere(splats)[1])
     background = background_color(options.background, has_alpha)
     return Viewpoint(found, near_clip, background, drawn.antialiased, drawn.linear, drawn.white, name)

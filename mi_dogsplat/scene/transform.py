@@ -83,11 +83,16 @@ def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
         splats,
         means=splats.means.astype(np.float64) @ (scale * isometry).T + translation,
         log_scales=splats.log_scales + np.log(scale),
-        quats=quaternion_product(quaternion_from_rotation(rotation), splats.quats.astype(np.float64)),
+        quats=quaternion_product(quaternion_from_rotation(rotation), _turning(splats.quats)),
         sh_coeffs=turned(splats.sh_coeffs, 0),
         **along_axes,
         **of_groups,
     )
+
+
+def _turning(quats: np.ndarray) -> np.ndarray:
+    """Quaternions [N, 4] that turn as those do in a product: zero, which is read as the identity, becomes it."""
+    return np.where(quats.any(axis=1, keepdims=True), quats, (0, 0, 0, 1)).astype(np.float64)
 
 
 def _mapped(splats: Splats, linear: np.ndarray) -> dict[str, Any]:

@@ -83,6 +83,7 @@ def _in_order_of_cells(line: Line, tree: Tree) -> Any:
     key = types.UInt(0)
     for axis in range(3):
         place = (dr.fma(t, line.d[axis], line.o[axis]) - tree.middle[axis]) / dr.maximum(tree.size[axis], 1e-30) + 0.5
+        place = dr.select(dr.isfinite(place), place, 0)  # NaN has no whole number, and may be a key beyond all others
         cell = types.UInt(dr.clip(place * constant(types.Float, "cells", cells), 0, cells - 1))
         for bit in range(CELL_BITS):
             key |= ((cell >> bit) & 1) << (3 * bit + axis)

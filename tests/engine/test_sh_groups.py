@@ -217,3 +217,12 @@ def test_a_model_moved_on_the_device_is_that_moved_on_the_host():
     got = moved(upload(splats), mi.Transform4f(similarity()))
     for name in ("sh_coeffs", *GROUPS):
         np.testing.assert_allclose(got[name].numpy(), expected[name].numpy(), atol=1e-5, err_msg=name)
+
+
+def test_a_quaternion_of_zero_is_turned_on_the_device_as_on_the_host():
+    splats = rounded(random_splats(4, degree=0))
+    splats.quats[2] = 0
+    got = moved(upload(splats), mi.Transform4f(similarity()))["quats"].numpy().reshape(-1, 4)
+    expected = transformed(splats, similarity()).quats
+    signs = np.sign((got * expected).sum(axis=1, keepdims=True))
+    np.testing.assert_allclose(got * signs, expected, atol=1e-6)

@@ -6,6 +6,7 @@ import shutil
 import struct
 import subprocess
 import zipfile
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from mi_dogsplat import read_ply, write_ply
 from mi_dogsplat.formats import compressed_ply, gltf, sog, spz
+from mi_dogsplat.formats.coded import snapped
 from mi_dogsplat.formats.packing import LUF, RUB, morton_order, turned, unit_quats
 from mi_dogsplat.formats.palette import codebook, nearest, palette
 from mi_dogsplat.formats.read import read_model
@@ -21,6 +23,7 @@ from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from PIL import Image
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from splat_scenes import image_of, random_splats, rasterized, rounded, tilted_camera
 
@@ -106,9 +109,20 @@ def test_values_out_of_range_are_clamped_not_wrapped(name, tmp_path):
 
 
 def test_far_positions_cost_spz_bits_of_the_fraction(tmp_path):
-    assert spz.fraction_bits(np.array([[0.0, 2047, 1]])) == 12 and spz.fraction_bits(np.array([[2048.0, 0, 0]])) == 11
+    assert spz.fraction_bits(one(means=[[0.0, 2047, 1]])) == 12 and spz.fraction_bits(one(means=[[2048.0, 0, 0]])) == 11
     back = decoded("spz", one(means=[[5000, -5000, 1.5]]), tmp_path)
     assert back.means[0] == pytest.approx([5000, -5000, 1.5])
+
+
+@pytest.mark.parametrize("unit", [1.0, 0.1, 2.5e-3])
+def test_positions_of_spz_are_exact_enough_in_any_unit(unit, tmp_path):
+    """What is trained for the file is what the file holds, and what is not is off by a part of its size."""
+    model = splats_of_degree(0)
+    model = replace(model, means=model.means * unit, log_scales=model.log_scales * 0 + np.log(0.02 * unit))
+    for splats, error in ((model, 0.1), (snapped("spz", model), 1e-5)):
+        back = decoded("spz", splats, tmp_path)
+        distance, _ = cKDTree(back.means).query(splats.means)
+        assert distance.max() < error * 0.02 * unit
 
 
 @pytest.mark.parametrize("name", FORMATS)

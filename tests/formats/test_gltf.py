@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from fuzz_targets import gltf_of_spz
 from mi_dogsplat import Drawing, Model, read_model, write_model
+from mi_dogsplat.formats import gltf_read
 from mi_dogsplat.formats.gltf_container import glb, matrix_of
 from mi_dogsplat.formats.packing import LUF, turned
 from mi_dogsplat.scene.transform import transformed
@@ -64,6 +65,31 @@ def test_a_buffer_may_lie_beside_the_file(tmp_path, content):
     (tmp_path / "b.gltf").write_text(json.dumps(found))
     read = read_model(tmp_path / "b.gltf")
     assert np.array_equal(read.splats.means, foreign_model.model().means) and read.drawing.antialiased
+
+
+def test_an_attribute_that_no_gaussian_has_is_not_read(tmp_path, content):
+    found, binary = content
+    found["accessors"].append({"sparse": {}})
+    found["meshes"][0]["primitives"][0]["attributes"]["_MINE"] = len(found["accessors"]) - 1
+    found["buffers"] = [{"byteLength": len(binary)}]
+    (tmp_path / "b.glb").write_bytes(glb(found, binary))
+    assert read_model(tmp_path / "b.glb").splats.n_splats == foreign_model.model().n_splats
+
+
+def test_nodes_that_repeat_a_model_claim_all_of_its_memory(tmp_path, content, monkeypatch):
+    """Not that of its positions alone: 4 nodes are 4 times 56 bytes a primitive."""
+    found, binary = content
+    found["buffers"] = [{"byteLength": len(binary)}]
+    found["nodes"], found["scenes"] = [{"mesh": 0}] * 4, [{"nodes": [0, 1, 2, 3]}]
+    (tmp_path / "b.glb").write_bytes(glb(found, binary))
+    splats = foreign_model.model()
+    one = sum(getattr(splats, name).nbytes for name in ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs"))
+    monkeypatch.setattr(gltf_read, "RATIO", 0)
+    monkeypatch.setattr(gltf_read, "FREE", 4 * one)
+    assert read_model(tmp_path / "b.glb").splats.n_splats == 4 * splats.n_splats
+    monkeypatch.setattr(gltf_read, "FREE", 4 * one - 1)
+    with pytest.raises(DataError, match="repeat more primitives"):
+        read_model(tmp_path / "b.glb")
 
 
 def test_integers_and_rows_with_gaps_are_read(tmp_path, content):
@@ -140,6 +166,8 @@ def test_linear_and_display_referred_primitives_are_not_one_model(tmp_path, cont
     (lambda c: c["nodes"][0].update(scale=[1, 0, 1]), "cannot be flattened"),
     (lambda c: c["nodes"][0].update(rotation=[0, 0, 0, 0]), "rotation of a node is zero"),
     (lambda c: c.update(scenes=[{"nodes": [7]}]), "IndexError"),
+    (lambda c: c.update(scenes=[{"nodes": [-1]}]), "whole number"),
+    (lambda c: c["nodes"][0].update(mesh=-1), "whole number"),
 ])  # fmt: skip
 def test_what_does_not_fit_together_is_refused(tmp_path, content, change, words):
     found, binary = content

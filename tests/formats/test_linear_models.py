@@ -11,6 +11,7 @@ from mi_dogsplat.formats.write import write_model
 from mi_dogsplat.scene.drawing import Drawing, drawn_as
 from mi_dogsplat.scene.radiance import brightened
 from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.errors import DataError
 from mi_dogsplat.support.srgb import linear_to_srgb_log
 from tiny_data import truth
 
@@ -94,6 +95,17 @@ def test_a_linear_spz_file_of_before_holds_radiance_and_others_see_what_a_screen
 def test_spz_4_tells_that_it_cannot_say_so(tmp_path):
     lost = write_model(tmp_path / "a.spz", Model(truth(), Drawing(linear=True)), spz_version=4)
     assert lost == ["SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3"]
+    lost = write_model(tmp_path / "b.spz", Model(truth(), Drawing(linear=True, white=4.0)), spz_version=4)
+    assert "SPZ 4 cannot say that its colours are linear and in units of white; write version 3" in lost
+
+
+def test_a_white_by_which_colours_end_beyond_all_numbers_is_refused(tmp_path):
+    write_model(tmp_path / "a.compressed.ply", Model(truth(), DRAWING))
+    data = (tmp_path / "a.compressed.ply").read_bytes()
+    assert data.count(f"white {WHITE}\n".encode()) == 1
+    (tmp_path / "a.compressed.ply").write_bytes(data.replace(f"white {WHITE}\n".encode(), b"white 1e300\n"))
+    with pytest.raises(DataError, match="are not finite"):
+        read_model(tmp_path / "a.compressed.ply")
 
 
 def test_brightened_models_have_all_colours_times_the_factor_in_every_direction():

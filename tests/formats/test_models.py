@@ -1,9 +1,11 @@
 """Reading and writing a model of any format: the axes, what travels with it, what a file is, and bad files."""
 
 import gzip
+import io
 import json
 import struct
 import zipfile
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from mi_dogsplat.formats.table import FORMATS
 from mi_dogsplat.scene.drawing import comments_of, drawing_of
 from mi_dogsplat.scene.orientation import AXES
 from mi_dogsplat.support.errors import DataError
+from PIL import Image
 from ply_files import random_splats, to_bytes, vertex_columns
 from scipy.spatial.transform import Rotation
 
@@ -226,6 +229,45 @@ def test_a_small_file_cannot_claim_much_memory(tmp_path):
     for name in ("bomb.spz", "bomb4.spz", "bomb.sog"):
         with pytest.raises(DataError, match=f"{name}.*which no model compresses to"):
             read_model(tmp_path / name)
+
+
+@pytest.mark.parametrize("side", [9_600, 20_000])  # beyond what Pillow warns of, and what it refuses by itself
+def test_a_picture_of_a_sog_cannot_claim_much_memory(tmp_path, side):
+    header = struct.pack(">IIBBBBB", side, side, 8, 6, 0, 0, 0)
+    chunks = [(b"IHDR", header), (b"IDAT", zlib.compress(b"")), (b"IEND", b"")]
+    packed = [struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+              for kind, data in chunks]  # fmt: skip
+    _replace_in_sog(tmp_path, "means_l.webp", b"\x89PNG\r\n\x1a\n" + b"".join(packed))
+    with pytest.raises(DataError, match="a.sog"):
+        read_model(tmp_path / "a.sog")
+
+
+def test_many_primitives_of_few_colours_cannot_either(tmp_path):
+    """Pictures of one colour are bytes, whatever their size."""
+    side = 1000
+    one = io.BytesIO()
+    Image.new("RGBA", (side, side), (128, 128, 128, 255)).save(one, "WEBP", lossless=True)
+    model = _replace_in_sog(tmp_path, "", b"")
+    with zipfile.ZipFile(model) as bundle:
+        meta = json.loads(bundle.read("meta.json")) | {"count": side * side}
+        names = [name for name in bundle.namelist() if name.endswith(".webp")]
+    with zipfile.ZipFile(model, "w") as bundle:
+        bundle.writestr("meta.json", json.dumps(meta))
+        for name in names:
+            bundle.writestr(name, one.getvalue())
+    with pytest.raises(DataError, match="which no model compresses to"):
+        read_model(model)
+
+
+def _replace_in_sog(folder: Path, name: str, content: bytes) -> Path:
+    """A SOG with another content under one of its names."""
+    path = written(folder / "a.sog", foreign_model.model())
+    with zipfile.ZipFile(path) as bundle:
+        files = {member: bundle.read(member) for member in bundle.namelist()}
+    with zipfile.ZipFile(path, "w") as bundle:
+        for member, data in files.items():
+            bundle.writestr(member, content if member == name else data)
+    return path
 
 
 def test_values_that_are_not_finite_are_refused_with_their_place(tmp_path):

@@ -269,7 +269,9 @@ def test_the_derivative_after_a_change_of_the_lens_is_that_of_the_new_one(change
 
     def gradient(sensor, before):
         scene = scene_of(MODEL, square_camera())
-        params, integrator, lens = mi.traverse(scene), scene.integrator(), mi.traverse(sensor)
+        params: Any = mi.traverse(scene)
+        integrator: Any = scene.integrator()
+        lens: Any = mi.traverse(sensor)
         dr.enable_grad(params["splats.means"])
         params.update()
         if before:

@@ -5,6 +5,8 @@ import pytest
 import tiny_data
 from mi_dogsplat import write_ply
 from mi_dogsplat.render.framing import automatic_camera, likely_up, robust_sphere
+from mi_dogsplat.render.picture_options import PictureOptions
+from mi_dogsplat.render.viewpoint import viewpoint
 from mi_dogsplat.scene.splats import Splats
 from rendered_files import read_png, render
 
@@ -20,6 +22,11 @@ def test_the_automatic_view_shows_a_model_of_any_size_wherever_it_is(scale, tmp_
     write_ply(tmp_path / "m.ply", splats)
     render(tmp_path / "m.ply", tmp_path / "v.png", downscale=4)
     assert np.mean(read_png(tmp_path / "v.png").max(axis=2) > 20) > 0.2  # the near clip left it in
+
+
+def test_a_near_clip_that_is_asked_for_holds_in_the_automatic_view():
+    chosen = viewpoint(tiny_data.truth(), options=PictureOptions(near_clip=2.0)).near_clip
+    assert chosen == 2.0 > viewpoint(tiny_data.truth()).near_clip
 
 
 def test_far_outliers_do_not_change_what_is_framed():

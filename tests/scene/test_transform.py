@@ -62,6 +62,14 @@ def test_two_transforms_in_turn_are_their_product():
     np.testing.assert_allclose(reference.rotations(once.quats), reference.rotations(twice.quats), atol=1e-5)
 
 
+def test_a_quaternion_of_zero_is_turned_as_the_identity_that_it_stands_for():
+    splats = rounded(random_splats(3))
+    splats.quats[1] = 0
+    turned = reference.rotations(transformed(splats, similarity()).quats.astype(float))
+    np.testing.assert_allclose(np.abs(turned[1]), np.abs(ROTATION), atol=1e-6)
+    np.testing.assert_allclose(turned[0], ROTATION @ reference.rotations(splats.quats.astype(float))[0], atol=1e-6)
+
+
 def test_a_model_without_primitives_can_be_moved():
     assert transformed(Splats.empty(3), similarity()).n_splats == 0
 

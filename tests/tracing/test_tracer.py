@@ -53,6 +53,15 @@ def test_without_cutoffs_too(mixture, rays):
     np.testing.assert_allclose(T, expected_T, atol=1e-5, rtol=1e-3)
 
 
+def test_rays_without_a_direction_are_walked_to_their_end(mixture):
+    """As literals above all: NaN as a whole number was a key beyond all buckets, and the process ended."""
+    n = FEW + 100
+    direction = mi.Vector3f(dr.full(mi.Float, np.nan, n), 0, 1)
+    colors, T = tracer_of(mixture).gather(mi.Ray3f(mi.Point3f(dr.zeros(mi.Float, n)), direction))
+    assert dr.width(T) == n and dr.width(colors[0]) == n
+    dr.eval(colors, T)
+
+
 def test_the_order_in_which_rays_are_walked_changes_no_bit(mixture):
     many = random_rays(FEW + 100, seed=3)
     few = many.select(np.arange(200))
