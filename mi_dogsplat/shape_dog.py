@@ -145,12 +145,13 @@ class DogShape(mi.Mesh):
 
     def parameters_changed(self, keys: list[str] = []):  # noqa: B006 (signature of Mitsuba)
         n, size = self.means.shape[0], require_sh_size(tuple(self.sh_coeffs.shape))
-        if "to_world" in keys:
+        if "to_world" in keys or not keys:
+            matrix = self._matrix()
             try:
-                decompose_similarity(self._matrix())
+                decompose_similarity(matrix)
             except ValueError as error:
                 raise RuntimeError(f'dog: "to_world": {error}') from None
-            self._moves = True
+            self._moves = "to_world" in keys or not np.array_equal(matrix, np.eye(4))
         rows = {"means": (3,), "log_scales": (3,), "quats": (4,), "logit_opacities": (), "sh_coeffs": (size, 3)}
         names = (*RAW, *(name for group in self.groups for name in group.names))
         shapes = {name: tuple(getattr(self, name).shape) for name in names}

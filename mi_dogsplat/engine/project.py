@@ -96,7 +96,7 @@ def softplus(x: mi.Float) -> mi.Float:
     return dr.select(positive, x, 0) + dr.log(1 + dr.exp(dr.select(positive, -x, x)))
 
 
-def _all_finite(values: list[mi.Float]) -> mi.Bool:
+def all_finite(values: list[mi.Float]) -> mi.Bool:
     finite = dr.isfinite(values[0])
     for value in values[1:]:
         finite &= dr.isfinite(value)
@@ -177,7 +177,7 @@ def _pseudo_kernels(params: dict, axes, scales, log2_opacity, antialiased: bool)
         of(log2_opacity) - LOG2_E * softplus(-params["dog_logit_opacities"]),
         antialiased,
     )
-    usable = _all_finite(log_factors) & ~dr.isnan(pseudo.lo)
+    usable = all_finite(log_factors) & ~dr.isnan(pseudo.lo)
     dr.eval(pseudo, usable)  # before the primaries gather from it, for the same reason
     return pseudo, usable
 
@@ -231,7 +231,7 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     scales = [dr.exp(s) for s in log_scales]
     log2_opacity = -LOG2_E * softplus(-params["logit_opacities"])
     kernels = _screen_kernels(axes, scales, log2_opacity, antialiased)
-    visible &= _all_finite([x, y, kernels.ux, kernels.uy, *log_scales, *quats]) & ~dr.isnan(log2_opacity)
+    visible &= all_finite([x, y, kernels.ux, kernels.uy, *log_scales, *quats]) & ~dr.isnan(log2_opacity)
 
     pseudo, dog_row, dog_index = None, None, None
     if "dog_index" in params:
@@ -240,16 +240,16 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
         visible &= (dog_row == NO_ROW) | dr.gather(mi.Bool, usable, dog_row, dog_row != NO_ROW)
 
     radiance = _radiance(params, camera, direction, index, visible, sh_degree)
-    visible &= _all_finite(radiance)
+    visible &= all_finite(radiance)
     colors, slopes, cuts = [dr.maximum(value, 0) for value in radiance], None, None
     if "color_slopes" in params or "cut_normals" in params:
         per_pixel = own_axes_per_pixel(axes, scales, _in_range(axes, scales), LOW_PASS)
         if "color_slopes" in params:
             row = params["slope_row"]
             slopes = slopes_on_screen(rows(params["color_slopes"], SLOPE_ROW, row, row != NO_ROW), per_pixel)
-            visible &= _all_finite(slopes)
+            visible &= all_finite(slopes)
         if "cut_normals" in params:
             row = params["cut_row"]
             cuts = cuts_on_screen(rows(params["cut_normals"], CUT_ROW, row, row != NO_ROW), per_pixel)
-            visible &= _all_finite(cuts)
+            visible &= all_finite(cuts)
     return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index, slopes, cuts)

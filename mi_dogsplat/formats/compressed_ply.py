@@ -18,13 +18,13 @@ import numpy as np
 
 from ..scene.drawing import drawing_of
 from ..scene.ply_tables import TableReader
+from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from . import trailer
 from .model import Model
 from .packing import SQRT2, from_smallest_three, logits, smallest_three, unit_quats
 
 CHUNK = 256
-C0 = 0.28209479177387814  # SH basis function of degree 0
 MAX_LOG_SCALE = 20
 SH_RANGE = 8.0  # width of the range of a coefficient
 BOUNDED = ("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b")

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..scene.drawing import EXTRAS, Drawing
+from ..scene.sh_basis import C0
 from ..scene.splats import Array, Splats
 from .gltf_container import glb, gltf
 from .gltf_read import DISPLAY, LINEAR, NAME, placing, read
@@ -22,7 +23,6 @@ from .packing import finite_scales, unit_quats
 
 FLOAT, BYTE, ARRAY_BUFFER, POINTS = 5126, 5121, 34962, 0
 KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
-C0 = 0.28209479177387814
 
 
 def attributes(splats: Splats) -> dict[str, Array]:

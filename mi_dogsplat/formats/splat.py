@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ..scene.sh_basis import C0
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from .model import Model
 from .packing import finite_scales, logits, unit_quats
 
-C0 = 0.28209479177387814
 ROW = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("rgba", "u1", 4), ("quats", "u1", 4)])
 MIDDLE = 128  # of a quaternion's component
 SMALLEST_SCALE = 1e-30

@@ -26,7 +26,8 @@ def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None
     """A shape for ``mi.load_dict``, alone or in the dict of a scene, of type ``ellipsoids``.
 
     Its ``opacities`` [N', 1] and ``sh_coeffs`` [N', 3 K] (K = (degree + 1)²) are the attributes that
-    ``volprim_rf_basic`` reads; the colours are sRGB, as its ``srgb_primitives`` expects by default.
+    ``volprim_rf_basic`` reads. The colours are sRGB, as its ``srgb_primitives`` expects by default; where a file or a
+    shape says that they are linear radiance a warning asks for ``srgb_primitives`` to be false.
 
     An ellipsoid is one whole Gaussian of one colour: of a DoG primitive the positive one is kept, what the
     pseudo-Gaussian subtracts is left out, where a colour varies over its primitive that at the centre is kept, which is
@@ -46,12 +47,12 @@ def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None
     """
     if not extent > 0:
         raise ValueError(f"to_ellipsoids: extent is {extent}, it must be positive")
-    splats = _splats(model)
+    splats, linear = _splats(model)
     if to_world is not None:
         splats = transformed(splats, np.array(getattr(to_world, "matrix", to_world), dtype=np.float64))
     found = whole(splats.select(_drawn(splats)).plain())
     found = found.without_slopes().select(_drawn(found))
-    _report(splats, splats.n_splats - found.n_splats)
+    _report(splats, splats.n_splats - found.n_splats, linear)
     splats = found.uniform_sh()
     if splats.n_splats == 0:
         raise ValueError("to_ellipsoids: the model has no primitive that can be seen; Mitsuba needs one")
@@ -66,13 +67,16 @@ def to_ellipsoids(model: Splats | str | Path | mi.Shape, *, to_world: Any = None
     }
 
 
-def _splats(model: Splats | str | Path | mi.Shape) -> Splats:
+def _splats(model: Splats | str | Path | mi.Shape) -> tuple[Splats, bool]:
+    """The model, and whether its colours are said to be linear radiance."""
     if isinstance(model, Splats):
-        return model
+        return model, False
     if isinstance(model, (str, Path)):
-        return read_model(model).splats
+        found = read_model(model)
+        return found.splats, bool(found.drawing.linear)
     if hasattr(model, "to_splats"):  # not isinstance: the class of the shape is another one in every variant
-        return model.to_splats()  # pyright: ignore[reportAttributeAccessIssue]
+        shape: Any = model
+        return shape.to_splats(), bool(shape.drawing.linear)
     raise ValueError(f'to_ellipsoids: a model is Splats, a path or a shape "dog", this is {type(model).__name__}')
 
 
@@ -92,7 +96,10 @@ def _unit(quats: np.ndarray) -> np.ndarray:
     return q / np.linalg.norm(q, axis=1, keepdims=True)
 
 
-def _report(splats: Splats, n_hidden: int) -> None:
+def _report(splats: Splats, n_hidden: int, linear: bool) -> None:
+    log: Any = mi.Log
+    if linear:
+        log(mi.LogLevel.Warn, "to_ellipsoids: its colours are linear radiance; set srgb_primitives to false")
     left_out = []
     if splats.n_dog:
         left_out.append(f"the negative part of {splats.n_dog} DoG primitives")
@@ -103,5 +110,4 @@ def _report(splats: Splats, n_hidden: int) -> None:
     if n_hidden:
         left_out.append(f"{n_hidden} of {splats.n_splats} primitives that are fainter than 1/255 or not finite")
     if left_out:
-        log: Any = mi.Log
         log(mi.LogLevel.Warn, f"to_ellipsoids: left out {' and '.join(left_out)}")

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
-from ..engine.project import LOG2_E, NO_ROW, rotation_matrix, rows, softplus
+from ..engine.project import LOG2_E, NO_ROW, all_finite, rotation_matrix, rows, softplus
 from ..engine.sh import read_rows
 from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups
 from ..scene.row_groups import SH
@@ -79,17 +79,17 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     lo = -LOG2_E * softplus(-params["logit_opacities"])
     sh = uniform_sh(params, sh_degree)
     broken = dr.block_sum(dr.select(dr.isfinite(dr.detach(sh)), mi.Float(0), mi.Float(1)), dr.width(sh) // n)
-    usable = _finite([*mean, *log_scales, *quats]) & ~dr.isnan(lo) & (broken == 0)
+    usable = all_finite([*mean, *log_scales, *quats]) & ~dr.isnan(lo) & (broken == 0)
     slopes, slope_row = [], None
     if "slope_index" in params:
         slope_row = params["slope_row"]
         slopes = rows(params["color_slopes"], 9, dr.arange(mi.UInt32, dr.width(params["slope_index"])))
-        usable &= _of_row(_finite(slopes), slope_row)
+        usable &= _of_row(all_finite(slopes), slope_row)
     cuts, cut_row, cut_index = [], None, None
     if "cut_index" in params:
         cut_row, cut_index = params["cut_row"], params["cut_index"]
         cuts = rows(params["cut_normals"], 3, dr.arange(mi.UInt32, dr.width(cut_index)))
-        usable &= _of_row(_finite(cuts), cut_row)
+        usable &= _of_row(all_finite(cuts), cut_row)
     some = slopes, slope_row, cuts, cut_row, cut_index
     if "dog_index" not in params:
         return Primitives(to_kernel, mean, lo, sh, usable, [], None, None, *some)
@@ -98,7 +98,7 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
     log_factors = rows(params["dog_log_scales"], 3, dr.arange(mi.UInt32, dr.width(dog_index)))
     of_primary = dr.gather(mi.Float, lo, dog_index, mode=dr.ReduceMode.NoConflicts)
     pseudo_lo = of_primary - LOG2_E * softplus(-params["dog_logit_opacities"])
-    finite = _finite(log_factors) & ~dr.isnan(pseudo_lo)
+    finite = all_finite(log_factors) & ~dr.isnan(pseudo_lo)
     usable &= _of_row(finite, dog_row)
     pseudo = [*(_exp_minus(f) for f in log_factors), pseudo_lo]
     return Primitives(to_kernel, mean, lo, sh, usable, pseudo, dog_row, dog_index, *some)
@@ -111,13 +111,6 @@ def _of_row(finite: mi.Bool, row: mi.UInt32) -> mi.Bool:
 
 def _exp_minus(x: mi.Float) -> mi.Float:
     return dr.exp(-dr.clip(x, -MAX_LOG_SCALE, MAX_LOG_SCALE))
-
-
-def _finite(values: list) -> mi.Bool:
-    finite = dr.isfinite(values[0])
-    for value in values[1:]:
-        finite &= dr.isfinite(value)
-    return finite
 
 
 def uniform_sh(params: dict, degree: int) -> mi.Float:

@@ -23,7 +23,7 @@ from mi_dogsplat.scene.sh_basis import C0
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.errors import DataError
 from PIL import Image
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 from splat_scenes import image_of, random_splats, rasterized, rounded, tilted_camera
 
@@ -121,7 +121,7 @@ def test_positions_of_spz_are_exact_enough_in_any_unit(unit, tmp_path):
     model = replace(model, means=model.means * unit, log_scales=model.log_scales * 0 + np.log(0.02 * unit))
     for splats, error in ((model, 0.1), (snapped("spz", model), 1e-5)):
         back = decoded("spz", splats, tmp_path)
-        distance, _ = cKDTree(back.means).query(splats.means)
+        distance, _ = KDTree(back.means).query(splats.means)
         assert distance.max() < error * 0.02 * unit
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from mi_dogsplat import Splats, reference, to_ellipsoids, write_ply
+from mi_dogsplat import Drawing, Model, Splats, reference, to_ellipsoids, write_model, write_ply
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_to_mitsuba
 from mi_dogsplat.scene.transform import transformed
@@ -143,6 +143,15 @@ def test_the_negative_part_of_a_dog_model_is_left_out_and_reported():
     with warnings() as said:
         assert_same(got, to_ellipsoids(MODEL.plain()))
     assert not said
+
+
+def test_that_colours_are_linear_is_said_for_a_file_and_for_a_shape(tmp_path):
+    write_model(tmp_path / "a.ply", Model(thick(), Drawing(linear=True)))
+    shape: Any = mi.load_dict({"type": "dog", "filename": str(tmp_path / "a.ply")})
+    for model in (tmp_path / "a.ply", shape):
+        with warnings() as said:
+            to_ellipsoids(model)
+        assert len(said) == 1 and "linear radiance; set srgb_primitives to false" in said[0]
 
 
 def test_what_cannot_be_seen_is_left_out_and_reported():

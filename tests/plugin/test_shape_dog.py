@@ -65,6 +65,16 @@ def test_to_world_moves_the_model_once_at_load():
     assert_equal(moved, expected, atol=1e-5)
 
 
+def test_a_change_without_names_is_one_of_everything():
+    shape, named = load(), load()
+    for one in (shape, named):
+        one.to_world = mi.Transform4f().translate([1, 2, 3])
+    shape.parameters_changed()
+    named.parameters_changed(["to_world"])
+    assert_equal(shape.to_splats(), named.to_splats())
+    assert abs(shape.to_splats().means - MODEL.means).max() > 2
+
+
 def test_to_world_may_be_a_transform_of_mitsubas_arrays():
     turned, plain = (kind().rotate([0.6, 0, 0.8], 40).scale(2) for kind in (mi.Transform4f, mi.ScalarTransform4f))
     assert_equal(load(to_world=turned).to_splats(), load(to_world=plain).to_splats(), atol=1e-5)
