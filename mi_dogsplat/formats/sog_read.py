@@ -31,8 +31,9 @@ def read(path: Path) -> Model:
     """The content of a bundle, or of the folder of a meta.json. Raises ``DataError``."""
     try:
         if zipfile.is_zipfile(path):
+            size = path.stat().st_size
             with zipfile.ZipFile(path) as bundle:
-                return _read(path, path.stat().st_size, lambda name: _unpacked(path, bundle, name))
+                return _read(path, size, lambda name: _unpacked(path, size, bundle, name))
         files = _Folder(path)
         return _read(path, files.size(), files.content)
     except DataError:
@@ -47,8 +48,10 @@ def read(path: Path) -> Model:
         raise DataError(path, problem, "the file is damaged: copy or export it again") from error
 
 
-def _unpacked(path: Path, bundle: zipfile.ZipFile, name: str) -> bytes:
+def _unpacked(path: Path, size: int, bundle: zipfile.ZipFile, name: str) -> bytes:
     info = bundle.getinfo(name)
+    if info.compress_size > size:  # zipfile would make room for all of it first
+        raise ValueError(f'"{name}" claims {info.compress_size} bytes of a file of {size}')
     require_proportion(path, info.file_size, info.compress_size)
     return bundle.read(info)
 

@@ -242,6 +242,17 @@ def test_a_picture_of_a_sog_cannot_claim_much_memory(tmp_path, side):
         read_model(tmp_path / "a.sog")
 
 
+def test_a_member_of_a_sog_is_no_larger_than_the_file(tmp_path):
+    """By its directory, where the size of a member stands 20 bytes behind the signature."""
+    model = _replace_in_sog(tmp_path, "", b"")
+    data = bytearray(model.read_bytes())
+    at = data.index(b"PK\x01\x02") + 20
+    data[at : at + 8] = struct.pack("<II", 2**31, 2**31)
+    model.write_bytes(data)
+    with pytest.raises(DataError, match="claims 2147483648 bytes of a file of"):
+        read_model(model)
+
+
 def test_many_primitives_of_few_colours_cannot_either(tmp_path):
     """Pictures of one colour are bytes, whatever their size."""
     side = 1000
