@@ -31,7 +31,7 @@ class Borrowed:
         self.give_back()
 
     def set(self, owner: Any, **values: Any) -> None:
-        """Set properties of numbers and names, as far as this Blender has them.
+        """Set properties of numbers, names and objects, as far as this Blender has them.
 
         What one of them changes of the others is given back too: all are looked at before the first is set.
         """

@@ -94,6 +94,8 @@ class Rendering:
         self._borrowed.set_visible(scene, self._context.view_layer)
         for obj in cameras:
             self._borrowed.set(obj.data.dof, use_dof=False)
+        for marker in scene.timeline_markers:  # a render looks through the camera of the latest one first
+            self._borrowed.set(marker, camera=None)
         self._context.view_layer.update()
 
     def _decisive(self) -> dict:

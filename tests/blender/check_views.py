@@ -51,6 +51,21 @@ def test_views_are_of_the_view_layer_at_work(subject, scene):
     assert np.array(image.pixels[:])[3::4].mean() > 0.2 and first.use and second.use
 
 
+def test_views_are_those_of_the_rig_though_a_marker_of_the_timeline_has_a_camera(subject, scene):
+    """Which looks away from the subject: without its marker a render would switch to it."""
+    own = bpy.data.objects.new("Own", bpy.data.cameras.new("Own"))
+    scene.collection.objects.link(own)
+    scene.timeline_markers.new("shot", frame=scene.frame_current).camera = own
+    scene.timeline_markers.new("later", frame=scene.frame_current + 1)
+    scene.dogsplat_training.views = 1
+    make_rig(bpy.context)
+    before = state(scene)
+    bpy.ops.dogsplat.render_views()
+    assert state(scene) == before
+    image = bpy.data.images.load(str(folder_of(scene) / "images" / "View_000.png"))
+    assert np.array(image.pixels[:])[3::4].mean() > 0.2
+
+
 def test_settings_are_given_back_after_an_error(subject, scene, monkeypatch):
     make_rig(bpy.context)
     made_unlike(scene)

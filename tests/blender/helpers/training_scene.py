@@ -49,7 +49,8 @@ def state(scene):
     owners = scene.render, scene.render.image_settings, scene.view_settings, scene.display_settings
     seen = {obj.name: (obj.hide_render, obj.hide_viewport, obj.visible_camera, obj.hide_get()) for obj in scene.objects}
     view = bpy.context.preferences.view.render_display_type
-    return [*map(values, owners), seen, scene.camera, view, scene.frame_current]
+    markers = [marker.camera for marker in scene.timeline_markers]
+    return [*map(values, owners), seen, scene.camera, view, scene.frame_current, markers]
 
 
 def made_unlike(scene):
