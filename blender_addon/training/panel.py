@@ -6,7 +6,7 @@ import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
 from .data_set import is_begun, is_complete
-from .rendering import training_folder
+from .folder import training_folder
 from .rig_operator import rig_cameras
 from .run import can_go_on
 from .settings import DogSplatTrainingSettings

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from pathlib import Path
 
 import bpy
 
@@ -13,19 +12,12 @@ from ..files.errors import told
 from ..files.whole import remove
 from .borrowed import Borrowed, hidden_objects
 from .data_set import DataSet, Frame
+from .folder import claim, training_folder
 from .points import seen_points
 from .rig import held_out
 from .rig_operator import make_rig, rig_cameras
 
 PICTURES = ("transparent", "linear", "alone", "subject")  # settings on which the pictures depend, with the engine
-
-
-def training_folder(scene: bpy.types.Scene) -> Path:
-    """Of the settings. Raises ``ValueError`` where there is none, or a file that was never saved has a relative one."""
-    name = scene.dogsplat_training.folder
-    if not name or (name.startswith("//") and not bpy.data.filepath):
-        raise ValueError("save the file, or choose a folder")
-    return Path(bpy.path.abspath(name))
 
 
 class Rendering:
@@ -38,13 +30,15 @@ class Rendering:
         """Raises ``ValueError``, in one line that says what to do, with all settings as they were."""
         self._context, self._borrowed = context, Borrowed()
         scene = context.scene
-        folder = training_folder(scene) / "data"
+        folder = training_folder(scene)
         cameras = rig_cameras(scene.dogsplat_training) or make_rig(context)
         with ExitStack() as undo:
             undo.callback(self.close)
             self._borrow(cameras)
             numbers = [_numbers(context, obj) for obj in cameras]
-            self.data_set = DataSet(folder, self._decisive(), ".exr" if scene.dogsplat_training.linear else ".png")
+            suffix = ".exr" if scene.dogsplat_training.linear else ".png"
+            self.data_set = DataSet(folder / "data", self._decisive(), suffix)
+            claim(folder, scene)
             self.frames = [self.data_set.frame(camera) for camera in numbers]
             self._require_names()
             undo.pop_all()

@@ -101,8 +101,8 @@ class DogSplatTrainingSettings(bpy.types.PropertyGroup):
         name="Folder",
         subtype="DIR_PATH",
         options=RELATIVE,
-        default="//dogsplat_training",
-        description="For the data set, in data, and the training, in run",
+        default="//dogsplat_training/{blend_name}/{scene_name}",
+        description="For the data set, in data, and the training, in run. Names of file and scene take their places",
     )
     preset: EnumProperty(name="Preset", items=PRESETS, default="ours", translation_context=OWN)
     steps: IntProperty(name="Steps", default=7000, min=10, soft_max=30_000, description="The schedule scales along")

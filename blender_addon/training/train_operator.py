@@ -11,7 +11,7 @@ from ..package.renderers import process_words
 from ..package.served import RendererError
 from ..preferences import command_of
 from .data_set import is_complete
-from .rendering import training_folder
+from .folder import training_folder
 from .result import place_result
 from .run import TrainingRun, can_go_on
 from .settings import DogSplatTrainingSettings

@@ -63,7 +63,9 @@ REST = {
         "OpenEXR mit linearer Strahldichte statt PNG: Glanzlichter enden nicht bei Weiß"
     ),
     "Folder": "Ordner",
-    "For the data set, in data, and the training, in run": "Für den Datensatz, in data, und das Training, in run",
+    "For the data set, in data, and the training, in run. Names of file and scene take their places": (
+        "Für den Datensatz, in data, und das Training, in run. Die Namen von Datei und Szene treten an ihre Stellen"
+    ),
     "Pruned and made DoG: the recipe of this package": "Ausgedünnt und zu DoG gemacht: das Rezept dieses Pakets",
     "Ours, with colours that vary over their splats": "Unser Rezept, mit Farben, die über ihre Splats verlaufen",
     "Ours, with such colours, and with splats that planes cut off": (
