@@ -19,7 +19,9 @@ from ..files.errors import told
 from ..files.light import Light, in_common_light
 from ..files.model import Model, concatenate
 from ..files.ply import write_ply
+from ..files.said import Said
 from ..native.convert import drawing_of
+from ..nodes.tree import NEAR_CLIP
 from ..objects.conventions import light_of
 from ..scene.export import Plugin
 from ..scene.sensor import sensor
@@ -27,7 +29,6 @@ from ..scene.write import has_surroundings, write_scene
 
 MIXED = "some models hold sRGB values, others radiance; the former are drawn in radiance"
 COPIED = '"{name}": its nodes copy what draws splats, which is left out; turn on As Instance there, and realize nothing'
-NEAR_CLIP = 0.2  # where no model of the scene has a modifier that says otherwise
 
 
 class StageSettings(NamedTuple):
@@ -186,7 +187,8 @@ def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
 
 def _write_model(folder: Path, splats: _Splats, light: Light) -> Path:
     """A file that is named by its content: the renderer knows it again in the next frame, which writes none."""
-    content = hashlib.sha1("\n".join(light.comments).encode())
+    comments = Said().lit(light).comments
+    content = hashlib.sha1("\n".join(comments).encode())
     for model, matrix in zip(splats.models, splats.matrices, strict=True):
         for array in (*vars(model).values(), matrix):
             content.update(np.ascontiguousarray(array))
@@ -194,5 +196,5 @@ def _write_model(folder: Path, splats: _Splats, light: Light) -> Path:
     if not path.exists():
         placed = zip(splats.models, splats.matrices, splats.names, strict=True)
         models = [moved_model(model, matrix, name) for model, matrix, name in placed]
-        write_ply(path, concatenate(models), light.comments)
+        write_ply(path, concatenate(models), comments)
     return path

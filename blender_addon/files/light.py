@@ -22,11 +22,6 @@ class Light:
     linear: bool = False
     white: float = 1.0
 
-    @property
-    def comments(self) -> list[str]:
-        """Lines of a PLY header that say it; none where it goes without saying."""
-        return ["dogsplat linear true", f"dogsplat white {self.white!r}"] if self.linear else []
-
 
 def in_common_light(models: Sequence[Model], lights: Sequence[Light]) -> tuple[list[Model], Light]:
     """The models as they can be drawn together, and the light of all: linear where one is, of the first one's white."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -14,7 +15,8 @@ from ..files.errors import FileError, told
 from ..files.light import in_common_light
 from ..files.model import concatenate
 from ..files.ply import write_ply
-from ..objects.conventions import import_matrix, light_of
+from ..objects.conventions import import_matrix, light_of, metres_of_unit
+from .exported import said_of_all
 
 
 class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
@@ -64,7 +66,10 @@ class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
             if model.n_splats == 0:
                 remedy = "select a model that has some, or open its crop"
                 raise FileError(self.filepath, "there is no splat to export", remedy)
-            write_ply(Path(self.filepath), model, light.comments)
+            said = said_of_all(first, objects, target)
+            if self.space == "WORLD":
+                said = replace(said, up=(0.0, 0.0, 1.0), scale=metres_of_unit(context.scene))
+            write_ply(Path(self.filepath), model, said.lit(light).comments)
         except ValueError as error:  # FileError too
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

@@ -18,12 +18,13 @@ from mathutils import Matrix
 
 from ..files.errors import FileError, told
 from ..files.model import Model, importance, sigmoid
-from ..files.read import EXTENSIONS, Said, read_model
+from ..files.read import EXTENSIONS, read_model
+from ..files.said import Said
 from ..native.bake import baked
 from ..native.convert import native_object, replace_object
 from ..nodes.modifier import add_modifier, set_input
 from ..objects.attributes import write_attributes
-from ..objects.conventions import DOG_COUNT, UP_AXES, conversion, remember, remember_light
+from ..objects.conventions import DOG_COUNT, UP_AXES, conversion, remember, remember_said
 from ..objects.feature import is_available
 from ..package.renderers import converted
 from ..preferences import command_of
@@ -151,7 +152,7 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         place = said if self.place else replace(said, up=None, scale=None)
         up_axis, scale = self._choice("up_axis", place.up), self._choice("scale", place.scale)
         obj = build_object(context, path, model, conversion(up_axis, scale))
-        remember_light(obj, said.light)
+        remember_said(obj, said)
         modifier = obj.modifiers[-1]
         if self.show_as != "NATIVE":
             set_input(modifier, "Show As", self.show_as.capitalize())

@@ -48,6 +48,7 @@ SHOW = ("Automatic", "Quads", "Ellipsoids", "Points")
 CAMERA_INPUTS = ("Focal X", "Focal Y", "Center X", "Center Y", "Width", "Height")  # driven, pixels
 VIEW_INPUTS = ("Moving Share", "Moving Points", "View", "View Location", "View Rotation", "View Focal", "View Center",
                "View Size")  # fmt: skip
+NEAR_CLIP = 0.2  # of models whose files say nothing
 SPHERE_RADIUS = 1 / 0.9339  # of an icosphere with 80 faces that holds the unit sphere
 CORNER = "splat:corner"
 INPUTS = {
@@ -206,7 +207,7 @@ def _describe(group: bpy.types.NodeTree) -> None:
         "Linear Colors": {"default_value": True, "description": "Blend in linear light, for view transforms such as "
                           "Standard and AgX; off: blend sRGB values as trained, for the view transform Raw"},
         "Antialiased": {"default_value": False, "description": "For models trained with antialiasing"},
-        "Near Clip": {"default_value": 0.2, "min_value": 0.0, "subtype": "DISTANCE",
+        "Near Clip": {"default_value": NEAR_CLIP, "min_value": 0.0, "subtype": "DISTANCE",
                       "description": "Splats nearer to the camera plane are left out"},
         "Viewport Share": {"default_value": 1.0, "min_value": 0.0, "max_value": 1.0, "subtype": "FACTOR",
                            "description": "Viewports show this share of the splats, the most important ones; renders "

@@ -7,8 +7,10 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..files.light import Light
+from ..files.said import Said
 
 SOURCE, CONVENTION, IMPORT_MATRIX = "dogsplat_source", "dogsplat_convention", "dogsplat_import_matrix"
+SAID = "dogsplat_said"  # what the file says on how its model is drawn
 LINEAR, WHITE = "dogsplat_linear", "dogsplat_white"  # of models in linear radiance only
 DOG_COUNT = "dogsplat_dog_count"  # of the model as it was imported
 DRAWING = "dogsplat_drawing"  # of native splats: how our modifier drew them
@@ -36,16 +38,29 @@ def conversion(up: str | tuple[float, float, float], scale: float) -> Matrix:
     return Matrix.Scale(scale, 4) @ Matrix(_TO_Z_UP[up]).to_4x4()
 
 
+def metres_of_unit(scene: bpy.types.Scene) -> float:
+    """How long a unit of the scene is; a metre where it has none, as for Blender's own importers."""
+    settings = scene.unit_settings
+    return 1.0 if settings.system == "NONE" else settings.scale_length
+
+
 def remember(obj: bpy.types.Object, source: str, convention: str, matrix: Matrix) -> None:
     """Write down the file, its convention and the matrix from its coordinates to Blender's."""
     obj[SOURCE], obj[CONVENTION] = source, convention
     obj[IMPORT_MATRIX] = [value for row in matrix for value in row]
 
 
-def remember_light(obj: bpy.types.Object, light: Light) -> None:
-    """Write down what the colours of a model mean."""
-    if light.linear:
-        obj[LINEAR], obj[WHITE] = True, light.white
+def remember_said(obj: bpy.types.Object, said: Said) -> None:
+    """Write down what the file of a model says, and what its colours mean."""
+    obj[SAID] = {name: value for name, value in vars(said).items() if value is not None}
+    if said.light.linear:
+        obj[LINEAR], obj[WHITE] = True, said.light.white
+
+
+def said_of(obj: bpy.types.Object) -> Said:
+    """What the file of an object's splats says; nothing for objects from elsewhere."""
+    values = dict(obj.get(SAID, {}))
+    return Said(**values | {"up": tuple(values["up"])} if "up" in values else values)
 
 
 def light_of(obj: bpy.types.Object) -> Light:

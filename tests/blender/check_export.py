@@ -9,8 +9,10 @@ from model_values import assert_equal, assert_moved, colors, covariances, some_d
 from references import REFERENCES
 
 from blender_addon.files.model import sigmoid
-from blender_addon.files.ply import read_ply
+from blender_addon.files.ply import read_comments, read_ply
+from blender_addon.files.said import Said, said_in
 from blender_addon.files.sh import C0, sh_basis
+from blender_addon.nodes.modifier import set_input, splat_modifier
 
 
 def test_an_untouched_model_comes_back_byte_for_byte(model, tmp_path):
@@ -24,6 +26,36 @@ def test_a_linear_model_says_so_again_byte_for_byte(tmp_path):
     load(source, scale=2.5)
     export(tmp_path / "out.ply")
     assert (tmp_path / "out.ply").read_bytes() == source.read_bytes()
+
+
+@pytest.mark.parametrize("options", [{}, {"up_axis": "Y", "scale": 0.3}, {"place": False}, {"sh_degree": 3}])
+def test_how_a_model_is_drawn_comes_back_byte_for_byte(tmp_path, options):
+    source = REFERENCES / "says.ply"
+    load(source, **options)
+    export(tmp_path / "out.ply")
+    assert (tmp_path / "out.ply").read_bytes() == source.read_bytes()
+
+
+def test_how_a_model_is_drawn_now_is_what_the_export_says(scene, model, tmp_path):
+    """Near clips are in units of what is written: those of the file, 2 m long, or those of the scene."""
+    obj = load(REFERENCES / "says.ply")
+    scene.unit_settings.scale_length = 0.5
+    assert said(tmp_path / "out.ply", space="WORLD") == Said(True, 0.1, False, (0, 0, 1), 0.5)
+    set_input(splat_modifier(obj), "Antialiased", False)
+    set_input(splat_modifier(obj), "Near Clip", 0.3)
+    assert said(tmp_path / "out.ply") == Said(False, 0.15, False, (0, -1, 0), 2.0)
+    other = load(model)
+    assert said(tmp_path / "out.ply") == Said()
+    set_input(splat_modifier(other), "Antialiased", True)
+    obj.select_set(True)
+    bpy.context.view_layer.objects.active = obj
+    assert said(tmp_path / "out.ply") == Said(True, 0.15, False, (0, -1, 0), 2.0)
+
+
+def said(path, **options):
+    """What a file says that is exported now."""
+    export(path, **options)
+    return said_in(read_comments(path))
 
 
 def test_a_real_model_comes_back_byte_for_byte(shared, tmp_path):

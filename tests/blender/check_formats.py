@@ -14,7 +14,8 @@ from references import REFERENCES, reference
 from blender_addon.files.errors import FileError
 from blender_addon.files.light import Light
 from blender_addon.files.ply import read_ply
-from blender_addon.files.read import EXTENSIONS, Said, direction, read_model, said_in
+from blender_addon.files.read import EXTENSIONS, read_model
+from blender_addon.files.said import Said, direction, said_in
 from blender_addon.files.sh import C0
 from blender_addon.files.spz import read_spz
 from blender_addon.import_export import import_operator

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from cut_models import kept_shares, with_cuts
 from mi_dogsplat.datasets.dataset import view_name
+from mi_dogsplat.scene.drawing import Drawing, comments_of, drawing_of
 from mi_dogsplat.scene.linear_map import sh_projection
 from mi_dogsplat.scene.ply import write_ply
 from mi_dogsplat.scene.row_groups import CUTS, SLOPES
@@ -225,3 +226,19 @@ def test_the_add_on_offers_the_presets_of_the_package():
 @pytest.mark.parametrize("file", ["images/a/b.JPG", "images_4/r_1.png", "./r_0.5", "r_0.25.png", "c\\d.e.jpg", "", "/"])
 def test_cameras_have_the_names_of_views(addon, file):
     assert addon("cameras.camera").camera_name(file) == view_name(file)
+
+
+@pytest.mark.parametrize(
+    "drawing",
+    [
+        Drawing(),
+        Drawing(True, 0.05, False, "-y", 2.0),
+        Drawing(False, 1 / 3, True, "0.02,-0.95,0.31", 0.1, 2.5),
+        Drawing(linear=True, up="z", white=1e-7),
+    ],
+)
+def test_comments_are_those_of_the_package(addon, drawing):
+    """Whoever writes them, the other one finds what was said, to the last bit."""
+    comments = comments_of(drawing)
+    said = addon("files.said").said_in(comments)
+    assert said.comments == comments and drawing_of(said.comments) == drawing
