@@ -4,26 +4,30 @@ from __future__ import annotations
 
 import bpy
 
-from ..evaluated.edited import edited_mesh
 from ..files.errors import told
 from ..nodes.modifier import edit_modifiers, splat_modifier
 from ..objects.attributes import can_edit
+from .applied import applied_meshes
 from .stand_in import finish_painting
 
 
-def apply_edits(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> int:
-    """Replace the splats of an object by those that are shown, and remove what edited them; how many went.
+def apply_edits(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> int:
+    """Replace the splats of objects by those that are shown, and remove what edited them; how many went.
 
     Every enabled modifier in front of the drawing one is applied, ours or not. Other objects keep data that they share.
-    Raises ``ValueError`` where nothing is left.
+    Raises ``ValueError`` where nothing is left of one, with all of them as they were.
     """
-    old = obj.data
-    before = len(old.vertices)
-    mesh = edited_mesh(obj, depsgraph)
-    if not mesh.vertices:
-        bpy.data.meshes.remove(mesh)
-        raise ValueError(told('"{name}": no splat is left; open its crop or its limits', name=obj.name))
-    name = old.name
+    meshes, before = applied_meshes(objects, depsgraph), [len(obj.data.vertices) for obj in objects]
+    for obj in objects:
+        finish_painting(obj)
+    for obj, mesh in zip(objects, meshes, strict=True):
+        _replace(obj, mesh)
+    return sum(before) - sum(len(mesh.vertices) for mesh in meshes)
+
+
+def _replace(obj: bpy.types.Object, mesh: bpy.types.Mesh) -> None:
+    """Give an object a mesh in which its edits are applied."""
+    old, name = obj.data, obj.data.name
     obj.data = mesh
     drawing = splat_modifier(obj)
     place = len(obj.modifiers) if drawing is None else obj.modifiers.find(drawing.name)
@@ -32,7 +36,6 @@ def apply_edits(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> int:
     if not old.users:
         bpy.data.meshes.remove(old)
     mesh.name = name
-    return before - len(mesh.vertices)
 
 
 class DOGSPLAT_OT_apply_edits(bpy.types.Operator):
@@ -48,13 +51,10 @@ class DOGSPLAT_OT_apply_edits(bpy.types.Operator):
         return context.mode == "OBJECT" and any(can_edit(o) and edit_modifiers(o) for o in context.selected_objects)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """All selected models, or after an error none of those that follow."""
+        """All selected models, or after an error none."""
         objects = [obj for obj in context.selected_objects if can_edit(obj) and edit_modifiers(obj)]
         try:
-            for obj in objects:
-                finish_painting(obj)
-            depsgraph = context.evaluated_depsgraph_get()
-            gone = sum(apply_edits(obj, depsgraph) for obj in objects)
+            gone = apply_edits(objects, context.evaluated_depsgraph_get())
         except ValueError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

@@ -11,7 +11,6 @@ from ..objects.attributes import can_edit
 from ..objects.conventions import DOG_COUNT, light_of
 from ..objects.following import follow_vertices
 from .apply_operator import apply_edits
-from .stand_in import finish_painting
 
 
 class DOGSPLAT_OT_join(bpy.types.Operator):
@@ -24,7 +23,8 @@ class DOGSPLAT_OT_join(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Several models are selected, one of them active."""
-        return context.mode == "OBJECT" and can_edit(context.object) and len(_models(context)) > 1
+        models = _models(context)
+        return context.mode == "OBJECT" and len(models) > 1 and context.object in models
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Blender's own Join keeps all attributes; afterwards the splats follow where their points went."""
@@ -43,19 +43,14 @@ class DOGSPLAT_OT_join(bpy.types.Operator):
             self.report({"ERROR"}, text)
             return {"CANCELLED"}
         try:
-            for obj in models:
-                finish_painting(obj)
-            depsgraph = context.evaluated_depsgraph_get()
-            for obj in models:
-                apply_edits(obj, depsgraph)
+            apply_edits(models, context.evaluated_depsgraph_get())
         except ValueError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         for obj in context.selected_objects:
             obj.select_set(obj in models)
         dog = sum(int(obj.get(DOG_COUNT, 0)) for obj in models)
-        if bpy.ops.object.join() != {"FINISHED"}:
-            return {"CANCELLED"}
+        bpy.ops.object.join()
         active[DOG_COUNT] = dog
         follow_vertices(active.data)
         return {"FINISHED"}

@@ -73,12 +73,8 @@ def show_stand_in(obj: bpy.types.Object, stand_in: bpy.types.Object, layer: bpy.
     stand_in.hide_set(False, view_layer=layer)
 
 
-def finish_painting(obj: bpy.types.Object) -> None:
-    """Make what was painted attributes of the splats, and remove the stand-in; nothing where there is none.
-
-    Duplicates of a model that is being painted have the same stand-in, and get the same. Raises ``ValueError`` for one
-    that has lost points.
-    """
+def check_painting(obj: bpy.types.Object) -> None:
+    """Raises ``ValueError`` where nobody knows what is painted on a model: its stand-in, or it, has lost something."""
     stand_in = stand_in_of(obj)
     if stand_in is None:
         return
@@ -87,8 +83,22 @@ def finish_painting(obj: bpy.types.Object) -> None:
             '"{name}" has lost or got points, so nobody knows what is painted; undo that, or delete it and its modifier'
         )
         raise ValueError(told(problem, name=stand_in.name))
-    painted = {ERASE: _weights(stand_in), TINT: get_column(stand_in.data, TINT, 4)}
-    models = [other for other in bpy.data.objects if is_splats(other) and stand_in_of(other) == stand_in]
+    get_column(stand_in.data, TINT, 4)
+    for model in _models_of(stand_in):
+        get_column(model.data, PAINT_INDEX, 1)
+
+
+def finish_painting(obj: bpy.types.Object) -> None:
+    """Make what was painted attributes of the splats, and remove the stand-in; nothing where there is none.
+
+    Duplicates of a model that is being painted have the same stand-in, and get the same. Raises ``ValueError`` as
+    ``check_painting``, with all as it was.
+    """
+    check_painting(obj)
+    stand_in = stand_in_of(obj)
+    if stand_in is None:
+        return
+    painted, models = _values(stand_in), _models_of(stand_in)
     for mesh in {model.data for model in models}:
         _store(mesh, painted)
     for model in models:
@@ -98,6 +108,22 @@ def finish_painting(obj: bpy.types.Object) -> None:
     mesh = stand_in.data
     bpy.data.objects.remove(stand_in)
     bpy.data.meshes.remove(mesh)
+
+
+def keep_painted(obj: bpy.types.Object, mesh: bpy.types.Mesh) -> None:
+    """Make what is painted on a model attributes of a mesh of some of its splats, as ``finish_painting`` of its own."""
+    stand_in = stand_in_of(obj)
+    if stand_in is not None and PAINT_INDEX in mesh.attributes:
+        _store(mesh, _values(stand_in))
+
+
+def _models_of(stand_in: bpy.types.Object) -> list[bpy.types.Object]:
+    return [obj for obj in bpy.data.objects if is_splats(obj) and stand_in_of(obj) == stand_in]
+
+
+def _values(stand_in: bpy.types.Object) -> dict[str, np.ndarray]:
+    """What is painted on its corners, [V, 1] and [V, 4]."""
+    return {ERASE: _weights(stand_in), TINT: get_column(stand_in.data, TINT, 4)}
 
 
 def _store(mesh: bpy.types.Mesh, painted: dict[str, np.ndarray]) -> None:

@@ -12,7 +12,7 @@ from ..files.transform import mean_scale, transformed
 from ..nodes.limits import NAME as LIMITS
 from ..nodes.modifier import edit_modifiers, get_input, set_input
 from ..objects.attributes import can_edit, own_data, read_attributes, write_attributes
-from .stand_in import finish_painting
+from .stand_in import check_painting, finish_painting
 
 
 class DOGSPLAT_OT_apply_transform(bpy.types.Operator):
@@ -33,10 +33,12 @@ class DOGSPLAT_OT_apply_transform(bpy.types.Operator):
         try:
             models = [_moved(obj) for obj in objects]
             for obj in objects:
-                finish_painting(obj)
+                check_painting(obj)
         except ValueError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        for obj in objects:
+            finish_painting(obj)
         places = {child: child.matrix_world.copy() for obj in objects for child in obj.children}  # they stay there
         places |= {obj: Matrix.Identity(4) for obj in objects}
         for obj, model in zip(objects, models, strict=True):

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import bpy
 from bpy.props import BoolProperty
 
+from ..editing.applied import applied_mesh
 from ..editing.stand_in import finish_painting
-from ..evaluated.edited import edited_mesh
 from ..files.errors import told
 from ..objects.attributes import can_edit, can_edit_native, read_attributes
 from ..objects.cloud import read_cloud
@@ -37,6 +37,7 @@ class Conversion:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         for old, new in zip(objects, made, strict=True):
+            finish_painting(old)
             was_active = old == active
             if self.keep_original:
                 for collection in old.users_collection:
@@ -66,27 +67,18 @@ class DOGSPLAT_OT_to_native(Conversion, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """The points that are shown, with all of their attributes."""
-        objects = [obj for obj in context.selected_objects if can_edit(obj)]
-        try:
-            for obj in objects:
-                finish_painting(obj)
-        except ValueError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
         depsgraph = context.evaluated_depsgraph_get()
 
         def make(obj: bpy.types.Object) -> bpy.types.Object:
-            mesh = edited_mesh(obj, depsgraph)
+            mesh = applied_mesh(obj, depsgraph)
             try:
-                if not mesh.vertices:
-                    raise ValueError(told('"{name}": no splat is left; open its crop or its limits', name=obj.name))
                 model = read_attributes(mesh)
                 plain = baked(command_of(context), model) if drawing_of(obj).get("DoG", True) else model
                 return native_object(obj, mesh, model, plain)
             finally:
                 bpy.data.meshes.remove(mesh)
 
-        return self.convert(context, objects, make)
+        return self.convert(context, [obj for obj in context.selected_objects if can_edit(obj)], make)
 
 
 class DOGSPLAT_OT_to_dog(Conversion, bpy.types.Operator):

@@ -1,0 +1,117 @@
+"""What edits several models edits all of them or, after an error, none: there is no step that undo could take back."""
+
+from functools import partial
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from edits import paint, shown
+from model_files import datablocks, load
+from model_values import assert_equal
+
+from blender_addon.editing.stand_in import stand_in_of
+from blender_addon.native import operators
+from blender_addon.nodes.modifier import edit_modifiers, set_input
+from blender_addon.objects.attributes import read_attributes
+
+
+def limited(path, opacity):
+    """A model with a limit."""
+    obj = load(path)
+    bpy.ops.dogsplat.add_limits()
+    set_input(edit_modifiers(obj)[-1], "Minimum Opacity", opacity)
+    obj.update_tag()
+    return obj
+
+
+def painted(obj, rows):
+    """Erase these splats, by a stand-in that stays."""
+    bpy.context.view_layer.objects.active = obj
+    bpy.ops.dogsplat.paint(what="ERASE")
+    stand_in = stand_in_of(obj)
+    paint(stand_in, rows, weight=1.0)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    return stand_in
+
+
+def choose(*objects):
+    bpy.ops.object.select_all(action="DESELECT")
+    for obj in objects:
+        obj.select_set(True)
+    bpy.context.view_layer.objects.active = objects[0]
+    bpy.context.view_layer.update()
+
+
+def state(objects):
+    return datablocks(), [
+        (obj.data.as_pointer(), len(obj.data.vertices), obj.matrix_world.copy(), list(obj.modifiers), stand_in_of(obj))
+        for obj in objects
+    ]
+
+
+@pytest.mark.parametrize("operator", [bpy.ops.dogsplat.apply_edits, bpy.ops.dogsplat.join])
+def test_a_model_of_which_nothing_is_left_keeps_the_others_as_they_are(model, operator):
+    objects = [limited(model, 0.5), limited(model, 1.0)]
+    painted(objects[0], np.arange(40))
+    choose(*objects)
+    before = state(objects)
+    with pytest.raises(RuntimeError, match='^Error: "dog.001": no splat is left; open its crop or its limits\n$'):
+        operator()
+    assert state(objects) == before
+
+
+@pytest.mark.parametrize(
+    "operator", [bpy.ops.dogsplat.apply_edits, bpy.ops.dogsplat.join, bpy.ops.dogsplat.apply_transform]
+)
+def test_painting_that_nobody_knows_keeps_the_others_as_they_are(model, operator):
+    objects = [limited(model, 0.5), limited(model, 0.5)]
+    for obj in objects:
+        stand_in = painted(obj, np.arange(40))
+    stand_in.data["dogsplat_splats"] += 1
+    choose(*objects)
+    before = state(objects)
+    with pytest.raises(RuntimeError, match="has lost or got points"):
+        operator()
+    assert state(objects) == before
+
+
+def test_what_cannot_be_converted_stays_as_it_is(model, monkeypatch):
+    """No Blender of the tests has native splats, but it does not come to that."""
+
+    def fail(command, model):
+        raise ValueError("no package")
+
+    monkeypatch.setattr(operators, "baked", fail)
+    obj = limited(model, 0.5)
+    painted(obj, np.arange(40))
+    choose(obj)
+    before, said = state([obj]), []
+    operator = SimpleNamespace(keep_original=False, report=lambda kind, text: said.append(text))
+    operator.convert = partial(operators.Conversion.convert, operator)
+    assert operators.DOGSPLAT_OT_to_native.execute(operator, bpy.context) == {"CANCELLED"}
+    assert said == ["no package"] and state([obj]) == before
+
+
+def test_joining_needs_an_active_model_that_is_selected(model):
+    """Blender's own Join does as well, and would refuse after the edits are applied."""
+    first, second, active = (load(model) for _ in range(3))
+    choose(first, second)
+    assert bpy.ops.dogsplat.join.poll()
+    bpy.context.view_layer.objects.active = active
+    assert not bpy.ops.dogsplat.join.poll()
+
+
+def test_what_is_painted_stays_with_a_modifier_that_is_off(model):
+    """Applied are the others; the splats that they leave have what is painted on them."""
+    obj = limited(model, 0.5)
+    painted(obj, np.arange(40))
+    expected = shown(obj)
+    painting = next(modifier for modifier in edit_modifiers(obj) if modifier.name == "DoG Splat Paint")
+    painting.show_viewport = False
+    choose(obj)
+    assert bpy.ops.dogsplat.apply_edits() == {"FINISHED"}
+    assert edit_modifiers(obj) == [painting] and stand_in_of(obj) is None and len(bpy.data.objects) == 1
+    assert read_attributes(obj.data).n_splats > expected.n_splats
+    painting.show_viewport = True
+    assert_equal(shown(obj), expected)
