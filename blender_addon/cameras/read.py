@@ -11,6 +11,8 @@ from .colmap import find_model, read_colmap
 from .json_object import KINDS, read_json_object
 from .transforms import read_transforms
 
+NOTED = Path("checkpoint", "inputs.json")  # in a run folder: where its data set was
+
 
 def read_cameras(path: str | Path, size_of: Callable[[Path], tuple[int, int]]) -> tuple[list[Camera], int]:
     """(cameras sorted by name, the downscaling that a run folder was trained with, else 1). Raises ``FileError``.
@@ -23,12 +25,12 @@ def read_cameras(path: str | Path, size_of: Callable[[Path], tuple[int, int]]) -
     if path.name == "config.json" or (path.is_dir() and (path / "config.json").is_file()):
         config_file = path if path.is_file() else path / "config.json"
         config = read_json_object(config_file)
-        data = Path(str(config.get("data", "")))
         remedy = "import the cameras from the data set itself"
-        if "data" not in config or not data.exists():
-            if "data" not in config:
-                raise FileError(config_file, "does not name a data set", remedy)
-            raise FileError(config_file, 'its data set "{data}" is not there', remedy, data=data)
+        if "data" not in config:
+            raise FileError(config_file, "does not name a data set", remedy)
+        data = next((place for place in _places(config_file.parent, str(config["data"])) if place.exists()), None)
+        if data is None:
+            raise FileError(config_file, 'its data set "{data}" is not there', remedy, data=config["data"])
         downscale = config.get("downscale", 1)
         if type(downscale) is not int or downscale < 1:
             raise FileError(config_file, 'its "downscale" is no whole number above 0', remedy)
@@ -46,3 +48,16 @@ def read_cameras(path: str | Path, size_of: Callable[[Path], tuple[int, int]]) -
             raise FileError(path, "no cameras found", KINDS)
         cameras = [camera for file in files for camera in read_transforms(file, size_of)]
     return sorted(cameras, key=lambda camera: camera.name), 1
+
+
+def _places(run: Path, data: str) -> list[Path]:
+    """Where the data set of a run folder may be, the likeliest first.
+
+    Its name may be relative to a folder that nobody knows any more, so the run notes where it was; both may have been
+    moved since then.
+    """
+    try:
+        noted = [Path(str(read_json_object(run / NOTED)["data"]))]
+    except (FileError, KeyError):
+        noted = []  # a run of before, or none of ours
+    return [*noted, run / data, run.parent / data, Path(data)]

@@ -152,6 +152,24 @@ def test_a_run_folder_has_the_cameras_of_its_data_at_its_size(shared, scene, tmp
     assert (scene.render.resolution_x, scene.render.resolution_y) == (225, 400)
 
 
+@pytest.mark.parametrize("run, data, noted", [
+    ("runs/run", "set", "set"),
+    ("moved/run", "moved/set", "set"),  # both, since then
+    ("run", "set", None),  # by a version that noted nothing
+])  # fmt: skip
+def test_a_run_folder_finds_data_that_were_named_relative_to_another_folder(odd, scene, run, data, noted):
+    """By the place that the run notes, or beside it."""
+    folder, _ = odd
+    (folder / run / "checkpoint").mkdir(parents=True)
+    (folder / run / "config.json").write_text(json.dumps({"data": "set"}))
+    if noted:
+        (folder / run / "checkpoint" / "inputs.json").write_text(json.dumps({"data": str(folder / noted)}))
+    (folder / data).mkdir()
+    (folder / "transforms.json").rename(folder / data / "transforms.json")
+    assert bpy.ops.import_scene.dogsplat_cameras(filepath=str(folder / run)) == {"FINISHED"}
+    assert scene.camera.name == "7"
+
+
 def test_text_and_binary_models_of_colmap_are_the_same(shared, tmp_path):
     binary = {c.name: c for c in read_cameras(shared / "fox", lambda path: (0, 0))[0]}
     folder = tmp_path / "sparse" / "0"
