@@ -24,7 +24,7 @@ from ..native.bake import baked
 from ..native.convert import native_object, replace_object
 from ..nodes.modifier import add_modifier, set_input
 from ..objects.attributes import write_attributes
-from ..objects.conventions import DOG_COUNT, UP_AXES, conversion, remember, remember_said
+from ..objects.conventions import DOG_COUNT, UP_AXES, conversion, metres_of_unit, remember, remember_said
 from ..objects.feature import is_available
 from ..package.renderers import converted
 from ..preferences import command_of
@@ -150,7 +150,8 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
     def _placed(self, context: bpy.types.Context, path: Path, model: Model, said: Said) -> bpy.types.Object:
         """The object of a model, drawn by our modifier as the options and its file say."""
         place = said if self.place else replace(said, up=None, scale=None)
-        up_axis, scale = self._choice("up_axis", place.up), self._choice("scale", place.scale)
+        units = place.scale and place.scale / metres_of_unit(context.scene)
+        up_axis, scale = self._choice("up_axis", place.up), self._choice("scale", units)
         obj = build_object(context, path, model, conversion(up_axis, scale))
         remember_said(obj, said)
         modifier = obj.modifiers[-1]

@@ -10,6 +10,7 @@ from ..cameras.camera import Camera
 from ..cameras.objects import camera_numbers
 from ..files.errors import told
 from ..files.whole import remove
+from ..objects.conventions import metres_of_unit
 from .borrowed import Borrowed, hidden_objects
 from .data_set import DataSet, Frame
 from .folder import claim, training_folder
@@ -75,7 +76,7 @@ class Rendering:
         scene, tests = self._context.scene, held_out(len(self.frames))
         train = [frame for i, frame in enumerate(self.frames) if i not in tests]
         points = seen_points(self._context, train, self.data_set.path, set(hidden_objects(scene)))
-        self.data_set.complete(self.frames, points, scene.unit_settings.scale_length)
+        self.data_set.complete(self.frames, points, metres_of_unit(scene))
 
     def close(self) -> None:
         """Give the scene its settings back; what was rendered stays."""

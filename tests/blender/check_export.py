@@ -29,8 +29,9 @@ def test_a_linear_model_says_so_again_byte_for_byte(tmp_path):
 
 
 @pytest.mark.parametrize("options", [{}, {"up_axis": "Y", "scale": 0.3}, {"place": False}, {"sh_degree": 3}])
-def test_how_a_model_is_drawn_comes_back_byte_for_byte(tmp_path, options):
+def test_how_a_model_is_drawn_comes_back_byte_for_byte(scene, tmp_path, options):
     source = REFERENCES / "says.ply"
+    scene.unit_settings.scale_length = 0.3
     load(source, **options)
     export(tmp_path / "out.ply")
     assert (tmp_path / "out.ply").read_bytes() == source.read_bytes()

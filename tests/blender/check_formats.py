@@ -115,6 +115,15 @@ def test_what_the_file_says_is_taken_unless_the_option_is_set():
     assert of(left, "Near Clip") == [pytest.approx(0.05)] and np.allclose(left.matrix_world, np.eye(4))
 
 
+@pytest.mark.parametrize("system, length, metres", [("METRIC", 0.01, 0.01), ("IMPERIAL", 0.5, 0.5), ("NONE", 0.01, 1)])
+def test_metres_of_the_file_are_metres_of_the_scene(scene, system, length, metres):
+    """Whatever a unit of the scene is; a scale that is set by hand is in units."""
+    scene.unit_settings.system, scene.unit_settings.scale_length = system, length
+    obj = load(REFERENCES / "says.ply")
+    assert obj.scale.x * metres == pytest.approx(2.0) and of(obj, "Near Clip") == [pytest.approx(0.1 / metres)]
+    assert load(REFERENCES / "says.ply", scale=3.0).scale.x == pytest.approx(3.0)
+
+
 @pytest.mark.parametrize("name", ["x", "-x", "-z", "0.2,-0.9,0.4", "3,4,12"])
 def test_what_is_up_in_the_file_is_up_in_blender(name):
     up = direction(name)
