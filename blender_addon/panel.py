@@ -16,6 +16,7 @@ from .nodes.paint import NAME as PAINT
 from .objects.attributes import can_edit, has_any, is_native, is_splats
 from .objects.conventions import DOG_COUNT, SOURCE
 from .objects.feature import is_available
+from .objects.working_space import OURS, working_space
 from .render_engine import ENGINE
 
 EDITED = {
@@ -69,6 +70,8 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         if modifier is None:
             column.label(text="No splat modifier: import the model again", icon="ERROR")
             return
+        if working_space() != OURS:
+            column.label(text="Splats need the working space Linear Rec.709", icon="ERROR")
         column = layout.column()
         for name in (name for name in SHOWN if has_input(modifier, name)):
             column.prop(*input_property(modifier, name), text=name)

@@ -23,6 +23,7 @@ from ..files.said import Said
 from ..native.convert import drawing_of
 from ..nodes.tree import NEAR_CLIP
 from ..objects.conventions import light_of
+from ..objects.working_space import working_space_notes
 from ..scene.export import Plugin
 from ..scene.sensor import sensor
 from ..scene.write import has_surroundings, write_scene
@@ -130,7 +131,7 @@ def make_stage(
     request: dict[str, Any] = {"counts": [model.n_splats for model in splats.models]}
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
     copies = copied_drawings(depsgraph, lambda owner: owner.name_full not in hidden)
-    files, notes = set(), [told(COPIED, name=name) for name in copies]
+    files, notes = set(), [*working_space_notes(), *(told(COPIED, name=name) for name in copies)]
     splats.models, light = in_common_light(splats.models, splats.lights)
     if any(other.linear != light.linear for other in splats.lights):
         notes.append(told(MIXED))

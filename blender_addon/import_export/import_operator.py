@@ -26,6 +26,7 @@ from ..nodes.modifier import add_modifier, set_input
 from ..objects.attributes import write_attributes
 from ..objects.conventions import DOG_COUNT, UP_AXES, conversion, metres_of_unit, remember, remember_said
 from ..objects.feature import is_available
+from ..objects.working_space import working_space_notes
 from ..package.renderers import converted
 from ..preferences import command_of
 from ..translations import OWN
@@ -145,6 +146,8 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         counts += [told("{slopes:,} with slopes", slopes=slopes)] if slopes else []
         counts += [told("{cuts:,} with a cut", cuts=cuts)] if cuts else []
         self.report({"INFO"}, ", ".join(counts))
+        for note in working_space_notes():
+            self.report({"WARNING"}, note)
         return {"FINISHED"}
 
     def _placed(self, context: bpy.types.Context, path: Path, model: Model, said: Said) -> bpy.types.Object:

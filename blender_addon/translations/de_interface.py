@@ -276,6 +276,7 @@ REST = {
         "Farben, und die Vierecke von „Automatisch“, für das zuletzt bewegte Ansichtsfenster statt für die Kamera "
         "erzeugen; gerendert wird weiterhin für die Kamera"
     ),
+    "Splats need the working space Linear Rec.709": "Splats brauchen den Arbeitsfarbraum Linear Rec.709",
     "Solid shading has no colours": "Massive Schattierung hat keine Farben",
     "Material Preview": "Materialbeispiel",
     "Outline Selected": "Auswahlumrandung",
