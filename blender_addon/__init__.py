@@ -15,8 +15,8 @@ from .import_export import export_operators, import_operator
 from .native import operators as native_operators
 from .objects import following
 from .package import renderers
+from .training import deleted, render_operator, rig_operator, train_operator
 from .training import panel as training_panel
-from .training import render_operator, rig_operator, train_operator
 from .training import settings as training_settings
 from .viewport import handlers
 
@@ -71,12 +71,14 @@ def register() -> None:
     bpy.app.handlers.depsgraph_update_post.append(following.follow)
     handlers.register()
     train_operator.register()
+    deleted.register()
     translations.register(preferences.ADDON)
 
 
 def unregister() -> None:
     """The same backwards."""
     translations.unregister(preferences.ADDON)
+    deleted.unregister()
     train_operator.unregister()
     handlers.unregister()
     bpy.app.handlers.depsgraph_update_post.remove(following.follow)

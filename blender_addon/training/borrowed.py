@@ -81,10 +81,13 @@ class Borrowed:
     def set_visible(self, scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> None:
         """The subject, even where a model has taken its place, without the others if it is to be alone.
 
-        Raises ``ValueError`` where its collections hide it from renders: these may hold more than the subject.
+        Raises ``ValueError`` where it was deleted, or where its collections hide it from renders: these may hold more
+        than the subject.
         """
         settings = scene.dogsplat_training
         subject, rendered = settings.objects(), rendered_objects(layer)
+        if settings.subjects and not subject:
+            raise ValueError("the objects that the cameras were made for are deleted; select others, make new cameras")
         for other in scene.view_layers:  # of several, a picture is that of the first
             self.set(other, use=other == layer)
         for obj in subject:

@@ -16,6 +16,7 @@ from bpy.props import (
 )
 
 from ..translations import OWN
+from .deleted import is_there
 
 RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5) else set()  # a path may begin with //
 BANDS = {"AROUND": (0.0, 90.0), "INSIDE": (-35.0, 35.0)}  # elevations in degrees, unless they are set by hand
@@ -121,4 +122,4 @@ class DogSplatTrainingSettings(bpy.types.PropertyGroup):
 
     def objects(self) -> list[bpy.types.Object]:
         """Those that the rig was made for, as far as they are still there."""
-        return [entry.object for entry in self.subjects if entry.object is not None]
+        return [entry.object for entry in self.subjects if is_there(entry.object)]

@@ -10,6 +10,7 @@ import numpy as np
 from ..objects.attributes import is_splats
 from ..scene.meshes import parts
 from ..scene.write import WITH_FACES
+from .deleted import is_there
 from .settings import DogSplatTrainingSettings
 from .surrounding_collections import rendered_objects
 
@@ -51,7 +52,7 @@ def surface_points(depsgraph: bpy.types.Depsgraph, objects: list[bpy.types.Objec
 
 def region_corners(obj: bpy.types.Object | None) -> np.ndarray:
     """Corners [8, 3] in the world of the cube of an empty, or of an object's box. Raises ``ValueError``."""
-    if obj is None:
+    if not is_there(obj):
         raise ValueError("no region is chosen; choose an empty or another object that marks it")
     size = obj.empty_display_size
     corners = product((-size, size), repeat=3) if obj.type == "EMPTY" else obj.bound_box

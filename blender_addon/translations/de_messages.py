@@ -192,6 +192,9 @@ MESSAGES = {
     "the training ended with status {status}; see {log}": "das Training endete mit Status {status}; siehe {log}",
     "save the file, or choose a folder": "die Datei speichern oder einen Ordner wählen",
     "is a folder with other contents": "ist ein Ordner mit anderem Inhalt",
+    "the objects that the cameras were made for are deleted; select others, make new cameras": (
+        "die Objekte, für die die Kameras erzeugt wurden, sind gelöscht; andere auswählen, neue Kameras erzeugen"
+    ),
     'belongs to the scene "{scene}" of {file}': "gehört zur Szene „{scene}“ von {file}",
     "choose another folder for the training": "einen anderen Ordner für das Training wählen",
     "was not rendered": "wurde nicht gerendert",
