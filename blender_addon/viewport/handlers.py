@@ -55,8 +55,9 @@ def while_moving(scene: bpy.types.Scene, renderer: str) -> Shown:
 
 
 def at_rest(scene: bpy.types.Scene, windows: Iterable[bpy.types.Window]) -> Shown:
-    """What viewports show at rest: next to nothing where all of them are drawn by our own engine."""
-    spaces = [area.spaces.active for window in windows for area in window.screen.areas if area.type == "VIEW_3D"]
+    """What the viewports of a scene show at rest: next to nothing where all are drawn by our own engine."""
+    areas = [area for window in windows if window.scene == scene for area in window.screen.areas]
+    spaces = [area.spaces.active for area in areas if area.type == "VIEW_3D"]
     return Shown(BEHIND_OURS) if spaces and all(is_ours(scene, space) for space in spaces) else Shown()
 
 
@@ -69,12 +70,11 @@ def _drawn() -> None:
     """A viewport is drawn."""
     context = bpy.context
     scene, space, region = context.scene, context.region_data, context.region
-    ours = space is not None and is_ours(scene, context.space_data)
-    if (WATCHER.draws(ours) or ours) and not _ticking():  # ours: a model may be new, or shown whole by a save
-        bpy.app.timers.register(_tick, first_interval=INTERVAL)
-    if space is None or ours or (scene.dogsplat_moving == "ALL" and not scene.dogsplat_follow_view):
-        return
-    if WATCHER.see(view_of(space, region.width, region.height), time.monotonic()) and not _ticking():
+    ours, key = space is not None and is_ours(scene, context.space_data), region.as_pointer()
+    needed = WATCHER.draws(key, scene, ours) or ours  # a model may be new, or shown whole by a save
+    if space is not None and not ours and (scene.dogsplat_moving != "ALL" or scene.dogsplat_follow_view):
+        needed |= WATCHER.see(key, scene, view_of(space, region.width, region.height), time.monotonic())
+    if needed and not _ticking():
         bpy.app.timers.register(_tick, first_interval=INTERVAL)
 
 
@@ -83,9 +83,10 @@ def _ticking() -> bool:
 
 
 def _tick() -> float | None:
-    scene = bpy.context.scene
-    moving = while_moving(scene, gpu.platform.renderer_get())
-    return WATCHER.tick(scene, time.monotonic(), moving, at_rest(scene, bpy.context.window_manager.windows))
+    renderer, windows = gpu.platform.renderer_get(), bpy.context.window_manager.windows
+    return WATCHER.tick(
+        time.monotonic(), lambda scene: while_moving(scene, renderer), lambda scene: at_rest(scene, windows)
+    )
 
 
 @persistent

@@ -1,12 +1,13 @@
 """Tells moving viewports from resting ones, and the models what to show in each.
 
 A viewport that is drawn tells its view. Nothing may be changed while drawing, so a timer does it: as long as views
-come that differ, models show a share of their splats; a little after the last one they show all.
+come that differ from the last one of their viewport, models show a share of their splats; a little after the last such
+view they show all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import bpy
@@ -30,37 +31,54 @@ class Shown(NamedTuple):
 
 
 ALL = Shown()
+ShownIn = Callable[[bpy.types.Scene], Shown]
+
+
+def everything(scene: bpy.types.Scene) -> Shown:
+    """All splats, in any scene."""
+    return ALL
 
 
 class Watcher:
-    """The state of the viewport that moved last."""
+    """The state of all viewports. Each is known by its region: what is drawn in another one moves none."""
 
     def __init__(self) -> None:
-        self.view: View | None = None
         self.changed = float("-inf")
         self.ticks = TICKS
-        self._ours = False
+        self._seen: dict[int, tuple[str, View]] = {}  # by region: the name of its scene, and the view that was drawn
+        self._ours: dict[int, bool] = {}  # by region: whether our engine draws it
+        self._followed: dict[str, View] = {}  # by scene: the view of the viewport that moved last
+        self._due: set[str] = set()  # names of the scenes that the timer brings up to date
         self._pixels: tuple[str, str] | None = None  # name of the scene that is coarse, and its own setting
 
-    def see(self, view: View, now: float) -> bool:
-        """Note the view that is drawn; whether it is another one, so that the timer is needed."""
-        if view == self.view:
+    def see(self, region: int, scene: bpy.types.Scene, view: View, now: float) -> bool:
+        """Note the view that is drawn in a region; whether it is another one, so that the timer is needed."""
+        seen = scene.name, view
+        if self._seen.get(region) == seen:
             return False
-        self.view, self.changed, self.ticks = view, now, 0
+        self._seen[region], self._followed[scene.name] = seen, view
+        self.changed, self.ticks = now, 0
+        self._due.add(scene.name)
         return True
 
-    def draws(self, ours: bool) -> bool:
-        """Note whether our engine draws a viewport; whether that is new, so that the timer is needed."""
-        new = ours != self._ours
-        self._ours = ours
+    def draws(self, region: int, scene: bpy.types.Scene, ours: bool) -> bool:
+        """Note whether our engine draws a region; whether that is new, so that the timer is needed."""
+        new = ours != self._ours.get(region, False)
+        self._ours[region] = ours
+        if ours or new:
+            self._due.add(scene.name)
         return new
 
-    def tick(self, scene: bpy.types.Scene, now: float, while_moving: Shown, at_rest: Shown = ALL) -> float | None:
-        """Bring the models of a scene up to date; seconds until the next time, None at rest."""
+    def tick(self, now: float, while_moving: ShownIn, at_rest: ShownIn = everything) -> float | None:
+        """Bring the models of those scenes up to date; seconds until the next time, None at rest."""
         self.ticks += 1
         moving = now - self.changed < REST or self.ticks < TICKS
-        self.show(scene, while_moving if moving else at_rest)
-        return INTERVAL if moving else None
+        for scene in filter(None, map(bpy.data.scenes.get, self._due)):
+            self.show(scene, (while_moving if moving else at_rest)(scene))
+        if moving:
+            return INTERVAL
+        self._due.clear()
+        return None
 
     def show(self, scene: bpy.types.Scene, shown: Shown) -> None:
         """Let a scene show that, made for the view where it follows it, else for the camera."""
@@ -72,11 +90,13 @@ class Watcher:
         elif shown.points and self._pixels is None:
             self._pixels = scene.name, scene.render.preview_pixel_size
             scene.render.preview_pixel_size = COARSE
-        show_models(scene, shown, self.view if scene.dogsplat_follow_view else None)
+        show_models(scene, shown, self._followed.get(scene.name) if scene.dogsplat_follow_view else None)
 
     def forget(self) -> None:
         """Another file was read: its viewports have not been drawn yet, and its settings are its own."""
-        self.view, self._pixels = None, None
+        for known in (self._seen, self._ours, self._followed, self._due):
+            known.clear()
+        self._pixels = None
 
 
 def show_models(scene: bpy.types.Scene, shown: Shown, view: View | None) -> None:

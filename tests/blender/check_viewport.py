@@ -1,5 +1,6 @@
 """Viewports: a share while they move, quads and colours made for the view; the drawing itself would need a window."""
 
+import time
 from types import SimpleNamespace
 
 import bpy
@@ -17,10 +18,18 @@ from blender_addon.files.model import importance
 from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import RANK, read_attributes
 from blender_addon.objects.columns import get_column
+from blender_addon.viewport import handlers
 from blender_addon.viewport.handlers import BEHIND_OURS, WATCHER, at_rest, while_moving
 from blender_addon.viewport.pace import REST
 from blender_addon.viewport.view import view_of
-from blender_addon.viewport.watcher import Shown, Watcher, show_models
+from blender_addon.viewport.watcher import INTERVAL, Shown, Watcher, show_models
+
+REGION, OTHER_REGION = 1, 2
+
+
+def always(shown):
+    """That, in every scene."""
+    return lambda scene: shown
 
 
 def view_of_camera(scene):
@@ -94,17 +103,63 @@ def test_a_moving_view_shows_the_most_important_splats_and_a_resting_one_all(sce
     raw, modifier = read_attributes(obj.data), splat_modifier(obj)
     set_input(modifier, "Show As", "Quads")
     everything = len(drawn(obj))
-    watcher, view, few = Watcher(), view_of_camera(scene), Shown(count=30)
-    assert watcher.see(view, now=10.0) and not watcher.see(view, now=10.1)
-    assert watcher.tick(scene, 10.1, few) is not None
+    watcher, view, few = Watcher(), view_of_camera(scene), always(Shown(count=30))
+    assert watcher.see(REGION, scene, view, now=10.0) and not watcher.see(REGION, scene, view, now=10.1)
+    assert watcher.tick(10.1, few) is not None
     assert get_input(modifier, "Moving Share") == pytest.approx(0.2)
     assert 60 < len(drawn(obj)) <= 4 * 30
     assert_equal(shown(obj), raw)  # what is exported and rendered is not what moves
-    watcher.see(view._replace(size=(2, 2)), now=11.0)
-    assert watcher.tick(scene, 15.0, few) is not None  # it took so long to draw
-    assert watcher.tick(scene, 15.1, few) is not None and get_input(modifier, "Moving Share") < 1
-    assert watcher.tick(scene, 15.1 + REST, few) is None
+    watcher.see(REGION, scene, view._replace(size=(2, 2)), now=11.0)
+    assert watcher.tick(15.0, few) is not None  # it took so long to draw
+    assert watcher.tick(15.1, few) is not None and get_input(modifier, "Moving Share") < 1
+    assert watcher.tick(15.1 + REST, few) is None
     assert get_input(modifier, "Moving Share") == 1 and len(drawn(obj)) == everything
+
+
+def test_viewports_of_different_views_come_to_rest(scene, model):
+    """A change of the models has Blender draw both again, though nobody moves them."""
+    place_camera(scene, "dog")
+    modifier, watcher, few = splat_modifier(load(model)), Watcher(), always(Shown(count=30))
+    first = view_of_camera(scene)
+    views = {REGION: first, OTHER_REGION: first._replace(size=(2, 2))}
+    now, shares = 0.0, [get_input(modifier, "Moving Share")]
+    moved = [watcher.see(region, scene, view, now) for region, view in views.items()]
+    while watcher.tick(now, few) is not None and now < 5:
+        now += INTERVAL
+        if (share := get_input(modifier, "Moving Share")) != shares[-1]:
+            shares.append(share)
+            moved += [watcher.see(region, scene, view, now) for region, view in views.items()]
+    shares.append(get_input(modifier, "Moving Share"))
+    assert moved == [True, True, False, False] and now < 2 * REST and shares == [1, pytest.approx(0.2), 1]
+
+
+def test_the_viewport_that_moved_last_is_followed(scene, model):
+    place_camera(scene, "dog")
+    modifier, watcher, few = splat_modifier(load(model)), Watcher(), always(Shown())
+    scene.dogsplat_follow_view, first = True, view_of_camera(scene)
+    watcher.see(OTHER_REGION, scene, first, now=0.0)
+    watcher.see(REGION, scene, first._replace(size=(2, 2)), now=0.0)
+    watcher.see(OTHER_REGION, scene, first, now=0.1)  # is drawn
+    watcher.tick(0.1, few)
+    assert tuple(get_input(modifier, "View Size"))[:2] == (2, 2)
+    watcher.see(OTHER_REGION, scene, first._replace(size=(3, 3)), now=0.2)
+    watcher.tick(0.2, few)
+    assert tuple(get_input(modifier, "View Size"))[:2] == (3, 3)
+
+
+def test_a_viewport_that_moves_shows_fewer_splats_in_its_own_scene(scene, model, monkeypatch):
+    """Whatever the first window shows, by which a timer goes."""
+    place_camera(scene, "dog")
+    monkeypatch.setattr(handlers.gpu, "platform", SimpleNamespace(renderer_get=lambda: "some card"))
+    view, of_first, other = view_of_camera(scene), splat_modifier(load(model)), bpy.data.scenes.new("Other")
+    obj = load(model)
+    scene.collection.objects.unlink(obj)
+    other.collection.objects.link(obj)
+    other.dogsplat_moving_count = 30
+    WATCHER.see(REGION, other, view, time.monotonic())
+    assert handlers._tick() is not None and bpy.context.scene == scene
+    assert get_input(splat_modifier(obj), "Moving Share") == pytest.approx(0.2)
+    assert get_input(of_first, "Moving Share") == 1
 
 
 def test_where_a_processor_draws_a_moving_view_shows_points_in_coarse_pixels(scene, model):
@@ -143,10 +198,10 @@ def test_a_file_saved_while_a_view_moves_has_all_splats(scene, model, tmp_path):
     assert bpy.context.scene.render.preview_pixel_size == "AUTO"
 
 
-def test_following_is_switched_on_and_off_at_once(scene, model, monkeypatch):
+def test_following_is_switched_on_and_off_at_once(scene, model):
     place_camera(scene, "dog")
     modifier = splat_modifier(load(model))
-    monkeypatch.setattr(WATCHER, "view", view_of_camera(scene))
+    WATCHER.see(REGION, scene, view_of_camera(scene), now=0.0)
     scene.dogsplat_follow_view = True
     assert get_input(modifier, "View")
     scene.dogsplat_follow_view = False
@@ -154,22 +209,25 @@ def test_following_is_switched_on_and_off_at_once(scene, model, monkeypatch):
 
 
 def test_blender_draws_few_splats_itself_where_our_engine_draws_every_viewport(scene):
-    def window(*kinds):
+    def window(*kinds, scene=scene):
         spaces = [SimpleNamespace(shading=SimpleNamespace(type=kind)) for kind in kinds]
         areas = [SimpleNamespace(type="VIEW_3D", spaces=SimpleNamespace(active=space)) for space in spaces]
-        return SimpleNamespace(screen=SimpleNamespace(areas=areas))
+        return SimpleNamespace(screen=SimpleNamespace(areas=areas), scene=scene)
 
     assert at_rest(scene, [window("RENDERED")]) == Shown()
     scene.render.engine = ENGINE
     assert at_rest(scene, [window("RENDERED"), window("RENDERED")]) == Shown(BEHIND_OURS)
     assert at_rest(scene, [window("RENDERED", "MATERIAL")]) == at_rest(scene, []) == Shown()
+    of_another = window("MATERIAL", scene=bpy.data.scenes.new("Other"))
+    assert at_rest(scene, [window("RENDERED"), of_another]) == Shown(BEHIND_OURS)
 
 
 def test_blender_shows_its_own_splats_again_when_our_engine_leaves(scene, model):
     modifier, watcher = splat_modifier(load(model)), Watcher()
-    assert watcher.draws(True) and not watcher.draws(True)
-    assert watcher.tick(scene, 100.0, Shown(), Shown(30)) is None
+    assert watcher.draws(REGION, scene, True) and not watcher.draws(REGION, scene, True)
+    assert not watcher.draws(OTHER_REGION, scene, False)
+    assert watcher.tick(100.0, always(Shown()), always(Shown(30))) is None
     assert get_input(modifier, "Moving Share") == pytest.approx(0.2)
-    assert watcher.draws(False)
-    watcher.tick(scene, 101.0, Shown(), Shown())
+    assert watcher.draws(REGION, scene, False)
+    watcher.tick(101.0, always(Shown()), always(Shown()))
     assert get_input(modifier, "Moving Share") == 1
