@@ -91,14 +91,14 @@ def _tick() -> float | None:
 
 @persistent
 def settle(*_: Any) -> None:
-    """No file is saved, and none comes back, with splats left out."""
+    """No file is saved, and none comes back, with splats left out or in coarse pixels."""
     for scene in bpy.data.scenes:
         WATCHER.show(scene, Shown())
 
 
 @persistent
 def loaded(*_: Any) -> None:
-    """Another file: what it was left with is its own."""
+    """Another file, which may have been written in the middle of a movement."""
     WATCHER.forget()
     settle()
 
@@ -120,7 +120,8 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """The same backwards."""
+    """The same backwards; a viewport that moves shows all before."""
+    settle()
     bpy.types.SpaceView3D.draw_handler_remove(_DRAWING.pop(), "WINDOW")
     if _ticking():
         bpy.app.timers.unregister(_tick)

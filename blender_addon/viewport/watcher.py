@@ -21,6 +21,7 @@ from .view import View, view_inputs
 TICKS = 3  # of the timer without another view: a drawing may take longer than REST
 INTERVAL = 0.03  # of the timer
 COARSE = "4"  # pixels of the window to a drawn one, along each axis
+OWN_PIXELS = "dogsplat_preview_pixel_size"  # a coarse scene's own setting, kept in it: undo takes both back
 
 
 class Shown(NamedTuple):
@@ -49,7 +50,6 @@ class Watcher:
         self._ours: dict[int, bool] = {}  # by region: whether our engine draws it
         self._followed: dict[str, View] = {}  # by scene: the view of the viewport that moved last
         self._due: set[str] = set()  # names of the scenes that the timer brings up to date
-        self._pixels: tuple[str, str] | None = None  # name of the scene that is coarse, and its own setting
 
     def see(self, region: int, scene: bpy.types.Scene, view: View, now: float) -> bool:
         """Note the view that is drawn in a region; whether it is another one, so that the timer is needed."""
@@ -82,21 +82,17 @@ class Watcher:
 
     def show(self, scene: bpy.types.Scene, shown: Shown) -> None:
         """Let a scene show that, made for the view where it follows it, else for the camera."""
-        if not shown.points and self._pixels is not None:
-            name, own = self._pixels
-            self._pixels = None
-            if (coarse := bpy.data.scenes.get(name)) is not None:
-                coarse.render.preview_pixel_size = own
-        elif shown.points and self._pixels is None:
-            self._pixels = scene.name, scene.render.preview_pixel_size
+        if shown.points and OWN_PIXELS not in scene:
+            scene[OWN_PIXELS] = scene.render.preview_pixel_size
             scene.render.preview_pixel_size = COARSE
+        elif not shown.points and OWN_PIXELS in scene:
+            scene.render.preview_pixel_size = scene.pop(OWN_PIXELS)
         show_models(scene, shown, self._followed.get(scene.name) if scene.dogsplat_follow_view else None)
 
     def forget(self) -> None:
-        """Another file was read: its viewports have not been drawn yet, and its settings are its own."""
+        """Another file was read: its viewports have not been drawn yet."""
         for known in (self._seen, self._ours, self._followed, self._due):
             known.clear()
-        self._pixels = None
 
 
 def show_models(scene: bpy.types.Scene, shown: Shown, view: View | None) -> None:

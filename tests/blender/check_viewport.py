@@ -1,13 +1,12 @@
 """Viewports: a share while they move, quads and colours made for the view; the drawing itself would need a window."""
 
-import time
 from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 from edits import shown
-from live_views import SIZE, space_of_camera
+from live_views import OTHER_REGION, REGION, always, view_of_camera
 from mathutils import Matrix, Vector
 from model_files import load
 from model_values import assert_equal
@@ -18,23 +17,10 @@ from blender_addon.files.model import importance
 from blender_addon.nodes.modifier import get_input, set_input, splat_modifier
 from blender_addon.objects.attributes import RANK, read_attributes
 from blender_addon.objects.columns import get_column
-from blender_addon.viewport import handlers
 from blender_addon.viewport.handlers import BEHIND_OURS, WATCHER, at_rest, while_moving
 from blender_addon.viewport.pace import REST
 from blender_addon.viewport.view import view_of
-from blender_addon.viewport.watcher import INTERVAL, Shown, Watcher, show_models
-
-REGION, OTHER_REGION = 1, 2
-
-
-def always(shown):
-    """That, in every scene."""
-    return lambda scene: shown
-
-
-def view_of_camera(scene):
-    """The view of a small region that looks through the camera."""
-    return view_of(space_of_camera(scene, *SIZE), *SIZE)
+from blender_addon.viewport.watcher import Shown, Watcher, show_models
 
 
 def drawn(obj) -> np.ndarray:
@@ -114,52 +100,6 @@ def test_a_moving_view_shows_the_most_important_splats_and_a_resting_one_all(sce
     assert watcher.tick(15.1, few) is not None and get_input(modifier, "Moving Share") < 1
     assert watcher.tick(15.1 + REST, few) is None
     assert get_input(modifier, "Moving Share") == 1 and len(drawn(obj)) == everything
-
-
-def test_viewports_of_different_views_come_to_rest(scene, model):
-    """A change of the models has Blender draw both again, though nobody moves them."""
-    place_camera(scene, "dog")
-    modifier, watcher, few = splat_modifier(load(model)), Watcher(), always(Shown(count=30))
-    first = view_of_camera(scene)
-    views = {REGION: first, OTHER_REGION: first._replace(size=(2, 2))}
-    now, shares = 0.0, [get_input(modifier, "Moving Share")]
-    moved = [watcher.see(region, scene, view, now) for region, view in views.items()]
-    while watcher.tick(now, few) is not None and now < 5:
-        now += INTERVAL
-        if (share := get_input(modifier, "Moving Share")) != shares[-1]:
-            shares.append(share)
-            moved += [watcher.see(region, scene, view, now) for region, view in views.items()]
-    shares.append(get_input(modifier, "Moving Share"))
-    assert moved == [True, True, False, False] and now < 2 * REST and shares == [1, pytest.approx(0.2), 1]
-
-
-def test_the_viewport_that_moved_last_is_followed(scene, model):
-    place_camera(scene, "dog")
-    modifier, watcher, few = splat_modifier(load(model)), Watcher(), always(Shown())
-    scene.dogsplat_follow_view, first = True, view_of_camera(scene)
-    watcher.see(OTHER_REGION, scene, first, now=0.0)
-    watcher.see(REGION, scene, first._replace(size=(2, 2)), now=0.0)
-    watcher.see(OTHER_REGION, scene, first, now=0.1)  # is drawn
-    watcher.tick(0.1, few)
-    assert tuple(get_input(modifier, "View Size"))[:2] == (2, 2)
-    watcher.see(OTHER_REGION, scene, first._replace(size=(3, 3)), now=0.2)
-    watcher.tick(0.2, few)
-    assert tuple(get_input(modifier, "View Size"))[:2] == (3, 3)
-
-
-def test_a_viewport_that_moves_shows_fewer_splats_in_its_own_scene(scene, model, monkeypatch):
-    """Whatever the first window shows, by which a timer goes."""
-    place_camera(scene, "dog")
-    monkeypatch.setattr(handlers.gpu, "platform", SimpleNamespace(renderer_get=lambda: "some card"))
-    view, of_first, other = view_of_camera(scene), splat_modifier(load(model)), bpy.data.scenes.new("Other")
-    obj = load(model)
-    scene.collection.objects.unlink(obj)
-    other.collection.objects.link(obj)
-    other.dogsplat_moving_count = 30
-    WATCHER.see(REGION, other, view, time.monotonic())
-    assert handlers._tick() is not None and bpy.context.scene == scene
-    assert get_input(splat_modifier(obj), "Moving Share") == pytest.approx(0.2)
-    assert get_input(of_first, "Moving Share") == 1
 
 
 def test_where_a_processor_draws_a_moving_view_shows_points_in_coarse_pixels(scene, model):

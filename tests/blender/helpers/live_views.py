@@ -12,8 +12,11 @@ from blender_addon.engine.order import Stage, make_stage
 from blender_addon.viewport import rendered
 from blender_addon.viewport.region import Seen, seen_by
 from blender_addon.viewport.rendered import Rendered
+from blender_addon.viewport.view import View, view_of
+from blender_addon.viewport.watcher import Shown, ShownIn
 
 SIZE = 96, 64
+REGION, OTHER_REGION = 1, 2  # stand for two viewports
 PERSPECTIVE = (1.5, 0, 0, 0), (0, 2.2, 0, 0), (0, 0, -1.002, -0.2002), (0, 0, -1, 0)  # as a person looks
 
 
@@ -30,6 +33,16 @@ def through_the_camera(scene) -> Seen:
     """What a region of the size of the picture sees through the camera."""
     size = scene.render.resolution_x, scene.render.resolution_y
     return seen_by(space_of_camera(scene, *size), *size)
+
+
+def view_of_camera(scene) -> View:
+    """What a small region shows that looks through the camera, as plain numbers."""
+    return view_of(space_of_camera(scene, *SIZE), *SIZE)
+
+
+def always(shown: Shown) -> ShownIn:
+    """That, in every scene."""
+    return lambda scene: shown
 
 
 def staged(folder, camera, hidden=frozenset()) -> Stage:
