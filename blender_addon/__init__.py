@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import bpy
 
-from . import panel, preferences, translations
-from . import render_engine as engine
+from . import panel, preferences, render_engine, translations
 from .cameras import operators as camera_operators
 from .cameras import path_import_operator, path_operator
 from .editing import apply_operator, join_operator, live_operators, paint_operators, transform_operator
 from .engine import exact_settings
+from .engine import panels as engine_panels
 from .engine import settings as engine_settings
 from .import_export import export_operators, import_operator
 from .native import operators as native_operators
@@ -40,7 +40,7 @@ CLASSES = (
     native_operators.DOGSPLAT_OT_to_dog,
     exact_settings.DOGSPLAT_OT_exact_settings,
     engine_settings.DogSplatRenderSettings,
-    engine.DogSplatEngine,
+    render_engine.DogSplatEngine,
     training_settings.DogSplatSubject,
     training_settings.DogSplatTrainingSettings,
     rig_operator.DOGSPLAT_OT_make_cameras,
@@ -50,8 +50,10 @@ CLASSES = (
     panel.DOGSPLAT_PT_panel,
     panel.DOGSPLAT_PT_edit,
     training_panel.DOGSPLAT_PT_train,
-    panel.DOGSPLAT_PT_render,
-    panel.DOGSPLAT_PT_passes,
+    engine_panels.DOGSPLAT_PT_render,
+    engine_panels.DOGSPLAT_PT_film,
+    engine_panels.DOGSPLAT_PT_passes,
+    engine_panels.DOGSPLAT_PT_visibility,
 )
 
 
@@ -62,8 +64,8 @@ def register() -> None:
     bpy.types.Scene.dogsplat_colors = engine_settings.COLORS
     bpy.types.Scene.dogsplat_training = bpy.props.PointerProperty(type=training_settings.DogSplatTrainingSettings)
     bpy.types.Scene.dogsplat = bpy.props.PointerProperty(type=engine_settings.DogSplatRenderSettings)
-    for blender_panel in engine.panels_for_all_engines():
-        blender_panel.COMPAT_ENGINES.add(engine.ENGINE)
+    for blender_panel in engine_panels.shared_panels():
+        blender_panel.COMPAT_ENGINES.add(engine_settings.ENGINE)
     bpy.types.TOPBAR_MT_file_import.append(panel.import_menu)
     bpy.types.TOPBAR_MT_file_export.append(panel.export_menu)
     for menu, draw in panel.OBJECT_MENUS:
@@ -86,8 +88,8 @@ def unregister() -> None:
         getattr(bpy.types, menu).remove(draw)
     bpy.types.TOPBAR_MT_file_export.remove(panel.export_menu)
     bpy.types.TOPBAR_MT_file_import.remove(panel.import_menu)
-    for blender_panel in engine.panels_for_all_engines():
-        blender_panel.COMPAT_ENGINES.discard(engine.ENGINE)
+    for blender_panel in engine_panels.shared_panels():
+        blender_panel.COMPAT_ENGINES.discard(engine_settings.ENGINE)
     renderers.close_renderers()
     del bpy.types.Scene.dogsplat_colors, bpy.types.Scene.dogsplat, bpy.types.Scene.dogsplat_training
     for cls in reversed(CLASSES):

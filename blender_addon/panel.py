@@ -1,4 +1,4 @@
-"""The panels "DoG Splat" in the sidebar of the viewport and the render properties, and the entries of the menu File."""
+"""The panels "DoG Splat" and "Edit Splats" in the sidebar of the viewport, and the entries of Blender's menus."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from bpy.app.translations import pgettext_iface as iface_
 
 from .editing.paint_operators import painted_model
 from .editing.stand_in import stand_in_of
-from .engine.passes import SETTINGS
+from .engine.settings import ENGINE
 from .files.model import CUTS, SLOPES
 from .nodes.crop import NAME as CROP
 from .nodes.limits import NAME as LIMITS
@@ -17,7 +17,6 @@ from .objects.attributes import can_edit, has_any, is_native, is_splats
 from .objects.conventions import DOG_COUNT, SOURCE
 from .objects.feature import is_available
 from .objects.working_space import OURS, working_space
-from .render_engine import ENGINE
 
 EDITED = {
     CROP: ("Shape", "Object", "Invert"),
@@ -102,51 +101,6 @@ def _note_groups(layout: bpy.types.UILayout, scene: bpy.types.Scene, obj: bpy.ty
         layout.label(text="Blender draws mean colours, no slopes", icon="INFO")
     if has_any(obj, CUTS):
         layout.label(text="Blender draws whole splats, no cuts", icon="INFO")
-
-
-class OfEngine:
-    """A panel that stands where those of every engine do, while ours is chosen."""
-
-    bl_space_type, bl_region_type = "PROPERTIES", "WINDOW"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Our engine is chosen."""
-        return context.engine == ENGINE
-
-
-class DOGSPLAT_PT_render(OfEngine, bpy.types.Panel):
-    """The settings of our engine."""
-
-    bl_label = "DoG Splat"
-    bl_idname = "DOGSPLAT_PT_render"
-    bl_context = "render"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """What is sent, and how the picture is handed to the view transform."""
-        layout, settings = self.layout, context.scene.dogsplat
-        layout.use_property_split, layout.use_property_decorate = True, False
-        layout.prop(settings, "send")
-        if settings.send == "SCENE":
-            layout.prop(settings, "samples")
-            layout.prop(settings, "bounces")
-            layout.prop(settings, "mesh_shadows")
-        layout.prop(context.scene, "dogsplat_colors", text="Colors of Splats Only")
-
-
-class DOGSPLAT_PT_passes(OfEngine, bpy.types.Panel):
-    """The passes of our engine."""
-
-    bl_label = "Passes"
-    bl_idname = "DOGSPLAT_PT_passes"
-    bl_context = "view_layer"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Beside Combined and Alpha, which are always there."""
-        layout = self.layout
-        layout.use_property_split, layout.use_property_decorate = True, False
-        for name in SETTINGS.values():
-            layout.prop(context.view_layer, name)
 
 
 class DOGSPLAT_PT_edit(bpy.types.Panel):

@@ -22,6 +22,7 @@ class DogSplatEngine(bpy.types.RenderEngine):
     bl_idname = ENGINE
     bl_label = "DoG Splat (Mitsuba)"
     bl_use_preview = False
+    bl_use_shading_nodes_custom = False  # the shader editor offers Blender's nodes
     bl_use_eevee_viewport = True  # material preview shows the splats as with the other engines
 
     def render(self, depsgraph: bpy.types.Depsgraph) -> None:
@@ -101,11 +102,3 @@ class DogSplatEngine(bpy.types.RenderEngine):
             if target is not None:
                 target.rect.foreach_set(np.ascontiguousarray(values[::-1], np.float32).ravel())
         self.end_result(result)
-
-
-def panels_for_all_engines() -> list[type]:
-    """Blender's own panels that make sense with any engine: resolution, camera, output, …"""
-    return [
-        panel for panel in bpy.types.Panel.__subclasses__()
-        if "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ())
-    ]  # fmt: skip

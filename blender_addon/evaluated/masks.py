@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import bpy
 
 HOLDOUT, INDIRECT_ONLY = "holdout", "indirect_only"  # as requests call them; what has neither is seen as it is
+UNSEEN = ("LIGHT", "CAMERA", "LIGHT_PROBE", "SPEAKER")  # kinds of objects that cameras never see
 
 
 def mask_of(owner: bpy.types.Object, obj: bpy.types.Object, layer: bpy.types.ViewLayer) -> str:

@@ -7,8 +7,8 @@ from typing import Any
 
 import bpy
 
+from ..evaluated.masks import UNSEEN
 from ..files.errors import told
-from .subject import UNSEEN
 from .surrounding_collections import chains, rendered_objects
 
 OFF = (

@@ -7,14 +7,13 @@ from itertools import product
 import bpy
 import numpy as np
 
+from ..evaluated.masks import UNSEEN
 from ..objects.attributes import is_splats
 from ..scene.meshes import parts
 from ..scene.write import WITH_FACES
 from .deleted import is_there
 from .settings import DogSplatTrainingSettings
 from .surrounding_collections import rendered_objects
-
-UNSEEN = ("LIGHT", "CAMERA", "LIGHT_PROBE", "SPEAKER")  # by cameras
 
 
 def subject_objects(context: bpy.types.Context, settings: DogSplatTrainingSettings) -> list[bpy.types.Object]:

@@ -250,6 +250,9 @@ REST = {
         "sRGB-Werte: das exakte Bild unter der Ansichtstransformation Raw"
     ),
     "Passes": "Durchgänge",
+    "Film": "Film",
+    "Ray Visibility": "Strahlensichtbarkeit",
+    "Camera": "Kamera",
     # Viewport
     "Linear Colors": "Lineare Farben",
     "Near Clip": "Nahe Schnittebene",

@@ -7,21 +7,26 @@ import pytest
 from drawn_panels import NO_CAMERA, Layout, drawn, viewport
 from model_files import load
 from references import place_camera
+from surroundings import light, plane
 
+from blender_addon.engine.panels import (
+    DOGSPLAT_PT_film,
+    DOGSPLAT_PT_passes,
+    DOGSPLAT_PT_render,
+    DOGSPLAT_PT_visibility,
+)
 from blender_addon.engine.passes import SETTINGS
 from blender_addon.nodes.modifier import input_property, splat_modifier
 from blender_addon.panel import (
     EDITED,
     SHOWN,
     DOGSPLAT_PT_edit,
-    DOGSPLAT_PT_passes,
-    DOGSPLAT_PT_render,
     apply_menu,
     export_menu,
     import_menu,
     object_menu,
 )
-from blender_addon.render_engine import ENGINE
+from blender_addon.render_engine import ENGINE, DogSplatEngine
 
 
 def test_the_panel_shows_the_settings_of_a_model(scene, model):
@@ -65,6 +70,40 @@ def test_the_render_properties_have_the_settings_of_the_engine_alone(scene):
     assert not DOGSPLAT_PT_render.poll(SimpleNamespace(engine="CYCLES"))
     scene.render.engine = ENGINE
     assert DOGSPLAT_PT_render.poll(bpy.context)
+
+
+SHARED = {
+    "material": ["EEVEE_MATERIAL_PT_context_material", "EEVEE_MATERIAL_PT_surface"],
+    "world": ["WORLD_PT_context_world", "EEVEE_WORLD_PT_surface"],
+    "light": ["DATA_PT_EEVEE_light", "DATA_PT_spot"],
+    "camera": ["DATA_PT_lens", "DATA_PT_camera_dof", "DATA_PT_camera_dof_aperture"],
+}
+"""By what is active: panels of Blender that show what our engine reads."""
+
+
+@pytest.mark.parametrize("active", SHARED)
+def test_what_the_engine_reads_can_be_set_while_it_is_chosen(scene, active):
+    """By Blender's own panels; the power of a lamp is in one that says its kind, of which there is no second."""
+    things = {"material": bpy.data.materials.new("M"), "world": bpy.data.worlds.new("W"),
+              "light": bpy.data.lights.new("L", "SPOT"), "camera": bpy.data.cameras.new("C")}  # fmt: skip
+    given = {name: None for name in things} | {active: things[active]}
+    context = SimpleNamespace(engine=ENGINE, scene=scene, object=None, **given)
+    assert all(getattr(bpy.types, name).poll(context) for name in SHARED[active])
+    assert not bpy.types.DATA_PT_light.poll(context) and not DogSplatEngine.bl_use_shading_nodes_custom
+
+
+def test_film_and_visibility_have_panels_of_our_own(scene):
+    layout = Layout()
+    for send, names in (("SCENE", ["Transparent", "filter_size"]), ("SPLATS", ["Transparent"])):
+        scene.dogsplat.send = send
+        DOGSPLAT_PT_film.draw(SimpleNamespace(layout=layout), bpy.context)
+        assert layout.drawn == names
+        layout.drawn.clear()
+    seen, lamp = plane(1), light(scene, "POINT")
+    DOGSPLAT_PT_visibility.draw(SimpleNamespace(layout=layout), SimpleNamespace(object=seen))
+    assert layout.drawn == ["Camera"]
+    for engine, obj, shown in ((ENGINE, seen, True), (ENGINE, lamp, False), ("CYCLES", seen, False)):
+        assert DOGSPLAT_PT_visibility.poll(SimpleNamespace(engine=engine, object=obj)) == shown
 
 
 def test_the_menu_of_the_modifier_names_the_ways_to_show(model):
