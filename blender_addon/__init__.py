@@ -53,6 +53,7 @@ CLASSES = (
     engine_panels.DOGSPLAT_PT_render,
     engine_panels.DOGSPLAT_PT_film,
     engine_panels.DOGSPLAT_PT_passes,
+    engine_panels.DOGSPLAT_PT_override,
     engine_panels.DOGSPLAT_PT_visibility,
 )
 

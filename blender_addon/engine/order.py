@@ -33,18 +33,20 @@ COPIED = '"{name}": its nodes copy what draws splats, which is left out; turn on
 
 
 class StageSettings(NamedTuple):
-    """Of a scene: all that a stage depends on beside its objects, so that a viewport can tell when they change."""
+    """Of a scene and its view layer: all that a stage depends on beside objects, so that a viewport sees it change."""
 
     send: str
     bounces: int
     mesh_shadows: bool
     transparent: bool
+    material: str  # full name of what overrides all materials; empty where none does
 
 
-def stage_settings(scene: bpy.types.Scene) -> StageSettings:
+def stage_settings(depsgraph: bpy.types.Depsgraph) -> StageSettings:
     """As they are now."""
-    settings = scene.dogsplat
-    return StageSettings(settings.send, settings.bounces, settings.mesh_shadows, scene.render.film_transparent)
+    scene, override = depsgraph.scene, depsgraph.view_layer.material_override
+    settings, name = scene.dogsplat, override.name_full if override else ""
+    return StageSettings(settings.send, settings.bounces, settings.mesh_shadows, scene.render.film_transparent, name)
 
 
 @dataclass
@@ -122,7 +124,7 @@ def make_stage(
     Raises ``ValueError`` where nothing can be drawn. ``camera`` is how far a scene has to reach. ``hidden``: full names
     of objects that a viewport does not show.
     """
-    settings, splats = stage_settings(depsgraph.scene), _gather(depsgraph, hidden)
+    settings, splats = stage_settings(depsgraph), _gather(depsgraph, hidden)
     # No splatting has depth of field; paths have no colours but linear ones
     blurred = seen_by is not None and seen_by["type"] == "thinlens" and depsgraph.scene.dogsplat_colors == "LINEAR"
     whole = settings.send == "SCENE" and (blurred or has_surroundings(depsgraph, hidden))
@@ -132,6 +134,8 @@ def make_stage(
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
     copies = copied_drawings(depsgraph, lambda owner: owner.name_full not in hidden)
     files, notes = set(), [*working_space_notes(), *(told(COPIED, name=name) for name in copies)]
+    if getattr(depsgraph.view_layer, "world_override", None) is not None:  # from Blender 5.0 on
+        notes.append(told("the view layer's override of the world is left out"))
     splats.models, light = in_common_light(splats.models, splats.lights)
     if any(other.linear != light.linear for other in splats.lights):
         notes.append(told(MIXED))

@@ -72,6 +72,20 @@ class DOGSPLAT_PT_passes(OfEngine, bpy.types.Panel):
             layout.prop(context.view_layer, name)
 
 
+class DOGSPLAT_PT_override(OfEngine, bpy.types.Panel):
+    """Of what a view layer may override, that which our engine obeys."""
+
+    bl_label = "Override"
+    bl_idname = "DOGSPLAT_PT_override"
+    bl_context = "view_layer"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Splats keep their colors."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(context.view_layer, "material_override")
+
+
 class DOGSPLAT_PT_film(OfEngine, bpy.types.Panel):
     """What Blender keeps in the render settings, and shows for each engine in a panel of its own."""
 

@@ -55,6 +55,10 @@ def _pixels(export: Export, image: bpy.types.Image) -> np.ndarray | None:
     if not width or not height:
         export.note('the image "{image}" has no pixels; it is left out', image=image.name)
         return None
+    if image.source == "TILED":
+        export.note('of the tiles of the image "{image}" only one is drawn', image=image.name)
+    elif image.source in ("SEQUENCE", "MOVIE"):
+        export.note('of the frames of the image "{image}" only one is drawn', image=image.name)
     pixels = np.empty(width * height * 4, np.float32)
     image.pixels.foreach_get(pixels)
     return pixels.reshape(height, width, 4)

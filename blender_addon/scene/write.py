@@ -26,6 +26,7 @@ from .world import is_plain, world_light
 WITH_FACES = ("MESH", "META")  # Blender lists what others become as instances that are meshes; metaballs as both
 Kind = tuple[int, tuple[str, ...]]  # geometry and materials: what is the same is stored once
 LAMP = "light_"  # begins the id of a lamp
+RAYS = ("visible_diffuse", "visible_glossy", "visible_transmission", "visible_shadow")  # to which objects are shown
 WITHOUT = ("VOLUME", "POINTCLOUD", "CURVES", "GREASEPENCIL", "GPENCIL")
 
 
@@ -89,6 +90,7 @@ def write_scene(
     What is drawn differently, or not at all, is said in the notes, a line each.
     """
     export, scene = Export(folder), depsgraph.scene
+    _note_rays(export, depsgraph, hidden)
     found = _gather(export, depsgraph, hidden)
     objects = list(dict.fromkeys((body.name, body.mask) for body in found.bodies))
     described: Plugin = {"sensor": sensor} if sensor else {}
@@ -114,8 +116,18 @@ def _is_of_splats(instance: bpy.types.DepsgraphObjectInstance) -> bool:
     return has_splats(instance.object.original) or bool(parent and has_splats(parent.original))
 
 
+def _note_rays(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> None:
+    """Say which objects, splats among them, Cycles would not show to all rays; what cameras see is a mask."""
+    for obj in (obj for obj in depsgraph.objects if obj.name_full not in hidden):
+        if obj.is_shadow_catcher and obj.type != "LIGHT":  # what all lights are
+            export.note('"{name}": a shadow catcher is drawn as any other object', name=obj.name)
+        if not all(getattr(obj, name) for name in RAYS):
+            export.note('"{name}": Ray Visibility holds for the camera alone', name=obj.name)
+
+
 def _gather(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> Gathered:
     found, metaballs, listed = Gathered(), [], set()
+    override = depsgraph.view_layer_eval.material_override
     for instance in depsgraph.object_instances:
         obj = instance.object
         if not (instance.show_self and is_shown(instance, depsgraph, hidden)) or _is_of_splats(instance):
@@ -129,6 +141,8 @@ def _gather(export: Export, depsgraph: bpy.types.Depsgraph, hidden: frozenset[st
             if key not in found.geometry:
                 copies = [slot for slot, known in enumerate(materials) if draws_splats(known)]  # of another object
                 found.geometry[key] = [part for part in parts(obj) if part.slot not in copies]
+            if override is not None:
+                materials = [override]
             owner = instance.parent if instance.is_instance else obj
             mask = mask_of(owner.original, obj.original, depsgraph.view_layer)
             body = Placed(obj.original.name, key, world, materials, mask)

@@ -250,6 +250,7 @@ REST = {
         "sRGB-Werte: das exakte Bild unter der Ansichtstransformation Raw"
     ),
     "Passes": "Durchgänge",
+    "Override": "Überschreibung",
     "Film": "Film",
     "Ray Visibility": "Strahlensichtbarkeit",
     "Camera": "Kamera",

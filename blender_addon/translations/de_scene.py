@@ -11,7 +11,16 @@ NOTES = {
     "depth of field is left out; it takes Whole Scene and Linear colors": (
         "Schärfentiefe wird weggelassen; dazu braucht es „Ganze Szene“ und lineare Farben"
     ),
+    '"{name}": a shadow catcher is drawn as any other object': (
+        "„{name}“: ein Schattenfänger wird wie jedes andere Objekt gezeichnet"
+    ),
+    '"{name}": Ray Visibility holds for the camera alone': (
+        "„{name}“: die Strahlensichtbarkeit gilt nur für die Kamera"
+    ),
     # Lights and the world
+    "the view layer's override of the world is left out": (
+        "die Überschreibung der Welt durch die Ansichtsebene wird weggelassen"
+    ),
     '"{light}": the shadows of a spot are sharp': "„{light}“: die Schatten eines Spots sind scharf",
     '"{light}": an area light shines to all sides, whatever its spread': (
         "„{light}“: ein Flächenlicht leuchtet nach allen Seiten, unabhängig von seiner Streuung"
@@ -37,6 +46,12 @@ NOTES = {
     "its normal map has the strength 1": "seine Normal-Map hat die Stärke 1",
     # Textures
     'the image "{image}" has no pixels; it is left out': "das Bild „{image}“ hat keine Pixel; es wird weggelassen",
+    'of the tiles of the image "{image}" only one is drawn': (
+        "von den Kacheln des Bildes „{image}“ wird nur eine gezeichnet"
+    ),
+    'of the frames of the image "{image}" only one is drawn': (
+        "von den Einzelbildern des Bildes „{image}“ wird nur eines gezeichnet"
+    ),
     'the texture of "{socket}" is left out': "die Textur von „{socket}“ wird weggelassen",
     'the node "{node}" has no counterpart in Mitsuba; its socket keeps its own value': (
         "der Node „{node}“ hat kein Gegenstück in Mitsuba; sein Eingang behält den eigenen Wert"

@@ -31,9 +31,9 @@ class Changes:
         by_cameras = self._moves.explain(depsgraph.updates)
         self.pending |= not by_cameras and any(_matters(update) for update in depsgraph.updates)
 
-    def compare(self, scene: bpy.types.Scene) -> None:
+    def compare(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Note what a stage depends on besides."""
-        settings = stage_settings(scene)
+        settings = stage_settings(depsgraph)
         if settings != self._settings:
             self._settings, self.pending = settings, True
 

@@ -75,7 +75,7 @@ class Rendered:
             self._seen = seen
             self._pace.moved(now)
         self._place = depsgraph.scene.name, depsgraph.view_layer.name
-        self._changes.compare(depsgraph.scene)
+        self._changes.compare(depsgraph)
         if (hidden := hidden_in(context.space_data, depsgraph)) != self._hidden:
             self._hidden, self._changes.pending = hidden, True
         if (masks := masks_in(depsgraph)) != self._masks:

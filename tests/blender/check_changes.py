@@ -76,9 +76,10 @@ def test_what_is_hidden_and_other_settings_ask_for_a_stage(scene, model):
     changes.pending = False
     changes.note(bpy.context.evaluated_depsgraph_get())
     assert changes.pending
-    changes.compare(scene)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    changes.compare(depsgraph)
     changes.pending = False
-    changes.compare(scene)
+    changes.compare(depsgraph)
     assert not changes.pending
     settings, render = scene.dogsplat, scene.render
     for owner, name, value in (
@@ -86,10 +87,11 @@ def test_what_is_hidden_and_other_settings_ask_for_a_stage(scene, model):
         (settings, "bounces", 3),
         (settings, "mesh_shadows", True),
         (render, "film_transparent", True),
+        (bpy.context.view_layer, "material_override", bpy.data.materials.new("Clay")),
     ):
         assert getattr(owner, name) != value
         setattr(owner, name, value)
-        changes.compare(scene)
+        changes.compare(bpy.context.evaluated_depsgraph_get())
         assert changes.pending, name
         changes.pending = False
 

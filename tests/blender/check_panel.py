@@ -11,6 +11,7 @@ from surroundings import light, plane
 
 from blender_addon.engine.panels import (
     DOGSPLAT_PT_film,
+    DOGSPLAT_PT_override,
     DOGSPLAT_PT_passes,
     DOGSPLAT_PT_render,
     DOGSPLAT_PT_visibility,
@@ -92,13 +93,16 @@ def test_what_the_engine_reads_can_be_set_while_it_is_chosen(scene, active):
     assert not bpy.types.DATA_PT_light.poll(context) and not DogSplatEngine.bl_use_shading_nodes_custom
 
 
-def test_film_and_visibility_have_panels_of_our_own(scene):
+def test_film_visibility_and_override_have_panels_of_our_own(scene):
     layout = Layout()
     for send, names in (("SCENE", ["Transparent", "filter_size"]), ("SPLATS", ["Transparent"])):
         scene.dogsplat.send = send
         DOGSPLAT_PT_film.draw(SimpleNamespace(layout=layout), bpy.context)
         assert layout.drawn == names
         layout.drawn.clear()
+    DOGSPLAT_PT_override.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert layout.drawn == ["material_override"]
+    layout.drawn.clear()
     seen, lamp = plane(1), light(scene, "POINT")
     DOGSPLAT_PT_visibility.draw(SimpleNamespace(layout=layout), SimpleNamespace(object=seen))
     assert layout.drawn == ["Camera"]

@@ -5,10 +5,13 @@ import json
 import bpy
 import pytest
 from blender_pictures import with_alpha
-from surroundings import GREY, body, camera, light, material, plane, sphere
+from model_files import load
+from surroundings import GREY, body, camera, image, light, material, plane, sphere
 
 from blender_addon.cameras.objects import camera_numbers
 from blender_addon.engine.settings import ENGINE
+from blender_addon.scene.export import Export
+from blender_addon.scene.images import bitmap
 from blender_addon.scene.write import write_scene
 
 
@@ -27,6 +30,43 @@ def test_what_has_no_counterpart_is_drawn_in_its_viewport_colour_and_said(scene,
     assert strange.name in note and "viewport" in note
     (drawn,) = [value for key, value in described.items() if key.startswith("material_")]
     assert drawn["bsdf"]["base_color"]["value"] == pytest.approx([0.25, 0.5, 0.75])
+
+
+def test_the_material_of_the_view_layer_is_that_of_all_bodies(scene, tmp_path):
+    """Also where an object has several of its own, or none."""
+    camera(scene, (0, 0, 8))
+    both = body(body(plane(2), material("ShaderNodeBsdfDiffuse", Color=GREY)), material("ShaderNodeEmission"))
+    both.data.polygons[0].material_index = 1
+    plane(1)
+    clay = material("ShaderNodeBsdfDiffuse", Color=(0.25, 0.5, 0.75, 1))
+    assert sum(key.startswith("material_") for key in written(scene, tmp_path)[1]) == 2
+    bpy.context.view_layer.material_override = clay
+    (drawn,) = [value for key, value in written(scene, tmp_path)[1].items() if key.startswith("material_")]
+    assert drawn["bsdf"]["reflectance"]["value"] == pytest.approx([0.25, 0.5, 0.75])
+
+
+def test_a_shadow_catcher_and_rays_that_are_not_told_apart_are_said(scene, model, tmp_path):
+    """Of splats and lamps too, but not of what is hidden."""
+    camera(scene, (0, 0, 8))
+    wall, splats, lamp, hidden = plane(2), load(model), light(scene, "POINT"), plane(1)
+    assert written(scene, tmp_path)[0].notes == []
+    wall.visible_camera = False
+    wall.is_shadow_catcher = hidden.is_shadow_catcher = hidden.hide_viewport = True
+    lamp.visible_diffuse = splats.visible_shadow = False
+    notes = written(scene, tmp_path)[0].notes
+    assert len(notes) == 3 and f'"{wall.name}": a shadow catcher is drawn as any other object' in notes
+    assert {f'"{obj.name}": Ray Visibility holds for the camera alone' for obj in (lamp, splats)} < set(notes)
+
+
+@pytest.mark.parametrize("source, word", [("TILED", "tiles"), ("SEQUENCE", "frames"), ("FILE", "")])
+def test_an_image_of_many_pictures_is_said_to_be_one(tmp_path, source, word):
+    picture = image("many.0000", lambda x, y: (x, y, x))
+    picture.filepath_raw, picture.file_format = str(tmp_path / "many.0000.png"), "PNG"
+    picture.save()
+    picture.source = source
+    export = Export(tmp_path)
+    assert bitmap(export, picture)["type"] == "bitmap"
+    assert export.notes == ([f'of the {word} of the image "many.0000" only one is drawn'] if word else [])
 
 
 def test_geometry_that_is_repeated_is_written_once(scene, tmp_path):

@@ -75,6 +75,17 @@ def test_what_renders_do_not_show_is_no_body_of_a_viewport(scene, model, tmp_pat
     assert changes.pending and made.name in whole_scene(tmp_path, camera).objects
 
 
+def test_another_world_of_the_view_layer_is_said(model, scene, tmp_path):
+    layer = bpy.context.view_layer
+    if not hasattr(layer, "world_override"):
+        pytest.skip("this Blender has none")
+    place_camera(scene, "dog")
+    load(model)
+    layer.world_override = bpy.data.worlds.new("Another")
+    (note,) = staged(tmp_path, through_the_camera(scene).camera).notes
+    assert "world" in note
+
+
 def test_a_file_that_cannot_be_removed_stays(monkeypatch, tmp_path):
     """As one that is being read on Windows; others go."""
     for name in ("a.ply", "b.ply"):
