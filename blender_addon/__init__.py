@@ -15,6 +15,7 @@ from .import_export import export_operators, import_operator
 from .native import operators as native_operators
 from .objects import following
 from .package import renderers
+from .scene import written_images
 from .training import deleted, render_operator, rig_operator, train_operator
 from .training import panel as training_panel
 from .training import settings as training_settings
@@ -72,6 +73,7 @@ def register() -> None:
     for menu, draw in panel.OBJECT_MENUS:
         getattr(bpy.types, menu).append(draw)
     bpy.app.handlers.depsgraph_update_post.append(following.follow)
+    written_images.register()
     handlers.register()
     train_operator.register()
     deleted.register()
@@ -84,6 +86,7 @@ def unregister() -> None:
     deleted.unregister()
     train_operator.unregister()
     handlers.unregister()
+    written_images.unregister()
     bpy.app.handlers.depsgraph_update_post.remove(following.follow)
     for menu, draw in reversed(panel.OBJECT_MENUS):
         getattr(bpy.types, menu).remove(draw)

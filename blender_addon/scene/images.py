@@ -11,6 +11,7 @@ import numpy as np
 
 from ..files.srgb import decoded
 from .export import Export, Plugin
+from .written_images import WRITTEN
 
 
 def bitmap(export: Export, image: bpy.types.Image, channel: str = "Color", factor: float = 1.0) -> Plugin | None:
@@ -18,25 +19,33 @@ def bitmap(export: Export, image: bpy.types.Image, channel: str = "Color", facto
 
     channel: ``Alpha`` for that alone. factor: multiplies linear colours, which then are floats.
     """
-    pixels = _pixels(export, image)
-    if pixels is None:
+    if not _has_pixels(export, image):
         return None
-    if channel == "Alpha":
-        return {"type": "bitmap", "filename": _write_floats(export, pixels[..., 3:]), "raw": True}
-    encoded = _is_encoded(image)
-    if image.is_float or factor != 1:
-        linear = decoded(pixels[..., :3]) if encoded else pixels[..., :3]
-        return {"type": "bitmap", "filename": _write_floats(export, linear * factor), "raw": True}
-    return {"type": "bitmap", "filename": _write_bytes(export, pixels[..., :3]), "raw": not encoded}
+    encoded, alpha = _is_encoded(image), channel == "Alpha"
+    floats = alpha or image.is_float or factor != 1
+
+    def write() -> str:
+        pixels = pixels_of(image)
+        if alpha:
+            return _write_floats(export, pixels[..., 3:])
+        if floats:
+            return _write_floats(export, (decoded(pixels[..., :3]) if encoded else pixels[..., :3]) * factor)
+        return _write_bytes(export, pixels[..., :3])
+
+    name = WRITTEN.file_of(export, image, (channel, factor), write)
+    return {"type": "bitmap", "filename": name, "raw": floats or not encoded}
 
 
 def environment(export: Export, image: bpy.types.Image) -> str | None:
     """The file of an environment, in linear radiance."""
-    pixels = _pixels(export, image)
-    if pixels is None:
+    if not _has_pixels(export, image):
         return None
-    linear = decoded(pixels[..., :3]) if _is_encoded(image) else pixels[..., :3]
-    return _write_floats(export, linear[::-1])
+
+    def write() -> str:
+        pixels = pixels_of(image)[..., :3]
+        return _write_floats(export, (decoded(pixels) if _is_encoded(image) else pixels)[::-1])
+
+    return WRITTEN.file_of(export, image, ("Environment",), write)
 
 
 def write_gray(export: Export, values: np.ndarray) -> Plugin:
@@ -49,16 +58,21 @@ def _is_encoded(image: bpy.types.Image) -> bool:
     return not image.is_float and image.colorspace_settings.name.startswith("sRGB")
 
 
-def _pixels(export: Export, image: bpy.types.Image) -> np.ndarray | None:
-    """[H, W, 4] float32, from the bottom."""
-    width, height = image.size
-    if not width or not height:
+def _has_pixels(export: Export, image: bpy.types.Image) -> bool:
+    """With a note where it has none, or more than are drawn."""
+    if not all(image.size):
         export.note('the image "{image}" has no pixels; it is left out', image=image.name)
-        return None
+        return False
     if image.source == "TILED":
         export.note('of the tiles of the image "{image}" only one is drawn', image=image.name)
     elif image.source in ("SEQUENCE", "MOVIE"):
         export.note('of the frames of the image "{image}" only one is drawn', image=image.name)
+    return True
+
+
+def pixels_of(image: bpy.types.Image) -> np.ndarray:
+    """[H, W, 4] float32, from the bottom."""
+    width, height = image.size
     pixels = np.empty(width * height * 4, np.float32)
     image.pixels.foreach_get(pixels)
     return pixels.reshape(height, width, 4)
