@@ -11,6 +11,7 @@ from ..nodes.paint import CORNERS
 from ..nodes.paint import NAME as PAINT
 from ..objects.attributes import ERASE, PAINT_INDEX, SCALE, TINT, is_splats, own_data
 from ..objects.columns import get_column, put_column
+from .weights import get_weights, put_weights
 
 TETRAHEDRON = np.array([(1, 1, 1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1)], np.float32)
 FACES = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)], np.int32)
@@ -42,11 +43,7 @@ def build_stand_in(obj: bpy.types.Object) -> bpy.types.Object:
     for collection in obj.users_collection:
         collection.objects.link(stand_in)
     stand_in.parent, stand_in.hide_render = obj, True
-    group = stand_in.vertex_groups.new(name=ERASE)
-    weights = np.repeat(_painted(obj.data, ERASE)[:, 0], CORNERS)
-    group.add(list(range(len(corners))), 0.0, "REPLACE")
-    for weight in np.unique(weights[weights > 0]).tolist():
-        group.add(np.flatnonzero(weights == weight).tolist(), weight, "REPLACE")
+    put_weights(stand_in, ERASE, np.repeat(_painted(obj.data, ERASE)[:, 0], CORNERS))
     return stand_in
 
 
@@ -123,7 +120,7 @@ def _models_of(stand_in: bpy.types.Object) -> list[bpy.types.Object]:
 
 def _values(stand_in: bpy.types.Object) -> dict[str, np.ndarray]:
     """What is painted on its corners, [V, 1] and [V, 4]."""
-    return {ERASE: _weights(stand_in), TINT: get_column(stand_in.data, TINT, 4)}
+    return {ERASE: get_weights(stand_in, ERASE), TINT: get_column(stand_in.data, TINT, 4)}
 
 
 def _store(mesh: bpy.types.Mesh, painted: dict[str, np.ndarray]) -> None:
@@ -135,13 +132,3 @@ def _store(mesh: bpy.types.Mesh, painted: dict[str, np.ndarray]) -> None:
             put_column(mesh, attribute, per_splat)
     mesh.attributes.remove(mesh.attributes[PAINT_INDEX])
     mesh.update()
-
-
-def _weights(stand_in: bpy.types.Object) -> np.ndarray:
-    """[V, 1] of the group that is painted."""
-    group = stand_in.vertex_groups.get(ERASE)
-    weights = np.zeros((len(stand_in.data.vertices), 1), np.float32)
-    if group is not None:
-        for i, vertex in enumerate(stand_in.data.vertices):
-            weights[i] = next((g.weight for g in vertex.groups if g.group == group.index), 0.0)
-    return weights

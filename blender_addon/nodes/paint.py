@@ -18,6 +18,7 @@ from .groups import GEOMETRY, attribute_socket, cached_group, finish_group, line
 
 NAME = "DoG Splat Paint"
 CORNERS = 4  # of the stand-in of a splat
+WEIGHT = "weight"
 INPUTS = {
     "Geometry": "NodeSocketGeometry", "Erase": "NodeSocketBool", "Threshold": "NodeSocketFloat",
     "Tint": "NodeSocketBool", "Stand-In": "NodeSocketObject",
@@ -48,6 +49,15 @@ def paint_tree() -> bpy.types.NodeTree:
         "Linear Light": {"default_value": False, "description": "The colours are radiance, not sRGB values"},
     })  # fmt: skip
     return finish_group(tree, NAME)
+
+
+def weights_tree(group: str) -> bpy.types.NodeTree:
+    """A tree that stores the weights of a vertex group as the attribute ``WEIGHT``, which Python reads at once."""
+    sockets = {"Geometry": "NodeSocketGeometry"}
+    tree, (geometry,), exit_node = new_group("DoG Splat weights", GEOMETRY, sockets, sockets)
+    weights = named_attribute(tree, group, "FLOAT")
+    tree.plug(exit_node.inputs[0], store(tree, geometry, WEIGHT, weights, "FLOAT"))
+    return tree.tree
 
 
 def _painted(tree: Tree, info: bpy.types.Node, name: str, kind: str) -> list[Any]:
