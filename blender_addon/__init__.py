@@ -84,6 +84,7 @@ def unregister() -> None:
     """The same backwards."""
     translations.unregister(preferences.ADDON)
     deleted.unregister()
+    render_operator.unregister()
     train_operator.unregister()
     handlers.unregister()
     written_images.unregister()

@@ -50,10 +50,10 @@ class DOGSPLAT_OT_render_views(bpy.types.Operator):
         if bpy.app.background:
             return self.execute(context)
         try:
-            WORK.rendering = RenderJobs(context)
+            jobs = RenderJobs(context)
         except ValueError as error:
             return self._refused(error)
-        self._timer = context.window_manager.event_timer_add(INTERVAL, window=context.window)
+        WORK.begin_rendering(jobs, context.window_manager.event_timer_add(INTERVAL, window=context.window))
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
@@ -67,10 +67,10 @@ class DOGSPLAT_OT_render_views(bpy.types.Operator):
         try:
             going_on = jobs.tick()
         except (ValueError, RuntimeError) as error:
-            self._end(context)
+            end(context)
             return self._refused(error)
         except BaseException:
-            self._end(context)  # whatever it is: the scene gets its settings back
+            end(context)  # whatever it is: the scene gets its settings back
             raise
         redraw(context)
         done, n = jobs.rendering.done, len(jobs.rendering.frames)
@@ -78,7 +78,7 @@ class DOGSPLAT_OT_render_views(bpy.types.Operator):
         context.workspace.status_text_set(said)
         if going_on:
             return {"RUNNING_MODAL"}
-        self._end(context)
+        end(context)
         if jobs.stopped:
             self.report(
                 {"WARNING"}, told("stopped after {done} of {n} views; Go On Rendering does the rest", done=done, n=n)
@@ -89,14 +89,7 @@ class DOGSPLAT_OT_render_views(bpy.types.Operator):
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Blender quits, or opens another file."""
-        self._end(context)
-
-    def _end(self, context: bpy.types.Context) -> None:
-        WORK.rendering.close()
-        WORK.rendering = None
-        context.window_manager.event_timer_remove(self._timer)
-        context.workspace.status_text_set(None)
-        redraw(context)
+        end(context)
 
     def _trained(self, how: str) -> set[str]:
         """The end, or where it is wanted the training, which may not be able to start."""
@@ -110,3 +103,19 @@ class DOGSPLAT_OT_render_views(bpy.types.Operator):
     def _refused(self, error: Exception) -> set[str]:
         self.report({"ERROR"}, " ".join(str(error).removeprefix("Error: ").split()))
         return {"CANCELLED"}
+
+
+def end(context: bpy.types.Context) -> None:
+    """End the rendering that is at work; the scene gets its settings back, and what was rendered stays."""
+    WORK.rendering.close()
+    if WORK.timer is not None:
+        context.window_manager.event_timer_remove(WORK.timer)
+    WORK.end_rendering()
+    context.workspace.status_text_set(None)
+    redraw(context)
+
+
+def unregister() -> None:
+    """Blender calls no ``cancel`` of an operator that goes while it is modal."""
+    if WORK.rendering is not None:
+        end(bpy.context)

@@ -160,6 +160,8 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """No process stays behind."""
+    """No process stays behind, and no timer."""
     bpy.app.handlers.load_pre.remove(before_another_file)
     stop()
+    if bpy.app.timers.is_registered(look_after):
+        bpy.app.timers.unregister(look_after)

@@ -13,6 +13,7 @@ class Work:
 
     def __init__(self):
         self.rendering: RenderJobs | None = None
+        self.timer: bpy.types.Timer | None = None  # by which the rendering is looked after
         self.training: TrainingRun | None = None
         self.stopping = False  # the training was asked to, and is not yet at its end
         self.scene = ""  # that the training is for
@@ -22,6 +23,14 @@ class Work:
     def busy(self) -> bool:
         """Whether nothing else can begin."""
         return self.rendering is not None or self.training is not None
+
+    def begin_rendering(self, jobs: RenderJobs, timer: bpy.types.Timer) -> None:
+        """A rendering is at work."""
+        self.rendering, self.timer = jobs, timer
+
+    def end_rendering(self) -> None:
+        """No rendering is at work any more."""
+        self.rendering = self.timer = None
 
     def begin_training(self, run: TrainingRun, scene: str) -> None:
         """A training is at work, for the scene of that name."""

@@ -12,6 +12,7 @@ from bpy.app.handlers import persistent
 from bpy.props import BoolProperty, EnumProperty, IntProperty
 
 from ..engine.settings import ENGINE
+from .rendered import look
 from .tagged import evaluated, frame_changed
 from .view import view_of
 from .watcher import INTERVAL, Shown, Watcher
@@ -123,8 +124,9 @@ def unregister() -> None:
     """The same backwards; a viewport that moves shows all before."""
     settle()
     bpy.types.SpaceView3D.draw_handler_remove(_DRAWING.pop(), "WINDOW")
-    if _ticking():
-        bpy.app.timers.unregister(_tick)
+    for timer in (_tick, look):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
     for hook, function in _hooks():
         hook.remove(function)
     for name in PROPERTIES:

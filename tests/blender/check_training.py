@@ -125,25 +125,25 @@ def test_render_and_train_says_in_one_line_that_no_training_starts(subject, scen
 
 
 def test_an_error_that_nobody_expects_gives_the_settings_back(monkeypatch):
-    closed = []
+    closed, timers = [], []
     jobs = SimpleNamespace(tick=lambda: {}["no"], stopped=False, close=lambda: closed.append(True))
-    monkeypatch.setattr(WORK, "rendering", jobs)
+    WORK.begin_rendering(jobs, "timer")
     with pytest.raises(KeyError):
-        DOGSPLAT_OT_render_views.modal(modal_operator([]), a_window(), SimpleNamespace(type="TIMER"))
-    assert closed and not WORK.busy
+        DOGSPLAT_OT_render_views.modal(modal_operator([]), a_window(timers), SimpleNamespace(type="TIMER"))
+    assert closed and timers == ["timer"] and not WORK.busy and WORK.timer is None
 
 
 def modal_operator(said, train=False):
     """What Blender makes of the operator, and what it reports."""
-    operator = SimpleNamespace(_timer=None, train=train, report=lambda kind, text: said.append((kind, text)))
-    for name in ("_end", "_trained", "_refused"):
+    operator = SimpleNamespace(train=train, report=lambda kind, text: said.append((kind, text)))
+    for name in ("_trained", "_refused"):
         setattr(operator, name, MethodType(getattr(DOGSPLAT_OT_render_views, name), operator))
     return operator
 
 
-def a_window():
-    """The context of one: here there is none."""
-    windows = SimpleNamespace(windows=[], event_timer_remove=lambda timer: None)
+def a_window(removed=None):
+    """The context of one: here there is none. ``removed``: its timers that were."""
+    windows = SimpleNamespace(windows=[], event_timer_remove=([] if removed is None else removed).append)
     return SimpleNamespace(window_manager=windows, workspace=SimpleNamespace(status_text_set=lambda text: None))
 
 

@@ -8,11 +8,13 @@ from package_command import by_package
 from training_scene import CENTER, RADIUS, folder_of, made_unlike, state
 
 from blender_addon.engine.settings import ENGINE
+from blender_addon.training import train_operator
 from blender_addon.training.data_set import is_begun, is_complete
 from blender_addon.training.render_jobs import RenderJobs
 from blender_addon.training.rendering import Rendering
 from blender_addon.training.rig_operator import make_rig, rig_cameras
 from blender_addon.training.work import WORK
+from blender_addon.viewport import rendered
 
 
 @pytest.mark.parametrize("engine", ["CYCLES", EEVEE, ENGINE])
@@ -102,6 +104,21 @@ def test_what_was_rendered_is_kept_when_it_is_stopped(subject, scene):
     again = Rendering(bpy.context)  # of a scene that may be another now
     again.close()
     assert again.done == 0 and is_begun(data)
+
+
+def test_disabling_the_add_on_ends_a_rendering(subject, scene):
+    """Also where Blender waits for its next look, and with a viewport and a training that are looked after."""
+    import addon_utils  # found once bpy is there
+
+    make_rig(bpy.context)
+    before, timers = state(scene), (rendered.look, train_operator.look_after)
+    WORK.begin_rendering(RenderJobs(bpy.context), None)
+    assert state(scene) != before
+    for timer in timers:
+        bpy.app.timers.register(timer)
+    addon_utils.disable("blender_addon")
+    assert state(scene) == before and not WORK.busy
+    assert not any(map(bpy.app.timers.is_registered, timers)) and not bpy.app.handlers.render_cancel
 
 
 LOAD = """
