@@ -6,7 +6,7 @@ import bpy
 from bpy.props import IntProperty
 
 from ..files.errors import told
-from ..nodes.modifier import set_input, splat_modifier
+from ..nodes.modifier import get_input, set_input, splat_modifier
 
 MAX_SPLATS_PER_RAY = 1024  # the most that Cycles can
 
@@ -41,9 +41,15 @@ class DOGSPLAT_OT_exact_settings(bpy.types.Operator):
             cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = self.samples, False, False
             cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0
             cycles.transparent_max_bounces = cycles.min_transparent_bounces = MAX_SPLATS_PER_RAY
-        for obj in scene.objects:
-            if modifier := splat_modifier(obj):
+        models = [(obj, modifier) for obj in scene.objects if (modifier := splat_modifier(obj))]
+        for obj, modifier in models:
+            if obj.library is None:  # of a linked one, nothing would be saved
                 set_input(modifier, "Linear Colors", False)
                 obj.update_tag()
-        self.report({"INFO"}, told("View transform Raw, pixel filter of one pixel, exact colours"))
+        linear = [obj.name for obj, modifier in models if get_input(modifier, "Linear Colors")]
+        if linear:
+            problem = "set up, but models of linked files keep their colors: {names}; make library overrides of them"
+            self.report({"WARNING"}, told(problem, names=", ".join(linear)))
+        else:
+            self.report({"INFO"}, told("View transform Raw, pixel filter of one pixel, exact colours"))
         return {"FINISHED"}

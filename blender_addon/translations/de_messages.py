@@ -10,6 +10,10 @@ MESSAGES = {
     "{count} cameras imported": "{count} Kameras importiert",
     "{count} key frames imported": "{count} Schlüsselbilder importiert",
     "{count} key frames exported": "{count} Schlüsselbilder exportiert",
+    "set up, but models of linked files keep their colors: {names}; make library overrides of them": (
+        "eingerichtet, aber Modelle verknüpfter Dateien behalten ihre Farben: {names}; Bibliotheksüberschreibungen "
+        "davon erstellen"
+    ),
     "View transform Raw, pixel filter of one pixel, exact colours": (
         "Ansichtstransformation Raw, Pixelfilter von einem Pixel, exakte Farben"
     ),
