@@ -75,7 +75,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         for name in (name for name in SHOWN if has_input(modifier, name)):
             column.prop(*input_property(modifier, name), text=name)
         if context.scene.camera is None and not context.scene.dogsplat_follow_view:
-            layout.label(text="Colours need an active camera, or Follow View", icon="INFO")
+            layout.label(text="Colors need an active camera, or Follow View", icon="INFO")
         elif obj.get(DOG_COUNT) and "EEVEE" in context.scene.render.engine:
             layout.label(text="EEVEE: no negative lobes", icon="INFO")
         _note_groups(layout, context.scene, obj)
@@ -88,7 +88,7 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
             layout.prop(scene, "dogsplat_moving_count", text="Splats")
         layout.prop(scene, "dogsplat_follow_view")
         if space.shading.type in ("SOLID", "WIREFRAME"):
-            layout.label(text="Solid shading has no colours", icon="INFO")
+            layout.label(text="Solid shading has no colors", icon="INFO")
             layout.prop_enum(space.shading, "type", "MATERIAL", text="Material Preview")
         layout.prop(space.overlay, "show_outline_selected", text="Outline Selected")
 
@@ -98,7 +98,7 @@ def _note_groups(layout: bpy.types.UILayout, scene: bpy.types.Scene, obj: bpy.ty
     if scene.render.engine == ENGINE:
         return
     if has_any(obj, SLOPES):
-        layout.label(text="Blender draws mean colours, no slopes", icon="INFO")
+        layout.label(text="Blender draws mean colors, no slopes", icon="INFO")
     if has_any(obj, CUTS):
         layout.label(text="Blender draws whole splats, no cuts", icon="INFO")
 

@@ -14,7 +14,7 @@ from .apply_operator import apply_edits
 
 
 class DOGSPLAT_OT_join(bpy.types.Operator):
-    """Join the selected models into the active one, edits applied; missing bands of colour become zero"""
+    """Join the selected models into the active one, edits applied; missing bands of color become zero"""
 
     bl_idname = "dogsplat.join"
     bl_label = "Join Splats"

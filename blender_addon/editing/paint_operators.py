@@ -16,7 +16,7 @@ MODES = {"ERASE": "WEIGHT_PAINT", "TINT": "VERTEX_PAINT"}
 
 
 class DOGSPLAT_OT_paint(bpy.types.Operator):
-    """Paint on the splats with Blender's brushes, by a stand-in that has faces: weights erase, colours tint"""
+    """Paint on the splats with Blender's brushes, by a stand-in that has faces: weights erase, colors tint"""
 
     bl_idname = "dogsplat.paint"
     bl_label = "Paint Splats"
@@ -24,7 +24,7 @@ class DOGSPLAT_OT_paint(bpy.types.Operator):
 
     what: EnumProperty(name="What", items=(
         ("ERASE", "Erase", "Weight paint: splats with a weight above the threshold are left out"),
-        ("TINT", "Tint", "Vertex paint: colours are multiplied by what is painted"),
+        ("TINT", "Tint", "Vertex paint: colors are multiplied by what is painted"),
     ))  # fmt: skip
 
     @classmethod

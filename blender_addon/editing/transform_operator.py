@@ -16,7 +16,7 @@ from .stand_in import check_painting, finish_painting
 
 
 class DOGSPLAT_OT_apply_transform(bpy.types.Operator):
-    """Make the object's transform part of its splats: positions, orientations, sizes and view-dependent colours"""
+    """Make the object's transform part of its splats: positions, orientations, sizes and view-dependent colors"""
 
     bl_idname = "dogsplat.apply_transform"
     bl_label = "Apply Transform to Splats"

@@ -12,7 +12,7 @@ MAX_SPLATS_PER_RAY = 1024  # the most that Cycles can
 
 
 class DOGSPLAT_OT_exact_settings(bpy.types.Operator):
-    """Set view transform, sampling and filter of this scene, and the colours of its models, for the exact picture"""
+    """Set view transform, sampling and filter of this scene, and the colors of its models, for the exact picture"""
 
     bl_idname = "dogsplat.exact_settings"
     bl_label = "Set Up Exact Picture"
@@ -51,5 +51,5 @@ class DOGSPLAT_OT_exact_settings(bpy.types.Operator):
             problem = "set up, but models of linked files keep their colors: {names}; make library overrides of them"
             self.report({"WARNING"}, told(problem, names=", ".join(linear)))
         else:
-            self.report({"INFO"}, told("View transform Raw, pixel filter of one pixel, exact colours"))
+            self.report({"INFO"}, told("View transform Raw, pixel filter of one pixel, exact colors"))
         return {"FINISHED"}

@@ -17,7 +17,7 @@ class DogSplatRenderSettings(bpy.types.PropertyGroup):
 
     send: EnumProperty(name="Render", default="SCENE", items=(
         ("SCENE", "Whole Scene", "Splats together with meshes, lights, world and materials, path traced"),
-        ("SPLATS", "Splats Only", "The exact picture of the splats over the colour of the world"),
+        ("SPLATS", "Splats Only", "The exact picture of the splats over the color of the world"),
     ))  # fmt: skip
     samples: IntProperty(
         name="Samples", default=64, min=1, soft_max=4096, description="Paths per pixel of a whole scene"

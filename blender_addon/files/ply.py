@@ -173,7 +173,7 @@ def _rest_columns(path: Path, tables: dict[str, np.ndarray], n_rest: int) -> np.
         columns = _columns(path, vertex, _rest_names(n_rest))
         return columns.reshape(len(vertex), 3, n_rest // 3).transpose(0, 2, 1)  # channel-major in the file
     if n_rest:
-        problem = 'view-dependent colour both in the element "vertex" and in the element "{name}"'
+        problem = 'view-dependent color both in the element "vertex" and in the element "{name}"'
         raise FileError(path, problem, "keep f_rest_* in one of the two", name=f"sh{degrees[0]}")
     rest = np.zeros((len(vertex), _N_REST[degrees[-1]] // 3, 3), np.float32)
     for degree in degrees:

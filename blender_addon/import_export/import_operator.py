@@ -80,7 +80,7 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         default=3,
         min=0,
         max=3,
-        description="View-dependent colour up to this band; higher ones are not loaded",
+        description="View-dependent color up to this band; higher ones are not loaded",
     )
     min_opacity: FloatProperty(
         name="Minimum Opacity", default=0.0, min=0.0, max=1.0, description="Splats of a lower opacity are not loaded"

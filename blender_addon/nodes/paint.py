@@ -44,9 +44,9 @@ def paint_tree() -> bpy.types.NodeTree:
         "Erase": {"default_value": True, "description": f'Leave out the splats whose weight "{ERASE}" is high'},
         "Threshold": {"default_value": 0.5, "min_value": 0.0, "max_value": 1.0, "subtype": "FACTOR",
                       "description": "Splats of a higher weight are left out"},
-        "Tint": {"default_value": True, "description": f'Multiply the colours by the painted ones, "{TINT}"'},
+        "Tint": {"default_value": True, "description": f'Multiply the colors by the painted ones, "{TINT}"'},
         "Stand-In": {"description": "The object that is painted; without one, the attributes of the splats hold"},
-        "Linear Light": {"default_value": False, "description": "The colours are radiance, not sRGB values"},
+        "Linear Light": {"default_value": False, "description": "The colors are radiance, not sRGB values"},
     })  # fmt: skip
     return finish_group(tree, NAME)
 

@@ -202,7 +202,7 @@ def _describe(group: bpy.types.NodeTree) -> None:
         "Show As": {"default_value": SHOW[0], "description": "Quads are exact for the active camera; ellipsoids are "
                     "right from everywhere; Automatic renders quads and shows ellipsoids in the viewport"},
         "SH Degree": {"default_value": 3, "min_value": 0, "max_value": 3,
-                      "description": "Highest band of view-dependent colour, seen from the active camera"},
+                      "description": "Highest band of view-dependent color, seen from the active camera"},
         "DoG": {"default_value": True, "description": "Subtract the pseudo-Gaussians"},
         "Linear Colors": {"default_value": True, "description": "Blend in linear light, for view transforms such as "
                           "Standard and AgX; off: blend sRGB values as trained, for the view transform Raw"},

@@ -57,7 +57,7 @@ def _shader(reader: Reader, material: bpy.types.Material, socket: bpy.types.Node
         return _mixed(reader, node, first, second) if node.type == "MIX_SHADER" else _added(reader, first, second)
     if node.type not in SHADERS:
         reader.note(
-            'the shader "{node}" has no counterpart in Mitsuba; drawn in the colour of the viewport', node=node.name
+            'the shader "{node}" has no counterpart in Mitsuba; drawn in the color of the viewport', node=node.name
         )
         return _viewport(reader, material)
     return SHADERS[node.type](reader, node)

@@ -59,7 +59,7 @@ def _coatings(reader: Reader, node: bpy.types.Node) -> Plugin:
 def _root(reader: Reader, base: Plugin) -> Plugin:
     """Light passes two interfaces, and the colour is that of both."""
     if base["type"] != "rgb":
-        reader.note("the texture colours what is seen through it at each of its two surfaces")
+        reader.note("the texture colors what is seen through it at each of its two surfaces")
         return base
     return rgb(np.sqrt(np.maximum(base["value"], 0)))
 

@@ -26,7 +26,7 @@ def world_light(export: Export, world: bpy.types.World | None) -> Plugin | None:
         return None
     if source.node.type != "BACKGROUND":
         reader.note(
-            'the node "{node}" has no counterpart in Mitsuba; the world has its viewport colour', node=source.node.name
+            'the node "{node}" has no counterpart in Mitsuba; the world has its viewport color', node=source.node.name
         )
         return _constant(world.color)
     color, strength = source.node.inputs["Color"], reader.constant(source.node.inputs["Strength"])

@@ -31,8 +31,8 @@ RIGS = (
 )
 PRESETS = (
     ("ours", "Ours", "Pruned and made DoG: the recipe of this package"),
-    ("ours_slopes", "Ours with Slopes", "Ours, with colours that vary over their splats"),
-    ("ours_cuts", "Ours with Slopes and Cuts", "Ours, with such colours, and with splats that planes cut off"),
+    ("ours_slopes", "Ours with Slopes", "Ours, with colors that vary over their splats"),
+    ("ours_cuts", "Ours with Slopes and Cuts", "Ours, with such colors, and with splats that planes cut off"),
     ("ours_preconditioned", "Ours, Preconditioned", "With slopes, cuts, and steps that move a splat's numbers jointly"),
     ("paper", "Paper", "The published method, as it is printed"),
     ("released", "Released", "The published method, as in its code"),

@@ -84,7 +84,7 @@ REST = {
         "Drehen und skalieren, wie die Datei es sagt; sonst nur, wie es hier eingestellt ist"
     ),
     "SH Degree": "SH-Grad",
-    "View-dependent colour up to this band; higher ones are not loaded": (
+    "View-dependent color up to this band; higher ones are not loaded": (
         "Blickabhängige Farbe bis zu diesem Band; höhere werden nicht geladen"
     ),
     "Minimum Opacity": "Kleinste Deckkraft",
@@ -188,7 +188,7 @@ REST = {
     "Minimum Size": "Kleinste Größe",
     "Maximum Size": "Höchste Größe",
     "Count By": "Zählen nach",
-    "Paint on the splats with Blender's brushes, by a stand-in that has faces: weights erase, colours tint": (
+    "Paint on the splats with Blender's brushes, by a stand-in that has faces: weights erase, colors tint": (
         "Mit Blenders Pinseln auf die Splats malen, über einen Stellvertreter mit Flächen: Gewichte radieren, Farben "
         "tönen"
     ),
@@ -198,26 +198,26 @@ REST = {
         "Gewichtsmalerei: Splats mit einem Gewicht über dem Schwellwert werden weggelassen"
     ),
     "Tint": "Tönung",
-    "Vertex paint: colours are multiplied by what is painted": (
+    "Vertex paint: colors are multiplied by what is painted": (
         "Vertexmalerei: Farben werden mit dem Gemalten multipliziert"
     ),
     "Threshold": "Schwellwert",
     "Store what was painted with the splats and remove the stand-in; painting can go on later": (
         "Das Gemalte bei den Splats speichern und den Stellvertreter entfernen; gemalt werden kann später weiter"
     ),
-    "Delete the splats that crop, limits and painting hide, and make their tints part of the colours": (
+    "Delete the splats that crop, limits and painting hide, and make their tints part of the colors": (
         "Die Splats löschen, die Zuschnitt, Grenzen und Bemalung verbergen, und Tönungen in die Farben übernehmen"
     ),
-    "Join the selected models into the active one, edits applied; missing bands of colour become zero": (
+    "Join the selected models into the active one, edits applied; missing bands of color become zero": (
         "Die ausgewählten Modelle mit dem aktiven zusammenführen, Bearbeitungen angewandt; fehlende Farbbänder werden "
         "null"
     ),
-    "Make the object's transform part of its splats: positions, orientations, sizes and view-dependent colours": (
+    "Make the object's transform part of its splats: positions, orientations, sizes and view-dependent colors": (
         "Die Transformation des Objekts in seine Splats übernehmen: Positionen, Ausrichtungen, Größen und "
         "blickabhängige Farben"
     ),
     # Rendering
-    "Set view transform, sampling and filter of this scene, and the colours of its models, for the exact picture": (
+    "Set view transform, sampling and filter of this scene, and the colors of its models, for the exact picture": (
         "Ansichtstransformation, Abtastung und Filter dieser Szene und die Farben ihrer Modelle für das exakte Bild "
         "setzen"
     ),
@@ -231,7 +231,7 @@ REST = {
         "Splats zusammen mit Meshes, Lichtern, Welt und Materialien, mit Path Tracing"
     ),
     "Splats Only": "Nur Splats",
-    "The exact picture of the splats over the colour of the world": (
+    "The exact picture of the splats over the color of the world": (
         "Das exakte Bild der Splats über der Farbe der Welt"
     ),
     "Paths per pixel of a whole scene": "Pfade je Pixel einer ganzen Szene",
@@ -275,18 +275,18 @@ REST = {
         "Ein bewegtes Ansichtsfenster zeigt so viele Splats, die wichtigsten"
     ),
     "Follow View": "Ansicht folgen",
-    "Make colours, and the quads of Automatic, for the viewport that moved last instead of the camera; renders stay "
+    "Make colors, and the quads of Automatic, for the viewport that moved last instead of the camera; renders stay "
     "with the camera": (
         "Farben, und die Vierecke von „Automatisch“, für das zuletzt bewegte Ansichtsfenster statt für die Kamera "
         "erzeugen; gerendert wird weiterhin für die Kamera"
     ),
     "Splats need the working space Linear Rec.709": "Splats brauchen den Arbeitsfarbraum Linear Rec.709",
-    "Solid shading has no colours": "Massive Schattierung hat keine Farben",
+    "Solid shading has no colors": "Massive Schattierung hat keine Farben",
     "Material Preview": "Materialbeispiel",
     "Outline Selected": "Auswahlumrandung",
-    "Colours need an active camera, or Follow View": "Farben brauchen eine aktive Kamera oder „Ansicht folgen“",
+    "Colors need an active camera, or Follow View": "Farben brauchen eine aktive Kamera oder „Ansicht folgen“",
     "EEVEE: no negative lobes": "EEVEE: keine negativen Keulen",
-    "Blender draws mean colours, no slopes": "Blender zeichnet mittlere Farben, keine Verläufe",
+    "Blender draws mean colors, no slopes": "Blender zeichnet mittlere Farben, keine Verläufe",
     "Blender draws whole splats, no cuts": "Blender zeichnet ganze Splats, keine Schnitte",
     "No splat modifier: import the model again": "Kein Splat-Modifikator: Modell neu importieren",
     "{name}: {count:,} splats": "{name}: {count:,} Splats",

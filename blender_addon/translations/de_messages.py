@@ -14,7 +14,7 @@ MESSAGES = {
         "eingerichtet, aber Modelle verknüpfter Dateien behalten ihre Farben: {names}; Bibliotheksüberschreibungen "
         "davon erstellen"
     ),
-    "View transform Raw, pixel filter of one pixel, exact colours": (
+    "View transform Raw, pixel filter of one pixel, exact colors": (
         "Ansichtstransformation Raw, Pixelfilter von einem Pixel, exakte Farben"
     ),
     "sending the scene": "Szene wird gesendet",
@@ -50,7 +50,7 @@ MESSAGES = {
     "{n} properties f_rest_*, but SH degree 0, 1, 2, 3 has 0, 9, 24, 45": (
         "{n} Eigenschaften f_rest_*, aber SH-Grad 0, 1, 2, 3 hat 0, 9, 24, 45"
     ),
-    'view-dependent colour both in the element "vertex" and in the element "{name}"': (
+    'view-dependent color both in the element "vertex" and in the element "{name}"': (
         "blickabhängige Farbe sowohl im Element „vertex“ als auch im Element „{name}“"
     ),
     "keep f_rest_* in one of the two": "f_rest_* in einem von beiden behalten",

@@ -25,7 +25,7 @@ NOTES = {
     '"{light}": an area light shines to all sides, whatever its spread': (
         "„{light}“: ein Flächenlicht leuchtet nach allen Seiten, unabhängig von seiner Streuung"
     ),
-    'the node "{node}" has no counterpart in Mitsuba; the world has its viewport colour': (
+    'the node "{node}" has no counterpart in Mitsuba; the world has its viewport color': (
         "der Node „{node}“ hat kein Gegenstück in Mitsuba; die Welt hat ihre Farbe im Ansichtsfenster"
     ),
     "the picture of the world is taken as equirectangular": "das Bild der Welt wird als äquirektangular verstanden",
@@ -33,13 +33,13 @@ NOTES = {
     # Materials
     "its displacement is left out": "sein Displacement wird weggelassen",
     "its volume is left out": "sein Volumen wird weggelassen",
-    'the shader "{node}" has no counterpart in Mitsuba; drawn in the colour of the viewport': (
+    'the shader "{node}" has no counterpart in Mitsuba; drawn in the color of the viewport': (
         "der Shader „{node}“ hat kein Gegenstück in Mitsuba; gezeichnet in der Farbe des Ansichtsfensters"
     ),
     "light of a mixture by a texture is left out": "das Licht einer Mischung nach einer Textur wird weggelassen",
     "of two shaders that are added the first is kept": "von zwei addierten Shadern bleibt der erste",
     "of two lights the first is kept": "von zwei Lichtern bleibt das erste",
-    "the texture colours what is seen through it at each of its two surfaces": (
+    "the texture colors what is seen through it at each of its two surfaces": (
         "die Textur färbt, was durch sie zu sehen ist, an jeder der beiden Oberflächen"
     ),
     'the node "{node}" does not bend normals in Mitsuba': "der Node „{node}“ verbiegt in Mitsuba keine Normalen",

@@ -67,8 +67,8 @@ REST = {
         "Für den Datensatz, in data, und das Training, in run. Die Namen von Datei und Szene treten an ihre Stellen"
     ),
     "Pruned and made DoG: the recipe of this package": "Ausgedünnt und zu DoG gemacht: das Rezept dieses Pakets",
-    "Ours, with colours that vary over their splats": "Unser Rezept, mit Farben, die über ihre Splats verlaufen",
-    "Ours, with such colours, and with splats that planes cut off": (
+    "Ours, with colors that vary over their splats": "Unser Rezept, mit Farben, die über ihre Splats verlaufen",
+    "Ours, with such colors, and with splats that planes cut off": (
         "Unser Rezept, mit solchen Farben und mit Splats, die von Ebenen abgeschnitten werden"
     ),
     "With slopes, cuts, and steps that move a splat's numbers jointly": (

@@ -38,7 +38,7 @@ PROPERTIES = {
     "dogsplat_follow_view": BoolProperty(
         name="Follow View",
         default=False,
-        description="Make colours, and the quads of Automatic, for the viewport that moved last instead of the "
+        description="Make colors, and the quads of Automatic, for the viewport that moved last instead of the "
         "camera; renders stay with the camera",
         update=lambda scene, context: WATCHER.show(scene, Shown()),
     ),

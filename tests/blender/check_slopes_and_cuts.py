@@ -24,7 +24,7 @@ from blender_addon.objects.columns import put_column
 from blender_addon.package.renderers import InProcess
 from blender_addon.render_engine import ENGINE
 
-NOTES = {"slopes": "Blender draws mean colours, no slopes", "cuts": "Blender draws whole splats, no cuts"}
+NOTES = {"slopes": "Blender draws mean colors, no slopes", "cuts": "Blender draws whole splats, no cuts"}
 VALUES = {"slopes": "color_slopes", "cuts": "cut_normals"}
 ATTRIBUTES = {"slopes": [f"dog:slope_{axis}" for axis in "xyz"], "cuts": ["dog:cut_normal"]}
 

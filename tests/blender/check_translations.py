@@ -45,6 +45,11 @@ def test_every_translation_has_its_text(language):
     assert not stale, f"to remove from translations/{language}_*.py:\n" + "\n".join(stale)
 
 
+def test_what_is_shown_is_spelt_as_blender_spells_it():
+    """Whatever comments say: labels such as "Colors" stand beside Blender's own."""
+    assert not [text for _, text in translatable() if "colour" in text.lower()]
+
+
 def test_what_is_put_in_stays_out_of_the_text():
     places = list(formatted_too_early())
     assert not places, (

@@ -7,7 +7,7 @@ import bpy
 
 from blender_addon.panel import DOGSPLAT_PT_panel
 
-NO_CAMERA = "Colours need an active camera, or Follow View"
+NO_CAMERA = "Colors need an active camera, or Follow View"
 
 
 class Layout:
