@@ -21,5 +21,5 @@ def working_space_notes() -> list[str]:
     """What to say where it is not ours; nothing else."""
     if (space := working_space()) == OURS:
         return []
-    problem = "the working space {space} makes colours of splats wrong; choose {ours}, then import the models again"
+    problem = "the working space {space} makes colors of splats wrong; choose {ours}, then import the models again"
     return [told(problem, space=space, ours=OURS)]

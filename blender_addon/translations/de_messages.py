@@ -225,7 +225,7 @@ MESSAGES = {
         "nichts ist ausgewählt; die Objekte zum Trainieren auswählen oder „Ganze Szene“ wählen"
     ),
     # Rendering
-    "the working space {space} makes colours of splats wrong; choose {ours}, then import the models again": (
+    "the working space {space} makes colors of splats wrong; choose {ours}, then import the models again": (
         "im Arbeitsfarbraum {space} sind die Farben von Splats falsch; {ours} wählen, dann die Modelle neu importieren"
     ),
     "some models hold sRGB values, others radiance; the former are drawn in radiance": (

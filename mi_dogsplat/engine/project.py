@@ -97,6 +97,7 @@ def softplus(x: mi.Float) -> mi.Float:
 
 
 def all_finite(values: list[mi.Float]) -> mi.Bool:
+    """Lane by lane, whether each of the values is a finite number."""
     finite = dr.isfinite(values[0])
     for value in values[1:]:
         finite &= dr.isfinite(value)
