@@ -10,7 +10,7 @@ from blender_addon.engine.order import make_order
 from blender_addon.objects.working_space import working_space_notes
 
 LABEL = "Splats need the working space Linear Rec.709"
-NOTE = "the working space Linear Rec.2020 makes colours of splats wrong; choose Linear Rec.709, then import"
+NOTE = "the working space Linear Rec.2020 makes colors of splats wrong; choose Linear Rec.709, then import"
 
 
 @pytest.fixture(params=[False, True])
