@@ -18,6 +18,7 @@ import numpy as np
 
 from ..engine.geometry import Cutoffs
 from ..scene.cuts import LARGEST
+from ..scene.opacity import sigmoid
 from ..scene.row_groups import CUTS, DOG, SH, SLOPES, RowGroup
 from ..scene.splats import Array, Splats
 from ..support.wording import count, file_size
@@ -49,7 +50,7 @@ class Unneeded:
         """Found from the parameters alone."""
         opacities = largest_alphas(splats)  # [N]
         invisible = ~_finite(splats) | (opacities < LEAST_ALPHA)
-        peaks = _opacities(splats.dog_logit_opacities) * opacities[splats.dog_index]  # [M]
+        peaks = sigmoid(splats.dog_logit_opacities.astype(np.float64)) * opacities[splats.dog_index]  # [M]
         faded = (peaks < FADED) & ~invisible[splats.dog_index]
         flat = ~splats.color_slopes.any(axis=(1, 2)) & ~invisible[splats.slope_index]  # [S]
         whole = ~splats.cut_normals.any(axis=1) & ~invisible[splats.cut_index]  # [C]
@@ -113,15 +114,10 @@ def used_sh_degrees(splats: Splats) -> Array:
 
 def largest_alphas(splats: Splats) -> Array:
     """[N] the largest value of each kernel, its opacity; with a cut it may be a little more."""
-    found = _opacities(splats.logit_opacities)
+    found = sigmoid(splats.logit_opacities.astype(np.float64))
     found[splats.cut_index] *= LARGEST
     return found
 
-
-def _opacities(logits: Array) -> Array:
-    """Sigmoid in float64; of ±∞ it is 0 or 1."""
-    with np.errstate(over="ignore"):
-        return 1 / (1 + np.exp(-logits.astype(np.float64)))
 
 
 def _finite(splats: Splats) -> Array:

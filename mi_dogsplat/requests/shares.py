@@ -9,6 +9,7 @@ import numpy as np
 from ..engine.parameters import upload
 from ..formats.read import read_model
 from ..scene.drawing import drawn_as
+from ..scene.opacity import sigmoid
 from ..scene.splats import Splats
 
 
@@ -48,5 +49,5 @@ class Shares:
 def importance(splats: Splats) -> np.ndarray:
     """How much a primitive is likely to be seen, [N]: opacity times the area of its largest cross-section."""
     log_scales = np.sort(splats.log_scales.astype(np.float64), axis=1)
-    opacities = 1 / (1 + np.exp(-np.clip(splats.logit_opacities.astype(np.float64), -700, 700)))
+    opacities = sigmoid(splats.logit_opacities.astype(np.float64))
     return opacities * np.exp(np.clip(log_scales[:, 1] + log_scales[:, 2], -700, 700))

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .opacity import sigmoid
 from .row_groups import (
     CUTS,
     DOG,
@@ -183,12 +184,12 @@ class Splats:
     @property
     def opacities(self) -> Array:
         """[N] in 0..1."""
-        return _sigmoid(self.logit_opacities)
+        return sigmoid(self.logit_opacities)
 
     @property
     def dog_opacities(self) -> Array:
         """[M] f_a in 0..1."""
-        return _sigmoid(self.dog_logit_opacities)
+        return sigmoid(self.dog_logit_opacities)
 
     @property
     def dog_scales(self) -> Array:
@@ -292,9 +293,3 @@ def _checked_degree(degree: float, method: str) -> int:
 def _exp(x: Array) -> Array:
     with np.errstate(over="ignore"):  # inf is the right answer for a scale beyond float32
         return np.exp(x)
-
-
-def _sigmoid(x: Array) -> Array:
-    """Accurate to full relative precision at both ends, never overflows."""
-    e = np.exp(-np.abs(x))
-    return np.where(x >= 0, 1, e) / (1 + e)

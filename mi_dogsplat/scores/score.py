@@ -33,6 +33,7 @@ from ..engine.project import DeviceCamera
 from ..engine.view import prepare_both
 from ..engine.walks.composite import composite_over
 from ..engine.walks.score import Sums, composite_score
+from ..scene.opacity import sigmoid
 from .counted import MaskOf, counted
 
 KINDS = ("opacity", "spatio-spectral", "released", "leave-one-out", "leave-dog-out", "leave-cut-out")
@@ -218,4 +219,4 @@ def _normalised(values: np.ndarray) -> np.ndarray:
 
 def _opacities(logits: np.ndarray) -> np.ndarray:
     """Sigmoid in float64, of ±∞ 1 and 0; 0 for what is not a number."""
-    return np.exp(-np.logaddexp(0, -np.where(np.isnan(logits), -np.inf, logits).astype(np.float64)))
+    return sigmoid(np.where(np.isnan(logits), -np.inf, logits).astype(np.float64))

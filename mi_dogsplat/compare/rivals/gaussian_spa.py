@@ -25,6 +25,7 @@ from ...training.milestones import scaled_milestone
 from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
 from ...training.strategy.strategy import Seen, Strategy, Training
+from .growth import opacities
 from .mini_splatting import SummedWeight, sampling_keys
 from .reinitialize import FIRST, RESTARTED, Reinitialize
 from .step_sizes import OPACITY_OF_2023
@@ -90,11 +91,6 @@ class GaussianSpa(Strategy[None]):
         for name in {SPARSE, DUAL} & t.optimizer.learned:
             t.optimizer.forget(name)
         return rest()
-
-
-def opacities(t: Training) -> np.ndarray:
-    """[N] float64."""
-    return np.exp(-np.logaddexp(0, -t.optimizer.numpy("logit_opacities").astype(np.float64)))
 
 
 RECIPE = Recipe(

@@ -28,8 +28,7 @@ from ...training.presets import Recipe
 from ...training.strategy.prune import keep_best
 from ...training.strategy.scheduler import PruningRule
 from ...training.strategy.strategy import Seen, Strategy, Training
-from .gaussian_spa import opacities
-from .growth import START_SHARE
+from .growth import START_SHARE, opacities
 from .improved_gs import DENSIFICATION, EdgeGrowth, GentleSteps, RecoveryAware
 from .mini_splatting import sampling_keys
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ...scene.opacity import sigmoid
 from ...training.strategy.densify import Choice, Densification
 from ...training.strategy.strategy import Training
 
@@ -20,13 +21,18 @@ def progress(t: Training, rule: Densification) -> float:
 
 def removed(t: Training, rule: Densification) -> np.ndarray:
     """[N] who is removed, as in 3DGS; never all."""
-    opacity = np.exp(-np.logaddexp(0, -t.optimizer.numpy("logit_opacities").astype(np.float64)))
+    opacity = opacities(t)
     remove = opacity < rule.min_opacity
     if rule.removes_large(t.step_count):
         remove |= largest_scales(t) > rule.max_world_scale * t.extent
     if remove.all():
         remove[np.argmax(opacity)] = False  # an empty model cannot recover
     return remove
+
+
+def opacities(t: Training) -> np.ndarray:
+    """[N] float64."""
+    return sigmoid(t.optimizer.numpy("logit_opacities").astype(np.float64))
 
 
 def largest_scales(t: Training) -> np.ndarray:

@@ -24,7 +24,7 @@ from ...training.strategy.densify_stats import DensifyStats
 from ...training.strategy.long_axis import LongAxisHalves
 from ...training.strategy.prune import keep_best
 from ...training.strategy.strategy import Strategy, Training
-from .growth import START_SHARE, best, progress
+from .growth import START_SHARE, best, opacities, progress
 from .mini_splatting import sampling_keys
 from .taming import edges
 
@@ -58,10 +58,10 @@ class EdgeGrowth:
 
     def __call__(self, t: Training, rule: Densification, stats: DensifyStats) -> Choice:
         done, gradient = progress(t, rule), stats.mean_gradient().astype(np.float64)
-        logits = t.optimizer.numpy("logit_opacities").astype(np.float64)
-        remove = (1 / (1 + np.exp(-logits)) < rule.min_opacity) & (done < 1)
+        opacity = opacities(t)
+        remove = (opacity < rule.min_opacity) & (done < 1)
         if remove.all():
-            remove[np.argmax(logits)] = False
+            remove[np.argmax(opacity)] = False
         scores = gradient if done > LATE else edge_scores(t)
         most = min(self.over * int(t.target), rule.max_primitives or np.inf)
         room = round(min(1.0, done) ** 0.5 * most) - int(np.sum(~remove))

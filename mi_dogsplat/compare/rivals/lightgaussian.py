@@ -14,6 +14,7 @@ import numpy as np
 
 from ...engine.project import DeviceCamera
 from ...engine.rasterize import RasterOptions
+from ...scene.opacity import sigmoid
 from ...scores.weights import weights
 from ...training.presets import Recipe
 from ...training.strategy.scheduler import PruningRule
@@ -33,7 +34,7 @@ class GlobalSignificance:
     def __call__(
         self, params: dict, cameras: list[DeviceCamera], options: RasterOptions, background: float, seed: int
     ) -> np.ndarray:
-        opacity = np.exp(-np.logaddexp(0, -params["logit_opacities"].numpy().astype(np.float64)))  # [N]
+        opacity = sigmoid(params["logit_opacities"].numpy().astype(np.float64))  # [N]
         log_volume = params["log_scales"].numpy().reshape(-1, 3).sum(1, dtype=np.float64)  # [N]
         return opacity * weights(params, cameras, options).transmittance * np.exp(self.volume_power * log_volume)
 

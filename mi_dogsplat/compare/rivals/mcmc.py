@@ -27,6 +27,7 @@ from ...training.presets import Recipe
 from ...training.strategy.densify import Densification
 from ...training.strategy.relocation import draw, duplicate, relocate
 from ...training.strategy.strategy import Seen, Strategy, Training
+from .growth import opacities
 from .step_sizes import OPACITY_OF_2023
 
 DEVIATIONS = (
@@ -89,16 +90,14 @@ class Mcmc(Strategy[None]):
         shake(t, self.noise * rates.at(t.step_count)["means"])
         if not self.due(t, state):
             return []
-        logits = t.optimizer.numpy("logit_opacities").astype(np.float64)
-        opacity = np.exp(-np.logaddexp(0, -logits))
+        opacity = opacities(t)
         dead = np.flatnonzero(opacity <= self.min_opacity)
         if len(dead) == len(opacity):
             return []
         live = np.where(opacity <= self.min_opacity, 0, opacity)
         relocate(t.optimizer, dead, draw(live, len(dead), t.rng), self.min_opacity)
         added = max(0, min(int(t.target), int(self.growth * t.optimizer.n)) - t.optimizer.n)
-        opacity = np.exp(-np.logaddexp(0, -t.optimizer.numpy("logit_opacities").astype(np.float64)))
-        duplicate(t.optimizer, draw(opacity, added, t.rng), self.min_opacity)
+        duplicate(t.optimizer, draw(opacities(t), added, t.rng), self.min_opacity)
         return [Relocated(len(dead), added)]
 
 

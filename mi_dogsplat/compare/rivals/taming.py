@@ -27,7 +27,7 @@ from ...training.presets import Recipe
 from ...training.strategy.densify import Choice, Densification
 from ...training.strategy.densify_stats import DensifyStats
 from ...training.strategy.strategy import Training
-from .growth import START_SHARE, best, largest_scales, progress, removed
+from .growth import START_SHARE, best, largest_scales, opacities, progress, removed
 from .mini_splatting import sampling_keys
 
 DEVIATIONS = (
@@ -90,7 +90,7 @@ def importance(t: Training, stats: DensifyStats) -> np.ndarray:
     """[N] the sum of all terms over the views."""
     terms = {
         "gradient": stats.mean_gradient().astype(np.float64),
-        "opacity": 1 / (1 + np.exp(-t.optimizer.numpy("logit_opacities").astype(np.float64))),
+        "opacity": opacities(t),
         "scale": np.exp(t.optimizer.numpy("log_scales").sum(1, dtype=np.float64)),
     }
     of_model = sum(weight * relative(terms[name]) for name, weight in OF_MODEL.items())

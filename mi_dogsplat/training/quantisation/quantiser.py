@@ -17,6 +17,7 @@ from ...engine.project import DeviceCamera
 from ...formats.coded import CODED, STEPS
 from ...formats.grids import LLOYD_ROUNDS, Extents, FileGrids, Palette, Steps
 from ...formats.symmetries import nearest_to_identity
+from ...scene.opacity import sigmoid
 from ...scores.weights import weights
 from ..optimizer.faded import drop_faded
 from ..optimizer.sh_rows import bands_of
@@ -98,7 +99,7 @@ class Quantiser:
         if tables.palette is None:
             return
         opacities = self._grids(tables).logit_opacities.snap(optimizer.numpy("logit_opacities"))
-        drop_faded(optimizer, 1 / (1 + np.exp(-opacities.astype(np.float64))))
+        drop_faded(optimizer, sigmoid(opacities.astype(np.float64)))
         splats = optimizer.to_splats()
         tables.extents = Extents.of(splats, optimizer.curve is not None).numbers
         splats = self._grids(tables).snap(splats, tables.palette)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...scene.cuts import OFFSET
+from ...scene.opacity import sigmoid
 from ...scene.row_groups import CUTS
 from ..events import CutsActivated, CutsLeftOut
 from ..optimizer.splat_optimizer import SplatOptimizer
@@ -53,7 +54,7 @@ def shown_cuts(rule: RowRule, optimizer: SplatOptimizer) -> np.ndarray:
         wider = optimizer.numpy("dog_log_scales").reshape(-1, 3).max(axis=1)
         widths[optimizer.dog_index] = np.exp(np.clip(wider, 0, 700.0))
         lengths = lengths * widths[index]
-    opacities = 1 / (1 + np.exp(-np.clip(optimizer.numpy("logit_opacities")[index].astype(np.float64), -700, 700)))
+    opacities = sigmoid(optimizer.numpy("logit_opacities")[index].astype(np.float64))
     return opacities * largest_change(lengths) >= rule.least
 
 

@@ -15,6 +15,7 @@ from typing import NamedTuple, Protocol
 import drjit as dr
 import numpy as np
 
+from ...scene.opacity import sigmoid
 from ..events import Densified, Event, OpacityReset
 from ..milestones import scaled_milestone
 from ..optimizer.splat_optimizer import SplatOptimizer
@@ -153,8 +154,7 @@ def by_gradient(
         raise ValueError(f"by_gradient: the statistics have {rows} rows, the optimizer has {n}; make new ones")
     log_scales, logits = optimizer.numpy("log_scales"), optimizer.numpy("logit_opacities")
     largest = np.exp(np.clip(log_scales.max(1), -80, 80))  # [N] world units
-    with np.errstate(over="ignore"):
-        opacity = 1 / (1 + np.exp(-logits))
+    opacity = sigmoid(logits)
     gradient = stats.mean_gradient()
     grow = gradient > rule.gradient_threshold
     small = largest <= rule.clone_scale * extent  # cloned, not split

@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 
+from ...scene.opacity import sigmoid
 from ..optimizer.splat_optimizer import SplatOptimizer
 
 MAX_COPIES = 50  # of one primitive; more are treated as so many, as in the authors' code
@@ -76,7 +77,7 @@ def _copy(optimizer: SplatOptimizer, index: np.ndarray, changed: np.ndarray, min
     copies = np.bincount(index)[index[changed]]
     optimizer.rearrange(index, fresh)
     logits = optimizer.numpy("logit_opacities")[changed].astype(np.float64)
-    opacity, factor = shared(np.exp(-np.logaddexp(0, -logits)), copies)
+    opacity, factor = shared(sigmoid(logits), copies)
     opacity = np.clip(opacity, min_opacity, MAX_OPACITY)
     optimizer.assign("logit_opacities", np.log(opacity) - np.log1p(-opacity), changed)
     log_scales = optimizer.numpy("log_scales")[changed]
