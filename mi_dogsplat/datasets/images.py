@@ -84,6 +84,11 @@ def read_image(path: Path) -> np.ndarray:
     return pixels
 
 
+def straight_color(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """[H, W, 3] of ``color`` that is premultiplied with ``alpha`` [H, W, 1]; 0 where that is 0."""
+    return np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0)
+
+
 def header(path: Path) -> tuple[tuple[int, int], bool]:
     """((width, height), whether there is an alpha channel) of an image from its header alone. Raises ``DataError``."""
     if is_exr(path):

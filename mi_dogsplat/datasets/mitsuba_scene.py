@@ -14,7 +14,7 @@ from ..support.scene_errors import scene_error
 from ..support.srgb import linear_to_srgb
 from .dataset import Dataset, View, every_eighth, held_out, no_points, require_unique_names, views_named
 from .given_cameras import sensor_name
-from .images import box_downscale
+from .images import box_downscale, straight_color
 from .scene_file import has_splats, load_scene
 
 
@@ -83,5 +83,5 @@ def _display(linear: np.ndarray, has_alpha: bool) -> np.ndarray:
     if linear.shape[2] == 3:
         linear = np.concatenate([linear, np.ones_like(linear[..., :1])], axis=2)
     alpha = np.clip(linear[..., 3:], 0, 1)  # [H, W, 1]
-    straight = np.divide(linear[..., :3], alpha, out=np.zeros_like(linear[..., :3]), where=alpha > 0)
-    return np.concatenate([linear_to_srgb(np.clip(straight, 0, 1)) * alpha, alpha], axis=2).astype(np.float32)
+    straight = np.clip(straight_color(linear[..., :3], alpha), 0, 1)
+    return np.concatenate([linear_to_srgb(straight) * alpha, alpha], axis=2).astype(np.float32)

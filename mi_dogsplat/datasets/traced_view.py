@@ -11,6 +11,7 @@ from ..scene.mitsuba_cameras import camera_to_mitsuba
 from ..support.errors import interruptible
 from ..support.srgb import linear_to_srgb
 from .camera_paths import Shot
+from .images import straight_color
 
 MAX_ALPHA = 1.001  # 1 up to rounding
 MAX_LAYERS = 32  # surfaces that a ray may pass before it counts as lost
@@ -59,8 +60,8 @@ def as_srgb(linear: np.ndarray) -> np.ndarray:
     if linear.shape[2] == 3:
         return linear_to_srgb(linear)
     color, coverage = linear[..., :3], linear[..., 3:]
-    straight = np.divide(color, coverage, out=np.zeros_like(color), where=coverage > 0)
-    return np.concatenate([linear_to_srgb(straight), np.clip(coverage, 0, 1)], axis=-1)
+    straight = linear_to_srgb(straight_color(color, coverage))
+    return np.concatenate([straight, np.clip(coverage, 0, 1)], axis=-1)
 
 
 def first_surfaces(mi: Any, scene: Any, shot: Shot, through_emitters: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from ..datasets.colmap import read_sources
-from ..datasets.images import read_image
+from ..datasets.images import read_image, straight_color
 from ..datasets.lens import Undistortion, undistortion
 from ..support.errors import DataError
 from ..support.files import replacing
@@ -56,7 +56,10 @@ def undistort(
 def _resample(source: Path, target: Path, how: Undistortion) -> None:
     if target.is_file():
         return
-    pixels = np.rint(np.clip(how.image(read_image(source)), 0, 1) * 255).astype(np.uint8)
+    pixels = how.image(read_image(source))
+    if pixels.shape[2] == 4:  # PNG is not premultiplied
+        pixels[..., :3] = straight_color(pixels[..., :3], pixels[..., 3:])
+    pixels = np.rint(np.clip(pixels, 0, 1) * 255).astype(np.uint8)
     with replacing(target) as part:
         image = Image.fromarray(pixels)
         if target.suffix.lower() in (".jpg", ".jpeg"):

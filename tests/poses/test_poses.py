@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import assert_one_line, run
+from dataset_folders import N_VIEWS, colmap_folder, write_images
 from mi_dogsplat.datasets import check_cameras, load_dataset
 from mi_dogsplat.datasets.colmap import read_sources
 from mi_dogsplat.datasets.masks import Masks
@@ -247,6 +248,14 @@ def test_without_its_lens_every_point_is_where_the_pinhole_sees_it(posed, tmp_pa
     masked = next(view for view in straight.views if view.name == "view_0")
     mask = Masks(out / "masks", straight.views).of(masked)
     assert mask is not None and mask.shape == masked.image.shape[:2] and 0.5 < mask.mean() < 0.8
+
+
+def test_without_its_lens_a_transparent_picture_is_as_bright_as_before(tmp_path):
+    bent, out = tmp_path / "bent", tmp_path / "out"
+    colmap_folder(bent, camera="SIMPLE_RADIAL", params=(20, 10.5, 7.5, 0.01))
+    write_images(bent / "images", [f"img_{i:02d}.png" for i in range(N_VIEWS)], color=(200, 100, 50, 128))
+    undistort(pycolmap, bent, out, lambda done, n: None)
+    assert np.abs(np.asarray(Image.open(out / "images" / "img_03.png")) - (200.0, 100, 50, 128)).max() <= 1
 
 
 def test_undistorted_from_the_command_line(room, tmp_path, capsys):
