@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..report.run_folder import REFINED
 from ..support.errors import DataError
 from ..support.files import read_json, write_json
 from ..training.config import TrainConfig
 from .checkpoint import CHECKPOINT
+from .model_files import model_files
 
 INPUTS = ("data", "masks", "model")  # settings that are paths
 PLACES = CHECKPOINT.parent / "inputs.json"  # in a run folder: where they were
+
+
+def require_apart(config: TrainConfig, out: Path) -> None:
+    """Raise ``DataError`` where the model or the data of a run is something that the run replaces or removes."""
+    run, remedy = out.resolve(), "name another folder for the run"
+    if config.model is not None and Path(config.model).resolve() in model_files(run):
+        raise DataError(out, "is the run that its model comes from", remedy)
+    if Path(config.data).resolve().is_relative_to((run / REFINED).resolve()):
+        raise DataError(out, "is the run that its data come from", remedy)
 
 
 def note_inputs(config: TrainConfig, out: Path) -> None:

@@ -17,6 +17,11 @@ from ..training.config import FORMATS, TrainConfig
 STEM = Path(MODEL).stem
 
 
+def model_files(out: Path) -> list[Path]:
+    """What the model of a run may be called, by its format: a run replaces some of them, and removes the others."""
+    return [out / f"{STEM}.{name}" for name in FORMATS]
+
+
 def write_model_files(out: Path, splats: Splats, config: TrainConfig, drawing: Drawing) -> dict[str, Any]:
     """Write them, and remove those of an earlier run in other formats.
 

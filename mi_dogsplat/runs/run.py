@@ -15,7 +15,7 @@ from ..datasets import Dataset, load_dataset
 from ..datasets.refined import require_photographs
 from ..datasets.world import World, check_world, metres_of_unit, world_of
 from ..poses.config import SETTINGS as POSES
-from ..report.run_folder import CONFIG, HISTORY, METRICS, POSED, RECIPE, REFINED
+from ..report.run_folder import CONFIG, HISTORY, METRICS, POSED, RECIPE
 from ..support.errors import DataError
 from ..support.files import PART, is_empty, remove_parts, write_json
 from ..support.locks import locked
@@ -26,7 +26,7 @@ from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, Checkpoints
 from .finish import finish
 from .history import run_to_end
-from .inputs import note_inputs
+from .inputs import note_inputs, require_apart
 from .resume import forget_results, restore_from, resume_run
 from .stopping import Stopped, StopRequest
 
@@ -96,12 +96,11 @@ def train(
     """
     out = Path(out)
     check_world(config.up, config.scale, config.unit)
+    require_apart(config, out)
     # what is wrong with a model shows before the data set takes its time
     model = None if config.model is None else model_to_prune(config.model, config.target, config.format)
     if config.refine_poses:
         require_photographs(Path(config.data))
-    if Path(config.data).resolve() == (out / REFINED).resolve():
-        raise DataError(out, "is the run that its data come from", "name another folder for the run")
     dataset = _dataset_of(config)
     config = _placed(config, dataset)
     trainer = Trainer(config, dataset, recipe, model)
