@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,6 +21,7 @@ TEST_EVERY = 8  # as in LLFF and 3DGS: images 0, 8, 16, ... by sorted name are h
 SPLITS = ("test", "validation")
 # of names of pictures that are written beside NAME.png of a view (evaluate.py, mixture.py, misfits.py)
 PICTURE_ENDS = ("_gt", "_error", "_gaussian", "_dog", "_plain", "_plain_error")
+MAX_FILE_NAME = 255  # bytes, on the usual file systems
 
 T = TypeVar("T")
 
@@ -204,9 +206,14 @@ def view_name(file: str) -> str:
 
 
 def require_unique_names(path: Path, names: Sequence[str]) -> None:
-    """Raise ``DataError`` where two views would share a name or an output file: "a" and "a_gt" both write a_gt.png."""
+    """Raise ``DataError`` where two views would share a name or an output file: "a" and "a_gt" both write a_gt.png; and
+    where the name of such a file would be longer than ``MAX_FILE_NAME``."""
     seen: set[str] = set()
+    most = MAX_FILE_NAME - max(len(f"{end}.png") for end in PICTURE_ENDS)
     for name in names:
+        if (size := len(os.fsencode(name))) > most:
+            problem = f'the view "{name}" has a name of {size} bytes, too long for those of its pictures'
+            raise DataError(path, problem, f"shorten the name of the image, or of its folders, to {most}")
         if name in seen:
             raise DataError(path, f'two views have the name "{name}"', "give each image its own name")
         seen.add(name)

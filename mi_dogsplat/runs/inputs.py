@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..report.run_folder import REFINED
+from ..report.run_folder import CONFIG, REFINED
 from ..support.errors import DataError
 from ..support.files import read_json, write_json
 from ..training.config import TrainConfig
@@ -15,8 +15,13 @@ INPUTS = ("data", "masks", "model")  # settings that are paths
 PLACES = CHECKPOINT.parent / "inputs.json"  # in a run folder: where they were
 
 
-def require_apart(config: TrainConfig, out: Path) -> None:
-    """Raise ``DataError`` where the model or the data of a run is something that the run replaces or removes."""
+def check_inputs(config: TrainConfig, out: Path) -> None:
+    """Raise ``DataError`` for an input whose path no JSON holds, and for one that the run replaces or removes."""
+    for path in _named(config).values():
+        try:
+            _place(path).encode()
+        except UnicodeEncodeError:
+            raise DataError(path, f"its path is not UTF-8, and {CONFIG} holds no other", "rename it") from None
     run, remedy = out.resolve(), "name another folder for the run"
     if config.model is not None and Path(config.model).resolve() in model_files(run):
         raise DataError(out, "is the run that its model comes from", remedy)
@@ -26,9 +31,8 @@ def require_apart(config: TrainConfig, out: Path) -> None:
 
 def note_inputs(config: TrainConfig, out: Path) -> None:
     """Keep where the inputs of a run are."""
-    named = {name: getattr(config, name) for name in INPUTS}
     (out / PLACES).parent.mkdir(exist_ok=True)
-    write_json(out / PLACES, {name: _place(path) for name, path in named.items() if path is not None})
+    write_json(out / PLACES, {name: _place(path) for name, path in _named(config).items()})
 
 
 def noted_inputs(out: Path) -> dict[str, str]:
@@ -51,6 +55,12 @@ def is_same_input(before: str | None, now: str | None, place: str | None) -> boo
     if place is not None and Path(place).exists():
         return _place(now) == place
     return before == now or _place(before) == _place(now)
+
+
+def _named(config: TrainConfig) -> dict[str, str]:
+    """The inputs that a run has, as its settings name them."""
+    named = {name: getattr(config, name) for name in INPUTS}
+    return {name: path for name, path in named.items() if path is not None}
 
 
 def _place(path: str) -> str:

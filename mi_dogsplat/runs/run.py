@@ -26,7 +26,7 @@ from ..training.train import Trainer
 from .checkpoint import CHECKPOINT, Checkpoints
 from .finish import finish
 from .history import run_to_end
-from .inputs import note_inputs, require_apart
+from .inputs import check_inputs, note_inputs
 from .resume import forget_results, restore_from, resume_run
 from .stopping import Stopped, StopRequest
 
@@ -96,7 +96,7 @@ def train(
     """
     out = Path(out)
     check_world(config.up, config.scale, config.unit)
-    require_apart(config, out)
+    check_inputs(config, out)
     # what is wrong with a model shows before the data set takes its time
     model = None if config.model is None else model_to_prune(config.model, config.target, config.format)
     if config.refine_poses:
@@ -120,6 +120,7 @@ def train_until(config: TrainConfig, out: Path, step: int, resume: bool = False)
 
     Raises what ``train`` raises.
     """
+    check_inputs(config, out)
     trainer = Trainer(config, _dataset_of(config))
     with _begun(trainer, out, resume):
         _train(trainer, out, until=step)

@@ -20,6 +20,14 @@ def test_names_that_end_so_and_meet_no_other_are_as_good_as_any(tmp_path):
     require_unique_names(tmp_path, ["a_gt", "b_error", "a_dogs", "_gt", "c", "C_gt", "gt", "c_plain_gt_2"])
 
 
+def test_names_of_pictures_fit_into_a_folder(tmp_path):
+    longest = 255 - len("_plain_error.png")
+    require_unique_names(tmp_path, ["a" * longest, "é" * (longest // 2)])
+    for name in ("a" * (longest + 1), "é" * (longest // 2 + 1)):
+        with pytest.raises(DataError, match=r"a name of 240 bytes, too long for those of its pictures; .* to 239"):
+            require_unique_names(tmp_path, ["b", name])
+
+
 def test_a_data_set_is_refused_as_it_is_read(data, tmp_path):
     (tmp_path / "images").mkdir()
     content = json.loads((data / "transforms.json").read_text())
