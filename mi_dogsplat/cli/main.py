@@ -5,7 +5,7 @@ from __future__ import annotations
 from .commands import COMMANDS
 from .errors import one_line_errors, quiet_pipe
 from .parser import build_parser
-from .streams import open_closed_streams
+from .streams import open_closed_streams, print_every_character
 
 # of pyproject.toml, named as the commands that need them; the others need "train"
 EXTRAS = ("export", "film", "poses", "view")
@@ -20,4 +20,5 @@ def main(argv: list[str] | None = None) -> int:
         return one_line_errors(lambda: COMMANDS[args.command].run(args), extra)
 
     open_closed_streams()
+    print_every_character()
     return quiet_pipe(run)

@@ -1,9 +1,10 @@
-"""Standard streams, also where whoever started the program has closed some of them."""
+"""Standard streams, also where whoever started the program has closed some of them, or lacks a letter of ours."""
 
 from __future__ import annotations
 
 import os
 import sys
+from io import TextIOWrapper
 
 
 def open_closed_streams() -> None:
@@ -18,6 +19,12 @@ def open_closed_streams() -> None:
         if null != number and not _is_open(number):
             os.dup2(null, number)
         setattr(sys, name, open(null, mode, encoding="utf-8"))  # noqa: SIM115, as long as the process
+
+
+def print_every_character() -> None:
+    """Standard output shows what its encoding lacks as an escape, as standard error does: the μ of PSNR-μ in cp1252."""
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def _is_open(number: int) -> bool:

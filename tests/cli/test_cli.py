@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from importlib.metadata import version
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
 import numpy as np
@@ -190,6 +191,15 @@ def test_a_command_whose_streams_are_closed_does_its_work(model, tmp_path):
     words = [sys.executable, "-m", "mi_dogsplat", "clean", str(model), "-o", str(tmp_path / "m.ply")]
     done = subprocess.run(["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", *words], cwd=Path(__file__).parents[2])
     assert done.returncode == 0 and (tmp_path / "m.ply").exists()
+
+
+def test_a_letter_that_the_output_lacks_is_an_escape(monkeypatch, model, tmp_path):
+    path = tmp_path / "μ.ply"
+    path.write_bytes(model.read_bytes())
+    written = BytesIO()
+    monkeypatch.setattr(sys, "stdout", TextIOWrapper(written, encoding="cp1252"))
+    assert main(["info", str(path)]) == 0
+    assert rb"\u03bc.ply: model" in written.getvalue()
 
 
 def test_a_pipe_that_breaks_where_no_signal_is_named_so_ends_as_quietly(monkeypatch):
