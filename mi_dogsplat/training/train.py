@@ -41,6 +41,7 @@ from .optimizer.learning_rates import LearningRates
 from .optimizer.splat_optimizer import SplatOptimizer
 from .presets import Recipe
 from .resolve import exposed, memory_of, near_clip_of, recipe_of_run
+from .strategy.broken import broken
 from .strategy.sh_ramp import ShRamp
 from .strategy.sieve import Sieve
 from .strategy.strategy import Seen, Strategy
@@ -185,8 +186,8 @@ class Trainer:
         return self.logs() or any(strategy.due(self, state) for strategy, state in self._parts())
 
     def sound(self) -> bool:
-        """Whether nothing has to leave, so that taking the ``state`` changes nothing. Waits for the device."""
-        return not self.sieve.leaving(self).any()
+        """Whether nothing is broken, so that taking the ``state`` changes nothing. Waits for the device."""
+        return not broken(self.optimizer, self.extent).any()
 
     def importance(self, score: Score) -> np.ndarray:
         """[N] what a score says of the primitives; a ``ScoreRule`` by its curve and masks, as the loss sees them."""

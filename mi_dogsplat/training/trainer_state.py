@@ -29,7 +29,7 @@ def state_of(trainer: WithState) -> dict[str, np.ndarray]:
 
     Every value of a primitive is finite: what is broken is dropped first, which after a row with ``l1`` is nothing.
     """
-    trainer.sieve.drop(trainer)
+    trainer.sieve.drop_broken(trainer)
     if trainer.memory:
         trainer.memory.give_back(trainer.optimizer.n)  # for what is copied to the host
     parts = {"optimizer": trainer.optimizer.state(), "losses": trainer.losses.state()}

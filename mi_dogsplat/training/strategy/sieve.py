@@ -11,7 +11,7 @@ import numpy as np
 
 from ...support.errors import DataError
 from ..events import Dropped, Event
-from .broken import broken, drop_broken
+from .broken import drop_broken
 from .strategy import Strategy, Training
 
 ROWS = 65_536  # primitives at a time, which bounds the memory
@@ -32,23 +32,11 @@ class Sieve(Strategy[None]):
 
     near_zone: float = 0.0  # world units; 0: none
 
-    def leaving(self, t: Training) -> np.ndarray:
-        """[N] whether ``drop`` would remove a primitive. Waits for the device."""
-        mask = broken(t.optimizer, t.extent)
-        return mask | self._near(t) if self.near_zone else mask
-
     def drop(self, t: Training) -> list[Event]:
         """Remove them. Raises ``FloatingPointError`` or ``DataError`` where nothing would be left."""
-        events: list[Event] = []
-        n = t.optimizer.n
-        try:
-            left = len(drop_broken(t.optimizer, t.extent))
-        except FloatingPointError as error:
-            raise FloatingPointError(f"step {t.step_count}: {error}") from None
-        if left < n:
-            events.append(Dropped(n - left, "broken primitives"))
+        events = self.drop_broken(t)
         if self.near_zone:
-            near = self._near(t)
+            near = near_cameras(t.optimizer.numpy("means"), t.photographs.positions, self.near_zone)
             if near.all():
                 problem = f"every primitive is nearer than {self.near_zone:g} to a camera"
                 raise DataError("--near-zone", problem, "use a smaller one")
@@ -57,11 +45,17 @@ class Sieve(Strategy[None]):
                 events.append(Dropped(int(near.sum()), "primitives near cameras"))
         return events
 
+    def drop_broken(self, t: Training) -> list[Event]:
+        """Remove what is ``broken`` alone. Raises ``FloatingPointError`` where nothing would be left."""
+        n = t.optimizer.n
+        try:
+            left = len(drop_broken(t.optimizer, t.extent))
+        except FloatingPointError as error:
+            raise FloatingPointError(f"step {t.step_count}: {error}") from None
+        return [Dropped(n - left, "broken primitives")] if left < n else []
+
     def begin(self, t: Training, state: None) -> list[Event]:
         return self.drop(t)
 
     def after_step(self, t: Training, state: None) -> list[Event]:
         return self.drop(t) if t.due() else []
-
-    def _near(self, t: Training) -> np.ndarray:
-        return near_cameras(t.optimizer.numpy("means"), t.photographs.positions, self.near_zone)

@@ -191,17 +191,31 @@ def test_near_cameras_finds_what_brute_force_finds():
     assert near_cameras(means, positions, 0.4).tolist() == expected and 0 < sum(expected) < 3000
 
 
-def test_primitives_in_the_near_zone_are_dropped_with_a_note(data):
-    dataset = load_dataset(data)
+def with_seven_beside_a_camera(dataset: Dataset) -> Trainer:
+    """A training that drops them at its rows, every five steps."""
     trainer = Trainer(config_of(near_zone=1.0, log_every=5, steps=1000), dataset)
     means = trainer.optimizer.numpy("means")
     means[:7] = dataset.train[2].camera.position + 0.3
     trainer.optimizer.assign("means", means)
+    return trainer
+
+
+def test_primitives_in_the_near_zone_are_dropped_with_a_note(data):
+    dataset = load_dataset(data)
+    trainer = with_seven_beside_a_camera(dataset)
     n, events = trainer.optimizer.n, [trainer.step() for _ in range(5)]
     assert events == [[], [], [], [], [Dropped(7, "primitives near cameras")]]
     assert trainer.optimizer.n == n - 7 and trainer.begin() == []
     with pytest.raises(DataError, match="--near-zone"):
         trained(dataset, near_zone=100.0, log_every=5)
+
+
+def test_taking_the_state_between_rows_drops_nothing_of_the_near_zone(data):
+    trainer = with_seven_beside_a_camera(load_dataset(data))
+    trainer.step()
+    n = trainer.optimizer.n
+    assert trainer.sound() and trainer.state()["step"] == 1 and trainer.optimizer.n == n
+    assert [trainer.step() for _ in range(4)][-1] == [Dropped(7, "primitives near cameras")]
 
 
 def test_options_are_written_to_the_run_and_a_whole_run_uses_them(data, tmp_path):
