@@ -188,7 +188,8 @@ def describe_dataset(path: Path) -> list[str]:
         ),
     ]
     if check.seen is not None:
-        lines.append(line("cameras", f"{check.seen:.0%} of the points are inside at least two images"))
+        images = "at least two images" if len(dataset.views) > 1 else "the image"
+        lines.append(line("cameras", f"{check.seen:.0%} of the points are inside {images}"))
     if check.color_difference is not None:
         lines.append(line("colours", f"points and their pixels differ by {check.color_difference:.3f} (median)"))
     if check.reprojection_px is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from ..datasets import camera_extent, load_dataset
@@ -17,7 +17,8 @@ from ..render.picture_options import PictureOptions
 from ..report.run_folder import CONFIG, METRICS
 from ..scene.drawing import drawn_as
 from ..support.errors import DataError
-from ..support.files import write_json
+from ..support.files import remove_parts, write_json
+from ..support.locks import locked
 from .run import prepare_folder
 
 
@@ -53,33 +54,38 @@ def evaluate_model(
     if folder:
         if (folder / CONFIG).exists():
             raise DataError(folder, "is a training run with metrics of its own", "name another folder")
-        prepare_folder(folder)
     aovs = ("depth",) if folder else ()
     how = {"antialiased": drawn.antialiased, "linear": drawn.linear, "white": drawn.white}
     picture = picture_of(splats, background, drawn.near_clip, **how, aovs=aovs)
-    some = dataset.test or dataset.train
+    split, some = ("test", dataset.test) if dataset.test else ("train", dataset.train)
     mask_folder = Masks(masks, [*dataset.train, *dataset.test]) if masks else None
     extent = camera_extent(dataset.train) if align_poses else None
     measure = Measure(mask_folder, color_correct, extent, Lpips.installed(view.camera for view in some))
-    with _whole_or_not_at_all(folder, some):
+    with _whole_or_not_at_all(folder, some) if folder else nullcontext():
         views = evaluate_views(lambda view: picture(view.camera), some, background, folder, measure)
         if masks and not views:
             raise all_black(masks, "view that is measured")
-    if folder:
-        found = {"test": mean_metrics(views), "views": views, "n": splats.n_splats}
-        write_json(folder / METRICS, found)
+        if folder:
+            found = {split: mean_metrics(views), "views": views, "n": splats.n_splats}
+            write_json(folder / METRICS, found)
     return views
 
 
 @contextmanager
-def _whole_or_not_at_all(folder: Path | None, views: Sequence[View]) -> Iterator[None]:
-    """What is raised here, Ctrl-C too, leaves nothing of the views in the folder, and no metrics of before."""
+def _whole_or_not_at_all(folder: Path, views: Sequence[View]) -> Iterator[None]:
+    """The folder is ours alone. What is raised here, Ctrl-C too, leaves nothing of the views there, and no metrics of
+    before; after a kill the metrics are empty."""
+    prepare_folder(folder)
     try:
-        yield
-    except BaseException:
-        if folder:
-            for path in (folder / METRICS, *(path for view in views for path in view_files(folder, view.name))):
-                path.unlink(missing_ok=True)
-            with suppress(OSError):  # others' files
-                folder.rmdir()
-        raise
+        with locked(folder, "another process is measuring into it"):
+            remove_parts(folder)
+            try:
+                write_json(folder / METRICS, {})  # by which the folder is known, without what was measured before
+                yield
+            except BaseException:
+                for path in (folder / METRICS, *(path for view in views for path in view_files(folder, view.name))):
+                    path.unlink(missing_ok=True)
+                raise
+    finally:
+        with suppress(OSError):  # where something is left
+            folder.rmdir()
