@@ -12,8 +12,8 @@ What is complete is not repeated, and what was cut off goes on from its checkpoi
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from ..datasets import load_dataset
 from ..report.run_folder import CONFIG
 from ..support.cores import usable_cores
 from ..support.errors import DataError
-from ..support.files import is_empty, replacing, write_json
+from ..support.files import is_empty, remove_parts, replacing, write_json
 from ..support.locks import locked
 from ..training.config import FREE, TrainConfig
 from .cluster import cluster_client, on_cluster
@@ -68,7 +68,7 @@ def compare(
         if not load_dataset(path, config.downscale, split=config.split).test:
             raise DataError(path, f"has no {config.split} views to compare methods on", "give it a test split")
     on_dask = cluster is not None or workers > 0
-    with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _locked(out):
+    with cluster_client(cluster, workers) if on_dask else nullcontext() as client, _claimed(out):
         _claim(out, {f: replace(config, data=str(Path(p).resolve())) for f, p in zip(folders, data, strict=True)})
         tasks = [task for folder in folders for task in tasks_of(folder, seeds, methods, targets)]
         tasks = [task for task in tasks if not task.done]
@@ -102,9 +102,13 @@ def _check_folder(out: Path) -> None:
         raise DataError(out, "is a folder with other contents", "name a new folder, or an earlier comparison")
 
 
-def _locked(out: Path) -> AbstractContextManager[None]:
+@contextmanager
+def _claimed(out: Path) -> Iterator[None]:
+    """The folder is ours alone, without what killed processes left in it; runs look after theirs."""
     out.mkdir(parents=True, exist_ok=True)
-    return locked(out, "another comparison is writing to it")
+    with locked(out, "another comparison is writing to it"):
+        remove_parts(out, below=False)
+        yield
 
 
 def _claim(out: Path, settings: dict[Path, TrainConfig]) -> None:

@@ -20,7 +20,8 @@ import numpy as np
 
 from ..scene.cameras import OPENCV_FROM_OPENGL
 from ..support.errors import DataError
-from ..support.files import replacing
+from ..support.files import remove_parts, replacing
+from ..support.locks import locked
 from ..support.pictures import write_exr, write_png, write_radiance
 from ..support.resumable import begin
 from ..support.scene_errors import scene_error
@@ -72,6 +73,15 @@ def capture(
         raise DataError(scene_path, f"{mi.variant()} renders no arrays", 'call mi.set_variant("llvm_ad_rgb") first')
     plan = _plan(scene_path, config)
     begin(out / SETTINGS, _settings(scene_path, config), "capture", FREE)
+    with locked(out, "another capture is writing to it"):
+        remove_parts(out)
+        _fill(mi, plan, scene_path, out, config, progress)
+    return out
+
+
+def _fill(
+    mi: Any, plan: Plan, scene_path: Path, out: Path, config: CaptureConfig, progress: Callable[[int, int, str], None]
+) -> None:
     n = len(plan.shots)
     progress(0, n, plan.framing)
     for i, shot in enumerate(plan.shots):
@@ -84,7 +94,6 @@ def capture(
         part.write_text(json.dumps(_transforms(plan, config), indent=1) + "\n", encoding="utf-8")
     if not config.points:
         (out / "points.ply").unlink(missing_ok=True)
-    return out
 
 
 def _plan(scene_path: Path, config: CaptureConfig) -> Plan:

@@ -50,9 +50,9 @@ def _to_disk(path: Path) -> None:
         os.close(descriptor)
 
 
-def remove_parts(folder: Path) -> None:
-    """Remove what killed processes left in a folder and below it; nobody may be writing there."""
-    for part in folder.rglob(f".*{PART}"):
+def remove_parts(folder: Path, below: bool = True) -> None:
+    """Remove what killed processes left in a folder, and ``below`` it; nobody may be writing there."""
+    for part in folder.rglob(f".*{PART}") if below else folder.glob(f".*{PART}"):
         part.unlink(missing_ok=True)
 
 

@@ -60,6 +60,17 @@ def test_two_comparisons_do_not_write_to_one_folder(data, tmp_path):
     assert not list((tmp_path / "out").iterdir())
 
 
+def test_a_comparison_removes_what_a_kill_left_in_its_folder_but_nothing_of_a_run(data, tmp_path):
+    parts = [tmp_path / "out" / name / ".comparison.html.0123456789ab.part" for name in ("", "tiny/seed_0/3dgs")]
+    for part in parts:
+        part.parent.mkdir(parents=True, exist_ok=True)
+        part.write_text("half a page")
+    (tmp_path / "out" / "comparison.json").write_text("{}")
+    with pytest.raises(DataError, match="other contents"):  # the data set of that run is not this one
+        compare(TrainConfig("", **SETTINGS), [str(data)], tmp_path / "out", [0], ())
+    assert [part.exists() for part in parts] == [False, True]
+
+
 def test_the_memory_that_is_given_holds_for_every_task(data, tmp_path):
     config = replace(TrainConfig("", **SETTINGS), memory="1M")
     table = compare(config, [str(data)], tmp_path / "out", [0], ())

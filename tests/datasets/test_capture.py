@@ -1,6 +1,7 @@
 """A capture of a Mitsuba scene is an exact data set: the reader takes it, its parts fit, and it can be resumed."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from mi_dogsplat.datasets import check_cameras, load_dataset
 from mi_dogsplat.datasets.capture import capture
 from mi_dogsplat.datasets.capture_config import CaptureConfig
 from mi_dogsplat.support.errors import DataError
+from mi_dogsplat.support.locks import locked
 from mi_dogsplat.training.config import TrainConfig
 from mi_dogsplat.training.train import Trainer
 from PIL import Image
@@ -304,6 +306,14 @@ def test_a_scene_or_list_of_cameras_that_has_changed_is_not_mixed_with_the_older
     cameras.write_text(json.dumps([camera, camera]))
     scene.write_text(scene.read_text().replace("0.9", "0.8"))
     assert "the file of the scene has changed" in error_of(scene, tmp_path / "out", config)
+
+
+def test_what_a_kill_left_is_removed_and_one_capture_at_a_time_writes(balls, captured, tmp_path):
+    shutil.copytree(captured, out := tmp_path / "out")
+    (out / "images" / ".002.png.0123456789ab.part").write_bytes(b"half a picture")
+    with locked(out, "another"):
+        assert "another capture is writing to it" in error_of(balls, out, tiny())
+    assert contents(capture(balls, out, tiny())) == contents(captured)
 
 
 def test_a_folder_with_other_contents_is_left_alone(balls, tmp_path):
