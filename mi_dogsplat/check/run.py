@@ -56,6 +56,9 @@ def check(
     """
     out, parts = Path(out), parts or [part for part in PARTS if part != "training" or runs]
     _require_parts(parts, model, runs, width, rounds)
+    if model is None and (data is not None or camera is not None):
+        flag = "--camera" if data is None else "--data"
+        raise DataError(flag, "says from where a model is seen, and there is none", "name a model, or leave it out")
     scene = _model_scene(Path(model), data, camera, width, options) if model else None
     training = read_training([Path(run) for run in runs])
     jobs: dict[str, Callable[[], Any]] = {}

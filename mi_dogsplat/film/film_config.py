@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Annotated
 
 from ..support.settings import Setting, check_settings, refuse
@@ -44,7 +44,17 @@ class FilmConfig:
             refuse("path", f'"{self.path}" is unknown', f"use {', '.join(PATHS)}, or a .json file of key frames")
         if self.size and not 1 <= min(self.size) <= max(self.size) <= 16_384:
             refuse("size", f"{self.size[0]} x {self.size[1]} is out of range", "use 1 to 16384 pixels")
-        defaults = {field.name: field.default for field in fields(self)}
-        for name, path in ONLY_FOR.items():
-            if self.path not in ("auto", path) and getattr(self, name) != defaults[name]:
-                refuse(name, f"is not for --path {self.path}", f"leave it out, or use --path {path}")
+        if self.path != "auto":
+            self.require_for(self.path)
+        if self.says("samples") and not self.shutter:
+            refuse("samples", "is for motion blur, and there is none", "add --shutter, or leave it out")
+
+    def says(self, name: str) -> bool:
+        """Whether a setting is another than its default."""
+        return getattr(self, name) != getattr(type(self), name)
+
+    def require_for(self, path: str) -> None:
+        """Raise ``DataError`` for a setting of another path than that which the camera takes."""
+        for name, other in ONLY_FOR.items():
+            if path != other and self.says(name):
+                refuse(name, f"is not for --path {path}", f"leave it out, or use --path {other}")

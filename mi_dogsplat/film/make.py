@@ -15,6 +15,7 @@ from ..render.picture import picture_of
 from ..render.picture_options import PictureOptions
 from ..runs.stopping import Stopped, StopRequest
 from ..support.errors import DataError
+from ..support.settings import refuse
 from .camera_path import DEFAULT_SECONDS, DEFAULT_SIZE, CameraPath
 from .data_path import cameras_path
 from .exposure import exposed
@@ -62,6 +63,8 @@ def make_film(
     pictures = None if out.suffix.lower() == SUFFIX else NumberedPictures(out)
     if out.is_dir() and pictures is None:
         raise DataError(out, "is a folder", "name a file in it")
+    if pictures is not None and config.says("crf"):
+        refuse("crf", f"is for videos, and {out} is for pictures", f"leave it out, or name a video {SUFFIX}")
     subject = read_subject(model, data, options)
     path = _path(subject, config)
     size = config.size or _even(path.size or DEFAULT_SIZE)
@@ -141,7 +144,9 @@ def _path(subject: Subject, config: FilmConfig) -> CameraPath:
     if config.path == "cameras" and not cameras:
         raise DataError("--path", "no data set tells where the cameras are", "add --data DATA, or use --path orbit")
     if config.path == "cameras" or (config.path == "auto" and cameras and not stand_all_around(cameras, up)):
+        config.require_for("cameras")
         return cameras_path(cameras, config)
+    config.require_for("orbit")
     if cameras:
         return orbit(around_cameras(cameras, up, config.fov), config)
     path = orbit(around_model(subject.model.splats, up, config.fov), config)

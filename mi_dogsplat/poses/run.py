@@ -26,6 +26,7 @@ from ..support.errors import DataError
 from ..support.files import read_json, remove_parts, write_json
 from ..support.locks import locked
 from ..support.resumable import begin
+from ..support.settings import refuse
 from .advice import TAKE_MORE, Advice, Outcome, advice_on_capture, advice_on_model, hopeless
 from .colmap_database import pycolmap_module
 from .config import FREE, SETTINGS, PosesConfig
@@ -79,6 +80,8 @@ def find_poses(
     require_input(source)
     if out.resolve() == source.resolve():
         raise DataError(out, "is the folder of the photographs itself", "name another one for the poses")
+    if config.frames is not None and not is_video(source):
+        refuse("frames", f"is for videos, and {source} is a folder of images", "leave it out")
     pycolmap = pycolmap_module(config.gpu)
     sources = {} if is_video(source) else find_photographs(source, out)
     if not sources:

@@ -104,14 +104,19 @@ class TrainConfig:
         """Of the file that the training is to end with; None where the target is a ratio or a count."""
         return target_bytes(self.target)
 
+    def require_pruning(self) -> None:
+        """Raise ``DataError`` for a preset that does not prune, which meets no target."""
+        if not RECIPES[self.preset].pruning:
+            target = self.target if isinstance(self.target, str) else f"{self.target:g}"
+            refuse("target", f'{target} needs pruning, and "{self.preset}" does not', PRUNING_PRESETS)
+
     def _check_target(self) -> None:
         try:
             object.__setattr__(self, "target", checked_target(self.target))
         except ValueError as error:
             refuse("target", str(error), REMEDY)
         if self.target_bytes is not None:
-            if not RECIPES[self.preset].pruning:
-                refuse("target", f'{self.target} needs pruning, and "{self.preset}" does not', PRUNING_PRESETS)
+            self.require_pruning()
         elif self.max_primitives is not None and float(self.target) >= self.max_primitives:
             problem = f"{self.target:g} primitives are not fewer than --max-primitives {self.max_primitives}"
             refuse("target", problem, "use a smaller target or a larger cap")

@@ -193,6 +193,8 @@ def test_bad_input_is_one_line_that_names_it(capsys, model, tmp_path):
         ([tmp_path / "bad.ply", "-o", out], "bad.ply"),
         ([tmp_path / "empty.ply", "-o", out], "empty.ply", "no primitives"),
         ([model, "-o", out, "--camera", "0"], "--data"),
+        (["-o", out, "--only", "stability", "--data", "photos"], "--data: says from where a model is seen"),
+        (["-o", out, "--only", "stability", "--camera", "0"], "--camera: says from where a model is seen"),
         ([model, "-o", out, "--camera", tmp_path / "no.json"], "no.json"),
         ([model, "-o", out, "--width", 3], "--width", "3", "16"),
         ([model, "-o", out, "--rounds", 0], "--rounds"),

@@ -311,6 +311,9 @@ def test_two_films_never_share_a_folder(model, tmp_path):
         (["-o", "{}/f.mp4", "--path", "orbit", "--smoothing", "1"], ["--smoothing: is not for --path orbit"]),
         (["-o", "{}/f.mp4", "--path", "k.json", "--zoom", "3"], ["--zoom: is not for --path k.json"]),
         (["-o", "{}/f.mp4", "--crf", "60"], ["--crf: 60 is out of range"]),
+        (["-o", "{}/f", "--crf", "20"], ["--crf: is for videos, and", "f is for pictures"]),
+        (["-o", "{}/f.mp4", "--smoothing", "1"], ["--smoothing: is not for --path orbit"]),
+        (["-o", "{}/f.mp4", "--samples", "4"], ["--samples: is for motion blur, and there is none"]),
         (["-o", "{}/f.mp4", "--shutter", "1.5"], ["--shutter: 1.5 is out of range"]),
         (["-o", "{}/f.mp4", "--data", "{}/none"], ["none: no such file or folder"]),
         (["-o", "{}/file/f.mp4"], ["cannot be written"]),
@@ -326,6 +329,15 @@ def test_bad_input_is_one_line(model, tmp_path, capsys, flags, words):
     before = sorted(tmp_path.rglob("*"))
     assert_one_line(run(capsys, "film", model, *(flag.replace("{}", str(tmp_path)) for flag in flags)), *words)
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("flag", ["--zoom", "--elevation"])
+def test_what_is_for_an_orbit_is_refused_where_the_cameras_ask_for_another_path(model, data, tmp_path, capsys, flag):
+    content = json.loads((data / "transforms.json").read_text())
+    content["frames"] = [frame | {"file_path": str(data / frame["file_path"])} for frame in content["frames"][:3]]
+    (tmp_path / "transforms.json").write_text(json.dumps(content | {"ply_file_path": str(data / "points.ply")}))
+    line = run(capsys, "film", model, "-o", tmp_path / "f.mp4", "--data", tmp_path, flag, "3")
+    assert_one_line(line, f"{flag}: is not for --path cameras")
 
 
 def test_a_run_without_a_model_is_named(tmp_path, capsys):

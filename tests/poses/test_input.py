@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import pytest
+from mi_dogsplat.poses.config import PosesConfig
 from mi_dogsplat.poses.input import find_photographs, mask_folder, needs_poses, require_input
+from mi_dogsplat.poses.run import find_poses
 from mi_dogsplat.report.run_folder import CONFIG, HISTORY
 from mi_dogsplat.support.errors import DataError
 
@@ -91,3 +93,9 @@ def test_a_run_is_no_capture_nor_is_what_a_search_has_left(tmp_path):
     assert needs_poses(run) and needs_poses(stopped)  # so that they are told
     require_input(touch(stopped, "sparse/0/cameras.bin", "sparse/0/images.bin"))  # anew, with another lens
     assert not needs_poses(stopped)
+
+
+def test_a_number_of_frames_is_for_videos(tmp_path):
+    with pytest.raises(DataError, match="--frames: is for videos, and .*photos is a folder of images; leave it out"):
+        find_poses(touch(tmp_path / "photos", "1.jpg", "2.jpg"), tmp_path / "out", PosesConfig(frames=7))
+    assert not (tmp_path / "out").exists()

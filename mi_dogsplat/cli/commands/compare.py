@@ -80,6 +80,9 @@ def run(args: argparse.Namespace) -> int:
         raise DataError("--seeds", f"{min(args.seeds)} is out of range", "use at least 0")
     if args.workers < 0:
         raise DataError("--workers", f"{args.workers} is out of range", "use at least 0")
+    if args.workers and args.cluster is not None:
+        problem = "is for runs on this machine, and --cluster has workers of its own"
+        raise DataError("--workers", problem, "leave one of them out")
     _counted("--target", args.target)
     more_targets = [_counted("--more-targets", target) for target in args.more_targets]
     config = training_config(args, preset="3dgs", data="")

@@ -62,6 +62,8 @@ def run(args: argparse.Namespace) -> None:
     if args.until_input_ends:
         stop_when_input_ends()
     config = training_config(args)
+    if config.target != TrainConfig.target:
+        config.require_pruning()
     posed, resume = _posed(config, args.out), args.resume
     if posed is not config:  # what was stopped before it had poses has nothing else to go on with
         resume = resume and (args.out / CONFIG).exists()
