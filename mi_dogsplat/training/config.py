@@ -32,7 +32,8 @@ REFINE_POSES = "correct the poses of the training views by the photographs, besi
 PRECONDITIONED = "move the numbers of each primitive jointly once pruning is over; ours_preconditioned does so anyway"
 FORMATS = ("ply", "spz", "sog")
 FORMAT = f"file to train for, of {', '.join(FORMATS)}: the last part of the training sees the model as it will be there"
-TARGET = "what is left after pruning: a ratio (0.1, 10%), a count of primitives (20000), or the size of the file (2MB)"
+TARGET = "what pruning leaves, less what fades later: a ratio (0.1, 10%), a count of primitives (20000), or the size "
+TARGET += "of the file (2MB)"
 WHITE = "radiance that is white, for OpenEXR images (default: twice the 95th percentile of their luminances)"
 CHECKPOINTS = "time between checkpoints; longer where they would take a fiftieth of the time"
 

@@ -22,7 +22,7 @@ Examples:
   dogsplat train photos/ -o run                        the full schedule, a tenth of the primitives
   dogsplat train photos/ -o run --steps 7000 --downscale 2 --max-primitives 60000
                                                        minutes instead of hours, and a bounded size
-  dogsplat train photos/ -o run --target 20000         a model of exactly so many primitives
+  dogsplat train photos/ -o run --target 20000         so many primitives, less those that fade later
   dogsplat train photos/ -o run --target 2MB --format spz
                                                        a file of at most so many bytes
   dogsplat train photos/ -o run --preset 3dgs          without pruning and DoG: the published baseline
