@@ -210,11 +210,12 @@ def test_primitives_in_the_near_zone_are_dropped_with_a_note(data):
         trained(dataset, near_zone=100.0, log_every=5)
 
 
-def test_taking_the_state_between_rows_drops_nothing_of_the_near_zone(data):
+def test_neither_the_state_nor_the_begin_of_a_run_that_goes_on_drops_what_is_near_between_rows(data):
     trainer = with_seven_beside_a_camera(load_dataset(data))
     trainer.step()
     n = trainer.optimizer.n
-    assert trainer.sound() and trainer.state()["step"] == 1 and trainer.optimizer.n == n
+    assert trainer.sound() and trainer.state()["step"] == 1
+    assert trainer.begin() == [] and trainer.optimizer.n == n
     assert [trainer.step() for _ in range(4)][-1] == [Dropped(7, "primitives near cameras")]
 
 
