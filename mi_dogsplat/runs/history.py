@@ -71,5 +71,5 @@ def _happenings(trainer: Trainer, until: int) -> Iterator[list[Event]]:
         yield due
     while trainer.step_count < until:
         yield trainer.step()
-    if trainer.step_count == trainer.config.steps and (due := trainer.end()):
+    if trainer.step_count == trainer.config.steps and not trainer.ended and (due := trainer.end()):
         yield due

@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
-from ..report.run_folder import CONFIG, HISTORY, METRICS, MISFITS, RECIPE, REFINED, RENDER_MS, REPORT, read_run
+from ..report.run_folder import CONFIG, HISTORY, METRICS, MISFITS, RECIPE, REFINED, RENDER_MS, REPORT, Run, read_run
 from ..scene.appearance import APPEARANCE
 from ..support.errors import DataError
 from ..support.files import replacing
@@ -41,10 +42,16 @@ def resume_run(trainer: Trainer, out: Path) -> None:
     kept = []
     if path.exists():  # else the run was killed before its first checkpoint
         restore_from(trainer, path)
-        steps = before.column("step")
-        kept = [row for row, step in zip(before.history, steps, strict=True) if step <= trainer.step_count]
+        kept = _rows_until(trainer, before)
     with replacing(out / HISTORY) as part:
         part.write_text("".join(json.dumps(row) + "\n" for row in kept), encoding="utf-8")
+
+
+def _rows_until(trainer: Trainer, run: Run) -> list[dict[str, Any]]:
+    """Those that came before the checkpoint; what was done after the last step has a second row at that step."""
+    rows = list(zip(run.history, run.column("step"), strict=True))
+    there = [row for row, step in rows if step == trainer.step_count]
+    return [row for row, step in rows if step < trainer.step_count] + (there if trainer.ended else there[:1])
 
 
 def restore_from(trainer: Trainer, path: Path) -> None:

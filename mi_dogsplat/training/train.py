@@ -82,6 +82,7 @@ class Trainer:
         self.optimizer = SplatOptimizer(splats, rates, self.photographs.curve)
         self.steps, self.target = config.steps, 0.0 if config.target_bytes else float(config.target)
         self.step_count, self.seconds = 0, 0.0
+        self.ended = False  # whether what is due after the last step is done
         self.order: list[int] = []  # of the views that are still to come in this turn, from its end
         self.losses = LossMeans()
         self.sieve = Sieve(config.near_zone)
@@ -167,6 +168,7 @@ class Trainer:
 
     def end(self) -> list[Event]:
         """What is due after the last step."""
+        self.ended = True
         return [event for strategy, state in self._parts() for event in strategy.end(self, state)]
 
     def render(self, params: dict, view: int) -> tuple[list, Frame]:

@@ -18,6 +18,7 @@ class WithState(Training, Protocol):
     """A trainer, with what it does not show to its strategies."""
 
     seconds: float
+    ended: bool
     order: list[int]
     sieve: Sieve
     strategies: list[Strategy[Any]]
@@ -39,7 +40,7 @@ def state_of(trainer: WithState) -> dict[str, np.ndarray]:
     progress = {"step": np.array(trainer.step_count), "seconds": np.array(trainer.seconds), "format": np.array(FORMAT)}
     rng = json.dumps(trainer.rng.bit_generator.state)
     progress |= {"order": np.array(trainer.order, np.int64), "rng": np.array(rng)}
-    progress |= {"pairs": np.array(trainer.memory.pairs if trainer.memory else 0)}
+    progress |= {"ended": np.array(trainer.ended), "pairs": np.array(trainer.memory.pairs if trainer.memory else 0)}
     return progress | {f"{part}.{name}": values for part in parts for name, values in parts[part].items()}
 
 
@@ -65,6 +66,7 @@ def restore(trainer: WithState, state: Mapping[str, np.ndarray]) -> None:
     if trainer.photographs.appearance and "appearance.mean" in state:
         trainer.photographs.appearance.restore(part("appearance"))
     trainer.step_count, trainer.seconds = int(state["step"]), float(state["seconds"])
+    trainer.ended = bool(state.get("ended", False))  # unknown to earlier versions
     trainer.order = state["order"].tolist()
     trainer.rng.bit_generator.state = json.loads(str(state["rng"]))
     if trainer.memory:

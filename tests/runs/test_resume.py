@@ -221,7 +221,7 @@ def test_data_may_move_with_their_run_and_runs_of_older_versions_go_on(begun, mo
 
 def resumes(config, out) -> bool:
     """Whether a run goes on at its step; its data are read all the same."""
-    trainer = SimpleNamespace(config=config, step_count=0)
+    trainer = SimpleNamespace(config=config, step_count=0, ended=False)
     trainer.restore = lambda state: setattr(trainer, "step_count", int(state["step"]))
     resume_run(cast(Trainer, trainer), out)
     return trainer.step_count == 1

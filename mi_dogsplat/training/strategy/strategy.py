@@ -157,7 +157,7 @@ class Strategy(Generic[S]):
         return []
 
     def end(self, t: Training, state: S) -> list[Event]:
-        """What is due after the last step of the run; once more where the run is resumed there."""
+        """What is due after the last step of the run; once more where no checkpoint came after it."""
         return []
 
     def scores(self, t: Training, state: S, rest: Callable[[], np.ndarray]) -> np.ndarray:
