@@ -32,8 +32,8 @@ class CameraCheck:
     reprojection_px: float | None
 
 
-def check_cameras(dataset: Dataset) -> CameraCheck:
-    """Project the sparse points into every view and compare."""
+def check_cameras(dataset: Dataset, with_colors: bool = True) -> CameraCheck:
+    """Project the sparse points into every view and compare; ``with_colors`` looks at the images, too."""
     n_points = len(dataset.points)
     if n_points == 0:
         return CameraCheck(0, None, None, None, None, None)
@@ -52,13 +52,8 @@ def check_cameras(dataset: Dataset) -> CameraCheck:
         n_seen[rows[visible]] += 1
         if observed is not None:
             errors.append(np.linalg.norm(pixels - observed.pixels, axis=1)[front])
-        column, line = pixels[visible].astype(np.int64).T
-        color = view.image[line, column]  # [V, 3 or 4]
-        if dataset.has_alpha:
-            opaque = color[:, 3] > 0.5
-            visible[visible] = opaque
-            color = color[opaque, :3] / color[opaque, 3:]
-        colors.append(np.abs(color - dataset.point_colors[rows[visible]]).mean(axis=1))
+        if with_colors:
+            colors.append(_color_differences(view.image, pixels[visible], dataset.point_colors[rows[visible]]))
     candidates = np.arange(n_points) if dataset.observations else sample
     return CameraCheck(
         n_points,
@@ -78,7 +73,7 @@ def require_plausible(dataset: Dataset, convention: str) -> CameraCheck:
     so the test is then that half of the points are *seen*; with them, that half of the observed points lie in
     front.
     """
-    check = check_cameras(dataset)
+    check = check_cameras(dataset, with_colors=False)  # images that stay on disk are not read for it
     share = check.in_front if dataset.observations else check.seen
     if share is not None and share < 0.5:
         what = (
@@ -88,6 +83,17 @@ def require_plausible(dataset: Dataset, convention: str) -> CameraCheck:
             dataset.path, f"only {share:.0%} {what} the cameras", f"check the convention: {convention}"
         )
     return check
+
+
+def _color_differences(image: np.ndarray, pixels: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Mean absolute differences of the channels between ``image`` [H, W, 3 or 4] at ``pixels`` [V, 2] and the colours
+    ``expected`` [V, 3] there; of opaque pixels alone."""
+    column, line = pixels.astype(np.int64).T
+    color = image[line, column]  # [V, 3 or 4]
+    if image.shape[2] == 4:
+        opaque = color[:, 3] > 0.5
+        color, expected = color[opaque, :3] / color[opaque, 3:], expected[opaque]
+    return np.abs(color - expected).mean(axis=1)
 
 
 def _median(parts: list[np.ndarray]) -> float | None:

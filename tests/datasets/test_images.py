@@ -123,3 +123,8 @@ def test_camera_extent_is_a_tenth_more_than_the_largest_distance_from_the_mean_c
 
     np.testing.assert_allclose(camera_extent([view(0), view(1), view(5)]), 1.1 * 3)
     assert camera_extent([view(4)]) == 1
+
+
+def test_images_that_stay_on_disk_are_not_decoded_to_judge_the_cameras(data, monkeypatch):
+    monkeypatch.setattr("mi_dogsplat.datasets.view_images.read_image", lambda path: pytest.fail(f"decodes {path}"))
+    assert len(load_dataset(data, on_disk=True).points)
