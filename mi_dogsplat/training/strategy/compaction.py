@@ -47,6 +47,10 @@ class Compaction(Strategy[Compacted]):
     given: tuple[RowGroup, ...] = ()  # of which all primitives are to get rows
 
     def new_state(self, t: Training) -> Compacted:
+        """Raises ``DataError`` where the file of a single primitive in its mean colour is too large."""
+        one = t.optimizer.to_splats().select([0]).plain().without_slopes().without_cuts().uniform_sh(0)
+        if self.kind.size(self.kind.foreseen(one)) > self.size:
+            raise self._nothing_fits(self.size)
         return Compacted()
 
     def due(self, t: Training, state: Compacted) -> bool:
@@ -135,8 +139,11 @@ class Compaction(Strategy[Compacted]):
             wanted = guess if low < guess < high else (low + min(high, 2 * wanted)) / 2
         if best:
             return best
+        raise self._nothing_fits(budget)
+
+    def _nothing_fits(self, budget: int) -> DataError:
         problem = f"no primitive fits into {budget} bytes of {self.kind.name}"
-        raise DataError("--target", problem, "use a larger size")
+        return DataError("--target", problem, "use a larger size")
 
 
 def with_rows(splats: Splats, groups: Sequence[RowGroup]) -> Splats:

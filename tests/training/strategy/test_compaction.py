@@ -96,7 +96,7 @@ def test_a_model_that_has_the_size_already_is_one_line(data, tmp_path, capsys, f
 @pytest.mark.parametrize("command", ["compare", "ablate"])
 def test_comparisons_are_of_numbers_of_primitives(data, tmp_path, capsys, command):
     result = dogsplat(capsys, command, data, "-o", tmp_path / "out", "--target", "2MB")
-    assert_one_line(result, "--target", "2MB is the size of a file", "a ratio or a number of primitives")
+    assert_one_line(result, "--target", "2MB is the size of a file", "a ratio (0.1, 10%) or a count of primitives")
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_a_run_whose_primitives_have_all_faded_says_so(data, tmp_path, name, mon
         list(run_to_end(trainer))
 
 
-def test_a_file_into_which_nothing_fits_is_refused(data):
-    trainer = Trainer(config_of(data, target="20B", format="spz"), load_dataset(data))
-    with pytest.raises(DataError, match="--target.*no primitive fits"):
-        list(run_to_end(trainer))
+@pytest.mark.parametrize(("format", "target"), [("spz", "20B"), ("sog", "1kB"), ("ply", "300B")])
+def test_a_file_into_which_nothing_fits_is_refused_before_the_training(data, format, target):
+    with pytest.raises(DataError, match="--target.*no primitive fits into .* bytes of"):
+        Trainer(config_of(data, target=target, format=format), load_dataset(data))
