@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import assert_one_line, run
 from mi_dogsplat.cli import main
 from mi_dogsplat.compare import execute
 from mi_dogsplat.compare.methods import METHODS
@@ -105,6 +106,15 @@ def test_only_what_keeps_all_primitives_is_said_to_have_them():
     rows = {name: row(name, [30.0]) for name in METHODS}
     by_size, _ = tables_of_equals(rows, "0.1")
     assert [line[0] for line in by_size["rows"] if line[1] == "all primitives"] == ["3dgs", "3dgs_equal"]
+
+
+def test_more_targets_are_below_the_cap_and_others_than_the_target(tmp_path, monkeypatch, capsys):
+    asked = []
+    monkeypatch.setattr("mi_dogsplat.compare.compare.compare", lambda *given: asked.append(given) or {"failed": {}})
+    command = ["compare", tmp_path, "-o", tmp_path / "out", "--max-primitives", "300", "--target", "30%"]
+    assert_one_line(run(capsys, *command, "--more-targets", "400"), "--more-targets: 400 primitives are not fewer than")
+    assert run(capsys, *command, "--more-targets", "0.5", "0.3", "200")[0] == 0
+    assert [given[-2] for given in asked] == [[0.5, 200]]
 
 
 def test_more_targets_are_runs_of_their_own_of_compact_methods(tmp_path, monkeypatch):

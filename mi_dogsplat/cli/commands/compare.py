@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from ...compare.names import ALL, PUBLISHED, SETS, chosen
@@ -84,8 +85,8 @@ def run(args: argparse.Namespace) -> int:
         problem = "is for runs on this machine, and --cluster has workers of its own"
         raise DataError("--workers", problem, "leave one of them out")
     _counted("--target", args.target)
-    more_targets = [_counted("--more-targets", target) for target in args.more_targets]
     config = training_config(args, preset="3dgs", data="")
+    more_targets = _more_targets(args.more_targets, config)
     set_variant(config.variant)
     from ...compare.compare import compare as run_comparison
 
@@ -96,6 +97,16 @@ def run(args: argparse.Namespace) -> int:
     for name, error in table["failed"].items():
         print(f"dogsplat: {name} has failed: {error}", file=sys.stderr)
     return 1 if table["failed"] else 0
+
+
+def _more_targets(given: Sequence[str], config: TrainConfig) -> list[float]:
+    """Targets beside that of ``config``, in their order. Raises ``DataError`` for those above its cap."""
+    targets = [_counted("--more-targets", target) for target in given]
+    for target in targets:
+        if config.max_primitives is not None and target >= config.max_primitives:
+            problem = f"{target:g} primitives are not fewer than --max-primitives {config.max_primitives}"
+            raise DataError("--more-targets", problem, "use a smaller one or a larger cap")
+    return [target for target in targets if target != config.target]
 
 
 def _counted(flag: str, target: str) -> float:
