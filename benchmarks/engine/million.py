@@ -65,7 +65,7 @@ def measured(args: argparse.Namespace) -> dict[str, Any]:
     times = {name: seconds(run, args.rounds) for name, run in passes(trainer).items()}
     with tempfile.TemporaryDirectory() as folder:
         save_checkpoint(Path(folder) / "state.npz", trainer.state())
-    peak = peak_memory_mb() * 2**20 / 1e6
+    peak = peak_memory_mb()
     view = trainer.render(trainer.optimizer.params, 0)[1].view
     bands = len(view.bands) if isinstance(view, BandedView) else 1
     return times | {"peak_mb": peak, "isects": view.n_isects if view else 0, "bands": bands}

@@ -45,20 +45,20 @@ def available_memory() -> int | None:
 
 
 def peak_memory_mb() -> float:
-    """Largest resident size of this process so far, in units of 2^20 bytes.
+    """Largest resident size of this process so far, in units of 10^6 bytes.
 
     Linux counts it for each program that a process becomes; ``getrusage`` begins with what its parent had.
     """
     if STATUS.exists():
-        return int(STATUS.read_text().split("VmHWM:")[1].split()[0]) / 2**10
+        return int(STATUS.read_text().split("VmHWM:")[1].split()[0]) * 2**10 / 1e6
     if sys.platform == "win32":
         import psutil
 
-        return psutil.Process().memory_info().peak_wset / 2**20
+        return psutil.Process().memory_info().peak_wset / 1e6
     import resource  # not on Windows
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+    return peak * (1 if sys.platform == "darwin" else 2**10) / 1e6
 
 
 def _groups() -> list[int]:

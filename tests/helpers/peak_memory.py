@@ -44,5 +44,5 @@ foreseen = budget.fixed + N * budget.each(0) + (LISTED + WALKED) * budget.pairs
 in_bands = budget.for_pairs(trainer.optimizer) < (LISTED + WALKED) * budget.pairs
 with tempfile.TemporaryDirectory() as folder:
     save_checkpoint(Path(folder) / "state.npz", trainer.state())
-print(json.dumps({"foreseen_mb": foreseen / 2**20, "peak_mb": peak_memory_mb(), "pairs": budget.pairs,
+print(json.dumps({"foreseen_mb": foreseen / 1e6, "peak_mb": peak_memory_mb(), "pairs": budget.pairs,
                   "in_bands": in_bands}))  # fmt: skip
