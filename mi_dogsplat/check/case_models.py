@@ -9,10 +9,10 @@ import numpy as np
 
 from ..scene.cameras import Camera
 from ..scene.row_groups import CUTS, DOG, SLOPES
+from ..scene.sh_basis import C0
 from ..scene.splats import DENSE, Splats
 
 WIDTH, HEIGHT, FOCAL = 48, 40, 45.0
-C0 = 0.28209479177387814  # colour = 0.5 + C0 * (constant SH coefficient)
 SCALES = (0.2, 0.3, 0.45)
 SLOPES_OF_ONE = 0.4 * np.sin(1 + np.arange(9)).reshape(3, 3)
 NORMAL_OF_ONE = np.array([-3.0, 4, 2])

@@ -13,7 +13,7 @@ from ..report.page import TEMPLATES
 from ..report.plot import Series, line_plot
 from ..report.points import Note
 from ..report.ticks import number
-from ..support.wording import duration, finite
+from ..support.wording import duration, finite, time_unit
 from .settings import GROUPS
 from .tables import Table, cell, facts, table
 
@@ -104,7 +104,7 @@ def _numbers(row: Mapping[str, Any]) -> dict[str, Any]:
 
 def _training(runs: Sequence[Mapping[str, Any]]) -> Section:
     longest = max(run["seconds"] for run in runs)
-    unit, scale = ("s", 1) if longest < 180 else ("min", 60) if longest < 3 * 3600 else ("h", 3600)
+    unit, scale = time_unit(longest)
     plots = []
     for key, label in {"l1": "training L1", "psnr": "test PSNR, dB", "flip": "test FLIP"}.items():
         series = []

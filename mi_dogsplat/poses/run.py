@@ -37,10 +37,10 @@ from .input import find_photographs, is_video, mask_folder, require_input
 from .mapping import reconstruct
 from .matching import match
 from .output import undistort, write_model
-from .photographs import prepare, prepare_masks
+from .photographs import Photograph, prepare, prepare_masks
 from .summary import Summary, camera_line, field_of_view
 from .video import require_av
-from .world import place
+from .world import Placed, place
 
 SUMMARY = "summary.json"
 DATABASE, SECONDS, COPIED = "work/database.db", "work/seconds.json", "work/copied.json"
@@ -160,6 +160,17 @@ def _reconstruct(
         raise _nothing_found(source, evidence)
     downs = {p.name: np.array(p.down) for p in photographs if p.down is not None}
     placed = place(pycolmap, models[0], config.scale, downs)
+    summary = _summary_of(models, photographs, evidence, config, placed, n_masks, stages.seconds)
+    write_json(out / SUMMARY, dataclasses.asdict(summary))
+    write_world(out, placed.world)
+    write_model(models[0], _model_folder(top))
+
+
+def _summary_of(
+    models: list[Any], photographs: list[Photograph], evidence: Evidence, config: PosesConfig,
+    placed: Placed, n_masks: int, seconds: dict[str, float],
+) -> Summary:  # fmt: skip
+    """What is told of the first of the ``models``, which is the data set."""
     names = [{image.name for image in model.images.values() if image.has_pose} for model in models]
     others = tuple(n for n in (len(more - names[0]) for more in names[1:]) if n)
     error = float(models[0].compute_mean_reprojection_error())
@@ -167,7 +178,7 @@ def _reconstruct(
     cameras = [camera for _, camera in sorted(models[0].cameras.items())]
     guessed = [field_of_view(camera) for camera in cameras if not camera.has_prior_focal_length]
     outcome = Outcome(len(photographs), len(names[0]), others, error * shrunk, tuple(guessed))
-    summary = Summary(
+    return Summary(
         n_images=len(photographs),
         n_registered=len(names[0]),
         n_points=models[0].num_points3D(),
@@ -179,11 +190,8 @@ def _reconstruct(
         scale=placed.world.scale,
         without_pose=[p.name for p in photographs if p.name not in names[0]],
         advice=[str(a) for a in advice_on_capture(evidence) + advice_on_model(outcome)],
-        seconds=stages.seconds,
+        seconds=seconds,
     )
-    write_json(out / SUMMARY, dataclasses.asdict(summary))
-    write_world(out, placed.world)
-    write_model(models[0], _model_folder(top))
 
 
 def _nothing_found(source: Path, evidence: Evidence) -> DataError:

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from ..support.wording import finite
+from ..support.wording import finite, time_unit
 from ..training.events import (
     CutsActivated,
     CutsLeftOut,
@@ -85,7 +85,7 @@ def curves(run: Run) -> Curves:
 def _abscissas(run: Run) -> list[tuple[str, NDArray[np.floating]]]:
     seconds = run.column("seconds")
     longest = float(np.max(np.nan_to_num(seconds), initial=0))
-    unit, scale = ("s", 1) if longest < 180 else ("min", 60) if longest < 3 * 3600 else ("h", 3600)
+    unit, scale = time_unit(longest)
     return [(f"run time, {unit}", seconds / scale), ("step", run.column("step"))]
 
 

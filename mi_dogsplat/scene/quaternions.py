@@ -18,6 +18,14 @@ def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.stack(parts, axis=-1)
 
 
+def rotated(vectors: np.ndarray, quats: np.ndarray) -> np.ndarray:
+    """Vectors [N, 3] turned by quaternions [N, 4] of any length; zero turns nothing."""
+    q = quats / np.maximum(np.linalg.norm(quats, axis=1, keepdims=True), 1e-30)
+    axis, w = q[:, :3], q[:, 3:]
+    turn = np.cross(axis, vectors)
+    return vectors + 2 * (w * turn + np.cross(axis, turn))
+
+
 def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
     """Unit quaternions [..., 4] (x, y, z, w) of rotation matrices [..., 3, 3].
 

@@ -31,6 +31,11 @@ def count(value: object) -> str:
     return MISSING if v is None else f"{v:,.0f}"
 
 
+def time_unit(longest: float) -> tuple[str, int]:
+    """The unit in which times up to the ``longest`` are plotted, and its seconds."""
+    return ("s", 1) if longest < 180 else ("min", 60) if longest < 3 * 3600 else ("h", 3600)
+
+
 def duration(seconds: object) -> str:
     """``42.1 s``, ``4 min 12 s``, ``2 h 03 min``."""
     s = finite(seconds)

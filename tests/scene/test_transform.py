@@ -7,6 +7,7 @@ from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.quaternions import (
     quaternion_from_rotation,
     quaternion_product,
+    rotated,
     rotation_from_quaternion,
 )
 from mi_dogsplat.scene.sh_basis import sh_basis_table
@@ -107,6 +108,9 @@ def test_quaternions_multiply_and_convert_like_their_matrices():
     A, B = reference.rotations(a), reference.rotations(b)
     np.testing.assert_allclose(reference.rotations(quaternion_product(a, b)), A @ B, atol=1e-12)
     np.testing.assert_allclose(rotation_from_quaternion(3 * a), A, atol=1e-12)
+    vectors = rng.normal(size=(50, 3))
+    np.testing.assert_allclose(rotated(vectors, 3 * a), np.einsum("nij,nj->ni", A, vectors), atol=1e-12)
+    np.testing.assert_array_equal(rotated(vectors, np.zeros((50, 4))), vectors)
     np.testing.assert_array_equal(rotation_from_quaternion(np.zeros((1, 4))), np.eye(3)[None])
     np.testing.assert_allclose(reference.rotations(quaternion_from_rotation(A)), A, atol=1e-12)
     for R in [*A, np.eye(3), np.diag([1.0, -1, -1]), np.diag([-1.0, -1, 1]), np.diag([-1.0, 1, -1])]:

@@ -16,6 +16,7 @@ import drjit as dr
 import numpy as np
 
 from ...scene.opacity import sigmoid
+from ...scene.quaternions import rotated
 from ..events import Densified, Event, OpacityReset
 from ..milestones import scaled_milestone
 from ..optimizer.splat_optimizer import SplatOptimizer
@@ -212,9 +213,5 @@ def _place_halves(optimizer: SplatOptimizer, first: int, rng: np.random.Generato
     rows = np.arange(first, optimizer.n)
     log_scales, quats = optimizer.numpy("log_scales")[rows], optimizer.numpy("quats")[rows]
     offset = rng.normal(size=(len(rows), 3)) * np.exp(log_scales)  # [R, 3] in the primitive's frame
-    q = quats / np.maximum(np.linalg.norm(quats, axis=1, keepdims=True), 1e-30)
-    axis, w = q[:, :3], q[:, 3:]
-    turn = np.cross(axis, offset)
-    rotated = offset + 2 * (w * turn + np.cross(axis, turn))
-    optimizer.assign("means", optimizer.numpy("means")[rows] + rotated, rows)
+    optimizer.assign("means", optimizer.numpy("means")[rows] + rotated(offset, quats), rows)
     optimizer.assign("log_scales", log_scales - np.log(divisor), rows)

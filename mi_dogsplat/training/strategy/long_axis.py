@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...scene.quaternions import rotated
 from ..optimizer.splat_optimizer import SplatOptimizer
 
 REACH = 3.0  # standard deviations that the distance is a part of
@@ -26,11 +27,8 @@ class LongAxisHalves:
         rows = np.arange(first, optimizer.n)
         log_scales, quats = optimizer.numpy("log_scales")[rows], optimizer.numpy("quats")[rows].astype(np.float64)
         longest = np.eye(3)[log_scales.argmax(1)]  # [R, 3] its axis, in the primitive's frame
-        q = quats / np.maximum(np.linalg.norm(quats, axis=1, keepdims=True), 1e-30)
-        turn = np.cross(q[:, :3], longest)
-        axis = longest + 2 * (q[:, 3:] * turn + np.cross(q[:, :3], turn))
         side = np.where(np.arange(len(rows)) < len(rows) // 2, 1.0, -1.0)[:, None]
-        offset = side * REACH * self.distance * np.exp(log_scales.max(1, keepdims=True)) * axis
+        offset = side * REACH * self.distance * np.exp(log_scales.max(1, keepdims=True)) * rotated(longest, quats)
         optimizer.assign("means", optimizer.numpy("means")[rows] + offset, rows)
         shrunk = np.where(longest > 0, np.log(1 - self.distance), np.log(1 - self.distance**2) / 2)
         optimizer.assign("log_scales", log_scales + shrunk, rows)
