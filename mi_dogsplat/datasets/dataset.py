@@ -212,7 +212,7 @@ def require_unique_names(path: Path, names: Sequence[str]) -> None:
     most = MAX_FILE_NAME - max(len(f"{end}.png") for end in PICTURE_ENDS)
     for name in names:
         if (size := len(os.fsencode(name))) > most:
-            problem = f'the view "{name}" has a name of {size} bytes, too long for those of its pictures'
+            problem = f'the view "{name[:40]}…" has a name of {size} bytes, too long for those of its pictures'
             raise DataError(path, problem, f"shorten the name of the image, or of its folders, to {most}")
         if name in seen:
             raise DataError(path, f'two views have the name "{name}"', "give each image its own name")

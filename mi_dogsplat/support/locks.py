@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from filelock import FileLock, SoftFileLock, Timeout
+from filelock import FileLock, Timeout
 
 from .errors import DataError
 from .files import LOCK
@@ -20,14 +21,14 @@ def locked(folder: Path, problem: str) -> Iterator[None]:
     The lock is the operating system's, on the file ``LOCK`` in the folder: it goes with the process, however that ends.
     """
     path = folder / LOCK
-    lock = FileLock(path)
+    lock = FileLock(path, fallback_to_soft=False)
     try:
         lock.acquire(blocking=False)
     except Timeout:
-        if not isinstance(lock, SoftFileLock):  # which it becomes on a file system without locks: then nobody can tell
-            raise DataError(folder, problem, "wait for it, stop it, or name another") from None
+        raise DataError(folder, problem, "wait for it, stop it, or name another") from None
     except OSError as error:
-        raise DataError(folder, error.strerror or str(error), "name a folder that can be written") from None
+        if error.errno != errno.ENOSYS:  # of a file system without locks, where nobody can tell
+            raise DataError(folder, error.strerror or str(error), "name a folder that can be written") from None
     try:
         yield
     finally:

@@ -91,6 +91,8 @@ def shortened(argv: list[str]) -> list[str]:
     """The command with the values of ``SHORT``."""
     argv = list(argv)
     for flag, value in SHORT.get(argv[0], {}).items():
+        if flag == "--samples" and "--shutter" not in argv:  # it is for motion blur alone
+            continue
         if argv[0] == "capture" and flag in ("--views", "--test", "--size") and set(argv) & set(CAPTURED):
             continue
         if flag in argv:

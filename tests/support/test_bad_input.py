@@ -124,10 +124,10 @@ def test_a_file_that_was_once_a_traceback_is_one_line(target, content, words):
     assert message.count(str(TARGETS[target].folder)) == 1
 
 
-def test_an_image_name_that_no_file_system_holds_is_a_missing_image():
+def test_an_image_name_that_no_file_system_holds_is_too_long():
     target = TARGETS["colmap_dataset"]
     message = refusal(target, target.seeds[0].replace(b"img_00.png", b"i" * 5000))
-    assert "image not found (1 of 10 are missing)" in message
+    assert "has a name of 5000 bytes, too long for those of its pictures; shorten the name of the image" in message
 
 
 def test_a_lens_that_nothing_passes_is_one_line():

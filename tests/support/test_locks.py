@@ -45,7 +45,6 @@ def test_a_lock_is_free_again_after_an_error(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.filterwarnings("ignore:flock not supported")
 def test_on_a_file_system_without_locks_nobody_is_kept_out(tmp_path, monkeypatch):
     fcntl = pytest.importorskip("fcntl", reason="this system has no flock that could be missing")
 
