@@ -37,6 +37,12 @@ class OfEngine:
         """Our engine is chosen."""
         return context.engine == ENGINE
 
+    def split_layout(self) -> bpy.types.UILayout:
+        """Where names stand to the left of values, without dots for key frames."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        return layout
+
 
 class DOGSPLAT_PT_render(OfEngine, bpy.types.Panel):
     """The settings of our engine."""
@@ -47,8 +53,7 @@ class DOGSPLAT_PT_render(OfEngine, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """What is sent, and how the picture is handed to the view transform."""
-        layout, settings = self.layout, context.scene.dogsplat
-        layout.use_property_split, layout.use_property_decorate = True, False
+        layout, settings = self.split_layout(), context.scene.dogsplat
         layout.prop(settings, "send")
         if settings.send == "SCENE":
             layout.prop(settings, "samples")
@@ -66,8 +71,7 @@ class DOGSPLAT_PT_passes(OfEngine, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Beside Combined and Alpha, which are always there."""
-        layout = self.layout
-        layout.use_property_split, layout.use_property_decorate = True, False
+        layout = self.split_layout()
         for name in SETTINGS.values():
             layout.prop(context.view_layer, name)
 
@@ -81,9 +85,7 @@ class DOGSPLAT_PT_override(OfEngine, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Splats keep their colors."""
-        layout = self.layout
-        layout.use_property_split, layout.use_property_decorate = True, False
-        layout.prop(context.view_layer, "material_override")
+        self.split_layout().prop(context.view_layer, "material_override")
 
 
 class DOGSPLAT_PT_film(OfEngine, bpy.types.Panel):
@@ -95,8 +97,7 @@ class DOGSPLAT_PT_film(OfEngine, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """The filter is that of a sensor, which splats alone have none of."""
-        layout, render = self.layout, context.scene.render
-        layout.use_property_split, layout.use_property_decorate = True, False
+        layout, render = self.split_layout(), context.scene.render
         layout.prop(render, "film_transparent", text="Transparent")
         if context.scene.dogsplat.send == "SCENE":
             layout.prop(render, "filter_size")
@@ -117,5 +118,4 @@ class DOGSPLAT_PT_visibility(OfEngine, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Holdout is in Blender's own panel."""
-        self.layout.use_property_split = True
-        self.layout.prop(context.object, "visible_camera", text="Camera")
+        self.split_layout().prop(context.object, "visible_camera", text="Camera")

@@ -54,8 +54,10 @@ def write_model(
     silent = chosen is SPZ and spz_version == 4 and bool(model.drawing.linear)  # its header has no room for a comment
     lost = what_is_lost(replace(SPZ, brightest=BRIGHTEST) if silent else chosen, model)
     if silent:
-        unit, by_hand = ("", "give it by hand, or ") if not model.drawing.white else (" and in units of white", "")
-        lost.append(f"SPZ 4 cannot say that its colours are linear{unit}; {by_hand}write version 3")
+        if model.drawing.white:
+            lost.append("SPZ 4 cannot say that its colours are linear and in units of white; write version 3")
+        else:
+            lost.append("SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3")
     if not chosen.cuts:
         splats = whole(splats)
     if splats.n_slopes and not chosen.slopes:

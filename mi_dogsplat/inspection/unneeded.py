@@ -119,7 +119,6 @@ def largest_alphas(splats: Splats) -> Array:
     return found
 
 
-
 def _finite(splats: Splats) -> Array:
     """[N] whether the engine takes the parameters: all are finite, but opacities may be those of ±∞."""
     dense = (splats.means, splats.log_scales, splats.quats, splats.sh_coeffs)

@@ -11,7 +11,7 @@ from ..render.picture_options import NEAR, Antialiased, Background, Downscale
 from ..support.memory import bytes_of
 from ..support.settings import Setting, check_settings, refuse
 from .presets import RECIPES
-from .target import REMEDY, checked_target, target_bytes
+from .target import REMEDY, checked_target, require_below_cap, target_bytes
 
 FROM_RECIPE: Any = None  # a default that the preset decides on when the configuration is made
 PRUNING_PRESETS = "use " + " or ".join(name for name in RECIPES if RECIPES[name].pruning)
@@ -118,9 +118,8 @@ class TrainConfig:
             refuse("target", str(error), REMEDY)
         if self.target_bytes is not None:
             self.require_pruning()
-        elif self.max_primitives is not None and float(self.target) >= self.max_primitives:
-            problem = f"{self.target:g} primitives are not fewer than --max-primitives {self.max_primitives}"
-            refuse("target", problem, "use a smaller target or a larger cap")
+        else:
+            require_below_cap("target", float(self.target), self.max_primitives)
 
     def _fill_from_recipe(self) -> None:
         recipe = RECIPES[self.preset]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 from ..support.memory import bytes_of
+from ..support.settings import refuse
 
 REMEDY = "use a ratio below 1 (0.1, 10%), a whole number of primitives (20000), or the size of the file (2MB)"
 
@@ -37,3 +38,10 @@ def target_bytes(target: float | str) -> int | None:
         return bytes_of(target) or None
     except ValueError:
         return None
+
+
+def require_below_cap(setting: str, target: float, max_primitives: int | None) -> None:
+    """Raise ``DataError``, which names the flag of a setting, for a count that is not below the cap of primitives."""
+    if max_primitives is not None and target >= max_primitives:
+        problem = f"{target:g} primitives are not fewer than --max-primitives {max_primitives}"
+        refuse(setting, problem, "use a smaller target or a larger cap")

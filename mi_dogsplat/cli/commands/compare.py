@@ -11,7 +11,7 @@ from ...compare.names import ALL, PUBLISHED, SETS, chosen
 from ...support.errors import DataError
 from ...support.variants import set_variant
 from ...training.config import TrainConfig
-from ...training.target import checked_target
+from ...training.target import checked_target, require_below_cap
 from ..errors import resumable
 from ..flags import DATA_HELP, add_settings, training_config
 from ..printing import say
@@ -103,9 +103,7 @@ def _more_targets(given: Sequence[str], config: TrainConfig) -> list[float]:
     """Targets beside that of ``config``, in their order. Raises ``DataError`` for those above its cap."""
     targets = [_counted("--more-targets", target) for target in given]
     for target in targets:
-        if config.max_primitives is not None and target >= config.max_primitives:
-            problem = f"{target:g} primitives are not fewer than --max-primitives {config.max_primitives}"
-            raise DataError("--more-targets", problem, "use a smaller one or a larger cap")
+        require_below_cap("more_targets", target, config.max_primitives)
     return [target for target in targets if target != config.target]
 
 

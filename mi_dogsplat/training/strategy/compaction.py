@@ -48,8 +48,7 @@ class Compaction(Strategy[Compacted]):
 
     def new_state(self, t: Training) -> Compacted:
         """Raises ``DataError`` where the file of a single primitive in its mean colour is too large."""
-        one = t.optimizer.to_splats().select([0]).plain().without_slopes().without_cuts().uniform_sh(0)
-        if self.kind.size(self.kind.foreseen(one)) > self.size:
+        if self.kind.size(self.kind.foreseen(one_gaussian())) > self.size:
             raise self._nothing_fits(self.size)
         return Compacted()
 
@@ -144,6 +143,12 @@ class Compaction(Strategy[Compacted]):
     def _nothing_fits(self, budget: int) -> DataError:
         problem = f"no primitive fits into {budget} bytes of {self.kind.name}"
         return DataError("--target", problem, "use a larger size")
+
+
+def one_gaussian() -> Splats:
+    """The least that a file may hold: one primitive in its mean colour."""
+    place, colour = np.zeros((1, 3)), np.zeros((1, 1, 3))
+    return Splats(place, place, np.array([[0.0, 0, 0, 1]]), np.zeros(1), colour)
 
 
 def with_rows(splats: Splats, groups: Sequence[RowGroup]) -> Splats:
