@@ -27,6 +27,12 @@ def shared_panels() -> Iterator[type[bpy.types.Panel]]:
             yield panel
 
 
+def split(layout: bpy.types.UILayout) -> bpy.types.UILayout:
+    """The layout with names to the left of values, and no dots for key frames."""
+    layout.use_property_split, layout.use_property_decorate = True, False
+    return layout
+
+
 class OfEngine:
     """A panel that stands where those of every engine do, while ours is chosen."""
 
@@ -36,12 +42,6 @@ class OfEngine:
     def poll(cls, context: bpy.types.Context) -> bool:
         """Our engine is chosen."""
         return context.engine == ENGINE
-
-    def split_layout(self) -> bpy.types.UILayout:
-        """Where names stand to the left of values, without dots for key frames."""
-        layout = self.layout
-        layout.use_property_split, layout.use_property_decorate = True, False
-        return layout
 
 
 class DOGSPLAT_PT_render(OfEngine, bpy.types.Panel):
@@ -53,7 +53,7 @@ class DOGSPLAT_PT_render(OfEngine, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """What is sent, and how the picture is handed to the view transform."""
-        layout, settings = self.split_layout(), context.scene.dogsplat
+        layout, settings = split(self.layout), context.scene.dogsplat
         layout.prop(settings, "send")
         if settings.send == "SCENE":
             layout.prop(settings, "samples")
@@ -71,7 +71,7 @@ class DOGSPLAT_PT_passes(OfEngine, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Beside Combined and Alpha, which are always there."""
-        layout = self.split_layout()
+        layout = split(self.layout)
         for name in SETTINGS.values():
             layout.prop(context.view_layer, name)
 
@@ -85,7 +85,7 @@ class DOGSPLAT_PT_override(OfEngine, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Splats keep their colors."""
-        self.split_layout().prop(context.view_layer, "material_override")
+        split(self.layout).prop(context.view_layer, "material_override")
 
 
 class DOGSPLAT_PT_film(OfEngine, bpy.types.Panel):
@@ -97,7 +97,7 @@ class DOGSPLAT_PT_film(OfEngine, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """The filter is that of a sensor, which splats alone have none of."""
-        layout, render = self.split_layout(), context.scene.render
+        layout, render = split(self.layout), context.scene.render
         layout.prop(render, "film_transparent", text="Transparent")
         if context.scene.dogsplat.send == "SCENE":
             layout.prop(render, "filter_size")
@@ -118,4 +118,4 @@ class DOGSPLAT_PT_visibility(OfEngine, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Holdout is in Blender's own panel."""
-        self.split_layout().prop(context.object, "visible_camera", text="Camera")
+        split(self.layout).prop(context.object, "visible_camera", text="Camera")

@@ -22,7 +22,7 @@ from mi_dogsplat.viewer.source import Source  # noqa: E402
 
 WAIT_SECONDS = 90.0
 SIZE = 1000, 700
-SHOWN = slice(160, -100), slice(None, 650)  # of a screenshot: panel, messages and axes are elsewhere
+SHOWN = slice(60, -100), slice(330, 650)  # of a screenshot: beside the panel and messages, whatever the fonts
 
 
 def wait_for(condition: Callable[[], bool]) -> bool:
