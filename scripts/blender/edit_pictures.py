@@ -22,10 +22,10 @@ SIZE = 300
 LABELS = {
     "imported": "imported",
     "box": "crop by a box",
-    "sphere": "by a sphere, inverted",
-    "mesh": "by a mesh (a cone)",
-    "size": "only small ones",
-    "count": "the 10,000 most important",
+    "sphere": "crop by a sphere, inverted",
+    "mesh": "crop by a mesh (a cone)",
+    "size": "limits: small splats alone",
+    "count": "limits: the 10,000 most important",
     "erase": "painted: erased",
     "tint": "painted: tinted",
 }
@@ -155,11 +155,12 @@ def outside(python: str, model: str, work: Path) -> None:
     sys.path.insert(0, str(ROOT))
     import mi_dogsplat  # noqa: F401
     from mi_dogsplat.render.framing import automatic_camera
+    from mi_dogsplat.render.panels import labelled
     from mi_dogsplat.scene.camera_file import write_camera
     from mi_dogsplat.scene.ply import read_ply
     from PIL import Image, ImageDraw
 
-    from scripts.pictures.panels import labelled, write_rows
+    from scripts.pictures.panels import write_rows
 
     work.mkdir(parents=True, exist_ok=True)
     camera = automatic_camera(read_ply(Path(model)))

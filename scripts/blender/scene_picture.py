@@ -103,9 +103,8 @@ def chequered():
 
 def outside(python: str, work: Path, out: Path, frames: int) -> None:
     """Render by both engines, and put the frames side by side."""
+    from mi_dogsplat.render.panels import labelled
     from PIL import Image
-
-    from scripts.pictures.panels import labelled
 
     work.mkdir(parents=True, exist_ok=True)
     for engine in ENGINES:

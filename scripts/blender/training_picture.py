@@ -129,9 +129,8 @@ def textured(kind: str, low, high, scale: float, roughness: float):
 
 def outside(python: str, work: Path, out: Path, steps: int) -> None:
     """Have it made, put the panels side by side, and print the figures."""
+    from mi_dogsplat.render.panels import labelled
     from PIL import Image
-
-    from scripts.pictures.panels import labelled
 
     work.mkdir(parents=True, exist_ok=True)
     if not (work / "back_model.png").exists():

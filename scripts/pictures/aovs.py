@@ -14,13 +14,14 @@ from mi_dogsplat.engine.aovs import AOVS, options_for
 from mi_dogsplat.engine.parameters import upload
 from mi_dogsplat.engine.rasterize import RasterOptions
 from mi_dogsplat.render.framing import automatic_camera
+from mi_dogsplat.render.panels import labelled
 from mi_dogsplat.render.picture import Picture, render_picture
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import read_ply
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.support.pictures import heat_map
 
-from .panels import labelled, write_rows
+from .panels import write_rows
 
 ROOT = Path(__file__).parents[2]
 MODEL = ROOT.parent / "shared" / "data" / "models" / "playbot_lod2_sh2.ply"

@@ -14,11 +14,12 @@ from typing import Any
 import mi_dogsplat  # noqa: F401  before Mitsuba: it chooses the LLVM
 import mitsuba as mi
 import numpy as np
+from mi_dogsplat.render.panels import labelled
 from mi_dogsplat.support.srgb import linear_to_srgb
 
 from benchmarks.tracing.lit_scenes import INDOORS, LIGHT, SCENES, SHADE, loaded, of_meshes, picture
 
-from .panels import labelled, write_rows
+from .panels import write_rows
 
 WIDTH, HEIGHT, SPP = 360, 270, 48  # of a panel
 STUDIO = (128, 256)  # pixels of the environment map
@@ -69,7 +70,7 @@ def shade() -> None:
     """Write docs/pictures/dogpath_shade.png."""
     scene, size = loaded(SHADE), (WIDTH, HEIGHT)
     panels = []
-    for shadows, text in ((False, "the model keeps its light"), (True, "mesh_shadows")):
+    for shadows, text in ((False, "the model keeps its light"), (True, "mesh_shadows: the board takes some")):
         scene.integrator().mesh_shadows = shadows
         panels.append((picture(scene, SPP, size), text))
     panels.append((picture(of_meshes(SHADE), 4 * SPP, size), "the meshes that the model was trained from"))

@@ -16,10 +16,11 @@ import mitsuba as mi
 import numpy as np
 from mi_dogsplat.datasets.capture import capture
 from mi_dogsplat.datasets.capture_config import CaptureConfig
+from mi_dogsplat.render.panels import labelled
 from mi_dogsplat.support.pictures import heat_map
 from mi_dogsplat.support.srgb import linear_to_srgb
 
-from .panels import labelled, write_rows
+from .panels import write_rows
 
 SCENES = Path(__file__).parents[2] / "scenes"
 WIDTH, HEIGHT = 360, 270  # pixels of a panel
