@@ -20,7 +20,7 @@ ENGINES = (
     ("CYCLES", "QUADS", "Cycles"),
     ("EEVEE", "QUADS", "EEVEE: no negative lobes"),
 )
-GAIN = 5  # of the differences
+HEAT = 0.1  # mean difference of the channels that is shown as white
 
 
 def inside(job: dict) -> None:
@@ -37,8 +37,11 @@ def outside(python: str, model: str, data: str, downscale: int, work: Path, out:
     """Render what is missing, write ``blender_dog.png``, print the figures."""
     sys.path.insert(0, str(ROOT))
     from mi_dogsplat.datasets import load_dataset
+    from mi_dogsplat.render.panels import labelled
     from mi_dogsplat.scene.camera_file import write_camera
-    from PIL import Image
+    from mi_dogsplat.support.pictures import heat_map
+
+    from scripts.pictures.panels import write_rows
 
     work.mkdir(parents=True, exist_ok=True)
     camera, ours = work / "camera.json", work / "ours.png"
@@ -53,28 +56,20 @@ def outside(python: str, model: str, data: str, downscale: int, work: Path, out:
         if not target.exists():
             subprocess.run([python, __file__, "inside", json.dumps(job)], check=True, stdin=subprocess.DEVNULL)
         pictures.append((label, _read(target)))
-    columns = []
-    for label, picture in pictures:
-        error = picture - pictures[0][1]
-        if error.any():
-            print(f"{label}: {-10 * np.log10(np.mean(error**2)):.2f} dB")
-        below = np.clip(0.5 + GAIN * error, 0, 1) if label != "dogsplat" else np.full_like(picture, 0.5)
-        columns.append(_labelled(label, np.concatenate([picture, below])))
-    Image.fromarray(np.round(255 * np.concatenate(columns, axis=1)).astype(np.uint8)).save(out / "blender_dog.png")
+    exact, differences = pictures[0][1], []
+    for label, picture in pictures[1:]:
+        error = picture - exact
+        print(f"{label}: {-10 * np.log10(np.mean(error**2)):.2f} dB, {error.mean():+.5f} brighter")
+        seen = heat_map(np.minimum(np.abs(error).mean(axis=-1) / HEAT, 1))
+        differences.append((f"{label.partition(':')[0]}: difference, white from {HEAT} on", seen))
+    row = [labelled(picture, label) for label, picture in pictures + differences]
+    write_rows("blender_dog.png", [row], out)
 
 
 def _read(path: Path) -> np.ndarray:
     from PIL import Image
 
     return np.asarray(Image.open(path).convert("RGB"), np.float64) / 255
-
-
-def _labelled(text: str, picture: np.ndarray) -> np.ndarray:
-    from PIL import Image, ImageDraw
-
-    strip = Image.new("RGB", (picture.shape[1], 18), "white")
-    ImageDraw.Draw(strip).text((4, 3), text, fill="black")
-    return np.concatenate([np.asarray(strip) / 255, picture])
 
 
 if __name__ == "__main__":
