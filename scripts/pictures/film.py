@@ -12,11 +12,12 @@ import mitsuba as mi
 import numpy as np
 from mi_dogsplat.film.film_config import FilmConfig
 from mi_dogsplat.film.make import make_film
-from mi_dogsplat.support.pictures import write_png
+from mi_dogsplat.render.panels import labelled
 from mi_dogsplat.support.variants import set_variant
 
+from .panels import write_rows
+
 MODEL = Path("../shared/data/models/playbot_lod2_sh2.ply")
-OUT = Path("docs/pictures/film.png")
 FRAMES, SIZE = 6, (240, 180)
 KEYS = {
     "up": [0, -1, 0],
@@ -28,11 +29,11 @@ KEYS = {
 }
 
 
-def strip(folder: Path, config: FilmConfig) -> np.ndarray:
-    """The frames of a film side by side, [H, n W, 3]."""
-    made = make_film(MODEL, folder, config=config)
-    frames = [np.array(mi.Bitmap(str(folder / f"{i:04d}.png")))[..., :3] for i in range(made.n_frames)]
-    return np.concatenate(frames, axis=1) / 255
+def frames(folder: Path, config: FilmConfig, texts: list[str]) -> list[np.ndarray]:
+    """Those of a film, each with its text."""
+    make_film(MODEL, folder, config=config)
+    pictures = (np.array(mi.Bitmap(str(folder / f"{i:04d}.png")))[..., :3] / 255 for i in range(FRAMES))
+    return [labelled(picture, text) for picture, text in zip(pictures, texts, strict=True)]
 
 
 def main() -> None:
@@ -42,8 +43,14 @@ def main() -> None:
         top = Path(name)
         (top / "keys.json").write_text(json.dumps(KEYS))
         how = {"seconds": 1.0, "fps": FRAMES, "size": SIZE}
-        rows = [strip(top / "orbit", FilmConfig(**how)), strip(top / "keys", FilmConfig(str(top / "keys.json"), **how))]
-    write_png(OUT, np.concatenate(rows))
+        turn = [f"orbit, {360 * i // FRAMES} degrees" for i in range(FRAMES)]
+        end = KEYS["keys"][-1]["time"]
+        way = [f"path, {end * i / (FRAMES - 1):.1f} of {end} s" for i in range(FRAMES)]
+        rows = [
+            frames(top / "orbit", FilmConfig(**how), turn),
+            frames(top / "keys", FilmConfig(str(top / "keys.json"), **how), way),
+        ]
+    write_rows("film.png", rows)
 
 
 if __name__ == "__main__":
