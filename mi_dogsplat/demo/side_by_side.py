@@ -8,17 +8,19 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..render.panels import labelled
 from ..support.pictures import write_png
 from ..support.srgb import linear_to_srgb
 
 PICTURE_SIZE = (640, 480)  # of each half, in pixels
 PICTURE_SPP = 256
+LETTERS = 24  # their size
 
 
-def write_truth_and_model(scene_file: Path, model: Path, out: Path) -> None:
+def write_truth_and_model(scene_file: Path, model: Path, out: Path, text: str) -> None:
     """A PNG with two pictures from the first sensor of a scene: path-traced, and a model of it, both over white.
 
-    Neither was a training view, and both are larger.
+    Neither was a training view, and both are larger. ``text`` says what the model is.
     """
     truth = mi.load_file(str(scene_file))
     seen: Any = mi.traverse(truth.sensors()[0])
@@ -37,5 +39,6 @@ def write_truth_and_model(scene_file: Path, model: Path, out: Path) -> None:
     )
     traced = np.array(mi.render(truth, sensor=view, spp=PICTURE_SPP))  # [H, W, 4] premultiplied
     splatted = np.array(mi.render(splats, sensor=view))[..., :3]  # [H, W, 3]
-    halves = [linear_to_srgb(traced[..., :3] + 1 - traced[..., 3:]), linear_to_srgb(splatted)]
-    write_png(out, np.concatenate(halves, axis=1))
+    over_white = traced[..., :3] + 1 - traced[..., 3:]
+    halves = {"path-traced truth": linear_to_srgb(over_white), text: linear_to_srgb(splatted)}
+    write_png(out, np.concatenate([labelled(half, name, LETTERS) for name, half in halves.items()], axis=1))

@@ -51,7 +51,8 @@ def tour(out: Path, steps: int, target: int, views: int, size: int, picture: Pat
     with Bar("step") as bar:
         metrics = train(config, run, lambda row: bar.show(row["step"], steps, n=row["n"]))
     print(metrics_line(metrics["test"]))
-    print(f"{metrics['n']:,} primitives, {metrics['n_dog']:,} of them DoG, {metrics['bytes'] / 1e6:.1f} MB")
+    megabytes = f"{metrics['bytes'] / 1e6:.1f} MB"
+    print(f"{metrics['n']:,} primitives, {metrics['n_dog']:,} of them DoG, {megabytes}")
     print("3/3  the path-traced truth beside the model")
-    write_truth_and_model(scene, run / MODEL, picture)
+    write_truth_and_model(scene, run / MODEL, picture, f"{metrics['n']:,} splats, {megabytes}")
     print(f"look at {picture}, open {run / REPORT}")
