@@ -134,10 +134,11 @@ def pose() -> None:
     texts = ["{}: {:.2g} units, {:.2g} degrees off".format(name, *at) for name, at in
              (("start", history[0]), ("found", history[-1]))]
     write_rows("pose.png", [
-        [labelled(target, "the photograph"), labelled(first, texts[0]), labelled(last, texts[1])],
-        [labelled(0.5 * (target + first), "photograph and start, one over the other"),
-         *(labelled(heat_map(np.minimum(np.abs(p - target).mean(-1) / ERROR, 1)), text)
-           for p, text in ((first, "difference before, white from 0.25 on"), (last, "difference after")))],
+        [labelled(target, "to be found: from the scene's own camera"), labelled(first, texts[0]),
+         labelled(last, texts[1])],
+        [labelled(0.5 * (target + first), "that and the start, one over the other"),
+         *(labelled(heat_map(np.minimum(np.abs(p - target).mean(-1) / ERROR, 1)), f"{text}, white from {ERROR} on")
+           for p, text in ((first, "difference before"), (last, "difference after")))],
     ])
 
 
