@@ -1,0 +1,72 @@
+"""The pictures of docs/slopes.md and docs/cuts.md: a part of a test view by two methods, by the second without what it
+adds, and the photograph.
+
+    dogsplat compare ../shared/data/bonsai -o DIR --downscale 2 --steps 7000 --max-primitives 100000 \\
+        --max-world-scale inf --only ours ours_slopes ours_cuts
+    python -m scripts.pictures.switched_off DIR ../shared/data/bonsai
+"""
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import mi_dogsplat  # noqa: F401  before Mitsuba: it chooses the LLVM
+import numpy as np
+from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.formats.read import read_model
+from mi_dogsplat.render.panels import labelled
+from mi_dogsplat.render.picture import photograph, picture_of
+from mi_dogsplat.report.run_folder import MODEL
+from mi_dogsplat.scene.drawing import drawn_as
+from mi_dogsplat.scene.splats import Splats
+from mi_dogsplat.support.variants import set_variant
+
+from .panels import write_rows
+
+DOWNSCALE, ZOOM = 2, 2
+WIDTH, HEIGHT = 180, 135  # pixels of the part
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A picture: what the second method has and the first has not, and the left upper corner of the part."""
+
+    methods: tuple[str, str]
+    adds: str
+    without: Callable[[Splats], Splats]
+    view: str
+    corner: tuple[int, int]  # x, y
+
+
+SHEETS = {
+    "slopes.png": Sheet(("ours", "ours_slopes"), "slopes", Splats.without_slopes, "DSCF5661", (220, 131)),
+    "cuts.png": Sheet(("ours_slopes", "ours_cuts"), "cuts", Splats.without_cuts, "DSCF5605", (0, 0)),
+}
+
+
+def main(comparison: Path, data: Path) -> None:
+    """Write both."""
+    views = {Path(view.name).stem: view for view in load_dataset(data, DOWNSCALE).test}
+    for name, sheet in SHEETS.items():
+        view, panels = views[sheet.view], {}
+        for method in sheet.methods:
+            model = read_model(comparison / data.name / "seed_0" / method / MODEL)
+            near_clip = drawn_as(model.drawing).near_clip
+            panels[method] = picture_of(model.splats, 0.0, near_clip)(view.camera).color
+            without = picture_of(sheet.without(model.splats), 0.0, near_clip)(view.camera).color
+        panels[f"the same, its {sheet.adds} switched off"] = without
+        panels["photograph"] = photograph(view, 0.0)
+        (x, y), (height, width) = sheet.corner, (HEIGHT, WIDTH)
+        parts = {text: panel[y : y + height, x : x + width] for text, panel in panels.items()}
+        write_rows(name, [[labelled(enlarged(part), text) for text, part in parts.items()]])
+
+
+def enlarged(part: np.ndarray) -> np.ndarray:
+    """Each pixel as a square."""
+    return part.repeat(ZOOM, axis=0).repeat(ZOOM, axis=1)
+
+
+if __name__ == "__main__":
+    set_variant("auto")
+    main(*map(Path, sys.argv[1:3]))
