@@ -20,6 +20,7 @@ from mi_dogsplat.engine.parameters import RAW
 from mi_dogsplat.measure.metrics import psnr
 from mi_dogsplat.plugin.ellipsoids import to_ellipsoids
 from mi_dogsplat.render.framing import automatic_camera
+from mi_dogsplat.render.panels import labelled
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.mitsuba_cameras import camera_from_mitsuba, camera_to_mitsuba
 from mi_dogsplat.scene.ply import read_ply
@@ -211,7 +212,8 @@ def main(argv: Sequence[str]) -> None:
         print(f"\n{name}, {splats.n_splats:,} primitives: PSNR {psnr(ours, traced):.2f} at pixel centres, "
               f"{psnr(ours, averaged):.2f} averaged over pixels")
         error = heat_map(np.clip(np.abs(ours - averaged).mean(2) / HEAT, 0, 1))
-        panels.append(np.concatenate([ours, averaged, error], axis=1))
+        texts = {"dogsplat": ours, "volprim_rf_basic, 64 samples": averaged, f"difference, white from {HEAT} on": error}
+        panels.append(np.concatenate([labelled(shown, text) for text, shown in texts.items()], axis=1))
         if not args.picture:
             hits(splats, camera)
             ladder(splats, camera)
