@@ -7,7 +7,7 @@ set -euo pipefail
 suite=$1
 root=$2
 shift 2
-packages=(blender ca-certificates fonts-dejavu-core imagemagick libegl-mesa0 libgl1-mesa-dri libglx-mesa0 openbox
+packages=(blender ca-certificates ffmpeg fonts-dejavu-core imagemagick libegl-mesa0 libgl1-mesa-dri libglx-mesa0 openbox
     python3-cattr python3-numpy python3-pytest python3-requests python3-zstandard xauth xdotool xvfb)
 
 [ -d "$root/usr" ] || debootstrap --variant=minbase "$suite" "$root" http://deb.debian.org/debian

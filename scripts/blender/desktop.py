@@ -20,12 +20,13 @@ Steps = Iterator[float]  # seconds until the next one
 
 
 def new_file() -> Steps:
-    """As Blender opens, without the cube."""
+    """As Blender opens, without the cube, and in the colours that models are trained in: AgX shows them paler."""
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
         bpy.ops.wm.read_homefile(app_template="")
     yield 3
     bpy.data.objects.remove(bpy.data.objects["Cube"])
     bpy.context.scene.eevee.taa_samples = 1  # a processor draws here
+    bpy.context.scene.view_settings.view_transform = "Standard"
 
 
 def area(kind: str) -> bpy.types.Area:

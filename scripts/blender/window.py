@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -45,19 +46,27 @@ def sidebar() -> Steps:
 
 
 def cropped(model: Path) -> None:
-    """In the viewport: a model, framed, and a crop by a sphere, which is selected."""
+    """In the viewport: a model, framed, and a crop by a sphere of half its size, which is selected."""
     bpy.ops.import_scene.dogsplat("EXEC_DEFAULT", True, filepath=str(model), up_axis="-Y")
     bpy.ops.view3d.view_selected()
     bpy.ops.dogsplat.add_crop("EXEC_DEFAULT", True, shape="SPHERE")
+    next(obj for obj in bpy.context.selected_objects if obj.type == "EMPTY").scale *= 0.5
 
 
 def menu(model: Path, run: Path) -> Steps:
-    """File > Import, with our two entries."""
+    """File > Import, with our entries, and the file dialog with the options of the import, in the home folder."""
+    shutil.copy(model, Path.home())
+    bpy.context.preferences.view.show_tooltips = False
     click(43, 33)
     yield 2
     click(77, 330)
+    yield 1
+    move(370, 518)
     yield from shot(OUT, "menu")
-    click(900, 850)
+    click(370, 518)
+    yield 3
+    yield from shot(OUT, "dialog")
+    key("Escape")
     yield 1
 
 
@@ -95,8 +104,6 @@ def editing(model: Path, run: Path) -> Steps:
     bpy.context.scene.dogsplat_follow_view = True
     with viewport():
         cropped(model)
-        crop = next(obj for obj in bpy.context.selected_objects if obj.type == "EMPTY")
-        crop.scale *= 0.5
         bpy.ops.dogsplat.add_limits("EXEC_DEFAULT", True)
     yield from sidebar()
     yield from shot(OUT, "editing", STILL_EEVEE)
@@ -148,6 +155,9 @@ def frame(model: Path, run: Path) -> Steps:
     yield 5
     while bpy.app.is_job_running("RENDER"):
         yield 1
+    move(600, 600)
+    yield 1
+    key("Home")  # View All
     yield from shot(OUT, "frame")
 
 
