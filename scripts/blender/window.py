@@ -158,6 +158,8 @@ def frame(model: Path, run: Path) -> Steps:
     move(600, 600)
     yield 1
     key("Home")  # View All
+    yield 1
+    key("ctrl+KP_2")  # two pixels for one
     yield from shot(OUT, "frame")
 
 

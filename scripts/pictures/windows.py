@@ -2,8 +2,8 @@
 
     python -m scripts.pictures.windows WORK [NAME ...]
 
-WORK is its folder, a NAME one of ``PARTS`` (default: all). A picture gets 256 colours: those that are most frequent, so
-that even greys stay even, and others that do justice to rare ones, such as the colours of icons.
+WORK is its folder, a NAME one of ``PARTS`` (default: all). A picture without photographs gets 256 colours: those that
+are most frequent, so that even greys stay even, and others that do justice to rare ones, such as the colours of icons.
 """
 
 import sys
@@ -18,6 +18,7 @@ from .panels import PICTURES
 EXACT, OTHERS = 96, 160  # colours: the most frequent, and others
 BIN = 4  # values of a channel that count as one, where the others are chosen
 GAP = 6  # white rows between parts
+PHOTOGRAPHIC = ("camera", "frame")  # these keep all colours
 WHOLE = (0, 20, 1600, 920)  # without the title and the status bar
 # by the name of the picture: names of window.py with the part of the display (left, upper, right, lower), stacked; size
 PARTS = {
@@ -26,7 +27,7 @@ PARTS = {
     "editing": ({"editing": (432, 85, 1312, 900)}, None),
     "training": ({"training": (331, 100, 1291, 850)}, None),
     "camera": ({"camera": WHOLE}, (1200, 675)),
-    "frame": ({"frame": WHOLE}, (1200, 675)),
+    "frame": ({"frame": (320, 20, 1600, 900)}, (1024, 704)),
     "german": ({"german": (432, 85, 1312, 900)}, None),
 }
 
@@ -43,7 +44,8 @@ def main(work: Path, names: list[str]) -> None:
             top += picture.height + GAP
         if size:
             sheet = sheet.resize(size, Image.Resampling.LANCZOS)
-        reduced(sheet).save(PICTURES / f"window_{name}.png", optimize=True)
+        sheet = sheet if name in PHOTOGRAPHIC else reduced(sheet)
+        sheet.save(PICTURES / f"window_{name}.png", optimize=True)
 
 
 def reduced(picture: Image.Image) -> Image.Image:
