@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from ..files.errors import FileError
@@ -12,6 +13,7 @@ from .json_object import KINDS, read_json_object
 from .transforms import read_transforms
 
 NOTED = Path("checkpoint", "inputs.json")  # in a run folder: where its data set was
+REFINED = Path("refined", "transforms.json")  # and the poses that it has found, where it was to refine them
 
 
 def read_cameras(path: str | Path, size_of: Callable[[Path], tuple[int, int]]) -> tuple[list[Camera], int]:
@@ -23,18 +25,7 @@ def read_cameras(path: str | Path, size_of: Callable[[Path], tuple[int, int]]) -
     if not path.exists():
         raise FileError(path, "no such file or folder", "check the path")
     if path.name == "config.json" or (path.is_dir() and (path / "config.json").is_file()):
-        config_file = path if path.is_file() else path / "config.json"
-        config = read_json_object(config_file)
-        remedy = "import the cameras from the data set itself"
-        if "data" not in config:
-            raise FileError(config_file, "does not name a data set", remedy)
-        data = next((place for place in _places(config_file.parent, str(config["data"])) if place.exists()), None)
-        if data is None:
-            raise FileError(config_file, 'its data set "{data}" is not there', remedy, data=config["data"])
-        downscale = config.get("downscale", 1)
-        if type(downscale) is not int or downscale < 1:
-            raise FileError(config_file, 'its "downscale" is no whole number above 0', remedy)
-        return read_cameras(data, size_of)[0], downscale
+        return _cameras_of_run(path if path.is_file() else path / "config.json", size_of)
     if path.is_file() and path.suffix in (".bin", ".txt"):
         path = path.parent
     if path.is_dir() and (model := find_model(path)):
@@ -48,6 +39,34 @@ def read_cameras(path: str | Path, size_of: Callable[[Path], tuple[int, int]]) -
             raise FileError(path, "no cameras found", KINDS)
         cameras = [camera for file in files for camera in read_transforms(file, size_of)]
     return sorted(cameras, key=lambda camera: camera.name), 1
+
+
+def _cameras_of_run(config_file: Path, size_of: Callable[[Path], tuple[int, int]]) -> tuple[list[Camera], int]:
+    """Those that a model was trained with: as the run has refined them, else as its data set has them."""
+    config, run = read_json_object(config_file), config_file.parent
+    remedy = "import the cameras from the data set itself"
+    downscale = config.get("downscale", 1)
+    if type(downscale) is not int or downscale < 1:
+        raise FileError(config_file, 'its "downscale" is no whole number above 0', remedy)
+    places = _places(run, str(config["data"])) if "data" in config else []
+    data = next((place for place in places if place.exists()), None)
+    if (run / REFINED).is_file():
+        cameras = read_cameras(run / REFINED, size_of)[0]
+        return (cameras if data is None else _with_photographs(cameras, data, size_of)), downscale
+    if not places:
+        raise FileError(config_file, "does not name a data set", remedy)
+    if data is None:
+        raise FileError(config_file, 'its data set "{data}" is not there', remedy, data=config["data"])
+    return read_cameras(data, size_of)[0], downscale
+
+
+def _with_photographs(cameras: list[Camera], data: Path, size_of: Callable[[Path], tuple[int, int]]) -> list[Camera]:
+    """Cameras with the photographs of a data set where they have lost their own: a run that was moved names them as
+    seen from where it was."""
+    if all(camera.image for camera in cameras):
+        return cameras
+    images = {camera.name: camera.image for camera in read_cameras(data, size_of)[0]}
+    return [replace(camera, image=camera.image or images.get(camera.name)) for camera in cameras]
 
 
 def _places(run: Path, data: str) -> list[Path]:

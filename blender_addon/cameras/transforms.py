@@ -14,7 +14,8 @@ from .camera import OPENCV_FROM_OPENGL, Camera, camera_name, rigid
 from .json_object import KINDS, read_json_object
 
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG", ".webp")
-DISTORTIONS = ("k1", "k2", "k3", "k4", "p1", "p2")
+DISTORTIONS = ("k1", "k2", "k3", "k4", "p1", "p2")  # a fisheye bends rays even where all of them are 0
+NAME = "view_name"  # the package's: of a frame that is named otherwise than by its file, as where this lies elsewhere
 
 
 def read_transforms(path: Path, size_of: Callable[[Path], tuple[int, int]]) -> list[Camera]:
@@ -39,7 +40,8 @@ def read_transforms(path: Path, size_of: Callable[[Path], tuple[int, int]]) -> l
 
 def _transforms_camera(path: Path, frame: dict[str, Any], size_of: Callable[[Path], tuple[int, int]]) -> Camera:
     name = str(frame["file_path"])
-    if frame.get("is_fisheye") or any(float(frame.get(key, 0)) for key in DISTORTIONS):
+    fisheye = frame.get("is_fisheye") or "FISHEYE" in str(frame.get("camera_model", ""))
+    if fisheye or any(float(frame.get(key, 0)) for key in DISTORTIONS):
         raise FileError(path, '"{name}" has lens distortion', "undistort the images first", name=name)
     image = path.parent / name.replace("\\", "/")
     image = next((f for e in EXTENSIONS if (f := image.with_name(image.name + e)).is_file()), image)
@@ -55,4 +57,5 @@ def _transforms_camera(path: Path, frame: dict[str, Any], size_of: Callable[[Pat
         raise FileError(path, '"{name}" has no focal length or no size', remedy, name=name)
     cx, cy = float(frame.get("cx", width / 2)), float(frame.get("cy", height / 2))
     w2c = OPENCV_FROM_OPENGL @ np.linalg.inv(rigid(path, name, frame["transform_matrix"]))
-    return Camera(camera_name(name), w2c, fx, fy, cx, cy, width, height, image if image.is_file() else None)
+    called = camera_name(str(frame.get(NAME, name)))
+    return Camera(called, w2c, fx, fy, cx, cy, width, height, image if image.is_file() else None)

@@ -203,7 +203,14 @@ def test_text_and_binary_models_of_colmap_are_the_same(shared, tmp_path):
             '{"frames": [{"file_path": "a", "transform_matrix": [[1]], "w": 1, "h": 1, "fl_x": 1}]}',
             "pose",
         ),
+        (
+            "transforms.json",
+            '{"frames": [{"file_path": "a", "transform_matrix": [[1]], "w": 1, "h": 1, "fl_x": 1, '
+            '"camera_model": "OPENCV_FISHEYE", "k1": 0}]}',
+            "lens distortion",
+        ),
         ("config.json", '{"data": "/nowhere"}', "/nowhere"),
+        ("config.json", '{"downscale": 2}', "data set"),
         ("config.json", '{"data": "/", "downscale": "x"}', "downscale"),
         ("config.json", '{"data": "/", "downscale": 0}', "downscale"),
     ],
