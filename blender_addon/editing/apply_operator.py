@@ -5,9 +5,9 @@ from __future__ import annotations
 import bpy
 
 from ..files.errors import told
-from ..nodes.modifier import edit_modifiers, splat_modifier
+from ..nodes.modifier import edit_modifiers
 from ..objects.attributes import can_edit
-from .applied import applied_meshes
+from .applied import applied_meshes, applied_modifiers
 from .stand_in import finish_painting
 
 
@@ -29,9 +29,7 @@ def _replace(obj: bpy.types.Object, mesh: bpy.types.Mesh) -> None:
     """Give an object a mesh in which its edits are applied."""
     old, name = obj.data, obj.data.name
     obj.data = mesh
-    drawing = splat_modifier(obj)
-    place = len(obj.modifiers) if drawing is None else obj.modifiers.find(drawing.name)
-    for modifier in [m for m in obj.modifiers[:place] if m.show_viewport]:
+    for modifier in applied_modifiers(obj):
         obj.modifiers.remove(modifier)
     if not old.users:
         bpy.data.meshes.remove(old)
