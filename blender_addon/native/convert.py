@@ -119,5 +119,4 @@ def _copy_attributes(source: Geometry, target: Geometry, but: tuple[str, ...] = 
         name, kind = attribute.name, attribute.data_type
         fits = attribute.domain == "POINT" and kind in POINT_FIELDS and not name.startswith(".")
         if fits and name not in target.attributes and name not in but:
-            width = (POINT_FIELDS[kind][1] or (1,))[0]
-            put_column(target, name, get_column(source, name, width), kind)
+            put_column(target, name, get_column(source, name, POINT_FIELDS[kind][1]), kind)

@@ -6,11 +6,9 @@ that everything but the drawing runs.
 
 from types import SimpleNamespace
 
-import addon_utils
 import bpy
 import numpy as np
 import pytest
-from bpy.props import EnumProperty
 from drawn_panels import NO_CAMERA, Layout
 from edits import PLACED, TURN, cropped, local
 from model_files import datablocks, export, load
@@ -29,24 +27,6 @@ from blender_addon.objects.columns import get_column, put_column
 from blender_addon.objects.feature import is_available
 from blender_addon.package.served import RendererError
 from blender_addon.panel import DOGSPLAT_PT_panel
-
-TYPES = (("POINTS", "Points", ""), ("GAUSSIAN_SPLAT", "3D Gaussian Splats", ""))
-
-
-@pytest.fixture
-def native():
-    """Point clouds with types, as from 5.3 on."""
-    if is_available():
-        yield
-        return
-    if "resize" not in bpy.types.PointCloud.bl_rna.functions:
-        pytest.skip("point clouds get points from Python since Blender 5.2, and are drawn as Gaussians since 5.3")
-    bpy.types.PointCloud.type = EnumProperty(items=TYPES)
-    addon_utils.disable("blender_addon")
-    addon_utils.enable("blender_addon")
-    yield
-    del bpy.types.PointCloud.type
-    addon_utils.disable("blender_addon")  # the next test enables it without them
 
 
 def column(obj, name, width):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import bpy
 import pytest
+from native_splats import native  # noqa: F401  (a fixture)
 from package_command import COMMAND
 from references import REFERENCES
 from training_scene import subject  # noqa: F401  (a fixture)
