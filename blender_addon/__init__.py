@@ -13,6 +13,7 @@ from .engine import panels as engine_panels
 from .engine import settings as engine_settings
 from .import_export import export_operators, import_operator
 from .native import operators as native_operators
+from .nodes import suited
 from .objects import following
 from .package import renderers
 from .scene import written_images
@@ -73,6 +74,7 @@ def register() -> None:
     for menu, draw in panel.OBJECT_MENUS:
         getattr(bpy.types, menu).append(draw)
     bpy.app.handlers.depsgraph_update_post.append(following.follow)
+    suited.register()
     written_images.register()
     handlers.register()
     train_operator.register()
@@ -88,6 +90,7 @@ def unregister() -> None:
     train_operator.unregister()
     handlers.unregister()
     written_images.unregister()
+    suited.unregister()
     bpy.app.handlers.depsgraph_update_post.remove(following.follow)
     for menu, draw in reversed(panel.OBJECT_MENUS):
         getattr(bpy.types, menu).remove(draw)

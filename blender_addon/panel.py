@@ -13,10 +13,11 @@ from .nodes.crop import NAME as CROP
 from .nodes.limits import NAME as LIMITS
 from .nodes.modifier import SHOWN, edit_modifiers, has_input, input_property, splat_modifier, tree_name
 from .nodes.paint import NAME as PAINT
+from .nodes.suited import is_suited
 from .objects.attributes import can_edit, has_any, is_native, is_splats
 from .objects.conventions import DOG_COUNT, SOURCE
 from .objects.feature import is_available
-from .objects.working_space import OURS, working_space
+from .objects.working_space import is_converted
 
 EDITED = {
     CROP: ("Shape", "Object", "Invert"),
@@ -69,8 +70,10 @@ class DOGSPLAT_PT_panel(bpy.types.Panel):
         if modifier is None:
             column.label(text="No splat modifier: import the model again", icon="ERROR")
             return
-        if working_space() != OURS:
-            column.label(text="Splats need the working space Linear Rec.709", icon="ERROR")
+        if is_converted(obj):
+            column.label(text="Working space changed: import the model again", icon="ERROR")
+        elif not is_suited(obj):
+            column.label(text="Blender draws colors of another working space", icon="ERROR")
         column = layout.column()
         for name in (name for name in SHOWN if has_input(modifier, name)):
             column.prop(*input_property(modifier, name), text=name)

@@ -8,6 +8,7 @@ from bpy.props import EnumProperty
 from ..nodes.modifier import add_edit_modifier, edit_modifiers, has_input, set_input
 from ..nodes.paint import NAME as PAINT
 from ..nodes.paint import paint_tree
+from ..nodes.space import space_of
 from ..objects.attributes import can_edit, is_splats
 from ..objects.conventions import light_of
 from .stand_in import build_stand_in, finish_painting, show_stand_in, stand_in_of
@@ -44,7 +45,7 @@ class DOGSPLAT_OT_paint(bpy.types.Operator):
             except ValueError as error:
                 self.report({"ERROR"}, str(error))
                 return {"CANCELLED"}
-            modifiers = edit_modifiers(obj, PAINT) or [add_edit_modifier(obj, paint_tree(), first=True)]
+            modifiers = edit_modifiers(obj, PAINT) or [add_edit_modifier(obj, paint_tree(space_of(obj)), first=True)]
             set_input(modifiers[0], "Stand-In", stand_in)
             if has_input(modifiers[0], "Linear Light"):
                 set_input(modifiers[0], "Linear Light", light_of(obj).linear)

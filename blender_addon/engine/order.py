@@ -23,7 +23,7 @@ from ..files.said import Said
 from ..native.convert import drawing_of
 from ..nodes.tree import NEAR_CLIP
 from ..objects.conventions import light_of
-from ..objects.working_space import working_space_notes
+from ..objects.working_space import converted_notes
 from ..scene.export import Plugin
 from ..scene.sensor import sensor
 from ..scene.write import has_surroundings, write_scene
@@ -78,6 +78,7 @@ class _Splats:
     names: list[str] = field(default_factory=list)
     masks: list[str] = field(default_factory=list)
     near: list[float] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     antialiased: bool = False
 
 
@@ -133,7 +134,7 @@ def make_stage(
     request: dict[str, Any] = {"counts": [model.n_splats for model in splats.models]}
     request |= {"near_clip": max(splats.near, default=NEAR_CLIP), "antialiased": splats.antialiased}
     copies = copied_drawings(depsgraph, lambda owner: owner.name_full not in hidden)
-    files, notes = set(), [*working_space_notes(), *(told(COPIED, name=name) for name in copies)]
+    files, notes = set(), [*splats.notes, *(told(COPIED, name=name) for name in copies)]
     if getattr(depsgraph.view_layer, "world_override", None) is not None:  # from Blender 5.0 on
         notes.append(told("the view layer's override of the world is left out"))
     splats.models, light = in_common_light(splats.models, splats.lights)
@@ -186,6 +187,7 @@ def _gather(depsgraph: bpy.types.Depsgraph, hidden: frozenset[str]) -> _Splats:
         found.lights.append(light_of(obj))
         found.matrices.append(matrix)
         found.names.append(obj.name)
+        found.notes += [note for note in converted_notes([obj]) if note not in found.notes]
         found.masks.append(mask_of(owner, obj, depsgraph.view_layer))
     return found
 

@@ -8,7 +8,9 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ..files.light import Light
 from ..files.srgb import decoded, encoded
+from ..objects.working_space import from_working, to_working
 from ..scene.sockets import active_tree, output_of, source_of
 from .cryptomatte import float_of, key_of, manifest
 from .order import Order
@@ -88,20 +90,27 @@ def world_color(world: bpy.types.World | None) -> np.ndarray:
     return np.array(world.color)
 
 
+def background(scene: bpy.types.Scene, light: Light) -> np.ndarray:
+    """[3] behind splats alone, as they are blended: radiance where theirs is, sRGB values, or the values of a file."""
+    behind = world_color(scene.world)
+    if light.linear:
+        return from_working(behind)
+    return encoded(from_working(behind)) if scene.dogsplat_colors == "LINEAR" else behind
+
+
 def _combined(order: Order, picture: dict[str, np.ndarray], scene: bpy.types.Scene) -> np.ndarray:
     color, alpha = picture["color"], picture["alpha"][..., None]
     hole = picture["hole"][..., None] if "hole" in picture else 0.0  # of holdouts, behind which nothing shows
     if order.whole:
-        return np.concatenate([color, alpha], axis=2)
+        return np.concatenate([to_working(color), alpha], axis=2)
     linear = scene.dogsplat_colors == "LINEAR"
     if not scene.render.film_transparent:
-        behind = world_color(scene.world)
-        color = color + (1 - alpha - hole) * (encoded(behind) if linear and not order.light.linear else behind)
+        color = color + (1 - alpha - hole) * background(scene, order.light)
         alpha = np.ones_like(alpha) - hole
     if order.light.linear:
-        shown = color if linear else np.clip(encoded(color / order.light.white), 0, 1)
+        shown = to_working(color) if linear else np.clip(encoded(color / order.light.white), 0, 1)
     else:
-        shown = _radiance(color, 1 - hole) if linear else color
+        shown = to_working(_radiance(color, 1 - hole)) if linear else color
     return np.concatenate([shown, alpha], axis=2)
 
 

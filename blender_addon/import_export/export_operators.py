@@ -16,7 +16,7 @@ from ..files.light import in_common_light
 from ..files.model import concatenate
 from ..files.ply import write_ply
 from ..objects.conventions import import_matrix, light_of, metres_of_unit
-from ..objects.working_space import working_space_notes
+from ..objects.working_space import converted_notes
 from .exported import said_of_all
 
 
@@ -75,6 +75,6 @@ class DOGSPLAT_OT_export(bpy.types.Operator, ExportHelper):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         self.report({"INFO"}, told("{count:,} splats exported", count=model.n_splats))
-        for note in working_space_notes():
+        for note in converted_notes(objects):
             self.report({"WARNING"}, note)
         return {"FINISHED"}

@@ -26,7 +26,7 @@ from ..nodes.modifier import add_modifier, set_input
 from ..objects.attributes import write_attributes
 from ..objects.conventions import DOG_COUNT, UP_AXES, conversion, metres_of_unit, remember, remember_said
 from ..objects.feature import is_available
-from ..objects.working_space import working_space_notes
+from ..objects.working_space import remember_space
 from ..package.renderers import converted
 from ..preferences import command_of
 from ..translations import OWN
@@ -146,8 +146,6 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         counts += [told("{slopes:,} with slopes", slopes=slopes)] if slopes else []
         counts += [told("{cuts:,} with a cut", cuts=cuts)] if cuts else []
         self.report({"INFO"}, ", ".join(counts))
-        for note in working_space_notes():
-            self.report({"WARNING"}, note)
         return {"FINISHED"}
 
     def _placed(self, context: bpy.types.Context, path: Path, model: Model, said: Said) -> bpy.types.Object:
@@ -155,8 +153,7 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
         place = said if self.place else replace(said, up=None, scale=None)
         units = place.scale and place.scale / metres_of_unit(context.scene)
         up_axis, scale = self._choice("up_axis", place.up), self._choice("scale", units)
-        obj = build_object(context, path, model, conversion(up_axis, scale))
-        remember_said(obj, said)
+        obj = build_object(context, path, model, said, conversion(up_axis, scale))
         modifier = obj.modifiers[-1]
         if self.show_as != "NATIVE":
             set_input(modifier, "Show As", self.show_as.capitalize())
@@ -203,7 +200,7 @@ def _editable(context: bpy.types.Context) -> bpy.types.Collection:
     return chosen if chosen.library is None and chosen.override_library is None else context.scene.collection
 
 
-def build_object(context: bpy.types.Context, path: Path, model: Model, matrix: Matrix) -> bpy.types.Object:
+def build_object(context: bpy.types.Context, path: Path, model: Model, said: Said, matrix: Matrix) -> bpy.types.Object:
     """An object of a model in the active collection, with modifier and materials; after an error, nothing."""
     name = path.stem if path.stem != "point_cloud" else path.resolve().parent.name  # of a run folder
     mesh = bpy.data.meshes.new(name)
@@ -214,6 +211,8 @@ def build_object(context: bpy.types.Context, path: Path, model: Model, matrix: M
         write_attributes(mesh, model)
         obj.matrix_world = matrix
         remember(obj, str(path), CONVENTION, matrix)
+        remember_said(obj, said)
+        remember_space(obj)
         obj[DOG_COUNT] = int(model.is_dog.sum())
         _editable(context).objects.link(obj)
         add_modifier(obj)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import bpy
+import numpy as np
 
 from ..files.sh import C0, SH_TERMS
 from ..files.srgb import KNEE, LINEAR_KNEE, OFFSET, POWER, SCALE, SLOPE
 from ..objects.attributes import BASE, SH
+from ..objects.working_space import working_matrix
 from .builder import Tree, Value, Vector, arrange, new_group, wrap
 from .geometry import switch
 from .material import VERSION
@@ -14,19 +16,33 @@ from .material import VERSION
 LOW_PASS = 0.3  # px², so that no splat falls between the pixels, as in 3DGS
 NEAREST_LEVEL = 255.0  # opacities below 1/255 are not seen
 GEOMETRY = "GeometryNodeTree"
+SPACE = "dogsplat_space"  # of a group: the working space that it is for; without one it is Linear Rec.709
+RADIANCE = ", radiance"  # ends the name of the space where the group is for linear models
 
 
-def cached_group(name: str) -> bpy.types.NodeTree | None:
-    """The group of that name and of this version, if the file has it."""
-    key = f"{name} {VERSION}"
-    return next((g for g in bpy.data.node_groups if g.get("dogsplat") == key and not g.library), None)
+def cached_group(name: str, space: str = "") -> bpy.types.NodeTree | None:
+    """The group of that name, of this version and for that working space (``space.py``), if the file has it."""
+    return next((g for g in bpy.data.node_groups
+                 if is_current(g, name) and g.get(SPACE, "") == space and not g.library), None)  # fmt: skip
 
 
-def finish_group(tree: Tree, name: str) -> bpy.types.NodeTree:
+def is_current(group: bpy.types.NodeTree, name: str) -> bool:
+    """Whether it is the group of that name as this version makes it."""
+    return group.get("dogsplat") == f"{name} {VERSION}"
+
+
+def finish_group(tree: Tree, name: str, space: str = "") -> bpy.types.NodeTree:
     """Lay out a new group and mark it, so that it is found again."""
     arrange(tree.tree)
     tree.tree["dogsplat"] = f"{name} {VERSION}"
+    if space:
+        tree.tree[SPACE] = space
     return tree.tree
+
+
+def multiplied(tree: Tree, color: Vector, matrix: np.ndarray) -> Vector:
+    """A matrix [3, 3] times a colour."""
+    return tree.combine(*(color.dot(tuple(row)) for row in matrix.tolist()))
 
 
 def named_attribute(tree: Tree, name: str, kind: str = "FLOAT_VECTOR"):
@@ -41,10 +57,13 @@ def attribute_socket(tree: Tree, name: str, kind: str) -> bpy.types.NodeSocket:
     return node.outputs["Attribute"]
 
 
-def color_group() -> bpy.types.NodeTree:
-    """Colour of a splat seen in a direction: max(0, SH + 0.5), as sRGB values or made linear."""
+def color_group(space: str = "") -> bpy.types.NodeTree:
+    """Colour of a splat seen in a direction: max(0, SH + 0.5), as sRGB values or made linear.
+
+    Linear ones, and the radiance of linear models, are those of the working space.
+    """
     name = "DoG Splat color"
-    if existing := cached_group(name):
+    if existing := cached_group(name, space):
         return existing
     sockets = {"Direction": "NodeSocketVector", "SH Degree": "NodeSocketInt", "Linear": "NodeSocketBool"}
     tree, (direction, degree, linear), exit_node = new_group(name, GEOMETRY, sockets, {"Color": "NodeSocketVector"})
@@ -76,8 +95,13 @@ def color_group() -> bpy.types.NodeTree:
         assert total is not None
         color = color + total * (degree > band - 0.5)
     color = color.maximum((0.0, 0.0, 0.0))
-    tree.plug(exit_node.inputs[0], switch(tree, "VECTOR", linear, color, _srgb_to_linear(tree, color)))
-    return finish_group(tree, name)
+    decoded = _srgb_to_linear(tree, color)
+    if space:
+        decoded = multiplied(tree, decoded, working_matrix())
+    if space.endswith(RADIANCE):
+        color = multiplied(tree, color, working_matrix())
+    tree.plug(exit_node.inputs[0], switch(tree, "VECTOR", linear, color, decoded))
+    return finish_group(tree, name, space)
 
 
 def _srgb_to_linear(tree: Tree, color: Vector) -> Vector:

@@ -11,6 +11,7 @@ from .crop import SHAPES
 from .limits import NAME as LIMITS
 from .limits import ORDERS
 from .paint import NAME as PAINT
+from .space import space_of
 from .tree import NAME, SHOW, splat_tree
 
 EDITING = (CROP, LIMITS, PAINT)
@@ -38,9 +39,9 @@ VARIABLES = {  # path from the scene, and the value where the scene has no camer
 
 
 def add_modifier(obj: bpy.types.Object) -> bpy.types.Modifier:
-    """Give an object the splat modifier, with its drivers."""
+    """Give an object, whose light is known, the splat modifier with its drivers."""
     modifier = obj.modifiers.new(NAME, "NODES")
-    modifier.node_group = splat_tree()
+    modifier.node_group = splat_tree(space_of(obj))
     for name, expression in EXPRESSIONS.items():
         _drive(*input_property(modifier, name), expression)
     return modifier

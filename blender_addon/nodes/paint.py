@@ -9,12 +9,22 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ..files.sh import C0
 from ..objects.attributes import BASE, ERASE, PAINT_INDEX, SH, SLOPE_VECTORS, TINT
+from ..objects.working_space import working_matrix
 from .builder import Tree, Value, Vector, new_group, wrap
 from .geometry import delete, describe, has_attribute, has_object, store, switch
-from .groups import GEOMETRY, attribute_socket, cached_group, finish_group, linear_to_srgb, named_attribute
+from .groups import (
+    GEOMETRY,
+    attribute_socket,
+    cached_group,
+    finish_group,
+    linear_to_srgb,
+    multiplied,
+    named_attribute,
+)
 
 NAME = "DoG Splat Paint"
 CORNERS = 4  # of the stand-in of a splat
@@ -26,9 +36,9 @@ INPUTS = {
 }  # fmt: skip
 
 
-def paint_tree() -> bpy.types.NodeTree:
-    """The tree of this version in this file, made where there is none."""
-    if existing := cached_group(NAME):
+def paint_tree(space: str = "") -> bpy.types.NodeTree:
+    """The tree of this version for that working space in this file, made where there is none."""
+    if existing := cached_group(NAME, space):
         return existing
     tree, inputs, exit_node = new_group(NAME, GEOMETRY, INPUTS, {"Geometry": "NodeSocketGeometry"})
     geometry, erase, threshold, tint, target, linear = inputs
@@ -38,7 +48,7 @@ def paint_tree() -> bpy.types.NodeTree:
     kept = delete(tree, geometry, (weight > threshold) * erase)
     painted = tree.math("MAXIMUM", has_object(info), has_attribute(tree, kept, TINT, "FLOAT_COLOR"))
     color, strength = _painted(tree, info, TINT, "FLOAT_COLOR")
-    tinted = _tinted(tree, kept, color, strength, linear)
+    tinted = _tinted(tree, kept, color, strength, linear, space)
     tree.plug(exit_node.inputs[0], switch(tree, "GEOMETRY", tint * painted > 0.5, kept, tinted))
     describe(tree.tree, {
         "Erase": {"default_value": True, "description": f'Leave out the splats whose weight "{ERASE}" is high'},
@@ -48,7 +58,7 @@ def paint_tree() -> bpy.types.NodeTree:
         "Stand-In": {"description": "The object that is painted; without one, the attributes of the splats hold"},
         "Linear Light": {"default_value": False, "description": "The colors are radiance, not sRGB values"},
     })  # fmt: skip
-    return finish_group(tree, NAME)
+    return finish_group(tree, NAME, space)
 
 
 def weights_tree(group: str) -> bpy.types.NodeTree:
@@ -91,10 +101,12 @@ def _parts(tree: Tree, socket: Any) -> list[Any]:
     return [Vector(tree, socket), Value(tree, channels.outputs["Alpha"])]
 
 
-def _tinted(tree: Tree, points: Any, color: Vector, strength: Value, linear: Value) -> Any:
+def _tinted(tree: Tree, points: Any, color: Vector, strength: Value, linear: Value, space: str) -> Any:
     """Colours times the tint as it is seen: c = 1/2 + C0 dc + … becomes t c. What is not tinted keeps its bits."""
-    distance = tree.vector_math("DISTANCE", color, (1.0, 1.0, 1.0), output="Value")
+    distance = tree.vector_math("DISTANCE", color, (1.0, 1.0, 1.0), output="Value")  # white in every space
     tinted = strength * distance > 0.0
+    if space:
+        color = multiplied(tree, color, np.linalg.inv(working_matrix())).maximum((0.0, 0.0, 0.0))
     seen = switch(tree, "VECTOR", linear, linear_to_srgb(tree, color), color)
     factor = (seen + (-1.0, -1.0, -1.0)) * strength + (1.0, 1.0, 1.0)
     base, alpha = _parts(tree, attribute_socket(tree, BASE, "FLOAT_COLOR"))

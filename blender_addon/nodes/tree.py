@@ -61,9 +61,9 @@ INPUTS = {
 }  # fmt: skip
 
 
-def splat_tree() -> bpy.types.NodeTree:
-    """The tree of this version in this file, made where there is none."""
-    if existing := cached_group(NAME):
+def splat_tree(space: str = "") -> bpy.types.NodeTree:
+    """The tree of this version for that working space in this file, made where there is none."""
+    if existing := cached_group(NAME, space):
         return existing
     tree, inputs, exit_node = new_group(NAME, GEOMETRY, INPUTS, {"Geometry": "NodeSocketGeometry"})
     geometry, show, degree, dog, linear, antialiased, near, fx, fy, cx, cy, width, height, *of_view = inputs
@@ -81,7 +81,7 @@ def splat_tree() -> bpy.types.NodeTree:
     shown = share * moving_share
     important = delete(tree, to_points.outputs[0], 1.0 - (named_attribute(tree, RANK, "FLOAT") < shown))
     some = switch(tree, "GEOMETRY", in_viewport * (shown < 1.0) > 0.5, to_points.outputs[0], important)
-    (color,) = tree.call(color_group(), frame.direction, degree, linear)
+    (color,) = tree.call(color_group(space), frame.direction, degree, linear)
     points = store(tree, some, COLOR, color)
     quads = _quads(tree, points, frame, splat, near, antialiased)
     ellipsoids = _ellipsoids(tree, points, frame, splat, near)
@@ -92,7 +92,7 @@ def splat_tree() -> bpy.types.NodeTree:
     result = switch(tree, "GEOMETRY", in_viewport * moving_points > 0.5, chosen, as_points)
     tree.plug(exit_node.inputs[0], result)
     _describe(tree.tree)
-    return finish_group(tree, NAME)
+    return finish_group(tree, NAME, space)
 
 
 def _quads(tree: Tree, points: Any, frame: Frame, splat: Splat, near: Value, antialiased: Value) -> Any:

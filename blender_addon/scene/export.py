@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..files.errors import told
+from ..objects.working_space import from_working
 
 Plugin = dict[str, Any]  # of Mitsuba: its "type", its parameters, and plugins in it; transforms as {"matrix": rows}
 
@@ -42,6 +43,11 @@ class Export:
 def rgb(color: Any) -> Plugin:
     """Three numbers as a colour."""
     return {"type": "rgb", "value": [float(c) for c in color[:3]]}
+
+
+def blender_rgb(color: Any) -> Plugin:
+    """The same of a colour of Blender's, which is of its working space and perhaps none that Rec. 709 has."""
+    return rgb(np.maximum(from_working(color[:3]), 0))
 
 
 def matrix(values: Any) -> Plugin:

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 
 from ..files.srgb import decoded
+from ..objects.working_space import from_working, working_space
 from .export import Export, Plugin
 from .written_images import WRITTEN
 
@@ -21,7 +22,7 @@ def bitmap(export: Export, image: bpy.types.Image, channel: str = "Color", facto
     """
     if not _has_pixels(export, image):
         return None
-    encoded, alpha = _is_encoded(image), channel == "Alpha"
+    alpha = channel == "Alpha"
     floats = alpha or image.is_float or factor != 1
 
     def write() -> str:
@@ -29,11 +30,11 @@ def bitmap(export: Export, image: bpy.types.Image, channel: str = "Color", facto
         if alpha:
             return _write_floats(export, pixels[..., 3:])
         if floats:
-            return _write_floats(export, (decoded(pixels[..., :3]) if encoded else pixels[..., :3]) * factor)
+            return _write_floats(export, _linear(image, pixels) * factor)
         return _write_bytes(export, pixels[..., :3])
 
-    name = WRITTEN.file_of(export, image, (channel, factor), write)
-    return {"type": "bitmap", "filename": name, "raw": floats or not encoded}
+    name = WRITTEN.file_of(export, image, (channel, factor, working_space()), write)
+    return {"type": "bitmap", "filename": name, "raw": floats or not _is_encoded(image)}
 
 
 def environment(export: Export, image: bpy.types.Image) -> str | None:
@@ -42,10 +43,9 @@ def environment(export: Export, image: bpy.types.Image) -> str | None:
         return None
 
     def write() -> str:
-        pixels = pixels_of(image)[..., :3]
-        return _write_floats(export, (decoded(pixels) if _is_encoded(image) else pixels)[::-1])
+        return _write_floats(export, _linear(image, pixels_of(image))[::-1])
 
-    return WRITTEN.file_of(export, image, ("Environment",), write)
+    return WRITTEN.file_of(export, image, ("Environment", working_space()), write)
 
 
 def write_gray(export: Export, values: np.ndarray) -> Plugin:
@@ -53,8 +53,16 @@ def write_gray(export: Export, values: np.ndarray) -> Plugin:
     return {"type": "bitmap", "filename": _write_floats(export, values[..., None]), "raw": True}
 
 
+def _linear(image: bpy.types.Image, pixels: np.ndarray) -> np.ndarray:
+    """Colours [H, W, 3] of pixels as linear ones of Rec. 709; numbers that are no colours as they are."""
+    colors = pixels[..., :3]
+    if image.is_float and not image.colorspace_settings.is_data:
+        return from_working(colors)
+    return decoded(colors) if _is_encoded(image) else colors
+
+
 def _is_encoded(image: bpy.types.Image) -> bool:
-    """Floats are linear once they are loaded, bytes as their colour space says."""
+    """Floats are linear once they are loaded, in the working space; bytes as their colour space says."""
     return not image.is_float and image.colorspace_settings.name.startswith("sRGB")
 
 

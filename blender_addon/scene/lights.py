@@ -12,6 +12,7 @@ import math
 import bpy
 import numpy as np
 
+from ..objects.working_space import from_working
 from .export import Export, Plugin, matrix, rgb
 from .images import write_gray
 from .sockets import Reader, active_tree, output_of
@@ -44,6 +45,7 @@ def _color(export: Export, data: bpy.types.Light) -> np.ndarray:
     color = np.array(data.color, np.float64) * data.energy * 2 ** getattr(data, "exposure", 0.0)
     if getattr(data, "use_temperature", False):
         color *= np.array(data.temperature_color[:3])
+    color = np.maximum(from_working(color), 0)
     tree = active_tree(data)
     output = output_of(tree) if tree else None
     reader = Reader(export, data.name)

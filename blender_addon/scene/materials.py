@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 
 from .bsdf import BLACK, SMOOTH, glass, two_sided
-from .export import Export, Plugin, rgb
+from .export import Export, Plugin, blender_rgb, rgb
 from .principled import principled
 from .sockets import Reader, active_tree, output_of
 
@@ -64,7 +64,7 @@ def _shader(reader: Reader, material: bpy.types.Material, socket: bpy.types.Node
 
 
 def _viewport(reader: Reader, material: bpy.types.Material) -> Surface:
-    values = {"base_color": rgb(material.diffuse_color), "roughness": material.roughness}
+    values = {"base_color": blender_rgb(material.diffuse_color), "roughness": material.roughness}
     return Surface(two_sided({"type": "principled", **values, "metallic": material.metallic}))
 
 

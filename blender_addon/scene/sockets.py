@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from ..files.errors import told
-from .export import Export, Plugin, rgb
+from .export import Export, Plugin, blender_rgb
 from .images import bitmap
 
 WRAPPING = {"REPEAT": "repeat", "EXTEND": "clamp", "MIRROR": "mirror"}
@@ -31,13 +31,13 @@ class Reader:
         """A colour or a texture, multiplied."""
         source = self.source(socket)
         if source is None:
-            return rgb(np.multiply(socket.default_value[:3], factor))
+            return blender_rgb(np.multiply(socket.default_value[:3], factor))
         constant = _constant(source.node)
         if constant is not None:
-            return rgb(np.multiply(constant if isinstance(constant, tuple) else (constant,) * 3, factor))
+            return blender_rgb(np.multiply(constant if isinstance(constant, tuple) else (constant,) * 3, factor))
         texture = self.texture(source, factor)
         if texture is None:
-            return rgb(np.multiply(socket.default_value[:3], factor))
+            return blender_rgb(np.multiply(socket.default_value[:3], factor))
         return texture
 
     def number(self, socket: bpy.types.NodeSocket) -> float | Plugin:

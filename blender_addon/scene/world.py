@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..objects.working_space import from_working
 from .export import Export, Plugin, matrix, rgb
 from .images import environment
 from .sockets import Reader, active_tree, output_of
@@ -19,7 +20,7 @@ def world_light(export: Export, world: bpy.types.World | None) -> Plugin | None:
         return None
     tree, reader = active_tree(world), Reader(export, world.name)
     if tree is None:
-        return _constant(world.color)
+        return _constant(from_working(world.color))
     output = output_of(tree)
     source = reader.source(output.inputs["Surface"]) if output else None
     if source is None:
@@ -28,7 +29,7 @@ def world_light(export: Export, world: bpy.types.World | None) -> Plugin | None:
         reader.note(
             'the node "{node}" has no counterpart in Mitsuba; the world has its viewport color', node=source.node.name
         )
-        return _constant(world.color)
+        return _constant(from_working(world.color))
     color, strength = source.node.inputs["Color"], reader.constant(source.node.inputs["Strength"])
     picture = reader.source(color)
     if picture is not None and picture.node.type == "TEX_ENVIRONMENT" and picture.node.image is not None:

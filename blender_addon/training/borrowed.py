@@ -9,6 +9,7 @@ import bpy
 
 from ..evaluated.masks import UNSEEN
 from ..files.errors import told
+from ..objects.working_space import OURS
 from .surrounding_collections import chains, rendered_objects
 
 OFF = (
@@ -75,8 +76,10 @@ class Borrowed:
             file_format="OPEN_EXR" if settings.linear else "PNG",
             color_mode="RGBA" if settings.transparent else "RGB",
             color_depth="16" if settings.linear else "8",
-            color_management="FOLLOW_SCENE",
+            color_management="OVERRIDE" if settings.linear else "FOLLOW_SCENE",
         )
+        if settings.linear:  # in whatever space the file is
+            self.set(render.image_settings.linear_colorspace_settings, name=OURS)
 
     def set_visible(self, scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> None:
         """The subject, even where a model has taken its place, without the others if it is to be alone.

@@ -13,6 +13,7 @@ from mathutils import Vector
 
 from ..files.srgb import encoded
 from ..objects.attributes import is_splats
+from ..objects.working_space import from_working
 from .data_set import Frame
 
 MOST = 20_000
@@ -82,7 +83,10 @@ def _read(path: Path) -> tuple[np.ndarray, bool]:
         width, height = image.size
         pixels = np.empty(width * height * 4, np.float32)
         image.pixels.foreach_get(pixels)
-        return pixels.reshape(height, width, 4)[::-1], image.is_float
+        pixels = pixels.reshape(height, width, 4)[::-1]
+        if image.is_float:
+            pixels[..., :3] = from_working(pixels[..., :3])
+        return pixels, image.is_float
     finally:
         bpy.data.images.remove(image)
 

@@ -280,7 +280,8 @@ REST = {
         "Farben, und die Vierecke von „Automatisch“, für das zuletzt bewegte Ansichtsfenster statt für die Kamera "
         "erzeugen; gerendert wird weiterhin für die Kamera"
     ),
-    "Splats need the working space Linear Rec.709": "Splats brauchen den Arbeitsfarbraum Linear Rec.709",
+    "Working space changed: import the model again": "Arbeitsfarbraum geändert: das Modell neu importieren",
+    "Blender draws colors of another working space": "Blender zeigt Farben eines anderen Arbeitsfarbraums",
     "Solid shading has no colors": "Massive Schattierung hat keine Farben",
     "Material Preview": "Materialbeispiel",
     "Outline Selected": "Auswahlumrandung",

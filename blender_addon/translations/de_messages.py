@@ -225,8 +225,8 @@ MESSAGES = {
         "nichts ist ausgewählt; die Objekte zum Trainieren auswählen oder „Ganze Szene“ wählen"
     ),
     # Rendering
-    "the working space {space} makes colors of splats wrong; choose {ours}, then import the models again": (
-        "im Arbeitsfarbraum {space} sind die Farben von Splats falsch; {ours} wählen, dann die Modelle neu importieren"
+    '"{name}": its colors are wrong since the working space {space} was chosen; import the model again': (
+        "„{name}“: seine Farben sind falsch, seit der Arbeitsfarbraum {space} gewählt wurde; das Modell neu importieren"
     ),
     "some models hold sRGB values, others radiance; the former are drawn in radiance": (
         "manche Modelle enthalten sRGB-Werte, andere Strahldichte; die ersteren werden in Strahldichte gezeichnet"

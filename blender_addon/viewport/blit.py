@@ -6,6 +6,8 @@ import gpu
 import numpy as np
 from gpu_extras.presets import draw_texture_2d
 
+from ..objects.working_space import to_working, working_space
+
 FORMAT = "RGBA16F"
 
 
@@ -14,14 +16,24 @@ class Blit:
 
     def __init__(self):
         self._pixels: np.ndarray | None = None
+        self._space: str | None = None
         self._texture: gpu.types.GPUTexture | None = None
 
-    def draw(self, pixels: np.ndarray, left: float, bottom: float, width: float, height: float) -> None:
-        """Draw [H, W, 4], premultiplied and from the top, over a rectangle of the region, in its pixels."""
-        if pixels is not self._pixels:
+    def draw(
+        self, pixels: np.ndarray, left: float, bottom: float, width: float, height: float, linear: bool = False
+    ) -> None:
+        """Draw [H, W, 4], premultiplied and from the top, over a rectangle of the region, in its pixels.
+
+        ``linear``: the colours are linear ones of Rec. 709, and not the values of a file.
+        """
+        space = working_space() if linear else None
+        if pixels is not self._pixels or space != self._space:
             rows, columns = pixels.shape[:2]
-            values = gpu.types.Buffer("FLOAT", (pixels.size,), np.ascontiguousarray(pixels, np.float32).ravel())
-            self._texture, self._pixels = gpu.types.GPUTexture((columns, rows), format=FORMAT, data=values), pixels
+            colors = to_working(pixels[..., :3]) if linear else pixels[..., :3]
+            shown = np.concatenate([colors, pixels[..., 3:]], axis=2, dtype=np.float32)
+            values = gpu.types.Buffer("FLOAT", (pixels.size,), shown.ravel())
+            self._texture = gpu.types.GPUTexture((columns, rows), format=FORMAT, data=values)
+            self._pixels, self._space = pixels, space
         gpu.state.blend_set("ALPHA_PREMULT")
         draw_texture_2d(self._texture, (left, bottom + height), width, -height)
         gpu.state.blend_set("NONE")

@@ -11,10 +11,9 @@ import bpy
 import numpy as np
 
 from ..engine.order import Stage, camera_request, make_stage, square, tidy
-from ..engine.passes import world_color
+from ..engine.passes import background
 from ..evaluated.masks import masks_in
 from ..evaluated.visible import hidden_in
-from ..files.srgb import encoded
 from ..package.live import live_renderer
 from ..package.served import RendererError
 from ..preferences import command_of
@@ -92,7 +91,8 @@ class Rendered:
         frame, self._drawn = self._stream.frame, self._stream.news
         if frame is not None:
             left, top, right, bottom = frame.tag[0]
-            self._blit.draw(frame.pixels, left, region.height - bottom, right - left, bottom - top)
+            linear = self._stage.whole or depsgraph.scene.dogsplat_colors == "LINEAR"
+            self._blit.draw(frame.pixels, left, region.height - bottom, right - left, bottom - top, linear)
 
     def _leave(self, command: str) -> None:
         """Another command is to draw: it gets a stream and a stage of its own."""
@@ -178,9 +178,7 @@ def request_of(stage: Stage, scene: bpy.types.Scene, seen: Seen, level: Level, r
         return request | {"camera": camera_request(square(seen.camera)), "samples": samples}
     linear = scene.dogsplat_colors == "LINEAR"
     if not scene.render.film_transparent:
-        behind = world_color(scene.world)
-        as_srgb = linear and not stage.light.linear
-        request["background"] = (encoded(behind) if as_srgb else np.asarray(behind)).tolist()
+        request["background"] = np.asarray(background(scene, stage.light)).tolist()
     return request | {"camera": camera_request(seen.camera), "share": level.splats, "linear": linear}
 
 

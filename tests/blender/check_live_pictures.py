@@ -16,6 +16,7 @@ from surroundings import background, link, plane
 
 from blender_addon.engine.passes import world_color
 from blender_addon.files.srgb import decoded
+from blender_addon.objects.working_space import to_working
 from blender_addon.scene.sockets import output_of
 from blender_addon.viewport.blit import Blit
 from blender_addon.viewport.pace import LEVELS, Level
@@ -88,13 +89,11 @@ def test_parallel_rays_show_what_the_near_clip_would_hide(scene, live_command, t
     assert last(live_command, request_of(stage, scene, seen, Level(), rests=True))[..., :3].max() > 0.1
 
 
-def test_a_picture_is_drawn_where_it_belongs():
-    """By the ``gpu`` module, into a picture of its own."""
+def blitted(pixels, **options):
+    """[6, 8, 4] from the bottom: 3 rows and 5 columns of pixels, drawn by the ``gpu`` module at (2, 1)."""
     if not hasattr(gpu, "init"):
         pytest.skip("this Blender has no gpu.init: nothing can be drawn without a window")
     gpu.init()
-    pixels = np.random.default_rng(1).random((3, 5, 4), np.float32)
-    pixels[..., 3] = 1
     off = gpu.types.GPUOffScreen(8, 6, format="RGBA32F")
     with off.bind():
         framebuffer = gpu.state.active_framebuffer_get()
@@ -104,10 +103,32 @@ def test_a_picture_is_drawn_where_it_belongs():
             gpu.matrix.load_projection_matrix(
                 Matrix(((2 / 8, 0, 0, -1), (0, 2 / 6, 0, -1), (0, 0, 1, 0), (0, 0, 0, 1)))
             )
-            Blit().draw(pixels, 2, 1, 5, 3)
+            Blit().draw(pixels, 2, 1, 5, 3, **options)
         read = framebuffer.read_color(0, 0, 8, 6, 4, 0, "FLOAT")
     found = np.array(read.to_list(), np.float32).reshape(6, 8, 4)
     off.free()
+    return found
+
+
+@pytest.fixture
+def pixels():
+    values = np.random.default_rng(1).random((3, 5, 4), np.float32)
+    values[..., 3] = 1
+    return values
+
+
+def test_a_picture_is_drawn_where_it_belongs(pixels):
     expected = np.zeros((6, 8, 4), np.float32)
     expected[1:4, 2:7] = pixels[::-1]
-    assert np.abs(found - expected).max() < 1e-3
+    assert np.abs(blitted(pixels) - expected).max() < 1e-3
+
+
+@pytest.mark.parametrize("linear", [False, True])
+def test_linear_colors_are_drawn_in_the_working_space(pixels, linear):
+    """Which values of a file know nothing of."""
+    if not hasattr(bpy.data, "colorspace"):
+        pytest.skip("files have a working space of their own from Blender 5.0 on")
+    bpy.ops.wm.set_working_color_space(working_space="ACEScg", convert_colors=True)
+    expected = np.concatenate([to_working(pixels[..., :3]), pixels[..., 3:]], axis=2) if linear else pixels
+    assert np.abs(blitted(pixels, linear=linear)[1:4, 2:7] - expected[::-1]).max() < 1e-3
+    assert (np.abs(expected - pixels).max() > 0.05) == linear
