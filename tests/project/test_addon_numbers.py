@@ -6,6 +6,7 @@ past it.
 
 import ast
 import importlib
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 from cut_models import kept_shares, with_cuts
+from dataset_folders import transforms_folder
+from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import view_name
+from mi_dogsplat.datasets.refined import write_refined
 from mi_dogsplat.scene.drawing import Drawing, comments_of, drawing_of
 from mi_dogsplat.scene.linear_map import sh_projection
 from mi_dogsplat.scene.ply import write_ply
@@ -226,6 +230,19 @@ def test_the_add_on_offers_the_presets_of_the_package():
 @pytest.mark.parametrize("file", ["images/a/b.JPG", "images_4/r_1.png", "./r_0.5", "r_0.25.png", "c\\d.e.jpg", "", "/"])
 def test_cameras_have_the_names_of_views(addon, file):
     assert addon("cameras.camera").camera_name(file) == view_name(file)
+
+
+def test_a_run_has_the_cameras_that_it_has_refined(addon, tmp_path):
+    given = load_dataset(transforms_folder(tmp_path / "data", folder="images/left"))
+    moved = {view.name: view.camera.w2c.copy() for view in given.train}
+    for w2c in moved.values():
+        w2c[:3, 3] += 0.1, -0.2, 0.3
+    write_refined(tmp_path / "run" / "refined", given, tmp_path / "data", moved)
+    (tmp_path / "run" / "config.json").write_text(json.dumps({"data": "data"}))
+    found = {camera.name: camera.w2c for camera in addon("cameras.read").read_cameras(tmp_path / "run", None)[0]}
+    expected = {view.name: view.camera.w2c for view in load_dataset(tmp_path / "run" / "refined").views}
+    assert found.keys() == expected.keys() and all(np.allclose(found[name], w2c) for name, w2c in expected.items())
+    assert len(moved) == 2 and all(np.allclose(found[name], w2c) for name, w2c in moved.items())
 
 
 @pytest.mark.parametrize(
