@@ -1,7 +1,7 @@
 """Blender's working space, which files choose from 5.0 on: the numbers that its engines calculate with for colours.
 
-Splats are those of Rec. 709 in every file. What their nodes draw, what is sent to the package and what that draws goes
-from the one to the other.
+Splats are those of Rec. 709 in every file. What their nodes draw, what is sent to the package and what that draws is
+converted on the way.
 
 Where another space is chosen, Blender 5.0 and 5.1 convert the colours of attributes, and so the raw coefficients that
 are stored as such. On the way they divide by the opacity and keep five decimals, which nobody can undo to the bit.
