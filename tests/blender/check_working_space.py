@@ -233,11 +233,9 @@ def test_exports_have_the_bits_of_the_file_or_it_is_said_why_not(scene, model, s
 
 READ = """
 import json, sys
-import mi_dogsplat
-import mitsuba as mi
-import numpy as np
-mi.set_variant("scalar_rgb")
-print(json.dumps(np.array(mi.Bitmap(sys.argv[1])).astype(float).mean(axis=(0, 1)).tolist()))
+from pathlib import Path
+from mi_dogsplat.datasets.exr import read_exr
+print(json.dumps(read_exr(Path(sys.argv[1])).mean(axis=(0, 1)).tolist()))
 """
 
 
