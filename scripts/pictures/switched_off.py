@@ -14,6 +14,8 @@ from pathlib import Path
 import mi_dogsplat  # noqa: F401  before Mitsuba: it chooses the LLVM
 import numpy as np
 from mi_dogsplat.datasets import load_dataset
+from mi_dogsplat.datasets.dataset import View
+from mi_dogsplat.formats.model import Model
 from mi_dogsplat.formats.read import read_model
 from mi_dogsplat.render.panels import labelled
 from mi_dogsplat.render.picture import photograph, picture_of
@@ -49,17 +51,20 @@ def main(comparison: Path, data: Path) -> None:
     """Write both."""
     views = {Path(view.name).stem: view for view in load_dataset(data, DOWNSCALE).test}
     for name, sheet in SHEETS.items():
-        view, panels = views[sheet.view], {}
-        for method in sheet.methods:
-            model = read_model(comparison / data.name / "seed_0" / method / MODEL)
-            near_clip = drawn_as(model.drawing).near_clip
-            panels[method] = picture_of(model.splats, 0.0, near_clip)(view.camera).color
-            without = picture_of(sheet.without(model.splats), 0.0, near_clip)(view.camera).color
-        panels[f"the same, its {sheet.adds} switched off"] = without
+        view, folder = views[sheet.view], comparison / data.name / "seed_0"
+        models = {method: read_model(folder / method / MODEL) for method in sheet.methods}
+        panels = {method: drawn(model, model.splats, view) for method, model in models.items()}
+        adds = models[sheet.methods[1]]
+        panels[f"the same, its {sheet.adds} switched off"] = drawn(adds, sheet.without(adds.splats), view)
         panels["photograph"] = photograph(view, 0.0)
         (x, y), (height, width) = sheet.corner, (HEIGHT, WIDTH)
         parts = {text: panel[y : y + height, x : x + width] for text, panel in panels.items()}
         write_rows(name, [[labelled(enlarged(part), text) for text, part in parts.items()]])
+
+
+def drawn(model: Model, splats: Splats, view: View) -> np.ndarray:
+    """[H, W, 3] of sRGB values: primitives as a model's file says that they are drawn."""
+    return picture_of(splats, 0.0, drawn_as(model.drawing).near_clip)(view.camera).color
 
 
 def enlarged(part: np.ndarray) -> np.ndarray:
