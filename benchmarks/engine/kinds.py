@@ -56,7 +56,7 @@ def compare(flags: Sequence[str], name: str, description: str | None, kinds: Map
         for each in PASSES:
             time = ms[f"{kind}: {each}"]
             cells += [f"{time:.2f}", f"{time / ms[f'{first}: {each}']:.3f}"]
-        settings = Settings(3, slopes=splats.n_slopes > 0, cuts=splats.n_cuts > 0)
+        settings = Settings(3, slopes=splats.n_slopes > 0, cuts=(splats.n_cuts > 0) + (splats.n_second_cuts > 0))
         operations = pair_operations(settings, splats.n_dog > 0, args.variant)
         print("| " + " | ".join([*cells, *(f"{count:.1f}" for count in operations)]) + " |")
 

@@ -25,7 +25,7 @@ def pruned_state(config: TrainConfig, dataset: Dataset, out: Path) -> dict[str, 
     path = out / ("_".join([Path(config.data).name, *map(str, settings), *split]) + ".npz")
     if not path.exists():
         recipe = RECIPES[config.preset]
-        trainer = Trainer(config, dataset, replace(recipe, dog=None, slopes=None, cuts=None))
+        trainer = Trainer(config, dataset, replace(recipe, dog=None, slopes=None, cuts=None, second_cuts=None))
         while trainer.step_count < _activation(config):
             trainer.step()
         save_checkpoint(path, trainer.state())

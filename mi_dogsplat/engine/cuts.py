@@ -5,8 +5,9 @@ At w standard deviations along its axes the kernel of a primitive is multiplied 
     g(w) = (1 + e⁻⁴) / (1 + e^(-4 - n·w))
 
 with a normal n in these axes: it falls from 1 to 0 across the plane n·w = -4, the steeper the longer n is, and n = 0
-leaves the primitive whole. A pixel at the offset d from its centre sees g at E[w | d], which is linear in d
-(``own_axes.py``). In units of log2, as exponents of kernels are: g = (1 + 2^-L) / (1 + 2^-(L + hx dx + hy dy)).
+leaves the primitive whole. A second plane multiplies it by a g of its own. A pixel at the offset d from its centre sees
+g at E[w | d], which is linear in d (``own_axes.py``). In units of log2, as exponents of kernels are:
+g = (1 + 2^-L) / (1 + 2^-(L + hx dx + hy dy)).
 """
 
 from __future__ import annotations
@@ -19,16 +20,21 @@ import mitsuba as mi
 
 from ..scene.cuts import LARGEST, OFFSET
 
-COLUMNS = 2  # hx, hy
-ROW = 3  # of ``cut_normals``: by axis
+COLUMNS = 2  # of each plane: hx, hy
+ROW = 3  # of the normals: by axis
 LEVEL = OFFSET * math.log2(math.e)  # L
 WHOLE = 1 / LARGEST  # 1 / (1 + 2^-L)
 LOG2_LARGEST = math.log2(LARGEST)
 END = 120.0  # exponents beyond ±120 are cut to this, where neither g nor its slope is more than 2^-120 from its limit
 
 
-def cuts_on_screen(normals: list, per_pixel: list[tuple]) -> list:
-    """hx and hy per pixel, in units of log2; [N] each.
+def by_plane(columns: list) -> list[list]:
+    """hx and hy of each plane, or what belongs to them."""
+    return [columns[k : k + COLUMNS] for k in range(0, len(columns), COLUMNS)]
+
+
+def cut_on_screen(normals: list, per_pixel: list[tuple]) -> list:
+    """hx and hy of a plane per pixel, in units of log2; [N] each.
 
     Args:
         normals: ``ROW`` arrays [N], zeros for a primitive that is whole.

@@ -1,7 +1,7 @@
 """Which tiles, and which blocks of pixels inside them, a projected primitive covers.
 
 It covers what its level set {2^p >= cutoff} meets, with pixels taken at their centres; for a DoG primitive that of
-either kernel, for one that is cut off that of the whole kernel times the largest factor of a cut. The set is an
+either kernel, for one that is cut off that of the whole kernel times the largest factors of its cuts. The set is an
 ellipse; within a band of pixel rows its leftmost and rightmost points are known in closed form, so nothing is listed
 that the ellipse does not enter ("AccuTile", Speedy-Splat 2024).
 """
@@ -68,8 +68,7 @@ class Footprints:
         self.blocks, self.types = grid.blocks, array_types()
         Float = self.types.Float
         self.x, self.y = detached(projection.x), detached(projection.y)
-        if projection.cuts is not None:
-            log2_range += LOG2_LARGEST
+        log2_range += projection.planes * LOG2_LARGEST
         self.ellipses = [_Ellipses(projection.kernels, log2_range)]
         extent_y = dr.select(self.ellipses[0].seen, self.ellipses[0].extent_y, -1)
         if projection.pseudo is not None:

@@ -18,6 +18,7 @@ from ..scene.cameras import Camera
 from ..scene.splats import Splats
 from .arrays import array_types
 from .bands import WalkableView
+from .cuts import COLUMNS as CUT_COLUMNS
 from .geometry import Blocks, Grid
 from .options import RasterOptions, Settings
 from .parameters import upload
@@ -39,7 +40,7 @@ def pair_operations(settings: Settings, dog: bool, variant: str) -> tuple[float,
 
     The difference of kernels that take two primitives per iteration and one: what is done once per pixel drops out.
     ``dog``: of a DoG primitive, with what the branch to its second kernel costs. ``settings.slopes``: of one whose
-    colour varies over it; ``settings.cuts``: of one that a plane cuts off. ``variant``: the active one.
+    colour varies over it; ``settings.cuts``: of one that so many planes cut off. ``variant``: the active one.
     """
     one, two = (_compositor_operations(settings, dog, unroll) for unroll in (1, 2))
     pixels = SIZE * SIZE
@@ -60,10 +61,10 @@ def aov_operations(names: tuple[str, ...], dog: bool, variant: str) -> float:
 
 @lru_cache
 def primitive_operations(
-    options: RasterOptions, dog: bool, variant: str, slopes: bool = False, cuts: bool = False
+    options: RasterOptions, dog: bool, variant: str, slopes: bool = False, cuts: int = 0
 ) -> float:
     """Operations of the projection per primitive; with ``dog``, per DoG primitive, with ``slopes``, per one whose
-    colour varies over it, with ``cuts``, per one that a plane cuts off. ``variant``: the active one."""
+    colour varies over it, with ``cuts``, per one that so many planes cut off. ``variant``: the active one."""
     splats, camera = _model(options.sh_degree, dog, slopes, cuts)
     params = upload(splats)
 
@@ -107,17 +108,17 @@ def _view(settings: Settings, dog: bool, unroll: int) -> WalkableView:
     if settings.slopes:
         projection.slopes = 2 * projection.colors
     if settings.cuts:
-        projection.cuts = projection.colors[:2]
+        projection.cuts = (2 * projection.colors)[: settings.cuts * CUT_COLUMNS]
     features = (2 * projection.colors)[: settings.n_features]
     view = arrange(projection, features, Grid(SIZE, SIZE, replace(Blocks.of_backend(), unroll=unroll)), settings)
     dr.eval(view)
     return view
 
 
-def _model(sh_degree: int, dog: bool, slopes: bool = False, cuts: bool = False) -> tuple[Splats, DeviceCamera]:
+def _model(sh_degree: int, dog: bool, slopes: bool = False, cuts: int = 0) -> tuple[Splats, DeviceCamera]:
     """A model in front of a camera; what it shows matters to no kernel."""
     rng = np.random.default_rng(0)
-    index, sloped, cut = (np.arange(N if some else 0) for some in (dog, slopes, cuts))
+    index, sloped, cut, cut_twice = (np.arange(N if some else 0) for some in (dog, slopes, cuts > 0, cuts > 1))
     splats = Splats(
         means=rng.uniform([-1, -1, 2], [1, 1, 4], (N, 3)),
         log_scales=np.full((N, 3), -2),
@@ -131,5 +132,7 @@ def _model(sh_degree: int, dog: bool, slopes: bool = False, cuts: bool = False) 
         color_slopes=np.zeros((len(sloped), 3, 3)),
         cut_index=cut,
         cut_normals=np.zeros((len(cut), 3)),
+        second_cut_index=cut_twice,
+        second_cut_normals=np.zeros((len(cut_twice), 3)),
     )
     return splats, DeviceCamera.upload(Camera(np.eye(4), SIZE, SIZE, SIZE / 2, SIZE / 2, SIZE, SIZE))

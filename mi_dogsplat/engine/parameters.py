@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..scene.row_groups import CUTS, DOG, GROUPS, SH, SLOPES
+from ..scene.row_groups import DOG, GROUPS, PLANES, SH, SLOPES
 from ..scene.sh_basis import sh_degree_of
 from ..scene.splats import DENSE, Splats
 from .project import NO_ROW
@@ -17,8 +17,8 @@ from .sh_groups import ROW_COEFFICIENTS, has_groups, padded_rows
 RAW = DENSE
 RAW_DOG = DOG.names
 RAW_SLOPES = SLOPES.names
-RAW_CUTS = CUTS.names
-ROWS = {DOG.index: "dog_row", SLOPES.index: "slope_row", CUTS.index: "cut_row"}
+RAW_CUTS = tuple(name for group in PLANES for name in group.names)
+ROWS = {group.index: group.row for group in (DOG, SLOPES, *PLANES)}
 """Index of a group to the name of its inverse [N], ``rows_of_splats``, where kernels ask for the row of a primitive."""
 
 
@@ -47,7 +47,7 @@ def upload(splats: Splats) -> dict:
     Rows of ``sh1_coeffs`` and ``sh3_coeffs`` are padded, see ``sh_groups.py``.
     """
     params: dict = {name: device_array(getattr(splats, name)) for name in RAW}
-    for group in (DOG, SLOPES, CUTS):
+    for group in (DOG, SLOPES, *PLANES):
         index = getattr(splats, group.index)
         if len(index):
             params |= {name: device_array(getattr(splats, name)) for name in group.names}

@@ -21,8 +21,10 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from ..scene.row_groups import PLANES
+from .cuts import COLUMNS as CUT_COLUMNS
 from .cuts import ROW as CUT_ROW
-from .cuts import cuts_on_screen
+from .cuts import cut_on_screen
 from .device_camera import DeviceCamera
 from .own_axes import own_axes_per_pixel
 from .sh import evaluate_sh, read_rows
@@ -63,7 +65,12 @@ class Projection:
     dog_row: mi.UInt32 | None  # [N] row in ``pseudo`` or NO_ROW
     dog_index: mi.UInt32 | None  # [M] its inverse
     slopes: list | None = None  # of the colours: gx of 3 channels, then gy, per pixel; None without any
-    cuts: list | None = None  # hx, hy of what is left of the kernels, per pixel; None without any
+    cuts: list | None = None  # hx, hy of each plane, of what it leaves of the kernels, per pixel; None without any
+
+    @property
+    def planes(self) -> int:
+        """How many may cut a primitive off."""
+        return len(self.cuts or []) // CUT_COLUMNS
 
 
 def rows(array: mi.Float, count: int, index: mi.UInt32, active=True) -> list[mi.Float]:
@@ -205,8 +212,8 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
         params: raw parameters as flat row-major ``mi.Float`` arrays, keys as in ``mi.traverse`` of the ``dog`` shape;
             ``dog_row`` [N] and ``dog_index`` [M] are present when a primitive is DoG, ``slope_row`` [N] and
             ``color_slopes`` [S, 3, 3] when the colour of one varies over it, ``cut_row`` [N] and ``cut_normals`` [C, 3]
-            when a plane cuts one off, groups of SH degrees where primitives have degrees of their own (see
-            ``evaluate_groups``).
+            when a plane cuts one off, ``second_cut_row`` and ``second_cut_normals`` when a second one does,
+            groups of SH degrees where primitives have degrees of their own (see ``evaluate_groups``).
         camera: the view.
         sh_degree: highest degree evaluated (at most the degree stored).
         antialiased: scale opacities by the area that the low-pass filter adds (Mip-Splatting's 2D filter).
@@ -243,14 +250,16 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     radiance = _radiance(params, camera, direction, index, visible, sh_degree)
     visible &= all_finite(radiance)
     colors, slopes, cuts = [dr.maximum(value, 0) for value in radiance], None, None
-    if "color_slopes" in params or "cut_normals" in params:
+    planes = [group for group in PLANES if group.index in params]
+    if "color_slopes" in params or planes:
         per_pixel = own_axes_per_pixel(axes, scales, _in_range(axes, scales), LOW_PASS)
         if "color_slopes" in params:
             row = params["slope_row"]
             slopes = slopes_on_screen(rows(params["color_slopes"], SLOPE_ROW, row, row != NO_ROW), per_pixel)
             visible &= all_finite(slopes)
-        if "cut_normals" in params:
-            row = params["cut_row"]
-            cuts = cuts_on_screen(rows(params["cut_normals"], CUT_ROW, row, row != NO_ROW), per_pixel)
-            visible &= all_finite(cuts)
+        for group in planes:
+            row, (normals,) = params[group.row], group.names
+            cut = cut_on_screen(rows(params[normals], CUT_ROW, row, row != NO_ROW), per_pixel)
+            visible &= all_finite(cut)
+            cuts = [*(cuts or []), *cut]
     return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index, slopes, cuts)

@@ -20,7 +20,7 @@ class KernelRow(namedtuple("KernelRow", "ux uy vy lo q s t")):
 
 
 KERNEL_COLUMNS = len(KernelRow._fields)
-FIRST_FEATURE = 2 + KERNEL_COLUMNS  # column of the primitives' table: x, y, kernel, features, slopes, cut, padding
+FIRST_FEATURE = 2 + KERNEL_COLUMNS  # column of the primitives' table: x, y, kernel, features, slopes, cuts, padding
 PSEUDO_COLUMNS = 8  # of the pseudo-Gaussians' table: kernel, padding
 DEPTH_FEATURE = 3  # the feature after the colours, in views that stop at a depth
 
@@ -34,7 +34,7 @@ class SplatRow:
     kernel: KernelRow
     features: list
     slopes: list  # gx of the three colours, then gy; none where no colour varies
-    cut: list  # hx, hy; none where no primitive is cut
+    cuts: list  # hx, hy of each plane; none where no primitive is cut
 
     @staticmethod
     def of(columns: list, n_features: int, slopes: bool) -> SplatRow:
@@ -56,12 +56,12 @@ class Tables:
     stop_depth: mi.Float | None = None  # [H*W], primitives with a larger DEPTH_FEATURE are not blended
 
 
-def columns_used(n_features: int, slopes: bool, cuts: bool) -> int:
+def columns_used(n_features: int, slopes: bool, cuts: int) -> int:
     """Floats of a row in the table, without padding."""
     return FIRST_FEATURE + n_features + slopes * SLOPE_COLUMNS + cuts * CUT_COLUMNS
 
 
-def row_size(n_features: int, slopes: bool, cuts: bool) -> int:
+def row_size(n_features: int, slopes: bool, cuts: int) -> int:
     """Floats per primitive in the table: whole cache lines, in which every eight are aligned."""
     return -(-columns_used(n_features, slopes, cuts) // 16) * 16
 
@@ -70,7 +70,7 @@ def pack(projection: Projection, features: list) -> Tables:
     """Lay out a projection for the compositor (detached: derivatives are passed by hand, see ``rasterize.py``)."""
     slopes, cuts = projection.slopes or [], projection.cuts or []
     columns = [projection.x, projection.y, *_kernel_columns(projection.kernels), *features, *slopes, *cuts]
-    splats = _table(columns, row_size(len(features), bool(slopes), bool(cuts)))
+    splats = _table(columns, row_size(len(features), bool(slopes), projection.planes))
     if projection.pseudo is None:
         return Tables(splats, None, None, None)
     pseudo = _table(_kernel_columns(projection.pseudo), PSEUDO_COLUMNS)

@@ -62,7 +62,7 @@ def arrange(
         stop_depth: [H*W], a primitive whose fourth feature, its depth, is larger is not blended into a pixel.
         isect_memory: as in ``RasterOptions``.
     """
-    settings = replace(settings, slopes=projection.slopes is not None, cuts=projection.cuts is not None)
+    settings = replace(settings, slopes=projection.slopes is not None, cuts=projection.planes)
     tables = pack(projection, features)
     tables.stop_depth = detached(stop_depth) if stop_depth is not None else None
     return listed(projection, tables, grid, settings, isect_memory)

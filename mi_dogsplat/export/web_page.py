@@ -31,6 +31,7 @@ from ..scene.transform import transformed
 from ..support.errors import DataError
 from ..support.files import replacing
 from ..support.versions import versions
+from ..support.wording import in_words
 from ..training.initialize import region_of_interest
 
 PAGE = ".html"
@@ -171,8 +172,7 @@ def _about(opening: Opening) -> str:
     about = "Drag to turn, scroll to come nearer. Made by mi_dogsplat; shown by SuperSplat Viewer."
     if not why:
         return about
-    listed = " and ".join(filter(None, (", ".join(why[:-1]), why[-1])))
-    return f"Web viewers know {listed}: {', '.join(differences)}, so this is not quite the model. {about}"
+    return f"Web viewers know {in_words(why)}: {', '.join(differences)}, so this is not quite the model. {about}"
 
 
 def _vendored(name: str) -> bytes:

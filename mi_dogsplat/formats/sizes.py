@@ -37,16 +37,19 @@ class Prices:
     dog: float  # of a DoG row
     slopes: float = 0.0  # of a row of slopes
     cuts: float = 0.0  # of a row of a cut
+    second_cuts: float = 0.0  # of a second one
 
     def of(self, splats: Splats) -> float:
         """Bytes of the file of a model, as far as prices tell."""
-        rows = self.dog * splats.n_dog + self.slopes * splats.n_slopes + self.cuts * splats.n_cuts
+        rows = self.dog * splats.n_dog + self.slopes * splats.n_slopes
+        rows += self.cuts * splats.n_cuts + self.second_cuts * splats.n_second_cuts
         return self.fixed + float(np.take(self.bands, splats.sh_degrees).sum()) + rows
 
     def scaled(self, factor: float) -> Prices:
         """All but the fixed part times ``factor``."""
         bands = tuple(factor * price for price in self.bands)
-        return Prices(self.fixed, bands, factor * self.dog, factor * self.slopes, factor * self.cuts)
+        rows = self.dog, self.slopes, self.cuts, self.second_cuts
+        return Prices(self.fixed, bands, *(factor * row for row in rows))
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,7 @@ def by_part(kind: FileKind, splats: Splats) -> dict[str, int]:
     """Bytes of the file of a model by what is in it, in order: what each part adds to a file with those before it.
 
     ``primitives``: all but what follows; ``sh1``, ``sh2``, ``sh3``: the bands of that degree; ``dog``; ``slopes``;
-    ``cuts``. Parts that add nothing are left out.
+    ``cuts``; ``second_cuts``. Parts that add nothing are left out.
     """
     degrees, bare = splats.sh_degrees, _bare(splats)
     sizes = {"primitives": kind.size(bare.uniform_sh(0))}
@@ -92,7 +95,9 @@ def by_part(kind: FileKind, splats: Splats) -> dict[str, int]:
     if splats.n_slopes:
         sizes["slopes"] = kind.size(splats.without_cuts())
     if splats.n_cuts:
-        sizes["cuts"] = kind.size(splats)
+        sizes["cuts"] = kind.size(splats.without_second_cuts())
+    if splats.n_second_cuts:
+        sizes["second_cuts"] = kind.size(splats)
     added = np.diff([0, *sizes.values()]).tolist()
     return {part: size for part, size in zip(sizes, added, strict=True) if size}
 
@@ -111,7 +116,7 @@ def prices(kind: FileKind, splats: Splats) -> Prices:
         raise ValueError("prices: the model is empty")
     if kind.name == "ply":
         bands = (VERTEX, *(VERTEX + INDEX + 3 * FLOAT * ((d + 1) ** 2 - 1) for d in range(1, MAX_SH_DEGREE + 1)))
-        return Prices(kind.size(Splats.empty(0)), bands, DOG_ROW, SLOPE_ROW, CUT_ROW)
+        return Prices(kind.size(Splats.empty(0)), bands, DOG_ROW, SLOPE_ROW, CUT_ROW, CUT_ROW)
     return _measured(kind, splats)
 
 

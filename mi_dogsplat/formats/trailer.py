@@ -1,7 +1,7 @@
 """Rows of DoG, slopes and cuts at the end of a compressed PLY, a byte a number, where other readers do not look.
 
-The header says ``comment dogsplat dog VERSION ROWS``, and so of ``slopes`` and ``cuts``. Behind the data of the last
-element follow the DoG, the slopes and the cuts, each as (little-endian):
+The header says ``comment dogsplat dog VERSION ROWS``, and so of ``slopes``, ``cuts`` and ``second_cuts``. Behind the
+data of the last element they follow in this order, each as (little-endian):
 
 ==========  ===========================================================================================
 bounds      float32: the smallest of each number between bounds, then the largest
@@ -117,7 +117,8 @@ class Rows:
 
 DOG = Rows("dog", "DoG", 1, 3, MAX_LOG_F)
 SLOPES, CUTS = Rows("slopes", "slope", 0, 9, MAX_LOG, 1 / 64), Rows("cuts", "cut", 0, 3, MAX_LOG)
-SIGNED = {SLOPES: row_groups.SLOPES, CUTS: row_groups.CUTS}
+SECOND_CUTS = Rows("second_cuts", "second cut", 0, 3, MAX_LOG)
+SIGNED = {SLOPES: row_groups.SLOPES, CUTS: row_groups.CUTS, SECOND_CUTS: row_groups.SECOND_CUTS}
 
 
 def encode(splats: Splats) -> tuple[list[str], bytes]:

@@ -9,9 +9,9 @@ from typing import Any
 from ..report.run_folder import CONFIG, RECIPE, Run
 from ..support.errors import DataError
 from ..support.wording import finite
-from ..training.presets import RECIPES, Recipe
+from ..training.presets import GIVEN, RECIPES, Recipe
 
-RULES = ("pruning", "dog", "slopes", "cuts", "preconditioning")  # which a recipe may lack
+RULES = ("pruning", "dog", *GIVEN, "preconditioning")  # which a recipe may lack
 REMEDY = "restore or delete it"
 
 

@@ -58,16 +58,17 @@ def depth_order(projection: Projection) -> np.ndarray:
 
 
 def kernels(projection: Projection, i: int, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """G and G_p of primitive i at the points (x, y), with what a cut leaves of them, not yet limited to .99.
+    """G and G_p of primitive i at the points (x, y), with what cuts leave of them, not yet limited to .99.
 
     G_p is 0 for a Gaussian.
     """
     dx, dy = x - projection.means2d[i, 0], y - projection.means2d[i, 1]
-
-    of_cut = kept(projection.cuts[i, 0] * dx + projection.cuts[i, 1] * dy) if projection.cut[i] else 1.0
+    left = 1.0
+    for cut, (of_x, of_y) in zip(projection.cut[:, i], projection.cuts[:, i], strict=True):
+        left = left * kept(of_x * dx + of_y * dy) if cut else left
 
     def gaussian(opacity, conic):
-        return of_cut * opacity * np.exp(-0.5 * (conic[0] * dx * dx + 2 * conic[1] * dx * dy + conic[2] * dy * dy))
+        return left * opacity * np.exp(-0.5 * (conic[0] * dx * dx + 2 * conic[1] * dx * dy + conic[2] * dy * dy))
 
     G = gaussian(projection.opacities[i], projection.conics[i])
     if not projection.dog[i]:

@@ -7,7 +7,7 @@ Notation of `forward.py` and `walk.py`, and
     δx           d loss / d x, loss = sum(adjoint * image)
     δcolor_slopes by the slopes per pixel
     moments      δlog G summed over the pixels with 1, d and d d^T: all that the projection needs of it
-    cut_moments  so of n.w, of which a cut is a function, with 1 and d
+    cut_moments  so of n.w of each plane, of which g is a function, with 1 and d
 
 image = sum_i alpha_i T_i c_i + T_final background gives
     dC/dalpha_i = T_i c_i - (sum_{j > i} alpha_j T_j c_j + T_final background) / (1 - alpha_i)
@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..scene.row_groups import PLANES
 from .forward import MAX_ALPHA, MIN_T
 from .project_gradients import project_backward
 from .projection import MIN_ALPHA, project
@@ -78,7 +79,8 @@ def gradients_tiled(splats: Splats, camera: Camera, adjoint: np.ndarray,
     projection = project(splats, camera, near_clip=near_clip, antialiased=antialiased, sh_degree=sh_degree)
     n = len(projection.depths)
     δcolors, δcolor_slopes = np.zeros((n, 3)), np.zeros((n, 3, 2))
-    moments, pseudo_moments, cut_moments = np.zeros((n, 6)), np.zeros((n, 6)), np.zeros((n, 3))
+    moments, pseudo_moments = np.zeros((n, 6)), np.zeros((n, 6))
+    cut_moments = np.zeros((len(PLANES), n, 3))
     for block in blocks(projection, camera, min_alpha):
         walk = Walk(projection, block, negative_transmittance, min_alpha, min_transmittance)
         δpixels = adjoint[block.pixels]  # [h, w, 3]
@@ -93,10 +95,11 @@ def gradients_tiled(splats: Splats, camera: Camera, adjoint: np.ndarray,
         if walk.dog.size:
             δlog_G_p = np.where(walk.G_p < MAX_ALPHA, -δalpha[walk.dog] * walk.G_p, 0)
             pseudo_moments[block.splats[walk.dog]] += _moments(δlog_G_p, block.dx[walk.dog], block.dy[walk.dog])
-            δlog_G[walk.dog] += δlog_G_p  # both have the factor g
-        if walk.cut.size:
-            δalong = δlog_G[walk.cut] * walk.log_kept_slope()
-            cut_moments[block.splats[walk.cut]] += _moments(δalong, block.dx[walk.cut], block.dy[walk.cut])[:, :3]
+            δlog_G[walk.dog] += δlog_G_p  # both have the factors g
+        for cut in walk.cuts:
+            δalong = δlog_G[cut.rows] * cut.log_kept_slope()
+            cut_moments[cut.plane, block.splats[cut.rows]] += _moments(δalong, block.dx[cut.rows],
+                                                                       block.dy[cut.rows])[:, :3]
     return project_backward(splats, camera, projection, δcolors, δcolor_slopes, moments, pseudo_moments, cut_moments,
                             antialiased, sh_degree)
 

@@ -1,8 +1,8 @@
 """Models of which some primitives have numbers along their own axes, for the twins: slopes of a colour, and cuts.
 
 The primitives `slope_index` [S] have `color_slopes` [S, 3, 3], the change of colour per standard deviation along each
-axis (axis, channel). The primitives `cut_index` [C] have `cut_normals` [C, 3], n, by which a cut multiplies kernels w
-standard deviations away from the centre:
+axis (axis, channel). The primitives `cut_index` [C] have `cut_normals` [C, 3], n, by which a plane multiplies kernels w
+standard deviations away from the centre, and the primitives `second_cut_index` have a second plane:
 
     g(w) = (1 + e^-4) / (1 + e^(-4 - n.w))
 
@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..scene.cuts import OFFSET
-from ..scene.row_groups import CUTS, SLOPES, RowGroup
+from ..scene.row_groups import PLANES, SLOPES, RowGroup
 
 if TYPE_CHECKING:
     from ..scene.splats import Splats
 
-OWN_AXES = SLOPES, CUTS
+OWN_AXES = SLOPES, *PLANES
 LARGEST_KEPT = 1 + np.exp(-OFFSET)  # g far out on the side that is kept
 
 
@@ -49,8 +49,8 @@ def kept(along_normal: np.ndarray) -> np.ndarray:
 
 
 def largest_kept(cut: np.ndarray) -> np.ndarray:
-    """By what a kernel may be multiplied at most, of primitives that are `cut` or not."""
-    return np.where(cut, LARGEST_KEPT, 1.0)
+    """[N] by what a kernel may be multiplied at most, of primitives that each plane does `cut` or not, [2, N]."""
+    return LARGEST_KEPT ** np.sum(cut, axis=0)
 
 
 def log_kept_slope(along_normal: np.ndarray) -> np.ndarray:

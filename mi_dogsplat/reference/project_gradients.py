@@ -18,9 +18,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..scene.row_groups import PLANES
 from .forward import RAW_PARAMETERS
 from .mixed_sh import padded_sh, unpadded_sh
-from .own_axes import CUTS, SLOPES, index_of, values_of
+from .own_axes import SLOPES, index_of, values_of
 from .own_axes_gradients import own_axes_backward
 from .projection import (
     LOW_PASS,
@@ -44,8 +45,9 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
 
     `projection` is what `reference.project` makes of `splats` and `camera` with the same options. `δcolors` [N, 3] and
     `δcolor_slopes` [N, 3, 2] are by what that has of them; `moments` and `pseudo_moments` [N, 6] are the sums of δlog G
-    and δlog G_p times 1, dx, dy, dx^2, dx dy, dy^2, `cut_moments` [N, 3] those of δ(n.w) times 1, dx, dy. The
-    derivative is 0 through the limits: of a primitive that is not visible, of a colour at 0, of a clamped tangent.
+    and δlog G_p times 1, dx, dy, dx^2, dx dy, dy^2, `cut_moments` [2, N, 3] those of δ(n.w) of each plane
+    times 1, dx, dy. The derivative is 0 through the limits: of a primitive that is not visible, of a colour at 0, of a
+    clamped tangent.
     """
     p, seen = projection, np.flatnonzero(projection.visible)  # [n]
     raw = {name: np.asarray(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
@@ -68,7 +70,8 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
     δmeans2d, δlog_scales, δω, δC = _kernel_backward(C, scales, p.cov2d[seen], p.conics[seen], moments[seen],
                                                      antialiased)
     # what a pixel has of a colour that varies, and of a cut, depends on where the centre is
-    δmeans2d -= np.einsum("ncd,nc->nd", p.slopes[seen], δcolors[seen]) + p.cuts[seen] * cut_moments[seen, :1]
+    δmeans2d -= np.einsum("ncd,nc->nd", p.slopes[seen], δcolors[seen])
+    δmeans2d -= (p.cuts[:, seen] * cut_moments[:, seen, :1]).sum(0)
     δlog_opacities = moments[:, 0].copy()
 
     dog_index = np.asarray(splats.dog_index, np.int64)
@@ -84,7 +87,8 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
     δ["dog_logit_opacities"][dog] = pseudo_moments[i, 0] * sigmoid(-raw["dog_logit_opacities"][dog])
     δ["logit_opacities"][seen] = δlog_opacities[seen] * sigmoid(-raw["logit_opacities"][seen])
 
-    for group, δper_pixel in ((SLOPES, δcolor_slopes), (CUTS, cut_moments[:, None, 1:])):
+    of_planes = zip(PLANES, cut_moments[:, :, None, 1:], strict=True)
+    for group, δper_pixel in ((SLOPES, δcolor_slopes), *of_planes):
         index, values = index_of(splats, group), values_of(splats, group)
         if not len(index):
             continue

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..scene.row_groups import PLANES
 from .mixed_sh import padded_sh
-from .own_axes import CUTS, OWN_AXES, SLOPES, index_of, largest_kept, values_of
+from .own_axes import OWN_AXES, SLOPES, index_of, largest_kept, values_of
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -32,8 +33,8 @@ class Projection:
     colors: np.ndarray  # [N, 3] at the centre
     sloped: np.ndarray  # [N] bool, their colour varies over them
     slopes: np.ndarray  # [N, 3, 2] change of colour per px in x and in y, zero elsewhere
-    cut: np.ndarray  # [N] bool, a plane cuts them off
-    cuts: np.ndarray  # [N, 2] change of n.w per px in x and in y, zero elsewhere
+    cut: np.ndarray  # [2, N] bool, of each plane, that it cuts them off
+    cuts: np.ndarray  # [2, N, 2] change of its n.w per px in x and in y, zero elsewhere
     dog: np.ndarray  # [N] bool; the pseudo_* rows are zero where false
     pseudo_cov2d: np.ndarray  # [N, 3]
     pseudo_conics: np.ndarray  # [N, 3]
@@ -177,14 +178,17 @@ def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialias
         # [m, 2, 3] P = Sigma'^-1 V: at the offset d it is w = P^T d standard deviations away that primitives are seen
         return conics_times_axes(JWR[i], scales[i] ** 2, cov2d[i], conics[i]) * scales[i, None, :]
 
-    sloped, slopes, cut, cuts = np.zeros(n, bool), np.zeros((n, 3, 2)), np.zeros(n, bool), np.zeros((n, 2))
-    i, j = index_of(splats, SLOPES), index_of(splats, CUTS)
+    sloped, slopes = np.zeros(n, bool), np.zeros((n, 3, 2))
+    i = index_of(splats, SLOPES)
     slopes[i], sloped[i] = (per_pixel(i) @ values_of(splats, SLOPES)).swapaxes(1, 2), True
-    cuts[j], cut[j] = np.einsum("nij,nj->ni", per_pixel(j), values_of(splats, CUTS)), True
+    cut, cuts = np.zeros((len(PLANES), n), bool), np.zeros((len(PLANES), n, 2))
+    for k, plane in enumerate(PLANES):
+        i = index_of(splats, plane)
+        cuts[k, i], cut[k, i] = np.einsum("nij,nj->ni", per_pixel(i), values_of(splats, plane)), True
 
     largest = largest_kept(cut)
     extents = np.maximum(_extents(cov2d, opacities * largest), _extents(pseudo_cov2d, pseudo_opacities * largest))
-    rows = [means2d, z, cov2d, conics, opacities, colors, slopes, cuts, pseudo_cov2d, pseudo_conics,
+    rows = [means2d, z, cov2d, conics, opacities, colors, slopes, *cuts, pseudo_cov2d, pseudo_conics,
             pseudo_opacities, extents]
     visible = (z > near_clip) & _finite_rows(*rows) & _finite_parameters(splats, sh)
     for row in rows:

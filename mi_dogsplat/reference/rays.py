@@ -6,8 +6,8 @@ larger ones of r s and r_p F s, r and r_p being the radii, in standard deviation
 1/255. For a Gaussian it is the point of the largest value.
 
 A colour that varies over its primitive is that of the point where the primary is largest: w there, in standard
-deviations, is what the primary expects of a point of the ray. So is what a cut leaves of both kernels. The radii of a
-primitive that is cut off are those of its kernels as large as a cut may make them, 1 + e^-4 times as opaque.
+deviations, is what the primary expects of a point of the ray. So is what cuts leave of both kernels. The radii of a
+primitive that is cut off are those of its kernels as large as cuts may make them, each 1 + e^-4 times as opaque.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..scene.row_groups import PLANES
 from .forward import MAX_ALPHA, MAX_T, MIN_T
 from .mixed_sh import padded_sh
-from .own_axes import CUTS, SLOPES, index_of, kept, largest_kept, values_of
+from .own_axes import SLOPES, index_of, kept, largest_kept, values_of
 from .projection import MIN_ALPHA, rotations, sh_basis, sigmoid
 
 if TYPE_CHECKING:
@@ -50,10 +51,13 @@ def meet(splats: Splats, origins: np.ndarray, directions: np.ndarray, maxt: np.n
 
     largest, at = _largest(o / scales, d / scales)
     w = (o + at[..., None] * d) / scales  # [P, N, 3]
-    of_cut, cut, i = np.ones(largest.shape), np.zeros(len(scales), bool), index_of(splats, CUTS)
-    of_cut[:, i], cut[i] = kept((w[:, i] * values_of(splats, CUTS)).sum(-1)), True
+    left, cut = np.ones(largest.shape), np.zeros((len(PLANES), len(scales)), bool)
+    for of_plane, plane in zip(cut, PLANES, strict=True):
+        i = index_of(splats, plane)
+        left[:, i] *= kept((w[:, i] * values_of(splats, plane)).sum(-1))
+        of_plane[i] = True
 
-    alphas = np.minimum(MAX_ALPHA, opacities * largest * of_cut)
+    alphas = np.minimum(MAX_ALPHA, opacities * largest * left)
     at_most = opacities * largest_kept(cut)
     axes = _radius(at_most, cutoff)[:, None] * scales
     i = np.asarray(splats.dog_index, np.int64)
@@ -61,8 +65,8 @@ def meet(splats: Splats, origins: np.ndarray, directions: np.ndarray, maxt: np.n
         factors = np.exp(np.asarray(splats.dog_log_scales, np.float64)) * scales[i]
         pseudo = opacities[i] * sigmoid(np.asarray(splats.dog_logit_opacities, np.float64))
         of_pseudo = pseudo * _largest(o[:, i] / factors, d[:, i] / factors)[0]
-        alphas[:, i] -= np.minimum(MAX_ALPHA, of_pseudo * of_cut[:, i])
-        axes[i] = np.maximum(axes[i], _radius(pseudo * largest_kept(cut[i]), cutoff)[:, None] * factors)
+        alphas[:, i] -= np.minimum(MAX_ALPHA, of_pseudo * left[:, i])
+        axes[i] = np.maximum(axes[i], _radius(pseudo * largest_kept(cut[:, i]), cutoff)[:, None] * factors)
     axes[at_most <= cutoff] = 1  # not drawn
     places = _largest(o / axes, d / axes)[1]
     inside = (places > 0) & (places < np.broadcast_to(maxt, len(alphas))[:, None]) & (at_most > cutoff)

@@ -1,7 +1,7 @@
 """One block of pixels and the primitives that meet it, in float64: what the twins of real models blend.
 
 Notation of `forward.py`, and
-    d            pixel centre minus means2d, q = d^T conic d, so that G = o exp(-q / 2) g, g = 1 without a cut
+    d            pixel centre minus means2d, q = d^T conic d, so that G = o exp(-q / 2) g, g of all planes, 1 without
 
 `reference.project` is shared with `forward.py`, nothing is shared with the engine.
 """
@@ -77,6 +77,22 @@ def _gaussian(opacities: np.ndarray, cov2d: np.ndarray, conics: np.ndarray, dx: 
     return opacities[:, None, None] * np.exp(-0.5 * q)
 
 
+class Cut:
+    """What a `plane` does to the primitives of a block: `rows` [k] of it, which it cuts off.
+
+    n.w is what it has changed by in x, `in_x` [k, 1, w], and in y, `in_y` [k, h, 1].
+    """
+
+    def __init__(self, plane: int, rows: np.ndarray, per_pixel: np.ndarray, block: Block):
+        of_x, of_y = per_pixel[rows].T
+        self.plane, self.rows = plane, rows
+        self.in_x, self.in_y = (of_x * block.dx[rows].T).T[:, None, :], (of_y * block.dy[rows].T).T[:, :, None]
+
+    def log_kept_slope(self) -> np.ndarray:
+        """[k, h, w] the derivative of log g by n.w."""
+        return log_kept_slope(self.in_x + self.in_y)
+
+
 class Walk:
     """One block's pixels, front to back; arrays are [n, h, w].
 
@@ -92,13 +108,10 @@ class Walk:
         of_dog = i[self.dog]
         self.G_p = _gaussian(p.pseudo_opacities[of_dog], p.pseudo_cov2d[of_dog], p.pseudo_conics[of_dog],
                              block.dx[self.dog], block.dy[self.dog])  # [m, h, w]
-        self.cut = np.flatnonzero(p.cut[i])  # [k] rows of the block
-        of_x, of_y = p.cuts[i[self.cut]].T
-        # n.w is what it has changed by in x, [k, 1, w], and in y, [k, h, 1]
-        self.in_x, self.in_y = (of_x * block.dx[self.cut].T).T[:, None, :], (of_y * block.dy[self.cut].T).T[:, :, None]
-        if self.cut.size:
+        self.cuts = [Cut(k, np.flatnonzero(cut[i]), p.cuts[k, i], block) for k, cut in enumerate(p.cut) if cut[i].any()]
+        for cut in self.cuts:
             left = np.ones_like(self.G)
-            left[self.cut] = kept(self.in_x + self.in_y)
+            left[cut.rows] = kept(cut.in_x + cut.in_y)
             self.G *= left
             self.G_p *= left[self.dog]
         alpha = np.minimum(MAX_ALPHA, self.G)
@@ -150,14 +163,10 @@ class Walk:
         """G + G_p, of which alpha is the difference; with a cut more, by what the terms of its exponent round off."""
         operands = self.G.copy()
         operands[self.dog] += self.G_p
-        if self.cut.size:
-            terms = OFFSET + np.abs(self.in_x) + np.abs(self.in_y)
-            operands[self.cut] *= 1 + self.log_kept_slope() * terms
+        for cut in self.cuts:
+            terms = OFFSET + np.abs(cut.in_x) + np.abs(cut.in_y)
+            operands[cut.rows] *= 1 + cut.log_kept_slope() * terms
         return operands
-
-    def log_kept_slope(self) -> np.ndarray:
-        """[k, h, w] the derivative of log g by n.w."""
-        return log_kept_slope(self.in_x + self.in_y)
 
     def roundings(self) -> np.ndarray:
         """By how much float32 may change T behind each primitive, relative and to first order.

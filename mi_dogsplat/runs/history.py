@@ -9,6 +9,7 @@ from typing import Any
 import drjit as dr
 
 from ..training.events import DogActivated, Event, Pruned, row_of
+from ..training.presets import GIVEN
 from ..training.train import Trainer
 
 
@@ -53,10 +54,9 @@ def run_to_end(
 
 
 def counted_rows(trainer: Trainer) -> list[str]:
-    """``n_slopes`` and ``n_cuts``, each where there are some, or are to be."""
+    """``n_slopes``, ``n_cuts`` and ``n_second_cuts``, each where there are some, or are to be."""
     recipe, optimizer = trainer.recipe, trainer.optimizer
-    rules = {"n_slopes": recipe.slopes, "n_cuts": recipe.cuts}
-    return [name for name, rule in rules.items() if rule is not None or getattr(optimizer, name) > 0]
+    return [f"n_{name}" for name in GIVEN if name in recipe.row_rules or getattr(optimizer, f"n_{name}") > 0]
 
 
 def _count_seconds(trainer: Trainer, since: float) -> None:

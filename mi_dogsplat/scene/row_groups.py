@@ -2,7 +2,7 @@
 
 Row ``j`` of a group's arrays belongs to primitive ``index[j]``; every other primitive pays nothing for the group. A
 group of its own is what makes a primitive DoG, what lets its colour vary from end to end, what cuts it off along a
-plane, and what each degree of view-dependent colour takes.
+plane and along a second one, and what each degree of view-dependent colour takes.
 """
 
 from __future__ import annotations
@@ -28,6 +28,11 @@ class RowGroup:
     """name to the shape of a row"""
 
     @property
+    def row(self) -> str:
+        """Name of the inverse of the index, [N]: the row of each primitive."""
+        return self.index.replace("_index", "_row")
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Of the arrays with values."""
         return tuple(self.arrays)
@@ -36,12 +41,15 @@ class RowGroup:
 DOG = RowGroup("dog_index", {"dog_logit_opacities": (), "dog_log_scales": (3,)})
 SLOPES = RowGroup("slope_index", {"color_slopes": (3, 3)})
 CUTS = RowGroup("cut_index", {"cut_normals": (3,)})
+SECOND_CUTS = RowGroup("second_cut_index", {"second_cut_normals": (3,)})
+PLANES = (CUTS, SECOND_CUTS)
+"""Each may cut a primitive off, with or without the other."""
 SH = {
     degree: RowGroup(f"sh{degree}_index", {f"sh{degree}_coeffs": ((degree + 1) ** 2 - 1, 3)})
     for degree in range(1, MAX_SH_DEGREE + 1)
 }
-GROUPS = (DOG, SLOPES, CUTS, *SH.values())
-ALONG_AXES = {"color_slopes": SLOPES, "cut_normals": CUTS}
+GROUPS = (DOG, SLOPES, *PLANES, *SH.values())
+ALONG_AXES = {name: group for group in (SLOPES, *PLANES) for name in group.names}
 """Arrays whose rows are per standard deviation along the axes of their primitive; the axis comes first."""
 
 

@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike
 
 from .opacity import sigmoid
 from .row_groups import (
-    CUTS,
     DOG,
     GROUPS,
     MAX_SH_DEGREE,
+    PLANES,
+    SECOND_CUTS,
     SH,
     SLOPES,
     Array,
@@ -71,6 +72,10 @@ class Splats:
     cut_normals: Array = _no_rows(3)
     """[C, 3] normals of these planes towards what is kept, along the primitives' own axes and per standard deviation;
     their length is how steep the cut is"""
+    second_cut_index: Array = _no_rows(dtype=np.uint32)
+    """[C2] strictly increasing: the primitives that a second plane cuts off"""
+    second_cut_normals: Array = _no_rows(3)
+    """[C2, 3] normals of these planes, as of the others"""
     sh1_index: Array = _no_rows(dtype=np.uint32)
     """[M1] strictly increasing: the primitives of degree 1, in a mixed model"""
     sh1_coeffs: Array = _no_rows(3, 3)
@@ -158,6 +163,11 @@ class Splats:
         return self.cut_index.shape[0]
 
     @property
+    def n_second_cuts(self) -> int:
+        """C2, the number of primitives that a second plane cuts off."""
+        return self.second_cut_index.shape[0]
+
+    @property
     def sh_degree(self) -> int:
         """The highest degree of spherical harmonics that a primitive has, 0..3."""
         of_groups = [degree for degree, group in SH.items() if len(getattr(self, group.index))]
@@ -224,10 +234,14 @@ class Splats:
 
     def without_cuts(self) -> Splats:
         """All N primitives whole."""
-        return self._without(CUTS)
+        return self._without(*PLANES)
 
-    def _without(self, group: RowGroup) -> Splats:
-        left_out = (group.index, *group.names)
+    def without_second_cuts(self) -> Splats:
+        """All N primitives, cut off by one plane at most."""
+        return self._without(SECOND_CUTS)
+
+    def _without(self, *groups: RowGroup) -> Splats:
+        left_out = [name for group in groups for name in (group.index, *group.names)]
         return Splats(**{name: values.copy() for name, values in vars(self).items() if name not in left_out})
 
     def uniform_sh(self, degree: int | None = None) -> Splats:

@@ -2,7 +2,7 @@
 
 All rules but "opacity" sum over the training views and pixels what a primitive's footprint image F contributes
 (``walks/score.py``: J, the derivative of the summed image by the kernel's value, D, the change of the image if the
-primitive is removed, P, if a DoG primitive becomes its primary, or Q, if a primitive loses its cut):
+primitive is removed, P, if a DoG primitive becomes its primary, or Q, if a primitive loses a cut):
 
     U_i = Σ F_i²                         spatial
     Uf_i = Σ_ω w(ω) |F̂_i(ω)|² / (H W)     spectral, w(ω) = (|ω| / ω_corner)^γ; w = 1 would give U_i (Parseval)
@@ -34,9 +34,11 @@ from ..engine.view import prepare_both
 from ..engine.walks.composite import composite_over
 from ..engine.walks.score import Sums, composite_score
 from ..scene.opacity import sigmoid
+from ..scene.row_groups import CUTS, PLANES, SECOND_CUTS, RowGroup
 from .counted import MaskOf, counted
 
-KINDS = ("opacity", "spatio-spectral", "released", "leave-one-out", "leave-dog-out", "leave-cut-out")
+CUT_KINDS = {"leave-cut-out": CUTS, "leave-second-cut-out": SECOND_CUTS}
+KINDS = ("opacity", "spatio-spectral", "released", "leave-one-out", "leave-dog-out", *CUT_KINDS)
 CORNER = float(np.sqrt(0.5))  # cycles per pixel, the highest frequency of an image
 LUMA = (0.299, 0.587, 0.114)  # Rec. 601
 BAND_GAIN, BAND_MAX = 0.1, 3.0  # of the released code's band-pass picture
@@ -62,7 +64,8 @@ class Curve(Protocol):
 class ScoreRule:
     """Which score, and its numbers. Raises ``ValueError`` for numbers that mean nothing."""
 
-    kind: str = "spatio-spectral"  # (F = J), leave-one-out (D), leave-dog-out (P), leave-cut-out (Q), released, opacity
+    kind: str = "spatio-spectral"
+    """(F = J), leave-one-out (D), leave-dog-out (P), leave-cut-out and leave-second-cut-out (Q), released, opacity"""
     spatial_weight: float = 1.0  # λ_s
     spectral_weight: float = 1.0  # λ_f
     gamma_f: float = 1.0  # γ, of the spectral part
@@ -117,7 +120,7 @@ class ScoreRule:
             weighted=self.curve is not None,
             removal=self.kind == "leave-one-out",
             degeneration=self.kind == "leave-dog-out",
-            uncut=self.kind == "leave-cut-out",
+            uncut=0 if self.kind in CUT_KINDS else None,
             energy=self.spatial_weight > 0,
             gradient=spectral and self.probes == 0,
             probes=self.probes if spectral else 0,
@@ -170,6 +173,8 @@ def _view_sums(
 ) -> list:
     """Columns of ``sums`` for a view, [N] each, float32."""
     sums = replace(rule.sums, masked=mask is not None)
+    if sums.uncut is not None:
+        sums = replace(sums, uncut=_place(CUT_KINDS[rule.kind], params))
     pictured, view = prepare_both(params, camera, options, sums.blocks)
     image = composite_over(pictured, background)
     planes = []
@@ -186,6 +191,12 @@ def _view_sums(
         planes += list(filtered_noise(signs, rule.gamma_f))
     on_device = [detached(device_array(plane)) for plane in planes]
     return composite_score(view, sums, image, on_device if mask is None else [mask, *on_device])
+
+
+def _place(plane: RowGroup, params: dict) -> int:
+    """Of a plane among those of a model; behind the last one if it is not there."""
+    there = [group for group in PLANES if group.index in params]
+    return there.index(plane) if plane in there else len(there)
 
 
 def _frequencies(height: int, width: int) -> np.ndarray:

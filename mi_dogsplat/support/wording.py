@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from numbers import Real
 
 MISSING = "\u2013"
@@ -29,6 +30,11 @@ def count(value: object) -> str:
     """``312,400``."""
     v = finite(value)
     return MISSING if v is None else f"{v:,.0f}"
+
+
+def in_words(names: Sequence[str]) -> str:
+    """``slopes``, ``slopes and cuts``, ``slopes, cuts and bands``; nothing of none."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def time_unit(longest: float) -> tuple[str, int]:

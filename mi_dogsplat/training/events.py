@@ -174,6 +174,23 @@ class CutsLeftOut(Event):
 
 
 @dataclass(frozen=True)
+class SecondCutsActivated(Event):
+    """All ``count`` primitives got second cuts, so that another plane may cut them off."""
+
+    kind, words = "second_cuts_activated", "second cuts activated for {count} primitives"
+    count: int
+
+
+@dataclass(frozen=True)
+class SecondCutsLeftOut(Event):
+    """``count`` primitives lost their second cuts, which no pixel shows; ``left`` have one still."""
+
+    kind, words = "second_cuts_left_out", "second cuts of {count} primitives left out, {left} have one"
+    count: int
+    left: int
+
+
+@dataclass(frozen=True)
 class Quantised(Event):
     """The model became what its file holds; ``entries`` of the palette."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..scene.row_groups import CUTS, DOG, SLOPES, RowGroup
+from ..scene.row_groups import DOG, RowGroup
 from .config import TrainConfig
 from .footprint import Later
 from .optimizer.preconditioning import n_products
@@ -16,8 +16,7 @@ def later_rows(config: TrainConfig, recipe: Recipe, held: Sequence[RowGroup], n:
 
     How many are left by then is known of a ratio, and of a count where a model or a cap says of how many.
     """
-    rules = (DOG, recipe.dog), (SLOPES, recipe.slopes), (CUTS, recipe.cuts)
-    given = [group for group, rule in rules if rule and group not in held]
+    given = [group for group in ([DOG] if recipe.dog else []) + [*recipe.given_groups] if group not in held]
     left = 1.0
     if recipe.pruning:
         target = 0.0 if config.target_bytes else float(config.target)

@@ -8,21 +8,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..formats.sizes import FileKind
-from ..scene.row_groups import CUTS, SLOPES
+from ..scene.row_groups import CUTS, SECOND_CUTS, SLOPES, RowGroup
 from ..scores.score import Score, ScoreRule
+from ..support.wording import in_words
 from .images.tone_curve import SrgbLog, ToneCurve
 from .milestones import scaled_milestone
 from .optimizer.learning_rates import Refinement
 from .optimizer.preconditioning import Preconditioning
 from .strategy.compaction import Compaction
-from .strategy.cut_activation import CutActivation, CutControl, CutRule
+from .strategy.cut_activation import CutActivation, CutControl, CutRule, SecondCutActivation, SecondCutControl
 from .strategy.densify import Densification
 from .strategy.dog_control import DogActivation, DogControl, DogRule
 from .strategy.prune import Pruning
 from .strategy.quantise import Quantisation
+from .strategy.row_activation import RowActivation, RowControl, RowRule
 from .strategy.scheduler import PruningRule
 from .strategy.sh_ramp import ShRamp
 from .strategy.sieve import Sieve
@@ -32,6 +34,22 @@ from .strategy.strategy import Strategy
 ACTIVATION = 18_000  # step at which primitives of ours become DoG and are given slopes and cuts
 SETTLED = 500  # steps after which Adam knows the size of gradients that are new
 PRECONDITIONING = Preconditioning(start=ACTIVATION + SETTLED)
+
+
+class Given(NamedTuple):
+    """Rows that a recipe may give to all primitives: whose they are, and what gives them and leaves them out."""
+
+    group: RowGroup
+    activation: type[RowActivation]
+    control: type[RowControl]
+
+
+GIVEN = {
+    "slopes": Given(SLOPES, SlopeActivation, SlopeControl),
+    "cuts": Given(CUTS, CutActivation, CutControl),
+    "second_cuts": Given(SECOND_CUTS, SecondCutActivation, SecondCutControl),
+}
+"""By the field of ``Recipe`` that is its rule; in the order in which they come."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +74,7 @@ class Recipe:
     start_share: float | None = None  # of the target, a count, that training starts with at most: for one that grows
     slopes: SlopeRule | None = None  # colours that vary over their primitive
     cuts: CutRule | None = None  # primitives that a plane cuts off
+    second_cuts: CutRule | None = None  # and that a second one does
     preconditioning: Preconditioning | None = None  # steps in which the numbers of a primitive move together
 
     def __post_init__(self) -> None:
@@ -84,8 +103,7 @@ class Recipe:
             densification=self.densification.scaled(factor),
             pruning=self.pruning and self.pruning.scaled(factor),
             dog=self.dog and self.dog.scaled(factor),
-            slopes=self.slopes and self.slopes.scaled(factor),
-            cuts=self.cuts and self.cuts.scaled(factor),
+            **{name: rule.scaled(factor) for name, rule in self.row_rules.items()},
             refinement=self.refinement and self.refinement.scaled(factor),
             preconditioning=self.preconditioning and self.preconditioning.scaled(factor),
             also=tuple(strategy.scaled(factor) for strategy in self.also),
@@ -100,14 +118,24 @@ class Recipe:
         """
         if self.preconditioning:
             return self
-        begins = [rule.start for rule in (self.dog, self.slopes, self.cuts) if rule]
+        begins = [rule.start for rule in (self.dog, *self.row_rules.values()) if rule]
         begins += [self.pruning.stop] if self.pruning else []
         return replace(self, preconditioning=replace(PRECONDITIONING, start=max([ACTIVATION, *begins]) + SETTLED))
 
     @property
+    def row_rules(self) -> dict[str, RowRule]:
+        """Rules of rows that it gives to primitives, beside DoG, by their names in ``GIVEN``."""
+        return {name: getattr(self, name) for name in GIVEN if getattr(self, name)}
+
+    @property
+    def given_groups(self) -> tuple[RowGroup, ...]:
+        """Of these rows."""
+        return tuple(GIVEN[name].group for name in self.row_rules)
+
+    @property
     def given(self) -> str:
         """What it gives to primitives that PLY alone holds, beside DoG: ``slopes and cuts``, or nothing."""
-        return " and ".join(name for name in ("slopes", "cuts") if getattr(self, name))
+        return in_words([name.replace("_", " ") for name in self.row_rules])
 
     def for_format(self, name: str) -> Recipe:
         """The recipe of a model that ends in a file of that format: only PLY holds DoG, and numbers as they are.
@@ -131,8 +159,7 @@ class Recipe:
             densification=replace(self.densification, start=0, stop=0),
             pruning=replace(self.pruning, start=0, stop=self.pruning.stop - start),
             dog=self.dog and replace(self.dog, start=max(0, self.dog.start - start)),
-            slopes=self.slopes and self.slopes.earlier(start),
-            cuts=self.cuts and self.cuts.earlier(start),
+            **{name: rule.earlier(start) for name, rule in self.row_rules.items()},
             also=tuple(strategy.earlier(start) for strategy in self.also),
             reference_steps=self.reference_steps - start,
             sh_every=0,
@@ -149,17 +176,14 @@ class Recipe:
         Raises ``ValueError`` where two of them have one name.
         """
         parts: list[Strategy[Any]] = [DogControl(self.dog)] if self.dog and self.dog.control else []
-        parts += [SlopeControl(self.slopes)] if self.slopes else []
-        parts += [CutControl(self.cuts)] if self.cuts else []
+        parts += [GIVEN[name].control(rule) for name, rule in self.row_rules.items()]
         parts += [sieve, self.densification, ShRamp(self.sh_every), *self.also]
         if self.pruning and size:
-            groups = tuple(g for g, rule in ((SLOPES, self.slopes), (CUTS, self.cuts)) if rule)
-            parts += [Compaction(self.pruning, *size, given=groups)]
+            parts += [Compaction(self.pruning, *size, given=self.given_groups)]
         elif self.pruning and self.score:
             parts += [Pruning(self.pruning, self.score)]
         parts += [DogActivation(self.dog)] if self.dog else []
-        parts += [SlopeActivation(self.slopes)] if self.slopes else []
-        parts += [CutActivation(self.cuts)] if self.cuts else []
+        parts += [GIVEN[name].activation(rule) for name, rule in self.row_rules.items()]
         parts += [self.quantisation] if self.quantisation else []
         names = [part.name for part in parts]
         if twice := [name for name in names if names.count(name) > 1]:
@@ -182,6 +206,7 @@ RECIPES = {
     "ours_slopes": OURS_SLOPES,
     "ours_cuts": OURS_CUTS,
     "ours_preconditioned": OURS_CUTS.preconditioned(),
+    "ours_second_cuts": replace(OURS_CUTS, second_cuts=CutRule(ACTIVATION)).preconditioned(),
     # the text: all factors below 1. Their starts, the weights, gamma and the threshold are ours: docs/training.md
     "paper": Recipe(
         pruning=PruningRule(),

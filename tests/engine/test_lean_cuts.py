@@ -54,14 +54,15 @@ def test_cuts_take_no_kernel_more_and_work_for_primitives_and_blocks_alone(kind)
 
 def test_a_forward_pass_does_not_evaluate_what_derivatives_alone_need(monkeypatch):
     """How steep a cut falls at a pixel costs an operation per pixel, which a picture has no use for."""
-    whole = walk.kept_of
+    whole = walk.all_kept
 
     def without_falls(*given):
         found = whole(*given)
-        found.falls = found.values
+        for plane in found:
+            plane.falls = plane.values
         return found
 
     expected = stages(forward(cut(model("plain"))))
-    monkeypatch.setattr(walk, "kept_of", without_falls)
+    monkeypatch.setattr(walk, "all_kept", without_falls)
     forget_recordings()
     assert stages(forward(cut(model("plain")))) == expected

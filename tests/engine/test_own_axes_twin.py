@@ -13,6 +13,7 @@ from mi_dogsplat.engine.rasterize import RasterOptions, rasterize
 from mi_dogsplat.reference.forward import raw_names
 from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled
 from mi_dogsplat.scene.splats import Splats
+from own_axes_models import KINDS
 from splat_scenes import (
     SMOOTH_OPTIONS,
     assert_gradients_equal,
@@ -32,15 +33,16 @@ CAMERA = tilted_camera(24, 20, f=20.0, cx=11.0, cy=10.5)
 LARGE = tilted_camera(90, 70, f=80.0)
 ADJOINT = np.random.default_rng(0).normal(size=(20, 24, 3))
 MODES = {"antialiased": (False, True), "negative_transmittance": (True, False)}
-SHARES = {"slopes": (0.6, 0), "cuts": (0, 0.6), "slopes and cuts": (0.6, 0.6), "cuts of all": (0, 1)}
-"""Of primitives with slopes and with cuts."""
+SHARES = {"slopes": (0.6, 0, 0), "cuts": (0, 0.6, 0), "slopes and cuts": (0.6, 0.6, 0), "cuts of all": (0, 1, 0),
+          "second cuts": (0, 0, 0.6), "all of them": (0.6, 0.6, 0.6)}  # fmt: skip
+"""Of primitives with slopes, with cuts and with second cuts."""
 CUTOFFS = {"cutoffs": ({}, {}), "smooth": (SMOOTH_OPTIONS, {"min_alpha": 0, "min_transmittance": 0})}
 """Of the engine and of the tiled twin."""
 
 
 def model(kind: str, n=10, seed=3, degree=1, dog_share=0.5) -> Splats:
     splats = rounded(random_splats(n, seed, degree, dog_share, *SHARES[kind]))
-    assert [splats.n_slopes > 0, splats.n_cuts > 0] == [share > 0 for share in SHARES[kind]]
+    assert [each.n(splats) > 0 for each in KINDS] == [share > 0 for share in SHARES[kind]]
     return splats
 
 
@@ -54,14 +56,16 @@ def decided(splats: Splats, camera, **choices) -> np.ndarray:
 
 
 def test_what_changes_per_pixel_is_that_of_the_twin():
-    splats = model("slopes and cuts", 300)
+    splats = model("all of them", 300)
     ours, twin = project(upload(splats), DeviceCamera.upload(LARGE), sh_degree=1), reference.project(splats, LARGE)
     assert ours.slopes is not None and ours.cuts is not None
     np.testing.assert_array_equal(ours.visible.numpy(), twin.visible)
     slopes = np.stack([g.numpy() for g in ours.slopes]).reshape(2, 3, 300).transpose(2, 1, 0)
-    cuts = np.stack([h.numpy() for h in ours.cuts], 1)[:, None] * np.log(2)  # the engine's are exponents of 2
-    for got, expected, some, index in ((slopes, twin.slopes, twin.sloped, splats.slope_index),
-                                       (cuts, twin.cuts[:, None], twin.cut, splats.cut_index)):  # fmt: skip
+    cuts = np.stack([h.numpy() for h in ours.cuts]).reshape(2, 1, 2, 300) * np.log(2)  # the engine's exponents are of 2
+    planes = zip(cuts.transpose(0, 3, 1, 2), twin.cuts[:, :, None], twin.cut, strict=True)
+    of_kinds = (slopes, twin.slopes, twin.sloped), *planes
+    for (got, expected, some), kind in zip(of_kinds, KINDS, strict=True):
+        index = kind.index(splats)
         size = np.abs(expected).max((1, 2), keepdims=True)
         assert not got[~np.isin(np.arange(300), index)].any()
         assert (np.abs(got - expected) <= 1e-5 * size)[some].all() and 100 < some.sum() < 250
@@ -84,7 +88,7 @@ def test_the_picture_is_that_of_the_twin(varies, dog_share, antialiased, negativ
 
 @pytest.mark.parametrize("patch", [1, 2, 4])
 def test_the_pixels_of_a_block_each_have_their_own_colour_and_kernel(patch):
-    splats = model("slopes and cuts", 100, seed=6)
+    splats = model("all of them", 100, seed=6)
     expected = render_tiled(splats, LARGE, BACKGROUND, **CUTOFFS["smooth"][1]).image
     frame = rasterized(splats, LARGE, patch=patch, **SMOOTH_OPTIONS)
     np.testing.assert_allclose(image_of(frame, LARGE, BACKGROUND), expected, atol=2e-5)
@@ -98,7 +102,7 @@ def test_depth_knows_nothing_of_slopes():
 
 
 def test_mixed_degrees_go_with_slopes_and_cuts():
-    splats = model("slopes and cuts", 60, degree=3).with_sh_degrees(np.arange(60) % 4)
+    splats = model("all of them", 60, degree=3).with_sh_degrees(np.arange(60) % 4)
     assert splats.n_slopes and splats.n_cuts and splats.mixed_sh
     expected = render_tiled(splats, LARGE, BACKGROUND, **CUTOFFS["smooth"][1]).image
     np.testing.assert_allclose(image_of(rasterized(splats, LARGE, **SMOOTH_OPTIONS), LARGE, BACKGROUND), expected,
@@ -129,7 +133,7 @@ def test_gradients_of_every_parameter_are_those_of_the_twin(varies, dog_share, a
     adjoint = ADJOINT * (decided(splats, CAMERA, **choices)[..., None] if kind == "cutoffs" else 1)
     got = gradients_of(splats, options(splats, **choices, **ours), adjoint)
     expected = gradients_tiled(splats, CAMERA, adjoint, BACKGROUND, **choices, **twins)
-    assert ["color_slopes" in got, "cut_normals" in got] == [share > 0 for share in SHARES[varies]]
+    assert [each.name in got for each in KINDS] == [share > 0 for share in SHARES[varies]]
     assert_gradients_equal(got, {name: expected[name] for name in got})
 
 
@@ -163,7 +167,7 @@ def test_gradients_beyond_the_clamp_of_the_linearisation_are_those_of_the_twin(v
 # --- forward mode ---
 
 
-@every_pair(varies=("slopes", "slopes and cuts"), dog_share=(0, 0.5), **MODES)
+@every_pair(varies=("slopes", "slopes and cuts", "second cuts", "all of them"), dog_share=(0, 0.5), **MODES)
 def test_forward_mode_along_random_directions_equals_differences(varies, dog_share, antialiased,
                                                                  negative_transmittance):  # fmt: skip
     splats = model(varies, dog_share=dog_share)
@@ -175,15 +179,15 @@ def test_forward_mode_along_random_directions_equals_differences(varies, dog_sha
 
 
 def test_forward_mode_along_each_parameter_alone_equals_differences():
-    splats = model("slopes and cuts")
+    splats = model("all of them")
     for name, direction in random_directions(splats, 4).items():
         got = pushed(splats, CAMERA, {name: direction}, options(splats, **SMOOTH_OPTIONS))
         table = mismatches(got, pushed_differences(splats, CAMERA, {name: direction}))
         assert not table, f"{name}\n{table}"
 
 
-@every_pair(varies=("slopes", "slopes and cuts"), dog_share=(0, 0.5), negative_transmittance=(True, False),
-            kind=CUTOFFS)  # fmt: skip
+@every_pair(varies=("slopes", "slopes and cuts", "second cuts", "all of them"), dog_share=(0, 0.5),
+            negative_transmittance=(True, False), kind=CUTOFFS)  # fmt: skip
 def test_forward_and_reverse_mode_are_adjoint(varies, dog_share, negative_transmittance, kind):
     splats = model(varies, 400, seed=1, dog_share=dog_share)
     splats.logit_opacities += 2

@@ -1,9 +1,10 @@
-"""Models of which a plane cuts off some primitives."""
+"""Models of which one plane or two cut off some primitives."""
 
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from mi_dogsplat.scene.row_groups import CUTS, RowGroup
 from mi_dogsplat.scene.splats import Splats
 from places import along_axes
 
@@ -16,7 +17,17 @@ def with_cuts(splats: Any, every: int = 2, first: int = 0) -> Splats:
     return replace(whole, cut_index=index, cut_normals=normals)
 
 
-def kept_shares(splats: Splats, points: np.ndarray) -> np.ndarray:
-    """[C, P] float64 g, what a cut leaves of its primitive at points [C, P, 3] in the world."""
-    along = np.einsum("cpa,ca->cp", along_axes(splats, splats.cut_index, points), splats.cut_normals.astype(np.float64))
+def with_second_cuts(splats: Any, every: int = 2, first: int = 0) -> Splats:
+    """The same, by the second plane; what the first one does stays."""
+    before = Splats(**vars(splats))
+    index = np.arange(first, before.n_splats, every)
+    normals = np.random.default_rng(11).normal(0, 6, (len(index), 3))
+    return replace(before, second_cut_index=index, second_cut_normals=normals)
+
+
+def kept_shares(splats: Splats, points: np.ndarray, plane: RowGroup = CUTS) -> np.ndarray:
+    """[C, P] float64 g, what a plane leaves of its primitives at points [C, P, 3] in the world."""
+    (name,) = plane.names
+    normals = getattr(splats, name).astype(np.float64)
+    along = np.einsum("cpa,ca->cp", along_axes(splats, getattr(splats, plane.index), points), normals)
     return (1 + np.exp(-4)) / (1 + np.exp(-4 - along))

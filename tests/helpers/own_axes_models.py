@@ -7,9 +7,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import pytest
-from cut_models import with_cuts
+from cut_models import with_cuts, with_second_cuts
 from mi_dogsplat import Splats, reference
-from mi_dogsplat.scene.row_groups import CUTS, SLOPES
+from mi_dogsplat.scene.row_groups import CUTS, SECOND_CUTS, SLOPES
 from row_kinds import RowKind, of_each
 from sloped_models import with_slopes
 from splat_scenes import C0, random_splats, scene_of, square_camera
@@ -63,14 +63,18 @@ class Kind(RowKind):
 
 
 SLOPED, CUT = Kind("slopes", SLOPES, with_slopes, 0.02), Kind("cuts", CUTS, with_cuts, 0.2)
+SECOND_CUT = Kind("second_cuts", SECOND_CUTS, with_second_cuts, 0.2)
+PLANE_KINDS = CUT, SECOND_CUT
+KINDS = SLOPED, *PLANE_KINDS
 
 
 def for_each_kind(name: str, slopes: Any, cuts: Any) -> pytest.MarkDecorator:
-    """A test of both as ``kind``, with an argument ``name`` that each has its own of."""
-    return pytest.mark.parametrize(("kind", name), [(SLOPED, slopes), (CUT, cuts)], ids=["slopes", "cuts"])
+    """A test of each as ``kind``, with an argument ``name`` of which planes have the same."""
+    cases = [(SLOPED, slopes), *((kind, cuts) for kind in PLANE_KINDS)]
+    return pytest.mark.parametrize(("kind", name), cases, ids=[kind.word for kind in KINDS])
 
 
-EACH_KIND = of_each(SLOPED, CUT)
+EACH_KIND, EACH_PLANE = of_each(*KINDS), of_each(*PLANE_KINDS)
 
 
 def picture(splats: Splats, **others) -> np.ndarray:

@@ -16,7 +16,7 @@ class RowKind:
     """A kind of rows in models and optimizers. Files of tests add what they need of it."""
 
     word: str
-    """``slopes`` or ``cuts``"""
+    """``slopes``, ``cuts`` or ``second_cuts``"""
     group: RowGroup
     """with one array of values"""
 

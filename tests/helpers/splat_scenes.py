@@ -48,7 +48,8 @@ def make_splats(means, scales: Any = 0.1, opacities: Any = 0.5, colors: Any = 1.
     )
 
 
-def random_splats(n=40, seed=0, degree=3, dog_share=0.5, slope_share=0.0, cut_share=0.0) -> Any:
+def random_splats(n=40, seed=0, degree=3, dog_share=0.5, slope_share=0.0, cut_share=0.0,
+                  second_cut_share=0.0) -> Any:  # fmt: skip
     """Of all sizes, opacities and orientations, in front of a camera at the origin; float64."""
     rng = np.random.default_rng(seed)
     splats = make_splats(
@@ -65,6 +66,9 @@ def random_splats(n=40, seed=0, degree=3, dog_share=0.5, slope_share=0.0, cut_sh
     if cut_share:
         splats.cut_index = np.flatnonzero(rng.uniform(size=n) < cut_share)
         splats.cut_normals = rng.normal(0, 4, (len(splats.cut_index), 3))
+    if second_cut_share:
+        splats.second_cut_index = np.flatnonzero(rng.uniform(size=n) < second_cut_share)
+        splats.second_cut_normals = rng.normal(0, 4, (len(splats.second_cut_index), 3))
     return splats
 
 

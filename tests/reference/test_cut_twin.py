@@ -42,7 +42,7 @@ def test_a_kernel_is_multiplied_by_what_the_cut_leaves_there():
 def test_the_low_pass_filter_makes_cuts_of_tiny_primitives_gentle():
     """V is s = .3 px wide: w = s d / (s^2 + .3)."""
     splats = CUT.given(make_splats([0, 0, 2], 0.01), (2, 5, 9))
-    (cut,) = reference.project(splats, make_camera(f=60.0)).cuts
+    ((cut,), _) = reference.project(splats, make_camera(f=60.0)).cuts
     np.testing.assert_allclose(cut, [2 * 0.3 / (0.3**2 + 0.3), 5 * 0.33 / (0.33**2 + 0.3)], rtol=1e-12)
 
 

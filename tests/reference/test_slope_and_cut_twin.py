@@ -1,6 +1,7 @@
 """What holds for slopes and for cuts in the float64 twin: in samples of space, against differences, on rays."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,11 +11,16 @@ from mi_dogsplat.reference import score as reference_score
 from mi_dogsplat.reference.forward import RAW_PARAMETERS
 from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled
 from mi_dogsplat.reference.rays import gather, meet
-from own_axes_models import CUT, EACH_KIND, SLOPED, Kind, for_each_kind
+from own_axes_models import CUT, EACH_KIND, KINDS, PLANE_KINDS, SECOND_CUT, SLOPED, Kind, for_each_kind
 from splat_scenes import axis_rotation, make_camera, make_splats, random_splats, rounded, tilted_camera
 from tiled_twin import BACKGROUND, MODES, SMALL, SMOOTH, adjoint_of, assert_gradients_near, assert_images_equal
 
 ADJOINT = adjoint_of(SMALL)
+
+
+def per_pixel(p: Any, kind: Kind) -> np.ndarray:
+    """[N, …, 2] what a projection has of it."""
+    return p.slopes if kind is SLOPED else p.cuts[PLANE_KINDS.index(kind)]
 
 
 @for_each_kind("values", np.random.default_rng(1).normal(size=(3, 3)), np.array([1.0, -2.0, 0.7]))
@@ -32,7 +38,7 @@ def test_a_pixel_sees_the_mean_of_what_lies_behind_it(kind: Kind, values):
     offsets = w * 1e-3 * np.exp(splats.log_scales[0]) @ R.T  # so near that the projection is linear
     d = (camera.project(splats.means[0] + offsets)[0] - p.means2d[0]) / 1e-3
     d += np.sqrt(reference.LOW_PASS) * np.random.default_rng(2).normal(size=d.shape)
-    measured, projected = np.linalg.lstsq(d, w @ values, rcond=None)[0].T, getattr(p, kind.word)[0]
+    measured, projected = np.linalg.lstsq(d, w @ values, rcond=None)[0].T, per_pixel(p, kind)[0]
     np.testing.assert_allclose(measured, projected, atol=2e-3 * np.abs(projected).max())
 
 
@@ -42,8 +48,9 @@ def test_a_pixel_sees_the_mean_of_what_lies_behind_it(kind: Kind, values):
 @pytest.mark.parametrize("smooth", [False, True])
 @pytest.mark.parametrize("dog_share", [0, 0.5])
 @pytest.mark.parametrize("choices", MODES)
-@pytest.mark.parametrize("shares", [{"slope_share": 0.6}, {"slope_share": 0.4, "cut_share": 0.6}],
-                         ids=["slopes", "slopes and cuts"])  # fmt: skip
+@pytest.mark.parametrize("shares", [{"slope_share": 0.6}, {"slope_share": 0.4, "cut_share": 0.6},
+                                    {"cut_share": 0.5, "second_cut_share": 0.5}],
+                         ids=["slopes", "slopes and cuts", "cuts of both planes"])  # fmt: skip
 def test_the_tiled_twin_shows_what_the_plain_one_does(shares, dog_share, smooth, choices):
     splats = random_splats(60, seed=1, dog_share=dog_share, **shares)
     assert_images_equal(splats, tilted_camera(53, 37), smooth, **choices)
@@ -69,18 +76,20 @@ def test_a_primitive_whose_values_are_not_finite_is_not_visible(kind: Kind, plac
 
 
 @every_pair(shares=[{"slope_share": 0.5}, {"slope_share": 1}, {"cut_share": 0.5}, {"cut_share": 1},
-                    {"slope_share": 0.5, "cut_share": 0.5}, {"slope_share": 0.5, "cut_share": 1}],
+                    {"slope_share": 0.5, "cut_share": 0.5}, {"slope_share": 0.5, "cut_share": 1},
+                    {"second_cut_share": 0.5}, {"slope_share": 0.5, "cut_share": 0.6, "second_cut_share": 0.5},
+                    {"cut_share": 1, "second_cut_share": 1}],
             dog_share=[0, 0.5], antialiased=[False, True], negative_transmittance=[True, False])  # fmt: skip
 def test_gradients_of_every_parameter_equal_differences(shares, dog_share, antialiased, negative_transmittance):
     choices = {"antialiased": antialiased, "negative_transmittance": negative_transmittance}
     splats = random_splats(6, seed=5, degree=1, dog_share=dog_share, **shares)
-    kinds = [kind for kind in (SLOPED, CUT) if kind.share in shares]
+    kinds = [kind for kind in KINDS if kind.share in shares]
     for n, share in [(len(kind.index(splats)), shares[kind.share]) for kind in kinds]:
         assert (n == 6) == (share == 1) and n > 1
     expected = reference.loss_gradients(splats, SMALL, ADJOINT, background=BACKGROUND, **choices)
     got = gradients_tiled(splats, SMALL, ADJOINT, BACKGROUND, **choices, **SMOOTH)
     assert tuple(got) == (*RAW_PARAMETERS, *(kind.name for kind in kinds))
-    least = {CUT.name: 1e-3}  # the image depends less on normals than on all else
+    least = dict.fromkeys((CUT.name, SECOND_CUT.name), 1e-3)  # the image depends less on normals than on all else
     assert all(np.abs(values).max() > least.get(name, 1e-2) for name, values in got.items() if values.size)
     assert_gradients_near(got, expected)
 
@@ -98,7 +107,9 @@ def test_primitives_that_are_not_seen_have_no_gradient(kind: Kind):
     {"slope_index": [1, 2, 5], "color_slopes": np.ones((3, 3, 3)) / 3},
     {"slope_index": [1, 2], "color_slopes": np.ones((2, 3, 3)) / 3,
      "cut_index": [2, 3, 5], "cut_normals": np.ones((3, 3))},
-], ids=["slopes", "slopes and cuts"])  # fmt: skip
+    {"slope_index": [1, 2], "color_slopes": np.ones((2, 3, 3)) / 3, "cut_index": [2, 3, 5],
+     "cut_normals": np.ones((3, 3)), "second_cut_index": [0, 3], "second_cut_normals": np.ones((2, 3))},
+], ids=["slopes", "slopes and cuts", "cuts of both planes"])  # fmt: skip
 def test_a_mixed_model_has_gradients_of_all_groups(groups):
     splats = replace(rounded(random_splats(6, seed=3)).with_sh_degrees(np.arange(6) % 3), **groups)
     expected = reference.loss_gradients(splats, SMALL, ADJOINT)

@@ -17,6 +17,7 @@ import mitsuba as mi
 from ..arrays import array_types, if_stmt
 from ..bands import PreparedView, WalkableView
 from ..cuts import COLUMNS as CUT_COLUMNS
+from ..cuts import by_plane
 from ..frozen import frozen
 from ..geometry import Blocks
 from ..slopes import CHANNELS
@@ -89,16 +90,18 @@ def _composite_backward(
 
         return if_stmt((slot, alphas.dog_row, dx, dy, δp), alphas.is_dog, add, lambda *_: (Float(0), Float(0)))
 
-    def cut_part(meeting: Meeting, kept: Kept, δp: list, δp_pseudo: list, δrow: Projected) -> tuple:
-        """(δ of the row with what the centre does by way of the cut, δ of hx and hy)."""
+    def cut_part(meeting: Meeting, planes: list[Kept], δp: list, δp_pseudo: list, δrow: Projected) -> tuple:
+        """(δ of the row with what the centre does by way of the cuts, δ of hx and hy of each plane)."""
         both = [a + b for a, b in zip(δp, δp_pseudo, strict=True)] if δp_pseudo else δp
-        δexponents = [δ * fall for δ, fall in zip(both, kept.falls, strict=True)]
-        δ0 = δx = δy = Float(0)
-        for k, δ in enumerate(δexponents):
-            δ0, δx, δy = δ0 + δ, dr.fma(k % blocks.width, δ, δx), dr.fma(k // blocks.width, δ, δy)
-        hx, hy = meeting.row.cut
-        moved = δrow._replace(x=dr.fma(-hx, δ0, δrow.x), y=dr.fma(-hy, δ0, δrow.y))
-        return moved, [dr.fma(meeting.dx, δ0, δx), dr.fma(meeting.dy, δ0, δy)]
+        δcuts = []
+        for kept, (hx, hy) in zip(planes, by_plane(meeting.row.cuts), strict=True):
+            δexponents = [δ * fall for δ, fall in zip(both, kept.falls, strict=True)]
+            δ0 = δx = δy = Float(0)
+            for k, δ in enumerate(δexponents):
+                δ0, δx, δy = δ0 + δ, dr.fma(k % blocks.width, δ, δx), dr.fma(k // blocks.width, δ, δy)
+            δrow = δrow._replace(x=dr.fma(-hx, δ0, δrow.x), y=dr.fma(-hy, δ0, δrow.y))
+            δcuts += [dr.fma(meeting.dx, δ0, δx), dr.fma(meeting.dy, δ0, δy)]
+        return δrow, δcuts
 
     def step(meeting: Meeting, T: list, rest: list) -> None:
         slot, colors, dx, dy = walk.slot(meeting), walk.features(meeting), meeting.dx, meeting.dy
@@ -135,10 +138,8 @@ def _composite_backward(
         δgy = [dr.fma(dy, δ, by) for δ, by in zip(δf, δby_row, strict=False)]
         for δ, gx, gy in zip(δf, meeting.row.slopes, meeting.row.slopes[CHANNELS:], strict=False):
             δrow = δrow._replace(x=dr.fma(-gx, δ, δrow.x), y=dr.fma(-gy, δ, δrow.y))  # dx, dy are from there
-        δcut = []
-        if alphas.kept is not None:
-            δrow, δcut = cut_part(meeting, alphas.kept, δp, δp_pseudo, δrow)
-        rows.add(slot, [*δrow, *δf, *δgx, *δgy, *δcut], meeting.active)
+        δrow, δcuts = cut_part(meeting, alphas.kept, δp, δp_pseudo, δrow)
+        rows.add(slot, [*δrow, *δf, *δgx, *δgy, *δcuts], meeting.active)
 
     walk.run(step, rest, "composite_backward")
     return rows.sums(above=above), pseudo_rows.sums(view.tables.dog_index, pseudo_above) if pseudo_rows else []
@@ -179,22 +180,21 @@ def composite_forward(view: WalkableView, δsplats: list, δpseudo: list) -> Pla
 def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above: list) -> list:
     walk, features, n = Walk(view), range(view.settings.n_features), len(Projected._fields)
 
-    def tangents(values: list, meeting: Meeting, ux, uy, vy, δ: Projected, δkept: list | None) -> list:
-        """δ of 2^p g at the pixels of the block, zero where it is limited to .99; ``δkept``: δ of log2 g."""
+    def tangents(values: list, meeting: Meeting, ux, uy, vy, δ: Projected, δkept: list[list]) -> list:
+        """δ of 2^p g at the pixels of the block, zero where it is limited to .99; ``δkept``: δ of log2 g by plane."""
         result = []
         for k, (value, (x, y)) in enumerate(zip(values, walk.offsets(meeting), strict=True)):
             u, v = dr.fma(ux, x, uy * y), vy * y
             δu = δ.ux * x + δ.uy * y - ux * δ.x - uy * δ.y
             δv = δ.vy * y - vy * δ.y
             δp = δ.lo - 2 * (u * δu + v * δv)
-            if δkept:
-                δp = δp + δkept[k]
+            for of_plane in δkept:
+                δp = δp + of_plane[k]
             result.append(dr.select(value < ALPHA_MAX, LN2 * value * δp, 0))
         return result
 
-    def tangents_of_kept(kept: Kept, meeting: Meeting, δ: Projected, δhx, δhy) -> list:
-        """δ of log2 g at the pixels of the block."""
-        hx, hy = meeting.row.cut
+    def tangents_of_kept(kept: Kept, meeting: Meeting, δ: Projected, hx, hy, δhx, δhy) -> list:
+        """δ of log2 g of a plane at the pixels of the block."""
         δcenter = -hx * δ.x - hy * δ.y
         δexponents = [dr.fma(δhx, x, dr.fma(δhy, y, δcenter)) for x, y in walk.offsets(meeting)]
         return [fall * δexponent for fall, δexponent in zip(kept.falls, δexponents, strict=True)]
@@ -217,7 +217,8 @@ def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above
         first_slope = n + len(features)
         first_cut = first_slope + len(meeting.row.slopes)
         δvalues = tangents_of_features(meeting, δ, δrow[n:first_slope], δrow[first_slope:first_cut])
-        δkept = None if alphas.kept is None else tangents_of_kept(alphas.kept, meeting, δ, *δrow[first_cut:])
+        planes = zip(alphas.kept, by_plane(meeting.row.cuts), by_plane(δrow[first_cut:]), strict=True)
+        δkept = [tangents_of_kept(kept, meeting, δ, *h, *δh) for kept, h, δh in planes]
         δα = tangents(alphas.primary, meeting, kernel.ux, kernel.uy, kernel.vy, δ, δkept)
         if alphas.pseudo is not None:
             is_dog = alphas.is_dog

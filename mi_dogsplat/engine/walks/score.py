@@ -12,7 +12,8 @@ Notation as in ``composite.py``; for primitive i, at a pixel,
     D = α d    the image minus the image without the primitive, per channel
     P = (α - α⁺) d, with α⁺ = min(.99, 2^p), times what a cut leaves: the image minus the image in which a DoG primitive
                is its primary alone
-    Q = (α - α°) d, with α° of the primitive without its cut: the image minus the image in which it is whole
+    Q = (α - α°) d, with α° of the primitive without what a plane takes away: the image minus the image in which that
+               plane does not cut it
 
 J, D, P and Q are footprint images, of one channel F (J) or three, and a pass adds up sums over their pixels.
 
@@ -48,7 +49,7 @@ class Sums:
 
     removal: F is D. Else F is J.
     degeneration: F is P
-    uncut: F is Q
+    uncut: F is Q, of that plane among those of the view
     masked: F is μ F, with a plane μ that is 0 where a pixel does not count
     energy: Σ F²
     weighted: ... Σ (w F)² instead, with a plane w
@@ -60,7 +61,7 @@ class Sums:
 
     removal: bool = False
     degeneration: bool = False
-    uncut: bool = False
+    uncut: int | None = None
     masked: bool = False
     energy: bool = True
     weighted: bool = False
@@ -71,7 +72,7 @@ class Sums:
     @property
     def channels(self) -> int:
         """Of F."""
-        return 3 if self.removal or self.degeneration or self.uncut else 1
+        return 3 if self.removal or self.degeneration or self.uncut is not None else 1
 
     @property
     def columns(self) -> int:
@@ -157,8 +158,8 @@ def _composite_score(
         changes = alpha
         if sums.degeneration:
             changes = [a - p for a, p in zip(alpha, walk.primary_alphas(alphas.primary), strict=True)]
-        elif sums.uncut:
-            changes = [a - whole for a, whole in zip(alpha, alphas.whole, strict=True)]
+        elif sums.uncut is not None:
+            changes = [a - uncut for a, uncut in zip(alpha, walk.alphas_without(alphas, sums.uncut), strict=True)]
         color, opacity = walk.features(meeting), dr.exp2(meeting.row.kernel.lo)
         blends = 1 if share is None else dr.gather(Float, share, meeting.splat, meeting.active)
         F = [[] for _ in channels]

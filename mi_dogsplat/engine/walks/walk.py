@@ -29,7 +29,7 @@ from ..tables import (
     row_size,
 )
 from .exp2 import exp2
-from .kept import Kept, kept_of
+from .kept import Kept, all_kept, left_of
 from .kernel_values import DEAD_PATCH, kernel_values
 from .lane_list import AheadList, LaneList
 from .pixels import BlockPixels
@@ -55,12 +55,12 @@ class Alphas:
     """Of a primitive at the pixels of a block."""
 
     values: list  # α
-    whole: list  # α of the primitive without its cut
-    kept: Kept | None  # what a cut leaves of the next two; None in a model without cuts
+    kept: list[Kept]  # what each plane leaves of the next two; none in a model without cuts
     primary: list  # 2^p g
     pseudo: list | None  # 2^p' g, 0 for a plain primitive; None in a model without DoG, as are the next two
     dog_row: Any
     is_dog: Any
+    whole: tuple[list, list | None]  # 2^p and 2^p' themselves
 
 
 class Walk:
@@ -188,15 +188,15 @@ class Walk:
         """α, and what it is made of."""
         primary = self._kernel(meeting.row.kernel, meeting.dx, meeting.dy)
         pseudo, dog_row, is_dog = self._pseudo_kernel(meeting) if self.has_dog else (None, None, None)
-        whole, kept = self._alphas_of(primary, pseudo), None
-        values = whole
-        if self.settings.cuts:
-            kept = kept_of(meeting.row.cut, self.offsets(meeting), self.exp2)
-            primary = [v * g for v, g in zip(primary, kept.values, strict=True)]
-            if pseudo is not None:
-                pseudo = [v * g for v, g in zip(pseudo, kept.values, strict=True)]
-            values = self._alphas_of(primary, pseudo)
-        return Alphas(values, whole, kept, primary, pseudo, dog_row, is_dog)
+        kept, whole = all_kept(meeting.row.cuts, self.offsets(meeting), self.exp2), (primary, pseudo)
+        primary, pseudo = left_of(primary, kept), None if pseudo is None else left_of(pseudo, kept)
+        return Alphas(self._alphas_of(primary, pseudo), kept, primary, pseudo, dog_row, is_dog, whole)
+
+    def alphas_without(self, alphas: Alphas, plane: int) -> list:
+        """α of the primitive without what a plane takes away, as it is where there is no such plane."""
+        kept = [kept for k, kept in enumerate(alphas.kept) if k != plane]
+        primary, pseudo = alphas.whole
+        return self._alphas_of(left_of(primary, kept), None if pseudo is None else left_of(pseudo, kept))
 
     def _alphas_of(self, primary: list, pseudo: list | None) -> list:
         if pseudo is None:

@@ -12,16 +12,16 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ...engine.parameters import ROWS, device_array, rows_of_splats
+from ...engine.parameters import device_array, rows_of_splats
 from ...engine.project import NO_ROW
-from ...scene.row_groups import CUTS, DOG, SLOPES, RowGroup, row_of_splats
+from ...scene.row_groups import DOG, PLANES, SLOPES, RowGroup, row_of_splats
 from ...scene.splats import Splats
 from .adam import gather
 
-SPARSE = (DOG, SLOPES, CUTS)
+SPARSE = (DOG, SLOPES, *PLANES)
 SPARSE_ROW_SIZE = {name: math.prod(shape) for group in SPARSE for name, shape in group.arrays.items()}
 NOBODY = np.zeros(0, np.uint32)
-SPARSE_ROW = {name: ROWS[group.index] for group in SPARSE for name in group.names}
+SPARSE_ROW = {name: group.row for group in SPARSE for name in group.names}
 """Name of an array to that of the rows [N] of the primitives in it."""
 
 
@@ -54,7 +54,7 @@ class GroupRows:
     @property
     def params(self) -> dict:
         """Arrays for ``rasterize``; none without a row."""
-        return {self.group.index: self.on_device, ROWS[self.group.index]: self.row} if len(self.index) else {}
+        return {self.group.index: self.on_device, self.group.row: self.row} if len(self.index) else {}
 
     @property
     def state(self) -> dict[str, np.ndarray]:

@@ -24,16 +24,16 @@ import mitsuba as mi
 import numpy as np
 
 from ...engine.arrays import array_types, detached
-from ...engine.parameters import ROWS, device_array
-from ...scene.row_groups import CUTS, DOG, RowGroup
+from ...engine.parameters import device_array
+from ...scene.row_groups import DOG, PLANES, RowGroup
 from ..milestones import scaled_milestone
 from .adam import Entry, to_host
 from .joint_steps import Numbers, TrainedArray, joint_steps, n_pairs
 
-JOINT = ("means", "log_scales", "quats", "logit_opacities", "sh_dc", *DOG.names, *CUTS.names)
+IN_GROUPS = DOG, *PLANES
+GROUP = {name: group for group in IN_GROUPS for name in group.names}
+JOINT = ("means", "log_scales", "quats", "logit_opacities", "sh_dc", *GROUP)
 """Arrays whose numbers move together. View-dependent colour and slopes have steps of their own."""
-IN_GROUPS = DOG, CUTS
-GROUP = {name: group.index for group in IN_GROUPS for name in group.names}
 ALL_HAVE = 14  # numbers of a primitive that are in no group
 PRIOR = 0.2  # times the identity is what S begins with: nothing goes together
 PRODUCTS = "products of "  # and names of arrays: that part of a state
@@ -102,8 +102,8 @@ class Preconditioner:
         entries = {name: Entry.of(adam, name) for name in before}
         arrays: dict[str, TrainedArray] = {}
         for name, e in entries.items():
-            index = GROUP.get(name, "")
-            of_group = detached(rows[ROWS[index]]) if index else None, detached(rows[index]) if index else None
+            group = GROUP.get(name)
+            of_group = (detached(rows[group.row]), detached(rows[group.index])) if group else (None, None)
             arrays[name] = TrainedArray(sizes[name], *of_group, *before[name], *map(detached, (e.m, e.v, e.t)))
         self._know(arrays)
         rates = detached(device_array(np.array([self.rule.gain * e.rate for e in entries.values()])))

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 import mitsuba as mi
 import numpy as np
 
-from ...scene.row_groups import CUTS, DOG, SH, SLOPES, RowGroup
+from ...scene.row_groups import CUTS, DOG, SECOND_CUTS, SH, SLOPES, RowGroup
 from ...scene.splats import Splats
 from ..images.tone_curve import ToneCurve
 from .adam import gather
@@ -102,8 +102,13 @@ class SplatOptimizer(TrainedArrays):
         """[C] which primitives have a cut."""
         return self.index_of(CUTS)
 
+    @property
+    def n_second_cuts(self) -> int:
+        """Number of primitives that a second plane cuts off."""
+        return len(self.index_of(SECOND_CUTS))
+
     def index_of(self, group: RowGroup) -> np.ndarray:
-        """[M] which primitives have a row of a group: of DoG, of slopes or of cuts."""
+        """[M] which primitives have a row of a group: of DoG, of slopes, of cuts or of second ones."""
         return self._groups[group.index].index
 
     @property

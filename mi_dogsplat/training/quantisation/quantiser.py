@@ -18,6 +18,7 @@ from ...formats.coded import CODED, STEPS
 from ...formats.grids import LLOYD_ROUNDS, Extents, FileGrids, Palette, Steps
 from ...formats.symmetries import nearest_to_identity
 from ...scene.opacity import sigmoid
+from ...scene.row_groups import PLANES, SLOPES
 from ...scores.weights import weights
 from ..optimizer.faded import drop_faded
 from ..optimizer.sh_rows import bands_of
@@ -111,8 +112,9 @@ class Quantiser:
         self, tables: Tables, optimizer: SplatOptimizer, cameras: Sequence[DeviceCamera], options: RasterOptions
     ) -> None:
         """Of the ways to write a rotation down take the shortest: the moments of the others mean nothing then."""
-        for rows, count in (("slopes", optimizer.n_slopes), ("cuts", optimizer.n_cuts)):
-            if count:
+        held = {"slopes": [SLOPES], "cuts": PLANES}
+        for rows, groups in held.items():
+            if any(len(optimizer.index_of(group)) for group in groups):
                 raise ValueError(f"Quantiser: {self.format} holds no {rows}; begin with Splats.without_{rows}()")
         splats = nearest_to_identity(optimizer.to_splats())
         for name in ("log_scales", "quats"):

@@ -18,8 +18,9 @@ import mitsuba as mi
 import numpy as np
 
 from ...engine.geometry import Cutoffs
+from ...engine.parameters import RAW_CUTS
 from ...engine.project import NO_ROW
-from ...scene.row_groups import CUTS, SLOPES
+from ...scene.row_groups import SLOPES
 from ...scene.sh_basis import C0
 from ..optimizer.group_rows import SPARSE_ROW
 from ..optimizer.sh_rows import SH_INDEX
@@ -42,7 +43,7 @@ def broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
     params, splat = optimizer.params, dr.arange(mi.UInt32, optimizer.n)
     nobody = dr.full(mi.UInt32, NO_ROW, 1)
     colors = dict.fromkeys(("sh_dc", "sh_rest", *SH_INDEX), MAX_SH) | dict.fromkeys(SLOPES.names, MAX_COLOR)
-    limits = {"log_scales": math.log(MAX_SCALE * extent), **colors, **dict.fromkeys(CUTS.names, MAX_NORMAL)}
+    limits = {"log_scales": math.log(MAX_SCALE * extent), **colors, **dict.fromkeys(RAW_CUTS, MAX_NORMAL)}
     sound, of_groups = dr.full(mi.Bool, True, optimizer.n), []
     for name, values in optimizer.adam.items():
         if name in SPARSE_ROW:

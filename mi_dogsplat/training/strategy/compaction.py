@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...formats.sizes import FileKind, prices
-from ...scene.row_groups import CUTS, DOG, SLOPES, RowGroup
+from ...scene.row_groups import CUTS, DOG, PLANES, SECOND_CUTS, SLOPES, RowGroup
 from ...scene.splats import Splats
 from ...support.errors import DataError
 from ..events import Allocated, Event, NotPruned, Pruned, Refined
@@ -166,7 +166,8 @@ def as_chosen(splats: Splats, options: Options, chosen: Chosen) -> Splats:
     degrees[chosen.kept] = chosen.degrees
     whole = replace(splats.uniform_sh(), sh_coeffs=options.bands.fitted(degrees)).select(chosen.kept)
     left: dict[str, np.ndarray] = {}
-    for group, places in ((DOG, chosen.dog), (SLOPES, chosen.slopes), (CUTS, chosen.cuts)):
+    left_of = (DOG, chosen.dog), (SLOPES, chosen.slopes), (CUTS, chosen.cuts), (SECOND_CUTS, chosen.second_cuts)
+    for group, places in left_of:
         rows = np.isin(getattr(whole, group.index), places)
         left |= {name: getattr(whole, name)[rows] for name in (group.index, *group.names)}
     return replace(whole, **left).with_sh_degrees(chosen.degrees)
@@ -186,7 +187,7 @@ def take(optimizer: SplatOptimizer, model: Splats, kept: np.ndarray) -> None:
         optimizer.assign(name, values.reshape(len(values), -1))
     if optimizer.n_dog != model.n_dog:
         optimizer.set_dog(model.dog_index, model.dog_logit_opacities, model.dog_log_scales)
-    for group in (SLOPES, CUTS):
+    for group in (SLOPES, *PLANES):
         index = getattr(model, group.index)
         if len(optimizer.index_of(group)) not in (0, len(index)):  # 0: they are still to come
             optimizer.set_rows(group, index, {name: getattr(model, name) for name in group.names})

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...scene.cuts import OFFSET
+from ...scene.cuts import LARGEST, OFFSET
 from ...scene.opacity import sigmoid
-from ...scene.row_groups import CUTS
-from ..events import CutsActivated, CutsLeftOut
+from ...scene.row_groups import CUTS, PLANES, SECOND_CUTS, RowGroup
+from ..events import CutsActivated, CutsLeftOut, SecondCutsActivated, SecondCutsLeftOut
 from ..optimizer.splat_optimizer import SplatOptimizer
 from .row_activation import RowActivation, RowControl, RowRule
+from .strategy import Training
 
+BEGUN = 0.05  # standard deviation of each number of a second normal at the start; no α changes by more than 1/255
 DISTANCES = np.linspace(0.05, 3.5, 70)  # standard deviations; beyond, a kernel is below 1/255 itself
 
 
@@ -39,23 +41,25 @@ def largest_change(lengths: np.ndarray) -> np.ndarray:
     return largest
 
 
-def shown_cuts(rule: RowRule, optimizer: SplatOptimizer) -> np.ndarray:
+def shown_cuts(rule: RowRule, optimizer: SplatOptimizer, plane: RowGroup) -> np.ndarray:
     """[C] whether a cut may change the α of some pixel by ``rule.least``, where it does not end at 1/255 anyway.
 
     A pixel at the offset d sees g at w = E[w | d], and |w|² is at most dᵀ Σ'⁻¹ d: the kernel over the image is no
     larger there than exp(-|w|²/2), so that opacity times ``largest_change`` bounds the change. α of a DoG primitive
     is a difference of two kernels that change in the same direction, by no more than the wider of them does. With
     scales F > 1 the pseudo-Gaussian is that: at F w it is as large as the primary at w, as if n were F times as long.
+    A second plane may make what it leaves 1 + e⁻⁴ times as large.
     """
-    index = optimizer.cut_index
-    lengths = np.linalg.norm(optimizer.numpy("cut_normals").reshape(-1, 3).astype(np.float64), axis=1)
+    index, (normals,) = optimizer.index_of(plane), plane.names
+    lengths = np.linalg.norm(optimizer.numpy(normals).reshape(-1, 3).astype(np.float64), axis=1)
     if optimizer.n_dog:
         widths = np.ones(optimizer.n)
         wider = optimizer.numpy("dog_log_scales").reshape(-1, 3).max(axis=1)
         widths[optimizer.dog_index] = np.exp(np.clip(wider, 0, 700.0))
         lengths = lengths * widths[index]
     opacities = sigmoid(optimizer.numpy("logit_opacities")[index].astype(np.float64))
-    return opacities * largest_change(lengths) >= rule.least
+    others = sum(len(optimizer.index_of(group)) > 0 for group in PLANES if group is not plane)
+    return opacities * largest_change(lengths) * LARGEST**others >= rule.least
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,14 @@ class CutControl(RowControl):
     group, left_out = CUTS, CutsLeftOut
 
     def shown(self, optimizer: SplatOptimizer) -> np.ndarray:
-        return shown_cuts(self.rule, optimizer)
+        return shown_cuts(self.rule, optimizer, self.group)
+
+
+@dataclass(frozen=True)
+class SecondCutControl(CutControl):
+    """So do those of the second planes."""
+
+    group, left_out = SECOND_CUTS, SecondCutsLeftOut
 
 
 @dataclass(frozen=True)
@@ -73,3 +84,14 @@ class CutActivation(RowActivation):
     """A plane may cut off every primitive."""
 
     group, activated = CUTS, CutsActivated
+
+
+@dataclass(frozen=True)
+class SecondCutActivation(CutActivation):
+    """A second plane may. Its normal begins at random: two planes that begin alike would stay alike."""
+
+    group, activated = SECOND_CUTS, SecondCutsActivated
+
+    def begun(self, t: Training) -> dict[str, np.ndarray]:
+        (name,) = self.group.names
+        return {name: t.rng.normal(scale=BEGUN, size=(t.optimizer.n, 3)).astype(np.float32)}

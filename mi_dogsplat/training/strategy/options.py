@@ -1,11 +1,11 @@
 """What a primitive may be left with, and what that loses and costs: the options among which bytes are divided.
 
 Option 0 is to be removed. Then come the bands of colour up to degree 0, 1, 2, 3 of those that it has: without and with
-its DoG row, all these again with its slopes, and all these with its cut. The loss of each is in one unit, the energy of
-the change of the training pictures (``scores/``), and is measured as if nothing else changed: of a removal by
-leave-one-out, of bands with the others fitted anew, of a DoG row by the pictures with the primary alone, of a cut by
-those with the primitive whole; that of slopes is an estimate. What an option is worth is the loss of a removal minus
-its own.
+its DoG row, all these again with its slopes, all these with its cut, and all these with its second cut. The loss of
+each is in one unit, the energy of the change of the training pictures (``scores/``), and is measured as if nothing else
+changed: of a removal by leave-one-out, of bands with the others fitted anew, of a DoG row by the pictures with the
+primary alone, of a cut by those without it; that of slopes is an estimate. What an option is worth is the loss of a
+removal minus its own.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ from .strategy import Training
 REMOVAL = ScoreRule("leave-one-out", spectral_weight=0.0)
 DOG = ScoreRule("leave-dog-out", spectral_weight=0.0)
 CUT = ScoreRule("leave-cut-out", spectral_weight=0.0)
+SECOND_CUT = ScoreRule("leave-second-cut-out", spectral_weight=0.0)
 DEGREES = MAX_SH_DEGREE + 1
 NEVER = 1e6  # times as much as the primitive that matters most
-GROUPS = "dog", "slopes", "cuts"  # each a field of ``Options``, ``Chosen`` and ``Prices``
+GROUPS = "dog", "slopes", "cuts", "second_cuts"  # each a field of ``Options``, ``Chosen`` and ``Prices``
 NOBODY = np.zeros(0, np.int64)
 
 
@@ -42,6 +43,7 @@ class Chosen:
     dog: np.ndarray  # [m] those of the rows kept that stay DoG, as places among them
     slopes: np.ndarray  # [s] those that keep their slopes
     cuts: np.ndarray  # [c] those that keep their cut
+    second_cuts: np.ndarray  # and their second one
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,7 @@ class Options:
     dog: Rows
     slopes: Rows
     cuts: Rows
+    second_cuts: Rows
     bands: Bands
 
     @classmethod
@@ -91,10 +94,12 @@ class Options:
 
         sloped = (lambda: slope_losses(params, cameras, options, masks)) if t.optimizer.n_slopes else None
         cut = (lambda: energy(CUT)) if t.optimizer.n_cuts else None
+        second_cut = (lambda: energy(SECOND_CUT)) if t.optimizer.n_second_cuts else None
         rows = (
             Rows.of(splats.dog_index, n, lambda: energy(DOG)),
             Rows.of(splats.slope_index, n, sloped),
             Rows.of(splats.cut_index, n, cut),
+            Rows.of(splats.second_cut_index, n, second_cut),
         )
         return cls(energy(REMOVAL), found.losses(), splats.sh_degrees, *rows, found)
 

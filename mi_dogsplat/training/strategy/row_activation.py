@@ -1,7 +1,7 @@
 """Rows that all primitives get at a step of the run, and that leave them at its end where no pixel shows them.
 
-They begin at zero, so that the pictures stay what they are. They come when pruning is over: few primitives, each of
-which stands for what several have shown before, gain most by them.
+They begin at zero, or next to it, so that the pictures stay what they are. They come when pruning is over: few
+primitives, each of which stands for what several have shown before, gain most by them.
 """
 
 from __future__ import annotations
@@ -48,10 +48,13 @@ class RowRule:
         return replace(self, start=max(0, self.start - steps))
 
 
-def give_rows(optimizer: SplatOptimizer, group: RowGroup) -> int:
-    """Give rows of zeros to every primitive, and return how many there are; those that have some keep them."""
+def give_rows(optimizer: SplatOptimizer, group: RowGroup, values: dict[str, np.ndarray]) -> int:
+    """Give rows to every primitive, and return how many there are; those that have some keep them.
+
+    Args:
+        values: [N, …] of each array of the group, what the others begin with.
+    """
     index = optimizer.index_of(group)
-    values = {name: np.zeros((optimizer.n, *shape), np.float32) for name, shape in group.arrays.items()}
     for name, shape in group.arrays.items():
         if len(index):
             values[name][index] = optimizer.numpy(name).reshape(-1, *shape)
@@ -97,4 +100,8 @@ class RowActivation(Once):
         return self.rule.start
 
     def act(self, t: Training) -> list[Event]:
-        return [self.activated(give_rows(t.optimizer, self.group))]
+        return [self.activated(give_rows(t.optimizer, self.group, self.begun(t)))]
+
+    def begun(self, t: Training) -> dict[str, np.ndarray]:
+        """[N, …] of each array, what the rows begin with."""
+        return {name: np.zeros((t.optimizer.n, *shape), np.float32) for name, shape in self.group.arrays.items()}
