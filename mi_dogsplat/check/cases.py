@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..scene.cameras import Camera
-from ..scene.row_groups import CUTS, SLOPES
+from ..scene.row_groups import CUTS, SECOND_CUTS, SLOPES
 from ..scene.splats import Splats
 from .case_models import C0, NORMAL_OF_ONE, SCALES, SLOPES_OF_ONE, WIDTH, bystanders, camera, primitives, together
 
@@ -52,7 +52,11 @@ def cases(layers: int = 10_000) -> Iterator[Case]:
 
 def _case(group: str, name: str, extreme: Splats, defined: str = "", view: Camera | None = None, **settings) -> Case:
     """``extreme`` among the bystanders, its rows last; among such with slopes or cuts, if it has some."""
-    neighbours = bystanders(SLOPES_OF_ONE if extreme.n_slopes else None, NORMAL_OF_ONE if extreme.n_cuts else None)
+    neighbours = bystanders(
+        SLOPES_OF_ONE if extreme.n_slopes else None,
+        NORMAL_OF_ONE if extreme.n_cuts else None,
+        SECOND_NORMAL_OF_ONE if extreme.n_second_cuts else None,
+    )
     splats = together(neighbours, extreme)
     rows = np.arange(neighbours.n_splats, splats.n_splats)
     return Case(group, name, splats, view or camera(), rows, defined, **settings)
@@ -192,11 +196,17 @@ def _cuts() -> Iterator[Case]:
     yield cut("20 that fill the screen", many[:20], (20, 30, 40), 0.3, normals=various[:20])
     stack = np.column_stack([np.full((20, 2), 0.1), np.linspace(2.5, 3.5, 20)])
     yield cut("20 negative lobes on each other", stack, SCALES, 0.7, dog=True, f_a=0.9, normals=various[:20])
+    for length in (1e-3, 10, 1e4, 1e30):
+        both = {"normals": length * NORMAL_OF_ONE, "second_normals": length * SECOND_NORMAL_OF_ONE}
+        yield cut(f"two normals of {length:g} times the ordinary", **both)
+    yield cut("two planes that leave a slab", normals=(40, 0, 0), second_normals=(-40, 0, 0))
+    yield cut("a second plane alone", normals=None, second_normals=SECOND_NORMAL_OF_ONE)
+    yield cut("300 that two planes cut off", many, 0.3, normals=various, second_normals=various[::-1])
 
 
 def _not_finite() -> Iterator[Case]:
     names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs", "dog_logit_opacities", "dog_log_scales",
-             "color_slopes", "cut_normals")  # fmt: skip
+             "color_slopes", "cut_normals", "second_cut_normals")  # fmt: skip
     for name in names:
         slopes = SLOPES_OF_ONE if name in (*SLOPES.names, "log_scales") else None  # which a size changes, too
         normals = NORMAL_OF_ONE if name in (*CUTS.names, "log_scales") else None
@@ -204,7 +214,9 @@ def _not_finite() -> Iterator[Case]:
             if "logit" in name and not np.isnan(value):
                 continue  # an opacity of 0 or 1, see there
             pair = [(0.1, 0.2, 3), (0.3, 0.2, 3.2)]
-            extreme = primitives(pair, dog=name.startswith("dog"), slopes=slopes, normals=normals)
+            second_normals = SECOND_NORMAL_OF_ONE if name in SECOND_CUTS.names else None
+            extreme = primitives(pair, dog=name.startswith("dog"), slopes=slopes, normals=normals,
+                                 second_normals=second_normals)  # fmt: skip
             broken = getattr(extreme, name).copy()
             broken.reshape(2, -1)[0, -1] = value
             broken_splats = replace(extreme, **{name: broken})

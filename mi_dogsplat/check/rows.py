@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..engine.parameters import RAW, RAW_CUTS, RAW_DOG, RAW_SLOPES
-from ..scene.row_groups import CUTS, DOG, SLOPES
+from ..scene.row_groups import DOG, PLANES, SLOPES
 from ..scene.splats import Splats
 
 NAMES = RAW + RAW_DOG + RAW_SLOPES + RAW_CUTS  # of all that a model which is not mixed may have
@@ -13,7 +13,7 @@ NAMES = RAW + RAW_DOG + RAW_SLOPES + RAW_CUTS  # of all that a model which is no
 
 def rows_of(splats: Splats, name: str) -> np.ndarray:
     """The primitives of the rows of a raw parameter, increasing. A mixed model's coefficients are not looked at."""
-    for group in (DOG, SLOPES, CUTS):
+    for group in (DOG, SLOPES, *PLANES):
         if name in group.names:
             return getattr(splats, group.index)
     return np.arange(splats.n_splats)

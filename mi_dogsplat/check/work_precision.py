@@ -23,6 +23,7 @@ from ..engine.project import DeviceCamera
 from ..engine.rasterize import Frame, rasterize
 from ..measure.timing import milliseconds_in_turn
 from ..reference.gradients import gradients_tiled, render_tiled
+from ..scene.kinds import COUNTED
 from ..scene.splats import Splats
 from .rows import NAMES, rows_of
 from .scenes import Scene
@@ -39,8 +40,8 @@ def measure(scene: Scene, rounds: int, progress: Callable[[str], None] = lambda 
         rounds: how often each setting is timed; all take turns.
         progress: told in one line what is being done.
 
-    Returns: ``name``, ``what``, ``width``, ``height``, ``n``, ``n_dog``, ``n_slopes``, ``n_cuts`` and ``rows``, one
-    per setting: ``group``, ``setting``, ``default``; ``forward_ms`` and ``total_ms`` (with the backward pass), medians;
+    Returns: ``name``, ``what``, ``width``, ``height``, ``n``, the numbers of ``COUNTED``, and ``rows``, one per
+    setting: ``group``, ``setting``, ``default``; ``forward_ms`` and ``total_ms`` (with the backward pass), medians;
     ``mean_error``, ``max_error`` (absolute, colours 0..1) and ``psnr`` of the image; ``rounding_error``, the mean error
     against the twin, or None where there is none (``bound`` above 1); ``gradient_error`` by parameter and
     ``worst_gradient_error``, its largest; ``image_front`` and ``gradient_front``: no setting is at once faster and
@@ -67,7 +68,7 @@ def measure(scene: Scene, rounds: int, progress: Callable[[str], None] = lambda 
     rows = [{"group": p.group, "setting": p.label, "default": p.key == default, **measured[p.key]} for p in points]
     size = {"width": scene.camera.width, "height": scene.camera.height}
     splats = scene.splats
-    counts = {"n": splats.n_splats, "n_dog": splats.n_dog, "n_slopes": splats.n_slopes, "n_cuts": splats.n_cuts}
+    counts = {"n": splats.n_splats} | {name: getattr(splats, name) for name in COUNTED}
     return {"name": scene.name, "what": scene.what, **size, **counts, "rows": rows}
 
 

@@ -115,6 +115,7 @@ AS_PUBLISHED = {
     "ours_preconditioned": Method(
         "ours, preconditioned", RECIPES["ours_preconditioned"], "this project: docs/preconditioning.md"
     ),
+    "ours_second_cuts": Method("ours, with second cuts", RECIPES["ours_second_cuts"], "this project: docs/cuts.md"),
 }
 
 

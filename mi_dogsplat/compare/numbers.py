@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..report.run_folder import METRICS, RENDER_MS, read_run
+from ..scene.kinds import COUNTED
 from ..support.errors import DataError
 from ..support.files import read_object
 from ..training.events import DogActivated
@@ -70,7 +71,7 @@ def _measured(metrics: Mapping[str, Any]) -> dict[str, float]:
     """What a run has measured of itself. Raises ``KeyError`` for what is not there."""
     found = {name: metrics["test"][name] for name in ("psnr", "ssim", "flip")}
     found |= {name: metrics[name] for name in ("n", "n_dog", "train_seconds", "render_ms", "peak_memory_mb")}
-    found |= {name: metrics[name] for name in ("n_slopes", "n_cuts") if name in metrics}
+    found |= {name: metrics[name] for name in COUNTED if name in metrics}
     return found | {"train_l1": metrics["train"]["l1"], "megabytes": metrics["bytes"] / 1e6}
 
 

@@ -97,8 +97,8 @@ def simplify_model(
         raise DataError(model, f"{start.n_splats} primitives could not be merged any further", "use a larger --target")
     found = fitted(start, splats, cameras, look, config, show) if config.steps else start
     left_out = [f"{model.name}: {line}" for line in read.left_out]
-    if splats.n_cuts:
-        left_out.append(f"the cuts of {count(splats.n_cuts)} primitives are left out: what is merged is whole")
+    if splats.is_cut.any():
+        left_out.append(f"the cuts of {count(splats.is_cut.sum())} primitives are left out: what is merged is whole")
     if splats.n_slopes:
         left_out.append(f"the slopes of {count(splats.n_slopes)} primitives are left out: what is merged has none")
     left_out += write_model(out, replace(read, splats=found, drawing=options.drawing.over(read.drawing)))

@@ -21,7 +21,7 @@ def stages_of(splats: Splats, config: ExportConfig) -> dict[str, Splats]:
     Cuts come first: what is left of a primitive has another mean colour than the whole of it.
     """
     stages, plain = {AS_IT_IS: splats}, splats
-    if config.cuts == "drop" and splats.n_cuts:
+    if config.cuts == "drop" and splats.is_cut.any():
         plain = stages[WITHOUT_CUTS] = whole(plain)
     if config.slopes == "drop" and splats.n_slopes:
         plain = stages[WITHOUT_SLOPES] = plain.without_slopes()
@@ -34,7 +34,7 @@ def taken_out(stages: dict[str, Splats], chosen: Format) -> list[str]:
     """A line for the cuts and one for the slopes that the stages have taken out, with how a format can keep them."""
     splats, lines = stages[AS_IT_IS], []
     if WITHOUT_CUTS in stages:
-        left = f"the cuts of {count(splats.n_cuts)} primitives are left out, for the whole ones nearest to them"
+        left = f"the cuts of {count(splats.is_cut.sum())} primitives are left out, for the whole ones nearest to them"
         lines.append(left + ("; --cuts keep keeps them" if chosen.cuts else ""))
     if WITHOUT_SLOPES in stages:
         left = f"the slopes of {count(splats.n_slopes)} primitives are left out, which have their mean colours"

@@ -95,8 +95,8 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     usual = asdict(DrawnAs()) | {"scale": 1.0, "up": UP}  # what readers take where a file is silent
     if unusual := [f"{name} {value}" for name, value in unsaid.items() if value != usual.get(name)]:
         lost.append(f"{chosen.name} cannot say how it is drawn: {', '.join(unusual)}; give it by hand")
-    if model.splats.n_cuts and not chosen.cuts:
-        n = count(model.splats.n_cuts)
+    if model.splats.is_cut.any() and not chosen.cuts:
+        n = count(model.splats.is_cut.sum())
         lost.append(f"{chosen.name} has no primitive that is cut off: {n} become the whole ones nearest to them")
     if model.splats.n_slopes and not chosen.slopes:
         n = count(model.splats.n_slopes)

@@ -56,8 +56,11 @@ def model_features(parts: list[Splats], negative_transmittance: bool = True) -> 
     cost = f"each {_size(PARAMETERS)}, {operations_each:.0f} operations; per pixel {_sum(pair)}"
     gaussians = Feature("Gaussians", NEEDED, f"{count(n)} primitives; {cost}")
     features = [gaussians, *_dog_features(parts, negative_transmittance)]
-    features += _row_features(parts, "slopes", SLOPE_PARAMETERS, "primitives of one colour pay for slopes of zero")
-    features += _row_features(parts, "cuts", CUT_PARAMETERS, "whole primitives pay for normals of zero")
+    even, whole = "primitives of one colour pay for slopes of zero", "whole primitives pay for normals of zero"
+    once = "primitives that are cut off once pay for normals of zero"
+    features += _row_features(parts, "slopes", "slopes", (0, 1), SLOPE_PARAMETERS, even)
+    features += _row_features(parts, "cuts", "cuts", (0, 1), CUT_PARAMETERS, whole)
+    features += _row_features(parts, "second cuts", "cuts", (1, 2), CUT_PARAMETERS, once)
     features += _sh_features(parts)
     return features + [Feature(name, UNUSED, f"{rest}; {CLEAN}") for name, rest in _unneeded_rows(parts)]
 
@@ -82,16 +85,25 @@ def _dog_features(parts: list[Splats], negative_transmittance: bool) -> list[Fea
     return [*features, feature("negative T", negative_transmittance, amplifies, "negative_transmittance is false")]
 
 
-def _row_features(parts: list[Splats], name: str, parameters: int, others: str) -> list[Feature]:
-    """Of rows that some primitives have over their whole extent, "slopes" or "cuts"; ``others``: what the rest pays."""
-    n, m = sum(part.n_splats for part in parts), sum(getattr(part, f"n_{name}") for part in parts)
+def _row_features(
+    parts: list[Splats], name: str, setting: str, values: tuple[int, int], parameters: int, others: str
+) -> list[Feature]:
+    """Of rows that some primitives have over their whole extent: slopes, cuts or second cuts.
+
+    Args:
+        setting, values: what the kernels are specialised to without them and with them.
+        parameters: floats of a row.
+        others: what the rest pays.
+    """
+    held = f"n_{name.replace(' ', '_')}"
+    n, m = sum(part.n_splats for part in parts), sum(getattr(part, held) for part in parts)
     share, variant = f"{count(m)} of {count(n)} primitives", mi.variant()
     if m == 0:
         return [Feature(name, LEFT_OUT, share)]
-    settings = [replace(Settings(3), **{name: on}) for on in (True, False)]
-    pair = _sum(_difference(*(pair_operations(each, False, variant) for each in settings)))
-    each = [primitive_operations(RasterOptions(0), False, variant, **{name: on}) for on in (True, False)]
-    cost = f"each {_size(parameters, indices=1)}, {each[0] - each[1]:.0f} operations; per pixel {pair}"
+    without, with_them = (pair_operations(replace(Settings(3), **{setting: v}), False, variant) for v in values)
+    pair = _sum(_difference(with_them, without))
+    each = [primitive_operations(RasterOptions(0), False, variant, **{setting: v}) for v in values]
+    cost = f"each {_size(parameters, indices=1)}, {each[1] - each[0]:.0f} operations; per pixel {pair}"
     features = [Feature(name, NEEDED, f"{share}; {cost}; and {FLOAT} bytes for its row in each of {count(n)}")]
     if m < n:
         features.append(Feature(f"{name} of others", UNUSED, f"{count(n - m)} {others}, as many operations"))

@@ -12,7 +12,7 @@ from ..formats.sizes import FileKind, by_part
 from ..poses.config import SETTINGS as POSES
 from ..render.framing import CORE, robust_sphere
 from ..report.run_folder import CONFIG, HISTORY, METRICS, MODEL, POSED, read_run
-from ..scene.kinds import kinds, kinds_of
+from ..scene.kinds import COUNTED, kinds, kinds_of
 from ..scene.splats import Splats
 from ..support.errors import DataError
 from ..support.wording import count, duration, file_size, finite, fixed
@@ -113,6 +113,8 @@ def describe_model(path: Path) -> list[str]:
         ]
     lines += [line("slopes", _range(splats.color_slopes))] if splats.n_slopes else []
     lines += [line("cut normals", _range(np.linalg.norm(splats.cut_normals, axis=1)))] if splats.n_cuts else []
+    lengths = np.linalg.norm(splats.second_cut_normals, axis=1)
+    lines += [line("second normals", _range(lengths))] if len(lengths) else []
     problems = model_problems(splats)
     return lines + ["problems: none found" if not problems else "problems:", *(f"  {p}" for p in problems)]
 
@@ -151,8 +153,8 @@ def describe_run(path: Path) -> list[str]:
     lines.append(line("steps", count(done) + (f" of {count(planned)}" if planned else "")))
     seconds = metrics.get("train_seconds", last.get("seconds"))
     lines.append(line("training time", duration(seconds)))
-    n, *of_them = (metrics.get(key, last.get(key)) for key in ("n", "n_dog", "n_slopes", "n_cuts"))
-    lines.append(line("primitives", f"{count(n)}, {kinds(*of_them)}"))
+    n, *of_them = (metrics.get(name, last.get(name)) for name in ("n", *COUNTED))
+    lines.append(line("primitives", f"{count(n)}, {kinds(dict(zip(COUNTED, of_them, strict=True)))}"))
     if metrics:
         lines.append(line("model", file_size(metrics.get("bytes"))))
         lines.append(line("render time", f"{fixed(metrics.get('render_ms'), 1)} ms"))

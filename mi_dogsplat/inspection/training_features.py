@@ -10,6 +10,7 @@ from ..formats.read import read_model
 from ..report.run_folder import MODEL, read_run
 from ..support.wording import count
 from ..training.config import TrainConfig
+from ..training.presets import GIVEN
 from .features import FLOAT, LEFT_OUT, NEEDED, Feature, feature, model_features
 from .info import SCENE_SPP
 from .stored_recipe import recipe_of
@@ -58,7 +59,7 @@ def _recipe_features(recipe: dict[str, Any], config: dict[str, Any]) -> list[Fea
     dense = density["stop"] > density["start"]
     features.append(feature("densification", dense, centres, "training started from a model"))
     rules = {"pruning": recipe["pruning"], "training DoG": recipe["dog"]}
-    rules |= {f"training {rows}": recipe.get(rows) for rows in ("slopes", "cuts")}  # which earlier versions lack
+    rules |= {f"training {rows.replace('_', ' ')}": recipe.get(rows) for rows in GIVEN}  # which earlier versions lack
     begins = {name: f"from {part(rule['start'])}" for name, rule in rules.items() if rule}
     if jointly := recipe.get("preconditioning"):  # by the steps of the whole schedule
         begins["preconditioned steps"] = f"from {part(jointly['start'] - recipe['first_step'])}"

@@ -19,7 +19,7 @@ import numpy as np
 from ..engine.geometry import Cutoffs
 from ..scene.cuts import LARGEST
 from ..scene.opacity import sigmoid
-from ..scene.row_groups import CUTS, DOG, SH, SLOPES, RowGroup
+from ..scene.row_groups import CUTS, DOG, PLANES, SECOND_CUTS, SH, SLOPES, RowGroup
 from ..scene.splats import Array, Splats
 from ..support.wording import count, file_size
 
@@ -32,7 +32,7 @@ DOG_ROW, SLOPE_ROW, CUT_ROW = 5 * FLOAT, 10 * FLOAT, 4 * FLOAT  # of rows that m
 
 @dataclass(frozen=True)
 class Unneeded:
-    """What can leave, of a model of N primitives with M rows of DoG, S of slopes and C of cuts."""
+    """What can leave, of a model of N primitives with M rows of DoG, S of slopes, C of cuts and C2 of second ones."""
 
     invisible: Array
     """[N] bool"""
@@ -42,6 +42,8 @@ class Unneeded:
     """[S] bool, of primitives that are visible"""
     zero_cuts: Array
     """[C] bool, of primitives that are visible"""
+    zero_second_cuts: Array
+    """[C2] bool, of primitives that are visible"""
     sh_degrees: Array
     """[N] the highest degree with a coefficient that is not zero"""
 
@@ -54,7 +56,8 @@ class Unneeded:
         faded = (peaks < FADED) & ~invisible[splats.dog_index]
         flat = ~splats.color_slopes.any(axis=(1, 2)) & ~invisible[splats.slope_index]  # [S]
         whole = ~splats.cut_normals.any(axis=1) & ~invisible[splats.cut_index]  # [C]
-        return Unneeded(invisible, faded, flat, whole, used_sh_degrees(splats))
+        once = ~splats.second_cut_normals.any(axis=1) & ~invisible[splats.second_cut_index]  # [C2]
+        return Unneeded(invisible, faded, flat, whole, once, used_sh_degrees(splats))
 
     def degrees_left(self, splats: Splats, mixed_sh: bool) -> Array:
         """[N] SH degree of each primitive without its zero bands: its own one, or the same for all (``taken_out``)."""
@@ -71,6 +74,7 @@ class Unneeded:
             ("DoG without effect", self.faded_dog, np.full(splats.n_dog, DOG_ROW)),
             ("slopes that are zero", self.zero_slopes, np.full(splats.n_slopes, SLOPE_ROW)),
             ("cuts that are zero", self.zero_cuts, np.full(splats.n_cuts, CUT_ROW)),
+            ("second cuts that are zero", self.zero_second_cuts, np.full(splats.n_second_cuts, CUT_ROW)),
         ]
         for degree in SH:
             zero = ~self.invisible & (splats.sh_degrees >= degree) & (left < degree)
@@ -87,7 +91,7 @@ class Unneeded:
             mixed_sh: a model of one SH degree may become one of several; else it keeps one that all can do with.
         """
         rows = _rows(splats, DOG, ~self.faded_dog) | _rows(splats, SLOPES, ~self.zero_slopes)
-        rows |= _rows(splats, CUTS, ~self.zero_cuts)
+        rows |= _rows(splats, CUTS, ~self.zero_cuts) | _rows(splats, SECOND_CUTS, ~self.zero_second_cuts)
         lean = replace(splats, **rows).select(~self.invisible)
         return lean.with_sh_degrees(self.degrees_left(splats, mixed_sh)[~self.invisible])
 
@@ -113,9 +117,10 @@ def used_sh_degrees(splats: Splats) -> Array:
 
 
 def largest_alphas(splats: Splats) -> Array:
-    """[N] the largest value of each kernel, its opacity; with a cut it may be a little more."""
+    """[N] the largest value of each kernel, its opacity; with cuts it may be a little more."""
     found = sigmoid(splats.logit_opacities.astype(np.float64))
-    found[splats.cut_index] *= LARGEST
+    for plane in PLANES:
+        found[getattr(splats, plane.index)] *= LARGEST
     return found
 
 
@@ -126,7 +131,7 @@ def _finite(splats: Splats) -> Array:
     for values in dense:
         finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     finite[splats.dog_index] &= np.isfinite(splats.dog_log_scales).all(axis=1) & ~np.isnan(splats.dog_logit_opacities)
-    for group in (SLOPES, CUTS, *SH.values()):
+    for group in (SLOPES, *PLANES, *SH.values()):
         (name,) = group.names
         values = getattr(splats, name)
         finite[getattr(splats, group.index)] &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))

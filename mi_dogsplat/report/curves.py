@@ -17,6 +17,8 @@ from ..training.events import (
     OpacityReset,
     Pruned,
     Refined,
+    SecondCutsActivated,
+    SecondCutsLeftOut,
     ShDegree,
     SlopesActivated,
     SlopesLeftOut,
@@ -37,6 +39,8 @@ EVENT_LANES = {  # the lane of an event by its kind
     SlopesLeftOut.kind: "slopes",
     CutsActivated.kind: "cuts",
     CutsLeftOut.kind: "cuts",
+    SecondCutsActivated.kind: "cuts",
+    SecondCutsLeftOut.kind: "cuts",
 }
 
 

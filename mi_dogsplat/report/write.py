@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..scene.kinds import kinds
+from ..scene.kinds import COUNTED, kinds
 from ..support.files import replacing
 from ..support.wording import count, file_size, finite, fixed
 from .appearance import appearance_plots, corner_losses
@@ -50,7 +50,7 @@ def report_page(run: Run) -> str:
         test=metrics.get("test") or {},
         train=metrics.get("train") or {},
         n=metrics.get("n", last.get("n")),
-        kinds=kinds(*(metrics.get(name, last.get(name)) for name in ("n_dog", "n_slopes", "n_cuts"))),
+        kinds=kinds({name: metrics.get(name, last.get(name)) for name in COUNTED}),
         size=file_size(metrics.get("bytes")).split(" "),
         seconds=metrics.get("train_seconds", last.get("seconds")),
         steps=metrics.get("steps", last.get("step")),

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from ..support.wording import count
 from .splats import Splats
 
+COUNTED = {"n_dog": "of them DoG", "n_slopes": "with slopes", "n_cuts": "with a cut", "n_second_cuts": "with a second"}
+"""Kinds of primitives, by the names of their numbers in models, optimizers and files of a run."""
 
-def kinds(n_dog: object, n_slopes: object, n_cuts: object, n_second_cuts: object) -> str:
-    """``1,200 of them DoG, 300 with slopes, 40 with a cut, 30 with a second``; nothing about a kind that is None."""
-    of_kind = (n_slopes, "with slopes"), (n_cuts, "with a cut"), (n_second_cuts, "with a second")
-    others = [(n, what) for n, what in of_kind if n is not None]
-    return ", ".join(f"{count(n)} {what}" for n, what in ((n_dog, "of them DoG"), *others))
+
+def kinds(numbers: Mapping[str, object]) -> str:
+    """``1,200 of them DoG, 300 with slopes, 40 with a cut, 30 with a second``.
+
+    Nothing is said of a kind whose number is None, unless it is DoG.
+    """
+    said = [name for name in COUNTED if name == "n_dog" or numbers.get(name) is not None]
+    return ", ".join(f"{count(numbers.get(name))} {COUNTED[name]}" for name in said)
 
 
 def kinds_of(splats: Splats) -> str:
-    """Those of a model; nothing about slopes or cuts where there are none."""
-    return kinds(splats.n_dog, splats.n_slopes or None, splats.n_cuts or None, splats.n_second_cuts or None)
+    """Those of a model; nothing of kinds that it has not, unless it is DoG."""
+    return kinds({name: getattr(splats, name) or None for name in COUNTED} | {"n_dog": splats.n_dog})

@@ -168,6 +168,14 @@ class Splats:
         return self.second_cut_index.shape[0]
 
     @property
+    def is_cut(self) -> Array:
+        """[N] bool, whether a plane cuts it off, one or the other."""
+        found = np.zeros(self.n_splats, bool)
+        for plane in PLANES:
+            found[getattr(self, plane.index)] = True
+        return found
+
+    @property
     def sh_degree(self) -> int:
         """The highest degree of spherical harmonics that a primitive has, 0..3."""
         of_groups = [degree for degree, group in SH.items() if len(getattr(self, group.index))]

@@ -1,4 +1,4 @@
-"""Primitives that a plane cuts off as whole ones, for what knows no cuts: each becomes the Gaussian nearest to it.
+"""Primitives that planes cut off as whole ones, for what knows no cuts: each becomes the Gaussian nearest to it.
 
 In units of its standard deviations a primitive is e^(-|w|²/2), and a cut multiplies it by g(n·w) (docs/cuts.md). Beside
 the direction of n nothing changes. Along it, with t = n·w / |n|, what is left is nearest, in the mean of squares, to
@@ -7,84 +7,117 @@ the direction of n nothing changes. Along it, with t = n·w / |n|, what is left 
 
 with three numbers that depend on |n| alone. So the centre moves by m towards n, the primitive gets narrower by r along
 it, and its opacity is multiplied by a. Its pseudo-Gaussian goes along as a part of it. Where the colour varies over the
-primitive, each place keeps its own.
+primitive, each place keeps its own. What a second plane cuts off is then a Gaussian again, along other axes and at
+another distance, so that it follows the first one.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import dataclass
 
 import numpy as np
 
 from .cuts import LARGEST, OFFSET
 from .linear_map import kernels_of
 from .quaternions import rotation_from_quaternion
+from .row_groups import PLANES, RowGroup
 from .sh_basis import C0
 from .splats import Array, Splats
 
-LENGTHS = np.concatenate([[0], np.geomspace(0.05, 1000, 60)])  # |n| of the table; beyond it nothing changes any more
 PLACES = np.linspace(-6, 6, 601)  # t of the integrals
-ROUNDS, TRIED = 8, np.linspace(-1, 1, 9)  # of the search for m and r, each round about the best of the one before
+ROUNDS = 25  # of the search for m and r
+AT_ONCE = 2048  # primitives, whose integrals fill some MB
 OPACITIES = 1e-4, 1 - 1e-4  # least and most
+
+
+@dataclass
+class _Plane:
+    """One that cuts off the primitives ``index`` [C]: at w it leaves (1 + e⁻⁴) / (1 + e^(-offsets - normals·w))."""
+
+    index: Array
+    normals: Array  # [C, 3]
+    offsets: Array  # [C]
+
+    @classmethod
+    def of(cls, splats: Splats, group: RowGroup) -> _Plane:
+        (name,) = group.names
+        index = getattr(splats, group.index)
+        return cls(index, getattr(splats, name).astype(np.float64), np.full(len(index), OFFSET))
 
 
 def whole(splats: Splats) -> Splats:
     """The model with each primitive that is cut off replaced by the whole one nearest to it; itself without cuts."""
-    at = splats.cut_index
-    if not len(at):
+    planes = [_Plane.of(splats, group) for group in PLANES if len(getattr(splats, group.index))]
+    if not planes:
         return splats
     found = splats.without_cuts()
-    normals = splats.cut_normals.astype(np.float64)
-    lengths = np.linalg.norm(normals, axis=1)
-    shift, ratio, factor = nearest_whole(lengths)
-    towards = normals / np.where(lengths > 0, lengths, 1)[:, None]  # [C, 3] n / |n|
+    while planes:
+        _make_whole(found, planes.pop(0), planes)
+    return found
+
+
+def _make_whole(splats: Splats, plane: _Plane, others: list[_Plane]) -> None:
+    """Make primitives whole that a plane cuts off, in place, and let other planes stay where they are in space."""
+    at = plane.index
+    lengths = np.linalg.norm(plane.normals, axis=1)
+    shift, ratio, factor = nearest_whole(lengths, plane.offsets)
+    towards = plane.normals / np.where(lengths > 0, lengths, 1)[:, None]  # [C, 3] n / |n|
     moved = towards * shift[:, None]
     narrower = np.eye(3) + (ratio - 1)[:, None, None] * towards[:, :, None] * towards[:, None]  # [C, 3, 3]
     before = rotation_from_quaternion(splats.quats[at].astype(np.float64)) * splats.scales[at][:, None]  # [C, 3, 3]
     columns = before @ narrower
     quats, scales = kernels_of(columns)
     back = rotation_from_quaternion(quats).swapaxes(1, 2)  # to the new axes
-    found.means[at] += np.einsum("cxa,ca->cx", before, moved)
-    found.quats[at], found.log_scales[at] = quats, np.log(scales)
     opacities = np.clip(splats.opacities[at] * factor, *OPACITIES)
-    found.logit_opacities[at] = np.log(opacities / (1 - opacities))
+    splats.means[at] += np.einsum("cxa,ca->cx", before, moved)
+    splats.quats[at], splats.log_scales[at] = quats, np.log(scales)
+    splats.logit_opacities[at] = np.log(opacities / (1 - opacities))
 
     dog, rows = _common(splats.dog_index, at)
     pseudo = back[rows] @ (columns[rows] * splats.dog_scales[dog].astype(np.float64)[:, None])
-    found.dog_log_scales[dog] = np.log(np.linalg.norm(pseudo, axis=2) / scales[rows])
+    splats.dog_log_scales[dog] = np.log(np.linalg.norm(pseudo, axis=2) / scales[rows])
 
+    turn = back @ columns / scales[:, :, None] @ narrower  # what is told by the old axes, by the new ones
     sloped, rows = _common(splats.slope_index, at)
     slopes = splats.color_slopes[sloped].astype(np.float64)
-    found.sh_coeffs[at[rows], 0] += np.einsum("ma,mac->mc", moved[rows], slopes) / C0
-    turn = back[rows] @ columns[rows] / scales[rows][:, :, None]
-    found.color_slopes[sloped] = turn @ narrower[rows] @ slopes
-    return found
+    splats.sh_coeffs[at[rows], 0] += np.einsum("ma,mac->mc", moved[rows], slopes) / C0
+    splats.color_slopes[sloped] = turn[rows] @ slopes
+    for other in others:
+        own, rows = _common(other.index, at)
+        other.offsets[own] += np.einsum("ma,ma->m", moved[rows], other.normals[own])
+        other.normals[own] = np.einsum("mba,ma->mb", turn[rows], other.normals[own])
 
 
-def nearest_whole(lengths: Array) -> tuple[Array, Array, Array]:
-    """m, r and a of cuts whose normals have these ``lengths`` [C]."""
-    known = np.log1p(LENGTHS)
-    m, r, a = (np.interp(np.log1p(lengths), known, values) for values in _table())
+def nearest_whole(lengths: Array, offsets: Array) -> tuple[Array, Array, Array]:
+    """m, r and a of cuts whose normals have these ``lengths`` and ``offsets`` [C]."""
+    parts = range(0, len(lengths), AT_ONCE)
+    found = [_nearest_whole(lengths[k : k + AT_ONCE], offsets[k : k + AT_ONCE]) for k in parts]
+    m, r, a = np.concatenate(found, axis=1) if found else np.zeros((3, 0))
     return m, r, a
 
 
-@lru_cache(maxsize=1)
-def _table() -> tuple[Array, Array, Array]:
-    """m, r and a at ``LENGTHS``: what is largest is <G, f>² / <G, G>, and a = <G, f> / <G, G>."""
-    exponents = np.clip(-OFFSET - LENGTHS[:, None] * PLACES, -700, 700)
-    left = np.exp(-0.5 * PLACES**2) * LARGEST / (1 + np.exp(exponents))  # f [L, places]
-    m, r, width = np.full(len(LENGTHS), 0.4), np.full(len(LENGTHS), 0.7), 0.4
-    a = np.ones(len(LENGTHS))
-    rows = np.arange(len(LENGTHS))
+def _nearest_whole(lengths: Array, offsets: Array) -> Array:
+    """[3, C], of some.
+
+    f is what is left and G = e^(-(t - m)² / 2r²). The error of a G with the best a, <G, f> / <G, G>, is least where f G
+    has the mean m and the variance r²/2, as G² has. Of a Gaussian f, f G is half-way between: in its mean, if r is
+    right, and in 1 / variance. A step of twice the way there would end the search, and here it soon does.
+    """
+    exponents = np.clip(-offsets[:, None] - lengths[:, None] * PLACES, -700, 700)
+    log_left = -0.5 * PLACES**2 - np.log1p(np.exp(exponents))  # [C, places]
+    log_left -= log_left.max(axis=1, keepdims=True)  # of a sliver far out, all would be next to nothing
+    m, precision = PLACES[log_left.argmax(axis=1)], np.ones(len(lengths))  # 1 / r²
     for _ in range(ROUNDS):
-        ms = np.repeat(m[:, None] + width * TRIED, len(TRIED), axis=1)  # [L, 81]
-        rs = np.tile(r[:, None] + width * TRIED, len(TRIED))
-        tried = np.exp(-0.5 * ((PLACES - ms[..., None]) / rs[..., None]) ** 2)  # [L, 81, places]
-        with_cut, with_itself = np.einsum("lkt,lt->lk", tried, left), np.einsum("lkt,lkt->lk", tried, tried)
-        best = (with_cut**2 / with_itself).argmax(axis=1)
-        m, r, a = ms[rows, best], rs[rows, best], (with_cut / with_itself)[rows, best]
-        width /= 3
-    return m, r, a
+        away = PLACES - m[:, None]
+        both = np.exp(log_left - 0.5 * precision[:, None] * away**2)
+        both /= both.sum(axis=1, keepdims=True)
+        mean = (both * away).sum(axis=1)
+        variance = (both * away**2).sum(axis=1) - mean**2
+        m, precision = m + mean * 2, np.maximum(1 / variance - precision, precision / 4)
+    gaussians = np.exp(-0.5 * precision[:, None] * (PLACES - m[:, None]) ** 2)
+    left = np.exp(-0.5 * PLACES**2) * LARGEST / (1 + np.exp(exponents))
+    a = (gaussians * left).sum(axis=1) / (gaussians**2).sum(axis=1)
+    return np.stack([m, 1 / np.sqrt(precision), a])
 
 
 def _common(index: Array, at: Array) -> tuple[Array, Array]:

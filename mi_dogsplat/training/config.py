@@ -18,8 +18,8 @@ PRUNING_PRESETS = "use " + " or ".join(name for name in RECIPES if RECIPES[name]
 # may change from one start of a run to the next, as no result depends on them
 FREE = ("checkpoint_seconds", "memory", "up", "scale", "unit")
 PRESETS = "recipe: ours; ours_slopes (with colours that vary over their primitives); ours_cuts (and planes that "
-PRESETS += "cut them off); ours_preconditioned (and preconditioned steps); paper or released (the method as printed, "
-PRESETS += "as in its code); 3dgs (baseline)"
+PRESETS += "cut them off); ours_preconditioned (and preconditioned steps); ours_second_cuts (and a second plane for "
+PRESETS += "each); paper or released (the method as printed, as in its code); 3dgs (baseline)"
 WORLD_SCALE = "remove primitives larger than this many camera extents (default: the preset's)"
 VARIANT = "Mitsuba variant; auto takes cuda_ad_rgb where there is a GPU, else llvm_ad_rgb"
 TESTS = "steps between measurements of PSNR and FLIP on the test views; 0: eight times a run"

@@ -34,7 +34,7 @@ def covariances(splats: Splats) -> np.ndarray:
 @pytest.mark.parametrize("length", [0.2, 1.0, 3.3, 7.0, 30.0, 300.0])
 def test_no_other_gaussian_is_nearer(length):
     """Oracle: a search without a table, from elsewhere."""
-    found = [values.item() for values in nearest_whole(np.array([length]))]
+    found = [values.item() for values in nearest_whole(np.array([length]), np.array([4.0]))]
     best = minimize(lambda p: ((gaussian(*p) - left(length)) ** 2).sum(), (0.2, 0.8, 0.9), method="Nelder-Mead",
                     options={"xatol": 1e-6, "fatol": 1e-12})  # fmt: skip
     np.testing.assert_allclose(found, best.x, atol=2e-3)
@@ -54,7 +54,7 @@ def test_a_normal_of_zero_leaves_its_primitive_as_it_is():
 def test_a_cut_along_an_axis_by_hand():
     splats = make_splats([[1, 2, 3]], [[0.1, 0.2, 0.4]], 0.5)
     cut = replace(rounded(splats), cut_index=[0], cut_normals=[[0, -7, 0]])
-    m, r, a = (values.item() for values in nearest_whole(np.array([7.0])))
+    m, r, a = (values.item() for values in nearest_whole(np.array([7.0]), np.array([4.0])))
     found = whole(cut)
     assert found.n_cuts == 0 and 0.3 < m < 0.35 and 0.7 < r < 0.72
     np.testing.assert_allclose(found.means, [[1, 2 - 0.2 * m, 3]], rtol=1e-6)
@@ -105,7 +105,7 @@ def test_a_pseudo_gaussian_goes_along():
     found = whole(cut)
     np.testing.assert_allclose(found.dog_scales[0], 1, rtol=1e-5)
     pseudo = replace(found, log_scales=found.log_scales + found.dog_log_scales)
-    r = nearest_whole(np.array([9.0]))[1].item()
+    r = nearest_whole(np.array([9.0]), np.array([4.0]))[1].item()
     expected = np.diag((np.array([0.5, 0.7 * r, 1.2]) * [0.1, 0.2, 0.3]) ** 2)
     np.testing.assert_allclose(covariances(pseudo)[1], expected, atol=1e-6)
     np.testing.assert_array_equal(found.dog_logit_opacities, cut.dog_logit_opacities)
