@@ -17,7 +17,18 @@ import numpy as np
 from ..scene.cameras import Camera
 from ..scene.row_groups import CUTS, SECOND_CUTS, SLOPES
 from ..scene.splats import Splats
-from .case_models import C0, NORMAL_OF_ONE, SCALES, SLOPES_OF_ONE, WIDTH, bystanders, camera, primitives, together
+from .case_models import (
+    C0,
+    NORMAL_OF_ONE,
+    SCALES,
+    SECOND_NORMAL_OF_ONE,
+    SLOPES_OF_ONE,
+    WIDTH,
+    bystanders,
+    camera,
+    primitives,
+    together,
+)
 
 BELOW = "below 1/255 everywhere: not drawn, gradient zero"
 

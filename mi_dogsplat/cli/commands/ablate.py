@@ -20,9 +20,9 @@ Examples:
 authors' code; ours is the preset ours, ours_gaussian the same without DoG, ours_slopes with colours that
 vary over primitives, ours_cuts with planes that cut them off, too, ours_preconditioned with preconditioned
 steps as well, and ours_second_cuts with a second plane for each primitive. All of a seed go on from one
-start, at the end of densification, and end with the same number of steps. DIR is filled as by dogsplat compare, of which these are methods:
-DIR/comparison.html has the table, and each variant is a run folder under DIR/DATA/seed_N/. What is complete
-is not repeated.
+start, at the end of densification, and end with the same number of steps. DIR is filled as by dogsplat
+compare, of which these are methods: DIR/comparison.html has the table, and each variant is a run folder under
+DIR/DATA/seed_N/. What is complete is not repeated.
 """
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,6 +93,6 @@ class SecondCutActivation(CutActivation):
 
     group, activated = SECOND_CUTS, SecondCutsActivated
 
-    def begun(self, t: Training) -> dict[str, np.ndarray]:
+    def begun(self, t: Training) -> Mapping[str, np.ndarray]:
         (name,) = self.group.names
         return {name: t.rng.normal(scale=BEGUN, size=(t.optimizer.n, 3)).astype(np.float32)}

@@ -6,6 +6,7 @@ primitives, each of which stands for what several have shown before, gain most b
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeVar
 
@@ -48,13 +49,15 @@ class RowRule:
         return replace(self, start=max(0, self.start - steps))
 
 
-def give_rows(optimizer: SplatOptimizer, group: RowGroup, values: dict[str, np.ndarray]) -> int:
+def give_rows(optimizer: SplatOptimizer, group: RowGroup, begun: Mapping[str, np.ndarray] | None = None) -> int:
     """Give rows to every primitive, and return how many there are; those that have some keep them.
 
     Args:
-        values: [N, …] of each array of the group, what the others begin with.
+        begun: [N, …] of each array of the group, what the others begin with; None: zeros.
     """
     index = optimizer.index_of(group)
+    zeros = {name: np.zeros((optimizer.n, *shape), np.float32) for name, shape in group.arrays.items()}
+    values = zeros | dict(begun or {})
     for name, shape in group.arrays.items():
         if len(index):
             values[name][index] = optimizer.numpy(name).reshape(-1, *shape)
@@ -102,6 +105,6 @@ class RowActivation(Once):
     def act(self, t: Training) -> list[Event]:
         return [self.activated(give_rows(t.optimizer, self.group, self.begun(t)))]
 
-    def begun(self, t: Training) -> dict[str, np.ndarray]:
-        """[N, …] of each array, what the rows begin with."""
-        return {name: np.zeros((t.optimizer.n, *shape), np.float32) for name, shape in self.group.arrays.items()}
+    def begun(self, t: Training) -> Mapping[str, np.ndarray] | None:
+        """[N, …] of each array, what the rows begin with; None: zeros."""
+        return None

@@ -2,13 +2,21 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.training.optimizer.learning_rates import LearningRates
 from mi_dogsplat.training.optimizer.splat_optimizer import SplatOptimizer
-from mi_dogsplat.training.strategy.cut_activation import CutControl, CutRule, largest_change, shown_cuts
+from mi_dogsplat.training.strategy.cut_activation import (
+    CutControl,
+    CutRule,
+    SecondCutControl,
+    largest_change,
+    shown_cuts,
+)
+from own_axes_models import CUT, EACH_PLANE, SECOND_CUT, Kind
 from splat_scenes import SMOOTH_OPTIONS, image_of, make_camera, make_splats, rasterized, rounded
 
 CAMERA = make_camera(96, 96, 90.0)
@@ -35,10 +43,14 @@ def test_longer_normals_change_more():
     assert np.all(np.diff(changes) >= 0) and 0.9 < changes[-1] <= 1
 
 
-def one(normal, opacity: float = 0.9, **dog) -> Splats:
+def one(normal, opacity: float = 0.9, plane: Kind = CUT, **dog) -> Splats:
     """A primitive before the camera, larger than a pixel and cut off across the picture."""
-    whole = rounded(make_splats([[0, 0, 3]], (0.4, 0.3, 0.2), opacity, 1.0, [[0.1, 0.2, 0.7, 0.6]], **dog))
-    return replace(whole, cut_index=[0], cut_normals=[normal])
+    whole = make_splats([[0, 0, 3]], (0.4, 0.3, 0.2), opacity, 1.0, [[0.1, 0.2, 0.7, 0.6]], **dog)
+    return rounded(plane.given(whole, normal))
+
+
+def is_shown(splats: Splats, plane: Kind = CUT, rule: CutRule = CutRule()) -> bool:
+    return shown_cuts(rule, optimizer_of(splats), plane.group)[0]
 
 
 def change_of_picture(splats: Splats) -> float:
@@ -47,47 +59,59 @@ def change_of_picture(splats: Splats) -> float:
     return float(np.abs(pictures[0] - pictures[1]).max())
 
 
+@EACH_PLANE
 @pytest.mark.parametrize("opacity", [0.9, 0.3])
 @pytest.mark.parametrize("direction", [(1, 0, 0), (0, -1, 0), (0.6, 0.5, -0.6)])
-def test_what_goes_changes_no_pixel_by_a_255th_and_what_is_twice_that_shows(opacity, direction):
+def test_what_goes_changes_no_pixel_by_a_255th_and_what_is_twice_that_shows(opacity, direction, kind: Kind):
     normal = np.array(direction) / np.linalg.norm(direction)
     lengths = np.geomspace(0.01, 20, 60)
-    shown = [shown_cuts(CutRule(), optimizer_of(one(k * normal, opacity)))[0] for k in lengths]
+    shown = [is_shown(one(k * normal, opacity, kind), kind) for k in lengths]
     first = shown.index(True)
     assert 0 < first < 59 and all(shown[first:])
-    assert change_of_picture(one(lengths[first - 1] * normal, opacity)) < 1 / 255
+    assert change_of_picture(one(lengths[first - 1] * normal, opacity, kind)) < 1 / 255
     flat = np.argmax(np.abs(normal)) != 2  # along the view a cut is not seen at all
-    assert change_of_picture(one(4 * lengths[first] * normal, opacity)) > 1 / 255 or not flat
+    assert change_of_picture(one(4 * lengths[first] * normal, opacity, kind)) > 1 / 255 or not flat
 
 
 @pytest.mark.parametrize(("f_a", "F"), [(0.5, 0.6), (0.95, 1.6), (0.99, 4.0)])
 def test_of_a_dog_primitive_the_wider_kernel_counts(f_a, F):
     for length in np.geomspace(0.02, 10, 40):
         splats = one([length, 0, 0], 0.98, dog=[0], f_a=f_a, F=F)
-        if not shown_cuts(CutRule(), optimizer_of(splats))[0]:
+        if not is_shown(splats):
             assert 0.98 * kernel_change(length, f_a, F) < 1 / 255
             assert change_of_picture(splats) < 1 / 255
     wide = one([0.15, 0, 0], 0.98, dog=[0], f_a=0.99, F=4.0)
-    assert shown_cuts(CutRule(), optimizer_of(wide))[0]
-    assert not shown_cuts(CutRule(), optimizer_of(replace(wide, dog_log_scales=[[-0.5] * 3])))[0]
-    assert not shown_cuts(CutRule(), optimizer_of(wide.plain()))[0]
+    assert is_shown(wide)
+    assert not is_shown(replace(wide, dog_log_scales=[[-0.5] * 3]))
+    assert not is_shown(wide.plain())
 
 
-def test_the_end_leaves_out_what_no_pixel_shows_and_keeps_the_moments_of_the_others():
+def test_beside_another_plane_a_change_may_be_a_little_larger():
+    """Far out on the side that the other one keeps, where it makes the primitive 1 + e⁻⁴ times as opaque."""
+    change = 0.9 * largest_change(np.array([1.0]))[0]
+    rule, both = CutRule(least=1.01 * change), replace(one([1, 0, 0]), second_cut_index=[0], second_cut_normals=[[0, 9, 0]])
+    assert not is_shown(one([1, 0, 0]), CUT, rule) and is_shown(both, CUT, rule)
+
+
+CONTROLS = {CUT: CutControl(CutRule()), SECOND_CUT: SecondCutControl(CutRule())}
+
+
+@EACH_PLANE
+def test_the_end_leaves_out_what_no_pixel_shows_and_keeps_the_moments_of_the_others(kind: Kind):
     splats = rounded(make_splats(np.random.default_rng(0).normal(size=(6, 3)), 0.3, 0.9))
     normals = np.outer([0.01, 3, 0.02, 5, 0, 9], [0.0, 0.6, 0.8])
-    optimizer = optimizer_of(replace(splats, cut_index=np.arange(6), cut_normals=normals))
-    t = SimpleNamespace(optimizer=optimizer)
-    (event,) = CutControl(CutRule()).end(t, None)  # type: ignore[arg-type]
-    assert event.record == {"kind": "cuts_left_out", "count": 3, "left": 3}
-    assert event.text == "cuts of 3 primitives left out, 3 have one"
-    assert optimizer.cut_index.tolist() == [1, 3, 5]
-    np.testing.assert_array_equal(optimizer.to_splats().cut_normals, normals[[1, 3, 5]].astype(np.float32))
-    assert CutControl(CutRule()).end(t, None) == []  # type: ignore[arg-type]
-    optimizer.set_cuts(np.zeros(0, int), np.zeros((0, 3)))
-    assert CutControl(CutRule()).end(t, None) == []  # type: ignore[arg-type]
+    optimizer = optimizer_of(rounded(kind.given(splats, normals, np.arange(6))))
+    t: Any = SimpleNamespace(optimizer=optimizer)
+    (event,) = CONTROLS[kind].end(t, None)
+    assert event.record == {"kind": f"{kind.word}_left_out", "count": 3, "left": 3}
+    assert event.text == f"{kind.word.replace('_', ' ')} of 3 primitives left out, 3 have one"
+    assert kind.index(optimizer.to_splats()).tolist() == [1, 3, 5]
+    np.testing.assert_array_equal(kind.values(optimizer.to_splats()), normals[[1, 3, 5]].astype(np.float32))
+    assert CONTROLS[kind].end(t, None) == []
+    optimizer.set_rows(kind.group, np.zeros(0, int), {kind.name: np.zeros((0, 3))})
+    assert CONTROLS[kind].end(t, None) == []
 
 
 def test_a_threshold_of_0_keeps_all_and_a_large_one_keeps_none():
-    optimizer = optimizer_of(one([5, 0, 0]))
-    assert shown_cuts(CutRule(least=0.0), optimizer).all() and not shown_cuts(CutRule(least=0.95), optimizer).any()
+    splats = one([5, 0, 0])
+    assert is_shown(splats, rule=CutRule(least=0.0)) and not is_shown(splats, rule=CutRule(least=0.95))
