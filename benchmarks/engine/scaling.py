@@ -188,7 +188,7 @@ def measure(points: Sequence[Point], rounds: int) -> dict[str, list[float]]:
 
         def project_stage(params=params, view=view):
             projection = project(params, view, sh_degree=0)
-            dr.eval(projection, pack(projection, projection.colors))
+            dr.eval(projection, pack(projection, projection.colors, Settings(3)))
 
         def tiles_stage(projection=projection, grid=grid):
             dr.eval(tiles(projection, grid, Cutoffs()))

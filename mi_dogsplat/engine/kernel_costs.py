@@ -18,13 +18,14 @@ from ..scene.cameras import Camera
 from ..scene.splats import Splats
 from .arrays import array_types
 from .bands import WalkableView
+from .curvatures import COLUMNS as CURVATURE_COLUMNS
 from .cuts import COLUMNS as CUT_COLUMNS
 from .geometry import Blocks, Grid
 from .options import RasterOptions, Settings
 from .parameters import upload
 from .project import DeviceCamera, project
 from .tables import pack
-from .view import arrange
+from .view import arrange, settings_of
 from .walks.aovs import composite_aovs
 from .walks.composite import composite
 from .walks.derivatives import composite_backward
@@ -40,7 +41,7 @@ def pair_operations(settings: Settings, dog: bool, variant: str) -> tuple[float,
 
     The difference of kernels that take two primitives per iteration and one: what is done once per pixel drops out.
     ``dog``: of a DoG primitive, with what the branch to its second kernel costs. ``settings.slopes``: of one whose
-    colour varies over it; ``settings.cuts``: of one that so many planes cut off. ``variant``: the active one.
+    colour varies over it; ``settings.curvatures``: whose brightness curves; ``settings.cuts``: of one that so many planes cut off. ``variant``: the active one.
     """
     one, two = (_compositor_operations(settings, dog, unroll) for unroll in (1, 2))
     pixels = SIZE * SIZE
@@ -61,16 +62,17 @@ def aov_operations(names: tuple[str, ...], dog: bool, variant: str) -> float:
 
 @lru_cache
 def primitive_operations(
-    options: RasterOptions, dog: bool, variant: str, slopes: bool = False, cuts: int = 0
+    options: RasterOptions, dog: bool, variant: str, slopes: bool = False, curvatures: bool = False, cuts: int = 0
 ) -> float:
     """Operations of the projection per primitive; with ``dog``, per DoG primitive, with ``slopes``, per one whose
-    colour varies over it, with ``cuts``, per one that so many planes cut off. ``variant``: the active one."""
-    splats, camera = _model(options.sh_degree, dog, slopes, cuts)
+    colour varies over it, with ``curvatures``, whose brightness curves, with ``cuts``, per one that so many planes cut off. ``variant``: the active one."""
+    splats, camera = _model(options.sh_degree, dog, slopes, curvatures, cuts)
     params = upload(splats)
 
     def run() -> None:
         projection = project(params, camera, sh_degree=options.sh_degree, antialiased=options.antialiased)
-        dr.eval(pack(projection, projection.colors), projection.visible)
+        settings = settings_of(Settings.of(options, 3), projection)
+        dr.eval(pack(projection, projection.colors, settings), projection.visible)
 
     return operations(run) / N
 
@@ -107,6 +109,8 @@ def _view(settings: Settings, dog: bool, unroll: int) -> WalkableView:
     projection = project(upload(splats), camera, sh_degree=0)
     if settings.slopes:
         projection.slopes = 2 * projection.colors
+    if settings.curvatures:
+        projection.curvatures = projection.colors[:CURVATURE_COLUMNS]
     if settings.cuts:
         projection.cuts = (2 * projection.colors)[: settings.cuts * CUT_COLUMNS]
     features = (2 * projection.colors)[: settings.n_features]
@@ -115,10 +119,11 @@ def _view(settings: Settings, dog: bool, unroll: int) -> WalkableView:
     return view
 
 
-def _model(sh_degree: int, dog: bool, slopes: bool = False, cuts: int = 0) -> tuple[Splats, DeviceCamera]:
+def _model(sh_degree: int, dog: bool, slopes: bool = False, curvatures: bool = False, cuts: int = 0) -> tuple[Splats, DeviceCamera]:
     """A model in front of a camera; what it shows matters to no kernel."""
     rng = np.random.default_rng(0)
-    index, sloped, cut, cut_twice = (np.arange(N if some else 0) for some in (dog, slopes, cuts > 0, cuts > 1))
+    kinds = dog, slopes, curvatures, cuts > 0, cuts > 1
+    index, sloped, curved, cut, cut_twice = (np.arange(N if some else 0) for some in kinds)
     splats = Splats(
         means=rng.uniform([-1, -1, 2], [1, 1, 4], (N, 3)),
         log_scales=np.full((N, 3), -2),
@@ -130,6 +135,8 @@ def _model(sh_degree: int, dog: bool, slopes: bool = False, cuts: int = 0) -> tu
         dog_log_scales=np.zeros((len(index), 3)),
         slope_index=sloped,
         color_slopes=np.zeros((len(sloped), 3, 3)),
+        curvature_index=curved,
+        brightness_curvatures=np.zeros((len(curved), 6)),
         cut_index=cut,
         cut_normals=np.zeros((len(cut), 3)),
         second_cut_index=cut_twice,

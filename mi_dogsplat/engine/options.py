@@ -28,6 +28,7 @@ class Settings:
     negative_transmittance: a negative α amplifies what lies behind, T (1 - α) > T; else it leaves T as it is.
     patch: width and height of the pixels that share their exponentials, 1 to 4; 1 gives each pixel its own.
     slopes: whether the first three features, the colours, vary over their primitives.
+    curvatures: whether their brightness curves.
     cuts: how many planes may cut a primitive off, 0 to 2.
     """
 
@@ -36,6 +37,7 @@ class Settings:
     negative_transmittance: bool = True
     patch: int = 4
     slopes: bool = False
+    curvatures: bool = False
     cuts: int = 0
 
     @staticmethod

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..scene.row_groups import DOG, GROUPS, PLANES, SH, SLOPES
+from ..scene.row_groups import CURVATURES, DOG, GROUPS, OWN_AXES, PLANES, SH, SLOPES
 from ..scene.sh_basis import sh_degree_of
 from ..scene.splats import DENSE, Splats
 from .project import NO_ROW
@@ -17,8 +17,9 @@ from .sh_groups import ROW_COEFFICIENTS, has_groups, padded_rows
 RAW = DENSE
 RAW_DOG = DOG.names
 RAW_SLOPES = SLOPES.names
+RAW_CURVATURES = CURVATURES.names
 RAW_CUTS = tuple(name for group in PLANES for name in group.names)
-ROWS = {group.index: group.row for group in (DOG, SLOPES, *PLANES)}
+ROWS = {group.index: group.row for group in (DOG, *OWN_AXES)}
 """Index of a group to the name of its inverse [N], ``rows_of_splats``, where kernels ask for the row of a primitive."""
 
 
@@ -47,7 +48,7 @@ def upload(splats: Splats) -> dict:
     Rows of ``sh1_coeffs`` and ``sh3_coeffs`` are padded, see ``sh_groups.py``.
     """
     params: dict = {name: device_array(getattr(splats, name)) for name in RAW}
-    for group in (DOG, SLOPES, *PLANES):
+    for group in (DOG, *OWN_AXES):
         index = getattr(splats, group.index)
         if len(index):
             params |= {name: device_array(getattr(splats, name)) for name in group.names}

@@ -21,7 +21,9 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from ..scene.row_groups import PLANES
+from ..scene.row_groups import OWN_AXES, PLANES
+from .curvatures import ROW as CURVATURE_ROW
+from .curvatures import curvatures_on_screen
 from .cuts import COLUMNS as CUT_COLUMNS
 from .cuts import ROW as CUT_ROW
 from .cuts import cut_on_screen
@@ -65,7 +67,13 @@ class Projection:
     dog_row: mi.UInt32 | None  # [N] row in ``pseudo`` or NO_ROW
     dog_index: mi.UInt32 | None  # [M] its inverse
     slopes: list | None = None  # of the colours: gx of 3 channels, then gy, per pixel; None without any
+    curvatures: list | None = None  # of the brightness: qxx, qxy, qyy per square pixel; None without any
     cuts: list | None = None  # hx, hy of each plane, of what it leaves of the kernels, per pixel; None without any
+
+    @property
+    def varying(self) -> list:
+        """What varies over primitives, as columns of the compositor's table: slopes, curvatures, cuts."""
+        return [*(self.slopes or []), *(self.curvatures or []), *(self.cuts or [])]
 
     @property
     def planes(self) -> int:
@@ -211,7 +219,8 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
     Args:
         params: raw parameters as flat row-major ``mi.Float`` arrays, keys as in ``mi.traverse`` of the ``dog`` shape;
             ``dog_row`` [N] and ``dog_index`` [M] are present when a primitive is DoG, ``slope_row`` [N] and
-            ``color_slopes`` [S, 3, 3] when the colour of one varies over it, ``cut_row`` [N] and ``cut_normals`` [C, 3]
+            ``color_slopes`` [S, 3, 3] when the colour of one varies over it, ``curvature_row`` [N] and
+            ``brightness_curvatures`` [B, 6] when the brightness of one curves over it, ``cut_row`` [N] and ``cut_normals`` [C, 3]
             when a plane cuts one off, ``second_cut_row`` and ``second_cut_normals`` when a second one does,
             groups of SH degrees where primitives have degrees of their own (see ``evaluate_groups``).
         camera: the view.
@@ -249,17 +258,22 @@ def project(params: dict, camera: DeviceCamera, *, sh_degree: int, antialiased: 
 
     radiance = _radiance(params, camera, direction, index, visible, sh_degree)
     visible &= all_finite(radiance)
-    colors, slopes, cuts = [dr.maximum(value, 0) for value in radiance], None, None
+    colors, slopes, curvatures, cuts = [dr.maximum(value, 0) for value in radiance], None, None, None
     planes = [group for group in PLANES if group.index in params]
-    if "color_slopes" in params or planes:
+    if any(group.index in params for group in OWN_AXES):
         per_pixel = own_axes_per_pixel(axes, scales, _in_range(axes, scales), LOW_PASS)
         if "color_slopes" in params:
             row = params["slope_row"]
             slopes = slopes_on_screen(rows(params["color_slopes"], SLOPE_ROW, row, row != NO_ROW), per_pixel)
             visible &= all_finite(slopes)
+        if "brightness_curvatures" in params:
+            row = params["curvature_row"]
+            of_splats = rows(params["brightness_curvatures"], CURVATURE_ROW, row, row != NO_ROW)
+            curvatures = curvatures_on_screen(of_splats, per_pixel)
+            visible &= all_finite(curvatures)
         for group in planes:
             row, (normals,) = params[group.row], group.names
             cut = cut_on_screen(rows(params[normals], CUT_ROW, row, row != NO_ROW), per_pixel)
             visible &= all_finite(cut)
             cuts = [*(cuts or []), *cut]
-    return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index, slopes, cuts)
+    return Projection(x, y, depth, kernels, colors, visible, pseudo, dog_row, dog_index, slopes, curvatures, cuts)

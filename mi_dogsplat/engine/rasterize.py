@@ -78,7 +78,7 @@ class _Fixed:
 
 
 class _Composite(dr.CustomOp):
-    """``composite`` as an operation on AD variables: lists of projected quantities, with features, slopes and cuts, to
+    """``composite`` as an operation on AD variables: lists of projected quantities, with features and what varies, to
     planes."""
 
     def eval(self, fixed: _Fixed, splats: list, pseudo: list):
@@ -142,8 +142,7 @@ def rasterize(
         blended = None
 
     k, p = projection.kernels, projection.pseudo
-    varying = [*(projection.slopes or []), *(projection.cuts or [])]
-    splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *features, *varying]
+    splats = [projection.x, projection.y, k.ux, k.uy, k.vy, k.lo, *features, *projection.varying]
     pseudo = [] if p is None else [p.ux, p.uy, p.vy, p.lo]
     composited: Any = dr.custom(_Composite, _Fixed(view, blended), splats, pseudo)
     planes, T = composited

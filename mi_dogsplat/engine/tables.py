@@ -10,7 +10,9 @@ import drjit as dr
 import mitsuba as mi
 
 from .arrays import array_types, detached
+from .curvatures import COLUMNS as CURVATURE_COLUMNS
 from .cuts import COLUMNS as CUT_COLUMNS
+from .options import Settings
 from .project import Kernels, Projection
 from .slopes import COLUMNS as SLOPE_COLUMNS
 
@@ -20,7 +22,7 @@ class KernelRow(namedtuple("KernelRow", "ux uy vy lo q s t")):
 
 
 KERNEL_COLUMNS = len(KernelRow._fields)
-FIRST_FEATURE = 2 + KERNEL_COLUMNS  # column of the primitives' table: x, y, kernel, features, slopes, cuts, padding
+FIRST_FEATURE = 2 + KERNEL_COLUMNS  # column of the primitives' table: x, y, kernel, features, slopes, curvatures, cuts, padding
 PSEUDO_COLUMNS = 8  # of the pseudo-Gaussians' table: kernel, padding
 DEPTH_FEATURE = 3  # the feature after the colours, in views that stop at a depth
 
@@ -34,15 +36,21 @@ class SplatRow:
     kernel: KernelRow
     features: list
     slopes: list  # gx of the three colours, then gy; none where no colour varies
+    curvatures: list  # qxx, qxy, qyy; none where no brightness curves
     cuts: list  # hx, hy of each plane; none where no primitive is cut
 
     @staticmethod
-    def of(columns: list, n_features: int, slopes: bool) -> SplatRow:
+    def of(columns: list, settings: Settings) -> SplatRow:
         x, y, *kernel = columns[:FIRST_FEATURE]
-        end = FIRST_FEATURE + n_features
-        first_cut = end + slopes * SLOPE_COLUMNS
-        features, varying = columns[FIRST_FEATURE:end], columns[end:first_cut]
-        return SplatRow(x, y, KernelRow(*kernel), features, varying, columns[first_cut:])
+        return SplatRow(x, y, KernelRow(*kernel), *parts_of(columns[FIRST_FEATURE:], settings))
+
+
+def parts_of(columns: list, settings: Settings) -> tuple[list, list, list, list]:
+    """(features, slopes, curvatures, cuts) of a row, or what belongs to them: columns in this order."""
+    sizes = settings.n_features, settings.slopes * SLOPE_COLUMNS, settings.curvatures * CURVATURE_COLUMNS
+    first = [sum(sizes[:k]) for k in range(len(sizes) + 1)]
+    features, slopes, curvatures = (columns[a:b] for a, b in zip(first, first[1:], strict=False))
+    return features, slopes, curvatures, columns[first[-1] :]
 
 
 @dataclass
@@ -56,21 +64,29 @@ class Tables:
     stop_depth: mi.Float | None = None  # [H*W], primitives with a larger DEPTH_FEATURE are not blended
 
 
-def columns_used(n_features: int, slopes: bool, cuts: int) -> int:
+def varying_columns(settings: Settings) -> int:
+    """Floats of a row for what varies over primitives."""
+    of_colors = settings.slopes * SLOPE_COLUMNS + settings.curvatures * CURVATURE_COLUMNS
+    return of_colors + settings.cuts * CUT_COLUMNS
+
+
+def columns_used(settings: Settings) -> int:
     """Floats of a row in the table, without padding."""
-    return FIRST_FEATURE + n_features + slopes * SLOPE_COLUMNS + cuts * CUT_COLUMNS
+    return FIRST_FEATURE + settings.n_features + varying_columns(settings)
 
 
-def row_size(n_features: int, slopes: bool, cuts: int) -> int:
+def row_size(settings: Settings) -> int:
     """Floats per primitive in the table: whole cache lines, in which every eight are aligned."""
-    return -(-columns_used(n_features, slopes, cuts) // 16) * 16
+    return -(-columns_used(settings) // 16) * 16
 
 
-def pack(projection: Projection, features: list) -> Tables:
-    """Lay out a projection for the compositor (detached: derivatives are passed by hand, see ``rasterize.py``)."""
-    slopes, cuts = projection.slopes or [], projection.cuts or []
-    columns = [projection.x, projection.y, *_kernel_columns(projection.kernels), *features, *slopes, *cuts]
-    splats = _table(columns, row_size(len(features), bool(slopes), projection.planes))
+def pack(projection: Projection, features: list, settings: Settings) -> Tables:
+    """Lay out a projection for the compositor (detached: derivatives are passed by hand, see ``rasterize.py``).
+
+    ``settings``: those of the view, which say what there is (``view.arrange``).
+    """
+    columns = [projection.x, projection.y, *_kernel_columns(projection.kernels), *features, *projection.varying]
+    splats = _table(columns, row_size(settings))
     if projection.pseudo is None:
         return Tables(splats, None, None, None)
     pseudo = _table(_kernel_columns(projection.pseudo), PSEUDO_COLUMNS)

@@ -58,14 +58,20 @@ def arrange(
 
     Args:
         features: what is blended, [N] each, as many as ``settings`` says; the colours first, if they vary.
-        settings: whatever they say of slopes and cuts, it is the projection that has some or none.
+        settings: whatever they say of slopes, curvatures and cuts, it is the projection that has some or none.
         stop_depth: [H*W], a primitive whose fourth feature, its depth, is larger is not blended into a pixel.
         isect_memory: as in ``RasterOptions``.
     """
-    settings = replace(settings, slopes=projection.slopes is not None, cuts=projection.planes)
-    tables = pack(projection, features)
+    settings = settings_of(settings, projection)
+    tables = pack(projection, features, settings)
     tables.stop_depth = detached(stop_depth) if stop_depth is not None else None
     return listed(projection, tables, grid, settings, isect_memory)
+
+
+def settings_of(settings: Settings, projection: Projection) -> Settings:
+    """Of a projection, with what varies over its primitives."""
+    slopes, curvatures = projection.slopes is not None, projection.curvatures is not None
+    return replace(settings, slopes=slopes, curvatures=curvatures, cuts=projection.planes)
 
 
 def _projection(params: dict, camera: DeviceCamera, options: RasterOptions) -> Projection:

@@ -9,7 +9,7 @@ rotation of the camera, J the Jacobian of the perspective projection at mu, and 
 0.3 I its covariance in pixels (EWA splatting). A DoG primitive is primary minus pseudo: the pseudo-Gaussian
 has the same centre, rotation and colour, the opacity f_a o and the scales F s. `alpha` is what gets
 composited and may be negative. A colour c may vary over its primitive: w = S^-1 R^T (x - mu) standard
-deviations away from the centre it is c + sum_a w_a slopes_a. A pixel at the offset d sees the colour of the mean
+deviations away from the centre it is c + sum_a w_a slopes_a + w^T Q w / 2. A pixel at the offset d sees that of the mean
 w there, (J W R S)^T Sigma'^-1 d. A cut multiplies both kernels by g of the same mean w (`own_axes.py`). Symmetric
 2x2 matrices are stored as rows (xx, xy, yy). The pixel in column i, row j has its centre at (i + .5, j + .5).
 """
@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from ..scene.row_groups import OWN_AXES
 from .mixed_sh import group_names, sh_groups
-from .own_axes import OWN_AXES, index_of, kept, own_axes_names
+from .own_axes import index_of, kept, own_axes_names
 from .projection import MIN_ALPHA, Projection, project
 
 if TYPE_CHECKING:
@@ -79,7 +80,8 @@ def kernels(projection: Projection, i: int, x: np.ndarray, y: np.ndarray) -> tup
 def colors_at(projection: Projection, i: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The colour of primitive i at P points (x, y), [P, 3]."""
     offsets = np.stack([x, y], axis=1) - projection.means2d[i]
-    return projection.colors[i] + offsets @ projection.slopes[i].T
+    brighter = np.einsum("pi,ij,pj->p", offsets, projection.curvatures[i], offsets) / 2
+    return projection.colors[i] + offsets @ projection.slopes[i].T + brighter[:, None]
 
 
 def pixel_centres(x0: int, y0: int, x1: int, y1: int) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ two renders per parameter. Here 100,000 primitives at 400 x 300 pixels take seco
 
 Notation of `forward.py` and `walk.py`, and
     δx           d loss / d x, loss = sum(adjoint * image)
-    δcolor_slopes by the slopes per pixel
+    δcolor_slopes, δcurvatures by what changes per pixel
     moments      δlog G summed over the pixels with 1, d and d d^T: all that the projection needs of it
     cut_moments  so of n.w of each plane, of which g is a function, with 1 and d
 
@@ -78,7 +78,7 @@ def gradients_tiled(splats: Splats, camera: Camera, adjoint: np.ndarray,
                          f"{(camera.height, camera.width, 3)}; both need to be equal")
     projection = project(splats, camera, near_clip=near_clip, antialiased=antialiased, sh_degree=sh_degree)
     n = len(projection.depths)
-    δcolors, δcolor_slopes = np.zeros((n, 3)), np.zeros((n, 3, 2))
+    δcolors, δcolor_slopes, δcurvatures = np.zeros((n, 3)), np.zeros((n, 3, 2)), np.zeros((n, 2, 2))
     moments, pseudo_moments = np.zeros((n, 6)), np.zeros((n, 6))
     cut_moments = np.zeros((len(PLANES), n, 3))
     for block in blocks(projection, camera, min_alpha):
@@ -86,9 +86,11 @@ def gradients_tiled(splats: Splats, camera: Camera, adjoint: np.ndarray,
         δpixels = adjoint[block.pixels]  # [h, w, 3]
         weights = walk.alpha * walk.T
         δcolors[block.splats] += np.tensordot(weights, δpixels, ((1, 2), (0, 1)))
-        if walk.sloped.size:
-            δcolor_slopes[block.splats[walk.sloped]] += np.einsum(
-                "nhw,hwc,nhwd->ncd", weights[walk.sloped], δpixels, walk.offsets, optimize=True)
+        if walk.varying.size:
+            varying, of_varying = block.splats[walk.varying], weights[walk.varying]
+            δcolor_slopes[varying] += np.einsum("nhw,hwc,nhwd->ncd", of_varying, δpixels, walk.offsets, optimize=True)
+            δcurvatures[varying] += np.einsum("nhw,hw,nhwd,nhwe->nde", of_varying, δpixels.sum(-1) / 2, walk.offsets,
+                                              walk.offsets, optimize=True)
         δalpha = walk.backward(walk.colors_times(δpixels), δpixels @ background)
         δlog_G = np.where(walk.G < MAX_ALPHA, δalpha * walk.G, 0)
         moments[block.splats] += _moments(δlog_G, block.dx, block.dy)
@@ -100,8 +102,8 @@ def gradients_tiled(splats: Splats, camera: Camera, adjoint: np.ndarray,
             δalong = δlog_G[cut.rows] * cut.log_kept_slope()
             cut_moments[cut.plane, block.splats[cut.rows]] += _moments(δalong, block.dx[cut.rows],
                                                                        block.dy[cut.rows])[:, :3]
-    return project_backward(splats, camera, projection, δcolors, δcolor_slopes, moments, pseudo_moments, cut_moments,
-                            antialiased, sh_degree)
+    return project_backward(splats, camera, projection, δcolors, δcolor_slopes, δcurvatures, moments, pseudo_moments,
+                            cut_moments, antialiased, sh_degree)
 
 
 def _moments(values: np.ndarray, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:

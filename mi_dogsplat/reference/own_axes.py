@@ -1,7 +1,8 @@
 """Models of which some primitives have numbers along their own axes, for the twins: slopes of a colour, and cuts.
 
 The primitives `slope_index` [S] have `color_slopes` [S, 3, 3], the change of colour per standard deviation along each
-axis (axis, channel). The primitives `cut_index` [C] have `cut_normals` [C, 3], n, by which a plane multiplies kernels w
+axis (axis, channel). The primitives `curvature_index` [B] have `brightness_curvatures` [B, 6], xx yy zz xy xz yz of Q, by
+which all channels are brighter by w^T Q w / 2. The primitives `cut_index` [C] have `cut_normals` [C, 3], n, by which a plane multiplies kernels w
 standard deviations away from the centre, and the primitives `second_cut_index` have a second plane:
 
     g(w) = (1 + e^-4) / (1 + e^(-4 - n.w))
@@ -16,12 +17,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..scene.cuts import OFFSET
-from ..scene.row_groups import PLANES, SLOPES, RowGroup
+from ..scene.row_groups import OWN_AXES, RowGroup
 
 if TYPE_CHECKING:
     from ..scene.splats import Splats
 
-OWN_AXES = SLOPES, *PLANES
 LARGEST_KEPT = 1 + np.exp(-OFFSET)  # g far out on the side that is kept
 
 
@@ -31,11 +31,17 @@ def index_of(splats: Splats, group: RowGroup) -> np.ndarray:
 
 
 def values_of(splats: Splats, group: RowGroup) -> np.ndarray:
-    """What they have along their axes, float64: [S, 3, 3] slopes or [C, 3] normals."""
+    """What they have along their axes, float64: [S, 3, 3] slopes, [B, 6] curvatures or [C, 3] normals."""
     ((name, row),) = group.arrays.items()
     if not len(index_of(splats, group)):
         return np.zeros((0, *row))
     return np.asarray(getattr(splats, name), np.float64)
+
+
+def quadratic_forms(rows: np.ndarray) -> np.ndarray:
+    """Q [B, 3, 3] of rows [B, 6]."""
+    xx, yy, zz, xy, xz, yz = rows.T
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
 
 
 def own_axes_names(splats: Splats) -> tuple[str, ...]:

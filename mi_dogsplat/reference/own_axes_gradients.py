@@ -3,6 +3,7 @@
 Notation of `forward.py` and `project_gradients.py`, and
     V = C S          [2, 3] the scaled axes on the screen, P = Sigma'^-1 V, so that w = P^T d
     g = P values     [2, K] for slopes of K = 3 channels, or the normal of a cut, K = 1
+    A = P Q P^T      [2, 2] for the curvatures Q of a brightness
 
 From dP = Sigma'^-1 dV - Sigma'^-1 (dV V^T + V dV^T) P, with δP = δg values^T, H = P^T V and G = P^T δP:
     δV = Sigma'^-1 δP (1 - H) - P G^T,   V^T δV = G (1 - H) - H G^T
@@ -15,15 +16,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from .own_axes import quadratic_forms
 from .projection import LOW_PASS, conics_times_axes
 
 
 def own_axes_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, conics: np.ndarray, values: np.ndarray,
                       δg: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """δvalues [n, 3, K], δlog_scales [n, 3], δω [n, 3] and δC [n, 2, 3].
+    """δvalues as the values are, δlog_scales [n, 3], δω [n, 3] and δC [n, 2, 3].
 
-    From δg [n, K, 2], the adjoint of `Projection.slopes` or `cuts`, and the values per standard deviation [n, 3, K].
+    From δg [n, K, 2], the adjoint of `Projection.slopes` or `cuts`, and the values per standard deviation, [n, 3, K],
+    or [n, 3] for K = 1.
     """
+    shape, values = values.shape, values.reshape(*values.shape[:2], -1)
     S, δg = scales[:, None, :], δg.swapaxes(1, 2)  # [n, 1, 3], [n, 2, 3]
     V, B = C * S, conics_times_axes(C, scales**2, cov2d, conics)  # B = Sigma'^-1 C
     P, δP = B * S, δg @ values.swapaxes(1, 2)
@@ -37,4 +41,18 @@ def own_axes_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, coni
     along = (G * unseen.swapaxes(1, 2)).sum(2) - ((P.swapaxes(1, 2) @ V) * G).sum(2)  # diagonal of V^T δV
     turned = (B.swapaxes(1, 2) @ δP @ unseen - B.swapaxes(1, 2) @ V @ G.swapaxes(1, 2)) * S  # C^T δV S
     δω = turned[:, [2, 0, 1], [1, 2, 0]] - turned[:, [1, 2, 0], [2, 0, 1]]
-    return P.swapaxes(1, 2) @ δg, along, δω, δV * S
+    return (P.swapaxes(1, 2) @ δg).reshape(shape), along, δω, δV * S
+
+
+def curvatures_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, conics: np.ndarray, values: np.ndarray,
+                        δA: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The same of A = P Q P^T, from δA [n, 2, 2] and the rows [n, 6] of Q.
+
+    With symmetric δA and Q that is δP = 2 δA P Q, as of slopes Q with δg = 2 δA P, and δQ = P^T δA P is half of theirs.
+    """
+    P = conics_times_axes(C, scales**2, cov2d, conics) * scales[:, None, :]
+    δg = (2 * δA @ P).swapaxes(1, 2)
+    twice, *others = own_axes_backward(C, scales, cov2d, conics, quadratic_forms(values), δg)
+    xx, yy, zz = np.einsum("naa->an", twice) / 2
+    # an entry beside the diagonal is there twice
+    return np.stack([xx, yy, zz, twice[:, 0, 1], twice[:, 0, 2], twice[:, 1, 2]], axis=1), *others

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..scene.row_groups import PLANES
+from ..scene.row_groups import CURVATURES, PLANES, SLOPES
 from .forward import RAW_PARAMETERS
 from .mixed_sh import padded_sh, unpadded_sh
-from .own_axes import SLOPES, index_of, values_of
-from .own_axes_gradients import own_axes_backward
+from .own_axes import index_of, values_of
+from .own_axes_gradients import curvatures_backward, own_axes_backward
 from .projection import (
     LOW_PASS,
     MIN_ANTIALIAS_RATIO,
@@ -39,15 +39,16 @@ if TYPE_CHECKING:
 
 
 def project_backward(splats: Splats, camera: Camera, projection: Projection, δcolors: np.ndarray,
-                     δcolor_slopes: np.ndarray, moments: np.ndarray, pseudo_moments: np.ndarray,
-                     cut_moments: np.ndarray, antialiased: bool, sh_degree: int | None) -> dict[str, np.ndarray]:
+                     δcolor_slopes: np.ndarray, δcurvatures: np.ndarray, moments: np.ndarray,
+                     pseudo_moments: np.ndarray, cut_moments: np.ndarray, antialiased: bool,
+                     sh_degree: int | None) -> dict[str, np.ndarray]:
     """d loss / d raw parameter, by name and in the shapes of `splats`, float64.
 
-    `projection` is what `reference.project` makes of `splats` and `camera` with the same options. `δcolors` [N, 3] and
-    `δcolor_slopes` [N, 3, 2] are by what that has of them; `moments` and `pseudo_moments` [N, 6] are the sums of δlog G
-    and δlog G_p times 1, dx, dy, dx^2, dx dy, dy^2, `cut_moments` [2, N, 3] those of δ(n.w) of each plane
-    times 1, dx, dy. The derivative is 0 through the limits: of a primitive that is not visible, of a colour at 0, of a
-    clamped tangent.
+    `projection` is what `reference.project` makes of `splats` and `camera` with the same options. `δcolors` [N, 3],
+    `δcolor_slopes` [N, 3, 2] and `δcurvatures` [N, 2, 2] are by what that has of them; `moments` and `pseudo_moments`
+    [N, 6] are the sums of δlog G and δlog G_p times 1, dx, dy, dx^2, dx dy, dy^2, `cut_moments` [2, N, 3] those of
+    δ(n.w) of each plane times 1, dx, dy. The derivative is 0 through the limits: of a primitive that is not visible, of
+    a colour at 0, of a clamped tangent.
     """
     p, seen = projection, np.flatnonzero(projection.visible)  # [n]
     raw = {name: np.asarray(getattr(splats, name), np.float64) for name in RAW_PARAMETERS}
@@ -71,6 +72,7 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
                                                      antialiased)
     # what a pixel has of a colour that varies, and of a cut, depends on where the centre is
     δmeans2d -= np.einsum("ncd,nc->nd", p.slopes[seen], δcolors[seen])
+    δmeans2d -= np.einsum("nij,nj->ni", p.curvatures[seen], δcolor_slopes[seen].sum(1))
     δmeans2d -= (p.cuts[:, seen] * cut_moments[:, seen, :1]).sum(0)
     δlog_opacities = moments[:, 0].copy()
 
@@ -88,17 +90,18 @@ def project_backward(splats: Splats, camera: Camera, projection: Projection, δc
     δ["logit_opacities"][seen] = δlog_opacities[seen] * sigmoid(-raw["logit_opacities"][seen])
 
     of_planes = zip(PLANES, cut_moments[:, :, None, 1:], strict=True)
-    for group, δper_pixel in ((SLOPES, δcolor_slopes), *of_planes):
+    for group, δper_pixel in ((SLOPES, δcolor_slopes), (CURVATURES, δcurvatures), *of_planes):
         index, values = index_of(splats, group), values_of(splats, group)
         if not len(index):
             continue
         found = np.flatnonzero(p.visible[index])  # rows of the group
-        i, of_axes = index[found], values[found].reshape(len(found), 3, -1)
+        i = index[found]
         at = np.searchsorted(seen, i)
-        δvalues, *parts = own_axes_backward(C[at], scales[at], p.cov2d[i], p.conics[i], of_axes, δper_pixel[i])
+        backward = curvatures_backward if group is CURVATURES else own_axes_backward
+        δvalues, *parts = backward(C[at], scales[at], p.cov2d[i], p.conics[i], values[found], δper_pixel[i])
         (name,) = group.names
         δ[name] = np.zeros_like(values)
-        δ[name][found] = δvalues.reshape(values[found].shape)
+        δ[name][found] = δvalues
         for whole, part in zip((δlog_scales, δω, δC), parts, strict=True):
             whole[at] += part
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..scene.row_groups import PLANES
+from ..scene.row_groups import CURVATURES, OWN_AXES, PLANES, SLOPES
 from .mixed_sh import padded_sh
-from .own_axes import OWN_AXES, SLOPES, index_of, largest_kept, values_of
+from .own_axes import index_of, largest_kept, quadratic_forms, values_of
 
 if TYPE_CHECKING:
     from ..scene.cameras import Camera
@@ -33,6 +33,8 @@ class Projection:
     colors: np.ndarray  # [N, 3] at the centre
     sloped: np.ndarray  # [N] bool, their colour varies over them
     slopes: np.ndarray  # [N, 3, 2] change of colour per px in x and in y, zero elsewhere
+    curved: np.ndarray  # [N] bool, their brightness curves over them
+    curvatures: np.ndarray  # [N, 2, 2] second derivatives of their brightness per px in x and in y, zero elsewhere
     cut: np.ndarray  # [2, N] bool, of each plane, that it cuts them off
     cuts: np.ndarray  # [2, N, 2] change of its n.w per px in x and in y, zero elsewhere
     dog: np.ndarray  # [N] bool; the pseudo_* rows are zero where false
@@ -181,6 +183,10 @@ def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialias
     sloped, slopes = np.zeros(n, bool), np.zeros((n, 3, 2))
     i = index_of(splats, SLOPES)
     slopes[i], sloped[i] = (per_pixel(i) @ values_of(splats, SLOPES)).swapaxes(1, 2), True
+    curved, curvatures = np.zeros(n, bool), np.zeros((n, 2, 2))
+    i = index_of(splats, CURVATURES)
+    curvatures[i] = per_pixel(i) @ quadratic_forms(values_of(splats, CURVATURES)) @ per_pixel(i).swapaxes(1, 2)
+    curved[i] = True
     cut, cuts = np.zeros((len(PLANES), n), bool), np.zeros((len(PLANES), n, 2))
     for k, plane in enumerate(PLANES):
         i = index_of(splats, plane)
@@ -188,10 +194,11 @@ def project(splats: Splats, camera: Camera, *, near_clip: float = 0.2, antialias
 
     largest = largest_kept(cut)
     extents = np.maximum(_extents(cov2d, opacities * largest), _extents(pseudo_cov2d, pseudo_opacities * largest))
-    rows = [means2d, z, cov2d, conics, opacities, colors, slopes, *cuts, pseudo_cov2d, pseudo_conics,
+    rows = [means2d, z, cov2d, conics, opacities, colors, slopes, curvatures, *cuts, pseudo_cov2d, pseudo_conics,
             pseudo_opacities, extents]
     visible = (z > near_clip) & _finite_rows(*rows) & _finite_parameters(splats, sh)
     for row in rows:
         row[~visible] = 0
     return Projection(visible, means2d, z, cov2d, conics, opacities, colors, sloped & visible, slopes,
-                      cut & visible, cuts, dog & visible, pseudo_cov2d, pseudo_conics, pseudo_opacities, extents)
+                      curved & visible, curvatures, cut & visible, cuts, dog & visible, pseudo_cov2d, pseudo_conics,
+                      pseudo_opacities, extents)

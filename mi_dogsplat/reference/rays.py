@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..scene.row_groups import PLANES
+from ..scene.row_groups import CURVATURES, PLANES, SLOPES
 from .forward import MAX_ALPHA, MAX_T, MIN_T
 from .mixed_sh import padded_sh
-from .own_axes import SLOPES, index_of, kept, largest_kept, values_of
+from .own_axes import index_of, kept, largest_kept, quadratic_forms, values_of
 from .projection import MIN_ALPHA, rotations, sh_basis, sigmoid
 
 if TYPE_CHECKING:
@@ -78,6 +78,9 @@ def meet(splats: Splats, origins: np.ndarray, directions: np.ndarray, maxt: np.n
     sh = padded_sh(splats)
     basis = sh_basis(unit, int(np.sqrt(sh.shape[1])) - 1 if sh_degree is None else sh_degree)
     colors = np.maximum(np.einsum("pk,nkc->pnc", basis, sh[:, : basis.shape[1]]) + 0.5, 0)
+    i = index_of(splats, CURVATURES)
+    Q = quadratic_forms(values_of(splats, CURVATURES))
+    colors[:, i] += np.einsum("psa,sab,psb->ps", w[:, i], Q, w[:, i])[..., None] / 2
     i = index_of(splats, SLOPES)
     colors[:, i] += np.einsum("psa,sac->psc", w[:, i], values_of(splats, SLOPES))
     return RayMeetings(places, alphas, colors)

@@ -46,12 +46,12 @@ def rounding_tiled(splats: Splats, camera: Camera, background: Sequence[float] |
         of_T, size = walk.roundings(), np.abs(walk.alpha)
         in_front = np.concatenate([np.zeros_like(of_T[:1]), of_T[:-1]])
         of_weights = np.where(walk.blended, KERNEL_UNITS * UNIT * (walk.operands() + size) + in_front * size, 0)
-        of_light, centres = walk.T_final[..., None] * light, walk.colors[walk.sloped, None, None]
+        of_light, centres = walk.T_final[..., None] * light, walk.colors[walk.varying, None, None]
         to_sizes = np.abs(centres + walk.variations()) - centres  # what makes of the colours there their magnitudes
         magnitude[block.pixels] = walk.sum_of_colors(size * walk.T, to_sizes) + of_light
         of_blended = walk.sum_of_colors(of_weights * walk.T, to_sizes)
         error[block.pixels] = of_blended + (of_T[-1][..., None] + UNIT) * of_light
-        if walk.sloped.size:
+        if walk.varying.size:
             of_colors = COLOR_UNITS * UNIT * walk.terms()
-            error[block.pixels] += np.einsum("nhw,nhwc->hwc", (size * walk.T)[walk.sloped], of_colors)
+            error[block.pixels] += np.einsum("nhw,nhwc->hwc", (size * walk.T)[walk.varying], of_colors)
     return Rounding(magnitude, error)

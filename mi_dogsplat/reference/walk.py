@@ -28,7 +28,7 @@ LEAST_KERNEL = 2.0**-60  # where the lists end when min_alpha does not end them
 SLACK = 1e-6  # px, far above the rounding of a box and far below a pixel
 UNIT = 2.0**-24  # the largest relative error of a float32 operation
 KERNEL_UNITS = 16  # of one kernel's value: the engine has up to 15 on needles, 9 elsewhere
-COLOR_UNITS = 8  # of a colour that varies: of each slope per pixel, and of their sum
+COLOR_UNITS = 8  # of a colour that varies: of what it changes by per pixel, and of the sum
 MEAN_UNITS = 4  # of many kernels, whose errors are of either sign: the engine has up to 3.4 in stacks of hundreds
 
 
@@ -77,6 +77,12 @@ def _gaussian(opacities: np.ndarray, cov2d: np.ndarray, conics: np.ndarray, dx: 
     return opacities[:, None, None] * np.exp(-0.5 * q)
 
 
+def _varied(offsets: np.ndarray, slopes: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
+    """[m, h, w, 3] at offsets [m, h, w, 2] from the centres."""
+    brighter = np.einsum("nhwi,nij,nhwj->nhw", offsets, curvatures, offsets, optimize=True) / 2
+    return offsets @ slopes.swapaxes(1, 2)[:, None] + brighter[..., None]
+
+
 class Cut:
     """What a `plane` does to the primitives of a block: `rows` [k] of it, which it cuts off.
 
@@ -117,9 +123,10 @@ class Walk:
         alpha = np.minimum(MAX_ALPHA, self.G)
         alpha[self.dog] -= np.minimum(MAX_ALPHA, self.G_p)
         self.colors = p.colors[block.splats]  # [n, 3] at the centres
-        self.sloped = np.flatnonzero(p.sloped[block.splats])  # [m] rows of the block
-        self.offsets = np.stack(np.broadcast_arrays(block.dx[self.sloped, None, :], block.dy[self.sloped, :, None]), -1)
-        self.slopes = p.slopes[block.splats[self.sloped]]  # [m, 3, 2], and offsets [m, h, w, 2]
+        self.varying = np.flatnonzero((p.sloped | p.curved)[i])  # [m] rows of the block, whose colours vary over them
+        of_x, of_y = block.dx[self.varying, None, :], block.dy[self.varying, :, None]
+        self.offsets = np.stack(np.broadcast_arrays(of_x, of_y), -1)  # [m, h, w, 2]
+        self.slopes, self.curvatures = p.slopes[i[self.varying]], p.curvatures[i[self.varying]]  # [m, 3, 2], [m, 2, 2]
         slack = moved * min_alpha + np.sign(moved) * KERNEL_UNITS * UNIT * self.operands() if moved else 0.0
         self.blended = np.abs(alpha) >= min_alpha + slack
         alpha[~self.blended] = 0
@@ -140,24 +147,25 @@ class Walk:
     def sum_of_colors(self, weights: np.ndarray, variations: np.ndarray) -> np.ndarray:
         """[h, w, 3] sum of weights [n, h, w] times the colours, to which `variations` [m, h, w, 3] are added."""
         image = np.tensordot(weights, self.colors, (0, 0))
-        if self.sloped.size:
-            image += np.einsum("nhw,nhwc->hwc", weights[self.sloped], variations)
+        if self.varying.size:
+            image += np.einsum("nhw,nhwc->hwc", weights[self.varying], variations)
         return image
 
     def colors_times(self, δpixels: np.ndarray) -> np.ndarray:
         """[n, h, w] the colour of each primitive at each pixel times the adjoint of the pixel [h, w, 3]."""
         products = np.tensordot(self.colors, δpixels, (1, 2))
-        if self.sloped.size:
-            products[self.sloped] += np.einsum("hwc,nhwc->nhw", δpixels, self.variations())
+        if self.varying.size:
+            products[self.varying] += np.einsum("hwc,nhwc->nhw", δpixels, self.variations())
         return products
 
     def variations(self) -> np.ndarray:
-        """[m, h, w, 3] what the slopes add to the colours."""
-        return self.offsets @ self.slopes.swapaxes(1, 2)[:, None]
+        """[m, h, w, 3] what slopes and curvatures add to the colours."""
+        return _varied(self.offsets, self.slopes, self.curvatures)
 
     def terms(self) -> np.ndarray:
         """[m, h, w, 3] sums of magnitudes of what such a colour is added up from."""
-        return self.colors[self.sloped, None, None] + np.abs(self.offsets) @ np.abs(self.slopes).swapaxes(1, 2)[:, None]
+        terms = _varied(*(np.abs(values) for values in (self.offsets, self.slopes, self.curvatures)))
+        return self.colors[self.varying, None, None] + terms
 
     def operands(self) -> np.ndarray:
         """G + G_p, of which alpha is the difference; with a cut more, by what the terms of its exponent round off."""

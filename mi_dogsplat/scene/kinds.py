@@ -7,7 +7,13 @@ from collections.abc import Mapping
 from ..support.wording import count
 from .splats import Splats
 
-COUNTED = {"n_dog": "of them DoG", "n_slopes": "with slopes", "n_cuts": "with a cut", "n_second_cuts": "with a second"}
+COUNTED = {
+    "n_dog": "of them DoG",
+    "n_slopes": "with slopes",
+    "n_curvatures": "with curvatures",
+    "n_cuts": "with a cut",
+    "n_second_cuts": "with a second",
+}
 """Kinds of primitives, by the names of their numbers in models, optimizers and files of a run."""
 
 

@@ -80,13 +80,18 @@ def mapped_axes(linear: Array, before: tuple[Array, Array], after: tuple[Array, 
     orthogonal, and so it takes slopes and normals along, too: nothing is lost. Those of kernels that are not finite
     become NaN.
     """
+    with np.errstate(invalid="ignore"):
+        return np.einsum("mba,ma...->mb...", turns_of_axes(linear, before, after), values.astype(np.float64))
+
+
+def turns_of_axes(linear: Array, before: tuple[Array, Array], after: tuple[Array, Array]) -> Array:
+    """S'⁻¹ R'ᵀ A R S [M, 3, 3] of the same primitives."""
     (quats, scales), (new_quats, new_scales) = before, after
     if not len(quats):
-        return values
+        return np.zeros((0, 3, 3))
     columns = linear @ rotation_from_quaternion(quats) * scales[:, None]
     with np.errstate(invalid="ignore"):
-        turn = rotation_from_quaternion(new_quats).swapaxes(1, 2) @ columns / new_scales[:, :, None]
-        return np.einsum("mba,ma...->mb...", turn, values.astype(np.float64))
+        return rotation_from_quaternion(new_quats).swapaxes(1, 2) @ columns / new_scales[:, :, None]
 
 
 def sh_projection(linear: Array, degree: int) -> Array:

@@ -4,6 +4,7 @@ Layout written: binary little-endian; ``vertex`` in INRIA's column order (x y z 
 opacity scale_* rot_*), so that other 3DGS tools and Mitsuba's ``ellipsoids`` open it; then ``dog`` (uint
 index, float dog_opacity, float dog_scale_0..2), one row per DoG primitive, absent in a model without DoG; then
 ``slopes`` (uint index, float slope_0..8: by axis, then channel), one row per primitive whose colour varies over it;
+then ``curvatures`` (uint index, float curvature_0..5), one row per primitive whose brightness curves over it;
 then ``cuts`` (uint index, float cut_0..2), one row per primitive that a plane cuts off, and ``second_cuts``, alike, one
 per primitive that a second one cuts off. All values are raw.
 
@@ -29,7 +30,7 @@ import numpy as np
 from ..support.errors import DataError
 from ..support.files import replacing
 from .ply_tables import NOT_3DGS, TableReader, check_finite
-from .row_groups import CUTS, SECOND_CUTS, SH, SLOPES, Array, in_several
+from .row_groups import CURVATURES, CUTS, SECOND_CUTS, SH, SLOPES, Array, in_several
 from .splats import Splats
 
 _POSITION = ("x", "y", "z")
@@ -43,7 +44,12 @@ _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
 _NOT_WRITTEN = "nothing was written; remove those primitives or train with smaller steps"
 _SH_ELEMENTS = {degree: f"sh{degree}" for degree in SH}
-_OVER_PRIMITIVES = {"slopes": (SLOPES, "slope"), "cuts": (CUTS, "cut"), "second_cuts": (SECOND_CUTS, "cut")}
+_OVER_PRIMITIVES = {
+    "slopes": (SLOPES, "slope"),
+    "curvatures": (CURVATURES, "curvature"),
+    "cuts": (CUTS, "cut"),
+    "second_cuts": (SECOND_CUTS, "cut"),
+}
 """By element: its group, and how its columns begin."""
 
 
@@ -112,7 +118,7 @@ def _read_dog(reader: TableReader, tables: dict[str, Array], n_splats: int) -> t
 
 
 def _read_over_primitives(reader: TableReader, tables: dict[str, Array], n_splats: int) -> dict[str, Array]:
-    """The arrays of slopes and cuts, of those that are there."""
+    """The arrays of what varies over primitives, of those that are there."""
     found: dict[str, Array] = {}
     for element, (group, column) in _OVER_PRIMITIVES.items():
         if element in tables:
@@ -148,7 +154,7 @@ def _read_index(reader: TableReader, table: Array, element: str, n_splats: int, 
     """(the column ``index`` [M] of an element, sorted, the rows in that order); ``row`` is what a row stands for."""
     reader.columns(table, element, ("index",))  # it is there and finite; float32 would round it
     index = table["index"].astype(np.float64)  # [M] any 32-bit integer is exact
-    data = {"dog": "DoG", "slopes": "slope", "cuts": "cut", "second_cuts": "second cut"}.get(element, "SH")
+    data = "DoG" if element == "dog" else element.rstrip("s").replace("_", " ") if element in _OVER_PRIMITIVES else "SH"
     remedy = f"write the {data} data again, one row per {row}"
     bad = np.flatnonzero((index < 0) | (index >= n_splats) | (index != np.floor(index)))
     if bad.size:

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from .row_groups import SH, SLOPES
+from .row_groups import CURVATURES, SH, SLOPES
 from .sh_basis import C0
 from .splats import Splats
 
 
 def brightened(splats: Splats, factor: float) -> Splats:
-    """The model with all colours times ``factor``: SH(direction) + 0.5, and so what coefficients and slopes are."""
+    """The model with all colours times ``factor``: SH(direction) + 0.5, and so all they are made of."""
     sh_coeffs = splats.sh_coeffs * factor
     sh_coeffs[:, 0] += 0.5 * (factor - 1) / C0
-    names = [name for group in (SLOPES, *SH.values()) for name in group.names]
+    names = [name for group in (SLOPES, CURVATURES, *SH.values()) for name in group.names]
     groups = {name: getattr(splats, name) * np.float32(factor) for name in names}
     return replace(splats, sh_coeffs=sh_coeffs, **groups)

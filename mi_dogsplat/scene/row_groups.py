@@ -1,8 +1,9 @@
 """Groups of rows that only some primitives have: an index [M], and arrays with a row for each entry of it.
 
 Row ``j`` of a group's arrays belongs to primitive ``index[j]``; every other primitive pays nothing for the group. A
-group of its own is what makes a primitive DoG, what lets its colour vary from end to end, what cuts it off along a
-plane and along a second one, and what each degree of view-dependent colour takes.
+group of its own is what makes a primitive DoG, what lets its colour vary from end to end, and its brightness from the
+middle outwards, what cuts it off along a plane, and along a second one, and what each degree of view-dependent colour
+takes.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ class RowGroup:
 
 DOG = RowGroup("dog_index", {"dog_logit_opacities": (), "dog_log_scales": (3,)})
 SLOPES = RowGroup("slope_index", {"color_slopes": (3, 3)})
+CURVATURES = RowGroup("curvature_index", {"brightness_curvatures": (6,)})
 CUTS = RowGroup("cut_index", {"cut_normals": (3,)})
 SECOND_CUTS = RowGroup("second_cut_index", {"second_cut_normals": (3,)})
 PLANES = (CUTS, SECOND_CUTS)
@@ -48,7 +50,9 @@ SH = {
     degree: RowGroup(f"sh{degree}_index", {f"sh{degree}_coeffs": ((degree + 1) ** 2 - 1, 3)})
     for degree in range(1, MAX_SH_DEGREE + 1)
 }
-GROUPS = (DOG, SLOPES, *PLANES, *SH.values())
+OWN_AXES = (SLOPES, CURVATURES, *PLANES)
+"""What is told along the primitives' own axes."""
+GROUPS = (DOG, *OWN_AXES, *SH.values())
 ALONG_AXES = {name: group for group in (SLOPES, *PLANES) for name in group.names}
 """Arrays whose rows are per standard deviation along the axes of their primitive; the axis comes first."""
 

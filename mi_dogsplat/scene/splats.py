@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from .opacity import sigmoid
 from .row_groups import (
+    CURVATURES,
     DOG,
     GROUPS,
     MAX_SH_DEGREE,
@@ -67,6 +68,11 @@ class Splats:
     """[S] strictly increasing: the primitives whose colour varies linearly over them"""
     color_slopes: Array = _no_rows(3, 3)
     """[S, 3, 3] the change of their colour per standard deviation along each axis of their own: axis, channel"""
+    curvature_index: Array = _no_rows(dtype=np.uint32)
+    """[B] strictly increasing: the primitives whose brightness curves over them"""
+    brightness_curvatures: Array = _no_rows(6)
+    """[B, 6] its second derivatives per standard deviation along their axes, the same for all channels: xx, yy, zz, xy,
+    xz, yz"""
     cut_index: Array = _no_rows(dtype=np.uint32)
     """[C] strictly increasing: the primitives that a plane cuts off"""
     cut_normals: Array = _no_rows(3)
@@ -158,6 +164,11 @@ class Splats:
         return self.slope_index.shape[0]
 
     @property
+    def n_curvatures(self) -> int:
+        """B, the number of primitives whose brightness curves over them."""
+        return self.curvature_index.shape[0]
+
+    @property
     def n_cuts(self) -> int:
         """C, the number of primitives that a plane cuts off."""
         return self.cut_index.shape[0]
@@ -239,6 +250,10 @@ class Splats:
     def without_slopes(self) -> Splats:
         """All N primitives in their mean colours, the same all over each of them."""
         return self._without(SLOPES)
+
+    def without_curvatures(self) -> Splats:
+        """All N primitives as bright as in their middle, or as their slopes say."""
+        return self._without(CURVATURES)
 
     def without_cuts(self) -> Splats:
         """All N primitives whole."""

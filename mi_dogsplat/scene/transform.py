@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from .linear_map import check_regular, mapped_axes, mapped_factors, mapped_kernels, sh_projection
+from .curvatures import turned
+from .linear_map import check_regular, mapped_axes, mapped_factors, mapped_kernels, sh_projection, turns_of_axes
 from .quaternions import quaternion_from_rotation, quaternion_product
 from .row_groups import ALONG_AXES, SH
 from .sh_basis import sh_basis_table
@@ -69,13 +70,13 @@ def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
         return replace(splats, means=means, **_mapped(splats, linear), **_projected(splats, linear))
     turn = sh_rotation(isometry, splats.sh_degree)
 
-    def turned(coeffs: np.ndarray, first: int) -> np.ndarray:
+    def turned_bands(coeffs: np.ndarray, first: int) -> np.ndarray:
         """Rows of the coefficients from ``first`` on."""
         own = slice(first, first + coeffs.shape[1])
         return np.einsum("ij,njc->nic", turn[own, own], coeffs.astype(np.float64))
 
     groups = [group for group in SH.values() if len(getattr(splats, group.index))]
-    of_groups = {name: turned(getattr(splats, name), 1) for group in groups for name in group.names}
+    of_groups = {name: turned_bands(getattr(splats, name), 1) for group in groups for name in group.names}
     turns = np.linalg.det(isometry) > 0
     rotation = isometry if turns else -isometry  # the same of a kernel, which is symmetric; its axes are turned round
     along_axes = {name: getattr(splats, name) * np.float32(1 if turns else -1) for name in ALONG_AXES}
@@ -84,7 +85,7 @@ def transformed(splats: Splats, matrix: np.ndarray) -> Splats:
         means=splats.means.astype(np.float64) @ (scale * isometry).T + translation,
         log_scales=splats.log_scales + np.log(scale),
         quats=quaternion_product(quaternion_from_rotation(rotation), _turning(splats.quats)),
-        sh_coeffs=turned(splats.sh_coeffs, 0),
+        sh_coeffs=turned_bands(splats.sh_coeffs, 0),
         **along_axes,
         **of_groups,
     )
@@ -108,6 +109,8 @@ def _mapped(splats: Splats, linear: np.ndarray) -> dict[str, Any]:
     found = {"quats": after[0], "log_scales": np.log(after[1]), "dog_log_scales": np.log(factors)}
     for name, group in ALONG_AXES.items():
         found[name] = mapped_axes(linear, *of(getattr(splats, group.index)), getattr(splats, name))
+    turn = turns_of_axes(linear, *of(splats.curvature_index))
+    found["brightness_curvatures"] = turned(splats.brightness_curvatures, turn)
     return found
 
 

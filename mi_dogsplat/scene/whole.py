@@ -7,8 +7,8 @@ the direction of n nothing changes. Along it, with t = n·w / |n|, what is left 
 
 with three numbers that depend on |n| alone. So the centre moves by m towards n, the primitive gets narrower by r along
 it, and its opacity is multiplied by a. Its pseudo-Gaussian goes along as a part of it. Where the colour varies over the
-primitive, each place keeps its own. What a second plane cuts off is then a Gaussian again, along other axes and at
-another distance, so that it follows the first one.
+primitive, each place keeps its own, but for the slopes that a curvature gives to one that has none. What a second
+plane cuts off is then a Gaussian again, along other axes and at another distance, so that it follows the first one.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .curvatures import matrices, turned
 from .cuts import LARGEST, OFFSET
 from .linear_map import kernels_of
 from .quaternions import rotation_from_quaternion
@@ -82,6 +83,13 @@ def _make_whole(splats: Splats, plane: _Plane, others: list[_Plane]) -> None:
     slopes = splats.color_slopes[sloped].astype(np.float64)
     splats.sh_coeffs[at[rows], 0] += np.einsum("ma,mac->mc", moved[rows], slopes) / C0
     splats.color_slopes[sloped] = turn[rows] @ slopes
+    curved, rows = _common(splats.curvature_index, at)
+    Q = matrices(splats.brightness_curvatures[curved])  # q(m + w') = q(m) + mᵀ Q w' + q(w')
+    along = np.einsum("mab,mb->ma", Q, moved[rows])
+    splats.sh_coeffs[at[rows], 0] += 0.5 * np.einsum("ma,ma->m", along, moved[rows])[:, None] / C0
+    splats.brightness_curvatures[curved] = turned(splats.brightness_curvatures[curved], turn[rows])
+    _, of_slopes, of_curved = np.intersect1d(splats.slope_index, at[rows], return_indices=True)
+    splats.color_slopes[of_slopes] += np.einsum("mba,ma->mb", turn[rows], along)[of_curved][:, :, None]
     for other in others:
         own, rows = _common(other.index, at)
         other.offsets[own] += np.einsum("ma,ma->m", moved[rows], other.normals[own])

@@ -1,4 +1,6 @@
-"""Slopes and cuts: what the engine makes of them against the float64 twin and differences."""
+"""Slopes, curvatures and cuts: what the engine makes of them against the float64 twin and differences."""
+
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -33,15 +35,17 @@ CAMERA = tilted_camera(24, 20, f=20.0, cx=11.0, cy=10.5)
 LARGE = tilted_camera(90, 70, f=80.0)
 ADJOINT = np.random.default_rng(0).normal(size=(20, 24, 3))
 MODES = {"antialiased": (False, True), "negative_transmittance": (True, False)}
-SHARES = {"slopes": (0.6, 0, 0), "cuts": (0, 0.6, 0), "slopes and cuts": (0.6, 0.6, 0), "cuts of all": (0, 1, 0),
-          "second cuts": (0, 0, 0.6), "all of them": (0.6, 0.6, 0.6)}  # fmt: skip
-"""Of primitives with slopes, with cuts and with second cuts."""
+SHARES = {"slopes": (0.6, 0, 0, 0), "cuts": (0, 0, 0.6, 0), "slopes and cuts": (0.6, 0, 0.6, 0),
+          "cuts of all": (0, 0, 1, 0), "second cuts": (0, 0, 0, 0.6), "curvatures": (0, 0.6, 0, 0),
+          "slopes and curvatures": (0.6, 0.6, 0, 0), "all of them": (0.6, 0.6, 0.6, 0.6)}  # fmt: skip
+"""Of primitives with slopes, with curvatures, with cuts and with second cuts."""
 CUTOFFS = {"cutoffs": ({}, {}), "smooth": (SMOOTH_OPTIONS, {"min_alpha": 0, "min_transmittance": 0})}
 """Of the engine and of the tiled twin."""
 
 
 def model(kind: str, n=10, seed=3, degree=1, dog_share=0.5) -> Splats:
-    splats = rounded(random_splats(n, seed, degree, dog_share, *SHARES[kind]))
+    shares: dict[str, Any] = {each.share: share for each, share in zip(KINDS, SHARES[kind], strict=True)}
+    splats = rounded(random_splats(n, seed, degree, dog_share, **shares))
     assert [each.n(splats) > 0 for each in KINDS] == [share > 0 for share in SHARES[kind]]
     return splats
 
@@ -62,8 +66,11 @@ def test_what_changes_per_pixel_is_that_of_the_twin():
     np.testing.assert_array_equal(ours.visible.numpy(), twin.visible)
     slopes = np.stack([g.numpy() for g in ours.slopes]).reshape(2, 3, 300).transpose(2, 1, 0)
     cuts = np.stack([h.numpy() for h in ours.cuts]).reshape(2, 1, 2, 300) * np.log(2)  # the engine's exponents are of 2
+    assert ours.curvatures is not None
+    qxx, qxy, qyy = (q.numpy() for q in ours.curvatures)
+    curvatures = np.array([[2 * qxx, qxy], [qxy, 2 * qyy]]).transpose(2, 0, 1)
     planes = zip(cuts.transpose(0, 3, 1, 2), twin.cuts[:, :, None], twin.cut, strict=True)
-    of_kinds = (slopes, twin.slopes, twin.sloped), *planes
+    of_kinds = (slopes, twin.slopes, twin.sloped), (curvatures, twin.curvatures, twin.curved), *planes
     for (got, expected, some), kind in zip(of_kinds, KINDS, strict=True):
         index = kind.index(splats)
         size = np.abs(expected).max((1, 2), keepdims=True)
@@ -82,7 +89,7 @@ def test_the_picture_is_that_of_the_twin(varies, dog_share, antialiased, negativ
     assert sure.mean() > 0.9
     np.testing.assert_allclose(image_of(frame, LARGE, BACKGROUND)[sure], twin.image[sure], atol=2e-5)
     np.testing.assert_allclose(plane_of(frame.T, LARGE)[sure], twin.T[sure], atol=2e-5)
-    even = render_tiled(splats.without_slopes().without_cuts(), LARGE, BACKGROUND, **choices, **twins)
+    even = render_tiled(splats.without_slopes().without_curvatures().without_cuts(), LARGE, BACKGROUND, **choices, **twins)
     assert np.abs(even.image - twin.image).max() > 0.1
 
 
@@ -167,7 +174,7 @@ def test_gradients_beyond_the_clamp_of_the_linearisation_are_those_of_the_twin(v
 # --- forward mode ---
 
 
-@every_pair(varies=("slopes", "slopes and cuts", "second cuts", "all of them"), dog_share=(0, 0.5), **MODES)
+@every_pair(varies=("slopes", "slopes and cuts", "second cuts", "curvatures", "all of them"), dog_share=(0, 0.5), **MODES)
 def test_forward_mode_along_random_directions_equals_differences(varies, dog_share, antialiased,
                                                                  negative_transmittance):  # fmt: skip
     splats = model(varies, dog_share=dog_share)
@@ -186,7 +193,7 @@ def test_forward_mode_along_each_parameter_alone_equals_differences():
         assert not table, f"{name}\n{table}"
 
 
-@every_pair(varies=("slopes", "slopes and cuts", "second cuts", "all of them"), dog_share=(0, 0.5),
+@every_pair(varies=("slopes", "slopes and cuts", "second cuts", "curvatures", "all of them"), dog_share=(0, 0.5),
             negative_transmittance=(True, False), kind=CUTOFFS)  # fmt: skip
 def test_forward_and_reverse_mode_are_adjoint(varies, dog_share, negative_transmittance, kind):
     splats = model(varies, 400, seed=1, dog_share=dog_share)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from cut_models import with_cuts, with_second_cuts
 from mi_dogsplat import Splats, reference
-from mi_dogsplat.scene.row_groups import CUTS, SECOND_CUTS, SLOPES
+from mi_dogsplat.scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SLOPES
 from row_kinds import RowKind, of_each
-from sloped_models import with_slopes
+from sloped_models import with_curvatures, with_slopes
 from splat_scenes import C0, random_splats, scene_of, square_camera
 
 CAMERA = square_camera(16, 12, f=14.0)
@@ -64,13 +64,14 @@ class Kind(RowKind):
 
 SLOPED, CUT = Kind("slopes", SLOPES, with_slopes, 0.02), Kind("cuts", CUTS, with_cuts, 0.2)
 SECOND_CUT = Kind("second_cuts", SECOND_CUTS, with_second_cuts, 0.2)
+CURVED = Kind("curvatures", CURVATURES, with_curvatures, 0.02)
 PLANE_KINDS = CUT, SECOND_CUT
-KINDS = SLOPED, *PLANE_KINDS
+KINDS = SLOPED, CURVED, *PLANE_KINDS
 
 
-def for_each_kind(name: str, slopes: Any, cuts: Any) -> pytest.MarkDecorator:
+def for_each_kind(name: str, slopes: Any, curvatures: Any, cuts: Any) -> pytest.MarkDecorator:
     """A test of each as ``kind``, with an argument ``name`` of which planes have the same."""
-    cases = [(SLOPED, slopes), *((kind, cuts) for kind in PLANE_KINDS)]
+    cases = [(SLOPED, slopes), (CURVED, curvatures), *((kind, cuts) for kind in PLANE_KINDS)]
     return pytest.mark.parametrize(("kind", name), cases, ids=[kind.word for kind in KINDS])
 
 

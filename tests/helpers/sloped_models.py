@@ -16,6 +16,14 @@ def with_slopes(splats: Any, every: int = 2, first: int = 0) -> Splats:
     return replace(whole, slope_index=index, color_slopes=slopes)
 
 
+def with_curvatures(splats: Any, every: int = 2, first: int = 0) -> Splats:
+    """The model in float32 with random curvatures for each ``every``-th primitive from ``first`` on."""
+    flat = Splats(**vars(splats))
+    index = np.arange(first, flat.n_splats, every)
+    curvatures = np.random.default_rng(13).normal(0, 0.2, (len(index), 6))
+    return replace(flat, curvature_index=index, brightness_curvatures=curvatures)
+
+
 def slope_colors(splats: Splats, points: np.ndarray) -> np.ndarray:
     """[S, P, 3] float64, what slopes add to the colour of their primitive at points [S, P, 3] in the world."""
     w = along_axes(splats, splats.slope_index, points)

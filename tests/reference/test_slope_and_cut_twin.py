@@ -8,10 +8,10 @@ import pytest
 from every_pair import every_pair
 from mi_dogsplat import reference
 from mi_dogsplat.reference import score as reference_score
-from mi_dogsplat.reference.forward import RAW_PARAMETERS
+from mi_dogsplat.reference.forward import RAW_PARAMETERS, colors_at
 from mi_dogsplat.reference.gradients import gradients_tiled, render_tiled
 from mi_dogsplat.reference.rays import gather, meet
-from own_axes_models import CUT, EACH_KIND, KINDS, PLANE_KINDS, SECOND_CUT, SLOPED, Kind, for_each_kind
+from own_axes_models import CURVED, CUT, EACH_KIND, KINDS, PLANE_KINDS, SECOND_CUT, SLOPED, Kind, for_each_kind
 from splat_scenes import axis_rotation, make_camera, make_splats, random_splats, rounded, tilted_camera
 from tiled_twin import BACKGROUND, MODES, SMALL, SMOOTH, adjoint_of, assert_gradients_near, assert_images_equal
 
@@ -23,7 +23,27 @@ def per_pixel(p: Any, kind: Kind) -> np.ndarray:
     return p.slopes if kind is SLOPED else p.cuts[PLANE_KINDS.index(kind)]
 
 
-@for_each_kind("values", np.random.default_rng(1).normal(size=(3, 3)), np.array([1.0, -2.0, 0.7]))
+def test_curvatures_are_those_of_the_mean_that_a_pixel_sees():
+    """w of it, as slopes along each axis alone tell it: w_a is what a slope of 1 adds to a channel."""
+    quat = axis_rotation([0.3, -0.5, 0.8], 1.1)[1]
+    shape: Any = ([0.2, -0.1, 3], (0.2, 0.1, 0.3))
+    camera, values = tilted_camera(f=20.0), np.array([0.5, -1, 0.8, 0.3, -0.7, 0.4])
+    to_w = reference.project(SLOPED.given(make_splats(*shape, quats=quat), np.eye(3)), camera).slopes[0]  # [axis, 2]
+    splats = CURVED.given(make_splats(*shape, quats=quat, colors=0.4), values)
+    p, d = reference.project(splats, camera), np.random.default_rng(2).normal(size=(30, 2))
+    w = d @ to_w.T
+    xx, yy, zz, xy, xz, yz = values
+    x, y, z = w.T
+    expected = (xx * x**2 + yy * y**2 + zz * z**2) / 2 + xy * x * y + xz * x * z + yz * y * z
+    got = colors_at(p, 0, *(p.means2d[0] + d).T) - p.colors[0]
+    np.testing.assert_allclose(got, np.repeat(expected[:, None], 3, 1), atol=1e-12)
+    assert np.abs(expected).max() > 1
+
+
+LINEAR = [(SLOPED, np.random.default_rng(1).normal(size=(3, 3))), *((k, np.array([1.0, -2, 0.7])) for k in PLANE_KINDS)]
+
+
+@pytest.mark.parametrize(("kind", "values"), LINEAR, ids=lambda given: getattr(given, "word", ""))
 def test_a_pixel_sees_the_mean_of_what_lies_behind_it(kind: Kind, values):
     """Samples of a turned primitive, blurred by the filter: the regression of what they have on the place in the image.
 
@@ -49,14 +69,15 @@ def test_a_pixel_sees_the_mean_of_what_lies_behind_it(kind: Kind, values):
 @pytest.mark.parametrize("dog_share", [0, 0.5])
 @pytest.mark.parametrize("choices", MODES)
 @pytest.mark.parametrize("shares", [{"slope_share": 0.6}, {"slope_share": 0.4, "cut_share": 0.6},
-                                    {"cut_share": 0.5, "second_cut_share": 0.5}],
-                         ids=["slopes", "slopes and cuts", "cuts of both planes"])  # fmt: skip
+                                    {"cut_share": 0.5, "second_cut_share": 0.5}, {"curvature_share": 0.6},
+                                    {"slope_share": 0.5, "curvature_share": 0.5, "cut_share": 0.5}],
+                         ids=["slopes", "slopes and cuts", "cuts of both planes", "curvatures", "three kinds"])  # fmt: skip
 def test_the_tiled_twin_shows_what_the_plain_one_does(shares, dog_share, smooth, choices):
     splats = random_splats(60, seed=1, dog_share=dog_share, **shares)
     assert_images_equal(splats, tilted_camera(53, 37), smooth, **choices)
 
 
-@for_each_kind("atol", 1e-15, 1e-14)
+@for_each_kind("atol", 1e-15, 1e-15, 1e-14)
 def test_zeros_change_nothing(kind: Kind, atol):
     splats, camera = rounded(random_splats(20, seed=1)), tilted_camera(53, 37)
     zero = replace(splats, **{kind.group.index: np.arange(20), kind.name: np.zeros((20, *kind.shape))})
@@ -64,7 +85,7 @@ def test_zeros_change_nothing(kind: Kind, atol):
     np.testing.assert_allclose(render_tiled(zero, camera).image, expected, atol=atol)
 
 
-@for_each_kind("places", [(2, 1, 0), (3, 0, 2)], [(2, 1), (3, 0)])
+@for_each_kind("places", [(2, 1, 0), (3, 0, 2)], [(2, 1), (3, 5)], [(2, 1), (3, 0)])
 def test_a_primitive_whose_values_are_not_finite_is_not_visible(kind: Kind, places):
     splats = kind.drawn(1, 5)
     for place, value in zip(places, (np.nan, np.inf), strict=True):
@@ -78,7 +99,8 @@ def test_a_primitive_whose_values_are_not_finite_is_not_visible(kind: Kind, plac
 @every_pair(shares=[{"slope_share": 0.5}, {"slope_share": 1}, {"cut_share": 0.5}, {"cut_share": 1},
                     {"slope_share": 0.5, "cut_share": 0.5}, {"slope_share": 0.5, "cut_share": 1},
                     {"second_cut_share": 0.5}, {"slope_share": 0.5, "cut_share": 0.6, "second_cut_share": 0.5},
-                    {"cut_share": 1, "second_cut_share": 1}],
+                    {"cut_share": 1, "second_cut_share": 1}, {"curvature_share": 0.5}, {"curvature_share": 1},
+                    {"slope_share": 0.5, "curvature_share": 0.6, "cut_share": 0.6, "second_cut_share": 0.5}],
             dog_share=[0, 0.5], antialiased=[False, True], negative_transmittance=[True, False])  # fmt: skip
 def test_gradients_of_every_parameter_equal_differences(shares, dog_share, antialiased, negative_transmittance):
     choices = {"antialiased": antialiased, "negative_transmittance": negative_transmittance}
@@ -109,7 +131,8 @@ def test_primitives_that_are_not_seen_have_no_gradient(kind: Kind):
      "cut_index": [2, 3, 5], "cut_normals": np.ones((3, 3))},
     {"slope_index": [1, 2], "color_slopes": np.ones((2, 3, 3)) / 3, "cut_index": [2, 3, 5],
      "cut_normals": np.ones((3, 3)), "second_cut_index": [0, 3], "second_cut_normals": np.ones((2, 3))},
-], ids=["slopes", "slopes and cuts", "cuts of both planes"])  # fmt: skip
+    {"curvature_index": [0, 4], "brightness_curvatures": np.ones((2, 6)) / 3},
+], ids=["slopes", "slopes and cuts", "cuts of both planes", "curvatures"])  # fmt: skip
 def test_a_mixed_model_has_gradients_of_all_groups(groups):
     splats = replace(rounded(random_splats(6, seed=3)).with_sh_degrees(np.arange(6) % 3), **groups)
     expected = reference.loss_gradients(splats, SMALL, ADJOINT)
@@ -122,7 +145,7 @@ def test_a_mixed_model_has_gradients_of_all_groups(groups):
 # --- scores and rays ---
 
 
-@for_each_kind("values", np.arange(9) / 9, (3, -5, 1))
+@for_each_kind("values", np.arange(9) / 9, np.arange(6) / 9, (3, -5, 1))
 def test_a_footprint_is_what_the_picture_gains_with_the_primitive(kind: Kind, values):
     """Of one that hides nothing: its alpha times its colour less that of the background, at each pixel."""
     splats, camera = kind.given(make_splats([0, 0, 2], 0.3, 0.6), values), make_camera(20, 16, 20.0)
@@ -133,7 +156,7 @@ def test_a_footprint_is_what_the_picture_gains_with_the_primitive(kind: Kind, va
     assert alpha.max() > 0.5
 
 
-@for_each_kind("values", np.arange(9) / 9, (3, 5, -4))
+@for_each_kind("values", np.arange(9) / 9, np.arange(6) / 9, (3, 5, -4))
 def test_a_ray_sees_what_a_pixel_does_where_the_primitive_is_small_and_the_filter_smaller(kind: Kind, values):
     camera = make_camera(20, 16, 4000.0)
     splats = kind.given(make_splats([0, 0, 2], (0.002, 0.003, 0.001), 0.6), values)

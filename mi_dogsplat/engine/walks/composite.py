@@ -6,7 +6,7 @@ Notation (Kerbl et al. 2023, Sec. 6; DoG as in the method paper, Sec. 3.3)
     T      transmittance in front of the primitive; T ← T (1 - α), the walk ends before T would fall below 1e-4, or,
            behind very many negative α, exceed 2^30
     C      Σ c α T, for each feature c (the colour channels, and depth if asked for); a colour with slopes is
-           c + gx dx + gy dy (``slopes.py``)
+           c + gx dx + gy dy (``slopes.py``), one whose brightness curves has more (``curvatures.py``)
     2^p    and 2^p' are those times g of a primitive that a plane cuts off (``cuts.py``)
 
 ``walk.py`` says how it runs.

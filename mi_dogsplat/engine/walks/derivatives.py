@@ -16,12 +16,13 @@ import mitsuba as mi
 
 from ..arrays import array_types, if_stmt
 from ..bands import PreparedView, WalkableView
-from ..cuts import COLUMNS as CUT_COLUMNS
+from ..curvatures import COLUMNS as CURVATURE_COLUMNS
+from ..curvatures import curved_by, curved_slope
 from ..cuts import by_plane
 from ..frozen import frozen
 from ..geometry import Blocks
 from ..slopes import CHANNELS
-from ..slopes import COLUMNS as SLOPE_COLUMNS
+from ..tables import parts_of, varying_columns
 from .kept import Kept
 from .pixels import Planes, planes_of
 from .slot_rows import SlotRows, columns_of, lanes_add_in_turn
@@ -31,7 +32,7 @@ LN2 = 0.6931471805599453
 
 
 class Projected(namedtuple("Projected", "x y ux uy vy lo")):
-    """What blending depends on of a primitive, or the derivatives of it, without its features, slopes and cut."""
+    """What blending depends on of a primitive, or its derivatives, without features and what varies over it."""
 
 
 N_PSEUDO = 4  # the last of these are the pseudo-Gaussian's own; its centre is that of the primary
@@ -44,8 +45,7 @@ def composite_backward(view: WalkableView, blended: Planes, δ: Planes) -> tuple
         blended: what ``composite`` returned.
         δ: adjoints of it.
 
-    Returns (δ of what ``Projected`` names, of each feature, of the slopes and of the cuts, if there are any, [N] each;
-    δ of its last ``N_PSEUDO`` of the pseudo-Gaussians, [M] each, nothing without DoG).
+    Returns (δ of what ``Projected`` names, of each feature, and of what varies over primitives, [N] each; δ of its last ``N_PSEUDO`` of the pseudo-Gaussians, [M] each, nothing without DoG).
     """
     columns, dog_index = _columns(view), view.tables.dog_index
     in_turn = lanes_add_in_turn(mi.variant())
@@ -59,9 +59,7 @@ def composite_backward(view: WalkableView, blended: Planes, δ: Planes) -> tuple
 
 
 def _columns(view: WalkableView) -> int:
-    settings = view.settings
-    varying = settings.slopes * SLOPE_COLUMNS + settings.cuts * CUT_COLUMNS
-    return len(Projected._fields) + settings.n_features + varying
+    return len(Projected._fields) + view.settings.n_features + varying_columns(view.settings)
 
 
 @frozen
@@ -103,10 +101,19 @@ def _composite_backward(
             δcuts += [dr.fma(meeting.dx, δ0, δx), dr.fma(meeting.dy, δ0, δy)]
         return δrow, δcuts
 
+    def curved_part(meeting: Meeting, δbrightness: list, δrow: Projected) -> tuple:
+        """(δ of the row with what the centre does by way of the curvatures, δ of qxx, qxy and qyy)."""
+        δq = [Float(0)] * CURVATURE_COLUMNS
+        for δ, (x, y) in zip(δbrightness, walk.offsets(meeting), strict=True):
+            by_x, by_y = curved_slope(meeting.row.curvatures, x, y)
+            δrow = δrow._replace(x=dr.fma(-by_x, δ, δrow.x), y=dr.fma(-by_y, δ, δrow.y))
+            δq = [dr.fma(product, δ, total) for product, total in zip((x * x, x * y, y * y), δq, strict=True)]
+        return δrow, δq
+
     def step(meeting: Meeting, T: list, rest: list) -> None:
         slot, colors, dx, dy = walk.slot(meeting), walk.features(meeting), meeting.dx, meeting.dy
         alphas = walk.alphas(meeting)
-        δp, δp_pseudo = [], []
+        δp, δp_pseudo, δbrightness = [], [], []
         δf = [Float(0) for _ in features]
         δby_column, δby_row = ([Float(0) for _ in meeting.row.slopes[:CHANNELS]] for _ in range(2))
         for k, a in enumerate(alphas.values):
@@ -121,6 +128,8 @@ def _composite_backward(
                 δcolor = weight * δC[f][k]
                 δby_column[f] = dr.fma(k % blocks.width, δcolor, δby_column[f])
                 δby_row[f] = dr.fma(k // blocks.width, δcolor, δby_row[f])
+            if meeting.row.curvatures:
+                δbrightness.append(weight * (δC[0][k] + δC[1][k] + δC[2][k]))
             rest[k] = dr.fma(-weight, c, rest[k])
             δα = LN2 * dr.fma(T[k], c, -walk.hidden(rest[k], a, a))
             # zero where the primitive was ignored, or the walk had ended
@@ -138,8 +147,11 @@ def _composite_backward(
         δgy = [dr.fma(dy, δ, by) for δ, by in zip(δf, δby_row, strict=False)]
         for δ, gx, gy in zip(δf, meeting.row.slopes, meeting.row.slopes[CHANNELS:], strict=False):
             δrow = δrow._replace(x=dr.fma(-gx, δ, δrow.x), y=dr.fma(-gy, δ, δrow.y))  # dx, dy are from there
+        δq = []
+        if meeting.row.curvatures:
+            δrow, δq = curved_part(meeting, δbrightness, δrow)
         δrow, δcuts = cut_part(meeting, alphas.kept, δp, δp_pseudo, δrow)
-        rows.add(slot, [*δrow, *δf, *δgx, *δgy, *δcuts], meeting.active)
+        rows.add(slot, [*δrow, *δf, *δgx, *δgy, *δq, *δcuts], meeting.active)
 
     walk.run(step, rest, "composite_backward")
     return rows.sums(above=above), pseudo_rows.sums(view.tables.dog_index, pseudo_above) if pseudo_rows else []
@@ -199,7 +211,7 @@ def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above
         δexponents = [dr.fma(δhx, x, dr.fma(δhy, y, δcenter)) for x, y in walk.offsets(meeting)]
         return [fall * δexponent for fall, δexponent in zip(kept.falls, δexponents, strict=True)]
 
-    def tangents_of_features(meeting: Meeting, δ: Projected, δf: list, δslopes: list) -> list[list]:
+    def tangents_of_features(meeting: Meeting, δ: Projected, δf: list, δslopes: list, δq: list) -> list[list]:
         """δ of ``Walk.features``: [feature][pixel]."""
         offsets, slopes = walk.offsets(meeting), meeting.row.slopes
         planes = [[δfeature] * len(offsets) for δfeature in δf]
@@ -207,6 +219,11 @@ def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above
             gx, gy, δgx, δgy = slopes[f], slopes[CHANNELS + f], δslopes[f], δslopes[CHANNELS + f]
             δcenter = δf[f] - gx * δ.x - gy * δ.y
             planes[f] = [dr.fma(δgx, x, dr.fma(δgy, y, δcenter)) for x, y in offsets]
+        for k, (x, y) in enumerate(offsets if δq else ()):
+            by_x, by_y = curved_slope(meeting.row.curvatures, x, y)
+            δbrightness = curved_by(δq, x, y) - by_x * δ.x - by_y * δ.y
+            for f in range(CHANNELS):
+                planes[f][k] = planes[f][k] + δbrightness
         return planes
 
     def step(meeting: Meeting, T: list, δplanes: list) -> None:
@@ -214,10 +231,9 @@ def _composite_forward(view: PreparedView, δsplats: list, δpseudo: list, above
         alphas = walk.alphas(meeting)
         δrow = [dr.gather(walk.types.Float, values, meeting.splat, meeting.active) for values in δsplats]
         δ, kernel, values = Projected(*δrow[:n]), meeting.row.kernel, walk.features(meeting)
-        first_slope = n + len(features)
-        first_cut = first_slope + len(meeting.row.slopes)
-        δvalues = tangents_of_features(meeting, δ, δrow[n:first_slope], δrow[first_slope:first_cut])
-        planes = zip(alphas.kept, by_plane(meeting.row.cuts), by_plane(δrow[first_cut:]), strict=True)
+        *δcolors, δcuts = parts_of(δrow[n:], view.settings)
+        δvalues = tangents_of_features(meeting, δ, *δcolors)
+        planes = zip(alphas.kept, by_plane(meeting.row.cuts), by_plane(δcuts), strict=True)
         δkept = [tangents_of_kept(kept, meeting, δ, *h, *δh) for kept, h, δh in planes]
         δα = tangents(alphas.primary, meeting, kernel.ux, kernel.uy, kernel.vy, δ, δkept)
         if alphas.pseudo is not None:

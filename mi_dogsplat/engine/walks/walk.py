@@ -17,6 +17,7 @@ import drjit as dr
 
 from ..arrays import array_types, if_stmt, while_loop
 from ..bands import PreparedView
+from ..curvatures import curved_by
 from ..project import NO_ROW
 from ..slopes import CHANNELS
 from ..tables import (
@@ -76,8 +77,7 @@ class Walk:
         self.types = types = array_types()
         self.exp2: Callable[[Any], Any] = exp2 if types.is_llvm else dr.exp2
         self.grid, self.tables, self.lists, self.settings = view.grid, view.tables, view.lists, view.settings
-        row = view.settings.n_features, view.settings.slopes, view.settings.cuts
-        self.columns, self.row_size = columns_used(*row), row_size(*row)
+        self.columns, self.row_size = columns_used(view.settings), row_size(view.settings)
         self.has_dog = view.tables.pseudo is not None and dog is not False
         # whether a negative α raises T; a model without DoG has none, and is not asked
         self.amplifies = view.settings.negative_transmittance or not self.has_dog
@@ -145,7 +145,7 @@ class Walk:
         isect, active, place = self.list.next(place)
         splat = dr.gather(self.types.UInt, self.lists.splat_from_isect, isect, active)
         columns = self._floats(self.tables.splats, splat, self.row_size, self.columns, active)
-        row = SplatRow.of(columns[: self.columns], self.settings.n_features, self.settings.slopes)
+        row = SplatRow.of(columns[: self.columns], self.settings)
         row.kernel = row.kernel._replace(lo=dr.select(active, row.kernel.lo, 2 * DEAD_PATCH))
         return Meeting(isect, active, splat, row, self.x0 - row.x, self.y0 - row.y), place
 
@@ -182,6 +182,10 @@ class Walk:
                 first = dr.fma(gx, meeting.dx, dr.fma(gy, meeting.dy + k // width, row.features[c]))
                 plane += [first, *(dr.fma(gx, column, first) for column in range(1, width))]
             planes[c] = plane
+        if row.curvatures:
+            more = [curved_by(row.curvatures, x, y) for x, y in self.offsets(meeting)]
+            for c in range(CHANNELS):
+                planes[c] = [color + brighter for color, brighter in zip(planes[c], more, strict=True)]
         return planes
 
     def alphas(self, meeting: Meeting) -> Alphas:

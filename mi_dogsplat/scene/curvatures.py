@@ -1,0 +1,29 @@
+"""Brightness that curves over its primitive: what all that draw it, or turn it, agree on (docs/curvatures.md).
+
+At w standard deviations along the axes of a primitive its three channels are brighter by ½ wᵀ Q w, with a symmetric
+matrix Q of which a row holds the entries ``ENTRIES``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .row_groups import Array
+
+ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_OF_MATRIX = [[ENTRIES.index((min(a, b), max(a, b))) for b in range(3)] for a in range(3)]
+
+
+def matrices(rows: Array) -> Array:
+    """Q [B, 3, 3] of rows [B, 6], float64."""
+    return np.asarray(rows, np.float64)[:, _OF_MATRIX]
+
+
+def rows_of(matrices: Array) -> Array:
+    """The rows [B, 6] of Q [B, 3, 3]."""
+    return np.stack([matrices[:, a, b] for a, b in ENTRIES], axis=1)
+
+
+def turned(rows: Array, turn: Array) -> Array:
+    """The rows [B, 6] of T Q Tᵀ: those of Q when w has become T w, ``turn`` [B, 3, 3] being orthogonal."""
+    return rows_of(turn @ matrices(rows) @ turn.swapaxes(1, 2))
