@@ -3,7 +3,7 @@
 Of linear colours the factor k takes SH(direction) + 0.5 to k (SH(direction) + 0.5), which is a change of coefficients.
 Of sRGB ones it is one too: above its linear foot the curve is 1.055 L^(1/2.4) - 0.055, so that light times k takes the
 colour c to k' (c + 0.055) - 0.055 with k' = k^(1/2.4). Below c = 0.04 this is too dark, by .014 at most.
-Slopes are differences of colours: they scale by k, or by k'.
+Slopes are differences of colours: they scale by k, or by k'; curvatures, of all channels, by the mean of theirs.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..scene.row_groups import SH, SLOPES
+from ..scene.row_groups import CURVATURES, SH, SLOPES
 from ..scene.sh_basis import C0
 from ..support.srgb import OFFSET, POWER
+from .curvatures import ROW as CURVATURE_ROW
 from .sh_groups import ROW_COEFFICIENTS
 
 
@@ -40,6 +41,11 @@ def dimmed(params: dict, factor: list, linear: bool) -> dict:
     if SLOPES.index in params:
         (name,) = SLOPES.names
         changed[name] = params[name] * _of_coefficients(of_rows, params[SLOPES.index], 9)
+    if CURVATURES.index in params:
+        (name,) = CURVATURES.names
+        mean = (gain[0] + gain[1] + gain[2]) / 3
+        row = dr.arange(mi.UInt32, dr.width(params[name])) // CURVATURE_ROW
+        changed[name] = params[name] * dr.gather(mi.Float, mean, dr.gather(mi.UInt32, params[CURVATURES.index], row))
     for degree, group in SH.items():
         if group.index in params:
             (name,) = group.names

@@ -23,7 +23,8 @@ from .write import write_model
 KINDS = ("ply", "spz", "sog")
 FLOAT, INDEX = 4, 4  # bytes
 VERTEX = 17 * FLOAT  # position, normal, constant colour, opacity, scales, rotation
-DOG_ROW, SLOPE_ROW, CUT_ROW = INDEX + 4 * FLOAT, INDEX + 9 * FLOAT, INDEX + 3 * FLOAT
+DOG_ROW, SLOPE_ROW = INDEX + 4 * FLOAT, INDEX + 9 * FLOAT
+CURVATURE_ROW, CUT_ROW = INDEX + 6 * FLOAT, INDEX + 3 * FLOAT
 BLOCK = 1024  # primitives that are neighbours in the order of a file
 BLOCKS = 12  # of them, at most, are encoded to measure prices: for a larger model, spread over it
 
@@ -36,19 +37,20 @@ class Prices:
     bands: tuple[float, ...]  # of a primitive with the bands up to degree 0, 1, 2, 3
     dog: float  # of a DoG row
     slopes: float = 0.0  # of a row of slopes
+    curvatures: float = 0.0  # of curvatures
     cuts: float = 0.0  # of a row of a cut
     second_cuts: float = 0.0  # of a second one
 
     def of(self, splats: Splats) -> float:
         """Bytes of the file of a model, as far as prices tell."""
-        rows = self.dog * splats.n_dog + self.slopes * splats.n_slopes
+        rows = self.dog * splats.n_dog + self.slopes * splats.n_slopes + self.curvatures * splats.n_curvatures
         rows += self.cuts * splats.n_cuts + self.second_cuts * splats.n_second_cuts
         return self.fixed + float(np.take(self.bands, splats.sh_degrees).sum()) + rows
 
     def scaled(self, factor: float) -> Prices:
         """All but the fixed part times ``factor``."""
         bands = tuple(factor * price for price in self.bands)
-        rows = self.dog, self.slopes, self.cuts, self.second_cuts
+        rows = self.dog, self.slopes, self.curvatures, self.cuts, self.second_cuts
         return Prices(self.fixed, bands, *(factor * row for row in rows))
 
 
@@ -84,7 +86,7 @@ def by_part(kind: FileKind, splats: Splats) -> dict[str, int]:
     """Bytes of the file of a model by what is in it, in order: what each part adds to a file with those before it.
 
     ``primitives``: all but what follows; ``sh1``, ``sh2``, ``sh3``: the bands of that degree; ``dog``; ``slopes``;
-    ``cuts``; ``second_cuts``. Parts that add nothing are left out.
+    ``curvatures``; ``cuts``; ``second_cuts``. Parts that add nothing are left out.
     """
     degrees, bare = splats.sh_degrees, _bare(splats)
     sizes = {"primitives": kind.size(bare.uniform_sh(0))}
@@ -93,7 +95,9 @@ def by_part(kind: FileKind, splats: Splats) -> dict[str, int]:
     if splats.n_dog:
         sizes["dog"] = kind.size(splats.without_slopes().without_cuts())
     if splats.n_slopes:
-        sizes["slopes"] = kind.size(splats.without_cuts())
+        sizes["slopes"] = kind.size(splats.without_curvatures().without_cuts())
+    if splats.n_curvatures:
+        sizes["curvatures"] = kind.size(splats.without_cuts())
     if splats.n_cuts:
         sizes["cuts"] = kind.size(splats.without_second_cuts())
     if splats.n_second_cuts:
@@ -116,7 +120,7 @@ def prices(kind: FileKind, splats: Splats) -> Prices:
         raise ValueError("prices: the model is empty")
     if kind.name == "ply":
         bands = (VERTEX, *(VERTEX + INDEX + 3 * FLOAT * ((d + 1) ** 2 - 1) for d in range(1, MAX_SH_DEGREE + 1)))
-        return Prices(kind.size(Splats.empty(0)), bands, DOG_ROW, SLOPE_ROW, CUT_ROW, CUT_ROW)
+        return Prices(kind.size(Splats.empty(0)), bands, DOG_ROW, SLOPE_ROW, CURVATURE_ROW, CUT_ROW, CUT_ROW)
     return _measured(kind, splats)
 
 

@@ -1,7 +1,7 @@
 """Rows of DoG, slopes and cuts at the end of a compressed PLY, a byte a number, where other readers do not look.
 
-The header says ``comment dogsplat dog VERSION ROWS``, and so of ``slopes``, ``cuts`` and ``second_cuts``. Behind the
-data of the last element they follow in this order, each as (little-endian):
+The header says ``comment dogsplat dog VERSION ROWS``, and so of ``slopes``, ``curvatures``, ``cuts`` and
+``second_cuts``. Behind the data of the last element they follow in this order, each as (little-endian):
 
 ==========  ===========================================================================================
 bounds      float32: the smallest of each number between bounds, then the largest
@@ -10,7 +10,7 @@ rows        ROWS times: skip, of DoG f_a, and the numbers between bounds
 
 ``skip`` counts the primitives without a row since the one of the row before; 255 passes over 255 of them, and the rest
 of such a row means nothing. f_a is (byte + 1/2) / 256. Between bounds, at byte / 255, lie log F of three axes, nine
-sign(s) log(1 + 64 |s|) of the slopes s, axis by axis, and three sign(n) log(1 + |n|) of the normal n of a cut: so a
+sign(s) log(1 + 64 |s|) of the slopes s, axis by axis, six such numbers of curvatures, and three sign(n) log(1 + |n|) of the normal n of a cut: so a
 faint one keeps its share beside a strong one.
 
 They are no elements because readers count these: splat-transform refuses a compressed PLY with one more. Bytes behind
@@ -117,8 +117,9 @@ class Rows:
 
 DOG = Rows("dog", "DoG", 1, 3, MAX_LOG_F)
 SLOPES, CUTS = Rows("slopes", "slope", 0, 9, MAX_LOG, 1 / 64), Rows("cuts", "cut", 0, 3, MAX_LOG)
+CURVATURES = Rows("curvatures", "curvature", 0, 6, MAX_LOG, 1 / 64)
 SECOND_CUTS = Rows("second_cuts", "second cut", 0, 3, MAX_LOG)
-SIGNED = {SLOPES: row_groups.SLOPES, CUTS: row_groups.CUTS, SECOND_CUTS: row_groups.SECOND_CUTS}
+SIGNED = dict(zip((SLOPES, CURVATURES, CUTS, SECOND_CUTS), row_groups.OWN_AXES, strict=True))
 
 
 def encode(splats: Splats) -> tuple[list[str], bytes]:

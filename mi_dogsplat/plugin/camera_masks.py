@@ -16,9 +16,8 @@ import mitsuba as mi
 from ..engine.device_camera import DeviceCamera
 from ..engine.dimmed import dimmed
 from ..engine.options import RasterOptions
-from ..engine.parameters import ROWS
 from ..engine.rasterize import Frame, rasterize
-from ..scene.row_groups import SH, SLOPES
+from ..scene.row_groups import CURVATURES, SH, SLOPES
 from ..scene.sh_basis import C0
 from .drawn import Drawn
 from .surfaces import Surfaces
@@ -46,8 +45,8 @@ class SplatMasks:
         """Share of each pixel that holdouts cover, [H*W], of what ``shown`` returns; ``stop`` as in ``rasterize``."""
         if not self.holds:
             return dr.zeros(mi.Float, camera.width * camera.height)
-        of_colors = {name for group in (SLOPES, *SH.values()) for name in (group.index, *group.names)}
-        of_colors.add(ROWS[SLOPES.index])
+        of_colors = {name for group in (SLOPES, CURVATURES, *SH.values()) for name in (group.index, *group.names)}
+        of_colors |= {SLOPES.row, CURVATURES.row}
         white = dr.select(self.holdout, 0.5 / C0, -0.5 / C0)
         params = {name: value for name, value in shown.items() if name not in of_colors}
         params["sh_coeffs"] = dr.ravel(mi.Vector3f(white))  # pyright: ignore[reportArgumentType]

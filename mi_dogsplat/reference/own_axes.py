@@ -1,9 +1,9 @@
 """Models of which some primitives have numbers along their own axes, for the twins: slopes of a colour, and cuts.
 
 The primitives `slope_index` [S] have `color_slopes` [S, 3, 3], the change of colour per standard deviation along each
-axis (axis, channel). The primitives `curvature_index` [B] have `brightness_curvatures` [B, 6], xx yy zz xy xz yz of Q, by
-which all channels are brighter by w^T Q w / 2. The primitives `cut_index` [C] have `cut_normals` [C, 3], n, by which a plane multiplies kernels w
-standard deviations away from the centre, and the primitives `second_cut_index` have a second plane:
+axis (axis, channel). The primitives `curvature_index` [B] have `brightness_curvatures` [B, 6], xx yy zz xy xz yz of Q:
+all channels are brighter by w^T Q w / 2. The primitives `cut_index` [C] have `cut_normals` [C, 3], n, by which a plane
+multiplies kernels w standard deviations away from the centre, and the primitives `second_cut_index` a second plane:
 
     g(w) = (1 + e^-4) / (1 + e^(-4 - n.w))
 

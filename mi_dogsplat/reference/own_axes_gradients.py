@@ -52,7 +52,7 @@ def curvatures_backward(C: np.ndarray, scales: np.ndarray, cov2d: np.ndarray, co
     """
     P = conics_times_axes(C, scales**2, cov2d, conics) * scales[:, None, :]
     δg = (2 * δA @ P).swapaxes(1, 2)
-    twice, *others = own_axes_backward(C, scales, cov2d, conics, quadratic_forms(values), δg)
+    twice, δlog_scales, δω, δC = own_axes_backward(C, scales, cov2d, conics, quadratic_forms(values), δg)
     xx, yy, zz = np.einsum("naa->an", twice) / 2
     # an entry beside the diagonal is there twice
-    return np.stack([xx, yy, zz, twice[:, 0, 1], twice[:, 0, 2], twice[:, 1, 2]], axis=1), *others
+    return np.stack([xx, yy, zz, twice[:, 0, 1], twice[:, 0, 2], twice[:, 1, 2]], axis=1), δlog_scales, δω, δC

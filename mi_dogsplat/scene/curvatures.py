@@ -27,3 +27,12 @@ def rows_of(matrices: Array) -> Array:
 def turned(rows: Array, turn: Array) -> Array:
     """The rows [B, 6] of T Q Tᵀ: those of Q when w has become T w, ``turn`` [B, 3, 3] being orthogonal."""
     return rows_of(turn @ matrices(rows) @ turn.swapaxes(1, 2))
+
+
+def mean_brightness(rows: Array) -> Array:
+    """[B] by how much they make a primitive brighter on average: what comes nearest to them in its pictures.
+
+    A picture shows two of three axes, and the squares of its weights exp(-|w|²) have the variance ½ along each: so of
+    the trace of Q it is ½ · ½ · 2/3.
+    """
+    return rows[:, :3].astype(np.float64).sum(axis=1) / 6

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .curvatures import mean_brightness
 from .opacity import sigmoid
 from .row_groups import (
     CURVATURES,
@@ -30,7 +31,7 @@ from .row_groups import (
     in_several,
     selected,
 )
-from .sh_basis import SH_SIZES, sh_degree_of
+from .sh_basis import C0, SH_SIZES, sh_degree_of
 
 DENSE = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs")
 """Arrays with a row for every primitive."""
@@ -179,11 +180,19 @@ class Splats:
         return self.second_cut_index.shape[0]
 
     @property
+    def is_varied(self) -> Array:
+        """[N] bool, whether its colour varies over it, by slopes or curvatures."""
+        return self._is_in(SLOPES, CURVATURES)
+
+    @property
     def is_cut(self) -> Array:
         """[N] bool, whether a plane cuts it off, one or the other."""
+        return self._is_in(*PLANES)
+
+    def _is_in(self, *groups: RowGroup) -> Array:
         found = np.zeros(self.n_splats, bool)
-        for plane in PLANES:
-            found[getattr(self, plane.index)] = True
+        for group in groups:
+            found[getattr(self, group.index)] = True
         return found
 
     @property
@@ -248,12 +257,14 @@ class Splats:
         return self._without(DOG)
 
     def without_slopes(self) -> Splats:
-        """All N primitives in their mean colours, the same all over each of them."""
-        return self._without(SLOPES)
+        """All N primitives in their mean colours, the same all over each of them: without curvatures, too."""
+        return self.without_curvatures()._without(SLOPES)
 
     def without_curvatures(self) -> Splats:
-        """All N primitives as bright as in their middle, or as their slopes say."""
-        return self._without(CURVATURES)
+        """All N primitives as bright as on average, but for their slopes."""
+        flat = self._without(CURVATURES)
+        flat.sh_coeffs[self.curvature_index, 0] += mean_brightness(self.brightness_curvatures)[:, None] / C0
+        return flat
 
     def without_cuts(self) -> Splats:
         """All N primitives whole."""

@@ -1,18 +1,25 @@
-"""What slopes contribute to the training views, primitive by primitive: an estimate in the units of the other scores.
+"""What slopes and curvatures contribute to the training views, primitive by primitive: estimates, in units of scores.
 
 Without its slopes a primitive has one colour all over, and a picture changes by w (gx dx + gy dy), w = α T its weight
 at a pixel and d the offset from its centre (``engine/slopes.py``). Where T is the same all over it and α is that of the
-kernel alone, w² falls as exp(-dᵀ Σ'⁻¹ d), so that the mean of d dᵀ under w² is Σ'/2, and the energy of the change is
+kernel alone, w² falls as exp(-dᵀ Σ'⁻¹ d), so that the mean of d dᵀ under w² is C = Σ'/2, and the energy of the change
+is
 
-    Σ w² (g·d)² = h / 2 gᵀ Σ' g,   h = Σ w² over the pixels,
+    Σ w² (g·d)² = h gᵀ C g,   h = Σ w² over the pixels,
 
-summed over channels and views. Of one primitive alone that is within 2 % of what its pictures change by
-(``tests/scores/test_slope_losses.py``); what hides a side of it, or cuts one off, makes it an estimate, as DoG do.
+summed over channels and views. Without its curvatures it is as bright as on average, b (``Splats.without_curvatures``),
+and a picture changes by w (dᵀ A d - b) in all three channels, q = dᵀ A d (``engine/curvatures.py``):
+
+    Σ w² (dᵀ A d - b)² = h (2 tr (A C)² + (tr A C - b)²)
+
+Of one primitive alone that is within 2 % of what its pictures change by (``tests/scores/test_slope_losses.py``); what
+hides a side of it, or cuts one off, makes it an estimate, as DoG do.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -20,9 +27,11 @@ import numpy as np
 from ..engine.arrays import array_types
 from ..engine.device_camera import DeviceCamera
 from ..engine.options import RasterOptions
-from ..engine.project import LOG2_E, project
+from ..engine.parameters import device_array
+from ..engine.project import LOG2_E, Projection, project
 from ..engine.view import prepare
 from ..engine.walks.squared_weights import composite_squared_weights
+from ..scene.curvatures import mean_brightness
 from .counted import MaskOf, counted
 
 
@@ -36,17 +45,65 @@ def slope_losses(
         cameras: all training views.
         masks: of these; None: all pixels count.
     """
+
+    def change(projection: Projection) -> Any:
+        slopes: list = projection.slopes or []
+        square: Any = 0
+        for gradient in zip(slopes[:3], slopes[3:], strict=True):
+            for v in _roots(projection):
+                square += dr.square(_dot(gradient, v))
+        return square
+
+    return _losses(params, cameras, options, masks, change)
+
+
+def curvature_losses(
+    params: dict, cameras: Sequence[DeviceCamera], options: RasterOptions, masks: MaskOf | None = None
+) -> np.ndarray:
+    """The same without the curvatures of a primitive. Arguments as for ``slope_losses``."""
+    row = params["curvature_row"].numpy()
+    average = np.zeros(len(row))
+    index = params["curvature_index"].numpy()
+    average[index] = mean_brightness(params["brightness_curvatures"].numpy().reshape(-1, 6)[row[index]])
+    b = device_array(average)
+
+    def change(projection: Projection) -> Any:
+        assert projection.curvatures is not None
+        qxx, qxy, qyy = projection.curvatures
+        roots = _roots(projection)
+        through = [(qxx * x + 0.5 * qxy * y, 0.5 * qxy * x + qyy * y) for x, y in roots]  # A v
+        (m11, m12), (_, m22) = ([_dot(a, v) for v in roots] for a in through)
+        squares = dr.square(m11) + 2 * dr.square(m12) + dr.square(m22)
+        return 3 * (2 * squares + dr.square(m11 + m22 - b))
+
+    return _losses(params, cameras, options, masks, change)
+
+
+def _losses(
+    params: dict,
+    cameras: Sequence[DeviceCamera],
+    options: RasterOptions,
+    masks: MaskOf | None,
+    change: Callable[[Projection], Any],
+) -> np.ndarray:
+    """[N] sums over the views of h times ``change``, the mean square of that of a colour."""
     params = {name: dr.detach(value) for name, value in params.items()}
     total = dr.zeros(array_types().Double, dr.width(params["logit_opacities"]))
     for view, camera in enumerate(cameras if len(total) else ()):
         h = composite_squared_weights(prepare(params, camera, options), counted(masks, view))
         projection = project(params, camera, sh_degree=0)
-        kernels, slopes = projection.kernels, projection.slopes or []
-        square = 0
-        for gx, gy in zip(slopes[:3], slopes[3:], strict=True):  # gᵀ Σ' g = |K⁻ᵀ g|² / 2 ln 2
-            along = gx / kernels.ux
-            across = (gy - kernels.uy * along) / kernels.vy
-            square += dr.square(along) + dr.square(across)
-        total += array_types().Double(dr.select(projection.visible & (h > 0), h * square * (0.25 * LOG2_E), 0))
+        seen = projection.visible & (h > 0)
+        total += array_types().Double(dr.select(seen, h * change(projection), 0))
         dr.eval(total)
     return total.numpy()
+
+
+def _roots(projection: Projection) -> list[tuple]:
+    """Two vectors v with C = Σ v vᵀ: columns of K⁻¹ / 2 √ln 2, as dᵀ Σ'⁻¹ d = 2 ln 2 |K d|²."""
+    k, unit = projection.kernels, 0.5 * LOG2_E**0.5
+    x, y = unit * dr.rcp(k.ux), unit * dr.rcp(k.vy)
+    return [(x, 0), (-k.uy * x * dr.rcp(k.vy), y)]
+
+
+def _dot(a: tuple, b: tuple) -> Any:
+    return a[0] * b[0] + a[1] * b[1]

@@ -157,6 +157,23 @@ class SlopesLeftOut(Event):
 
 
 @dataclass(frozen=True)
+class CurvaturesActivated(Event):
+    """All ``count`` primitives got curvatures, so that their brightness may curve over them."""
+
+    kind, words = "curvatures_activated", "curvatures activated for {count} primitives"
+    count: int
+
+
+@dataclass(frozen=True)
+class CurvaturesLeftOut(Event):
+    """``count`` primitives lost their curvatures, which no pixel shows; ``left`` have some still."""
+
+    kind, words = "curvatures_left_out", "curvatures of {count} primitives left out, {left} have some"
+    count: int
+    left: int
+
+
+@dataclass(frozen=True)
 class CutsActivated(Event):
     """All ``count`` primitives got cuts, so that a plane may cut them off."""
 

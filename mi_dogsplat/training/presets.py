@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from ..formats.sizes import FileKind
-from ..scene.row_groups import CUTS, SECOND_CUTS, SLOPES, RowGroup
+from ..scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SLOPES, RowGroup
 from ..scores.score import Score, ScoreRule
 from ..support.wording import in_words
 from .images.tone_curve import SrgbLog, ToneCurve
@@ -28,7 +28,13 @@ from .strategy.row_activation import RowActivation, RowControl, RowRule
 from .strategy.scheduler import PruningRule
 from .strategy.sh_ramp import ShRamp
 from .strategy.sieve import Sieve
-from .strategy.slope_activation import SlopeActivation, SlopeControl, SlopeRule
+from .strategy.slope_activation import (
+    CurvatureActivation,
+    CurvatureControl,
+    SlopeActivation,
+    SlopeControl,
+    SlopeRule,
+)
 from .strategy.strategy import Strategy
 
 ACTIVATION = 18_000  # step at which primitives of ours become DoG and are given slopes and cuts
@@ -46,6 +52,7 @@ class Given(NamedTuple):
 
 GIVEN = {
     "slopes": Given(SLOPES, SlopeActivation, SlopeControl),
+    "curvatures": Given(CURVATURES, CurvatureActivation, CurvatureControl),
     "cuts": Given(CUTS, CutActivation, CutControl),
     "second_cuts": Given(SECOND_CUTS, SecondCutActivation, SecondCutControl),
 }
@@ -73,6 +80,7 @@ class Recipe:
     curve: ToneCurve = SrgbLog()  # through which the loss sees linear images
     start_share: float | None = None  # of the target, a count, that training starts with at most: for one that grows
     slopes: SlopeRule | None = None  # colours that vary over their primitive
+    curvatures: SlopeRule | None = None  # and a brightness that curves
     cuts: CutRule | None = None  # primitives that a plane cuts off
     second_cuts: CutRule | None = None  # and that a second one does
     preconditioning: Preconditioning | None = None  # steps in which the numbers of a primitive move together
@@ -201,12 +209,14 @@ OURS = Recipe(
 )
 OURS_SLOPES = replace(OURS, slopes=SlopeRule(ACTIVATION))
 OURS_CUTS = replace(OURS_SLOPES, cuts=CutRule(ACTIVATION))
+OURS_SECOND_CUTS = replace(OURS_CUTS, second_cuts=CutRule(ACTIVATION))
 RECIPES = {
     "ours": OURS,
     "ours_slopes": OURS_SLOPES,
     "ours_cuts": OURS_CUTS,
     "ours_preconditioned": OURS_CUTS.preconditioned(),
-    "ours_second_cuts": replace(OURS_CUTS, second_cuts=CutRule(ACTIVATION)).preconditioned(),
+    "ours_second_cuts": OURS_SECOND_CUTS.preconditioned(),
+    "ours_curvatures": replace(OURS_SECOND_CUTS, curvatures=SlopeRule(ACTIVATION)).preconditioned(),
     # the text: all factors below 1. Their starts, the weights, gamma and the threshold are ours: docs/training.md
     "paper": Recipe(
         pruning=PruningRule(),

@@ -13,7 +13,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ...scene.row_groups import SLOPES
+from ...scene.row_groups import CURVATURES, SLOPES
 from ...scene.sh_basis import C0
 from ..images.tone_curve import ToneCurve
 from .sh_rows import SH_INDEX
@@ -23,7 +23,7 @@ COLORS = ("sh_dc", "sh_rest", *INDEX)
 
 
 class ColorSteps:
-    """Changes of radiance for a change of 1 on the curve, for each coefficient of the colours and their slopes."""
+    """Changes of radiance for a change of 1 on the curve, for each coefficient of what colours are made of."""
 
     def __init__(self, curve: ToneCurve, values: Mapping[str, Any], sizes: Mapping[str, int], rows: Mapping[str, Any]):
         """``values``: parameters of the optimizer; ``sizes`` of their rows; ``rows``: primitives of groups' rows."""
@@ -37,6 +37,11 @@ class ColorSteps:
             channel = (i - row * size) % 3
             primitive = dr.gather(mi.UInt32, rows[INDEX[name]], row) if name in INDEX else row
             self.of[name] = dr.gather(mi.Float, steps, dr.fma(primitive, 3, channel))
+        for name in [name for name in values if name in CURVATURES.names]:  # of all channels in one
+            row = dr.arange(mi.UInt32, dr.width(values[name])) // dr.opaque(mi.UInt32, sizes[name])
+            primitive = dr.gather(mi.UInt32, rows[CURVATURES.index], row)
+            slopes = [dr.rcp(dr.gather(mi.Float, steps, dr.fma(primitive, 3, channel))) for channel in range(3)]
+            self.of[name] = 3 * dr.rcp(slopes[0] + slopes[1] + slopes[2])
 
     def before(self, adam: Any) -> dict[str, Any]:
         """Give the gradients to Adam; returns the values that it starts from."""

@@ -1,4 +1,4 @@
-"""Rows that only some primitives have, of DoG, of slopes and of cuts: whose they are, on the host and on the device.
+"""Rows that only some primitives have, of DoG, slopes, cuts and so on: whose they are, on the host and on the device.
 
 Their arrays are in Adam, under the names of the group. On the device a primitive can lose its row without a wait.
 """
@@ -14,11 +14,11 @@ import numpy as np
 
 from ...engine.parameters import device_array, rows_of_splats
 from ...engine.project import NO_ROW
-from ...scene.row_groups import DOG, PLANES, SLOPES, RowGroup, row_of_splats
+from ...scene.row_groups import DOG, OWN_AXES, RowGroup, row_of_splats
 from ...scene.splats import Splats
 from .adam import gather
 
-SPARSE = (DOG, SLOPES, *PLANES)
+SPARSE = (DOG, *OWN_AXES)
 SPARSE_ROW_SIZE = {name: math.prod(shape) for group in SPARSE for name, shape in group.arrays.items()}
 NOBODY = np.zeros(0, np.uint32)
 SPARSE_ROW = {name: group.row for group in SPARSE for name in group.names}

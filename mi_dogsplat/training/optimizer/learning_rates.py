@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from ...scene.row_groups import DOG, PLANES, SLOPES
+from ...scene.row_groups import DOG, OWN_AXES
 from ..milestones import scaled_milestone
 from .preconditioning import Preconditioning
 from .sh_rows import SH_INDEX
@@ -66,6 +66,7 @@ class LearningRates:
     dog_logit_opacities: float = 0.025
     dog_log_scales: float = 5e-3
     color_slopes: float = 2.5e-3
+    brightness_curvatures: float = 2.5e-3
     cut_normals: float = 0.0625  # 25 times that of slopes: a normal that cuts is some units long
     second_cut_normals: float = 0.0625
     refinement: Refinement | None = None
@@ -83,7 +84,7 @@ class LearningRates:
         progress = min(step / max(self.total_steps, 1), 1.0)
         means = self.extent * self.means_start * (self.means_end / self.means_start) ** progress
         dense = ("log_scales", "quats", "logit_opacities", "sh_dc", "sh_rest")
-        names = (*dense, *(name for group in (DOG, SLOPES, *PLANES) for name in group.names))
+        names = (*dense, *(name for group in (DOG, *OWN_AXES) for name in group.names))
         rates = {"means": means} | {name: getattr(self, name) for name in names}
         if rule := self.refinement:
             here = step, self.total_steps, self.views, n

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 import mitsuba as mi
 import numpy as np
 
-from ...scene.row_groups import CUTS, DOG, SECOND_CUTS, SH, SLOPES, RowGroup
+from ...scene.row_groups import CURVATURES, CUTS, DOG, SECOND_CUTS, SH, SLOPES, RowGroup
 from ...scene.splats import Splats
 from ..images.tone_curve import ToneCurve
 from .adam import gather
@@ -93,6 +93,11 @@ class SplatOptimizer(TrainedArrays):
         return self.index_of(SLOPES)
 
     @property
+    def n_curvatures(self) -> int:
+        """Number of primitives whose brightness curves over them."""
+        return len(self.index_of(CURVATURES))
+
+    @property
     def n_cuts(self) -> int:
         """Number of primitives that a plane cuts off."""
         return len(self.cut_index)
@@ -108,7 +113,7 @@ class SplatOptimizer(TrainedArrays):
         return len(self.index_of(SECOND_CUTS))
 
     def index_of(self, group: RowGroup) -> np.ndarray:
-        """[M] which primitives have a row of a group: of DoG, of slopes, of cuts or of second ones."""
+        """[M] which primitives have a row of a group: of DoG, of slopes and so on."""
         return self._groups[group.index].index
 
     @property

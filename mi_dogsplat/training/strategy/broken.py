@@ -18,14 +18,14 @@ import mitsuba as mi
 import numpy as np
 
 from ...engine.geometry import Cutoffs
-from ...engine.parameters import RAW_CUTS
+from ...engine.parameters import RAW_CURVATURES, RAW_CUTS, RAW_SLOPES
 from ...engine.project import NO_ROW
-from ...scene.row_groups import SLOPES
 from ...scene.sh_basis import C0
 from ..optimizer.group_rows import SPARSE_ROW
 from ..optimizer.sh_rows import SH_INDEX
 from ..optimizer.splat_optimizer import SplatOptimizer
 
+OF_COLORS = RAW_SLOPES + RAW_CURVATURES
 MAX_COLOR = 1 / Cutoffs().alpha  # of a slope, per standard deviation; trained models stay below 2
 MAX_SH = MAX_COLOR / C0  # 904; trained models stay below 10
 MAX_NORMAL = 1e4  # of a cut, per standard deviation; trained models stay below 200
@@ -42,7 +42,7 @@ def broken(optimizer: SplatOptimizer, extent: float) -> np.ndarray:
     """
     params, splat = optimizer.params, dr.arange(mi.UInt32, optimizer.n)
     nobody = dr.full(mi.UInt32, NO_ROW, 1)
-    colors = dict.fromkeys(("sh_dc", "sh_rest", *SH_INDEX), MAX_SH) | dict.fromkeys(SLOPES.names, MAX_COLOR)
+    colors = dict.fromkeys(("sh_dc", "sh_rest", *SH_INDEX), MAX_SH) | dict.fromkeys(OF_COLORS, MAX_COLOR)
     limits = {"log_scales": math.log(MAX_SCALE * extent), **colors, **dict.fromkeys(RAW_CUTS, MAX_NORMAL)}
     sound, of_groups = dr.full(mi.Bool, True, optimizer.n), []
     for name, values in optimizer.adam.items():

@@ -15,7 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...formats.sizes import FileKind, prices
-from ...scene.row_groups import CUTS, DOG, PLANES, SECOND_CUTS, SLOPES, RowGroup
+from ...scene.curvatures import mean_brightness
+from ...scene.row_groups import DOG, OWN_AXES, RowGroup
+from ...scene.sh_basis import C0
 from ...scene.splats import Splats
 from ...support.errors import DataError
 from ..events import Allocated, Event, NotPruned, Pruned, Refined
@@ -166,8 +168,10 @@ def as_chosen(splats: Splats, options: Options, chosen: Chosen) -> Splats:
     degrees[chosen.kept] = chosen.degrees
     whole = replace(splats.uniform_sh(), sh_coeffs=options.bands.fitted(degrees)).select(chosen.kept)
     left: dict[str, np.ndarray] = {}
-    left_of = (DOG, chosen.dog), (SLOPES, chosen.slopes), (CUTS, chosen.cuts), (SECOND_CUTS, chosen.second_cuts)
-    for group, places in left_of:
+    flatter = ~np.isin(whole.curvature_index, chosen.curvatures)
+    average = mean_brightness(whole.brightness_curvatures[flatter])
+    whole.sh_coeffs[whole.curvature_index[flatter], 0] += average[:, None] / C0
+    for group, places in zip((DOG, *OWN_AXES), chosen.of_groups, strict=True):
         rows = np.isin(getattr(whole, group.index), places)
         left |= {name: getattr(whole, name)[rows] for name in (group.index, *group.names)}
     return replace(whole, **left).with_sh_degrees(chosen.degrees)
@@ -187,7 +191,7 @@ def take(optimizer: SplatOptimizer, model: Splats, kept: np.ndarray) -> None:
         optimizer.assign(name, values.reshape(len(values), -1))
     if optimizer.n_dog != model.n_dog:
         optimizer.set_dog(model.dog_index, model.dog_logit_opacities, model.dog_log_scales)
-    for group in (SLOPES, *PLANES):
+    for group in OWN_AXES:
         index = getattr(model, group.index)
         if len(optimizer.index_of(group)) not in (0, len(index)):  # 0: they are still to come
             optimizer.set_rows(group, index, {name: getattr(model, name) for name in group.names})

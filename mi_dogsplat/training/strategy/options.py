@@ -1,11 +1,11 @@
 """What a primitive may be left with, and what that loses and costs: the options among which bytes are divided.
 
 Option 0 is to be removed. Then come the bands of colour up to degree 0, 1, 2, 3 of those that it has: without and with
-its DoG row, all these again with its slopes, all these with its cut, and all these with its second cut. The loss of
+its DoG row, all these again with its slopes, and so on with its curvatures, its cut and its second cut. The loss of
 each is in one unit, the energy of the change of the training pictures (``scores/``), and is measured as if nothing else
 changed: of a removal by leave-one-out, of bands with the others fitted anew, of a DoG row by the pictures with the
-primary alone, of a cut by those without it; that of slopes is an estimate. What an option is worth is the loss of a
-removal minus its own.
+primary alone, of a cut by those without it; those of slopes and curvatures are estimates. What an option is worth is
+the loss of a removal minus its own.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ...scene.row_groups import MAX_SH_DEGREE
 from ...scene.splats import Splats
 from ...scores.bands import Bands, bands
 from ...scores.score import ScoreRule, energies
-from ...scores.slope_losses import slope_losses
+from ...scores.slope_losses import curvature_losses, slope_losses
 from .allocation import allocate
 from .strategy import Training
 
@@ -30,7 +30,7 @@ CUT = ScoreRule("leave-cut-out", spectral_weight=0.0)
 SECOND_CUT = ScoreRule("leave-second-cut-out", spectral_weight=0.0)
 DEGREES = MAX_SH_DEGREE + 1
 NEVER = 1e6  # times as much as the primitive that matters most
-GROUPS = "dog", "slopes", "cuts", "second_cuts"  # each a field of ``Options``, ``Chosen`` and ``Prices``
+GROUPS = "dog", "slopes", "curvatures", "cuts", "second_cuts"  # each a field of ``Options``, ``Chosen`` and ``Prices``
 NOBODY = np.zeros(0, np.int64)
 
 
@@ -42,8 +42,14 @@ class Chosen:
     degrees: np.ndarray  # [n] their SH degrees
     dog: np.ndarray  # [m] those of the rows kept that stay DoG, as places among them
     slopes: np.ndarray  # [s] those that keep their slopes
+    curvatures: np.ndarray  # [b] their curvatures
     cuts: np.ndarray  # [c] those that keep their cut
     second_cuts: np.ndarray  # and their second one
+
+    @property
+    def of_groups(self) -> list[np.ndarray]:
+        """Those places, group by group."""
+        return [getattr(self, name) for name in GROUPS]
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,7 @@ class Options:
     degrees: np.ndarray  # [N] that it has
     dog: Rows
     slopes: Rows
+    curvatures: Rows
     cuts: Rows
     second_cuts: Rows
     bands: Bands
@@ -93,11 +100,13 @@ class Options:
             return energies(rule, params, cameras, options, background, 0, masks)[0]
 
         sloped = (lambda: slope_losses(params, cameras, options, masks)) if t.optimizer.n_slopes else None
+        curved = (lambda: curvature_losses(params, cameras, options, masks)) if t.optimizer.n_curvatures else None
         cut = (lambda: energy(CUT)) if t.optimizer.n_cuts else None
         second_cut = (lambda: energy(SECOND_CUT)) if t.optimizer.n_second_cuts else None
         rows = (
             Rows.of(splats.dog_index, n, lambda: energy(DOG)),
             Rows.of(splats.slope_index, n, sloped),
+            Rows.of(splats.curvature_index, n, curved),
             Rows.of(splats.cut_index, n, cut),
             Rows.of(splats.second_cut_index, n, second_cut),
         )
