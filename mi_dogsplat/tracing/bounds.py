@@ -36,8 +36,8 @@ def bounds_of(primitives: Primitives, log2_range: float) -> Bounds:
     columns, lo = [detached(c) for c in primitives.to_kernel], detached(primitives.lo)
     more: Any = None  # by which cuts raise lo
     for plane in primitives.planes:
-        by_plane = dr.select(detached(plane.row) != NO_ROW, types.Float(LOG2_LARGEST), 0)
-        more = by_plane if more is None else more + by_plane
+        raised = dr.select(detached(plane.row) != NO_ROW, types.Float(LOG2_LARGEST), 0)
+        more = raised if more is None else more + raised
     if more is not None:
         lo = lo + more
     reach = [lo + log2_range] * 3  # squared radii in kernel space, by axis

@@ -24,7 +24,7 @@ from own_axes_models import (
     picture,
     traversed,
 )
-from splat_scenes import axis_rotation, dog_dict, scalar_transform, scene_of
+from splat_scenes import axis_rotation, dog_dict, random_splats, scalar_transform, scene_of
 
 
 @EACH_KIND
@@ -140,7 +140,7 @@ def test_ellipsoids_are_without_them_and_that_is_said(capfd, kind: Kind):
 
 
 def test_ellipsoids_say_once_of_a_primitive_that_both_planes_cut_it_off(capfd):
-    model = SECOND_CUT.having(CUT.having(SLOPED.without(SLOPED.model), every=2), every=3)
+    model = SECOND_CUT.having(CUT.having(random_splats(12), every=2), every=3)
     assert (model.n_cuts, model.n_second_cuts) == (6, 4)
     to_ellipsoids(model)
     assert "the cuts of 8 primitives" in "".join(capfd.readouterr())
