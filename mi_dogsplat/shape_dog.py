@@ -14,7 +14,7 @@ from .engine.parameters import RAW, ROWS, device_array, rows_of_splats
 from .engine.sh_groups import padded_on_device
 from .plugin.given_model import given_model, on_host
 from .plugin.shape_checks import require_index, require_one_degree, require_rows, require_sh_size
-from .scene.row_groups import CUTS, DOG, GROUPS, SH, SLOPES, RowGroup
+from .scene.row_groups import CUTS, DOG, GROUPS, SECOND_CUTS, SH, SLOPES, RowGroup
 from .scene.splats import Splats
 from .scene.transform import decompose_similarity, mean_scale, transformed
 
@@ -30,8 +30,8 @@ class DogShape(mi.Mesh):
      * - filename
        - |string|
        - Model: PLY (with an element ``dog`` for DoG primitives, ``slopes`` for colours that vary over their
-         primitive, and ``cuts`` for planes that cut some off), compressed PLY, SPZ, SOG, glTF or .splat. The
-         integrator draws it as its file says, unless it is told otherwise.
+         primitive, ``cuts`` for planes that cut some off, and ``second_cuts`` for second ones), compressed PLY, SPZ,
+         SOG, glTF or .splat. The integrator draws it as its file says, unless it is told otherwise.
 
      * - means, log_scales, quats, logit_opacities, sh_coeffs
        - |tensor|
@@ -58,6 +58,13 @@ class DogShape(mi.Mesh):
          Absent for a model of which each primitive is whole.
        - |exposed|, |differentiable| (not the index)
 
+     * - second_cut_index, second_cut_normals
+       - |tensor|
+       - The C2 primitives that a second plane cuts off, with the first one or without: their rows [C2], and the normals
+         [C2, 3], as above. What both leave of a primitive is the product of what each does. Absent for a model in which
+         one plane at most cuts off a primitive.
+       - |exposed|, |differentiable| (not the index)
+
      * - sh1_index, sh1_coeffs, sh2_index, sh2_coeffs, sh3_index, sh3_coeffs
        - |tensor|
        - Primitives with SH degrees of their own, beside sh_coeffs with K = 1: those of degree 1, 2 and 3, their rows
@@ -73,8 +80,8 @@ class DogShape(mi.Mesh):
        - |exposed|, |differentiable|
 
     A DoG primitive is the difference of its Gaussian and a wider or narrower *pseudo-Gaussian* with the same centre,
-    orientation and colour, slopes included, opacity f_a·a and scales F·s (method paper, Sec. 3.3). A cut takes the same
-    share of both.
+    orientation and colour, slopes included, opacity f_a·a and scales F·s (method paper, Sec. 3.3). Each cut takes the
+    same share of both.
 
     The shape has no surface: rays do not meet it. Render it with the ``dogsplat`` integrator. The number of primitives
     may change through ``params.update()``.
@@ -97,12 +104,14 @@ class DogShape(mi.Mesh):
     dog_log_scales: mi.TensorXf
     color_slopes: mi.TensorXf
     cut_normals: mi.TensorXf
+    second_cut_normals: mi.TensorXf
     sh1_coeffs: mi.TensorXf
     sh2_coeffs: mi.TensorXf
     sh3_coeffs: mi.TensorXf
     dog_index: mi.UInt32
     slope_index: mi.UInt32
     cut_index: mi.UInt32
+    second_cut_index: mi.UInt32
     sh1_index: mi.UInt32
     sh2_index: mi.UInt32
     sh3_index: mi.UInt32
@@ -218,7 +227,8 @@ class DogShape(mi.Mesh):
     def to_string(self) -> str:
         lines = [f"source = {self.source}", f"primitives = {self.means.shape[0]}"]
         lines.append(f"dog = {len(self.dog_index) if DOG in self.groups else 0}")
-        named = {"slopes": SLOPES, "cuts": CUTS, **{group.index: group for group in SH.values()}}
+        named = {"slopes": SLOPES, "cuts": CUTS, "second_cuts": SECOND_CUTS}
+        named |= {group.index: group for group in SH.values()}
         lines += [f"{name} = {len(getattr(self, g.index))}" for name, g in named.items() if g in self.groups]
         return "DogShape[\n  " + ",\n  ".join(lines) + "\n]"
 

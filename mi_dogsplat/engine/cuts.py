@@ -28,9 +28,9 @@ LOG2_LARGEST = math.log2(LARGEST)
 END = 120.0  # exponents beyond ±120 are cut to this, where neither g nor its slope is more than 2^-120 from its limit
 
 
-def by_plane(columns: list) -> list[list]:
-    """hx and hy of each plane, or what belongs to them."""
-    return [columns[k : k + COLUMNS] for k in range(0, len(columns), COLUMNS)]
+def by_plane(columns: list, count: int = COLUMNS) -> list[list]:
+    """hx and hy of each plane, or what belongs to them; other columns by ``count``."""
+    return [columns[k : k + count] for k in range(0, len(columns), count)]
 
 
 def cut_on_screen(normals: list, per_pixel: list[tuple]) -> list:

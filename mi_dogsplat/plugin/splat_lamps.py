@@ -78,7 +78,7 @@ def lamps_of(params: dict, linear: bool) -> SplatLamps | None:
 
     A colour that varies over its primitive counts with that of the centre, which is its mean: what slopes add on one
     side they take on the other. One that is cut off counts as whole. Where paths aim changes no mean, and what they
-    find there has its slopes and its cut.
+    find there has its slopes and its cuts.
 
     Args:
         params: raw parameters as flat arrays; constants here.

@@ -3,8 +3,8 @@
 A kernel is 2^(lo - Q) with Q = |M x|², x the offset where that is least on the ray. Since it is least, x may be taken
 as constant: ∂Q/∂M = 2 (M x) xᵀ and ∂Q/∂μ = -2 Mᵀ M x. Of the pseudo-Gaussian the same holds with F⁻¹ M, at its own x.
 
-A colour that varies, and a cut, need more, as the point itself moves (``own_axes.py``). A cut multiplies both kernels
-by g, so that the adjoint of ln g is the sum of those of their logarithms.
+A colour that varies, and cuts, need more, as the point itself moves (``own_axes.py``). A cut multiplies both kernels
+by g, so that the adjoint of ln g is the sum of those of their logarithms; a second one has the same.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from typing import Any
 import drjit as dr
 
 from ..engine.arrays import array_types, detached
+from ..engine.cuts import ROW as NORMAL
+from ..engine.cuts import by_plane
 from .blend import along_slopes, slopes_of
 from .kernels import MAX_ALPHA, Kernel, Meeting
 from .own_axes import moved, pulled
@@ -36,7 +38,7 @@ class Adjoints:
         self.pseudo = None if tree.pseudo is None else dr.zeros(Float, dr.width(tree.pseudo) // 8 * PSEUDO_ROW)
         self.sh = dr.zeros(Float, dr.width(tree.sh))
         self.slopes = None if tree.slopes is None else dr.zeros(Float, dr.width(tree.slopes))
-        self.cuts = None if tree.cuts is None else dr.zeros(Float, dr.width(tree.cuts))
+        self.normals = [dr.zeros(Float, dr.width(plane.rows)) for plane in tree.planes]
 
     def add_alpha(self, met: Meeting, δα: Any, active: Any) -> None:
         """Of the kernels of what is met."""
@@ -54,20 +56,22 @@ class Adjoints:
             M = [m + p * x for m, (p, x) in zip(M, ((p, x) for p in more for x in met.pseudo.offset), strict=True)]
             pull = [a + b for a, b in zip(pull, more, strict=True)]
             dr.scatter_add(self.pseudo, types.Quad(*inverse, δpseudo), met.dog_row, is_dog, mode=dr.ReduceMode.Local)
-        if met.cut is not None:
-            of_cut, more = self._add_cut(met, δlog, active)
-            M = [a + b for a, b in zip(M, of_cut, strict=True)]
+        if met.cuts:
+            of_cuts, more = self._add_cuts(met, δlog, active)
+            M = [a + b for a, b in zip(M, of_cuts, strict=True)]
             pull = [a + b for a, b in zip(pull, more, strict=True)]
         self._add_to_kernel(met, M, pull, lo, active)
 
-    def _add_cut(self, met: Meeting, δlog: Any, active: Any) -> tuple[list, list]:
-        """Of the normal; returns what the point of the ray adds (``pulled``). ``δlog``: adjoint of ln g."""
-        assert met.cut and met.point
-        types, cut = array_types(), met.cut
-        δ = δlog * cut.falls
-        row = types.Quad(*(δ * w for w in met.point.w), types.Float(0))
-        dr.scatter_add(self.cuts, row, met.splat, active & cut.here, mode=dr.ReduceMode.Local)
-        return pulled(met.point, met.primary.offset, [δ * n for n in cut.normal])
+    def _add_cuts(self, met: Meeting, δlog: Any, active: Any) -> tuple[list, list]:
+        """Of the normals; returns what the point of the ray adds (``pulled``). ``δlog``: adjoint of ln g, of each."""
+        assert met.point
+        types, δw = array_types(), [0, 0, 0]
+        for normals, cut in zip(self.normals, met.cuts, strict=True):
+            δ = δlog * cut.falls
+            row = types.Quad(*(δ * w for w in met.point.w), types.Float(0))
+            dr.scatter_add(normals, row, met.splat, active & cut.here, mode=dr.ReduceMode.Local)
+            δw = [a + δ * n for a, n in zip(δw, cut.normal, strict=True)]
+        return pulled(met.point, met.primary.offset, δw)
 
     def _add_to_kernel(self, met: Meeting, M: list, pull: list, lo: Any, active: Any) -> None:
         """``pull``: adjoint of M x, x the offset from μ."""
@@ -103,7 +107,7 @@ class Adjoints:
     def of_columns(self) -> tuple[list, Any, dict[str, list]]:
         """(of ``Primitives.kernel``, of ``sh``, of each of ``SPARSE``)"""
         types, tree = array_types(), self.tree
-        dr.eval(self.rows, self.pseudo, self.slopes, self.cuts, self.sh)
+        dr.eval(self.rows, self.pseudo, self.slopes, self.normals, self.sh)
         n, splat = dr.width(tree.sh) // tree.sh_row, tree.splat_from_leaf
         leaf = dr.arange(types.UInt, tree.n_leaves)
         kernel = []
@@ -115,7 +119,8 @@ class Adjoints:
         sparse = {
             "pseudo": _columns(self.pseudo, PSEUDO_ROW, 4),
             "slopes": _columns(self.slopes, SLOPE_ROW, 9),
-            "cuts": _columns(self.cuts, CUT_ROW, 3, tree.cut_index),
+            "normals": [column for normals, plane in zip(self.normals, tree.planes, strict=True)
+                        for column in _columns(normals, CUT_ROW, NORMAL, plane.index)],
         }
         return kernel, self.sh, sparse
 
@@ -132,11 +137,11 @@ class Tangents:
         self.pseudo = table([_wide(c, m) for c in sparse["pseudo"]], PSEUDO_ROW) if m else None
         s = dr.width(tree.slopes) // SLOPE_ROW if tree.slopes is not None else 0
         self.slopes = table([_wide(c, s) for c in sparse["slopes"]], SLOPE_ROW) if s else None
-        self.cuts = None
-        if tree.cuts is not None:
-            columns = [_wide(c, dr.width(tree.cut_index)) for c in sparse["cuts"]]
-            self.cuts = rows_of([*columns, types.Float(0)], tree.cut_index, n)
-        dr.eval(self.rows, self.pseudo, self.slopes, self.cuts, self.sh)
+        self.normals = []
+        for plane, normal in zip(tree.planes, by_plane(sparse["normals"], NORMAL), strict=True):
+            columns = [_wide(c, dr.width(plane.index)) for c in normal]
+            self.normals.append(rows_of([*columns, types.Float(0)], plane.index, n))
+        dr.eval(self.rows, self.pseudo, self.slopes, self.normals, self.sh)
 
     def of_alpha(self, met: Meeting, active: Any) -> Any:
         M, mean, lo = self._of_kernel(met, active)
@@ -145,22 +150,25 @@ class Tangents:
             return [dot(δ, kernel.offset) - dot(m, mean) for δ, m in zip(M, met.M, strict=True)]
 
         δQ = 2 * dot(met.primary.inside, of_inside(met.primary))
-        δcut = self._of_cut(met, M, of_inside(met.primary), active) if met.cut else 0
-        δα = _unlimited(met.primary, LN2 * (lo - δQ) + δcut, active)
+        δcuts = self._of_cuts(met, M, of_inside(met.primary), active)
+        δα = _unlimited(met.primary, LN2 * (lo - δQ) + δcuts, active)
         if met.pseudo is None:
             return δα
         is_dog = active & met.is_dog
         *inverse, lo = read_row(self.pseudo, met.dog_row, PSEUDO_ROW, 4, is_dog)
         y, f = met.pseudo.inside, met.inverse_factors
         δy = [a * b + δ * c / a for a, b, δ, c in zip(f, of_inside(met.pseudo), inverse, y, strict=True)]
-        return δα - _unlimited(met.pseudo, LN2 * (lo - 2 * dot(y, δy)) + δcut, is_dog)
+        return δα - _unlimited(met.pseudo, LN2 * (lo - 2 * dot(y, δy)) + δcuts, is_dog)
 
-    def _of_cut(self, met: Meeting, M: list, inside: list, active: Any) -> Any:
-        """Of ln g. ``M``, ``inside``: tangents of M, and of M x of the primary where x stays."""
-        assert met.cut and met.point
-        cut, here = met.cut, active & met.cut.here
-        δnormal = read_row(self.cuts, met.splat, CUT_ROW, 3, here)
-        return cut.falls * (dot(δnormal, met.point.w) + dot(cut.normal, moved(met.point, inside, M, here)))
+    def _of_cuts(self, met: Meeting, M: list, inside: list, active: Any) -> Any:
+        """Of the sum of ln g. ``M``, ``inside``: tangents of M, and of M x of the primary where x stays."""
+        δlog = 0
+        for normals, cut in zip(self.normals, met.cuts, strict=True):
+            assert met.point
+            here = active & cut.here
+            δnormal = read_row(normals, met.splat, CUT_ROW, NORMAL, here)
+            δlog += cut.falls * (dot(δnormal, met.point.w) + dot(cut.normal, moved(met.point, inside, M, here)))
+        return δlog
 
     def of_slopes(self, met: Meeting, active: Any) -> list:
         """Of what the colour has beyond that of its centre, three channels."""

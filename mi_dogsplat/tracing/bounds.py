@@ -1,8 +1,8 @@
 """Where a primitive can be met: its cutoff ellipsoid and the box around that.
 
 Beyond its *cutoff ellipsoid* the kernels of a primitive are below the cutoff. It has the axes of the primitive, and of
-a DoG primitive it is the smallest such one that holds the ellipsoids of both kernels. On the side that it keeps a cut
-makes kernels larger, by the factor 1 + e^-4 at most: the ellipsoids are those of kernels that are so all over.
+a DoG primitive it is the smallest such one that holds the ellipsoids of both kernels. On the side that it keeps each
+cut makes kernels larger, by the factor 1 + e^-4 at most: the ellipsoids are those of kernels that are so all over.
 """
 
 from __future__ import annotations
@@ -34,9 +34,11 @@ def bounds_of(primitives: Primitives, log2_range: float) -> Bounds:
     """log2_range: -log2 of the smallest kernel value that is looked at."""
     types = array_types()
     columns, lo = [detached(c) for c in primitives.to_kernel], detached(primitives.lo)
-    more: Any = None
-    if primitives.cut_row is not None:
-        more = dr.select(detached(primitives.cut_row) != NO_ROW, types.Float(LOG2_LARGEST), 0)
+    more: Any = None  # by which cuts raise lo
+    for plane in primitives.planes:
+        raised = dr.select(detached(plane.row) != NO_ROW, types.Float(LOG2_LARGEST), 0)
+        more = raised if more is None else more + raised
+    if more is not None:
         lo = lo + more
     reach = [lo + log2_range] * 3  # squared radii in kernel space, by axis
     drawn = detached(primitives.usable) & (reach[0] > 0)

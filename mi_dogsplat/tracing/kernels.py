@@ -8,7 +8,7 @@ A primitive has one place on a ray: the point nearest to its centre, measured by
 Of a Gaussian this is where the kernel is largest, and so it is of both kernels of a DoG primitive where F is the same
 along all axes; else it lies between the two. What a ray meets it meets in that ellipsoid, so in the primitive's box.
 
-What varies over a primitive, its colour and what a cut leaves of its kernels, has one value on a ray: that at the point
+What varies over a primitive, its colour and what cuts leave of its kernels, has one value on a ray: that at the point
 where the primary kernel is largest, which for splatting is the mean of the Gaussian along the ray (``own_axes.py``).
 """
 
@@ -34,7 +34,7 @@ MAX_ALPHA = float(np.float32(0.99))
 class Kernel:
     """One of the kernels of a primitive, on a ray."""
 
-    value: Any  # with what a cut leaves of it, not yet limited to ``MAX_ALPHA``
+    value: Any  # what cuts leave of it, not yet limited to ``MAX_ALPHA``
     offset: list  # from the centre to where it is largest, world space
     inside: list  # the same in the kernel's space
 
@@ -55,7 +55,7 @@ class Meeting:
     pseudo: Kernel | None
     point: OwnPoint | None  # None in a model without slopes and cuts
     varying: Varying | None  # None in a model without slopes
-    cut: Cut | None  # None in a model without cuts
+    cuts: list[Cut]  # one of each plane that the model has
 
 
 @dataclass
@@ -78,10 +78,8 @@ def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Mee
     near = -dot(away, ray.d) * ray.inverse_square
     away = [dr.fma(near, d, a) for a, d in zip(away, ray.d, strict=True)]  # from the centre, no longer than it must be
     o, d = [dot(row, away) for row in M], [dot(row, ray.d) for row in M]
-    primary, t = _kernel(o, d, lo, away, ray.d)
-    point, varying, cut = read_own_axes(tree, values[15], splat, o, d, ray.d, active)
-    if cut:
-        primary.value = primary.value * cut.kept
+    point, varying, cuts = read_own_axes(tree, values[15], splat, o, d, ray.d, active)
+    primary, t = _kernel(o, d, lo, away, ray.d, cuts)
     alpha = dr.minimum(primary.value, MAX_ALPHA)
     is_dog, inverse, pseudo = None, [], None
     if tree.pseudo is not None:
@@ -89,22 +87,22 @@ def meet(tree: Tree, node: Any, ray: Line, cutoffs: Cutoffs, active: Any) -> Mee
         more = read_row(tree.pseudo, dog_row, PSEUDO_ROW, PSEUDO_ROW, is_dog)
         inverse, weights, pseudo_lo = [dr.select(is_dog, f, 1) for f in more[0:3]], more[3:6], more[6]
         o_p, d_p = ([f * x for f, x in zip(inverse, vector, strict=True)] for vector in (o, d))
-        pseudo, _ = _kernel(o_p, d_p, pseudo_lo, away, ray.d)
-        if cut:
-            pseudo.value = pseudo.value * cut.kept
+        pseudo, _ = _kernel(o_p, d_p, pseudo_lo, away, ray.d, cuts)
         weighed = [w * x for w, x in zip(weights, d, strict=True)]
         t = dr.select(is_dog, -dot(weighed, o) / dot(weighed, d), t)
         alpha = dr.select(is_dog, alpha - dr.minimum(pseudo.value, MAX_ALPHA), alpha)
     alpha = dr.select(abs(alpha) >= cutoffs.alpha, alpha, 0)
-    return Meeting(node, splat, t + near, alpha, M, primary, is_dog, dog_row, inverse, pseudo, point, varying, cut)
+    return Meeting(node, splat, t + near, alpha, M, primary, is_dog, dog_row, inverse, pseudo, point, varying, cuts)
 
 
-def _kernel(o: list, d: list, lo: Any, away: list, world_d: list) -> tuple[Kernel, Any]:
+def _kernel(o: list, d: list, lo: Any, away: list, world_d: list, cuts: list[Cut]) -> tuple[Kernel, Any]:
     """(a kernel at its largest value on the ray, where that is)"""
     inverse = dr.rcp(dot(d, d))
     t = -dot(o, d) * inverse
     x, y, z = moment = cross(o, d)
     value = dr.exp2(lo - dr.fma(x, x, dr.fma(y, y, z * z)) * inverse)
+    for cut in cuts:
+        value = value * cut.kept
     offset = [dr.fma(t, b, a) for a, b in zip(away, world_d, strict=True)]
     inside = [c * inverse for c in cross(d, moment)]  # o + t d has no digits along the normal of a disk
     return Kernel(value, offset, inside), t

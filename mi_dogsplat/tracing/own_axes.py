@@ -1,7 +1,7 @@
 """Where a ray sees a primitive, along the primitive's own axes, and what depends on that: slopes and cuts.
 
 It is the point where the primary kernel is largest on the ray, y = M x with x its offset from μ. The colour of a
-primitive that varies over it, and what a cut leaves of its kernels, are those at this point: one colour and one share
+primitive that varies over it, and what cuts leave of its kernels, are those at this point: one colour and one share
 for each ray, of the pseudo-Gaussian too.
 
 Where parameters change, the point moves along with them: y of the primary changes by
@@ -48,16 +48,16 @@ class Varying:
 class Cut:
     """What a plane leaves of the kernels of a primitive (docs/cuts.md)."""
 
-    normal: list  # n; 0 of a primitive that is whole
-    here: Any  # Bool, whether it has a cut
+    normal: list  # n; 0 of a primitive that the plane leaves whole
+    here: Any  # Bool, whether it does not
     kept: Any  # g
     falls: Any  # ∂ ln g / ∂(n·w)
 
 
 def read_own_axes(
     tree: Tree, slope_bits: Any, splat: Any, o: list, d: list, world_d: list, active: Any
-) -> tuple[OwnPoint | None, Varying | None, Cut | None]:
-    """Of a primitive on its ray; None in a model that has no use for it.
+) -> tuple[OwnPoint | None, Varying | None, list[Cut]]:
+    """Of a primitive on its ray; None in a model that has no use for it, and a cut for each of the model's planes.
 
     Args:
         slope_bits: row of its slopes, as its leaf has it.
@@ -65,18 +65,20 @@ def read_own_axes(
         world_d: direction of the ray.
     """
     types, here = array_types(), None
-    varying, cut = None, None
+    varying, normals = None, []
     if tree.slopes is not None:
         row = cast(Any, dr.reinterpret_array(types.UInt, slope_bits))
         here = (row != NO_ROW) & active
         varying = Varying(row, here)
-    if tree.cuts is not None:
-        *normal, there = read_row(tree.cuts, splat, CUT_ROW, CUT_ROW, active & (splat != NONE))
+    for plane in tree.planes:
+        *normal, there = read_row(plane.rows, splat, CUT_ROW, CUT_ROW, active & (splat != NONE))
         is_cut = there != 0
         here = is_cut if here is None else here | is_cut
-        point = _point(o, d, world_d, here)
-        return point, varying, _cut(normal, is_cut, point.w)
-    return None if here is None else _point(o, d, world_d, here), varying, cut
+        normals.append((normal, is_cut))
+    if here is None:
+        return None, None, []
+    point = _point(o, d, world_d, here)
+    return point, varying, [_cut(normal, is_cut, point.w) for normal, is_cut in normals]
 
 
 def _point(o: list, d: list, world_d: list, here: Any) -> OwnPoint:

@@ -7,7 +7,7 @@ Notation (3DGRT, Moenne-Loccoz et al. 2024; method paper, Sec. 3)
     F, f_a      of a DoG primitive: its pseudo-Gaussian has F⁻¹ M for M, and lo_p = lo + log2 f_a
     w           S⁻¹ Rᵀ (x - μ), a point in standard deviations along the axes; where a colour varies it is
                 c + Σ_a w_a slope_a
-    n           of a primitive that is cut off: its kernels are multiplied by g(n·w) (docs/cuts.md)
+    n           of a plane that cuts a primitive off: its kernels are multiplied by g(n·w) (docs/cuts.md)
 """
 
 from __future__ import annotations
@@ -17,20 +17,29 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
+from ..engine.cuts import ROW as NORMAL
 from ..engine.project import LOG2_E, NO_ROW, all_finite, rotation_matrix, rows, softplus
 from ..engine.sh import read_rows
 from ..engine.sh_groups import ROW_COEFFICIENTS, has_groups
-from ..scene.row_groups import SH
+from ..scene.row_groups import PLANES, SH
 
 PER_DEVIATION = (0.5 * LOG2_E) ** 0.5  # |M (x - μ)| of a point that is one standard deviation away
 MAX_LOG_SCALE = 27.0  # scales are kept within e^±27, so that squares of what is divided by them are floats
-SPARSE = "pseudo", "slopes", "cuts"  # columns of ``Primitives`` that have a row for some of them only
+SPARSE = "pseudo", "slopes", "normals"  # columns of ``Primitives`` that have a row for some of them only
+
+
+@dataclass
+class PlaneRows:
+    """Which primitives a plane cuts off, and where its normals are."""
+
+    row: mi.UInt32  # [N] row of the normals or NO_ROW
+    index: mi.UInt32  # [C] its inverse
 
 
 @dataclass
 class Primitives:
     """Columns of N primitives; of their pseudo-Gaussians, where there are any, a row per DoG primitive; of slopes a row
-    per primitive whose colour varies over it; of cuts a row per primitive that is cut off."""
+    per primitive whose colour varies over it; of the normals of a plane a row per primitive that it cuts off."""
 
     to_kernel: list  # M, nine columns, row-major
     mean: list  # three
@@ -42,9 +51,8 @@ class Primitives:
     dog_index: mi.UInt32 | None  # [M] its inverse
     slopes: list  # nine columns of [S], axis by axis, three channels each; empty without
     slope_row: mi.UInt32 | None  # [N] row of the slopes or NO_ROW
-    cuts: list  # n, three columns of [C]; empty without
-    cut_row: mi.UInt32 | None  # [N] row of the cut or NO_ROW
-    cut_index: mi.UInt32 | None  # [C] its inverse
+    normals: list  # n of each plane, three columns of [C] each; empty without cuts
+    planes: list[PlaneRows]
 
     @property
     def kernel(self) -> list:
@@ -53,7 +61,7 @@ class Primitives:
 
     def with_tangents(self) -> Primitives:
         """The same in forward mode: columns with the tangents that reach them now, from which no edge leads back."""
-        columns = [*self.kernel, self.sh, *self.pseudo, *self.slopes, *self.cuts]
+        columns = [*self.kernel, self.sh, *self.pseudo, *self.slopes, *self.normals]
         dr.forward_to(columns, flags=dr.ADFlag.ClearNone)  # some columns are on the way to others
         leaves = [mi.Float(dr.detach(column)) for column in columns]
         dr.enable_grad(leaves)
@@ -85,12 +93,14 @@ def primitives_of(params: dict, sh_degree: int) -> Primitives:
         slope_row = params["slope_row"]
         slopes = rows(params["color_slopes"], 9, dr.arange(mi.UInt32, dr.width(params["slope_index"])))
         usable &= _of_row(all_finite(slopes), slope_row)
-    cuts, cut_row, cut_index = [], None, None
-    if "cut_index" in params:
-        cut_row, cut_index = params["cut_row"], params["cut_index"]
-        cuts = rows(params["cut_normals"], 3, dr.arange(mi.UInt32, dr.width(cut_index)))
-        usable &= _of_row(all_finite(cuts), cut_row)
-    some = slopes, slope_row, cuts, cut_row, cut_index
+    normals, planes = [], []
+    for group in (group for group in PLANES if group.index in params):
+        (name,), plane = group.names, PlaneRows(params[group.row], params[group.index])
+        columns = rows(params[name], NORMAL, dr.arange(mi.UInt32, dr.width(plane.index)))
+        usable &= _of_row(all_finite(columns), plane.row)
+        normals += columns
+        planes.append(plane)
+    some = slopes, slope_row, normals, planes
     if "dog_index" not in params:
         return Primitives(to_kernel, mean, lo, sh, usable, [], None, None, *some)
 

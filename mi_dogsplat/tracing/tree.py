@@ -15,6 +15,8 @@ from typing import Any, cast
 import drjit as dr
 
 from ..engine.arrays import array_types, constant, detached
+from ..engine.cuts import ROW as NORMAL
+from ..engine.cuts import by_plane
 from ..engine.project import NO_ROW
 from .bounds import bounds_of
 from .primitives import Primitives
@@ -22,10 +24,18 @@ from .primitives import Primitives
 ROW = 16  # floats: of an inner node its children's boxes; of a leaf M, μ, lo, and as bits DoG row, primitive, slope row
 PSEUDO_ROW = 8  # floats: F⁻¹, weights of the common ellipsoid, lo_p; one is free
 SLOPE_ROW = 12  # floats: slopes, axis by axis; three are free
-CUT_ROW = 4  # floats: normal of the cut, and 1 where there is one
+CUT_ROW = 4  # floats, of each plane: normal of the cut, and 1 where there is one
 NONE = 0xFFFFFFFF  # primitive of an empty leaf
 FAR = 1e30  # where the boxes of empty nodes are, points that no ray passes
 OUT_OF_SIGHT = -1e30  # lo of empty leaves
+
+
+@dataclass
+class PlaneTable:
+    """The normals of a plane."""
+
+    rows: Any  # Float [N, CUT_ROW]
+    index: Any  # UInt [C], the primitives that it cuts off
 
 
 @dataclass
@@ -37,8 +47,7 @@ class Tree:
     splat_from_leaf: Any  # UInt [n_leaves], NONE where it is empty
     pseudo: Any  # Float [M, PSEUDO_ROW], or None without DoG
     slopes: Any  # Float [S, SLOPE_ROW], or None without slopes
-    cuts: Any  # Float [N, CUT_ROW], or None without cuts
-    cut_index: Any  # UInt [C], or None without cuts
+    planes: list[PlaneTable]
     sh: Any  # Float [N, K, 3]
     sh_row: int  # 3 K
     middle: list  # of the root's box
@@ -87,17 +96,17 @@ def build(primitives: Primitives, log2_range: float) -> Tree | None:
         row = dr.arange(types.UInt, dr.width(lo))
         dr.scatter(pseudo, types.Floats([*inverse, *bounds.weights, lo, dr.zeros(types.Float)]), row)
     slopes = table([detached(c) for c in primitives.slopes], SLOPE_ROW) if primitives.slopes else None
-    cuts = None
-    if primitives.cuts:
-        row = detached(primitives.cut_index)
-        one = dr.full(types.Float, 1, dr.width(row))
-        cuts = rows_of([*(detached(c) for c in primitives.cuts), one], row, dr.width(primitives.lo))
+    planes = []
+    for plane, normal in zip(primitives.planes, by_plane(primitives.normals, NORMAL), strict=True):
+        index = detached(plane.index)
+        one = dr.full(types.Float, 1, dr.width(index))
+        normals = rows_of([*(detached(c) for c in normal), one], index, dr.width(primitives.lo))
+        planes.append(PlaneTable(normals, index))
     sh = detached(primitives.sh)
     dr.make_opaque(middle, size)
-    dr.eval(nodes, pseudo, slopes, cuts, sh)
+    dr.eval(nodes, pseudo, slopes, [plane.rows for plane in planes], sh)
     sh_row = dr.width(sh) // dr.width(primitives.lo)
-    cut_index = detached(primitives.cut_index) if primitives.cuts else None
-    return Tree(nodes, leaves, splat_from_leaf, pseudo, slopes, cuts, cut_index, sh, sh_row, middle, size)
+    return Tree(nodes, leaves, splat_from_leaf, pseudo, slopes, planes, sh, sh_row, middle, size)
 
 
 def table(columns: list, stride: int) -> Any:

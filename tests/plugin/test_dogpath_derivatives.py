@@ -26,12 +26,16 @@ SPLATS = make_splats([[0.3, 0, -1.0], [-0.4, 0.2, -1.5], [1.5, 0, 2.2], [0, 0, 2
 ADJOINT = np.random.default_rng(0).normal(size=(5, 6, 3))
 SPLATS.slope_index, SPLATS.color_slopes = np.array([0, 1, 2, 3]), np.random.default_rng(2).normal(0, 0.05, (4, 3, 3))
 SPLATS.cut_index, SPLATS.cut_normals = np.array([0, 2, 3]), np.random.default_rng(3).normal(0, 3, (3, 3))
+SPLATS.second_cut_index = np.array([1, 2])
+# with these no ray sees a mean colour near where ``emitted`` clips it, which is no place for differences
+SPLATS.second_cut_normals = np.random.default_rng(7).normal(0, 3, (2, 3))
 NAMES = {
     "sh_coeffs": 1e-2,
     "logit_opacities": 1e-2,
     "dog_logit_opacities": 1e-2,
     "color_slopes": 1e-3,
     "cut_normals": 1e-2,
+    "second_cut_normals": 1e-2,
 }
 
 

@@ -1,5 +1,6 @@
 """What integrators make of primitives with numbers along their own axes: pictures, derivatives and masks."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,8 +16,30 @@ from mi_dogsplat.engine.parameters import RAW, RAW_DOG, upload
 from mi_dogsplat.engine.project import DeviceCamera
 from mi_dogsplat.plugin import splat_integrator
 from mi_dogsplat.plugin.camera_masks import SplatMasks
-from own_axes_models import ADJOINT, CAMERA, CUT, EACH_KIND, SLOPED, Kind, picture, traversed
+from own_axes_models import (
+    ADJOINT,
+    CAMERA,
+    EACH_KIND,
+    EACH_PLANE,
+    KINDS,
+    SLOPED,
+    Kind,
+    picture,
+    traversed,
+)
 from splat_scenes import assert_gradients_equal, image_of, options, rasterized, scene_of, to_linear
+
+EACH_KIND_AND_ALL = pytest.mark.parametrize(
+    "kinds", [*((kind,) for kind in KINDS), KINDS], ids=[*(kind.word for kind in KINDS), "all on one primitive"]
+)
+
+
+def having(kinds: Sequence[Kind], n=12, seed=1) -> Splats:
+    """A random model of which each second primitive has all of these."""
+    splats = kinds[0].random(n, seed)
+    for kind in kinds[1:]:
+        splats = kind.having(splats)
+    return splats
 
 
 @EACH_KIND
@@ -32,12 +55,13 @@ def test_dogpath_shows_them_to_the_camera_as_dogsplat_does(kind: Kind):
     np.testing.assert_array_equal(picture(kind.model, type="dogpath"), picture(kind.model))
 
 
-@EACH_KIND
-def test_gradients_through_the_film_equal_differences(monkeypatch, kind: Kind):
+@EACH_KIND_AND_ALL
+def test_gradients_through_the_film_equal_differences(monkeypatch, kinds: Sequence[Kind]):
     """Without cutoffs: no alpha appears at once where a parameter moves."""
     monkeypatch.setattr(splat_integrator, "RasterOptions", partial(RasterOptions, cutoffs=SMOOTH))
-    names = {kind.name: 1e-2, "sh_coeffs": 1e-2, "means": 1e-3, "log_scales": 1e-3, "quats": 1e-3}
-    model = kind.model
+    of_kinds = {kind.name: 1e-2 for kind in kinds}
+    names = {**of_kinds, "sh_coeffs": 1e-2, "means": 1e-3, "log_scales": 1e-3, "quats": 1e-3}
+    model = having(kinds)
     gradients = film_gradients(scene_of(model, CAMERA), names, ADJOINT)
     rng = np.random.default_rng(1)
     along = {name: rng.choice([-1.0, 1.0], gradient.shape) for name, gradient in gradients.items()}
@@ -63,10 +87,10 @@ def test_gradients_through_the_film_equal_differences(monkeypatch, kind: Kind):
     assert (change * ADJOINT).sum() == pytest.approx(expected, rel=2e-3)
 
 
-@EACH_KIND
-def test_gradients_with_cutoffs_equal_differences_in_float64(kind: Kind):
-    splats, adjoint = kind.random(10, seed=4), ADJOINT.astype(np.float32)
-    got = film_gradients(scene_of(splats, CAMERA), (*RAW, *RAW_DOG, kind.name), ADJOINT)
+@EACH_KIND_AND_ALL
+def test_gradients_with_cutoffs_equal_differences_in_float64(kinds: Sequence[Kind]):
+    splats, adjoint = having(kinds, 10, seed=4), ADJOINT.astype(np.float32)
+    got = film_gradients(scene_of(splats, CAMERA), (*RAW, *RAW_DOG, *(kind.name for kind in kinds)), ADJOINT)
     image, step = reference.render(splats, CAMERA)[0], 1e-6
     curve = (to_linear(image + step) - to_linear(image - step)) / (2 * step)
     assert_gradients_equal(got, reference.loss_gradients(splats, CAMERA, adjoint * curve, smooth=False, eps=1e-7))
@@ -100,11 +124,12 @@ def test_holdouts_are_black_and_cover_as_much_as_without_slopes(linear):
     np.testing.assert_array_equal(masks.hole(shown, camera, seen, None), masks.hole(without, camera, seen, None))
 
 
-def test_holdouts_that_are_cut_off_cover_what_is_left_of_them():
-    model, camera = CUT.model, DeviceCamera.upload(CAMERA)
+@EACH_PLANE
+def test_holdouts_that_are_cut_off_cover_what_is_left_of_them(kind: Kind):
+    model, camera = kind.model, DeviceCamera.upload(CAMERA)
     everything = mi.Bool(np.ones(12, bool))
     masks = SplatMasks(mi.Bool(np.zeros(12, bool)), everything, True)
     hole, of_whole = (masks.hole(masks.shown(upload(splats), True), camera, options(splats), None).numpy()
-                      for splats in (model, CUT.without(model)))
+                      for splats in (model, kind.without(model)))
     np.testing.assert_allclose(hole, 1 - rasterized(model, CAMERA).T.numpy(), atol=1e-5)
     assert np.abs(hole - of_whole).max() > 0.05

@@ -11,8 +11,20 @@ from mi_dogsplat import Splats, to_ellipsoids, write_ply
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, ROWS, upload
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.scene.whole import whole
-from own_axes_models import ADJOINT, CAMERA, CUT, EACH_KIND, Kind, picture, traversed
-from splat_scenes import axis_rotation, dog_dict, scalar_transform, scene_of
+from own_axes_models import (
+    ADJOINT,
+    CAMERA,
+    CUT,
+    EACH_KIND,
+    EACH_PLANE,
+    PLANE_KINDS,
+    SECOND_CUT,
+    SLOPED,
+    Kind,
+    picture,
+    traversed,
+)
+from splat_scenes import axis_rotation, dog_dict, random_splats, scalar_transform, scene_of
 
 
 @EACH_KIND
@@ -119,18 +131,28 @@ def test_a_moved_shape_takes_them_along(kind: Kind, mirror):
 @EACH_KIND
 def test_ellipsoids_are_without_them_and_that_is_said(capfd, kind: Kind):
     model = kind.model.plain()
-    instead = whole(model) if kind is CUT else kind.without(model)
+    instead = kind.without(model) if kind is SLOPED else whole(model)
     got, expected = to_ellipsoids(model), to_ellipsoids(instead)
-    assert f"left out the {kind.word} of {len(kind.index(model))} primitives" in "".join(capfd.readouterr())
+    word = "cuts" if kind in PLANE_KINDS else kind.word
+    assert f"left out the {word} of {len(kind.index(model))} primitives" in "".join(capfd.readouterr())
     for name in ("centers", "scales", "opacities", "sh_coeffs"):
         np.testing.assert_array_equal(got[name].numpy(), expected[name].numpy())
 
 
-def test_cut_primitives_with_values_that_are_not_finite_are_no_ellipsoids():
-    broken = replace(CUT.model, log_scales=CUT.model.log_scales.copy(), cut_normals=CUT.model.cut_normals.copy())
-    broken.cut_normals[0, 1] = np.nan
-    broken.log_scales[broken.cut_index[1], 2] = np.inf
-    rest = CUT.model.select(np.delete(np.arange(12), broken.cut_index[:2]))
+def test_ellipsoids_say_once_of_a_primitive_that_both_planes_cut_it_off(capfd):
+    model = SECOND_CUT.having(CUT.having(random_splats(12), every=2), every=3)
+    assert (model.n_cuts, model.n_second_cuts) == (6, 4)
+    to_ellipsoids(model)
+    assert "the cuts of 8 primitives" in "".join(capfd.readouterr())
+
+
+@EACH_PLANE
+def test_cut_primitives_with_values_that_are_not_finite_are_no_ellipsoids(kind: Kind):
+    model, index = kind.model, kind.index(kind.model)
+    broken = replace(model, **{"log_scales": model.log_scales.copy(), kind.name: kind.values(model).copy()})
+    kind.values(broken)[0, 1] = np.nan
+    broken.log_scales[index[1], 2] = np.inf
+    rest = model.select(np.delete(np.arange(12), index[:2]))
     for name, values in to_ellipsoids(rest).items():
         if name in ("centers", "scales"):
             np.testing.assert_array_equal(to_ellipsoids(broken)[name].numpy(), values.numpy())

@@ -1,5 +1,8 @@
 """What holds on rays for slopes and for cuts: beside models without them, and where they are not finite."""
 
+from dataclasses import replace
+
+import drjit as dr
 import numpy as np
 import pytest
 from mi_dogsplat.engine.parameters import RAW, RAW_DOG, concatenate, upload
@@ -7,9 +10,9 @@ from mi_dogsplat.reference import rays as twin
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.tracing.options import TraceOptions
 from mi_dogsplat.tracing.tracer import SplatTracer
-from own_axes_models import EACH_KIND, Kind, for_each_kind
+from own_axes_models import EACH_KIND, KINDS, Kind, for_each_kind
 from ray_sets import decided, gathered, random_rays, tracer_of
-from splat_scenes import rounded
+from splat_scenes import attached, kernels, random_splats, rounded
 
 
 @EACH_KIND
@@ -38,3 +41,27 @@ def test_a_primitive_whose_values_are_not_finite_is_not_drawn(kind: Kind, place,
     rays = random_rays(100, seed=8)
     for a, b in zip(gathered(tracer_of(broken), rays), gathered(tracer_of(rest), rays), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-6)
+
+
+@EACH_KIND
+def test_a_model_without_them_has_the_kernels_of_one_that_never_had_any(kind: Kind):
+    """Beside those of the other kinds that it has."""
+    never = rounded(random_splats(40, seed=9, degree=1))
+    for other in KINDS[: KINDS.index(kind)]:
+        never = other.having(never)
+    rays = random_rays(100, seed=10)
+
+    def hashes(splats: Splats) -> set[str]:
+        def run() -> None:
+            params = attached(splats)
+            colors, T = SplatTracer(params, TraceOptions(1)).gather(rays.ray)
+            dr.backward(dr.sum(sum(colors) + T))
+            dr.eval([dr.grad(params[name]) for name in (*RAW, *RAW_DOG)])
+
+        run()
+        return kernels(run)
+
+    having = kind.having(never)
+    emptied = {kind.group.index: kind.index(having)[:0], kind.name: kind.values(having)[:0]}
+    assert hashes(replace(having, **emptied)) == hashes(never)
+    assert hashes(having) != hashes(never)

@@ -10,6 +10,7 @@ from every_pair import every_pair
 from mi_dogsplat.engine.geometry import SMOOTH
 from mi_dogsplat.engine.parameters import RAW, RAW_CUTS, RAW_DOG, RAW_SLOPES
 from mi_dogsplat.reference import rays as twin
+from mi_dogsplat.reference.forward import raw_indices
 from mi_dogsplat.scene.splats import Splats
 from mi_dogsplat.tracing.options import TraceOptions
 from mi_dogsplat.tracing.rays import FEW
@@ -20,15 +21,18 @@ from splat_scenes import attached, random_splats, rounded
 STEP = 1e-5
 NAMES = RAW + RAW_DOG + RAW_SLOPES + RAW_CUTS
 COLORS = "sh_coeffs", *RAW_SLOPES
-SHARES = {"colours of one value": (0, 0), "colours that vary": (0.6, 0), "cut off": (0, 0.6),
-          "colours that vary, and cut off": (0.6, 0.6)}  # fmt: skip
-"""Of primitives with slopes and with cuts."""
+SHARES = {"colours of one value": (0, 0, 0), "colours that vary": (0.6, 0, 0), "cut off": (0, 0.6, 0),
+          "colours that vary, and cut off": (0.6, 0.6, 0), "cut off by the second plane": (0, 0, 0.6),
+          "all of it": (0.6, 0.8, 0.6)}  # fmt: skip
+"""Of primitives with slopes, and of those that each plane cuts off."""
 pytestmark = pytest.mark.usefixtures("all_cores")  # adjoints of many rays meet in one place
 
 
 def model(shares: str) -> Splats:
-    slope_share, cut_share = SHARES[shares]
-    return rounded(random_splats(9, seed=21, degree=1, slope_share=slope_share, cut_share=cut_share))
+    splats = rounded(random_splats(9, 21, 1, 0.5, *SHARES[shares]))
+    twice = np.intersect1d(splats.cut_index, splats.second_cut_index)
+    assert (len(twice) > 1 and np.isin(twice, splats.dog_index).any()) == (shares == "all of it")
+    return splats
 
 
 @pytest.fixture(scope="module", params=SHARES)
@@ -57,8 +61,7 @@ def twin_loss(splats: Any, rays: RaySet, kind: str, **options) -> float:
 def in_float64(splats: Any) -> tuple[dict[str, np.ndarray], Any]:
     """(raw parameters that there are, the model that has these arrays)"""
     raw = {name: np.array(getattr(splats, name), np.float64) for name in NAMES if getattr(splats, name).size}
-    indices = {name: getattr(splats, name) for name in ("dog_index", "slope_index", "cut_index")}
-    return raw, SimpleNamespace(**raw, **indices)
+    return raw, SimpleNamespace(**raw, **raw_indices(splats))
 
 
 def differences(splats: Any, rays: RaySet, kind: str, **options) -> dict[str, np.ndarray]:
@@ -107,7 +110,7 @@ def test_gradients_are_those_of_the_twin(shares, rays, kind, negative_transmitta
 
 
 @pytest.mark.parametrize("kind", ["transmittance", "gather"])
-@pytest.mark.parametrize("shares", ["colours of one value", "colours that vary, and cut off"])
+@pytest.mark.parametrize("shares", ["colours of one value", "colours that vary, and cut off", "all of it"])
 def test_gradients_of_thin_discs_are_those_of_the_twin(shares, rays, kind):
     splats = model(shares)
     splats.log_scales[:, 1] = np.log(1e-4)
