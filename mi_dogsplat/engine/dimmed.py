@@ -43,7 +43,7 @@ def dimmed(params: dict, factor: list, linear: bool) -> dict:
         changed[name] = params[name] * _of_coefficients(of_rows, params[SLOPES.index], 9)
     if CURVATURES.index in params:
         (name,) = CURVATURES.names
-        mean = (gain[0] + gain[1] + gain[2]) / 3
+        mean: Any = sum(gain) / 3
         row = dr.arange(mi.UInt32, dr.width(params[name])) // CURVATURE_ROW
         changed[name] = params[name] * dr.gather(mi.Float, mean, dr.gather(mi.UInt32, params[CURVATURES.index], row))
     for degree, group in SH.items():

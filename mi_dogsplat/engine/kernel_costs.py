@@ -41,7 +41,8 @@ def pair_operations(settings: Settings, dog: bool, variant: str) -> tuple[float,
 
     The difference of kernels that take two primitives per iteration and one: what is done once per pixel drops out.
     ``dog``: of a DoG primitive, with what the branch to its second kernel costs. ``settings.slopes``: of one whose
-    colour varies over it; ``settings.curvatures``: whose brightness curves; ``settings.cuts``: of one that so many planes cut off. ``variant``: the active one.
+    colour varies over it; ``settings.curvatures``: whose brightness curves; ``settings.cuts``: that so many planes cut
+    off. ``variant``: the active one.
     """
     one, two = (_compositor_operations(settings, dog, unroll) for unroll in (1, 2))
     pixels = SIZE * SIZE
@@ -65,7 +66,8 @@ def primitive_operations(
     options: RasterOptions, dog: bool, variant: str, slopes: bool = False, curvatures: bool = False, cuts: int = 0
 ) -> float:
     """Operations of the projection per primitive; with ``dog``, per DoG primitive, with ``slopes``, per one whose
-    colour varies over it, with ``curvatures``, whose brightness curves, with ``cuts``, per one that so many planes cut off. ``variant``: the active one."""
+    colour varies over it, with ``curvatures``, whose brightness curves, with ``cuts``, that so many planes cut off.
+    ``variant``: the active one."""
     splats, camera = _model(options.sh_degree, dog, slopes, curvatures, cuts)
     params = upload(splats)
 
@@ -119,7 +121,9 @@ def _view(settings: Settings, dog: bool, unroll: int) -> WalkableView:
     return view
 
 
-def _model(sh_degree: int, dog: bool, slopes: bool = False, curvatures: bool = False, cuts: int = 0) -> tuple[Splats, DeviceCamera]:
+def _model(
+    sh_degree: int, dog: bool, slopes: bool = False, curvatures: bool = False, cuts: int = 0
+) -> tuple[Splats, DeviceCamera]:
     """A model in front of a camera; what it shows matters to no kernel."""
     rng = np.random.default_rng(0)
     kinds = dog, slopes, curvatures, cuts > 0, cuts > 1

@@ -22,7 +22,7 @@ class KernelRow(namedtuple("KernelRow", "ux uy vy lo q s t")):
 
 
 KERNEL_COLUMNS = len(KernelRow._fields)
-FIRST_FEATURE = 2 + KERNEL_COLUMNS  # column of the primitives' table: x, y, kernel, features, slopes, curvatures, cuts, padding
+FIRST_FEATURE = 2 + KERNEL_COLUMNS  # column of the primitives' table: x, y, kernel, features, what varies, padding
 PSEUDO_COLUMNS = 8  # of the pseudo-Gaussians' table: kernel, padding
 DEPTH_FEATURE = 3  # the feature after the colours, in views that stop at a depth
 

@@ -10,8 +10,8 @@ rows        ROWS times: skip, of DoG f_a, and the numbers between bounds
 
 ``skip`` counts the primitives without a row since the one of the row before; 255 passes over 255 of them, and the rest
 of such a row means nothing. f_a is (byte + 1/2) / 256. Between bounds, at byte / 255, lie log F of three axes, nine
-sign(s) log(1 + 64 |s|) of the slopes s, axis by axis, six such numbers of curvatures, and three sign(n) log(1 + |n|) of the normal n of a cut: so a
-faint one keeps its share beside a strong one.
+sign(s) log(1 + 64 |s|) of the slopes s, axis by axis, six such numbers of curvatures, and three sign(n) log(1 + |n|)
+of the normal n of a cut: so a faint one keeps its share beside a strong one.
 
 They are no elements because readers count these: splat-transform refuses a compressed PLY with one more. Bytes behind
 the last element and comments it leaves alone, as PlayCanvas does. Of DoG eight bits lose 0.005 dB at most

@@ -9,8 +9,8 @@ rotation of the camera, J the Jacobian of the perspective projection at mu, and 
 0.3 I its covariance in pixels (EWA splatting). A DoG primitive is primary minus pseudo: the pseudo-Gaussian
 has the same centre, rotation and colour, the opacity f_a o and the scales F s. `alpha` is what gets
 composited and may be negative. A colour c may vary over its primitive: w = S^-1 R^T (x - mu) standard
-deviations away from the centre it is c + sum_a w_a slopes_a + w^T Q w / 2. A pixel at the offset d sees that of the mean
-w there, (J W R S)^T Sigma'^-1 d. A cut multiplies both kernels by g of the same mean w (`own_axes.py`). Symmetric
+deviations away from the centre it is c + sum_a w_a slopes_a + w^T Q w / 2. A pixel at the offset d sees that of the
+mean w there, (J W R S)^T Sigma'^-1 d. A cut multiplies both kernels by g of the same mean w (`own_axes.py`). Symmetric
 2x2 matrices are stored as rows (xx, xy, yy). The pixel in column i, row j has its centre at (i + .5, j + .5).
 """
 

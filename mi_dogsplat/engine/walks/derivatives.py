@@ -45,7 +45,8 @@ def composite_backward(view: WalkableView, blended: Planes, δ: Planes) -> tuple
         blended: what ``composite`` returned.
         δ: adjoints of it.
 
-    Returns (δ of what ``Projected`` names, of each feature, and of what varies over primitives, [N] each; δ of its last ``N_PSEUDO`` of the pseudo-Gaussians, [M] each, nothing without DoG).
+    Returns (δ of what ``Projected`` names, of each feature, and of what varies over primitives, [N] each;
+    δ of its last ``N_PSEUDO`` of the pseudo-Gaussians, [M] each, nothing without DoG).
     """
     columns, dog_index = _columns(view), view.tables.dog_index
     in_turn = lanes_add_in_turn(mi.variant())
