@@ -29,7 +29,7 @@ def dimmed(params: dict, factor: list, linear: bool) -> dict:
         linear: colours are linear, not sRGB.
     """
     n = dr.width(params["logit_opacities"])
-    gain = [dr.detach(k) + dr.zeros(mi.Float, n) for k in factor]
+    gain: list[Any] = [dr.detach(k) + dr.zeros(mi.Float, n) for k in factor]
     if not linear:
         gain = [dr.power(k, 1 / POWER) for k in gain]
     black = 0 if linear else -OFFSET  # the colour that no factor changes
@@ -43,7 +43,8 @@ def dimmed(params: dict, factor: list, linear: bool) -> dict:
         changed[name] = params[name] * _of_coefficients(of_rows, params[SLOPES.index], 9)
     if CURVATURES.index in params:
         (name,) = CURVATURES.names
-        mean: Any = sum(gain) / 3
+        red, green, blue = gain
+        mean = (red + green + blue) / 3
         row = dr.arange(mi.UInt32, dr.width(params[name])) // CURVATURE_ROW
         changed[name] = params[name] * dr.gather(mi.Float, mean, dr.gather(mi.UInt32, params[CURVATURES.index], row))
     for degree, group in SH.items():
