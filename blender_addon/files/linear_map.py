@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .model import Model, normalized
+from .model import GROUPS, Model, normalized
 from .rotation import quaternion_from_rotation, rotations
 from .sh import sh_basis
 
@@ -38,7 +38,7 @@ def mapped(model: Model, linear: NDArray) -> Model:
     pseudo = u.swapaxes(1, 2) @ columns * (factors * scales)[:, None]  # rows are the new axes
     log_factors = np.log(np.linalg.norm(pseudo, axis=2) / sizes)
     along = u.swapaxes(1, 2) @ columns * scales[:, None] / sizes[:, :, None]  # from old deviations to new ones
-    slopes, normals = (_taken_along(along, values) for values in (model.color_slopes, model.cut_normals[..., None]))
+    taken = {group.values: _taken_along(along, getattr(model, group.values)) for group in GROUPS}
     project = sh_projection(linear, model.sh_degree)
     return replace(
         model,
@@ -46,15 +46,14 @@ def mapped(model: Model, linear: NDArray) -> Model:
         quats=quaternion_from_rotation(u).astype(np.float32),
         sh_coeffs=np.einsum("ij,njc->nic", project, model.sh_coeffs.astype(np.float64)).astype(np.float32),
         dog_log_scales=np.where(model.is_dog[:, None], log_factors, model.dog_log_scales).astype(np.float32),
-        color_slopes=slopes,
-        cut_normals=normals[..., 0],
+        **taken,
     )
 
 
 def _taken_along(along: NDArray, values: NDArray) -> NDArray[np.float32]:
-    """Values [N, 3, M] per standard deviation of each axis, which an orthogonal [N, 3, 3] takes along; or [N, 0, M]."""
+    """Values [N, 3 or 0, ...] per standard deviation of each axis, which an orthogonal [N, 3, 3] takes along."""
     k = values.shape[1]
-    return (along[:, :k, :k] @ values.astype(np.float64)).astype(np.float32)
+    return np.einsum("nij,nj...->ni...", along[:, :k, :k], values.astype(np.float64)).astype(np.float32)
 
 
 def sh_projection(linear: NDArray, degree: int) -> NDArray[np.float64]:

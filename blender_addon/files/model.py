@@ -2,8 +2,8 @@
 
 Nothing here knows Blender, so it can be tested with any Python. Raw values (``log_``, ``logit_``) are what files hold;
 every other name is activated. DoG values have a row for every primitive; those of a plain Gaussian mean nothing. So
-have slopes, of colours that vary over their primitive, and cuts, of planes that cut one off, where any primitive has
-them.
+have slopes, of colours that vary over their primitive, and cuts and second cuts, of planes that cut one off, where any
+primitive has them.
 """
 
 from __future__ import annotations
@@ -37,7 +37,9 @@ class RowGroup:
 
 SLOPES = RowGroup("has_slopes", "color_slopes", (3, 3))
 CUTS = RowGroup("has_cuts", "cut_normals", (3,))
-GROUPS = (SLOPES, CUTS)
+SECOND_CUTS = RowGroup("has_second_cuts", "second_cut_normals", (3,))
+PLANES = (CUTS, SECOND_CUTS)  # each with or without the other
+GROUPS = (SLOPES, *PLANES)
 
 
 @dataclass(eq=False)
@@ -56,6 +58,8 @@ class Model:
     color_slopes: Array  # [N, 3, 3] of the colour per standard deviation: axis, channel; [N, 0, 3] where none has any
     has_cuts: NDArray[np.bool_]  # [N]
     cut_normals: Array  # [N, 3] along the axes, per standard deviation; [N, 0] where none has any
+    has_second_cuts: NDArray[np.bool_]  # [N]
+    second_cut_normals: Array  # [N, 3] or [N, 0], as of the others
 
     @property
     def n_splats(self) -> int:

@@ -1,4 +1,4 @@
-"""Models as PLY files: 3DGS columns in the element ``vertex``, and elements ``dog``, ``slopes`` and ``cuts``.
+"""Models as PLY files: 3DGS columns in ``vertex``, and the elements ``dog``, ``slopes``, ``cuts`` and ``second_cuts``.
 
 Colours of primitives that have SH degrees of their own, in the elements ``sh1`` to ``sh3``, are filled up with zeros.
 The same format as ``mi_dogsplat.scene.ply``, which documents it; this copy keeps the add-on free of other packages.
@@ -14,7 +14,7 @@ from typing import BinaryIO
 import numpy as np
 
 from .errors import FileError
-from .model import CUTS, SLOPES, Model
+from .model import CUTS, SECOND_CUTS, SLOPES, Model
 from .whole import write_whole
 
 _POSITION = ("x", "y", "z")
@@ -24,8 +24,9 @@ _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")  # w, x, y, z
 _DOG = ("dog_opacity", "dog_scale_0", "dog_scale_1", "dog_scale_2")
 _N_REST = (0, 9, 24, 45)  # by SH degree: 3 (K - 1)
+_CUT = ("cut_0", "cut_1", "cut_2")
 _GROUPS = {"slopes": (SLOPES, tuple(f"slope_{i}" for i in range(9))),  # axis by axis, three channels each
-           "cuts": (CUTS, ("cut_0", "cut_1", "cut_2"))}  # fmt: skip
+           "cuts": (CUTS, _CUT), "second_cuts": (SECOND_CUTS, _CUT)}  # fmt: skip
 _ELEMENTS = ("vertex", "dog", *_GROUPS, "sh1", "sh2", "sh3")
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import FileError
-from .model import CUTS, SLOPES, Model, logit
+from .model import GROUPS, Model, logit
 
 GZIP = b"\x1f\x8b"
 ANTIALIASED = 1  # flag
@@ -76,8 +76,7 @@ def read_spz(path: str | Path) -> tuple[Model, bool]:
         is_dog=np.zeros(n, bool),
         dog_logit_opacities=np.zeros(n, np.float32),
         dog_log_scales=np.zeros((n, 3), np.float32),
-        **SLOPES.of_none(n),
-        **CUTS.of_none(n),
+        **{name: values for group in GROUPS for name, values in group.of_none(n).items()},
     )
     return model, bool(flags & ANTIALIASED)
 

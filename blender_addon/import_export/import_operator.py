@@ -17,7 +17,7 @@ from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 from mathutils import Matrix
 
 from ..files.errors import FileError, told
-from ..files.model import Model, importance, sigmoid
+from ..files.model import GROUPS, Model, importance, sigmoid
 from ..files.read import EXTENSIONS, read_model
 from ..files.said import Said
 from ..native.bake import baked
@@ -140,11 +140,11 @@ class DOGSPLAT_OT_import(bpy.types.Operator, ImportHelper):
             _prepare_viewports(context)
         total = sum(model.n_splats for _, model, _ in models)
         dog = sum(int(model.is_dog.sum()) for _, model, _ in models)
-        slopes = sum(int(model.has_slopes.sum()) for _, model, _ in models)
-        cuts = sum(int(model.has_cuts.sum()) for _, model, _ in models)
+        slopes, cuts, second = (sum(int(getattr(model, g.has).sum()) for _, model, _ in models) for g in GROUPS)
         counts = [told("{total:,} splats imported, {dog:,} of them DoG", total=total, dog=dog)]
-        counts += [told("{slopes:,} with slopes", slopes=slopes)] if slopes else []
-        counts += [told("{cuts:,} with a cut", cuts=cuts)] if cuts else []
+        counts += [told("{n:,} with slopes", n=slopes)] if slopes else []
+        counts += [told("{n:,} with a cut", n=cuts)] if cuts else []
+        counts += [told("{n:,} with a second cut", n=second)] if second else []
         self.report({"INFO"}, ", ".join(counts))
         return {"FINISHED"}
 

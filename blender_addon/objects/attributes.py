@@ -12,7 +12,18 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ..files.model import CUTS, SLOPES, Model, RowGroup, importance, logit, normalized, positive_log, sigmoid
+from ..files.model import (
+    CUTS,
+    SECOND_CUTS,
+    SLOPES,
+    Model,
+    RowGroup,
+    importance,
+    logit,
+    normalized,
+    positive_log,
+    sigmoid,
+)
 from .columns import Geometry, get_column, put_column
 
 SCALE, ROTATION, BASE, SH = "scale", "rotation", "radiance:base", "radiance:sh_{}"
@@ -21,6 +32,7 @@ SLOPE_VECTORS = tuple(f"dog:slope_{axis}" for axis in "xyz")  # along that axis 
 OF_GROUPS = {  # where any splat has rows of the group: the attribute that is 1 for those, and their vectors
     SLOPES: ("dog:has_slopes", SLOPE_VECTORS),
     CUTS: ("dog:has_cuts", ("dog:cut_normal",)),
+    SECOND_CUTS: ("dog:has_second_cuts", ("dog:second_cut_normal",)),
 }
 RAW_LOGITS = "dog:raw_logits"  # logit opacity, logit of the opacity factor, 0
 RAW_SCALE, RAW_ROTATION, RAW_FACTOR = "dog:raw_scale", "dog:raw_rotation", "dog:raw_factor"
@@ -76,9 +88,9 @@ def has_splats(obj: bpy.types.Object | None) -> bool:
     return is_splats(obj) or is_native(obj)
 
 
-def has_any(obj: bpy.types.Object, group: RowGroup) -> bool:
-    """Whether any of its splats may have slopes or a cut, which Blender's own engines do not draw."""
-    return OF_GROUPS[group][0] in obj.data.attributes
+def has_any(obj: bpy.types.Object, *groups: RowGroup) -> bool:
+    """Whether any of its splats may have rows of one of these, slopes or cuts, which Blender's engines do not draw."""
+    return any(OF_GROUPS[group][0] in obj.data.attributes for group in groups)
 
 
 def can_edit(obj: bpy.types.Object | None) -> bool:

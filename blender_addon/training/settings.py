@@ -34,6 +34,7 @@ PRESETS = (
     ("ours_slopes", "Ours with Slopes", "Ours, with colors that vary over their splats"),
     ("ours_cuts", "Ours with Slopes and Cuts", "Ours, with such colors, and with splats that planes cut off"),
     ("ours_preconditioned", "Ours, Preconditioned", "With slopes, cuts, and steps that move a splat's numbers jointly"),
+    ("ours_second_cuts", "Ours with Second Cuts", "As preconditioned, and a second plane may cut off each splat"),
     ("paper", "Paper", "The published method, as it is printed"),
     ("released", "Released", "The published method, as in its code"),
     ("3dgs", "3DGS", "Plain 3D Gaussian splatting: nothing is pruned, nothing is DoG"),

@@ -3,8 +3,9 @@
 MESSAGES = {
     # What was done
     "{total:,} splats imported, {dog:,} of them DoG": "{total:,} Splats importiert, davon {dog:,} DoG",
-    "{slopes:,} with slopes": "{slopes:,} mit Farbverläufen",
-    "{cuts:,} with a cut": "{cuts:,} mit einem Schnitt",
+    "{n:,} with slopes": "{n:,} mit Farbverläufen",
+    "{n:,} with a cut": "{n:,} mit einem Schnitt",
+    "{n:,} with a second cut": "{n:,} mit einem zweiten Schnitt",
     "{count:,} splats exported": "{count:,} Splats exportiert",
     "{count:,} splats deleted": "{count:,} Splats gelöscht",
     "{count} cameras imported": "{count} Kameras importiert",

@@ -14,6 +14,7 @@ OWN = {
     "Ours with Slopes": "Unsere mit Verläufen",
     "Ours with Slopes and Cuts": "Unsere mit Verläufen und Schnitten",
     "Ours, Preconditioned": "Unsere, vorkonditioniert",
+    "Ours with Second Cuts": "Unsere mit zweiten Schnitten",
     "Paper": "Veröffentlichung",
     "Released": "Veröffentlichter Code",
     "3DGS": "3DGS",
@@ -73,6 +74,9 @@ REST = {
     ),
     "With slopes, cuts, and steps that move a splat's numbers jointly": (
         "Mit Farbverläufen und Schnitten, und mit Schritten, die die Zahlen eines Splats gemeinsam bewegen"
+    ),
+    "As preconditioned, and a second plane may cut off each splat": (
+        "Wie vorkonditioniert, und eine zweite Ebene kann jeden Splat abschneiden"
     ),
     "The published method, as it is printed": "Das veröffentlichte Verfahren, wie es gedruckt steht",
     "The published method, as in its code": "Das veröffentlichte Verfahren, wie in seinem veröffentlichten Code",

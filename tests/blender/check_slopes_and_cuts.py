@@ -1,4 +1,4 @@
-"""Slopes of colours, and cuts: kept through all that Blender does to splats, drawn by the package."""
+"""Slopes of colours, cuts and second cuts: kept through all that Blender does to splats, drawn by the package."""
 
 import bpy
 import numpy as np
@@ -24,9 +24,15 @@ from blender_addon.objects.columns import put_column
 from blender_addon.package.renderers import InProcess
 from blender_addon.render_engine import ENGINE
 
-NOTES = {"slopes": "Blender draws mean colors, no slopes", "cuts": "Blender draws whole splats, no cuts"}
-VALUES = {"slopes": "color_slopes", "cuts": "cut_normals"}
-ATTRIBUTES = {"slopes": [f"dog:slope_{axis}" for axis in "xyz"], "cuts": ["dog:cut_normal"]}
+NO_SLOPES, NO_CUTS = "Blender draws mean colors, no slopes", "Blender draws whole splats, no cuts"
+NOTES = {"slopes": NO_SLOPES, "cuts": NO_CUTS, "second_cuts": NO_CUTS}
+VALUES = {"slopes": "color_slopes", "cuts": "cut_normals", "second_cuts": "second_cut_normals"}
+ATTRIBUTES = {
+    "slopes": [f"dog:slope_{axis}" for axis in "xyz"],
+    "cuts": ["dog:cut_normal"],
+    "second_cuts": ["dog:second_cut_normal"],
+}
+WORDS = {"slopes": "50 with slopes", "cuts": "50 with a cut", "second_cuts": "50 with a second cut"}
 
 
 @pytest.fixture(params=NOTES)
@@ -36,8 +42,15 @@ def kind(request):
 
 @pytest.fixture
 def path(kind):
-    """A model of which every third splat has slopes, or a cut."""
+    """A model of which every third splat has slopes, a cut, or a second one without a first."""
     return REFERENCES / f"{kind}.ply"
+
+
+@pytest.fixture
+def together(tmp_path):
+    """The models of all kinds as one, each splat of which has one kind at most."""
+    write_ply(tmp_path / "together.ply", concatenate([read_ply(REFERENCES / f"{kind}.ply") for kind in NOTES]))
+    return tmp_path / "together.ply"
 
 
 def columns(model: Model) -> np.ndarray:
@@ -87,14 +100,12 @@ def test_a_model_without_has_no_attributes_for_them(model, path, kind):
     assert types == {f"dog:has_{kind}": "INT", **dict.fromkeys(ATTRIBUTES[kind], "FLOAT_VECTOR")}
 
 
-def test_the_import_counts_them(model, tmp_path, capfd):
-    both = concatenate([read_ply(REFERENCES / f"{name}.ply") for name in NOTES])
-    write_ply(tmp_path / "both.ply", both)
-    expected = {model: "", REFERENCES / "slopes.ply": ", 50 with slopes", REFERENCES / "cuts.ply": ", 50 with a cut",
-                tmp_path / "both.ply": ", 50 with slopes, 50 with a cut"}  # fmt: skip
+def test_the_import_counts_them(model, together, capfd):
+    expected = {model: [], **{REFERENCES / f"{kind}.ply": [words] for kind, words in WORDS.items()},
+                together: [*WORDS.values()]}  # fmt: skip
     for path, words in expected.items():
         load(path)
-        assert f"of them DoG{words}\n" in capfd.readouterr().out
+        assert ", ".join(["of them DoG", *words]) + "\n" in capfd.readouterr().out
 
 
 @pytest.mark.parametrize("applied", [False, True])
@@ -179,7 +190,7 @@ def test_as_attributes_of_points_they_are_what_they_were(path, kind):
     assert not (first[:, 0] if kind == "slopes" else first).any()
 
 
-def test_the_panel_says_what_blender_does_not_draw(scene, path, kind, model):
+def test_the_panel_says_what_blender_does_not_draw(scene, path, kind, model, together):
     place_camera(scene, kind)
     load(model)
     assert not {*NOTES.values()} & {*drawn()}
@@ -189,6 +200,10 @@ def test_the_panel_says_what_blender_does_not_draw(scene, path, kind, model):
     assert NOTES[kind] in drawn()
     scene.render.engine = ENGINE
     assert NOTES[kind] not in drawn()
+    load(together)
+    assert not {*NOTES.values()} & {*drawn()}
+    scene.render.engine = "CYCLES"
+    assert [name for name in drawn() if name in NOTES.values()] == [NO_SLOPES, NO_CUTS]
 
 
 @pytest.mark.parametrize("placed", [False, True])

@@ -9,13 +9,14 @@ import importlib
 import json
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
-from cut_models import kept_shares, with_cuts
+from cut_models import kept_shares
 from dataset_folders import transforms_folder
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.datasets.dataset import view_name
@@ -23,11 +24,11 @@ from mi_dogsplat.datasets.refined import write_refined
 from mi_dogsplat.scene.drawing import Drawing, comments_of, drawing_of
 from mi_dogsplat.scene.linear_map import sh_projection
 from mi_dogsplat.scene.ply import write_ply
-from mi_dogsplat.scene.row_groups import CUTS, SLOPES
 from mi_dogsplat.scene.sh_basis import sh_basis_table
 from mi_dogsplat.scene.transform import transformed
 from mi_dogsplat.support.srgb import linear_to_srgb, srgb_to_linear
 from mi_dogsplat.training.presets import RECIPES
+from own_axes_models import EACH_KIND, KINDS, SLOPED, for_each_kind
 from places import points_in
 from sloped_models import slope_colors, with_slopes
 from splat_scenes import axis_rotation, random_splats, rounded
@@ -35,9 +36,6 @@ from splat_scenes import axis_rotation, random_splats, rounded
 ADDON = Path(__file__).parents[2] / "blender_addon"
 ROTATION = axis_rotation([1, -2, 0.7], 2.1)[0]
 SHEAR = np.array([[1.2, 0.5, 0], [0, 0.7, -0.3], [0.1, 0, 2.0]])
-GROUPS = {"slopes": SLOPES, "cuts": CUTS}  # by the element of a file; the add-on's models name them has_…
-WITH, SEEN = {"slopes": with_slopes, "cuts": with_cuts}, {"slopes": slope_colors, "cuts": kept_shares}
-EACH = pytest.mark.parametrize("element", GROUPS)
 MAPS = {"turn": 1.7 * ROTATION, "mirror": -0.4 * ROTATION, "shear": SHEAR, "stretch": np.diag([1.0, 1.2, 3.0])}
 
 
@@ -64,27 +62,26 @@ def as_model(addon, splats):
     is_dog[dog], logits[dog], scales[dog] = True, splats.dog_logit_opacities, splats.dog_log_scales
     values = splats.means, splats.log_scales, splats.quats[:, [3, 0, 1, 2]], splats.logit_opacities, splats.sh_coeffs
     rows: dict[str, np.ndarray] = {}
-    for element, group in GROUPS.items():
-        has, index, (name, shape) = f"has_{element}", getattr(splats, group.index), one_array(element)
-        rows |= {has: np.zeros(n, bool), name: np.zeros((n, 3 * bool(len(index)), *shape[1:]), np.float32)}
+    for kind in KINDS:
+        index, (has, name) = kind.index(splats), of_addon(kind)
+        rows |= {has: np.zeros(n, bool), name: np.zeros((n, 3 * bool(len(index)), *kind.shape[1:]), np.float32)}
         if len(index):
-            rows[has][index], rows[name][index] = True, getattr(splats, name)
+            rows[has][index], rows[name][index] = True, kind.values(splats)
     return addon("files.model").Model(*values, is_dog, logits, scales, **rows)
 
 
-def one_array(element: str) -> tuple[str, tuple[int, ...]]:
-    """Name and shape of a row of what a group holds."""
-    ((name, shape),) = GROUPS[element].arrays.items()
-    return name, shape
+def of_addon(kind) -> tuple[str, str]:
+    """Names of the two arrays of a kind in a model of the add-on."""
+    return f"has_{kind.word}", kind.name
 
 
 def with_kernels_of(splats, model):
     """Primitives with kernels, slopes and cuts as the add-on has them."""
     changed = {"means": model.means, "log_scales": model.log_scales, "quats": model.quats[:, [1, 2, 3, 0]]}
-    for element, group in GROUPS.items():
-        which, (name, _) = getattr(model, f"has_{element}"), one_array(element)
+    for kind in KINDS:
+        which, values = (getattr(model, name) for name in of_addon(kind))
         if which.any():
-            changed |= {group.index: np.flatnonzero(which), name: getattr(model, name)[which]}
+            changed |= {kind.group.index: np.flatnonzero(which), kind.name: values[which]}
     return replace(splats, **changed)
 
 
@@ -104,44 +101,47 @@ def test_a_transform_makes_the_same_of_a_model(addon, name):
     np.testing.assert_allclose(np.abs(np.einsum("nk,nk->n", *both)), 1, atol=1e-5)  # q and -q are one rotation
 
 
-@EACH
+@EACH_KIND
 @pytest.mark.parametrize("name", MAPS)
-def test_a_moved_primitive_shows_the_same_at_the_same_places(addon, name, element):
+def test_a_moved_primitive_shows_the_same_at_the_same_places(addon, name, kind):
     """By what places show, as axes may be named in another order."""
-    matrix, splats = np.eye(4), WITH[element](random_splats(40, seed=7), every=3)
+    matrix, splats = np.eye(4), kind.having(random_splats(40, seed=7), every=3)
+    shown = slope_colors if kind is SLOPED else partial(kept_shares, plane=kind.group)
     matrix[:3, :3], matrix[:3, 3] = MAPS[name], (0.4, -0.3, 0.2)
     moved = addon("files.transform").transformed(as_model(addon, splats), matrix)
-    points = points_in(splats, getattr(splats, GROUPS[element].index))
-    expected = SEEN[element](splats, points)
+    points = points_in(splats, kind.index(splats))
+    expected = shown(splats, points)
     assert expected.std() > 0.2
-    got = SEEN[element](with_kernels_of(splats, moved), points @ matrix[:3, :3].T + matrix[:3, 3])
+    got = shown(with_kernels_of(splats, moved), points @ matrix[:3, :3].T + matrix[:3, 3])
     np.testing.assert_allclose(got, expected, atol=2e-4)
-    assert getattr(moved, f"has_{element}").sum() == 14
+    has, name = of_addon(kind)
+    assert getattr(moved, has).sum() == 14
     plain = addon("files.transform").transformed(as_model(addon, splats.without_slopes().without_cuts()), matrix)
-    assert getattr(plain, one_array(element)[0]).shape[:2] == (40, 0)
+    assert getattr(plain, name).shape[:2] == (40, 0)
 
 
 @pytest.mark.parametrize("every", [1, 3, 100])
-@EACH
-def test_a_file_comes_back_byte_for_byte(addon, tmp_path, every, element):
-    splats, ply = WITH[element](random_splats(40, seed=7), every, first=2), addon("files.ply")
-    name, _ = one_array(element)
-    getattr(splats, name)[0] = 0  # a row is a row
+@EACH_KIND
+def test_a_file_comes_back_byte_for_byte(addon, tmp_path, every, kind):
+    splats, ply = kind.having(random_splats(40, seed=7), every, first=2), addon("files.ply")
+    kind.values(splats)[0] = 0  # a row is a row
     write_ply(tmp_path / "a.ply", splats)
     model = ply.read_ply(tmp_path / "a.ply")
     wanted = as_model(addon, splats)
-    for field in ("has_slopes", "color_slopes", "has_cuts", "cut_normals"):
+    for field in (name for each in KINDS for name in of_addon(each)):
         np.testing.assert_array_equal(getattr(model, field), getattr(wanted, field), err_msg=field)
     require_same_file(ply, tmp_path, model, splats)
     chosen = np.arange(39, 0, -2)
     require_same_file(ply, tmp_path, model.select(chosen), splats.select(chosen))
 
 
-def test_a_file_with_slopes_and_cuts_comes_back_byte_for_byte(addon, tmp_path):
-    splats, ply = with_cuts(with_slopes(random_splats(40, seed=7), every=3), every=2), addon("files.ply")
+def test_a_file_with_slopes_and_both_cuts_comes_back_byte_for_byte(addon, tmp_path):
+    splats, ply = random_splats(40, seed=7), addon("files.ply")
+    for kind, every in zip(KINDS, (3, 2, 5), strict=True):
+        splats = kind.having(splats, every)
     write_ply(tmp_path / "a.ply", splats)
     model = ply.read_ply(tmp_path / "a.ply")
-    assert (model.has_slopes & model.has_cuts).sum() == 7
+    assert (model.has_slopes & model.has_cuts).sum() == 7 and (model.has_cuts & model.has_second_cuts).sum() == 4
     require_same_file(ply, tmp_path, model, splats)
 
 
@@ -152,29 +152,29 @@ def require_same_file(ply, folder, model, splats):
     assert (folder / "addon.ply").read_bytes() == (folder / "package.ply").read_bytes()
 
 
-@EACH
-def test_a_model_without_rows_joins_one_that_has_some(addon, element):
-    some, none = WITH[element](random_splats(9, seed=1), every=2), rounded(random_splats(5, seed=2))
-    join, index, (name, _) = addon("files.model").concatenate, getattr(some, GROUPS[element].index), one_array(element)
+@EACH_KIND
+def test_a_model_without_rows_joins_one_that_has_some(addon, kind):
+    some, none = kind.having(random_splats(9, seed=1), every=2), rounded(random_splats(5, seed=2))
+    join, index, names = addon("files.model").concatenate, kind.index(some), of_addon(kind)
     for models, at in (((none, some), index + 5), ((some, none), index)):
         joined = join([as_model(addon, splats) for splats in models])
-        has, values = getattr(joined, f"has_{element}"), getattr(joined, name)
+        has, values = (getattr(joined, name) for name in names)
         np.testing.assert_array_equal(np.flatnonzero(has), at)
-        np.testing.assert_array_equal(values[at], getattr(some, name))
+        np.testing.assert_array_equal(values[at], kind.values(some))
         assert not values[~has].any()
-    assert getattr(join([as_model(addon, none)] * 2), name).shape[:2] == (10, 0)
+    assert getattr(join([as_model(addon, none)] * 2), kind.name).shape[:2] == (10, 0)
 
 
-@pytest.mark.parametrize(("element", "column"), [("slopes", "slope_8"), ("cuts", "cut_2")])
-def test_rows_that_are_wrong_in_a_file_are_one_line(addon, tmp_path, element, column):
-    splats = WITH[element](random_splats(9, seed=1), every=2)
+@for_each_kind("column", slopes="slope_8", cuts="cut_2")
+def test_rows_that_are_wrong_in_a_file_are_one_line(addon, tmp_path, kind, column):
+    splats = kind.having(random_splats(9, seed=1), every=2)
     write_ply(tmp_path / "a.ply", splats)
-    whole, (name, shape) = (tmp_path / "a.ply").read_bytes(), one_array(element)
-    row = 4 + 4 * int(np.prod(shape))  # bytes
+    whole = (tmp_path / "a.ply").read_bytes()
+    row = 4 + 4 * int(np.prod(kind.shape))  # bytes
     twice = whole[:-row] + whole[-2 * row : 4 - 2 * row] + whole[4 - row :]
     unknown = whole.replace(column.encode(), b"x" * len(column))
     infinite = whole[:-4] + np.float32(np.inf).tobytes()
-    for content, words in ((twice, f'element "{element}" does not name different'),
+    for content, words in ((twice, f'element "{kind.word}" does not name different'),
                            (unknown, f'no property "{column}"'),
                            (infinite, f'"{column}" in row 4 is not finite')):  # fmt: skip
         (tmp_path / "b.ply").write_bytes(content)
@@ -182,7 +182,7 @@ def test_rows_that_are_wrong_in_a_file_are_one_line(addon, tmp_path, element, co
             addon("files.ply").read_ply(tmp_path / "b.ply")
         assert words in str(error.value) and "\n" not in str(error.value)
     model = as_model(addon, splats)
-    getattr(model, name)[2, 1] = np.nan
+    getattr(model, kind.name)[2, 1] = np.nan
     with pytest.raises(ValueError, match="not finite"):
         addon("files.ply").write_ply(tmp_path / "c.ply", model)
 

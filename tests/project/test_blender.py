@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cut_models import with_cuts
 from mi_dogsplat import Drawing, Model, read_model, write_model
 from mi_dogsplat.datasets import load_dataset
 from mi_dogsplat.engine.parameters import upload
@@ -29,7 +28,7 @@ from mi_dogsplat.scene.camera_file import write_camera
 from mi_dogsplat.scene.cameras import Camera
 from mi_dogsplat.scene.ply import read_ply, write_ply
 from mi_dogsplat.scene.radiance import brightened
-from sloped_models import with_slopes
+from own_axes_models import KINDS
 from splat_scenes import random_splats, rounded, square_camera, tilted_camera
 
 ROOT = Path(__file__).parents[2]
@@ -74,9 +73,10 @@ def references(tmp_path_factory) -> Path:
     dog = rounded(random_splats(150, seed=3))
     reference(folder, "dog", dog, camera)
     reference(folder, "plain", dog.plain(), camera)
-    for name, some in (("slopes", with_slopes(dog, every=3)), ("cuts", with_cuts(dog, every=3))):
-        reference(folder, name, some, camera)
-        write_model(folder / f"{name}.compressed.ply", some)
+    for kind in KINDS:
+        some = kind.having(dog, every=3)
+        reference(folder, kind.word, some, camera)
+        write_model(folder / f"{kind.word}.compressed.ply", some)
     for suffix in (".spz", ".glb", ".sog", ".splat", ".compressed.ply"):
         write_model(folder / f"plain{suffix}", Model(dog.plain(), Drawing(antialiased=True)))
     write_model(folder / "says.ply", Model(dog, Drawing(True, 0.05, False, "-y", 2.0)))
