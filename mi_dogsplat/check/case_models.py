@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from ..scene.cameras import Camera
-from ..scene.row_groups import CUTS, DOG, PLANES, SECOND_CUTS, SLOPES
+from ..scene.row_groups import DOG, OWN_AXES
 from ..scene.sh_basis import C0
 from ..scene.splats import DENSE, Splats
 
 WIDTH, HEIGHT, FOCAL = 48, 40, 45.0
 SCALES = (0.2, 0.3, 0.45)
 SLOPES_OF_ONE = 0.4 * np.sin(1 + np.arange(9)).reshape(3, 3)
+CURVATURES_OF_ONE = 0.3 * np.cos(1 + np.arange(6))
 NORMAL_OF_ONE, SECOND_NORMAL_OF_ONE = np.array([-3.0, 4, 2]), np.array([4.0, 2, -3])
 _K = np.array([[0, -0.1, -0.2], [0.1, 0, -0.3], [0.2, 0.3, 0]])
 TURN = np.linalg.solve(np.eye(3) - _K, np.eye(3) + _K)  # world to camera, a rotation (Cayley)
@@ -30,7 +31,8 @@ def camera(width: int = WIDTH, height: int = HEIGHT, focal: float = FOCAL, centr
 def primitives(
     means: Any, scales: Any = SCALES, opacity: Any = 0.6, quats: Any = (0.3, -0.2, 0.5, 0.8),
     color: Any = (0.9, 0.5, 0.2), logits: Any = None, dog: bool = False, f_a: Any = 0.5, F: Any = 1.6,
-    log_scales: Any = None, slopes: Any = None, normals: Any = None, second_normals: Any = None,
+    log_scales: Any = None, slopes: Any = None, curvatures: Any = None, normals: Any = None,
+    second_normals: Any = None,
 ) -> Splats:  # fmt: skip
     """One primitive per row of ``means`` (camera space of ``camera()``), SH degree 1; scalars are spread."""
     means = np.asarray(means, float).reshape(-1, 3) @ TURN
@@ -50,36 +52,38 @@ def primitives(
     return Splats(
         means=means, log_scales=np.broadcast_to(log_scales, (n, 3)), quats=np.broadcast_to(quats, (n, 4)),
         logit_opacities=logits, sh_coeffs=sh, **(dog_part if dog else {}),
-        **_own_axes(np.arange(n), slopes, normals, second_normals),
+        **_own_axes(np.arange(n), slopes, curvatures, normals, second_normals),
     )  # fmt: skip
 
 
-def _own_axes(index: np.ndarray, slopes: Any, normals: Any, second_normals: Any) -> dict[str, np.ndarray]:
-    """Slopes and cuts of the primitives ``index``, where such are given."""
+def _own_axes(index: np.ndarray, *given: Any) -> dict[str, np.ndarray]:
+    """What is told along the axes of the primitives ``index``, where it is given; in the order of ``OWN_AXES``."""
     found: dict[str, np.ndarray] = {}
-    for group, values in ((SLOPES, slopes), (CUTS, normals), (SECOND_CUTS, second_normals)):
+    for group, values in zip(OWN_AXES, given, strict=True):
         ((name, row),) = group.arrays.items()
         if values is not None:
             found |= {group.index: index, name: np.broadcast_to(values, (len(index), *row))}
     return found
 
 
-def bystanders(slopes: Any = None, normals: Any = None, second_normals: Any = None) -> Splats:
-    """Twelve ordinary primitives around a distance of 4, three of them DoG; ``slopes`` [3, 3] and normals [3] are those
-    of six."""
+def bystanders(
+    slopes: Any = None, curvatures: Any = None, normals: Any = None, second_normals: Any = None
+) -> Splats:
+    """Twelve ordinary primitives around a distance of 4, three of them DoG; ``slopes`` [3, 3], ``curvatures`` [6] and
+    normals [3] are those of six."""
     rng = np.random.default_rng(7)
     means = rng.uniform([-1.6, -1.3, 0.7], [1.6, 1.3, 1.6], (12, 3)) * (1, 1, 4)
     scales = 0.25 * np.exp(rng.normal(0, 0.4, (12, 3)))
     color, quats = rng.uniform(0.1, 1, (12, 3)), rng.normal(size=(12, 4))
     plain = primitives(means[:9], scales[:9], rng.uniform(0.2, 0.9, 9), quats[:9], color[:9])
     splats = together(plain, primitives(means[9:], scales[9:], 0.7, quats[9:], color[9:], dog=True))
-    return replace(splats, **_own_axes(np.arange(0, 12, 2), slopes, normals, second_normals))
+    return replace(splats, **_own_axes(np.arange(0, 12, 2), slopes, curvatures, normals, second_normals))
 
 
 def together(*parts: Splats) -> Splats:
     """Several models as one."""
     first = np.cumsum([0, *(p.n_splats for p in parts[:-1])])
-    groups = (DOG, SLOPES, *PLANES)
+    groups = (DOG, *OWN_AXES)
     names = [*DENSE, *(name for group in groups for name in group.names)]
     joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
     for group in groups:

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from ..scene.cameras import Camera
-from ..scene.row_groups import CUTS, SECOND_CUTS, SLOPES
+from ..scene.row_groups import CURVATURES, CUTS, SECOND_CUTS, SLOPES
 from ..scene.splats import Splats
 from .case_models import (
     C0,
+    CURVATURES_OF_ONE,
     NORMAL_OF_ONE,
     SCALES,
     SECOND_NORMAL_OF_ONE,
@@ -56,6 +57,7 @@ def cases(layers: int = 10_000) -> Iterator[Case]:
     yield from _quaternions()
     yield from _dog(layers)
     yield from _slopes()
+    yield from _curvatures()
     yield from _cuts()
     yield from _not_finite()
     yield from _cameras()
@@ -65,6 +67,7 @@ def _case(group: str, name: str, extreme: Splats, defined: str = "", view: Camer
     """``extreme`` among the bystanders, its rows last; among such with slopes or cuts, if it has some."""
     neighbours = bystanders(
         SLOPES_OF_ONE if extreme.n_slopes else None,
+        CURVATURES_OF_ONE if extreme.n_curvatures else None,
         NORMAL_OF_ONE if extreme.n_cuts else None,
         SECOND_NORMAL_OF_ONE if extreme.n_second_cuts else None,
     )
@@ -191,6 +194,22 @@ def _slopes() -> Iterator[Case]:
     yield sloped("20 negative lobes on each other", stack, SCALES, 0.7, dog=True, f_a=0.9, slopes=various[:20])
 
 
+def _curvatures() -> Iterator[Case]:
+    def curved(name: str, means: Any = (0.1, 0.2, 4), *given: Any, **more: Any) -> Case:
+        more = {"curvatures": CURVATURES_OF_ONE} | more
+        return _case("curvatures", name, primitives(means, *given, **more))
+
+    yield from _along_own_axes(curved)
+    for value in (0, 1e4, 1e8, -1e8, 1e30):
+        yield curved(f"curvatures of {value:g}", curvatures=value * CURVATURES_OF_ONE)
+    yield curved("with slopes and cut off", slopes=SLOPES_OF_ONE, normals=NORMAL_OF_ONE)
+    rng = np.random.default_rng(10)
+    many, various = rng.uniform([-1.2, -1, 3], [1.2, 1, 5], (300, 3)), rng.normal(0, 0.5, (300, 6))
+    yield curved("300 of a thousandth of a pixel", many, (1e-4, 2e-4, 3e-4), curvatures=various)
+    yield curved("300 of various curvatures", many, 0.3, curvatures=various)
+    yield curved("20 that fill the screen", many[:20], (20, 30, 40), 0.3, curvatures=various[:20])
+
+
 def _cuts() -> Iterator[Case]:
     def cut(name: str, means: Any = (0.1, 0.2, 4), *given: Any, normals: Any = NORMAL_OF_ONE, **more: Any) -> Case:
         return _case("cuts", name, primitives(means, *given, normals=normals, **more))
@@ -217,7 +236,7 @@ def _cuts() -> Iterator[Case]:
 
 def _not_finite() -> Iterator[Case]:
     names = ("means", "log_scales", "quats", "logit_opacities", "sh_coeffs", "dog_logit_opacities", "dog_log_scales",
-             "color_slopes", "cut_normals", "second_cut_normals")  # fmt: skip
+             "color_slopes", "brightness_curvatures", "cut_normals", "second_cut_normals")  # fmt: skip
     for name in names:
         slopes = SLOPES_OF_ONE if name in (*SLOPES.names, "log_scales") else None  # which a size changes, too
         normals = NORMAL_OF_ONE if name in (*CUTS.names, "log_scales") else None
@@ -226,8 +245,9 @@ def _not_finite() -> Iterator[Case]:
                 continue  # an opacity of 0 or 1, see there
             pair = [(0.1, 0.2, 3), (0.3, 0.2, 3.2)]
             second_normals = SECOND_NORMAL_OF_ONE if name in SECOND_CUTS.names else None
-            extreme = primitives(pair, dog=name.startswith("dog"), slopes=slopes, normals=normals,
-                                 second_normals=second_normals)  # fmt: skip
+            curvatures = CURVATURES_OF_ONE if name in CURVATURES.names else None
+            extreme = primitives(pair, dog=name.startswith("dog"), slopes=slopes, curvatures=curvatures,
+                                 normals=normals, second_normals=second_normals)  # fmt: skip
             broken = getattr(extreme, name).copy()
             broken.reshape(2, -1)[0, -1] = value
             broken_splats = replace(extreme, **{name: broken})

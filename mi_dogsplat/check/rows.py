@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..engine.parameters import RAW, RAW_CUTS, RAW_DOG, RAW_SLOPES
-from ..scene.row_groups import DOG, PLANES, SLOPES
+from ..engine.parameters import RAW, RAW_DOG
+from ..scene.row_groups import DOG, OWN_AXES
 from ..scene.splats import Splats
 
-NAMES = RAW + RAW_DOG + RAW_SLOPES + RAW_CUTS  # of all that a model which is not mixed may have
+OF_AXES = tuple(name for group in OWN_AXES for name in group.names)
+NAMES = RAW + RAW_DOG + OF_AXES  # of all that a model which is not mixed may have
 
 
 def rows_of(splats: Splats, name: str) -> np.ndarray:
     """The primitives of the rows of a raw parameter, increasing. A mixed model's coefficients are not looked at."""
-    for group in (DOG, SLOPES, *PLANES):
+    for group in (DOG, *OWN_AXES):
         if name in group.names:
             return getattr(splats, group.index)
     return np.arange(splats.n_splats)

@@ -22,7 +22,7 @@ BOUND = {"16": 16.0, "4": 4.0, "2": 2.0, "1": 1.0, "1/4": 1 / 4, "1/16": 1 / 16}
 PATCH = {"1 x 1": 1, "2 x 2": 2, "4 x 4": 4}
 KEPT = {"100 %": 1.0, "75 %": 0.75, "50 %": 0.5, "25 %": 0.25, "10 %": 0.1, "5 %": 0.05}
 GROUPS = ("alpha cutoff", "transmittance cutoff", "bound", "exponentials", "primitives kept", "SH degree", "DoG",
-          "slopes", "cuts", "second cuts")  # fmt: skip
+          "slopes", "curvatures", "cuts", "second cuts")  # fmt: skip
 
 LEAVE_ONE_OUT = ScoreRule("leave-one-out", spectral_weight=0.0)
 
@@ -89,6 +89,9 @@ def settings(scene: Scene) -> list[Setting]:
         if splats.n_slopes:
             yield "slopes", "without slopes", default, Model.of(splats.without_slopes(), whole.kept)
             yield "slopes", "with slopes", default, whole
+        if splats.n_curvatures:
+            yield "curvatures", "without curvatures", default, Model.of(splats.without_curvatures(), whole.kept)
+            yield "curvatures", "with curvatures", default, whole
         if splats.n_cuts:
             yield "cuts", "without cuts", default, Model.of(splats.without_cuts(), whole.kept)
             yield "cuts", "with cuts", default, whole

@@ -99,8 +99,9 @@ def simplify_model(
     left_out = [f"{model.name}: {line}" for line in read.left_out]
     if splats.is_cut.any():
         left_out.append(f"the cuts of {count(splats.is_cut.sum())} primitives are left out: what is merged is whole")
-    if splats.n_slopes:
-        left_out.append(f"the slopes of {count(splats.n_slopes)} primitives are left out: what is merged has none")
+    if splats.is_varied.any():
+        sloped = count(splats.is_varied.sum())
+        left_out.append(f"the slopes of {sloped} primitives are left out: what is merged has none")
     left_out += write_model(out, replace(read, splats=found, drawing=options.drawing.over(read.drawing)))
     after = quality(found) if config.steps else None
     return Simplified(splats.n_splats, found.n_splats, found.n_dog, len(others), quality(start), after, left_out)

@@ -14,13 +14,14 @@ a = <g(r s), DoG> / <g(r s), g(r s)> leaves the error
 whose second term is made as large as it can be, one axis after the other.
 
 Measured (docs/export.md) this keeps far more than dropping the pseudo-Gaussian, lowering the peak, or matching moments;
-and ``refine.py`` brings back most of the rest. Slopes of colours and cuts stay where they are in space.
+and ``refine.py`` brings back most of the rest. What colours vary by and cuts stay where they are in space.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from ..scene.curvatures import ENTRIES
 from ..scene.row_groups import ALONG_AXES
 from ..scene.splats import Array, Splats
 
@@ -45,6 +46,8 @@ def baked(splats: Splats) -> Splats:
     for name, group in ALONG_AXES.items():
         values = getattr(plain, name)
         values *= wider[getattr(plain, group.index)].reshape(values.shape[:2] + (1,) * (values.ndim - 2))
+    of_curved = wider[plain.curvature_index]
+    plain.brightness_curvatures *= np.stack([of_curved[:, a] * of_curved[:, b] for a, b in ENTRIES], axis=1)
     return plain
 
 

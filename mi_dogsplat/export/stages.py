@@ -23,7 +23,7 @@ def stages_of(splats: Splats, config: ExportConfig) -> dict[str, Splats]:
     stages, plain = {AS_IT_IS: splats}, splats
     if config.cuts == "drop" and splats.is_cut.any():
         plain = stages[WITHOUT_CUTS] = whole(plain)
-    if config.slopes == "drop" and splats.n_slopes:
+    if config.slopes == "drop" and splats.is_varied.any():
         plain = stages[WITHOUT_SLOPES] = plain.without_slopes()
     if config.dog != "keep" and splats.n_dog:
         stages[f"without DoG ({config.dog})"] = baked(plain) if config.dog == "bake" else plain.plain()
@@ -37,7 +37,7 @@ def taken_out(stages: dict[str, Splats], chosen: Format) -> list[str]:
         left = f"the cuts of {count(splats.is_cut.sum())} primitives are left out, for the whole ones nearest to them"
         lines.append(left + ("; --cuts keep keeps them" if chosen.cuts else ""))
     if WITHOUT_SLOPES in stages:
-        left = f"the slopes of {count(splats.n_slopes)} primitives are left out, which have their mean colours"
+        left = f"the slopes of {count(splats.is_varied.sum())} primitives are left out, which have their mean colours"
         lines.append(left + ("; --slopes keep keeps them" if chosen.slopes else ""))
     return lines
 

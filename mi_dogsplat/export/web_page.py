@@ -78,7 +78,7 @@ def opening_of(subject: Subject, title: str, dog: str = "bake") -> Opening:
     depth = next((depth for depth in depths if depth > 0), 1.0)  # visitors turn about a point that far away
     tangents = 0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy
     target = camera.position + depth * forward
-    had = splats.n_dog, dog, splats.n_slopes, int(splats.is_cut.sum())
+    had = splats.n_dog, dog, int(splats.is_varied.sum()), int(splats.is_cut.sum())
     return Opening(title, camera.position, target, subject.up, tangents, subject.background, *had)
 
 

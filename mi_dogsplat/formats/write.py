@@ -60,7 +60,7 @@ def write_model(
             lost.append("SPZ 4 cannot say that its colours are linear; give it by hand, or write version 3")
     if not chosen.cuts:
         splats = whole(splats)
-    if splats.n_slopes and not chosen.slopes:
+    if not chosen.slopes:
         splats = splats.without_slopes()
     if not (sh_rows and chosen.mixed_sh):
         splats = splats.uniform_sh()
@@ -98,8 +98,8 @@ def what_is_lost(chosen: Format, model: Model) -> list[str]:
     if model.splats.is_cut.any() and not chosen.cuts:
         n = count(model.splats.is_cut.sum())
         lost.append(f"{chosen.name} has no primitive that is cut off: {n} become the whole ones nearest to them")
-    if model.splats.n_slopes and not chosen.slopes:
-        n = count(model.splats.n_slopes)
+    if model.splats.is_varied.any() and not chosen.slopes:
+        n = count(model.splats.is_varied.sum())
         lost.append(f"{chosen.name} has no colour that varies over a primitive: the slopes of {n} are left out")
     if model.splats.sh_degree > chosen.sh_degree:
         lost.append(f"{chosen.name} has no view-dependent colour above SH degree {chosen.sh_degree}")

@@ -27,6 +27,7 @@ from .unneeded import Unneeded, largest_alphas, used_sh_degrees
 NEEDED, LEFT_OUT, UNUSED = "needed", "left out", "paid, not needed"
 PARAMETERS = 14  # of a Gaussian: centre 3, scales 3, quaternion 4, opacity, colour 3
 DOG_PARAMETERS, SLOPE_PARAMETERS, CUT_PARAMETERS = 4, 9, 3  # opacity, scales 3; channels along the axes; normal
+CURVATURE_PARAMETERS = 6  # entries of a symmetric matrix
 FLOAT = 4  # bytes, of an index too
 CLEAN = "dogsplat clean takes them out"
 
@@ -59,6 +60,8 @@ def model_features(parts: list[Splats], negative_transmittance: bool = True) -> 
     even, whole = "primitives of one colour pay for slopes of zero", "whole primitives pay for normals of zero"
     once = "primitives that are cut off once pay for normals of zero"
     features += _row_features(parts, "slopes", "slopes", (0, 1), SLOPE_PARAMETERS, even)
+    straight = "primitives without pay for curvatures of zero"
+    features += _row_features(parts, "curvatures", "curvatures", (0, 1), CURVATURE_PARAMETERS, straight)
     features += _row_features(parts, "cuts", "cuts", (0, 1), CUT_PARAMETERS, whole)
     features += _row_features(parts, "second cuts", "cuts", (1, 2), CUT_PARAMETERS, once)
     features += _sh_features(parts)

@@ -112,6 +112,7 @@ def describe_model(path: Path) -> list[str]:
             line("DoG scale", _range(splats.dog_scales)),
         ]
     lines += [line("slopes", _range(splats.color_slopes))] if splats.n_slopes else []
+    lines += [line("curvatures", _range(splats.brightness_curvatures))] if splats.n_curvatures else []
     lines += [line("cut normals", _range(np.linalg.norm(splats.cut_normals, axis=1)))] if splats.n_cuts else []
     lengths = np.linalg.norm(splats.second_cut_normals, axis=1)
     lines += [line("second normals", _range(lengths))] if len(lengths) else []

@@ -4,7 +4,7 @@ invisible   a primitive whose opacity is below 1/255, the smallest α that is bl
             finite: it enters no list of a tile. What a plane cuts off is a little more opaque on the side that is left.
 faded DoG   a pseudo-Gaussian whose peak f_a o is below 2^-33. Its primary is blended where 2^p is at least 1/255, and
             there float32 has a spacing of 2^-31 or more: 2^p - 2^p' rounds to 2^p. Elsewhere α is ignored, as without.
-zero slope  a row of slopes that are all 0: they add 0 to a colour.
+zero slope  a row of slopes, or of curvatures, that are all 0: they add 0 to a colour.
 zero cut    a normal of three times 0: it multiplies a kernel by 1, and pictures are equal to the rounding of that.
 zero SH     the highest bands of primitives whose every coefficient is 0: they add 0 to a colour. Where a model of one
             degree becomes one of several, sums are made in another order, and pictures are equal to rounding.
@@ -19,7 +19,7 @@ import numpy as np
 from ..engine.geometry import Cutoffs
 from ..scene.cuts import LARGEST
 from ..scene.opacity import sigmoid
-from ..scene.row_groups import CUTS, DOG, PLANES, SECOND_CUTS, SH, SLOPES, RowGroup
+from ..scene.row_groups import CURVATURES, CUTS, DOG, OWN_AXES, PLANES, SECOND_CUTS, SH, SLOPES, RowGroup
 from ..scene.splats import Array, Splats
 from ..support.wording import count, file_size
 
@@ -27,12 +27,13 @@ LEAST_ALPHA = Cutoffs().alpha * (1 - 1e-4)  # below the cutoff by more than the 
 FADED = 2.0**-33  # of f_a o; half of what could round, for the same reason
 FLOAT = 4  # bytes
 GAUSSIAN = 14 * FLOAT  # bytes of a primitive of SH degree 0
-DOG_ROW, SLOPE_ROW, CUT_ROW = 5 * FLOAT, 10 * FLOAT, 4 * FLOAT  # of rows that make it DoG, sloped and cut off
+DOG_ROW, SLOPE_ROW, CURVATURE_ROW, CUT_ROW = 5 * FLOAT, 10 * FLOAT, 7 * FLOAT, 4 * FLOAT  # of rows, with an index
 
 
 @dataclass(frozen=True)
 class Unneeded:
-    """What can leave, of a model of N primitives with M rows of DoG, S of slopes, C of cuts and C2 of second ones."""
+    """What can leave, of a model of N primitives with M rows of DoG, S of slopes, B of curvatures, C of
+    cuts and C2 of second ones."""
 
     invisible: Array
     """[N] bool"""
@@ -40,6 +41,8 @@ class Unneeded:
     """[M] bool, of primitives that are visible"""
     zero_slopes: Array
     """[S] bool, of primitives that are visible"""
+    zero_curvatures: Array
+    """[B] bool, of primitives that are visible"""
     zero_cuts: Array
     """[C] bool, of primitives that are visible"""
     zero_second_cuts: Array
@@ -55,9 +58,10 @@ class Unneeded:
         peaks = sigmoid(splats.dog_logit_opacities.astype(np.float64)) * opacities[splats.dog_index]  # [M]
         faded = (peaks < FADED) & ~invisible[splats.dog_index]
         flat = ~splats.color_slopes.any(axis=(1, 2)) & ~invisible[splats.slope_index]  # [S]
+        straight = ~splats.brightness_curvatures.any(axis=1) & ~invisible[splats.curvature_index]  # [B]
         whole = ~splats.cut_normals.any(axis=1) & ~invisible[splats.cut_index]  # [C]
         once = ~splats.second_cut_normals.any(axis=1) & ~invisible[splats.second_cut_index]  # [C2]
-        return Unneeded(invisible, faded, flat, whole, once, used_sh_degrees(splats))
+        return Unneeded(invisible, faded, flat, straight, whole, once, used_sh_degrees(splats))
 
     def degrees_left(self, splats: Splats, mixed_sh: bool) -> Array:
         """[N] SH degree of each primitive without its zero bands: its own one, or the same for all (``taken_out``)."""
@@ -73,6 +77,7 @@ class Unneeded:
             ("invisible primitives", self.invisible, GAUSSIAN + bands),
             ("DoG without effect", self.faded_dog, np.full(splats.n_dog, DOG_ROW)),
             ("slopes that are zero", self.zero_slopes, np.full(splats.n_slopes, SLOPE_ROW)),
+            ("curvatures that are zero", self.zero_curvatures, np.full(splats.n_curvatures, CURVATURE_ROW)),
             ("cuts that are zero", self.zero_cuts, np.full(splats.n_cuts, CUT_ROW)),
             ("second cuts that are zero", self.zero_second_cuts, np.full(splats.n_second_cuts, CUT_ROW)),
         ]
@@ -91,6 +96,7 @@ class Unneeded:
             mixed_sh: a model of one SH degree may become one of several; else it keeps one that all can do with.
         """
         rows = _rows(splats, DOG, ~self.faded_dog) | _rows(splats, SLOPES, ~self.zero_slopes)
+        rows |= _rows(splats, CURVATURES, ~self.zero_curvatures)
         rows |= _rows(splats, CUTS, ~self.zero_cuts) | _rows(splats, SECOND_CUTS, ~self.zero_second_cuts)
         lean = replace(splats, **rows).select(~self.invisible)
         return lean.with_sh_degrees(self.degrees_left(splats, mixed_sh)[~self.invisible])
@@ -131,7 +137,7 @@ def _finite(splats: Splats) -> Array:
     for values in dense:
         finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     finite[splats.dog_index] &= np.isfinite(splats.dog_log_scales).all(axis=1) & ~np.isnan(splats.dog_logit_opacities)
-    for group in (SLOPES, *PLANES, *SH.values()):
+    for group in (*OWN_AXES, *SH.values()):
         (name,) = group.names
         values = getattr(splats, name)
         finite[getattr(splats, group.index)] &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))

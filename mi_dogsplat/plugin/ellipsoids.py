@@ -106,8 +106,8 @@ def _report(splats: Splats, n_hidden: int, linear: bool) -> None:
     left_out = []
     if splats.n_dog:
         left_out.append(f"the negative part of {splats.n_dog} DoG primitives")
-    if splats.n_slopes:
-        left_out.append(f"the slopes of {splats.n_slopes} primitives whose colour varies over them")
+    if splats.is_varied.any():
+        left_out.append(f"the slopes of {splats.is_varied.sum()} primitives whose colour varies over them")
     if n_cut := len(np.union1d(splats.cut_index, splats.second_cut_index)):
         left_out.append(f"the cuts of {n_cut} primitives")
     if n_hidden:

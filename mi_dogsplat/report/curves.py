@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from ..support.wording import finite, time_unit
 from ..training.events import (
+    CurvaturesActivated,
+    CurvaturesLeftOut,
     CutsActivated,
     CutsLeftOut,
     Densified,
@@ -37,6 +39,8 @@ EVENT_LANES = {  # the lane of an event by its kind
     DogActivated.kind: "DoG",
     SlopesActivated.kind: "slopes",
     SlopesLeftOut.kind: "slopes",
+    CurvaturesActivated.kind: "slopes",
+    CurvaturesLeftOut.kind: "slopes",
     CutsActivated.kind: "cuts",
     CutsLeftOut.kind: "cuts",
     SecondCutsActivated.kind: "cuts",
