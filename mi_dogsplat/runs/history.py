@@ -54,7 +54,7 @@ def run_to_end(
 
 
 def counted_rows(trainer: Trainer) -> list[str]:
-    """``n_slopes``, ``n_cuts`` and ``n_second_cuts``, each where there are some, or are to be."""
+    """Names of the numbers of rows of ``GIVEN``, each where there are some, or are to be."""
     recipe, optimizer = trainer.recipe, trainer.optimizer
     return [f"n_{name}" for name in GIVEN if name in recipe.row_rules or getattr(optimizer, f"n_{name}") > 0]
 
